@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test mutants sweep faults doubt published coverage soak compare pictures structure ways validate bench lint wheel lock
+.PHONY: demo test manuals mutants sweep faults doubt published coverage soak compare pictures structure ways validate bench lint wheel lock
 
 demo: $(VENV)/.kernel
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -24,6 +24,10 @@ demo: $(VENV)/.kernel
 # processes, two with those that compute (tests/support/two_ends.py).
 test: $(VENV)/.dev
 	$(PY) -m pytest -n 4 --dist loadfile -m "not sweep"
+
+# Pages of docs/instruments from the tables beside the drivers.
+manuals: $(VENV)/.dev
+	$(PY) -m bench.model.manual docs/instruments
 
 mutants: $(VENV)/.dev
 	$(PY) tests/mutants/run.py

@@ -12,6 +12,7 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 import bench
+from bench.commands.hand_app import commission, drill, talk
 from bench.commands.history.app import app as history_app
 from bench.commands.session_app import AsJson, SessionFolder, batch, fit, replay, report, study
 from bench.model.errors import BenchError, ExitStatus
@@ -34,6 +35,10 @@ Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="change a parameter of the sequence or world.<option>"),
 ]
+Uncommissioned = Annotated[
+    str,
+    typer.Option("--uncommissioned", metavar="REASON", help="use drivers that were never tried on these instruments"),
+]
 StationName = Annotated[
     str | None, typer.Option("--station", help="a station file or name; default: the one the sequence names")
 ]
@@ -50,11 +55,12 @@ def check(
     ] = False,
     out: Annotated[Path, typer.Option("--out", help="folder for sessions, whose disk --live tries")] = Path("sessions"),
     json: AsJson = False,
+    uncommissioned: Uncommissioned = "",
 ) -> None:
     """Load, compile and check everything without touching an instrument; with --live the pre-flight of a run."""
     from bench.commands import check as check_command
 
-    request = check_command.Request(sequence, station, settings or [], plot, json, live, out)
+    request = check_command.Request(sequence, station, settings or [], plot, json, live, out, uncommissioned)
     raise typer.Exit(check_command.check(request))
 
 
@@ -74,12 +80,15 @@ def run(
     ] = None,
     json: AsJson = False,
     ask: Annotated[bool, typer.Option("--ask", help="put the prompts to a person on a simulated station too")] = False,
+    uncommissioned: Uncommissioned = "",
 ) -> None:
     """Run a campaign; ends with the result table, results.json and report.html in the session's folder."""
     find_shipped("sequences", sequence)  # before all that runs and fits is loaded
     from bench.commands import run as run_command
 
-    request = run_command.Request(sequence, station, settings or [], clock, seed, out, truth, json, history, ask)
+    request = run_command.Request(
+        sequence, station, settings or [], clock, seed, out, truth, json, history, ask, uncommissioned
+    )
     raise typer.Exit(run_command.run(request))
 
 
@@ -100,6 +109,9 @@ def resume(
     raise typer.Exit(resume_command.resume(session, sequence, history, json))
 
 
+app.command(epilog='Example: bench talk calibrator "OUT?"')(talk)
+app.command(epilog="Example: bench commission turntable --station my_bench.yaml --by 'A. Technician'")(commission)
+app.command(epilog="Example: bench drill --station af_bench_sim")(drill)
 app.command(epilog="Example: bench replay sessions/20000101T000000Z_scale_factor_38h_SIM-1")(replay)
 app.command(epilog="Example: bench fit sessions/20000101T000000Z_scale_factor_38h_SIM-1 --method paper")(fit)
 app.command(epilog="Example: bench report sessions/20000101T000000Z_scale_factor_38h_SIM-1 --pdf")(report)
@@ -190,21 +202,6 @@ def recover(
     raise typer.Exit(recover_command.recover(session, make_up, json))
 
 
-@app.command(epilog='Example: bench talk calibrator "OUT?"')
-def talk(
-    instrument: Annotated[str, typer.Argument(help="role in the station file")],
-    command: Annotated[
-        str | None, typer.Argument(help="one command; without it: type commands, an empty line ends")
-    ] = None,
-    station: Annotated[str, typer.Option("--station", help="a station file or name")] = "af_bench_sim",
-    out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
-) -> None:
-    """Reach an instrument by hand; every command and reply goes to a session of its own."""
-    from bench.commands import by_hand
-
-    raise typer.Exit(by_hand.talk(instrument, command, station, out))
-
-
 @app.command(
     epilog="Examples: bench sim af_rack_sim · bench sim fault mute dmm · bench sim fault state",
     context_settings={"ignore_unknown_options": True},  # "chamber_runaway -2" is a value
@@ -220,11 +217,14 @@ def sim(
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="world.OPTION=VALUE", help="change an option of the world")
     ] = None,
+    clean: Annotated[
+        bool, typer.Option("--clean", help="instruments as after power-on, not as their last user left them")
+    ] = False,
 ) -> None:
     """Serve a simulated bench in real time until Ctrl-C; with fault: list faults, switch one, clear, state."""
     from bench.commands import sim as sim_command
 
-    raise typer.Exit(sim_command.sim(words, folder, rate, seed, settings or []))
+    raise typer.Exit(sim_command.sim(words, folder, rate, seed, settings or [], clean=clean))
 
 
 @app.command(epilog='Example: bench pause sessions/20260101T180000Z_scale_factor_38h_17 --reason "door opened"')
@@ -293,18 +293,6 @@ def top(
     from bench.commands import top as top_command
 
     raise typer.Exit(top_command.top(session, out))
-
-
-@app.command(epilog="Example: bench drill --station af_bench_sim")
-def drill(
-    station: Annotated[str, typer.Option("--station", help="a station file or name")] = "af_bench_sim",
-    out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
-    json: AsJson = False,
-) -> None:
-    """Kill a controller that drives a harmless stimulus, and prove that the guard leaves the bench safe within 5 s."""
-    from bench.commands import by_hand
-
-    raise typer.Exit(by_hand.drill(station, out, json))
 
 
 @app.command(epilog="Example: bench schema --vscode")

@@ -38,6 +38,7 @@ class Request:
     json: bool
     live: bool = False
     out: Path = Path("sessions")
+    uncommissioned: str = ""
 
 
 def check(request: Request) -> int:
@@ -53,7 +54,7 @@ def check(request: Request) -> int:
 
         with writing(request.plot):
             plots.plot_timetable(plan, request.plot)
-    report = _examined(plan, request.out) if request.live else None
+    report = _examined(plan, request) if request.live else None
     if request.json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
         document["assumptions"] = [asdict(taken) for taken in assumptions_of(plan.campaign)]
@@ -66,12 +67,12 @@ def check(request: Request) -> int:
     return ExitStatus.PASS
 
 
-def _examined(plan: Plan, out: Path) -> Report:
+def _examined(plan: Plan, request: Request) -> Report:
     from bench.run.preflight import (
         examine,  # a whole room of the house: loading it takes longer than the check of a sequence
     )
 
-    return examine(plan, WallClock(), out)
+    return examine(plan, WallClock(), request.out, uncommissioned=request.uncommissioned)
 
 
 def _print(out: Console, plan: Plan, summary: Summary, plot: Path | None, report: Report | None) -> None:

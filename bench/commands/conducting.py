@@ -41,11 +41,12 @@ def conduct_watched(
     errors: Console,
     resumed: Resumption | None = None,
     ask: bool = False,
+    uncommissioned: str = "",
 ) -> Conducted:
     """Conduct a plan with everything that watches over it; a person is told on ``errors``.
 
     ``ask``: prompts are put to a person on a simulated bench too. Under the wall clock anybody who reaches the run may
-    answer them.
+    answer them. ``uncommissioned``: why drivers may be used that nobody has tried on these instruments.
     """
     simulated = plan.station.simulated and not ask
     asking = None if simulated or clock.virtual else WaitingOperator(terminal_here())
@@ -60,7 +61,7 @@ def conduct_watched(
             listener=listener,
             keep_events=KEPT_EVENTS,
             beside=[*watchers(plan, clock, asking), listener.follow],
-            preflight=Preflight(tell=listener.message),
+            preflight=Preflight(tell=listener.message, uncommissioned=uncommissioned),
             resumed=resumed,
         )
 

@@ -26,6 +26,7 @@ from bench.session.service import read_view
 from bench.store import check_history_url, chosen_url
 
 ENDED = "B-RES-001"
+BEGUN = "the run that is gone on with had begun so"
 RESULTS = ("results.json", "report.html")  # a run that was killed behind its last step may lack them
 WARM_UP_S = 600.0  # a calibrator that was off for longer is not warm any more
 
@@ -48,7 +49,7 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
     resumed = resumption(stopped, clock.utc_ns())
     _tell(stopped, plan, resumed.start, resumed.event.away_s, out)
     seed = int(stopped.manifest.get("seed") or 0)
-    done = conduct_watched(plan, clock, seed=seed, out=folder.parent, errors=out, resumed=resumed)
+    done = conduct_watched(plan, clock, seed=seed, out=folder.parent, errors=out, resumed=resumed, uncommissioned=BEGUN)
     return _ended(done, url, as_json)
 
 

@@ -41,6 +41,7 @@ class Request:
     json: bool
     history: str | None = None
     ask: bool = False
+    uncommissioned: str = ""
 
 
 def run(request: Request) -> int:
@@ -55,8 +56,9 @@ def run(request: Request) -> int:
     virtual = plan.station.in_process if request.clock is None else request.clock == "virtual"
     clock: Clock = VirtualClock() if virtual else WallClock()
     done = conduct_watched(
-        plan, clock, seed=request.seed, out=request.out, errors=console(stderr=True), ask=request.ask
-    )
+        plan, clock, seed=request.seed, out=request.out, errors=console(stderr=True), ask=request.ask,
+        uncommissioned=request.uncommissioned,
+    )  # fmt: skip
     if request.truth and done.truth:
         path = done.folder.with_name(done.folder.name + ".truth.json")
         write_file(path, json.dumps({"estimates": done.truth}, sort_keys=True, indent=1) + "\n")

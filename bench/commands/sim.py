@@ -25,7 +25,9 @@ FAULT = "fault"
 MOST_RATE = 1000.0
 
 
-def sim(words: Sequence[str], folder: Path, rate: float, seed: int, settings: Sequence[str]) -> int:
+def sim(
+    words: Sequence[str], folder: Path, rate: float, seed: int, settings: Sequence[str], *, clean: bool = False
+) -> int:
     """Serve the station named by the only word, or switch faults: ``fault [NAME [TARGET] [VALUE]...]``."""
     for word in words:
         if word.startswith("-") and not _is_number(word):
@@ -36,7 +38,7 @@ def sim(words: Sequence[str], folder: Path, rate: float, seed: int, settings: Se
     if len(words) > 1:
         message = f"{words[1]!r} is one word too many"
         raise InputError("B-SIM-017", message, next_step="bench sim STATION, or bench sim fault")
-    return serve(words[0], folder, rate, seed, settings)
+    return serve(words[0], folder, rate, seed, settings, clean=clean)
 
 
 def _is_number(word: str) -> bool:
@@ -47,8 +49,8 @@ def _is_number(word: str) -> bool:
     return True
 
 
-def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[str]) -> int:
-    """Serve a simulated station until SIGINT or SIGTERM.
+def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[str], *, clean: bool = False) -> int:
+    """Serve a simulated station until SIGINT or SIGTERM; its instruments are as their last user left them, or clean.
 
     Raises: InputError B-SIM-016 (the station has no world), B-SIM-017 (bad rate), B-SIM-013, B-SIM-014.
     """
@@ -61,7 +63,7 @@ def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[st
     process = importlib.import_module(PROCESS)
     folder = folder.absolute()
     bench = process.ServedBench(
-        world.name, station.wiring(), station.world_options, seed=seed, rate=rate, folder=folder
+        world.name, station.wiring(), station.world_options, seed=seed, rate=rate, folder=folder, clean=clean
     )
     try:
         today = datetime.fromtimestamp(WallClock().utc_ns() / NS, UTC).date()

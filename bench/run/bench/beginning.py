@@ -12,9 +12,11 @@ from bench.model.ports import Identity
 from bench.plan import Plan, Station, summarise
 from bench.run.bench.opener import OpenBench
 from bench.run.bench.safety import make_safe
+from bench.run.bench.side_by_side import asked
 from bench.run.stop import unforeseen
 
 SPACE_FACTOR = 2
+SILENT = "B-INST-001"
 
 
 def begin_safely(bench: OpenBench, clock: Clock) -> dict[str, Identity]:
@@ -25,22 +27,28 @@ def begin_safely(bench: OpenBench, clock: Clock) -> dict[str, Identity]:
     Raises: InstrumentError of the first instrument that does not answer, is of another model (B-INST-002) or of another
             serial number than the register's (B-RUN-006); RunError B-RUN-060 if one cannot be made safe.
     """
-    identities: dict[str, Identity] = {}
-    problem: BenchError | None = None
-    for role, instrument in bench.instruments.items():
-        try:
-            identities[role] = instrument.identify()
-            _check_serial(bench.station, role, identities[role])
-        except Exception as error:
-            problem = problem or unforeseen(error)
-    unsafe = make_safe(bench.instruments, bench.station.safe_order, clock)
-    problem = problem or next(iter(unsafe), None)
+    resources = {role: bench.station.instruments[role].resource for role in bench.instruments}
+    answers = asked(resources, lambda role: _identity(bench, role), clock)
+    identities = {role: answer for role, answer in answers.items() if isinstance(answer, Identity)}
+    problems = {role: answer for role, answer in answers.items() if isinstance(answer, BenchError)}
+    mute = {role for role, error in problems.items() if error.code == SILENT}
+    unsafe = make_safe(bench.instruments, bench.station.safe_order, clock, mute)
+    problem = next(iter(problems.values()), None) or next(iter(unsafe), None)
     if problem is not None:
         for failure in unsafe:
             if failure is not problem:
                 problem.add_note(str(failure))
         raise problem
     return identities
+
+
+def _identity(bench: OpenBench, role: str) -> Identity | BenchError:
+    try:
+        identity = bench.instruments[role].identify()
+        _check_serial(bench.station, role, identity)
+    except Exception as error:
+        return unforeseen(error)
+    return identity
 
 
 def _check_serial(station: Station, role: str, identity: Identity) -> None:

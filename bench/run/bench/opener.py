@@ -119,7 +119,7 @@ def open_bench(
     try:
         for role, entry in station.instruments.items():
             if not roles or role in roles:
-                bench.instruments[role] = open_instrument(visa, role, entry, clock, transcript)
+                bench.instruments[role] = open_instrument(visa, role, entry, clock, transcript, used=world is None)
         if links:
             bench.links.update(_open_links(station, world, bench.instruments))
     except Exception:
@@ -218,16 +218,23 @@ class InstrumentAddress(Protocol):
 
 
 def open_instrument(
-    visa: pyvisa.ResourceManager, role: str, entry: InstrumentAddress, clock: Clock, transcript: Transcript
-) -> Instrument:
-    """Open one instrument; nothing is sent. Raises: InstrumentError B-RUN-002."""
+    visa: pyvisa.ResourceManager, role: str, entry: InstrumentAddress, clock: Clock, transcript: Transcript,
+    *, used: bool = False,
+) -> Instrument:  # fmt: skip
+    """Open one instrument; no command is sent. Raises: InstrumentError B-RUN-002.
+
+    Args: used: somebody else had it before, and may have left half a command in its buffer: it gets a device clear.
+    """
 
     def reopen() -> MessageBasedResource:
         return _open_resource(visa, role, entry.resource)
 
-    driver = driver_class(entry.driver)
+    driver, resource = driver_class(entry.driver), reopen()
+    if used:
+        with suppress(pyvisa.Error, OSError, ValueError, NotImplementedError):  # serial lines and raw sockets have none
+            resource.clear()
     instrument: Instrument = driver(
-        reopen(), role=role, clock=clock, transcript=transcript, options=dict(entry.options), reopen=reopen,
+        resource, role=role, clock=clock, transcript=transcript, options=dict(entry.options), reopen=reopen,
         interface_clear=_interface_clear(visa, entry.resource),
     )  # fmt: skip
     return instrument

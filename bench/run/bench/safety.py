@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 
 from bench.model.clock import Clock
@@ -14,10 +14,13 @@ PAUSE_S = 2.0
 QUICK_S = 0.45  # longest wait for an instrument in the first attempt: the ones after it must not wait for a mute one
 
 
-def make_safe(instruments: Mapping[str, Instrument], order: Sequence[str], clock: Clock) -> list[RunError]:
+def make_safe(
+    instruments: Mapping[str, Instrument], order: Sequence[str], clock: Clock, mute: Collection[str] = ()
+) -> list[RunError]:
     """Call ``make_safe`` of every instrument, the ones named in ``order`` first; never stops at a failure.
 
-    An instrument that fails is tried again after all others are safe: it may only have been silent for a while.
+    An instrument that fails is tried again after all others are safe: it may only have been silent for a while. One
+    that has just been ``mute`` to everything is not waited for as long as the others.
 
     Returns:
         One B-RUN-060 per instrument that could not be confirmed safe; empty when the whole bench is safe.
@@ -28,8 +31,8 @@ def make_safe(instruments: Mapping[str, Instrument], order: Sequence[str], clock
     for attempt in range(ATTEMPTS):
         if attempt:
             clock.sleep(PAUSE_S)
-        limit_s = None if attempt else QUICK_S
-        tried = {role: _try(role, instruments[role], limit_s) for role in roles}
+        quick = roles if attempt == 0 else mute
+        tried = {role: _try(role, instruments[role], QUICK_S if role in quick else None) for role in roles}
         failures = {role: failure for role, failure in tried.items() if failure is not None}
         roles = list(failures)
         if not roles:

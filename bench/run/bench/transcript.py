@@ -29,6 +29,7 @@ class HeldTranscript:
 
     def attach(self, observers: Observers) -> None:
         """Tell what was held, and everything from now on."""
+        self._held.sort(key=lambda line: line[3])  # instruments of different buses were asked side by side
         for line in self._held:
             observers.traffic(*line)
         self.earlier = tuple(self._held)

@@ -21,6 +21,7 @@ from typing import Any
 
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.errors import InputError
+from bench.run.bench.side_by_side import bus_of
 
 GUARD_PATIENCE_S = 90.0  # how long a controller waits for a guard that is making the bench safe
 UNNAMED_PATIENCE_S = 10.0
@@ -33,11 +34,7 @@ _NAME_BYTES = 4096
 
 def bus_keys(resources: Iterable[str]) -> tuple[str, ...]:
     """Return what must be locked to use these VISA addresses: a GPIB board as a whole, anything else by its address."""
-    keys = set()
-    for resource in resources:
-        name = resource.upper()
-        keys.add(name.split("::", maxsplit=1)[0] if name.startswith("GPIB") else name)
-    return tuple(sorted(keys))
+    return tuple(sorted({bus_of(resource) for resource in resources}))
 
 
 def bench_lock(resources: Iterable[str], what: str, clock: Clock) -> BenchLock:

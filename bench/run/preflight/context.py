@@ -132,13 +132,15 @@ class Surroundings:
 class PreflightContext(Surroundings):
     """The bench that is about to run: its plan, what of it is open, and the machine.
 
-    ``absent`` holds, by role or link, why something could not be opened.
+    ``absent`` holds, by role or link, why something could not be opened; ``uncommissioned`` why drivers with commands
+    that nobody has confirmed may be used all the same ("" = they may not).
     """
 
     plan: Plan
     instruments: Mapping[str, Instrument]
     links: Mapping[str, ByteLink]
     absent: Mapping[str, BenchError] = field(default_factory=dict)
+    uncommissioned: str = ""
 
     @property
     def station(self) -> Station:

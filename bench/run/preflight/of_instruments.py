@@ -6,15 +6,19 @@ from datetime import timedelta
 from typing import Any
 
 from bench.model.errors import BenchError, InstrumentError
+from bench.model.manual import manual_of
 from bench.model.ports import Instrument
 from bench.plan import WIRING, PlannedPrompt, PlannedRecord
+from bench.run.bench.first_contact import unproved
 from bench.run.bench.safety import hurried
+from bench.run.bench.side_by_side import asked
 from bench.run.preflight.context import Finding, PreflightContext, Status
 
 MARGIN = timedelta(days=1)  # holds, retakes and a late start
 LAB_DEGC, LAB_WITHIN_DEGC = 23.0, 1.0  # the certificates of calibrator and meter hold for it
 HOUR_S = 3600.0
 ANSWER_S = 1.0
+_CONTACT = "'bench commission ROLE' makes one, --uncommissioned REASON goes on without"
 
 
 def identities(context: PreflightContext) -> list[Finding]:
@@ -33,7 +37,28 @@ def identities(context: PreflightContext) -> list[Finding]:
         for error, roles in missing.values()
         if len(roles) > 1
     ]
-    return [*buses, *(_identity(context, role) for role in context.station.instruments if role not in shared)]
+    resources = {role: entry.resource for role, entry in context.station.instruments.items() if role not in shared}
+    return [*buses, *asked(resources, lambda role: _identity(context, role), context.clock).values()]
+
+
+def first_contacts(context: PreflightContext) -> list[Finding]:
+    """On a real bench every command of a driver is confirmed: by a manual, or by a record of model and firmware."""
+    if context.station.simulated:
+        return []
+    found, known = [], 0
+    for role, instrument in context.instruments.items():
+        entry, identity = context.station.instruments[role], getattr(instrument, "identity", None)
+        manual = manual_of(entry.driver)
+        if manual is None or identity is None:
+            continue
+        missing = unproved(context.station.path, entry.driver, manual, identity)
+        known += not missing
+        if missing:
+            value = f"{len(missing)} of {len(manual.commands)} commands"
+            text = f"no manual shows {', '.join(missing[:3])}{' ...' if len(missing) > 3 else ''}, and no record of it"
+            status, more = (Status.WARN, context.uncommissioned) if context.uncommissioned else (Status.FAIL, _CONTACT)
+            found.append(Finding(f"first contact of {role}", status, value, "none", f"{text}; {more}", of_bench=True))
+    return found or [Finding("first contact", Status.OK, f"{known} drivers", "all commands confirmed")]
 
 
 def _with_step(error: BenchError) -> str:

@@ -59,6 +59,7 @@ class Check:
 
 ALWAYS = (
     Check("identities", of_instruments.identities, on_bus=True),
+    Check("first contact", of_instruments.first_contacts),
     Check("calibration dates", of_instruments.standards),
     Check("wiring check", of_instruments.wiring),
     Check("room on the disk", of_machine.space),
@@ -146,12 +147,14 @@ class Preflight:
 
     tell: Callable[[str], None] = lambda text: None
     host: Host = field(default_factory=Host)
+    uncommissioned: str = ""
 
     def __call__(self, plan: Plan, bench: OpenBench, clock: Clock, out: Path) -> events.Preflight | None:
         """Judge an opened bench whose instruments were identified and made safe."""
         context = PreflightContext(
-            plan=plan, clock=clock, out=out, instruments=bench.instruments, links=bench.links, host=self.host
-        )
+            plan=plan, clock=clock, out=out, instruments=bench.instruments, links=bench.links, host=self.host,
+            uncommissioned=self.uncommissioned,
+        )  # fmt: skip
         report = survey(context)
         for finding in report.of(Status.WARN):
             self.tell(f"pre-flight, warning: {told(finding)}")
@@ -186,14 +189,15 @@ def within(limit_s: float, call: Callable[[], T]) -> T:
     return returned[0]
 
 
-def examine(plan: Plan, clock: Clock, out: Path, host: Host | None = None) -> Report:
+def examine(plan: Plan, clock: Clock, out: Path, host: Host | None = None, *, uncommissioned: str = "") -> Report:
     """Return everything the pre-flight of a run would find now; no output is switched, nothing is made safe.
 
     Instruments and ports that another controller uses are not touched: nothing of the bench is opened then.
     """
     context = PreflightContext(
-        plan=plan, clock=clock, out=out, instruments={}, links={}, host=Host() if host is None else host
-    )
+        plan=plan, clock=clock, out=out, instruments={}, links={}, host=Host() if host is None else host,
+        uncommissioned=uncommissioned,
+    )  # fmt: skip
     if plan.station.in_process:
         bench = open_bench(plan.station, clock, unheard, seed=SEED)
         try:
@@ -255,7 +259,7 @@ def _opened(station: Station, clock: Clock) -> Iterator[Opened]:
             for role, entry in reached.items():
                 with _noted(absent, role):
                     instruments[role] = within(
-                        OPEN_LIMIT_S, partial(open_instrument, visa, role, entry, clock, unheard)
+                        OPEN_LIMIT_S, partial(open_instrument, visa, role, entry, clock, unheard, used=True)
                     )
                     closers.append(instruments[role].close)
         yield instruments, links, absent

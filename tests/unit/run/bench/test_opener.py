@@ -67,12 +67,12 @@ class Visa:
 @pytest.fixture
 def empty_bus(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(opener.pyvisa, "ResourceManager", lambda library: Visa())
-    monkeypatch.setattr(opener, "_unserved", lambda *_: "")  # whether linux-gpib is here
+    monkeypatch.setattr(opener, "_unserved", lambda *_, **__: "")  # whether linux-gpib is here
 
 
 @pytest.fixture
 def full_bus(empty_bus: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(opener, "open_instrument", lambda *_: Visa())
+    monkeypatch.setattr(opener, "open_instrument", lambda *_, **__: Visa())
 
 
 @pytest.mark.usefixtures("empty_bus")

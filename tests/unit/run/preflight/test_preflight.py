@@ -194,7 +194,7 @@ def test_a_bench_without_a_visa_library_is_told_completely(tmp_path: Path, monke
 def test_instruments_that_do_not_open_or_hang_while_they_do(
     tmp_path: Path, blocked: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def open_instrument(visa: Any, role: str, *_: Any) -> Any:
+    def open_instrument(visa: Any, role: str, *_: Any, **__: Any) -> Any:
         if role == "calibrator":
             return blocked(None)
         raise InstrumentError("B-RUN-002", "does not open", where=role)

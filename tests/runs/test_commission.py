@@ -1,0 +1,80 @@
+"""``bench commission`` against a served bench: transcript, record, and what the pre-flight makes of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from rehearsal import bench
+from served import Served
+
+pytestmark = pytest.mark.waits
+BY = ("--by", "A. Technician")
+
+
+@pytest.fixture(scope="module")
+def table(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    served = Served(tmp_path_factory.mktemp("bench"), of="gnc_bench_sim")
+    try:
+        yield served
+    finally:
+        served.close()
+
+
+def as_a_real_one(served: Served, folder: Path) -> Path:
+    """The served station as a file that says it is real."""
+    lines = served.station.read_text().replace("simulated: true", "simulated: false").splitlines()
+    path = folder / "station.yaml"
+    path.write_text("\n".join(line for line in lines if not line.startswith("control:")))
+    return path
+
+
+def first_contact(station: Path, *words: str) -> list[dict[str, str]]:
+    done = bench("check", "gnc_bias", "--station", str(station), "--live", "--json", *words)
+    findings = json.loads(done.stdout)["preflight"]["findings"]
+    return [one for one in findings if one["name"].startswith("first contact")]
+
+
+def test_a_record_lets_a_real_bench_use_the_driver(table: Served, tmp_path: Path) -> None:
+    station = as_a_real_one(table, tmp_path)
+    (found,) = first_contact(station)
+    assert (found["name"], found["status"]) == ("first contact of turntable", "fail")
+    assert ":stat:msg? qerror" in found["text"]
+    (found,) = first_contact(station, "--uncommissioned", "the first day of it")
+    assert found["status"] == "warn"
+    assert "the first day of it" in found["text"]
+    done = bench("commission", "turntable", "--station", str(station), *BY, "--yes")
+    assert done.returncode == 0, done.stdout
+    lines = done.stdout.splitlines()
+    assert lines.index("as documented  *IDN? -> ACUTRONIC,ACUTROL3000,SIMTBL,1.0") < lines.index(
+        "as documented  :lim:rate pos,1,5"
+    ) < lines.index("as documented  :int:close 1")  # fmt: skip
+    assert "24 as documented, 1 not tried" in done.stdout
+    (record,) = (tmp_path / "commissioning").glob("turntable_*.json")
+    assert json.loads(record.read_text())["by"] == "A. Technician"
+    assert record.with_suffix(".md").is_file()
+    (found,) = first_contact(station)
+    assert found["status"] == "ok"
+    state = table.state()["instruments"]["turntable"]
+    assert state["interlocks"] == ["Open"] * 3
+
+
+def test_a_bench_inside_the_process_and_a_role_that_is_not_there() -> None:
+    done = bench("commission", "calibrator", "--station", "af_bench_sim", *BY)
+    assert done.returncode == 2
+    assert "B-COM-002" in done.stderr
+    done = bench("commission", "teapot", "--station", "af_bench_sim", *BY)
+    assert done.returncode == 2
+    assert "B-CLI-003" in done.stderr
+
+
+def test_a_driver_without_a_table(table: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from bench.commands import commission
+    from bench.model.errors import InputError
+
+    monkeypatch.setattr(commission, "manual_of", lambda driver: None)
+    with pytest.raises(InputError) as caught:
+        commission.commission("turntable", str(as_a_real_one(table, tmp_path)), "somebody", yes=False)
+    assert caught.value.code == "B-COM-001"
