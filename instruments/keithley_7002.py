@@ -83,6 +83,10 @@ class Keithley7002(ScpiInstrument):
         if self.options["slot"] not in range(1, 11):
             raise self.bad_option(f"slot {self.options['slot']!r} must be 1 to 10")
 
+    def _prepare(self) -> None:
+        self.set(":INIT:CONT OFF")
+        self.set(":ABOR")  # a scan that somebody left running would go on opening and closing
+
     def _recheck(self) -> None:
         if self.routed is not None and (closed := self.closed()) != self.routed:
             message = f"closed are {', '.join(closed) or 'none'}, but {', '.join(self.routed) or 'none'} was verified"

@@ -2,12 +2,13 @@
 function-generator input.
 
 Source: 33250A User's Guide (remote interface; ranges of square waves, load and amplitude; burst, sweep and modulation
-end each other). The unit's input has a high impedance: with the load setting at 50 ohm its amplitude is twice the
-programmed one.
+end each other; VRMS and DBM, which needs a load). The unit's input has a high impedance: with the load setting at
+50 ohm its amplitude is twice the programmed one.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -22,7 +23,8 @@ INFINITE_OHM = 9.9e37
 BURST_HZ, SWEEP_HZ, FSK_HZ = 100.0, 550.0, 100.0  # after *RST: trigger period, mean of 100 Hz to 1 kHz, hop
 _MODULATED = 0.99  # cycles of a modulated square that the unit's threshold counts
 _MODES = ("BURS", "SWE", "AM", "FM", "FSK")
-_HIGHEST_HZ = {"SIN": 80e6, "SQU": 80e6, "RAMP": 1e6, "PULS": 50e6, "NOIS": 80e6, "DC": 80e6}
+_CREST = {"SIN": 2.0 * math.sqrt(2.0), "SQU": 2.0, "PULS": 2.0, "RAMP": 2.0 * math.sqrt(3.0)}  # peak to peak over RMS
+_HIGHEST_HZ = {"USER": 25e6, "SIN": 80e6, "SQU": 80e6, "RAMP": 1e6, "PULS": 50e6, "NOIS": 80e6, "DC": 80e6}
 
 
 class Agilent33250A(ScpiDevice):
@@ -32,7 +34,7 @@ class Agilent33250A(ScpiDevice):
     answers: ClassVar[Answers] = {
         "[:SOURce]:FUNCtion[:SHAPe]?": lambda self: self.function,
         "[:SOURce]:FREQuency?": lambda self: f"{self.frequency_Hz:+.13E}",
-        "[:SOURce]:VOLTage?": lambda self: f"{self.amplitude_V:+.13E}",
+        "[:SOURce]:VOLTage?": lambda self: f"{self._in_unit(self.amplitude_V, self.amplitude_unit):+.13E}",
         "[:SOURce]:VOLTage:OFFSet?": lambda self: f"{self.offset_V:+.13E}",
         "[:SOURce]:VOLTage:HIGH?": lambda self: f"{self.offset_V + self.amplitude_V / 2.0:+.13E}",
         "[:SOURce]:VOLTage:LOW?": lambda self: f"{self.offset_V - self.amplitude_V / 2.0:+.13E}",
@@ -53,7 +55,7 @@ class Agilent33250A(ScpiDevice):
         ":OUTPut:TRIGger[:STATe]": switch(False),
         ":OUTPut:TRIGger:SLOPe": word("POSitive", "NEGative"),
         "[:SOURce]:BURSt:MODE": word("TRIGgered", "GATed"),
-        "[:SOURce]:BURSt:NCYCles": number(1.0, 1.0, 1e6),
+        "[:SOURce]:BURSt:NCYCles": number(1.0, 1.0, 1e6, infinite=True),
         "[:SOURce]:BURSt:INTernal:PERiod": number(0.01, 1e-6, 500.0, "S"),
         "[:SOURce]:BURSt:PHASe": number(0.0, -360.0, 360.0),
         "[:SOURce]:BURSt:GATE:POLarity": word("NORMal", "INVerted"),
@@ -88,6 +90,7 @@ class Agilent33250A(ScpiDevice):
         self.amplitude_V = float(draw.uniform(0.02, 0.5)) * self._largest_V()
         room_V = (self._largest_V() - self.amplitude_V) / 2.0
         self.offset_V = float(draw.uniform(-room_V, room_V))
+        self.amplitude_unit = str(draw.choice(["VPP", "VRMS"]))
         self.polarity, self.duty_percent = str(draw.choice(["NORM", "INV"])), float(draw.uniform(20.0, 80.0))
         self.on = bool(draw.integers(2))
         super().left_by_another(draw)
@@ -125,7 +128,7 @@ class Agilent33250A(ScpiDevice):
 
     @command("[:SOURce]:FUNCtion[:SHAPe]")
     def _set_function(self, text: str) -> None:
-        function = self.word(text, "SINusoid", "SQUare", "RAMP", "PULSe", "NOISe", "DC")
+        function = self.word(text, "SINusoid", "SQUare", "RAMP", "PULSe", "NOISe", "DC", "USER")
         if self.frequency_Hz > _HIGHEST_HZ[function]:
             self.frequency_Hz = _HIGHEST_HZ[function]
             self.error(*SETTINGS_CONFLICT)
@@ -139,11 +142,30 @@ class Agilent33250A(ScpiDevice):
 
     @command("[:SOURce]:VOLTage")
     def _set_amplitude(self, text: str) -> None:
-        amplitude_V = self.number(text.upper().removesuffix("PP"), self._largest_V() / 1000.0, self._largest_V(), "V")
+        unit = next((unit for unit in ("VPP", "VRMS", "DBM") if text.upper().endswith(unit)), self.amplitude_unit)
+        bounds = (self._in_unit(bound_V, unit) for bound_V in (self._largest_V() / 1000.0, self._largest_V()))
+        amplitude_V = self._from_unit(self.number(text.upper().removesuffix(unit), *bounds, "V"), unit)
         if amplitude_V / 2 + abs(self.offset_V) > self._largest_V() / 2:
             raise ScpiError(*SETTINGS_CONFLICT)
         self.amplitude_V = round(amplitude_V, 4)
         self._apply()
+
+    def _in_unit(self, peak_to_peak_V: float, unit: str) -> float:
+        """Return an amplitude in VPP, VRMS or DBM (of the power in the load)."""
+        if unit == "VPP":
+            return peak_to_peak_V
+        rms_V = peak_to_peak_V / _CREST.get(self.function, _CREST["SIN"])
+        return rms_V if unit == "VRMS" else 10.0 * math.log10(rms_V**2 / self._finite_load_ohm() / 1e-3)
+
+    def _from_unit(self, value: float, unit: str) -> float:
+        if unit == "DBM":
+            value = math.sqrt(10.0 ** (value / 10.0) * 1e-3 * self._finite_load_ohm())
+        return value if unit == "VPP" else value * _CREST.get(self.function, _CREST["SIN"])
+
+    def _finite_load_ohm(self) -> float:
+        if self.load_ohm == INFINITE_OHM:
+            raise ScpiError(*SETTINGS_CONFLICT)  # no power goes into it
+        return self.load_ohm
 
     @command("[:SOURce]:VOLTage:OFFSet")
     def _set_offset(self, text: str) -> None:
@@ -208,8 +230,10 @@ class Agilent33250A(ScpiDevice):
 
     @command("[:SOURce]:VOLTage:UNIT")
     def _set_unit(self, text: str) -> None:
-        if self.word(text, "VPP", "VRMS", "DBM") != "VPP":
-            raise ScpiError(*SETTINGS_CONFLICT)
+        unit = self.word(text, "VPP", "VRMS", "DBM")
+        if unit == "DBM":
+            self._finite_load_ohm()
+        self.amplitude_unit = unit
 
     @command("[:SOURce]:APPLy:SQUare")
     def _apply_square(self, text: str) -> None:
@@ -227,6 +251,8 @@ class Agilent33250A(ScpiDevice):
         load_ohm = self.number(text, 1.0, 1e4, "Ohm", INF=INFINITE_OHM, INFINITY=INFINITE_OHM, MAX=INFINITE_OHM)
         open_V = self.open_amplitude_V
         self.load_ohm = load_ohm
+        if load_ohm == INFINITE_OHM and self.amplitude_unit == "DBM":
+            self.amplitude_unit = "VPP"
         self.amplitude_V = open_V * (1.0 if load_ohm == INFINITE_OHM else load_ohm / (load_ohm + 50.0))
         self._apply()
 

@@ -4,20 +4,22 @@ auxiliary supply, or where the world says if there is none.
 Functions other than direct voltage and resistance see nothing at the terminals.
 
 Source: 34401A User's Guide (CONFigure, FUNCtion, RANGe, RESolution, READ?, INITiate, FETCh?, TRIGger, SAMPle,
-NPLCycles, ZERO:AUTO, overload reading 9.9E37).
+NPLCycles, ZERO:AUTO, overload reading 9.9E37; 512 readings are kept by INITiate, else error 531).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from sim_instruments.agilent_e3631a import AgilentE3631A
-from sim_instruments.bus.kept import Kept, number, switch
+from sim_instruments.bus.kept import INFINITE, Kept, number, switch
 from sim_instruments.bus.ohms import RESOLUTION, Ohmmeter, OhmsSetting
-from sim_instruments.bus.scpi import Answers, ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.scpi import Answers, ScpiDevice, ScpiError, command, header_expression, words
 
 RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 OVERLOAD = 9.9e37
@@ -26,8 +28,17 @@ TWO_WIRE_OHM = 0.2
 LINE_HZ = 50.0
 CYCLES = (0.02, 0.2, 1.0, 10.0, 100.0)
 OPEN_INPUT = ("CONT", "DIOD")  # overload without anything at the terminals
-OTHERS = ("VOLT:AC", "VOLT:RAT", "CURR", "CURR:AC", "FREQ", "PER", *OPEN_INPUT)
+_SPANS = {
+    "VOLT:AC": (0.0, 750.0), "VOLT:RAT": (0.0, 1000.0), "CURR": (0.0, 3.0), "CURR:AC": (0.0, 3.0),
+    "FREQ": (3.0, 3e5), "PER": (3.3e-6, 0.33), "CONT": (0.0, 0.0), "DIOD": (0.0, 0.0),
+}  # fmt: skip
+OTHERS = tuple(_SPANS)
+_HEADERS = {
+    "VOLT:AC": "VOLTage:AC", "VOLT:RAT": "VOLTage[:DC]:RATio", "CURR": "CURRent[:DC]", "CURR:AC": "CURRent:AC",
+    "FREQ": "FREQuency", "PER": "PERiod", "CONT": "CONTinuity", "DIOD": "DIODe",
+}  # fmt: skip
 _FUNCTIONS = {"VOLT:DC": "VOLT", "CURR:DC": "CURR", "VOLT:DC:RAT": "VOLT:RAT"}  # other spellings
+_MEMORY = 512
 NOT_FOR_READ = (-214, "Trigger deadlock")
 
 
@@ -66,7 +77,7 @@ class Agilent34401A(ScpiDevice):
         },
         "[:SENSe]:RESistance:NPLCycles?": lambda self: f"{self.ohms_cycles:+.8E}",
         ":TRIGger:SOURce?": lambda self: self.source,
-        ":TRIGger:COUNt?": lambda self: f"{self.triggers:+.8E}",
+        ":TRIGger:COUNt?": lambda self: f"{self.triggers or INFINITE:+.8E}",
         ":SAMPle:COUNt?": lambda self: str(self.samples),
         ":DATA:POINts?": lambda self: str(len(self._stored)),
         ":ROUTe:TERMinals?": lambda self: "FRON",
@@ -117,6 +128,13 @@ class Agilent34401A(ScpiDevice):
         self.triggers, self.other = int(draw.integers(1, 4)), str(draw.choice(["", *OTHERS]))
         super().left_by_another(draw)
 
+    def _declared(self) -> list[tuple[re.Pattern[str], Callable[[str], str | None]]]:
+        others = {
+            **{f":CONFigure:{header}": partial(self._configure_other, name) for name, header in _HEADERS.items()},
+            **{f":MEASure:{header}?": partial(self._measure_other, name) for name, header in _HEADERS.items()},
+        }
+        return [*super()._declared(), *((header_expression(pattern), method) for pattern, method in others.items())]
+
     @property
     def ohms_range_ohm(self) -> float:
         """Range of resistance, ohm; the one an automatic range begins with."""
@@ -156,18 +174,33 @@ class Agilent34401A(ScpiDevice):
         first = (words(text) or ["DEF"])[0].upper()
         self.range_V = None if first in ("DEF", "AUTO") else self._range(first)
         self.power_line_cycles = 10.0
-        self.ohms, self.autozero, self.other = None, True, ""
-        self._at_once()
+        self._begin(None)
 
     @command(":CONFigure:FRESistance")
     def _configure_four_wires(self, text: str) -> None:
-        self.ohms, self.autozero, self.other = self._ohmmeter.configured(4, words(text), 10.0), True, ""
-        self._at_once()
+        self._begin(self._ohmmeter.configured(4, words(text), 10.0))
 
     @command(":CONFigure:RESistance")
     def _configure_two_wires(self, text: str) -> None:
-        self.ohms, self.autozero, self.other = self._ohmmeter.configured(2, words(text), 10.0), True, ""
+        self._begin(self._ohmmeter.configured(2, words(text), 10.0))
+
+    def _begin(self, ohms: OhmsSetting | None, other: str = "") -> None:
+        self.ohms, self.autozero, self.other = ohms, True, other
         self._at_once()
+
+    def _configure_other(self, function: str, text: str) -> None:
+        """Nothing is at the terminals for it: its range and resolution are checked and forgotten."""
+        low, high = _SPANS[function]
+        parameters = [word for word in words(text) if word.upper() not in ("", "DEF", "AUTO")]
+        for parameter, least in zip(parameters, (low, high * 1e-8), strict=False):
+            self.number(parameter, least, high)
+        if function in OPEN_INPUT and parameters:
+            raise ScpiError(-108, "Parameter not allowed")
+        self._begin(None, function)
+
+    def _measure_other(self, function: str, text: str) -> str | None:
+        self._configure_other(function, text)
+        return self._read("")
 
     def _range(self, text: str) -> float:
         largest_V = self.number(text, RANGES_V[0], RANGES_V[-1])
@@ -196,6 +229,9 @@ class Agilent34401A(ScpiDevice):
         if self.ohms is not None:
             range_ohm = self.ohms.range_ohm or 100.0
             return f'"{self.ohms.name} {range_ohm:+.6E},{RESOLUTION[self.ohms.cycles] * range_ohm:+.6E}"'
+        if self.other:
+            high = _SPANS[self.other][1]
+            return f'"{self.other}"' if self.other in OPEN_INPUT else f'"{self.other} {high:+.6E},{high * 1e-6:+.6E}"'
         return f'"VOLT {self.range_V or 10.0:+.6E},+3.000000E-06"'
 
     def _take(self) -> None:
@@ -205,8 +241,8 @@ class Agilent34401A(ScpiDevice):
     def _read(self, _: str) -> str | None:
         if self.source == "BUS":
             raise ScpiError(*NOT_FOR_READ)
-        if self.source == "EXT":
-            return None  # it waits
+        if self.source == "EXT" or not self.triggers:
+            return None  # it waits, or does not end
         self._take()
         return ",".join(self._stored)
 
@@ -224,23 +260,6 @@ class Agilent34401A(ScpiDevice):
     def _measure_two_wires(self, text: str) -> str | None:
         self._configure_two_wires(text)
         return self._read("")
-
-    def _measure_other(self, function: str) -> str | None:
-        self._at_once()
-        self.ohms, self.other = None, function
-        return self._read("")
-
-    @command(":MEASure:VOLTage:AC?")
-    def _measure_voltage_ac(self, _: str) -> str | None:
-        return self._measure_other("VOLT:AC")
-
-    @command(":MEASure:CURRent[:DC]?")
-    def _measure_current(self, _: str) -> str | None:
-        return self._measure_other("CURR")
-
-    @command(":MEASure:CURRent:AC?")
-    def _measure_current_ac(self, _: str) -> str | None:
-        return self._measure_other("CURR:AC")
 
     @command("[:SENSe]:FUNCtion")
     def _set_function(self, text: str) -> None:
@@ -294,7 +313,8 @@ class Agilent34401A(ScpiDevice):
 
     @command(":TRIGger:COUNt")
     def _set_triggers(self, text: str) -> None:
-        self.triggers = int(self.number(text, 1, 50000, INF=50000, INFINITE=50000))
+        """Set how many triggers are taken; 0 stands for no end, which only the bus ends."""
+        self.triggers = int(self.number(text, 1, 50000, INF=0, INFINITE=0))
 
     @command(":SAMPle:COUNt")
     def _set_samples(self, text: str) -> None:
@@ -307,6 +327,8 @@ class Agilent34401A(ScpiDevice):
 
     @command(":INITiate")
     def _start(self, _: str) -> None:
+        if self.samples * self.triggers > _MEMORY:
+            raise ScpiError(531, "Insufficient memory")
         self._take()
         self.busy(self.reading_s * len(self._stored))
 

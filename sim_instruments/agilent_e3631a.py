@@ -124,6 +124,10 @@ class AgilentE3631A(ScpiDevice):
             raise ScpiError(*MISSING_PARAMETER)
         self._limited(self.rails[self.selected], "", text)
 
+    @command(":SYSTem:REMote")
+    def _remote(self, _: str) -> None:
+        """On GPIB it is remote anyway; on RS-232 it is taken before everything else."""
+
     @command(":OUTPut:TRACk[:STATe]")
     def _set_tracking(self, text: str) -> None:
         self.tracks = self.boolean(text)

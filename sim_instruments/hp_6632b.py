@@ -3,9 +3,9 @@
 The unit takes a constant current (linear regulators), as its world says; below its starting voltage, or when the
 current limit is lower than that, it is off.
 
-Source: HP 6631B-6634B operating and programming guides (ranges, VOLT:PROT, CURR:PROT:STAT, OUTP:PROT:CLE;
-OUTP:PROT:DEL, the over-current trip waits so long after a change of the output). Placeholder: the over-voltage trip
-acts at once.
+Source: HP 6631B-6634B operating and programming guides (ranges, VOLT:PROT, CURR:PROT:STAT, OUTP:PROT:CLE, VOLT:TRIG,
+INIT:NAME, ABOR; OUTP:PROT:DEL, the over-current trip waits so long after a change of the output). Placeholder: the
+over-voltage trip acts at once.
 """
 
 from __future__ import annotations
@@ -34,6 +34,8 @@ class Hp6632B(ScpiDevice):
         "[:SOURce]:CURRent[:LEVel]?": lambda self: f"{self.current_A:.5E}",
         "[:SOURce]:VOLTage:PROTection[:LEVel]?": lambda self: f"{self.trip_V:.5E}",
         "[:SOURce]:CURRent:PROTection:STATe?": lambda self: "1" if self.over_current_trip else "0",
+        "[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]?": lambda self: f"{self._triggered_V():.5E}",
+        "[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]?": lambda self: f"{self._triggered_A():.5E}",
         ":OUTPut[:STATe]?": lambda self: "1" if self.on else "0",
         ":OUTPut:PROTection:DELay?": lambda self: f"{self.delay_s:.5E}",
         ":STATus:QUEStionable:CONDition?": lambda self: str(_QUESTIONABLE.get(self.tripped, 0)),
@@ -41,12 +43,11 @@ class Hp6632B(ScpiDevice):
 
     kept: ClassVar[Mapping[str, Kept]] = {
         ":SENSe:CURRent[:DC]:RANGe[:UPPer]": number(HIGHEST_A, 0.0, HIGHEST_A, "A"),
-        "[:SOURce]:CURRent:TRIGgered": number(0.0, 0.0, HIGHEST_A, "A"),
-        "[:SOURce]:VOLTage:TRIGgered": number(0.0, 0.0, HIGHEST_V, "V"),
         "[:SOURce]:VOLTage:ALC:BANDwidth": number(15000.0, 15000.0, 60000.0),
         "[:SOURce]:DIGital:DATA": number(0, 0.0, 7.0),
         "[:SOURce]:DIGital:FUNCtion": word("RIDFi", "DIGio"),
         ":DISPlay:MODE": word("NORMal", "TEXT"),
+        ":DISPlay:TEXT[:DATA]": Kept("", text=True),
         ":INITiate:CONTinuous:SEQuence1": switch(False),
         ":OUTPut:DFI[:STATe]": switch(False),
         ":OUTPut:DFI:SOURce": word("OFF", "QUEStionable", "OPERation", "ESB", "RQS"),
@@ -64,6 +65,9 @@ class Hp6632B(ScpiDevice):
     def reset(self) -> None:
         self.voltage_V, self.current_A, self.trip_V = 0.0, 0.512, HIGHEST_TRIP_V
         self.over_current_trip, self.on, self.tripped, self.delay_s = False, False, "", 0.08
+        self.next_V: float | None = None
+        self.next_A: float | None = None
+        self.armed = False
         self._apply()
 
     def left_by_another(self, draw: np.random.Generator) -> None:
@@ -71,6 +75,7 @@ class Hp6632B(ScpiDevice):
         self.current_A, self.delay_s = float(draw.uniform(0.0, HIGHEST_A)), float(draw.uniform(0.0, 30.0))
         self.over_current_trip, self.on = bool(draw.integers(2)), bool(draw.integers(2))
         self.tripped = str(draw.choice(["", "OV", "OC"], p=[0.8, 0.1, 0.1]))
+        self.armed, self.next_V = bool(draw.integers(2)), float(draw.uniform(0.0, HIGHEST_V))
         super().left_by_another(draw)
         self._apply()
 
@@ -137,6 +142,38 @@ class Hp6632B(ScpiDevice):
     def _set_current(self, text: str) -> None:
         self.current_A = self.number(text, 0.0, HIGHEST_A, "A")
         self._apply()
+
+    def _triggered_V(self) -> float:
+        """Voltage that a trigger sets, volt: without one the immediate level, as the guide has it."""
+        return self.voltage_V if self.next_V is None else self.next_V
+
+    def _triggered_A(self) -> float:
+        return self.current_A if self.next_A is None else self.next_A
+
+    @command("[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]")
+    def _set_next_voltage(self, text: str) -> None:
+        self.next_V = self.number(text, 0.0, HIGHEST_V, "V")
+
+    @command("[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]")
+    def _set_next_current(self, text: str) -> None:
+        self.next_A = self.number(text, 0.0, HIGHEST_A, "A")
+
+    @command(":INITiate[:IMMediate]:NAME")
+    def _arm(self, text: str) -> None:
+        self.armed = self.word(text, "TRANsient", "ACQuire") == "TRAN" or self.armed
+
+    @command(":ABORt")
+    def _abort(self, _: str) -> None:
+        self.armed = False
+
+    @command(":TRIGger[:TRANsient][:IMMediate]")
+    def _trigger_now(self, _: str) -> None:
+        self.trigger()
+
+    def trigger(self) -> None:
+        if self.armed:
+            self.armed, self.voltage_V, self.current_A = False, self._triggered_V(), self._triggered_A()
+            self._apply()
 
     @command("[:SOURce]:VOLTage:PROTection[:LEVel]")
     def _set_trip(self, text: str) -> None:

@@ -1,10 +1,11 @@
 """Simulated Keithley 7002 switch system with 7012 4 x 10 two-pole matrix cards.
 
-``:CLOS`` adds crosspoints to those already closed; nothing in the instrument keeps two routes apart.
+``:CLOS`` adds crosspoints to those already closed; nothing in the instrument keeps two routes apart. A scan that the
+last user left running opens its channel and closes the next one until ``:INIT:CONT OFF`` and ``:ABOR``.
 
-Source: Keithley 7001/7002 instruction manuals (ROUTe subsystem, channel lists ``(@slot!row!column)``), 7012 card
-(4 rows, 10 columns, 1 A). Placeholders: the contacts move at once, ``*OPC?`` waits 15 ms for them; reply of
-``:CLOS:STAT?`` as a list of single crosspoints in order.
+Source: Keithley 7001/7002 instruction manuals (ROUTe and trigger subsystems, channel lists ``(@slot!row!column)``),
+7012 card (4 rows, 10 columns, 1 A). Placeholders: a scan goes on once a second; the contacts move at once, ``*OPC?``
+waits 15 ms for them; reply of ``:CLOS:STAT?`` as a list of single crosspoints in order.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from sim_instruments.bus.scpi import MISSING_PARAMETER, ScpiDevice, ScpiError, command
 
 ROWS, COLUMNS = 4, 10
-RELAY_S = 0.015
+RELAY_S, SCAN_S = 0.015, 1.0
 _POINT = re.compile(r"(\d+)!(\d+)!(\d+)")
 
 Point = tuple[int, int, int]
@@ -33,10 +34,12 @@ class Keithley7002(ScpiDevice):
 
     def __init__(self, *arguments: Any) -> None:
         self._closed: set[Point] = set()
+        self._scanning = self._continuous = False
         super().__init__(*arguments)
         self._slot = int(self.options.get("slot", 1))
 
     def reset(self) -> None:
+        self._scanning = self._continuous = False
         if self._closed:
             self._move(set())
 
@@ -44,6 +47,13 @@ class Keithley7002(ScpiDevice):
         super().left_by_another(draw)
         points = {(self._slot, int(draw.integers(1, ROWS + 1)), int(draw.integers(1, COLUMNS + 1))) for _ in range(5)}
         self._move(set(list(points)[: int(draw.integers(5))]))
+        self._scanning = self._continuous = bool(draw.integers(2))
+        self._scan(1)
+
+    def _scan(self, column: int) -> None:
+        if self._scanning:
+            self._move({(self._slot, 1, column)})
+            self.world.after(SCAN_S, lambda: self._scan(column % COLUMNS + 1))
 
     def outputs(self) -> dict[str, Any]:
         return {"closed": ["!".join(map(str, point)) for point in sorted(self._closed)]}
@@ -83,6 +93,15 @@ class Keithley7002(ScpiDevice):
     @staticmethod
     def _listed(points: set[Point]) -> str:
         return f"(@{','.join('!'.join(map(str, point)) for point in sorted(points))})"
+
+    @command(":INITiate:CONTinuous")
+    def _set_continuous(self, text: str) -> None:
+        self._continuous = self.boolean(text)
+
+    @command(":ABORt")
+    def _abort(self, _: str) -> None:
+        """Back to idle, which a continuous initiation leaves at once."""
+        self._scanning = self._continuous
 
     @command("[:ROUTe]:CLOSe")
     def _close(self, text: str) -> None:

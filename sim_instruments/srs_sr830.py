@@ -38,7 +38,7 @@ _OTHER = {
     "SRAT": 14, "SEND": 1, "FPOP": 3, "TSTR": 1, "FAST": 2, "OVRM": 1, "KCLK": 1, "ALRM": 1, "LOCL": 2,
     "*ESE": 255, "*SRE": 255, "*PSC": 1, "LIAE": 255, "ERRE": 255,
 }  # fmt: skip
-_DONE = ("APHS", "AGAN", "ARSV", "AOFF", "STRT", "PAUS", "REST", "TRIG", "SSET", "RSET")
+_DONE = ("APHS", "AGAN", "ARSV", "AOFF", "STRT", "STRD", "PAUS", "REST", "TRIG", "SSET", "RSET")
 _AUX, _LOWEST_SINE_V, _HIGHEST_SINE_V, _HIGHEST_AUX_V = 4, 0.004, 5.0, 10.5
 _HIGHEST_HZ = 102e3
 _SNAPPED = range(2, 7)  # quantities of one SNAP?

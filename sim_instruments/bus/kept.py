@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+INFINITE = 9.9e37
+
 
 @dataclass(frozen=True)
 class Kept:
     """``default``: after ``*RST``.
 
-    A number, told as whole as its default, has ``low``, ``high`` and perhaps a ``unit``; a word its ``choices``, the
-    short form in capitals; neither is on or off. ``text``: a string in quotes.
+    A number, told as whole as its default, has ``low``, ``high`` and perhaps a ``unit``, or may be ``infinite``; a word
+    its ``choices``, the short form in capitals; neither is on or off. ``text``: a string in quotes.
     """
 
     default: float | str | bool
@@ -19,6 +21,13 @@ class Kept:
     unit: str = ""
     choices: tuple[str, ...] = ()
     text: bool = False
+    infinite: bool = False
+
+    @property
+    def names(self) -> dict[str, float]:
+        """The numbers that have a word."""
+        names = {"DEF": float(self.default)}
+        return names | {"INF": INFINITE, "INFINITY": INFINITE, "INFINITE": INFINITE} if self.infinite else names
 
     @property
     def told(self) -> str:
@@ -36,9 +45,9 @@ class Kept:
         return f"{value:+.13E}"
 
 
-def number(default: float, low: float, high: float, unit: str = "") -> Kept:
+def number(default: float, low: float, high: float, unit: str = "", *, infinite: bool = False) -> Kept:
     """Return a setting that is a number. Source: definition."""
-    return Kept(default, low, high, unit)
+    return Kept(default, low, high, unit, infinite=infinite)
 
 
 def word(*choices: str) -> Kept:

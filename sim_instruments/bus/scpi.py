@@ -251,13 +251,13 @@ class ScpiDevice(LiveDevice):
         elif isinstance(setting.default, bool):
             value = self.boolean(text)
         elif not isinstance(setting.default, str):
-            value = self.number(text, setting.low, setting.high, setting.unit, DEF=setting.default)
+            value = self.number(text, setting.low, setting.high, setting.unit, **setting.names)
         self._settings[header] = setting.form(value)
 
     def _tell_kept(self, header: str, setting: Kept, text: str) -> str:
         """Tell a setting; ``MIN`` and ``MAX`` behind the question ask for its limits."""
         if text and not isinstance(setting.default, str | bool):
-            return setting.form(self.number(text, setting.low, setting.high, setting.unit, DEF=setting.default))
+            return setting.form(self.number(text, setting.low, setting.high, setting.unit, **setting.names))
         return self._settings[header]
 
     def _told(self, tell: Callable[[Any], str], _: str) -> str:

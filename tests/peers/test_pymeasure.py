@@ -11,16 +11,12 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
-from unittest.mock import MagicMock
 
 import pytest
-
-from bench.model.clock import VirtualClock
-from sim_instruments.worlds.simulation import open_world
+from simulated_alone import ADDRESS, complaints, simulated
 
 pytestmark = pytest.mark.peers
 pytest.importorskip("pymeasure", reason="PyMeasure is not installed: pip install .[peers]")
-ADDRESS = "GPIB0::8::INSTR"
 DRIVERS = {
     "srs_sr830": ("srs", "SR830"),
     "agilent_33250a": ("keysight", "Keysight33250A"),
@@ -53,19 +49,13 @@ def opened(name: str) -> Iterator[tuple[Any, Any]]:
     from pymeasure.adapters import VISAAdapter
 
     folder, kind = DRIVERS[name]
-    entries = {name: {"driver": name, "resource": ADDRESS, "options": {}}}
-    world = open_world(
-        "af_converter", clock=VirtualClock(), seed=1, station={"instruments": entries, "links": {}},
-        unit_factory=lambda *_: MagicMock(),
-    )  # fmt: skip
-    with warnings.catch_warnings():
+    with simulated(name) as world, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         adapter = VISAAdapter(ADDRESS, visa_library=world.visa_library, timeout=3000)
         yield (
             getattr(importlib.import_module(f"pymeasure.instruments.{folder}"), kind)(adapter),
             world.instruments[name],
         )
-    world.close()
 
 
 def properties(kind: type) -> list[str]:
@@ -74,17 +64,6 @@ def properties(kind: type) -> list[str]:
         for name in dir(kind)
         if not name.startswith("_") and isinstance(found := getattr(kind, name), property) and found.fget is not None
     ]
-
-
-def complaints(simulator: Any) -> bool:
-    """Whether the simulated instrument has refused something since it was last asked; forgets it."""
-    if hasattr(simulator, "errors"):
-        found = bool(simulator.errors)
-        simulator.errors.clear()
-        return found
-    found = bool(getattr(simulator, "_events", 0) & 0x30)
-    simulator.__dict__.update({"_events": 0} if hasattr(simulator, "_events") else {})
-    return found
 
 
 @pytest.mark.parametrize("name", DRIVERS)

@@ -17,7 +17,14 @@ IDENTIFY = {
         (b"CUR_POST?\n", b"NORMAL\n"),
         (b"EXTGUARD?\n", b"OFF\n"),
     ],
-    "keithley_7002": [(b"*IDN?\n", b"KEITHLEY INSTRUMENTS INC.,MODEL 7002,0654321,B01 /A02\n"), NO_ERROR],
+    "keithley_7002": [
+        (b"*IDN?\n", b"KEITHLEY INSTRUMENTS INC.,MODEL 7002,0654321,B01 /A02\n"),
+        NO_ERROR,
+        (b":INIT:CONT OFF\n", None),
+        NO_ERROR,
+        (b":ABOR\n", None),
+        NO_ERROR,
+    ],
     "hp_3458a": [(b"END ALWAYS\n", None), (b"ID?\n", b"HP3458A\r\n"), (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')],
     "agilent_33250a": [(b"*IDN?\n", b"Agilent Technologies,33250A,0,2.01-1.01-2.00-03-2\n"), NO_ERROR],
     "agilent_53230a": [

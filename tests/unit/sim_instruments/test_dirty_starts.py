@@ -99,6 +99,7 @@ def calibrator(bench: Bench, seed: int) -> None:
 def switch(bench: Bench, seed: int) -> None:
     driver = soiled(bench, "switch", seed)
     driver.route(3, -1)
+    bench.clock.sleep(10.0)
     assert bench.world.instruments["switch"].outputs() == {"closed": ["1!2!3"]}
 
 

@@ -26,6 +26,11 @@ from sim_instruments.worlds.simulation import open_world
         ("FUNC SQU;FUNC:SQU:DCYC 40", "FUNC:SQU:DCYC?", 40.0),
         ("BURS:STAT 1", "SOUR1:BURS:STAT?", 1.0),
         ("AM:STAT ON;:FM:STAT ON", "AM:STAT?", 0.0),
+        ("FUNC SIN;:VOLT 1 VRMS", "VOLT?", 2.8284),
+        ("FUNC SQU;:VOLT:UNIT VRMS;:VOLT 1", "VOLT?", 1.0),
+        ("FUNC SIN;:VOLT 0 DBM", "VOLT?", 0.6325),  # 1 mW in 50 ohm: 0.2236 V RMS
+        ("OUTP:LOAD 50;:VOLT:UNIT DBM;:OUTP:LOAD INF;:VOLT 4", "VOLT?", 4.0),
+        ("BURS:NCYC INF", "BURS:NCYC?", 9.9e37),
     ],
 )
 def test_a_generator_takes_suffixes_units_and_modes(bench: Bench, command: str, query: str, value: float) -> None:
@@ -36,11 +41,43 @@ def test_a_generator_takes_suffixes_units_and_modes(bench: Bench, command: str, 
 
 @pytest.mark.parametrize(
     ("command", "number"),
-    [("FREQ 1 V", "-131"), ("FREQ 1 qHz", "-131"), ("FUNC:SQU:DCYC 40 V", "-138"), ("SOUR2:FREQ 1", "-113")],
+    [
+        ("FREQ 1 V", "-131"),
+        ("FREQ 1 qHz", "-131"),
+        ("FUNC:SQU:DCYC 40 V", "-138"),
+        ("SOUR2:FREQ 1", "-113"),
+        ("OUTP:LOAD INF;:VOLT:UNIT DBM", "-221"),
+        ("VOLT 25 DBM", "-222"),
+    ],
 )
 def test_what_a_generator_refuses_it_refuses_with_its_code(bench: Bench, command: str, number: str) -> None:
     bench.send("function_generator", command)
     assert bench.ask("function_generator", "SYST:ERR?").startswith(number)
+
+
+def test_a_multimeter_is_configured_for_what_is_not_at_its_terminals(bench: Bench) -> None:
+    for function, text in (
+        ("FREQ", '"FREQ '),
+        ("CURR:AC 1", '"CURR:AC '),
+        ("DIOD", '"DIOD"'),
+        ("VOLT:DC:RAT", '"VOLT:RAT '),
+    ):
+        bench.send("rail_dmm", f"CONF:{function}")
+        assert bench.ask("rail_dmm", "CONF?").startswith(text)
+    assert float(bench.ask("rail_dmm", "MEAS:CONT?")) == 9.9e37
+    bench.send("rail_dmm", "CONF:CURR 10")
+    assert bench.ask("rail_dmm", "SYST:ERR?").startswith("-222")
+    bench.send("rail_dmm", "CONF:VOLT:DC", "TRIG:COUN INF", "SAMP:COUN 600", "TRIG:COUN 1", "INIT")
+    assert bench.ask("rail_dmm", "SYST:ERR?").startswith("+531")
+
+
+def test_a_trigger_sets_the_levels_of_the_supply_only_when_it_is_armed(bench: Bench) -> None:
+    bench.send("supply", "VOLT 5", "VOLT:TRIG 7", "*TRG")
+    assert float(bench.ask("supply", "VOLT?")) == 5.0
+    bench.send("supply", "INIT:NAME TRAN", "ABOR", "*TRG")
+    assert float(bench.ask("supply", "VOLT?")) == 5.0
+    bench.send("supply", "INIT:NAME TRAN", "*TRG")
+    assert float(bench.ask("supply", "VOLT?")) == 7.0
 
 
 def test_every_scpi_model_tells_options_and_version(bench: Bench) -> None:
