@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
-from rehearsal import bench
+from older_firmware import OlderFirmware
+from rehearsal import bench, main_of
 from served import Served
+
+from sim_instruments import acutrol_3000
 
 pytestmark = pytest.mark.waits
 BY = ("--by", "A. Technician")
@@ -61,6 +66,19 @@ def test_a_record_lets_a_real_bench_use_the_driver(table: Served, tmp_path: Path
     assert state["interlocks"] == ["Open"] * 3
 
 
+def test_a_gateway_that_is_not_there(table: Served, tmp_path: Path) -> None:
+    station = as_a_real_one(table, tmp_path)
+    station.write_text(re.sub(r"(hislip\d),\d+", r"\1,9", station.read_text()))
+    done = bench("check", "gnc_bias", "--station", str(station), "--live", "--json")
+    assert done.returncode == 3
+    findings = json.loads(done.stdout)["preflight"]["findings"]
+    absent = [one for one in findings if one["name"].startswith("identity of ")]
+    assert {one["status"] for one in absent} == {"fail"}
+    assert {one["value"] for one in absent} == {"B-RUN-002"}
+    (found,) = first_contact(station)
+    assert (found["status"], found["text"]) == ("skipped", "no instrument whose commands are known answers")
+
+
 def test_a_bench_inside_the_process_and_a_role_that_is_not_there() -> None:
     done = bench("commission", "calibrator", "--station", "af_bench_sim", *BY)
     assert done.returncode == 2
@@ -78,3 +96,25 @@ def test_a_driver_without_a_table(table: Served, tmp_path: Path, monkeypatch: py
     with pytest.raises(InputError) as caught:
         commission.commission("turntable", str(as_a_real_one(table, tmp_path)), "somebody", yes=False)
     assert caught.value.code == "B-COM-001"
+
+
+def calibrated(monkeypatch: pytest.MonkeyPatch, folder: Path) -> Any:
+    """Return the estimates of a short calibration on the turntable, in virtual time."""
+    words = [f"--set={name}={value}" for name, value in (("position", "10 s"), ("check_position", "10 s"))]
+    line = ("run", "gnc_imu_calibration", "--clock", "virtual", "--seed", "3", "--out", str(folder), *words)
+    assert main_of(monkeypatch, *line, "--set=warm_up=1 min") == 0
+    (results,) = folder.glob("*/results.json")
+    return json.loads(results.read_text())["estimates"]
+
+
+@pytest.mark.slow
+def test_a_campaign_with_the_differing_firmware_has_the_same_estimates(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    usual = calibrated(monkeypatch, tmp_path / "usual")
+    monkeypatch.setattr(acutrol_3000, "SIMULATOR", OlderFirmware)
+    older = calibrated(monkeypatch, tmp_path / "older")
+    assert len(usual) > 20
+    assert older == usual
+    (report,) = (tmp_path / "older").glob("*/report.html")
+    assert re.search(r"ACUTROL3000.{,200}\b0\.9\b", report.read_text(), re.DOTALL)

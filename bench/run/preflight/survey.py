@@ -28,6 +28,7 @@ from bench.run.bench.opener import (
     open_visa,
     unheard,
 )
+from bench.run.bench.side_by_side import asked
 from bench.run.guard.lock import BenchLock, bus_keys
 from bench.run.preflight import of_bench, of_instruments, of_machine
 from bench.run.preflight.context import Finding, Host, PreflightContext, Report, Status, Surroundings, told
@@ -247,21 +248,27 @@ def _opened(station: Station, clock: Clock) -> Iterator[Opened]:
         for name, link in station.links.items():
             if link.baud is None:  # read from an instrument: it has no port
                 continue
-            with _noted(absent, name):
-                open_link = partial(open_port, name, str(link.url), link.baud, exclusive=True)
-                links[name] = within(OPEN_LIMIT_S, open_link)
-                closers.append(links[name].close)
+            open_link = partial(open_port, name, str(link.url), link.baud, exclusive=True)
+            port = _tried(name, open_link)
+            if isinstance(port, BenchError):
+                absent[name] = port
+            else:
+                links[name] = port
+                closers.append(port.close)
         absent.update(missing_buses(station))
         reached = {role: entry for role, entry in station.instruments.items() if role not in absent}
         if reached:
             visa = open_visa(station.file.visa)
             closers.insert(0, visa.close)
-            for role, entry in reached.items():
-                with _noted(absent, role):
-                    instruments[role] = within(
-                        OPEN_LIMIT_S, partial(open_instrument, visa, role, entry, clock, unheard, used=True)
-                    )
-                    closers.append(instruments[role].close)
+            open_one = partial(open_instrument, visa, clock=clock, transcript=unheard, used=True)
+            resources = {role: entry.resource for role, entry in reached.items()}
+            tried = asked(resources, lambda role: _tried(role, partial(open_one, role, reached[role])), clock)
+            for role, instrument in tried.items():
+                if isinstance(instrument, BenchError):
+                    absent[role] = instrument
+                else:
+                    instruments[role] = instrument
+                    closers.append(instrument.close)
         yield instruments, links, absent
     finally:
         for close in reversed(closers):
@@ -269,12 +276,12 @@ def _opened(station: Station, clock: Clock) -> Iterator[Opened]:
                 within(OPEN_LIMIT_S, close)
 
 
-@contextmanager
-def _noted(absent: dict[str, BenchError], name: str) -> Iterator[None]:
+def _tried(name: str, open_one: Callable[[], T]) -> T | BenchError:
+    """Return what was opened, or why it was not within its time."""
     try:
-        yield
+        return within(OPEN_LIMIT_S, open_one)
     except BenchError as error:
-        absent[name] = error
+        return error
     except OverdueError:
         text = f"it does not open within {OPEN_LIMIT_S:g} s"
-        absent[name] = InstrumentError("B-RUN-002", text, where=name, next_step="check its address and its power")
+        return InstrumentError("B-RUN-002", text, where=name, next_step="check its address and its power")

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from older_firmware import OlderFirmware
 from scripted import refused
 from table_rig import TableRig, open_table
 
@@ -344,18 +345,6 @@ def test_wrong_faults_are_refused(rig: TableRig, words: tuple[Any, ...]) -> None
         rig.world.switches.switch(*words)
     assert caught.value.code == "B-SIM-012"
     assert rig.world.switches.on == []
-
-
-class OlderFirmware(Acutrol3000):
-    """Six limits instead of seven, modes as whole words, messages in quotes: forms that public programs show."""
-
-    identity = "ACUTRONIC,ACUTROL3000,SIM3000,0.9"
-
-    def reply(self, text: str, **more: Any) -> None:
-        modes = {"O": "Off", "P": "Position", "R": "Rate"}
-        fields = text.split(",")
-        text = ",".join(fields[:6]) if len(fields) == len(self.axes[0].absolute) else modes.get(text, text)
-        super().reply(f'"{text}"' if len(fields) == 2 and fields[0].isdigit() else text, **more)
 
 
 def test_a_firmware_that_differs_in_three_replies_is_confirmed_and_used(rig: TableRig, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from bench.model.errors import ExitStatus, InputError, InstrumentError
 from bench.model.events import Event
 from bench.report.tables import analysis_tables
 from bench.run.bench.opener import OpenBench, open_bench
+from bench.run.bench.side_by_side import bus_of
 from bench.run.guard.lock import BenchLock, bus_keys
 from bench.run.preflight import Finding, Preflight, Report, Status
 from bench.run.preflight import survey as surveying
@@ -204,6 +205,23 @@ def test_instruments_that_do_not_open_or_hang_while_they_do(
     found = examine(served_plan(), clock_at_noon(), tmp_path, Machine())
     assert [one.name for one in found.of(Status.FAIL)] == IDENTITIES
     assert found.findings[1].text == "it does not open within 0.05 s"
+
+
+def test_instruments_of_different_buses_are_opened_side_by_side(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plan = served_plan()
+    buses = {bus_of(entry.resource) for entry in plan.station.instruments.values()}
+    assert len(buses) > 1
+    together = threading.Barrier(len(buses), timeout=10.0)
+
+    def open_instrument(visa: Any, role: str, *_: Any, **__: Any) -> Any:
+        together.wait()  # nobody passes until all are here
+        raise InstrumentError("B-RUN-002", "does not open", where=role)
+
+    monkeypatch.setattr(surveying, "open_instrument", open_instrument)
+    found = examine(plan, WallClock(), tmp_path, Machine())
+    assert {one.text for one in found.of(Status.FAIL) if one.name in IDENTITIES} == {"does not open"}
 
 
 # --- awake ------------------------------------------------------------------------------------------------------------
