@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import re
+import stat
 import struct
 from pathlib import Path
 
-from bench.model.errors import InputError
+from bench.model.errors import InputError, SessionDamaged
 
 OPEN_MARKER = "session.open"  # file of a session that is being recorded
 _MAGIC = b"\x89MCAP0\r\n"
@@ -16,13 +17,24 @@ SEGMENT_NAME = re.compile(r"session\.(\d{4})\.mcap")
 
 
 def segment_files(folder: Path) -> list[Path]:
-    """Return the segments of a session in their order, none for a folder that is no session."""
-    return sorted(path for path in folder.glob("session.*.mcap") if SEGMENT_NAME.fullmatch(path.name))
+    """Return the segments of a session in their order, none for a folder that is no session; plain files only."""
+    return [path for path in _named(folder) if stat.S_ISREG(path.lstat().st_mode)]
 
 
 def session_segments(folder: Path) -> list[Path]:
-    """Return the segments of a session in their order. Raises: InputError B-REC-010 if there is none."""
-    segments = segment_files(folder)
+    """Return the segments of a session in their order.
+
+    Raises: InputError B-REC-010 if there is none, SessionDamaged B-REC-013 for one that is no plain file.
+    """
+    segments, named = segment_files(folder), _named(folder)
+    if len(segments) != len(named):
+        other = next(path for path in named if path not in segments)
+        raise SessionDamaged(
+            "B-REC-013",
+            "is a link, folder, pipe or device and no segment; it was not opened",
+            where=str(other),
+            next_step="put the segment itself into the folder",
+        )
     if not segments:
         raise InputError(
             "B-REC-010",
@@ -31,6 +43,10 @@ def session_segments(folder: Path) -> list[Path]:
             next_step="name the folder of a recorded session",
         )
     return segments
+
+
+def _named(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.glob("session.*.mcap") if SEGMENT_NAME.fullmatch(path.name))
 
 
 def sealed_end(path: Path) -> bytes | None:

@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
-import lz4.frame
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
@@ -21,8 +20,9 @@ from numpy.typing import NDArray
 from bench.record import layout
 from bench.record import mcap_format as mcap
 from bench.record.layout import Message
+from bench.record.mapped import Content
 from bench.record.mcap_format import channel_of
-from bench.record.scan import MAX_CHUNK_BYTES, consistent
+from bench.record.scan import MAX_CHUNK_BYTES, consistent, unpack
 
 FIRST_BYTES = 100_000  # whoever reads the head of a session only needs no more
 BLOCK_BYTES = 2_000_000  # unpacked
@@ -118,9 +118,9 @@ class Stretch:
     next_at: int
 
 
-def stretches(content: bytes) -> Iterator[Stretch]:
+def stretches(content: Content) -> Iterator[Stretch]:
     """Yield chunks by the block from the beginning of a segment, all but the last, up to the first unusual record."""
-    if not content.startswith(mcap.MAGIC):
+    if content[: len(mcap.MAGIC)] != mcap.MAGIC:
         return
     chunks: list[tuple[int, int, int, int]] = []
     size, limit = 0, FIRST_BYTES
@@ -135,7 +135,7 @@ def stretches(content: bytes) -> Iterator[Stretch]:
         yield Stretch(chunks[:-1], last_at)
 
 
-def _chunks(content: bytes) -> Iterator[tuple[int, tuple[int, int, int, int]]]:
+def _chunks(content: Content) -> Iterator[tuple[int, tuple[int, int, int, int]]]:
     """Yield offset and extent of the chunks in the beginning of a segment that holds nothing unusual."""
     unpack_index, unpack_chunk = _INDEXED.unpack_from, _PACKED.unpack_from
     at, room = len(mcap.MAGIC), len(content) - _PACKED.size
@@ -160,14 +160,14 @@ def _chunks(content: bytes) -> Iterator[tuple[int, tuple[int, int, int, int]]]:
         at = end
 
 
-def unpacked(content: bytes, stretch: Stretch) -> tuple[bytes, NDArray[np.int64]] | None:
+def unpacked(content: Content, stretch: Stretch) -> tuple[bytes, NDArray[np.int64]] | None:
     """Return the records of all chunks and where those of each one end; None if one is not as it was written."""
-    view, decompress, crc32 = memoryview(content), lz4.frame.decompress, zlib.crc32
+    view, crc32 = memoryview(content), zlib.crc32
     parts = []
     try:
         for begin, stop, size, crc in stretch.chunks:
-            records = decompress(view[begin:stop])
-            if len(records) != size or crc32(records) != crc:
+            records = unpack(view[begin:stop], size)
+            if crc32(records) != crc:
                 return None
             parts.append(records)
     except (RuntimeError, ValueError, MemoryError, OverflowError):

@@ -14,6 +14,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.record.mapped import Content
+
 MAGIC = b"\x89MCAP0\r\n"
 HEADER = 0x01
 FOOTER = 0x02
@@ -136,14 +138,14 @@ def channel_of(content: bytes) -> tuple[int, str]:
     return number, content[8 : 8 + size].decode()
 
 
-def read_summary(content: bytes, at_byte: int = 0) -> Summary | None:
+def read_summary(content: Content, at_byte: int = 0) -> Summary | None:
     """Read the summary of a segment; None if the segment is not finished or its summary is damaged.
 
     ``content`` is the segment, or its end from ``at_byte`` on, as long as all of the summary is in it.
     """
     size = FOOTER_RECORD.size
     at = len(content) - len(MAGIC) - size
-    if at < len(MAGIC) or not content.endswith(MAGIC):
+    if at < len(MAGIC) or content[-len(MAGIC) :] != MAGIC:
         return None
     opcode, length, start, _, crc = FOOTER_RECORD.unpack_from(content, at)
     begin = start - at_byte if start else at
@@ -193,7 +195,7 @@ def chunk_spans(content: bytes, summary: Summary) -> list[tuple[int, int, int, i
     ]
 
 
-def _records(content: bytes, at: int, stop: int, wanted: int) -> list[tuple[int, int]]:
+def _records(content: Content, at: int, stop: int, wanted: int) -> list[tuple[int, int]]:
     """Return where the contents of the records of one kind begin and end. Raises: ValueError, struct.error."""
     unpack, found = RECORD.unpack_from, []
     while at < stop:

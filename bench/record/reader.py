@@ -16,6 +16,7 @@ from bench.record import layout
 from bench.record import mcap_format as mcap
 from bench.record.block import Block
 from bench.record.layout import Message
+from bench.record.mapped import segment_bytes
 from bench.record.mcap_format import Summary, channel_of, chunk_spans, chunks_with, read_summary
 from bench.record.scan import Damage, SegmentScan, Span
 from bench.record.walk import Walk
@@ -57,7 +58,7 @@ class SessionReader:
         walk = Walk(topics)
         self._missing_segments(walk)
         for path in self.segments:
-            yield from walk.blocks(path.name, path.read_bytes())
+            yield from walk.blocks(path.name, segment_bytes(path))
             if self._strict and walk.damage:
                 raise _damaged(self.folder, walk.damage)
         self._walk = walk
@@ -71,7 +72,7 @@ class SessionReader:
             wanted = frozenset(number for number, topic in channels.items() if layout.matches(topic, topics))
             places = chunks_with(content, summary, wanted) if summary else None
             if summary is None or places is None:
-                yield from walk.segment(path.name, path.read_bytes())
+                yield from walk.segment(path.name, segment_bytes(path))
                 continue
             with path.open("rb") as stream:
                 for offset, length in places:
@@ -89,7 +90,7 @@ class SessionReader:
     def _head(self) -> tuple[dict[str, Any] | None, dict[str, str]]:
         manifest: dict[str, Any] | None = None
         texts: dict[str, str] = {}
-        for message in Walk(None).segment(self.segments[0].name, self.segments[0].read_bytes()):
+        for message in Walk(None).segment(self.segments[0].name, segment_bytes(self.segments[0])):
             if message.topic == layout.MANIFEST:
                 manifest = message.document() if manifest is None else manifest
             elif message.topic.startswith(layout.TEXT):

@@ -15,6 +15,8 @@ from bench.record.reader import SessionReader
 from bench.record.scan import Damage
 from bench.record.writer import SessionWriter
 
+SHOWN = 50  # damaged places that a person is shown
+
 
 @dataclass(frozen=True)
 class Survey:
@@ -63,7 +65,9 @@ class Survey:
         ]
         said += [f"  {topic}: {count} messages" for topic, count in self.counts.items()]
         said += [f"unfinished: {name} is whole up to its last chunk" for name in self.unfinished]
-        said += [f"damaged: {item}" for item in self.damage]
+        said += [f"damaged: {item}" for item in self.damage[:SHOWN]]
+        if len(self.damage) > SHOWN:
+            said.append(f"damaged: {len(self.damage) - SHOWN} places more; --json lists them")
         if self.steps:
             said.append(f"journal: {self.steps} steps were finished; the run did not end")
         said.append(f"{self.lost} messages are known to be lost" if self.damaged else "nothing is damaged")

@@ -7,18 +7,23 @@ import re
 import zlib
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import reduce
 from typing import NamedTuple
 
 import lz4.frame
 
 from bench.record import mcap_format as mcap
+from bench.record.mapped import Content, let_go, pieces
 
 _CHUNK_LIKE = re.compile(rb"\x06[\s\S]{5}\x00{3}")  # opcode and a length below 2^40
 _COMPRESSIONS = (b"", b"lz4", b"zstd")
 _CHUNK_TAIL = 8  # length field in front of the compressed records
 _DATA_END_BYTES = 4
 _INDEX_ARRAY_AT, _INDEX_HEAD = 2, 6  # channel u16, then u32 length of the entries
-MAX_CHUNK_BYTES = 1 << 31
+MAX_CHUNK_BYTES = 1 << 26  # unpacked; what is recorded has some 10 kB, and the stock writer 1 MB
+MOST_DAMAGE = 10_000  # places that are listed
+_SEARCHED_BYTES = 16_000_000
+_LONGEST_MATCH = 9
 
 
 class Span(NamedTuple):
@@ -57,7 +62,7 @@ class SegmentScan:
     """
 
     name: str
-    content: bytes
+    content: Content
     has_summary: bool
     damage: list[Damage] = field(default_factory=list)
     finished: bool = False
@@ -118,10 +123,12 @@ class SegmentScan:
 
     def _resynchronise(self, view: memoryview, at: int) -> int:
         """Next plausible chunk behind ``at``; without one the rest of an unfinished segment is no damage but a tail."""
-        for match in _CHUNK_LIKE.finditer(self.content, at + 1):
-            if _chunk_extent(view, match.start()) is not None:
-                self._report(at, f"damaged record, {match.start() - at} bytes skipped")
-                return match.start()
+        for begin in range(at + 1, len(view), _SEARCHED_BYTES):
+            for match in _CHUNK_LIKE.finditer(self.content, begin, begin + _SEARCHED_BYTES + _LONGEST_MATCH - 1):
+                if _chunk_extent(view, match.start()) is not None:
+                    self._report(at, f"damaged record, {match.start() - at} bytes skipped")
+                    return match.start()
+            let_go(self.content)
         if bytes(view[-len(mcap.MAGIC) :]) == mcap.MAGIC and at >= len(mcap.MAGIC):
             self._report(at, "damaged record, the end of the segment cannot be read")
         return len(view)
@@ -133,7 +140,7 @@ class SegmentScan:
             self._report(at, "chunk is packed with zstd; write sessions with lz4 or without compression")
             return None
         try:
-            records = lz4.frame.decompress(packed) if name_length else bytes(packed)
+            records = unpack(packed, size) if name_length else bytes(packed)
         except (RuntimeError, ValueError, MemoryError, OverflowError):
             self._report(at, "chunk cannot be unpacked")
             return None
@@ -163,11 +170,30 @@ class SegmentScan:
         stored = int.from_bytes(self.content[self.data_stop + size : self.data_stop + size + length], "little")
         if length != _DATA_END_BYTES:
             self._report(self.data_stop, "data end record is damaged")
-        elif stored and zlib.crc32(memoryview(self.content)[: self.data_stop]) != stored:
+            return
+        crc = reduce(lambda crc, piece: zlib.crc32(piece, crc), pieces(self.content, self.data_stop), 0)
+        if stored and crc != stored:
             self._report(self.data_stop, "CRC of the data section is wrong")
 
     def _report(self, at: int, what: str) -> None:
-        self.damage.append(Damage(self.name, at, what))
+        note(self.damage, Damage(self.name, at, what))
+
+
+def note(damage: list[Damage], item: Damage) -> None:
+    """Append a damaged place, up to as many as anybody reads."""
+    if len(damage) < MOST_DAMAGE:
+        damage.append(item)
+    elif len(damage) == MOST_DAMAGE:
+        damage.append(Damage(item.segment, item.byte, "and everything behind: too much is damaged to be listed"))
+
+
+def unpack(packed: memoryview, size: int) -> bytes:
+    """Return the records of a chunk. Raises: RuntimeError, ValueError if they are not ``size`` bytes."""
+    unpacker = lz4.frame.LZ4FrameDecompressor()
+    records: bytes = unpacker.decompress(packed, max_length=size + 1)
+    if len(records) != size or not unpacker.eof:
+        raise ValueError("the chunk does not hold what its header says")
+    return records
 
 
 def consistent(view: memoryview, at: int, opcode: int, length: int) -> bool:
@@ -198,8 +224,9 @@ def _chunk_extent(view: memoryview, at: int) -> tuple[int, int] | None:
     return begin, begin + packed
 
 
-def chain_value(previous: bytes, content: bytes, stop: int) -> bytes:
+def chain_value(previous: bytes, content: Content, stop: int) -> bytes:
     """SHA-256 over the chain value of the segment before and the first ``stop`` bytes of this one."""
     digest = hashlib.sha256(previous)
-    digest.update(memoryview(content)[:stop])
+    for piece in pieces(content, stop):
+        digest.update(piece)
     return digest.digest()

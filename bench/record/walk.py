@@ -14,8 +14,9 @@ from bench.record import layout
 from bench.record import mcap_format as mcap
 from bench.record.block import BLOCK_BYTES, Block, Records, Stretch, block_of, proved, stretches, taken_apart, unpacked
 from bench.record.layout import Message
+from bench.record.mapped import Content, let_go
 from bench.record.mcap_format import Summary, channel_of, read_summary
-from bench.record.scan import Damage, SegmentScan, Span, chain_value
+from bench.record.scan import Damage, SegmentScan, Span, chain_value, note
 
 _ENVELOPED = mcap.ENVELOPED
 _STAMP_AT = 35  # first byte of an enveloped message that its CRC covers
@@ -56,12 +57,12 @@ class Walk:
         """Topics by channel number."""
         return {number: topic.name for number, topic in sorted(self._channels.items())}
 
-    def segment(self, name: str, content: bytes) -> Iterator[Message]:
+    def segment(self, name: str, content: Content) -> Iterator[Message]:
         """Yield all good and wanted messages of the next segment; verifies what can be verified."""
         for block in self.blocks(name, content):
             yield from block.messages(self._selection)
 
-    def blocks(self, name: str, content: bytes) -> Iterator[Block]:
+    def blocks(self, name: str, content: Content) -> Iterator[Block]:
         """Yield the same messages, and perhaps others, by the block; from the first doubt on they are seen singly."""
         scan = self._begin(name, content, read_summary(content))
         at = 0
@@ -70,6 +71,7 @@ class Walk:
             if block is None:
                 break
             yield block
+            let_go(content)
             at = stretch.next_at
         singly: list[Message] = []
         size = 0
@@ -78,12 +80,13 @@ class Walk:
             size += len(span.records)
             if size >= BLOCK_BYTES:
                 yield Block.of(singly)
+                let_go(content)
                 singly, size = [], 0
         if singly:
             yield Block.of(singly)
         self._end(scan)
 
-    def _block(self, content: bytes, stretch: Stretch) -> Block | None:
+    def _block(self, content: Content, stretch: Stretch) -> Block | None:
         """Return the messages of some chunks if all are as they were written, and in order; else nothing is changed."""
         plain = unpacked(content, stretch)
         found = None if plain is None else taken_apart(*plain)
@@ -129,7 +132,7 @@ class Walk:
                 self.expected = -1
                 yield from self._messages(span)
 
-    def _begin(self, name: str, content: bytes, summary: Summary | None) -> SegmentScan:
+    def _begin(self, name: str, content: Content, summary: Summary | None) -> SegmentScan:
         self._scan = SegmentScan(name, content, summary is not None, self.damage)
         self._sealed = False
         for number, topic in (summary.channels if summary else {}).items():
@@ -153,7 +156,7 @@ class Walk:
         return topic
 
     def _report(self, span: Span, what: str) -> None:
-        self.damage.append(Damage(self._scan.name, span.offset, what))
+        note(self.damage, Damage(self._scan.name, span.offset, what))
 
     def _messages(self, span: Span) -> Iterator[Message]:
         records = span.records
@@ -229,7 +232,7 @@ class Walk:
         if last is not None and last.lost is None and last.segment == self._scan.name:
             last.lost = missing
         else:
-            self.damage.append(Damage(self._scan.name, span.offset, "messages are missing", missing))
+            note(self.damage, Damage(self._scan.name, span.offset, "messages are missing", missing))
 
     def _check_chain(self, span: Span, payload: bytes) -> None:
         try:
