@@ -141,14 +141,17 @@ def certificate(
 @app.command(epilog="Example: bench decode vn100_binary F00379 --csv vn100.csv")
 def decode(
     frame: Annotated[str, typer.Argument(help="a frame file, or the name of a shipped one")],
-    file: Annotated[Path, typer.Argument(help="a raw capture")],
+    file: Annotated[Path, typer.Argument(help="a raw capture of any length; - reads standard input")],
     csv: Annotated[Path | None, typer.Option("--csv", help="write the decoded fields")] = None,
+    parquet: Annotated[
+        Path | None, typer.Option("--parquet", help="write the decoded fields (extra 'parquet')")
+    ] = None,
     json: AsJson = False,
 ) -> None:
-    """Decode any raw capture with a frame definition; counts of good, bad and lost frames."""
+    """Decode any raw capture with a frame definition; counts of good, bad and lost frames; status 1 if none is good."""
     from bench.commands import decode as decode_command
 
-    raise typer.Exit(decode_command.decode(frame, file, csv, json))
+    raise typer.Exit(decode_command.decode(frame, file, csv, parquet, json))
 
 
 @app.command(epilog="Example: bench coefficients sessions/SCALE_FACTOR sessions/BIAS --out compensation")

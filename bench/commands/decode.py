@@ -4,28 +4,73 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
+from contextlib import ExitStack
 from pathlib import Path
 
 from bench.commands.console import console
-from bench.frame import decode_file, load_frame, write_csv
-from bench.model.errors import ExitStatus
+from bench.frame import Counted, FrameDefinition, MessageBatch, Tables, decode_capture, load_frame
+from bench.model.errors import ExitStatus, InputError
 from bench.model.shipped import find_shipped
 
 COUNTS = ("good", "bad", "lost", "duplicate", "suspect", "skipped_bytes", "bytes")
+STANDARD_INPUT = Path("-")
 
 
-def decode(frame: str, file: Path, csv: Path | None, as_json: bool) -> int:
-    """Print the counts of good, bad and lost frames; optionally write the fields as CSV."""
-    decoded = decode_file(load_frame(find_shipped("frames", frame)), file)
-    written = [] if csv is None else write_csv(decoded, csv)
-    summary = decoded.summary()
+def decode(frame: str, file: Path, csv: Path | None, parquet: Path | None, as_json: bool) -> int:
+    """Print the counts of good, bad and lost frames; optionally write the fields as CSV or Parquet.
+
+    Exit status 1 if no frame is good. Raises: InputError B-FRAME-030 (the capture cannot be read), -032, -033.
+    """
+    definition = load_frame(find_shipped("frames", frame))
+    if parquet is not None and parquet.suffix != ".parquet":
+        raise InputError("B-FRAME-032", "does not end in .parquet", where=str(parquet), next_step="name it so")
+    with ExitStack() as open_tables:
+        tables = [open_tables.enter_context(Tables(definition, path)) for path in (csv, parquet) if path is not None]
+        counted = _decoded(definition, file, tables)
     if as_json:
-        sys.stdout.write(json.dumps(summary, indent=1) + "\n")
+        sys.stdout.write(json.dumps(counted.summary(), indent=1) + "\n")
+    else:
+        _tell(counted, file, tables)
+    if counted.counts.frames:
         return ExitStatus.PASS
-    out = console()
-    out.print(f"{file}: {summary['frame']}")
+    sys.stderr.write(f"{_nothing_good(counted)}\n")
+    return ExitStatus.VERDICT_FAIL
+
+
+def _decoded(definition: FrameDefinition, file: Path, tables: list[Tables]) -> Counted:
+    def take(messages: Mapping[str, MessageBatch]) -> None:
+        for table in tables:
+            table.write(messages)
+
+    try:
+        if file == STANDARD_INPUT:
+            return decode_capture(definition, sys.stdin.buffer, take)
+        with file.open("rb") as stream:
+            return decode_capture(definition, stream, take)
+    except OSError as error:
+        raise InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=str(file)) from error
+
+
+def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:
+    out, summary = console(), counted.summary()
+    out.print(f"{'standard input' if file == STANDARD_INPUT else file}: {summary['frame']}")
     for name in COUNTS:
         out.print(f"  {name.replace('_', ' '):<14} {summary[name]}")
-    for path in written:
-        out.print(f"  written        {path}")
-    return ExitStatus.PASS
+    if counted.cut_off:
+        out.print("  cut off in its last frame")
+    for table in tables:
+        for path in table.paths.values():
+            out.print(f"  written        {path}")
+
+
+def _nothing_good(counted: Counted) -> str:
+    seen = counted.counts
+    if not seen.bytes:
+        return "nothing good: the capture is empty"
+    if seen.bad:
+        return f"nothing good: {seen.bad} places look like the beginning of a frame, and the check of none is right"
+    if counted.cut_off:
+        return "nothing good: the capture is cut off in its only frame"
+    sync = counted.definition.layout.sync.hex(" ")
+    return f"nothing good: the sync bytes {sync} begin no frame of a possible length in {seen.bytes} bytes"

@@ -2,6 +2,7 @@
 
 from bench.frame.batch import FrameBatch, MessageBatch
 from bench.frame.best import Engine, best_engine, why_no_kernel
+from bench.frame.capture import Counted, decode_capture
 from bench.frame.commands import CommandLayout
 from bench.frame.definition import FrameDefinition, load_frame, parse_frame
 from bench.frame.kernel_quanta import kernel_quanta
@@ -19,13 +20,14 @@ from bench.frame.signals import (
     signal_of,
 )
 from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
-from bench.frame.table import decode_file, write_csv
+from bench.frame.table import Tables
 
 __all__ = [
     "BENCH",
     "BENCH_FIELDS",
     "Block",
     "CommandLayout",
+    "Counted",
     "Engine",
     "FrameBatch",
     "FrameDefinition",
@@ -36,11 +38,12 @@ __all__ = [
     "Message",
     "MessageBatch",
     "Signal",
+    "Tables",
     "all_signals",
     "best_engine",
     "blocks",
     "columns",
-    "decode_file",
+    "decode_capture",
     "expand",
     "kernel_quanta",
     "load_frame",
@@ -48,5 +51,4 @@ __all__ = [
     "parse_frame",
     "signal_of",
     "why_no_kernel",
-    "write_csv",
 ]

@@ -70,6 +70,7 @@ class LinkDecoder:
         self._queue: deque[_Chunk] = deque()
         self._pushed = 0
         self._taken = 0
+        self._decided = 0
         self._lost = self._duplicate = self._suspect = 0
         self._counters: dict[str, CounterUnwrapper] = {}
 
@@ -87,6 +88,11 @@ class LinkDecoder:
     def pending_bytes(self) -> int:
         """Bytes queued and not yet decoded."""
         return self._pushed - self._taken
+
+    @property
+    def undecided_bytes(self) -> int:
+        """Bytes of a frame that has begun and is not complete."""
+        return self._taken - self._decided
 
     @property
     def counts(self) -> LinkCounts:
@@ -153,6 +159,7 @@ class LinkDecoder:
         self._lost += lost
         self._duplicate += duplicate
         self._suspect += suspect
+        self._decided = position
         decided = bisect_right(ends, position)
         del ends[:decided], stamps[:decided]
         return LinkBatch(messages, bad_offset, bad_t_ns, lost, duplicate)

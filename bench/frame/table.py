@@ -1,112 +1,151 @@
-"""Raw capture files as tables: decode, count, write CSV."""
+"""Decoded frames as tables, written while they are decoded: CSV, or Parquet."""
 
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import ExitStack, suppress
+from functools import partial
+from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, TextIO
+from types import TracebackType
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.frame.batch import MessageBatch
-from bench.frame.best import Engine
 from bench.frame.definition import FrameDefinition
 from bench.frame.layout import Field
-from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
 from bench.model.errors import InputError
 
-_BLOCK_BYTES = 4_000_000
 _ROWS_AT_ONCE = 20_000
+Write = Callable[[MessageBatch], None]
 
 
-@dataclass(frozen=True)
-class FileDecode:
-    """A decoded capture: counts, and the frames by message name in file order."""
+class Tables:
+    """One table per message: byte offset, then every field in its unit, arrays and bit ranges spread.
 
-    definition: FrameDefinition
-    counts: LinkCounts
-    messages: dict[str, MessageBatch]
+    A definition with several messages writes ``<stem>.<message><suffix>``. A table has its name when it is whole, and
+    ends in ``.part`` until then; what is not finished is removed.
 
-    def summary(self) -> dict[str, Any]:
-        """JSON-able counts: good, bad, lost, duplicate, suspect, skipped and total bytes, frames by message."""
-        seen = asdict(self.counts)
-        return {
-            "frame": self.definition.name,
-            "frame_sha256": self.definition.sha256,
-            "good": seen.pop("frames"),
-            **seen,
-            "messages": {name: len(batch) for name, batch in self.messages.items()},
+    Args:   path: of the table; ``.parquet`` writes Parquet, any other suffix CSV.
+    Raises: InputError B-FRAME-032 (cannot be written), B-FRAME-033 (Parquet without its library).
+    """
+
+    def __init__(self, definition: FrameDefinition, path: Path) -> None:
+        self._parquet = path.suffix == ".parquet"
+        if self._parquet and find_spec("pyarrow") is None:
+            raise InputError(
+                "B-FRAME-033", "Parquet needs a library that is not installed", where=str(path),
+                next_step="install it with: pip install 'inertial-bench[parquet]', or write .csv",
+            )  # fmt: skip
+        single = len(definition.messages) == 1
+        self.paths = {
+            name: path if single else path.with_name(f"{path.stem}.{name}{path.suffix}") for name in definition.messages
         }
+        self._open = ExitStack()
+        self._writers: dict[str, Write] = {}
 
+    def __enter__(self) -> Tables:
+        return self
 
-def decode_file(definition: FrameDefinition, path: Path, engine: Engine | None = None) -> FileDecode:
-    """Decode a whole capture file; without receive times a gap longer than a counter wrap looks shorter.
-
-    Raises: InputError B-FRAME-030 if the file cannot be read.
-    """
-    link = LinkDecoder(definition, engine)
-    parts: list[LinkBatch] = []
-    try:
-        with path.open("rb") as stream:
-            while block := stream.read(_BLOCK_BYTES):
-                link.push(0, block)
-                parts.append(link.flush())
-    except OSError as error:
-        raise InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=str(path)) from error
-    parts.append(link.finish())
-    messages = {name: MessageBatch.join([part.messages[name] for part in parts]) for name in definition.messages}
-    return FileDecode(definition, link.counts, messages)
-
-
-def write_csv(decoded: FileDecode, path: Path) -> list[Path]:
-    """Write one CSV per message: byte offset, then every field in its unit, arrays and bit ranges spread.
-
-    A definition with several messages writes ``<stem>.<message><suffix>``. Returns the files written.
-    Raises: InputError B-FRAME-032 if a file cannot be written.
-    """
-    single = len(decoded.messages) == 1
-    written = []
-    for name, batch in decoded.messages.items():
-        target = path if single else path.with_name(f"{path.stem}.{name}{path.suffix}")
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
         try:
-            with target.open("w", newline="", encoding="utf-8") as stream:
-                _write(batch, stream)
-        except OSError as error:
-            raise InputError("B-FRAME-032", f"cannot be written: {error.strerror}", where=str(target)) from error
-        written.append(target)
-    return written
+            self._open.close()
+            if kind is None:
+                for path in self.paths.values():
+                    _part(path).replace(path)
+        except OSError as failed:
+            raise _unwritten(failed, next(iter(self.paths.values()))) from failed
+        finally:
+            for path in self.paths.values():
+                with suppress(OSError):
+                    _part(path).unlink(missing_ok=True)
+
+    def write(self, messages: Mapping[str, MessageBatch]) -> None:
+        """Append the frames of a block. Raises: InputError B-FRAME-032."""
+        for name, batch in messages.items():
+            try:
+                if name not in self._writers:
+                    self._writers[name] = (self._parquet_writer if self._parquet else self._csv_writer)(name, batch)
+                if len(batch):
+                    self._writers[name](batch)
+            except OSError as failed:
+                raise _unwritten(failed, self.paths[name]) from failed
+
+    def _csv_writer(self, name: str, batch: MessageBatch) -> Write:
+        path = _part(self.paths[name])
+        stream = self._open.enter_context(path.open("w", newline="", encoding="utf-8"))
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([title for title, _ in _columns(batch, slice(0, 0))])
+
+        def write(batch: MessageBatch) -> None:
+            for start in range(0, len(batch), _ROWS_AT_ONCE):
+                part = slice(start, start + _ROWS_AT_ONCE)
+                writer.writerows(zip(*(_texts(values) for _, values in _columns(batch, part)), strict=True))
+
+        return write
+
+    def _parquet_writer(self, name: str, batch: MessageBatch) -> Write:
+        import pyarrow
+        from pyarrow import parquet
+
+        kinds = {title: values.dtype for title, values in _columns(batch, slice(0, 0))}
+        types = [
+            (title, pyarrow.binary() if kind.hasobject else pyarrow.from_numpy_dtype(kind))
+            for title, kind in kinds.items()
+        ]
+        schema = pyarrow.schema(types)
+        writer = self._open.enter_context(parquet.ParquetWriter(_part(self.paths[name]), schema))
+
+        def write(batch: MessageBatch) -> None:
+            arrays = map(partial(_arrow, pyarrow), (values for _, values in _columns(batch, slice(None))), schema.types)
+            writer.write_table(pyarrow.Table.from_arrays(list(arrays), schema=schema))
+
+        return write
 
 
-def _write(batch: MessageBatch, stream: TextIO) -> None:
-    writer = csv.writer(stream, lineterminator="\n")
-    fields = [item for item in batch.message.fields if item.constant is None]
-    writer.writerow(["offset", *(title for item in fields for title in _titles(item))])
-    for start in range(0, len(batch), _ROWS_AT_ONCE):
-        part = slice(start, start + _ROWS_AT_ONCE)
-        columns = [batch.offset[part].tolist()]
-        columns += [column for item in fields for column in _texts(batch, item, part)]
-        writer.writerows(zip(*columns, strict=True))
+def _part(path: Path) -> Path:
+    return path.with_name(f"{path.name}.part")
 
 
-def _titles(item: Field) -> Iterator[str]:
+def _unwritten(error: OSError, path: Path) -> InputError:
+    return InputError("B-FRAME-032", f"cannot be written: {error.strerror or error}", where=str(path))
+
+
+def _columns(batch: MessageBatch, part: slice) -> Iterator[tuple[str, NDArray[Any]]]:
+    """Yield title and values of each column; bytes are an object array of bytes."""
+    yield "offset", batch.offset[part]
+    for item in batch.message.fields:
+        if item.constant is None:
+            yield from _of_field(batch, item, part)
+
+
+def _of_field(batch: MessageBatch, item: Field, part: slice) -> Iterator[tuple[str, NDArray[Any]]]:
     unit = f" [{item.unit}]" if item.unit else ""
-    if item.count is None or item.kind == "b":
-        yield f"{item.name}{unit}"
-    else:
-        yield from (f"{item.name}_{index}{unit}" for index in range(1, item.count + 1))
-    if item.count is None:
-        yield from (f"{item.name}.{part}" for part in item.bits)
-
-
-def _texts(batch: MessageBatch, item: Field, part: slice) -> Iterator[list[Any]]:
-    """Yield the CSV columns of one field; floats in the fewest digits that give the same number back."""
     if item.kind == "b":
-        yield [bytes(value).hex() for value in batch.raw(item.name)[part]]
+        raw = batch.raw(item.name)[part]
+        values = np.empty(len(raw), object)
+        values[:] = [bytes(value) for value in raw]
+        yield f"{item.name}{unit}", values
         return
     values = (batch.scaled(item.name) if batch.has_scale(item.name) else batch.raw(item.name))[part]
-    texts = values.astype(str) if values.dtype == np.float32 else values
-    yield from [texts.tolist()] if item.count is None else texts.T.tolist()
-    if item.count is None:
-        yield from (batch.raw(f"{item.name}.{name}")[part].tolist() for name in item.bits)
+    if item.count is not None:
+        yield from ((f"{item.name}_{index + 1}{unit}", values[:, index]) for index in range(item.count))
+        return
+    yield f"{item.name}{unit}", values
+    yield from ((f"{item.name}.{name}", batch.raw(f"{item.name}.{name}")[part]) for name in item.bits)
+
+
+def _texts(values: NDArray[Any]) -> list[Any]:
+    """Return values as CSV has them; floats in the fewest digits that give the same number back, bytes as hex."""
+    if values.dtype == object:
+        return [value.hex() for value in values]
+    return list((values.astype(str) if values.dtype == np.float32 else values).tolist())
+
+
+def _arrow(pyarrow: Any, values: NDArray[Any], kind: Any) -> Any:
+    return pyarrow.array(
+        values.tolist() if values.dtype == object else values.astype(values.dtype.newbyteorder("=")), kind
+    )

@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from captured import captured
 from record_sample import ROOT
 from record_sample import frame as frame_of
 
 from bench.commands.decode import decode
 from bench.frame import parse_frame
 from bench.frame.stream import LinkDecoder
-from bench.frame.table import decode_file
 from bench.model.errors import InputErrors
 
 SEED = 404
@@ -97,16 +97,16 @@ def test_decode_finds_frames_between_junk(
     ]  # fmt: skip
     capture = tmp_path / "capture.bin"
     capture.write_bytes(b"".join(part + frame for part in junk * 20))
-    assert decode(str(ROOT / "frames" / f"{name}.yaml"), capture, tmp_path / "out.csv", True) == 0
+    assert decode(str(ROOT / "frames" / f"{name}.yaml"), capture, tmp_path / "out.csv", None, True) == 0
     found = json.loads(capsys.readouterr().out)
     assert found["good"] == 140
     assert found["bad"] >= 20
     assert found["good"] * len(frame) + found["skipped_bytes"] == found["bytes"]
     lines = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()
     assert len(lines) == 141
-    monkeypatch.setattr("bench.frame.table._BLOCK_BYTES", 61)
+    monkeypatch.setattr("bench.frame.capture._BLOCK_BYTES", 61)
     for engine in ("kernel", "numpy", "reference"):
-        again = decode_file(frame_of(name), capture, engine)  # type: ignore[arg-type]
+        again, _ = captured(frame_of(name), capture, engine)  # type: ignore[arg-type]
         assert (again.counts.frames, again.counts.bad) == (140, found["bad"])
 
 

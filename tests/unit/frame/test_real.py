@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from captured import captured
 
 from bench.frame import load_frame
-from bench.frame.table import decode_file
 
 ROOT = Path(__file__).resolve().parents[3]
 RECORDINGS = Path(os.environ.get("BENCH_REAL_DATA", ROOT.parent / "shared" / "data")) / "vn100"
@@ -23,7 +23,7 @@ pytestmark = [
 
 @pytest.mark.parametrize("engine", ["numpy", "reference"])
 def test_counts_of_the_capture(engine: str) -> None:
-    decoded = decode_file(load_frame(ROOT / "frames" / "vn100_binary.yaml"), RECORDINGS / "F00379", engine)  # type: ignore[arg-type]
+    decoded, _ = captured(load_frame(ROOT / "frames" / "vn100_binary.yaml"), RECORDINGS / "F00379", engine)  # type: ignore[arg-type]
     assert (decoded.counts.frames, decoded.counts.bad) == (8895, 2)
     assert decoded.counts.bytes == 1_437_495
 
@@ -35,8 +35,8 @@ def test_counts_of_the_capture(engine: str) -> None:
 def test_all_columns_equal_the_independent_decode_within_its_print_rounding(
     record_property: Callable[[str, object], None],
 ) -> None:
-    decoded = decode_file(load_frame(ROOT / "frames" / "vn100_binary.yaml"), RECORDINGS / "F00379")
-    batch = decoded.messages["frame"]
+    _, messages = captured(load_frame(ROOT / "frames" / "vn100_binary.yaml"), RECORDINGS / "F00379")
+    batch = messages["frame"]
     names = [item.name for item in batch.message.fields if item.name != "header"]
     ours = np.column_stack([batch.scaled(name) for name in names])
     lines = (RECORDINGS / "F00379_B").read_text(encoding="ascii").splitlines()[1:]
