@@ -158,7 +158,7 @@ crc-16/arc arc crc-16/lha crc-ibm
 crc-16/dect-r r-crc-16
 crc-16/dect-x x-crc-16
 crc-16/genibus crc-16/darc crc-16/epc crc-16/epc-c1g2 crc-16/i-code
-crc-16/ibm-3740 crc-16/autosar crc-16/ccitt-false
+crc-16/ibm-3740 crc-16/autosar crc-16/ccitt-false ccitt-false
 crc-16/ibm-sdlc crc-16/iso-hdlc crc-16/iso-iec-14443-3-b crc-16/x-25 crc-b x-25
 crc-16/iso-iec-14443-3-a crc-a
 crc-16/kermit crc-16/ccitt crc-16/ccitt-true crc-16/v-41-lsb crc-ccitt kermit
@@ -168,6 +168,7 @@ crc-16/profibus crc-16/iec-61158-2
 crc-16/spi-fujitsu crc-16/aug-ccitt
 crc-16/umts crc-16/buypass crc-16/verifone
 crc-16/xmodem crc-16/acorn crc-16/lte crc-16/v-41-msb xmodem zmodem
+crc-24/lte-a crc-24q
 crc-24/openpgp crc-24
 crc-32/aixm crc-32q
 crc-32/base91-d crc-32d

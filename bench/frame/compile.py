@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
 from bench.frame.commands import CommandLayout, compile_commands
 from bench.frame.compile_fields import place_fields
-from bench.frame.crc import CHECKSUMS, Check, Crc
+from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
 from bench.frame.layout import MAX_FRAME_BYTES, CheckSpec, Field, FrameSpec, Layout, Message
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_
@@ -157,12 +157,13 @@ class _Compiler:
         return Crc(CrcModel("custom", width, poly, init, bool(spec.refin), bool(spec.refout), xorout))
 
     def _named_check(self, name: str) -> Check:
+        checksum = find_checksum(name)
+        if checksum is not None:
+            return checksum
         key = name.lower()
-        if key in CHECKSUMS:
-            return CHECKSUMS[key]
         model = find_model(key)
         if model is None:
-            close = difflib.get_close_matches(key, [*CATALOGUE, *ALIASES, *CHECKSUMS], 3)
+            close = difflib.get_close_matches(key, [*CATALOGUE, *ALIASES, *CHECKSUMS, *CHECKSUM_ALIASES], 3)
             advice = f"did you mean {' or '.join(close)}?" if close else "use a name of the CRC catalogue"
             self.fail("B-FRAME-010", ("crc", "name"), f"{name!r} is no known CRC or checksum", advice)
             return CHECKSUMS["xor-8"]

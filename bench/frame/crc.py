@@ -10,6 +10,7 @@ plain loop for one message and a closed form for a matrix of messages; the two a
 
 from __future__ import annotations
 
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -60,21 +61,13 @@ class Checksum:
         return self._rows(rows).astype(np.uint64)
 
 
-def _fletcher16(message: bytes) -> int:
+def _fletcher(message: bytes, word: int, modulus: int) -> int:
     low = high = 0
-    for byte in message:
-        low = (low + byte) % 255
-        high = (high + low) % 255
-    return high << 8 | low
-
-
-def _fletcher32(message: bytes) -> int:
-    low = high = 0
-    padded = message + bytes(len(message) % 2)
-    for at in range(0, len(padded), 2):
-        low = (low + int.from_bytes(padded[at : at + 2], "little")) % 65535
-        high = (high + low) % 65535
-    return high << 16 | low
+    padded = message + bytes(-len(message) % word)
+    for at in range(0, len(padded), word):
+        low = (low + int.from_bytes(padded[at : at + word], "little")) % modulus
+        high = (high + low) % modulus
+    return high << 8 * word | low
 
 
 def _xor8(message: bytes) -> int:
@@ -84,36 +77,62 @@ def _xor8(message: bytes) -> int:
     return value
 
 
-def _fletcher_rows(words: NDArray[Any], modulus: int, bits: int) -> NDArray[Any]:
-    wide = words.astype(np.int64)
+def _fletcher_rows(rows: NDArray[np.uint8], word: int, modulus: int) -> NDArray[Any]:
+    padded = np.zeros((len(rows), rows.shape[1] + -rows.shape[1] % word), np.uint8)
+    padded[:, : rows.shape[1]] = rows
+    wide = padded.view(f"<u{word}").astype(np.int64)
     weights = np.arange(wide.shape[1], 0, -1, dtype=np.int64)
-    low = wide.sum(axis=1) % modulus
-    high = (wide @ weights) % modulus
-    return np.asarray(high << bits | low)
+    return np.asarray((wide @ weights) % modulus << 8 * word | wide.sum(axis=1) % modulus)
 
 
-def _fletcher32_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
-    count, length = rows.shape
-    padded = np.zeros((count, length + length % 2), np.uint8)
-    padded[:, :length] = rows
-    return _fletcher_rows(padded.view("<u2"), 65535, 16)
+def _fletcher_check(name: str, word: int, modulus: int) -> Checksum:
+    return Checksum(
+        name, 2 * word, lambda message: _fletcher(message, word, modulus),
+        lambda rows: _fletcher_rows(rows, word, modulus),
+    )  # fmt: skip
 
 
-def _sum_rows(rows: NDArray[np.uint8], modulus: int) -> NDArray[Any]:
-    return np.asarray(rows.sum(axis=1, dtype=np.int64) % modulus)
+def _adler_rows(rows: NDArray[np.uint8]) -> NDArray[Any]:
+    wide, length = rows.astype(np.int64), rows.shape[1]
+    low = (1 + wide.sum(axis=1)) % _ADLER
+    high = (length + wide @ np.arange(length, 0, -1, dtype=np.int64)) % _ADLER
+    return np.asarray(high << 16 | low)
 
 
+def _sum_check(bits: int, turned: str = "") -> Checksum:
+    """Return the sum of the bytes, or its one's or two's complement; the value is stored in whole bytes."""
+    mask = (1 << bits) - 1
+    sign, added = {"": (1, 0), "-ones": (-1, -1), "-twos": (-1, 0)}[turned]
+    return Checksum(
+        f"sum-{bits}{turned}", (bits + 7) // 8, lambda message: (sign * sum(message) + added) & mask,
+        lambda rows: np.asarray((sign * rows.sum(axis=1, dtype=np.int64) + added) & mask),
+    )  # fmt: skip
+
+
+_ADLER = 65521
 CHECKSUMS: dict[str, Checksum] = {
     check.name: check
     for check in (
-        Checksum("fletcher-16", 2, _fletcher16, lambda rows: _fletcher_rows(rows, 255, 8)),
-        Checksum("fletcher-32", 4, _fletcher32, _fletcher32_rows),
+        _fletcher_check("fletcher-16-mod255", 1, 255),
+        _fletcher_check("fletcher-16-mod256", 1, 256),
+        _fletcher_check("fletcher-32-mod65535", 2, 65535),
+        _fletcher_check("fletcher-32-mod65536", 2, 65536),
+        Checksum("adler-32", 4, zlib.adler32, _adler_rows),
         Checksum("xor-8", 1, _xor8, lambda rows: np.bitwise_xor.reduce(rows, axis=1)),
-        Checksum("sum-8", 1, lambda message: sum(message) % 256, lambda rows: _sum_rows(rows, 256)),
-        Checksum("sum-16", 2, lambda message: sum(message) % 65536, lambda rows: _sum_rows(rows, 65536)),
+        *(_sum_check(bits, turned) for bits in (8, 16, 32) for turned in ("", "-ones", "-twos")),
+        *(_sum_check(bits) for bits in (7, 15)),
     )
 }
-"""Fletcher-16 adds bytes modulo 255, Fletcher-32 little-endian 16-bit words modulo 65535, both from zero."""
+"""Checks that are no CRC. Fletcher: sums of bytes (16) or little-endian 16-bit words (32) from zero, by its modulus."""
+
+CHECKSUM_ALIASES = {"fletcher-16": "fletcher-16-mod255", "fletcher-32": "fletcher-32-mod65535"}
+"""The modulus of Fletcher (1982) where none is said; u-blox and RFC 1145 have 256."""
+
+
+def find_checksum(name: str) -> Checksum | None:
+    """Return the checksum of that name or alias, None if there is none; letter case does not matter."""
+    key = name.lower()
+    return CHECKSUMS.get(CHECKSUM_ALIASES.get(key, key))
 
 
 def require_fast_crc() -> None:

@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame.batch import Arrivals, FrameBatch, FrameCounts
-from bench.frame.best import Engine, best_engine, kernel
+from bench.frame.best import Engine, Kernel, best_engine, kernel, why_no_kernel
 from bench.frame.commands import CommandLayout, canonical_commands
 from bench.frame.compile import compile_frame
 from bench.frame.compile_fields import read_hex
 from bench.frame.crc import require_fast_crc
 from bench.frame.encode import encode_frame, encode_rows
-from bench.frame.kernel.arrays import Arrays, arrays_of
+from bench.frame.kernel.arrays import Arrays, arrays_of, holds
 from bench.frame.kernel_encoder import KernelEncoder
 from bench.frame.kernel_engine import KernelDecoder
 from bench.frame.layout import FrameSpec, Layout, Message
@@ -84,6 +84,16 @@ class FrameDefinition:
         """The command with that code, None if there is none."""
         return next((command for command in self.commands.values() if command.code == code), None)
 
+    @property
+    def why_no_kernel(self) -> str:
+        """Why the frames are not decoded by the compiled kernel, "" if they are."""
+        if holds(self.layout.check):
+            return why_no_kernel()
+        return f"{self.name}: the compiled kernel does not know {self.layout.check.name}: frames are decoded by numpy"
+
+    def _kernel(self) -> Kernel | None:
+        return kernel() if holds(self.layout.check) else None
+
     @cached_property
     def _arrays(self) -> Arrays:
         return arrays_of(self.layout)
@@ -95,7 +105,7 @@ class FrameDefinition:
               arrivals: of the chunks that are fed; the kernel then stamps and counts the frames too.
         """
         engine = engine or best_engine()
-        compiled = kernel() if engine == "kernel" else None
+        compiled = self._kernel() if engine == "kernel" else None
         if compiled is not None:
             return KernelDecoder(self.layout, self._arrays, compiled.decode, arrivals)
         return ReferenceDecoder(self.layout) if engine == "reference" else NumpyDecoder(self.layout)
@@ -117,7 +127,7 @@ class FrameDefinition:
     def _encoder(self, message: str) -> KernelEncoder | None:
         """Return the compiled encoder of a message, None if there is none or its frames have no fixed length."""
         encoder = self._encoders.get(message)
-        compiled = kernel() if encoder is None else None
+        compiled = self._kernel() if encoder is None else None
         if compiled is not None and self.message(message).length:
             encoder = KernelEncoder(self.layout, self.message(message), self._arrays, compiled.encode)
             self._encoders[message] = encoder

@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.frame import FrameDefinition, parse_frame, why_no_kernel
+from bench.frame import FrameDefinition, parse_frame
 from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake
@@ -312,7 +312,7 @@ class _Run:
         cutter, measured = self.cutter, self.plan.measurement_link
         if cutter is None:
             return readers
-        if slow := why_no_kernel():
+        for slow in dict.fromkeys(frame.why_no_kernel for frame in self.frames.values() if frame.why_no_kernel):
             self.observers.message(slow)
         for link in sorted(self.plan.frames, key=lambda name: name == measured):
             feed = cutter.feed if link == measured else partial(cutter.feed_context, link=link)

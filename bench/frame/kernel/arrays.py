@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame.catalogue import CrcModel
-from bench.frame.crc import Crc, reflect, register_steps
+from bench.frame.crc import Check, Crc, reflect, register_steps
 from bench.frame.layout import Field, Layout, Message
 
 # of the frame: places in ``Arrays.numbers``; tables of rows stand where the ..._AT say
@@ -24,7 +24,10 @@ from bench.frame.layout import Field, Layout, Message
 AT, SIZE, ROOM, BIG, SIGNED, ELEMENTS, COLUMN, STEP, FIELD_NUMBERS = range(9)
 # kinds of checks
 CRC, XOR_8, SUM_8, SUM_16, FLETCHER_16, FLETCHER_32 = range(6)
-_CHECKSUMS = {"xor-8": XOR_8, "sum-8": SUM_8, "sum-16": SUM_16, "fletcher-16": FLETCHER_16, "fletcher-32": FLETCHER_32}
+_CHECKSUMS = {
+    "xor-8": XOR_8, "sum-8": SUM_8, "sum-16": SUM_16,
+    "fletcher-16-mod255": FLETCHER_16, "fletcher-32-mod65535": FLETCHER_32,
+}  # fmt: skip
 FOLDED_WORDS = 128
 """Words of a message that are folded at once; a longer one goes on from the register of those before."""
 _REGISTER = 64
@@ -76,6 +79,11 @@ def arrays_of(layout: Layout) -> Arrays:
     numbers = np.array(words, np.uint64).view(np.int64)
     shortest = min(message.body + layout.check.size for message in layout.messages)
     return Arrays(numbers, tuple(columns), column, shortest)
+
+
+def holds(check: Check) -> bool:
+    """Return whether the kernel knows a check."""
+    return isinstance(check, Crc) or check.name in _CHECKSUMS
 
 
 def _head(layout: Layout) -> list[int]:

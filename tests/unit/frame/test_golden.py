@@ -104,6 +104,24 @@ def novatel_inspvas() -> bytes:
     return b"\xaa\x44\x13" + body + struct.pack("<I", crc)
 
 
+def ubx(message: int, body: bytes) -> bytes:
+    """A frame with the check as the receiver description writes it: two bytes that overflow."""
+    covered = struct.pack(">H", message) + struct.pack("<H", len(body)) + body
+    first = second = 0
+    for byte in covered:
+        first = (first + byte) & 0xFF
+        second = (second + first) & 0xFF
+    return b"\xb5\x62" + covered + bytes((first, second))
+
+
+def ubx_pvt() -> bytes:
+    """The values that pyubx2 packed into the golden frame of the definition."""
+    when = struct.pack("<IH6BIi", 197594600, 2026, 11, 23, 6, 53, 14, 7, 25, -187654)
+    place = struct.pack("<4B4i2I", 3, 3, 0, 17, 1165045583, 400408371, 27403, 35812, 14, 21)
+    motion = struct.pack("<5i2I", 69, 9647, -6, 9647, 9093423, 83, 32114)
+    return ubx(0x0107, when + place + motion + struct.pack("<2HIihH", 116, 0, 0, 9100001, -671, 50))
+
+
 SOLUTION = (
     40.04083701098634, 116.50455756706515, 27.40395322162658, 0.06938133693149312, 9.64716338567833,
     -0.0059339761715861625, 0.5971796342813211, 0.053063083220141735, 90.93423222654538,
@@ -132,6 +150,9 @@ INDEPENDENT = {
     "sar_pulse": sar_pulse(),
     "kvh_1750": kvh_1750(),
     "novatel_inspvas": novatel_inspvas(),
+    "ublox_ubx.pvt": ubx_pvt(),
+    "ublox_ubx.velned": ubx(0x0112, struct.pack("<I3i2Ii2I", 197594600, 7, 965, -1, 965, 965, 9093423, 8, 32114)),
+    "ublox_ubx.timegps": ubx(0x0120, struct.pack("<IihbBI", 197594600, -187654, 2446, 18, 7, 25)),
 }
 
 
