@@ -71,6 +71,6 @@ def _nothing_good(counted: Counted) -> str:
     if seen.bad:
         return f"nothing good: {seen.bad} places look like the beginning of a frame, and the check of none is right"
     if counted.cut_off:
-        return "nothing good: the capture is cut off in its only frame"
+        return "nothing good: the capture ends inside the first frame that has begun"
     sync = counted.definition.layout.sync.hex(" ")
     return f"nothing good: the sync bytes {sync} begin no frame of a possible length in {seen.bytes} bytes"

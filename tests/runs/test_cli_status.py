@@ -293,7 +293,7 @@ def test_70_an_error_nobody_foresaw_during_a_run_closes_the_session(
 def test_json_is_one_document_and_nothing_else(golden: Path, tmp_path: Path, inside: Inside) -> None:
     session = str(golden)
     raw = tmp_path / "capture"
-    raw.write_bytes(b"\xeb\x90 noise")
+    raw.write_bytes(bytes.fromhex((ROOT / "tests" / "golden" / "ngu_a.hex").read_text(encoding="ascii")))
     for words in (
         ["check", "scale_factor_short"], ["fit", session], ["replay", session], ["recover", session],
         ["decode", "ngu_a", str(raw)], ["run", GOLDEN_SEQUENCE, "--out", str(tmp_path / "out")],

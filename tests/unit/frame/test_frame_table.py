@@ -150,7 +150,7 @@ def test_a_table_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monk
     [
         (b"", "the capture is empty"),
         (b"noise", "the sync bytes eb 90 begin no frame of a possible length in 5 bytes"),
-        (golden("ngu_a")[:-3], "the capture is cut off in its only frame"),
+        (golden("ngu_a")[:-3], "the capture ends inside the first frame that has begun"),
         (golden("ngu_a")[:-1] + b"?", "1 places look like the beginning of a frame"),
     ],
 )
