@@ -20,6 +20,7 @@ from bench.frame.layout import Field
 from bench.model.errors import InputError
 
 _ROWS_AT_ONCE = 20_000
+_ROWS_OF_A_GROUP = 500_000  # of Parquet: each group costs some 30 kB of memory until the end
 Write = Callable[[MessageBatch], None]
 
 
@@ -98,10 +99,20 @@ class Tables:
         ]
         schema = pyarrow.schema(types)
         writer = self._open.enter_context(parquet.ParquetWriter(_part(self.paths[name]), schema))
+        pending: list[Any] = []
+
+        def flush() -> None:
+            if pending:
+                writer.write_table(pyarrow.concat_tables(pending))
+                pending.clear()
+
+        self._open.callback(flush)
 
         def write(batch: MessageBatch) -> None:
             arrays = map(partial(_arrow, pyarrow), (values for _, values in _columns(batch, slice(None))), schema.types)
-            writer.write_table(pyarrow.Table.from_arrays(list(arrays), schema=schema))
+            pending.append(pyarrow.Table.from_arrays(list(arrays), schema=schema))
+            if sum(len(table) for table in pending) >= _ROWS_OF_A_GROUP:
+                flush()
 
         return write
 
