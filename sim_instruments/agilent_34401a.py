@@ -327,7 +327,7 @@ class Agilent34401A(ScpiDevice):
 
     @command(":INITiate")
     def _start(self, _: str) -> None:
-        if self.samples * self.triggers > _MEMORY:
+        if not self.triggers or self.samples * self.triggers > _MEMORY:
             raise ScpiError(531, "Insufficient memory")
         self._take()
         self.busy(self.reading_s * len(self._stored))

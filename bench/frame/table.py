@@ -28,7 +28,7 @@ class Tables:
     """One table per message: byte offset, then every field in its unit, arrays and bit ranges spread.
 
     A definition with several messages writes ``<stem>.<message><suffix>``. A table has its name when it is whole, and
-    ends in ``.part`` until then; what is not finished is removed.
+    ends in ``.part`` until then; what is not finished is removed. A device or pipe is written as it is.
 
     Args:   path: of the table; ``.parquet`` writes Parquet, any other suffix CSV.
     Raises: InputError B-FRAME-032 (cannot be written), B-FRAME-033 (Parquet without its library).
@@ -56,13 +56,15 @@ class Tables:
             self._open.close()
             if kind is None:
                 for path in self.paths.values():
-                    _part(path).replace(path)
+                    if _part(path) != path:
+                        _part(path).replace(path.resolve())
         except OSError as failed:
             raise _unwritten(failed, next(iter(self.paths.values()))) from failed
         finally:
             for path in self.paths.values():
                 with suppress(OSError):
-                    _part(path).unlink(missing_ok=True)
+                    if _part(path) != path:
+                        _part(path).unlink(missing_ok=True)
 
     def write(self, messages: Mapping[str, MessageBatch]) -> None:
         """Append the frames of a block. Raises: InputError B-FRAME-032."""
@@ -118,7 +120,11 @@ class Tables:
 
 
 def _part(path: Path) -> Path:
-    return path.with_name(f"{path.name}.part")
+    """Return what is written until a table is whole, beside the file that a link leads to; a device is itself."""
+    if path.exists() and not path.is_file():
+        return path
+    target = path.resolve()
+    return target.with_name(f"{target.name}.part")
 
 
 def _unwritten(error: OSError, path: Path) -> InputError:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import stat
 import struct
 from pathlib import Path
 
@@ -18,7 +17,7 @@ SEGMENT_NAME = re.compile(r"session\.(\d{4})\.mcap")
 
 def segment_files(folder: Path) -> list[Path]:
     """Return the segments of a session in their order, none for a folder that is no session; plain files only."""
-    return [path for path in _named(folder) if stat.S_ISREG(path.lstat().st_mode)]
+    return [path for path in _named(folder) if path.is_file() and not path.is_symlink()]
 
 
 def session_segments(folder: Path) -> list[Path]:

@@ -9,16 +9,12 @@ from __future__ import annotations
 import importlib
 import warnings
 from typing import Any
-from unittest.mock import MagicMock
 
 import pytest
-
-from bench.model.clock import VirtualClock
-from sim_instruments.worlds.simulation import open_world
+from simulated_alone import ADDRESS, complaints, simulated
 
 pytestmark = pytest.mark.peers
 pytest.importorskip("qcodes", reason="QCoDeS is not installed: pip install .[peers]")
-ADDRESS = "GPIB0::8::INSTR"
 DRIVERS = {
     "agilent_33250a": ("Keysight", "Keysight33250A"),
     "agilent_34401a": ("agilent", "Agilent34401A"),
@@ -45,22 +41,15 @@ def parameters(theirs: Any) -> dict[str, Any]:
 @pytest.mark.parametrize("name", DRIVERS)
 def test_every_parameter_is_read_and_set_again(name: str) -> None:
     folder, kind = DRIVERS[name]
-    entries = {name: {"driver": name, "resource": ADDRESS, "options": {}}}
-    world = open_world(
-        "af_converter", clock=VirtualClock(), seed=1, station={"instruments": entries, "links": {}},
-        unit_factory=lambda *_: MagicMock(),
-    )  # fmt: skip
-    with warnings.catch_warnings():
+    failed = {}
+    with simulated(name) as world, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         made = getattr(importlib.import_module(f"qcodes.instrument_drivers.{folder}"), kind)
         theirs = made(name, ADDRESS, visalib=world.visa_library)
-    ours: Any = world.instruments[name]
-    failed = {}
-    try:
         known = parameters(theirs)
         for what, parameter in known.items():
             theirs.visa_handle.clear()
-            ours.__dict__.get("errors", []).clear()
+            complaints(world.instruments[name])
             try:
                 value = parameter.get()
                 if parameter.settable and what != "timeout" and not isinstance(value, tuple | list):
@@ -68,10 +57,8 @@ def test_every_parameter_is_read_and_set_again(name: str) -> None:
             except Exception as error:
                 failed[what] = f"{type(error).__name__}: {error}"
             else:
-                if complaints := list(ours.__dict__.get("errors", [])):
-                    failed[what] = str(complaints)
-    finally:
+                if complaints(world.instruments[name]):
+                    failed[what] = "the instrument complains"
         theirs.close()
-        world.close()
     print(f"{name}: {len(known) - len(failed)} of {len(known)} parameters")
     assert set(failed) == set(known) & set(THEIRS), failed

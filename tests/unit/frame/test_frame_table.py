@@ -131,6 +131,19 @@ def test_a_table_that_is_not_finished_leaves_nothing(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["capture.bin"]
 
 
+def test_a_device_stays_one_and_a_link_leads_to_the_table(tmp_path: Path) -> None:
+    capture, device, link = tmp_path / "capture.bin", tmp_path / "device", tmp_path / "link.csv"
+    capture.write_bytes(golden("ngu_a"))
+    device.symlink_to("/dev/null")
+    link.symlink_to(tmp_path / "table.csv")
+    for out in (device, link):
+        tabulated(frame("ngu_a"), capture, out)
+        assert out.is_symlink()
+    assert device.is_char_device()
+    assert len((tmp_path / "table.csv").read_text(encoding="utf-8").splitlines()) == 2
+    assert not list(tmp_path.glob("*.part"))
+
+
 def test_a_table_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     definition = frame("ngu_a")
     capture = tmp_path / "capture.bin"

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import Any
-from unittest.mock import MagicMock
 
 import pytest
 import pyvisa
 from sim_bench import Bench
-
-from bench.model.clock import VirtualClock
-from sim_instruments.worlds.simulation import open_world
+from simulated_alone import ADDRESS, simulated
 
 
 @pytest.mark.parametrize(
@@ -69,6 +66,8 @@ def test_a_multimeter_is_configured_for_what_is_not_at_its_terminals(bench: Benc
     assert bench.ask("rail_dmm", "SYST:ERR?").startswith("-222")
     bench.send("rail_dmm", "CONF:VOLT:DC", "TRIG:COUN INF", "SAMP:COUN 600", "TRIG:COUN 1", "INIT")
     assert bench.ask("rail_dmm", "SYST:ERR?").startswith("+531")
+    bench.send("rail_dmm", "SAMP:COUN 1", "TRIG:COUN INF", "INIT")
+    assert bench.ask("rail_dmm", "SYST:ERR?").startswith("+531")
 
 
 def test_a_trigger_sets_the_levels_of_the_supply_only_when_it_is_armed(bench: Bench) -> None:
@@ -87,15 +86,10 @@ def test_every_scpi_model_tells_options_and_version(bench: Bench) -> None:
 
 @pytest.fixture
 def lock_in() -> Iterator[Any]:
-    entries = {"lock_in": {"driver": "srs_sr830", "resource": "GPIB0::8::INSTR", "options": {}}}
-    world = open_world(
-        "af_converter", clock=VirtualClock(), seed=1, station={"instruments": entries, "links": {}},
-        unit_factory=lambda *_: MagicMock(),
-    )  # fmt: skip
-    visa = pyvisa.ResourceManager(world.visa_library)
-    yield visa.open_resource("GPIB0::8::INSTR", read_termination="\n", write_termination="\n")
-    visa.close()
-    world.close()
+    with simulated("srs_sr830") as world:
+        visa = pyvisa.ResourceManager(world.visa_library)
+        yield visa.open_resource(ADDRESS, read_termination="\n", write_termination="\n")
+        visa.close()
 
 
 def test_each_answer_of_a_chain_of_the_sr830_has_its_own_terminator(lock_in: Any) -> None:
