@@ -13,7 +13,7 @@ from bench.frame import Counted, FrameDefinition, MessageBatch, Tables, decode_c
 from bench.model.errors import ExitStatus, InputError
 from bench.model.shipped import find_shipped
 
-COUNTS = ("good", "bad", "lost", "duplicate", "suspect", "skipped_bytes", "bytes")
+COUNTS = ("good", "bad", "lost", "duplicate", "suspect", "other", "skipped_bytes", "bytes")
 STANDARD_INPUT = Path("-")
 
 
@@ -59,6 +59,8 @@ def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:
         out.print(f"  {name.replace('_', ' '):<14} {summary[name]}")
     if counted.cut_off:
         out.print("  cut off in its last frame")
+    if not counted.definition.layout.check.size:
+        out.print("  these frames have no check: a damaged one counts as good")
     for table in tables:
         for path in table.paths.values():
             out.print(f"  written        {path}")
@@ -68,9 +70,12 @@ def _nothing_good(counted: Counted) -> str:
     seen = counted.counts
     if not seen.bytes:
         return "nothing good: the capture is empty"
+    if seen.other:
+        return f"nothing good: {seen.other} frames with a right check are of types that the definition does not list"
     if seen.bad:
         return f"nothing good: {seen.bad} places look like the beginning of a frame, and the check of none is right"
     if counted.cut_off:
         return "nothing good: the capture ends inside the first frame that has begun"
     sync = counted.definition.layout.sync.hex(" ")
-    return f"nothing good: the sync bytes {sync} begin no frame of a possible length in {seen.bytes} bytes"
+    begin = f"the sync bytes {sync} begin no" if sync else "there is no"
+    return f"nothing good: {begin} frame of a possible length in {seen.bytes} bytes"

@@ -186,6 +186,7 @@ class FrameCounts:
     frames: int = 0
     bad: int = 0
     skipped_bytes: int = 0
+    other: int = 0
     by_message: dict[str, int] = field(default_factory=dict)
 
 

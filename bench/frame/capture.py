@@ -26,11 +26,12 @@ class Counted:
     cut_off: bool
 
     def summary(self) -> dict[str, Any]:
-        """JSON-able counts: good, bad, lost, duplicate, suspect, skipped and total bytes, frames by message."""
+        """JSON-able: the check; counts good, bad, other, lost, duplicate, suspect, of bytes; frames by message."""
         seen = asdict(self.counts)
         return {
             "frame": self.definition.name,
             "frame_sha256": self.definition.sha256,
+            "check": self.definition.layout.check.name,
             "good": seen.pop("frames"),
             **seen,
             "messages": dict(self.messages),

@@ -9,7 +9,7 @@ from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
 from bench.frame.commands import CommandLayout, compile_commands
 from bench.frame.compile_fields import place_fields
 from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
-from bench.frame.layout import MAX_FRAME_BYTES, CheckSpec, Field, FrameSpec, Layout, Message
+from bench.frame.layout import MAX_FRAME_BYTES, CheckSpec, Field, FrameSpec, Layout, Message, Span
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_
 
@@ -30,18 +30,25 @@ class _Compiler:
         spec = self.spec
         common = place_fields(spec.fields, ("fields",), (), len(spec.sync), spec.endian, self.fail)
         check = self._check(spec.crc)
-        length_field = self._reference("length", spec.length.field if spec.length else None, common)
-        type_field = self._reference("type", spec.type.field if spec.type else None, common)
-        messages = self._messages(common, check.size, type_field)
-        self._check_lengths(messages, check.size)
+        self._length = self._reference("length", spec.length.field if spec.length else None, common)
+        self._type = self._reference("type", spec.type.field if spec.type else None, common)
+        self._check_field = self._holder(check, common)
+        self._tail = (0 if spec.crc.field else check.size) + len(spec.trailer or ())
+        messages = self._messages(common)
+        self._check_lengths(messages)
+        if not spec.sync and spec.length is None:
+            text = "frames without sync bytes must carry their length"
+            self.fail("B-FRAME-006", ("sync",), text, "give sync bytes, or 'length: {field: ..., plus: ..., max: ...}'")
         commands = compile_commands(spec, messages, self.fail)
         if self.errors:
             raise InputErrors(self.errors)
-        return self._layout(common, messages, check, length_field, type_field), commands
+        return self._layout(common, messages, check), commands
 
-    def _layout(self, common: list[Field], messages: list[Message], check: Check, length_field: Field | None,
-                type_field: Field | None) -> Layout:  # fmt: skip
+    def _layout(self, common: list[Field], messages: list[Message], check: Check) -> Layout:
         spec = self.spec
+        length_field, length_bits = self._length
+        type_field, type_bits = self._type
+        own = any(field.role == "own_counter" for field in spec.fields)
         pattern = bytes(spec.sync)
         for field in messages[0].fields if len(messages) == 1 else common:
             if field.constant is None:
@@ -54,30 +61,61 @@ class _Compiler:
             header=max([len(pattern), *ends]),
             messages=tuple(messages),
             check=check,
-            stored_big=(spec.crc.stored or spec.endian) == "big",
+            stored_big=self._check_field.big if self._check_field else (spec.crc.stored or spec.endian) == "big",
             length_field=length_field,
             length_plus=spec.length.plus if spec.length else 0,
             max_length=spec.length.max if spec.length else max(message.length for message in messages),
             type_field=type_field,
-            shared_counter=bool(spec.messages) and any(field.counter for field in common),
+            shared_counter=bool(spec.messages) and not own and any(field.counter for field in common),
+            own_counters=own,
             rate_Hz=spec.rate,
             silence_s=spec.silence,
+            length_times=spec.length.times if spec.length else 1,
+            length_bits=length_bits,
+            type_bits=type_bits,
+            check_field=self._check_field,
+            trailer=bytes(spec.trailer or ()),
+            unlisted=self._unlisted(common),
         )
 
-    def _reference(self, key: str, name: str | None, common: Sequence[Field]) -> Field | None:
-        if name is None:
+    def _unlisted(self, common: list[Field]) -> Message | None:
+        """Return the common fields as a message of any length, where frames of other types are counted."""
+        if not self.spec.other:
             return None
+        body = common[-1].offset + common[-1].length
+        return Message("other", tuple(common), body, 0, *self._coverage(common, "other"))
+
+    def _holder(self, check: Check, common: Sequence[Field]) -> Field | None:
+        """Return the field that holds the check."""
+        name = self.spec.crc.field
+        field = next((item for item in common if item.name == name), None)
+        if name is None or (field is not None and field.length == check.size and field.kind == "u"):
+            return field
+        text = f"the check needs an unsigned integer of {8 * check.size} bits among the common fields"
+        self.fail("B-FRAME-008", ("crc", "field"), f"{text}, not {name!r}", "")
+        return None
+
+    def _reference(self, key: str, part: str | None, common: Sequence[Field]) -> tuple[Field | None, Span | None]:
+        """Return the field and the bits of it that say the length or the type."""
+        if part is None:
+            return None, None
+        name, _, bits = part.partition(".")
         field = next((item for item in common if item.name == name), None)
         if field is None or field.kind != "u" or field.count is not None or field.size > 4:
             message = f"the {key} field {name!r} must be one unsigned integer of up to 32 bits among the common fields"
             self.fail("B-FRAME-006", (key, "field"), message, "")
-            return None
-        return field
+            return None, None
+        if bits and bits not in field.bits:
+            self.fail("B-FRAME-006", (key, "field"), f"{name!r} has no bits {bits!r}", "name them in its 'bits'")
+        return field, field.bits.get(bits)
 
-    def _messages(self, common: list[Field], check_size: int, type_field: Field | None) -> list[Message]:
+    def _messages(self, common: list[Field]) -> list[Message]:
         spec = self.spec
+        if spec.other and (spec.messages is None or spec.length is None):
+            text = "'other' needs messages and a length field: else nothing says how long an unlisted frame is"
+            self.fail("B-FRAME-007", ("other",), text, "leave it out")
         if spec.messages is None:
-            return [self._message(ONLY_MESSAGE, common, None, check_size)]
+            return [self._message(ONLY_MESSAGE, common, None)]
         if not spec.messages or spec.type is None or spec.golden is not None or spec.expect is not None:
             advice = "give 'type', and 'golden' and 'expect' inside each message"
             self.fail("B-FRAME-007", ("messages",), "messages need a type field and golden frames of their own", advice)
@@ -88,22 +126,23 @@ class _Compiler:
             fields = place_fields(part.fields, (*path, "fields"), common, start, spec.endian, self.fail)
             if any(part.value == other.type_value for other in found):
                 self.fail("B-FRAME-007", (*path, "value"), f"{name}: the type value {part.value} is taken", "")
-            if type_field is not None and part.value >= 1 << (8 * type_field.size):
-                message = f"{name}: the type value {part.value} does not fit the field {type_field.name!r}"
+            type_field, bits = self._type
+            if type_field is not None and part.value >= 1 << (bits[1] if bits else 8 * type_field.size):
+                message = f"{name}: the type value {part.value} does not fit {spec.type.field if spec.type else ''!r}"
                 self.fail("B-FRAME-007", (*path, "value"), message, "")
-            found.append(self._message(name, fields, part.value, check_size))
+            found.append(self._message(name, fields, part.value))
         return found
 
-    def _message(self, name: str, fields: list[Field], type_value: int | None, check_size: int) -> Message:
+    def _message(self, name: str, fields: list[Field], type_value: int | None) -> Message:
         body = fields[-1].offset + fields[-1].length
         start, stop = self._coverage(fields, name)
-        length = 0 if fields[-1].rest else body + check_size
+        length = 0 if fields[-1].rest else body + self._tail
         return Message(name, tuple(fields), body, length, start, stop, type_value)
 
     def _coverage(self, fields: list[Field], message: str) -> tuple[int, int | None]:
         known = {field.name: field for field in fields}
         bounds: list[int | None] = []
-        for index, name in enumerate(self.spec.crc.over):
+        for index, name in enumerate(self.spec.crc.over or ("sync", "end")):
             field = known.get(name)
             if name == "sync" and index == 0:
                 bounds.append(0)
@@ -115,17 +154,17 @@ class _Compiler:
                 self.fail("B-FRAME-008", ("crc", "over", index), text, f"did you mean {close[0]!r}?" if close else "")
                 bounds.append(None)
             else:
-                last = field is fields[-1]
+                last = field is fields[-1] and message != "other"
                 bounds.append(field.offset if index == 0 else None if last else field.offset + field.length)
         start = bounds[0] or 0
         if bounds[1] is not None and bounds[1] <= start:
             self.fail("B-FRAME-008", ("crc", "over"), f"{self.spec.crc.over} runs backwards in {message!r}", "")
         return start, bounds[1]
 
-    def _check_lengths(self, messages: list[Message], check_size: int) -> None:
+    def _check_lengths(self, messages: list[Message]) -> None:
         length = self.spec.length
         for message in messages:
-            shortest = message.body + check_size
+            shortest = message.body + self._tail
             if message.rest is not None and length is None:
                 text = f"{message.name!r} has a field of 'rest' length, so the frame must carry its length"
                 self.fail("B-FRAME-006", ("length",), text, "add 'length: {field: ..., plus: ..., max: ...}'")
@@ -136,6 +175,9 @@ class _Compiler:
 
     def _check(self, spec: CheckSpec) -> Check:
         given = [key for key in _PARAMETERS if getattr(spec, key) is not None]
+        if (spec.over is None) != (spec.name == "none"):
+            text = "a check covers something: 'over' is missing" if spec.over is None else "no check covers nothing"
+            self.fail("B-FRAME-008", ("crc",), text, "give 'over: [first, last]' with every check but 'none'")
         if spec.name is not None:
             if given:
                 text = f"has a name and the parameter {given[0]!r}"

@@ -57,7 +57,7 @@ def _field(spec: FieldSpec, where: Path_, offset: int, endian: str, fail: Fail) 
         scale=1.0 if spec.scale is None else spec.scale,
         shift=0.0 if spec.offset is None else spec.offset,
         unit=spec.unit or "",
-        counter=spec.role == "counter",
+        counter=spec.role is not None,
         per=spec.per or "",
         wrap=spec.wrap,
     )
@@ -88,12 +88,12 @@ def _check_options(spec: FieldSpec, kind: str, where: Path_, fail: Fail) -> None
     if spec.scale == 0:
         refuse("scale", "the scale must not be 0")
     odd = kind != "u" or spec.type in ("u56", "u64") or spec.count is not None or spec.constant is not None
-    if spec.role == "counter" and odd:
+    if spec.role is not None and odd:
         text = f"{spec.name}: a counter is one unsigned integer of up to 48 bits that varies"
         fail("B-FRAME-003", (*where, "role"), text, "")
     if spec.wrap is not None:
         values = 1 << int(spec.type[1:]) if kind == "u" else 0
-        if spec.role != "counter" or odd or spec.wrap & (spec.wrap - 1) or spec.wrap >= values:
+        if spec.role is None or odd or spec.wrap & (spec.wrap - 1) or spec.wrap >= values:
             text = f"{spec.name}: 'wrap: {spec.wrap}' is no power of two below the values of a counter of its type"
             fail("B-FRAME-003", (*where, "wrap"), text, "leave it out where the counter uses all values of its type")
 

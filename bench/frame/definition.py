@@ -20,12 +20,12 @@ from bench.frame.compile import compile_frame
 from bench.frame.compile_fields import read_hex
 from bench.frame.crc import require_fast_crc
 from bench.frame.encode import encode_frame, encode_rows
-from bench.frame.kernel.arrays import Arrays, arrays_of, holds
+from bench.frame.kernel.arrays import Arrays, arrays_of, what_is_not_held
 from bench.frame.kernel_encoder import KernelEncoder
 from bench.frame.kernel_engine import KernelDecoder
 from bench.frame.layout import FrameSpec, Layout, Message
 from bench.frame.numpy_engine import NumpyDecoder
-from bench.frame.reference import ReferenceDecoder
+from bench.frame.reference import ReferenceDecoder, checks_of
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_, load_yaml, parse_yaml
 
@@ -87,12 +87,14 @@ class FrameDefinition:
     @property
     def why_no_kernel(self) -> str:
         """Why the frames are not decoded by the compiled kernel, "" if they are."""
-        if holds(self.layout.check):
+        unknown = what_is_not_held(self.layout)
+        if not unknown:
             return why_no_kernel()
-        return f"{self.name}: the compiled kernel does not know {self.layout.check.name}: frames are decoded by numpy"
+        instead = "by numpy" if self.layout.sync else "one by one"
+        return f"{self.name}: the compiled kernel does not know {unknown}: frames are decoded {instead}"
 
     def _kernel(self) -> Kernel | None:
-        return kernel() if holds(self.layout.check) else None
+        return None if what_is_not_held(self.layout) else kernel()
 
     @cached_property
     def _arrays(self) -> Arrays:
@@ -108,7 +110,8 @@ class FrameDefinition:
         compiled = self._kernel() if engine == "kernel" else None
         if compiled is not None:
             return KernelDecoder(self.layout, self._arrays, compiled.decode, arrivals)
-        return ReferenceDecoder(self.layout) if engine == "reference" else NumpyDecoder(self.layout)
+        one_by_one = engine == "reference" or not self.layout.pattern  # every byte may begin a frame
+        return ReferenceDecoder(self.layout) if one_by_one else NumpyDecoder(self.layout)
 
     def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> NDArray[np.uint8]:
         """Return frames of a message of fixed length, check included.
@@ -180,18 +183,25 @@ def _refused(layout: Layout, message: Message, text: str) -> str:
         return "the golden frame is no hex text"
     if not frame.startswith(layout.pattern):
         return f"the golden frame begins with {frame[: len(layout.pattern)].hex(' ')}, not {layout.pattern.hex(' ')}"
-    size = layout.check.size
-    if message.length not in (0, len(frame)) or len(frame) < message.body + size:
-        due = message.length or f"at least {message.body + size}"
+    if message.length not in (0, len(frame)) or len(frame) < message.body + layout.tail:
+        due = message.length or f"at least {message.body + layout.tail}"
         return f"the golden frame of {message.name!r} has {len(frame)} bytes, due are {due}"
     if len(ReferenceDecoder(layout).feed(frame).messages[message.name]) == 1:
         return ""
-    stop = len(frame) - size if message.cover_stop is None else message.cover_stop
-    computed = layout.check.of(frame[message.cover_start : stop])
-    stored = int.from_bytes(frame[-size:], "big" if layout.stored_big else "little")
-    if computed == stored:
+    return _why_refused(layout, message, frame)
+
+
+def _why_refused(layout: Layout, message: Message, frame: bytes) -> str:
+    """Return why a frame of the right length with the right sync bytes is refused."""
+    right, computed, stored = checks_of(layout, message, frame)
+    if right and not frame.endswith(layout.trailer):
+        return f"the golden frame does not end with {layout.trailer.hex(' ')}"
+    if right and len(frame) > layout.max_length:
+        return f"the golden frame has {len(frame)} bytes, 'length: max' is {layout.max_length}"
+    if right:
         return f"the length or type inside the golden frame is not that of {message.name!r}"
-    digits = 2 * size
+    stop = len(frame) - layout.tail if message.cover_stop is None else message.cover_stop
+    digits = 2 * layout.check.size
     return (
         f"the golden frame fails its check: {layout.check.name} over bytes {message.cover_start} to {stop - 1} is "
         f"0x{computed:0{digits}x}, stored is 0x{stored:0{digits}x}"

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.layout import Field, Layout, Message
+from bench.frame.layout import Field, Layout, Message, Span
+from bench.frame.seal import seal
 from bench.model.errors import InputError
 
 _WHERE = "frame encoder"
@@ -24,11 +25,7 @@ def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], co
     given = with_automatic(layout, message, columns, message.length)
     for item in message.fields:
         _put(rows, item, given, count)
-    size = layout.check.size
-    stop = message.length - size if message.cover_stop is None else message.cover_stop
-    values = layout.check.of_rows(rows[:, message.cover_start : stop]).astype("<u8")
-    stored = values.view(np.uint8).reshape(count, 8)[:, :size]
-    rows[:, message.length - size :] = stored[:, ::-1] if layout.stored_big else stored
+    seal(layout, message, rows)
     return rows
 
 
@@ -39,25 +36,26 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
     if message.rest is not None:
         rest = bytes(_taken(columns, message.rest.name, message))
         del columns[message.rest.name]
-    size = layout.check.size
-    total = message.body + len(rest) + size
+    total = message.body + len(rest) + layout.tail
     if total > layout.max_length:
         text = f"the frame would be {total} bytes long, the limit is {layout.max_length}"
         raise InputError("B-FRAME-021", text, where=_WHERE)
-    rows = np.zeros((1, message.body), np.uint8)
+    rows = np.zeros((1, total), np.uint8)
     rows[0, : len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
     given = with_automatic(layout, message, columns, total)
     for item in message.fields:
         if not item.rest:
             _put(rows, item, given, 1)
-    frame = rows.tobytes() + rest
-    stop = len(frame) if message.cover_stop is None else message.cover_stop
-    value = layout.check.of(frame[message.cover_start : stop])
-    return frame + value.to_bytes(size, "big" if layout.stored_big else "little")
+    rows[0, message.body : message.body + len(rest)] = np.frombuffer(rest, np.uint8)
+    seal(layout, message, rows)
+    return rows.tobytes()
 
 
 def with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any], total: int) -> dict[str, Any]:
-    """Return columns with the fields that follow from the definition: length, type, constants."""
+    """Return columns with the fields that follow from the definition: length, type, a place for the check.
+
+    Raises: InputError B-FRAME-021 if no value of the length field says the length, 022 for an unknown field.
+    """
     fields = message.by_name
     given = dict(columns)
     for name in [name for name in columns if name not in fields]:
@@ -66,10 +64,23 @@ def with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any],
             advice = f"use one of: {', '.join(fields)}"
             raise InputError("B-FRAME-022", f"{message.name!r} has no field {name!r}", where=_WHERE, next_step=advice)
     if layout.length_field is not None:
-        given.setdefault(layout.length_field.name, total - layout.length_plus)
+        stated, left = divmod(total - layout.length_plus, layout.length_times)
+        if left:
+            text = f"{total} bytes are no length of a frame: their number less {layout.length_plus} must be a multiple"
+            raise InputError("B-FRAME-021", f"{text} of {layout.length_times}", where=_WHERE)
+        _state(given, layout.length_field, layout.length_bits, stated)
     if layout.type_field is not None:
-        given.setdefault(layout.type_field.name, message.type_value)
+        _state(given, layout.type_field, layout.type_bits, message.type_value)
+    if layout.check_field is not None:
+        given[layout.check_field.name] = 0
     return given
+
+
+def _state(given: dict[str, Any], item: Field, bits: Span | None, value: int | None) -> None:
+    """Give a field, or the bits of it that say this, a value where the caller gives none."""
+    if item.name not in given:
+        part = next((name for name, span in item.bits.items() if span == bits), "")
+        given.setdefault(f"{item.name}.{part}" if part else item.name, value)
 
 
 def _taken(columns: Mapping[str, Any], name: str, message: Message) -> Any:
@@ -89,10 +100,10 @@ def values_of(item: Field, given: Mapping[str, Any]) -> NDArray[Any] | bytes:
         if item.kind == "b" and values.dtype.kind == "S":
             return np.frombuffer(bytes(given[item.name]), np.uint8)
         return values
-    if (fixed := item.constant or item.default) is not None:
-        return fixed
     if item.bits and any(f"{item.name}.{part}" in given for part in item.bits):
         return _join_bits(item, given)
+    if (fixed := item.constant or item.default) is not None:
+        return fixed
     text = f"no value for the field {item.name!r}"
     raise InputError("B-FRAME-020", text, where=_WHERE, next_step="give every field without constant or default")
 
@@ -114,10 +125,13 @@ def _put(rows: NDArray[np.uint8], item: Field, given: Mapping[str, Any], count: 
 
 
 def _join_bits(item: Field, given: Mapping[str, Any]) -> NDArray[Any]:
-    """Return a whole field from its named bits; bits that are not given are 0."""
-    whole: NDArray[Any] = np.zeros((), item.dtype)
+    """Return a whole field from its named bits; those that are not given are as in its default, or 0."""
+    whole: NDArray[Any] = np.array(int.from_bytes(item.default or b"", "big" if item.big else "little"), item.dtype)
     for part, (low, width) in item.bits.items():
-        values = np.asarray(given.get(f"{item.name}.{part}", 0))
+        if f"{item.name}.{part}" not in given:
+            continue
+        whole = whole & np.dtype(item.dtype).type(~(((1 << width) - 1) << low) & ((1 << 8 * item.size) - 1))
+        values = np.asarray(given[f"{item.name}.{part}"])
         if values.size and (values.min() < 0 or int(values.max()) >= 1 << width):
             raise _out_of_range(f"{item.name}.{part}", values, 0, (1 << width) - 1)
         whole = whole | (values.astype(item.dtype) << np.dtype(item.dtype).type(low))

@@ -18,6 +18,7 @@ from bench.model.units import quantity
 from bench.model.yamlio import StrictModel
 
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
+Part = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z][A-Za-z0-9_]*)?$", max_length=121)]
 Whole = Annotated[int, Limits(strict=True, ge=0)]
 Byte = Annotated[int, Limits(strict=True, ge=0, le=255)]
 Number = Annotated[float, Limits(strict=True, allow_inf_nan=False)]
@@ -37,7 +38,8 @@ class FieldSpec(StrictModel):
     Physical value = raw * scale + offset, in ``unit``. ``constant`` fixes the value: right behind the sync bytes it
     extends the sync pattern, elsewhere a frame that differs is marked suspect. ``default`` is the raw value that the
     encoder writes where the caller gives none; the decoder ignores it. ``wrap``: how many values a counter has, a power
-    of two, if its type has more.
+    of two, if its type has more; of a field with named bits, the lowest bits count. ``role``: a common counter counts
+    the frames of all messages, an ``own_counter`` those of each message.
     """
 
     name: Name
@@ -47,7 +49,7 @@ class FieldSpec(StrictModel):
     scale: Number | None = None
     offset: Number | None = None
     unit: Annotated[str, StringConstraints(min_length=1, max_length=20)] | None = None
-    role: Literal["counter"] | None = None
+    role: Literal["counter", "own_counter"] | None = None
     wrap: Annotated[int, Limits(strict=True, ge=4)] | None = None
     per: Literal["frame", "cumulative", "sample"] | None = None
     bits: dict[str, Annotated[int, Limits(strict=True)] | str] | None = None
@@ -56,13 +58,15 @@ class FieldSpec(StrictModel):
 
 
 class CheckSpec(StrictModel):
-    """The check at the end of a frame: a published CRC or checksum by name, or a CRC by its parameters.
+    """The check of a frame: a published CRC or checksum by name, "none", or a CRC by its parameters.
 
     ``over``: first and last field covered; "sync" and "end" stand for the first and the last byte before the check.
-    ``stored``: byte order of the stored value (default: the definition's).
+    ``field``: the common field that holds the check, which else stands behind all fields; its own bytes count as zero
+    where they are covered. ``stored``: byte order of the stored value (default: the definition's).
     """
 
-    over: Annotated[list[str], Limits(min_length=2, max_length=2)]
+    over: Annotated[list[str], Limits(min_length=2, max_length=2)] | None = None
+    field: Name | None = None
     stored: Endian | None = None
     name: str | None = None
     width: Annotated[int, Limits(strict=True, ge=1, le=64)] | None = None
@@ -74,17 +78,21 @@ class CheckSpec(StrictModel):
 
 
 class LengthSpec(StrictModel):
-    """In-frame length: whole frame length in bytes, sync to check = value of ``field`` + ``plus``."""
+    """In-frame length: whole frame in bytes, first to last = value of ``field`` * ``times`` + ``plus``.
 
-    field: Name
+    ``field`` is a common field, or named bits of one as "field.bits".
+    """
+
+    field: Part
+    times: Annotated[int, Limits(strict=True, ge=1, le=256)] = 1
     plus: Annotated[int, Limits(strict=True, ge=-65_535, le=65_535)]
     max: Annotated[int, Limits(strict=True, ge=1, le=MAX_FRAME_BYTES)]
 
 
 class TypeSpec(StrictModel):
-    """Which field tells the messages of a definition apart."""
+    """Which common field, or named bits of one as "field.bits", tells the messages of a definition apart."""
 
-    field: Name
+    field: Part
 
 
 class MessageSpec(StrictModel):
@@ -109,13 +117,17 @@ class FrameSpec(StrictModel):
     """A frame file: either ``fields`` with one ``golden``, or common ``fields``, ``type`` and ``messages``.
 
     ``silence``: a frame that was begun before a longer pause of the line, and that is not whole when the line speaks
-    again, is given up. ``commands``: what the payloads of the messages ``command`` and ``answer`` mean.
+    again, is given up. ``commands``: what the payloads of the messages ``command`` and ``answer`` mean. ``trailer``:
+    bytes that stand behind the check of every frame. ``other``: a frame of a type that is not listed, but whose check
+    is right, is counted as such and passed over, not rejected.
     """
 
     frame: Annotated[str, StringConstraints(pattern=r"^[a-z0-9_]+$", max_length=60)]
     title: str | None = None
     endian: Endian
-    sync: Annotated[list[Byte], Limits(min_length=1, max_length=16)]
+    sync: Annotated[list[Byte], Limits(max_length=255)]
+    trailer: Annotated[list[Byte], Limits(min_length=1, max_length=255)] | None = None
+    other: StrictBool = False
     rate: Annotated[float, *quantity("Hz", low=1e-6, high=1e6)] | None = None
     silence: Annotated[float, *quantity("s", low=1e-3, high=60.0)] | None = None
     fields: Annotated[list[FieldSpec], Limits(min_length=1, max_length=1000)]
@@ -126,6 +138,10 @@ class FrameSpec(StrictModel):
     crc: CheckSpec
     golden: str | None = None
     expect: Annotated[dict[str, Any], Limits(min_length=1)] | None = None
+
+
+Span = tuple[int, int]
+"""Lowest bit and number of bits."""
 
 
 @dataclass(frozen=True)
@@ -181,8 +197,9 @@ class Field:
 class Message:
     """One message of a definition: all its fields from the sync bytes on, common ones first.
 
-    ``body`` is the length without the check and without the "rest" bytes; ``length`` the whole frame, 0 if it varies.
-    The check covers [cover_start, cover_stop) of the frame; cover_stop None = up to the check.
+    ``body`` is the length without what stands behind the fields (check, trailer) and without the "rest" bytes;
+    ``length`` the whole frame, 0 if it varies. The check covers [cover_start, cover_stop) of the frame; cover_stop
+    None = up to the end of the fields.
     """
 
     name: str
@@ -219,7 +236,9 @@ class Layout:
     """Everything the engines need; ``pattern`` = sync bytes and the constants right behind them.
 
     ``header``: bytes that must be there before length and message are known. ``shared_counter``: all messages count
-    with the same counter.
+    with the same counter; ``own_counters``: the common counter is of each message. ``length_bits``, ``type_bits``:
+    lowest bit and number of bits, where these are no whole field. ``check_field`` holds the check where it does not
+    stand behind the fields. ``unlisted``: the common fields as a message, where frames of other types are counted.
     """
 
     sync: bytes
@@ -235,17 +254,42 @@ class Layout:
     shared_counter: bool
     rate_Hz: float | None
     silence_s: float | None = None
+    own_counters: bool = False
+    length_times: int = 1
+    length_bits: Span | None = None
+    type_bits: Span | None = None
+    check_field: Field | None = None
+    trailer: bytes = b""
+    unlisted: Message | None = None
+
+    @property
+    def tail(self) -> int:
+        """Bytes behind the fields: the check, if no field holds it, and the trailer."""
+        return (self.check.size if self.check_field is None else 0) + len(self.trailer)
+
+    @property
+    def kinds(self) -> tuple[Message, ...]:
+        """All that a frame may be: the messages, and last what is not listed, if that is counted."""
+        return self.messages if self.unlisted is None else (*self.messages, self.unlisted)
 
     @property
     def fixed(self) -> bool:
-        """One message of one length: the frames of an undamaged stream form a lattice."""
-        return len(self.messages) == 1 and self.length_field is None
+        """One message of one length, without a type: the frames of an undamaged stream form a lattice."""
+        return len(self.messages) == 1 and self.length_field is None and self.type_field is None
 
     def canonical(self) -> dict[str, Any]:
         """JSON-able content that decides how bytes become numbers; hashed into every session."""
         check = self.check
         model = getattr(check, "model", None)
-        silence = {} if self.silence_s is None else {"silence_s": self.silence_s}
+        later: dict[str, Any] = {} if self.silence_s is None else {"silence_s": self.silence_s}
+        later |= {} if self.length_times == 1 else {"length_times": self.length_times}
+        for name in ("length_bits", "type_bits"):
+            later |= {} if getattr(self, name) is None else {name: list(getattr(self, name))}
+        later |= {} if self.check_field is None else {"check_field": self.check_field.name}
+        counting = any(message.counter for message in self.messages)
+        later |= {"own_counters": True} if self.own_counters and counting else {}
+        later |= {"trailer": self.trailer.hex()} if self.trailer else {}
+        later |= {} if self.unlisted is None else {"other": True}
         return {
             "sync": self.sync.hex(),
             "check": check.name if model is None else [model.width, *_numbers(model)],
@@ -255,7 +299,7 @@ class Layout:
             "type": None if self.type_field is None else self.type_field.name,
             "rate_Hz": self.rate_Hz,
             "messages": [_message_content(message) for message in self.messages],
-            **silence,
+            **later,
         }
 
 

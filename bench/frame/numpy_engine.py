@@ -7,13 +7,15 @@ any damage the scan (all sync candidates of a window, their checks in bulk, then
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, extract_column
-from bench.frame.layout import Layout, Message
+from bench.frame.layout import Layout, Message, Span
+from bench.frame.seal import are_right
 
 _UNKNOWN = -1  # all bytes of the header are not there yet
 _WRONG = 0  # length or type makes no sense
@@ -34,17 +36,6 @@ class Found:
     position: int
 
 
-def stored_value(packed: NDArray[np.uint8], big: bool) -> NDArray[np.uint64]:
-    """Stored check values (n, size) -> (n,) uint64."""
-    wide = np.zeros((len(packed), 8), np.uint8)
-    size = packed.shape[1]
-    if big:
-        wide[:, 8 - size :] = packed
-    else:
-        wide[:, :size] = packed
-    return wide.view(">u8" if big else "<u8").reshape(-1).astype(np.uint64)
-
-
 class Scanner:
     """Finds, measures and checks all candidates of a window at once."""
 
@@ -61,7 +52,7 @@ class Scanner:
         length, message = self._measure(window, candidates)
         complete = (length > 0) & (candidates + length <= len(window))
         valid = np.zeros(len(candidates), np.bool_)
-        for index, item in enumerate(self._layout.messages):
+        for index, item in enumerate(self._layout.kinds):
             self._check(window, candidates, length, complete & (message == index), item, valid)
         waiting = ((length == _UNKNOWN) | ((length > 0) & ~complete)) & (candidates >= before)
         last = len(window) if final else max(len(window) - len(self._layout.pattern) + 1, min(before, len(window)), 0)
@@ -84,15 +75,17 @@ class Scanner:
         kind = np.zeros(len(head), np.int64)
         if layout.type_field is not None:
             value = _unsigned(head, layout.type_field.offset, layout.type_field.size, layout.type_field.big)
-            kind = np.full(len(head), -1, np.int64)
+            value = part_of(value, layout.type_bits)
+            kind = np.full(len(head), -1 if layout.unlisted is None else len(layout.messages), np.int64)
             for index, item in enumerate(layout.messages):
                 kind[value == item.type_value] = index
-        body = np.array([item.body + layout.check.size for item in layout.messages])[kind]
-        fixed = np.array([item.length for item in layout.messages])[kind]
+        body = np.array([item.body + layout.tail for item in layout.kinds])[kind]
+        fixed = np.array([item.length for item in layout.kinds])[kind]
         size = fixed.copy()
         if layout.length_field is not None:
             field = layout.length_field
-            size = _unsigned(head, field.offset, field.size, field.big) + layout.length_plus
+            stated = part_of(_unsigned(head, field.offset, field.size, field.big), layout.length_bits)
+            size = stated * layout.length_times + layout.length_plus
             size[(size < body) | (size > layout.max_length) | ((fixed > 0) & (size != fixed))] = _WRONG
         size[kind < 0] = _WRONG
         length[:] = _UNKNOWN
@@ -103,15 +96,11 @@ class Scanner:
     def _check(self, window: NDArray[np.uint8], at: NDArray[np.int64], length: NDArray[np.int64],
                chosen: NDArray[np.bool_], message: Message, valid: NDArray[np.bool_]) -> None:  # fmt: skip
         """Set ``valid`` for the chosen candidates whose check passes; one pass per length that occurs."""
-        size = self._layout.check.size
         for total in np.unique(length[chosen]).tolist() if message.length == 0 else [message.length]:
             which = np.flatnonzero(chosen & (length == total))
             if not len(which):
                 continue
-            rows = sliding_window_view(window, total)[at[which]]
-            stop = total - size if message.cover_stop is None else message.cover_stop
-            values = self._layout.check.of_rows(rows[:, message.cover_start : stop])
-            valid[which] = values == stored_value(rows[:, total - size :], self._layout.stored_big)
+            valid[which] = are_right(self._layout, message, sliding_window_view(window, total)[at[which]])
 
 
 def _find(window: NDArray[np.uint8], pattern: bytes) -> NDArray[np.int64]:
@@ -123,6 +112,11 @@ def _find(window: NDArray[np.uint8], pattern: bytes) -> NDArray[np.int64]:
     for index in range(1, len(pattern)):
         at = at[window[at + index] == pattern[index]]
     return at.astype(np.int64, copy=False)
+
+
+def part_of(value: Any, bits: Span | None) -> Any:
+    """Return some bits of whole numbers, or the numbers."""
+    return value if bits is None else value >> bits[0] & (1 << bits[1]) - 1
 
 
 def _unsigned(head: NDArray[np.uint8], offset: int, size: int, big: bool) -> NDArray[np.int64]:
@@ -222,11 +216,7 @@ class NumpyDecoder:
         for index, byte in enumerate(pattern):
             good &= block[:, index] == byte
         leading = _leading(good)
-        block = block[:leading]
-        size = self._layout.check.size
-        stop = message.length - size if message.cover_stop is None else message.cover_stop
-        values = self._layout.check.of_rows(block[:, message.cover_start : stop])
-        return _leading(values == stored_value(block[:, -size:], self._layout.stored_big)), rows
+        return _leading(are_right(self._layout, message, block[:leading])), rows
 
     def _batch(self, stream: bytes, buffer: NDArray[np.uint8], found: list[Run | Found], bad: NDArray[np.int64],
                consumed: int) -> FrameBatch:  # fmt: skip
@@ -237,12 +227,16 @@ class NumpyDecoder:
             rows = rows_of(buffer, starts, message)
             rest = None
             if message.rest is not None:
-                size = self._layout.check.size
+                tail = self._layout.tail
                 bounds = zip(starts.tolist(), lengths.tolist(), strict=True)
-                rest = [stream[start + message.body : start + length - size] for start, length in bounds]
+                rest = [stream[start + message.body : start + length - tail] for start, length in bounds]
             messages[message.name] = MessageBatch(message, starts + self._position, rows, rest, extract_column)
             self.counts.frames += len(starts)
             self.counts.by_message[message.name] = self.counts.by_message.get(message.name, 0) + len(starts)
+            accepted += int(lengths.sum())
+        if self._layout.unlisted is not None:
+            _, lengths = _starts(found, len(self._layout.messages), 0)
+            self.counts.other += len(lengths)
             accepted += int(lengths.sum())
         self.counts.bad += len(bad)
         self.counts.skipped_bytes += consumed - accepted

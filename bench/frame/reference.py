@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch
-from bench.frame.layout import Field, Layout, Message
+from bench.frame.layout import Field, Layout, Message, Span
 
 
 class ReferenceDecoder:
@@ -47,7 +47,7 @@ class ReferenceDecoder:
             may_wait = not final and self._position + at >= before
             if len(stream) - at < len(pattern) and may_wait:
                 break
-            if stream[at : at + len(pattern)] != pattern:
+            if not stream.startswith(pattern, at):
                 at += 1
                 self.counts.skipped_bytes += 1
                 continue
@@ -58,7 +58,10 @@ class ReferenceDecoder:
                 if not final:
                     bad.append(self._position + at)
             elif message is not None and self._passes(stream[at : at + length], message):
-                found[message.name].append((at, stream[at : at + length]))
+                if message is self._layout.unlisted:
+                    self.counts.other += 1
+                else:
+                    found[message.name].append((at, stream[at : at + length]))
                 at += length
                 continue
             else:
@@ -74,26 +77,25 @@ class ReferenceDecoder:
         layout = self._layout
         if at + layout.header > len(stream):
             return None, None
+        head = stream[at : at + layout.header]
         message: Message | None = layout.messages[0]
         if layout.type_field is not None:
-            value = read_element(stream[at:], layout.type_field)
-            message = next((m for m in layout.messages if m.type_value == value), None)
+            value = _part(read_element(head, layout.type_field), layout.type_bits)
+            message = next((m for m in layout.messages if m.type_value == value), layout.unlisted)
         if message is None:
             return 0, None
         length = message.length
         if layout.length_field is not None:
-            length = read_element(stream[at:], layout.length_field) + layout.length_plus
-            if length < message.body + layout.check.size or length > layout.max_length:
+            stated = _part(read_element(head, layout.length_field), layout.length_bits)
+            length = stated * layout.length_times + layout.length_plus
+            if length < message.body + layout.tail or length > layout.max_length:
                 return 0, None
             if message.length not in (0, length):
                 return 0, None
         return length, message
 
     def _passes(self, frame: bytes, message: Message) -> bool:
-        size = self._layout.check.size
-        stop = len(frame) - size if message.cover_stop is None else message.cover_stop
-        stored = int.from_bytes(frame[-size:], "big" if self._layout.stored_big else "little")
-        return self._layout.check.of(frame[message.cover_start : stop]) == stored
+        return frame.endswith(self._layout.trailer) and checks_of(self._layout, message, frame)[0]
 
     def _batch(self, found: dict[str, list[tuple[int, bytes]]], bad: list[int], consumed: int) -> FrameBatch:
         messages = {}
@@ -101,8 +103,9 @@ class ReferenceDecoder:
             frames = found[message.name]
             offset = np.array([self._position + at for at, _ in frames], np.int64)
             rows = np.frombuffer(b"".join(frame[: message.body] for _, frame in frames), np.uint8)
-            size = self._layout.check.size
-            rest = None if message.rest is None else [frame[message.body : -size] for _, frame in frames]
+            rest = None
+            if message.rest is not None:
+                rest = [frame[message.body : len(frame) - self._layout.tail] for _, frame in frames]
             messages[message.name] = MessageBatch(message, offset, rows.reshape(len(frames), -1) if frames else
                                                   np.empty((0, message.body), np.uint8), rest, read_column)  # fmt: skip
             self.counts.frames += len(frames)
@@ -110,6 +113,21 @@ class ReferenceDecoder:
         self.counts.bad += len(bad)
         self._position += consumed
         return FrameBatch(messages, np.array(bad, np.int64), self._position)
+
+
+def _part(value: int, bits: Span | None) -> int:
+    return value if bits is None else value >> bits[0] & (1 << bits[1]) - 1
+
+
+def checks_of(layout: Layout, message: Message, frame: bytes) -> tuple[bool, int, int]:
+    """Return whether the check of a frame is right, the one computed and the one that it holds."""
+    size, end = layout.check.size, len(frame) - layout.tail
+    at = end if layout.check_field is None else layout.check_field.offset
+    stop = end if message.cover_stop is None else message.cover_stop
+    blank = frame if layout.check_field is None else frame[:at] + bytes(size) + frame[at + size :]
+    computed = layout.check.of(blank[message.cover_start : stop])
+    stored = int.from_bytes(frame[at : at + size], "big" if layout.stored_big else "little")
+    return computed == stored, computed, stored
 
 
 def read_element(frame: bytes, item: Field, element: int = 0) -> Any:

@@ -16,6 +16,7 @@ from bench.frame.batch import Arrivals, FrameBatch, MessageBatch
 from bench.frame.best import Engine
 from bench.frame.counter import CounterUnwrapper
 from bench.frame.definition import FrameDefinition
+from bench.frame.layout import Field
 from bench.model.clock import NS
 
 _Chunk = tuple[int, bytes]  # receive stamp in ns, bytes
@@ -27,7 +28,7 @@ class LinkCounts:
 
     bytes: decoded so far; frames: accepted; bad: sync found, check failed, not inside an accepted frame; lost and
     duplicate: by the counter; suspect: check passed, but a constant or the counter is out of line; skipped_bytes: in no
-    accepted frame.
+    accepted frame; other: check right, of a type that the definition does not list.
     """
 
     bytes: int = 0
@@ -37,6 +38,7 @@ class LinkCounts:
     duplicate: int = 0
     skipped_bytes: int = 0
     suspect: int = 0
+    other: int = 0
 
 
 class LinkBatch(NamedTuple):
@@ -99,7 +101,14 @@ class LinkDecoder:
         """Totals of everything flushed so far."""
         seen = self._decoder.counts
         return LinkCounts(
-            seen.bytes, seen.frames, seen.bad, self._lost, self._duplicate, seen.skipped_bytes, self._suspect
+            seen.bytes,
+            seen.frames,
+            seen.bad,
+            self._lost,
+            self._duplicate,
+            seen.skipped_bytes,
+            self._suspect,
+            seen.other,
         )
 
     def flush(self) -> LinkBatch:
@@ -190,7 +199,7 @@ class LinkDecoder:
         behind = batch.offset + batch.message.length
         if batch.rest is not None:
             extra = np.fromiter(map(len, batch.rest), np.int64, len(batch))
-            behind = batch.offset + batch.message.body + self.definition.layout.check.size + extra
+            behind = batch.offset + batch.message.body + self.definition.layout.tail + extra
         complete = np.searchsorted(behind, ends[first : last + 1], side="right")
         complete[1:] -= complete[:-1].copy()
         return np.repeat(np.array(self._arrivals.stamps[first : last + 1]), complete)
@@ -199,7 +208,7 @@ class LinkDecoder:
         """Return the stream offset behind one frame."""
         if batch.rest is None:
             return int(batch.offset[index]) + batch.message.length
-        tail = self.definition.layout.check.size + len(batch.rest[index])
+        tail = self.definition.layout.tail + len(batch.rest[index])
         return int(batch.offset[index]) + batch.message.body + tail
 
     def _count(self, messages: Mapping[str, MessageBatch]) -> tuple[int, int]:
@@ -228,14 +237,14 @@ class LinkDecoder:
             unwrapper = self._counters[key] = CounterUnwrapper(wrap, self.definition.rate_Hz)
         if len(group) == 1:
             batch = group[0]
-            result = unwrapper.feed(batch.raw(field.name).astype(np.int64), batch.t_ns)
+            result = unwrapper.feed(_counted(batch, field), batch.t_ns)
             batch.counter = result.counter
             if result.doubtful:
                 batch.suspect = batch.suspect | result.suspect
             return result.lost, result.duplicate
         offset = np.concatenate([batch.offset for batch in group])
         order = np.argsort(offset, kind="stable")
-        raw = np.concatenate([batch.raw(field.name).astype(np.int64) for batch in group])
+        raw = np.concatenate([_counted(batch, field) for batch in group])
         stamps = np.concatenate([batch.t_ns for batch in group if batch.t_ns is not None])
         result = unwrapper.feed(raw[order], stamps[order])
         counter, suspect = np.empty_like(result.counter), np.empty_like(result.suspect)
@@ -246,6 +255,12 @@ class LinkDecoder:
             batch.suspect = batch.suspect | suspect[at : at + len(batch)]
             at += len(batch)
         return result.lost, result.duplicate
+
+
+def _counted(batch: MessageBatch, field: Field) -> NDArray[np.int64]:
+    """Return the counters of a batch as sent, without bits of the field that do not count."""
+    raw = batch.raw(field.name).astype(np.int64)
+    return raw & (field.wrap - 1) if field.wrap and field.bits else raw
 
 
 def _joined(parts: list[LinkBatch]) -> LinkBatch:

@@ -121,6 +121,7 @@ def _added(before: LinkCounts, more: LinkCounts) -> LinkCounts:
     return LinkCounts(
         before.bytes + more.bytes, before.frames + more.frames, before.bad + more.bad, before.lost + more.lost,
         before.duplicate + more.duplicate, before.skipped_bytes + more.skipped_bytes, before.suspect + more.suspect,
+        before.other + more.other,
     )  # fmt: skip
 
 

@@ -19,7 +19,7 @@ from bench.frame.kernel_engine import KernelDecoder
 from bench.frame.layout import Field, Message
 
 NAMES = tuple(sorted(path.stem for path in (ROOT / "frames").glob("*.yaml")))
-IN_THE_KERNEL = tuple(name for name in NAMES if holds(frame(name).layout.check))
+IN_THE_KERNEL = tuple(name for name in NAMES if holds(frame(name).layout))
 FAST = ("numpy",) if why_no_kernel() else ("numpy", "kernel")
 DAMAGE = ("flip", "drop", "insert", "truncate", "repeat_tail", "garbage", "sync_storm", "false_header")
 SHARES = (0.0, 0.001, 0.01, 0.1, 0.5, 1.0)
@@ -29,7 +29,9 @@ Generator = np.random.Generator
 
 def random_values(definition: FrameDefinition, message: Message, generator: Generator) -> dict[str, Any]:
     values: dict[str, Any] = {}
-    framing = {item.name for item in (definition.layout.length_field, definition.layout.type_field) if item is not None}
+    layout = definition.layout
+    holders = (layout.length_field, layout.type_field, layout.check_field)
+    framing = {item.name for item in holders if item is not None}
     for item in message.fields:
         if item.constant is not None or item.name in framing:
             continue

@@ -81,9 +81,32 @@ def arrays_of(layout: Layout) -> Arrays:
     return Arrays(numbers, tuple(columns), column, shortest)
 
 
-def holds(check: Check) -> bool:
+def knows(check: Check) -> bool:
     """Return whether the kernel knows a check."""
     return isinstance(check, Crc) or check.name in _CHECKSUMS
+
+
+def holds(layout: Layout) -> bool:
+    """Return whether the kernel can decode frames of a layout."""
+    return not what_is_not_held(layout)
+
+
+def what_is_not_held(layout: Layout) -> str:
+    """Return what of a layout the kernel does not know, "" if nothing."""
+    check = layout.check
+    if not knows(check):
+        return "frames without a check" if not check.size else check.name
+    in_bits = any(message.counter is not None and message.counter.bits for message in layout.messages)
+    unknown = {
+        "a check that does not stand behind all fields": layout.check_field is not None,
+        "a trailer": bool(layout.trailer),
+        "frames without sync bytes": not layout.pattern,
+        "a length or type in some bits of a field": bool(layout.length_bits or layout.type_bits),
+        "a length that is a multiple": layout.length_times != 1,
+        "frames of types that are not listed": layout.unlisted is not None,
+        "a counter in some bits of a field": in_bits,
+    }
+    return next((text for text, there in unknown.items() if there), "")
 
 
 def _head(layout: Layout) -> list[int]:

@@ -39,8 +39,9 @@ def test_counts_and_csv_of_a_capture_longer_than_a_block(tmp_path: Path, monkeyp
     capture = tmp_path / "capture.bin"
     capture.write_bytes(b"noise" + rows.tobytes() + b"\xeb\x90")
     assert captured(definition, capture)[0].summary() == {
-        "frame": "ngu_a", "frame_sha256": definition.sha256, "good": 99, "bytes": 5707, "bad": 1, "lost": 100,
-        "duplicate": 0, "suspect": 0, "skipped_bytes": 64, "messages": {"frame": 99}, "cut_off": True,
+        "frame": "ngu_a", "frame_sha256": definition.sha256, "check": "crc-16/ibm-3740", "good": 99, "bytes": 5707,
+        "bad": 1, "lost": 100, "duplicate": 0, "suspect": 0, "skipped_bytes": 64, "other": 0,
+        "messages": {"frame": 99}, "cut_off": True,
     }  # fmt: skip
     assert tabulated(definition, capture, tmp_path / "out.csv") == [tmp_path / "out.csv"]
     with (tmp_path / "out.csv").open(newline="", encoding="utf-8") as stream:

@@ -7,7 +7,7 @@ import zlib
 
 import numpy as np
 import pytest
-from crccheck.crc import Crc16Ibm3740, Crc16Xmodem, Crc32Jamcrc, Crc32Mpeg2
+from crccheck.crc import Crc16Ibm3740, Crc16Xmodem, Crc24LteA, Crc32Jamcrc, Crc32Mpeg2
 from record_sample import ROOT
 from record_sample import frame as frame_of
 
@@ -122,6 +122,70 @@ def ubx_pvt() -> bytes:
     return ubx(0x0107, when + place + motion + struct.pack("<2HIihH", 116, 0, 0, 9100001, -671, 50))
 
 
+def sbf(block: int, body: bytes) -> bytes:
+    """A block of a Septentrio receiver: the check stands in front of what it covers."""
+    covered = struct.pack("<HH", block, len(body) + 8) + body
+    return b"$@" + struct.pack("<H", Crc16Xmodem.calc(covered)) + covered
+
+
+def sbf_attitude() -> bytes:
+    """Of a receiver with one antenna, which does not know its attitude."""
+    return sbf(5938, struct.pack("<IH2BHH6f", 483013000, 2367, 255, 128, 0, 0, *[-2e10] * 6))
+
+
+def sirf(message: int, body: bytes) -> bytes:
+    covered = struct.pack(">B", message) + body
+    return (
+        b"\xa0\xa2" + struct.pack(">H", len(covered)) + covered + struct.pack(">H", sum(covered) & 0x7FFF) + b"\xb0\xb3"
+    )
+
+
+def rtcm(number: int) -> bytes:
+    """A message of a reference station, kept by an open library; length, number and check made again."""
+    kept = golden_bytes(f"rtcm3.{RTCM[number]}")
+    body = struct.pack(">H", number << 4 | kept[4] & 0x0F) + kept[5:-3]
+    frame = b"\xd3" + struct.pack(">H", len(body)) + body
+    return frame + u24(Crc24LteA.calc(frame))
+
+
+def xbus(message: int, body: bytes) -> bytes:
+    covered = struct.pack("3B", 0xFF, message, len(body)) + body
+    return b"\xfa" + covered + bytes([-sum(covered) % 256])
+
+
+def xbus_data() -> bytes:
+    """A measurement of an MTi-630 in the example of an open driver."""
+    heads = [bytes.fromhex(head) for head in ("106004", "201010", "80200c", "40200c", "c0200c", "e02004")]
+    sizes, values, at = (1, 4, 3, 3, 3, 1), (39007691, *MTI, 3), 0
+    body = b""
+    for head, size in zip(heads, sizes, strict=True):
+        kind = "I" if size == 1 else "f"
+        body += head + struct.pack(f">{size}{kind}", *values[at : at + size])
+        at += size
+    return xbus(0x36, body)
+
+
+def jpss_packet() -> bytes:
+    """The first packet of a day of the satellite, with the values that an open decoder prints."""
+    body = struct.pack(">HIHBHIH6f", 23109, 7, 137, 159, 23109, 30, 941, *ORBIT) + struct.pack(
+        ">HIH4f", 23108, 86399930, 941, *TURNED
+    )
+    return struct.pack(">HHH", 1 << 11 | 11, 3 << 14 | 2606, len(body) - 1) + body
+
+
+RTCM = {1005: "station", 1077: "gps", 1087: "glonass"}
+MTI = (
+    0.9999145269393921, -0.0029328297823667526, 0.012303871102631092, 0.003328294027596712, 0.0004874542646575719,
+    -0.0018071384401991963, -0.0010248273611068726, -0.22349394857883453, -0.028320079669356346, 9.860060691833496,
+    -0.2818031311035156, 0.9031069278717041, -0.8302156925201416,
+)  # fmt: skip
+ORBIT = (6389695.5, 2786021.5, 1825377.375, 2383.52880859375, -785.8864135742188, -7105.89892578125)
+TURNED = (-0.2163526564836502, 0.7624724507331848, 0.25699475407600403, 0.5529747009277344)
+GEODETIC = (
+    0, 516, 2187, 420009816, 2021, 12, 9, 20, 39, 56816, 33096, 372935988, -1219187615, 3040, 5617, 21, 5, 0, 0, 3, 0,
+    275, 562, 0, 0, 208358187, 0, 1894297, 0, 0, 0, 0, 4, 17, 106,
+)  # fmt: skip
+NAVIGATION = (-2686059, -4312187, 3843384, 0, 0, 0, 4, 17, 2, 139, 42000981, 4, 9, 16, 7, 4, 0, 0, 0, 0, 0, 0, 0, 0)
 SOLUTION = (
     40.04083701098634, 116.50455756706515, 27.40395322162658, 0.06938133693149312, 9.64716338567833,
     -0.0059339761715861625, 0.5971796342813211, 0.053063083220141735, 90.93423222654538,
@@ -152,6 +216,18 @@ INDEPENDENT = {
     "novatel_inspvas": novatel_inspvas(),
     "ublox_ubx.pvt": ubx_pvt(),
     "ublox_ubx.velned": ubx(0x0112, struct.pack("<I3i2Ii2I", 197594600, 7, 965, -1, 965, 965, 9093423, 8, 32114)),
+    "septentrio_sbf.pvt_geodetic": sbf(4007 | 2 << 13, golden_bytes("septentrio_sbf.pvt_geodetic")[8:]),
+    "septentrio_sbf.pvt_cartesian": sbf(4006 | 2 << 13, golden_bytes("septentrio_sbf.pvt_cartesian")[8:]),
+    "septentrio_sbf.attitude": sbf_attitude(),
+    "sirf_binary.navigation": sirf(2, struct.pack(">3i3h3BHI13B", *NAVIGATION)),
+    "sirf_binary.pulse_time": sirf(52, struct.pack(">5BHhIBI", 20, 42, 27, 9, 12, 2021, 0, 0, 1, 0)),
+    "sirf_binary.geodetic": sirf(41, struct.pack(">HHHIHBBBBHIiiiiBHHhhhIIIHiIiIIHHBBB", *GEODETIC)),
+    **{f"rtcm3.{name}": rtcm(number) for number, name in RTCM.items()},
+    "xsens_mtdata2.data": xbus_data(),
+    "xsens_mtdata2.wake_up": xbus(0x3E, b""),
+    "xsens_mtdata2.outputs": xbus(0xC1, bytes.fromhex("10a00001")),
+    "ccsds_jpss1.ephemeris": jpss_packet(),
+    "ccsds_jpss1.fill": struct.pack(">HHH", 2047, 3 << 14, 3) + b"\x55" * 4,
     "ublox_ubx.timegps": ubx(0x0120, struct.pack("<IihbBI", 197594600, -187654, 2446, 18, 7, 25)),
 }
 

@@ -1,0 +1,192 @@
+"""Definitions that nobody would write, drawn at random: what is encoded is decoded, and all engines agree on damage.
+
+``make definitions`` tries 200,000 of them; BENCH_SEEDS=FIRST:LAST tries a part, so that a sweep can be resumed.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from typing import Any
+
+import numpy as np
+import pytest
+from test_frame_engines import Generator, chunks_of, damage, everything, random_field, random_values
+
+from bench.frame import FrameDefinition, parse_frame, why_no_kernel
+from bench.frame.compile import compile_frame
+from bench.frame.crc import CHECKSUMS
+from bench.frame.encode import encode_frame
+from bench.frame.kernel.arrays import holds
+from bench.frame.layout import FrameSpec
+from bench.model.errors import InputError
+from bench.model.yamlio import parse_yaml
+
+SHORT, FULL = 1000, 200_000
+CHECKS = (*CHECKSUMS, "crc-8/smbus", "crc-16/modbus", "crc-16/xmodem", "crc-24q", "crc-32", "crc-64/xz", "crc-12/umts")
+DAMAGES = ("flip", "drop", "insert", "truncate", "repeat_tail", "garbage", "sync_storm", "false_header")
+KINDS = ("u8", "u16", "u24", "u32", "u48", "u64", "i8", "i16", "i24", "i40", "i64", "f32", "f64")
+HOLDERS = {1: "u8", 2: "u16", 3: "u24", 4: "u32", 8: "u64"}
+Spec = dict[str, Any]
+
+
+def one_of(choices: Any, rng: Generator) -> Any:
+    return choices[int(rng.integers(len(choices)))]
+
+
+def random_fields(prefix: str, rng: Generator) -> list[Spec]:
+    fields: list[Spec] = []
+    for number in range(int(rng.integers(1, 6))):
+        field: Spec = {"name": f"{prefix}{number}", "type": one_of((*KINDS, "bytes"), rng)}
+        if field["type"] == "bytes" or rng.random() < 0.2:
+            field["count"] = int(rng.integers(1, 6))
+        if field["type"] != "bytes" and rng.random() < 0.3:
+            field["endian"] = one_of(("big", "little"), rng)
+        if field["type"] == "u8" and "count" not in field and rng.random() < 0.3:
+            field["constant"] = int(rng.integers(256))
+        fields.append(field)
+    return fields
+
+
+def framing(name: str, rng: Generator) -> tuple[Spec, str, int]:
+    """A field for a length or type, what names it or its bits, and how many values these have."""
+    if rng.random() < 0.5:
+        kind = one_of(("u16", "u24", "u32"), rng)
+        return {"name": name, "type": kind}, name, 1 << int(kind[1:])
+    low = int(rng.integers(0, 6))
+    high = low + int(rng.integers(9, 11))
+    bits = {"stated": f"{low}-{high}", "beside": high + 1}
+    return {"name": name, "type": one_of(("u24", "u32"), rng), "bits": bits}, f"{name}.stated", 1 << (high - low + 1)
+
+
+def random_spec(rng: Generator) -> Spec:
+    """A definition without golden frames; most parts of the language take part."""
+    spec: Spec = {"frame": "random", "endian": one_of(("big", "little"), rng)}
+    varies, typed = rng.random() < 0.6, rng.random() < 0.5
+    spec["sync"] = rng.integers(0, 256, int(rng.integers(0 if varies else 1, 5))).tolist()
+    common = [*random_fields("common", rng), {"name": "whole", "type": "u16"}]
+    check = one_of(CHECKS, rng)
+    size = 8 if check == "crc-64/xz" else 3 if check == "crc-24q" else 2 if "12" in check else None
+    size = size or (CHECKSUMS[check].size if check in CHECKSUMS else int(check[4:6].strip("-/")) // 8)
+    spec["crc"] = {"name": check} if check == "none" else {"name": check, "over": ["sync", "end"]}
+    if size in HOLDERS and rng.random() < 0.4:
+        common.insert(int(rng.integers(len(common) + 1)), {"name": "check", "type": HOLDERS[size]})
+        spec["crc"]["field"] = "check"
+    if varies:
+        field, name, _ = framing("length", rng)
+        common.insert(int(rng.integers(len(common) + 1)), field)
+        spec["length"] = {"field": name, "plus": 0, "times": one_of((1, 1, 2, 4), rng), "max": 900}
+    if typed:
+        field, name, values = framing("kind", rng)
+        common.insert(int(rng.integers(len(common) + 1)), field)
+        spec["type"] = {"field": name}
+        spec["messages"] = random_messages(values, varies, rng)
+        if varies and rng.random() < 0.5:
+            spec["other"] = True
+    elif varies:
+        common.append({"name": "rest", "type": "bytes", "count": "rest"})
+    if rng.random() < 0.3:
+        spec["trailer"] = rng.integers(0, 256, int(rng.integers(1, 4))).tolist()
+    if check != "none" and rng.random() < 0.5:
+        spec["crc"]["over"][0] = common[0]["name"]
+    spec["fields"] = common
+    return spec
+
+
+def random_messages(values: int, varies: bool, rng: Generator) -> dict[str, Spec]:
+    messages: dict[str, Spec] = {}
+    for number, value in enumerate(rng.choice(min(values, 4096), int(rng.integers(1, 4)), replace=False).tolist()):
+        fields = random_fields(f"own{number}_", rng)
+        rest = [{"name": "rest", "type": "bytes", "count": "rest"}] if varies else []
+        messages[f"m{number}"] = {"value": value, "fields": [*fields, *rest], "golden": "00", "expect": {"none": 1}}
+    return messages
+
+
+def encoded(spec: Spec, layout: Any, message: Any, rng: Generator) -> bytes:
+    """A frame of a message with random values; of a length that the length field can say."""
+    values = {
+        item.name: random_field(item, rng)
+        for item in message.fields
+        if item.constant is None and item not in (layout.length_field, layout.type_field, layout.check_field)
+    }
+    for _ in range(4):
+        try:
+            return encode_frame(layout, message, values)
+        except InputError as error:
+            if error.code != "B-FRAME-021" or "rest" not in values:
+                raise
+            values["rest"] += b"\0"
+    raise AssertionError(spec)
+
+
+def with_golden(spec: Spec, rng: Generator) -> FrameDefinition:
+    layout, _ = compile_frame(parse_yaml(json.dumps(spec), "random.yaml", FrameSpec))
+    for message in layout.messages:
+        part = spec if "messages" not in spec else spec["messages"][message.name]
+        frame = encoded(spec, layout, message, rng)
+        whole = message.by_name["whole"]
+        value = int.from_bytes(frame[whole.offset : whole.offset + 2], "big" if whole.big else "little")
+        part |= {"golden": frame.hex(), "expect": {"whole": value}}
+    return parse_frame(json.dumps(spec), "random.yaml")
+
+
+def compare(seed: int) -> int:
+    """One definition, one sound and one damaged stream through all engines; gives the frames found in both."""
+    rng = np.random.default_rng([20, seed])
+    spec = random_spec(rng)
+    try:
+        definition = with_golden(spec, rng)
+        layout, parts, order = definition.layout, [], []
+        for _ in range(int(rng.integers(1, 12))):
+            message = one_of(layout.messages, rng)
+            order.append(message.name)
+            parts.append(encoded(spec, layout, message, rng))
+        stream = b"".join(parts)
+        ways = ["numpy", *(["kernel"] if holds(layout) and not why_no_kernel() else [])]
+        due = everything(definition, "reference", [stream])
+        starts = np.cumsum([0, *map(len, parts)])[:-1]
+        for name in definition.messages:
+            assert due[1][name] == [at for at, kind in zip(starts.tolist(), order, strict=True) if kind == name]
+        assert (due[0].bad, due[0].skipped_bytes, due[0].other) == (0, 0, 0)
+        broken = b"".join(bytes(damage(one_of(DAMAGES, rng), bytearray(part), layout.pattern, rng))
+                          if rng.random() < 0.4 else part for part in parts)  # fmt: skip
+        damaged = everything(definition, "reference", [broken])
+        for way in ways:
+            assert everything(definition, way, chunks_of(stream, rng)) == due
+            assert everything(definition, way, [broken]) == damaged
+            assert everything(definition, way, chunks_of(broken, rng)) == damaged
+    except Exception as error:
+        raise AssertionError(f"seed {seed}: {json.dumps(spec)}") from error
+    return due[0].frames + damaged[0].frames
+
+
+def test_a_thousand_random_definitions() -> None:
+    assert sum(map(compare, range(SHORT))) > 5 * SHORT
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("block", range(FULL // 2000))
+def test_random_definitions(block: int) -> None:
+    first, last = map(int, os.environ.get("BENCH_SEEDS", f"0:{FULL}").split(":"))
+    seeds = range(max(first, 2000 * block), min(last, 2000 * (block + 1)))
+    print(f"seeds {seeds.start}..{seeds.stop - 1}: {sum(map(compare, seeds))} frames")
+
+
+def test_values_of_a_random_definition_are_those_encoded() -> None:
+    rng = np.random.default_rng(2026)
+    for _ in range(100):
+        definition = with_golden(random_spec(rng), rng)
+        message = definition.layout.messages[0]
+        values = random_values(definition, message, rng)
+        values.pop("rest", None)
+        try:
+            given = values | ({"rest": b"1234"} if message.rest is not None else {})
+            frame = definition.encode_one(given, message.name)
+        except InputError:  # four bytes are not what the length can say
+            assert definition.layout.length_times > 1
+            continue
+        batch = definition.decoder("reference").feed(frame).messages[message.name]
+        for name, value in given.items():
+            assert bytes(batch.raw(name)[0].tobytes() if name != "rest" else batch.raw(name)[0]) == (
+                value if name == "rest" else np.asarray(value, batch.raw(name).dtype).tobytes()
+            )
