@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test manuals mutants sweep faults doubt published coverage soak compare pictures structure ways validate bench lint wheel lock
+.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak compare pictures structure ways validate bench lint wheel lock
 
 demo: $(VENV)/.kernel
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -31,6 +31,9 @@ manuals: $(VENV)/.dev
 
 mutants: $(VENV)/.dev
 	$(PY) tests/mutants/run.py
+
+definitions: $(VENV)/.dev
+	$(PY) -m pytest -n 2 --dist worksteal -rP -m sweep tests/fuzz/test_random_definitions.py
 
 sweep: $(VENV)/.dev
 	$(PY) -m pytest -n 2 -m sweep

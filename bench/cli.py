@@ -12,6 +12,7 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 import bench
+from bench.commands.frame_app import app as frame_app
 from bench.commands.hand_app import commission, drill, talk
 from bench.commands.history.app import app as history_app
 from bench.commands.session_app import AsJson, SessionFolder, batch, fit, replay, report, study
@@ -29,6 +30,7 @@ app = typer.Typer(
     "2 bad input, 3 ended safely after a fault, 4 ended safely by the operator, 5 session damaged, 70 internal error.",
 )
 app.add_typer(history_app, name="history")
+app.add_typer(frame_app, name="frame")
 
 Sequence = Annotated[str, typer.Argument(help="a sequence file, or the name of a shipped one")]
 Settings = Annotated[
@@ -146,9 +148,14 @@ def decode(
     parquet: Annotated[
         Path | None, typer.Option("--parquet", help="write the decoded fields (extra 'parquet')")
     ] = None,
+    explained: Annotated[bool, typer.Option("--explain", help="what the capture itself says of its frames")] = False,
     json: AsJson = False,
 ) -> None:
     """Decode any raw capture with a frame definition; counts of good, bad and lost frames; status 1 if none is good."""
+    if explained:
+        from bench.commands import explain as explain_command
+
+        raise typer.Exit(explain_command.explain(frame, file))
     from bench.commands import decode as decode_command
 
     raise typer.Exit(decode_command.decode(frame, file, csv, parquet, json))

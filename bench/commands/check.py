@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from bench.commands.console import console
+from bench.frame import Pace, pace_of, parse_frame
 from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
@@ -54,17 +55,25 @@ def check(request: Request) -> int:
 
         with writing(request.plot):
             plots.plot_timetable(plan, request.plot)
+    decoding = _decoding(plan)
     report = _examined(plan, request) if request.live else None
     if request.json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
+        document["decoding"] = {link: asdict(pace) for link, pace in decoding.items()}
         document["assumptions"] = [asdict(taken) for taken in assumptions_of(plan.campaign)]
         live = {} if report is None else {"preflight": report.event().document()}
         sys.stdout.write(json.dumps({**document, **live}, indent=1) + "\n")
     else:
-        _print(console(), plan, summary, request.plot, report)
+        _print(console(), plan, summary, decoding, request.plot, report)
     if report is not None and (refusal := report.refusal()) is not None:
         raise refusal
     return ExitStatus.PASS
+
+
+def _decoding(plan: Plan) -> dict[str, Pace]:
+    """Return how each link is decoded."""
+    names = {link: f"frames/{name}.yaml" for link, name in sorted(plan.frames.items())}
+    return {link: pace_of(parse_frame(plan.texts[name], name)) for link, name in names.items()}
 
 
 def _examined(plan: Plan, request: Request) -> Report:
@@ -75,7 +84,8 @@ def _examined(plan: Plan, request: Request) -> Report:
     return examine(plan, WallClock(), request.out, uncommissioned=request.uncommissioned)
 
 
-def _print(out: Console, plan: Plan, summary: Summary, plot: Path | None, report: Report | None) -> None:
+def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pace], plot: Path | None,
+           report: Report | None) -> None:  # fmt: skip
     finish = datetime.fromtimestamp(summary.finish_utc_ns / NS, UTC).strftime("%Y-%m-%d %H:%M:%SZ")
     out.print(f"{plan.name}: {plan.title}")
     out.print(f"  station      {plan.station_name}{' (simulated)' if plan.station.simulated else ''}")
@@ -85,6 +95,8 @@ def _print(out: Console, plan: Plan, summary: Summary, plot: Path | None, report
     out.print(f"  afterwards   {hours(summary.finally_s)}")
     out.print(f"  finish       {finish} if started {'at the virtual start' if plan.station.in_process else 'now'}")
     out.print(f"  disk         at most {summary.disk_bytes / 1e6:.0f} MB")
+    for link, pace in decoding.items():
+        out.print(f"  decoding     {link}: {pace}")
     for hazard in summary.hazards:
         out.print(f"  hazard       {hazard}")
     if plot is not None:

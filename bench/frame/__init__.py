@@ -7,6 +7,7 @@ from bench.frame.commands import CommandLayout
 from bench.frame.definition import FrameDefinition, load_frame, parse_frame
 from bench.frame.kernel_quanta import kernel_quanta
 from bench.frame.layout import FrameSpec, Message
+from bench.frame.pace import Pace, pace_of
 from bench.frame.signals import (
     BENCH,
     BENCH_FIELDS,
@@ -37,6 +38,7 @@ __all__ = [
     "LinkDecoder",
     "Message",
     "MessageBatch",
+    "Pace",
     "Signal",
     "Tables",
     "all_signals",
@@ -48,6 +50,7 @@ __all__ = [
     "kernel_quanta",
     "load_frame",
     "of_message",
+    "pace_of",
     "parse_frame",
     "signal_of",
     "why_no_kernel",

@@ -20,6 +20,7 @@ from bench.frame.compile import compile_frame
 from bench.frame.compile_fields import read_hex
 from bench.frame.crc import require_fast_crc
 from bench.frame.encode import encode_frame, encode_rows
+from bench.frame.explain import checks_that_fit
 from bench.frame.kernel.arrays import Arrays, arrays_of, what_is_not_held
 from bench.frame.kernel_encoder import KernelEncoder
 from bench.frame.kernel_engine import KernelDecoder
@@ -52,7 +53,7 @@ class FrameDefinition:
 
     Attributes: name; text (the YAML); sha256 of the canonical compiled definition (two texts that mean the same have
     the same hash); rate_Hz (None if the file states none); messages (names; "frame" where there is only one kind);
-    commands (layouts of their payloads by name, empty if the file states none).
+    commands (layouts of their payloads by name, empty if the file states none); golden (a frame of each message).
     """
 
     def __init__(self, document: Document[FrameSpec]) -> None:
@@ -63,6 +64,9 @@ class FrameDefinition:
         compiled: tuple[Layout, Mapping[str, CommandLayout]] = compile_frame(document)
         self.layout, self.commands = compiled
         check_golden(document, self.layout)
+        spec = document.model
+        texts = [spec.golden] if spec.messages is None else [part.golden for part in spec.messages.values()]
+        self.golden = [read_hex(text or "") or b"" for text in texts]
         self.rate_Hz = self.layout.rate_Hz
         self.messages = tuple(message.name for message in self.layout.messages)
         meaning = self.layout.canonical()
@@ -204,8 +208,20 @@ def _why_refused(layout: Layout, message: Message, frame: bytes) -> str:
     digits = 2 * layout.check.size
     return (
         f"the golden frame fails its check: {layout.check.name} over bytes {message.cover_start} to {stop - 1} is "
-        f"0x{computed:0{digits}x}, stored is 0x{stored:0{digits}x}"
+        f"0x{computed:0{digits}x}, stored is 0x{stored:0{digits}x}{_what_fits(frame)}"
     )
+
+
+def _what_fits(frame: bytes) -> str:
+    """Return which other check is right in a frame, as the end of a sentence."""
+    fit = next(checks_that_fit([frame], least_bits=16), None)
+    if fit is None:
+        return ""
+    stop = len(frame) - fit.trailer - (fit.size if fit.at is None else 0)
+    place = f"with {fit.trailer} bytes behind it" if fit.at is None else f"at byte {fit.at}"
+    order = "" if fit.size == 1 else f", stored {'big' if fit.big else 'little'}"
+    chance = " (perhaps by chance)" if fit.size < 3 else ""
+    return f"; {fit.name} over bytes {fit.start} to {stop - 1}, {place}{order}, would be right{chance}"
 
 
 def _compare(document: Document[FrameSpec], layout: Layout, message: Message, golden: str, expect: Mapping[str, Any],

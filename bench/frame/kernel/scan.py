@@ -188,7 +188,7 @@ def keep(stream, at, frames, length, message, chunk, task, numbers):
 def even_length(numbers):
     """Return the length that all frames have, 0 if they differ or are shorter than a word."""
     length = told(row_of(numbers, place.MESSAGES_AT, 0, 0), place.LENGTH)
-    several = told(numbers, place.LENGTH_AT) >= 0 or told(numbers, place.KINDS) > 1
+    several = told(numbers, place.LENGTH_AT) >= 0 or told(numbers, place.TYPE_AT) >= 0
     return 0 if several or told(numbers, place.PATTERN) > 8 or length < 8 else length
 
 

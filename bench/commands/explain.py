@@ -1,0 +1,109 @@
+"""``bench decode --explain`` and ``bench frame new``: what a raw capture says about its own frames."""
+
+from __future__ import annotations
+
+import sys
+from collections import Counter
+from contextlib import suppress
+from pathlib import Path
+
+from bench.commands.console import console
+from bench.commands.decode import STANDARD_INPUT
+from bench.frame import decode_capture, load_frame
+from bench.frame.draft import draft
+from bench.frame.explain import LOOKED_AT_BYTES, Guess, guesses
+from bench.model.errors import ExitStatus, InputError, InputErrors
+from bench.model.shipped import find_shipped
+from bench.session.output import write_file
+
+_SHOWN = 3
+
+
+def new(capture: Path, name: str, out: Path | None) -> int:
+    """Write a first definition from a capture; exit status 1 if its bytes show none.
+
+    Raises: InputError B-FRAME-030 (the capture cannot be read), B-CLI-007 (the file is there, or cannot be written).
+    """
+    data = _head(capture)
+    found = guesses(data)
+    if not found:
+        sys.stderr.write(f"{_nothing(data)}\n")
+        return ExitStatus.VERDICT_FAIL
+    text = draft(found[0], data, name)
+    if out is None:
+        sys.stdout.write(text)
+    elif out.is_file():
+        raise InputError("B-CLI-007", "is there already", where=str(out), next_step="name another file")
+    else:
+        write_file(out, text)
+    return ExitStatus.PASS
+
+
+def explain(frame: str, file: Path) -> int:
+    """Print what a definition finds in a capture, and what the capture itself shows; exit status 1 if nothing is good.
+
+    Raises: InputErrors of the definition, after the explanation; InputError B-FRAME-030.
+    """
+    out, data = console(), _head(file)
+    refused: InputErrors | None = None
+    good = 0
+    try:
+        definition = load_frame(find_shipped("frames", frame))
+        with file.open("rb") as stream:
+            counts = decode_capture(definition, stream).counts
+        good = counts.frames
+        out.print(f"{definition.name}: {good} good, {counts.bad} bad, {counts.other} other,"
+                  f" {counts.skipped_bytes} of {counts.bytes} bytes in no frame")  # fmt: skip
+    except InputErrors as error:
+        refused = error
+    found = guesses(data)
+    for number, guess in enumerate(found[:_SHOWN]):
+        out.print(f"{'as the capture has it' if number == 0 else 'or'}: {_told(guess)}", highlight=False)
+    if found:
+        out.print("the lines of a definition:")
+        sys.stdout.write(draft(found[0], data, Path(frame).stem))
+    else:
+        out.print(_nothing(data))
+    if refused is not None:
+        raise refused
+    return ExitStatus.PASS if good else ExitStatus.VERDICT_FAIL
+
+
+def _head(capture: Path) -> bytes:
+    """Return the beginning of a capture. Raises: InputError B-FRAME-030."""
+    try:
+        if capture == STANDARD_INPUT:
+            return sys.stdin.buffer.read(LOOKED_AT_BYTES)
+        with capture.open("rb") as stream:
+            return stream.read(LOOKED_AT_BYTES)
+    except OSError as error:
+        raise InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=str(capture)) from error
+
+
+def _told(guess: Guess) -> str:
+    """Return a hypothesis in words."""
+    lengths = Counter(guess.lengths).most_common(4)
+    sizes = ", ".join(f"{size} ({count})" for size, count in lengths) + (" …" if len(set(guess.lengths)) > 4 else "")
+    where = ""
+    if (field := guess.length) is not None:
+        order = "" if field.size == 1 else f" {'big' if field.big else 'little'}-endian"
+        where = f"; length = u{8 * field.size}{order} at byte {field.at} + {field.plus}"
+    check = "no check that is known"
+    if (fit := guess.check) is not None:
+        place = f"behind it, {fit.trailer} bytes before the end" if fit.at is None else f"at byte {fit.at}"
+        order = "" if fit.size == 1 else f", {'big' if fit.big else 'little'}-endian"
+        check = f"{fit.name} from byte {fit.start} on, {place}{order}, right in {fit.right} of those tried"
+    return (
+        f"sync {guess.sync.hex(' ')}, {len(guess.starts)} frames of {sizes} bytes, "
+        f"{100 * guess.covered:.0f} % of the bytes{where}; {check}"
+    )
+
+
+def _nothing(data: bytes) -> str:
+    if not data:
+        return "the capture is empty"
+    text = "no bytes of the first {} repeat at distances that are constant or that a length field states"
+    with suppress(UnicodeDecodeError):
+        if data[:1000].decode("ascii").isprintable() or b"\r\n" in data[:1000]:
+            text += "; it looks like lines of text"
+    return text.format(len(data))

@@ -1,0 +1,27 @@
+"""``bench frame``: help for the author of a frame definition."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer(no_args_is_help=True, help="Begin a frame definition.")
+
+
+@app.callback()
+def frame() -> None:
+    """Begin a frame definition."""
+
+
+@app.command(epilog="Example: bench frame new capture.bin --name my_device --out frames/my_device.yaml")
+def new(
+    capture: Annotated[Path, typer.Argument(help="a raw capture of any length; - reads standard input")],
+    name: Annotated[str, typer.Option("--name", help="of the definition")] = "my_device",
+    out: Annotated[Path | None, typer.Option("--out", help="the file; default: standard output")] = None,
+) -> None:
+    """Write a first definition from a capture: sync bytes, length and check, as its bytes show them."""
+    from bench.commands import explain
+
+    raise typer.Exit(explain.new(capture, name, out))

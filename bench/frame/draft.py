@@ -1,0 +1,87 @@
+"""From what a capture says about its frames to the first lines of a definition."""
+
+from __future__ import annotations
+
+from bench.frame.explain import Guess
+
+_CHECK_TYPES = {1: "u8", 2: "u16", 3: "u24", 4: "u32", 8: "u64"}
+
+
+def draft(guess: Guess, data: bytes, name: str) -> str:
+    """Return the YAML of a definition of frames that a capture holds; what their bytes mean is for the author."""
+    frames = guess.frames(data)
+    golden = min(frames, key=len)
+    check, length = guess.check, guess.length
+    big = length.big if length else check is not None and check.big
+    begin = min(len(guess.sync), check.start) if check and check.start else len(guess.sync)
+    lines = [f"frame: {name}", f"endian: {'big' if big else 'little'}", f"sync: [{_list(guess.sync[:begin])}]"]
+    if guess.trailer:
+        lines.append(f"trailer: [{_list(golden[-guess.trailer :])}]")
+    lines.append("fields:")
+    fields = _fields(guess, golden, begin)
+    lines += [f"  - {text}" for _, text in fields]
+    if length:
+        lines.append(
+            f"length: {{field: length, plus: {length.plus}, max: {max(guess.lengths)}}} # the longest one seen"
+        )
+    if check is None:
+        lines.append("crc: {name: none} # no check that is known is right in these frames")
+    else:
+        over = "sync" if check.start == 0 else next(name for at, name in _names(fields) if at == check.start)
+        place = "" if check.at is None else "field: check, "
+        stored = f", stored: {'big' if check.big else 'little'}" if check.at is None and check.size > 1 else ""
+        lines.append(f"crc: {{name: {check.name}, {place}over: [{over}, end]{stored}}}")
+    body = golden[_body_at(guess, begin) : len(golden) - _behind(guess)]
+    lines += [f'golden: "{golden.hex(" ")}"', f'expect: {{body: "{body.hex(" ")}"}}']
+    return "\n".join(lines) + "\n"
+
+
+def _fields(guess: Guess, golden: bytes, begin: int) -> list[tuple[int, str]]:
+    """Return places and YAML of the fields: what is known, and bytes between and behind."""
+    check, length = guess.check, guess.length
+    known: dict[int, tuple[int, str]] = {}
+    if begin < len(guess.sync):
+        rest = guess.sync[begin:]
+        text = f'{{name: address, type: bytes, count: {len(rest)}, constant: "{rest.hex(" ")}"}}'
+        known[begin] = len(rest), text
+    if length:
+        known[length.at] = length.size, f"{{name: length, type: u{8 * length.size}}}"
+    if check and check.at is not None:
+        order = "" if check.size == 1 else f", endian: {'big' if check.big else 'little'}"
+        known[check.at] = check.size, f"{{name: check, type: {_CHECK_TYPES[check.size]}{order}}}"
+    fields: list[tuple[int, str]] = []
+    at, end = begin, _body_at(guess, begin)
+    while at < end:
+        if at not in known:
+            after = min([place for place in known if place > at] + [end])
+            after = min(after, check.start) if check and check.start > at else after
+            known[at] = after - at, f"{{name: head{len(fields)}, type: bytes, count: {after - at}}}"
+        fields.append((at, known[at][1]))
+        at += known[at][0]
+    count = "rest" if length else str(len(golden) - end - _behind(guess))
+    return [*fields, (end, f"{{name: body, type: bytes, count: {count}}}")]
+
+
+def _names(fields: list[tuple[int, str]]) -> list[tuple[int, str]]:
+    return [(at, text.partition("name: ")[2].partition(",")[0]) for at, text in fields]
+
+
+def _body_at(guess: Guess, begin: int) -> int:
+    """Return where the bytes begin of which nothing is known."""
+    check, length = guess.check, guess.length
+    ends = [begin, len(guess.sync)]
+    ends += [length.at + length.size] if length else []
+    if check:
+        ends += [check.start] if check.at is None else [check.at + check.size]
+    return max(ends)
+
+
+def _behind(guess: Guess) -> int:
+    """Return the bytes behind the fields."""
+    if guess.check is None:
+        return 0
+    return guess.trailer + (guess.check.size if guess.check.at is None else 0)
+
+
+def _list(values: bytes) -> str:
+    return ", ".join(f"0x{byte:02X}" for byte in values)

@@ -1,0 +1,284 @@
+"""What a raw capture says about its own frames: sync bytes, lengths, check; for the author of a definition.
+
+A hypothesis counts by the bytes of the capture that lie in frames of which the next one begins where the last one ends.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cache
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame.catalogue import CATALOGUE
+from bench.frame.crc import CHECKSUMS, Check, Crc
+
+LOOKED_AT_BYTES = 1 << 20
+_PAIRS, _FEWEST = 24, 5  # pairs of bytes that are tried as sync bytes; frames that a hypothesis needs
+_LENGTH_PLACES = 8  # bytes behind the sync bytes among which a length field is looked for
+_STARTS = 12  # first bytes of a frame at which the check may begin to cover
+_TRAILERS = 3
+_TRIED = 12  # frames on which every check is tried
+_LONGEST = 8192
+_ORDERS: tuple[Literal["big", "little"], ...] = ("big", "little")
+_LIKELY = 8  # hypotheses of which the check is looked for
+_COVERED, _COVERED_WITHOUT_CHECK = 0.2, 0.9  # share of the capture that a hypothesis must explain
+_MANY = 200  # frames on which a check is judged
+_RIGHT = 0.8
+
+
+@dataclass(frozen=True)
+class LengthField:
+    """Where a frame says its length: bytes from its first one, size in bytes, order; length = value + plus."""
+
+    at: int
+    size: int
+    big: bool
+    plus: int
+
+
+@dataclass(frozen=True)
+class FoundCheck:
+    """A check that is right in ``right`` of the frames: its name, place, bytes behind it, first byte covered.
+
+    ``at`` is the place of a check in front of what it covers, None where it stands behind.
+    """
+
+    name: str
+    size: int
+    big: bool
+    start: int
+    trailer: int
+    right: int
+    at: int | None = None
+
+
+@dataclass(frozen=True)
+class Guess:
+    """One hypothesis: frames begin with ``sync`` at ``starts`` and have ``lengths``; what says so, and the check."""
+
+    sync: bytes
+    starts: tuple[int, ...]
+    lengths: tuple[int, ...]
+    length: LengthField | None
+    covered: float
+    check: FoundCheck | None = None
+
+    @property
+    def trailer(self) -> int:
+        """Bytes behind the check."""
+        return 0 if self.check is None else self.check.trailer
+
+    def frames(self, data: bytes) -> list[bytes]:
+        """Return the frames of the capture."""
+        return [data[at : at + size] for at, size in zip(self.starts, self.lengths, strict=True)]
+
+
+def guesses(data: bytes) -> list[Guess]:
+    """Return what the frames of a capture may be, the best one first; empty if nothing repeats.
+
+    A hypothesis with a check that is right comes before all without one; then the one that
+    explains most of the capture.
+    """
+    data = data[:LOOKED_AT_BYTES]
+    found = [guess for sync in _candidates(data) if (guess := _framed(data, sync)) is not None]
+    found = [guess for guess in found if guess.covered >= _COVERED]
+    found = [_with_check(data, guess) for guess in sorted(found, key=lambda guess: -guess.covered)[:_LIKELY]]
+    found = [guess for guess in found if guess.check is not None or guess.covered >= _COVERED_WITHOUT_CHECK]
+    return sorted(
+        found, key=lambda guess: (guess.check is None, -round(guess.covered, 2), guess.starts[0], guess.trailer)
+    )
+
+
+def checks_that_fit(frames: Sequence[bytes], least_bits: int = 24) -> Iterator[FoundCheck]:
+    """Give every known check that is right in four of five frames, wherever it stands; surest first.
+
+    Args: least_bits: bits of checks in all frames together below which nothing is said: it may be chance.
+    """
+    distinct = _some(frames, _MANY)
+    tried = _some(distinct, _TRIED)
+    found = [fit for frame in tried[:1] for fit in _right_in(frame) if _right(fit, tried) >= _RIGHT * len(tried)]
+    # by chance: one of ten thousand tries is right in a frame with as many bits as the check has
+    sure = [replace(fit, right=_right(fit, distinct)) for fit in found if 8 * fit.size * len(tried) >= least_bits]
+    sure = [fit for fit in sure if fit.right >= _RIGHT * len(distinct) and _varies(fit, tried)]
+    yield from sorted(sure, key=lambda fit: (-fit.size * fit.right, fit.at is not None, fit.trailer, fit.start))
+
+
+def _candidates(data: bytes) -> list[bytes]:
+    """Return the pairs of bytes that occur most often, and the single bytes."""
+    stream = np.frombuffer(data, np.uint8).astype(np.int64)
+    if len(stream) < 2:
+        return []
+    pairs = np.bincount(stream[:-1] << 8 | stream[1:], minlength=65536)
+    often = np.argsort(-pairs, kind="stable")[:_PAIRS]
+    singles = np.argsort(-np.bincount(stream, minlength=256), kind="stable")[:_PAIRS]
+    found = [int(pair).to_bytes(2, "big") for pair in often if pairs[pair] >= _FEWEST]
+    return found + [bytes([int(single)]) for single in singles]
+
+
+def _framed(data: bytes, sync: bytes) -> Guess | None:
+    """Return the lengths under which frames with these sync bytes follow each other best."""
+    stream = np.frombuffer(data, np.uint8)
+    ends = len(data) - len(sync) + 1
+    hits = np.ones(ends, np.bool_)
+    for index, byte in enumerate(sync):
+        hits &= stream[index : index + ends] == byte
+    places = np.flatnonzero(hits)
+    if len(places) < _FEWEST or len(places) > len(data) // 4:
+        return None
+    gap = Counter(np.diff(places).tolist()).most_common(1)[0][0]
+    tries: list[tuple[LengthField | None, NDArray[np.int64]]] = [(None, np.full(len(places), gap, np.int64))]
+    for at in range(len(sync), len(sync) + _LENGTH_PLACES):
+        for size, big in ((2, True), (2, False), (1, True)):  # of two that say the same, the wider one
+            tries += _length_at(stream, places, at, size, big)
+    best: Guess | None = None
+    for field, lengths in tries:
+        guess = _chained(data, sync, places, lengths, field)
+        if guess is not None and (best is None or guess.covered > best.covered + 1e-9):
+            best = guess
+    return best
+
+
+def _length_at(stream: NDArray[np.uint8], places: NDArray[np.int64], at: int, size: int,
+               big: bool) -> list[tuple[LengthField | None, NDArray[np.int64]]]:  # fmt: skip
+    """Return the lengths that a field at that place states, with the constant that fits most gaps between frames."""
+    if places[-1] + at + size > len(stream):
+        places = places[places + at + size <= len(stream)]
+    value = np.zeros(len(places), np.int64)
+    for index in range(size):
+        value = value << 8 | stream[places + at + (index if big else size - 1 - index)]
+    if len(places) < _FEWEST or value.min() == value.max():
+        return []
+    plus, seen = Counter((np.diff(places) - value[:-1]).tolist()).most_common(1)[0]
+    if not 0 <= plus <= 64 or seen < _FEWEST:
+        return []
+    lengths = np.full(len(places), 0, np.int64)
+    lengths[:] = value + plus
+    return [(LengthField(at, size, big, plus), lengths)]
+
+
+def _chained(data: bytes, sync: bytes, places: NDArray[np.int64], lengths: NDArray[np.int64],
+             field: LengthField | None) -> Guess | None:  # fmt: skip
+    """Return the frames whose end is the beginning of another one, or of the whole capture."""
+    places = places[: len(lengths)]
+    ends = places + lengths
+    good = (lengths >= len(sync) + 2) & (lengths <= _LONGEST) & (np.isin(ends, places) | (ends == len(data)))
+    if good.sum() < _FEWEST:
+        return None
+    starts, sizes = places[good].tolist(), lengths[good].tolist()
+    taken: list[int] = []
+    free = 0
+    for index, (start, size) in enumerate(zip(starts, sizes, strict=True)):
+        if start >= free:
+            taken.append(index)
+            free = start + size
+    covered = sum(sizes[index] for index in taken) / len(data)
+    return Guess(sync, tuple(starts[i] for i in taken), tuple(sizes[i] for i in taken), field, covered)
+
+
+def _with_check(data: bytes, guess: Guess) -> Guess:
+    """Return a hypothesis with the check that is right in its frames, and all bytes that these begin with."""
+    frames = guess.frames(data)
+    check = next(checks_that_fit(frames), None)
+    if check is None and guess.length is None:
+        guess = _shorter(guess, frames)
+    elif check is not None:
+        guess = replace(guess, check=check)
+    if guess.check is not None:
+        right = [index for index, frame in enumerate(guess.frames(data)) if _right(guess.check, [frame])]
+        starts, lengths = ([values[index] for index in right] for values in (guess.starts, guess.lengths))
+        guess = replace(guess, starts=tuple(starts), lengths=tuple(lengths))
+    sync, frames = guess.sync, guess.frames(data)
+    limit = guess.length.at if guess.length else len(sync) + 3
+    while len(sync) < min(4, limit) and len({frame[len(sync)] for frame in frames}) == 1:
+        sync += frames[0][len(sync) : len(sync) + 1]
+    return replace(guess, sync=sync)
+
+
+def _shorter(guess: Guess, frames: Sequence[bytes]) -> Guess:
+    """Return frames of one length that end with a right check, before bytes that belong to no frame."""
+    tried = _some(frames, _TRIED)
+    whole = len(tried[0])
+    for size in range(whole - _TRAILERS - 1, len(guess.sync) + 2, -1):
+        cut = [frame[:size] for frame in tried]
+        for check in _crcs():
+            for start in range(len(guess.sync) + 1):
+                if not _ends_in(check, cut[0], start) and not _ends_in(check, cut[-1], start):
+                    continue
+                orders = [order for frame in cut if (order := _ends_in(check, frame, start))]
+                if len(orders) >= _RIGHT * len(cut) and len({frame[-check.size :] for frame in cut}) > 1:
+                    fit = FoundCheck(check.name, check.size, orders[0] == "big", start, 0, len(orders))
+                    lengths = (size,) * len(guess.starts)
+                    fit = replace(fit, right=_right(fit, [frame[:size] for frame in _some(frames, _MANY)]))
+                    return replace(guess, lengths=lengths, covered=guess.covered * size / whole, check=fit)
+    return guess
+
+
+def _ends_in(check: Check, frame: bytes, start: int) -> str:
+    """Return the order of bytes in which a frame ends with its check, "" if it does not."""
+    value, stored = check.of(frame[start : -check.size]), frame[-check.size :]
+    return next((order for order in _ORDERS if stored == value.to_bytes(check.size, order)), "")
+
+
+def _some(frames: Sequence[bytes], most: int) -> list[bytes]:
+    """Return up to so many different frames from all over a capture."""
+    distinct = list(dict.fromkeys(frames))
+    return distinct[:: max(1, len(distinct) // most)][:most]
+
+
+@cache
+def _crcs() -> list[Check]:
+    return [Crc(model) for model in CATALOGUE.values() if model.width in (16, 24, 32, 64)]
+
+
+@cache
+def _by_name() -> dict[str, Check]:
+    small: list[Check] = [Crc(model) for model in CATALOGUE.values() if model.width == 8]
+    sums: list[Check] = [check for check in CHECKSUMS.values() if check.size]
+    return {check.name: check for check in (*small, *_crcs(), *sums)}
+
+
+def _right_in(frame: bytes) -> Iterator[FoundCheck]:
+    """Give every check and place that is right in one frame."""
+    for check in _by_name().values():
+        size = check.size
+        for trailer in range(_TRAILERS + 1):
+            end = len(frame) - trailer - size
+            for start in range(min(_STARTS, end)):
+                yield from _stored(check, frame[start:end], frame[end : end + size], start, trailer, None)
+        for at in range(1, min(_STARTS, len(frame) - size - 1)):
+            yield from _stored(check, frame[at + size :], frame[at : at + size], at + size, 0, at)
+
+
+def _stored(
+    check: Check, covered: bytes, stored: bytes, start: int, trailer: int, at: int | None
+) -> Iterator[FoundCheck]:
+    value = check.of(covered)
+    for big in (True, False) if check.size > 1 else (True,):
+        if int.from_bytes(stored, "big" if big else "little") == value:
+            yield FoundCheck(check.name, check.size, big, start, trailer, 1, at)
+
+
+def _place(fit: FoundCheck, frame: bytes) -> slice:
+    """Return where the check stands in a frame."""
+    at = len(frame) - fit.trailer - fit.size if fit.at is None else fit.at
+    return slice(at, at + fit.size)
+
+
+def _varies(fit: FoundCheck, frames: Sequence[bytes]) -> bool:
+    """Return whether different frames have different checks: a constant may be right over other constants."""
+    return len(frames) == 1 or len({frame[_place(fit, frame)] for frame in frames}) > 1
+
+
+def _right(fit: FoundCheck, frames: Sequence[bytes]) -> int:
+    """Return in how many frames a check is right."""
+    check, right = _by_name()[fit.name], 0
+    for frame in frames:
+        place = _place(fit, frame)
+        stop = place.start if fit.at is None else len(frame)
+        right += check.of(frame[fit.start : stop]) == int.from_bytes(frame[place], _ORDERS[not fit.big])
+    return right

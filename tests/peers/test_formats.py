@@ -1,0 +1,104 @@
+"""Captures of public formats: the shipped definitions beside the libraries of others, by counts and values.
+
+The captures are not part of this project: BENCH_CAPTURES names a folder with files of the repositories pysbf2 and
+pyrtcm (their tests), space_packet_parser (the file of JPSS-1) and gpsd (test/daemon).
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections import Counter
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+import pytest
+from captured import captured
+from record_sample import frame as frame_of
+
+from bench.frame import Counted, MessageBatch
+
+CAPTURES = Path(os.environ.get("BENCH_CAPTURES", "/nonexistent"))
+SBF = ("sbfdata.log", "pygpsdata_x5pvt.log", "pygpsdata_x5_pvtgeod.log", "pygpsdata_x5_attitude.log")
+RTCM = ("pygpsdata-RTCM3.log", "pygpsdata-NTRIP-1300-1302.log", "pygpsdata-1240-1264.log", "rtcm3.2.log")
+UNPARSED = {"pygpsdata-NTRIP-1300-1302.log": 6}  # frames of type 1302, which pyrtcm 1.2.1 does not give
+JPSS = "J01_G011_LZ_2021-04-09T00-00-00Z_V01.DAT1"
+SIRF = ("sirf2.log", "sirfstarv.log")
+
+
+def decoded(name: str, capture: str) -> tuple[Counted, Mapping[str, MessageBatch]]:
+    path = CAPTURES / capture
+    if not path.exists():
+        pytest.skip(f"no capture {path}: set BENCH_CAPTURES")
+    return captured(frame_of(name), path)
+
+
+@pytest.mark.parametrize("capture", SBF)
+def test_septentrio_as_pysbf2(capture: str) -> None:
+    reader = pytest.importorskip("pysbf2", reason="pysbf2 is not installed: pip install .[peers]").SBFReader
+    found, messages = decoded("septentrio_sbf", capture)
+    with (CAPTURES / capture).open("rb") as stream:
+        theirs = [message for _, message in reader(stream, quitonerror=0)]
+    names = {"pvt_geodetic": "PVTGeodetic", "pvt_cartesian": "PVTCartesian", "attitude": "AttEuler"}
+    counts = Counter(message.identity for message in theirs)
+    assert found.messages == {ours: counts[name] for ours, name in names.items()}
+    assert (found.counts.other, found.counts.bad) == (len(theirs) - found.counts.frames, 0)
+    values = {"pvt_geodetic": {"latitude": "Latitude", "longitude": "Longitude", "height": "Height"},
+              "pvt_cartesian": {"undulation": "Undulation", "satellites": "NrSV", "clock_bias": "RxClkBias"},
+              "attitude": {"satellites": "NrSV", "error": "Error"}}  # fmt: skip
+    for ours, name in names.items():
+        of_kind = [message for message in theirs if message.identity == name]
+        for field, attribute in values[ours].items():
+            mine = messages[ours].raw(field)
+            assert mine.tolist() == [getattr(message, attribute) for message in of_kind], (ours, field)
+
+
+@pytest.mark.parametrize("capture", RTCM)
+def test_reference_stations_as_pyrtcm(capture: str) -> None:
+    reader = pytest.importorskip("pyrtcm", reason="pyrtcm is not installed: pip install .[peers]").RTCMReader
+    found, messages = decoded("rtcm3", capture)
+    with (CAPTURES / capture).open("rb") as stream:
+        raws = [raw for raw, _ in reader(stream, quitonerror=0)]
+    theirs = [(raw, struct.unpack_from(">H", raw, 3)[0] >> 4) for raw in raws]
+    counts = Counter(number for _, number in theirs)
+    assert found.messages == {"station": counts[1005], "gps": counts[1077], "glonass": counts[1087]}
+    assert found.counts.other == len(theirs) - found.counts.frames + UNPARSED.get(capture, 0)
+    kept = [raw[5:-3] for raw, number in theirs if number == 1077]
+    assert messages["gps"].raw("body").tolist() == kept
+
+
+def test_a_satellite_as_space_packet_parser() -> None:
+    parser = pytest.importorskip("space_packet_parser.generators", reason="space_packet_parser is not installed")
+    found, messages = decoded("ccsds_jpss1", JPSS)
+    with (CAPTURES / JPSS).open("rb") as stream:
+        packets = [bytes(packet) for packet in parser.ccsds_generator(stream)]
+    batch = messages["ephemeris"]
+    assert (len(batch), found.counts.bad, found.counts.lost) == (len(packets), 0, 0)
+    theirs = np.array([struct.unpack_from(">3f", packet, 23) for packet in packets], np.float32)
+    np.testing.assert_array_equal(batch.raw("position"), theirs)
+    assert np.all(np.abs(np.linalg.norm(batch.raw("quaternion").astype(np.float64), axis=1) - 1) < 1e-6)
+    assert np.all(np.abs(np.linalg.norm(batch.raw("position").astype(np.float64), axis=1) - 7.2e6) < 5e4)  # its orbit
+
+
+def test_sirf_frames_are_those_that_a_plain_search_finds() -> None:
+    for capture in SIRF:
+        found, messages = decoded("sirf_binary", capture)
+        data, at, kinds = (CAPTURES / capture).read_bytes(), 0, Counter[int]()
+        while (at := data.find(b"\xa0\xa2", at)) >= 0 and at + 4 <= len(data):
+            (size,) = struct.unpack_from(">H", data, at + 2)
+            frame = data[at : at + size + 8]
+            good = len(frame) == size + 8 and frame.endswith(b"\xb0\xb3")
+            if good and sum(frame[4:-4]) & 0x7FFF == struct.unpack(">H", frame[-4:-2])[0]:
+                kinds[frame[4]] += 1
+                at += len(frame)
+            else:
+                at += 1
+        assert found.messages == {"navigation": kinds[2], "pulse_time": kinds[52], "geodetic": kinds[41]}
+        assert found.counts.other == sum(kinds.values()) - found.counts.frames
+        if capture == SIRF[0]:  # a receiver that stands still: its two messages of one second agree within a metre
+            known = messages["navigation"].raw("satellites") > 3
+            x, y, z = messages["navigation"].scaled("position")[known].T
+            longitude = np.degrees(np.arctan2(y, x))
+            np.testing.assert_allclose(longitude, messages["geodetic"].scaled("longitude")[known], atol=1e-5)
+            assert np.all(np.abs(np.hypot(np.hypot(x, y), z) - 6.37e6) < 1e4)

@@ -1,0 +1,120 @@
+"""What captures show of their own frames, by bytes of struct and crccheck; and what nothing may be read from."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from crccheck.crc import Crc16Ibm3740, Crc16Xmodem, Crc32
+
+from bench.commands import explain
+from bench.frame import parse_frame
+from bench.frame.draft import draft
+from bench.frame.explain import guesses
+from bench.model.errors import InputError, InputErrors
+
+RNG_SEED = 20
+NOISE_BYTES = 200_000
+
+
+def fixed(rng: np.random.Generator) -> bytes:
+    body = rng.bytes(40)
+    return b"\xeb\x90" + body + struct.pack(">H", Crc16Ibm3740.calc(body))
+
+
+def in_front(rng: np.random.Generator) -> bytes:
+    body = rng.bytes(int(rng.integers(4, 90)))
+    covered = struct.pack("<HH", 4007, len(body) + 8) + body
+    return b"$@" + struct.pack("<H", Crc16Xmodem.calc(covered)) + covered
+
+
+def with_trailer(rng: np.random.Generator) -> bytes:
+    body = rng.bytes(int(rng.integers(300, 700)))
+    return b"\xa0\xa2" + struct.pack(">H", len(body)) + body + struct.pack(">H", sum(body) & 0x7FFF) + b"\xb0\xb3"
+
+
+def among_text(rng: np.random.Generator) -> bytes:
+    body = b"\x14\x3e" + rng.bytes(50)
+    return b"\xfa" + body + struct.pack("<I", Crc32.calc(body)) + b"M,%03d\r\nB,,\r\n" % rng.integers(1000)
+
+
+KINDS = {
+    "fixed": (fixed, "crc-16/ibm-3740"),
+    "in_front": (in_front, "crc-16/xmodem"),
+    "with_trailer": (with_trailer, "sum-15"),
+    "among_text": (among_text, "crc-32/iso-hdlc"),
+}
+
+
+@pytest.fixture(params=KINDS)
+def capture(request: pytest.FixtureRequest) -> tuple[bytes, str]:
+    make, check = KINDS[request.param]
+    rng = np.random.default_rng(RNG_SEED)
+    return b"begin of a log\r\n" + b"".join(make(rng) for _ in range(120)), check
+
+
+def test_a_first_definition_decodes_every_frame(capture: tuple[bytes, str]) -> None:
+    data, check = capture
+    best = guesses(data)[0]
+    assert best.check is not None
+    assert best.check.name == check
+    definition = parse_frame(draft(best, data, "unit"), "unit.yaml")
+    decoder = definition.decoder()
+    decoder.feed(data)
+    decoder.finish()
+    assert (decoder.counts.frames, decoder.counts.bad) == (120, 0)
+
+
+def test_damage_does_not_hide_a_frame(capture: tuple[bytes, str]) -> None:
+    data, check = capture
+    rng = np.random.default_rng(RNG_SEED)
+    damaged = bytearray(data)
+    for at in rng.integers(0, len(data), 8):
+        damaged[at] ^= 0x10
+    assert guesses(bytes(damaged))[0].check is not None
+    assert guesses(bytes(damaged))[0].check.name == check  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("data", [b"", b"\x00", b"\xeb\x90" * 3, np.random.default_rng(1).bytes(NOISE_BYTES),
+                                  b"".join(b"$GPGGA,%06d,,\r\n" % (n * n) for n in range(500))])  # fmt: skip
+def test_nothing_is_read_from_noise_and_no_check_from_text(data: bytes) -> None:
+    assert all(guess.check is None for guess in guesses(data))
+    if len(data) == NOISE_BYTES:
+        assert not guesses(data)
+
+
+def test_frame_new_writes_a_file_once(
+    capture: tuple[bytes, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source, out = tmp_path / "capture.bin", tmp_path / "unit.yaml"
+    source.write_bytes(capture[0])
+    assert explain.new(source, "unit", out) == 0
+    assert explain.new(source, "unit", None) == 0
+    assert capsys.readouterr().out == out.read_text(encoding="utf-8")
+    with pytest.raises(InputError, match="is there already"):
+        explain.new(source, "unit", out)
+    source.write_bytes(b"")
+    assert explain.new(source, "unit", None) == 1
+    assert capsys.readouterr().err == "the capture is empty\n"
+    with pytest.raises(InputError, match="B-FRAME-030"):
+        explain.new(tmp_path / "none", "unit", None)
+
+
+def test_explain_tells_of_the_definition_and_of_the_capture(
+    capture: tuple[bytes, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    source = tmp_path / "capture.bin"
+    source.write_bytes(capture[0])
+    assert explain.explain("vn100_binary", source) == 1
+    told = capsys.readouterr().out
+    assert "vn100_binary: 0 good" in told
+    assert f"{capture[1]} from byte" in " ".join(told.split())
+    text = told.partition("the lines of a definition:\n")[2]
+    assert parse_frame(text, "told.yaml").name == "vn100_binary"
+    mistaken = tmp_path / "unit.yaml"
+    mistaken.write_text(text.replace(f"name: {capture[1]}", "name: crc-16/usb"), encoding="utf-8")
+    with pytest.raises(InputErrors, match="B-FRAME-0"):
+        explain.explain(str(mistaken), source)
+    assert "as the capture has it" in capsys.readouterr().out
