@@ -12,7 +12,7 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 import bench
-from bench.commands.frame_app import app as frame_app
+from bench.commands.frame.app import app as frame_app
 from bench.commands.hand_app import commission, drill, talk
 from bench.commands.history.app import app as history_app
 from bench.commands.session_app import AsJson, SessionFolder, batch, fit, replay, report, study
@@ -153,10 +153,10 @@ def decode(
 ) -> None:
     """Decode any raw capture with a frame definition; counts of good, bad and lost frames; status 1 if none is good."""
     if explained:
-        from bench.commands import explain as explain_command
+        from bench.commands.frame import explain as explain_command
 
         raise typer.Exit(explain_command.explain(frame, file))
-    from bench.commands import decode as decode_command
+    from bench.commands.frame import decode as decode_command
 
     raise typer.Exit(decode_command.decode(frame, file, csv, parquet, json))
 

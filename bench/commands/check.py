@@ -73,7 +73,7 @@ def check(request: Request) -> int:
 def _decoding(plan: Plan) -> dict[str, Pace]:
     """Return how each link is decoded."""
     names = {link: f"frames/{name}.yaml" for link, name in sorted(plan.frames.items())}
-    return {link: pace_of(parse_frame(plan.texts[name], name)) for link, name in names.items()}
+    return {link: pace_of(parse_frame(plan.texts[name], name), WallClock()) for link, name in names.items()}
 
 
 def _examined(plan: Plan, request: Request) -> Report:

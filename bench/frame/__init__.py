@@ -5,6 +5,8 @@ from bench.frame.best import Engine, best_engine, why_no_kernel
 from bench.frame.capture import Counted, decode_capture
 from bench.frame.commands import CommandLayout
 from bench.frame.definition import FrameDefinition, load_frame, parse_frame
+from bench.frame.draft import draft
+from bench.frame.explain import LOOKED_AT_BYTES, Guess, guesses
 from bench.frame.kernel_quanta import kernel_quanta
 from bench.frame.layout import FrameSpec, Message
 from bench.frame.pace import Pace, pace_of
@@ -26,6 +28,7 @@ from bench.frame.table import Tables
 __all__ = [
     "BENCH",
     "BENCH_FIELDS",
+    "LOOKED_AT_BYTES",
     "Block",
     "CommandLayout",
     "Counted",
@@ -33,6 +36,7 @@ __all__ = [
     "FrameBatch",
     "FrameDefinition",
     "FrameSpec",
+    "Guess",
     "LinkBatch",
     "LinkCounts",
     "LinkDecoder",
@@ -46,7 +50,9 @@ __all__ = [
     "blocks",
     "columns",
     "decode_capture",
+    "draft",
     "expand",
+    "guesses",
     "kernel_quanta",
     "load_frame",
     "of_message",

@@ -7,9 +7,9 @@ from bench.frame.explain import Guess
 _CHECK_TYPES = {1: "u8", 2: "u16", 3: "u24", 4: "u32", 8: "u64"}
 
 
-def draft(guess: Guess, data: bytes, name: str) -> str:
+def draft(guess: Guess, capture: bytes, name: str) -> str:
     """Return the YAML of a definition of frames that a capture holds; what their bytes mean is for the author."""
-    frames = guess.frames(data)
+    frames = guess.frames(capture)
     golden = min(frames, key=len)
     check, length = guess.check, guess.length
     big = length.big if length else check is not None and check.big

@@ -73,21 +73,21 @@ class Guess:
         """Bytes behind the check."""
         return 0 if self.check is None else self.check.trailer
 
-    def frames(self, data: bytes) -> list[bytes]:
+    def frames(self, capture: bytes) -> list[bytes]:
         """Return the frames of the capture."""
-        return [data[at : at + size] for at, size in zip(self.starts, self.lengths, strict=True)]
+        return [capture[at : at + size] for at, size in zip(self.starts, self.lengths, strict=True)]
 
 
-def guesses(data: bytes) -> list[Guess]:
+def guesses(capture: bytes) -> list[Guess]:
     """Return what the frames of a capture may be, the best one first; empty if nothing repeats.
 
     A hypothesis with a check that is right comes before all without one; then the one that
     explains most of the capture.
     """
-    data = data[:LOOKED_AT_BYTES]
-    found = [guess for sync in _candidates(data) if (guess := _framed(data, sync)) is not None]
+    capture = capture[:LOOKED_AT_BYTES]
+    found = [guess for sync in _candidates(capture) if (guess := _framed(capture, sync)) is not None]
     found = [guess for guess in found if guess.covered >= _COVERED]
-    found = [_with_check(data, guess) for guess in sorted(found, key=lambda guess: -guess.covered)[:_LIKELY]]
+    found = [_with_check(capture, guess) for guess in sorted(found, key=lambda guess: -guess.covered)[:_LIKELY]]
     found = [guess for guess in found if guess.check is not None or guess.covered >= _COVERED_WITHOUT_CHECK]
     return sorted(
         found, key=lambda guess: (guess.check is None, -round(guess.covered, 2), guess.starts[0], guess.trailer)
@@ -108,9 +108,9 @@ def checks_that_fit(frames: Sequence[bytes], least_bits: int = 24) -> Iterator[F
     yield from sorted(sure, key=lambda fit: (-fit.size * fit.right, fit.at is not None, fit.trailer, fit.start))
 
 
-def _candidates(data: bytes) -> list[bytes]:
+def _candidates(capture: bytes) -> list[bytes]:
     """Return the pairs of bytes that occur most often, and the single bytes."""
-    stream = np.frombuffer(data, np.uint8).astype(np.int64)
+    stream = np.frombuffer(capture, np.uint8).astype(np.int64)
     if len(stream) < 2:
         return []
     pairs = np.bincount(stream[:-1] << 8 | stream[1:], minlength=65536)
@@ -120,15 +120,15 @@ def _candidates(data: bytes) -> list[bytes]:
     return found + [bytes([int(single)]) for single in singles]
 
 
-def _framed(data: bytes, sync: bytes) -> Guess | None:
+def _framed(capture: bytes, sync: bytes) -> Guess | None:
     """Return the lengths under which frames with these sync bytes follow each other best."""
-    stream = np.frombuffer(data, np.uint8)
-    ends = len(data) - len(sync) + 1
+    stream = np.frombuffer(capture, np.uint8)
+    ends = len(capture) - len(sync) + 1
     hits = np.ones(ends, np.bool_)
     for index, byte in enumerate(sync):
         hits &= stream[index : index + ends] == byte
     places = np.flatnonzero(hits)
-    if len(places) < _FEWEST or len(places) > len(data) // 4:
+    if len(places) < _FEWEST or len(places) > len(capture) // 4:
         return None
     gap = Counter(np.diff(places).tolist()).most_common(1)[0][0]
     tries: list[tuple[LengthField | None, NDArray[np.int64]]] = [(None, np.full(len(places), gap, np.int64))]
@@ -137,7 +137,7 @@ def _framed(data: bytes, sync: bytes) -> Guess | None:
             tries += _length_at(stream, places, at, size, big)
     best: Guess | None = None
     for field, lengths in tries:
-        guess = _chained(data, sync, places, lengths, field)
+        guess = _chained(capture, sync, places, lengths, field)
         if guess is not None and (best is None or guess.covered > best.covered + 1e-9):
             best = guess
     return best
@@ -161,12 +161,12 @@ def _length_at(stream: NDArray[np.uint8], places: NDArray[np.int64], at: int, si
     return [(LengthField(at, size, big, plus), lengths)]
 
 
-def _chained(data: bytes, sync: bytes, places: NDArray[np.int64], lengths: NDArray[np.int64],
+def _chained(capture: bytes, sync: bytes, places: NDArray[np.int64], lengths: NDArray[np.int64],
              field: LengthField | None) -> Guess | None:  # fmt: skip
     """Return the frames whose end is the beginning of another one, or of the whole capture."""
     places = places[: len(lengths)]
     ends = places + lengths
-    good = (lengths >= len(sync) + 2) & (lengths <= _LONGEST) & (np.isin(ends, places) | (ends == len(data)))
+    good = (lengths >= len(sync) + 2) & (lengths <= _LONGEST) & (np.isin(ends, places) | (ends == len(capture)))
     if good.sum() < _FEWEST:
         return None
     starts, sizes = places[good].tolist(), lengths[good].tolist()
@@ -176,23 +176,23 @@ def _chained(data: bytes, sync: bytes, places: NDArray[np.int64], lengths: NDArr
         if start >= free:
             taken.append(index)
             free = start + size
-    covered = sum(sizes[index] for index in taken) / len(data)
+    covered = sum(sizes[index] for index in taken) / len(capture)
     return Guess(sync, tuple(starts[i] for i in taken), tuple(sizes[i] for i in taken), field, covered)
 
 
-def _with_check(data: bytes, guess: Guess) -> Guess:
+def _with_check(capture: bytes, guess: Guess) -> Guess:
     """Return a hypothesis with the check that is right in its frames, and all bytes that these begin with."""
-    frames = guess.frames(data)
+    frames = guess.frames(capture)
     check = next(checks_that_fit(frames), None)
     if check is None and guess.length is None:
         guess = _shorter(guess, frames)
     elif check is not None:
         guess = replace(guess, check=check)
     if guess.check is not None:
-        right = [index for index, frame in enumerate(guess.frames(data)) if _right(guess.check, [frame])]
+        right = [index for index, frame in enumerate(guess.frames(capture)) if _right(guess.check, [frame])]
         starts, lengths = ([values[index] for index in right] for values in (guess.starts, guess.lengths))
         guess = replace(guess, starts=tuple(starts), lengths=tuple(lengths))
-    sync, frames = guess.sync, guess.frames(data)
+    sync, frames = guess.sync, guess.frames(capture)
     limit = guess.length.at if guess.length else len(sync) + 3
     while len(sync) < min(4, limit) and len({frame[len(sync)] for frame in frames}) == 1:
         sync += frames[0][len(sync) : len(sync) + 1]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import floor, log10
-from time import perf_counter
 
 from bench.frame.best import Engine
 from bench.frame.definition import FrameDefinition
 from bench.frame.kernel_engine import KernelDecoder
 from bench.frame.numpy_engine import NumpyDecoder
+from bench.model.clock import NS, Clock
 
 _STREAM_BYTES = 1 << 16
 
@@ -35,15 +35,15 @@ class Pace:
         return f"{self.frame} {engine}, {fast}{'' if self.checked else '; no check: a damaged frame counts as good'}"
 
 
-def pace_of(definition: FrameDefinition) -> Pace:
+def pace_of(definition: FrameDefinition, clock: Clock) -> Pace:
     """Decode the golden frames of a definition for some milliseconds."""
     frames = definition.golden * max(1, _STREAM_BYTES // sum(map(len, definition.golden)))
     stream = b"".join(frames)
     definition.decoder().feed(stream)  # tables are made at the first call
     decoder = definition.decoder()
-    begin = perf_counter()
+    begin = clock.now_ns()
     decoder.feed(stream)
-    frames_per_s = len(frames) / (perf_counter() - begin)
+    frames_per_s = len(frames) * NS / max(1, clock.now_ns() - begin)
     engine: Engine = "reference"
     if isinstance(decoder, KernelDecoder | NumpyDecoder):
         engine = "kernel" if isinstance(decoder, KernelDecoder) else "numpy"

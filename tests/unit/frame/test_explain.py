@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from crccheck.crc import Crc16Ibm3740, Crc16Xmodem, Crc32
 
-from bench.commands import explain
+from bench.commands.frame import explain
 from bench.frame import parse_frame
 from bench.frame.draft import draft
 from bench.frame.explain import guesses

@@ -12,7 +12,7 @@ import pytest
 from captured import captured
 from record_sample import frame
 
-from bench.commands.decode import decode
+from bench.commands.frame.decode import decode
 from bench.frame import FrameDefinition, Tables, decode_capture
 from bench.model.errors import InputError
 

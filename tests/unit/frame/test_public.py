@@ -12,7 +12,7 @@ from captured import captured
 from record_sample import ROOT
 from record_sample import frame as frame_of
 
-from bench.commands.decode import decode
+from bench.commands.frame.decode import decode
 from bench.frame import parse_frame
 from bench.frame.stream import LinkDecoder
 from bench.model.errors import InputErrors

@@ -22,6 +22,6 @@ def new(
     out: Annotated[Path | None, typer.Option("--out", help="the file; default: standard output")] = None,
 ) -> None:
     """Write a first definition from a capture: sync bytes, length and check, as its bytes show them."""
-    from bench.commands import explain
+    from bench.commands.frame import explain
 
     raise typer.Exit(explain.new(capture, name, out))

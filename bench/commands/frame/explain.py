@@ -8,10 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from bench.commands.console import console
-from bench.commands.decode import STANDARD_INPUT
-from bench.frame import decode_capture, load_frame
-from bench.frame.draft import draft
-from bench.frame.explain import LOOKED_AT_BYTES, Guess, guesses
+from bench.commands.frame.decode import STANDARD_INPUT
+from bench.frame import LOOKED_AT_BYTES, Guess, decode_capture, draft, guesses, load_frame
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.session.output import write_file
@@ -24,12 +22,12 @@ def new(capture: Path, name: str, out: Path | None) -> int:
 
     Raises: InputError B-FRAME-030 (the capture cannot be read), B-CLI-007 (the file is there, or cannot be written).
     """
-    data = _head(capture)
-    found = guesses(data)
+    head = _head(capture)
+    found = guesses(head)
     if not found:
-        sys.stderr.write(f"{_nothing(data)}\n")
+        sys.stderr.write(f"{_nothing(head)}\n")
         return ExitStatus.VERDICT_FAIL
-    text = draft(found[0], data, name)
+    text = draft(found[0], head, name)
     if out is None:
         sys.stdout.write(text)
     elif out.is_file():
@@ -44,7 +42,7 @@ def explain(frame: str, file: Path) -> int:
 
     Raises: InputErrors of the definition, after the explanation; InputError B-FRAME-030.
     """
-    out, data = console(), _head(file)
+    out, head = console(), _head(file)
     refused: InputErrors | None = None
     good = 0
     try:
@@ -56,14 +54,14 @@ def explain(frame: str, file: Path) -> int:
                   f" {counts.skipped_bytes} of {counts.bytes} bytes in no frame")  # fmt: skip
     except InputErrors as error:
         refused = error
-    found = guesses(data)
+    found = guesses(head)
     for number, guess in enumerate(found[:_SHOWN]):
         out.print(f"{'as the capture has it' if number == 0 else 'or'}: {_told(guess)}", highlight=False)
     if found:
         out.print("the lines of a definition:")
-        sys.stdout.write(draft(found[0], data, Path(frame).stem))
+        sys.stdout.write(draft(found[0], head, Path(frame).stem))
     else:
-        out.print(_nothing(data))
+        out.print(_nothing(head))
     if refused is not None:
         raise refused
     return ExitStatus.PASS if good else ExitStatus.VERDICT_FAIL
@@ -99,11 +97,11 @@ def _told(guess: Guess) -> str:
     )
 
 
-def _nothing(data: bytes) -> str:
-    if not data:
+def _nothing(head: bytes) -> str:
+    if not head:
         return "the capture is empty"
     text = "no bytes of the first {} repeat at distances that are constant or that a length field states"
     with suppress(UnicodeDecodeError):
-        if data[:1000].decode("ascii").isprintable() or b"\r\n" in data[:1000]:
+        if head[:1000].decode("ascii").isprintable() or b"\r\n" in head[:1000]:
             text += "; it looks like lines of text"
-    return text.format(len(data))
+    return text.format(len(head))

@@ -1,0 +1,1 @@
+"""``bench decode`` and ``bench frame``."""
