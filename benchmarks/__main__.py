@@ -7,6 +7,7 @@ import sys
 
 NAMES = (
     *("decoder", "step_cost", "replay", "campaign", "memory", "history", "batch", "latency", "page", "tagger"),
+    "formats",
     "time_sync",
 )
 

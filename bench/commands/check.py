@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from bench.commands.console import console
-from bench.frame import Pace, pace_of, parse_frame
+from bench.frame import Pace, pace_of
 from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
@@ -55,7 +55,7 @@ def check(request: Request) -> int:
 
         with writing(request.plot):
             plots.plot_timetable(plan, request.plot)
-    decoding = _decoding(plan)
+    decoding = {link: pace_of(frame, WallClock()) for link, frame in sorted(plan.definitions().items())}
     report = _examined(plan, request) if request.live else None
     if request.json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
@@ -68,12 +68,6 @@ def check(request: Request) -> int:
     if report is not None and (refusal := report.refusal()) is not None:
         raise refusal
     return ExitStatus.PASS
-
-
-def _decoding(plan: Plan) -> dict[str, Pace]:
-    """Return how each link is decoded."""
-    names = {link: f"frames/{name}.yaml" for link, name in sorted(plan.frames.items())}
-    return {link: pace_of(parse_frame(plan.texts[name], name), WallClock()) for link, name in names.items()}
 
 
 def _examined(plan: Plan, request: Request) -> Report:

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, ClassVar, Literal, Self
 
+from bench.frame import FrameDefinition, parse_frame
 from bench.model.errors import InputError
 from bench.plan.language.interlocks import InterlockRule
 from bench.plan.language.sequence import Early
@@ -134,6 +135,11 @@ class Plan:
     def station_name(self) -> str:
         """Name of the station the plan is for."""
         return self.station.name
+
+    def definitions(self) -> dict[str, FrameDefinition]:
+        """Return the frame definition of each link, from the texts of the plan."""
+        names = {link: f"frames/{frame}.yaml" for link, frame in self.frames.items()}
+        return {link: parse_frame(self.texts[name], name) for link, name in names.items()}
 
     def phase(self, phase: Phase) -> tuple[Step, ...]:
         """Return steps of one phase, in order."""

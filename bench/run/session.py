@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.frame import FrameDefinition, parse_frame
+from bench.frame import FrameDefinition
 from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake
@@ -139,7 +139,7 @@ def conduct(
             transcript.on_traffic = lambda: stop.on_check()  # noqa: PLW0108 - it is set later
             if judged is not None:
                 observers.event(judged)
-            frames, earlier = _frames(plan), transcript.earlier
+            frames, earlier = plan.definitions(), transcript.earlier
             run = _Run(plan, bench, frames, writer, observers, clock, stop, beside, resumed, manifest, earlier)
             outcome = _closed(writer, run.sequence(operator))
             has_past = bench.world is not None and resumed is None  # a world begun anew does not know what was before
@@ -148,11 +148,6 @@ def conduct(
             bench.close()
     counts, offset_ns = run.counts(), run.utc_offset_ns
     return Conducted(writer.folder, manifest, outcome, writer.chain, counts, recorder.events, truth, offset_ns)
-
-
-def _frames(plan: Plan) -> dict[str, FrameDefinition]:
-    names = {link: f"frames/{frame}.yaml" for link, frame in plan.frames.items()}
-    return {link: parse_frame(plan.texts[name], name) for link, name in names.items()}
 
 
 def _identified(
@@ -179,7 +174,7 @@ def _begin(
     if resumed is not None:
         return resume_session(resumed.folder, resumed.event, t_mono_ns=clock.now_ns()), resumed.manifest
     name = session_name(plan, clock)
-    manifest = manifest_of(plan, name, seed, clock, identities, {k: f.sha256 for k, f in _frames(plan).items()})
+    manifest = manifest_of(plan, name, seed, clock, identities, {k: f.sha256 for k, f in plan.definitions().items()})
     texts = {**plan.texts, "plan.json": plan_json(plan.steps)}
     return SessionWriter.create(new_folder(out, name), manifest, texts, t_mono_ns=clock.now_ns()), manifest
 
