@@ -22,6 +22,7 @@ class MessageBatch:
 
     Attributes:
         offset: (n,) int64, stream offset of the first sync byte.
+        ends: (n,) int64, stream offsets behind the frames where their bytes are escaped; else None.
         rows: (n, body) uint8, the frames without check and without bytes of variable length.
         t_ns: (n,) int64, receive stamp of the chunk that completed the frame; None outside a link.
         counter: (n,) int64, unwrapped counter, which never falls except on a repeated frame (it then carries the
@@ -29,7 +30,7 @@ class MessageBatch:
         suspect: (n,) bool, check passed but a constant differs or the counter is out of line.
     """
 
-    __slots__ = ("_columns", "_extract", "counter", "message", "offset", "rest", "rows", "suspect", "t_ns")
+    __slots__ = ("_columns", "_extract", "counter", "ends", "message", "offset", "rest", "rows", "suspect", "t_ns")
 
     def __init__(self, message: Message, offset: NDArray[np.int64], rows: NDArray[np.uint8], rest: list[bytes] | None,
                  extract: Extract) -> None:  # fmt: skip
@@ -37,6 +38,7 @@ class MessageBatch:
         self.offset = offset
         self.rows = rows
         self.rest = rest
+        self.ends: NDArray[np.int64] | None = None
         self.t_ns: NDArray[np.int64] | None = None
         self.counter: NDArray[np.int64] | None = None
         self._extract = extract

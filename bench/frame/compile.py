@@ -36,7 +36,7 @@ class _Compiler:
         self._tail = (0 if spec.crc.field else check.size) + len(spec.trailer or ())
         messages = self._messages(common)
         self._check_lengths(messages)
-        if not spec.sync and spec.length is None:
+        if not spec.sync and spec.length is None and spec.escape is None:
             text = "frames without sync bytes must carry their length"
             self.fail("B-FRAME-006", ("sync",), text, "give sync bytes, or 'length: {field: ..., plus: ..., max: ...}'")
         commands = compile_commands(spec, messages, self.fail)
@@ -64,7 +64,7 @@ class _Compiler:
             stored_big=self._check_field.big if self._check_field else (spec.crc.stored or spec.endian) == "big",
             length_field=length_field,
             length_plus=spec.length.plus if spec.length else 0,
-            max_length=spec.length.max if spec.length else max(message.length for message in messages),
+            max_length=self._longest(messages),
             type_field=type_field,
             shared_counter=bool(spec.messages) and not own and any(field.counter for field in common),
             own_counters=own,
@@ -76,7 +76,13 @@ class _Compiler:
             check_field=self._check_field,
             trailer=bytes(spec.trailer or ()),
             unlisted=self._unlisted(common),
+            escape=spec.escape or "",
         )
+
+    def _longest(self, messages: list[Message]) -> int:
+        if self.spec.length:
+            return self.spec.length.max
+        return MAX_FRAME_BYTES if any(message.rest for message in messages) else max(m.length for m in messages)
 
     def _unlisted(self, common: list[Field]) -> Message | None:
         """Return the common fields as a message of any length, where frames of other types are counted."""
@@ -111,7 +117,7 @@ class _Compiler:
 
     def _messages(self, common: list[Field]) -> list[Message]:
         spec = self.spec
-        if spec.other and (spec.messages is None or spec.length is None):
+        if spec.other and (spec.messages is None or (spec.length is None and spec.escape is None)):
             text = "'other' needs messages and a length field: else nothing says how long an unlisted frame is"
             self.fail("B-FRAME-007", ("other",), text, "leave it out")
         if spec.messages is None:
@@ -165,7 +171,7 @@ class _Compiler:
         length = self.spec.length
         for message in messages:
             shortest = message.body + self._tail
-            if message.rest is not None and length is None:
+            if message.rest is not None and length is None and self.spec.escape is None:
                 text = f"{message.name!r} has a field of 'rest' length, so the frame must carry its length"
                 self.fail("B-FRAME-006", ("length",), text, "add 'length: {field: ..., plus: ..., max: ...}'")
             limit = MAX_FRAME_BYTES if length is None else length.max

@@ -20,12 +20,14 @@ from bench.frame.compile import compile_frame
 from bench.frame.compile_fields import read_hex
 from bench.frame.crc import require_fast_crc
 from bench.frame.encode import encode_frame, encode_rows
+from bench.frame.escape import ESCAPES
 from bench.frame.explain import checks_that_fit
 from bench.frame.kernel.arrays import Arrays, arrays_of, what_is_not_held
 from bench.frame.kernel_encoder import KernelEncoder
 from bench.frame.kernel_engine import KernelDecoder
 from bench.frame.layout import FrameSpec, Layout, Message
 from bench.frame.numpy_engine import NumpyDecoder
+from bench.frame.packets import PacketDecoder
 from bench.frame.reference import ReferenceDecoder, checks_of
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_, load_yaml, parse_yaml
@@ -94,7 +96,7 @@ class FrameDefinition:
         unknown = what_is_not_held(self.layout)
         if not unknown:
             return why_no_kernel()
-        instead = "by numpy" if self.layout.sync else "one by one"
+        instead = "by numpy" if self.layout.pattern and not self.layout.escape else "one by one"
         return f"{self.name}: the compiled kernel does not know {unknown}: frames are decoded {instead}"
 
     def _kernel(self) -> Kernel | None:
@@ -114,8 +116,8 @@ class FrameDefinition:
         compiled = self._kernel() if engine == "kernel" else None
         if compiled is not None:
             return KernelDecoder(self.layout, self._arrays, compiled.decode, arrivals)
-        one_by_one = engine == "reference" or not self.layout.pattern  # every byte may begin a frame
-        return ReferenceDecoder(self.layout) if one_by_one else NumpyDecoder(self.layout)
+        one_by_one = engine == "reference" or not self.layout.pattern or self.layout.escape
+        return _one_by_one(self.layout) if one_by_one else NumpyDecoder(self.layout)
 
     def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> NDArray[np.uint8]:
         """Return frames of a message of fixed length, check included.
@@ -156,6 +158,19 @@ def parse_frame(text: str, name: str) -> FrameDefinition:
     return FrameDefinition(parse_yaml(text, name, FrameSpec))
 
 
+def _unescaped(layout: Layout, wire: bytes) -> bytes | None:
+    """Return the one frame of an escaped golden frame, None if there is another number of packets."""
+    pieces, at = [], 0
+    while (packet := ESCAPES[layout.escape].next_packet(wire, at, len(wire) + 1)) is not None:
+        at = packet.end
+        pieces += [packet.frame] if packet.frame != b"" else []
+    return pieces[0] if len(pieces) == 1 and at == len(wire) else None
+
+
+def _one_by_one(layout: Layout) -> ReferenceDecoder:
+    return PacketDecoder(layout) if layout.escape else ReferenceDecoder(layout)
+
+
 def check_golden(document: Document[FrameSpec], layout: Layout) -> None:
     """Decode every golden frame and compare it with its expected values.
 
@@ -182,15 +197,18 @@ def check_golden(document: Document[FrameSpec], layout: Layout) -> None:
 
 def _refused(layout: Layout, message: Message, text: str) -> str:
     """Return why the golden frame is no frame of this message; empty if it is one."""
-    frame = read_hex(text)
-    if frame is None:
-        return "the golden frame is no hex text"
+    wire = read_hex(text)
+    frame = wire
+    if wire is not None and layout.escape:
+        frame = _unescaped(layout, wire)
+    if wire is None or frame is None:
+        return "the golden frame is no hex text" if wire is None else f"the golden frame is no {layout.escape} packet"
     if not frame.startswith(layout.pattern):
         return f"the golden frame begins with {frame[: len(layout.pattern)].hex(' ')}, not {layout.pattern.hex(' ')}"
     if message.length not in (0, len(frame)) or len(frame) < message.body + layout.tail:
         due = message.length or f"at least {message.body + layout.tail}"
         return f"the golden frame of {message.name!r} has {len(frame)} bytes, due are {due}"
-    if len(ReferenceDecoder(layout).feed(frame).messages[message.name]) == 1:
+    if len(_one_by_one(layout).feed(wire).messages[message.name]) == 1:
         return ""
     return _why_refused(layout, message, frame)
 
@@ -226,7 +244,7 @@ def _what_fits(frame: bytes) -> str:
 
 def _compare(document: Document[FrameSpec], layout: Layout, message: Message, golden: str, expect: Mapping[str, Any],
              path: Path_) -> list[InputError]:  # fmt: skip
-    batch = ReferenceDecoder(layout).feed(bytes.fromhex(golden)).messages[message.name]
+    batch = _one_by_one(layout).feed(bytes.fromhex(golden)).messages[message.name]
     errors: list[InputError] = []
     if batch.suspect.any():
         text = f"a constant of {message.name!r} differs in the golden frame"

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.frame.escape import ESCAPES
 from bench.frame.layout import Field, Layout, Message, Span
 from bench.frame.seal import seal
 from bench.model.errors import InputError
@@ -17,7 +18,7 @@ _WHERE = "frame encoder"
 
 def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], count: int) -> NDArray[np.uint8]:
     """Return frames (count, length) uint8, check included; see FrameDefinition.encode."""
-    if message.length == 0:
+    if message.length == 0 or layout.escape:
         text = f"the message {message.name!r} has no fixed length"
         raise InputError("B-FRAME-020", text, where=_WHERE, next_step="encode it one by one with encode_one")
     rows = np.zeros((count, message.length), np.uint8)
@@ -48,7 +49,7 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
             _put(rows, item, given, 1)
     rows[0, message.body : message.body + len(rest)] = np.frombuffer(rest, np.uint8)
     seal(layout, message, rows)
-    return rows.tobytes()
+    return ESCAPES[layout.escape].packed(rows.tobytes()) if layout.escape else rows.tobytes()
 
 
 def with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any], total: int) -> dict[str, Any]:

@@ -119,7 +119,8 @@ class FrameSpec(StrictModel):
     ``silence``: a frame that was begun before a longer pause of the line, and that is not whole when the line speaks
     again, is given up. ``commands``: what the payloads of the messages ``command`` and ``answer`` mean. ``trailer``:
     bytes that stand behind the check of every frame. ``other``: a frame of a type that is not listed, but whose check
-    is right, is counted as such and passed over, not rejected.
+    is right, is counted as such and passed over, not rejected. ``escape``: frames stand between delimiters, and bytes
+    that look like one are escaped.
     """
 
     frame: Annotated[str, StringConstraints(pattern=r"^[a-z0-9_]+$", max_length=60)]
@@ -128,6 +129,7 @@ class FrameSpec(StrictModel):
     sync: Annotated[list[Byte], Limits(max_length=255)]
     trailer: Annotated[list[Byte], Limits(min_length=1, max_length=255)] | None = None
     other: StrictBool = False
+    escape: Literal["slip", "hdlc", "cobs", "dle"] | None = None
     rate: Annotated[float, *quantity("Hz", low=1e-6, high=1e6)] | None = None
     silence: Annotated[float, *quantity("s", low=1e-3, high=60.0)] | None = None
     fields: Annotated[list[FieldSpec], Limits(min_length=1, max_length=1000)]
@@ -239,6 +241,7 @@ class Layout:
     with the same counter; ``own_counters``: the common counter is of each message. ``length_bits``, ``type_bits``:
     lowest bit and number of bits, where these are no whole field. ``check_field`` holds the check where it does not
     stand behind the fields. ``unlisted``: the common fields as a message, where frames of other types are counted.
+    ``escape``: a key of bench.frame.escape.ESCAPES, "" where bytes on the wire are those of the frame.
     """
 
     sync: bytes
@@ -261,6 +264,7 @@ class Layout:
     check_field: Field | None = None
     trailer: bytes = b""
     unlisted: Message | None = None
+    escape: str = ""
 
     @property
     def tail(self) -> int:
@@ -288,6 +292,7 @@ class Layout:
         later |= {} if self.check_field is None else {"check_field": self.check_field.name}
         counting = any(message.counter for message in self.messages)
         later |= {"own_counters": True} if self.own_counters and counting else {}
+        later |= {"escape": self.escape} if self.escape else {}
         later |= {"trailer": self.trailer.hex()} if self.trailer else {}
         later |= {} if self.unlisted is None else {"other": True}
         return {

@@ -197,7 +197,9 @@ class LinkDecoder:
             stamps.fill(self._arrivals.stamps[first])
             return stamps
         behind = batch.offset + batch.message.length
-        if batch.rest is not None:
+        if batch.ends is not None:
+            behind = batch.ends
+        elif batch.rest is not None:
             extra = np.fromiter(map(len, batch.rest), np.int64, len(batch))
             behind = batch.offset + batch.message.body + self.definition.layout.tail + extra
         complete = np.searchsorted(behind, ends[first : last + 1], side="right")
@@ -206,6 +208,8 @@ class LinkDecoder:
 
     def _end_of(self, batch: MessageBatch, index: int) -> int:
         """Return the stream offset behind one frame."""
+        if batch.ends is not None:
+            return int(batch.ends[index])
         if batch.rest is None:
             return int(batch.offset[index]) + batch.message.length
         tail = self.definition.layout.tail + len(batch.rest[index])

@@ -17,6 +17,7 @@ from bench.frame import FrameDefinition, parse_frame, why_no_kernel
 from bench.frame.compile import compile_frame
 from bench.frame.crc import CHECKSUMS
 from bench.frame.encode import encode_frame
+from bench.frame.escape import ESCAPES
 from bench.frame.kernel.arrays import holds
 from bench.frame.layout import FrameSpec
 from bench.model.errors import InputError
@@ -87,6 +88,8 @@ def random_spec(rng: Generator) -> Spec:
         common.append({"name": "rest", "type": "bytes", "count": "rest"})
     if rng.random() < 0.3:
         spec["trailer"] = rng.integers(0, 256, int(rng.integers(1, 4))).tolist()
+    if rng.random() < 0.15:
+        spec["escape"] = one_of(("slip", "hdlc", "cobs", "dle"), rng)
     if check != "none" and rng.random() < 0.5:
         spec["crc"]["over"][0] = common[0]["name"]
     spec["fields"] = common
@@ -119,13 +122,25 @@ def encoded(spec: Spec, layout: Any, message: Any, rng: Generator) -> bytes:
     raise AssertionError(spec)
 
 
+def unescaped(layout: Any, wire: bytes) -> bytes:
+    if not layout.escape:
+        return wire
+    piece = ESCAPES[layout.escape].next_packet(
+        wire, wire[0] in (0xC0, 0x7E) and layout.escape in ("slip", "hdlc"), 9999
+    )
+    assert piece is not None
+    assert piece.frame is not None
+    return piece.frame
+
+
 def with_golden(spec: Spec, rng: Generator) -> FrameDefinition:
     layout, _ = compile_frame(parse_yaml(json.dumps(spec), "random.yaml", FrameSpec))
     for message in layout.messages:
         part = spec if "messages" not in spec else spec["messages"][message.name]
         frame = encoded(spec, layout, message, rng)
         whole = message.by_name["whole"]
-        value = int.from_bytes(frame[whole.offset : whole.offset + 2], "big" if whole.big else "little")
+        plain = unescaped(layout, frame)
+        value = int.from_bytes(plain[whole.offset : whole.offset + 2], "big" if whole.big else "little")
         part |= {"golden": frame.hex(), "expect": {"whole": value}}
     return parse_frame(json.dumps(spec), "random.yaml")
 
@@ -144,7 +159,7 @@ def compare(seed: int) -> int:
         stream = b"".join(parts)
         ways = ["numpy", *(["kernel"] if holds(layout) and not why_no_kernel() else [])]
         due = everything(definition, "reference", [stream])
-        starts = np.cumsum([0, *map(len, parts)])[:-1]
+        starts = np.cumsum([0, *map(len, parts)])[:-1] + (spec.get("escape") in ("slip", "hdlc"))
         for name in definition.messages:
             assert due[1][name] == [at for at, kind in zip(starts.tolist(), order, strict=True) if kind == name]
         assert (due[0].bad, due[0].skipped_bytes, due[0].other) == (0, 0, 0)

@@ -1,0 +1,62 @@
+"""Frames between delimiters with escaped bytes: one packet, one frame; all else is as in the reference engine."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.frame.batch import FrameBatch
+from bench.frame.escape import ESCAPES, Packet
+from bench.frame.layout import Layout, Message
+from bench.frame.reference import ReferenceDecoder
+
+_ROOM = 2  # bytes on the wire for one of a frame, at most
+
+
+class PacketDecoder(ReferenceDecoder):
+    """Decoder of escaped frames.
+
+    A packet that is no frame is one rejected candidate. Offsets are those of the wire; delimiters belong to the packet
+    that they end; noise outside packets, and rejected ones, are skipped.
+    """
+
+    def __init__(self, layout: Layout) -> None:
+        super().__init__(layout)
+        self._next = ESCAPES[layout.escape].next_packet
+        self._longest = _ROOM * layout.max_length + 4
+
+    def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
+        found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.messages}
+        ends: dict[str, list[int]] = {message.name: [] for message in self._layout.messages}
+        bad: list[int] = []
+        at = taken = 0
+        while (packet := self._next(stream, at, self._longest)) is not None:
+            at = packet.end
+            message = self._message_of(packet) if packet.frame else None
+            if message is None and packet.frame != b"":
+                bad.append(self._position + packet.begin)
+                continue
+            taken += 0 if packet.noise else packet.end - packet.begin
+            if message is not None and message is self._layout.unlisted:
+                self.counts.other += 1
+            elif message is not None:
+                found[message.name].append((packet.begin, packet.frame or b""))
+                ends[message.name].append(self._position + packet.end)
+        if at < len(stream) and (final or self._position + at < before):
+            bad += [] if final else [self._position + at]
+            at = len(stream)
+        self.counts.skipped_bytes += at - taken
+        batch = self._batch(found, bad, at)
+        for name, stops in ends.items():
+            batch.messages[name].ends = np.array(stops, np.int64)
+        self._tail = stream[at:]
+        return batch
+
+    def _message_of(self, packet: Packet) -> Message | None:
+        """Return what message a packet is, None if it is no frame."""
+        frame, layout = packet.frame, self._layout
+        if frame is None or not frame.startswith(layout.pattern) or len(frame) < layout.header:
+            return None
+        length, message = self._measure(frame, 0)
+        if message is not None and layout.length_field is None and message.length == 0:
+            length = len(frame) if len(frame) >= message.body + layout.tail else 0
+        return message if message is not None and length == len(frame) and self._passes(frame, message) else None
