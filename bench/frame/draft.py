@@ -9,8 +9,8 @@ _CHECK_TYPES = {1: "u8", 2: "u16", 3: "u24", 4: "u32", 8: "u64"}
 
 def draft(guess: Guess, capture: bytes, name: str) -> str:
     """Return the YAML of a definition of frames that a capture holds; what their bytes mean is for the author."""
-    frames = guess.frames(capture)
-    golden = min(frames, key=len)
+    whole = guess.body_at + guess.behind
+    golden = min((frame for frame in guess.frames(capture) if len(frame) > whole), key=len)
     check, length = guess.check, guess.length
     big = length.big if length else check is not None and check.big
     begin = min(len(guess.sync), check.start) if check and check.start else len(guess.sync)
@@ -31,7 +31,7 @@ def draft(guess: Guess, capture: bytes, name: str) -> str:
         place = "" if check.at is None else "field: check, "
         stored = f", stored: {'big' if check.big else 'little'}" if check.at is None and check.size > 1 else ""
         lines.append(f"crc: {{name: {check.name}, {place}over: [{over}, end]{stored}}}")
-    body = golden[_body_at(guess, begin) : len(golden) - _behind(guess)]
+    body = golden[guess.body_at : len(golden) - guess.behind]
     lines += [f'golden: "{golden.hex(" ")}"', f'expect: {{body: "{body.hex(" ")}"}}']
     return "\n".join(lines) + "\n"
 
@@ -50,7 +50,7 @@ def _fields(guess: Guess, golden: bytes, begin: int) -> list[tuple[int, str]]:
         order = "" if check.size == 1 else f", endian: {'big' if check.big else 'little'}"
         known[check.at] = check.size, f"{{name: check, type: {_CHECK_TYPES[check.size]}{order}}}"
     fields: list[tuple[int, str]] = []
-    at, end = begin, _body_at(guess, begin)
+    at, end = begin, guess.body_at
     while at < end:
         if at not in known:
             after = min([place for place in known if place > at] + [end])
@@ -58,29 +58,12 @@ def _fields(guess: Guess, golden: bytes, begin: int) -> list[tuple[int, str]]:
             known[at] = after - at, f"{{name: head{len(fields)}, type: bytes, count: {after - at}}}"
         fields.append((at, known[at][1]))
         at += known[at][0]
-    count = "rest" if length else str(len(golden) - end - _behind(guess))
+    count = "rest" if length else str(len(golden) - end - guess.behind)
     return [*fields, (end, f"{{name: body, type: bytes, count: {count}}}")]
 
 
 def _names(fields: list[tuple[int, str]]) -> list[tuple[int, str]]:
     return [(at, text.partition("name: ")[2].partition(",")[0]) for at, text in fields]
-
-
-def _body_at(guess: Guess, begin: int) -> int:
-    """Return where the bytes begin of which nothing is known."""
-    check, length = guess.check, guess.length
-    ends = [begin, len(guess.sync)]
-    ends += [length.at + length.size] if length else []
-    if check:
-        ends += [check.start] if check.at is None else [check.at + check.size]
-    return max(ends)
-
-
-def _behind(guess: Guess) -> int:
-    """Return the bytes behind the fields."""
-    if guess.check is None:
-        return 0
-    return guess.trailer + (guess.check.size if guess.check.at is None else 0)
 
 
 def _list(values: bytes) -> str:

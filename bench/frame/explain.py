@@ -27,6 +27,7 @@ _LONGEST = 8192
 _ORDERS: tuple[Literal["big", "little"], ...] = ("big", "little")
 _LIKELY = 8  # hypotheses of which the check is looked for
 _COVERED, _COVERED_WITHOUT_CHECK = 0.2, 0.9  # share of the capture that a hypothesis must explain
+_FIRST = 3
 _MANY = 200  # frames on which a check is judged
 _RIGHT = 0.8
 
@@ -73,6 +74,24 @@ class Guess:
         """Bytes behind the check."""
         return 0 if self.check is None else self.check.trailer
 
+    @property
+    def body_at(self) -> int:
+        """Where the bytes begin of which nothing is known."""
+        ends = [len(self.sync)] + ([self.length.at + self.length.size] if self.length else [])
+        if self.check is not None:
+            ends.append(self.check.start if self.check.at is None else self.check.at + self.check.size)
+        return max(ends)
+
+    @property
+    def behind(self) -> int:
+        """Bytes behind the fields: check and trailer."""
+        return 0 if self.check is None else self.trailer + (self.check.size if self.check.at is None else 0)
+
+    @property
+    def has_body(self) -> bool:
+        """Whether a frame holds anything but what is known of all."""
+        return max(self.lengths) > self.body_at + self.behind
+
     def frames(self, capture: bytes) -> list[bytes]:
         """Return the frames of the capture."""
         return [capture[at : at + size] for at, size in zip(self.starts, self.lengths, strict=True)]
@@ -89,8 +108,9 @@ def guesses(capture: bytes) -> list[Guess]:
     found = [guess for guess in found if guess.covered >= _COVERED]
     found = [_with_check(capture, guess) for guess in sorted(found, key=lambda guess: -guess.covered)[:_LIKELY]]
     found = [guess for guess in found if guess.check is not None or guess.covered >= _COVERED_WITHOUT_CHECK]
+    different = {(guess.sync, guess.starts): guess for guess in found if guess.has_body}.values()
     return sorted(
-        found, key=lambda guess: (guess.check is None, -round(guess.covered, 2), guess.starts[0], guess.trailer)
+        different, key=lambda guess: (guess.check is None, -round(guess.covered, 2), guess.starts[0], guess.trailer)
     )
 
 
@@ -101,7 +121,10 @@ def checks_that_fit(frames: Sequence[bytes], least_bits: int = 24) -> Iterator[F
     """
     distinct = _some(frames, _MANY)
     tried = _some(distinct, _TRIED)
-    found = [fit for frame in tried[:1] for fit in _right_in(frame) if _right(fit, tried) >= _RIGHT * len(tried)]
+    seen = (_right_in(frame) for frame in tried[:_FIRST])  # the first one may be damaged
+    found = next(
+        (fits for each in seen if (fits := [fit for fit in each if _right(fit, tried) >= _RIGHT * len(tried)])), []
+    )
     # by chance: one of ten thousand tries is right in a frame with as many bits as the check has
     sure = [replace(fit, right=_right(fit, distinct)) for fit in found if 8 * fit.size * len(tried) >= least_bits]
     sure = [fit for fit in sure if fit.right >= _RIGHT * len(distinct) and _varies(fit, tried)]
@@ -156,9 +179,7 @@ def _length_at(stream: NDArray[np.uint8], places: NDArray[np.int64], at: int, si
     plus, seen = Counter((np.diff(places) - value[:-1]).tolist()).most_common(1)[0]
     if not 0 <= plus <= 64 or seen < _FEWEST:
         return []
-    lengths = np.full(len(places), 0, np.int64)
-    lengths[:] = value + plus
-    return [(LengthField(at, size, big, plus), lengths)]
+    return [(LengthField(at, size, big, plus), value + plus)]
 
 
 def _chained(capture: bytes, sync: bytes, places: NDArray[np.int64], lengths: NDArray[np.int64],
@@ -183,7 +204,7 @@ def _chained(capture: bytes, sync: bytes, places: NDArray[np.int64], lengths: ND
 def _with_check(capture: bytes, guess: Guess) -> Guess:
     """Return a hypothesis with the check that is right in its frames, and all bytes that these begin with."""
     frames = guess.frames(capture)
-    check = next(checks_that_fit(frames), None)
+    check = next((fit for fit in checks_that_fit(frames) if _apart(guess, fit)), None)
     if check is None and guess.length is None:
         guess = _shorter(guess, frames)
     elif check is not None:
@@ -193,10 +214,19 @@ def _with_check(capture: bytes, guess: Guess) -> Guess:
         starts, lengths = ([values[index] for index in right] for values in (guess.starts, guess.lengths))
         guess = replace(guess, starts=tuple(starts), lengths=tuple(lengths))
     sync, frames = guess.sync, guess.frames(capture)
-    limit = guess.length.at if guess.length else len(sync) + 3
-    while len(sync) < min(4, limit) and len({frame[len(sync)] for frame in frames}) == 1:
+    known = [guess.length.at] if guess.length else []
+    known += [guess.check.at] if guess.check and guess.check.at is not None else []
+    limit = min(4, *known, *(len(frame) - 2 for frame in frames))
+    while len(sync) < limit and len({frame[len(sync)] for frame in frames}) == 1:
         sync += frames[0][len(sync) : len(sync) + 1]
     return replace(guess, sync=sync)
+
+
+def _apart(guess: Guess, fit: FoundCheck) -> bool:
+    """Return whether sync bytes, length field and check share no byte, and the check covers all of the length or none."""
+    field = range(0) if guess.length is None else range(guess.length.at, guess.length.at + guess.length.size)
+    held = [] if fit.at is None else range(fit.at, fit.at + fit.size)
+    return fit.start not in field[1:] and not set(held) & {*range(len(guess.sync)), *field}
 
 
 def _shorter(guess: Guess, frames: Sequence[bytes]) -> Guess:

@@ -118,3 +118,16 @@ def test_explain_tells_of_the_definition_and_of_the_capture(
     with pytest.raises(InputErrors, match="B-FRAME-0"):
         explain.explain(str(mistaken), source)
     assert "as the capture has it" in capsys.readouterr().out
+
+
+def test_every_draft_is_a_definition_whatever_the_capture() -> None:
+    """Few different bytes, repeated: hypotheses that are right by chance, with fields that might overlap."""
+    rng = np.random.default_rng(RNG_SEED)
+    drafts = 0
+    for _ in range(200):
+        piece = rng.choice(np.frombuffer(b"\x00\x01\xeb\x90\x05\x07", np.uint8), int(rng.integers(0, 300))).tobytes()
+        capture = piece * int(rng.integers(1, 10))
+        for guess in guesses(capture):
+            parse_frame(draft(guess, capture, "unit"), "unit.yaml")
+            drafts += 1
+    assert drafts > 50
