@@ -28,6 +28,7 @@ _ORDERS: tuple[Literal["big", "little"], ...] = ("big", "little")
 _LIKELY = 8  # hypotheses of which the check is looked for
 _COVERED, _COVERED_WITHOUT_CHECK = 0.2, 0.9  # share of the capture that a hypothesis must explain
 _FIRST = 3
+_BETWEEN = 128  # bytes of no frame between two frames, at most
 _MANY = 200  # frames on which a check is judged
 _RIGHT = 0.8
 
@@ -223,7 +224,7 @@ def _with_check(capture: bytes, guess: Guess) -> Guess:
 
 
 def _apart(guess: Guess, fit: FoundCheck) -> bool:
-    """Return whether sync bytes, length field and check share no byte, and the check covers all of the length or none."""
+    """Return whether sync bytes, length and check share no byte, and the check covers all of the length or none."""
     field = range(0) if guess.length is None else range(guess.length.at, guess.length.at + guess.length.size)
     held = [] if fit.at is None else range(fit.at, fit.at + fit.size)
     return fit.start not in field[1:] and not set(held) & {*range(len(guess.sync)), *field}
@@ -233,7 +234,7 @@ def _shorter(guess: Guess, frames: Sequence[bytes]) -> Guess:
     """Return frames of one length that end with a right check, before bytes that belong to no frame."""
     tried = _some(frames, _TRIED)
     whole = len(tried[0])
-    for size in range(whole - _TRAILERS - 1, len(guess.sync) + 2, -1):
+    for size in range(whole - _TRAILERS - 1, max(len(guess.sync) + 2, whole - _BETWEEN), -1):
         cut = [frame[:size] for frame in tried]
         for check in _crcs():
             for start in range(len(guess.sync) + 1):

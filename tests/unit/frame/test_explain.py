@@ -124,10 +124,10 @@ def test_every_draft_is_a_definition_whatever_the_capture() -> None:
     """Few different bytes, repeated: hypotheses that are right by chance, with fields that might overlap."""
     rng = np.random.default_rng(RNG_SEED)
     drafts = 0
-    for _ in range(200):
+    for _ in range(25):
         piece = rng.choice(np.frombuffer(b"\x00\x01\xeb\x90\x05\x07", np.uint8), int(rng.integers(0, 300))).tobytes()
         capture = piece * int(rng.integers(1, 10))
         for guess in guesses(capture):
             parse_frame(draft(guess, capture, "unit"), "unit.yaml")
             drafts += 1
-    assert drafts > 50
+    assert drafts > 5
