@@ -148,7 +148,9 @@ def decode(
     parquet: Annotated[
         Path | None, typer.Option("--parquet", help="write the decoded fields (extra 'parquet')")
     ] = None,
-    explained: Annotated[bool, typer.Option("--explain", help="what the capture itself says of its frames")] = False,
+    explained: Annotated[
+        bool, typer.Option("--explain", help="instead: what the capture itself says of its frames")
+    ] = False,
     json: AsJson = False,
 ) -> None:
     """Decode any raw capture with a frame definition; counts of good, bad and lost frames; status 1 if none is good."""

@@ -35,6 +35,7 @@ class _Compiler:
         self._check_field = self._holder(check, common)
         self._tail = (0 if spec.crc.field else check.size) + len(spec.trailer or ())
         messages = self._messages(common)
+        self._others = self._unlisted(common)
         self._check_lengths(messages)
         if not spec.sync and spec.length is None and spec.escape is None:
             text = "frames without sync bytes must carry their length"
@@ -75,7 +76,7 @@ class _Compiler:
             type_bits=type_bits,
             check_field=self._check_field,
             trailer=bytes(spec.trailer or ()),
-            unlisted=self._unlisted(common),
+            unlisted=self._others,
             escape=spec.escape or "",
         )
 
@@ -89,13 +90,15 @@ class _Compiler:
         if not self.spec.other:
             return None
         body = common[-1].offset + common[-1].length
-        return Message("other", tuple(common), body, 0, *self._coverage(common, "other"))
+        return Message("other", tuple(common), body, 0, *self._coverage(common, "other", whole=False))
 
     def _holder(self, check: Check, common: Sequence[Field]) -> Field | None:
         """Return the field that holds the check."""
         name = self.spec.crc.field
         field = next((item for item in common if item.name == name), None)
-        if name is None or (field is not None and field.length == check.size and field.kind == "u"):
+        if name is None or (
+            field is not None and field.size == check.size and field.count is None and field.kind == "u"
+        ):
             return field
         text = f"the check needs an unsigned integer of {8 * check.size} bits among the common fields"
         self.fail("B-FRAME-008", ("crc", "field"), f"{text}, not {name!r}", "")
@@ -145,7 +148,8 @@ class _Compiler:
         length = 0 if fields[-1].rest else body + self._tail
         return Message(name, tuple(fields), body, length, start, stop, type_value)
 
-    def _coverage(self, fields: list[Field], message: str) -> tuple[int, int | None]:
+    def _coverage(self, fields: list[Field], message: str, whole: bool = True) -> tuple[int, int | None]:
+        """Return the bytes covered; ``whole``: nothing follows these fields but check and trailer."""
         known = {field.name: field for field in fields}
         bounds: list[int | None] = []
         for index, name in enumerate(self.spec.crc.over or ("sync", "end")):
@@ -160,7 +164,7 @@ class _Compiler:
                 self.fail("B-FRAME-008", ("crc", "over", index), text, f"did you mean {close[0]!r}?" if close else "")
                 bounds.append(None)
             else:
-                last = field is fields[-1] and message != "other"
+                last = whole and field is fields[-1]
                 bounds.append(field.offset if index == 0 else None if last else field.offset + field.length)
         start = bounds[0] or 0
         if bounds[1] is not None and bounds[1] <= start:

@@ -122,10 +122,9 @@ def checks_that_fit(frames: Sequence[bytes], least_bits: int = 24) -> Iterator[F
     """
     distinct = _some(frames, _MANY)
     tried = _some(distinct, _TRIED)
-    seen = (_right_in(frame) for frame in tried[:_FIRST])  # the first one may be damaged
-    found = next(
-        (fits for each in seen if (fits := [fit for fit in each if _right(fit, tried) >= _RIGHT * len(tried)])), []
-    )
+    found: list[FoundCheck] = []
+    for frame in tried[:_FIRST]:  # the first one may be damaged
+        found = found or [fit for fit in _right_in(frame) if _right(fit, tried) >= _RIGHT * len(tried)]
     # by chance: one of ten thousand tries is right in a frame with as many bits as the check has
     sure = [replace(fit, right=_right(fit, distinct)) for fit in found if 8 * fit.size * len(tried) >= least_bits]
     sure = [fit for fit in sure if fit.right >= _RIGHT * len(distinct) and _varies(fit, tried)]

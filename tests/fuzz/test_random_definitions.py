@@ -11,11 +11,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_frame_engines import Generator, chunks_of, damage, everything, random_field, random_values
+from test_frame_engines import DAMAGE, Generator, chunks_of, damage, everything, random_field, random_values
 
 from bench.frame import FrameDefinition, parse_frame, why_no_kernel
+from bench.frame.catalogue import find_model
 from bench.frame.compile import compile_frame
-from bench.frame.crc import CHECKSUMS
+from bench.frame.crc import CHECKSUMS, Crc
 from bench.frame.encode import encode_frame
 from bench.frame.escape import ESCAPES
 from bench.frame.kernel.arrays import holds
@@ -25,7 +26,6 @@ from bench.model.yamlio import parse_yaml
 
 SHORT, FULL = 1000, 200_000
 CHECKS = (*CHECKSUMS, "crc-8/smbus", "crc-16/modbus", "crc-16/xmodem", "crc-24q", "crc-32", "crc-64/xz", "crc-12/umts")
-DAMAGES = ("flip", "drop", "insert", "truncate", "repeat_tail", "garbage", "sync_storm", "false_header")
 KINDS = ("u8", "u16", "u24", "u32", "u48", "u64", "i8", "i16", "i24", "i40", "i64", "f32", "f64")
 HOLDERS = {1: "u8", 2: "u16", 3: "u24", 4: "u32", 8: "u64"}
 Spec = dict[str, Any]
@@ -67,8 +67,8 @@ def random_spec(rng: Generator) -> Spec:
     spec["sync"] = rng.integers(0, 256, int(rng.integers(0 if varies else 1, 5))).tolist()
     common = [*random_fields("common", rng), {"name": "whole", "type": "u16"}]
     check = one_of(CHECKS, rng)
-    size = 8 if check == "crc-64/xz" else 3 if check == "crc-24q" else 2 if "12" in check else None
-    size = size or (CHECKSUMS[check].size if check in CHECKSUMS else int(check[4:6].strip("-/")) // 8)
+    model = find_model(check)
+    size = CHECKSUMS[check].size if model is None else Crc(model).size
     spec["crc"] = {"name": check} if check == "none" else {"name": check, "over": ["sync", "end"]}
     if size in HOLDERS and rng.random() < 0.4:
         common.insert(int(rng.integers(len(common) + 1)), {"name": "check", "type": HOLDERS[size]})
@@ -163,7 +163,7 @@ def compare(seed: int) -> int:
         for name in definition.messages:
             assert due[1][name] == [at for at, kind in zip(starts.tolist(), order, strict=True) if kind == name]
         assert (due[0].bad, due[0].skipped_bytes, due[0].other) == (0, 0, 0)
-        broken = b"".join(bytes(damage(one_of(DAMAGES, rng), bytearray(part), layout.pattern, rng))
+        broken = b"".join(bytes(damage(one_of(DAMAGE, rng), bytearray(part), layout.pattern, rng))
                           if rng.random() < 0.4 else part for part in parts)  # fmt: skip
         damaged = everything(definition, "reference", [broken])
         for way in ways:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import sys
 from collections import Counter
 from contextlib import suppress
+from io import BytesIO
 from pathlib import Path
 
 from bench.commands.console import console
 from bench.commands.frame.decode import STANDARD_INPUT
-from bench.frame import LOOKED_AT_BYTES, Guess, decode_capture, draft, guesses, load_frame
+from bench.frame import LOOKED_AT_BYTES, Guess, decode_capture, draft, guesses, load_frame, parse_frame
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.session.output import write_file
@@ -20,7 +21,8 @@ _SHOWN = 3
 def new(capture: Path, name: str, out: Path | None) -> int:
     """Write a first definition from a capture; exit status 1 if its bytes show none.
 
-    Raises: InputError B-FRAME-030 (the capture cannot be read), B-CLI-007 (the file is there, or cannot be written).
+    Raises: InputError B-FRAME-030 (the capture cannot be read), B-CLI-007 (the file is there, or cannot be written);
+    InputErrors where the name is none of a definition.
     """
     head = _head(capture)
     found = guesses(head)
@@ -28,6 +30,7 @@ def new(capture: Path, name: str, out: Path | None) -> int:
         sys.stderr.write(f"{_nothing(head)}\n")
         return ExitStatus.VERDICT_FAIL
     text = draft(found[0], head, name)
+    parse_frame(text, str(out or name))
     if out is None:
         sys.stdout.write(text)
     elif out.is_file():
@@ -47,7 +50,7 @@ def explain(frame: str, file: Path) -> int:
     good = 0
     try:
         definition = load_frame(find_shipped("frames", frame))
-        with file.open("rb") as stream:
+        with BytesIO(head) if file == STANDARD_INPUT else file.open("rb") as stream:
             counts = decode_capture(definition, stream).counts
         good = counts.frames
         out.print(f"{definition.name}: {good} good, {counts.bad} bad, {counts.other} other,"

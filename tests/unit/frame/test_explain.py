@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import struct
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -95,6 +97,8 @@ def test_frame_new_writes_a_file_once(
     assert capsys.readouterr().out == out.read_text(encoding="utf-8")
     with pytest.raises(InputError, match="is there already"):
         explain.new(source, "unit", out)
+    with pytest.raises(InputErrors, match="frame"):
+        explain.new(source, "Two words", None)
     source.write_bytes(b"")
     assert explain.new(source, "unit", None) == 1
     assert capsys.readouterr().err == "the capture is empty\n"
@@ -103,7 +107,7 @@ def test_frame_new_writes_a_file_once(
 
 
 def test_explain_tells_of_the_definition_and_of_the_capture(
-    capture: tuple[bytes, str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    capture: tuple[bytes, str], tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     source = tmp_path / "capture.bin"
     source.write_bytes(capture[0])
@@ -113,6 +117,9 @@ def test_explain_tells_of_the_definition_and_of_the_capture(
     assert f"{capture[1]} from byte" in " ".join(told.split())
     text = told.partition("the lines of a definition:\n")[2]
     assert parse_frame(text, "told.yaml").name == "vn100_binary"
+    monkeypatch.setattr("sys.stdin", SimpleNamespace(buffer=io.BytesIO(capture[0])))
+    assert explain.explain("vn100_binary", Path("-")) == 1
+    assert capsys.readouterr().out == told
     mistaken = tmp_path / "unit.yaml"
     mistaken.write_text(text.replace(f"name: {capture[1]}", "name: crc-16/usb"), encoding="utf-8")
     with pytest.raises(InputErrors, match="B-FRAME-0"):

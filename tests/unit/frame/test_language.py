@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from crccheck.crc import Crc16Xmodem, Crc32
 
-from bench.frame import FrameDefinition, parse_frame, why_no_kernel
+from bench.frame import FrameDefinition, pace_of, parse_frame, why_no_kernel
 from bench.frame.stream import LinkDecoder
 from bench.model.errors import InputError, InputErrors
 
@@ -102,7 +102,7 @@ fields: [{name: words, type: u8}, {name: body, type: bytes, count: rest}]
 length: {field: words, times: 2, plus: 1, max: 50}
 crc: {name: sum-8, over: [words, end]}
 """
-    definition = with_golden(text, b"\x01\x01\x01"[:2] + b"\x01", "words: 1")
+    definition = with_golden(text, b"\x01\x01\x01", "words: 1")
     with pytest.raises(InputError, match="multiple of 2") as caught:
         definition.encode_one({"body": b"a"})
     assert caught.value.code == "B-FRAME-021"
@@ -147,6 +147,13 @@ SOUND = {
         ({"crc": "{name: sum-8}"}, "B-FRAME-008"),
         ({"crc": "{name: sum-16, field: n, over: [a, end]}"}, "B-FRAME-008"),
         ({"crc": "{name: sum-8, field: m, over: [a, end]}"}, "B-FRAME-008"),
+        (
+            {
+                "fields": "[{name: a, type: u8}, {name: n, type: u8, count: 2}]",
+                "crc": "{name: sum-16, field: n, over: [a, end]}",
+            },
+            "B-FRAME-008",
+        ),
         ({"sync": "[]"}, "B-FRAME-006"),
         ({"other": "true"}, "B-FRAME-007"),
         ({"length": "{field: a.high, plus: 0, max: 9}"}, "B-FRAME-006"),
@@ -185,3 +192,65 @@ def test_a_golden_frame_names_the_limit_and_the_check_that_would_be_right() -> N
         InputErrors, match="crc-32/iso-hdlc over bytes 0 to 10, with 0 bytes behind it, stored big, would be"
     ):
         with_golden(f"{head}crc: {{name: crc-32, over: [body, end]}}\n", frame, 'body: "00 01 02 03 04 05 06 07 08"')
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_type_is_looked_at_where_one_message_is_listed(engine: str) -> None:
+    text = """
+frame: one
+endian: big
+sync: [0xAA]
+fields: [{name: kind, type: u8}]
+type: {field: kind}
+messages:
+  other: {value: 1, fields: [{name: n, type: u16}], golden: "aa 01 00 07 08", expect: {n: 7}}
+crc: {name: sum-8, over: [kind, end]}
+"""
+    link = LinkDecoder(parse_frame(text, "one.yaml"), engine)  # type: ignore[arg-type]
+    link.push(0, b"\xaa\x01\x00\x05\x06" * 20 + b"\xaa\x02\x00\x05\x07" * 10 + b"\xaa\x01\x00\x05\x06" * 20)
+    assert link.finish().messages["other"].raw("kind").tolist() == [1] * 40
+    assert (link.counts.bad, link.counts.skipped_bytes) == (10, 50)
+
+
+def test_a_message_may_be_named_other() -> None:
+    text = """
+frame: named
+endian: big
+sync: [0xAA]
+other: true
+fields: [{name: length, type: u8}, {name: kind, type: u8}]
+length: {field: length, plus: 0, max: 50}
+type: {field: kind}
+messages:
+  other: {value: 1, fields: [{name: body, type: bytes, count: rest}], golden: "aa 06 01 41 42 8a", expect: {kind: 1}}
+crc: {name: sum-8, over: [length, END]}
+"""
+    with pytest.raises(InputErrors, match="covers 'body', which is no field of the message 'other'"):
+        parse_frame(text.replace("END", "body"), "named.yaml")
+    link = LinkDecoder(parse_frame(text.replace("END", "end"), "named.yaml"))
+    link.push(0, bytes.fromhex("aa 06 01 41 42 8a aa 05 02 41 48"))
+    assert link.finish().messages["other"].raw("body").tolist() == [b"AB"]
+    assert (link.counts.other, link.counts.bad) == (1, 0)
+
+
+class Ticking:
+    """A clock on which every look takes a second."""
+
+    def __init__(self) -> None:
+        self.looks = 0
+
+    def now_ns(self) -> int:
+        self.looks += 1
+        return self.looks * 10**9
+
+
+PACES = {"1 Hz": "more than 1,000 times its 1 Hz", "": "more than 1,000 frames/s", "1 MHz": "too slow for its 1e+06 Hz"}
+
+
+@pytest.mark.parametrize(("rate", "told"), PACES.items())
+def test_a_pace_is_told_against_the_rate(rate: str, told: str) -> None:
+    text = INSIDE + (f"rate: {rate}\n" if rate else "")
+    pace = pace_of(with_golden(text, inside(b"abc"), "length: 3"), Ticking())  # type: ignore[arg-type]
+    assert str(pace).startswith("inside by numpy, ")
+    assert told in str(pace)
+    assert "no check" not in str(pace)
