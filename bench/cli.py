@@ -155,6 +155,8 @@ def decode(
 ) -> None:
     """Decode any raw capture with a frame definition; counts of good, bad and lost frames; status 1 if none is good."""
     if explained:
+        if csv or parquet or json:
+            raise typer.BadParameter("goes with none of --csv, --parquet and --json", param_hint="--explain")
         from bench.commands.frame import explain as explain_command
 
         raise typer.Exit(explain_command.explain(frame, file))
