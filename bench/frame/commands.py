@@ -184,7 +184,7 @@ def compile_commands(spec: FrameSpec, messages: Sequence[Message], fail: Fail) -
         path: Path_ = ("commands", name)
         if any(part.code == other.code for other in found.values()):
             fail("B-FRAME-014", (*path, "code"), f"{name}: the code 0x{part.code:02x} is taken", "choose another code")
-        found[name] = _layout(name, part, path, spec.endian, fail)
+        found[name] = _layout(name, part, path, spec.endian or "big", fail)
     return found
 
 

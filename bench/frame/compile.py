@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from dataclasses import replace
 
 from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
 from bench.frame.commands import CommandLayout, compile_commands
 from bench.frame.compile_fields import place_fields
 from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
-from bench.frame.layout import MAX_FRAME_BYTES, CheckSpec, Field, FrameSpec, Layout, Message, Span
+from bench.frame.layout import MAX_FRAME_BYTES, CheckSpec, Field, FieldSpec, FrameSpec, Layout, Message, Span
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_
 
@@ -22,14 +23,16 @@ class _Compiler:
         self.document = document
         self.spec = document.model
         self.errors: list[InputError] = []
+        self._endian = self.spec.endian or "big"
 
     def fail(self, code: str, path: Path_, message: str, next_step: str) -> None:
         self.errors.append(InputError(code, message, where=self.document.where(path), next_step=next_step))
 
     def build(self) -> tuple[Layout, dict[str, CommandLayout]]:
         spec = self.spec
-        common = place_fields(spec.fields, ("fields",), (), len(spec.sync), spec.endian, self.fail)
+        common = place_fields(spec.fields, ("fields",), (), len(spec.sync), self._endian, self.fail)
         check = self._check(spec.crc)
+        self._check_form(common)
         self._length = self._reference("length", spec.length.field if spec.length else None, common)
         self._type = self._reference("type", spec.type.field if spec.type else None, common)
         self._check_field = self._holder(check, common)
@@ -37,7 +40,7 @@ class _Compiler:
         messages = self._messages(common)
         self._others = self._unlisted(common)
         self._check_lengths(messages)
-        if not spec.sync and spec.length is None and spec.escape is None:
+        if not spec.sync and spec.length is None and spec.escape is None and spec.lines is None:
             text = "frames without sync bytes must carry their length"
             self.fail("B-FRAME-006", ("sync",), text, "give sync bytes, or 'length: {field: ..., plus: ..., max: ...}'")
         commands = compile_commands(spec, messages, self.fail)
@@ -62,7 +65,7 @@ class _Compiler:
             header=max([len(pattern), *ends]),
             messages=tuple(messages),
             check=check,
-            stored_big=self._check_field.big if self._check_field else (spec.crc.stored or spec.endian) == "big",
+            stored_big=self._check_field.big if self._check_field else (spec.crc.stored or self._endian) == "big",
             length_field=length_field,
             length_plus=spec.length.plus if spec.length else 0,
             max_length=self._longest(messages),
@@ -78,12 +81,14 @@ class _Compiler:
             trailer=bytes(spec.trailer or ()),
             unlisted=self._others,
             escape=spec.escape or "",
+            lines=spec.lines,
         )
 
     def _longest(self, messages: list[Message]) -> int:
         if self.spec.length:
             return self.spec.length.max
-        return MAX_FRAME_BYTES if any(message.rest for message in messages) else max(m.length for m in messages)
+        open_ended = self.spec.lines is not None or any(message.rest for message in messages)
+        return MAX_FRAME_BYTES if open_ended else max(m.length for m in messages)
 
     def _unlisted(self, common: list[Field]) -> Message | None:
         """Return the common fields as a message of any length, where frames of other types are counted."""
@@ -110,6 +115,10 @@ class _Compiler:
             return None, None
         name, _, bits = part.partition(".")
         field = next((item for item in common if item.name == name), None)
+        if self.spec.lines and key == "type":
+            if field is None or field.kind != "b":
+                self.fail("B-FRAME-006", (key, "field"), f"the type of a line must be common bytes, not {part!r}", "")
+            return field, None
         if field is None or field.kind != "u" or field.count is not None or field.size > 4:
             message = f"the {key} field {name!r} must be one unsigned integer of up to 32 bits among the common fields"
             self.fail("B-FRAME-006", (key, "field"), message, "")
@@ -120,7 +129,8 @@ class _Compiler:
 
     def _messages(self, common: list[Field]) -> list[Message]:
         spec = self.spec
-        if spec.other and (spec.messages is None or (spec.length is None and spec.escape is None)):
+        delimited = spec.length is not None or spec.escape is not None or spec.lines is not None
+        if spec.other and (spec.messages is None or not delimited):
             text = "'other' needs messages and a length field: else nothing says how long an unlisted frame is"
             self.fail("B-FRAME-007", ("other",), text, "leave it out")
         if spec.messages is None:
@@ -132,9 +142,12 @@ class _Compiler:
         found: list[Message] = []
         for name, part in spec.messages.items():
             path: Path_ = ("messages", name)
-            fields = place_fields(part.fields, (*path, "fields"), common, start, spec.endian, self.fail)
-            if any(part.value == other.type_value for other in found):
+            fields = place_fields(part.fields, (*path, "fields"), common, start, self._endian, self.fail)
+            if any(part.value in (other.type_value, other.type_text) for other in found):
                 self.fail("B-FRAME-007", (*path, "value"), f"{name}: the type value {part.value} is taken", "")
+            if isinstance(part.value, str) or spec.lines:
+                found.append(replace(self._message(name, fields, None), type_text=self._type_text(part.value, path)))
+                continue
             type_field, bits = self._type
             if type_field is not None and part.value >= 1 << (bits[1] if bits else 8 * type_field.size):
                 message = f"{name}: the type value {part.value} does not fit {spec.type.field if spec.type else ''!r}"
@@ -142,10 +155,63 @@ class _Compiler:
             found.append(self._message(name, fields, part.value))
         return found
 
+    def _type_text(self, value: int | str, path: Path_) -> str:
+        """Return the type of a line."""
+        field, lines = self._type[0], self.spec.lines
+        room = field.length if field else MAX_FRAME_BYTES
+        if lines is None or not isinstance(value, str):
+            kind = "a whole number" if lines is None else "text in quotes"
+            self.fail("B-FRAME-007", (*path, "value"), f"the type value {value!r} must be {kind}", "")
+        elif len(value) > room or set(value) & set(lines.separator):
+            text = f"the type value {value!r} is no value of {room} characters"
+            self.fail("B-FRAME-007", (*path, "value"), text, "")
+        return str(value)
+
+    def _check_form(self, common: Sequence[Field]) -> None:
+        """Check that what lines cannot have, and what frames without them need, is not mixed."""
+        spec, lines = self.spec, self.spec.lines
+        self._check_form_of(spec.fields, ("fields",))
+        for name, part in (spec.messages or {}).items():
+            self._check_form_of(part.fields, ("messages", name, "fields"))
+        if lines is None:
+            if spec.endian is None:
+                self.fail("B-FRAME-006", (), "the definition states no order of bytes", "add 'endian: big' or 'little'")
+            return
+        for key in ("length", "escape", "trailer"):
+            if getattr(spec, key) is not None:
+                self.fail("B-FRAME-006", (key,), f"lines have no {key!r}", "leave it out")
+        if spec.crc.field is not None or spec.crc.stored is not None:
+            key = "stored" if spec.crc.field is None else "field"
+            self.fail(
+                "B-FRAME-008", ("crc", key), "the check of a line stands at its end, in hex digits", "leave it out"
+            )
+        if (spec.crc.name == "none") != (lines.check is None):
+            text = "lines with a check need the character before it" if lines.check is None else "there is no check"
+            self.fail(
+                "B-FRAME-008", ("lines",), text, "give 'check: \"*\"' in 'lines' and a check in 'crc', or neither"
+            )
+        first, last = spec.crc.over or ("sync", "end")
+        if first not in ("sync", common[0].name) or last != "end":
+            text = f"the check of a line covers it from 'sync' or from {common[0].name!r} to 'end'"
+            self.fail("B-FRAME-008", ("crc", "over"), text, "")
+        if not all(0x20 < byte < 0x7F for byte in spec.sync):
+            self.fail("B-FRAME-006", ("sync",), "a line begins with printable characters", "")
+
+    def _check_form_of(self, fields: Sequence[FieldSpec], path: Path_) -> None:
+        for index, field in enumerate(fields):
+            kind = "an unsigned integer" if field.form == "hex" else "f64"
+            fits = field.type[0] == "u" if field.form == "hex" else field.type == "f64"
+            if field.form is not None and not (self.spec.lines and fits):
+                text = f"{field.name}: the form {field.form!r} is for {kind} in a line"
+                self.fail("B-FRAME-002", (*path, index, "form"), text, "leave it out")
+            if field.count == "rest" and self.spec.lines:
+                text = f"{field.name}: a line has no 'rest'"
+                self.fail("B-FRAME-002", (*path, index, "count"), text, "give the greatest number of characters")
+
     def _message(self, name: str, fields: list[Field], type_value: int | None) -> Message:
         body = fields[-1].offset + fields[-1].length
         start, stop = self._coverage(fields, name)
-        length = 0 if fields[-1].rest else body + self._tail
+        length = 0 if fields[-1].rest or self.spec.lines else body + self._tail
         return Message(name, tuple(fields), body, length, start, stop, type_value)
 
     def _coverage(self, fields: list[Field], message: str, whole: bool = True) -> tuple[int, int | None]:

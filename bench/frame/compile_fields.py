@@ -60,6 +60,7 @@ def _field(spec: FieldSpec, where: Path_, offset: int, endian: str, fail: Fail) 
         counter=spec.role is not None,
         per=spec.per or "",
         wrap=spec.wrap,
+        form=spec.form or "",
     )
     bits = _bits(spec, field, where, fail)
     constant = _written("constant", spec.constant, field, where, fail)

@@ -25,9 +25,10 @@ from bench.frame.explain import checks_that_fit
 from bench.frame.kernel.arrays import Arrays, arrays_of, what_is_not_held
 from bench.frame.kernel_encoder import KernelEncoder
 from bench.frame.kernel_engine import KernelDecoder
-from bench.frame.layout import FrameSpec, Layout, Message
+from bench.frame.layout import FrameSpec, Layout, LinesSpec, Message
+from bench.frame.lines import LineDecoder, read_line
 from bench.frame.numpy_engine import NumpyDecoder
-from bench.frame.packets import PacketDecoder
+from bench.frame.packets import escaped_decoder
 from bench.frame.reference import ReferenceDecoder, checks_of
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_, load_yaml, parse_yaml
@@ -68,7 +69,7 @@ class FrameDefinition:
         check_golden(document, self.layout)
         spec = document.model
         texts = [spec.golden] if spec.messages is None else [part.golden for part in spec.messages.values()]
-        self.golden = [read_hex(text or "") or b"" for text in texts]
+        self.golden = [_wire(self.layout, text or "") or b"" for text in texts]
         self.rate_Hz = self.layout.rate_Hz
         self.messages = tuple(message.name for message in self.layout.messages)
         meaning = self.layout.canonical()
@@ -96,8 +97,12 @@ class FrameDefinition:
         unknown = what_is_not_held(self.layout)
         if not unknown:
             return why_no_kernel()
-        instead = "by numpy" if self.layout.pattern and not self.layout.escape else "one by one"
+        instead = "one by one" if self._one_by_one else "by numpy"
         return f"{self.name}: the compiled kernel does not know {unknown}: frames are decoded {instead}"
+
+    @property
+    def _one_by_one(self) -> bool:
+        return not self.layout.pattern or bool(self.layout.escape) or self.layout.lines is not None
 
     def _kernel(self) -> Kernel | None:
         return None if what_is_not_held(self.layout) else kernel()
@@ -116,8 +121,7 @@ class FrameDefinition:
         compiled = self._kernel() if engine == "kernel" else None
         if compiled is not None:
             return KernelDecoder(self.layout, self._arrays, compiled.decode, arrivals)
-        one_by_one = engine == "reference" or not self.layout.pattern or self.layout.escape
-        return _one_by_one(self.layout) if one_by_one else NumpyDecoder(self.layout)
+        return _one_by_one(self.layout) if engine == "reference" or self._one_by_one else NumpyDecoder(self.layout)
 
     def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> NDArray[np.uint8]:
         """Return frames of a message of fixed length, check included.
@@ -168,7 +172,14 @@ def _unescaped(layout: Layout, wire: bytes) -> bytes | None:
 
 
 def _one_by_one(layout: Layout) -> ReferenceDecoder:
-    return PacketDecoder(layout) if layout.escape else ReferenceDecoder(layout)
+    if layout.lines:
+        return LineDecoder(layout, layout.lines)
+    return escaped_decoder(layout) if layout.escape else ReferenceDecoder(layout)
+
+
+def _wire(layout: Layout, golden: str) -> bytes | None:
+    """Return a golden frame as it stands on the wire, None if it is no hex text; of lines, it is a line."""
+    return golden.strip().encode("ascii", "replace") + b"\r\n" if layout.lines else read_hex(golden)
 
 
 def check_golden(document: Document[FrameSpec], layout: Layout) -> None:
@@ -197,8 +208,10 @@ def check_golden(document: Document[FrameSpec], layout: Layout) -> None:
 
 def _refused(layout: Layout, message: Message, text: str) -> str:
     """Return why the golden frame is no frame of this message; empty if it is one."""
-    wire = read_hex(text)
+    wire = _wire(layout, text)
     frame = wire
+    if wire is not None and layout.lines:
+        return _why_no_line(layout, layout.lines, message, wire)
     if wire is not None and layout.escape:
         frame = _unescaped(layout, wire)
     if wire is None or frame is None:
@@ -211,6 +224,20 @@ def _refused(layout: Layout, message: Message, text: str) -> str:
     if len(_one_by_one(layout).feed(wire).messages[message.name]) == 1:
         return ""
     return _why_refused(layout, message, frame)
+
+
+def _why_no_line(layout: Layout, lines: LinesSpec, message: Message, wire: bytes) -> str:
+    """Return why a golden line is no line of this message; empty if it is one."""
+    if not wire.startswith(layout.sync):
+        return f"the golden line does not begin with {layout.sync.decode('ascii', 'replace')!r}"
+    if len(wire) > lines.max:
+        return f"the golden line has {len(wire)} bytes with its end, 'lines: max' is {lines.max}"
+    read = read_line(layout, lines, wire[len(layout.sync) : -2])
+    if isinstance(read, str):
+        return f"the golden line {read}"
+    if len(_one_by_one(layout).feed(wire).messages[message.name]) == 1:
+        return ""
+    return f"the golden line is no single line of {message.name!r}"
 
 
 def _why_refused(layout: Layout, message: Message, frame: bytes) -> str:
@@ -244,7 +271,7 @@ def _what_fits(frame: bytes) -> str:
 
 def _compare(document: Document[FrameSpec], layout: Layout, message: Message, golden: str, expect: Mapping[str, Any],
              path: Path_) -> list[InputError]:  # fmt: skip
-    batch = _one_by_one(layout).feed(bytes.fromhex(golden)).messages[message.name]
+    batch = _one_by_one(layout).feed(_wire(layout, golden) or b"").messages[message.name]
     errors: list[InputError] = []
     if batch.suspect.any():
         text = f"a constant of {message.name!r} differs in the golden frame"

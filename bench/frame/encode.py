@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bench.frame.escape import ESCAPES
 from bench.frame.layout import Field, Layout, Message, Span
+from bench.frame.lines import written_line
 from bench.frame.seal import seal
 from bench.model.errors import InputError
 
@@ -37,7 +38,7 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
     if message.rest is not None:
         rest = bytes(_taken(columns, message.rest.name, message))
         del columns[message.rest.name]
-    total = message.body + len(rest) + layout.tail
+    total = message.body if layout.lines else message.body + len(rest) + layout.tail
     if total > layout.max_length:
         text = f"the frame would be {total} bytes long, the limit is {layout.max_length}"
         raise InputError("B-FRAME-021", text, where=_WHERE)
@@ -48,6 +49,8 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
         if not item.rest:
             _put(rows, item, given, 1)
     rows[0, message.body : message.body + len(rest)] = np.frombuffer(rest, np.uint8)
+    if layout.lines:
+        return written_line(layout, layout.lines, message, rows.tobytes())
     seal(layout, message, rows)
     return ESCAPES[layout.escape].packed(rows.tobytes()) if layout.escape else rows.tobytes()
 
@@ -70,7 +73,10 @@ def with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any],
             text = f"{total} bytes are no length of a frame: their number less {layout.length_plus} must be a multiple"
             raise InputError("B-FRAME-021", f"{text} of {layout.length_times}", where=_WHERE)
         _state(given, layout.length_field, layout.length_bits, stated)
-    if layout.type_field is not None:
+    if layout.type_field is not None and message.type_text:
+        if "?" not in message.type_text:
+            given.setdefault(layout.type_field.name, np.bytes_(message.type_text))
+    elif layout.type_field is not None:
         _state(given, layout.type_field, layout.type_bits, message.type_value)
     if layout.check_field is not None:
         given[layout.check_field.name] = 0

@@ -39,7 +39,9 @@ class FieldSpec(StrictModel):
     extends the sync pattern, elsewhere a frame that differs is marked suspect. ``default`` is the raw value that the
     encoder writes where the caller gives none; the decoder ignores it. ``wrap``: how many values a counter has, a power
     of two, if its type has more; of a field with named bits, the lowest bits count. ``role``: a common counter counts
-    the frames of all messages, an ``own_counter`` those of each message.
+    the frames of all messages, an ``own_counter`` those of each message. ``form``: how a value of a line is written,
+    if not in decimal digits: "hex"; "time", hhmmss.ss, which becomes seconds of the day; "latitude" and "longitude",
+    two values, ddmm.mmmm and a letter, which become degrees, positive to north and east.
     """
 
     name: Name
@@ -55,6 +57,7 @@ class FieldSpec(StrictModel):
     bits: dict[str, Annotated[int, Limits(strict=True)] | str] | None = None
     constant: Annotated[int, Limits(strict=True)] | str | None = None
     default: Annotated[int, Limits(strict=True)] | str | None = None
+    form: Literal["hex", "time", "latitude", "longitude"] | None = None
 
 
 class CheckSpec(StrictModel):
@@ -89,6 +92,19 @@ class LengthSpec(StrictModel):
     max: Annotated[int, Limits(strict=True, ge=1, le=MAX_FRAME_BYTES)]
 
 
+class LinesSpec(StrictModel):
+    """Lines of text, of at most ``max`` bytes with sync bytes, check and line end (LF or CR LF).
+
+    ``separator``: each of its characters stands between two values; between values one space counts like several.
+    ``check``: the character before the check, which is written in hex digits. ``more``: values may follow those listed.
+    """
+
+    separator: Annotated[str, StringConstraints(pattern=r"^( |[\t!-/:-@\[-`{-~]{1,8})$")] = ","
+    check: Annotated[str, StringConstraints(pattern=r"^[!-/:-@\[-`{-~]$")] | None = None
+    max: Annotated[int, Limits(strict=True, ge=1, le=4096)]
+    more: StrictBool = False
+
+
 class TypeSpec(StrictModel):
     """Which common field, or named bits of one as "field.bits", tells the messages of a definition apart."""
 
@@ -96,9 +112,12 @@ class TypeSpec(StrictModel):
 
 
 class MessageSpec(StrictModel):
-    """One message: its value of the type field, the fields behind the common ones, a golden frame."""
+    """One message: its value of the type field, the fields behind the common ones, a golden frame.
 
-    value: Whole
+    In lines the value is text, in which a "?" stands for any character.
+    """
+
+    value: Whole | Annotated[str, StringConstraints(pattern=r"^[!-~]{1,60}$")]
     fields: tuple[FieldSpec, ...] = ()
     golden: str
     expect: Annotated[dict[str, Any], Limits(min_length=1)]
@@ -120,16 +139,17 @@ class FrameSpec(StrictModel):
     again, is given up. ``commands``: what the payloads of the messages ``command`` and ``answer`` mean. ``trailer``:
     bytes that stand behind the check of every frame. ``other``: a frame of a type that is not listed, but whose check
     is right, is counted as such and passed over, not rejected. ``escape``: frames stand between delimiters, and bytes
-    that look like one are escaped.
+    that look like one are escaped. ``lines``: frames are lines of text, and fields are their values.
     """
 
     frame: Annotated[str, StringConstraints(pattern=r"^[a-z0-9_]+$", max_length=60)]
     title: str | None = None
-    endian: Endian
+    endian: Endian | None = None
     sync: Annotated[list[Byte], Limits(max_length=255)]
     trailer: Annotated[list[Byte], Limits(min_length=1, max_length=255)] | None = None
     other: StrictBool = False
     escape: Literal["slip", "hdlc", "cobs", "dle"] | None = None
+    lines: LinesSpec | None = None
     rate: Annotated[float, *quantity("Hz", low=1e-6, high=1e6)] | None = None
     silence: Annotated[float, *quantity("s", low=1e-3, high=60.0)] | None = None
     fields: Annotated[list[FieldSpec], Limits(min_length=1, max_length=1000)]
@@ -152,7 +172,7 @@ class Field:
 
     ``kind`` is "u", "i", "f" or "b" (bytes); ``count`` is None for a single value and 0 for "rest".
     ``bits`` maps a name to (lowest bit, number of bits). Physical value = raw * scale + shift in ``unit``.
-    ``wrap``: how many values a counter has, None = as many as its type.
+    ``wrap``: how many values a counter has, None = as many as its type. ``form``: as in FieldSpec.
     """
 
     name: str
@@ -170,6 +190,7 @@ class Field:
     constant: bytes | None = None
     default: bytes | None = None
     wrap: int | None = None
+    form: str = ""
 
     @property
     def length(self) -> int:
@@ -201,7 +222,7 @@ class Message:
 
     ``body`` is the length without what stands behind the fields (check, trailer) and without the "rest" bytes;
     ``length`` the whole frame, 0 if it varies. The check covers [cover_start, cover_stop) of the frame; cover_stop
-    None = up to the end of the fields.
+    None = up to the end of the fields. ``type_text``: the type of a line.
     """
 
     name: str
@@ -211,6 +232,7 @@ class Message:
     cover_start: int
     cover_stop: int | None
     type_value: int | None = None
+    type_text: str = ""
 
     @cached_property
     def by_name(self) -> dict[str, Field]:
@@ -241,7 +263,8 @@ class Layout:
     with the same counter; ``own_counters``: the common counter is of each message. ``length_bits``, ``type_bits``:
     lowest bit and number of bits, where these are no whole field. ``check_field`` holds the check where it does not
     stand behind the fields. ``unlisted``: the common fields as a message, where frames of other types are counted.
-    ``escape``: a key of bench.frame.escape.ESCAPES, "" where bytes on the wire are those of the frame.
+    ``escape``: a key of bench.frame.escape.ESCAPES, "" where bytes on the wire are those of the frame. ``lines``: how
+    frames are written as text; fields and messages then say how their values are kept, and no length is fixed.
     """
 
     sync: bytes
@@ -265,6 +288,7 @@ class Layout:
     trailer: bytes = b""
     unlisted: Message | None = None
     escape: str = ""
+    lines: LinesSpec | None = None
 
     @property
     def tail(self) -> int:
@@ -293,6 +317,7 @@ class Layout:
         counting = any(message.counter for message in self.messages)
         later |= {"own_counters": True} if self.own_counters and counting else {}
         later |= {"escape": self.escape} if self.escape else {}
+        later |= {"lines": self.lines.model_dump()} if self.lines else {}
         later |= {"trailer": self.trailer.hex()} if self.trailer else {}
         later |= {} if self.unlisted is None else {"other": True}
         return {
@@ -315,7 +340,7 @@ def _numbers(model: Any) -> list[Any]:
 def _message_content(message: Message) -> dict[str, Any]:
     return {
         "name": message.name,
-        "type_value": message.type_value,
+        "type_value": message.type_text or message.type_value,
         "cover": [message.cover_start, message.cover_stop],
         "fields": [field_content(item) for item in message.fields],
     }
@@ -326,6 +351,7 @@ def field_content(item: Field) -> list[Any]:
     bits = {name: list(span) for name, span in item.bits.items()}
     constant = None if item.constant is None else item.constant.hex()
     later = [*([] if item.default is None else [item.default.hex()]), *([] if item.wrap is None else [item.wrap])]
+    later += [item.form] if item.form else []
     return [
         item.name, item.kind, item.size, item.count, item.offset, item.big, item.scale, item.shift, item.unit,
         item.counter, item.per, bits, constant, *later,

@@ -1,6 +1,8 @@
-"""Frames between delimiters with escaped bytes: one packet, one frame; all else is as in the reference engine."""
+"""Frames between delimiters: one packet, one frame; all else is as in the reference engine."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import numpy as np
 
@@ -13,16 +15,16 @@ _ROOM = 2  # bytes on the wire for one of a frame, at most
 
 
 class PacketDecoder(ReferenceDecoder):
-    """Decoder of escaped frames.
+    """Decoder of packets that a search finds, each of at most so many bytes on the wire.
 
     A packet that is no frame is one rejected candidate. Offsets are those of the wire; delimiters belong to the packet
     that they end; noise outside packets, and rejected ones, are skipped.
     """
 
-    def __init__(self, layout: Layout) -> None:
+    def __init__(self, layout: Layout, search: Callable[[bytes, int, int], Packet | None], longest: int) -> None:
         super().__init__(layout)
-        self._next = ESCAPES[layout.escape].next_packet
-        self._longest = _ROOM * layout.max_length + 4
+        self._next = search
+        self._longest = longest
 
     def _run(self, stream: bytes, final: bool, before: int = 0) -> FrameBatch:
         found: dict[str, list[tuple[int, bytes]]] = {message.name: [] for message in self._layout.messages}
@@ -31,15 +33,18 @@ class PacketDecoder(ReferenceDecoder):
         at = taken = 0
         while (packet := self._next(stream, at, self._longest)) is not None:
             at = packet.end
-            message = self._message_of(packet) if packet.frame else None
-            if message is None and packet.frame != b"":
+            read = self._frame_of(packet) if packet.frame else None
+            if read is None and packet.frame != b"":
                 bad.append(self._position + packet.begin)
                 continue
             taken += 0 if packet.noise else packet.end - packet.begin
-            if message is not None and message is self._layout.unlisted:
+            if read is None:
+                continue
+            message, frame = read
+            if message is self._layout.unlisted:
                 self.counts.other += 1
-            elif message is not None:
-                found[message.name].append((packet.begin, packet.frame or b""))
+            else:
+                found[message.name].append((packet.begin, frame))
                 ends[message.name].append(self._position + packet.end)
         if at < len(stream) and (final or self._position + at < before):
             bad += [] if final else [self._position + at]
@@ -51,12 +56,18 @@ class PacketDecoder(ReferenceDecoder):
         self._tail = stream[at:]
         return batch
 
-    def _message_of(self, packet: Packet) -> Message | None:
-        """Return what message a packet is, None if it is no frame."""
+    def _frame_of(self, packet: Packet) -> tuple[Message, bytes] | None:
+        """Return message and frame of a packet, None if it is no frame."""
         frame, layout = packet.frame, self._layout
         if frame is None or not frame.startswith(layout.pattern) or len(frame) < layout.header:
             return None
         length, message = self._measure(frame, 0)
         if message is not None and layout.length_field is None and message.length == 0:
             length = len(frame) if len(frame) >= message.body + layout.tail else 0
-        return message if message is not None and length == len(frame) and self._passes(frame, message) else None
+        good = message is not None and length == len(frame) and self._passes(frame, message)
+        return (message, frame) if message is not None and good else None
+
+
+def escaped_decoder(layout: Layout) -> PacketDecoder:
+    """Return the decoder of escaped frames."""
+    return PacketDecoder(layout, ESCAPES[layout.escape].next_packet, _ROOM * layout.max_length + 4)

@@ -100,6 +100,7 @@ def what_is_not_held(layout: Layout) -> str:
     unknown = {
         "a check that does not stand behind all fields": layout.check_field is not None,
         "escaped bytes": bool(layout.escape),
+        "lines of text": layout.lines is not None,
         "a trailer": bool(layout.trailer),
         "frames without sync bytes": not layout.pattern,
         "a length or type in some bits of a field": bool(layout.length_bits or layout.type_bits),

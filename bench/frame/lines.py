@@ -1,0 +1,259 @@
+"""Lines of text: NMEA 0183 and other values between separators, with a check in hex digits or none.
+
+A line that is read becomes the bytes of a frame without escapes or check, so that all behind it is as for other frames.
+Sources: NMEA 0183 as in the u-blox M8 receiver description, "NMEA protocol" (frame structure, checksum, empty values,
+degrees and minutes).
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import struct
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from bench.frame.escape import Packet
+from bench.frame.layout import Field, Layout, LinesSpec, Message
+from bench.frame.packets import PacketDecoder
+from bench.frame.reference import read_element
+from bench.model.errors import InputError
+
+_FLOAT = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+_INTEGER = re.compile(r"[+-]?\d+", re.ASCII)
+_HEX = re.compile(r"(?:0[xX])?[0-9a-fA-F]+", re.ASCII)
+_TIME = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d*)?|60(?:\.\d*)?)", re.ASCII)
+_ANGLE = re.compile(r"(\d{1,3})([0-5]\d(?:\.\d*)?)", re.ASCII)
+_LETTERS = {"latitude": "NS", "longitude": "EW"}
+_END = b"\r\n"
+
+
+class LineDecoder(PacketDecoder):
+    """Decoder of lines: LF or CR LF ends one, its next sync bytes give up one that was begun."""
+
+    def __init__(self, layout: Layout, lines: LinesSpec) -> None:
+        super().__init__(layout, _search(layout.sync), lines.max)
+        self._lines = lines
+
+    def _frame_of(self, packet: Packet) -> tuple[Message, bytes] | None:
+        read = None if packet.frame is None else read_line(self._layout, self._lines, packet.frame)
+        return None if isinstance(read, str) else read
+
+
+def _search(sync: bytes) -> Callable[[bytes, int, int], Packet | None]:
+    """Return the search for lines that begin with these bytes; without any, every line is one."""
+    content = re.compile(rb"(?:(?!%b)[\t\x20-\x7e])*" % re.escape(sync) if sync else rb"[^\r\n]*")
+
+    def next_line(stream: bytes, at: int, longest: int) -> Packet | None:
+        begin = stream.find(sync, at)
+        if begin != at:
+            end = begin if begin >= 0 else len(stream) - _begun(stream, sync)
+            return Packet(at, end, b"", noise=True) if end > at else None
+        match = content.match(stream, at + len(sync), at + longest)
+        end = at + len(sync) if match is None else match.end()
+        behind = stream[end : end + 2]
+        if end - at < longest:
+            if behind == _END or behind[:1] == b"\n":
+                return Packet(at, end + (2 if behind == _END else 1), stream[at + len(sync) : end])
+            if behind in (b"", b"\r"):
+                return None
+        return Packet(at, max(end, at + 1), None)
+
+    return next_line
+
+
+def _begun(stream: bytes, sync: bytes) -> int:
+    """Return how many of the last bytes may be the first of the sync bytes."""
+    return next((size for size in range(len(sync) - 1, 0, -1) if stream.endswith(sync[:size])), 0)
+
+
+def read_line(layout: Layout, lines: LinesSpec, line: bytes) -> tuple[Message, bytes] | str:
+    """Return message and fields of a line without its sync bytes and end, or why it is none.
+
+    Empty floats are NaN, empty bytes zeros; an empty integer is none.
+    """
+    body = line
+    if lines.check is not None:
+        body, _, digits = line.rpartition(lines.check.encode())
+        check = layout.check.of(layout.sync + body if layout.messages[0].cover_start == 0 else body)
+        due = f"{check:0{2 * layout.check.size}X}"
+        if digits.upper() != due.encode():
+            return f"{layout.check.name} is {due}, behind {lines.check!r} stands {digits.decode('ascii', 'replace')!r}"
+    try:
+        values = _split(lines, body.decode("ascii"))
+    except UnicodeDecodeError:
+        return "holds bytes that are no ASCII"
+    message = _message_of(layout, values)
+    if message is None:
+        return "is of a message that is not listed"
+    if message is layout.unlisted:
+        return message, b""
+    due_values = sum(map(_taken, message.fields))
+    if len(values) < due_values or (len(values) > due_values and not lines.more):
+        return f"has {len(values)} values, {message.name!r} has {due_values}"
+    return _packed(message, layout.sync, iter(values))
+
+
+def _split(lines: LinesSpec, body: str) -> list[str]:
+    if lines.separator.isspace() and lines.separator != "\t":
+        return body.split()
+    return [value.strip(" ") for value in re.split(f"[{re.escape(lines.separator)}]", body)]
+
+
+def _message_of(layout: Layout, values: list[str]) -> Message | None:
+    if layout.type_field is None:
+        return layout.messages[0]
+    at = 0
+    for item in layout.messages[0].fields:
+        if item is layout.type_field:
+            break
+        at += _taken(item)
+    value = values[at] if at < len(values) else ""
+    return next((message for message in layout.messages if _is_like(value, message.type_text)), layout.unlisted)
+
+
+def _is_like(value: str, text: str) -> bool:
+    """Return whether a value is of a type; a '?' in it stands for any character."""
+    return len(value) == len(text) and all(due in ("?", char) for char, due in zip(value, text, strict=True))
+
+
+def _taken(item: Field) -> int:
+    """Return how many values a field takes."""
+    if item.kind == "b":
+        return 1
+    return (1 if item.count is None else item.count) * (2 if item.form in _LETTERS else 1)
+
+
+def _packed(message: Message, sync: bytes, values: Iterator[str]) -> tuple[Message, bytes] | str:
+    row = bytearray(sync)
+    for item in message.fields:
+        for _ in range(1 if item.kind == "b" else item.count or 1):
+            value = next(values)
+            if item.form in _LETTERS:
+                value = f"{value},{next(values)}"
+            packed = _element(value, item)
+            if packed is None:
+                return f"{item.name}: {value!r} is no value of its type{f' in the form {item.form}' * bool(item.form)}"
+            row += packed
+    return message, bytes(row)
+
+
+def _element(value: str, item: Field) -> bytes | None:
+    """Return one value as the bytes of its field, None if it does not fit."""
+    if item.kind == "b":
+        return None if len(value) > item.length else value.encode().ljust(item.length, b"\0")
+    try:
+        return _packed_float(value, item) if item.kind == "f" else _packed_integer(value, item)
+    except OverflowError:
+        return None
+
+
+def _packed_float(value: str, item: Field) -> bytes | None:
+    number = _READ.get(item.form, _float)(value)
+    if number is None or math.isinf(number):
+        return None
+    return struct.pack((">" if item.big else "<") + ("f" if item.size == 4 else "d"), number)
+
+
+def _packed_integer(value: str, item: Field) -> bytes | None:
+    digits, base = (_HEX, 16) if item.form == "hex" else (_INTEGER, 10)
+    if not digits.fullmatch(value):
+        return None
+    return int(value, base).to_bytes(item.size, "big" if item.big else "little", signed=item.kind == "i")
+
+
+def _float(value: str) -> float | None:
+    if not value:
+        return math.nan
+    return float(value) if _FLOAT.fullmatch(value) else None
+
+
+def _seconds(value: str) -> float | None:
+    """Return hhmmss.ss as seconds of the day."""
+    if not value:
+        return math.nan
+    match = _TIME.fullmatch(value)
+    return int(match[1]) * 3600 + int(match[2]) * 60 + float(match[3]) if match else None
+
+
+def _degrees(value: str, positive: str, negative: str, limit: float) -> float | None:
+    """Return dddmm.mmmm and a letter as degrees, positive to north and east."""
+    angle, _, letter = value.partition(",")
+    if not angle and not letter:
+        return math.nan
+    match = _ANGLE.fullmatch(angle)
+    if match is None or letter not in (positive, negative):
+        return None
+    degrees = int(match[1]) + float(match[2]) / 60
+    return None if degrees > limit else degrees if letter == positive else -degrees
+
+
+_READ: dict[str, Callable[[str], float | None]] = {
+    "time": _seconds,
+    "latitude": lambda value: _degrees(value, "N", "S", 90.0),
+    "longitude": lambda value: _degrees(value, "E", "W", 180.0),
+}
+
+
+def written_line(layout: Layout, lines: LinesSpec, message: Message, row: bytes) -> bytes:
+    """Return the line of a frame: shortest digits that give the same number, nine decimals of seconds and minutes.
+
+    Raises: InputError B-FRAME-021 for bytes that cannot stand in a line, an angle out of range or a line too long.
+    """
+    values: list[str] = []
+    for item in message.fields:
+        for element in range(1 if item.kind == "b" else item.count or 1):
+            values += _written(row, item, element, lines)
+    if lines.separator == " " and "" in values:
+        raise _cannot_stand(message.name, "holds an empty value between spaces")
+    body = layout.sync + (" " if lines.separator == " " else lines.separator[0]).join(values).encode()
+    if lines.check is not None:
+        covered = body if message.cover_start == 0 else body[len(layout.sync) :]
+        body += f"{lines.check}{layout.check.of(covered):0{2 * layout.check.size}X}".encode()
+    if len(body) + len(_END) > lines.max:
+        raise _cannot_stand(message.name, f"would be a line of {len(body) + len(_END)} bytes, the limit is {lines.max}")
+    return body + _END
+
+
+def _written(row: bytes, item: Field, element: int, lines: LinesSpec) -> list[str]:
+    if item.kind == "b":
+        raw = row[item.offset : item.offset + item.length].rstrip(b"\0")
+        text = raw.decode("ascii", "replace")
+        fits = text.isascii() and text.isprintable() and text == text.strip(" ")
+        if not fits or set(text) & set(lines.separator):
+            raise _cannot_stand(item.name, f"is {raw!r}")
+        return [text]
+    value = read_element(row, item, element)
+    if item.kind != "f":
+        return [f"{value:0{2 * item.size}X}" if item.form == "hex" else str(value)]
+    if math.isnan(value):
+        return [""] * (2 if item.form in _LETTERS else 1)
+    if math.isinf(value):
+        raise _cannot_stand(item.name, "is infinite")
+    if item.form == "time":
+        return [_as_time(value, item)]
+    if item.form in _LETTERS:
+        return _as_angle(value, item)
+    return [str(np.float32(value)) if item.size == 4 else repr(value)]
+
+
+def _cannot_stand(name: str, why: str) -> InputError:
+    return InputError("B-FRAME-021", f"{name!r} {why}: this cannot stand in a line", where="frame encoder")
+
+
+def _as_time(value: float, item: Field) -> str:
+    if not 0 <= value < 86_400:
+        raise _cannot_stand(item.name, f"is {value}, no time of the day")
+    nanoseconds = min(round(value * 1e9), 86_400 * 10**9 - 1)
+    minutes, left = divmod(nanoseconds, 60 * 10**9)
+    return f"{minutes // 60:02}{minutes % 60:02}{left // 10**9:02}.{left % 10**9:09}"
+
+
+def _as_angle(value: float, item: Field) -> list[str]:
+    limit, digits = (90, 2) if item.form == "latitude" else (180, 3)
+    if abs(value) > limit:
+        raise _cannot_stand(item.name, f"is {value} deg, beyond {limit} deg")
+    degrees, left = divmod(round(abs(value) * 60e9), 60 * 10**9)
+    letter = _LETTERS[item.form][math.copysign(1.0, value) < 0]
+    return [f"{degrees:0{digits}}{left // 10**9:02}.{left % 10**9:09}", letter]
