@@ -1,7 +1,7 @@
 """Captures of public formats: the shipped definitions beside the libraries of others, by counts and values.
 
 The captures are not part of this project: BENCH_CAPTURES names a folder with files of the repositories pysbf2 and
-pyrtcm (their tests), space_packet_parser (the file of JPSS-1) and gpsd (test/daemon).
+pyrtcm (their tests), space_packet_parser (the file of JPSS-1) and gpsd (test/daemon, SiRF and NMEA).
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ RTCM = ("pygpsdata-RTCM3.log", "pygpsdata-NTRIP-1300-1302.log", "pygpsdata-1240-
 UNPARSED = {"pygpsdata-NTRIP-1300-1302.log": 6}  # frames of type 1302, which pyrtcm 1.2.1 does not give
 JPSS = "J01_G011_LZ_2021-04-09T00-00-00Z_V01.DAT1"
 SIRF = ("sirf2.log", "sirfstarv.log")
+NMEA = ("nmea-rtk.log", "quectel-l76k-nmea.log", "ublox-8.log", "sirfstarv-nmea.log", "nmea-fuzzy-cases.log")
+KNOT = 1852 / 3600
 
 
 def decoded(name: str, capture: str) -> tuple[Counted, Mapping[str, MessageBatch]]:
@@ -102,3 +104,30 @@ def test_sirf_frames_are_those_that_a_plain_search_finds() -> None:
             longitude = np.degrees(np.arctan2(y, x))
             np.testing.assert_allclose(longitude, messages["geodetic"].scaled("longitude")[known], atol=1e-5)
             assert np.all(np.abs(np.hypot(np.hypot(x, y), z) - 6.37e6) < 1e4)
+
+
+@pytest.mark.parametrize("capture", NMEA)
+def test_sentences_as_pynmeagps(capture: str) -> None:
+    reader = pytest.importorskip("pynmeagps", reason="pynmeagps is not installed: pip install .[peers]").NMEAReader
+    found, messages = decoded("nmea_0183", capture)
+    with (CAPTURES / capture).open("rb") as stream:
+        theirs = [message for _, message in reader(stream, nmeaonly=False, quitonerror=0) if message is not None]
+    counts = Counter(message.msgID for message in theirs)
+    assert found.messages == {name: counts[name.upper()] for name in messages}
+    assert found.counts.frames + found.counts.other == len(theirs)
+    values = {"gga": {"latitude": "lat", "longitude": "lon", "height_sea_level": "alt", "geoid": "sep", "fix": "quality",
+                      "satellites": "numSV", "dilution": "HDOP"},
+              "rmc": {"latitude": "lat", "longitude": "lon", "speed": "spd", "course": "cog"},
+              "vtg": {"course": "cogt", "speed": "sogn", "speed_km": "sogk"}}  # fmt: skip
+    for name, fields in values.items():
+        of_kind = [message for message in theirs if message.msgID == name.upper()]
+        for field, attribute in fields.items():
+            texts = [getattr(message, attribute) for message in of_kind]
+            due = np.array([np.nan if text == "" else float(text) for text in texts])
+            due = due * KNOT if field == "speed" else due
+            np.testing.assert_allclose(messages[name].scaled(field), due, rtol=1e-7, atol=1e-8, err_msg=field)
+    stamps = [message.time for message in theirs if message.msgID == "RMC"]
+    seconds = [
+        np.nan if at == "" else at.hour * 3600 + at.minute * 60 + at.second + at.microsecond / 1e6 for at in stamps
+    ]
+    np.testing.assert_allclose(messages["rmc"].raw("tick"), seconds, atol=1e-6)
