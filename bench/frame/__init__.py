@@ -8,7 +8,7 @@ from bench.frame.definition import FrameDefinition, load_frame, parse_frame
 from bench.frame.draft import draft
 from bench.frame.explain import LOOKED_AT_BYTES, Guess, guesses
 from bench.frame.kernel_quanta import kernel_quanta
-from bench.frame.layout import FrameSpec, Message
+from bench.frame.layout import Message
 from bench.frame.pace import Pace, pace_of
 from bench.frame.signals import (
     BENCH,
@@ -22,6 +22,7 @@ from bench.frame.signals import (
     of_message,
     signal_of,
 )
+from bench.frame.spec import FrameSpec
 from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
 from bench.frame.table import Tables
 

@@ -9,8 +9,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from bench.frame.compile_fields import Fail, place_fields
-from bench.frame.layout import CommandSpec, Field, FieldSpec, FrameSpec, Message, field_content
+from bench.frame.layout import Field, Message, field_content
 from bench.frame.reference import read_element
+from bench.frame.spec import CommandSpec, FieldSpec, FrameSpec
 from bench.model.errors import InputError
 from bench.model.units import read_quantity
 from bench.model.yamlio import Path_

@@ -10,7 +10,8 @@ from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
 from bench.frame.commands import CommandLayout, compile_commands
 from bench.frame.compile_fields import place_fields
 from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
-from bench.frame.layout import MAX_FRAME_BYTES, CheckSpec, Field, FieldSpec, FrameSpec, Layout, Message, Span
+from bench.frame.layout import Field, Layout, Message, Span
+from bench.frame.spec import MAX_FRAME_BYTES, CheckSpec, FieldSpec, FrameSpec
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_
 

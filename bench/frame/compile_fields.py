@@ -6,7 +6,8 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 
-from bench.frame.layout import Field, FieldSpec
+from bench.frame.layout import Field
+from bench.frame.spec import FieldSpec
 from bench.model.yamlio import Path_
 
 Fail = Callable[[str, Path_, str, str], None]

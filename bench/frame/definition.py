@@ -25,11 +25,12 @@ from bench.frame.explain import checks_that_fit
 from bench.frame.kernel.arrays import Arrays, arrays_of, what_is_not_held
 from bench.frame.kernel_encoder import KernelEncoder
 from bench.frame.kernel_engine import KernelDecoder
-from bench.frame.layout import FrameSpec, Layout, LinesSpec, Message
+from bench.frame.layout import Layout, Message
 from bench.frame.lines import LineDecoder, read_line
 from bench.frame.numpy_engine import NumpyDecoder
 from bench.frame.packets import escaped_decoder
 from bench.frame.reference import ReferenceDecoder, checks_of
+from bench.frame.spec import FrameSpec, LinesSpec
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_, load_yaml, parse_yaml
 

@@ -1,166 +1,16 @@
-"""A frame definition in its two forms: as the YAML says it, and compiled, where every field lies and how it is checked.
-
-docs/adding-a-frame.md describes the YAML with examples.
-"""
+"""A frame definition compiled: where every field lies, and how a frame is checked."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Annotated, Any, Literal
-
-from pydantic import Field as Limits
-from pydantic import StrictBool, StringConstraints
+from typing import Any
 
 from bench.frame.crc import Check
-from bench.model.units import quantity
-from bench.model.yamlio import StrictModel
+from bench.frame.spec import LinesSpec
 
-Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", max_length=60)]
-Part = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_]*(\.[A-Za-z][A-Za-z0-9_]*)?$", max_length=121)]
-Whole = Annotated[int, Limits(strict=True, ge=0)]
-Byte = Annotated[int, Limits(strict=True, ge=0, le=255)]
-Number = Annotated[float, Limits(strict=True, allow_inf_nan=False)]
-Endian = Literal["big", "little"]
-Kind = Literal[
-    "u8", "u16", "u24", "u32", "u40", "u48", "u56", "u64",
-    "i8", "i16", "i24", "i32", "i40", "i48", "i56", "i64", "f32", "f64", "bytes",
-]  # fmt: skip
-MAX_FRAME_BYTES = 65_535
 _INTEGER_WIDTHS = (1, 2, 4, 8)
-
-
-class FieldSpec(StrictModel):
-    """One field; fields follow each other on the wire without gaps.
-
-    ``count`` makes an array; for ``bytes`` it is the length, or "rest" for everything up to the check.
-    Physical value = raw * scale + offset, in ``unit``. ``constant`` fixes the value: right behind the sync bytes it
-    extends the sync pattern, elsewhere a frame that differs is marked suspect. ``default`` is the raw value that the
-    encoder writes where the caller gives none; the decoder ignores it. ``wrap``: how many values a counter has, a power
-    of two, if its type has more; of a field with named bits, the lowest bits count. ``role``: a common counter counts
-    the frames of all messages, an ``own_counter`` those of each message. ``form``: how a value of a line is written,
-    if not in decimal digits: "hex"; "time", hhmmss.ss, which becomes seconds of the day; "latitude" and "longitude",
-    two values, ddmm.mmmm and a letter, which become degrees, positive to north and east.
-    """
-
-    name: Name
-    type: Kind
-    count: Annotated[int, Limits(strict=True, ge=1, le=65_535)] | Literal["rest"] | None = None
-    endian: Endian | None = None
-    scale: Number | None = None
-    offset: Number | None = None
-    unit: Annotated[str, StringConstraints(min_length=1, max_length=20)] | None = None
-    role: Literal["counter", "own_counter"] | None = None
-    wrap: Annotated[int, Limits(strict=True, ge=4)] | None = None
-    per: Literal["frame", "cumulative", "sample"] | None = None
-    bits: dict[str, Annotated[int, Limits(strict=True)] | str] | None = None
-    constant: Annotated[int, Limits(strict=True)] | str | None = None
-    default: Annotated[int, Limits(strict=True)] | str | None = None
-    form: Literal["hex", "time", "latitude", "longitude"] | None = None
-
-
-class CheckSpec(StrictModel):
-    """The check of a frame: a published CRC or checksum by name, "none", or a CRC by its parameters.
-
-    ``over``: first and last field covered; "sync" and "end" stand for the first and the last byte before the check.
-    ``field``: the common field that holds the check, which else stands behind all fields; its own bytes count as zero
-    where they are covered. ``stored``: byte order of the stored value (default: the definition's).
-    """
-
-    over: Annotated[list[str], Limits(min_length=2, max_length=2)] | None = None
-    field: Name | None = None
-    stored: Endian | None = None
-    name: str | None = None
-    width: Annotated[int, Limits(strict=True, ge=1, le=64)] | None = None
-    poly: Whole | None = None
-    init: Whole | None = None
-    refin: StrictBool | None = None
-    refout: StrictBool | None = None
-    xorout: Whole | None = None
-
-
-class LengthSpec(StrictModel):
-    """In-frame length: whole frame in bytes, first to last = value of ``field`` * ``times`` + ``plus``.
-
-    ``field`` is a common field, or named bits of one as "field.bits".
-    """
-
-    field: Part
-    times: Annotated[int, Limits(strict=True, ge=1, le=256)] = 1
-    plus: Annotated[int, Limits(strict=True, ge=-65_535, le=65_535)]
-    max: Annotated[int, Limits(strict=True, ge=1, le=MAX_FRAME_BYTES)]
-
-
-class LinesSpec(StrictModel):
-    """Lines of text, of at most ``max`` bytes with sync bytes, check and line end (LF or CR LF).
-
-    ``separator``: each of its characters stands between two values; between values one space counts like several.
-    ``check``: the character before the check, which is written in hex digits. ``more``: values may follow those listed.
-    """
-
-    separator: Annotated[str, StringConstraints(pattern=r"^( |[\t!-/:-@\[-`{-~]{1,8})$")] = ","
-    check: Annotated[str, StringConstraints(pattern=r"^[!-/:-@\[-`{-~]$")] | None = None
-    max: Annotated[int, Limits(strict=True, ge=1, le=4096)]
-    more: StrictBool = False
-
-
-class TypeSpec(StrictModel):
-    """Which common field, or named bits of one as "field.bits", tells the messages of a definition apart."""
-
-    field: Part
-
-
-class MessageSpec(StrictModel):
-    """One message: its value of the type field, the fields behind the common ones, a golden frame.
-
-    In lines the value is text, in which a "?" stands for any character.
-    """
-
-    value: Whole | Annotated[str, StringConstraints(pattern=r"^[!-~]{1,60}$")]
-    fields: tuple[FieldSpec, ...] = ()
-    golden: str
-    expect: Annotated[dict[str, Any], Limits(min_length=1)]
-
-
-class CommandSpec(StrictModel):
-    """A command: what it carries, and its answer behind the status byte; ``timeout``: how long the unit may take."""
-
-    code: Byte
-    timeout: Annotated[float, *quantity("s", low=1e-3, high=3600.0)] = 0.2
-    request: tuple[FieldSpec, ...] = ()
-    answer: tuple[FieldSpec, ...] = ()
-
-
-class FrameSpec(StrictModel):
-    """A frame file: either ``fields`` with one ``golden``, or common ``fields``, ``type`` and ``messages``.
-
-    ``silence``: a frame that was begun before a longer pause of the line, and that is not whole when the line speaks
-    again, is given up. ``commands``: what the payloads of the messages ``command`` and ``answer`` mean. ``trailer``:
-    bytes that stand behind the check of every frame. ``other``: a frame of a type that is not listed, but whose check
-    is right, is counted as such and passed over, not rejected. ``escape``: frames stand between delimiters, and bytes
-    that look like one are escaped. ``lines``: frames are lines of text, and fields are their values.
-    """
-
-    frame: Annotated[str, StringConstraints(pattern=r"^[a-z0-9_]+$", max_length=60)]
-    title: str | None = None
-    endian: Endian | None = None
-    sync: Annotated[list[Byte], Limits(max_length=255)]
-    trailer: Annotated[list[Byte], Limits(min_length=1, max_length=255)] | None = None
-    other: StrictBool = False
-    escape: Literal["slip", "hdlc", "cobs", "dle"] | None = None
-    lines: LinesSpec | None = None
-    rate: Annotated[float, *quantity("Hz", low=1e-6, high=1e6)] | None = None
-    silence: Annotated[float, *quantity("s", low=1e-3, high=60.0)] | None = None
-    fields: Annotated[list[FieldSpec], Limits(min_length=1, max_length=1000)]
-    length: LengthSpec | None = None
-    type: TypeSpec | None = None
-    messages: dict[Name, MessageSpec] | None = None
-    commands: dict[Name, CommandSpec] | None = None
-    crc: CheckSpec
-    golden: str | None = None
-    expect: Annotated[dict[str, Any], Limits(min_length=1)] | None = None
-
 
 Span = tuple[int, int]
 """Lowest bit and number of bits."""

@@ -20,7 +20,7 @@ from bench.frame.crc import CHECKSUMS, Crc
 from bench.frame.encode import encode_frame
 from bench.frame.escape import ESCAPES
 from bench.frame.kernel.arrays import holds
-from bench.frame.layout import FrameSpec
+from bench.frame.spec import FrameSpec
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml
 

@@ -9,7 +9,7 @@ import pytest
 from crccheck.crc import Crc8Smbus, Crc16Modbus, Crc32
 
 from bench.frame import FrameDefinition, parse_frame
-from bench.frame.layout import FrameSpec
+from bench.frame.spec import FrameSpec
 from bench.model.errors import InputErrors
 
 HEAD = "frame: sample\nendian: big\nsync: [0xA5, 0x5A]\n"

@@ -13,7 +13,7 @@ from record_sample import frame
 
 from bench.frame import FrameDefinition, parse_frame
 from bench.frame.commands import PayloadLayout
-from bench.frame.layout import FrameSpec
+from bench.frame.spec import FrameSpec
 from bench.model.errors import InputError, InputErrors
 
 GNC = frame("gnc_422")
