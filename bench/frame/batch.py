@@ -202,7 +202,9 @@ def extract_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
     if item.kind == "b":
         return rows[:, item.offset : item.offset + item.length].copy()
     elements = 1 if item.count is None else item.count
-    if item.size == width:
+    if item.packed:
+        column = _packed(rows, item, elements)
+    elif item.size == width:
         column = _natural(rows, item, elements)
     elif elements == 1 and item.offset + item.size - width >= 0 and item.big:
         column = _overlapped(rows, item, width)
@@ -226,6 +228,22 @@ def _overlapped(rows: NDArray[np.uint8], item: Field, width: int) -> NDArray[Any
     if item.kind == "u":
         return np.asarray(wide & wide.dtype.type((1 << (8 * item.size)) - 1))
     return _sign(wide, item.size, width)
+
+
+def _packed(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[Any]:
+    """Integers that are no whole bytes: the bytes that hold an element, shifted to its lowest bit."""
+    column = np.empty((len(rows), elements), np.uint64)
+    for element in range(elements):
+        at, odd = item.place(element)
+        size = -(-(odd + item.width) // 8)
+        value = np.zeros(len(rows), np.uint64)
+        for index in range(size):
+            value = value << np.uint64(8) | rows[:, at + (index if item.big else size - 1 - index)]
+        column[:, element] = value >> np.uint64(8 * size - odd - item.width if item.big else odd)
+    unused = np.uint64(64 - item.width)
+    column <<= unused
+    signed = column.view(np.int64) if item.kind == "i" else column
+    return (signed >> signed.dtype.type(unused)).astype(item.dtype)
 
 
 def _padded(rows: NDArray[np.uint8], item: Field, elements: int, width: int) -> NDArray[Any]:

@@ -197,6 +197,9 @@ def _layout(name: str, part: CommandSpec, path: Path_, endian: str, fail: Fail) 
                 if getattr(field, word) is not None:
                     text = f"{field.name}: {word!r} makes no sense in the payload of a command"
                     fail("B-FRAME-014", (*where, index, word), text, f"remove {word!r}")
+            if field.type[0] in "ui" and int(field.type[1:]) % 8:
+                text = f"{field.name}: a number in the payload of a command has 8, 16, ... 64 bits"
+                fail("B-FRAME-014", (*where, index, "type"), text, "give a type of whole bytes")
         return PayloadLayout(f"{key} of {name!r}", tuple(place_fields(fields, where, (), 0, endian, fail)))
 
     request, answer = payload("request", part.request), payload("answer", part.answer)

@@ -31,7 +31,11 @@ class _Compiler:
 
     def build(self) -> tuple[Layout, dict[str, CommandLayout]]:
         spec = self.spec
-        common = place_fields(spec.fields, ("fields",), (), len(spec.sync), self._endian, self.fail)
+        front = spec.sync_at or 0
+        self._sync_end = front + len(spec.sync)
+        start = 0 if front else self._sync_end
+        sync = range(front, self._sync_end) if front else range(0)
+        common = place_fields(spec.fields, ("fields",), (), start, self._endian, self.fail, sync)
         check = self._check(spec.crc)
         self._check_form(common)
         self._length = self._reference("length", spec.length.field if spec.length else None, common)
@@ -41,6 +45,8 @@ class _Compiler:
         messages = self._messages(common)
         self._others = self._unlisted(common)
         self._check_lengths(messages)
+        if spec.sync_at and not spec.sync:
+            self.fail("B-FRAME-006", ("sync_at",), "there are no sync bytes", "leave it out")
         if not spec.sync and spec.length is None and spec.escape is None and spec.lines is None:
             text = "frames without sync bytes must carry their length"
             self.fail("B-FRAME-006", ("sync",), text, "give sync bytes, or 'length: {field: ..., plus: ..., max: ...}'")
@@ -56,6 +62,8 @@ class _Compiler:
         own = any(field.role == "own_counter" for field in spec.fields)
         pattern = bytes(spec.sync)
         for field in messages[0].fields if len(messages) == 1 else common:
+            if field.offset < self._sync_end:
+                continue
             if field.constant is None:
                 break
             pattern += field.constant
@@ -63,7 +71,7 @@ class _Compiler:
         return Layout(
             sync=bytes(spec.sync),
             pattern=pattern,
-            header=max([len(pattern), *ends]),
+            header=max([self._sync_end - len(spec.sync) + len(pattern), *ends]),
             messages=tuple(messages),
             check=check,
             stored_big=self._check_field.big if self._check_field else (spec.crc.stored or self._endian) == "big",
@@ -83,6 +91,7 @@ class _Compiler:
             unlisted=self._others,
             escape=spec.escape or "",
             lines=spec.lines,
+            sync_at=spec.sync_at or 0,
         )
 
     def _longest(self, messages: list[Message]) -> int:
@@ -103,7 +112,10 @@ class _Compiler:
         name = self.spec.crc.field
         field = next((item for item in common if item.name == name), None)
         if name is None or (
-            field is not None and field.size == check.size and field.count is None and field.kind == "u"
+            field is not None
+            and field.width == 8 * check.size
+            and field.packed is None
+            and (field.kind, field.count) == ("u", None)
         ):
             return field
         text = f"the check needs an unsigned integer of {8 * check.size} bits among the common fields"
@@ -150,7 +162,7 @@ class _Compiler:
                 found.append(replace(self._message(name, fields, None), type_text=self._type_text(part.value, path)))
                 continue
             type_field, bits = self._type
-            if type_field is not None and part.value >= 1 << (bits[1] if bits else 8 * type_field.size):
+            if type_field is not None and part.value >= 1 << (bits[1] if bits else type_field.width):
                 message = f"{name}: the type value {part.value} does not fit {spec.type.field if spec.type else ''!r}"
                 self.fail("B-FRAME-007", (*path, "value"), message, "")
             found.append(self._message(name, fields, part.value))
@@ -178,7 +190,7 @@ class _Compiler:
             if spec.endian is None:
                 self.fail("B-FRAME-006", (), "the definition states no order of bytes", "add 'endian: big' or 'little'")
             return
-        for key in ("length", "escape", "trailer"):
+        for key in ("length", "escape", "trailer", "sync_at"):
             if getattr(spec, key) is not None:
                 self.fail("B-FRAME-006", (key,), f"lines have no {key!r}", "leave it out")
         if spec.crc.field is not None or spec.crc.stored is not None:
@@ -205,6 +217,9 @@ class _Compiler:
             if field.form is not None and not (self.spec.lines and fits):
                 text = f"{field.name}: the form {field.form!r} is for {kind} in a line"
                 self.fail("B-FRAME-002", (*path, index, "form"), text, "leave it out")
+            if field.type[0] in "ui" and int(field.type[1:]) % 8 and self.spec.lines:
+                text = f"{field.name}: a number of a line has 8, 16, ... 64 bits"
+                self.fail("B-FRAME-002", (*path, index, "type"), text, "take the next type that holds its values")
             if field.count == "rest" and self.spec.lines:
                 text = f"{field.name}: a line has no 'rest'"
                 self.fail("B-FRAME-002", (*path, index, "count"), text, "give the greatest number of characters")
@@ -222,7 +237,7 @@ class _Compiler:
         for index, name in enumerate(self.spec.crc.over or ("sync", "end")):
             field = known.get(name)
             if name == "sync" and index == 0:
-                bounds.append(0)
+                bounds.append(self.spec.sync_at or 0)
             elif name == "end" and index == 1:
                 bounds.append(None)
             elif field is None:

@@ -14,6 +14,8 @@ Fail = Callable[[str, Path_, str, str], None]
 """Collects one error: code, path in the file, message, next step."""
 
 _HEX = re.compile(r"(?:[0-9a-fA-F]{2}\s*)*")
+_WORD = 64
+_COUNTER_BITS = 48
 _BIT_RANGE = re.compile(r"(\d{1,2})(?:-(\d{1,2}))?")
 
 
@@ -23,16 +25,18 @@ def read_hex(text: str) -> bytes | None:
 
 
 def place_fields(specs: Sequence[FieldSpec], path: Path_, first: Sequence[Field], start: int, endian: str,
-                 fail: Fail) -> list[Field]:  # fmt: skip
-    """Lay fields one behind the other from byte ``start`` on, behind the fields ``first``.
+                 fail: Fail, sync: range = range(0)) -> list[Field]:  # fmt: skip
+    """Lay fields one behind the other from byte ``start`` on, behind the fields ``first``; ``sync``: bytes to leave.
 
     Returns ``first`` and the new fields. Mistakes go to ``fail``; the field is then placed as well as possible.
     """
     placed = list(first)
-    offset = start
+    bit = 8 * start
     for index, spec in enumerate(specs):
         where = (*path, index)
-        field = _field(spec, where, offset, endian, fail)
+        if sync and bit == 8 * sync.start:
+            bit += 8 * len(sync)
+        field = _field(spec, where, bit, endian, fail)
         if any(field.name == other.name for other in placed):
             fail("B-FRAME-001", (*where, "name"), f"the field {field.name!r} exists already", "choose another name")
         if any(other.rest for other in placed):
@@ -40,20 +44,27 @@ def place_fields(specs: Sequence[FieldSpec], path: Path_, first: Sequence[Field]
         if field.counter and any(other.counter for other in placed):
             fail("B-FRAME-003", (*where, "role"), "a message can have one counter only", "")
         placed.append(field)
-        offset += field.length
+        begin, bit = bit, bit + field.width * (1 if field.count is None else field.count)
+        if sync and (begin < 8 * sync.start < bit or (bit <= 8 * sync.start and index + 1 == len(specs))):
+            text = f"no field ends at byte {sync.start}, where the sync bytes stand, or none stands behind them"
+            fail("B-FRAME-006", where, text, "end one field there, and begin another behind the sync bytes")
+    if bit % 8:
+        text = f"the fields end {bit % 8} bits behind the beginning of a byte"
+        fail("B-FRAME-002", (*path, len(specs) - 1), text, f"add one of {8 - bit % 8} bits")
     return placed
 
 
-def _field(spec: FieldSpec, where: Path_, offset: int, endian: str, fail: Fail) -> Field:
+def _field(spec: FieldSpec, where: Path_, bit: int, endian: str, fail: Fail) -> Field:
     kind = "b" if spec.type == "bytes" else spec.type[0]
     count = 0 if spec.count == "rest" else spec.count
     _check_options(spec, kind, where, fail)
+    width = 8 if kind == "b" else int(spec.type[1:])
     field = Field(
         name=spec.name,
         kind=kind,
-        size=1 if kind == "b" else int(spec.type[1:]) // 8,
+        size=-(-width // 8),
         count=1 if kind == "b" and count is None else count,
-        offset=offset,
+        offset=bit // 8,
         big=(spec.endian or endian) == "big",
         scale=1.0 if spec.scale is None else spec.scale,
         shift=0.0 if spec.offset is None else spec.offset,
@@ -62,13 +73,31 @@ def _field(spec: FieldSpec, where: Path_, offset: int, endian: str, fail: Fail) 
         per=spec.per or "",
         wrap=spec.wrap,
         form=spec.form or "",
+        packed=(bit % 8, width) if bit % 8 or width % 8 else None,
     )
+    _check_packed(spec, field, where, fail)
     bits = _bits(spec, field, where, fail)
     constant = _written("constant", spec.constant, field, where, fail)
     default = _written("default", spec.default, field, where, fail)
     if constant is not None and default is not None:
         fail("B-FRAME-005", (*where, "default"), f"{spec.name}: a constant needs no default", "remove one of them")
     return replace(field, bits=bits, constant=constant, default=default)
+
+
+def _check_packed(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> None:
+    """Check what an integer that is no whole bytes cannot have."""
+    if field.packed is None:
+        return
+    if field.kind in "fb":
+        text = f"{spec.name}: {spec.type} begins {field.packed[0]} bits behind the beginning of a byte"
+        fail("B-FRAME-002", where, text, f"put an integer of {8 - field.packed[0]} bits before it")
+    elif any(field.place(element)[1] + field.width > _WORD for element in range(min(field.count or 1, 8))):
+        text = f"{spec.name}: {spec.type} lies in nine bytes, because it begins in the middle of one"
+        fail("B-FRAME-002", (*where, "type"), text, "cut it in two")
+    for key in ("constant", "default"):
+        if getattr(spec, key) is not None:
+            text = f"{spec.name}: {key!r} needs whole bytes"
+            fail("B-FRAME-005", (*where, key), text, "join the fields to one of whole bytes, and name its 'bits'")
 
 
 def _check_options(spec: FieldSpec, kind: str, where: Path_, fail: Fail) -> None:
@@ -89,7 +118,7 @@ def _check_options(spec: FieldSpec, kind: str, where: Path_, fail: Fail) -> None
                 refuse(key, f"{key!r} needs an unsigned integer, not {spec.type}")
     if spec.scale == 0:
         refuse("scale", "the scale must not be 0")
-    odd = kind != "u" or spec.type in ("u56", "u64") or spec.count is not None or spec.constant is not None
+    odd = kind != "u" or int(spec.type[1:]) > _COUNTER_BITS or spec.count is not None or spec.constant is not None
     if spec.role is not None and odd:
         text = f"{spec.name}: a counter is one unsigned integer of up to 48 bits that varies"
         fail("B-FRAME-003", (*where, "role"), text, "")
@@ -106,8 +135,8 @@ def _bits(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> dict[str, 
     for name, text in (spec.bits or {}).items():
         match = _BIT_RANGE.fullmatch(str(text))
         low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
-        if not low <= high < 8 * field.size:
-            advice = f"write a bit 0 to {8 * field.size - 1} or a range such as '1-3'"
+        if not low <= high < field.width:
+            advice = f"write a bit 0 to {field.width - 1} or a range such as '1-3'"
             fail("B-FRAME-004", (*where, "bits", name), f"{spec.name}.{name}: {text!r} is no bit of it", advice)
             continue
         mask = (1 << (high + 1)) - (1 << low)
@@ -120,7 +149,7 @@ def _bits(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> dict[str, 
 
 def _written(key: str, value: int | str | None, field: Field, where: Path_, fail: Fail) -> bytes | None:
     """Bytes of a constant or a default as they stand on the wire."""
-    if value is None:
+    if value is None or field.packed is not None:
         return None
     found: bytes | None = None
     if isinstance(value, str):

@@ -217,8 +217,10 @@ def _refused(layout: Layout, message: Message, text: str) -> str:
         frame = _unescaped(layout, wire)
     if wire is None or frame is None:
         return "the golden frame is no hex text" if wire is None else f"the golden frame is no {layout.escape} packet"
-    if not frame.startswith(layout.pattern):
-        return f"the golden frame begins with {frame[: len(layout.pattern)].hex(' ')}, not {layout.pattern.hex(' ')}"
+    if not frame.startswith(layout.pattern, layout.sync_at):
+        there = frame[layout.sync_at : layout.sync_at + len(layout.pattern)].hex(" ")
+        at = f" at byte {layout.sync_at}" if layout.sync_at else ""
+        return f"the golden frame begins{at} with {there}, not {layout.pattern.hex(' ')}"
     if message.length not in (0, len(frame)) or len(frame) < message.body + layout.tail:
         due = message.length or f"at least {message.body + layout.tail}"
         return f"the golden frame of {message.name!r} has {len(frame)} bytes, due are {due}"

@@ -23,7 +23,7 @@ def encode_rows(layout: Layout, message: Message, columns: Mapping[str, Any], co
         text = f"the message {message.name!r} has no fixed length"
         raise InputError("B-FRAME-020", text, where=_WHERE, next_step="encode it one by one with encode_one")
     rows = np.zeros((count, message.length), np.uint8)
-    rows[:, : len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
+    rows[:, layout.sync_at : layout.sync_at + len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
     given = with_automatic(layout, message, columns, message.length)
     for item in message.fields:
         _put(rows, item, given, count)
@@ -43,7 +43,7 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
         text = f"the frame would be {total} bytes long, the limit is {layout.max_length}"
         raise InputError("B-FRAME-021", text, where=_WHERE)
     rows = np.zeros((1, total), np.uint8)
-    rows[0, : len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
+    rows[0, layout.sync_at : layout.sync_at + len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
     given = with_automatic(layout, message, columns, total)
     for item in message.fields:
         if not item.rest:
@@ -149,11 +149,11 @@ def _checked(full: NDArray[Any], values: NDArray[Any], item: Field) -> NDArray[A
     """Return the values in the memory type of the field; never wrapped, never clipped."""
     if item.kind == "f":
         return full.astype(item.dtype, copy=False)
-    bits = 8 * item.size
+    bits = item.width
     low, high = (0, (1 << bits) - 1) if item.kind in "ub" else (-(1 << (bits - 1)), (1 << (bits - 1)) - 1)
     if values.dtype.kind == "f" and values.size and (values != np.rint(values)).any():
         raise InputError("B-FRAME-021", f"{item.name!r} holds numbers that are not whole", where=_WHERE)
-    fits = np.can_cast(values.dtype, item.dtype) and np.dtype(item.dtype).itemsize == item.size
+    fits = np.can_cast(values.dtype, item.dtype) and 8 * np.dtype(item.dtype).itemsize == bits
     if not fits and values.size and (values.min() < low or values.max() > high):
         raise _out_of_range(item.name, values, low, high)
     return full.astype(item.dtype, copy=False)
@@ -166,8 +166,23 @@ def _out_of_range(name: str, values: NDArray[Any], low: int, high: int) -> Input
 
 def _store(target: NDArray[np.uint8], values: NDArray[Any], item: Field) -> None:
     count, elements = values.shape
+    if item.packed:
+        _store_bits(target, values, item)
+        return
     width = values.dtype.itemsize
     wire = np.ascontiguousarray(values, values.dtype.newbyteorder(">" if item.big else "<"))
     packed = wire.view(np.uint8).reshape(count, elements, width)
     cut = packed[:, :, width - item.size :] if item.big else packed[:, :, : item.size]
     target[:] = cut.reshape(count, elements * item.size)
+
+
+def _store_bits(target: NDArray[np.uint8], values: NDArray[Any], item: Field) -> None:
+    """Set the bits of integers that are no whole bytes; those of their neighbours stay."""
+    for element in range(values.shape[1]):
+        at, odd = item.place(element)
+        size = -(-(odd + item.width) // 8)
+        value = values[:, element].astype(np.uint64) & np.uint64((1 << item.width) - 1)
+        value <<= np.uint64(8 * size - odd - item.width if item.big else odd)
+        for index in range(size):
+            shift = 8 * (size - 1 - index if item.big else index)
+            target[:, at - item.offset + index] |= (value >> np.uint64(shift) & np.uint64(255)).astype(np.uint8)

@@ -22,7 +22,9 @@ class Field:
 
     ``kind`` is "u", "i", "f" or "b" (bytes); ``count`` is None for a single value and 0 for "rest".
     ``bits`` maps a name to (lowest bit, number of bits). Physical value = raw * scale + shift in ``unit``.
-    ``wrap``: how many values a counter has, None = as many as its type. ``form``: as in FieldSpec.
+    ``wrap``: how many values a counter has, None = as many as its type. ``form``: as in FieldSpec. ``packed``: first
+    bit within the first byte, and bits of an element, of integers that are no whole bytes; "big" counts from the
+    highest bit of a byte.
     """
 
     name: str
@@ -41,11 +43,24 @@ class Field:
     default: bytes | None = None
     wrap: int | None = None
     form: str = ""
+    packed: Span | None = None
 
     @property
     def length(self) -> int:
-        """Bytes on the wire; 0 for "rest"."""
-        return self.size * (1 if self.count is None else self.count)
+        """Bytes on the wire, those that it shares with its neighbours included; 0 for "rest"."""
+        elements = 1 if self.count is None else self.count
+        return self.size * elements if self.packed is None else -(-(self.packed[0] + self.packed[1] * elements) // 8)
+
+    @property
+    def width(self) -> int:
+        """Bits of an element."""
+        return 8 * self.size if self.packed is None else self.packed[1]
+
+    def place(self, element: int) -> tuple[int, int]:
+        """Return where an element of a packed field begins: bytes from the first sync byte, bits from there."""
+        first, width = self.packed or (0, 8 * self.size)
+        at, odd = divmod(first + element * width, 8)
+        return self.offset + at, odd
 
     @property
     def rest(self) -> bool:
@@ -113,8 +128,9 @@ class Layout:
     with the same counter; ``own_counters``: the common counter is of each message. ``length_bits``, ``type_bits``:
     lowest bit and number of bits, where these are no whole field. ``check_field`` holds the check where it does not
     stand behind the fields. ``unlisted``: the common fields as a message, where frames of other types are counted.
-    ``escape``: a key of bench.frame.escape.ESCAPES, "" where bytes on the wire are those of the frame. ``lines``: how
-    frames are written as text; fields and messages then say how their values are kept, and no length is fixed.
+    ``sync_at``: where the pattern stands. ``escape``: a key of bench.frame.escape.ESCAPES, "" where bytes on the wire
+    are those of the frame. ``lines``: how frames are written as text; fields and messages then say how their values are
+    kept, and no length is fixed.
     """
 
     sync: bytes
@@ -139,6 +155,7 @@ class Layout:
     unlisted: Message | None = None
     escape: str = ""
     lines: LinesSpec | None = None
+    sync_at: int = 0
 
     @property
     def tail(self) -> int:
@@ -168,6 +185,7 @@ class Layout:
         later |= {"own_counters": True} if self.own_counters and counting else {}
         later |= {"escape": self.escape} if self.escape else {}
         later |= {"lines": self.lines.model_dump()} if self.lines else {}
+        later |= {"sync_at": self.sync_at} if self.sync_at else {}
         later |= {"trailer": self.trailer.hex()} if self.trailer else {}
         later |= {} if self.unlisted is None else {"other": True}
         return {
@@ -202,6 +220,7 @@ def field_content(item: Field) -> list[Any]:
     constant = None if item.constant is None else item.constant.hex()
     later = [*([] if item.default is None else [item.default.hex()]), *([] if item.wrap is None else [item.wrap])]
     later += [item.form] if item.form else []
+    later += [list(item.packed)] if item.packed else []
     return [
         item.name, item.kind, item.size, item.count, item.offset, item.big, item.scale, item.shift, item.unit,
         item.counter, item.per, bits, constant, *later,

@@ -14,7 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, extract_column
-from bench.frame.layout import Layout, Message, Span
+from bench.frame.layout import Field, Layout, Message, Span
 from bench.frame.seal import are_right
 
 _UNKNOWN = -1  # all bytes of the header are not there yet
@@ -41,6 +41,7 @@ class Scanner:
 
     def __init__(self, layout: Layout) -> None:
         self._layout = layout
+        self._sync_end = layout.sync_at + len(layout.pattern)
 
     def scan(self, buffer: NDArray[np.uint8], at: int, stop: int, final: bool, before: int = 0) -> Found:
         """Decode buffer[at:stop] as the reference engine would; ``final``: nothing will follow.
@@ -48,14 +49,14 @@ class Scanner:
         What begins among the first ``before`` bytes and is not whole is rejected: a tail, shorter than a frame, is due.
         """
         window = buffer[at:stop]
-        candidates = _find(window, self._layout.pattern)
+        candidates = _find(window[self._layout.sync_at :], self._layout.pattern)
         length, message = self._measure(window, candidates)
         complete = (length > 0) & (candidates + length <= len(window))
         valid = np.zeros(len(candidates), np.bool_)
         for index, item in enumerate(self._layout.kinds):
             self._check(window, candidates, length, complete & (message == index), item, valid)
         waiting = ((length == _UNKNOWN) | ((length > 0) & ~complete)) & (candidates >= before)
-        last = len(window) if final else max(len(window) - len(self._layout.pattern) + 1, min(before, len(window)), 0)
+        last = len(window) if final else max(len(window) - self._sync_end + 1, min(before, len(window)), 0)
         events = np.flatnonzero(valid if final else valid | waiting)
         taken, position = _serve(candidates, length, waiting, events, last)
         accepted = candidates[taken]
@@ -74,8 +75,7 @@ class Scanner:
         head = head.astype(np.uint8, copy=False)
         kind = np.zeros(len(head), np.int64)
         if layout.type_field is not None:
-            value = _unsigned(head, layout.type_field.offset, layout.type_field.size, layout.type_field.big)
-            value = part_of(value, layout.type_bits)
+            value = part_of(_unsigned(head, layout.type_field), layout.type_bits)
             kind = np.full(len(head), -1 if layout.unlisted is None else len(layout.messages), np.int64)
             for index, item in enumerate(layout.messages):
                 kind[value == item.type_value] = index
@@ -83,8 +83,7 @@ class Scanner:
         fixed = np.array([item.length for item in layout.kinds])[kind]
         size = fixed.copy()
         if layout.length_field is not None:
-            field = layout.length_field
-            stated = part_of(_unsigned(head, field.offset, field.size, field.big), layout.length_bits)
+            stated = part_of(_unsigned(head, layout.length_field), layout.length_bits)
             size = stated * layout.length_times + layout.length_plus
             size[(size < body) | (size > layout.max_length) | ((fixed > 0) & (size != fixed))] = _WRONG
         size[kind < 0] = _WRONG
@@ -119,11 +118,12 @@ def part_of(value: Any, bits: Span | None) -> Any:
     return value if bits is None else value >> bits[0] & (1 << bits[1]) - 1
 
 
-def _unsigned(head: NDArray[np.uint8], offset: int, size: int, big: bool) -> NDArray[np.int64]:
+def _unsigned(head: NDArray[np.uint8], item: Field) -> NDArray[np.int64]:
     value = np.zeros(len(head), np.int64)
-    for index in range(size):
-        value = value << 8 | head[:, offset + (index if big else size - 1 - index)]
-    return value
+    for index in range(item.length):
+        value = value << 8 | head[:, item.offset + (index if item.big else item.length - 1 - index)]
+    low = 0 if item.packed is None else 8 * item.length - sum(item.packed) if item.big else item.packed[0]
+    return value >> low & (1 << item.width) - 1
 
 
 def _serve(at: NDArray[np.int64], length: NDArray[np.int64], waiting: NDArray[np.bool_], events: NDArray[np.int64],
@@ -213,7 +213,7 @@ class NumpyDecoder:
         block = buffer[at : at + rows * message.length].reshape(rows, message.length)
         pattern = self._layout.pattern
         good = np.ones(rows, np.bool_)
-        for index, byte in enumerate(pattern):
+        for index, byte in enumerate(pattern, self._layout.sync_at):
             good &= block[:, index] == byte
         leading = _leading(good)
         return _leading(are_right(self._layout, message, block[:leading])), rows

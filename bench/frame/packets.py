@@ -59,7 +59,7 @@ class PacketDecoder(ReferenceDecoder):
     def _frame_of(self, packet: Packet) -> tuple[Message, bytes] | None:
         """Return message and frame of a packet, None if it is no frame."""
         frame, layout = packet.frame, self._layout
-        if frame is None or not frame.startswith(layout.pattern) or len(frame) < layout.header:
+        if frame is None or not frame.startswith(layout.pattern, layout.sync_at) or len(frame) < layout.header:
             return None
         length, message = self._measure(frame, 0)
         if message is not None and layout.length_field is None and message.length == 0:

@@ -45,9 +45,9 @@ class ReferenceDecoder:
         pattern = self._layout.pattern
         while at < len(stream):
             may_wait = not final and self._position + at >= before
-            if len(stream) - at < len(pattern) and may_wait:
+            if len(stream) - at < self._layout.sync_at + len(pattern) and may_wait:
                 break
-            if not stream.startswith(pattern, at):
+            if not stream.startswith(pattern, at + self._layout.sync_at):
                 at += 1
                 self.counts.skipped_bytes += 1
                 continue
@@ -132,11 +132,22 @@ def checks_of(layout: Layout, message: Message, frame: bytes) -> tuple[bool, int
 
 def read_element(frame: bytes, item: Field, element: int = 0) -> Any:
     """Return the raw value of one element of a field, by the standard library."""
-    raw = frame[item.offset + element * item.size : item.offset + (element + 1) * item.size]
     order: Any = "big" if item.big else "little"
+    if item.packed:
+        return _packed(frame, item, element, order)
+    raw = frame[item.offset + element * item.size : item.offset + (element + 1) * item.size]
     if item.kind == "f":
         return struct.unpack((">" if item.big else "<") + ("f" if item.size == 4 else "d"), raw)[0]
     return int.from_bytes(raw, order, signed=item.kind == "i")
+
+
+def _packed(frame: bytes, item: Field, element: int, order: Any) -> int:
+    """Return an integer that is no whole bytes."""
+    at, odd = item.place(element)
+    size = -(-(odd + item.width) // 8)
+    value = int.from_bytes(frame[at : at + size], order)
+    value = value >> (8 * size - odd - item.width if item.big else odd) & (1 << item.width) - 1
+    return value - (1 << item.width) if item.kind == "i" and value >> item.width - 1 else value
 
 
 def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:

@@ -19,16 +19,14 @@ Whole = Annotated[int, Limits(strict=True, ge=0)]
 Byte = Annotated[int, Limits(strict=True, ge=0, le=255)]
 Number = Annotated[float, Limits(strict=True, allow_inf_nan=False)]
 Endian = Literal["big", "little"]
-Kind = Literal[
-    "u8", "u16", "u24", "u32", "u40", "u48", "u56", "u64",
-    "i8", "i16", "i24", "i32", "i40", "i48", "i56", "i64", "f32", "f64", "bytes",
-]  # fmt: skip
+Kind = Annotated[str, StringConstraints(pattern=r"^([ui]([1-9]|[1-5][0-9]|6[0-4])|f32|f64|bytes)$")]
 MAX_FRAME_BYTES = 65_535
 
 
 class FieldSpec(StrictModel):
     """One field; fields follow each other on the wire without gaps.
 
+    ``type``: an integer may have 1 to 64 bits and begin at any bit; "big" begins with the highest bit of a byte.
     ``count`` makes an array; for ``bytes`` it is the length, or "rest" for everything up to the check.
     Physical value = raw * scale + offset, in ``unit``. ``constant`` fixes the value: right behind the sync bytes it
     extends the sync pattern, elsewhere a frame that differs is marked suspect. ``default`` is the raw value that the
@@ -132,7 +130,8 @@ class FrameSpec(StrictModel):
 
     ``silence``: a frame that was begun before a longer pause of the line, and that is not whole when the line speaks
     again, is given up. ``commands``: what the payloads of the messages ``command`` and ``answer`` mean. ``trailer``:
-    bytes that stand behind the check of every frame. ``other``: a frame of a type that is not listed, but whose check
+    bytes that stand behind the check of every frame. ``sync_at``: bytes in front of the sync bytes; the first fields
+    are there. ``other``: a frame of a type that is not listed, but whose check
     is right, is counted as such and passed over, not rejected. ``escape``: frames stand between delimiters, and bytes
     that look like one are escaped. ``lines``: frames are lines of text, and fields are their values.
     """
@@ -141,6 +140,7 @@ class FrameSpec(StrictModel):
     title: str | None = None
     endian: Endian | None = None
     sync: Annotated[list[Byte], Limits(max_length=255)]
+    sync_at: Annotated[int, Limits(strict=True, ge=1, le=255)] | None = None
     trailer: Annotated[list[Byte], Limits(min_length=1, max_length=255)] | None = None
     other: StrictBool = False
     escape: Literal["slip", "hdlc", "cobs", "dle"] | None = None

@@ -237,7 +237,7 @@ class LinkDecoder:
         key = "" if self.definition.layout.shared_counter else group[0].message.name
         unwrapper = self._counters.get(key)
         if unwrapper is None:
-            wrap = field.wrap or 1 << (8 * field.size)
+            wrap = field.wrap or 1 << field.width
             unwrapper = self._counters[key] = CounterUnwrapper(wrap, self.definition.rate_Hz)
         if len(group) == 1:
             batch = group[0]

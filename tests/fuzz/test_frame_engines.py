@@ -46,11 +46,12 @@ def random_field(item: Field, generator: Generator) -> Any:
     shape = (1,) if item.count is None else (1, item.count)
     if item.kind == "f":
         return generator.normal(size=shape).astype(np.float32)
-    if item.kind == "b" or item.size == 8:
-        return np.frombuffer(generator.bytes(item.length), "u1" if item.kind == "b" else f"{item.kind}8").reshape(shape)
+    if item.kind == "b" or item.width == 64:
+        size = item.length if item.kind == "b" else 8 * (item.count or 1)
+        return np.frombuffer(generator.bytes(size), "u1" if item.kind == "b" else f"{item.kind}8").reshape(shape)
     if generator.random() < 0.05:
-        return np.full(shape, 0xEB90 % (1 << (8 * item.size - 1)))  # embedded sync words
-    low, high = (0, 1 << (8 * item.size)) if item.kind == "u" else (-(1 << (8 * item.size - 1)), 1 << 8 * item.size - 1)
+        return np.full(shape, 0xEB90 % (1 << (item.width - 1)))  # embedded sync words
+    low, high = (0, 1 << item.width) if item.kind == "u" else (-(1 << item.width - 1), 1 << item.width - 1)
     return generator.integers(low, high, shape)
 
 

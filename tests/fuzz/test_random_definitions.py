@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import os
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -35,8 +36,9 @@ def one_of(choices: Any, rng: Generator) -> Any:
     return choices[int(rng.integers(len(choices)))]
 
 
-def random_fields(prefix: str, rng: Generator) -> list[Spec]:
-    fields: list[Spec] = []
+def random_fields(prefix: str, rng: Generator) -> list[list[Spec]]:
+    """Fields, or runs of fields that stay together."""
+    fields: list[list[Spec]] = []
     for number in range(int(rng.integers(1, 6))):
         field: Spec = {"name": f"{prefix}{number}", "type": one_of((*KINDS, "bytes"), rng)}
         if field["type"] == "bytes" or rng.random() < 0.2:
@@ -45,7 +47,22 @@ def random_fields(prefix: str, rng: Generator) -> list[Spec]:
             field["endian"] = one_of(("big", "little"), rng)
         if field["type"] == "u8" and "count" not in field and rng.random() < 0.3:
             field["constant"] = int(rng.integers(256))
-        fields.append(field)
+        fields.append(random_run(f"{prefix}{number}_", rng) if rng.random() < 0.15 else [field])
+    return fields
+
+
+def random_run(prefix: str, rng: Generator) -> list[Spec]:
+    """Integers of any number of bits that end with a whole byte."""
+    fields: list[Spec] = []
+    bits = 0
+    while bits % 8 or not fields:
+        count = int(rng.integers(1, 4))
+        widest = 64 - max((bits + step) % 8 for step in range(8))
+        width = int(rng.integers(1, widest + 1)) if len(fields) < 4 else 8 - bits % 8
+        count = count if width <= 57 and len(fields) < 4 else 1
+        several = {"count": count} if count > 1 else {}
+        fields.append({"name": f"{prefix}{len(fields)}", "type": f"{one_of('ui', rng)}{width}", **several})
+        bits += width * count
     return fields
 
 
@@ -65,31 +82,35 @@ def random_spec(rng: Generator) -> Spec:
     spec: Spec = {"frame": "random", "endian": one_of(("big", "little"), rng)}
     varies, typed = rng.random() < 0.6, rng.random() < 0.5
     spec["sync"] = rng.integers(0, 256, int(rng.integers(0 if varies else 1, 5))).tolist()
-    common = [*random_fields("common", rng), {"name": "whole", "type": "u16"}]
+    runs = [*random_fields("common", rng), [{"name": "whole", "type": "u16"}]]
     check = one_of(CHECKS, rng)
     model = find_model(check)
     size = CHECKSUMS[check].size if model is None else Crc(model).size
     spec["crc"] = {"name": check} if check == "none" else {"name": check, "over": ["sync", "end"]}
     if size in HOLDERS and rng.random() < 0.4:
-        common.insert(int(rng.integers(len(common) + 1)), {"name": "check", "type": HOLDERS[size]})
+        runs.insert(int(rng.integers(len(runs) + 1)), [{"name": "check", "type": HOLDERS[size]}])
         spec["crc"]["field"] = "check"
     if varies:
         field, name, _ = framing("length", rng)
-        common.insert(int(rng.integers(len(common) + 1)), field)
+        runs.insert(int(rng.integers(len(runs) + 1)), [field])
         spec["length"] = {"field": name, "plus": 0, "times": one_of((1, 1, 2, 4), rng), "max": 900}
     if typed:
         field, name, values = framing("kind", rng)
-        common.insert(int(rng.integers(len(common) + 1)), field)
+        runs.insert(int(rng.integers(len(runs) + 1)), [field])
         spec["type"] = {"field": name}
         spec["messages"] = random_messages(values, varies, rng)
         if varies and rng.random() < 0.5:
             spec["other"] = True
     elif varies:
-        common.append({"name": "rest", "type": "bytes", "count": "rest"})
+        runs.append([{"name": "rest", "type": "bytes", "count": "rest"}])
     if rng.random() < 0.3:
         spec["trailer"] = rng.integers(0, 256, int(rng.integers(1, 4))).tolist()
     if rng.random() < 0.15:
         spec["escape"] = one_of(("slip", "hdlc", "cobs", "dle"), rng)
+    common = list(chain(*runs))
+    if spec["sync"] and rng.random() < 0.15:
+        spec["sync_at"] = int(rng.integers(1, 4))
+        common.insert(0, {"name": "front", "type": "bytes", "count": spec["sync_at"]})
     if check != "none" and rng.random() < 0.5:
         spec["crc"]["over"][0] = common[0]["name"]
     spec["fields"] = common
@@ -99,7 +120,7 @@ def random_spec(rng: Generator) -> Spec:
 def random_messages(values: int, varies: bool, rng: Generator) -> dict[str, Spec]:
     messages: dict[str, Spec] = {}
     for number, value in enumerate(rng.choice(min(values, 4096), int(rng.integers(1, 4)), replace=False).tolist()):
-        fields = random_fields(f"own{number}_", rng)
+        fields = chain(*random_fields(f"own{number}_", rng))
         rest = [{"name": "rest", "type": "bytes", "count": "rest"}] if varies else []
         messages[f"m{number}"] = {"value": value, "fields": [*fields, *rest], "golden": "00", "expect": {"none": 1}}
     return messages

@@ -115,8 +115,8 @@ def test_sentences_as_pynmeagps(capture: str) -> None:
     counts = Counter(message.msgID for message in theirs)
     assert found.messages == {name: counts[name.upper()] for name in messages}
     assert found.counts.frames + found.counts.other == len(theirs)
-    values = {"gga": {"latitude": "lat", "longitude": "lon", "height_sea_level": "alt", "geoid": "sep", "fix": "quality",
-                      "satellites": "numSV", "dilution": "HDOP"},
+    values = {"gga": {"latitude": "lat", "longitude": "lon", "height_sea_level": "alt", "geoid": "sep",
+                      "fix": "quality", "satellites": "numSV", "dilution": "HDOP"},
               "rmc": {"latitude": "lat", "longitude": "lon", "speed": "spd", "course": "cog"},
               "vtg": {"course": "cogt", "speed": "sogn", "speed_km": "sogk"}}  # fmt: skip
     for name, fields in values.items():

@@ -107,6 +107,10 @@ def what_is_not_held(layout: Layout) -> str:
         "a length that is a multiple": layout.length_times != 1,
         "frames of types that are not listed": layout.unlisted is not None,
         "a counter in some bits of a field": in_bits,
+        "bytes in front of the sync bytes": layout.sync_at > 0,
+        "integers of other than whole bytes": any(
+            item.packed for message in layout.messages for item in message.fields
+        ),
     }
     return next((text for text, there in unknown.items() if there), "")
 
