@@ -61,10 +61,22 @@ class MessageBatch:
         return column
 
     def scaled(self, name: str) -> NDArray[np.float64]:
-        """Return values in the field's unit (raw * scale + offset) as float64, (n,) or (n, count)."""
+        """Return values in the field's unit (raw * scale + offset) as float64, (n,) or (n, count); NaN if not there."""
         item = self._field(name)
         values = self.raw(name).astype(np.float64)
-        return values * item.scale + item.shift if self.has_scale(name) else values
+        if "." not in name and item.scaled:
+            values = values * item.scale + item.shift
+        there = self.there(name)
+        if there is not None:
+            number = np.arange(item.count or 1) if item.step else np.zeros(item.count or 1)
+            missing = number >= there[:, None]
+            values[missing if values.ndim > 1 else missing[:, 0]] = np.nan
+        return values
+
+    def there(self, name: str) -> NDArray[Any] | None:
+        """Return how many elements of a field of a group are there, of an optional one whether; (n,), None: always."""
+        item = self._field(name)
+        return self.raw(item.given) if item.given else None
 
     def newest(self, name: str) -> float:
         """Return the value of a field in the last frame, in its unit; of an array the mean. At least one is needed."""
@@ -75,9 +87,9 @@ class MessageBatch:
         return float(last) if column.ndim == 1 else float(np.add.reduce(last) / len(last))
 
     def has_scale(self, name: str) -> bool:
-        """Return whether physical and raw values of a field differ."""
+        """Return whether physical and raw values of a field differ, or some may not be there."""
         item = self._field(name)
-        return "." not in name and item.scaled
+        return "." not in name and (item.scaled or (bool(item.given) and item.kind != "b"))
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return all fields by name, in wire order."""
@@ -202,8 +214,8 @@ def extract_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
     if item.kind == "b":
         return rows[:, item.offset : item.offset + item.length].copy()
     elements = 1 if item.count is None else item.count
-    if item.packed:
-        column = _packed(rows, item, elements)
+    if item.packed or item.step:
+        column = _scattered(rows, item, elements)
     elif item.size == width:
         column = _natural(rows, item, elements)
     elif elements == 1 and item.offset + item.size - width >= 0 and item.big:
@@ -230,16 +242,19 @@ def _overlapped(rows: NDArray[np.uint8], item: Field, width: int) -> NDArray[Any
     return _sign(wide, item.size, width)
 
 
-def _packed(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[Any]:
-    """Integers that are no whole bytes: the bytes that hold an element, shifted to its lowest bit."""
+def _scattered(rows: NDArray[np.uint8], item: Field, elements: int) -> NDArray[Any]:
+    """Elements that are no whole bytes or lie apart: the bytes that hold one, shifted to its lowest bit."""
     column = np.empty((len(rows), elements), np.uint64)
-    for element in range(elements):
-        at, odd = item.place(element)
-        size = -(-(odd + item.width) // 8)
-        value = np.zeros(len(rows), np.uint64)
+    at, odd = np.array([item.place(element) for element in range(elements)]).T
+    for begin in np.unique(odd).tolist():
+        alike = np.flatnonzero(odd == begin)
+        size = -(-(begin + item.width) // 8)
+        value = np.zeros((len(rows), len(alike)), np.uint64)
         for index in range(size):
-            value = value << np.uint64(8) | rows[:, at + (index if item.big else size - 1 - index)]
-        column[:, element] = value >> np.uint64(8 * size - odd - item.width if item.big else odd)
+            value = value << np.uint64(8) | rows[:, at[alike] + (index if item.big else size - 1 - index)]
+        column[:, alike] = value >> np.uint64(8 * size - begin - item.width if item.big else begin)
+    if item.kind == "f":
+        return column.astype(f"u{item.size}").view(item.dtype)
     unused = np.uint64(64 - item.width)
     column <<= unused
     signed = column.view(np.int64) if item.kind == "i" else column

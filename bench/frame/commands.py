@@ -9,8 +9,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from bench.frame.compile_fields import Fail, place_fields
+from bench.frame.element import read_element
 from bench.frame.layout import Field, Message, field_content
-from bench.frame.reference import read_element
 from bench.frame.spec import CommandSpec, FieldSpec, FrameSpec
 from bench.model.errors import InputError
 from bench.model.units import read_quantity
@@ -200,7 +200,7 @@ def _layout(name: str, part: CommandSpec, path: Path_, endian: str, fail: Fail) 
             if field.type[0] in "ui" and int(field.type[1:]) % 8:
                 text = f"{field.name}: a number in the payload of a command has 8, 16, ... 64 bits"
                 fail("B-FRAME-014", (*where, index, "type"), text, "give a type of whole bytes")
-        return PayloadLayout(f"{key} of {name!r}", tuple(place_fields(fields, where, (), 0, endian, fail)))
+        return PayloadLayout(f"{key} of {name!r}", tuple(place_fields(fields, where, endian, fail)))
 
     request, answer = payload("request", part.request), payload("answer", part.answer)
     return CommandLayout(name, part.code, part.timeout, request, answer)

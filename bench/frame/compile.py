@@ -8,10 +8,11 @@ from dataclasses import replace
 
 from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
 from bench.frame.commands import CommandLayout, compile_commands
-from bench.frame.compile_fields import place_fields
+from bench.frame.compile_parts import Placed, place
 from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
 from bench.frame.layout import Field, Layout, Message, Span
-from bench.frame.spec import MAX_FRAME_BYTES, CheckSpec, FieldSpec, FrameSpec
+from bench.frame.parts import blank_row
+from bench.frame.spec import MAX_FRAME_BYTES, AnyField, CheckSpec, FieldSpec, FrameSpec
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_
 
@@ -35,7 +36,7 @@ class _Compiler:
         self._sync_end = front + len(spec.sync)
         start = 0 if front else self._sync_end
         sync = range(front, self._sync_end) if front else range(0)
-        common = place_fields(spec.fields, ("fields",), (), start, self._endian, self.fail, sync)
+        common = place(spec.fields, ("fields",), start, self._endian, self.fail, sync)
         check = self._check(spec.crc)
         self._check_form(common)
         self._length = self._reference("length", spec.length.field if spec.length else None, common)
@@ -55,19 +56,21 @@ class _Compiler:
             raise InputErrors(self.errors)
         return self._layout(common, messages, check), commands
 
-    def _layout(self, common: list[Field], messages: list[Message], check: Check) -> Layout:
+    def _layout(self, common: Placed, messages: list[Message], check: Check) -> Layout:
         spec = self.spec
         length_field, length_bits = self._length
         type_field, type_bits = self._type
-        own = any(field.role == "own_counter" for field in spec.fields)
+        own = any(isinstance(field, FieldSpec) and field.role == "own_counter" for field in spec.fields)
         pattern = bytes(spec.sync)
-        for field in messages[0].fields if len(messages) == 1 else common:
+        for field in messages[0].fields if len(messages) == 1 else common.fields:
             if field.offset < self._sync_end:
                 continue
             if field.constant is None:
                 break
             pattern += field.constant
         ends = [item.offset + item.length for item in (length_field, type_field) if item is not None]
+        if spec.length is None and spec.escape is None and messages[0].parts:
+            ends.append(messages[0].head)
         return Layout(
             sync=bytes(spec.sync),
             pattern=pattern,
@@ -79,7 +82,7 @@ class _Compiler:
             length_plus=spec.length.plus if spec.length else 0,
             max_length=self._longest(messages),
             type_field=type_field,
-            shared_counter=bool(spec.messages) and not own and any(field.counter for field in common),
+            shared_counter=bool(spec.messages) and not own and any(field.counter for field in common.fields),
             own_counters=own,
             rate_Hz=spec.rate,
             silence_s=spec.silence,
@@ -97,20 +100,21 @@ class _Compiler:
     def _longest(self, messages: list[Message]) -> int:
         if self.spec.length:
             return self.spec.length.max
-        open_ended = self.spec.lines is not None or any(message.rest for message in messages)
-        return MAX_FRAME_BYTES if open_ended else max(m.length for m in messages)
+        open_ended = any(message.rest or any(part.open_ended for part in message.parts) for message in messages)
+        if open_ended or self.spec.lines is not None:
+            return MAX_FRAME_BYTES
+        return max(message.body + self._tail for message in messages)
 
-    def _unlisted(self, common: list[Field]) -> Message | None:
+    def _unlisted(self, common: Placed) -> Message | None:
         """Return the common fields as a message of any length, where frames of other types are counted."""
         if not self.spec.other:
             return None
-        body = common[-1].offset + common[-1].length
-        return Message("other", tuple(common), body, 0, *self._coverage(common, "other", whole=False))
+        return Message("other", common.fields, common.end, 0, *self._coverage(common, "other", whole=False))
 
-    def _holder(self, check: Check, common: Sequence[Field]) -> Field | None:
+    def _holder(self, check: Check, common: Placed) -> Field | None:
         """Return the field that holds the check."""
         name = self.spec.crc.field
-        field = next((item for item in common if item.name == name), None)
+        field = next((item for item in common.fixed if item.name == name), None)
         if name is None or (
             field is not None
             and field.width == 8 * check.size
@@ -122,12 +126,12 @@ class _Compiler:
         self.fail("B-FRAME-008", ("crc", "field"), f"{text}, not {name!r}", "")
         return None
 
-    def _reference(self, key: str, part: str | None, common: Sequence[Field]) -> tuple[Field | None, Span | None]:
+    def _reference(self, key: str, part: str | None, common: Placed) -> tuple[Field | None, Span | None]:
         """Return the field and the bits of it that say the length or the type."""
         if part is None:
             return None, None
         name, _, bits = part.partition(".")
-        field = next((item for item in common if item.name == name), None)
+        field = next((item for item in common.fixed if item.name == name), None)
         if self.spec.lines and key == "type":
             if field is None or field.kind != "b":
                 self.fail("B-FRAME-006", (key, "field"), f"the type of a line must be common bytes, not {part!r}", "")
@@ -140,7 +144,7 @@ class _Compiler:
             self.fail("B-FRAME-006", (key, "field"), f"{name!r} has no bits {bits!r}", "name them in its 'bits'")
         return field, field.bits.get(bits)
 
-    def _messages(self, common: list[Field]) -> list[Message]:
+    def _messages(self, common: Placed) -> list[Message]:
         spec = self.spec
         delimited = spec.length is not None or spec.escape is not None or spec.lines is not None
         if spec.other and (spec.messages is None or not delimited):
@@ -151,11 +155,13 @@ class _Compiler:
         if not spec.messages or spec.type is None or spec.golden is not None or spec.expect is not None:
             advice = "give 'type', and 'golden' and 'expect' inside each message"
             self.fail("B-FRAME-007", ("messages",), "messages need a type field and golden frames of their own", advice)
-        start = common[-1].offset + common[-1].length
+        if common.parts or any(field.rest for field in common.fields):
+            text = "what stands at no fixed place cannot stand among the common fields of messages"
+            self.fail("B-FRAME-015", ("fields",), text, "put it into each message")
         found: list[Message] = []
         for name, part in spec.messages.items():
             path: Path_ = ("messages", name)
-            fields = place_fields(part.fields, (*path, "fields"), common, start, self._endian, self.fail)
+            fields = place(part.fields, (*path, "fields"), common, self._endian, self.fail)
             if any(part.value in (other.type_value, other.type_text) for other in found):
                 self.fail("B-FRAME-007", (*path, "value"), f"{name}: the type value {part.value} is taken", "")
             if isinstance(part.value, str) or spec.lines:
@@ -180,7 +186,7 @@ class _Compiler:
             self.fail("B-FRAME-007", (*path, "value"), text, "")
         return str(value)
 
-    def _check_form(self, common: Sequence[Field]) -> None:
+    def _check_form(self, common: Placed) -> None:
         """Check that what lines cannot have, and what frames without them need, is not mixed."""
         spec, lines = self.spec, self.spec.lines
         self._check_form_of(spec.fields, ("fields",))
@@ -204,14 +210,18 @@ class _Compiler:
                 "B-FRAME-008", ("lines",), text, "give 'check: \"*\"' in 'lines' and a check in 'crc', or neither"
             )
         first, last = spec.crc.over or ("sync", "end")
-        if first not in ("sync", common[0].name) or last != "end":
-            text = f"the check of a line covers it from 'sync' or from {common[0].name!r} to 'end'"
+        if first not in ("sync", common.fields[0].name) or last != "end":
+            text = f"the check of a line covers it from 'sync' or from {common.fields[0].name!r} to 'end'"
             self.fail("B-FRAME-008", ("crc", "over"), text, "")
         if not all(0x20 < byte < 0x7F for byte in spec.sync):
             self.fail("B-FRAME-006", ("sync",), "a line begins with printable characters", "")
 
-    def _check_form_of(self, fields: Sequence[FieldSpec], path: Path_) -> None:
+    def _check_form_of(self, fields: Sequence[AnyField], path: Path_) -> None:
         for index, field in enumerate(fields):
+            if not isinstance(field, FieldSpec):
+                if self.spec.lines:
+                    self.fail("B-FRAME-015", (*path, index), "a line has no groups, optional parts or items", "")
+                continue
             kind = "an unsigned integer" if field.form == "hex" else "f64"
             fits = field.type[0] == "u" if field.form == "hex" else field.type == "f64"
             if field.form is not None and not (self.spec.lines and fits):
@@ -224,30 +234,37 @@ class _Compiler:
                 text = f"{field.name}: a line has no 'rest'"
                 self.fail("B-FRAME-002", (*path, index, "count"), text, "give the greatest number of characters")
 
-    def _message(self, name: str, fields: list[Field], type_value: int | None) -> Message:
-        body = fields[-1].offset + fields[-1].length
-        start, stop = self._coverage(fields, name)
-        length = 0 if fields[-1].rest or self.spec.lines else body + self._tail
-        return Message(name, tuple(fields), body, length, start, stop, type_value)
+    def _message(self, name: str, placed: Placed, type_value: int | None) -> Message:
+        start, stop = self._coverage(placed, name)
+        varies = placed.parts or placed.fields[-1].rest or self.spec.lines
+        length = 0 if varies else placed.end + self._tail
+        message = Message(name, placed.fields, placed.end, length, start, stop, type_value)
+        if not placed.parts:
+            return message
+        message = replace(message, parts=placed.parts, head=placed.head)
+        return replace(message, blank=blank_row(message))
 
-    def _coverage(self, fields: list[Field], message: str, whole: bool = True) -> tuple[int, int | None]:
+    def _coverage(self, placed: Placed, message: str, whole: bool = True) -> tuple[int, int | None]:
         """Return the bytes covered; ``whole``: nothing follows these fields but check and trailer."""
-        known = {field.name: field for field in fields}
+        fields = placed.fields
+        known = {field.name: field for field in placed.fixed}
         bounds: list[int | None] = []
         for index, name in enumerate(self.spec.crc.over or ("sync", "end")):
             field = known.get(name)
+            if index == 1 and whole and name == fields[-1].name:
+                bounds.append(None)
+                continue
             if name == "sync" and index == 0:
                 bounds.append(self.spec.sync_at or 0)
             elif name == "end" and index == 1:
                 bounds.append(None)
-            elif field is None:
-                text = f"the check covers {name!r}, which is no field of the message {message!r}"
+            elif field is None or (index == 1 and field.rest):
+                text = f"the check covers {name!r}, which is no field at a fixed place of the message {message!r}"
                 close = difflib.get_close_matches(name, known, 1)
                 self.fail("B-FRAME-008", ("crc", "over", index), text, f"did you mean {close[0]!r}?" if close else "")
                 bounds.append(None)
             else:
-                last = whole and field is fields[-1]
-                bounds.append(field.offset if index == 0 else None if last else field.offset + field.length)
+                bounds.append(field.offset if index == 0 else field.offset + field.length)
         start = bounds[0] or 0
         if bounds[1] is not None and bounds[1] <= start:
             self.fail("B-FRAME-008", ("crc", "over"), f"{self.spec.crc.over} runs backwards in {message!r}", "")
@@ -256,14 +273,24 @@ class _Compiler:
     def _check_lengths(self, messages: list[Message]) -> None:
         length = self.spec.length
         for message in messages:
-            shortest = message.body + self._tail
-            if message.rest is not None and length is None and self.spec.escape is None:
-                text = f"{message.name!r} has a field of 'rest' length, so the frame must carry its length"
+            shortest = message.least + self._tail
+            if self._needs_length(message):
+                text = f"{message.name!r} has contents that vary, so the frame must carry its length"
                 self.fail("B-FRAME-006", ("length",), text, "add 'length: {field: ..., plus: ..., max: ...}'")
             limit = MAX_FRAME_BYTES if length is None else length.max
             if shortest > limit:
                 text = f"{message.name!r} is {shortest} bytes long, the limit is {limit}"
                 self.fail("B-FRAME-006", ("length", "max") if length else ("fields",), text, "")
+
+    def _needs_length(self, message: Message) -> bool:
+        """Return whether neither delimiters nor counts and flags in front of all parts say how long a frame is."""
+        if self.spec.length is not None or self.spec.escape is not None:
+            return False
+        if message.rest is not None or (message.parts and self.spec.messages is not None):
+            return True
+        saying = [part.by for part in message.parts if part.by is not None]
+        behind = any(field.offset + field.length > message.head for field in saying)
+        return behind or any(part.open_ended for part in message.parts)
 
     def _check(self, spec: CheckSpec) -> Check:
         given = [key for key in _PARAMETERS if getattr(spec, key) is not None]

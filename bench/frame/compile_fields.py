@@ -24,34 +24,62 @@ def read_hex(text: str) -> bytes | None:
     return bytes.fromhex(text) if _HEX.fullmatch(text.strip()) else None
 
 
-def place_fields(specs: Sequence[FieldSpec], path: Path_, first: Sequence[Field], start: int, endian: str,
-                 fail: Fail, sync: range = range(0)) -> list[Field]:  # fmt: skip
-    """Lay fields one behind the other from byte ``start`` on, behind the fields ``first``; ``sync``: bytes to leave.
+class Placer:
+    """Lays fields one behind the other, from a byte on, behind those that are ``placed``; ``sync``: bytes to leave.
 
-    Returns ``first`` and the new fields. Mistakes go to ``fail``; the field is then placed as well as possible.
+    Mistakes go to ``fail``; the field is then placed as well as possible.
     """
-    placed = list(first)
-    bit = 8 * start
+
+    def __init__(self, placed: Sequence[Field], start: int, endian: str, fail: Fail, sync: range = range(0)) -> None:
+        self.placed = list(placed)
+        self._bit = 8 * start
+        self._endian = endian
+        self._fail = fail
+        self._sync = sync
+
+    def add(self, spec: FieldSpec, where: Path_) -> Field:
+        """Place one field."""
+        if self._sync and self._bit == 8 * self._sync.start:
+            self._bit += 8 * len(self._sync)
+        field = _field(spec, where, self._bit, self._endian, self._fail)
+        if field.counter and any(other.counter for other in self.placed):
+            self._fail("B-FRAME-003", (*where, "role"), "a message can have one counter only", "")
+        begin, self._bit = self._bit, self._bit + field.width * (1 if field.count is None else field.count)
+        if self._sync and begin < 8 * self._sync.start < self._bit:
+            self._fail("B-FRAME-006", where, f"{field.name!r} lies over the sync bytes", "end a field before them")
+        self.put(field, (*where, "name"))
+        return field
+
+    def put(self, field: Field, where: Path_) -> None:
+        """Take a field that has its place."""
+        if any(field.name == other.name for other in self.placed):
+            self._fail("B-FRAME-001", where, f"the field {field.name!r} exists already", "choose another name")
+        self.placed.append(field)
+
+    def skip(self, size: int) -> None:
+        """Leave bytes free."""
+        self._bit += 8 * size
+
+    def end(self, where: Path_) -> int:
+        """Return the byte behind the fields, which must end with one."""
+        odd = self._bit % 8
+        if odd:
+            text = f"the fields end {odd} bits behind the beginning of a byte"
+            self._fail("B-FRAME-002", where, text, f"add one of {8 - odd} bits")
+            self._bit += 8 - odd
+        return self._bit // 8
+
+
+def place_fields(specs: Sequence[FieldSpec], path: Path_, endian: str, fail: Fail) -> list[Field]:
+    """Lay the fields of a payload one behind the other."""
+    placer = Placer((), 0, endian, fail)
     for index, spec in enumerate(specs):
-        where = (*path, index)
-        if sync and bit == 8 * sync.start:
-            bit += 8 * len(sync)
-        field = _field(spec, where, bit, endian, fail)
-        if any(field.name == other.name for other in placed):
-            fail("B-FRAME-001", (*where, "name"), f"the field {field.name!r} exists already", "choose another name")
-        if any(other.rest for other in placed):
-            fail("B-FRAME-002", where, f"{field.name!r} follows a field of 'rest' length, which must be last", "")
-        if field.counter and any(other.counter for other in placed):
-            fail("B-FRAME-003", (*where, "role"), "a message can have one counter only", "")
-        placed.append(field)
-        begin, bit = bit, bit + field.width * (1 if field.count is None else field.count)
-        if sync and (begin < 8 * sync.start < bit or (bit <= 8 * sync.start and index + 1 == len(specs))):
-            text = f"no field ends at byte {sync.start}, where the sync bytes stand, or none stands behind them"
-            fail("B-FRAME-006", where, text, "end one field there, and begin another behind the sync bytes")
-    if bit % 8:
-        text = f"the fields end {bit % 8} bits behind the beginning of a byte"
-        fail("B-FRAME-002", (*path, len(specs) - 1), text, f"add one of {8 - bit % 8} bits")
-    return placed
+        if any(field.rest for field in placer.placed):
+            text = f"{spec.name!r} follows a field of 'rest' length, which must be last"
+            fail("B-FRAME-002", (*path, index), text, "")
+        placer.add(spec, (*path, index))
+    placer.end(path)
+    return placer.placed
 
 
 def _field(spec: FieldSpec, where: Path_, bit: int, endian: str, fail: Fail) -> Field:

@@ -29,6 +29,7 @@ from bench.frame.layout import Layout, Message
 from bench.frame.lines import LineDecoder, read_line
 from bench.frame.numpy_engine import NumpyDecoder
 from bench.frame.packets import escaped_decoder
+from bench.frame.parts import unpacked
 from bench.frame.reference import ReferenceDecoder, checks_of
 from bench.frame.spec import FrameSpec, LinesSpec
 from bench.model.errors import InputError, InputErrors
@@ -221,8 +222,8 @@ def _refused(layout: Layout, message: Message, text: str) -> str:
         there = frame[layout.sync_at : layout.sync_at + len(layout.pattern)].hex(" ")
         at = f" at byte {layout.sync_at}" if layout.sync_at else ""
         return f"the golden frame begins{at} with {there}, not {layout.pattern.hex(' ')}"
-    if message.length not in (0, len(frame)) or len(frame) < message.body + layout.tail:
-        due = message.length or f"at least {message.body + layout.tail}"
+    if message.length not in (0, len(frame)) or len(frame) < message.least + layout.tail:
+        due = message.length or f"at least {message.least + layout.tail}"
         return f"the golden frame of {message.name!r} has {len(frame)} bytes, due are {due}"
     if len(_one_by_one(layout).feed(wire).messages[message.name]) == 1:
         return ""
@@ -250,6 +251,9 @@ def _why_refused(layout: Layout, message: Message, frame: bytes) -> str:
         return f"the golden frame does not end with {layout.trailer.hex(' ')}"
     if right and len(frame) > layout.max_length:
         return f"the golden frame has {len(frame)} bytes, 'length: max' is {layout.max_length}"
+    contents = unpacked(message, frame, len(frame) - layout.tail) if right and message.parts else ""
+    if isinstance(contents, str) and contents:
+        return f"the golden frame {contents}"
     if right:
         return f"the length or type inside the golden frame is not that of {message.name!r}"
     stop = len(frame) - layout.tail if message.cover_stop is None else message.cover_stop
@@ -287,6 +291,9 @@ def _compare(document: Document[FrameSpec], layout: Layout, message: Message, go
         except InputError as error:
             errors.append(InputError("B-FRAME-013", error.message, where=where, next_step=error.next_step))
             continue
+        there = batch.there(name)
+        if there is not None and message.by_name[name.partition(".")[0]].step:
+            raw, physical = raw[: there[0]], None if physical is None else physical[: there[0]]
         if not _equal(raw, physical, due):
             text = f"{name} of the golden frame is {_printed(raw, physical)}, expected is {due}"
             errors.append(InputError("B-FRAME-012", text, where=where, next_step=_NEXT))

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from bench.frame.escape import ESCAPES
 from bench.frame.layout import Field, Layout, Message, Span
 from bench.frame.lines import written_line
+from bench.frame.parts import packed
 from bench.frame.seal import seal
 from bench.model.errors import InputError
 
@@ -38,10 +39,10 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
     if message.rest is not None:
         rest = bytes(_taken(columns, message.rest.name, message))
         del columns[message.rest.name]
+    if message.parts:
+        return _frame_of_parts(layout, message, with_counts(message, columns), rest)
     total = message.body if layout.lines else message.body + len(rest) + layout.tail
-    if total > layout.max_length:
-        text = f"the frame would be {total} bytes long, the limit is {layout.max_length}"
-        raise InputError("B-FRAME-021", text, where=_WHERE)
+    _check_length(layout, total)
     rows = np.zeros((1, total), np.uint8)
     rows[0, layout.sync_at : layout.sync_at + len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
     given = with_automatic(layout, message, columns, total)
@@ -53,6 +54,59 @@ def encode_frame(layout: Layout, message: Message, values: Mapping[str, Any]) ->
         return written_line(layout, layout.lines, message, rows.tobytes())
     seal(layout, message, rows)
     return ESCAPES[layout.escape].packed(rows.tobytes()) if layout.escape else rows.tobytes()
+
+
+def _check_length(layout: Layout, total: int) -> None:
+    if total > layout.max_length:
+        text = f"the frame would be {total} bytes long, the limit is {layout.max_length}"
+        raise InputError("B-FRAME-021", text, where=_WHERE)
+
+
+def _frame_of_parts(layout: Layout, message: Message, columns: Mapping[str, Any], rest: bytes) -> bytes:
+    """Return a frame whose contents vary: its row, what of it stands on the wire, then what depends on the length."""
+    row = np.zeros((1, message.body), np.uint8)
+    row[0, layout.sync_at : layout.sync_at + len(layout.sync)] = np.frombuffer(layout.sync, np.uint8)
+    given = with_automatic(layout, message, columns, layout.length_plus)
+    for item in message.fields:
+        if not item.rest:
+            _put(row, item, given, 1)
+    wire = packed(message, row.tobytes(), rest)
+    total = len(wire) + layout.tail
+    _check_length(layout, total)
+    rows = np.frombuffer(wire + bytes(layout.tail), np.uint8).reshape(1, total).copy()
+    if layout.length_field is not None:
+        stated = layout.length_field
+        rows[:, stated.offset : stated.offset + stated.length] = 0
+        _put(rows, stated, with_automatic(layout, message, columns, total), 1)
+    seal(layout, message, rows)
+    return ESCAPES[layout.escape].packed(rows.tobytes()) if layout.escape else rows.tobytes()
+
+
+def with_counts(message: Message, columns: Mapping[str, Any]) -> dict[str, Any]:
+    """Return columns with the counts and flags that follow from what is given, and zeros for what is not there.
+
+    The values of a group are as many as it has sets.
+    """
+    given = dict(columns)
+    parts = [item for item in message.fields if item.given]
+    for item in parts:
+        if item.name in given and not item.step:
+            given.setdefault(item.given, 1)
+        elif item.name in given:
+            values = np.ravel(given[item.name])
+            given.setdefault(item.given, len(values))
+            given[item.name] = np.pad(values, (0, max((item.count or 1) - len(values), 0)))
+    required = {item.name: int(item.required) for part in message.parts for item in part.items}
+    given = required | given
+    for item in parts:
+        base, _, bits = item.given.partition(".")
+        if base not in given:
+            given.setdefault(item.given, 0)
+        low, width = message.by_name[base].bits.get(bits, (0, message.by_name[base].width))
+        number = given[item.given] if item.given in given else int(given[base]) >> low & (1 << width) - 1
+        if item.name not in given and not np.any(number):
+            given[item.name] = np.zeros(item.count) if item.count is not None else 0
+    return given
 
 
 def with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any], total: int) -> dict[str, Any]:

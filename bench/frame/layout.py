@@ -24,7 +24,9 @@ class Field:
     ``bits`` maps a name to (lowest bit, number of bits). Physical value = raw * scale + shift in ``unit``.
     ``wrap``: how many values a counter has, None = as many as its type. ``form``: as in FieldSpec. ``packed``: first
     bit within the first byte, and bits of an element, of integers that are no whole bytes; "big" counts from the
-    highest bit of a byte.
+    highest bit of a byte. ``step``: bytes from one element to the next, where they are of a group. ``given``: the
+    field, or named bits of one as "field.bits", that says how many elements are there (of a group) or whether they are;
+    "" if they always are.
     """
 
     name: str
@@ -44,11 +46,15 @@ class Field:
     wrap: int | None = None
     form: str = ""
     packed: Span | None = None
+    step: int = 0
+    given: str = ""
 
     @property
     def length(self) -> int:
         """Bytes on the wire, those that it shares with its neighbours included; 0 for "rest"."""
         elements = 1 if self.count is None else self.count
+        if self.step:
+            return (elements - 1) * self.step + -(-((self.packed or (0, 0))[0] + self.width) // 8)
         return self.size * elements if self.packed is None else -(-(self.packed[0] + self.packed[1] * elements) // 8)
 
     @property
@@ -57,8 +63,10 @@ class Field:
         return 8 * self.size if self.packed is None else self.packed[1]
 
     def place(self, element: int) -> tuple[int, int]:
-        """Return where an element of a packed field begins: bytes from the first sync byte, bits from there."""
+        """Return where an element begins: bytes from the beginning of the frame, bits from there."""
         first, width = self.packed or (0, 8 * self.size)
+        if self.step:
+            return self.offset + element * self.step, first
         at, odd = divmod(first + element * width, 8)
         return self.offset + at, odd
 
@@ -82,12 +90,53 @@ class Field:
 
 
 @dataclass(frozen=True)
+class Item:
+    """An item: its id; ``at``: where the row of a frame has whether it is there (a byte), and behind that its bytes."""
+
+    name: str
+    number: int
+    at: int
+    size: int
+    required: bool
+
+
+@dataclass(frozen=True)
+class Part:
+    """What stands at no fixed place of a frame, and where its row has it: ``size`` bytes from ``at`` on.
+
+    ``kind``: "plain", fields; "group", up to ``most`` times ``size`` bytes; "optional"; "items"; "rest", bytes of
+    variable length, which no row has. ``by``, ``bits``: what says how often or whether it is there. ``behind``: bytes
+    of the parts behind one that is open-ended.
+    """
+
+    kind: str
+    name: str
+    at: int
+    size: int
+    most: int = 1
+    by: Field | None = None
+    bits: Span | None = None
+    behind: int = 0
+    items: tuple[Item, ...] = ()
+    id_size: int = 0
+    length_size: int = 0
+    big: bool = False
+
+    @property
+    def open_ended(self) -> bool:
+        """Whether it takes all that the parts behind it leave."""
+        return self.kind in ("items", "rest")
+
+
+@dataclass(frozen=True)
 class Message:
-    """One message of a definition: all its fields from the sync bytes on, common ones first.
+    """One message of a definition: all its fields from the beginning of the frame on, common ones first.
 
     ``body`` is the length without what stands behind the fields (check, trailer) and without the "rest" bytes;
     ``length`` the whole frame, 0 if it varies. The check covers [cover_start, cover_stop) of the frame; cover_stop
-    None = up to the end of the fields. ``type_text``: the type of a line.
+    None = up to the end of the fields. ``type_text``: the type of a line. With ``parts``, the first ``head`` bytes
+    stand as in the row of a frame, which else is made of its parts; ``body`` is then the length of that row, and
+    ``blank`` the row without any part.
     """
 
     name: str
@@ -98,6 +147,14 @@ class Message:
     cover_stop: int | None
     type_value: int | None = None
     type_text: str = ""
+    parts: tuple[Part, ...] = ()
+    head: int = 0
+    blank: bytes = b""
+
+    @property
+    def least(self) -> int:
+        """The fewest bytes before the tail."""
+        return self.head + sum(part.size for part in self.parts if part.kind == "plain") if self.parts else self.body
 
     @cached_property
     def by_name(self) -> dict[str, Field]:
@@ -170,7 +227,13 @@ class Layout:
     @property
     def fixed(self) -> bool:
         """One message of one length, without a type: the frames of an undamaged stream form a lattice."""
-        return len(self.messages) == 1 and self.length_field is None and self.type_field is None
+        single = len(self.messages) == 1 and not self.messages[0].parts
+        return single and self.length_field is None and self.type_field is None
+
+    @property
+    def says_its_length(self) -> bool:
+        """Whether the counts and flags in the head of a frame say how long it is."""
+        return self.length_field is None and not self.escape and bool(self.messages[0].parts)
 
     def canonical(self) -> dict[str, Any]:
         """JSON-able content that decides how bytes become numbers; hashed into every session."""
@@ -211,7 +274,14 @@ def _message_content(message: Message) -> dict[str, Any]:
         "type_value": message.type_text or message.type_value,
         "cover": [message.cover_start, message.cover_stop],
         "fields": [field_content(item) for item in message.fields],
+        **({"parts": [_part_content(part) for part in message.parts]} if message.parts else {}),
     }
+
+
+def _part_content(part: Part) -> list[Any]:
+    items = [[item.name, item.number, item.at, item.size, item.required] for item in part.items]
+    by = None if part.by is None else part.by.name
+    return [part.kind, part.at, part.size, part.most, by, part.bits, items, part.id_size, part.length_size, part.big]
 
 
 def field_content(item: Field) -> list[Any]:
@@ -221,6 +291,7 @@ def field_content(item: Field) -> list[Any]:
     later = [*([] if item.default is None else [item.default.hex()]), *([] if item.wrap is None else [item.wrap])]
     later += [item.form] if item.form else []
     later += [list(item.packed)] if item.packed else []
+    later += [item.step, item.given] if item.given else []
     return [
         item.name, item.kind, item.size, item.count, item.offset, item.big, item.scale, item.shift, item.unit,
         item.counter, item.per, bits, constant, *later,

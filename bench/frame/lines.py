@@ -14,10 +14,10 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from bench.frame.element import read_element
 from bench.frame.escape import Packet
 from bench.frame.layout import Field, Layout, Message
 from bench.frame.packets import PacketDecoder
-from bench.frame.reference import read_element
 from bench.frame.spec import LinesSpec
 from bench.model.errors import InputError
 

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch, extract_column
 from bench.frame.layout import Field, Layout, Message, Span
+from bench.frame.parts import rows_of_parts, unpacked, wire_length
 from bench.frame.seal import are_right
 
 _UNKNOWN = -1  # all bytes of the header are not there yet
@@ -68,6 +69,10 @@ class Scanner:
         layout = self._layout
         length = np.full(len(at), layout.messages[0].length, np.int64)
         message = np.zeros(len(at), np.int64)
+        if layout.says_its_length:
+            for index, begin in enumerate(at.tolist()):
+                length[index] = self._said(window[begin : begin + layout.header].tobytes())
+            return length, message
         if layout.length_field is None and layout.type_field is None:
             return length, message
         there = at + layout.header <= len(window)
@@ -79,7 +84,7 @@ class Scanner:
             kind = np.full(len(head), -1 if layout.unlisted is None else len(layout.messages), np.int64)
             for index, item in enumerate(layout.messages):
                 kind[value == item.type_value] = index
-        body = np.array([item.body + layout.tail for item in layout.kinds])[kind]
+        body = np.array([item.least + layout.tail for item in layout.kinds])[kind]
         fixed = np.array([item.length for item in layout.kinds])[kind]
         size = fixed.copy()
         if layout.length_field is not None:
@@ -92,6 +97,13 @@ class Scanner:
         message[there] = kind
         return length, message
 
+    def _said(self, head: bytes) -> int:
+        """Return the length of a frame whose head says it."""
+        if len(head) < self._layout.header:
+            return _UNKNOWN
+        fields = wire_length(self._layout.messages[0], head)
+        return fields + self._layout.tail if fields else _WRONG
+
     def _check(self, window: NDArray[np.uint8], at: NDArray[np.int64], length: NDArray[np.int64],
                chosen: NDArray[np.bool_], message: Message, valid: NDArray[np.bool_]) -> None:  # fmt: skip
         """Set ``valid`` for the chosen candidates whose check passes; one pass per length that occurs."""
@@ -99,7 +111,12 @@ class Scanner:
             which = np.flatnonzero(chosen & (length == total))
             if not len(which):
                 continue
-            valid[which] = are_right(self._layout, message, sliding_window_view(window, total)[at[which]])
+            right = are_right(self._layout, message, sliding_window_view(window, total)[at[which]])
+            for index in np.flatnonzero(right).tolist() if message.parts else ():
+                begin = int(at[which[index]])
+                contents = unpacked(message, window[begin : begin + total].tobytes(), total - self._layout.tail)
+                right[index] = not isinstance(contents, str)
+            valid[which] = right
 
 
 def _find(window: NDArray[np.uint8], pattern: bytes) -> NDArray[np.int64]:
@@ -224,13 +241,10 @@ class NumpyDecoder:
         accepted = 0
         for index, message in enumerate(self._layout.messages):
             starts, lengths = _starts(found, index, message.length)
-            rows = rows_of(buffer, starts, message)
-            rest = None
-            if message.rest is not None:
-                tail = self._layout.tail
-                bounds = zip(starts.tolist(), lengths.tolist(), strict=True)
-                rest = [stream[start + message.body : start + length - tail] for start, length in bounds]
+            rows, rest = self._rows(stream, buffer, starts, lengths, message)
             messages[message.name] = MessageBatch(message, starts + self._position, rows, rest, extract_column)
+            if message.parts:
+                messages[message.name].ends = starts + lengths + self._position
             self.counts.frames += len(starts)
             self.counts.by_message[message.name] = self.counts.by_message.get(message.name, 0) + len(starts)
             accepted += int(lengths.sum())
@@ -244,6 +258,16 @@ class NumpyDecoder:
         self._tail = stream[consumed:]
         self._position += consumed
         return FrameBatch(messages, bad, self._position)
+
+    def _rows(self, stream: bytes, buffer: NDArray[np.uint8], starts: NDArray[np.int64], lengths: NDArray[np.int64],
+              message: Message) -> tuple[NDArray[np.uint8], list[bytes] | None]:  # fmt: skip
+        tail, bounds = self._layout.tail, zip(starts.tolist(), lengths.tolist(), strict=True)
+        if message.parts:
+            return rows_of_parts(message, (stream[start : start + length] for start, length in bounds), tail)
+        rows = rows_of(buffer, starts, message)
+        if message.rest is None:
+            return rows, None
+        return rows, [stream[start + message.body : start + length - tail] for start, length in bounds]
 
 
 def _leading(good: NDArray[np.bool_]) -> int:

@@ -63,7 +63,7 @@ class PacketDecoder(ReferenceDecoder):
             return None
         length, message = self._measure(frame, 0)
         if message is not None and layout.length_field is None and message.length == 0:
-            length = len(frame) if len(frame) >= message.body + layout.tail else 0
+            length = len(frame) if len(frame) >= message.least + layout.tail else 0
         good = message is not None and length == len(frame) and self._passes(frame, message)
         return (message, frame) if message is not None and good else None
 

@@ -6,14 +6,15 @@ check, length or type wrong -> count one rejected candidate, one byte on; else a
 
 from __future__ import annotations
 
-import struct
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch
+from bench.frame.element import read_element
 from bench.frame.layout import Field, Layout, Message, Span
+from bench.frame.parts import rows_of_parts, unpacked, wire_length
 
 
 class ReferenceDecoder:
@@ -85,29 +86,41 @@ class ReferenceDecoder:
         if message is None:
             return 0, None
         length = message.length
+        if layout.says_its_length:
+            fields = wire_length(message, head)
+            return (fields + layout.tail, message) if fields else (0, None)
         if layout.length_field is not None:
             stated = _part(read_element(head, layout.length_field), layout.length_bits)
             length = stated * layout.length_times + layout.length_plus
-            if length < message.body + layout.tail or length > layout.max_length:
+            if length < message.least + layout.tail or length > layout.max_length:
                 return 0, None
             if message.length not in (0, length):
                 return 0, None
         return length, message
 
     def _passes(self, frame: bytes, message: Message) -> bool:
-        return frame.endswith(self._layout.trailer) and checks_of(self._layout, message, frame)[0]
+        right = frame.endswith(self._layout.trailer) and checks_of(self._layout, message, frame)[0]
+        if not right or not message.parts:
+            return right
+        return not isinstance(unpacked(message, frame, len(frame) - self._layout.tail), str)
 
     def _batch(self, found: dict[str, list[tuple[int, bytes]]], bad: list[int], consumed: int) -> FrameBatch:
         messages = {}
         for message in self._layout.messages:
             frames = found[message.name]
             offset = np.array([self._position + at for at, _ in frames], np.int64)
-            rows = np.frombuffer(b"".join(frame[: message.body] for _, frame in frames), np.uint8)
-            rest = None
-            if message.rest is not None:
-                rest = [frame[message.body : len(frame) - self._layout.tail] for _, frame in frames]
-            messages[message.name] = MessageBatch(message, offset, rows.reshape(len(frames), -1) if frames else
-                                                  np.empty((0, message.body), np.uint8), rest, read_column)  # fmt: skip
+            if message.parts:
+                rows, rest = rows_of_parts(message, (frame for _, frame in frames), self._layout.tail)
+            else:
+                rows = np.frombuffer(b"".join(frame[: message.body] for _, frame in frames), np.uint8)
+                tail = self._layout.tail
+                rest = (
+                    None if message.rest is None else [frame[message.body : len(frame) - tail] for _, frame in frames]
+                )
+            batch = MessageBatch(message, offset, rows.reshape(len(frames), message.body), rest, read_column)
+            if message.parts:
+                batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
+            messages[message.name] = batch
             self.counts.frames += len(frames)
             self.counts.by_message[message.name] = self.counts.by_message.get(message.name, 0) + len(frames)
         self.counts.bad += len(bad)
@@ -128,26 +141,6 @@ def checks_of(layout: Layout, message: Message, frame: bytes) -> tuple[bool, int
     computed = layout.check.of(blank[message.cover_start : stop])
     stored = int.from_bytes(frame[at : at + size], "big" if layout.stored_big else "little")
     return computed == stored, computed, stored
-
-
-def read_element(frame: bytes, item: Field, element: int = 0) -> Any:
-    """Return the raw value of one element of a field, by the standard library."""
-    order: Any = "big" if item.big else "little"
-    if item.packed:
-        return _packed(frame, item, element, order)
-    raw = frame[item.offset + element * item.size : item.offset + (element + 1) * item.size]
-    if item.kind == "f":
-        return struct.unpack((">" if item.big else "<") + ("f" if item.size == 4 else "d"), raw)[0]
-    return int.from_bytes(raw, order, signed=item.kind == "i")
-
-
-def _packed(frame: bytes, item: Field, element: int, order: Any) -> int:
-    """Return an integer that is no whole bytes."""
-    at, odd = item.place(element)
-    size = -(-(odd + item.width) // 8)
-    value = int.from_bytes(frame[at : at + size], order)
-    value = value >> (8 * size - odd - item.width if item.big else odd) & (1 << item.width) - 1
-    return value - (1 << item.width) if item.kind == "i" and value >> item.width - 1 else value
 
 
 def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:

@@ -183,7 +183,13 @@ def _numbers(definition: FrameDefinition) -> Iterator[tuple[Message, Field]]:
         if message.name in _ASKED or (message.rest is not None and message.rest.per != "sample"):
             continue
         for item in message.fields:
-            plain = item.kind != "b" and item.constant is None and not item.counter and not item.bits
+            plain = (
+                (not item.given or (item.kind == "f" and not item.step))
+                and item.kind != "b"
+                and item.constant is None
+                and not item.counter
+                and not item.bits
+            )
             plain = plain and item.default is None  # addresses and the like, which the encoder fills in
             if plain and item.name not in framing:
                 yield message, item

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
+from pydantic import Discriminator, StrictBool, StringConstraints, Tag
 from pydantic import Field as Limits
-from pydantic import StrictBool, StringConstraints
 
 from bench.model.units import quantity
 from bench.model.yamlio import StrictModel
@@ -51,6 +51,61 @@ class FieldSpec(StrictModel):
     constant: Annotated[int, Limits(strict=True)] | str | None = None
     default: Annotated[int, Limits(strict=True)] | str | None = None
     form: Literal["hex", "time", "latitude", "longitude"] | None = None
+
+
+class GroupSpec(StrictModel):
+    """Fields that stand several times, one set behind the other: as often as the field ``count`` says, ``max`` at most.
+
+    ``count``, a field in front of them or named bits of one as "field.bits".
+    """
+
+    group: Name
+    count: Part
+    max: Annotated[int, Limits(strict=True, ge=1, le=4096)]
+    fields: Annotated[tuple[FieldSpec, ...], Limits(min_length=1, max_length=100)]
+
+
+class OptionalSpec(StrictModel):
+    """Fields that stand there if the field ``when`` in front of them, or named bits of one, are not zero."""
+
+    optional: Name
+    when: Part
+    fields: Annotated[tuple[FieldSpec, ...], Limits(min_length=1, max_length=100)]
+
+
+class ItemSpec(StrictModel):
+    """An item by its id; a frame without one that is ``required`` is bad."""
+
+    id: Whole
+    required: StrictBool = False
+    fields: Annotated[tuple[FieldSpec, ...], Limits(max_length=100)] = ()
+
+
+class ItemsSpec(StrictModel):
+    """Items in any order, each with its id, the bytes of its body, and its body, up to the end or the fields behind.
+
+    Those that are not listed are passed over. The name of an item is a column: 1 where the frame holds it.
+    """
+
+    items: Name
+    id: Literal["u8", "u16", "u24", "u32"]
+    length: Literal["u8", "u16", "u24", "u32"]
+    endian: Endian | None = None
+    of: Annotated[dict[Name, ItemSpec], Limits(min_length=1, max_length=200)]
+
+
+def _kind_of(value: object) -> str:
+    keys = value if isinstance(value, dict) else ()
+    return next((f"<{key}>" for key in ("group", "optional", "items") if key in keys), "<field>")
+
+
+AnyField = Annotated[
+    Annotated[FieldSpec, Tag("<field>")]
+    | Annotated[GroupSpec, Tag("<group>")]
+    | Annotated[OptionalSpec, Tag("<optional>")]
+    | Annotated[ItemsSpec, Tag("<items>")],
+    Discriminator(_kind_of),
+]
 
 
 class CheckSpec(StrictModel):
@@ -111,7 +166,7 @@ class MessageSpec(StrictModel):
     """
 
     value: Whole | Annotated[str, StringConstraints(pattern=r"^[!-~]{1,60}$")]
-    fields: tuple[FieldSpec, ...] = ()
+    fields: tuple[AnyField, ...] = ()
     golden: str
     expect: Annotated[dict[str, Any], Limits(min_length=1)]
 
@@ -147,7 +202,7 @@ class FrameSpec(StrictModel):
     lines: LinesSpec | None = None
     rate: Annotated[float, *quantity("Hz", low=1e-6, high=1e6)] | None = None
     silence: Annotated[float, *quantity("s", low=1e-3, high=60.0)] | None = None
-    fields: Annotated[list[FieldSpec], Limits(min_length=1, max_length=1000)]
+    fields: Annotated[list[AnyField], Limits(min_length=1, max_length=1000)]
     length: LengthSpec | None = None
     type: TypeSpec | None = None
     messages: dict[Name, MessageSpec] | None = None

@@ -1,12 +1,14 @@
 """Captures of public formats: the shipped definitions beside the libraries of others, by counts and values.
 
 The captures are not part of this project: BENCH_CAPTURES names a folder with files of the repositories pysbf2 and
-pyrtcm (their tests), space_packet_parser (the file of JPSS-1) and gpsd (test/daemon, SiRF and NMEA).
+pyrtcm, pyubx2 (their tests), space_packet_parser (the file of JPSS-1) and gpsd (test/daemon, SiRF and NMEA); those of
+xsens-go (testdata/N/output.bin and output.golden) stand there as xsens_go_N.bin and .golden.
 """
 
 from __future__ import annotations
 
 import os
+import re
 import struct
 from collections import Counter
 from collections.abc import Mapping
@@ -17,7 +19,7 @@ import pytest
 from captured import captured
 from record_sample import frame as frame_of
 
-from bench.frame import Counted, MessageBatch
+from bench.frame import Counted, MessageBatch, parse_frame
 
 CAPTURES = Path(os.environ.get("BENCH_CAPTURES", "/nonexistent"))
 SBF = ("sbfdata.log", "pygpsdata_x5pvt.log", "pygpsdata_x5_pvtgeod.log", "pygpsdata_x5_attitude.log")
@@ -27,6 +29,8 @@ JPSS = "J01_G011_LZ_2021-04-09T00-00-00Z_V01.DAT1"
 SIRF = ("sirf2.log", "sirfstarv.log")
 NMEA = ("nmea-rtk.log", "quectel-l76k-nmea.log", "ublox-8.log", "sirfstarv-nmea.log", "nmea-fuzzy-cases.log")
 KNOT = 1852 / 3600
+UBX = ("pygpsdata-ESF.log", "pygpsdata-MIXED.log", "pygpsdata-SF-calibration.log", "ucenter-ZEDF9P-configdebug.log")
+EMPTY = "fa ff 36 00 cb"  # a measurement without any output
 
 
 def decoded(name: str, capture: str) -> tuple[Counted, Mapping[str, MessageBatch]]:
@@ -66,8 +70,18 @@ def test_reference_stations_as_pyrtcm(capture: str) -> None:
     counts = Counter(number for _, number in theirs)
     assert found.messages == {"station": counts[1005], "gps": counts[1077], "glonass": counts[1087]}
     assert found.counts.other == len(theirs) - found.counts.frames + UNPARSED.get(capture, 0)
-    kept = [raw[5:-3] for raw, number in theirs if number == 1077]
+    kept = [raw[13:-3] for raw, number in theirs if number == 1077]
     assert messages["gps"].raw("body").tolist() == kept
+    with (CAPTURES / capture).open("rb") as stream:
+        parsed = [message for _, message in reader(stream, quitonerror=0) if message is not None]
+    values = {"station": {"x": "DF025", "y": "DF026", "z": "DF027", "station": "DF003", "gps": "DF022"},
+              "gps": {"tick": "DF004", "more_follow": "DF393", "issue": "DF409", "station": "DF003"},
+              "glonass": {"tick": "DF034", "day": "DF416", "clock_steering": "DF411"}}  # fmt: skip
+    for name, number in (("station", "1005"), ("gps", "1077"), ("glonass", "1087")):
+        for field, attribute in values[name].items():
+            due = [getattr(message, attribute) for message in parsed if message.identity == number]
+            mine = messages[name].scaled(field) / (0.001 if field == "tick" else 1)
+            np.testing.assert_allclose(mine, np.array(due, float), rtol=1e-12, err_msg=field)
 
 
 def test_a_satellite_as_space_packet_parser() -> None:
@@ -81,6 +95,83 @@ def test_a_satellite_as_space_packet_parser() -> None:
     np.testing.assert_array_equal(batch.raw("position"), theirs)
     assert np.all(np.abs(np.linalg.norm(batch.raw("quaternion").astype(np.float64), axis=1) - 1) < 1e-6)
     assert np.all(np.abs(np.linalg.norm(batch.raw("position").astype(np.float64), axis=1) - 7.2e6) < 5e4)  # its orbit
+
+
+@pytest.mark.parametrize("capture", UBX)
+def test_receivers_as_pyubx2(capture: str) -> None:
+    reader = pytest.importorskip("pyubx2", reason="pyubx2 is not installed: pip install .[peers]").UBXReader
+    found, _ = decoded("ublox_ubx", capture)
+    sensed, messages = decoded("ublox_sensors", capture)
+    with (CAPTURES / capture).open("rb") as stream:
+        theirs = [message for _, message in reader(stream, quitonerror=0, protfilter=2) if message is not None]
+    assert found.counts.frames + found.counts.other == sensed.counts.frames + sensed.counts.other == len(theirs)
+    counts = Counter(message.identity for message in theirs)
+    assert found.messages == {
+        "pvt": counts["NAV-PVT"],
+        "velned": counts["NAV-VELNED"],
+        "timegps": counts["NAV-TIMEGPS"],
+    }
+    groups = {"measurements": ("ESF-MEAS", "flags.number", {"value": "dataField", "kind": "dataType"}),
+              "satellites": ("NAV-SAT", "number", {"satellite": "svId", "elevation": "elev", "azimuth": "azim",
+                                                   "signal": "cno", "state.used": "svUsed"})}  # fmt: skip
+    for name, (identity, number, fields) in groups.items():
+        of_kind = [message for message in theirs if message.identity == identity]
+        batch = messages[name]
+        assert len(batch) == len(of_kind)
+        for index, message in enumerate(of_kind):
+            there = int(batch.raw(number)[index])
+            for field, attribute in fields.items():
+                due = [getattr(message, f"{attribute}_{one + 1:02}") for one in range(there)]
+                mine = (batch.raw(field) & 0xFFFFFF if field == "value" else batch.scaled(field))[index]
+                np.testing.assert_allclose(mine[:there], due, atol=1e-9, err_msg=field)
+
+
+@pytest.mark.parametrize("number", [1, 2, 4, 5])
+def test_an_imu_as_its_open_driver(number: int) -> None:
+    """Captures of an MTi-G-710 in 32-bit floats, 12.20 fixed point and 64-bit floats, with what the driver prints."""
+    text = frame_of("xsens_mtdata2").text
+    if number in (2, 4):
+        step, kind = (1, "i32, scale: 9.5367431640625e-07") if number == 2 else (3, "f64")
+        lines = [re.sub(r"id: 0x([0-9A-F]{4})", lambda match: f"id: 0x{int(match[1], 16) + step:04X}", line)
+                 if "f32" in line else line for line in text.splitlines()]  # fmt: skip
+        text = re.sub(r"(?s)    golden: >-.*?delta_v: 0\n", f"    golden: {EMPTY}\n    expect: {{length: 0}}\n",
+                      "\n".join(lines).replace("f32", kind))  # fmt: skip
+    path = CAPTURES / f"xsens_go_{number}.bin"
+    if not path.exists():
+        pytest.skip(f"no capture {path}: set BENCH_CAPTURES")
+    found, messages = captured(parse_frame(text, "xsens.yaml"), path)
+    batch = messages["data"]
+    theirs = [
+        printed(block) for block in path.with_suffix(".golden").read_text(encoding="ascii").split("\n\n") if block
+    ]
+    assert (len(batch), found.counts.bad, found.counts.skipped_bytes) == (len(theirs), 0, 0)
+    fields = {"PacketCounter": "packet", "Acceleration": "accel", "DeltaV": "delta_velocity", "RateOfTurn": "rate",
+              "DeltaQ": "delta_quaternion", "EulerAngles": "attitude", "AltitudeEllipsoid": "height",
+              "VelocityXYZ": "velocity", "Quaternion": "quaternion", "MagneticField": "magnetic_field",
+              "Temperature": "temperature", "FreeAcceleration": "accel_earth", "BaroPressure": "pressure"}  # fmt: skip
+    compared = 0
+    for index, values in enumerate(theirs):
+        for title, field in fields.items():
+            mine = np.atleast_1d(batch.scaled(field)[index])
+            due = values.get(title)
+            compared += due is not None
+            np.testing.assert_allclose(
+                mine, np.full(len(mine), np.nan) if due is None else due, rtol=1e-7, err_msg=title
+            )
+    assert compared > 400
+
+
+def printed(block: str) -> dict[str, list[float]]:
+    """Numbers of a measurement as the driver prints them, by what they are."""
+    values: dict[str, list[float]] = {}
+    name = ""
+    for line in block.splitlines():
+        if not line.startswith(" "):
+            name = line.partition("(")[0].rstrip(":")
+            values[name] = []
+        elif re.fullmatch(r"[-+.0-9e]+", text := line.rpartition(":")[2].strip()):
+            values[name].append(float(text))
+    return values
 
 
 def test_sirf_frames_are_those_that_a_plain_search_finds() -> None:

@@ -111,6 +111,7 @@ def what_is_not_held(layout: Layout) -> str:
         "integers of other than whole bytes": any(
             item.packed for message in layout.messages for item in message.fields
         ),
+        "groups, items and optional parts": any(message.parts for message in layout.messages),
     }
     return next((text for text, there in unknown.items() if there), "")
 

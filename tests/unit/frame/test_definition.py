@@ -201,7 +201,7 @@ REFUSALS = {
     "rest of numbers B-FRAME-002": sample("{name: value, type: u16, count: rest}"),
     "bits of a float B-FRAME-002": sample("{name: value, type: f32, bits: {a: 1}}", body="40e00000"),
     "scale zero B-FRAME-002": sample("{name: value, type: u16, scale: 0}"),
-    "field behind rest B-FRAME-002": messages_text("count: rest}]", "count: rest}, {name: x, type: u8}]"),
+    "two rests B-FRAME-002": messages_text("count: rest}]", "count: rest}, {name: x, type: bytes, count: rest}]"),
     "array counter B-FRAME-003": sample("{name: value, type: u8, count: 2, role: counter}"),
     "wide counter B-FRAME-003": sample("{name: value, type: u64, role: counter}", body="0000000000000007"),
     "two counters B-FRAME-003": sample(

@@ -123,6 +123,22 @@ def ubx_pvt() -> bytes:
     return ubx(0x0107, when + place + motion + struct.pack("<2HIihH", 116, 0, 0, 9100001, -671, 50))
 
 
+def ubx_sensors() -> dict[str, bytes]:
+    """Measurements with a sign in 24 of 32 bits, an attitude, two satellites."""
+    words = [value & 0xFFFFFF | kind << 24 for value, kind in ((-123, 16), (10240, 18))]
+    sensors = struct.pack("<IHH2II", 123456, 2 << 11 | 8, 0, *words, 120000)
+    attitude = struct.pack("<IB3x3i3I", 197594600, 0, 150000, -225000, 35999999, 1200, 1300, 25000)
+    satellites = [
+        struct.pack("<BBBbhhI", *one) for one in ((0, 5, 44, 41, 271, -12, 0x1F), (1, 133, 0, -3, 0, 0, 0x10))
+    ]
+    heard = struct.pack("<IBBH", 197594600, 1, 2, 0) + b"".join(satellites)
+    return {
+        "ublox_sensors.measurements": ubx(0x1002, sensors),
+        "ublox_sensors.attitude": ubx(0x0105, attitude),
+        "ublox_sensors.satellites": ubx(0x0135, heard),
+    }
+
+
 def sbf(block: int, body: bytes) -> bytes:
     """A block of a Septentrio receiver: the check stands in front of what it covers."""
     covered = struct.pack("<HH", block, len(body) + 8) + body
@@ -229,6 +245,7 @@ INDEPENDENT = {
     "xsens_mtdata2.outputs": xbus(0xC1, bytes.fromhex("10a00001")),
     "ccsds_jpss1.ephemeris": jpss_packet(),
     "ccsds_jpss1.fill": struct.pack(">HHH", 2047, 3 << 14, 3) + b"\x55" * 4,
+    **ubx_sensors(),
     "ublox_ubx.timegps": ubx(0x0120, struct.pack("<IihbBI", 197594600, -187654, 2446, 18, 7, 25)),
 }
 

@@ -225,7 +225,7 @@ messages:
   other: {value: 1, fields: [{name: body, type: bytes, count: rest}], golden: "aa 06 01 41 42 8a", expect: {kind: 1}}
 crc: {name: sum-8, over: [length, END]}
 """
-    with pytest.raises(InputErrors, match="covers 'body', which is no field of the message 'other'"):
+    with pytest.raises(InputErrors, match="covers 'body', which is no field at a fixed place of the message 'other'"):
         parse_frame(text.replace("END", "body"), "named.yaml")
     link = LinkDecoder(parse_frame(text.replace("END", "end"), "named.yaml"))
     link.push(0, bytes.fromhex("aa 06 01 41 42 8a aa 05 02 41 48"))

@@ -1,0 +1,126 @@
+"""Frames whose contents vary: groups, optional parts, items, fields behind bytes of variable length.
+
+What stands in such a frame becomes a row of fixed length, in which every field has its place, so that all behind it is
+as for other frames. What a frame does not hold is NaN where it is a float, else zero, and its number says so.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.frame.element import read_element
+from bench.frame.layout import Item, Message, Part
+
+Contents = tuple[bytes, bytes]
+"""Row of a frame, and its bytes of variable length."""
+
+
+def unpacked(message: Message, frame: bytes, stop: int) -> Contents | str:
+    """Return what stands in a frame before byte ``stop``, or why it does not fit the message."""
+    row, rest, at = bytearray(message.blank), b"", message.head
+    row[:at] = frame[:at]
+    for part in message.parts:
+        size = stop - at - part.behind if part.open_ended else _held(part, row)
+        if size < 0 or at + size > stop:
+            return f"holds too few bytes for {part.name!r}"
+        if part.kind == "items":
+            problem = _take_items(part, frame[at : at + size], row)
+            if problem:
+                return problem
+        elif part.kind == "rest":
+            rest = frame[at : at + size]
+        else:
+            row[part.at : part.at + size] = frame[at : at + size]
+        at += size
+    return (bytes(row), rest) if at == stop else f"holds {stop - at} bytes behind its last field"
+
+
+def wire_length(message: Message, head: bytes) -> int:
+    """Return how long a frame is up to its last field, as what it begins with says; 0 if that makes no sense."""
+    length = message.head
+    for part in message.parts:
+        size = _held(part, head)
+        if size < 0:
+            return 0
+        length += size
+    return length
+
+
+def packed(message: Message, row: bytes, rest: bytes) -> bytes:
+    """Return the frame of a row, up to its last field."""
+    wire = row[: message.head]
+    for part in message.parts:
+        if part.kind == "rest":
+            wire += rest
+        elif part.kind == "items":
+            wire += b"".join(_written(part, item, row) for item in part.items if row[item.at])
+        else:
+            wire += row[part.at : part.at + _held(part, row)]
+    return wire
+
+
+def rows_of_parts(message: Message, frames: Iterable[bytes], tail: int) -> tuple[NDArray[np.uint8], list[bytes] | None]:
+    """Return rows (n, body) uint8 of frames that fit, and their bytes of variable length if the message has any."""
+    found = [unpacked(message, frame, len(frame) - tail) for frame in frames]
+    contents = [content for content in found if not isinstance(content, str)]
+    rows = np.frombuffer(b"".join(row for row, _ in contents), np.uint8).reshape(len(contents), message.body)
+    return rows, None if message.rest is None else [rest for _, rest in contents]
+
+
+def _held(part: Part, row: bytes | bytearray) -> int:
+    """Return how many bytes of a part a frame holds, -1 if they are more than its row has."""
+    if part.by is None:
+        return part.size
+    value = int(read_element(row, part.by))
+    if part.bits is not None:
+        value = value >> part.bits[0] & (1 << part.bits[1]) - 1
+    if part.kind == "optional":
+        return part.size if value else 0
+    return part.size * value if value <= part.most else -1
+
+
+def _take_items(part: Part, body: bytes, row: bytearray) -> str:
+    """Put the items that are listed where their row has them; gives why they do not fit, "" if they do."""
+    listed = {item.number: item for item in part.items}
+    order = "big" if part.big else "little"
+    at, head = 0, part.id_size + part.length_size
+    while at < len(body):
+        if at + head > len(body):
+            return f"ends within the head of an item of {part.name!r}"
+        number = int.from_bytes(body[at : at + part.id_size], order)  # type: ignore[arg-type]
+        size = int.from_bytes(body[at + part.id_size : at + head], order)  # type: ignore[arg-type]
+        at += head
+        if at + size > len(body):
+            return f"ends within the item 0x{number:x} of {part.name!r}"
+        item = listed.get(number)
+        if item is not None and size != item.size:
+            return f"states {size} bytes for the item {item.name!r}, which has {item.size}"
+        if item is not None and row[item.at]:
+            return f"holds the item {item.name!r} twice"
+        if item is not None:
+            row[item.at : item.at + 1 + size] = b"\1" + body[at : at + size]
+        at += size
+    missing = next((item.name for item in part.items if item.required and not row[item.at]), "")
+    return f"lacks the item {missing!r}" if missing else ""
+
+
+def _written(part: Part, item: Item, row: bytes) -> bytes:
+    order = "big" if part.big else "little"
+    head = item.number.to_bytes(part.id_size, order) + item.size.to_bytes(part.length_size, order)  # type: ignore[arg-type]
+    return head + row[item.at + 1 : item.at + 1 + item.size]
+
+
+def blank_row(message: Message) -> bytes:
+    """Return the row of a frame that holds nothing that it need not hold."""
+    row = bytearray(message.body)
+    for field in message.fields:
+        if field.given and field.kind == "f":
+            nan = struct.pack((">" if field.big else "<") + ("f" if field.size == 4 else "d"), np.nan)
+            for element in range(field.count or 1):
+                at, _ = field.place(element)
+                row[at : at + field.size] = nan
+    return bytes(row)
