@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from bench.frame.compile_fields import Fail, place_fields
+from bench.frame.compiling.fields import Fail, place_fields
 from bench.frame.element import read_element
 from bench.frame.layout import Field, Message, field_content
 from bench.frame.spec import CommandSpec, FieldSpec, FrameSpec

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from bench.frame.batch import Arrivals, FrameBatch, FrameCounts
 from bench.frame.best import Engine, Kernel, best_engine, kernel, why_no_kernel
 from bench.frame.commands import CommandLayout, canonical_commands
-from bench.frame.compile import compile_frame
-from bench.frame.compile_fields import read_hex
+from bench.frame.compiling.fields import read_hex
+from bench.frame.compiling.whole import compile_frame
 from bench.frame.crc import require_fast_crc
 from bench.frame.encode import encode_frame, encode_rows
 from bench.frame.escape import ESCAPES

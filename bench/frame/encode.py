@@ -220,7 +220,7 @@ def _out_of_range(name: str, values: NDArray[Any], low: int, high: int) -> Input
 
 def _store(target: NDArray[np.uint8], values: NDArray[Any], item: Field) -> None:
     count, elements = values.shape
-    if item.packed:
+    if item.packed or item.step:
         _store_bits(target, values, item)
         return
     width = values.dtype.itemsize
@@ -231,7 +231,9 @@ def _store(target: NDArray[np.uint8], values: NDArray[Any], item: Field) -> None
 
 
 def _store_bits(target: NDArray[np.uint8], values: NDArray[Any], item: Field) -> None:
-    """Set the bits of integers that are no whole bytes; those of their neighbours stay."""
+    """Set the bits of elements that are no whole bytes or lie apart; those of their neighbours stay."""
+    if item.kind == "f":
+        values = np.ascontiguousarray(values).view(f"u{item.size}")
     for element in range(values.shape[1]):
         at, odd = item.place(element)
         size = -(-(odd + item.width) // 8)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from bench.frame.element import read_element
 from bench.frame.layout import Item, Message, Part
+from bench.model.errors import InputError
 
 Contents = tuple[bytes, bytes]
 """Row of a frame, and its bytes of variable length."""
@@ -51,7 +52,7 @@ def wire_length(message: Message, head: bytes) -> int:
 
 
 def packed(message: Message, row: bytes, rest: bytes) -> bytes:
-    """Return the frame of a row, up to its last field."""
+    """Return the frame of a row, up to its last field. Raises: InputError B-FRAME-021 for too many sets of a group."""
     wire = row[: message.head]
     for part in message.parts:
         if part.kind == "rest":
@@ -59,7 +60,11 @@ def packed(message: Message, row: bytes, rest: bytes) -> bytes:
         elif part.kind == "items":
             wire += b"".join(_written(part, item, row) for item in part.items if row[item.at])
         else:
-            wire += row[part.at : part.at + _held(part, row)]
+            size = _held(part, row)
+            if size < 0:
+                text = f"{part.name!r} has more than {part.most} sets"
+                raise InputError("B-FRAME-021", text, where="frame encoder", next_step="raise its 'max'")
+            wire += row[part.at : part.at + size]
     return wire
 
 

@@ -16,7 +16,7 @@ from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, why_no_kernel
 from bench.frame.best import kernel
 from bench.frame.kernel.arrays import arrays_of, holds
 from bench.frame.kernel_engine import KernelDecoder
-from bench.frame.layout import Field, Message
+from bench.frame.layout import Field, Layout, Message
 
 SHIPPED = tuple(sorted(path.stem for path in (ROOT / "frames").glob("*.yaml")))
 NAMES = tuple(name for name in SHIPPED if frame(name).layout.lines is None)  # lines have one decoder only
@@ -28,15 +28,22 @@ SHORT, FULL = 78, 1000
 Generator = np.random.Generator
 
 
-def random_values(definition: FrameDefinition, message: Message, generator: Generator) -> dict[str, Any]:
+def random_values(layout: Layout, message: Message, generator: Generator) -> dict[str, Any]:
     values: dict[str, Any] = {}
-    layout = definition.layout
     holders = (layout.length_field, layout.type_field, layout.check_field)
     framing = {item.name for item in holders if item is not None}
+    framing |= {item.given.partition(".")[0] for item in message.fields}
+    framing |= {one.name for part in message.parts for one in part.items}
+    there: dict[str, int] = {}
     for item in message.fields:
         if item.constant is not None or item.name in framing:
             continue
-        values[item.name] = random_field(item, generator)
+        if item.given:
+            most = item.count or 1 if item.step else 1
+            there.setdefault(item.given, int(generator.integers(0, most + 1)))
+        if not item.given or there[item.given]:
+            value = random_field(item, generator)
+            values[item.name] = value[0, : there[item.given]] if item.step else value
     return values
 
 
@@ -82,7 +89,7 @@ def damaged_stream(definition: FrameDefinition, generator: Generator) -> bytes:
     kinds = DAMAGE if generator.random() < 0.5 else (DAMAGE[generator.integers(len(DAMAGE))],)
     for _ in range(int(generator.integers(1, 90))):
         message = definition.message(definition.messages[generator.integers(len(definition.messages))])
-        frame = bytearray(definition.encode_one(random_values(definition, message, generator), message.name))
+        frame = bytearray(definition.encode_one(random_values(definition.layout, message, generator), message.name))
         if generator.random() < share:
             frame = damage(kinds[generator.integers(len(kinds))], frame, definition.layout.pattern, generator)
         stream += frame

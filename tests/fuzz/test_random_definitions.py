@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from test_frame_engines import DAMAGE, Generator, chunks_of, damage, everything, random_field, random_values
+from test_frame_engines import DAMAGE, Generator, chunks_of, damage, everything, random_values
 
 from bench.frame import FrameDefinition, parse_frame, why_no_kernel
 from bench.frame.catalogue import find_model
-from bench.frame.compile import compile_frame
+from bench.frame.compiling.whole import compile_frame
 from bench.frame.crc import CHECKSUMS, Crc
 from bench.frame.encode import encode_frame
 from bench.frame.escape import ESCAPES
@@ -98,7 +98,7 @@ def random_spec(rng: Generator) -> Spec:
         field, name, values = framing("kind", rng)
         runs.insert(int(rng.integers(len(runs) + 1)), [field])
         spec["type"] = {"field": name}
-        spec["messages"] = random_messages(values, varies, rng)
+        spec["messages"] = random_messages(values, varies, spec["length"]["times"] if varies else 1, rng)
         if varies and rng.random() < 0.5:
             spec["other"] = True
     elif varies:
@@ -117,22 +117,59 @@ def random_spec(rng: Generator) -> Spec:
     return spec
 
 
-def random_messages(values: int, varies: bool, rng: Generator) -> dict[str, Spec]:
+def random_messages(values: int, varies: bool, times: int, rng: Generator) -> dict[str, Spec]:
     messages: dict[str, Spec] = {}
     for number, value in enumerate(rng.choice(min(values, 4096), int(rng.integers(1, 4)), replace=False).tolist()):
-        fields = chain(*random_fields(f"own{number}_", rng))
-        rest = [{"name": "rest", "type": "bytes", "count": "rest"}] if varies else []
-        messages[f"m{number}"] = {"value": value, "fields": [*fields, *rest], "golden": "00", "expect": {"none": 1}}
+        fields = list(chain(*random_fields(f"own{number}_", rng)))
+        if varies:
+            fields += [*random_parts(f"part{number}_", rng), {"name": "rest", "type": "bytes", "count": "rest"}]
+        if varies and rng.random() < 0.2:
+            fields += chain(*random_fields(f"behind{number}_", rng))
+        if varies and times == 1 and rng.random() < 0.2:
+            fields[fields.index({"name": "rest", "type": "bytes", "count": "rest"})] = random_items(number, rng)
+        messages[f"m{number}"] = {"value": value, "fields": fields, "golden": "00", "expect": {"none": 1}}
     return messages
+
+
+def bare(fields: list[list[Spec]]) -> list[Spec]:
+    """Fields without what those that may be absent cannot have."""
+    return [{key: value for key, value in field.items() if key != "constant"} for field in chain(*fields)]
+
+
+def random_parts(prefix: str, rng: Generator) -> list[Spec]:
+    """Groups and optional parts, each with what says how often it is there."""
+    parts: list[Spec] = []
+    for number in range(int(rng.integers(0, 3))):
+        name = f"{prefix}{number}"
+        fields = bare(random_fields(f"{name}_", rng))
+        if rng.random() < 0.5:
+            sets = [{key: value for key, value in field.items() if key != "count"} for field in fields]
+            sets = [field | {"type": "u8" if field["type"] == "bytes" else field["type"]} for field in sets]
+            bits = sum(int(field["type"][1:]) for field in sets)
+            sets += [{"name": f"{name}_end", "type": f"u{8 - bits % 8}"}] if bits % 8 else []
+            wide = [field for field in sets if int(field["type"][1:]) > 56]
+            if not (wide and bits % 8):
+                group = {"group": name, "count": f"{name}_n", "max": int(rng.integers(1, 6)), "fields": sets}
+                parts += [{"name": f"{name}_n", "type": "u8"}, group]
+            continue
+        flags = {"name": f"{name}_flags", "type": "u16", "bits": {"there": int(rng.integers(16))}}
+        parts += [flags, {"optional": name, "when": f"{name}_flags.there", "fields": fields}]
+    return parts
+
+
+def random_items(number: int, rng: Generator) -> Spec:
+    ids = rng.choice(256, int(rng.integers(1, 4)), replace=False).tolist()
+    of: Spec = {}
+    for one in ids:
+        fields = bare(random_fields(f"held{number}_{one}_", rng))
+        of[f"item{number}_{one}"] = {"id": one, "required": bool(rng.random() < 0.3), "fields": fields}
+    kinds = {"id": one_of(("u8", "u16"), rng), "length": one_of(("u16", "u24"), rng)}
+    return {"items": f"items{number}", **kinds, "of": of}
 
 
 def encoded(spec: Spec, layout: Any, message: Any, rng: Generator) -> bytes:
     """A frame of a message with random values; of a length that the length field can say."""
-    values = {
-        item.name: random_field(item, rng)
-        for item in message.fields
-        if item.constant is None and item not in (layout.length_field, layout.type_field, layout.check_field)
-    }
+    values = random_values(layout, message, rng)
     for _ in range(4):
         try:
             return encode_frame(layout, message, values)
@@ -213,7 +250,7 @@ def test_values_of_a_random_definition_are_those_encoded() -> None:
     for _ in range(100):
         definition = with_golden(random_spec(rng), rng)
         message = definition.layout.messages[0]
-        values = random_values(definition, message, rng)
+        values = random_values(definition.layout, message, rng)
         values.pop("rest", None)
         try:
             given = values | ({"rest": b"1234"} if message.rest is not None else {})
@@ -223,6 +260,9 @@ def test_values_of_a_random_definition_are_those_encoded() -> None:
             continue
         batch = definition.decoder("reference").feed(frame).messages[message.name]
         for name, value in given.items():
-            assert bytes(batch.raw(name)[0].tobytes() if name != "rest" else batch.raw(name)[0]) == (
-                value if name == "rest" else np.asarray(value, batch.raw(name).dtype).tobytes()
-            )
+            mine = batch.raw(name)[0]
+            due = value if name == "rest" else np.asarray(value, batch.raw(name).dtype).tobytes()
+            assert bytes(mine if name == "rest" else mine.tobytes()[: len(due)]) == due
+        for item in message.fields:
+            if item.given and item.name not in given and item.kind != "b":
+                assert np.isnan(batch.scaled(item.name)).all()

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from bench.frame.compile_fields import Fail, Placer
+from bench.frame.compiling.fields import Fail, Placer
 from bench.frame.layout import Field, Item, Part, Span
 from bench.frame.spec import AnyField, FieldSpec, GroupSpec, ItemsSpec, OptionalSpec
 from bench.model.yamlio import Path_

@@ -1,0 +1,1 @@
+"""From a checked YAML document to a layout."""

@@ -1,0 +1,209 @@
+"""Groups, optional parts, items, fields behind bytes of variable length, integers of any bits: against struct."""
+
+from __future__ import annotations
+
+import json
+import struct
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pytest
+from record_sample import frame as frame_of
+
+from bench.frame import Engine, FrameDefinition
+from bench.frame.definition import parse_frame
+from bench.model.errors import InputError, InputErrors
+
+SEED = 2020
+STATION = "d3 00 13 3e d7 d3 02 02 98 0e de ef 34 b4 bd 62 ac 09 41 98 6f 33 36 0b 98"  # the example of RTCM 10403
+HEAD = [{"name": "length", "type": "u8"}, {"name": "flags", "type": "u8", "bits": {"extra": 0, "sets": "1-3"}}]
+GROUP = {"group": "sets", "count": "flags.sets", "max": 3,
+         "fields": [{"name": "axis", "type": "u8"}, {"name": "rate", "type": "f32", "unit": "deg/s"}]}  # fmt: skip
+EXTRA = {"optional": "extra", "when": "flags.extra", "fields": [{"name": "temperature", "type": "i16", "scale": 0.5}]}
+ITEMS = {"items": "outputs", "id": "u8", "length": "u8",
+         "of": {"force": {"id": 7, "fields": [{"name": "accel", "type": "f64"}]},
+                "time": {"id": 8, "required": True, "fields": [{"name": "tick", "type": "u32"}]},
+                "mark": {"id": 9}}}  # fmt: skip
+LENGTH = {"field": "length", "plus": 0, "max": 200}
+
+
+def of(parts: list[dict[str, Any]], golden: bytes, **more: Any) -> FrameDefinition:
+    spec = {"frame": "parts", "endian": "little", "sync": [0xA5], "length": LENGTH, "fields": [*HEAD, *parts],
+            "crc": {"name": "sum-8", "over": ["sync", "end"]}, "golden": golden.hex(),
+            "expect": {"flags": golden[2]}}  # fmt: skip
+    return parse_frame(
+        json.dumps({key: value for key, value in (spec | more).items() if value is not None}), "parts.yaml"
+    )
+
+
+def sealed(flags: int, body: bytes) -> bytes:
+    frame = struct.pack("3B", 0xA5, len(body) + 4, flags) + body
+    return frame + bytes([sum(frame) % 256])
+
+
+TWO_SETS = sealed(2 << 1 | 1, struct.pack("<BfBfh", 3, 1.5, 4, -2.5, -41))
+NO_SET = sealed(0, b"")
+
+
+@pytest.mark.parametrize("engine", ["reference", "numpy"])
+def test_a_group_and_an_optional_part(engine: Engine) -> None:
+    definition = of([GROUP, EXTRA], TWO_SETS)
+    batch = definition.decoder(engine).feed(TWO_SETS + NO_SET + TWO_SETS).messages["frame"]
+    assert batch.offset.tolist() == [0, len(TWO_SETS), len(TWO_SETS) + len(NO_SET)]
+    assert batch.raw("axis").tolist() == [[3, 4, 0], [0, 0, 0], [3, 4, 0]]
+    np.testing.assert_array_equal(batch.scaled("rate")[:2], [[1.5, -2.5, np.nan], [np.nan] * 3])
+    np.testing.assert_array_equal(batch.scaled("temperature"), [-20.5, np.nan, -20.5])
+    assert batch.there("axis").tolist() == [2, 0, 2]  # type: ignore[union-attr]
+
+
+def test_what_is_encoded_is_what_struct_makes() -> None:
+    definition = of([GROUP, EXTRA], TWO_SETS)
+    assert definition.encode_one({"axis": [3, 4], "rate": [1.5, -2.5], "temperature": -41}) == TWO_SETS
+    assert definition.encode_one({}) == NO_SET
+    assert definition.encode_one({"flags": 0}) == NO_SET
+    with pytest.raises(InputError, match="more than 3 sets") as caught:
+        definition.encode_one({"flags": 4 << 1, "axis": [1, 2, 3], "rate": [1, 2, 3]})
+    assert caught.value.code == "B-FRAME-021"
+    with pytest.raises(InputError, match="no value for the field 'rate'"):
+        definition.encode_one({"axis": [3, 4]})
+
+
+@pytest.mark.parametrize("engine", ["reference", "numpy"])
+@pytest.mark.parametrize(
+    "frame",
+    [
+        sealed(3 << 1, struct.pack("<BfBf", 3, 1.5, 4, -2.5)),  # a set too few
+        sealed(4 << 1, struct.pack("<BfBfBfBf", *(1, 1.0) * 4)),  # more than max
+        sealed(1, b""),
+        sealed(0, b"\x01\x02"),  # bytes behind the last field
+    ],
+)
+def test_contents_that_do_not_fit_are_one_bad_frame(frame: bytes, engine: Engine) -> None:
+    decoder = of([GROUP, EXTRA], TWO_SETS).decoder(engine)
+    found = decoder.feed(TWO_SETS + frame + NO_SET)
+    assert len(found.messages["frame"]) == 2
+    assert found.bad_offset.tolist() == [len(TWO_SETS)]
+
+
+@pytest.mark.parametrize("engine", ["reference", "numpy"])
+def test_counts_in_front_say_how_long_a_frame_is(engine: Engine) -> None:
+    print(f"seed {SEED}")
+    draw = np.random.default_rng(SEED)
+    whole = of([GROUP, EXTRA], TWO_SETS, length=None)
+    pieces = [TWO_SETS, NO_SET, sealed(0x7F, bytes(20)), b"\xa5", b"\xa5\x00", TWO_SETS[:-3], b"\x00"]
+    for _ in range(60):
+        stream = b"".join(pieces[index] for index in draw.integers(0, len(pieces), 10))
+        due = whole.decoder("reference")
+        offsets = [*due.feed(stream).messages["frame"].offset, *due.finish().messages["frame"].offset]
+        cuts = [0, *sorted(draw.integers(0, len(stream), 6).tolist()), len(stream)]
+        parts = whole.decoder(engine)
+        found = [parts.feed(stream[low:high]) for low, high in pairwise(cuts)] + [parts.finish()]
+        assert [at for batch in found for at in batch.messages["frame"].offset] == offsets
+        assert parts.counts == due.counts
+
+
+@pytest.mark.parametrize("engine", ["reference", "numpy"])
+def test_items_in_any_order(engine: Engine) -> None:
+    time, force, mark, other = (
+        struct.pack("<BBI", 8, 4, 12345),
+        struct.pack("<BBd", 7, 8, 9.81),
+        b"\x09\x00",
+        b"\x63\x02ab",
+    )
+    golden = sealed(0, other + force + time)
+    definition = of([ITEMS], golden)
+    batch = definition.decoder(engine).feed(golden + sealed(0, time + mark)).messages["frame"]
+    assert batch.raw("tick").tolist() == [12345, 12345]
+    assert (batch.raw("force").tolist(), batch.raw("mark").tolist()) == ([1, 0], [0, 1])
+    np.testing.assert_array_equal(batch.raw("accel"), [9.81, np.nan])
+    assert definition.encode_one({"flags": 0, "tick": 12345, "accel": 9.81}) == sealed(0, force + time)
+    bad = [force, time + time, struct.pack("<BBH", 8, 2, 1), time + b"\x07", time + b"\x07\x08\x00"]
+    decoder = definition.decoder(engine)
+    decoder.feed(b"".join(sealed(0, body) for body in bad))
+    assert (decoder.counts.frames, decoder.counts.bad >= len(bad)) == (0, True)
+
+
+@pytest.mark.parametrize("engine", ["reference", "numpy"])
+def test_fields_behind_bytes_of_variable_length(engine: Engine) -> None:
+    parts = [{"name": "text", "type": "bytes", "count": "rest"}, {"name": "status", "type": "u16"}]
+    golden = sealed(0, b"hello" + struct.pack("<H", 513))
+    definition = of(parts, golden)
+    batch = definition.decoder(engine).feed(golden + sealed(0, b"\x01\x02")).messages["frame"]
+    assert (batch.raw("text").tolist(), batch.raw("status").tolist()) == ([b"hello", b""], [513, 513])
+    assert definition.encode_one({"flags": 0, "text": b"hello", "status": 513}) == golden
+
+
+def test_the_published_example_of_a_reference_station() -> None:
+    batch = frame_of("rtcm3").decoder().feed(bytes.fromhex(STATION)).messages["station"]
+    place = [float(batch.scaled(name)[0]) for name in "xyz"]
+    assert place == pytest.approx([1114104.5999, -4850729.7108, 3975521.4643], abs=1e-9)
+    assert batch.raw("station").tolist() == [2003]
+
+
+@pytest.mark.parametrize("endian", ["big", "little"])
+def test_integers_of_any_number_of_bits(endian: str) -> None:
+    print(f"seed {SEED}")
+    draw = np.random.default_rng(SEED)
+    for _ in range(200):
+        widths = draw.integers(1, 54, int(draw.integers(1, 8))).tolist()
+        widths += [8 - sum(widths) % 8] if sum(widths) % 8 else []
+        body = draw.bytes(sum(widths) // 8)
+        bits = int.from_bytes(body, endian)  # type: ignore[arg-type]
+        due, at = [], 0
+        for width in widths:
+            low = sum(widths) - at - width if endian == "big" else at
+            due.append(bits >> low & (1 << width) - 1)
+            at += width
+        fields = [{"name": f"f{number}", "type": f"{'ui'[number % 2]}{width}"} for number, width in enumerate(widths)]
+        golden = sealed(0, body)
+        for engine in ("reference", "numpy"):
+            batch = of(fields, golden, endian=endian).decoder(engine).feed(golden).messages["frame"]  # type: ignore[arg-type]
+            for number, (width, value) in enumerate(zip(widths, due, strict=True)):
+                signed = value - (1 << width) if number % 2 and value >> width - 1 else value
+                assert int(batch.raw(f"f{number}")[0]) == signed
+
+
+def test_bytes_in_front_of_the_sync_bytes() -> None:
+    spec = {"frame": "behind", "endian": "big", "sync": [0xAA, 0x55], "sync_at": 2,
+            "fields": [{"name": "count", "type": "u16"}, {"name": "value", "type": "u8"}],
+            "crc": {"name": "sum-8", "over": ["count", "end"]}, "golden": "", "expect": {"count": 258}}  # fmt: skip
+    frame = bytes.fromhex("01 02 aa 55 07 09")
+    definition = parse_frame(json.dumps(spec | {"golden": (frame[:5] + bytes([sum(frame[:5]) % 256])).hex()}), "s.yaml")
+    frame = definition.encode_one({"count": 258, "value": 7})
+    assert frame[:5] == bytes.fromhex("0102aa5507")
+    for engine in ("reference", "numpy"):
+        decoder = definition.decoder(engine)  # type: ignore[arg-type]
+        batch = decoder.feed(b"\xaa\x55\x00" + frame + b"\x00" + frame).messages["frame"]
+        assert batch.offset.tolist() == [3, 4 + len(frame)]
+    for changes, words in (({"sync_at": 1}, "lies over the sync bytes"), ({"sync_at": 3}, "no field stands behind"),
+                           ({"sync": []}, "no sync bytes")):  # fmt: skip
+        with pytest.raises(InputErrors, match=words):
+            parse_frame(json.dumps(spec | changes), "s.yaml")
+
+
+@pytest.mark.parametrize(
+    ("parts", "more", "code", "words"),
+    [
+        ([GROUP | {"count": "number"}], {}, "B-FRAME-015", "in front of it"),
+        ([GROUP | {"fields": [{"name": "a", "type": "bytes", "count": 2}]}], {}, "B-FRAME-015", "is one number"),
+        ([GROUP | {"fields": [{"name": "a", "type": "u8", "role": "counter"}]}], {}, "B-FRAME-015", "'role'"),
+        ([EXTRA | {"fields": [{"name": "a", "type": "u8", "constant": 1}]}], {}, "B-FRAME-015", "'constant'"),
+        ([EXTRA | {"when": "flags.none"}], {}, "B-FRAME-015", "in front of it"),
+        ([ITEMS | {"of": {"a": {"id": 256}}}], {}, "B-FRAME-015", "no u8"),
+        ([ITEMS | {"of": {"a": {"id": 1}, "b": {"id": 1}}}], {}, "B-FRAME-015", "is taken"),
+        ([ITEMS, GROUP], {}, "B-FRAME-002", "stand alone"),
+        ([ITEMS], {"length": None}, "B-FRAME-006", "must carry its length"),
+        ([GROUP, EXTRA], {"crc": {"name": "sum-8", "over": ["flags", "rate"]}}, "B-FRAME-008", "at a fixed place"),
+        ([GROUP | {"fields": [{"name": "a", "type": "u3"}]}], {}, "B-FRAME-002", "add one of 5 bits"),
+        ([{"name": "a", "type": "u4"}, {"name": "b", "type": "f32"}], {}, "B-FRAME-002", "begins 4 bits behind"),
+        ([{"name": "a", "type": "u4"}, {"name": "b", "type": "u64"}], {}, "B-FRAME-002", "nine bytes"),
+        ([{"name": "a", "type": "u4", "constant": 1}], {}, "B-FRAME-005", "whole bytes"),
+        ([GROUP | {"maximum": 3}], {}, "B-YAML-010", "maximum"),
+        ([GROUP, EXTRA], {"golden": sealed(3 << 1, b"")}, "B-FRAME-011", "too few bytes for 'sets'"),
+    ],
+)
+def test_mistakes_say_what_to_do(parts: list[Any], more: dict[str, Any], code: str, words: str) -> None:
+    with pytest.raises(InputErrors) as caught:
+        of(parts, more.pop("golden", TWO_SETS), **more)
+    assert any(error.code == code and words in error.message + error.next_step for error in caught.value.errors)
