@@ -66,12 +66,22 @@ class MessageBatch:
         values = self.raw(name).astype(np.float64)
         if "." not in name and item.scaled:
             values = values * item.scale + item.shift
-        there = self.there(name)
-        if there is not None:
-            number = np.arange(item.count or 1) if item.step else np.zeros(item.count or 1)
-            missing = number >= there[:, None]
-            values[missing if values.ndim > 1 else missing[:, 0]] = np.nan
+        missing = self.missing(name)
+        if missing is not None:
+            values[missing] = np.nan
         return values
+
+    def missing(self, name: str) -> NDArray[np.bool_] | None:
+        """Return where a frame does not hold a value of a group or of an optional part, shaped as the values are.
+
+        None for a field that every frame holds.
+        """
+        item, there = self._field(name), self.there(name)
+        if there is None:
+            return None
+        number = np.arange(item.count or 1) if item.step else np.zeros(item.count or 1)
+        missing: NDArray[np.bool_] = number >= there[:, None]
+        return missing[:, 0] if item.count is None else missing
 
     def there(self, name: str) -> NDArray[Any] | None:
         """Return how many elements of a field of a group are there, of an optional one whether; (n,), None: always."""
@@ -79,17 +89,22 @@ class MessageBatch:
         return self.raw(item.given) if item.given else None
 
     def newest(self, name: str) -> float:
-        """Return the value of a field in the last frame, in its unit; of an array the mean. At least one is needed."""
-        item, column = self._field(name), self.raw(name)
+        """Return the value of a field in the last frame, in its unit; of an array the mean. At least one is needed.
+
+        NaN where the frame does not hold it, or not all of it.
+        """
+        item = self._field(name)
+        column = self.scaled(name)[-1:] if item.given else self.raw(name)
+        if item.given:
+            return float(column.mean())
         last = column[-1].astype(np.float64)
         if item.scaled and "." not in name:
             last = last * item.scale + item.shift
         return float(last) if column.ndim == 1 else float(np.add.reduce(last) / len(last))
 
     def has_scale(self, name: str) -> bool:
-        """Return whether physical and raw values of a field differ, or some may not be there."""
-        item = self._field(name)
-        return "." not in name and (item.scaled or (bool(item.given) and item.kind != "b"))
+        """Return whether physical and raw values of a field differ."""
+        return "." not in name and self._field(name).scaled
 
     def columns(self) -> dict[str, NDArray[Any]]:
         """Return all fields by name, in wire order."""

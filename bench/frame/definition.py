@@ -291,9 +291,13 @@ def _compare(document: Document[FrameSpec], layout: Layout, message: Message, go
         except InputError as error:
             errors.append(InputError("B-FRAME-013", error.message, where=where, next_step=error.next_step))
             continue
-        there = batch.there(name)
-        if there is not None and message.by_name[name.partition(".")[0]].step:
-            raw, physical = raw[: there[0]], None if physical is None else physical[: there[0]]
+        missing = batch.missing(name)
+        if missing is not None and message.by_name[name.partition(".")[0]].step:
+            raw, physical = raw[~missing[0]], None if physical is None else physical[~missing[0]]
+        elif missing is not None and missing.any():
+            text = f"the golden frame does not hold {name}, expected is {due}"
+            errors.append(InputError("B-FRAME-012", text, where=where, next_step=_NEXT))
+            continue
         if not _equal(raw, physical, due):
             text = f"{name} of the golden frame is {_printed(raw, physical)}, expected is {due}"
             errors.append(InputError("B-FRAME-012", text, where=where, next_step=_NEXT))

@@ -132,7 +132,7 @@ def _unwritten(error: OSError, path: Path) -> InputError:
 
 
 def _columns(batch: MessageBatch, part: slice) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield title and values of each column; bytes are an object array of bytes."""
+    """Yield title and values of each column; bytes are an object array of bytes; what is not there is masked."""
     yield "offset", batch.offset[part]
     for item in batch.message.fields:
         if item.constant is None:
@@ -140,29 +140,37 @@ def _columns(batch: MessageBatch, part: slice) -> Iterator[tuple[str, NDArray[An
 
 
 def _of_field(batch: MessageBatch, item: Field, part: slice) -> Iterator[tuple[str, NDArray[Any]]]:
-    unit = f" [{item.unit}]" if item.unit else ""
-    if item.kind == "b":
-        raw = batch.raw(item.name)[part]
-        values = np.empty(len(raw), object)
-        values[:] = [bytes(value) for value in raw]
-        yield f"{item.name}{unit}", values
-        return
-    values = (batch.scaled(item.name) if batch.has_scale(item.name) else batch.raw(item.name))[part]
-    if item.count is not None:
-        yield from ((f"{item.name}_{index + 1}{unit}", values[:, index]) for index in range(item.count))
-        return
-    yield f"{item.name}{unit}", values
-    yield from ((f"{item.name}.{name}", batch.raw(f"{item.name}.{name}")[part]) for name in item.bits)
+    missing = batch.missing(item.name)
+    for name in (item.name, *(f"{item.name}.{bits}" for bits in item.bits)):
+        unit = f" [{item.unit}]" if item.unit and name == item.name else ""
+        values = (batch.scaled(name) if batch.has_scale(name) else batch.raw(name))[part]
+        if item.kind == "b":
+            values = _whole(values)
+        if missing is not None:
+            values = np.ma.array(values, mask=missing[part, 0] if item.kind == "b" else missing[part])
+        if values.ndim == 1:
+            yield f"{name}{unit}", values
+        else:
+            yield from ((f"{name}_{index + 1}{unit}", values[:, index]) for index in range(item.count or 0))
+
+
+def _whole(raw: NDArray[Any]) -> NDArray[Any]:
+    """Return the bytes of each frame as one object."""
+    values = np.empty(len(raw), object)
+    values[:] = [bytes(value) for value in raw]
+    return values
 
 
 def _texts(values: NDArray[Any]) -> list[Any]:
     """Return values as CSV has them; floats in the fewest digits that give the same number back, bytes as hex."""
     if values.dtype == object:
-        return [value.hex() for value in values]
+        return [None if value is None else value.hex() for value in values.tolist()]
     return list((values.astype(str) if values.dtype == np.float32 else values).tolist())
 
 
 def _arrow(pyarrow: Any, values: NDArray[Any], kind: Any) -> Any:
-    return pyarrow.array(
-        values.tolist() if values.dtype == object else values.astype(values.dtype.newbyteorder("=")), kind
-    )
+    if values.dtype == object:
+        return pyarrow.array(values.tolist(), kind)
+    mask = np.ma.getmaskarray(values) if np.ma.isMaskedArray(values) else None
+    plain = np.ma.getdata(values)
+    return pyarrow.array(plain.astype(plain.dtype.newbyteorder("=")), kind, mask=mask)

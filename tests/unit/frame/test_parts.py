@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import csv
 import json
 import struct
+from io import BytesIO
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from record_sample import frame as frame_of
 
-from bench.frame import Engine, FrameDefinition
+from bench.frame import Engine, FrameDefinition, Tables, decode_capture
 from bench.frame.definition import parse_frame
 from bench.model.errors import InputError, InputErrors
 
@@ -55,6 +58,37 @@ def test_a_group_and_an_optional_part(engine: Engine) -> None:
     np.testing.assert_array_equal(batch.scaled("rate")[:2], [[1.5, -2.5, np.nan], [np.nan] * 3])
     np.testing.assert_array_equal(batch.scaled("temperature"), [-20.5, np.nan, -20.5])
     assert batch.there("axis").tolist() == [2, 0, 2]  # type: ignore[union-attr]
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+def test_what_a_frame_does_not_hold_is_empty_in_a_table(suffix: str, tmp_path: Path) -> None:
+    tags = {"optional": "tags", "when": "flags.extra", "fields": [
+        {"name": "tag", "type": "u64"}, {"name": "state", "type": "u8", "bits": {"on": 0}},
+        {"name": "label", "type": "bytes", "count": 2}]}  # fmt: skip
+    great = 2**63 + 1  # no float holds it
+    full = sealed(1 << 1 | 1, struct.pack("<BfQB2s", 3, 1.5, great, 1, b"ab"))
+    definition, path = of([GROUP, tags], full), tmp_path / f"t{suffix}"
+    with Tables(definition, path) as tables:
+        decode_capture(definition, BytesIO(full + NO_SET), tables.write)
+    if suffix == ".csv":
+        with path.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.DictReader(stream))
+        due: list[dict[str, Any]] = [
+            {"axis_1": "3", "axis_2": "", "tag": str(great), "state.on": "1", "label": "6162"},
+            {"axis_1": "", "axis_2": "", "tag": "", "state.on": "", "label": ""},
+        ]
+    else:
+        rows = pytest.importorskip("pyarrow.parquet").read_table(path).to_pylist()
+        due = [{"axis_1": 3, "axis_2": None, "tag": great, "state.on": 1, "label": b"ab"},
+               {"axis_1": None, "axis_2": None, "tag": None, "state.on": None, "label": None}]  # fmt: skip
+    assert [{name: row[name] for name in due[0]} for row in rows] == due
+
+
+def test_a_newest_value_that_is_not_there_is_nan() -> None:
+    decoder = of([GROUP, EXTRA], TWO_SETS).decoder("numpy")
+    batch = decoder.feed(TWO_SETS + NO_SET).messages["frame"]
+    assert np.isnan(batch.newest("temperature"))
+    assert decoder.feed(NO_SET + TWO_SETS).messages["frame"].newest("temperature") == -20.5
 
 
 def test_what_is_encoded_is_what_struct_makes() -> None:
@@ -201,6 +235,7 @@ def test_bytes_in_front_of_the_sync_bytes() -> None:
         ([{"name": "a", "type": "u4", "constant": 1}], {}, "B-FRAME-005", "whole bytes"),
         ([GROUP | {"maximum": 3}], {}, "B-YAML-010", "maximum"),
         ([GROUP, EXTRA], {"golden": sealed(3 << 1, b"")}, "B-FRAME-011", "too few bytes for 'sets'"),
+        ([GROUP, EXTRA], {"golden": NO_SET, "expect": {"temperature": 0}}, "B-FRAME-012", "does not hold temperature"),
     ],
 )
 def test_mistakes_say_what_to_do(parts: list[Any], more: dict[str, Any], code: str, words: str) -> None:
