@@ -1,28 +1,29 @@
-"""Every shipped format beside the library of its makers and friends, and a simple loop: CPU nanoseconds per frame.
+"""Every shipped format beside the library of its makers and friends, construct and a loop: CPU nanoseconds per frame.
 
 Run: python -m benchmarks.formats [FRAMES]. The stream is golden frames, one after the other. Ours decodes all fields of
-all frames; the loop finds, checks and unpacks one frame at a time (find, crcmod or sum, struct); the libraries parse
-each frame into an object. Libraries that are not installed are left out (extra ``peers``).
+all frames; the loop finds, checks and unpacks one frame at a time (find, crcmod or sum, struct or construct); the
+libraries parse each frame into an object. What is not installed is left out (extras ``peers``, ``benchmark``).
 """
 
 from __future__ import annotations
 
 import io
-import struct
 import sys
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
+from types import ModuleType
 
 from bench.frame import FrameDefinition, LinkDecoder, load_frame
-from bench.frame.layout import Field, Layout
 from benchmarks.decoder import BLOCK_BYTES, FRAMES, chunked, cost_ns
+from benchmarks.rivals import construct_readers, one_by_one, struct_readers
 
-_CODES = {"u1": "B", "u2": "H", "u4": "I", "u8": "Q", "i1": "b", "i2": "h", "i4": "i", "i8": "q", "f4": "f", "f8": "d"}
 _READERS = {
     "ublox_ubx": ("pyubx2", "UBXReader"),
     "septentrio_sbf": ("pysbf2", "SBFReader"),
     "rtcm3": ("pyrtcm", "RTCMReader"),
+    "nmea_0183": ("pynmeagps", "NMEAReader"),
+    "ublox_sensors": ("pyubx2", "UBXReader"),
 }
 _FEW = 2000
 
@@ -42,76 +43,38 @@ def library(reader: Callable[..., object], stream: bytes) -> int:
     return sum(1 for _ in reader(io.BytesIO(stream)))  # type: ignore[attr-defined]
 
 
-def loop(definition: FrameDefinition, stream: bytes) -> int:
-    """Find, check and unpack one frame after the other, as a script for one unit does; gives the frames."""
-    layout, frames, at = definition.layout, 0, 0
-    unpack = {message.type_value: _unpacking(message.fields) for message in layout.messages}
-    bodies = {message.type_value: message for message in layout.messages}
-    pattern = layout.pattern
-    while (at := stream.find(pattern, at)) >= 0 and at + layout.header <= len(stream):
-        kind = _number(stream, at, layout.type_field, layout.type_bits)
-        message = bodies[kind]
-        size = message.length
-        if layout.length_field is not None:
-            stated = _number(stream, at, layout.length_field, layout.length_bits) or 0
-            size = stated * layout.length_times + layout.length_plus
-        if not _checked(layout, stream[at : at + size], message.cover_start, message.cover_stop):
-            at += 1
-            continue
-        for code, offset in unpack[kind]:
-            code.unpack_from(stream, at + offset)
-        frames += 1
-        at += size
-    return frames
-
-
-def _unpacking(fields: tuple[Field, ...]) -> list[tuple[struct.Struct, int]]:
-    """Return one struct for each field that struct knows."""
-    return [
-        (struct.Struct(f"{'>' if item.big else '<'}{item.count or 1}{_CODES[f'{item.kind}{item.size}']}"), item.offset)
-        for item in fields
-        if f"{item.kind}{item.size}" in _CODES
-    ]
-
-
-def _number(stream: bytes, at: int, item: Field | None, bits: tuple[int, int] | None) -> int | None:
-    if item is None:
-        return None
-    begin = at + item.offset
-    value = int.from_bytes(stream[begin : begin + item.size], "big" if item.big else "little")
-    return value if bits is None else value >> bits[0] & (1 << bits[1]) - 1
-
-
-def _checked(layout: Layout, frame: bytes, start: int, stop: int | None) -> bool:
-    size, end = layout.check.size, len(frame) - layout.tail
-    at = end if layout.check_field is None else layout.check_field.offset
-    stored = int.from_bytes(frame[at : at + size], "big" if layout.stored_big else "little")
-    return layout.check.of(frame[start : end if stop is None else stop]) == stored
-
-
 def main() -> None:
     """Print one table."""
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
-    sys.stdout.write(f"{'format':<18} {'bytes':>6} {'ours':>9} {'loop':>9} {'library':>12}   ns per frame\n")
+    sys.stdout.write(
+        f"{'format':<18} {'bytes':>6} {'ours':>9} {'struct':>9} {'construct':>12} {'library':>12}   ns per frame\n"
+    )
+    construct = _module("construct")
     for path in sorted(FRAMES.glob("*.yaml")):
         definition = load_frame(path)
         golden = definition.golden
-        several = b"".join(golden) * (count // len(golden))
-        few = b"".join(golden) * (_FEW // len(golden))
-        frames, some = len(golden) * (count // len(golden)), len(golden) * (_FEW // len(golden))
+        several, few = (b"".join(golden) * (number // len(golden)) for number in (count, _FEW))
+        frames, some = (len(golden) * (number // len(golden)) for number in (count, _FEW))
         fast = cost_ns(partial(ours, definition, chunked(several, BLOCK_BYTES)), frames)
-        slow = cost_ns(partial(loop, definition, few), some)
-        peer = ""
-        if path.stem in _READERS:
-            module, name = _READERS[path.stem]
-            try:
-                reader = getattr(import_module(module), name)
-            except ImportError:
-                peer = "not installed"
-            else:
-                peer = f"{cost_ns(partial(library, reader, few), some, 1):12.0f}"
+        slow = cost_ns(partial(one_by_one, definition, struct_readers(definition), few), some)
+        by_construct = by_library = None
+        if construct is not None and definition.layout.lines is None:
+            readers = construct_readers(definition, construct)
+            by_construct = cost_ns(partial(one_by_one, definition, readers, few), some, 1)
+        module, name = _READERS.get(path.stem, ("", ""))
+        if module and _module(module) is not None:
+            by_library = cost_ns(partial(library, getattr(_module(module), name), few), some, 1)
         size = sum(map(len, golden)) / len(golden)
-        sys.stdout.write(f"{path.stem:<18} {size:6.0f} {fast:9.0f} {slow:9.0f} {peer:>12}\n")
+        rivals = " ".join(f"{'-' if cost is None else f'{cost:.0f}':>12}" for cost in (by_construct, by_library))
+        sys.stdout.write(f"{path.stem:<18} {size:6.0f} {fast:9.0f} {slow:9.0f} {rivals}\n")
+
+
+def _module(name: str) -> ModuleType | None:
+    """Return a module, None where it is not installed."""
+    try:
+        return import_module(name)
+    except ImportError:
+        return None
 
 
 if __name__ == "__main__":
