@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Callable, Iterator, Mapping
-from functools import partial
+from functools import cache, partial
 from itertools import groupby
 from typing import Any
 
@@ -61,12 +61,12 @@ def struct_readers(definition: FrameDefinition) -> dict[str, Read]:
 
 def _struct_reader(message: Message, layout: Layout) -> Read:
     fixed = [item for item in message.fields if not message.parts or item.offset + item.length <= message.head]
-    codes = [(_code(item), item.offset) for item in fixed if item.packed is None and _key(item) in _CODES]
+    codes = [(_take(item), item.offset) for item in fixed if item.packed is None and item.kind != "b"]
     runs = [(run[0].offset, run[-1].offset + run[-1].length, run) for run in _runs(fixed)]
 
     def read(frame: bytes) -> None:
-        for code, offset in codes:
-            code.unpack_from(frame, offset)
+        for take, offset in codes:
+            take(frame, offset)
         for start, stop, run in runs:
             _bits(frame[start:stop], run)
         at = message.head
@@ -85,14 +85,14 @@ def _read_part(part: Part, message: Message, frame: bytes, at: int, stop: int) -
             at += part.id_size + part.length_size
             for field in message.fields if number in size_of else ():
                 if size_of[number].at < field.offset <= size_of[number].at + size_of[number].size:
-                    _code(field).unpack_from(frame, at + field.offset - size_of[number].at - 1)
+                    _take(field)(frame, at + field.offset - size_of[number].at - 1)
             at += size
         return at
     sets = 1 if part.by is None else _number(frame, 0, part.by, part.bits) or 0
     for _ in range(sets):
         for item in inside:
             if item.packed is None:
-                _code(item, 1).unpack_from(frame, at + item.offset - part.at)
+                _take(item, 1)(frame, at + item.offset - part.at)
         for run in _runs(inside):
             _bits(frame[at : at + part.size], run)
         at += part.size
@@ -113,12 +113,22 @@ def _runs(fields: list[Field]) -> list[list[Field]]:
     return [list(run) for odd, run in groupby(fields, lambda item: item.packed is not None) if odd]
 
 
-def _key(item: Field) -> str:
-    return f"{item.kind}{item.size}"
+def _take(item: Field, count: int | None = None) -> Callable[[bytes, int], object]:
+    """Return what takes ``count`` elements of a field out of a frame, from a byte on."""
+    return _taking(item.kind, item.size, count or item.count or 1, item.big)
 
 
-def _code(item: Field, count: int | None = None) -> struct.Struct:
-    return struct.Struct(f"{'>' if item.big else '<'}{count or item.count or 1}{_CODES[_key(item)]}")
+@cache
+def _taking(kind: str, size: int, elements: int, big: bool) -> Callable[[bytes, int], object]:
+    if f"{kind}{size}" in _CODES:
+        return struct.Struct(f"{'>' if big else '<'}{elements}{_CODES[f'{kind}{size}']}").unpack_from
+    order: Any = "big" if big else "little"
+    ends = range(size, size * elements + 1, size)
+
+    def take(frame: bytes, at: int) -> list[int]:
+        return [int.from_bytes(frame[at + end - size : at + end], order, signed=kind == "i") for end in ends]
+
+    return take
 
 
 def _number(stream: bytes, at: int, item: Field | None, bits: Span | None) -> int | None:

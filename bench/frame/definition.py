@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.batch import Arrivals, FrameBatch, FrameCounts
+from bench.frame.batch import Arrivals, Extract, FrameBatch, FrameCounts, extract_column
 from bench.frame.best import Engine, Kernel, best_engine, kernel, why_no_kernel
 from bench.frame.commands import CommandLayout, canonical_commands
 from bench.frame.compiling.fields import read_hex
@@ -26,11 +26,11 @@ from bench.frame.kernel.arrays import Arrays, arrays_of, what_is_not_held
 from bench.frame.kernel_encoder import KernelEncoder
 from bench.frame.kernel_engine import KernelDecoder
 from bench.frame.layout import Layout, Message
-from bench.frame.lines import LineDecoder, read_line
+from bench.frame.lines import LineDecoder, LineReader
 from bench.frame.numpy_engine import NumpyDecoder
 from bench.frame.packets import escaped_decoder
 from bench.frame.parts import unpacked
-from bench.frame.reference import ReferenceDecoder, checks_of
+from bench.frame.reference import ReferenceDecoder, checks_of, read_column
 from bench.frame.spec import FrameSpec, LinesSpec
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_, load_yaml, parse_yaml
@@ -123,7 +123,9 @@ class FrameDefinition:
         compiled = self._kernel() if engine == "kernel" else None
         if compiled is not None:
             return KernelDecoder(self.layout, self._arrays, compiled.decode, arrivals)
-        return _one_by_one(self.layout) if engine == "reference" or self._one_by_one else NumpyDecoder(self.layout)
+        if engine == "reference":
+            return _one_by_one(self.layout)
+        return _one_by_one(self.layout, extract_column) if self._one_by_one else NumpyDecoder(self.layout)
 
     def encode(self, columns: Mapping[str, Any], n: int, message: str = "frame") -> NDArray[np.uint8]:
         """Return frames of a message of fixed length, check included.
@@ -173,10 +175,10 @@ def _unescaped(layout: Layout, wire: bytes) -> bytes | None:
     return pieces[0] if len(pieces) == 1 and at == len(wire) else None
 
 
-def _one_by_one(layout: Layout) -> ReferenceDecoder:
+def _one_by_one(layout: Layout, extract: Extract = read_column) -> ReferenceDecoder:
     if layout.lines:
-        return LineDecoder(layout, layout.lines)
-    return escaped_decoder(layout) if layout.escape else ReferenceDecoder(layout)
+        return LineDecoder(layout, layout.lines, extract)
+    return escaped_decoder(layout, extract) if layout.escape else ReferenceDecoder(layout, extract)
 
 
 def _wire(layout: Layout, golden: str) -> bytes | None:
@@ -236,7 +238,7 @@ def _why_no_line(layout: Layout, lines: LinesSpec, message: Message, wire: bytes
         return f"the golden line does not begin with {layout.sync.decode('ascii', 'replace')!r}"
     if len(wire) > lines.max:
         return f"the golden line has {len(wire)} bytes with its end, 'lines: max' is {lines.max}"
-    read = read_line(layout, lines, wire[len(layout.sync) : -2])
+    read = LineReader(layout, lines).read(wire[len(layout.sync) : -2])
     if isinstance(read, str):
         return f"the golden line {read}"
     if len(_one_by_one(layout).feed(wire).messages[message.name]) == 1:

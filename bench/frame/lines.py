@@ -10,10 +10,13 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
+from bench.frame.batch import Extract
 from bench.frame.element import read_element
 from bench.frame.escape import Packet
 from bench.frame.layout import Field, Layout, Message
@@ -33,12 +36,12 @@ _END = b"\r\n"
 class LineDecoder(PacketDecoder):
     """Decoder of lines: LF or CR LF ends one, its next sync bytes give up one that was begun."""
 
-    def __init__(self, layout: Layout, lines: LinesSpec) -> None:
-        super().__init__(layout, _search(layout.sync), lines.max)
-        self._lines = lines
+    def __init__(self, layout: Layout, lines: LinesSpec, extract: Extract) -> None:
+        super().__init__(layout, extract, _search(layout.sync), lines.max)
+        self._read = LineReader(layout, lines).read
 
     def _frame_of(self, packet: Packet) -> tuple[Message, bytes] | None:
-        read = None if packet.frame is None else read_line(self._layout, self._lines, packet.frame)
+        read = None if packet.frame is None else self._read(packet.frame)
         return None if isinstance(read, str) else read
 
 
@@ -69,54 +72,98 @@ def _begun(stream: bytes, sync: bytes) -> int:
     return next((size for size in range(len(sync) - 1, 0, -1) if stream.endswith(sync[:size])), 0)
 
 
-def read_line(layout: Layout, lines: LinesSpec, line: bytes) -> tuple[Message, bytes] | str:
-    """Return message and fields of a line without its sync bytes and end, or why it is none.
+class LineReader:
+    """Reads lines: all that a layout says of them is worked out once."""
 
-    Empty floats are NaN, empty bytes zeros; an empty integer is none.
-    """
-    body = line
-    if lines.check is not None:
-        body, _, digits = line.rpartition(lines.check.encode())
-        check = layout.check.of(layout.sync + body if layout.messages[0].cover_start == 0 else body)
-        due = f"{check:0{2 * layout.check.size}X}"
-        if digits.upper() != due.encode():
-            return f"{layout.check.name} is {due}, behind {lines.check!r} stands {digits.decode('ascii', 'replace')!r}"
-    try:
-        values = _split(lines, body.decode("ascii"))
-    except UnicodeDecodeError:
-        return "holds bytes that are no ASCII"
-    message = _message_of(layout, values)
-    if message is None:
-        return "is of a message that is not listed"
-    if message is layout.unlisted:
-        return message, b""
-    due_values = sum(map(_taken, message.fields))
-    if len(values) < due_values or (len(values) > due_values and not lines.more):
-        return f"has {len(values)} values, {message.name!r} has {due_values}"
-    return _packed(message, layout.sync, iter(values))
+    def __init__(self, layout: Layout, lines: LinesSpec) -> None:
+        self._layout = layout
+        self._mark = b"" if lines.check is None else lines.check.encode()
+        self._covered = layout.sync if layout.messages[0].cover_start == 0 else b""
+        self._digits = 2 * layout.check.size
+        self._one_space = lines.separator == " "
+        self._separators = re.compile(f"[{re.escape(lines.separator)}]")
+        self._more = lines.more
+        common = layout.messages[0].fields
+        before = common[: 0 if layout.type_field is None else common.index(layout.type_field)]
+        self._type_at = sum(map(_taken, before))
+        self._types = [(message, _like(message.type_text)) for message in layout.messages]
+        self._slots = {message.name: _slots(message) for message in layout.messages}
+
+    def read(self, line: bytes) -> tuple[Message, bytes] | str:
+        """Return message and fields of a line without its sync bytes and end, or why it is none.
+
+        Empty floats are NaN, empty bytes zeros; an empty integer is none.
+        """
+        body = line
+        if self._mark:
+            body, _, digits = line.rpartition(self._mark)
+            due = f"{self._layout.check.of(self._covered + body):0{self._digits}X}"
+            if digits.upper() != due.encode():
+                there = digits.decode("ascii", "replace")
+                return f"{self._layout.check.name} is {due}, behind {self._mark.decode()!r} stands {there!r}"
+        if not body.isascii():
+            return "holds bytes that are no ASCII"
+        values = self._split(body.decode("ascii"))
+        message = self._message_of(values)
+        if message is None:
+            return "is of a message that is not listed"
+        if message is self._layout.unlisted:
+            return message, b""
+        slots = self._slots[message.name]
+        due_values = slots[-1].stop
+        if len(values) < due_values or (len(values) > due_values and not self._more):
+            return f"has {len(values)} values, {message.name!r} has {due_values}"
+        return self._packed(message, slots, values)
+
+    def _split(self, body: str) -> list[str]:
+        if self._one_space:
+            return body.split()
+        return [value.strip(" ") for value in self._separators.split(body)]
+
+    def _message_of(self, values: list[str]) -> Message | None:
+        if self._layout.type_field is None:
+            return self._layout.messages[0]
+        value = values[self._type_at] if self._type_at < len(values) else ""
+        return next((message for message, is_it in self._types if is_it(value)), self._layout.unlisted)
+
+    def _packed(self, message: Message, slots: list[_Slot], values: list[str]) -> tuple[Message, bytes] | str:
+        row = [self._layout.sync]
+        for item, start, stop, pack in slots:
+            value = values[start] if stop - start == 1 else f"{values[start]},{values[start + 1]}"
+            try:
+                packed = pack(value)
+            except (OverflowError, struct.error):
+                packed = None
+            if packed is None:
+                form = f" in the form {item.form}" if item.form else ""
+                return f"{item.name}: {value!r} is no value of its type{form}"
+            row.append(packed)
+        return message, b"".join(row)
 
 
-def _split(lines: LinesSpec, body: str) -> list[str]:
-    if lines.separator.isspace() and lines.separator != "\t":
-        return body.split()
-    return [value.strip(" ") for value in re.split(f"[{re.escape(lines.separator)}]", body)]
+class _Slot(NamedTuple):
+    """One value of a message: its field, the values of a line [start, stop) that say it, and what makes bytes of it."""
+
+    item: Field
+    start: int
+    stop: int
+    pack: Callable[[str], bytes | None]
 
 
-def _message_of(layout: Layout, values: list[str]) -> Message | None:
-    if layout.type_field is None:
-        return layout.messages[0]
+def _slots(message: Message) -> list[_Slot]:
+    slots: list[_Slot] = []
     at = 0
-    for item in layout.messages[0].fields:
-        if item is layout.type_field:
-            break
-        at += _taken(item)
-    value = values[at] if at < len(values) else ""
-    return next((message for message in layout.messages if _is_like(value, message.type_text)), layout.unlisted)
+    for item in message.fields:
+        for _ in range(1 if item.kind == "b" else item.count or 1):
+            stop = at + (2 if item.form in _LETTERS else 1)
+            slots.append(_Slot(item, at, stop, _packer(item)))
+            at = stop
+    return slots
 
 
-def _is_like(value: str, text: str) -> bool:
-    """Return whether a value is of a type; a '?' in it stands for any character."""
-    return len(value) == len(text) and all(due in ("?", char) for char, due in zip(value, text, strict=True))
+def _like(text: str) -> Callable[[str], object]:
+    """Return what says whether a value is of a type; a '?' in it stands for any character."""
+    return re.compile("".join("." if char == "?" else re.escape(char) for char in text), re.DOTALL).fullmatch
 
 
 def _taken(item: Field) -> int:
@@ -126,42 +173,28 @@ def _taken(item: Field) -> int:
     return (1 if item.count is None else item.count) * (2 if item.form in _LETTERS else 1)
 
 
-def _packed(message: Message, sync: bytes, values: Iterator[str]) -> tuple[Message, bytes] | str:
-    row = bytearray(sync)
-    for item in message.fields:
-        for _ in range(1 if item.kind == "b" else item.count or 1):
-            value = next(values)
-            if item.form in _LETTERS:
-                value = f"{value},{next(values)}"
-            packed = _element(value, item)
-            if packed is None:
-                return f"{item.name}: {value!r} is no value of its type{f' in the form {item.form}' * bool(item.form)}"
-            row += packed
-    return message, bytes(row)
-
-
-def _element(value: str, item: Field) -> bytes | None:
-    """Return one value as the bytes of its field, None if it does not fit."""
+def _packer(item: Field) -> Callable[[str], bytes | None]:
+    """Return what makes the bytes of a field of one value, None if it does not fit."""
     if item.kind == "b":
-        return None if len(value) > item.length else value.encode().ljust(item.length, b"\0")
-    try:
-        return _packed_float(value, item) if item.kind == "f" else _packed_integer(value, item)
-    except OverflowError:
-        return None
-
-
-def _packed_float(value: str, item: Field) -> bytes | None:
-    number = _READ.get(item.form, _float)(value)
-    if number is None or math.isinf(number):
-        return None
-    return struct.pack((">" if item.big else "<") + ("f" if item.size == 4 else "d"), number)
-
-
-def _packed_integer(value: str, item: Field) -> bytes | None:
+        most = item.length
+        return lambda value: None if len(value) > most else value.encode().ljust(most, b"\0")
+    order = "big" if item.big else "little"
+    if item.kind == "f":
+        number_of, code = _READ.get(item.form, _float), f"{'>' if item.big else '<'}{'f' if item.size == 4 else 'd'}"
+        return partial(_packed_float, number_of, struct.Struct(code).pack)
     digits, base = (_HEX, 16) if item.form == "hex" else (_INTEGER, 10)
-    if not digits.fullmatch(value):
-        return None
-    return int(value, base).to_bytes(item.size, "big" if item.big else "little", signed=item.kind == "i")
+
+    def integer(value: str) -> bytes | None:
+        if not digits.fullmatch(value):
+            return None
+        return int(value, base).to_bytes(item.size, order, signed=item.kind == "i")  # type: ignore[arg-type]
+
+    return integer
+
+
+def _packed_float(number_of: Callable[[str], float | None], pack: Callable[[float], bytes], value: str) -> bytes | None:
+    number = number_of(value)
+    return None if number is None or math.isinf(number) else pack(number)
 
 
 def _float(value: str) -> float | None:

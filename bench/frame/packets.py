@@ -6,7 +6,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from bench.frame.batch import FrameBatch
+from bench.frame.batch import Extract, FrameBatch
 from bench.frame.escape import ESCAPES, Packet
 from bench.frame.layout import Layout, Message
 from bench.frame.reference import ReferenceDecoder
@@ -21,8 +21,10 @@ class PacketDecoder(ReferenceDecoder):
     that they end; noise outside packets, and rejected ones, are skipped.
     """
 
-    def __init__(self, layout: Layout, search: Callable[[bytes, int, int], Packet | None], longest: int) -> None:
-        super().__init__(layout)
+    def __init__(
+        self, layout: Layout, extract: Extract, search: Callable[[bytes, int, int], Packet | None], longest: int
+    ) -> None:
+        super().__init__(layout, extract)
         self._next = search
         self._longest = longest
 
@@ -68,6 +70,6 @@ class PacketDecoder(ReferenceDecoder):
         return (message, frame) if message is not None and good else None
 
 
-def escaped_decoder(layout: Layout) -> PacketDecoder:
+def escaped_decoder(layout: Layout, extract: Extract) -> PacketDecoder:
     """Return the decoder of escaped frames."""
-    return PacketDecoder(layout, ESCAPES[layout.escape].next_packet, _ROOM * layout.max_length + 4)
+    return PacketDecoder(layout, extract, ESCAPES[layout.escape].next_packet, _ROOM * layout.max_length + 4)

@@ -11,17 +11,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.batch import FrameBatch, FrameCounts, MessageBatch
+from bench.frame.batch import Extract, FrameBatch, FrameCounts, MessageBatch
 from bench.frame.element import read_element
 from bench.frame.layout import Field, Layout, Message, Span
 from bench.frame.parts import rows_of_parts, unpacked, wire_length
 
 
-class ReferenceDecoder:
-    """Byte-at-a-time decoder; same interface and results as ``NumpyDecoder``."""
+def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
+    """Raw values of a field, frame by frame; same shapes and types as ``extract_column``."""
+    frames = [row.tobytes() for row in rows]
+    if item.count is None:
+        return np.array([read_element(frame, item) for frame in frames], item.dtype)
+    values = [[read_element(frame, item, element) for element in range(item.count)] for frame in frames]
+    return np.array(values, item.dtype).reshape(len(frames), item.count)
 
-    def __init__(self, layout: Layout) -> None:
+
+class ReferenceDecoder:
+    """Byte-at-a-time decoder; same interface and results as ``NumpyDecoder``; ``extract`` cuts the fields out."""
+
+    def __init__(self, layout: Layout, extract: Extract = read_column) -> None:
         self._layout = layout
+        self._extract = extract
         self._tail = b""
         self._position = 0
         self.counts = FrameCounts()
@@ -117,7 +127,7 @@ class ReferenceDecoder:
                 rest = (
                     None if message.rest is None else [frame[message.body : len(frame) - tail] for _, frame in frames]
                 )
-            batch = MessageBatch(message, offset, rows.reshape(len(frames), message.body), rest, read_column)
+            batch = MessageBatch(message, offset, rows.reshape(len(frames), message.body), rest, self._extract)
             if message.parts:
                 batch.ends = offset + np.array([len(frame) for _, frame in frames], np.int64)
             messages[message.name] = batch
@@ -141,12 +151,3 @@ def checks_of(layout: Layout, message: Message, frame: bytes) -> tuple[bool, int
     computed = layout.check.of(blank[message.cover_start : stop])
     stored = int.from_bytes(frame[at : at + size], "big" if layout.stored_big else "little")
     return computed == stored, computed, stored
-
-
-def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
-    """Raw values of a field, frame by frame; same shapes and types as ``extract_column``."""
-    frames = [row.tobytes() for row in rows]
-    if item.count is None:
-        return np.array([read_element(frame, item) for frame in frames], item.dtype)
-    values = [[read_element(frame, item, element) for element in range(item.count)] for frame in frames]
-    return np.array(values, item.dtype).reshape(len(frames), item.count)
