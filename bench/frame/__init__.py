@@ -5,8 +5,7 @@ from bench.frame.best import Engine, best_engine, why_no_kernel
 from bench.frame.capture import Counted, decode_capture
 from bench.frame.commands import CommandLayout
 from bench.frame.definition import FrameDefinition, load_frame, parse_frame
-from bench.frame.draft import draft
-from bench.frame.explain import LOOKED_AT_BYTES, Guess, guesses
+from bench.frame.explain import LOOKED_AT_BYTES, Guess, LineGuess, draft, guesses, line_guess
 from bench.frame.kernel_quanta import kernel_quanta
 from bench.frame.layout import Message
 from bench.frame.pace import Pace, pace_of
@@ -38,6 +37,7 @@ __all__ = [
     "FrameDefinition",
     "FrameSpec",
     "Guess",
+    "LineGuess",
     "LinkBatch",
     "LinkCounts",
     "LinkDecoder",
@@ -55,6 +55,7 @@ __all__ = [
     "expand",
     "guesses",
     "kernel_quanta",
+    "line_guess",
     "load_frame",
     "of_message",
     "pace_of",

@@ -3,27 +3,42 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, replace
 from typing import Any, BinaryIO
 
 from bench.frame.batch import MessageBatch
 from bench.frame.best import Engine
 from bench.frame.definition import FrameDefinition
+from bench.frame.layout import Layout
+from bench.frame.packets import why_bad
+from bench.frame.refusal import Cause
 from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
 
 _BLOCK_BYTES = 4_000_000
+_EXPLAINED = 1000  # bad candidates of a capture whose cause is looked for
 Take = Callable[[Mapping[str, MessageBatch]], None]
 
 
 @dataclass(frozen=True)
+class BadFrames:
+    """Bad candidates of one cause: how many of the first thousand; of the first one its offset and what is wrong."""
+
+    cause: Cause
+    number: int
+    offset: int
+    text: str
+
+
+@dataclass(frozen=True)
 class Counted:
-    """What a capture holds: counts, frames by message name, and whether it ends inside a frame."""
+    """What a capture holds: counts, frames by message name, whether it ends inside a frame, what is bad and why."""
 
     definition: FrameDefinition
     counts: LinkCounts
     messages: Mapping[str, int]
     cut_off: bool
+    bad: tuple[BadFrames, ...] = ()
 
     def summary(self) -> dict[str, Any]:
         """JSON-able: the check; counts good, bad, other, lost, duplicate, suspect, of bytes; frames by message."""
@@ -36,6 +51,7 @@ class Counted:
             **seen,
             "messages": dict(self.messages),
             "cut_off": self.cut_off,
+            "bad_because": [asdict(kind) for kind in self.bad],
         }
 
 
@@ -47,16 +63,52 @@ def decode_capture(
     Args:   take: gets the frames of each block by message name, in file order.
     Raises: OSError, and what ``take`` raises.
     """
-    link = LinkDecoder(definition, engine)
+    link, causes = LinkDecoder(definition, engine), _Causes(definition.layout)
     frames: Counter[str] = Counter()
 
     def found(batch: LinkBatch) -> None:
         frames.update({name: len(messages) for name, messages in batch.messages.items()})
+        causes.look_at(batch.bad_offset.tolist())
         take(batch.messages)
 
     while block := stream.read(_BLOCK_BYTES):
         link.push(0, block)
+        causes.read(block)
         found(link.flush())
-    cut_off = link.undecided_bytes >= max(1, len(definition.layout.sync))
+    cut_off = link.undecided_bytes >= _begun_bytes(definition.layout)
     found(link.finish())
-    return Counted(definition, link.counts, {name: frames[name] for name in definition.messages}, cut_off)
+    messages = {name: frames[name] for name in definition.messages}
+    return Counted(definition, link.counts, messages, cut_off, tuple(causes.found.values()))
+
+
+def _begun_bytes(layout: Layout) -> int:
+    """Return how many bytes that wait for more are surely the beginning of a frame."""
+    if layout.escape or layout.lines:
+        return max(1, len(layout.sync))
+    return max(1, layout.sync_at + len(layout.pattern))
+
+
+class _Causes:
+    """Why the first bad candidates of a capture are bad; keeps as many bytes as one may need."""
+
+    def __init__(self, layout: Layout) -> None:
+        self.found: dict[Cause, BadFrames] = {}
+        self._why, self._needs = why_bad(layout)
+        self._left = _EXPLAINED
+        self._bytes, self._begin = b"", 0
+
+    def read(self, block: bytes) -> None:
+        """Take the next bytes of the capture."""
+        kept = max(0, len(self._bytes) - self._needs)
+        self._begin += kept
+        self._bytes = self._bytes[kept:] + block
+
+    def look_at(self, bad: Iterable[int]) -> None:
+        """Count the causes of candidates at these offsets, which lie in the bytes read last or just before."""
+        for offset in list(bad)[: self._left]:
+            self._left -= 1
+            at = offset - self._begin
+            refusal = self._why(self._bytes[at : at + self._needs])
+            if refusal is not None:
+                before = self.found.get(refusal.cause) or BadFrames(refusal.cause, 0, offset, refusal.text)
+                self.found[refusal.cause] = replace(before, number=before.number + 1)

@@ -18,7 +18,7 @@ from bench.model.yamlio import Path_
 
 _MOST_F32 = 3.4028234663852886e38
 COMMAND, ANSWER = "command", "answer"
-_OF_FRAMES = ("role", "per", "bits", "constant")  # keys that mean something in a stream of frames only
+_OF_FRAMES = ("role", "per", "bits", "constant", "form")  # keys that mean something in a stream of frames only
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.escape import ESCAPES
 from bench.frame.layout import Field, Layout, Message, Span
-from bench.frame.lines import written_line
+from bench.frame.packets import ESCAPES, written_line
 from bench.frame.parts import packed
 from bench.frame.seal import seal
 from bench.model.errors import InputError

@@ -14,6 +14,8 @@ _INTEGER_WIDTHS = (1, 2, 4, 8)
 
 Span = tuple[int, int]
 """Lowest bit and number of bits."""
+OFFSET = "offset"
+"""Column of a table that says where a frame begins; no field has this name."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,11 @@ class Field:
     def rest(self) -> bool:
         """Whether the field takes everything up to the check."""
         return self.count == 0
+
+    @property
+    def is_text(self) -> bool:
+        """Whether its bytes are characters, filled up with zeros."""
+        return self.form == "text"
 
     @property
     def scaled(self) -> bool:
@@ -185,7 +192,7 @@ class Layout:
     with the same counter; ``own_counters``: the common counter is of each message. ``length_bits``, ``type_bits``:
     lowest bit and number of bits, where these are no whole field. ``check_field`` holds the check where it does not
     stand behind the fields. ``unlisted``: the common fields as a message, where frames of other types are counted.
-    ``sync_at``: where the pattern stands. ``escape``: a key of bench.frame.escape.ESCAPES, "" where bytes on the wire
+    ``sync_at``: where the pattern stands. ``escape``: a key of bench.frame.packets.ESCAPES, "" where bytes on the wire
     are those of the frame. ``lines``: how frames are written as text; fields and messages then say how their values are
     kept, and no length is fixed.
     """

@@ -26,6 +26,8 @@ def unpacked(message: Message, frame: bytes, stop: int) -> Contents | str:
     row[:at] = frame[:at]
     for part in message.parts:
         size = stop - at - part.behind if part.open_ended else _held(part, row)
+        if not part.open_ended and size < 0:
+            return _too_many(part, row)
         if size < 0 or at + size > stop:
             return f"holds too few bytes for {part.name!r}"
         if part.kind == "items":
@@ -49,6 +51,11 @@ def wire_length(message: Message, head: bytes) -> int:
             return 0
         length += size
     return length
+
+
+def why_no_length(message: Message, head: bytes) -> str:
+    """Return why what a frame begins with makes no sense; empty if it does."""
+    return next((_too_many(part, head) for part in message.parts if _held(part, head) < 0), "")
 
 
 def packed(message: Message, row: bytes, rest: bytes) -> bytes:
@@ -76,13 +83,21 @@ def rows_of_parts(message: Message, frames: Iterable[bytes], tail: int) -> tuple
     return rows, None if message.rest is None else [rest for _, rest in contents]
 
 
+def _stated(part: Part, row: bytes | bytearray) -> int:
+    """Return what a frame says of a part; 1 where nothing has to be said."""
+    if part.by is None:
+        return 1
+    value = int(read_element(row, part.by))
+    return value if part.bits is None else value >> part.bits[0] & (1 << part.bits[1]) - 1
+
+
+def _too_many(part: Part, row: bytes | bytearray) -> str:
+    return f"states {_stated(part, row)} sets of {part.name!r}, 'max' is {part.most}"
+
+
 def _held(part: Part, row: bytes | bytearray) -> int:
     """Return how many bytes of a part a frame holds, -1 if they are more than its row has."""
-    if part.by is None:
-        return part.size
-    value = int(read_element(row, part.by))
-    if part.bits is not None:
-        value = value >> part.bits[0] & (1 << part.bits[1]) - 1
+    value = _stated(part, row)
     if part.kind == "optional":
         return part.size if value else 0
     return part.size * value if value <= part.most else -1

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Discriminator, StrictBool, StringConstraints, Tag
+from pydantic import Discriminator, StrictBool, StringConstraints, Tag, model_validator
 from pydantic import Field as Limits
 
 from bench.model.units import quantity
@@ -21,6 +21,7 @@ Number = Annotated[float, Limits(strict=True, allow_inf_nan=False)]
 Endian = Literal["big", "little"]
 Kind = Annotated[str, StringConstraints(pattern=r"^([ui]([1-9]|[1-5][0-9]|6[0-4])|f32|f64|bytes)$")]
 MAX_FRAME_BYTES = 65_535
+_CONTENTS = ("group", "optional", "items")
 
 
 class FieldSpec(StrictModel):
@@ -34,7 +35,8 @@ class FieldSpec(StrictModel):
     of two, if its type has more; of a field with named bits, the lowest bits count. ``role``: a common counter counts
     the frames of all messages, an ``own_counter`` those of each message. ``form``: how a value of a line is written,
     if not in decimal digits: "hex"; "time", hhmmss.ss, which becomes seconds of the day; "latitude" and "longitude",
-    two values, ddmm.mmmm and a letter, which become degrees, positive to north and east.
+    two values, ddmm.mmmm and a letter, which become degrees, positive to north and east. "text" says of bytes in any
+    frame that they are characters, filled up with zeros; those of a line always are.
     """
 
     name: Name
@@ -50,7 +52,15 @@ class FieldSpec(StrictModel):
     bits: dict[str, Annotated[int, Limits(strict=True)] | str] | None = None
     constant: Annotated[int, Limits(strict=True)] | str | None = None
     default: Annotated[int, Limits(strict=True)] | str | None = None
-    form: Literal["hex", "time", "latitude", "longitude"] | None = None
+    form: Literal["hex", "time", "latitude", "longitude", "text"] | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _stands_alone(cls, value: Any) -> Any:
+        nested = isinstance(value, dict) and next((key for key in _CONTENTS if key in value), "")
+        if nested:
+            raise ValueError(f"{nested!r} cannot stand inside a group, an optional part or an item: only fields can")
+        return value
 
 
 class GroupSpec(StrictModel):
@@ -96,7 +106,7 @@ class ItemsSpec(StrictModel):
 
 def _kind_of(value: object) -> str:
     keys = value if isinstance(value, dict) else ()
-    return next((f"<{key}>" for key in ("group", "optional", "items") if key in keys), "<field>")
+    return next((f"<{key}>" for key in _CONTENTS if key in keys), "<field>")
 
 
 AnyField = Annotated[

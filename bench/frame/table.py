@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bench.frame.batch import MessageBatch
 from bench.frame.definition import FrameDefinition
-from bench.frame.layout import Field
+from bench.frame.layout import OFFSET, Field
 from bench.model.errors import InputError
 
 _ROWS_AT_ONCE = 20_000
@@ -24,8 +24,16 @@ _ROWS_OF_A_GROUP = 500_000  # of Parquet: each group costs some 30 kB of memory 
 Write = Callable[[MessageBatch], None]
 
 
+def columns_of(item: Field) -> Iterator[tuple[str, list[str]]]:
+    """Yield a field and its named bits, each with the titles of its columns in a table: one for each element."""
+    for name in (item.name, *(f"{item.name}.{bits}" for bits in item.bits)):
+        unit = f" [{item.unit}]" if item.unit and name == item.name else ""
+        numbers = [""] if item.count is None or item.kind == "b" else [f"_{index + 1}" for index in range(item.count)]
+        yield name, [f"{name}{number}{unit}" for number in numbers]
+
+
 class Tables:
-    """One table per message: byte offset, then every field in its unit, arrays and bit ranges spread.
+    """One table per message: byte offset, then every field in its unit but constants, arrays and bit ranges spread.
 
     A definition with several messages writes ``<stem>.<message><suffix>``. A table has its name when it is whole, and
     ends in ``.part`` until then; what is not finished is removed. A device or pipe is written as it is.
@@ -41,10 +49,13 @@ class Tables:
                 "B-FRAME-033", "Parquet needs a library that is not installed", where=str(path),
                 next_step="install it with: pip install 'inertial-bench[parquet]', or write .csv",
             )  # fmt: skip
+        if path.is_dir():
+            raise InputError("B-FRAME-032", "is a folder", where=str(path), next_step="name a file in it")
         single = len(definition.messages) == 1
         self.paths = {
             name: path if single else path.with_name(f"{path.stem}.{name}{path.suffix}") for name in definition.messages
         }
+        self._lines = definition.layout.lines is not None
         self._open = ExitStack()
         self._writers: dict[str, Write] = {}
 
@@ -81,12 +92,12 @@ class Tables:
         path = _part(self.paths[name])
         stream = self._open.enter_context(path.open("w", newline="", encoding="utf-8"))
         writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([title for title, _ in _columns(batch, slice(0, 0))])
+        writer.writerow([title for title, _ in self._columns(batch, slice(0, 0))])
 
         def write(batch: MessageBatch) -> None:
             for start in range(0, len(batch), _ROWS_AT_ONCE):
                 part = slice(start, start + _ROWS_AT_ONCE)
-                writer.writerows(zip(*(_texts(values) for _, values in _columns(batch, part)), strict=True))
+                writer.writerows(zip(*(_texts(values) for _, values in self._columns(batch, part)), strict=True))
 
         return write
 
@@ -94,11 +105,13 @@ class Tables:
         import pyarrow
         from pyarrow import parquet
 
-        kinds = {title: values.dtype for title, values in _columns(batch, slice(0, 0))}
+        kinds = {title: values.dtype for title, values in self._columns(batch, slice(0, 0))}
+        is_text = {item.name for item in batch.message.fields if item.is_text}
         types = [
-            (title, pyarrow.binary() if kind.hasobject else pyarrow.from_numpy_dtype(kind))
+            (title, pyarrow.from_numpy_dtype(kind) if not kind.hasobject
+             else pyarrow.string() if title in is_text else pyarrow.binary())
             for title, kind in kinds.items()
-        ]
+        ]  # fmt: skip
         schema = pyarrow.schema(types)
         writer = self._open.enter_context(parquet.ParquetWriter(_part(self.paths[name]), schema))
         pending: list[Any] = []
@@ -111,12 +124,33 @@ class Tables:
         self._open.callback(flush)
 
         def write(batch: MessageBatch) -> None:
-            arrays = map(partial(_arrow, pyarrow), (values for _, values in _columns(batch, slice(None))), schema.types)
+            arrays = map(
+                partial(_arrow, pyarrow), (values for _, values in self._columns(batch, slice(None))), schema.types
+            )
             pending.append(pyarrow.Table.from_arrays(list(arrays), schema=schema))
             if sum(len(table) for table in pending) >= _ROWS_OF_A_GROUP:
                 flush()
 
         return write
+
+    def _columns(self, batch: MessageBatch, part: slice) -> Iterator[tuple[str, NDArray[Any]]]:
+        """Yield title and values of each column; text and bytes are objects; what is not there is masked."""
+        yield OFFSET, batch.offset[part]
+        for item in batch.message.fields:
+            if item.constant is None:
+                yield from self._of_field(batch, item, part)
+
+    def _of_field(self, batch: MessageBatch, item: Field, part: slice) -> Iterator[tuple[str, NDArray[Any]]]:
+        missing = batch.missing(item.name)
+        for name, titles in columns_of(item):
+            values = (batch.scaled(name) if batch.has_scale(name) else batch.raw(name))[part]
+            if item.kind == "b":
+                values = _whole(values, item.is_text)
+            if missing is not None:
+                values = np.ma.array(values, mask=missing[part, 0] if item.kind == "b" else missing[part])
+            elif self._lines and values.dtype.kind == "f":
+                values = np.ma.masked_invalid(values)  # an empty value
+            yield from zip(titles, [values] if values.ndim == 1 else values.T, strict=True)
 
 
 def _part(path: Path) -> Path:
@@ -131,40 +165,18 @@ def _unwritten(error: OSError, path: Path) -> InputError:
     return InputError("B-FRAME-032", f"cannot be written: {error.strerror or error}", where=str(path))
 
 
-def _columns(batch: MessageBatch, part: slice) -> Iterator[tuple[str, NDArray[Any]]]:
-    """Yield title and values of each column; bytes are an object array of bytes; what is not there is masked."""
-    yield "offset", batch.offset[part]
-    for item in batch.message.fields:
-        if item.constant is None:
-            yield from _of_field(batch, item, part)
-
-
-def _of_field(batch: MessageBatch, item: Field, part: slice) -> Iterator[tuple[str, NDArray[Any]]]:
-    missing = batch.missing(item.name)
-    for name in (item.name, *(f"{item.name}.{bits}" for bits in item.bits)):
-        unit = f" [{item.unit}]" if item.unit and name == item.name else ""
-        values = (batch.scaled(name) if batch.has_scale(name) else batch.raw(name))[part]
-        if item.kind == "b":
-            values = _whole(values)
-        if missing is not None:
-            values = np.ma.array(values, mask=missing[part, 0] if item.kind == "b" else missing[part])
-        if values.ndim == 1:
-            yield f"{name}{unit}", values
-        else:
-            yield from ((f"{name}_{index + 1}{unit}", values[:, index]) for index in range(item.count or 0))
-
-
-def _whole(raw: NDArray[Any]) -> NDArray[Any]:
-    """Return the bytes of each frame as one object."""
+def _whole(raw: NDArray[Any], is_text: bool) -> NDArray[Any]:
+    """Return the bytes of each frame as one object; text without the zeros behind it."""
     values = np.empty(len(raw), object)
-    values[:] = [bytes(value) for value in raw]
+    whole = map(bytes, raw)
+    values[:] = [value.rstrip(b"\0").decode("ascii", "backslashreplace") for value in whole] if is_text else list(whole)
     return values
 
 
 def _texts(values: NDArray[Any]) -> list[Any]:
     """Return values as CSV has them; floats in the fewest digits that give the same number back, bytes as hex."""
     if values.dtype == object:
-        return [None if value is None else value.hex() for value in values.tolist()]
+        return [value.hex() if isinstance(value, bytes) else value for value in values.tolist()]
     return list((values.astype(str) if values.dtype == np.float32 else values).tolist())
 
 

@@ -8,11 +8,13 @@ YAML 1.2 core rules: ``1e5`` is a number, ``on`` and ``1:30`` are text, only ``t
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Annotated, Any, Generic, NoReturn, TypeVar
+from typing import Annotated, Any, Generic, NoReturn, TypeVar, get_args
 
 import yaml
 from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
@@ -91,7 +93,7 @@ def parse_yaml(raw: bytes | str, name: str, schema: type[ModelT]) -> Document[Mo
     try:
         model = schema.model_validate(tree)
     except ValidationError as error:
-        raise _all(problems + _schema_problems(error, name, builder.marks)) from error
+        raise _all(problems + _schema_problems(error, name, builder.marks, schema)) from error
     if problems:
         raise _all(problems)
     return Document(model, text, name, builder.marks)
@@ -151,14 +153,36 @@ def _all(problems: list[_Problem]) -> InputErrors:
     return InputErrors(errors)
 
 
-def _schema_problems(error: ValidationError, name: str, marks: dict[Path_, Mark]) -> list[_Problem]:
+def _schema_problems(
+    error: ValidationError, name: str, marks: dict[Path_, Mark], schema: type[BaseModel]
+) -> list[_Problem]:
     problems = []
     for item in error.errors(include_url=False):
         mark = _mark_at(marks, tuple(item["loc"]))
         named = (part for part in reversed(item["loc"]) if isinstance(part, str) and not part.startswith("<"))
-        code, message = _explain(item, next(named, ""))
-        problems.append(_Problem(mark.line, mark.column, code, message, f"{name}:{mark.line}:{mark.column}"))
+        key = next(named, "")
+        code, message = _explain(item, key)
+        close = difflib.get_close_matches(key, keys_of(schema), 1) if item["type"] == "extra_forbidden" else []
+        advice = f"did you mean {close[0]!r}?" if close else ""
+        problems.append(_Problem(mark.line, mark.column, code, message, f"{name}:{mark.line}:{mark.column}", advice))
     return problems
+
+
+@cache
+def keys_of(schema: type[BaseModel]) -> tuple[str, ...]:
+    """Return all keys that a schema and the schemas in it know."""
+    keys: dict[str, None] = {}
+    seen: set[Any] = set()
+    waiting: list[Any] = [schema]
+    while waiting:
+        kind = waiting.pop()
+        if isinstance(kind, type) and issubclass(kind, BaseModel) and kind not in seen:
+            seen.add(kind)
+            for name, known in kind.model_fields.items():
+                keys[known.alias or name] = None
+                waiting.append(known.annotation)
+        waiting += get_args(kind)
+    return tuple(keys)
 
 
 def _explain(item: Any, key: str) -> tuple[str, str]:

@@ -19,8 +19,8 @@ from bench.frame.catalogue import find_model
 from bench.frame.compiling.whole import compile_frame
 from bench.frame.crc import CHECKSUMS, Crc
 from bench.frame.encode import encode_frame
-from bench.frame.escape import ESCAPES
 from bench.frame.kernel.arrays import holds
+from bench.frame.packets import ESCAPES
 from bench.frame.spec import FrameSpec
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml

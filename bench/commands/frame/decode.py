@@ -49,7 +49,13 @@ def _decoded(definition: FrameDefinition, file: Path, tables: list[Tables]) -> C
         with file.open("rb") as stream:
             return decode_capture(definition, stream, take)
     except OSError as error:
-        raise InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=str(file)) from error
+        raise unreadable(error, file) from error
+
+
+def unreadable(error: OSError, file: Path) -> InputError:
+    """Return the error of a capture that cannot be read."""
+    advice = "give the file of a raw capture, or - for standard input"
+    return InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=str(file), next_step=advice)
 
 
 def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:
@@ -57,6 +63,7 @@ def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:
     out.print(f"{'standard input' if file == STANDARD_INPUT else file}: {summary['frame']}")
     for name in COUNTS:
         out.print(f"  {name.replace('_', ' '):<14} {summary[name]}")
+    print_bad(counted)
     if counted.cut_off:
         out.print("  cut off in its last frame")
     if not counted.definition.layout.check.size:
@@ -66,14 +73,24 @@ def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:
             out.print(f"  written        {path}")
 
 
+def print_bad(counted: Counted) -> None:
+    """Print why bad frames are bad: by cause, with the first one of each."""
+    out, told = console(), sum(kind.number for kind in counted.bad)
+    for kind in counted.bad:
+        out.print(f"  bad: {kind.number} by {kind.cause}; the one at byte {kind.offset} {kind.text}", highlight=False)
+    if told < counted.counts.bad:
+        out.print(f"  bad: {counted.counts.bad - told} more, not looked at")
+
+
 def _nothing_good(counted: Counted) -> str:
     seen = counted.counts
     if not seen.bytes:
         return "nothing good: the capture is empty"
     if seen.other:
-        return f"nothing good: {seen.other} frames with a right check are of types that the definition does not list"
+        right = "with a right check " if counted.definition.layout.check.size else ""
+        return f"nothing good: {seen.other} frames {right}are of types that the definition does not list"
     if seen.bad:
-        return f"nothing good: {seen.bad} places look like the beginning of a frame, and the check of none is right"
+        return f"nothing good: {seen.bad} places look like the beginning of a frame, and none is one"
     if counted.cut_off:
         return "nothing good: the capture ends inside the first frame that has begun"
     sync = counted.definition.layout.sync.hex(" ")

@@ -4,13 +4,22 @@ from __future__ import annotations
 
 import sys
 from collections import Counter
-from contextlib import suppress
 from io import BytesIO
 from pathlib import Path
 
 from bench.commands.console import console
-from bench.commands.frame.decode import STANDARD_INPUT
-from bench.frame import LOOKED_AT_BYTES, Guess, decode_capture, draft, guesses, load_frame, parse_frame
+from bench.commands.frame.decode import STANDARD_INPUT, print_bad, unreadable
+from bench.frame import (
+    LOOKED_AT_BYTES,
+    Guess,
+    LineGuess,
+    decode_capture,
+    draft,
+    guesses,
+    line_guess,
+    load_frame,
+    parse_frame,
+)  # fmt: skip
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.session.output import write_file
@@ -25,7 +34,7 @@ def new(capture: Path, name: str, out: Path | None) -> int:
     InputErrors where the name is none of a definition.
     """
     head = _head(capture)
-    found = guesses(head)
+    found = _hypotheses(head)
     if not found:
         sys.stderr.write(f"{_nothing(head)}\n")
         return ExitStatus.VERDICT_FAIL
@@ -51,13 +60,15 @@ def explain(frame: str, file: Path) -> int:
     try:
         definition = load_frame(find_shipped("frames", frame))
         with BytesIO(head) if file == STANDARD_INPUT else file.open("rb") as stream:
-            counts = decode_capture(definition, stream).counts
+            counted = decode_capture(definition, stream)
+        counts = counted.counts
         good = counts.frames
         out.print(f"{definition.name}: {good} good, {counts.bad} bad, {counts.other} other,"
                   f" {counts.skipped_bytes} of {counts.bytes} bytes in no frame")  # fmt: skip
+        print_bad(counted)
     except InputErrors as error:
         refused = error
-    found = guesses(head)
+    found = _hypotheses(head)
     for number, guess in enumerate(found[:_SHOWN]):
         out.print(f"{'as the capture has it' if number == 0 else 'or'}: {_told(guess)}", highlight=False)
     if found:
@@ -70,6 +81,15 @@ def explain(frame: str, file: Path) -> int:
     return ExitStatus.PASS if good else ExitStatus.VERDICT_FAIL
 
 
+def _hypotheses(head: bytes) -> list[Guess | LineGuess]:
+    """Return what frames and lines of a capture may be, first what explains most of it."""
+    frames, lines = guesses(head), line_guess(head)
+    if lines is None:
+        return [*frames]
+    first = not frames or (frames[0].check is None and lines.check != "none") or lines.covered > frames[0].covered
+    return [lines, *frames] if first else [*frames, lines]
+
+
 def _head(capture: Path) -> bytes:
     """Return the beginning of a capture. Raises: InputError B-FRAME-030."""
     try:
@@ -78,11 +98,16 @@ def _head(capture: Path) -> bytes:
         with capture.open("rb") as stream:
             return stream.read(LOOKED_AT_BYTES)
     except OSError as error:
-        raise InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=str(capture)) from error
+        raise unreadable(error, capture) from error
 
 
-def _told(guess: Guess) -> str:
+def _told(guess: Guess | LineGuess) -> str:
     """Return a hypothesis in words."""
+    if isinstance(guess, LineGuess):
+        begin = f" that begin with {guess.sync.decode()!r}" if guess.sync else ""
+        check = f"{guess.check} in hex digits behind {guess.mark!r}" if guess.mark else "no check"
+        share = f"{100 * guess.covered:.0f} % of the bytes"
+        return f"{len(guess.lines)} lines of text{begin}, values between {guess.separator!r}, {share}; {check}"
     lengths = Counter(guess.lengths).most_common(4)
     sizes = ", ".join(f"{size} ({count})" for size, count in lengths) + (" …" if len(set(guess.lengths)) > 4 else "")
     where = ""
@@ -93,7 +118,8 @@ def _told(guess: Guess) -> str:
     if (fit := guess.check) is not None:
         place = f"behind it, {fit.trailer} bytes before the end" if fit.at is None else f"at byte {fit.at}"
         order = "" if fit.size == 1 else f", {'big' if fit.big else 'little'}-endian"
-        check = f"{fit.name} from byte {fit.start} on, {place}{order}, right in {fit.right} of those tried"
+        name = " or ".join((fit.name, *fit.also))
+        check = f"{name} from byte {fit.start} on, {place}{order}, right in {fit.right} of those tried"
     return (
         f"sync {guess.sync.hex(' ')}, {len(guess.starts)} frames of {sizes} bytes, "
         f"{100 * guess.covered:.0f} % of the bytes{where}; {check}"
@@ -103,8 +129,5 @@ def _told(guess: Guess) -> str:
 def _nothing(head: bytes) -> str:
     if not head:
         return "the capture is empty"
-    text = "no bytes of the first {} repeat at distances that are constant or that a length field states"
-    with suppress(UnicodeDecodeError):
-        if head[:1000].decode("ascii").isprintable() or b"\r\n" in head[:1000]:
-            text += "; it looks like lines of text"
-    return text.format(len(head))
+    text = "no bytes of the first {} repeat at distances that are constant or that a length field states; no lines"
+    return f"{text.format(len(head))} of text with values either"

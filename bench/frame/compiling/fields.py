@@ -164,7 +164,7 @@ def _bits(spec: FieldSpec, field: Field, where: Path_, fail: Fail) -> dict[str, 
         match = _BIT_RANGE.fullmatch(str(text))
         low, high = (int(match[1]), int(match[2] or match[1])) if match else (0, -1)
         if not low <= high < field.width:
-            advice = f"write a bit 0 to {field.width - 1} or a range such as '1-3'"
+            advice = f"write a bit 0 to {field.width - 1} or a range such as '1-3'" if field.width > 1 else "write 0"
             fail("B-FRAME-004", (*where, "bits", name), f"{spec.name}.{name}: {text!r} is no bit of it", advice)
             continue
         mask = (1 << (high + 1)) - (1 << low)

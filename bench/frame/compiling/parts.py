@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -12,7 +13,7 @@ from bench.model.yamlio import Path_
 
 _ALWAYS_THERE = ("role", "per", "constant", "default")
 _BYTES = 4
-_SAYS = "one unsigned integer of up to 32 bits in front of it"
+_SAYS = "name an unsigned integer that stands in front of it in every frame, or bits of one"
 
 
 @dataclass(frozen=True)
@@ -136,8 +137,9 @@ class _Work:
             if not one.required:
                 self._change(len(one.fields), lambda item, name=name: replace(item, given=name))  # type: ignore[misc]
             size = self._placer.end(path) - at - 1
-            if one.id >= 1 << 8 * id_size or any(one.id == item.number for item in items):
-                text = f"{name}: the id {one.id} is taken or no {spec.id}"
+            other = next((item.name for item in items if item.number == one.id), "")
+            if other or one.id >= 1 << 8 * id_size:
+                text = f"{name}: the id 0x{one.id:X} is {f'that of {other!r}' if other else f'no {spec.id}'}"
                 self._fail("B-FRAME-015", (*path, "id"), text, "")
             if size >= 1 << 8 * length_size:
                 text = f"{name}: {size} bytes are more than a length of {spec.length} can say"
@@ -157,11 +159,20 @@ class _Work:
         """Return the field, and the bits of it, that say how often something is there."""
         base, _, bits = name.partition(".")
         field = next((item for item in self._placer.placed if item.name == base), None)
-        fits = field is not None and (field.kind, field.count, field.given) == ("u", None, "") and field.size <= _BYTES
-        if field is None or not fits or (bits and bits not in field.bits):
-            self._fail("B-FRAME-015", where, f"{name!r} is not {_SAYS}, nor bits of one", "")
-            return None, None
-        return field, field.bits.get(bits)
+        problem, names = "", [item.name for item in self._placer.placed]
+        if field is None:
+            problem = "is no field in front of it"
+        elif field.given:
+            problem = "may be absent itself"
+        elif (field.kind, field.count) != ("u", None) or field.size > _BYTES:
+            problem = "is not one unsigned integer of up to 32 bits"
+        elif bits and bits not in field.bits:
+            problem, names = f"has no bits {bits!r}", list(field.bits)
+        if problem:
+            close = difflib.get_close_matches(bits or base, names, 1)
+            advice = f"did you mean {close[0]!r}?" if close and close[0] != base else _SAYS
+            self._fail("B-FRAME-015", where, f"{base!r} {problem}", advice)
+        return (None, None) if problem or field is None else (field, field.bits.get(bits))
 
     def _refuse(self, spec: FieldSpec, where: Path_, what: str) -> None:
         if spec.count == "rest":

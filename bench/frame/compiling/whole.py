@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -10,13 +11,14 @@ from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
 from bench.frame.commands import CommandLayout, compile_commands
 from bench.frame.compiling.parts import Placed, place
 from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
-from bench.frame.layout import Field, Layout, Message, Span
+from bench.frame.layout import OFFSET, Field, Layout, Message, Span
 from bench.frame.parts import blank_row
 from bench.frame.spec import MAX_FRAME_BYTES, AnyField, CheckSpec, FieldSpec, FrameSpec
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_
 
 ONLY_MESSAGE = "frame"
+_FORMS = {"hex": "an unsigned integer", "text": "bytes"}  # the others are for f64
 _PARAMETERS = ("width", "poly", "init", "refin", "refout", "xorout")
 
 
@@ -28,7 +30,9 @@ class _Compiler:
         self._endian = self.spec.endian or "big"
 
     def fail(self, code: str, path: Path_, message: str, next_step: str) -> None:
-        self.errors.append(InputError(code, message, where=self.document.where(path), next_step=next_step))
+        where = self.document.where(path)
+        if not any((error.code, error.where) == (code, where) == ("B-FRAME-008", where) for error in self.errors):
+            self.errors.append(InputError(code, message, where=where, next_step=next_step))
 
     def build(self) -> tuple[Layout, dict[str, CommandLayout]]:
         spec = self.spec
@@ -36,7 +40,7 @@ class _Compiler:
         self._sync_end = front + len(spec.sync)
         start = 0 if front else self._sync_end
         sync = range(front, self._sync_end) if front else range(0)
-        common = place(spec.fields, ("fields",), start, self._endian, self.fail, sync)
+        common = place(self._written(spec.fields), ("fields",), start, self._endian, self.fail, sync)
         check = self._check(spec.crc)
         self._check_form(common)
         self._length = self._reference("length", spec.length.field if spec.length else None, common)
@@ -55,6 +59,14 @@ class _Compiler:
         if self.errors:
             raise InputErrors(self.errors)
         return self._layout(common, messages, check), commands
+
+    def _written(self, specs: Sequence[AnyField]) -> list[AnyField]:
+        """Return fields; in lines bytes are text."""
+        if self.spec.lines is None:
+            return list(specs)
+        is_text = [isinstance(spec, FieldSpec) and spec.type == "bytes" for spec in specs]
+        return [spec.model_copy(update={"form": "text"}) if text else spec
+                for spec, text in zip(specs, is_text, strict=True)]  # fmt: skip
 
     def _layout(self, common: Placed, messages: list[Message], check: Check) -> Layout:
         spec = self.spec
@@ -161,7 +173,7 @@ class _Compiler:
         found: list[Message] = []
         for name, part in spec.messages.items():
             path: Path_ = ("messages", name)
-            fields = place(part.fields, (*path, "fields"), common, self._endian, self.fail)
+            fields = place(self._written(part.fields), (*path, "fields"), common, self._endian, self.fail)
             if any(part.value in (other.type_value, other.type_text) for other in found):
                 self.fail("B-FRAME-007", (*path, "value"), f"{name}: the type value {part.value} is taken", "")
             if isinstance(part.value, str) or spec.lines:
@@ -222,11 +234,7 @@ class _Compiler:
                 if self.spec.lines:
                     self.fail("B-FRAME-015", (*path, index), "a line has no groups, optional parts or items", "")
                 continue
-            kind = "an unsigned integer" if field.form == "hex" else "f64"
-            fits = field.type[0] == "u" if field.form == "hex" else field.type == "f64"
-            if field.form is not None and not (self.spec.lines and fits):
-                text = f"{field.name}: the form {field.form!r} is for {kind} in a line"
-                self.fail("B-FRAME-002", (*path, index, "form"), text, "leave it out")
+            self._check_form_of_one(field, (*path, index))
             if field.type[0] in "ui" and int(field.type[1:]) % 8 and self.spec.lines:
                 text = f"{field.name}: a number of a line has 8, 16, ... 64 bits"
                 self.fail("B-FRAME-002", (*path, index, "type"), text, "take the next type that holds its values")
@@ -234,7 +242,34 @@ class _Compiler:
                 text = f"{field.name}: a line has no 'rest'"
                 self.fail("B-FRAME-002", (*path, index, "count"), text, "give the greatest number of characters")
 
+    def _check_form_of_one(self, field: FieldSpec, path: Path_) -> None:
+        if field.form is None:
+            return
+        kind = _FORMS.get(field.form, "f64")
+        fits = field.type[0] == "u" if field.form == "hex" else field.type == kind
+        if field.form != "text" and not self.spec.lines:
+            text = f"{field.name}: the form {field.form!r} is for lines of text"
+            self.fail("B-FRAME-002", (*path, "form"), text, "leave it out")
+        elif not fits:
+            text = f"{field.name}: the form {field.form!r} is for {kind}, not for {field.type}"
+            self.fail("B-FRAME-002", (*path, "form"), text, f"make its type {'u16' if kind[0] == 'a' else kind}")
+
+    def _check_columns(self, name: str, fields: Sequence[Field]) -> None:
+        """Check that no two columns of a table have one name: elements of an array or a group have numbers."""
+        path = ("messages", name) if self.spec.messages else ("fields",)
+        names = {field.name for field in fields}
+        taken = [OFFSET] if OFFSET in names else []
+        for field in fields:
+            if field.count is not None and field.kind != "b":
+                numbered = re.compile(rf"{field.name}_([1-9]\d*)")
+                taken += [other for other in names
+                          if (match := numbered.fullmatch(other)) and int(match[1]) <= field.count]  # fmt: skip
+        for column in taken:
+            text = f"a table of {name!r} would have the column {column!r} twice"
+            self.fail("B-FRAME-001", path, text, f"rename the field {column!r}")
+
     def _message(self, name: str, placed: Placed, type_value: int | None) -> Message:
+        self._check_columns(name, placed.fields)
         start, stop = self._coverage(placed, name)
         varies = placed.parts or placed.fields[-1].rest or self.spec.lines
         length = 0 if varies else placed.end + self._tail

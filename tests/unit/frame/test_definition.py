@@ -252,6 +252,10 @@ REFUSALS = {
     ),
     "a whole number too exact B-FRAME-012": sample(expect="{value: 7.0000001}"),
     "scaled value B-FRAME-012": sample("{name: value, type: u16, scale: 0.1}", expect="{value: 0.70001}"),
+    "scaled value by half a step B-FRAME-012": sample(
+        "{name: value, type: u32, scale: 0.0001}", body="3b9aca00", expect="{value: 100000.0001}"
+    ),
+    "double B-FRAME-012": sample("{name: value, type: f64}", body="3ff0000000000000", expect="{value: 1.0000001}"),
     "float B-FRAME-012": sample("{name: value, type: f32}", body="3f800000", expect="{value: 1.00001}"),
     "truth for a number B-FRAME-012": sample(body="0001", expect="{value: true}"),
     "hex of other bytes B-FRAME-012": sample("{name: value, type: bytes, count: 2}", expect='{value: "0008"}'),
@@ -279,7 +283,7 @@ def test_positions_and_all_mistakes_at_once() -> None:
 
 
 def test_the_message_shows_computed_and_stored_check() -> None:
-    with pytest.raises(InputErrors, match=r"over bytes 2 to 3 is 0x15, stored is 0x00"):
+    with pytest.raises(InputErrors, match=r"over bytes 2 to 3 is 0x15, the frame holds 0x00"):
         parse_frame(sample(golden='"a55a000700"'), "sample.yaml")
 
 

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bench.frame import FrameDefinition, LinkDecoder, parse_frame
-from bench.frame.escape import ESCAPES
+from bench.frame.packets import ESCAPES
 from bench.model.errors import InputError, InputErrors
 
 KINDS = tuple(ESCAPES)
@@ -165,5 +165,5 @@ def test_what_cannot_be_escaped_is_told() -> None:
     with pytest.raises(InputError, match="no fixed length") as caught:
         definition.encode({"kind": 1, "counter": 1, "body": b""}, 2)
     assert caught.value.code == "B-FRAME-020"
-    with pytest.raises(InputErrors, match="is no slip packet"):
+    with pytest.raises(InputErrors, match="is no single slip packet"):
         parse_frame(definition.text.replace(' c0"', '"'), "escaped.yaml")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import struct
+from functools import reduce
+from operator import xor
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -12,9 +14,8 @@ import pytest
 from crccheck.crc import Crc16Ibm3740, Crc16Xmodem, Crc32
 
 from bench.commands.frame import explain
-from bench.frame import parse_frame
-from bench.frame.draft import draft
-from bench.frame.explain import guesses
+from bench.frame import decode_capture, parse_frame
+from bench.frame.explain import draft, guesses, line_guess
 from bench.model.errors import InputError, InputErrors
 
 RNG_SEED = 20
@@ -138,3 +139,31 @@ def test_every_draft_is_a_definition_whatever_the_capture() -> None:
             parse_frame(draft(guess, capture, "unit"), "unit.yaml")
             drafts += 1
     assert drafts > 5
+
+
+def test_lines_with_a_check_and_without() -> None:
+    rng = np.random.default_rng(RNG_SEED)
+    bodies = [f"IMU,{number},{rng.normal():.3f},{rng.integers(90)}".encode() for number in range(60)]
+    checked = b"\xb5\x62noise\r\n" + b"".join(b"$%b*%02X\r\n" % (body, reduce(xor, body)) for body in bodies)
+    by_crc = b"".join(b"#%b*%04x\n" % (body, Crc16Xmodem.calc(b"#" + body)) for body in bodies)
+    plain = b"".join(b"%b\r\n" % body.replace(b",", b";") for body in bodies)
+    for capture, check, separator in ((checked, "xor-8", ","), (by_crc, "crc-16/xmodem", ","), (plain, "none", ";")):
+        guess = line_guess(capture)
+        assert guess is not None
+        assert (guess.check, guess.separator, len(guess.lines)) == (check, separator, len(bodies))
+        definition = parse_frame(draft(guess, capture, "unit"), "unit.yaml")
+        assert decode_capture(definition, io.BytesIO(capture)).counts.frames == len(bodies)
+    assert line_guess(rng.bytes(NOISE_BYTES)) is None
+    assert line_guess(b"a letter to nobody\n" * 3) is None
+    assert line_guess(b",$*" * 300_000) is None  # at once
+
+
+def test_one_hypothesis_is_not_told_again_shifted() -> None:
+    rng = np.random.default_rng(RNG_SEED)
+    (best,) = guesses(b"".join(with_trailer(rng) for _ in range(60)))
+    assert best.check is not None
+    bodies = [rng.bytes(int(rng.integers(5, 9))) for _ in range(60)]
+    small = [struct.pack(">HH", 0xA0A2, len(body)) + body + struct.pack(">HH", sum(body), 0xB0B3) for body in bodies]
+    (best,) = guesses(b"".join(small))
+    assert best.check is not None
+    assert {best.check.name, *best.check.also} >= {"sum-15", "sum-16"}  # no sum reaches the sixteenth bit

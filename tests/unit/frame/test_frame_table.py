@@ -41,7 +41,9 @@ def test_counts_and_csv_of_a_capture_longer_than_a_block(tmp_path: Path, monkeyp
     assert captured(definition, capture)[0].summary() == {
         "frame": "ngu_a", "frame_sha256": definition.sha256, "check": "crc-16/ibm-3740", "good": 99, "bytes": 5707,
         "bad": 1, "lost": 100, "duplicate": 0, "suspect": 0, "skipped_bytes": 64, "other": 0,
-        "messages": {"frame": 99}, "cut_off": True,
+        "messages": {"frame": 99}, "cut_off": True, "bad_because": [{
+            "cause": "check", "number": 1, "offset": 5 + 50 * 57,
+            "text": "fails its check: crc-16/ibm-3740 over bytes 2 to 54 is 0xd68a, the frame holds 0x933e"}],
     }  # fmt: skip
     assert tabulated(definition, capture, tmp_path / "out.csv") == [tmp_path / "out.csv"]
     with (tmp_path / "out.csv").open(newline="", encoding="utf-8") as stream:

@@ -179,7 +179,7 @@ def test_a_golden_frame_names_the_limit_and_the_check_that_would_be_right() -> N
     short = typed(1, 5, b"\x07\x00")
     text = MESSAGES.replace("GOLDEN1", short.hex()).replace("GOLDEN2", typed(15, 0, bytes(6) + b"\x03\0\0\0").hex())
     rest = text.replace("{name: m, type: u32}", "{name: m, type: bytes, count: rest}")
-    with pytest.raises(InputErrors, match="has 16 bytes, 'length: max' is 12"):
+    with pytest.raises(InputErrors, match="states 16 bytes \\(word is 4\\), 'length: max' is 12"):
         parse_frame(rest.replace("max: 400", "max: 12")
                     .replace("expect: {m: 3}", "expect: {counter: 0}"), "typed.yaml")  # fmt: skip
     wrong = INSIDE.replace("crc-32,", "crc-32/mpeg-2,").replace("max: 100", "max: 40")

@@ -225,7 +225,7 @@ def test_bytes_in_front_of_the_sync_bytes() -> None:
         ([EXTRA | {"fields": [{"name": "a", "type": "u8", "constant": 1}]}], {}, "B-FRAME-015", "'constant'"),
         ([EXTRA | {"when": "flags.none"}], {}, "B-FRAME-015", "in front of it"),
         ([ITEMS | {"of": {"a": {"id": 256}}}], {}, "B-FRAME-015", "no u8"),
-        ([ITEMS | {"of": {"a": {"id": 1}, "b": {"id": 1}}}], {}, "B-FRAME-015", "is taken"),
+        ([ITEMS | {"of": {"a": {"id": 1}, "b": {"id": 1}}}], {}, "B-FRAME-015", "is that of 'a'"),
         ([ITEMS, GROUP], {}, "B-FRAME-002", "stand alone"),
         ([ITEMS], {"length": None}, "B-FRAME-006", "must carry its length"),
         ([GROUP, EXTRA], {"crc": {"name": "sum-8", "over": ["flags", "rate"]}}, "B-FRAME-008", "at a fixed place"),

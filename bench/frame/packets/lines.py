@@ -18,9 +18,10 @@ import numpy as np
 
 from bench.frame.batch import Extract
 from bench.frame.element import read_element
-from bench.frame.escape import Packet
 from bench.frame.layout import Field, Layout, Message
-from bench.frame.packets import PacketDecoder
+from bench.frame.packets.decoder import PacketDecoder
+from bench.frame.packets.escape import Packet
+from bench.frame.refusal import Refusal
 from bench.frame.spec import LinesSpec
 from bench.model.errors import InputError
 
@@ -37,15 +38,15 @@ class LineDecoder(PacketDecoder):
     """Decoder of lines: LF or CR LF ends one, its next sync bytes give up one that was begun."""
 
     def __init__(self, layout: Layout, lines: LinesSpec, extract: Extract) -> None:
-        super().__init__(layout, extract, _search(layout.sync), lines.max)
+        super().__init__(layout, extract, search_of(layout.sync), lines.max)
         self._read = LineReader(layout, lines).read
 
     def _frame_of(self, packet: Packet) -> tuple[Message, bytes] | None:
         read = None if packet.frame is None else self._read(packet.frame)
-        return None if isinstance(read, str) else read
+        return None if isinstance(read, Refusal) else read
 
 
-def _search(sync: bytes) -> Callable[[bytes, int, int], Packet | None]:
+def search_of(sync: bytes) -> Callable[[bytes, int, int], Packet | None]:
     """Return the search for lines that begin with these bytes; without any, every line is one."""
     content = re.compile(rb"(?:(?!%b)[\t\x20-\x7e])*" % re.escape(sync) if sync else rb"[^\r\n]*")
 
@@ -89,30 +90,33 @@ class LineReader:
         self._types = [(message, _like(message.type_text)) for message in layout.messages]
         self._slots = {message.name: _slots(message) for message in layout.messages}
 
-    def read(self, line: bytes) -> tuple[Message, bytes] | str:
+    def read(self, line: bytes, due_message: Message | None = None) -> tuple[Message, bytes] | Refusal:
         """Return message and fields of a line without its sync bytes and end, or why it is none.
 
-        Empty floats are NaN, empty bytes zeros; an empty integer is none.
+        Empty floats are NaN, empty bytes zeros; an empty integer is none. ``due_message``: of a golden line.
         """
         body = line
         if self._mark:
             body, _, digits = line.rpartition(self._mark)
             due = f"{self._layout.check.of(self._covered + body):0{self._digits}X}"
             if digits.upper() != due.encode():
-                there = digits.decode("ascii", "replace")
-                return f"{self._layout.check.name} is {due}, behind {self._mark.decode()!r} stands {there!r}"
+                there = f"behind {self._mark.decode()!r} stands {digits.decode('ascii', 'replace')!r}"
+                return Refusal("check", f"fails its check: {self._layout.check.name} is {due}, {there}")
         if not body.isascii():
-            return "holds bytes that are no ASCII"
+            return Refusal("contents", "holds bytes that are no ASCII")
         values = self._split(body.decode("ascii"))
         message = self._message_of(values)
-        if message is None:
-            return "is of a message that is not listed"
+        if message is None or due_message not in (None, message):
+            listed = self._layout.messages if due_message is None else (due_message,)
+            types = " or ".join(item.type_text for item in listed[:6]) + " …" * (len(listed) > 6)
+            value = values[self._type_at] if self._type_at < len(values) else ""
+            return Refusal("type", f"has the type {value!r}, due is {types}")
         if message is self._layout.unlisted:
             return message, b""
         slots = self._slots[message.name]
         due_values = slots[-1].stop
         if len(values) < due_values or (len(values) > due_values and not self._more):
-            return f"has {len(values)} values, {message.name!r} has {due_values}"
+            return Refusal("contents", f"has {len(values)} values, {message.name!r} has {due_values}")
         return self._packed(message, slots, values)
 
     def _split(self, body: str) -> list[str]:
@@ -126,7 +130,7 @@ class LineReader:
         value = values[self._type_at] if self._type_at < len(values) else ""
         return next((message for message, is_it in self._types if is_it(value)), self._layout.unlisted)
 
-    def _packed(self, message: Message, slots: list[_Slot], values: list[str]) -> tuple[Message, bytes] | str:
+    def _packed(self, message: Message, slots: list[_Slot], values: list[str]) -> tuple[Message, bytes] | Refusal:
         row = [self._layout.sync]
         for item, start, stop, pack in slots:
             value = values[start] if stop - start == 1 else f"{values[start]},{values[start + 1]}"
@@ -135,8 +139,7 @@ class LineReader:
             except (OverflowError, struct.error):
                 packed = None
             if packed is None:
-                form = f" in the form {item.form}" if item.form else ""
-                return f"{item.name}: {value!r} is no value of its type{form}"
+                return Refusal("contents", _why_no_value(value, item))
             row.append(packed)
         return message, b"".join(row)
 
@@ -190,6 +193,15 @@ def _packer(item: Field) -> Callable[[str], bytes | None]:
         return int(value, base).to_bytes(item.size, order, signed=item.kind == "i")  # type: ignore[arg-type]
 
     return integer
+
+
+def _why_no_value(value: str, item: Field) -> str:
+    if item.kind == "b":
+        return f"{item.name}: {value!r} has {len(value)} characters, its 'count' is {item.length}"
+    kind = "float" if item.kind == "f" else "unsigned integer" if item.kind == "u" else "integer"
+    form = f" in the form {item.form!r}" if item.form else ""
+    empty = "; an empty value needs f32 or f64" if not value and item.kind != "f" else ""
+    return f"{item.name}: {value!r} is no {kind} of {8 * item.size} bits{form}{empty}"
 
 
 def _packed_float(number_of: Callable[[str], float | None], pack: Callable[[float], bytes], value: str) -> bytes | None:

@@ -2,13 +2,48 @@
 
 from __future__ import annotations
 
-from bench.frame.explain import Guess
+import json
+import re
+
+from bench.frame.explain.frames import Guess
+from bench.frame.explain.lines import LineGuess
 
 _CHECK_TYPES = {1: "u8", 2: "u16", 3: "u24", 4: "u32", 8: "u64"}
 
 
-def draft(guess: Guess, capture: bytes, name: str) -> str:
+def draft(guess: Guess | LineGuess, capture: bytes, name: str) -> str:
     """Return the YAML of a definition of frames that a capture holds; what their bytes mean is for the author."""
+    return _of_lines(guess, name) if isinstance(guess, LineGuess) else _of_frames(guess, capture, name)
+
+
+def _of_lines(guess: LineGuess, name: str) -> str:
+    """Return the YAML of lines: with a check the first value, which may be the type; else all values."""
+    bodies = [body.decode("ascii", "replace").split(guess.separator) for body in guess.body]
+    longest, end = max(map(len, guess.lines)), "crc: {name: none}"
+    sync, more, check = "", "", ""
+    fields, expect = [], ""
+    if guess.mark:
+        sync, more, check = f"0x{guess.sync[0]:02X}", ", more: true", f", check: {json.dumps(guess.mark)}"
+        most = max(len(values[0]) for values in bodies)
+        fields = [f"{{name: address, type: bytes, count: {most}}} # the values behind it are yours to name"]
+        expect = f"address: {json.dumps(bodies[0][0])}"
+        end = f"crc: {{name: {guess.check}, over: [{'sync' if guess.over_sync else 'address'}, end]}}"
+    else:
+        for number, column in enumerate(zip(*bodies, strict=True), 1):
+            is_number = all(re.fullmatch(r"\s*([+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)?\s*", text) for text in column)
+            kind = "f64" if is_number else f"bytes, count: {max(map(len, column))}"
+            fields.append(f"{{name: value_{number}, type: {kind}}}")
+            if not expect and column[0].strip():
+                first = column[0].strip()
+                expect = f"value_{number}: {float(first) if is_number else json.dumps(first)}"
+    separator = json.dumps(guess.separator)
+    lines = f"lines: {{separator: {separator}{check}, max: {longest + 2}{more}}} # the longest one seen"
+    listed = "\n".join(f"  - {field}" for field in fields)
+    golden = json.dumps(guess.lines[0].decode("ascii", "replace"))
+    return f"frame: {name}\nsync: [{sync}]\n{lines}\nfields:\n{listed}\n{end}\ngolden: {golden}\nexpect: {{{expect}}}\n"
+
+
+def _of_frames(guess: Guess, capture: bytes, name: str) -> str:
     whole = guess.body_at + guess.behind
     golden = min((frame for frame in guess.frames(capture) if len(frame) > whole), key=len)
     check, length = guess.check, guess.length
@@ -30,7 +65,8 @@ def draft(guess: Guess, capture: bytes, name: str) -> str:
         over = "sync" if check.start == 0 else next(name for at, name in _names(fields) if at == check.start)
         place = "" if check.at is None else "field: check, "
         stored = f", stored: {'big' if check.big else 'little'}" if check.at is None and check.size > 1 else ""
-        lines.append(f"crc: {{name: {check.name}, {place}over: [{over}, end]{stored}}}")
+        told = f" # or {' or '.join(check.also)}: these frames cannot tell" if check.also else ""
+        lines.append(f"crc: {{name: {check.name}, {place}over: [{over}, end]{stored}}}{told}")
     body = golden[guess.body_at : len(golden) - guess.behind]
     lines += [f'golden: "{golden.hex(" ")}"', f'expect: {{body: "{body.hex(" ")}"}}']
     return "\n".join(lines) + "\n"

@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 
 from bench.frame.batch import Extract, FrameBatch
-from bench.frame.escape import ESCAPES, Packet
 from bench.frame.layout import Layout, Message
+from bench.frame.packets.escape import Packet
 from bench.frame.reference import ReferenceDecoder
 
-_ROOM = 2  # bytes on the wire for one of a frame, at most
+ROOM = 2  # bytes on the wire for one of a frame, at most
 
 
 class PacketDecoder(ReferenceDecoder):
@@ -68,8 +68,3 @@ class PacketDecoder(ReferenceDecoder):
             length = len(frame) if len(frame) >= message.least + layout.tail else 0
         good = message is not None and length == len(frame) and self._passes(frame, message)
         return (message, frame) if message is not None and good else None
-
-
-def escaped_decoder(layout: Layout, extract: Extract) -> PacketDecoder:
-    """Return the decoder of escaped frames."""
-    return PacketDecoder(layout, extract, ESCAPES[layout.escape].next_packet, _ROOM * layout.max_length + 4)

@@ -47,7 +47,8 @@ class LengthField:
 class FoundCheck:
     """A check that is right in ``right`` of the frames: its name, place, bytes behind it, first byte covered.
 
-    ``at`` is the place of a check in front of what it covers, None where it stands behind.
+    ``at`` is the place of a check in front of what it covers, None where it stands behind. ``also``: names of others
+    that are right as often at the same place: the frames cannot tell them apart.
     """
 
     name: str
@@ -57,6 +58,7 @@ class FoundCheck:
     trailer: int
     right: int
     at: int | None = None
+    also: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -110,9 +112,19 @@ def guesses(capture: bytes) -> list[Guess]:
     found = [_with_check(capture, guess) for guess in sorted(found, key=lambda guess: -guess.covered)[:_LIKELY]]
     found = [guess for guess in found if guess.check is not None or guess.covered >= _COVERED_WITHOUT_CHECK]
     different = {(guess.sync, guess.starts): guess for guess in found if guess.has_body}.values()
-    return sorted(
+    order = sorted(
         different, key=lambda guess: (guess.check is None, -round(guess.covered, 2), guess.starts[0], guess.trailer)
     )
+    return [guess for place, guess in enumerate(order) if not any(_inside(guess, better) for better in order[:place])]
+
+
+def _inside(guess: Guess, better: Guess) -> bool:
+    """Return whether frames begin, most of them, inside those of a better hypothesis: the same, shifted."""
+    starts, begins = np.array(guess.starts), np.array(better.starts)
+    before = np.searchsorted(begins, starts, side="right") - 1
+    ends = begins + np.array(better.lengths)
+    inside = (before >= 0) & (starts < ends[before])
+    return bool(inside.mean() > _RIGHT)
 
 
 def checks_that_fit(frames: Sequence[bytes], least_bits: int = 24) -> Iterator[FoundCheck]:
@@ -128,7 +140,11 @@ def checks_that_fit(frames: Sequence[bytes], least_bits: int = 24) -> Iterator[F
     # by chance: one of ten thousand tries is right in a frame with as many bits as the check has
     sure = [replace(fit, right=_right(fit, distinct)) for fit in found if 8 * fit.size * len(tried) >= least_bits]
     sure = [fit for fit in sure if fit.right >= _RIGHT * len(distinct) and _varies(fit, tried)]
-    yield from sorted(sure, key=lambda fit: (-fit.size * fit.right, fit.at is not None, fit.trailer, fit.start))
+    sure.sort(key=lambda fit: (-fit.size * fit.right, fit.at is not None, fit.trailer, fit.start))
+    for fit in sure:
+        yield replace(
+            fit, also=tuple(other.name for other in sure if other != fit and replace(other, name=fit.name) == fit)
+        )
 
 
 def _candidates(capture: bytes) -> list[bytes]:
@@ -270,6 +286,11 @@ def _by_name() -> dict[str, Check]:
     small: list[Check] = [Crc(model) for model in CATALOGUE.values() if model.width == 8]
     sums: list[Check] = [check for check in CHECKSUMS.values() if check.size]
     return {check.name: check for check in (*small, *_crcs(), *sums)}
+
+
+def small_checks(size: int) -> list[Check]:
+    """Return the known checks of so many bytes."""
+    return [check for check in _by_name().values() if check.size == size]
 
 
 def _right_in(frame: bytes) -> Iterator[FoundCheck]:

@@ -1,0 +1,188 @@
+"""The golden frames of a definition: each must be a frame of its message and decode to the values expected."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from bench.frame.compiling.fields import read_hex
+from bench.frame.explain import checks_that_fit
+from bench.frame.layout import Field, Layout, Message
+from bench.frame.packets import ESCAPES, LineReader, one_by_one
+from bench.frame.refusal import Refusal, why_refused
+from bench.frame.spec import FrameSpec, LinesSpec
+from bench.model.errors import InputError, InputErrors
+from bench.model.yamlio import Document, Path_
+
+_DIGITS = {8: 1e-8}  # relative, of floats of that many bytes: they are written with fewer digits than they have
+_MILLIONTH = 1e-6
+_ROUNDING = 1e-12
+_NEXT = "correct the definition or the golden frame; take the frame from the device or its manual"
+
+
+def check_golden(document: Document[FrameSpec], layout: Layout) -> None:
+    """Decode every golden frame and compare it with its expected values.
+
+    Raises: InputErrors with B-FRAME-011 (no frame), 012 (other values), 013 (no such field).
+    """
+    errors: list[InputError] = []
+    spec = document.model
+    for message in layout.messages:
+        part = spec if spec.messages is None else spec.messages[message.name]
+        path: Path_ = () if spec.messages is None else ("messages", message.name)
+        if part.golden is None or part.expect is None:
+            text = "the definition has no golden frame with expected values"
+            errors.append(InputError("B-FRAME-011", text, where=document.where(path), next_step=_NEXT))
+            continue
+        problem = _refused(layout, message, part.golden)
+        if problem:
+            where = document.where((*path, "golden"))
+            errors.append(InputError("B-FRAME-011", problem, where=where, next_step=_NEXT))
+            continue
+        errors += _compare(document, layout, message, part.golden, part.expect, (*path, "expect"))
+    if errors:
+        raise InputErrors(errors)
+
+
+def _unescaped(layout: Layout, wire: bytes) -> bytes | None:
+    """Return the one frame of an escaped golden frame, None if there is another number of packets."""
+    pieces, at = [], 0
+    while (packet := ESCAPES[layout.escape].next_packet(wire, at, len(wire) + 1)) is not None:
+        at = packet.end
+        pieces += [packet.frame] if packet.frame != b"" else []
+    return pieces[0] if len(pieces) == 1 and at == len(wire) else None
+
+
+def wire_of(layout: Layout, golden: str) -> bytes | None:
+    """Return a golden frame as it stands on the wire, None if it is no hex text; of lines, it is a line."""
+    return golden.strip().encode("ascii", "replace") + b"\r\n" if layout.lines else read_hex(golden)
+
+
+def _refused(layout: Layout, message: Message, text: str) -> str:
+    """Return why the golden frame is no frame of this message; empty if it is one."""
+    wire = wire_of(layout, text)
+    if wire is not None and layout.lines:
+        return _why_no_line(layout, layout.lines, message, wire)
+    if not wire:
+        return f"the golden frame {_why_no_hex(text)}"
+    frame = _unescaped(layout, wire) if layout.escape else wire
+    if frame is None:
+        return f"the golden frame is no single {layout.escape} packet"
+    problem = _why_no_frame(layout, message, frame)
+    if problem or len(one_by_one(layout).feed(wire).messages[message.name]) == 1:
+        return problem
+    return "the golden frame does not stand alone: its decoder finds none or several in it"
+
+
+def _why_no_frame(layout: Layout, message: Message, frame: bytes) -> str:
+    if not frame.startswith(layout.pattern, layout.sync_at):
+        there = frame[layout.sync_at : layout.sync_at + len(layout.pattern)].hex(" ")
+        at = f" at byte {layout.sync_at}" if layout.sync_at else ""
+        return f"the golden frame begins{at} with {there}, not {layout.pattern.hex(' ')}"
+    if message.length not in (0, len(frame)) or len(frame) < message.least + layout.tail:
+        due = message.length or f"at least {message.least + layout.tail}"
+        return f"the golden frame of {message.name!r} has {len(frame)} bytes, due are {due}"
+    refusal = why_refused(layout, frame, message, exact=True)
+    if refusal is None:
+        return ""
+    return f"the golden frame {refusal.text}{_check_that_is_right(layout, frame) if refusal.cause == 'check' else ''}"
+
+
+def _why_no_hex(text: str) -> str:
+    wrong = re.search(r"[^0-9a-fA-F\s]", text)
+    found = f"{wrong[0]!r} at character {wrong.start() + 1}" if wrong else "half a byte, or nothing"
+    return f"is no hex text: there is {found}"
+
+
+def _why_no_line(layout: Layout, lines: LinesSpec, message: Message, wire: bytes) -> str:
+    """Return why a golden line is no line of this message; empty if it is one."""
+    if not wire.startswith(layout.sync):
+        return f"the golden line does not begin with {layout.sync.decode('ascii', 'replace')!r}"
+    if len(wire) > lines.max:
+        return f"the golden line has {len(wire)} bytes with its end, 'lines: max' is {lines.max}"
+    read = LineReader(layout, lines).read(wire[len(layout.sync) : -2], message)
+    if isinstance(read, Refusal):
+        return f"the golden line {read.text}"
+    if len(one_by_one(layout).feed(wire).messages[message.name]) == 1:
+        return ""
+    return f"the golden line is no single line of {message.name!r}"
+
+
+def _check_that_is_right(layout: Layout, frame: bytes) -> str:
+    """Return which other check is right in a frame, as the end of a sentence; rather the one that was named."""
+    fits = list(checks_that_fit([frame], least_bits=16))
+    fit = next((fit for fit in fits if fit.name == layout.check.name), fits[0] if fits else None)
+    if fit is None:
+        return ""
+    stop = len(frame) - fit.trailer - (fit.size if fit.at is None else 0)
+    place = f"with {fit.trailer} bytes behind it" if fit.at is None else f"at byte {fit.at}"
+    order = "" if fit.size == 1 else f", stored {'big' if fit.big else 'little'}"
+    chance = " (perhaps by chance)" if fit.size < 3 else ""
+    return f"; {fit.name} over bytes {fit.start} to {stop - 1}, {place}{order}, would be right{chance}"
+
+
+def _compare(document: Document[FrameSpec], layout: Layout, message: Message, golden: str, expect: Mapping[str, Any],
+             path: Path_) -> list[InputError]:  # fmt: skip
+    batch = one_by_one(layout).feed(wire_of(layout, golden) or b"").messages[message.name]
+    errors: list[InputError] = []
+    if batch.suspect.any():
+        text = f"a constant of {message.name!r} differs in the golden frame"
+        errors.append(InputError("B-FRAME-012", text, where=document.where(path), next_step=_NEXT))
+    for name, due in expect.items():
+        where = document.where((*path, name))
+        try:
+            raw = batch.raw(name)[0]
+            physical = batch.scaled(name)[0] if batch.has_scale(name) else None
+        except InputError as error:
+            errors.append(InputError("B-FRAME-013", error.message, where=where, next_step=error.next_step))
+            continue
+        item, part = message.by_name[name.partition(".")[0]], "." in name
+        missing = batch.missing(name)
+        if missing is not None and item.step:
+            raw, physical = raw[~missing[0]], None if physical is None else physical[~missing[0]]
+        elif missing is not None and missing.any():
+            text = f"the golden frame does not hold {name}, expected is {due}"
+            errors.append(InputError("B-FRAME-012", text, where=where, next_step=_NEXT))
+            continue
+        if not _equal(raw, physical, due, item, part):
+            text = f"{name} of the golden frame is {_printed(raw, physical, item)}, expected is {due}"
+            errors.append(InputError("B-FRAME-012", text, where=where, next_step=_NEXT))
+    return errors
+
+
+def _equal(raw: Any, physical: Any, due: Any, item: Field, part: bool) -> bool:
+    """Compare whole numbers exactly, scaled ones to half a step and a millionth, floats to 6 or 8 digits.
+
+    Bytes are given in hex, text as it is.
+    """
+    if item.kind == "b":
+        wanted = due.encode("ascii", "replace").ljust(item.length, b"\0") if item.is_text else read_hex(str(due))
+        return isinstance(due, str) and bytes(raw) == wanted
+    values = np.asarray(raw if physical is None else physical).tolist()
+    step = math.inf if item.kind == "f" else 1.0 if part else abs(item.scale)
+    relative = _DIGITS.get(item.size, _MILLIONTH) if item.kind == "f" else _MILLIONTH
+    same = partial(_same, step=step, relative=relative)
+    if not isinstance(due, list) or not isinstance(values, list):
+        return same(values, due)
+    return len(values) == len(due) and all(map(same, values, due))
+
+
+def _same(value: Any, due: Any, step: float, relative: float) -> bool:
+    if isinstance(due, bool) or not isinstance(due, int | float) or isinstance(value, bytes | list):
+        return False
+    if isinstance(value, int):
+        return bool(value == due)
+    return bool(abs(value - due) <= max(min(step / 2, relative * abs(due)), _ROUNDING))
+
+
+def _printed(raw: Any, physical: Any, item: Field) -> str:
+    if item.is_text:
+        return repr(bytes(raw).rstrip(b"\0").decode("ascii", "backslashreplace"))
+    if item.kind == "b":
+        return bytes(raw).hex(" ")
+    return str(np.asarray(raw if physical is None else physical).tolist())
