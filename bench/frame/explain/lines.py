@@ -70,11 +70,11 @@ def _checked(capture: bytes) -> LineGuess | None:
     return None
 
 
-def _line(text: bytes, sync: bytes) -> _Line | None:
-    match = _CHECKED.search(text)
-    if match is None or not text.startswith(sync) or match.start() < 2:
+def _line(line: bytes, sync: bytes) -> _Line | None:
+    match = _CHECKED.search(line)
+    if match is None or not line.startswith(sync) or match.start() < 2:
         return None
-    return _Line(text[: match.start()], match[1], match[2])
+    return _Line(line[: match.start()], match[1], match[2])
 
 
 def _most_common(values: Iterable[Any]) -> list[Any]:
