@@ -136,6 +136,20 @@ def bare(fields: list[list[Spec]]) -> list[Spec]:
     return [{key: value for key, value in field.items() if key != "constant"} for field in chain(*fields)]
 
 
+def aligned(name: str, fields: list[Spec]) -> list[Spec]:
+    """Fill up to a byte in front of floats, of integers that would lie in nine bytes, and at the end."""
+    placed: list[Spec] = []
+    bits = 0
+    for field in [*fields, {"type": "f0"}]:
+        width = int(field["type"][1:])
+        if bits % 8 and (field["type"][0] == "f" or bits % 8 + width > 64):
+            placed.append({"name": f"{name}_fill{len(placed)}", "type": f"u{8 - bits % 8}"})
+            bits += 8 - bits % 8
+        placed += [field] if width else []
+        bits += width
+    return placed
+
+
 def random_parts(prefix: str, rng: Generator) -> list[Spec]:
     """Groups and optional parts, each with what says how often it is there."""
     parts: list[Spec] = []
@@ -145,12 +159,8 @@ def random_parts(prefix: str, rng: Generator) -> list[Spec]:
         if rng.random() < 0.5:
             sets = [{key: value for key, value in field.items() if key != "count"} for field in fields]
             sets = [field | {"type": "u8" if field["type"] == "bytes" else field["type"]} for field in sets]
-            bits = sum(int(field["type"][1:]) for field in sets)
-            sets += [{"name": f"{name}_end", "type": f"u{8 - bits % 8}"}] if bits % 8 else []
-            wide = [field for field in sets if int(field["type"][1:]) > 56]
-            if not (wide and bits % 8):
-                group = {"group": name, "count": f"{name}_n", "max": int(rng.integers(1, 6)), "fields": sets}
-                parts += [{"name": f"{name}_n", "type": "u8"}, group]
+            group = {"group": name, "count": f"{name}_n", "max": int(rng.integers(1, 6)), "fields": aligned(name, sets)}
+            parts += [{"name": f"{name}_n", "type": "u8"}, group]
             continue
         flags = {"name": f"{name}_flags", "type": "u16", "bits": {"there": int(rng.integers(16))}}
         parts += [flags, {"optional": name, "when": f"{name}_flags.there", "fields": fields}]
