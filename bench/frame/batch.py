@@ -22,7 +22,7 @@ class MessageBatch:
 
     Attributes:
         offset: (n,) int64, stream offset of the first sync byte.
-        ends: (n,) int64, stream offsets behind the frames where their bytes are escaped; else None.
+        ends: (n,) int64, stream offsets behind the frames where these vary on the wire beyond their "rest"; else None.
         rows: (n, body) uint8, the frames without check and without bytes of variable length.
         t_ns: (n,) int64, receive stamp of the chunk that completed the frame; None outside a link.
         counter: (n,) int64, unwrapped counter, which never falls except on a repeated frame (it then carries the
@@ -117,8 +117,8 @@ class MessageBatch:
 
     def _field(self, name: str) -> Field:
         fields = self.message.by_name
-        base, _, part = name.partition(".")
-        if base not in fields or (part and part not in fields[base].bits):
+        base, dot, part = name.partition(".")
+        if base not in fields or (dot and part not in fields[base].bits):
             raise InputError(
                 "B-FRAME-022",
                 f"the message {self.message.name!r} has no field {name!r}",
@@ -161,6 +161,8 @@ class JoinedBatch(MessageBatch):
         self.t_ns = np.concatenate(stamps) if stamps else None
         counters = [part.counter for part in parts if part.counter is not None]
         self.counter = np.concatenate(counters) if counters else None
+        ends = [part.ends for part in parts if part.ends is not None]
+        self.ends = np.concatenate(ends) if ends else None
         self._columns = {}
         self._parts = parts
 

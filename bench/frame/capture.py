@@ -12,11 +12,14 @@ from bench.frame.best import Engine
 from bench.frame.definition import FrameDefinition
 from bench.frame.layout import Layout
 from bench.frame.packets import why_bad
-from bench.frame.refusal import Cause
+from bench.frame.refusal import Cause, Refusal
 from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
 
 _BLOCK_BYTES = 4_000_000
+_LEAST_BLOCK_BYTES = 1 << 10
+_ROW_BYTES = 1 << 25  # of a block, at most, but for blocks of the least size
 _EXPLAINED = 1000  # bad candidates of a capture whose cause is looked for
+_UNKNOWN = Refusal("unknown", "was given up")
 Take = Callable[[Mapping[str, MessageBatch]], None]
 
 
@@ -71,7 +74,7 @@ def decode_capture(
         causes.look_at(batch.bad_offset.tolist())
         take(batch.messages)
 
-    while block := stream.read(_BLOCK_BYTES):
+    while block := stream.read(_block_bytes(definition.layout)):
         link.push(0, block)
         causes.read(block)
         found(link.flush())
@@ -79,6 +82,12 @@ def decode_capture(
     found(link.finish())
     messages = {name: frames[name] for name in definition.messages}
     return Counted(definition, link.counts, messages, cut_off, tuple(causes.found.values()))
+
+
+def _block_bytes(layout: Layout) -> int:
+    """Return how many bytes to read at once: fewer where short frames become long rows."""
+    longer = max(message.body / max(1, message.least + layout.tail) for message in layout.messages)
+    return min(_BLOCK_BYTES, max(_LEAST_BLOCK_BYTES, int(_ROW_BYTES / max(1.0, longer))))
 
 
 def _begun_bytes(layout: Layout) -> int:
@@ -108,7 +117,6 @@ class _Causes:
         for offset in list(bad)[: self._left]:
             self._left -= 1
             at = offset - self._begin
-            refusal = self._why(self._bytes[at : at + self._needs])
-            if refusal is not None:
-                before = self.found.get(refusal.cause) or BadFrames(refusal.cause, 0, offset, refusal.text)
-                self.found[refusal.cause] = replace(before, number=before.number + 1)
+            refusal = self._why(self._bytes[at : at + self._needs]) or _UNKNOWN
+            before = self.found.get(refusal.cause) or BadFrames(refusal.cause, 0, offset, refusal.text)
+            self.found[refusal.cause] = replace(before, number=before.number + 1)

@@ -89,11 +89,10 @@ def with_counts(message: Message, columns: Mapping[str, Any]) -> dict[str, Any]:
     given = dict(columns)
     parts = [item for item in message.fields if item.given]
     for item in parts:
-        if item.name in given and not item.step:
-            given.setdefault(item.given, 1)
-        elif item.name in given:
-            values = np.ravel(given[item.name])
-            given.setdefault(item.given, len(values))
+        values = np.ravel(given.get(item.name, ()))
+        if item.name in given and item.given.partition(".")[0] not in columns:
+            given.setdefault(item.given, len(values) if item.step else 1)
+        if item.name in given and item.step:
             given[item.name] = np.pad(values, (0, max((item.count or 1) - len(values), 0)))
     required = {item.name: int(item.required) for part in message.parts for item in part.items}
     given = required | given
@@ -105,6 +104,11 @@ def with_counts(message: Message, columns: Mapping[str, Any]) -> dict[str, Any]:
         number = given[item.given] if item.given in given else int(given[base]) >> low & (1 << width) - 1
         if item.name not in given and not np.any(number):
             given[item.name] = np.zeros(item.count) if item.count is not None else 0
+        stated = int(number) if item.step else int(bool(number))
+        number_given = len(np.ravel(columns.get(item.name, ()))) if item.step else 1
+        if item.name in columns and stated != number_given and not (item.step and stated > (item.count or 1)):
+            text = f"{number_given} values are given for {item.name!r}, {item.given!r} says {stated}"
+            raise InputError("B-FRAME-020", text, where=_WHERE, next_step="give as many values for all fields of it")
     return given
 
 
@@ -116,8 +120,8 @@ def with_automatic(layout: Layout, message: Message, columns: Mapping[str, Any],
     fields = message.by_name
     given = dict(columns)
     for name in [name for name in columns if name not in fields]:
-        base, _, part = name.partition(".")
-        if base not in fields or (part and part not in fields[base].bits):
+        base, dot, part = name.partition(".")
+        if base not in fields or (dot and part not in fields[base].bits):
             advice = f"use one of: {', '.join(fields)}"
             raise InputError("B-FRAME-022", f"{message.name!r} has no field {name!r}", where=_WHERE, next_step=advice)
     if layout.length_field is not None:

@@ -22,6 +22,7 @@ from bench.model.yamlio import Document, Path_
 _DIGITS = {8: 1e-8}  # relative, of floats of that many bytes: they are written with fewer digits than they have
 _MILLIONTH = 1e-6
 _ROUNDING = 1e-12
+_TRIED_BYTES = 8192  # longest frame on which every check is tried
 _NEXT = "correct the definition or the golden frame; take the frame from the device or its manual"
 
 
@@ -60,7 +61,7 @@ def _unescaped(layout: Layout, wire: bytes) -> bytes | None:
 
 def wire_of(layout: Layout, golden: str) -> bytes | None:
     """Return a golden frame as it stands on the wire, None if it is no hex text; of lines, it is a line."""
-    return golden.strip().encode("ascii", "replace") + b"\r\n" if layout.lines else read_hex(golden)
+    return golden.strip("\r\n").encode("ascii", "replace") + b"\r\n" if layout.lines else read_hex(golden)
 
 
 def _refused(layout: Layout, message: Message, text: str) -> str:
@@ -115,7 +116,7 @@ def _why_no_line(layout: Layout, lines: LinesSpec, message: Message, wire: bytes
 
 def _check_that_is_right(layout: Layout, frame: bytes) -> str:
     """Return which other check is right in a frame, as the end of a sentence; rather the one that was named."""
-    fits = list(checks_that_fit([frame], least_bits=16))
+    fits = list(checks_that_fit([frame], least_bits=16)) if len(frame) <= _TRIED_BYTES else []
     fit = next((fit for fit in fits if fit.name == layout.check.name), fits[0] if fits else None)
     if fit is None:
         return ""
@@ -160,9 +161,10 @@ def _equal(raw: Any, physical: Any, due: Any, item: Field, part: bool) -> bool:
 
     Bytes are given in hex, text as it is.
     """
+    if item.is_text:
+        return isinstance(due, str) and bytes(raw).rstrip(b"\0") == due.encode("ascii", "replace").rstrip(b"\0")
     if item.kind == "b":
-        wanted = due.encode("ascii", "replace").ljust(item.length, b"\0") if item.is_text else read_hex(str(due))
-        return isinstance(due, str) and bytes(raw) == wanted
+        return isinstance(due, str) and bytes(raw) == read_hex(due)
     values = np.asarray(raw if physical is None else physical).tolist()
     step = math.inf if item.kind == "f" else 1.0 if part else abs(item.scale)
     relative = _DIGITS.get(item.size, _MILLIONTH) if item.kind == "f" else _MILLIONTH

@@ -70,6 +70,7 @@ class CutBatch(MessageBatch):
 
     def __init__(self, kind: Kind, block: Block, index: int, frames: int, stream: bytes, position: int) -> None:
         self.message = kind.message
+        self.ends = None
         self._columns = {}
         self._kind = kind
         self._memory = block.memory

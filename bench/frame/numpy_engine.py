@@ -23,6 +23,7 @@ _WRONG = 0  # length or type makes no sense
 _BLOCK_ROWS = 4096
 _NONE = np.empty(0, np.int64)
 _WINDOW_BYTES = 1 << 18
+_GATHERED_BYTES = 1 << 24  # of candidates that are checked at once
 Run = tuple[int, int]  # first byte, number of rows
 
 
@@ -111,7 +112,9 @@ class Scanner:
             which = np.flatnonzero(chosen & (length == total))
             if not len(which):
                 continue
-            right = are_right(self._layout, message, sliding_window_view(window, total)[at[which]])
+            frames, step = sliding_window_view(window, total), max(1, _GATHERED_BYTES // total)
+            parts = [at[which[low : low + step]] for low in range(0, len(which), step)]
+            right = np.concatenate([are_right(self._layout, message, frames[begins]) for begins in parts])
             for index in np.flatnonzero(right).tolist() if message.parts else ():
                 begin = int(at[which[index]])
                 contents = unpacked(message, window[begin : begin + total].tobytes(), total - self._layout.tail)

@@ -9,7 +9,7 @@ from bench.frame.layout import Field, Layout, Message, Span
 from bench.frame.parts import unpacked, why_no_length, wire_length
 from bench.frame.reference import checks_of
 
-Cause = Literal["check", "length", "type", "trailer", "contents", "escape"]
+Cause = Literal["check", "length", "type", "trailer", "contents", "escape", "unknown"]
 
 
 class Refusal(NamedTuple):
@@ -76,6 +76,8 @@ def _length_of(layout: Layout, candidate: bytes, message: Message) -> int | Refu
             return Refusal("length", f"{by}, 'length: max' is {layout.max_length}")
         if length < least or message.length not in (0, length):
             return Refusal("length", f"{by}, {message.name!r} has {'' if message.length else 'at least '}{least}")
+    elif length < least:
+        return Refusal("length", f"is {length} bytes long, {message.name!r} has at least {least}")
     if len(candidate) < length:
         return Refusal("length", f"is {length} bytes long, of which {len(candidate)} are there")
     return length

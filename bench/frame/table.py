@@ -169,8 +169,16 @@ def _whole(raw: NDArray[Any], is_text: bool) -> NDArray[Any]:
     """Return the bytes of each frame as one object; text without the zeros behind it."""
     values = np.empty(len(raw), object)
     whole = map(bytes, raw)
-    values[:] = [value.rstrip(b"\0").decode("ascii", "backslashreplace") for value in whole] if is_text else list(whole)
+    values[:] = list(map(_text, whole)) if is_text else list(whole)
     return values
+
+
+def _text(raw: bytes) -> str:
+    """Return characters; what cannot be printed as it is written in Python."""
+    text = raw.rstrip(b"\0").decode("ascii", "backslashreplace")
+    return (
+        text if text.isprintable() else "".join(char if char.isprintable() else f"\\x{ord(char):02x}" for char in text)
+    )
 
 
 def _texts(values: NDArray[Any]) -> list[Any]:

@@ -83,11 +83,20 @@ def explain(frame: str, file: Path) -> int:
 
 def _hypotheses(head: bytes) -> list[Guess | LineGuess]:
     """Return what frames and lines of a capture may be, first what explains most of it."""
-    frames, lines = guesses(head), line_guess(head)
-    if lines is None:
+    frames = [guess for guess in guesses(head) if _is_definition(guess, head)]
+    lines = line_guess(head)
+    if lines is None or not _is_definition(lines, head):
         return [*frames]
     first = not frames or (frames[0].check is None and lines.check != "none") or lines.covered > frames[0].covered
     return [lines, *frames] if first else [*frames, lines]
+
+
+def _is_definition(guess: Guess | LineGuess, head: bytes) -> bool:
+    try:
+        parse_frame(draft(guess, head, "draft"), "draft")
+    except InputError:
+        return False
+    return True
 
 
 def _head(capture: Path) -> bytes:

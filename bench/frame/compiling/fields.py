@@ -32,6 +32,7 @@ class Placer:
 
     def __init__(self, placed: Sequence[Field], start: int, endian: str, fail: Fail, sync: range = range(0)) -> None:
         self.placed = list(placed)
+        self._names = {field.name for field in placed}
         self._bit = 8 * start
         self._endian = endian
         self._fail = fail
@@ -52,9 +53,10 @@ class Placer:
 
     def put(self, field: Field, where: Path_) -> None:
         """Take a field that has its place."""
-        if any(field.name == other.name for other in self.placed):
+        if field.name in self._names:
             self._fail("B-FRAME-001", where, f"the field {field.name!r} exists already", "choose another name")
         self.placed.append(field)
+        self._names.add(field.name)
 
     def skip(self, size: int) -> None:
         """Leave bytes free."""

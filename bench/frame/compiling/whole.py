@@ -13,11 +13,13 @@ from bench.frame.compiling.parts import Placed, place
 from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
 from bench.frame.layout import OFFSET, Field, Layout, Message, Span
 from bench.frame.parts import blank_row
-from bench.frame.spec import MAX_FRAME_BYTES, AnyField, CheckSpec, FieldSpec, FrameSpec
+from bench.frame.spec import MAX_FRAME_BYTES, AnyField, CheckSpec, FieldSpec, FrameSpec, ItemsSpec
 from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import Document, Path_
 
 ONLY_MESSAGE = "frame"
+_NUMBERED = re.compile(r"(.+)_([1-9]\d{0,5})")
+_OF_NUMBERS = "+-."  # characters that numbers are written with
 _FORMS = {"hex": "an unsigned integer", "text": "bytes"}  # the others are for f64
 _PARAMETERS = ("width", "poly", "init", "refin", "refout", "xorout")
 
@@ -145,7 +147,7 @@ class _Compiler:
         name, _, bits = part.partition(".")
         field = next((item for item in common.fixed if item.name == name), None)
         if self.spec.lines and key == "type":
-            if field is None or field.kind != "b":
+            if field is None or field.kind != "b" or bits:
                 self.fail("B-FRAME-006", (key, "field"), f"the type of a line must be common bytes, not {part!r}", "")
             return field, None
         if field is None or field.kind != "u" or field.count is not None or field.size > 4:
@@ -233,7 +235,15 @@ class _Compiler:
             if not isinstance(field, FieldSpec):
                 if self.spec.lines:
                     self.fail("B-FRAME-015", (*path, index), "a line has no groups, optional parts or items", "")
+                if isinstance(field, ItemsSpec):
+                    for name, item in field.of.items():
+                        self._check_form_of(item.fields, (*path, index, "of", name, "fields"))
+                else:
+                    self._check_form_of(field.fields, (*path, index, "fields"))
                 continue
+            if self.spec.lines and field.type != "bytes" and set(self.spec.lines.separator) & set(_OF_NUMBERS):
+                text = f"{field.name}: numbers are written with '+', '-' and '.', which separate the values here"
+                self.fail("B-FRAME-006", ("lines", "separator"), text, "read the values as bytes")
             self._check_form_of_one(field, (*path, index))
             if field.type[0] in "ui" and int(field.type[1:]) % 8 and self.spec.lines:
                 text = f"{field.name}: a number of a line has 8, 16, ... 64 bits"
@@ -257,13 +267,10 @@ class _Compiler:
     def _check_columns(self, name: str, fields: Sequence[Field]) -> None:
         """Check that no two columns of a table have one name: elements of an array or a group have numbers."""
         path = ("messages", name) if self.spec.messages else ("fields",)
-        names = {field.name for field in fields}
-        taken = [OFFSET] if OFFSET in names else []
-        for field in fields:
-            if field.count is not None and field.kind != "b":
-                numbered = re.compile(rf"{field.name}_([1-9]\d*)")
-                taken += [other for other in names
-                          if (match := numbered.fullmatch(other)) and int(match[1]) <= field.count]  # fmt: skip
+        arrays = {field.name: field.count or 0 for field in fields if field.count is not None and field.kind != "b"}
+        numbered = [match for field in fields if (match := _NUMBERED.fullmatch(field.name))]
+        taken = [match[0] for match in numbered if int(match[2]) <= arrays.get(match[1], 0)]
+        taken += [field.name for field in fields if field.name == OFFSET]
         for column in taken:
             text = f"a table of {name!r} would have the column {column!r} twice"
             self.fail("B-FRAME-001", path, text, f"rename the field {column!r}")
@@ -308,6 +315,9 @@ class _Compiler:
     def _check_lengths(self, messages: list[Message]) -> None:
         length = self.spec.length
         for message in messages:
+            if message.parts and message.body > MAX_FRAME_BYTES:
+                text = f"{message.name!r} with all that 'max' allows is {message.body} bytes long, the limit is"
+                self.fail("B-FRAME-015", ("fields",), f"{text} {MAX_FRAME_BYTES}", "give the groups a smaller 'max'")
             shortest = message.least + self._tail
             if self._needs_length(message):
                 text = f"{message.name!r} has contents that vary, so the frame must carry its length"
@@ -319,7 +329,7 @@ class _Compiler:
 
     def _needs_length(self, message: Message) -> bool:
         """Return whether neither delimiters nor counts and flags in front of all parts say how long a frame is."""
-        if self.spec.length is not None or self.spec.escape is not None:
+        if self.spec.length is not None or self.spec.escape is not None or self.spec.lines is not None:
             return False
         if message.rest is not None or (message.parts and self.spec.messages is not None):
             return True

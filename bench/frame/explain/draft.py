@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+from math import isfinite
 
 from bench.frame.explain.frames import Guess
-from bench.frame.explain.lines import LineGuess
+from bench.frame.explain.lines import LineGuess, values_of
 
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _CHECK_TYPES = {1: "u8", 2: "u16", 3: "u24", 4: "u32", 8: "u64"}
 
 
@@ -18,28 +20,28 @@ def draft(guess: Guess | LineGuess, capture: bytes, name: str) -> str:
 
 def _of_lines(guess: LineGuess, name: str) -> str:
     """Return the YAML of lines: with a check the first value, which may be the type; else all values."""
-    bodies = [body.decode("ascii", "replace").split(guess.separator) for body in guess.body]
+    bodies = [values_of(body, guess.separator) for body in guess.body]
+    best = next((at for at, values in enumerate(bodies) if values[0]), 0)
     longest, end = max(map(len, guess.lines)), "crc: {name: none}"
     sync, more, check = "", "", ""
     fields, expect = [], ""
     if guess.mark:
         sync, more, check = f"0x{guess.sync[0]:02X}", ", more: true", f", check: {json.dumps(guess.mark)}"
-        most = max(len(values[0]) for values in bodies)
+        most = max(1, *(len(values[0]) for values in bodies))
         fields = [f"{{name: address, type: bytes, count: {most}}} # the values behind it are yours to name"]
-        expect = f"address: {json.dumps(bodies[0][0])}"
+        expect = f"address: {json.dumps(bodies[best][0])}"
         end = f"crc: {{name: {guess.check}, over: [{'sync' if guess.over_sync else 'address'}, end]}}"
     else:
         for number, column in enumerate(zip(*bodies, strict=True), 1):
-            is_number = all(re.fullmatch(r"\s*([+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?)?\s*", text) for text in column)
-            kind = "f64" if is_number else f"bytes, count: {max(map(len, column))}"
+            is_number = all(not text or (_NUMBER.fullmatch(text) and isfinite(float(text))) for text in column)
+            kind = "f64" if is_number else f"bytes, count: {max(1, *map(len, column))}"
             fields.append(f"{{name: value_{number}, type: {kind}}}")
-            if not expect and column[0].strip():
-                first = column[0].strip()
-                expect = f"value_{number}: {float(first) if is_number else json.dumps(first)}"
+            if not expect and column[best]:
+                expect = f"value_{number}: {float(column[best]) if is_number else json.dumps(column[best])}"
     separator = json.dumps(guess.separator)
     lines = f"lines: {{separator: {separator}{check}, max: {longest + 2}{more}}} # the longest one seen"
     listed = "\n".join(f"  - {field}" for field in fields)
-    golden = json.dumps(guess.lines[0].decode("ascii", "replace"))
+    golden = json.dumps(guess.lines[best].decode("ascii", "replace"))
     return f"frame: {name}\nsync: [{sync}]\n{lines}\nfields:\n{listed}\n{end}\ngolden: {golden}\nexpect: {{{expect}}}\n"
 
 

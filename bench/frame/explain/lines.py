@@ -12,8 +12,9 @@ from bench.frame.explain.frames import LOOKED_AT_BYTES, small_checks
 
 _MARKS = "!#$%&'*+/:;<=>?@^_`|~"
 _CHECKED = re.compile(rb"([!-/:-@\[-`{-~])((?:[0-9A-Fa-f]{2}){1,4})$")
-_PRINTABLE = re.compile(rb"[ -~\t]{3,}$")
-_LONGEST = 4096
+_PRINTABLE = bytes(range(0x20, 0x7F)) + b"\t"
+_LONGEST = 4094  # bytes of a line without its end
+_MOST_VALUES = 100
 _SEPARATORS = ",;\t|: "
 _FEWEST = 5
 _MANY = 200  # lines on which a check is judged
@@ -58,8 +59,8 @@ class _Line(NamedTuple):
 
 
 def _checked(capture: bytes) -> LineGuess | None:
-    ends = [match[0] for line in capture.split(b"\n") if len(line) <= _LONGEST
-            and (match := _PRINTABLE.search(line.rstrip(b"\r")))]  # fmt: skip
+    lines = [line.rstrip(b"\r") for line in capture.split(b"\n") if len(line) <= _LONGEST]
+    ends = [line[len(line.rstrip(_PRINTABLE)) :] for line in lines]
     for sync in _most_common(begin for end in ends for begin in {chr(byte) for byte in end} if begin in _MARKS):
         found = [line for end in ends if (line := _line(end[max(0, end.rfind(sync)) :], sync)) is not None]
         for mark, size in _most_common((line.mark, len(line.digits)) for line in found):
@@ -100,19 +101,25 @@ def _with_check(capture: bytes, sync: bytes, found: list[_Line]) -> LineGuess | 
 
 
 def _plain(capture: bytes) -> LineGuess | None:
-    whole = capture[: capture.rfind(b"\n") + 1]
-    lines = [line for line in whole.replace(b"\r\n", b"\n").split(b"\n") if line]
-    printable = [line for line in lines if re.fullmatch(rb"[ -~\t]+", line)]
+    whole = capture[: capture.rfind(b"\n") + 1].replace(b"\r\n", b"\n")
+    lines = [line for line in whole.split(b"\n") if line]
+    printable = [line for line in lines if len(line) <= _LONGEST and not line.strip(_PRINTABLE)]
     share = sum(len(line) + 1 for line in printable) / max(1, len(whole))
     if len(printable) < _FEWEST or share < _COVERED_WITHOUT_CHECK:
         return None
     separator = _separator(printable)
-    counts = Counter(len(line.split(separator.encode())) for line in printable)
+    counts = Counter(len(values_of(line, separator)) for line in printable)
     values, often = counts.most_common(1)[0]
-    if values < 2 or often < _RIGHT * len(printable):
+    if not 2 <= values <= _MOST_VALUES or often < _RIGHT * len(printable):
         return None
-    alike = tuple(line for line in printable if len(line.split(separator.encode())) == values)
+    alike = tuple(line for line in printable if len(values_of(line, separator)) == values)
     return LineGuess(b"", separator, "", "none", False, alike, share)
+
+
+def values_of(line: bytes, separator: str) -> list[str]:
+    """Return the values of a line as it is read: between spaces none is empty, spaces beside others do not count."""
+    values = line.decode("ascii", "replace").split(separator)
+    return [value for value in values if value] if separator == " " else [value.strip(" ") for value in values]
 
 
 def _separator(lines: tuple[bytes, ...] | list[bytes]) -> str:

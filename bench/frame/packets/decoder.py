@@ -33,7 +33,14 @@ class PacketDecoder(ReferenceDecoder):
         ends: dict[str, list[int]] = {message.name: [] for message in self._layout.messages}
         bad: list[int] = []
         at = taken = 0
-        while (packet := self._next(stream, at, self._longest)) is not None:
+        while at < len(stream):
+            packet = self._next(stream, at, self._longest)
+            if packet is None:
+                if not final and self._position + at >= before:
+                    break
+                bad += [] if final else [self._position + at]
+                at = len(stream) if final else min(before - self._position, len(stream))
+                continue
             at = packet.end
             read = self._frame_of(packet) if packet.frame else None
             if read is None and packet.frame != b"":
@@ -48,9 +55,6 @@ class PacketDecoder(ReferenceDecoder):
             else:
                 found[message.name].append((packet.begin, frame))
                 ends[message.name].append(self._position + packet.end)
-        if at < len(stream) and (final or self._position + at < before):
-            bad += [] if final else [self._position + at]
-            at = len(stream)
         self.counts.skipped_bytes += at - taken
         batch = self._batch(found, bad, at)
         for name, stops in ends.items():

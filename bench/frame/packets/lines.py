@@ -32,6 +32,7 @@ _TIME = re.compile(r"([01]\d|2[0-3])([0-5]\d)([0-5]\d(?:\.\d*)?|60(?:\.\d*)?)", 
 _ANGLE = re.compile(r"(\d{1,3})([0-5]\d(?:\.\d*)?)", re.ASCII)
 _LETTERS = {"latitude": "NS", "longitude": "EW"}
 _END = b"\r\n"
+_CONTENT = re.compile(rb"[\t\x20-\x7e]*")
 
 
 class LineDecoder(PacketDecoder):
@@ -47,8 +48,13 @@ class LineDecoder(PacketDecoder):
 
 
 def search_of(sync: bytes) -> Callable[[bytes, int, int], Packet | None]:
-    """Return the search for lines that begin with these bytes; without any, every line is one."""
-    content = re.compile(rb"(?:(?!%b)[\t\x20-\x7e])*" % re.escape(sync) if sync else rb"[^\r\n]*")
+    """Return the search for lines that begin with these bytes; without any, every line is one.
+
+    Then the rest of a line that is too long, or that holds a CR alone, is passed over up to its end.
+    """
+    if not sync:
+        return _EveryLine()
+    content = re.compile(rb"(?:(?!%b)[\t\x20-\x7e])*" % re.escape(sync))
 
     def next_line(stream: bytes, at: int, longest: int) -> Packet | None:
         begin = stream.find(sync, at)
@@ -66,6 +72,30 @@ def search_of(sync: bytes) -> Callable[[bytes, int, int], Packet | None]:
         return Packet(at, max(end, at + 1), None)
 
     return next_line
+
+
+class _EveryLine:
+    """Search for lines of which every one counts."""
+
+    def __init__(self) -> None:
+        self._inside = False  # of a line that was rejected
+
+    def __call__(self, stream: bytes, at: int, longest: int) -> Packet | None:
+        """Return the line at an offset, None while its end is not there."""
+        if at >= len(stream):
+            return None
+        end = stream.find(b"\n", at)
+        if self._inside:
+            self._inside = end < 0
+            return Packet(at, len(stream) if end < 0 else end + 1, b"", noise=True)
+        whole = end >= 0 and end - at < longest
+        if whole:
+            line = stream[at : end - (stream[end - 1 : end] == b"\r" and end > at)]
+            return Packet(at, end + 1, None if b"\r" in line else line)
+        if end < 0 and len(stream) - at < longest:
+            return None
+        self._inside = True
+        return Packet(at, at + longest, None)
 
 
 def _begun(stream: bytes, sync: bytes) -> int:
@@ -102,8 +132,8 @@ class LineReader:
             if digits.upper() != due.encode():
                 there = f"behind {self._mark.decode()!r} stands {digits.decode('ascii', 'replace')!r}"
                 return Refusal("check", f"fails its check: {self._layout.check.name} is {due}, {there}")
-        if not body.isascii():
-            return Refusal("contents", "holds bytes that are no ASCII")
+        if not _CONTENT.fullmatch(body):
+            return Refusal("contents", "holds bytes that cannot be printed")
         values = self._split(body.decode("ascii"))
         message = self._message_of(values)
         if message is None or due_message not in (None, message):
@@ -121,7 +151,7 @@ class LineReader:
 
     def _split(self, body: str) -> list[str]:
         if self._one_space:
-            return body.split()
+            return [value for value in body.split(" ") if value]
         return [value.strip(" ") for value in self._separators.split(body)]
 
     def _message_of(self, values: list[str]) -> Message | None:
@@ -250,7 +280,7 @@ def written_line(layout: Layout, lines: LinesSpec, message: Message, row: bytes)
     values: list[str] = []
     for item in message.fields:
         for element in range(1 if item.kind == "b" else item.count or 1):
-            values += _written(row, item, element, lines)
+            values += _written(row, item, element, lines, layout.sync)
     if lines.separator == " " and "" in values:
         raise _cannot_stand(message.name, "holds an empty value between spaces")
     body = layout.sync + (" " if lines.separator == " " else lines.separator[0]).join(values).encode()
@@ -262,12 +292,12 @@ def written_line(layout: Layout, lines: LinesSpec, message: Message, row: bytes)
     return body + _END
 
 
-def _written(row: bytes, item: Field, element: int, lines: LinesSpec) -> list[str]:
+def _written(row: bytes, item: Field, element: int, lines: LinesSpec, sync: bytes) -> list[str]:
     if item.kind == "b":
         raw = row[item.offset : item.offset + item.length].rstrip(b"\0")
         text = raw.decode("ascii", "replace")
         fits = text.isascii() and text.isprintable() and text == text.strip(" ")
-        if not fits or set(text) & set(lines.separator):
+        if not fits or set(text) & set(lines.separator) or (sync and sync in raw):
             raise _cannot_stand(item.name, f"is {raw!r}")
         return [text]
     value = read_element(row, item, element)

@@ -38,6 +38,8 @@ def why_bad(layout: Layout) -> tuple[WhyBad, int]:
 
 def _of_line(layout: Layout, lines: LinesSpec, reader: LineReader, candidate: bytes) -> Refusal | None:
     packet = search_of(layout.sync)(candidate, 0, lines.max)
+    if packet is not None and packet.frame is None and layout.sync and candidate.startswith(layout.sync, packet.end):
+        return Refusal("contents", "is cut off by the sync bytes of the next one")
     if packet is None or packet.frame is None:
         return Refusal("contents", f"has no end within {lines.max} bytes, or holds what cannot be printed")
     read = reader.read(packet.frame)

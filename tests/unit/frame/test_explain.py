@@ -153,6 +153,11 @@ def test_lines_with_a_check_and_without() -> None:
         assert (guess.check, guess.separator, len(guess.lines)) == (check, separator, len(bodies))
         definition = parse_frame(draft(guess, capture, "unit"), "unit.yaml")
         assert decode_capture(definition, io.BytesIO(capture)).counts.frames == len(bodies)
+    for odd in (b" 0  %d 0.00 \n", b"\t%d\t2\n", b"1,\t%d\n", b"1e999,%d\n", b",,%d\n", b'"a\\",%d\n', b"{%d},#: @\n"):
+        capture = b",,\n" + b"".join(odd % number for number in range(40))
+        for guess in explain._hypotheses(capture):
+            definition = parse_frame(draft(guess, capture, "unit"), "unit.yaml")
+            assert decode_capture(definition, io.BytesIO(capture)).counts.frames > 0
     assert line_guess(rng.bytes(NOISE_BYTES)) is None
     assert line_guess(b"a letter to nobody\n" * 3) is None
     assert line_guess(b",$*" * 300_000) is None  # at once

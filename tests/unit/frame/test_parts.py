@@ -101,6 +101,14 @@ def test_what_is_encoded_is_what_struct_makes() -> None:
     assert caught.value.code == "B-FRAME-021"
     with pytest.raises(InputError, match="no value for the field 'rate'"):
         definition.encode_one({"axis": [3, 4]})
+    for values, words in (
+        ({"axis": [3, 4], "rate": [1.5]}, "1 values are given for 'rate', 'flags.sets' says 2"),
+        ({"axis": [3], "rate": [1.5, 2.5]}, "2 values are given for 'rate', 'flags.sets' says 1"),
+        ({"flags": 0, "temperature": 4}, "1 values are given for 'temperature', 'flags.extra' says 0"),
+    ):
+        with pytest.raises(InputError, match=words) as caught:
+            definition.encode_one(values)
+        assert caught.value.code == "B-FRAME-020"
 
 
 @pytest.mark.parametrize("engine", ["reference", "numpy"])
