@@ -127,7 +127,9 @@ class LineReader:
         """
         body = line
         if self._mark:
-            body, _, digits = line.rpartition(self._mark)
+            body, mark, digits = line.rpartition(self._mark)
+            if not mark:
+                return Refusal("check", f"has no check: there is no {self._mark.decode()!r}")
             due = f"{self._layout.check.of(self._covered + body):0{self._digits}X}"
             if digits.upper() != due.encode():
                 there = f"behind {self._mark.decode()!r} stands {digits.decode('ascii', 'replace')!r}"

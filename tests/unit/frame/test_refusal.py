@@ -87,6 +87,8 @@ def test_lines_and_packets() -> None:
     capture = good + long + nmea(b"GPVTG,1") + good.replace(b"*06", b"*07")
     found = decode_capture(frame_of("nmea_0183"), io.BytesIO(capture))
     assert [(kind.cause, kind.number) for kind in found.bad] == [("contents", 2), ("check", 1)]
+    (without,) = decode_capture(frame_of("nmea_0183"), io.BytesIO(b"$GPVTG,1\r\n")).bad
+    assert without.text == "has no check: there is no '*'"
     assert "course_reference: 'TT' has 2 characters, its 'count' is 1" in found.bad[0].text
     escaped = {"frame": "unit", "endian": "big", "sync": [], "escape": "slip", "golden": "c0 01 02 03 c0",
                "fields": [{"name": "a", "type": "u16"}], "expect": {"a": 258},
