@@ -125,15 +125,9 @@ class LineReader:
 
         Empty floats are NaN, empty bytes zeros; an empty integer is none. ``due_message``: of a golden line.
         """
-        body = line
-        if self._mark:
-            body, mark, digits = line.rpartition(self._mark)
-            if not mark:
-                return Refusal("check", f"has no check: there is no {self._mark.decode()!r}")
-            due = f"{self._layout.check.of(self._covered + body):0{self._digits}X}"
-            if digits.upper() != due.encode():
-                there = f"behind {self._mark.decode()!r} stands {digits.decode('ascii', 'replace')!r}"
-                return Refusal("check", f"fails its check: {self._layout.check.name} is {due}, {there}")
+        body = self._without_check(line)
+        if isinstance(body, Refusal):
+            return body
         if not _CONTENT.fullmatch(body):
             return Refusal("contents", "holds bytes that cannot be printed")
         values = self._split(body.decode("ascii"))
@@ -150,6 +144,19 @@ class LineReader:
         if len(values) < due_values or (len(values) > due_values and not self._more):
             return Refusal("contents", f"has {len(values)} values, {message.name!r} has {due_values}")
         return self._packed(message, slots, values)
+
+    def _without_check(self, line: bytes) -> bytes | Refusal:
+        """Return a line in front of its check, or why the check is wrong."""
+        if not self._mark:
+            return line
+        body, mark, digits = line.rpartition(self._mark)
+        if not mark:
+            return Refusal("check", f"has no check: there is no {self._mark.decode()!r}")
+        due = f"{self._layout.check.of(self._covered + body):0{self._digits}X}"
+        if digits.upper() == due.encode():
+            return body
+        there = f"behind {self._mark.decode()!r} stands {digits.decode('ascii', 'replace')!r}"
+        return Refusal("check", f"fails its check: {self._layout.check.name} is {due}, {there}")
 
     def _split(self, body: str) -> list[str]:
         if self._one_space:
