@@ -15,6 +15,7 @@ import bench
 from bench.commands.frame.app import app as frame_app
 from bench.commands.hand_app import commission, drill, talk
 from bench.commands.history.app import app as history_app
+from bench.commands.lab.app import init, list_all
 from bench.commands.session_app import AsJson, SessionFolder, batch, fit, replay, report, study
 from bench.model.errors import BenchError, ExitStatus
 from bench.model.installed import OWN, checked_package
@@ -44,6 +45,10 @@ Uncommissioned = Annotated[
 StationName = Annotated[
     str | None, typer.Option("--station", help="a station file or name; default: the one the sequence names")
 ]
+
+
+app.command(epilog="Example: bench init our_lab --name 'Our laboratory' --model NGU --serial 17")(init)
+app.command("list", epilog="Example: bench list sequences")(list_all)
 
 
 @app.command(epilog="Example: bench check scale_factor_38h --plot timetable.svg")

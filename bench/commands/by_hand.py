@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import Any
 
 from bench.commands.console import console
+from bench.commands.origin import named_file
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError
-from bench.model.shipped import find_shipped
 from bench.plan import load_station
 from bench.run.bench.drill import drill as run_drill
 from bench.run.bench.talk import TalkSession
@@ -21,7 +21,7 @@ from bench.session.output import make_folder
 
 def talk(role: str, command: str | None, station_name: str, out: Path) -> int:
     """Send one command, or what is typed until an empty line; replies are printed, everything is recorded."""
-    station = load_station(find_shipped("stations", station_name))
+    station = load_station(named_file("stations", station_name))
     if role not in station.instruments:
         known = ", ".join(sorted(station.instruments))
         raise InputError(
@@ -58,7 +58,7 @@ def _typed(role: str) -> Iterator[str]:
 
 def drill(station_name: str, out: Path, as_json: bool) -> int:
     """Run the drill of a station, print what was found; returns 0 if every trial passed, else 3."""
-    path = find_shipped("stations", station_name)
+    path = named_file("stations", station_name)
     station = load_station(path)
     make_folder(out)
     document = run_drill(station, path, out, WallClock())

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 from rich.console import Console
 
 from bench.commands.console import console
+from bench.commands.origin import say_origins
 from bench.frame import Pace, pace_of
 from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
@@ -121,6 +122,7 @@ def checked_plan(sequence: str, station: str | None, settings: Sequence[str]) ->
     """Compile and check a sequence. Raises InputErrors with every mistake."""
     bench = None if station is None else load_station(find_shipped("stations", station))
     plan = compile_sequence(find_shipped("sequences", sequence), bench, settings_of(settings))
+    say_origins(plan.files)
     if mistakes := check_plan(plan, plan.station):
         raise InputErrors(mistakes)
     return plan

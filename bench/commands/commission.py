@@ -8,10 +8,10 @@ from datetime import UTC, datetime
 import typer
 
 from bench.commands.console import console
+from bench.commands.origin import named_file
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.model.manual import manual_of
-from bench.model.shipped import find_shipped
 from bench.plan import load_station
 from bench.run.bench.first_contact import AS_DOCUMENTED, NOT_TRIED, Tried, record_of, told_once, walk, write_record
 from bench.run.bench.opener import open_bench, unheard
@@ -24,7 +24,7 @@ def commission(role: str, station_name: str, by: str, *, yes: bool) -> int:
     Raises: InputError B-CLI-003 (no such role), B-COM-001 (a driver without a table), B-COM-002 (the station is
             simulated in this process), and what opening and introducing the instrument raise.
     """
-    path = find_shipped("stations", station_name)
+    path = named_file("stations", station_name)
     station = load_station(path)
     entry = station.instruments.get(role)
     if entry is None:

@@ -14,10 +14,10 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.commands.console import console
+from bench.commands.origin import named_file
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
 from bench.model.installed import KINDS, driver_packages, offers
-from bench.model.shipped import find_shipped
 from bench.model.systems import systems
 from bench.plan import Findings, Station, check_station, load_station
 from bench.run.bench.opener import missing_buses
@@ -36,7 +36,7 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
     Raises: InstallationError B-PKG-001 to -004 first of all; InputError B-RUN-080 if something keeps every run from
             starting.
     """
-    path = None if station is None else find_shipped("stations", station)
+    path = None if station is None else named_file("stations", station)
     installed = _installed()
     report = examine_machine(Surroundings(clock=WallClock(), out=out))
     report = Report((*installed, *([] if path is None else _of_station(path)), *report.findings))

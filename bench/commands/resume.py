@@ -13,10 +13,10 @@ from bench.analysis import results_json
 from bench.commands.conducting import conduct_watched
 from bench.commands.console import console
 from bench.commands.control import release
+from bench.commands.origin import named_file
 from bench.commands.tables import print_results, print_without_results, print_written, verdict_status
 from bench.model.clock import Clock, VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
-from bench.model.shipped import find_shipped
 from bench.plan import Plan, compile_sequence
 from bench.run.resume import Stopped, changed_files, read_stopped, resumption, same_plan
 from bench.run.session import Conducted
@@ -55,7 +55,7 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
 
 def _given(stopped: Stopped, sequence: str) -> Plan:
     """Return the frozen plan, if the sequence that was named is the same; its files are the ones to compare with."""
-    path = find_shipped("sequences", sequence)
+    path = named_file("sequences", sequence)
     given = compile_sequence(path, stopped.plan.station, dict(stopped.manifest.get("settings", {})))
     same_plan(stopped.plan, given, str(path))
     files = {name: place for name, place in given.files.items() if not name.startswith("stations/")}

@@ -13,9 +13,9 @@ from typing import Any
 import typer
 
 from bench.commands.check import settings_of
+from bench.commands.origin import named_file
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
-from bench.model.shipped import find_shipped
 from bench.plan import Findings, Station, check_station, load_station, served_station
 from bench.run.bench.served_world import told
 from bench.session.output import write_file
@@ -78,7 +78,7 @@ def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[st
 
 
 def _station(name: str, settings: Sequence[str]) -> Station:
-    station = load_station(find_shipped("stations", name))
+    station = load_station(named_file("stations", name))
     if not station.in_process:
         message = f"station {station.name!r} has no simulated world"
         raise InputError("B-SIM-016", message, where=name, next_step="serve a simulated station, such as af_rack_sim")

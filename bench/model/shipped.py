@@ -1,4 +1,4 @@
-"""The sequences, frames and stations that come with the bench: looked for by path first, then by name."""
+"""Sequences, frames and stations by path or name: those of a lab folder first, then those that come with the bench."""
 
 from __future__ import annotations
 
@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Literal
 
 from bench.model.errors import InputError
+from bench.model.lab import Lab, lab_here
 
 Kind = Literal["sequences", "frames", "stations"]
+KINDS: tuple[Kind, ...] = ("sequences", "stations", "frames")
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -26,20 +28,27 @@ def shipped_names(kind: Kind) -> list[str]:
     return sorted(path.stem for path in shipped_folder(kind).glob("*.yaml"))
 
 
-def find_shipped(kind: Kind, name_or_path: str | Path) -> Path:
-    """Return the file meant by a path, or by the plain name of a shipped file with or without ``.yaml``.
+def own_names(kind: Kind, lab: Lab) -> list[str]:
+    """Return names of a lab folder's own files of a kind, sorted, without ``.yaml``."""
+    return sorted(path.stem for path in (lab.folder / kind).glob("*.yaml"))
 
-    Raises: InputError B-SHIP-001 if there is neither; a name never leaves the shipped folder.
+
+def find_shipped(kind: Kind, name_or_path: str | Path) -> Path:
+    """Return the file meant by a path, or by the plain name, with or without ``.yaml``, of a lab's or a shipped file.
+
+    Raises: InputError B-SHIP-001 if there is none; a name never leaves these folders. B-LAB-001.
     """
     text = str(name_or_path)
     path = Path(text)
     if _is_file(path):
         return path
+    lab = lab_here()
     if _NAME.fullmatch(text):
-        shipped = shipped_folder(kind) / f"{text.removesuffix('.yaml')}.yaml"
-        if _is_file(shipped):
-            return shipped
-    names = shipped_names(kind)
+        for folder in (*([] if lab is None else [lab.folder / kind]), shipped_folder(kind)):
+            named = folder / f"{text.removesuffix('.yaml')}.yaml"
+            if _is_file(named):
+                return named
+    names = [*([] if lab is None else own_names(kind, lab)), *shipped_names(kind)]
     text = text[:80]
     near = difflib.get_close_matches(path.stem, names, n=1)
     meant = f"did you mean {near[0]!r}? " if near else ""
@@ -60,6 +69,18 @@ def _is_file(path: Path) -> bool:
 
 
 def find_beside(source: Path, kind: Kind, name: str) -> Path:
-    """A file beside the source's folder wins over a shipped one of the same name. Raises InputError."""
+    """Return a file that a source names: beside the source's folder, unless that is shipped, else as ``find_shipped``.
+
+    Raises: InputError B-SHIP-001, B-LAB-001.
+    """
     beside = source.parent.parent / kind / f"{name}.yaml"
-    return beside if beside.is_file() else find_shipped(kind, name)
+    is_shipped = beside.parent.resolve() == shipped_folder(kind).resolve()
+    return beside if beside.is_file() and not is_shipped else find_shipped(kind, name)
+
+
+def replaced_by_lab(kind: Kind, path: Path) -> str:
+    """Return, where a file is a lab's own and a shipped one has the same name, a sentence that says so; else ""."""
+    lab = lab_here()
+    if lab is None or not lab.holds(path) or path.stem not in shipped_names(kind):
+        return ""
+    return f"{kind[:-1]} {path.stem}: {path} of {lab.name}, not the installed one"

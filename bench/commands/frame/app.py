@@ -25,3 +25,11 @@ def new(
     from bench.commands.frame import explain
 
     raise typer.Exit(explain.new(capture, name, out))
+
+
+@app.command(epilog="Example: bench frame check frames/my_device.yaml")
+def check(frame: Annotated[str, typer.Argument(help="a frame file, or the name of one")]) -> None:
+    """Check a definition against its golden frames, and say how fast it is decoded here."""
+    from bench.commands.frame import check as check_command
+
+    raise typer.Exit(check_command.check(frame))

@@ -9,9 +9,9 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from bench.commands.console import console
+from bench.commands.origin import named_file
 from bench.frame import Counted, FrameDefinition, MessageBatch, Tables, decode_capture, load_frame
 from bench.model.errors import ExitStatus, InputError
-from bench.model.shipped import find_shipped
 
 COUNTS = ("good", "bad", "lost", "duplicate", "suspect", "other", "skipped_bytes", "bytes")
 STANDARD_INPUT = Path("-")
@@ -22,7 +22,7 @@ def decode(frame: str, file: Path, csv: Path | None, parquet: Path | None, as_js
 
     Exit status 1 if no frame is good. Raises: InputError B-FRAME-030 (the capture cannot be read), -032, -033.
     """
-    definition = load_frame(find_shipped("frames", frame))
+    definition = load_frame(named_file("frames", frame))
     if parquet is not None and parquet.suffix != ".parquet":
         raise InputError("B-FRAME-032", "does not end in .parquet", where=str(parquet), next_step="name it so")
     with ExitStack() as open_tables:

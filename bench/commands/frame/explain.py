@@ -9,6 +9,7 @@ from pathlib import Path
 
 from bench.commands.console import console
 from bench.commands.frame.decode import STANDARD_INPUT, print_bad, unreadable
+from bench.commands.origin import named_file
 from bench.frame import (
     LOOKED_AT_BYTES,
     Guess,
@@ -21,7 +22,6 @@ from bench.frame import (
     parse_frame,
 )  # fmt: skip
 from bench.model.errors import ExitStatus, InputError, InputErrors
-from bench.model.shipped import find_shipped
 from bench.session.output import write_file
 
 _SHOWN = 3
@@ -58,7 +58,7 @@ def explain(frame: str, file: Path) -> int:
     refused: InputErrors | None = None
     good = 0
     try:
-        definition = load_frame(find_shipped("frames", frame))
+        definition = load_frame(named_file("frames", frame))
         with BytesIO(head) if file == STANDARD_INPUT else file.open("rb") as stream:
             counted = decode_capture(definition, stream)
         counts = counted.counts

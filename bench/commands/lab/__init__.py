@@ -1,0 +1,1 @@
+"""``bench init`` and ``bench list``: a laboratory's own folder."""

@@ -1,0 +1,99 @@
+"""``bench init``: a laboratory's own folder, with files that run and are meant to be changed."""
+
+from __future__ import annotations
+
+import re
+import sys
+from contextlib import chdir
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+
+from bench.commands.console import console
+from bench.commands.schema import schema
+from bench.model.errors import ExitStatus, InputError
+from bench.model.lab import FILE
+from bench.model.shipped import find_shipped, shipped_folder, shipped_names
+from bench.session.output import write_file
+
+_TEMPLATES = files("bench.commands.lab") / "templates"
+FIRST_STATION = "af_bench_sim"  # the bench that the first sequence is written for
+_PLACES = {
+    "bench_toml": FILE, "readme": "README.md", "laboratory": "laboratory.yaml", "unit_frame": "frames/my_unit.yaml",
+    "first_check": "sequences/first_check.yaml", "test_lab": "tests/test_lab.py", "gitignore": ".gitignore",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Answers:
+    """What a lab folder is made for: name of the laboratory, model and serial number of the unit, simulated station."""
+
+    name: str
+    model: str
+    serial: str
+    station: str
+
+
+_QUESTIONS = {
+    "name": ("What is the laboratory called?", "--name"),
+    "model": ("Which model of unit is tested?", "--model"),
+    "serial": ("What is its serial number?", "--serial"),
+    "station": ("Which simulated bench is nearest to yours?", "--station"),
+}
+_PLAIN = (r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}", "up to 40 letters, digits, '.', '_' and '-'")
+_FORMS = {
+    "name": (r"[^\x00-\x1f\"\\{}]{1,60}", "up to 60 characters without quotes, braces and backslashes"),
+    "model": _PLAIN,
+    "serial": _PLAIN,
+}
+_DEFAULTS = {"model": "unit", "serial": "1", "station": FIRST_STATION}
+
+
+def init(folder: Path, given: dict[str, str | None]) -> int:
+    """Write a lab folder; what the command line does not say is asked on a terminal, else taken as proposed.
+
+    Raises: InputError B-LAB-002 if the folder is there and not empty, B-LAB-003 for an answer that cannot be used,
+        B-SHIP-001 for a station that does not exist, B-CLI-007 if it cannot be written.
+    """
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise InputError(
+            "B-LAB-002", "is there already and not empty", where=str(folder), next_step="name a new folder"
+        )
+    proposed = {"name": folder.resolve().name, **_DEFAULTS}
+    answers = Answers(**{key: value or _asked(key, proposed[key]) for key, value in given.items()})
+    for key, (pattern, what) in _FORMS.items():
+        if not re.fullmatch(pattern, getattr(answers, key)):
+            text = f"{getattr(answers, key)!r} is not {what}"
+            raise InputError("B-LAB-003", text, where=_QUESTIONS[key][1], next_step="choose another")
+    station = find_shipped("stations", answers.station)
+    for name, text in _contents(answers, station).items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        write_file(folder / name, text)
+    with chdir(folder):
+        schema(Path("schemas"), vscode=True)
+    console().print(f"lab folder {folder}: {answers.name}; try: cd {folder} && bench check first_check")
+    return ExitStatus.PASS
+
+
+def _asked(key: str, proposed: str) -> str:
+    if not sys.stdin.isatty():
+        return proposed
+    if key == "station":
+        console().print(f"simulated benches: {', '.join(shipped_names('stations'))}")
+    console().print(f"{_QUESTIONS[key][0]} [{proposed}] ", end="")
+    return sys.stdin.readline().strip() or proposed
+
+
+def _contents(answers: Answers, station: Path) -> dict[str, str]:
+    """Return the files of the folder by their places."""
+    own = f"my_{station.stem}" if station.parent.resolve() == shipped_folder("stations").resolve() else station.stem
+    text = station.read_text(encoding="utf-8")
+    values = {"NAME": answers.name, "MODEL": answers.model, "SERIAL": answers.serial, "STATION": own}
+    places = {name: place for name, place in _PLACES.items() if name != "first_check" or station.stem == FIRST_STATION}
+    written = {place: _filled(template, values) for template, place in places.items()}
+    return written | {f"stations/{own}.yaml": text.replace(f"station: {station.stem}\n", f"station: {own}\n", 1)}
+
+
+def _filled(template: str, values: dict[str, str]) -> str:
+    text = _TEMPLATES.joinpath(f"{template}.txt").read_text(encoding="utf-8")
+    return re.sub(r"@([A-Z]+)@", lambda match: values[match[1]], text)

@@ -1,0 +1,92 @@
+"""``bench list``: what is there, and where it comes from."""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from pydantic import RootModel
+from rich import box
+from rich.table import Table
+
+from bench.commands.console import console
+from bench.model.errors import ExitStatus, InputError
+from bench.model.installed import driver_packages
+from bench.model.lab import Lab, lab_here
+from bench.model.shipped import KINDS, Kind, own_names, shipped_folder, shipped_names
+from bench.model.systems import analyses
+from bench.model.yamlio import load_yaml
+
+WORDS = (*KINDS, "instruments", "analyses")
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One thing that a sequence or a command can name."""
+
+    kind: str
+    name: str
+    title: str
+    origin: str
+
+
+def print_list(kind: str | None, as_json: bool) -> int:
+    """Print sequences, stations, frames, instruments and analyses, or those of one kind, each with its origin.
+
+    Raises: InputError B-CLI-011 for another kind, B-LAB-001; InstallationError.
+    """
+    if kind is not None and kind not in WORDS:
+        raise InputError("B-CLI-011", f"{kind!r} is no kind", next_step=f"use one of: {', '.join(WORDS)}")
+    lab = lab_here()
+    entries = [entry for entry in _entries(lab) if kind in (None, entry.kind)]
+    if as_json:
+        sys.stdout.write(json.dumps([asdict(entry) for entry in entries], indent=1) + "\n")
+        return ExitStatus.PASS
+    for word in WORDS:
+        rows = [entry for entry in entries if entry.kind == word]
+        table = Table("name", "title", "from", box=box.SIMPLE_HEAD, title=word, title_justify="left")
+        for entry in rows:
+            table.add_row(entry.name, entry.title, entry.origin)
+        if rows:
+            console().print(table)
+    where = "no lab folder here (bench init)" if lab is None else f"lab folder: {lab.name}, {lab.folder}"
+    console().print(where)
+    return ExitStatus.PASS
+
+
+def _entries(lab: Lab | None) -> Iterator[Entry]:
+    for kind in KINDS:
+        own = [] if lab is None else own_names(kind, lab)
+        for name in own:
+            assert lab is not None
+            yield Entry(kind, name, _title(lab.folder / kind / f"{name}.yaml"), f"{lab.name}, {kind}/{name}.yaml")
+        yield from (_shipped(kind, name, name in own) for name in shipped_names(kind))
+    for package in driver_packages():
+        for name in _drivers(package.offer.package):
+            yield Entry("instruments", name, "", package.offer.release)
+    for name, (_, system, offer) in analyses().items():
+        yield Entry("analyses", name, system.name, offer.release)
+
+
+def _shipped(kind: Kind, name: str, replaced: bool) -> Entry:
+    origin = "installed" + (", replaced by the lab's" if replaced else "")
+    return Entry(kind, name, _title(shipped_folder(kind) / f"{name}.yaml"), origin)
+
+
+def _title(path: Path) -> str:
+    """Return the title that a YAML file states, or that it cannot be read."""
+    try:
+        tree: Any = load_yaml(path, RootModel[Any]).model.root
+    except InputError:
+        return "cannot be read"
+    return str(tree.get("title") or "") if isinstance(tree, dict) else ""
+
+
+def _drivers(package: str) -> list[str]:
+    modules = [path for path in files(package).iterdir() if path.name.endswith(".py")]
+    return sorted(path.name.removesuffix(".py") for path in modules if "\nDRIVER = " in path.read_text("utf-8"))

@@ -1,0 +1,114 @@
+"""A laboratory's own folder: made, found from inside, its files before installed ones, its mistakes."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import yaml
+from typer.testing import CliRunner
+
+from bench.cli import app
+from bench.model.errors import InputError
+from bench.model.lab import lab_here
+from bench.model.shipped import find_beside, find_shipped, replaced_by_lab, shipped_folder
+
+FLAGS = ("--name", "Our laboratory", "--model", "NGU-2", "--serial", "17")
+
+
+def bench(*words: str) -> str:
+    done = CliRunner().invoke(app, words)
+    if done.exception is not None and not isinstance(done.exception, SystemExit):
+        raise done.exception
+    assert done.exit_code == 0, done.output
+    return done.stdout
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.chdir(tmp_path)
+    bench("init", "our_lab", *FLAGS)
+    monkeypatch.chdir(tmp_path / "our_lab" / "frames")
+    return tmp_path / "our_lab"
+
+
+def test_a_new_folder_can_be_used_at_once(lab: Path) -> None:
+    found = lab_here()
+    assert found is not None
+    assert (found.folder, found.name) == (lab.resolve(), "Our laboratory")
+    assert "First check of NGU-2" in bench("check", "first_check")
+    assert "golden frames are right" in bench("frame", "check", "my_unit")
+    assert yaml.safe_load((lab / "laboratory.yaml").read_text())["item"]["name"] == "NGU-2"
+    assert {path.name for path in (lab / "schemas").iterdir()} >= {"sequence.schema.json", "frame.schema.json"}
+    for path in lab.rglob("*.yaml"):
+        assert "@" not in path.read_text().replace('"@bench"', "").replace("@example.org", "")
+
+
+def test_everything_is_listed_with_its_origin(lab: Path) -> None:
+    entries = json.loads(bench("list", "--json"))
+    origins = {(entry["kind"], entry["name"]): entry["origin"] for entry in entries}
+    assert origins["frames", "my_unit"] == "Our laboratory, frames/my_unit.yaml"
+    assert origins["sequences", "scale_factor_38h"] == "installed"
+    assert origins["instruments", "hp_3458a"].startswith("inertial-bench ")
+    assert origins["analyses", "scale_factor"].startswith("inertial-bench ")
+    assert "first_check" in bench("list", "sequences")
+    with pytest.raises(InputError, match="no kind") as caught:
+        bench("list", "drivers")
+    assert caught.value.code == "B-CLI-011"
+
+
+def test_an_own_file_stands_in_for_an_installed_one_and_it_is_said(lab: Path) -> None:
+    name = "af_bench_sim"
+    shipped = shipped_folder("stations") / f"{name}.yaml"
+    sequence = shipped_folder("sequences") / "scale_factor_short.yaml"
+    assert find_beside(sequence, "stations", name) == shipped
+    own = lab / "stations" / f"{name}.yaml"
+    own.write_text(shipped.read_text())
+    assert find_shipped("stations", name).resolve() == own.resolve()
+    assert find_beside(sequence, "stations", name).resolve() == own.resolve()
+    assert find_shipped("stations", shipped) == shipped
+    done = CliRunner().invoke(app, ["check", "scale_factor_short"])
+    assert f"{own.resolve()} of Our laboratory, not the installed one" in done.stderr
+    assert replaced_by_lab("stations", shipped) == ""
+    assert "replaced by the lab's" in bench("list", "stations")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [("[lab", "cannot be read as TOML"), ("[lab]\nname = 3", "does not name"), ("", "does not name"),
+     ("lab = 3", "does not name"), ("[lab]\nname = 'x'\nowner = 1", "unknown key 'owner'"),
+     ("[lab]\nname = 'x'\n[more]", "unknown key 'more'")],
+)  # fmt: skip
+def test_a_wrong_bench_toml_is_one_error(
+    text: str, words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "bench.toml").write_text(text)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=words) as caught:
+        find_shipped("frames", "no_such_frame")
+    assert caught.value.code == "B-LAB-001"
+    assert str(tmp_path) in caught.value.where
+
+
+def test_nothing_is_written_over_and_names_stay_names(lab: Path, tmp_path: Path) -> None:
+    before = (lab / "bench.toml").read_text()
+    for words, code in (
+        (("init", str(lab), *FLAGS), "B-LAB-002"),
+        (("init", str(lab / "bench.toml"), *FLAGS), "B-LAB-002"),
+        (("init", str(tmp_path / "new"), "--name", 'a"b'), "B-LAB-003"),
+        (("init", str(tmp_path / "new"), "--serial", "a{b}"), "B-LAB-003"),
+        (("init", str(tmp_path / "new"), "--station", "nosuch"), "B-SHIP-001"),
+    ):
+        with pytest.raises(InputError) as caught:
+            bench(*words)
+        assert caught.value.code == code
+    assert (lab / "bench.toml").read_text() == before
+    assert not (tmp_path / "new").exists()
+
+
+def test_another_bench_to_begin_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    bench("init", "north", "--station", "fog_bench_sim")
+    assert (tmp_path / "north/stations/my_fog_bench_sim.yaml").is_file()
+    assert not (tmp_path / "north/sequences").exists()  # the first sequence is for another bench
