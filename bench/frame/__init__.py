@@ -23,7 +23,7 @@ from bench.frame.signals import (
 )
 from bench.frame.spec import FrameSpec
 from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
-from bench.frame.table import Tables
+from bench.frame.table import Tables, cells_of
 
 __all__ = [
     "BENCH",
@@ -49,6 +49,7 @@ __all__ = [
     "all_signals",
     "best_engine",
     "blocks",
+    "cells_of",
     "columns",
     "decode_capture",
     "draft",

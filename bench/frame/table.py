@@ -24,12 +24,28 @@ _ROWS_OF_A_GROUP = 500_000  # of Parquet: each group costs some 30 kB of memory 
 Write = Callable[[MessageBatch], None]
 
 
-def columns_of(item: Field) -> Iterator[tuple[str, list[str]]]:
-    """Yield a field and its named bits, each with the titles of its columns in a table: one for each element."""
+def columns_of(item: Field) -> Iterator[tuple[str, str, list[str]]]:
+    """Yield a field and its named bits, each with its unit and the names of its columns: one for each element."""
     for name in (item.name, *(f"{item.name}.{bits}" for bits in item.bits)):
-        unit = f" [{item.unit}]" if item.unit and name == item.name else ""
+        unit = item.unit if name == item.name else ""
         numbers = [""] if item.count is None or item.kind == "b" else [f"_{index + 1}" for index in range(item.count)]
-        yield name, [f"{name}{number}{unit}" for number in numbers]
+        yield name, unit, [f"{name}{number}" for number in numbers]
+
+
+def cells_of(batch: MessageBatch, item: Field, part: slice = slice(None)) -> Iterator[tuple[str, str, NDArray[Any]]]:
+    """Yield name, unit and values of each column of a field, (n,).
+
+    Text and bytes are objects; what is not there is masked, an empty value of a line is NaN.
+    """
+    missing = batch.missing(item.name)
+    for name, unit, columns in columns_of(item):
+        values = (batch.scaled(name) if batch.has_scale(name) else batch.raw(name))[part]
+        if item.kind == "b":
+            values = _whole(values, item.is_text)
+        if missing is not None:
+            values = np.ma.array(values, mask=missing[part, 0] if item.kind == "b" else missing[part])
+        for column, of_element in zip(columns, [values] if values.ndim == 1 else values.T, strict=True):
+            yield column, unit, of_element
 
 
 class Tables:
@@ -141,16 +157,10 @@ class Tables:
                 yield from self._of_field(batch, item, part)
 
     def _of_field(self, batch: MessageBatch, item: Field, part: slice) -> Iterator[tuple[str, NDArray[Any]]]:
-        missing = batch.missing(item.name)
-        for name, titles in columns_of(item):
-            values = (batch.scaled(name) if batch.has_scale(name) else batch.raw(name))[part]
-            if item.kind == "b":
-                values = _whole(values, item.is_text)
-            if missing is not None:
-                values = np.ma.array(values, mask=missing[part, 0] if item.kind == "b" else missing[part])
-            elif self._lines and values.dtype.kind == "f":
-                values = np.ma.masked_invalid(values)  # an empty value
-            yield from zip(titles, [values] if values.ndim == 1 else values.T, strict=True)
+        for name, unit, values in cells_of(batch, item, part):
+            empty = self._lines and values.dtype.kind == "f" and not np.ma.isMaskedArray(values)
+            title = f"{name} [{unit}]" if unit else name
+            yield title, np.ma.masked_invalid(values) if empty else values
 
 
 def _part(path: Path) -> Path:

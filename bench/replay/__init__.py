@@ -2,7 +2,9 @@
 
 from bench.replay.build_trend import build_trend
 from bench.replay.compare import ABSENT, Difference, compare
+from bench.replay.course import Course, DecodedFrames, decoded_frames, read_course
 from bench.replay.delimited import LogParser
+from bench.replay.described import session_frames
 from bench.replay.history import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
 from bench.replay.parts import Splice, moved_rows
 from bench.replay.rows import Replayed, replay_rows
@@ -14,6 +16,8 @@ __all__ = [
     "LINK",
     "MAPPING",
     "RAW_S_PER_POINT",
+    "Course",
+    "DecodedFrames",
     "Difference",
     "LogParser",
     "Replayed",
@@ -21,13 +25,16 @@ __all__ = [
     "Survey",
     "build_trend",
     "compare",
+    "decoded_frames",
     "file_lines",
     "history",
     "moved_rows",
     "needs_build",
     "raw_window",
+    "read_course",
     "replay_rows",
     "replay_series",
+    "session_frames",
     "survey",
     "trend_place",
 ]
