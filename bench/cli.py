@@ -16,7 +16,7 @@ from bench.commands.frame.app import app as frame_app
 from bench.commands.hand_app import commission, drill, talk
 from bench.commands.history.app import app as history_app
 from bench.commands.lab.app import init, list_all
-from bench.commands.session_app import AsJson, SessionFolder, batch, fit, replay, report, study
+from bench.commands.session_app import AsJson, SessionFolder, batch, export, fit, replay, report, study
 from bench.model.errors import BenchError, ExitStatus
 from bench.model.installed import OWN, checked_package
 from bench.model.shipped import find_shipped
@@ -191,6 +191,7 @@ def coefficients(
     raise typer.Exit(session_command.coefficients(sessions, out))
 
 
+app.command(epilog="Example: bench export sessions/20000101T000000Z_scale_factor_38h_SIM-1 --to parquet")(export)
 app.command(epilog="Example: bench batch sessions --out batch")(batch)
 app.command(epilog="Example: bench study time_sync --dask local:2 --out study")(study)
 

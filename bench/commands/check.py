@@ -49,8 +49,7 @@ def check(request: Request) -> int:
     Raises: InputErrors; with ``live``, after the table, InputError B-RUN-080 or InstrumentError B-RUN-081.
     """
     plan = checked_plan(request.sequence, request.station, request.settings)
-    start_ns = VIRTUAL_START_UTC_NS if plan.station.in_process else WallClock().utc_ns()
-    summary = summarise(plan, start_ns)
+    summary = summarise(plan, start_utc_ns(plan))
     if request.plot is not None:
         from bench.report import plots  # matplotlib takes longer to load than a sequence to check
 
@@ -69,6 +68,11 @@ def check(request: Request) -> int:
     if report is not None and (refusal := report.refusal()) is not None:
         raise refusal
     return ExitStatus.PASS
+
+
+def start_utc_ns(plan: Plan) -> int:
+    """Return UTC at which a run would start, ns: now, or where the virtual clock begins."""
+    return VIRTUAL_START_UTC_NS if plan.station.in_process else WallClock().utc_ns()
 
 
 def _examined(plan: Plan, request: Request) -> Report:

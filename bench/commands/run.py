@@ -46,6 +46,15 @@ class Request:
 
 def run(request: Request) -> int:
     """Run a campaign and return the exit status of the contract."""
+    plan, done = conducted(request, console(stderr=True))
+    return _finish(plan, done, request)
+
+
+def conducted(request: Request, errors: Console) -> tuple[Plan, Conducted]:
+    """Run a campaign to its end and write simulated truth if it is asked for; a person is told on ``errors``.
+
+    Raises: InputErrors, before anything is switched on; what ends a run early is part of what is returned.
+    """
     if request.clock not in (None, "virtual", "wall"):
         raise InputError(
             "B-CLI-004", f"{request.clock!r} is no clock", where="--clock", next_step="use virtual or wall"
@@ -56,13 +65,13 @@ def run(request: Request) -> int:
     virtual = plan.station.in_process if request.clock is None else request.clock == "virtual"
     clock: Clock = VirtualClock() if virtual else WallClock()
     done = conduct_watched(
-        plan, clock, seed=request.seed, out=request.out, errors=console(stderr=True), ask=request.ask,
+        plan, clock, seed=request.seed, out=request.out, errors=errors, ask=request.ask,
         uncommissioned=request.uncommissioned,
     )  # fmt: skip
     if request.truth and done.truth:
         path = done.folder.with_name(done.folder.name + ".truth.json")
         write_file(path, json.dumps({"estimates": done.truth}, sort_keys=True, indent=1) + "\n")
-    return _finish(plan, done, request)
+    return plan, done
 
 
 def _finish(plan: Plan, done: Conducted, request: Request) -> int:

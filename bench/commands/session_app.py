@@ -82,6 +82,18 @@ def report(
     raise typer.Exit(fit_command.report(session, pdf, fresh))
 
 
+def export(
+    session: SessionFolder,
+    form: Annotated[str, typer.Option("--to", metavar="FORMAT", help="csv, parquet, hdf5, mat or mcap")],
+    out: Annotated[Path | None, typer.Option("--out", help="a new folder; default: SESSION-FORMAT here")] = None,
+) -> None:
+    """Write events, readings, records, estimates and decoded frames as tables for other tools (extra 'python')."""
+    session_segments(session)
+    from bench.commands import export as export_command
+
+    raise typer.Exit(export_command.export(session, form, out))
+
+
 def batch(
     sessions: Annotated[list[Path], typer.Argument(metavar="SESSION...", help="sessions, or folders of sessions")],
     out: Annotated[Path, typer.Option("--out", help="folder for batch.json and batch.html")] = Path(),

@@ -1,0 +1,89 @@
+"""DataFrames out of rows: columns typed by what they hold, absent values as NA, units beside them.
+
+Every table has the index ``time`` (UTC), where its rows have a time, and ``attrs["units"]``: unit by column.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.tables.library import pandas
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+TIME, T_MONO = "time", "t_mono_ns"
+UNITS = "units"
+CONDITION = "condition_"
+_NUMBERS = ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "dof", "limit",
+            "conformance_probability")  # fmt: skip
+_SUFFIXES = {
+    "_ns": "ns", "_s": "s", "_min": "min", "_A": "A", "_V": "V", "_m": "m", "_Hz": "Hz", "_Pa": "Pa", "_degC": "degC",
+    "_ppm": "ppm", "_nA": "nA", "_mrad": "mrad", "_deg": "deg", "_deg_s": "deg/s", "_deg_h": "deg/h", "_g": "g",
+    "_gauss": "gauss", "_m_s": "m/s", "_m_s2": "m/s2",
+}  # fmt: skip
+_LONGEST_FIRST = sorted(_SUFFIXES, key=len, reverse=True)
+
+
+def unit_of(name: str) -> str:
+    """Return the unit that the end of a name states, "" if it states none."""
+    return next((_SUFFIXES[end] for end in _LONGEST_FIRST if name.endswith(end)), "")
+
+
+def typed(values: Sequence[Any]) -> Any:
+    """Return values as a column: numbers, texts or truths where all of them are, else objects; None is NA."""
+    kinds = {type(value) for value in values if value is not None}
+    pd, absent = pandas(), None in values
+    if kinds and kinds <= {int, float} and float in kinds:
+        return pd.Series([np.nan if value is None else value for value in values], dtype="float64")
+    for kind, plain, nullable in ((int, "int64", "Int64"), (bool, "bool", "boolean"), (str, "string", "string")):
+        if kinds == {kind} and not (kind is int and _too_large(values)):
+            return pd.Series(list(values), dtype=nullable if absent else plain)
+    return pd.Series(list(values), dtype=object)
+
+
+def _too_large(values: Iterable[int | None]) -> bool:
+    return any(value is not None and not -(1 << 63) <= value < 1 << 63 for value in values)
+
+
+def table(columns: Mapping[str, Any], units: Mapping[str, str], t_mono_ns: Any = None, offset_ns: int = 0) -> DataFrame:
+    """Return columns as a DataFrame; with times (n,), ns, on the axis of the session it has them as index, in UTC."""
+    pd = pandas()
+    if t_mono_ns is None:
+        frame = pd.DataFrame(dict(columns))
+    else:
+        stamps: NDArray[np.int64] = np.asarray(t_mono_ns, np.int64)
+        index = pd.DatetimeIndex((stamps + offset_ns).view("M8[ns]"), name=TIME).tz_localize("UTC")
+        arrays = {name: getattr(column, "array", column) for name, column in columns.items()}
+        frame = pd.DataFrame({T_MONO: stamps, **arrays}, index=index)
+        units = {T_MONO: "ns", **units}
+    frame.attrs[UNITS] = {str(name): units[name] for name in frame.columns if units.get(name)}
+    return frame
+
+
+def spread(rows: Sequence[Mapping[str, Any]], taken: Iterable[str], prefix: str = CONDITION) -> dict[str, list[Any]]:
+    """Return mappings as columns, a value that one of them lacks as None; a name that is taken gets the prefix."""
+    names = dict.fromkeys(name for row in rows for name in row)
+    taken = set(taken)
+    return {f"{prefix}{name}" if name in taken else name: [row.get(name) for row in rows] for name in names}
+
+
+def table_of_estimates(estimates: Sequence[Mapping[str, Any]]) -> DataFrame:
+    """Return the estimates of a document results.json, a row each; conditions are columns.
+
+    Each row has its own ``unit``, which holds for value, uncertainties and limit. Documents of schema 1 have no
+    ``quality`` but sound estimates.
+    """
+    columns: dict[str, list[Any]] = {}
+    for name in ("quantity", "unit", *_NUMBERS, "n", "dropped", "verdict"):
+        columns[name] = [estimate.get(name) for estimate in estimates]
+    columns["quality"] = [estimate.get("quality", "sound") for estimate in estimates]
+    columns["reasons"] = ["; ".join(str(reason["sentence"]) for reason in row.get("reasons", ())) for row in estimates]
+    columns |= spread([estimate["conditions"] for estimate in estimates], columns)
+    shown = {name: typed(values) for name, values in columns.items()}
+    shown |= {name: shown[name].astype("float64") for name in _NUMBERS}
+    return table(shown, {name: unit_of(name) for name in columns})

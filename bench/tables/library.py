@@ -1,0 +1,30 @@
+"""The optional libraries of tables; a missing one is one clear error that names the extra."""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import Any
+
+from bench.model.errors import InputError
+
+EXTRAS = {"pandas": "python", "h5py": "hdf5", "pyarrow": "parquet"}
+
+
+def library(name: str) -> Any:
+    """Return a library of tables. Raises: InputError B-TAB-001 if it is not installed."""
+    try:
+        return import_module(name)
+    except ModuleNotFoundError as error:
+        if error.name != name:
+            raise
+        raise InputError(
+            "B-TAB-001",
+            f"{name} is not installed, and tables of this kind need it",
+            where=name,
+            next_step=f"install it with: pip install 'inertial-bench[{EXTRAS[name]}]'",
+        ) from error
+
+
+def pandas() -> Any:
+    """Return pandas. Raises: InputError B-TAB-001 if it is not installed."""
+    return library("pandas")

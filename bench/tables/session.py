@@ -1,0 +1,183 @@
+"""A recorded session for people who compute: its tables, each read when it is asked for the first time."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from bench.analysis import validate_results
+from bench.frame import FrameDefinition
+from bench.model.errors import InputError
+from bench.model.segments import session_segments
+from bench.record import Damage, SessionReader
+from bench.replay import Course, read_course, replay_rows, session_frames
+from bench.tables.columns import table_of_estimates
+from bench.tables.decoded import blocks_of_frames, message_of, no_frames, window_of
+from bench.tables.library import pandas
+from bench.tables.recorded import table_of_events, table_of_readings, table_of_records
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+RESULTS = "results.json"
+
+
+class Session:
+    """A recorded session. Nothing is read before it is asked for, and a table is kept once it is read.
+
+    Tables are pandas DataFrames. ``attrs["units"]`` has the unit of each column that has one, ``attrs["session"]`` the
+    name of the session, ``attrs["simulated"]`` whether it is simulated. The index ``time`` is UTC; a session that
+    holds no UTC counts from 1970. ``t_mono_ns`` is the monotonic time of the session, on which order and lengths rest.
+
+    Args:   folder: the session's folder.
+    Raises: InputError B-REC-010 if there is no session, B-TAB-001 from tables if pandas is missing; SessionDamaged
+            B-REC-012, B-REC-014 for what is lost, B-RPL-002, B-RPL-003 from ``records``.
+    """
+
+    def __init__(self, folder: str | Path) -> None:
+        self.folder = Path(folder)
+        session_segments(self.folder)
+        self._reader = SessionReader(self.folder)
+
+    def __repr__(self) -> str:
+        return f"<Session {self.folder}>"
+
+    @property
+    def manifest(self) -> Mapping[str, Any]:
+        """The manifest: what was run, on which unit, with which standards (docs/session-format.md)."""
+        return self._reader.manifest
+
+    @property
+    def texts(self) -> Mapping[str, str]:
+        """Text of the compiled plan and of every YAML file it was run from, by name."""
+        return self._reader.texts
+
+    @cached_property
+    def links(self) -> tuple[str, ...]:
+        """Names of the links whose frames can be decoded."""
+        return tuple(self._definitions)
+
+    def messages(self, link: str) -> tuple[str, ...]:
+        """Return the messages of a link's frames. Raises: InputError B-TAB-002 if there is no such link."""
+        return tuple(message.name for message in self._definition(link).layout.messages)
+
+    @cached_property
+    def events(self) -> DataFrame:
+        """Everything that happened, in order: ``t_mono_ns``, ``kind`` and ``fields``, a dictionary."""
+        return self._named(table_of_events(self._course))
+
+    @cached_property
+    def readings(self) -> DataFrame:
+        """Readings of instruments, in order: ``role``, ``name`` of the action, ``value`` in SI units, conditions."""
+        return self._named(table_of_readings(self._course))
+
+    @property
+    def records(self) -> DataFrame:
+        """Records, by number, decoded and cut anew from the raw bytes: counts, quality, conditions, sums, means."""
+        return self._records[0]
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """Sentences about damage, and what differs from the recording today; the session is read as for ``records``."""
+        damage, notes = self._records[1:]
+        return (*(f"damaged: {place}" for place in damage), *notes)
+
+    @property
+    def damaged(self) -> bool:
+        """Whether anything of the session cannot be read as it was written."""
+        return bool(self._records[1])
+
+    @cached_property
+    def estimates(self) -> DataFrame:
+        """Estimates of results.json: quantity, unit, value, uncertainties, verdict, quality, conditions.
+
+        Raises: InputError B-TAB-006 if there are no results, B-FIT-010 if they are not in their form.
+        """
+        return self._named(table_of_estimates(self.results["estimates"]))
+
+    @cached_property
+    def results(self) -> Mapping[str, Any]:
+        """The document results.json. Raises: as ``estimates``."""
+        path = self.folder / RESULTS
+        try:
+            document = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError) as error:
+            raise InputError(
+                "B-TAB-006", f"cannot be read: {error}", where=str(path),
+                next_step="fit the session: 'bench fit SESSION --json', or bench.fit(path)",
+            ) from error  # fmt: skip
+        validate_results(document, str(path))
+        results: Mapping[str, Any] = document
+        return results
+
+    def frames(
+        self, link: str, message: str | None = None, start: object = None, stop: object = None,
+        columns: Sequence[str] | None = None,
+    ) -> DataFrame:  # fmt: skip
+        """Decode the frames of a link: (n, fields) in the units of the frame file, elements of arrays as columns.
+
+        Frames that fail their check are not in it; what a frame does not hold is NA. Only chunks that touch the window
+        are read, block by block, so memory is that of what is returned.
+
+        Args:   message: which of several.   start, stop: UTC of the first frame, and behind the last one, as text,
+                datetime or Timestamp; None: from the beginning, to the end.   columns: fields (an array stands for all
+                its elements) or single columns such as ``npp_3``; None: all.
+        Raises: InputError B-TAB-002 (no such link), B-TAB-003 (message), B-TAB-004 (time), B-TAB-005 (column).
+        """
+        definition = self._definition(link)
+        name, window = message_of(definition, link, message).name, window_of(start, stop)
+        found = blocks_of_frames(self.folder, link, definition, self._course, (name,), window, columns)
+        blocks = [block for _, block in found]
+        if not blocks:
+            return self._named(no_frames(definition, name, columns))
+        joined = pandas().concat(blocks)
+        joined.attrs.update(blocks[0].attrs)
+        return self._named(joined)
+
+    def frame_blocks(self, link: str) -> Iterator[tuple[str, DataFrame]]:
+        """Yield the frames of all messages of a link, block by block: name of the message, a table as ``frames``."""
+        definition = self._definition(link)
+        found = blocks_of_frames(self.folder, link, definition, self._course, self.messages(link))
+        yield from ((name, self._named(block)) for name, block in found)
+
+    def empty_frames(self, link: str, message: str) -> DataFrame:
+        """Return the columns that ``frames`` of a message has, without a row."""
+        return self._named(no_frames(self._definition(link), message))
+
+    @cached_property
+    def _definitions(self) -> Mapping[str, FrameDefinition]:
+        return session_frames(self.folder)
+
+    def _definition(self, link: str) -> FrameDefinition:
+        if link not in self._definitions:
+            raise InputError(
+                "B-TAB-002",
+                f"the session has no link {link!r} with a frame definition",
+                where=str(self.folder),
+                next_step=f"use one of: {', '.join(self.links) or 'none'}",
+            )
+        return self._definitions[link]
+
+    @property
+    def utc_offset_ns(self) -> int:
+        """UTC minus ``t_mono_ns``, ns; 0 for a session that holds no UTC."""
+        return self._course.utc_offset_ns
+
+    @cached_property
+    def _records(self) -> tuple[DataFrame, tuple[Damage, ...], tuple[str, ...]]:
+        """Return the table, what is damaged, and notes; the samples that a record may hold are not kept."""
+        replayed = replay_rows(self.folder)
+        records = self._named(table_of_records(replayed, self._definitions))
+        return records, replayed.damage, replayed.notes
+
+    @cached_property
+    def _course(self) -> Course:
+        return read_course(self.folder)
+
+    def _named(self, frame: DataFrame) -> DataFrame:
+        frame.attrs["session"] = str(self.manifest.get("session", self.folder.name))
+        frame.attrs["simulated"] = bool(self.manifest.get("simulated"))
+        return frame
