@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 Window = tuple[int | None, int | None]
-"""UTC of the first and behind the last frame, ns; None: no bound."""
+"""UTC, ns: frames that came later than the first and not later than the second; None: no bound."""
 _INTEGERS = "iu"
 
 
@@ -71,7 +71,7 @@ def blocks_of_frames(
 ) -> Iterator[tuple[str, DataFrame]]:  # fmt: skip
     """Yield name of a message and a table of some of its frames, in order; those of a message make one table.
 
-    Args:   window: frames of start <= time < stop.   columns: names of fields, or of their elements; None: all.
+    Args:   window: frames of start < time <= stop.   columns: names of fields, or of their elements; None: all.
     Raises: InputError B-TAB-005 for a column that is none; those of ``decoded_frames``.
     """
     chosen = {name: _chosen(definition, name, columns) for name in messages}
@@ -127,8 +127,8 @@ def _inside(t_utc_ns: NDArray[np.int64], window: Window) -> Any:
     low, high = window
     if low is None and high is None:
         return slice(None)
-    above = np.ones(len(t_utc_ns), np.bool_) if low is None else t_utc_ns >= low
-    return above if high is None else above & (t_utc_ns < high)
+    above = np.ones(len(t_utc_ns), np.bool_) if low is None else t_utc_ns > low
+    return above if high is None else above & (t_utc_ns <= high)
 
 
 def _column(values: Any) -> Any:

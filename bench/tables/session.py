@@ -122,8 +122,9 @@ class Session:
         Frames that fail their check are not in it; what a frame does not hold is NA. Only chunks that touch the window
         are read, block by block, so memory is that of what is returned.
 
-        Args:   message: which of several.   start, stop: UTC of the first frame, and behind the last one, as text,
-                datetime or Timestamp; None: from the beginning, to the end.   columns: fields (an array stands for all
+        Args:   message: which of several.   start, stop: frames of start < time <= stop, UTC as text, datetime or
+                Timestamp; None: from the beginning, to the end. Times are those of reception: which frames a record
+                has exactly, its ``first_counter`` says.   columns: fields (an array stands for all
                 its elements) or single columns such as ``npp_3``; None: all.
         Raises: InputError B-TAB-002 (no such link), B-TAB-003 (message), B-TAB-004 (time), B-TAB-005 (column).
         """
