@@ -1,0 +1,145 @@
+"""``import bench``: light, then load, check, run and fit as on the command line, with its errors as exceptions."""
+
+from __future__ import annotations
+
+import inspect
+import json
+import subprocess
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, bench, contents
+
+import bench as product
+from bench import api
+from bench.model.errors import BenchError, FitError, InputError, InputErrors, RunError
+from bench.run.session import Conducted
+from bench.tables import Session
+
+LIGHT = """
+import sys, bench
+print(bench.__version__, bench.__bench__, sorted({"numpy", "pandas", "yaml", "rich", "bench.api"} & set(sys.modules)))
+from bench.run.steps import dispatch
+print(callable(bench.run), bench.load.__module__, bench.BenchError.__name__, "pandas" in sys.modules)
+"""
+
+
+def test_the_import_is_light_and_run_is_there_in_any_order() -> None:
+    done = subprocess.run([sys.executable, "-c", LIGHT], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.splitlines() == ["0.1.0 inertial-bench []", "True bench.api BenchError False"]
+
+
+def test_what_is_handed_on_is_what_the_stub_says() -> None:
+    stub = (ROOT / "bench" / "__init__.pyi").read_text(encoding="utf-8")
+    for name in api.__all__:
+        assert f"from bench.api import {name} as {name}\n" in stub
+        assert name == "run" or getattr(product, name) is getattr(api, name)
+    assert set(product.__api__) == set(api.__all__)
+    with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
+        product.nonsense  # type: ignore[attr-defined]  # noqa: B018
+
+
+def test_signatures_stay() -> None:
+    """What programs of others rest on; a change here is a change for them."""
+    assert {
+        name: list(inspect.signature(getattr(api, name)).parameters) for name in ("load", "check", "fit", "run")
+    } == {
+        "load": ["path"],
+        "check": ["sequence", "station", "settings"],
+        "fit": ["path", "method", "make_up", "fresh"],
+        "run": ["sequence", "station", "settings", "clock", "seed", "out", "truth", "history", "ask", "uncommissioned"],
+    }
+    assert list(inspect.signature(Session.frames).parameters)[1:] == ["link", "message", "start", "stop", "columns"]
+
+
+def test_check_says_what_the_command_says(inside: Inside) -> None:
+    checked = product.check("timeline_example")
+    said = json.loads(inside("check", "timeline_example", "--json").stdout)
+    assert (checked.sequence, checked.station, checked.plan_sha256) == (
+        said["sequence"], said["station"], said["plan_sha256"],
+    )  # fmt: skip
+    figures = asdict(checked.summary)
+    assert {name: list(value) if isinstance(value, tuple) else value for name, value in figures.items()}.items() <= (
+        said.items()
+    )
+    assert checked.simulated
+    longer = product.check(GOLDEN_SEQUENCE, settings={"settle": "9 s"}).summary
+    assert longer.duration_s > product.check(Path(GOLDEN_SEQUENCE)).summary.duration_s
+
+
+def test_run_gives_the_session_of_the_command(golden: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    session = api.run(GOLDEN_SEQUENCE, clock="virtual", seed=3, out=tmp_path, truth=True)
+    assert capfd.readouterr().out == ""
+    mine, theirs = contents(session.folder), contents(golden)
+    assert {name for name in theirs if mine.get(name) != theirs[name]} == set()
+    assert (tmp_path / f"{session.folder.name}.truth.json").exists()
+    assert (tmp_path / "history.sqlite").exists()
+    assert len(session.records) == 10
+
+
+def test_a_run_that_is_called_by_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(api, "run", lambda *words, **options: (words, options))
+    assert product.run("x", seed=2) == (("x",), {"seed": 2})
+
+
+def test_fit_gives_the_estimates_of_the_command(golden: Path, inside: Inside) -> None:
+    fitted = product.fit(golden, "ols", fresh=True)
+    said = json.loads(inside("fit", str(golden), "--method", "ols", "--json", "--fresh").stdout)
+    assert json.loads(json.dumps(fitted.results)) == said
+    assert fitted.estimates["value"].tolist() == [estimate["value"] for estimate in said["estimates"]]
+    before = product.load(golden).estimates
+    pd.testing.assert_frame_equal(product.fit(str(golden)).estimates, before, check_like=True)
+
+
+def test_errors_are_those_of_the_command(golden: Path, tmp_path: Path, inside: Inside) -> None:
+    cases: list[tuple[Any, tuple[str, ...]]] = [
+        (lambda: product.load(tmp_path / "none"), ("fit", str(tmp_path / "none"))),
+        (lambda: product.fit(golden, "nonsense"), ("fit", str(golden), "--method", "nonsense")),
+        (lambda: product.check("nonsense"), ("check", "nonsense")),
+        (lambda: product.check(GOLDEN_SEQUENCE, settings={"x": 1}), ("check", GOLDEN_SEQUENCE, "--set", "x=1")),
+        (lambda: api.run("nonsense", out=tmp_path), ("run", "nonsense")),
+        (lambda: api.run(GOLDEN_SEQUENCE, clock="sun", out=tmp_path), ("run", GOLDEN_SEQUENCE, "--clock", "sun")),
+    ]
+    for call, words in cases:
+        with pytest.raises((InputError, InputErrors, FitError)) as caught:
+            call()
+        done = inside(*words)
+        assert done.stderr.strip() == str(caught.value)
+        assert done.returncode == caught.value.exit_status == 2
+        assert caught.value.code
+
+
+def test_a_run_that_ended_early_raises_what_ended_it(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    stopped = RunError("B-RUN-031", "not reached", where="chamber TC-1", next_step="resume")
+    unsafe = RunError("B-RUN-033", "no answer", where="calibrator")
+
+    def conducted(request: object, errors: object) -> tuple[None, Conducted]:
+        outcome = type("Outcome", (), {"error": stopped, "unsafe": (unsafe,)})()
+        return None, Conducted(tmp_path / "session", {}, outcome, "", {}, [], [])
+
+    monkeypatch.setattr(api, "conducted", conducted)
+    with pytest.raises(BenchError) as caught:
+        api.run(GOLDEN_SEQUENCE)
+    assert caught.value is stopped
+    assert caught.value.__notes__ == [str(unsafe), f"The session is {tmp_path / 'session'}."]
+
+
+def test_the_example_of_the_page_is_executed(short: tuple[Path, Any]) -> None:
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    source = page.partition("```python\n")[2].partition("```")[0]
+    shown = page.partition("prints\n\n```\n")[2].partition("```")[0]
+    done = subprocess.run(
+        [sys.executable, "-c", source.replace("sessions/20000101T000000Z_scale_factor_short_SIM-1", str(short[0]))],
+        capture_output=True, text=True, check=True, cwd=ROOT,
+    )  # fmt: skip
+    assert done.stdout == shown
+
+
+def test_the_command_is_the_same_from_a_shell(golden: Path, tmp_path: Path) -> None:
+    done = bench("export", str(golden), "--to", "csv", "--out", str(tmp_path / "tables"))
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "tables" / "records.csv").exists()

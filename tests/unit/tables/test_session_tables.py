@@ -1,0 +1,272 @@
+"""Tables of a session: the same numbers as its readers give, times on one axis, units beside them, absent values NA."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from record_sample import NS, frame
+from table_sample import AWAY_S, FRAMES, counted, write_resumed
+
+from bench.frame import LinkDecoder
+from bench.model.errors import BenchError, InputError
+from bench.record import SessionReader, SessionWriter
+from bench.replay import decoded_frames, read_course, replay_rows
+from bench.tables import Session
+
+GOLDEN = sorted((Path(__file__).resolve().parents[2] / "golden" / "sessions").glob("*/*"))
+START = pd.Timestamp("2000-01-01", tz="UTC")
+
+
+@pytest.fixture(scope="module")
+def resumed(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    folder = tmp_path_factory.mktemp("tables") / "resumed"
+    write_resumed(folder)
+    return Session(folder)
+
+
+def refused(code: str, ask: Any) -> str:
+    with pytest.raises(BenchError) as caught:
+        ask()
+    assert caught.value.code == code
+    return str(caught.value)
+
+
+# --- what is read, and when --------------------------------------------------------------------------------------
+
+
+def test_nothing_is_read_before_it_is_asked_for(golden: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bench.tables.session.replay_rows", lambda folder: pytest.fail("decoded"))
+    monkeypatch.setattr("bench.tables.session.read_course", lambda folder: pytest.fail("read"))
+    session = Session(str(golden))
+    assert session.manifest["sequence"] == "golden"
+    assert session.links == ("port_a", "port_b")
+    assert session.messages("port_b") == ("housekeeping", "answer", "command")
+    assert "plan.json" in session.texts
+    assert str(golden) in repr(session)
+
+
+def test_a_table_is_kept_once_it_is_read(resumed: Session) -> None:
+    assert resumed.records is resumed.records
+    assert resumed.events is resumed.events
+
+
+@pytest.mark.parametrize("folder", GOLDEN, ids=lambda path: path.name)
+def test_sessions_of_every_system_have_their_tables(folder: Path) -> None:
+    session, replayed = Session(folder), replay_rows(folder)
+    assert len(session.records) == len(replayed.rows)
+    assert len(session.events) == len(replayed.events)
+    for link, counts in replayed.counts.items():
+        assert sum(len(session.frames(link, message)) for message in session.messages(link)) == counts.frames
+    assert not session.damaged
+
+
+# --- records, events, readings -----------------------------------------------------------------------------------
+
+
+def test_records_are_those_of_the_replay(golden: Path) -> None:
+    records, replayed = Session(golden).records, replay_rows(golden)
+    assert records.attrs["simulated"] is True
+    assert records.attrs["session"] == replayed.manifest["session"]
+    for (start, row), record in zip(records.iterrows(), replayed.rows, strict=True):
+        window = record.window
+        assert (row["number"], row["link"], row["first_counter"]) == (window.number, window.link, window.first_counter)
+        assert (start.value, row["stop"].value) == tuple(
+            t_ns + (replayed.utc_offset_ns or 0) for t_ns in (window.t_start_ns, window.t_end_ns)
+        )
+        assert {name: row[name] for name in window.conditions if name != "channel"} == {
+            name: value for name, value in window.conditions.items() if name != "channel"
+        }
+        assert [row[f"sum_npp_{k}"] for k in range(1, 11)] == record.sums["npp"].tolist()
+        assert row["mean_unit_temperature_degC"] == record.context["unit_temperature_degC"]
+    units = records.attrs["units"]
+    assert (units["current_A"], units["mean_unit_temperature_degC"], units["sum_npp_1"]) == ("A", "degC", "pulse")
+    assert records["valid"].all()
+    assert (records["flags"] == "").all()
+
+
+def test_a_resumed_session_has_one_axis(resumed: Session) -> None:
+    later = START + pd.Timedelta(seconds=AWAY_S + 5)
+    assert resumed.records.index.tolist() == [START + pd.Timedelta("500ms"), later + pd.Timedelta("500ms")]
+    assert resumed.records["condition_frames"].tolist() == ["a word", "a word"]  # "frames" is a count
+    assert resumed.records["sum_ppp_1"].tolist() == [sum(k % 100 for k in range(51, 151))] * 2
+    assert resumed.events["kind"].tolist().count("resume") == 1
+    assert resumed.events.index[resumed.events["kind"] == "resume"].tolist() == [later]
+    frames = resumed.frames("port_a")
+    assert len(frames) == 2 * FRAMES
+    assert frames.index.is_monotonic_increasing
+    assert (frames.index[0], frames.index[-1]) == (START + pd.Timedelta("10ms"), later + pd.Timedelta("2500ms"))
+    assert resumed.utc_offset_ns == START.value
+
+
+def test_readings_have_numbers_conditions_and_what_is_absent(resumed: Session) -> None:
+    readings = resumed.readings
+    assert readings["role"].tolist() == ["dmm", "lock_in_1", "dmm"] * 2
+    assert readings["value"].dtype == np.float64
+    np.testing.assert_array_equal(readings["value"], [0.01, np.nan, np.nan, 0.02, np.nan, np.nan])
+    assert readings["x_V"].dropna().tolist() == [0.5, 0.5]
+    assert readings["overload"].isna().tolist() == [True, False, True] * 2
+    assert readings["code"].dropna().tolist() == ["B-X", "B-X"]
+    assert readings.attrs["units"] == {"t_mono_ns": "ns", "x_V": "V", "range_A": "A"}
+
+
+def test_events_are_those_of_the_session(golden: Path) -> None:
+    events = Session(golden).events
+    recorded = list(SessionReader(golden).events())
+    assert events["kind"].tolist() == [kind for kind, _, _ in recorded]
+    assert events["t_mono_ns"].tolist() == [t_ns for _, t_ns, _ in recorded]
+    assert events["fields"].tolist() == [fields for _, _, fields in recorded]
+
+
+def test_a_session_without_utc_counts_from_1970(tmp_path: Path) -> None:
+    texts = {"frames/ngu_a.yaml": "", "plan.json": "[]"}
+    writer = SessionWriter.create(tmp_path / "dark", {"session": "dark", "links": {}}, texts, t_mono_ns=0)
+    writer.event("phase", 3 * NS, {"name": "campaign", "t_start_ns": 0})
+    writer.close("done")
+    session = Session(tmp_path / "dark")
+    assert session.events.index[0] == pd.Timestamp(3, unit="s", tz="UTC")
+    assert session.links == ()
+    assert len(session.records) == 0
+    assert len(session.readings) == 0
+
+
+# --- frames ------------------------------------------------------------------------------------------------------
+
+
+def test_frames_are_what_a_decoder_gives(golden: Path) -> None:
+    session = Session(golden)
+    decoder = LinkDecoder(frame("ngu_b"))
+    for message in SessionReader(golden).messages(frozenset({"/link/port_b/rx"})):
+        decoder.push(message.t_ns, message.payload)
+    batch = decoder.finish().messages["housekeeping"]
+    table = session.frames("port_b")
+    assert table.columns[0] == "t_mono_ns"
+    np.testing.assert_array_equal(table[[f"rails_{k}" for k in (1, 2, 3)]], batch.scaled("rails"))
+    np.testing.assert_array_equal(table["status.streaming"], batch.raw("status.streaming"))
+    assert table.attrs["units"]["rails_1"] == "V"
+    assert table.attrs["units"]["unit_temperature_4"] == "degC"
+
+
+def test_frames_come_in_blocks_of_bounded_size(golden: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    session = Session(golden)
+    whole = session.frames("port_a")
+    monkeypatch.setattr("bench.replay.course.BLOCK_BYTES", 20_000)
+    blocks = [block for name, block in session.frame_blocks("port_a") if name == "frame"]
+    assert len(blocks) > 5
+    assert max(map(len, blocks)) < 2000
+    pd.testing.assert_frame_equal(pd.concat(blocks), whole)
+
+
+def test_a_window_and_some_columns(resumed: Session) -> None:
+    start, stop = resumed.records.index[1], resumed.records["stop"].iloc[1]
+    table = resumed.frames("port_a", start=start, stop=stop, columns=["counter", "ppp", "npp_3"])
+    assert table.columns.tolist() == ["t_mono_ns", "counter", "npp_3", *(f"ppp_{k}" for k in range(1, 11))]
+    assert table["counter"].tolist() == list(range(51, 151))
+    assert len(resumed.frames("port_a", stop="2000-01-01T00:00:01")) == 100
+    assert len(resumed.frames("port_a", start="2000-01-01T00:01", stop="2000-01-01T00:02")) == 0
+
+
+def test_only_chunks_that_touch_the_window_are_read(resumed: Session, monkeypatch: pytest.MonkeyPatch) -> None:
+    definition, course = frame("ngu_a"), read_course(resumed.folder)
+    seen = decoded_frames(
+        resumed.folder, "port_a", definition, course, (START.value / NS + 1004, START.value / NS + 1100)
+    )
+    assert sum(len(frames.batch) for frames in seen) == FRAMES
+
+
+def test_what_a_frame_does_not_hold_is_absent(resumed: Session) -> None:
+    table = resumed.frames("sensors", "measurements")
+    assert table["value_1"].tolist() == [-123, -123]
+    assert table["value_3"].isna().all()
+    assert str(table["value_3"].dtype) == "Int32"
+    assert table["calibration_tick"].tolist() == [120.0, 120.0]
+    assert resumed.frames("sensors", "satellites")["residual_3"].isna().all()
+
+
+def test_a_message_that_never_came_has_its_columns(golden: Path) -> None:
+    table = Session(golden).frames("port_b", "command")
+    assert len(table) == 0
+    assert len(table.columns) > 1
+    pd.testing.assert_index_equal(table.columns, Session(golden).empty_frames("port_b", "command").columns)
+
+
+def test_raw_bytes_are_read_across_segments(tmp_path: Path) -> None:
+    """A frame that begins in one segment and ends in the next one is not lost."""
+    text = frame("ngu_a").text
+    manifest = {"session": "long", "links": {"port_a": "frames/ngu_a.yaml"}, "measurement_link": "port_a"}
+    writer = SessionWriter.create(tmp_path / "long", manifest, {"frames/ngu_a.yaml": text}, t_mono_ns=0)
+    raw = counted(1, 400)
+    for k, begin in enumerate(range(0, len(raw), 1001)):
+        t_ns = (k + 1) * 600 * NS
+        writer.raw("port_a", "rx", t_ns, raw[begin : begin + 1001])
+        writer.tick(t_ns)
+    writer.close("done")
+    assert len(list((tmp_path / "long").glob("*.mcap"))) > 1
+    assert Session(tmp_path / "long").frames("port_a")["counter"].tolist() == list(range(1, 401))
+
+
+# --- estimates ---------------------------------------------------------------------------------------------------
+
+
+def test_estimates_are_those_of_the_results(golden: Path) -> None:
+    session = Session(golden)
+    stored = json.loads((golden / "results.json").read_text())["estimates"]
+    table = session.estimates
+    assert session.results["estimates"] == stored
+    assert table["value"].tolist() == [estimate["value"] for estimate in stored]
+    assert table["unit"].tolist() == [estimate["unit"] for estimate in stored]
+    channels = [estimate["conditions"].get("channel") for estimate in stored]
+    assert table["channel"].astype(object).where(table["channel"].notna(), None).tolist() == channels
+    assert set(table["quality"]) == {"sound"}
+    assert table.attrs["units"]["temperature_degC"] == "degC"
+
+
+# --- refusals ----------------------------------------------------------------------------------------------------
+
+
+def test_what_is_not_there_is_one_clear_error(resumed: Session, tmp_path: Path) -> None:
+    refused("B-REC-010", lambda: Session(tmp_path / "nothing"))
+    assert "port_a, sensors" in refused("B-TAB-002", lambda: resumed.frames("port_z"))
+    refused("B-TAB-002", lambda: resumed.messages("port_z"))
+    assert "satellites" in refused("B-TAB-003", lambda: resumed.frames("sensors"))
+    refused("B-TAB-003", lambda: resumed.frames("sensors", "nonsense"))
+    refused("B-TAB-004", lambda: resumed.frames("port_a", start="yesterday noon"))
+    assert "npp_1" in refused("B-TAB-005", lambda: resumed.frames("port_a", columns=["npp", "npp_11"]))
+    assert "bench.fit" in refused("B-TAB-006", lambda: resumed.estimates)
+
+
+def test_results_that_are_none(golden: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "copy"
+    folder.mkdir()
+    shutil.copy(golden / "session.0001.mcap", folder)
+    for text, code in (("{", "B-TAB-006"), ('{"schema": 7}', "B-FIT-010")):
+        (folder / "results.json").write_text(text)
+        refused(code, lambda: Session(folder).results)
+
+
+def test_without_pandas_there_are_no_tables(golden: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    session = Session(golden)
+    assert session.results["campaign"] == "scale_factor"
+    for ask in (lambda: session.events, lambda: session.records, lambda: session.frames("port_a")):
+        with pytest.raises(InputError, match=r"pip install 'inertial-bench\[python\]'") as caught:
+            ask()
+        assert caught.value.code == "B-TAB-001"
+
+
+def test_damage_is_told(resumed: Session, tmp_path: Path) -> None:
+    folder = tmp_path / "damaged"
+    shutil.copytree(resumed.folder, folder)
+    path = folder / "session.0001.mcap"
+    raw = bytearray(path.read_bytes())
+    raw[len(raw) * 2 // 3] ^= 0xFF
+    path.write_bytes(raw)
+    session = Session(folder)
+    assert session.damaged
+    assert "damaged: session.0001.mcap" in session.remarks[0]
