@@ -1,7 +1,7 @@
 """The bench in Python, stable from version to version: ``import bench; session = bench.load(path)``.
 
 What the command line does, with the same words and the same errors, which are exceptions here (``BenchError`` with
-``code``, ``where`` and ``next_step``). ``bench`` hands these names on; they load nothing before they are called.
+``code``, ``where`` and ``next_step``). ``bench`` hands these names on; what runs and fits is loaded when it is called.
 """
 
 from __future__ import annotations
@@ -13,20 +13,14 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
-from bench.commands.check import checked_plan, start_utc_ns
-from bench.commands.run import Request, conducted, view_of
 from bench.model.errors import BenchError
-from bench.plan import Summary, summarise
-from bench.run.session import Conducted
-from bench.session.finish import finish
-from bench.session.fitted import Fitted
-from bench.store import chosen_url
 from bench.tables import Session, table_of_estimates
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+    from bench.plan import Summary
+    from bench.run.session import Conducted
 
 __all__ = ["BenchError", "Checked", "Fit", "Session", "check", "fit", "load", "run"]
 
@@ -73,6 +67,9 @@ def check(sequence: str | Path, station: str | Path | None = None, settings: Set
             settings: as ``--set``, for example ``{"dwell": "10 s"}``.
     Raises: InputErrors with every mistake; ``str`` of it has a line for each.
     """
+    from bench.commands.check import checked_plan, start_utc_ns
+    from bench.plan import summarise
+
     plan = checked_plan(str(sequence), _text(station), _pairs(settings))
     return Checked(
         plan.name, plan.title, plan.station_name, plan.station.simulated, plan.sha256,
@@ -87,6 +84,8 @@ def fit(path: str | Path, method: str | None = None, *, make_up: Sequence[str | 
             fresh: compute again what is kept from before.
     Raises: InputError B-REC-010 (no session), B-CLI-008 (no analysis); FitError; SessionDamaged.
     """
+    from bench.session.fitted import Fitted
+
     shown = Fitted(Path(path), method, [Path(other) for other in make_up], fresh=fresh).shown
     return Fit(shown.results, tuple(shown.remarks))
 
@@ -104,12 +103,18 @@ def run(
     Raises: InputErrors before anything is switched on; what ended the run early (RunError, InstrumentError, LinkError,
             OperatorStop), with its session in a note, or that the bench could not be confirmed safe; FitError.
     """
-    request = Request(
+    from rich.console import Console
+
+    from bench.commands import run as run_command
+    from bench.session.finish import finish
+    from bench.store import chosen_url
+
+    request = run_command.Request(
         str(sequence), _text(station), _pairs(settings), clock, seed, Path(out), truth, json=False, history=history,
         ask=ask, uncommissioned=uncommissioned,
     )  # fmt: skip
-    plan, done = conducted(request, Console(stderr=True, quiet=True))
-    if done.outcome.error is None and (view := view_of(plan, done)).has_analysis:
+    plan, done = run_command.conducted(request, Console(stderr=True, quiet=True))
+    if done.outcome.error is None and (view := run_command.view_of(plan, done)).has_analysis:
         finish(done.folder, view, chosen_url(history, Path(out), os.environ))
     _raise_trouble(done)
     return Session(done.folder)

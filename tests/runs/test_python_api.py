@@ -121,7 +121,7 @@ def test_a_run_that_ended_early_raises_what_ended_it(monkeypatch: pytest.MonkeyP
         outcome = type("Outcome", (), {"error": stopped, "unsafe": (unsafe,)})()
         return None, Conducted(tmp_path / "session", {}, outcome, "", {}, [], [])
 
-    monkeypatch.setattr(api, "conducted", conducted)
+    monkeypatch.setattr("bench.commands.run.conducted", conducted)
     with pytest.raises(BenchError) as caught:
         api.run(GOLDEN_SEQUENCE)
     assert caught.value is stopped
