@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
+ROWS_OF_A_GROUP = 250_000  # of Parquet: small groups are slow to read
+
+
 class TableFile(Protocol):
     """A table that is being written; its blocks have the same columns, and the first one may be empty."""
 
@@ -58,19 +61,28 @@ class ParquetFile:
         self._path = path
         self._open = ExitStack()
         self._writer: Any = None
+        self._pending: list[Any] = []
 
     def write(self, block: DataFrame) -> None:
-        """Append rows as a group."""
+        """Append rows; those of some blocks make a group."""
         schema = None if self._writer is None else self._writer.schema
         table = self._arrow.Table.from_pandas(flat(block), schema=schema)
         if self._writer is None:
             attributes = {b"PANDAS_ATTRS": json.dumps(block.attrs).encode()}
             table = table.replace_schema_metadata({**(table.schema.metadata or {}), **attributes})
             self._writer = self._open.enter_context(self._parquet.ParquetWriter(self._path, table.schema))
-        self._writer.write_table(table.cast(self._writer.schema))
+        self._pending.append(table.cast(self._writer.schema))
+        if sum(map(len, self._pending)) >= ROWS_OF_A_GROUP:
+            self._flush()
+
+    def _flush(self) -> None:
+        self._writer.write_table(self._arrow.concat_tables(self._pending))
+        self._pending.clear()
 
     def close(self) -> None:
         """Finish the file."""
+        if self._pending:
+            self._flush()
         self._open.close()
 
 
