@@ -20,3 +20,7 @@ def __getattr__(name: str) -> Any:
     if name in __api__:
         return getattr(import_module("bench.api"), name)
     raise AttributeError(f"module 'bench' has no attribute {name!r}")
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__api__})

@@ -48,7 +48,7 @@ class Fit:
 
     @cached_property
     def estimates(self) -> DataFrame:
-        """The estimates, a row each, as ``Session.estimates``. Raises: InputError B-TAB-001 if pandas is missing."""
+        """Return the estimates as ``Session.estimates``. Raises: InputError B-TAB-001 if pandas is missing."""
         return table_of_estimates(self.results["estimates"])
 
 

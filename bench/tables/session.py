@@ -47,17 +47,17 @@ class Session:
 
     @property
     def manifest(self) -> Mapping[str, Any]:
-        """The manifest: what was run, on which unit, with which standards (docs/session-format.md)."""
+        """Return the manifest: what was run, on which unit, with which standards (docs/session-format.md)."""
         return self._reader.manifest
 
     @property
     def texts(self) -> Mapping[str, str]:
-        """Text of the compiled plan and of every YAML file it was run from, by name."""
+        """Return text of the compiled plan and of every YAML file it was run from, by name."""
         return self._reader.texts
 
     @cached_property
     def links(self) -> tuple[str, ...]:
-        """Names of the links whose frames can be decoded."""
+        """Return names of the links whose frames can be decoded."""
         return tuple(self._definitions)
 
     def messages(self, link: str) -> tuple[str, ...]:
@@ -66,33 +66,33 @@ class Session:
 
     @cached_property
     def events(self) -> DataFrame:
-        """Everything that happened, in order: ``t_mono_ns``, ``kind`` and ``fields``, a dictionary."""
+        """Return everything that happened, in order: ``t_mono_ns``, ``kind`` and ``fields``, a dictionary."""
         return self._named(table_of_events(self._course))
 
     @cached_property
     def readings(self) -> DataFrame:
-        """Readings of instruments, in order: ``role``, ``name`` of the action, ``value`` in SI units, conditions."""
+        """Return readings of instruments in order: ``role``, ``name`` (action), ``value`` in SI units, conditions."""
         return self._named(table_of_readings(self._course))
 
     @property
     def records(self) -> DataFrame:
-        """Records, by number, decoded and cut anew from the raw bytes: counts, quality, conditions, sums, means."""
+        """Return records by number, cut anew from the raw bytes: counts, quality, conditions, sums, means."""
         return self._records[0]
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Sentences about damage, and what differs from the recording today; the session is read as for ``records``."""
+        """Return sentences about damage and what is understood differently today; reads what ``records`` reads."""
         damage, notes = self._records[1:]
         return (*(f"damaged: {place}" for place in damage), *notes)
 
     @property
     def damaged(self) -> bool:
-        """Whether anything of the session cannot be read as it was written."""
+        """Return whether anything of the session cannot be read as it was written."""
         return bool(self._records[1])
 
     @cached_property
     def estimates(self) -> DataFrame:
-        """Estimates of results.json: quantity, unit, value, uncertainties, verdict, quality, conditions.
+        """Return the estimates of results.json: quantity, unit, value, uncertainties, verdict, quality, conditions.
 
         Raises: InputError B-TAB-006 if there are no results, B-FIT-010 if they are not in their form.
         """
@@ -100,7 +100,7 @@ class Session:
 
     @cached_property
     def results(self) -> Mapping[str, Any]:
-        """The document results.json. Raises: as ``estimates``."""
+        """Return the document results.json. Raises: as ``estimates``."""
         path = self.folder / RESULTS
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
@@ -164,7 +164,7 @@ class Session:
 
     @property
     def utc_offset_ns(self) -> int:
-        """UTC minus ``t_mono_ns``, ns; 0 for a session that holds no UTC."""
+        """Return UTC minus ``t_mono_ns``, ns; 0 for a session that holds no UTC."""
         return self._course.utc_offset_ns
 
     @cached_property

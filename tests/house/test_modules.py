@@ -135,10 +135,10 @@ def test_init_files_only_hand_names_on() -> None:
 
 
 def _hands_on(node: ast.stmt) -> bool:
-    """Return whether it is a docstring, an import, a dunder constant, or ``__getattr__``, which imports later."""
+    """Return whether it is a docstring, an import, a dunder constant, or what imports later (PEP 562)."""
     docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
     public = isinstance(node, ast.Assign) and ast.unparse(node.targets[0]).startswith("__")
-    later = isinstance(node, ast.FunctionDef) and node.name == "__getattr__"
+    later = isinstance(node, ast.FunctionDef) and node.name in {"__getattr__", "__dir__"}
     return docstring or public or later or isinstance(node, ast.Import | ast.ImportFrom)
 
 
