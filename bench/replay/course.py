@@ -14,11 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame import FrameDefinition, LinkDecoder, MessageBatch
-from bench.model.clock import NS
 from bench.model.events import Resume
 from bench.record import FrameTimes, SessionReader, layout
 from bench.replay.history import MARGIN_S, PERIODS, stretches
-from bench.replay.parts import STEPPED_NS, Part, time_shifts_ns
+from bench.replay.parts import Part, time_shifts_ns
 
 BLOCK_BYTES = 1_000_000
 LATEST_S = 4e9  # later than any clock of a bench
@@ -87,10 +86,11 @@ def decoded_frames(
     Raises: InputError B-REC-010 (no session); SessionDamaged B-REC-013.
     """
     first_s, last_s = window_s or (0.0, LATEST_S)
-    margin_s = MARGIN_S + STEPPED_NS / NS + PERIODS / (definition.rate_Hz or 1.0)
+    margin_s = MARGIN_S + PERIODS / (definition.rate_Hz or 1.0)
+    offsets_ns = [course.utc_offset_ns + shift_ns for shift_ns in course.shifts_ns]
     decoder, times, part = LinkDecoder(definition), FrameTimes(definition), -1
     topics = frozenset({f"{layout.LINK}{link}/rx"})
-    for stretch in stretches(folder, folder, first_s, last_s, margin_s):
+    for stretch in stretches(folder, folder, first_s, last_s, margin_s, offsets_ns):
         if stretch.part != part:
             yield from _flushed(decoder, times, course, part, last=True)
             decoder, times, part = LinkDecoder(definition), FrameTimes(definition), stretch.part

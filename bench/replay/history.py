@@ -93,14 +93,17 @@ class Stretch:
     places: list[ChunkPlace]
 
 
-def stretches(folder: Path, trend: Path, t0_utc_s: float, t1_utc_s: float, margin_s: float) -> Iterator[Stretch]:
+def stretches(
+    folder: Path, trend: Path, t0_utc_s: float, t1_utc_s: float, margin_s: float, offsets_ns: Sequence[int] = ()
+) -> Iterator[Stretch]:
     """Yield chunks with messages in a window, ``margin_s`` more on both sides, segment by segment.
 
-    ``trend``: where the trend of the session lies; it knows best what UTC each part of the session is.
+    ``trend``: where the trend of the session lies; it knows best what UTC each part of the session is, unless
+    ``offsets_ns`` says it (UTC minus monotonic time of each part).
     Other software may resume inside a segment; the bench begins a new one, and that is what is looked for here.
     """
     head = read_head(trend / FOLDER)
-    known = () if head is None else head.offsets_ns
+    known = offsets_ns or (() if head is None else head.offsets_ns)
     segments = segment_files(folder)
     starts = [_first_chunk(path) for path in segments]
     part, offset_ns = -1, 0

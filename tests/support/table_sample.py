@@ -25,8 +25,8 @@ def counted(first: int, n: int = FRAMES) -> bytes:
     return frame("ngu_a").encode(columns, n).tobytes()
 
 
-def write_resumed(folder: Path) -> None:
-    """Two parts of 2.5 s of frames; the second begins 1000 s later, on a clock that starts anew."""
+def write_resumed(folder: Path, away_s: float = AWAY_S) -> None:
+    """Two parts of 2.5 s of frames; UTC of the second one is ``away_s`` later than its monotonic time says."""
     manifest: dict[str, Any] = {
         "schema": 1, "session": "resumed", "simulated": True, "plan_sha256": "p", "measurement_link": "port_a",
         "links": {"port_a": "frames/ngu_a.yaml", "sensors": "frames/ublox_sensors.yaml"},
@@ -35,7 +35,7 @@ def write_resumed(folder: Path) -> None:
     texts = {name: (ROOT / name).read_text() for name in manifest["links"].values()} | {"plan.json": "[]"}
     _fill(SessionWriter.create(folder, manifest, texts, t_mono_ns=0), 1, UTC_NS)
     later = resume_session(folder, Resume(reason="power"), t_mono_ns=5 * NS)
-    _fill(later, 2, UTC_NS + round(AWAY_S * NS), start_ns=5 * NS)
+    _fill(later, 2, UTC_NS + round(away_s * NS), start_ns=5 * NS)
 
 
 def _fill(writer: SessionWriter, number: int, utc_at_0_ns: int, start_ns: int = 0) -> None:

@@ -105,6 +105,16 @@ def test_a_resumed_session_has_one_axis(resumed: Session) -> None:
     assert resumed.utc_offset_ns == START.value
 
 
+@pytest.mark.parametrize("away_s", [0.0, 3.0, -3600.0])
+def test_frames_and_records_agree_whatever_utc_does(tmp_path: Path, away_s: float) -> None:
+    write_resumed(tmp_path / "stepped", away_s)
+    session = Session(tmp_path / "stepped")
+    assert session.frames("port_a").index.is_monotonic_increasing
+    for start, record in session.records.iterrows():
+        frames = session.frames("port_a", start=start, stop=record["stop"], columns=["counter"])
+        assert frames["counter"].tolist() == list(range(51, 151))
+
+
 def test_readings_have_numbers_conditions_and_what_is_absent(resumed: Session) -> None:
     readings = resumed.readings
     assert readings["role"].tolist() == ["dmm", "lock_in_1", "dmm"] * 2
