@@ -6,6 +6,7 @@ Each row is a message at its UTC. Any MCAP reader finds channels and times throu
 from __future__ import annotations
 
 import json
+import math
 import struct
 import zlib
 from pathlib import Path
@@ -18,6 +19,7 @@ from bench import __version__
 from bench.record import mcap_format as mcap
 from bench.tables.columns import UNITS
 from bench.tables.library import pandas
+from bench.tables.plain import flat, word
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -42,22 +44,27 @@ class _Channel:
 
 
 def json_schema(topic: str, block: DataFrame) -> dict[str, Any]:
-    """Return the JSON Schema of a table's rows: type and unit of each column."""
-    columns = {str(name): {"type": _json_types(block[name])} for name in block.columns}
+    """Return the JSON Schema of a table's rows: type of each column, its unit as description.
+
+    Foxglove takes one type for each property: what may be absent is left out of a message, not null.
+    """
+    columns = {word(name): _json_type(block[name]) for name in block.columns}
     for name, unit in block.attrs[UNITS].items():
-        columns[name]["description"] = unit
+        columns[word(name)]["description"] = unit
     return {"type": "object", "title": topic, "properties": columns}
 
 
-def _json_types(column: Series) -> Any:
+def _json_type(column: Series) -> dict[str, Any]:
     kinds = pandas().api.types
     if kinds.is_bool_dtype(column.dtype):
-        return ["boolean", "null"]
-    if kinds.is_integer_dtype(column.dtype):
-        return ["integer", "null"] if kinds.is_extension_array_dtype(column.dtype) else "integer"
+        return {"type": "boolean"}
     if kinds.is_numeric_dtype(column.dtype):
-        return ["number", "null"]
-    return ["object", "array", "string", "number", "boolean", "null"] if column.dtype == object else ["string", "null"]
+        return {"type": "number"}  # an "integer" counts as 32 bits in Foxglove
+    return {"type": "object", "properties": {}} if _holds_objects(column) else {"type": "string"}
+
+
+def _holds_objects(column: Series) -> bool:
+    return column.dtype == object and len(column) > 0 and all(isinstance(value, dict) for value in column)
 
 
 class McapFile:
@@ -83,10 +90,9 @@ class McapFile:
     def write(self, topic: str, block: DataFrame, t_utc_ns: list[int]) -> None:
         """Append rows, each at its time."""
         channel = self._channels[topic]
-        names = [json.dumps(str(name)) for name in block.columns]
-        cells = zip(*(_cells(block[name]) for name in block.columns), strict=True)
-        for t_ns, row in zip(t_utc_ns, cells, strict=True):
-            text = "{" + ",".join(f"{name}:{cell}" for name, cell in zip(names, row, strict=True)) + "}"
+        pairs = zip(*(_pairs(word(name), block[name]) for name in block.columns), strict=True)
+        for t_ns, row in zip(t_utc_ns, pairs, strict=True):
+            text = "{" + ",".join(filter(None, row)) + "}"
             self._message(channel, t_ns, text.encode())
             if self._size >= CHUNK_BYTES:
                 self._flush()
@@ -153,16 +159,17 @@ class McapFile:
         self._at += len(block)
 
 
-def _cells(column: Series) -> list[str]:
-    """Return the cells of a column as JSON; what is absent or not finite is null."""
-    if column.dtype == object:
-        return [json.dumps(value.hex() if isinstance(value, bytes) else value) for value in column]
+def _pairs(name: str, column: Series) -> list[str]:
+    """Return the cells of a column as JSON behind its name, "" for what is absent or not finite."""
+    key = f"{json.dumps(name)}:"
     if pandas().api.types.is_datetime64_any_dtype(column.dtype):
-        return [json.dumps(stamp.isoformat()) for stamp in column]
+        return [f'{key}"{stamp.isoformat()}"' for stamp in column]
+    if column.dtype == object and not _holds_objects(column):
+        column = flat(column.to_frame()).iloc[:, 0]
     values = column.tolist()
     if isinstance(column.dtype, np.dtype) and column.dtype.kind in "iu":
-        return list(map(str, values))
+        return [f"{key}{value}" for value in values]
     if isinstance(column.dtype, np.dtype) and column.dtype.kind == "f":
-        return [repr(value) if np.isfinite(value) else "null" for value in values]
+        return [f"{key}{value!r}" if math.isfinite(value) else "" for value in values]
     absent = column.isna().tolist()
-    return ["null" if gone else json.dumps(value) for value, gone in zip(values, absent, strict=True)]
+    return ["" if gone else f"{key}{json.dumps(value)}" for value, gone in zip(values, absent, strict=True)]
