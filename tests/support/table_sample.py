@@ -25,14 +25,21 @@ def counted(first: int, n: int = FRAMES) -> bytes:
     return frame("ngu_a").encode(columns, n).tobytes()
 
 
+def sensors() -> str:
+    """Return a definition with a group of four at most and an optional part: two messages of ``ublox_sensors``."""
+    text = frame("ublox_sensors").text
+    head, _, rest = text.partition("  satellites:")
+    return head.replace("max: 31", "max: 4") + rest[rest.index("crc:") :]
+
+
 def write_resumed(folder: Path, away_s: float = AWAY_S) -> None:
     """Two parts of 2.5 s of frames; UTC of the second one is ``away_s`` later than its monotonic time says."""
     manifest: dict[str, Any] = {
         "schema": 1, "session": "resumed", "simulated": True, "plan_sha256": "p", "measurement_link": "port_a",
-        "links": {"port_a": "frames/ngu_a.yaml", "sensors": "frames/ublox_sensors.yaml"},
+        "links": {"port_a": "frames/ngu_a.yaml", "sensors": "frames/sensors.yaml"},
         "campaign": {"analysis": "none"},
     }  # fmt: skip
-    texts = {name: (ROOT / name).read_text() for name in manifest["links"].values()} | {"plan.json": "[]"}
+    texts = {"frames/ngu_a.yaml": frame("ngu_a").text, "frames/sensors.yaml": sensors(), "plan.json": "[]"}
     _fill(SessionWriter.create(folder, manifest, texts, t_mono_ns=0), 1, UTC_NS)
     later = resume_session(folder, Resume(reason="power"), t_mono_ns=5 * NS)
     _fill(later, 2, UTC_NS + round(away_s * NS), start_ns=5 * NS)
@@ -46,7 +53,7 @@ def _fill(writer: SessionWriter, number: int, utc_at_0_ns: int, start_ns: int = 
         length = len(raw) // 5
         writer.raw("port_a", "rx", t_ns, raw[chunk * length : (chunk + 1) * length])
         writer.tick(t_ns)
-    for name in ("attitude", "measurements", "satellites"):  # groups and optional parts
+    for name in ("attitude", "measurements"):  # groups and optional parts
         text = (ROOT / "tests" / "golden" / f"ublox_sensors.{name}.hex").read_text()
         writer.raw("sensors", "rx", start_ns + 5 * NS // 2, bytes.fromhex(text))
     end_ns = start_ns + 2 * NS
