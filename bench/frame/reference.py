@@ -18,8 +18,13 @@ from bench.frame.parts import rows_of_parts, unpacked, wire_length
 
 
 def read_column(rows: NDArray[np.uint8], item: Field) -> NDArray[Any]:
-    """Raw values of a field, frame by frame; same shapes and types as ``extract_column``."""
+    """Raw values of a field, frame by frame; same shapes, types and, of floats that are no numbers, bits as others."""
     frames = [row.tobytes() for row in rows]
+    if item.kind == "f":
+        begins = [item.place(element)[0] for element in range(1 if item.count is None else item.count)]
+        floats = b"".join(frame[at : at + item.size] for frame in frames for at in begins)
+        column = np.frombuffer(floats, f"{'>' if item.big else '<'}{item.dtype}").astype(item.dtype)
+        return column if item.count is None else column.reshape(len(frames), item.count)
     if item.count is None:
         return np.array([read_element(frame, item) for frame in frames], item.dtype)
     values = [[read_element(frame, item, element) for element in range(item.count)] for frame in frames]
