@@ -8,17 +8,17 @@ import errno
 import os
 import select
 import sys
-import termios
 from collections.abc import Callable
-from contextlib import AbstractContextManager, suppress
+from contextlib import AbstractContextManager
 from pathlib import Path
 
 from rich.console import Console
 
 from bench.commands.console import console
 from bench.commands.progress import watcher
-from bench.model.clock import Clock
+from bench.model.clock import Clock, WallClock
 from bench.model.errors import OperatorStop, RunError
+from bench.model.posix import forget_typed, require
 from bench.model.units import parse_quantity
 from bench.plan import Plan
 from bench.run.besides import besides
@@ -66,6 +66,12 @@ def conduct_watched(
         )
 
 
+def wall_clock() -> Clock:
+    """Return the clock of a run in real time. Raises: InputError B-SYS-001 where no such run can be guarded."""
+    require("a run on the wall clock")
+    return WallClock()
+
+
 def watchers(plan: Plan, clock: Clock, asking: WaitingOperator | None = None) -> list[Beside]:
     """Return those who watch over a run, the guard first: it is the last one to be let go."""
     watching: list[Beside] = [
@@ -92,8 +98,7 @@ class StdinTerminal:
 
     def ask(self, question: Question) -> None:
         """Show a question and how to answer it. What was typed before is no answer to it, and is dropped."""
-        with suppress(termios.error):
-            termios.tcflush(sys.stdin, termios.TCIFLUSH)
+        forget_typed(sys.stdin)
         due = f"value ({limits_of(question)})" if question.unit else "yes"
         self.tell(f"{question.text}\n{due} or stop:")
 

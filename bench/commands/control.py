@@ -9,6 +9,7 @@ from typing import Any
 
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
+from bench.model.posix import unix_socket
 from bench.run.control.local_socket import LONGEST_LINE, find_socket
 
 ANSWER_S = 5.0
@@ -80,8 +81,7 @@ def _exchange(folder: Path, line: bytes) -> dict[str, Any]:
     if not folder.is_dir():
         message = "there is no such folder"
         raise InputError("B-CTRL-001", message, where=str(folder), next_step="name the folder of a session")
-    connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-    with connection:
+    with _opened(folder) as connection:
         connection.settimeout(ANSWER_S)
         try:
             connection.connect(str(find_socket(folder)))
@@ -100,6 +100,16 @@ def _exchange(folder: Path, line: bytes) -> dict[str, Any]:
         except (OSError, ValueError) as error:
             raise _no_answer(folder, error) from error
     return reply if isinstance(reply, dict) else {}
+
+
+def _opened(folder: Path) -> socket.socket:
+    try:
+        return unix_socket()
+    except OSError as error:
+        advice = "a run in real time needs Linux, and a command for it the machine it goes on at"
+        raise InputError(
+            "B-CTRL-001", f"no run is alive here: {error.strerror}", where=str(folder), next_step=advice
+        ) from error
 
 
 def _no_answer(folder: Path, error: Exception) -> InputError:

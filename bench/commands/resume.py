@@ -10,12 +10,12 @@ from pathlib import Path
 from rich.console import Console
 
 from bench.analysis import results_json
-from bench.commands.conducting import conduct_watched
+from bench.commands.conducting import conduct_watched, wall_clock
 from bench.commands.console import console
 from bench.commands.control import release
 from bench.commands.origin import named_file
 from bench.commands.tables import print_results, print_without_results, print_written, verdict_status
-from bench.model.clock import Clock, VirtualClock, WallClock
+from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.plan import Plan, compile_sequence
 from bench.run.resume import Stopped, changed_files, read_stopped, resumption, same_plan
@@ -65,7 +65,7 @@ def _given(stopped: Stopped, sequence: str) -> Plan:
 def _clock(stopped: Stopped) -> Clock:
     """Virtual time goes on where the session ends."""
     if stopped.manifest.get("clock") != "virtual":
-        return WallClock()
+        return wall_clock()
     clock = VirtualClock()
     clock.sleep_until_ns(stopped.last_ns)
     return clock

@@ -12,10 +12,10 @@ from rich.console import Console
 
 from bench.analysis import results_json
 from bench.commands.check import checked_plan
-from bench.commands.conducting import conduct_watched
+from bench.commands.conducting import conduct_watched, wall_clock
 from bench.commands.console import console
 from bench.commands.tables import print_results, print_without_results, print_written, verdict_status
-from bench.model.clock import Clock, VirtualClock, WallClock
+from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.events import event_of
 from bench.plan import Plan
@@ -61,9 +61,9 @@ def conducted(request: Request, errors: Console) -> tuple[Plan, Conducted]:
         )
     plan = checked_plan(request.sequence, request.station, request.settings)
     check_history_url(chosen_url(request.history, request.out, os.environ))
-    make_folder(request.out)
     virtual = plan.station.in_process if request.clock is None else request.clock == "virtual"
-    clock: Clock = VirtualClock() if virtual else WallClock()
+    clock: Clock = VirtualClock() if virtual else wall_clock()
+    make_folder(request.out)
     done = conduct_watched(
         plan, clock, seed=request.seed, out=request.out, errors=errors, ask=request.ask,
         uncommissioned=request.uncommissioned,

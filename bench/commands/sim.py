@@ -16,6 +16,7 @@ from bench.commands.check import settings_of
 from bench.commands.origin import named_file
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
+from bench.model.posix import require
 from bench.plan import Findings, Station, check_station, load_station, served_station
 from bench.run.bench.served_world import told
 from bench.session.output import write_file
@@ -57,6 +58,7 @@ def serve(name: str, folder: Path, rate: float, seed: int, settings: Sequence[st
     if not 0.0 < rate <= MOST_RATE or math.isnan(rate):
         message = f"a rate of {rate:g} is not possible"
         raise InputError("B-SIM-017", message, where="--rate", next_step=f"more than 0, at most {MOST_RATE:g}")
+    require("a simulated bench in real time")
     station = _station(name, settings)
     world = station.file.world
     assert world is not None

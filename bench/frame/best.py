@@ -25,6 +25,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from bench.frame.kernel.variant import variant_here
+from bench.model.posix import is_own
 
 Engine = Literal["kernel", "numpy", "reference"]
 PAGE_BYTES = 4096
@@ -83,7 +84,7 @@ def load_kernel(path: Path) -> Kernel:
     """
     with path.open("rb") as file:
         state = os.fstat(file.fileno())
-        if state.st_uid not in (os.geteuid(), 0) or state.st_mode & 0o022:
+        if not is_own(state, or_of_root=True):
             raise ValueError("others may write it")
         code = mmap.mmap(file.fileno(), 0, mmap.MAP_PRIVATE, mmap.PROT_READ | mmap.PROT_EXEC)
     view = memoryview(code)

@@ -6,6 +6,8 @@ import os
 from pathlib import Path
 from typing import Protocol
 
+from bench.model.posix import ALONE, sync_folder
+
 
 class AppendFile(Protocol):
     """A file that is written at its end."""
@@ -41,7 +43,7 @@ class Files(Protocol):
 
 class _OsFile:
     def __init__(self, path: Path, flags: int) -> None:
-        self._descriptor = os.open(path, flags | os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        self._descriptor = os.open(path, flags | os.O_WRONLY | os.O_CREAT | ALONE, 0o644)
 
     def write(self, chunk: bytes) -> int:
         return os.write(self._descriptor, chunk)
@@ -72,8 +74,4 @@ class OsFiles:
         path.unlink(missing_ok=True)
 
     def sync_folder(self, folder: Path) -> None:
-        descriptor = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
+        sync_folder(folder)

@@ -6,7 +6,6 @@ the text. Zeros, a torn line or a line out of place are never taken for a step.
 
 from __future__ import annotations
 
-import fcntl
 import json
 import os
 import zlib
@@ -16,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from bench.model.posix import ALONE, lock_file
 from bench.record.files import Files, OsFiles
 from bench.record.layout import canonical_json
 from bench.record.writer import RecordError
@@ -136,9 +136,9 @@ class Journal:
 
 def _locked(path: Path) -> int:
     """Descriptor that holds the lock of a file until it is closed or its process ends, however that happens."""
-    descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
+    descriptor = os.open(path, os.O_RDONLY | ALONE)
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock_file(descriptor)
     except OSError:
         os.close(descriptor)
         raise

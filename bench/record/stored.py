@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import tempfile
 import weakref
@@ -14,6 +13,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.model.posix import read_at, write_at
 from bench.record.samples import Samples
 from bench.record.window import RecordRow
 
@@ -47,7 +47,7 @@ class SampleStore:
         with suppress(OSError):
             opened, written = self._opened(), 0
             while written < len(content):
-                written += os.pwrite(opened.fileno(), content[written:], self._end + written)
+                written += write_at(opened.fileno(), content[written:], self._end + written)
             self._end += len(content)
             return self._end - len(content), len(content)
         return None
@@ -63,7 +63,7 @@ class SampleStore:
         assert self._file is not None
         content = bytearray()
         while len(content) < count:
-            piece = os.pread(self._file.fileno(), count - len(content), at + len(content))
+            piece = read_at(self._file.fileno(), count - len(content), at + len(content))
             if not piece:
                 raise OSError("the file of the samples is shorter than it was")
             content += piece

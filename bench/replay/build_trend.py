@@ -7,7 +7,6 @@ a set-point lies between what is recorded in front of it and behind it, as far f
 
 from __future__ import annotations
 
-import os
 import shutil
 import sys
 import tempfile
@@ -21,6 +20,7 @@ from bench.frame import BENCH, LinkDecoder
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError
 from bench.model.events import Answer, End, Event, Phase, Prompt, Reading, Record, Release, Resume, Slip, event_of
+from bench.model.posix import give_way
 from bench.plan import Step, steps_of
 from bench.record import FOLDER, BenchRows, LinkReduction, Message, SessionReader, TrendWriter, layout, sources_of
 from bench.replay.described import frames_of, session_signals
@@ -161,7 +161,7 @@ def _first_look(reader: SessionReader) -> tuple[list[_Begin], list[tuple[int, in
 
 def main(words: list[str]) -> int:
     """Entry point of the process: exit status of the error, 0 if the trend is there."""
-    os.nice(NICE)
+    give_way(NICE)
     try:
         build_trend(Path(words[0]), Path(words[1]))
     except BenchError as error:

@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import json
-import os
 import sys
 from collections.abc import Mapping
 from dataclasses import asdict
@@ -16,6 +15,7 @@ from typing import Any
 
 from bench.analysis import Check, analyse, link_checks
 from bench.model.errors import BenchError
+from bench.model.posix import give_way
 from bench.model.systems import named, system_of_analysis
 from bench.session.service import read_view
 from bench.session.view import material_of
@@ -41,7 +41,7 @@ def verdict(folder: Path, limits: Mapping[str, float]) -> dict[str, Any]:
 
 def main(words: list[str]) -> int:
     """Entry point of the process."""
-    os.nice(NICE)
+    give_way(NICE)
     folder, limits = Path(words[0]), json.loads(words[1])
     sys.stdout.write(json.dumps(verdict(folder, limits)) + "\n")
     return 0

@@ -7,7 +7,6 @@
 from __future__ import annotations
 
 import math
-import os
 import sys
 from collections.abc import Mapping
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import Any
 
 from bench.analysis import analyse, doubt_lines, is_sound, results_json, rule_of, stated_estimates
 from bench.model.errors import BenchError
+from bench.model.posix import give_way
 from bench.model.systems import analysis_declaration
 from bench.session.service import read_view
 from bench.session.view import material_of
@@ -58,7 +58,7 @@ def _is_number(value: object) -> bool:
 
 def main(words: list[str]) -> int:
     """Entry point of the process: 0 for every session that can be read."""
-    os.nice(NICE)
+    give_way(NICE)
     try:
         document = partial(Path(words[0]))
     except BenchError as error:

@@ -24,6 +24,7 @@ from bench import __version__
 from bench.model.errors import InputError
 from bench.model.folders import cache_folder
 from bench.model.installed import OWN, offers
+from bench.model.posix import is_own
 from bench.model.segments import OPEN_MARKER, sealed_end, session_segments
 from bench.session.output import write_file
 
@@ -113,8 +114,7 @@ class Shelf:
         if self._key is None:
             return None
         try:
-            status = self._folder.stat()
-            if status.st_uid != os.getuid() or status.st_mode & 0o022:
+            if not is_own(self._folder.stat()):
                 return None
             raw = self._path(kind).read_bytes()
             body = raw[len(_HEAD) + hashlib.sha256().digest_size :]

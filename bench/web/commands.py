@@ -14,6 +14,7 @@ from typing import Any
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
+from bench.model.posix import unix_connection
 from bench.run.control.local_socket import find_socket
 from bench.web.command_request import Command, command_of, json_object, taken
 from bench.web.recorded.listing import run_folder
@@ -129,7 +130,7 @@ async def _ask_run(folder: Path, request: dict[str, Any]) -> dict[str, Any]:
     sent = False
     try:
         async with asyncio.timeout(ANSWER_S):
-            reader, writer = await asyncio.open_unix_connection(find_socket(folder), limit=LONGEST_REPLY)
+            reader, writer = await unix_connection(find_socket(folder), LONGEST_REPLY)
             try:
                 writer.write(json.dumps(request, ensure_ascii=False).encode() + b"\n")
                 sent = True

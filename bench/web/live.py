@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import socket
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
 from threading import Lock
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from bench.model.clock import NS, Clock, pause, to_ns
+from bench.model.posix import unix_socket
 from bench.record import OPEN_MARKER
 from bench.run.control.local_socket import LIVE, find_socket
 from bench.run.feed.client import FeedClient, FeedGone, FeedReply
@@ -144,14 +144,14 @@ class FeedLine:
 
 def listens(folder: Path) -> bool:
     """Return True if a process has the feed of a session open, be it too busy to answer. Takes at most a moment."""
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as connection:
-        connection.setblocking(False)
-        try:
+    try:
+        with unix_socket() as connection:
+            connection.setblocking(False)
             connection.connect(str(find_socket(folder, LIVE)))
-        except BlockingIOError:  # so many wait there already
-            return True
-        except OSError:
-            return False
+    except BlockingIOError:  # so many wait there already
+        return True
+    except OSError:
+        return False
     return True
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import resource
 from collections import OrderedDict
 from contextlib import suppress
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 
 from bench.analysis import doubt_lines
 from bench.model.clock import NS, Clock, pause
+from bench.model.posix import spent_by_children_s
 from bench.model.processes import PARTIAL_RESULTS, own_process
 
 SHORTEST_S = 60.0  # between two fits
@@ -52,9 +52,9 @@ class PartialFits:
             await pause(_LOOK_S)
 
     async def _fit(self, folder: Path) -> None:
-        before_s = _spent_s()
+        before_s = spent_by_children_s()  # a fit on a busy machine costs the same
         answer = await self._answer(folder)
-        spent_s = _spent_s() - before_s
+        spent_s = spent_by_children_s() - before_s
         self._not_before_ns[folder.name] = self._clock.now_ns() + round(max(SHORTEST_S, SHARE * spent_s) * NS)
         if answer is not None and answer.get("rows"):
             self._found[folder.name] = joined(self._found.get(folder.name), answer, self._clock.utc_ns() / NS)
@@ -110,12 +110,6 @@ def finished_estimates(results: dict[str, Any], t_utc_s: float) -> Estimates | N
     if not rows:
         return None
     return {"t_utc_s": t_utc_s, "records": records, "rows": rows, "doubt": doubt_lines(entries), "final": True}
-
-
-def _spent_s() -> float:
-    """Return processor time of the processes that have ended, s; a fit on a busy machine costs the same."""
-    used = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return used.ru_utime + used.ru_stime
 
 
 def _key(row: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.errors import BenchError, InputError
+from bench.model.posix import unix_socket
 
 MOST_BYTES = 65_536
 PATIENCE_S = 5.0  # for a client that connects and says nothing
@@ -31,7 +32,7 @@ class ControlSocket:
 
     def __init__(self, path: Path, answer: Answer) -> None:
         self._path, self._answer = path, answer
-        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._socket = unix_socket()
         before = os.umask(0o177)
         try:
             path.unlink(missing_ok=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import ipaddress
 import os
 import signal
@@ -13,6 +12,7 @@ from typing import Any
 
 from bench.model.clock import NS, WallClock
 from bench.model.errors import InputError
+from bench.model.posix import ALONE, lock_file
 from sim_instruments.faults.named import listing
 from sim_instruments.served.control_socket import ControlSocket
 from sim_instruments.served.hislip_exchange import ServedInstrument
@@ -224,12 +224,12 @@ def _locked(folder: Path) -> int:
     """Return the descriptor of the folder's lock file, which is locked and holds our process id."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | ALONE, 0o600)
     except OSError as error:
         message = f"the folder cannot be used: {error.strerror or error}"
         raise InputError("B-SIM-014", message, where=str(folder), next_step="give another --dir") from error
     try:
-        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        lock_file(lock)
     except OSError as error:
         holder = os.read(lock, 32).decode("ascii", "replace").strip() or "unknown"
         os.close(lock)

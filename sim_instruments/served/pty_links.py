@@ -12,10 +12,9 @@ from __future__ import annotations
 import contextlib
 import os
 import select
-import termios
-import tty
 from pathlib import Path
 
+from bench.model.posix import make_raw
 from sim_instruments.worlds.common.world import World
 
 PUMP_S = 0.004  # real time between two looks at the line
@@ -72,7 +71,7 @@ class PtyLink:
         """A new terminal in raw mode behind the name; its slave side was open once, so that POLLHUP tells."""
         self._master, slave = os.openpty()
         os.set_blocking(self._master, False)
-        tty.setraw(slave, termios.TCSANOW)
+        make_raw(slave)
         target = os.ttyname(slave)
         os.close(slave)
         new = self.path.with_name(self.path.name + ".new")

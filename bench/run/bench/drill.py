@@ -22,6 +22,7 @@ from bench.model.drivers import driver_class
 from bench.model.errors import BenchError, RunError
 from bench.model.events import Event
 from bench.model.ports import Instrument
+from bench.model.posix import signals
 from bench.model.processes import DRILL_CONTROLLER, own_process
 from bench.plan import Station
 from bench.run.bench.beginning import begin_safely, identities_of
@@ -38,7 +39,7 @@ from bench.run.stop import StopSwitch
 
 SAFE_S = 5.0  # how soon after the kill every output must be off
 READ_BACK_S = 4.0  # the drill reads back by then, whatever the guard says
-SIGNALS = (signal.SIGKILL, signal.SIGSTOP)
+SIGNALS = signals("SIGKILL", "SIGSTOP")
 RESULT = "drill.json"
 _BEATING_S = 1.2  # a few heartbeats
 _END_S = 90.0

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import socket
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from bench.model.errors import InputError
+from bench.model.posix import unix_socket
 
 PATIENCE_S = 10.0
 
@@ -16,7 +16,7 @@ PATIENCE_S = 10.0
 def ask(path: Path, words: Sequence[str]) -> dict[str, Any]:
     """One request to the simulated bench whose control socket is at ``path``. Raises: InputError B-SIM-015."""
     try:
-        with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as control:
+        with unix_socket() as control:
             control.settimeout(PATIENCE_S)
             control.connect(str(path))
             control.sendall(json.dumps({"words": list(words)}).encode() + b"\n")

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-import pwd
 import selectors
 import socket
 import struct
@@ -22,6 +21,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
 from bench.model.clock import NS, Clock, to_ns
+from bench.model.posix import unix_socket, user_id, user_name
 
 CONTROL, LIVE = "control", "live"
 LONGEST_PATH = 107
@@ -40,9 +40,9 @@ def socket_path(folder: Path, what: str = CONTROL) -> Path:
     path = (folder / f"{what}.sock").resolve()
     if len(os.fsencode(path)) <= LONGEST_PATH:
         return path
-    runtime = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"inertial-bench-{os.getuid()}"
+    runtime = Path(os.environ.get("XDG_RUNTIME_DIR") or tempfile.gettempdir()) / f"inertial-bench-{user_id()}"
     runtime.mkdir(mode=0o700, exist_ok=True)
-    if runtime.stat().st_uid != os.getuid():
+    if runtime.stat().st_uid != user_id():
         raise PermissionError(f"{runtime} belongs to somebody else")
     path = runtime / f"{hashlib.sha256(os.fsencode(folder.resolve())).hexdigest()[:16]}.{what}.sock"
     (folder / f"{what}.path").write_text(str(path), encoding="utf-8")
@@ -63,7 +63,7 @@ def forget_socket(folder: Path, path: Path, what: str = CONTROL) -> None:
 
 def listen(path: Path) -> socket.socket:
     """Return a socket that listens at a path, without waiting; what was left there is replaced. Raises: OSError."""
-    listener = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    listener = unix_socket()
     try:
         path.unlink(missing_ok=True)
         before = os.umask(0o177)
@@ -86,13 +86,9 @@ def peer_of(connection: socket.socket) -> str | None:
     except OSError:
         return None
     pid, uid, _ = struct.unpack("3i", raw)
-    if uid not in (os.getuid(), 0):
+    if uid not in (user_id(), 0):
         return None
-    try:
-        name = pwd.getpwuid(uid).pw_name
-    except KeyError:
-        name = f"uid {uid}"
-    return f"{name} (process {pid})"
+    return f"{user_name(uid)} (process {pid})"
 
 
 @dataclass(eq=False)

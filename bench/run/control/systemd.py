@@ -11,6 +11,7 @@ import socket
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
+from bench.model.posix import unix_socket
 from bench.run.context import RunContext
 from bench.run.observers import Following
 from bench.run.stop import guarded
@@ -33,7 +34,7 @@ class ServiceNotice:
     def tell(self, *lines: str) -> None:
         """Send assignments; a manager that does not listen is no reason to stop."""
         if self._address:
-            with suppress(OSError), socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as sender:
+            with suppress(OSError), unix_socket(socket.SOCK_DGRAM) as sender:
                 sender.setblocking(False)
                 sender.sendto("\n".join(lines).encode(), self._address)
 

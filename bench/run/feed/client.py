@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import InputError
+from bench.model.posix import unix_socket
 from bench.run.control.local_socket import LIVE, find_socket
 
 ANSWER_S = 2.0
@@ -78,7 +79,7 @@ class FeedClient:
             self._connection = None
 
     def _connect(self) -> socket.socket:
-        connection = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        connection = unix_socket()
         try:
             connection.settimeout(self._answer_s)
             connection.connect(str(find_socket(self._folder, LIVE)))

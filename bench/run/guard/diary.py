@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS, Clock
+from bench.model.posix import ALONE
 
 
 class Diary:
@@ -45,7 +46,7 @@ class Diary:
     def _write(self) -> None:
         descriptor = -1
         with suppress(OSError):
-            descriptor = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o644)
+            descriptor = os.open(self._path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | ALONE, 0o644)
         while (line := self._lines.get()) is not None:
             with suppress(OSError):
                 os.write(descriptor, line)

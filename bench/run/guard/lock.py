@@ -6,11 +6,9 @@ where every user of the machine can reach them. A serial port is locked by its o
 
 from __future__ import annotations
 
-import fcntl
 import hashlib
 import json
 import os
-import pwd
 import socket
 import stat
 from collections.abc import Iterable, Mapping
@@ -21,6 +19,7 @@ from typing import Any
 
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.errors import InputError
+from bench.model.posix import ALONE, NO_LINK, lock_file, read_at, require, user_name, write_at
 from bench.run.bench.side_by_side import bus_of
 
 GUARD_PATIENCE_S = 90.0  # how long a controller waits for a guard that is making the bench safe
@@ -69,7 +68,7 @@ class BenchLock:
         self._patience_s = patience_s
         self._held: list[int] = []
         since = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).isoformat()
-        who = {"pid": os.getpid(), "host": socket.gethostname(), "user": _user()}
+        who = {"pid": os.getpid(), "host": socket.gethostname(), "user": user_name()}
         self._holder: dict[str, Any] = {**who, "what": what, "since": since}
 
     def __enter__(self) -> BenchLock:
@@ -80,7 +79,9 @@ class BenchLock:
         self.release()
 
     def take(self) -> None:
-        """Take every key, in one order everywhere, or none."""
+        """Take every key, in one order everywhere, or none. Raises: InputError B-SYS-001 where nothing would lock."""
+        if self._keys:
+            require("a bench of instruments")
         begun_ns = self._clock.now_ns()
         while True:
             taken = self._attempt()
@@ -121,7 +122,7 @@ class BenchLock:
         for key in self._keys:
             descriptor = self._open(key)
             try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                lock_file(descriptor)
             except BlockingIOError:
                 holder = self._read_holder(descriptor)
                 os.close(descriptor)
@@ -134,7 +135,7 @@ class BenchLock:
     def _open(self, key: str) -> int:
         """Without O_CREAT first: kernels may forbid it for a file of another user in a folder that all share."""
         path = self._folder / f"bench-{hashlib.sha256(key.encode()).hexdigest()[:16]}.lock"
-        flags = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
+        flags = os.O_RDWR | ALONE | NO_LINK
         try:
             with suppress(FileNotFoundError):
                 return os.open(path, flags)
@@ -155,26 +156,19 @@ class BenchLock:
         text = json.dumps(self._holder).encode()
         with suppress(OSError):  # a full disk: the lock itself needs no room
             os.ftruncate(descriptor, 0)
-            os.pwrite(descriptor, text, 0)
+            write_at(descriptor, text, 0)
 
     def _read_holder(self, descriptor: int) -> Mapping[str, Any]:
         """Return who holds the lock; waits a moment for one that has just taken it."""
         end_ns = self._clock.now_ns() + to_ns(_SETTLE_S)
         while True:
             with suppress(ValueError, OSError):
-                holder: dict[str, Any] = json.loads(os.pread(descriptor, _NAME_BYTES, 0))
+                holder: dict[str, Any] = json.loads(read_at(descriptor, _NAME_BYTES, 0))
                 if holder.get("host") != self._holder["host"] or _lives(int(holder["pid"])):
                     return holder
             if self._clock.now_ns() >= end_ns:
                 return {}
             self._clock.sleep(_POLL_S)
-
-
-def _user() -> str:
-    try:
-        return pwd.getpwuid(os.getuid()).pw_name
-    except KeyError:  # a container may run under a number that has no name
-        return str(os.getuid())
 
 
 def _lives(pid: int) -> bool:

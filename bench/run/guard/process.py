@@ -21,6 +21,7 @@ from bench.model.clock import Clock, WallClock, to_ns
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError
 from bench.model.ports import Instrument, actions_of
+from bench.model.posix import signals
 from bench.run.bench.opener import open_instrument, open_visa, unheard
 from bench.run.guard.act import Controller, Opener, act
 from bench.run.guard.decision import Action, Address, Brief, Watched, decide
@@ -33,7 +34,7 @@ HEARD = b"."
 LOOK_S = 0.1
 _READ_BYTES = 65536
 _DIARY_S = 10.0
-_TERMINAL = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT, signal.SIGTSTP)
+_TERMINAL = signals("SIGINT", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGTSTP")
 AIR = "chamber_air_degC"
 STALE_S = 10.0  # no step talks to the chamber for so long
 AGAIN_S = 5.0

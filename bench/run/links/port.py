@@ -5,7 +5,6 @@ A port loses nothing, tells the kernel's error counters, can be opened again, an
 
 from __future__ import annotations
 
-import fcntl
 import os
 import select
 import struct
@@ -16,6 +15,7 @@ from typing import Protocol, runtime_checkable
 
 from bench.model.errors import InputError, InstrumentError
 from bench.model.ports import ByteLink, Instrument
+from bench.model.posix import device_answer
 
 READ_BYTES = 65_536  # a terminal gives 4 KiB at most; a larger buffer costs more than the read
 TIOCGICOUNT = 0x545D  # Linux, asm-generic/ioctls.h
@@ -128,7 +128,7 @@ def kernel_counts(link: object) -> dict[str, int] | None:
     if descriptor is None:
         return None
     try:
-        answer = fcntl.ioctl(descriptor, TIOCGICOUNT, bytes(_COUNTS.size))
+        answer = device_answer(descriptor, TIOCGICOUNT, _COUNTS.size)
     except OSError:
         return None
     values = _COUNTS.unpack(answer)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import os
-import resource
 import struct
 import subprocess
 from collections.abc import Mapping, Sequence
@@ -22,6 +21,7 @@ from bench.model.clock import NS, VIRTUAL_START_UTC_NS, Clock
 from bench.model.errors import BenchError, InputError, InstrumentError
 from bench.model.events import Preflight
 from bench.model.ports import ByteLink, Instrument
+from bench.model.posix import soft_limit
 from bench.plan import Plan, Station, roles_of
 
 _TIMEX_BYTES = 512  # struct timex has 208 bytes on 64-bit Linux
@@ -66,7 +66,7 @@ class Host:
         """Return device of an open terminal, "" if it is no terminal."""
         try:
             return "" if descriptor is None else os.ttyname(descriptor)
-        except OSError:
+        except (OSError, AttributeError):
             return ""
 
     def output(self, words: Sequence[str], limit_s: float = 5.0) -> str | None:
@@ -86,18 +86,18 @@ class Host:
             answer = ctypes.create_string_buffer(_TIMEX_BYTES)
             if library.adjtimex(answer) < 0:
                 return None
-        except (OSError, AttributeError):
+        except (OSError, AttributeError, TypeError):  # another kernel; Windows has no library without a name
             return None
         _, _, _, largest_us, _, status = _TIMEX.unpack_from(answer.raw)
         return KernelClock(not status & _UNSYNCHRONISED, largest_us * 1e-6)
 
     def most_open_files(self) -> int | None:
         """Return descriptors the process may have open; None: no limit."""
-        return _soft(resource.RLIMIT_NOFILE)
+        return soft_limit("RLIMIT_NOFILE")
 
     def largest_file_bytes(self) -> int | None:
         """Return size a file may have; None: no limit."""
-        return _soft(resource.RLIMIT_FSIZE)
+        return soft_limit("RLIMIT_FSIZE")
 
     def version(self, package: str) -> str | None:
         """Return version of an installed package."""
@@ -112,11 +112,6 @@ class Host:
             return max((entry.stat(follow_symlinks=False).st_mtime_ns for entry in os.scandir(folder)), default=None)
         except OSError:
             return None
-
-
-def _soft(kind: int) -> int | None:
-    soft, _ = resource.getrlimit(kind)
-    return None if soft == resource.RLIM_INFINITY else soft
 
 
 @dataclass(kw_only=True)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
-import termios
 from pathlib import PurePosixPath
 
+from bench.model.posix import termios
 from bench.run.bench.drill import drill_age, latest_drill
 from bench.run.bench.drill_controller import has_source
 from bench.run.links.port import descriptor_of
@@ -18,9 +19,7 @@ _START = (
     "open_visa(sys.argv[1]); print('ready')"
 )
 LATENCY_MS = 2  # a USB adapter collects bytes so long before it sends them; 16 is what many start with
-_SOFTWARE_FLOW = termios.IXON | termios.IXOFF
 _BAUD = 5  # index of the output speed in what tcgetattr returns
-_SPEEDS = {getattr(termios, name): int(name[1:]) for name in dir(termios) if name[0] == "B" and name[1:].isdecimal()}
 
 
 def guard(context: PreflightContext) -> Finding:
@@ -67,7 +66,7 @@ def _line(context: PreflightContext, link: str) -> Finding:
         return Finding(name, Status.FAIL, error.code, limit, error.message, of_bench=True)
     port = context.links[link]
     descriptor = descriptor_of(port)
-    if descriptor is None:
+    if descriptor is None or termios is None:
         return Finding(name, Status.SKIPPED, "", limit, "not a port of this machine")
     try:
         modes = termios.tcgetattr(descriptor)
@@ -82,9 +81,10 @@ def _line(context: PreflightContext, link: str) -> Finding:
 def _wrong_modes(modes: list[int], baud: int) -> list[str]:
     """Return what is not as it should be, by termios(3)."""
     input_modes, _, control_modes, _ = modes[:4]
-    speed = _SPEEDS.get(modes[_BAUD])  # a speed without a name of its own is not in the list: nothing to compare
+    speeds = {getattr(termios, name): int(name[1:]) for name in dir(termios) if re.fullmatch(r"B\d+", name)}
+    speed = speeds.get(modes[_BAUD])  # a speed without a name of its own is not in the list: nothing to compare
     wrong = [
-        (bool(input_modes & _SOFTWARE_FLOW), "XON/XOFF on"),
+        (bool(input_modes & (termios.IXON | termios.IXOFF)), "XON/XOFF on"),
         (bool(control_modes & termios.CRTSCTS), "RTS/CTS on"),
         (control_modes & termios.CSIZE != termios.CS8, "not 8 bits"),
         (bool(control_modes & termios.PARENB), "parity on"),

@@ -15,6 +15,7 @@ from pathlib import Path
 from bench.model.clock import NS, Clock
 from bench.model.errors import InputError
 from bench.model.events import Inhibit
+from bench.model.posix import ALONE
 from bench.plan import summarise
 from bench.run.bench.beginning import SPACE_FACTOR, check_space
 from bench.run.context import RunContext
@@ -217,7 +218,7 @@ def try_disk(folder: Path, clock: Clock, chunk: int, sync: Callable[[int], None]
     path = place / f".preflight-{os.getpid()}"
     content, waits_s, written = bytes(chunk), [], 0
     began_ns = clock.now_ns()
-    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o600)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | ALONE, 0o600)
     try:
         while clock.now_ns() - began_ns < TRIAL_S * NS and written < MOST_BYTES:
             written += os.write(descriptor, content)

@@ -19,6 +19,7 @@ from typing import Any
 
 from bench.maths.verdict import worst
 from bench.model.errors import BenchError
+from bench.model.posix import AT_ONCE, NO_LINK, RAW
 from bench.model.segments import SEGMENT_NAME
 from bench.record import OPEN_MARKER, Walk, layout
 
@@ -154,7 +155,7 @@ def run_folder(out: Path, name: str) -> Path | None:
 def content_of(path: Path) -> bytes | None:
     """Return what a plain file of a session holds; None if it is not there, cannot be read, or is no plain file."""
     try:
-        with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+        with os.fdopen(os.open(path, os.O_RDONLY | RAW | NO_LINK | AT_ONCE), "rb") as file:
             return file.read() if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else None
     except OSError:
         return None

@@ -10,6 +10,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.model.clock import NS, Clock
+from bench.model.posix import NO_LINK, RAW
 
 FILE = "serve.jsonl"
 LARGEST = 5_000_000  # bytes; then the file becomes serve.1.jsonl, which becomes serve.2.jsonl, and so on
@@ -48,7 +49,7 @@ class Audit:
                 if older.exists():
                     older.replace(self._folder / f"serve.{number + 1}.jsonl")
             path.replace(self._folder / "serve.1.jsonl")
-        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_NOFOLLOW, 0o600)
+        descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | RAW | NO_LINK, 0o600)
         try:
             os.write(descriptor, line)
         finally:

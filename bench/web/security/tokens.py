@@ -20,11 +20,12 @@ from pathlib import Path
 
 from bench.model.clock import NS, Clock
 from bench.model.errors import InputError
+from bench.model.posix import NO_LINK, is_own
 
 VIEWER, OPERATOR = "viewer", "operator"
 FILE = "serve.json"
 TOKEN_BYTES = 24
-_OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
+_OTHERS_USE = stat.S_IRWXG | stat.S_IRWXO
 WINDOW_S = 60
 MOST_OF_ADDRESS = 5
 MOST_IN_ALL = 30
@@ -105,9 +106,9 @@ def _write(path: Path, tokens: Tokens, replace: bool) -> bool:
 
 
 def _read(path: Path) -> Tokens:
-    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW), encoding="utf-8") as file:
+    with os.fdopen(os.open(path, os.O_RDONLY | NO_LINK), encoding="utf-8") as file:
         status = os.fstat(file.fileno())
-        if status.st_uid != os.getuid() or stat.S_IMODE(status.st_mode) & 0o077:
+        if not is_own(status, _OTHERS_USE):
             message = (
                 f"the file of the tokens has mode {stat.S_IMODE(status.st_mode):04o}, others may use it; due: 0600"
             )
@@ -127,8 +128,7 @@ def _hexadecimal(text: str) -> str:
 
 
 def _refuse_open_folder(folder: Path) -> None:
-    status = folder.stat()
-    if status.st_uid != os.getuid() or status.st_mode & _OTHERS_WRITE:
+    if not is_own(folder.stat()):
         message = "others may change what is in this folder, which keeps the tokens of the page"
         raise InputError("B-WEB-006", message, where=str(folder), next_step="'chmod 700' it, as its owner")
 

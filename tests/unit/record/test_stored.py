@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import Any
 
 import numpy as np
@@ -61,7 +62,7 @@ def test_a_disk_without_room_costs_memory_only(monkeypatch: pytest.MonkeyPatch) 
     def full(*_: object) -> int:
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(stored.os, "pwrite", full)
+    monkeypatch.setattr(os, "pwrite", full)
     rows = PackedRows()
     rows[1] = row(1, samples=sampled(1))
     samples = rows[1].samples

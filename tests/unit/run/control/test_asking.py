@@ -16,6 +16,7 @@ from hold_rig import HoldRig
 from bench.commands import conducting as at_the_terminal
 from bench.commands import control as command
 from bench.commands.conducting import Aside, StdinTerminal, terminal_here
+from bench.model import posix
 from bench.model.clock import WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError, OperatorStop, RunError
 from bench.run.control.asking import Refused, WaitingOperator
@@ -267,7 +268,7 @@ def test_what_is_typed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
     stdin: Any = SimpleNamespace(readline=lambda: typed.pop(0), isatty=lambda: True)
     monkeypatch.setattr(at_the_terminal.sys, "stdin", stdin)
     dropped: list[tuple[object, int]] = []
-    monkeypatch.setattr(at_the_terminal.termios, "tcflush", lambda *of: dropped.append(of))
+    monkeypatch.setattr(posix.termios, "tcflush", lambda *of: dropped.append(of))
     ready: list[list[object]] = [[], [stdin], [stdin], [stdin]]
     monkeypatch.setattr(at_the_terminal.select, "select", lambda *_: (ready.pop(0), [], []))
     terminal = terminal_here()
@@ -275,7 +276,7 @@ def test_what_is_typed(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFi
     terminal.ask(OHMS)
     terminal.ask(DOOR)
     assert capsys.readouterr().err == "resistance?\nvalue (at most 0.5 ohm) or stop:\ndoor closed?\nyes or stop:\n"
-    assert dropped == [(stdin, at_the_terminal.termios.TCIFLUSH)] * 2  # typed before the question: no answer to it
+    assert dropped == [(stdin, posix.termios.TCIFLUSH)] * 2  # typed before the question: no answer to it
     assert terminal.line(0.1) is None
     assert terminal.line(0.1) == "0.2 ohm"
     for _ in range(2):
