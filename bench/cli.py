@@ -18,23 +18,24 @@ from bench.commands.hand_app import commission, drill, talk
 from bench.commands.history.app import app as history_app
 from bench.commands.lab.app import init, list_all
 from bench.commands.session_app import AsJson, SessionFolder, batch, export, fit, replay, report, study
-from bench.model.errors import BenchError, ExitStatus
+from bench.commands.usage import App, completing
+from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.installed import OWN, checked_package
 from bench.model.shipped import find_shipped
 
-app = typer.Typer(
+app = App(
     name="bench",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-    help="Controller of an unattended calibration bench. Exit status: 0 every verdict passes and every "
-    "estimate is sound, 1 a verdict fails or is indeterminate or an estimate is doubtful, refused or missing, "
-    "2 bad input, 3 ended safely after a fault, 4 ended safely by the operator, 5 session damaged, 70 internal error.",
+    help="Controller of an unattended calibration bench. 'bench COMMAND -h' shows how a command is used.",
+    epilog="Exit status: 0 every verdict passes and every estimate is sound, 1 a verdict fails or is indeterminate or "
+    "an estimate is doubtful, refused or missing, 2 bad input, 3 ended safely after a fault, 4 ended safely by the "
+    "operator, 5 session damaged, 70 internal error.",
 )
 app.add_typer(history_app, name="history")
 app.add_typer(frame_app, name="frame")
 
-Sequence = Annotated[str, typer.Argument(help="a sequence file, or the name of a shipped one")]
+Sequence = Annotated[
+    str, typer.Argument(help="a sequence file, or the name of a shipped one", autocompletion=completing("sequences"))
+]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="change a parameter of the sequence or world.<option>"),
@@ -44,8 +45,29 @@ Uncommissioned = Annotated[
     typer.Option("--uncommissioned", metavar="REASON", help="use drivers that were never tried on these instruments"),
 ]
 StationName = Annotated[
-    str | None, typer.Option("--station", help="a station file or name; default: the one the sequence names")
+    str | None,
+    typer.Option(
+        "--station",
+        help="a station file or name; default: the one the sequence names",
+        autocompletion=completing("stations"),
+    ),
 ]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(bench.__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Take the options of ``bench`` itself."""
+    del version
 
 
 app.command(epilog="Example: bench init our_lab --name 'Our laboratory' --model NGU --serial 17")(init)
@@ -84,7 +106,10 @@ def run(
     out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
     truth: Annotated[bool, typer.Option("--truth", help="write the simulated truth beside the session")] = False,
     history: Annotated[
-        str | None, typer.Option("--history", help="URL of the calibration history; default: history.sqlite in --out")
+        str | None,
+        typer.Option(
+            "--history", metavar="URL", help="URL of the calibration history; default: history.sqlite in --out"
+        ),
     ] = None,
     json: AsJson = False,
     ask: Annotated[bool, typer.Option("--ask", help="put the prompts to a person on a simulated station too")] = False,
@@ -107,7 +132,8 @@ def resume(
         str | None, typer.Option("--sequence", help="refuse to go on unless this sequence gives the same plan")
     ] = None,
     history: Annotated[
-        str | None, typer.Option("--history", help="URL of the calibration history; default: beside the session")
+        str | None,
+        typer.Option("--history", metavar="URL", help="URL of the calibration history; default: beside the session"),
     ] = None,
     json: AsJson = False,
 ) -> None:
@@ -148,7 +174,10 @@ def certificate(
 
 @app.command(epilog="Example: bench decode vn100_binary F00379 --csv vn100.csv")
 def decode(
-    frame: Annotated[str, typer.Argument(help="a frame file, or the name of a shipped one")],
+    frame: Annotated[
+        str,
+        typer.Argument(help="a frame file, or the name of a shipped one", autocompletion=completing("frames")),
+    ],
     file: Annotated[Path, typer.Argument(help="a raw capture of any length; - reads standard input")],
     csv: Annotated[Path | None, typer.Option("--csv", help="write the decoded fields")] = None,
     parquet: Annotated[
@@ -179,8 +208,8 @@ def coefficients(
         list[str] | None,
         typer.Option("--accept", metavar="QUANTITY", help="release doubtful values, as 'bench fit' does"),
     ] = None,
-    by: Annotated[str, typer.Option("--by", help="who accepts")] = "",
-    reason: Annotated[str, typer.Option("--reason", help="why it is accepted")] = "",
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="who accepts")] = "",
+    reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="why it is accepted")] = "",
 ) -> None:
     """Merge the compensation of a scale-factor and a bias session of one unit; a bias only from the bias campaign."""
     from bench.commands import accept as accept_command
@@ -251,7 +280,9 @@ def sim(
 @app.command(epilog='Example: bench pause sessions/20260101T180000Z_scale_factor_38h_17 --reason "door opened"')
 def pause(
     session: SessionFolder,
-    reason: Annotated[str, typer.Option("--reason", help="why; it is shown and recorded")] = "asked from a terminal",
+    reason: Annotated[
+        str, typer.Option("--reason", metavar="TEXT", help="why; it is shown and recorded")
+    ] = "asked from a terminal",
 ) -> None:
     """Let a living run stand still with its stimulus off; 'bench resume SESSION' lets it go on."""
     from bench.commands import control as control_command
@@ -262,7 +293,7 @@ def pause(
 @app.command(epilog="Example: bench abort sessions/20260101T180000Z_scale_factor_38h_17")
 def abort(
     session: SessionFolder,
-    reason: Annotated[str, typer.Option("--reason", help="why; it is recorded")] = "",
+    reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="why; it is recorded")] = "",
 ) -> None:
     """End a living run at its next check; its bench is made safe and its session closed."""
     from bench.commands import control as control_command
@@ -293,7 +324,10 @@ def serve(
     ] = None,
     rotate: Annotated[bool, typer.Option("--rotate", help="new tokens and a new key: logs everybody out")] = False,
     history: Annotated[
-        str | None, typer.Option("--history", help="URL of the calibration history; default: history.sqlite in --out")
+        str | None,
+        typer.Option(
+            "--history", metavar="URL", help="URL of the calibration history; default: history.sqlite in --out"
+        ),
     ] = None,
 ) -> None:
     """Serve the live page: runs, sessions and calibrations of a folder; a process of its own that no run waits for."""
@@ -369,14 +403,14 @@ def main() -> NoReturn:
         os.environ.setdefault(variable, "1")  # the matrices are small, and no result may depend on the cores
     try:
         checked_package("bench", OWN)
-        status = app(sys.argv[1:] or ["--help"], standalone_mode=False)
+        status = app(sys.argv[1:] or ["--help"], prog_name="bench", standalone_mode=False)
     except BenchError as error:
         for line in (str(error), *getattr(error, "__notes__", ())):
             _tell(line)
         sys.exit(error.exit_status)
     except TyperException as error:
         text = " ".join(error.format_message().split())
-        _tell(f"error B-CLI-011: {text.rstrip('.')}. Next: add --help to see how the command is used")
+        _tell(str(InputError("B-CLI-011", text, next_step="add --help to see how the command is used")))
         sys.exit(ExitStatus.BAD_INPUT)
     except (Abort, KeyboardInterrupt):
         _tell("ended by the operator")

@@ -27,7 +27,7 @@ def talk(
 def commission(
     instrument: Annotated[str, typer.Argument(metavar="ROLE", help="role of the instrument in the station")],
     station: Annotated[str, typer.Option("--station", help="station file of the bench")],
-    by: Annotated[str, typer.Option("--by", help="who stands at the bench; it is recorded")],
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="who stands at the bench; it is recorded")],
     yes: Annotated[
         bool, typer.Option("--yes", help="send what energises or moves without asking; for a simulated bench")
     ] = False,

@@ -19,8 +19,8 @@ Accept = Annotated[
     list[str] | None,
     typer.Option("--accept", metavar="QUANTITY", help="release doubtful values: dsf_n, or 'dsf_n channel=2'"),
 ]
-By = Annotated[str, typer.Option("--by", help="who accepts")]
-Reason = Annotated[str, typer.Option("--reason", help="why it is accepted")]
+By = Annotated[str, typer.Option("--by", metavar="NAME", help="who accepts")]
+Reason = Annotated[str, typer.Option("--reason", metavar="TEXT", help="why it is accepted")]
 Method = Annotated[str | None, typer.Option("--method", help="a method of the analysis; a wrong one lists them")]
 
 

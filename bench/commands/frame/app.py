@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-app = typer.Typer(no_args_is_help=True, help="Begin a frame definition.")
+from bench.commands.usage import App
+
+app = App(help="Begin a frame definition.")
 
 
 @app.callback()

@@ -7,7 +7,9 @@ from typing import Annotated
 
 import typer
 
-app = typer.Typer(no_args_is_help=True, help="Earlier calibrations: drift, agreement, due dates, approvals, export.")
+from bench.commands.usage import App
+
+app = App(help="Earlier calibrations: drift, agreement, due dates, approvals, export.")
 
 _LONGEST_DAYS = 365
 
@@ -109,7 +111,7 @@ def export(
 @app.command("import", epilog="Example: bench history import sessions/*")
 def import_sessions(
     sessions: Annotated[list[Path], typer.Argument(help="folders of sessions")],
-    reason: Annotated[str, typer.Option("--reason", help="why there is a new revision")] = "",
+    reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="why there is a new revision")] = "",
     history: History = None,
     out: Out = None,
     json: AsJson = False,
@@ -124,7 +126,7 @@ def import_sessions(
 @app.command(epilog='Example: bench history approve SESSION --by "A. Meyer" --statement "checked and released"')
 def approve(
     session: Session,
-    by: Annotated[str, typer.Option("--by", help="who approves")],
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="who approves")],
     statement: Annotated[str, typer.Option("--statement", help="what is approved, and for what use")],
     history: History = None,
     out: Out = None,
