@@ -17,6 +17,7 @@ from bench.commands.frame.app import app as frame_app
 from bench.commands.hand_app import commission, drill, talk
 from bench.commands.history.app import app as history_app
 from bench.commands.lab.app import init, list_all
+from bench.commands.living_app import abort, answer, pause, top
 from bench.commands.session_app import AsJson, SessionFolder, batch, export, fit, replay, report, study
 from bench.commands.usage import App, completing
 from bench.model.errors import BenchError, ExitStatus, InputError
@@ -277,39 +278,10 @@ def sim(
     raise typer.Exit(sim_command.sim(words, folder, rate, seed, settings or [], clean=clean))
 
 
-@app.command(epilog='Example: bench pause sessions/20260101T180000Z_scale_factor_38h_17 --reason "door opened"')
-def pause(
-    session: SessionFolder,
-    reason: Annotated[
-        str, typer.Option("--reason", metavar="TEXT", help="why; it is shown and recorded")
-    ] = "asked from a terminal",
-) -> None:
-    """Let a living run stand still with its stimulus off; 'bench resume SESSION' lets it go on."""
-    from bench.commands import control as control_command
-
-    raise typer.Exit(control_command.pause(session, reason))
-
-
-@app.command(epilog="Example: bench abort sessions/20260101T180000Z_scale_factor_38h_17")
-def abort(
-    session: SessionFolder,
-    reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="why; it is recorded")] = "",
-) -> None:
-    """End a living run at its next check; its bench is made safe and its session closed."""
-    from bench.commands import control as control_command
-
-    raise typer.Exit(control_command.abort(session, reason))
-
-
-@app.command(epilog="Example: bench answer sessions/20260101T180000Z_scale_factor_38h_17 '0.2 ohm'")
-def answer(
-    session: SessionFolder,
-    value: Annotated[str, typer.Argument(help="with its unit; nothing: what is asked is so")] = "",
-) -> None:
-    """Answer the prompt a living run waits at; without a value it is confirmed."""
-    from bench.commands import control as control_command
-
-    raise typer.Exit(control_command.answer(session, value))
+app.command(epilog='Example: bench pause sessions/20260101T180000Z_scale_factor_38h_17 --reason "door opened"')(pause)
+app.command(epilog="Example: bench abort sessions/20260101T180000Z_scale_factor_38h_17")(abort)
+app.command(epilog="Example: bench answer sessions/20260101T180000Z_scale_factor_38h_17 '0.2 ohm'")(answer)
+app.command(epilog="Example: bench top")(top)
 
 
 @app.command(epilog="Example: bench serve --out sessions")
@@ -335,19 +307,6 @@ def serve(
 
     request = serve_command.Request(out, host, port, cert, key, behind_proxy, rotate, history)
     raise typer.Exit(serve_command.serve(request))
-
-
-@app.command(epilog="Example: bench top")
-def top(
-    session: Annotated[
-        Path | None, typer.Argument(help="the folder of a living run; default: the newest one in --out")
-    ] = None,
-    out: Annotated[Path, typer.Option("--out", help="folder of the sessions")] = Path("sessions"),
-) -> None:
-    """Watch a living run in the terminal, over ssh too; leaving it changes nothing."""
-    from bench.commands import top as top_command
-
-    raise typer.Exit(top_command.top(session, out))
 
 
 @app.command(epilog="Example: bench schema --vscode")
