@@ -13,6 +13,14 @@ from bench.model.lab import Lab, lab_here
 Kind = Literal["sequences", "frames", "stations"]
 KINDS: tuple[Kind, ...] = ("sequences", "stations", "frames")
 
+_KINDS = {  # the key at the top that says what a file is, in the order in which it counts; which command takes it
+    "sequences": ("sequence", "'bench check {name}' and 'bench run {name}' take it"),
+    "mappings": ("mapping", "'bench import {name} FILE' takes it"),
+    "frames": ("frame", "'bench decode {name} FILE' takes it; a sequence names it under 'frame'"),
+    "stations": ("station", "--station {name} of 'bench check' and 'bench run' takes it"),
+}
+_KEYS = re.compile(rb"^(sequence|mapping|frame|station)[ ]*:", re.MULTILINE)
+_MOST_BYTES = 1_000_000  # of a YAML file
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _PACKAGE = Path(__file__).resolve().parent.parent
 
@@ -36,11 +44,13 @@ def own_names(kind: Kind, lab: Lab) -> list[str]:
 def find_shipped(kind: Kind, name_or_path: str | Path) -> Path:
     """Return the file meant by a path, or by the plain name, with or without ``.yaml``, of a lab's or a shipped file.
 
-    Raises: InputError B-SHIP-001 if there is none; a name never leaves these folders. B-LAB-001.
+    Raises: InputError B-SHIP-001 if there is none, B-SHIP-002 if it is a file of another kind; a name never leaves
+    these folders. B-LAB-001.
     """
     text = str(name_or_path)
     path = Path(text)
     if _is_file(path):
+        _refuse_others(kind, path)
         return path
     lab = lab_here()
     if _NAME.fullmatch(text):
@@ -48,6 +58,9 @@ def find_shipped(kind: Kind, name_or_path: str | Path) -> Path:
             named = folder / f"{text.removesuffix('.yaml')}.yaml"
             if _is_file(named):
                 return named
+    for other in KINDS:
+        if path.name == text and path.stem in shipped_names(other):
+            raise _another(kind, other, path.stem)
     names = [*([] if lab is None else own_names(kind, lab)), *shipped_names(kind)]
     text = text[:80]
     near = difflib.get_close_matches(path.stem, names, n=1)
@@ -58,6 +71,23 @@ def find_shipped(kind: Kind, name_or_path: str | Path) -> Path:
         where=text,
         next_step=f"{meant}give the path of a YAML file or one of: {', '.join(names) or 'none shipped'}",
     )
+
+
+def _refuse_others(kind: Kind, path: Path) -> None:
+    """Raise InputError B-SHIP-002 if the keys at the top of a file are those of another kind of file."""
+    try:
+        with path.open("rb") as file:
+            keys = {found.decode() for found in _KEYS.findall(file.read(_MOST_BYTES))}
+    except OSError:  # whoever reads the file says why it cannot be read
+        return
+    other = next((name for name, (key, *_) in _KINDS.items() if key in keys), None)
+    if other is not None and other != kind:
+        raise _another(kind, other, str(path))
+
+
+def _another(kind: Kind, other: str, text: str) -> InputError:
+    is_a, taken = _KINDS[other][0], _KINDS[other][1].format(name=text)
+    return InputError("B-SHIP-002", f"this is a {is_a}, and a {kind[:-1]} is due", where=text, next_step=taken)
 
 
 def _is_file(path: Path) -> bool:
@@ -71,8 +101,10 @@ def _is_file(path: Path) -> bool:
 def find_beside(source: Path, kind: Kind, name: str) -> Path:
     """Return a file that a source names: beside the source's folder, unless that is shipped, else as ``find_shipped``.
 
-    Raises: InputError B-SHIP-001, B-LAB-001.
+    A path begins at the source's own folder. Raises: InputError B-SHIP-001, B-SHIP-002, B-LAB-001.
     """
+    if name.endswith(".yaml"):
+        return find_shipped(kind, source.parent / name)
     beside = source.parent.parent / kind / f"{name}.yaml"
     is_shipped = beside.parent.resolve() == shipped_folder(kind).resolve()
     return beside if beside.is_file() and not is_shipped else find_shipped(kind, name)
