@@ -10,7 +10,7 @@ from typing import Any
 
 from pydantic import BeforeValidator, WithJsonSchema
 
-_PREFIX = {"p": -12, "n": -9, "u": -6, "µ": -6, "μ": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
+_PREFIX = {"p": -12, "n": -9, "u": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 _PREFIXED = ("A", "V", "Hz", "s", "C", "ohm", "W", "F")
 
 # unit text -> (dimension, factor to the base unit of that dimension)
@@ -48,6 +48,19 @@ _UNITS |= {
     "1/degC2": ("1/degC2", Decimal(1)),
 }
 
+# Symbols of the SI brochure, in each sign that keyboards have for them, and what is written in their place.
+_SYMBOLS = {
+    "\N{MICRO SIGN}": "u", "\N{GREEK SMALL LETTER MU}": "u",
+    "\N{GREEK CAPITAL LETTER OMEGA}": "ohm", "\N{OHM SIGN}": "ohm",
+    "\N{DEGREE SIGN}C": "degC", "\N{DEGREE CELSIUS}": "degC", "\N{DEGREE SIGN}": "deg", "\N{SUPERSCRIPT TWO}": "2",
+}  # fmt: skip
+_WRITTEN_OUT = {
+    "ohms": "ohm", "sec": "s", "secs": "s", "second": "s", "seconds": "s", "minute": "min", "minutes": "min",
+    "mins": "min", "hour": "h", "hours": "h", "hr": "h", "volt": "V", "volts": "V", "amp": "A", "amps": "A",
+    "ampere": "A", "hertz": "Hz", "celsius": "degC", "percent": "%", "degree": "deg", "degrees": "deg",
+    "msec": "ms", "usec": "us", "gs": "gauss", "deg/sec": "deg/s", "deg/hr": "deg/h", "dps": "deg/s",
+    "m/s^2": "m/s2", "m/s**2": "m/s2", "deg/s^2": "deg/s2", "degc/minute": "degC/min", "k/min": "degC/min",
+}  # fmt: skip
 _QUANTITY = re.compile(r"\s*([-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d{1,3})?)\s*(\S*)\s*")
 
 
@@ -68,14 +81,15 @@ def parse_quantity(text: object, dimension: str) -> float:
     match = _QUANTITY.fullmatch(text)
     if match is None:
         raise ValueError(f"{text!r} is not a quantity; write a number and a unit, for example {_example(dimension)}")
-    number, unit = match.groups()
+    number, unit = match[1], _plain(match[2])
     if unit not in _UNITS:
-        known = ", ".join(sorted(u for u, (d, _) in _UNITS.items() if d == dimension and u.isascii()))
-        what = f"has the unknown unit {unit!r}" if unit else "has no unit"
-        raise ValueError(f"{text!r} {what}; use one of: {known}")
+        what = f"has the unknown unit {match[2]!r}" if unit else "has no unit"
+        advice = likely(text, dimension) or f"; use one of: {', '.join(_units_of(dimension))}"
+        raise ValueError(f"{text!r} {what}{advice}")
     stated, factor = _UNITS[unit]
     if stated != dimension:
-        raise ValueError(f"{text!r} is {'a ratio' if stated == '1' else f'in {stated}'}; {_due(dimension)} is due")
+        what = "a ratio" if stated == "1" else f"in {stated}"
+        raise ValueError(f"{text!r} is {what}; {_due(dimension)} is due{likely(text, dimension)}")
     try:
         value = float(Decimal(number) * factor)
     except (InvalidOperation, OverflowError) as error:
@@ -83,6 +97,45 @@ def parse_quantity(text: object, dimension: str) -> float:
     if not math.isfinite(value):
         raise ValueError(f"{text!r} is not finite")
     return value
+
+
+def likely(text: object, dimension: str = "") -> str:
+    """Return ``; did you mean '10 mA'?`` for a quantity with an unknown unit or one of another dimension, or "".
+
+    Without ``dimension`` any will do.
+    """
+    match = _QUANTITY.fullmatch(text) if isinstance(text, str) else None
+    if match is None or not match[2]:
+        return ""
+    unit, known = _plain(match[2]), _units_of(dimension)
+    close = "" if unit in known else _close(unit, known)
+    return f"; did you mean '{match[1]} {close}'?" if close else ""
+
+
+def _units_of(dimension: str) -> list[str]:
+    return sorted(name for name, (of, _) in _UNITS.items() if dimension in (of, ""))
+
+
+def _plain(unit: str) -> str:
+    """Return a unit in the plain letters of a YAML file; ``kΩ`` is ``kohm``."""
+    if not unit.isascii():
+        for symbol, plain in _SYMBOLS.items():
+            unit = unit.replace(symbol, plain)
+    return unit
+
+
+def _close(unit: str, known: list[str]) -> str:
+    """Return the known unit that somebody meant who took the wrong case, wrote it out or forgot the degree; or ""."""
+    folded = _WRITTEN_OUT.get(unit.casefold(), unit).casefold()
+    alike = [name for name in known if name.casefold() == folded]
+    if alike:
+        return min(alike, key=lambda name: (_differences(name, unit), name))
+    of_degrees = f"deg{unit}"  # "C" for "degC"
+    return of_degrees if of_degrees in known else ""
+
+
+def _differences(name: str, unit: str) -> int:
+    return sum(a != b for a, b in zip(name, unit, strict=False))
 
 
 def _due(dimension: str) -> str:
@@ -100,9 +153,9 @@ def read_quantity(text: str) -> tuple[float, str] | None:
     A number too large for a float is no quantity.
     """
     match = _QUANTITY.fullmatch(text)
-    if match is None or match[2] not in _UNITS:
+    if match is None or (unit := _plain(match[2])) not in _UNITS:
         return None
-    dimension = _UNITS[match[2]][0]
+    dimension = _UNITS[unit][0]
     try:
         return parse_quantity(text, dimension), dimension
     except ValueError:

@@ -8,7 +8,7 @@ from typing import Any
 from bench.model.declaration import ChannelKind, stated
 from bench.model.errors import InputError
 from bench.model.systems import analysis_declaration, systems
-from bench.model.units import format_quantity, read_quantity
+from bench.model.units import format_quantity, likely, read_quantity
 from bench.model.yamlio import Document
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language.sequence import Sequence, Site, UnitUnderTest
@@ -77,7 +77,8 @@ def _levels(document: Document[Sequence], index: int, findings: Findings) -> tup
             line = where.split(":")[-2]
             levels.append(traced(value, f"{name}[{position}], line {line}"))
         else:
-            findings.add("B-PLAN-022", where, f"level {raw!r} is not a positive current with its unit")
+            message = f"level {raw!r} is not a positive current with its unit{likely(raw, 'A')}"
+            findings.add("B-PLAN-022", where, message)
     return tuple(levels)
 
 

@@ -8,6 +8,7 @@ from pathlib import PurePath
 from typing import Any, NoReturn
 
 from bench.frame import FrameDefinition
+from bench.model.units import likely
 from bench.model.yamlio import Document
 from bench.plan.drivers import range_after
 from bench.plan.findings import Findings, suggestion
@@ -131,7 +132,7 @@ class Expander:
             return value
         if value is not None:
             origin = value.origin if isinstance(value, Quantity) else ""
-            message = f"{raw} is {_describe(value)}; a quantity in {dimension} is due"
+            message = f"{raw} is {_describe(value)}; a quantity in {dimension} is due{likely(value, dimension)}"
             self.fail("B-PLAN-031", path, message, origin=origin)
         return None
 

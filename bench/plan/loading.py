@@ -17,7 +17,7 @@ from pydantic import RootModel
 
 from bench.model.errors import InputError, InputErrors
 from bench.model.shipped import find_beside
-from bench.model.units import read_quantity
+from bench.model.units import likely, read_quantity
 from bench.model.yamlio import Document, load_yaml
 from bench.plan.check.stations import check_station
 from bench.plan.drivers import driver_actions
@@ -79,7 +79,9 @@ def _like(shipped: Any, text: str) -> Any:
         return _number_like(shipped, text)
     old, new = read_quantity(str(shipped)), read_quantity(text)
     if (old and old[1]) != (new and new[1]):
-        raise ValueError(f"a quantity in {old[1]} is due" if old else "a text without a unit is due")
+        raise ValueError(
+            f"a quantity in {old[1]} is due{likely(text, old[1])}" if old else "a text without a unit is due"
+        )
     return text
 
 

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, field_validator, model_validator
 
 from bench.model.errors import InputErrors
-from bench.model.units import quantity, read_quantity
+from bench.model.units import likely, quantity, read_quantity
 from bench.model.yamlio import Document, Name, StrictModel, load_yaml
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language.graphs import MOST_GRAPHS, GraphEntry
@@ -47,7 +47,7 @@ Date = Annotated[date, BeforeValidator(_date), WithJsonSchema({"type": "string",
 def _stated(text: object) -> tuple[float, str]:
     quantity = read_quantity(text) if isinstance(text, str) else None
     if quantity is None:
-        raise ValueError(f"{text!r} is not a quantity with its unit, for example '100.02 ohm'")
+        raise ValueError(f"{text!r} is not a quantity with its unit, for example '100.02 ohm'{likely(text)}")
     return quantity
 
 
@@ -120,7 +120,8 @@ class InstrumentEntry(StrictModel):
         for name, (low, high) in limits.items():
             pair = read_quantity(low), read_quantity(high)
             if pair[0] is None or pair[1] is None or pair[0][1] != pair[1][1] or pair[0][0] > pair[1][0]:
-                raise ValueError(f"{name}: [{low}, {high}] is not a range of one quantity, lowest first")
+                meant = likely(low) or likely(high)
+                raise ValueError(f"{name}: [{low}, {high}] is not a range of one quantity, lowest first{meant}")
         return limits
 
 

@@ -10,7 +10,7 @@ from typing import Any
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Action, Effect, Parameter
-from bench.model.units import read_quantity
+from bench.model.units import likely, read_quantity
 from bench.plan.drivers import driver_actions
 from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Plan, Step
@@ -123,7 +123,7 @@ class ActionCheck:
             due = "a number is due"
         elif parameter.dimension:
             right = dimension == parameter.dimension
-            due = f"a quantity in {parameter.dimension} is due"
+            due = f"a quantity in {parameter.dimension} is due{likely(value, parameter.dimension)}"
         elif parameter.choices:
             right = not dimension and not isinstance(value, (bool, list)) and value in parameter.choices
             due = f"one of {', '.join(map(str, parameter.choices))} is due"

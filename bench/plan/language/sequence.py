@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, create_model, model_validator
 
 from bench.model.systems import systems, with_sections
-from bench.model.units import quantity, read_quantity
-from bench.model.yamlio import Name, StrictModel
+from bench.model.units import likely, quantity, read_quantity
+from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
 from bench.plan.language.interlocks import Interlock
 from bench.plan.language.steps import Step_, TimelineEntry
 from bench.plan.values import Scalar
@@ -33,7 +33,7 @@ class Early(StrictModel):
 
 def _limit(text: object) -> object:
     if not isinstance(text, str) or read_quantity(text) is None:
-        raise ValueError(f"{text!r} is not a quantity with its unit, for example '10 deg/h'")
+        raise ValueError(f"{text!r} is not a quantity with its unit, for example '10 deg/h'{likely(text)}")
     return text
 
 
@@ -106,12 +106,15 @@ class Decision(StrictModel):
     rule: Literal["simple", "guard_band", "non_binary"] = "non_binary"
 
 
+StationName = Annotated[str, StringConstraints(pattern=rf"^({NAME_PATTERN}|[^\x00-\x1f]{{1,400}}\.yaml)$")]
+
+
 class Sequence(StrictModel):
     """One campaign."""
 
     sequence: Name
     title: Title = ""
-    station: Name
+    station: StationName = Field(description="name of a station, or path of its file from the folder of this one")
     frame: dict[Name, Name] = Field({}, description="link: frame definition; records count the first link")
     analysis: Name = "none"
     reference_temperature: Annotated[float, *quantity("degC", -273.15, 1000.0)] = 20.0

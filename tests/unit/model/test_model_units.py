@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from bench.model.units import format_quantity, parse_quantity, quantity, read_quantity
+from bench.model.units import format_quantity, likely, parse_quantity, quantity, read_quantity
 
 
 @pytest.mark.parametrize(
@@ -44,6 +44,69 @@ from bench.model.units import format_quantity, parse_quantity, quantity, read_qu
 def test_the_nearest_float_of_the_written_decimal(text: str, dimension: str, expected: float) -> None:
     assert parse_quantity(text, dimension) == expected
     assert read_quantity(text) == (expected, dimension)
+
+
+@pytest.mark.parametrize(
+    ("symbols", "plain", "dimension"),
+    [
+        ("23 °C", "23 degC", "degC"),
+        ("23°C", "23 degC", "degC"),
+        ("23 \N{DEGREE CELSIUS}", "23 degC", "degC"),
+        ("0.5 °C/min", "0.5 degC/min", "degC/min"),
+        ("2 ppm/°C²", "2 ppm/degC2", "1/degC2"),
+        ("50 \N{GREEK CAPITAL LETTER OMEGA}", "50 ohm", "ohm"),
+        ("50 \N{OHM SIGN}", "50 ohm", "ohm"),
+        ("4.7 kΩ", "4.7 kohm", "ohm"),
+        ("1 MΩ", "1 Mohm", "ohm"),
+        ("3 \N{MICRO SIGN}V", "3 uV", "V"),
+        ("3 \N{GREEK SMALL LETTER MU}V", "3 uV", "V"),
+        ("20 µg", "20 ug", "g"),
+        ("20 µΩ", "20 uohm", "ohm"),
+        ("45°", "45 deg", "deg"),
+        ("3 °/h", "3 deg/h", "deg/s"),
+        ("9.81 m/s²", "9.81 m/s2", "m/s2"),
+    ],
+)
+def test_symbols_of_the_si_are_units(symbols: str, plain: str, dimension: str) -> None:
+    assert parse_quantity(symbols, dimension) == parse_quantity(plain, dimension)
+    assert read_quantity(symbols) == read_quantity(plain) == (parse_quantity(plain, dimension), dimension)
+
+
+@pytest.mark.parametrize(
+    ("text", "dimension", "meant"),
+    [
+        ("10 ma", "A", "10 mA"),
+        ("10 MA", "V", ""),
+        ("5 Ohm", "ohm", "5 ohm"),
+        ("5 KOhm", "ohm", "5 kohm"),
+        ("5 MOHMS", "ohm", ""),
+        ("18 v", "V", "18 V"),
+        ("10 khz", "Hz", "10 kHz"),
+        ("10 S", "s", "10 s"),
+        ("10 Hours", "s", "10 h"),
+        ("-10 C", "degC", "-10 degC"),
+        ("-10 degc", "degC", "-10 degC"),
+        ("-10 °c", "degC", "-10 degC"),
+        ("3 dps", "deg/s", "3 deg/s"),
+        ("3 m/s^2", "m/s2", "3 m/s2"),
+        ("10 apples", "A", ""),
+        ("10 V", "A", ""),
+        ("10", "A", ""),
+        ("mA", "A", ""),
+    ],
+)
+def test_the_unit_that_was_meant(text: str, dimension: str, meant: str) -> None:
+    said = f"; did you mean {meant!r}?" if meant else ""
+    assert likely(text, dimension) == said
+    with pytest.raises(ValueError) as refused:  # noqa: PT011 - its words follow
+        parse_quantity(text, dimension)
+    assert ("did you mean" in str(refused.value)) == bool(meant)
+    assert str(refused.value).endswith(said)
+
+
+def test_of_any_dimension_and_never_itself() -> None:
+    assert likely("10 Deg/h") == "; did you mean '10 deg/h'?"
+    assert (likely("10 deg/h"), likely("-1 mA", "A"), likely(10, "A"), likely("10 parsec")) == ("", "", "", "")
 
 
 @pytest.mark.parametrize(

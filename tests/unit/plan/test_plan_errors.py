@@ -114,6 +114,43 @@ def test_a_frame_without_a_rate_b_plan_048_and_a_station_that_is_not_there_b_pla
     assert (found.code, found.where) == ("B-PLAN-045", f"{path}:3:1")
 
 
+def test_a_station_by_the_path_of_its_file(tmp_path: Path) -> None:
+    named = compile_sequence(make_bench(tmp_path))
+    (tmp_path / "benches").mkdir()
+    moved = (tmp_path / "stations" / "af_bench_sim.yaml").rename(tmp_path / "benches" / "mine.yaml")
+    for path in ("../benches/mine.yaml", str(moved)):
+        plan = compile_sequence(make_bench(tmp_path, changed("station: af_bench_sim", f"station: {path}")))
+        assert plan.station.path == tmp_path / "sequences" / path
+        assert (plan.station.name, plan.sha256) == (named.station.name, named.sha256)
+    (found,) = mistakes(make_bench(tmp_path, changed("station: af_bench_sim", "station: ../benches/none.yaml")))
+    assert (found.code, found.where) == ("B-PLAN-045", f"{tmp_path}/sequences/sample.yaml:3:1")
+    (found,) = mistakes(make_bench(tmp_path, changed("station: af_bench_sim", "station: ../frames/ngu_a.yaml")))
+    assert (found.code, found.message) == ("B-PLAN-045", "this is a frame, and a station is due")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("settle: 5 s", "settle: 5 S", "'5 S' has the unknown unit 'S'; did you mean '5 s'?"),
+        ("current: 0 A", "current: 0 a", "a quantity in A is due; did you mean '0 A'?"),
+        ("[1 mA]", "[1 ma]", "did you mean '1 mA'?"),
+        ("high: 0.5 ohm", "high: 0.5 Ohm", "did you mean '0.5 ohm'?"),
+        ("ramp: 0.5 degC/min", "ramp: 0.5 C/min", "did you mean '0.5 degC/min'?"),
+    ],
+)
+def test_a_unit_that_is_none_is_guessed(tmp_path: Path, old: str, new: str, says: str) -> None:
+    found = mistakes(make_bench(tmp_path, changed(old, new)))
+    assert any(says in error.message for error in found), [error.message for error in found]
+
+
+def test_symbols_in_a_sequence_and_in_set_are_the_same_plan(tmp_path: Path) -> None:
+    plain = compile_sequence(make_bench(tmp_path), None, {"dwell": "10 s", "temperatures": "20 degC"})
+    text = changed("ohm, high: 0.5 ohm", "ohm, high: 0.5 Ω")
+    text = changed("ramp: 0.5 degC/min", "ramp: 0.5 °C/min", changed("k0: 1.25 uC", "k0: 1.25 µC", text))
+    plan = compile_sequence(make_bench(tmp_path, text), None, {"dwell": "10 s", "temperatures": "20 °C"})
+    assert plan.sha256 == plain.sha256
+
+
 def test_all_mistakes_are_listed_at_once_in_order(tmp_path: Path) -> None:
     text = changed("verify: calibrator.operating", "verify: calibrator.opera")
     text = changed("range: lowest_that_holds", "range: highest", text)
