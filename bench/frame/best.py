@@ -104,7 +104,7 @@ def kernel_path() -> Path:
     Source: XDG Base Directory Specification: XDG_CACHE_HOME, else ~/.cache.
     """
     base = os.environ.get("XDG_CACHE_HOME", "")
-    folder = (Path(base) if base.startswith("/") else Path.home() / ".cache") / "inertial-bench"
+    folder = (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "inertial-bench"
     source = hashlib.sha256()
     for path in sorted((Path(__file__).parent / "kernel").glob("*.py")):
         source.update(path.read_bytes())

@@ -12,4 +12,4 @@ def cache_folder() -> Path:
     Source: XDG Base Directory Specification: XDG_CACHE_HOME if it is absolute, else ~/.cache.
     """
     base = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(base) if base.startswith("/") else Path.home() / ".cache") / "inertial-bench"
+    return (Path(base) if Path(base).is_absolute() else Path.home() / ".cache") / "inertial-bench"

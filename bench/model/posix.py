@@ -13,6 +13,7 @@ import os
 import signal
 import socket
 import stat
+import struct
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TextIO
 
@@ -35,6 +36,7 @@ termios = _there("termios")  # None where terminals have no modes
 _msvcrt = _there("msvcrt")
 _LOCKED_AT = 1 << 30  # Windows keeps others from reading a byte that is locked: one behind any journal
 _TAKEN = (errno.EACCES, errno.EAGAIN, errno.EDEADLK, 36)  # 36: EDEADLOCK of the C library of Windows
+_PEER = struct.Struct("3i")  # unix(7): process, user, group
 _OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 RAW = getattr(os, "O_BINARY", 0)
@@ -196,6 +198,18 @@ def signals(*names: str) -> tuple[signal.Signals, ...]:
 def unix_socket(kind: int = socket.SOCK_STREAM) -> socket.socket:
     """Return a socket of this machine. Raises: OSError where there are none: no run in real time is alive there."""
     return socket.socket(_unix_family(), kind)
+
+
+def peer(connection: socket.socket) -> tuple[int, int] | None:
+    """Return process and user at the other end of a Unix socket; None where nobody says it."""
+    option = getattr(socket, "SO_PEERCRED", None)
+    if option is None:
+        return None
+    try:
+        pid, uid, _ = _PEER.unpack(connection.getsockopt(socket.SOL_SOCKET, option, _PEER.size))
+    except OSError:
+        return None
+    return pid, uid
 
 
 async def unix_connection(path: Path, limit: int) -> tuple[StreamReader, StreamWriter]:

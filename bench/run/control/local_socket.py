@@ -11,7 +11,6 @@ import json
 import os
 import selectors
 import socket
-import struct
 import tempfile
 import threading
 from collections.abc import Callable
@@ -21,7 +20,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
 from bench.model.clock import NS, Clock, to_ns
-from bench.model.posix import unix_socket, user_id, user_name
+from bench.model.posix import peer, unix_socket, user_id, user_name
 
 CONTROL, LIVE = "control", "live"
 LONGEST_PATH = 107
@@ -81,14 +80,10 @@ def listen(path: Path) -> socket.socket:
 
 def peer_of(connection: socket.socket) -> str | None:
     """Return name and process of who connected; None for another user, who is not heard (root is)."""
-    try:
-        raw = connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, struct.calcsize("3i"))
-    except OSError:
+    there = peer(connection)
+    if there is None or there[1] not in (user_id(), 0):
         return None
-    pid, uid, _ = struct.unpack("3i", raw)
-    if uid not in (user_id(), 0):
-        return None
-    return f"{user_name(uid)} (process {pid})"
+    return f"{user_name(there[1])} (process {there[0]})"
 
 
 @dataclass(eq=False)

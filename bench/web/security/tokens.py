@@ -50,7 +50,7 @@ class Tokens:
 def private_folder() -> Path:
     """Return where the tokens and the audit of the page are kept."""
     base = os.environ.get("XDG_CONFIG_HOME", "")
-    return (Path(base) if base.startswith("/") else Path.home() / ".config") / "inertial-bench"
+    return (Path(base) if Path(base).is_absolute() else Path.home() / ".config") / "inertial-bench"
 
 
 def draw_id() -> str:

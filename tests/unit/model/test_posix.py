@@ -59,6 +59,15 @@ def test_what_needs_posix_is_refused_with_what_is_missing(monkeypatch: pytest.Mo
         posix.unix_socket()
 
 
+def test_who_is_at_the_other_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = socket.socketpair()
+    with one, other:
+        assert posix.peer(one) == (os.getpid(), os.getuid())
+        monkeypatch.delattr(socket, "SO_PEERCRED")
+        assert posix.peer(one) is None
+    assert "SO_PEERCRED" in posix.lacking()  # macOS
+
+
 def test_a_lock_is_held_until_the_file_is_closed(tmp_path: Path) -> None:
     path = tmp_path / "journal"
     path.write_bytes(b"line\n")

@@ -10,7 +10,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -293,11 +292,8 @@ def test_a_silent_client_is_let_go_and_an_error_of_the_answer_is_a_reply(tmp_pat
 
 
 def test_another_user_is_not_heard(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.run.control.local_socket.os.getuid", lambda: 4_000_000)
-    monkeypatch.setattr(
-        "bench.run.control.local_socket.struct",
-        SimpleNamespace(calcsize=lambda _: 12, unpack=lambda *_: (1, 4_000_001, 0)),
-    )
+    monkeypatch.setattr("bench.run.control.local_socket.user_id", lambda: 4_000_000)
+    monkeypatch.setattr("bench.run.control.local_socket.peer", lambda _: (1, 4_000_001))
     server = ControlServer(tmp_path / "s", lambda *_: {"ok": True}, WallClock())
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as stranger:

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from bench.model import posix
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.run.guard.lock import GUARD, BenchLock, bench_lock, bus_keys, lock_folder
@@ -185,3 +186,13 @@ def test_the_place_is_the_same_for_every_user(tmp_path: Path, monkeypatch: pytes
     monkeypatch.undo()
     with bench_lock(["TCPIP0::127.0.0.1::nobody::INSTR"], "test", WallClock()):
         pass
+
+
+def test_no_bench_is_taken_where_nothing_would_lock_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(posix, "_fcntl", None)
+    with BenchLock((), "talk", VirtualClock(), folder=tmp_path):
+        pass  # a bench inside this process needs no lock
+    with pytest.raises(InputError) as refused, BenchLock(KEYS, "run", VirtualClock(), folder=tmp_path):
+        pass
+    assert (refused.value.code, refused.value.exit_status) == ("B-SYS-001", ExitStatus.BAD_INPUT)
+    assert list(tmp_path.iterdir()) == []
