@@ -14,7 +14,7 @@ from typer.exceptions import Abort, TyperException
 
 import bench
 from bench.commands.frame.app import app as frame_app
-from bench.commands.hand_app import commission, drill, talk
+from bench.commands.hand.app import commission, drill, talk
 from bench.commands.history.app import app as history_app
 from bench.commands.lab.app import init, list_all
 from bench.commands.living_app import abort, answer, pause, top

@@ -29,13 +29,14 @@ GROUPS: dict[str, dict[str, str]] = {
         "coefficients": "compensation of a unit for its software",
         "replay": "decode a session again; is every number identical?",
         "recover": "what a session holds, what is damaged or missing",
+        "export": "tables of a session for other tools",
         "batch": "fit many sessions and compare their units",
         "history": "earlier calibrations: drift, due dates, approvals",
         "study": "repeat a published simulation study",
     },
     "Files of others": {
         "decode": "decode a raw capture with a frame definition",
-        "frame": "begin a frame definition",
+        "frame": "begin or check a frame definition",
         "import": "turn a log of another system into a session",
     },
     "The bench": {
@@ -44,6 +45,10 @@ GROUPS: dict[str, dict[str, str]] = {
         "drill": "prove that the guard makes the bench safe",
         "sim": "serve a simulated bench, switch its faults",
         "doctor": "is this machine fit for a run?",
+    },
+    "This laboratory": {
+        "init": "make a folder for own sequences, stations, frames",
+        "list": "what can be named, and where it comes from",
     },
     "This software": {
         "schema": "write JSON Schemas for editors",

@@ -89,7 +89,7 @@ def test_a_bench_inside_the_process_and_a_role_that_is_not_there() -> None:
 
 
 def test_a_driver_without_a_table(table: Served, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from bench.commands import commission
+    from bench.commands.hand import commission
     from bench.model.errors import InputError
 
     monkeypatch.setattr(commission, "manual_of", lambda driver: None)

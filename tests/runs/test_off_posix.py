@@ -70,6 +70,9 @@ def done(top: Path) -> dict[str, Done]:
             "import": ["import", "mapping.yaml", "log.csv"],
             "list": ["history", "list", "--json"],
             "export": ["history", "export", "history.csv"],
+            "tables": ["export", session, "--to", "csv", "--out", "tables"],
+            "init": ["init", "our_lab", "--name", "Ours"],
+            "names": ["list"],
             "talk": ["talk", "calibrator", "*IDN?"],
             "pause": ["pause", session],
             "doctor": ["doctor"],
@@ -79,7 +82,23 @@ def done(top: Path) -> dict[str, Done]:
 
 @pytest.mark.parametrize(
     "command",
-    ["check", "run", "replay", "fit", "report", "verify", "recover", "decode", "import", "list", "export", "talk"],
+    [
+        "check",
+        "run",
+        "replay",
+        "fit",
+        "report",
+        "verify",
+        "recover",
+        "decode",
+        "import",
+        "list",
+        "export",
+        "tables",
+        "init",
+        "names",
+        "talk",
+    ],
 )
 def test_what_records_reads_and_computes_works(done: dict[str, Done], command: str) -> None:
     status, said, errors = done[command]

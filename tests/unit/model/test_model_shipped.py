@@ -82,6 +82,6 @@ def test_a_file_of_another_kind_is_named_with_who_takes_it(
 
 
 def test_every_shipped_file_is_of_its_kind() -> None:
-    for kind in shipped.SHIPPED:
+    for kind in shipped.KINDS:
         for name in shipped_names(kind):
             assert find_shipped(kind, shipped_folder(kind) / f"{name}.yaml").stem == name

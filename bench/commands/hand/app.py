@@ -19,7 +19,7 @@ def talk(
     out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
 ) -> None:
     """Reach an instrument by hand; every command and reply goes to a session of its own."""
-    from bench.commands import by_hand
+    from bench.commands.hand import by_hand
 
     raise typer.Exit(by_hand.talk(instrument, command, station, out))
 
@@ -33,7 +33,7 @@ def commission(
     ] = False,
 ) -> None:
     """Walk through a real instrument for the first time: each command its driver uses, held against its manual."""
-    from bench.commands import commission as commission_command
+    from bench.commands.hand import commission as commission_command
 
     raise typer.Exit(commission_command.commission(instrument, station, by, yes=yes))
 
@@ -44,6 +44,6 @@ def drill(
     json: AsJson = False,
 ) -> None:
     """Kill a controller that drives a harmless stimulus, and prove that the guard leaves the bench safe within 5 s."""
-    from bench.commands import by_hand
+    from bench.commands.hand import by_hand
 
     raise typer.Exit(by_hand.drill(station, out, json))
