@@ -13,13 +13,13 @@ from bench.model.lab import Lab, lab_here
 Kind = Literal["sequences", "frames", "stations"]
 KINDS: tuple[Kind, ...] = ("sequences", "stations", "frames")
 
-_KINDS = {  # the key at the top that says what a file is, in the order in which it counts; which command takes it
-    "sequences": ("sequence", "'bench check {name}' and 'bench run {name}' take it"),
-    "mappings": ("mapping", "'bench import {name} FILE' takes it"),
-    "frames": ("frame", "'bench decode {name} FILE' takes it; a sequence names it under 'frame'"),
-    "stations": ("station", "--station {name} of 'bench check' and 'bench run' takes it"),
+_KINDS = {  # what a file is, the keys at its top of which it has all and no other kind has, which command takes it
+    "sequences": ("sequence", {"sequence", "station"}, "'bench check {name}' and 'bench run {name}' take it"),
+    "mappings": ("mapping", {"mapping", "columns"}, "'bench import {name} FILE' takes it"),
+    "frames": ("frame", {"frame", "crc"}, "'bench decode {name} FILE' takes it; a sequence names it under 'frame'"),
+    "stations": ("station", {"station", "instruments"}, "--station {name} of 'bench check' and 'bench run' takes it"),
 }
-_KEYS = re.compile(rb"^(sequence|mapping|frame|station)[ ]*:", re.MULTILINE)
+_KEYS = re.compile(rb"^([a-z]+)[ ]*:", re.MULTILINE)
 _MOST_BYTES = 1_000_000  # of a YAML file
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*")
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -80,13 +80,14 @@ def _refuse_others(kind: Kind, path: Path) -> None:
             keys = {found.decode() for found in _KEYS.findall(file.read(_MOST_BYTES))}
     except OSError:  # whoever reads the file says why it cannot be read
         return
-    other = next((name for name, (key, *_) in _KINDS.items() if key in keys), None)
-    if other is not None and other != kind:
+    other = next((name for name, (_, own, _) in _KINDS.items() if own <= keys), None)
+    if other is not None and other != kind and not _KINDS[kind][1] <= keys:
         raise _another(kind, other, str(path))
 
 
 def _another(kind: Kind, other: str, text: str) -> InputError:
-    is_a, taken = _KINDS[other][0], _KINDS[other][1].format(name=text)
+    is_a, _, taken = _KINDS[other]
+    taken = taken.format(name=text)
     return InputError("B-SHIP-002", f"this is a {is_a}, and a {kind[:-1]} is due", where=text, next_step=taken)
 
 
