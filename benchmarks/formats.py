@@ -24,6 +24,7 @@ _READERS = {
     "rtcm3": ("pyrtcm", "RTCMReader"),
     "nmea_0183": ("pynmeagps", "NMEAReader"),
     "ublox_sensors": ("pyubx2", "UBXReader"),
+    "ccsds_jpss1": ("space_packet_parser.generators", "ccsds_generator"),  # tells packets apart, reads no field
 }
 _FEW = 2000
 
