@@ -37,7 +37,7 @@ from sim_instruments.served.hislip_wire import (
 )
 
 WAIT_MS = 5  # while a reply is not due yet, or a lock of another client is waited for
-LAST_MS = 500  # for commands of a client that is gone; two connections need not keep the order on a busy machine
+LAST_MS = 5000  # for commands of a client that is gone; on a busy machine two connections do not keep the order
 _NEAR_NS = 5_000_000  # a reply due sooner is slept for on the bench's clock
 _LOCAL_CONTROLS = range(7)
 
