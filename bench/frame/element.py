@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 from typing import Any
 
-from bench.frame.layout import Field
+from bench.frame.layout import Field, Span
 
 
 def read_element(frame: bytes | bytearray, item: Field, element: int = 0) -> Any:
@@ -21,3 +21,9 @@ def read_element(frame: bytes | bytearray, item: Field, element: int = 0) -> Any
     low = 8 * size - odd - item.width if item.big else odd
     value = int.from_bytes(raw, order) >> low & (1 << item.width) - 1
     return value - (1 << item.width) if item.kind == "i" and value >> item.width - 1 else value
+
+
+def read_part(frame: bytes | bytearray, item: Field, bits: Span | None) -> int:
+    """Return the whole number of a field, or of some bits of it."""
+    value = int(read_element(frame, item))
+    return value if bits is None else value >> bits[0] & (1 << bits[1]) - 1

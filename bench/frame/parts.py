@@ -12,7 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.element import read_element
+from bench.frame.element import read_part
 from bench.frame.layout import Item, Message, Part
 from bench.model.errors import InputError
 
@@ -87,8 +87,7 @@ def _stated(part: Part, row: bytes | bytearray) -> int:
     """Return what a frame says of a part; 1 where nothing has to be said."""
     if part.by is None:
         return 1
-    value = int(read_element(row, part.by))
-    return value if part.bits is None else value >> part.bits[0] & (1 << part.bits[1]) - 1
+    return read_part(row, part.by, part.bits)
 
 
 def _too_many(part: Part, row: bytes | bytearray) -> str:

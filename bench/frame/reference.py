@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame.batch import Extract, FrameBatch, FrameCounts, MessageBatch
-from bench.frame.element import read_element
-from bench.frame.layout import Field, Layout, Message, Span
+from bench.frame.element import read_element, read_part
+from bench.frame.layout import Field, Layout, Message
 from bench.frame.parts import rows_of_parts, unpacked, wire_length
 
 
@@ -96,7 +96,7 @@ class ReferenceDecoder:
         head = stream[at : at + layout.header]
         message: Message | None = layout.messages[0]
         if layout.type_field is not None:
-            value = _part(read_element(head, layout.type_field), layout.type_bits)
+            value = read_part(head, layout.type_field, layout.type_bits)
             message = next((m for m in layout.messages if m.type_value == value), layout.unlisted)
         if message is None:
             return 0, None
@@ -105,7 +105,7 @@ class ReferenceDecoder:
             fields = wire_length(message, head)
             return (fields + layout.tail, message) if fields else (0, None)
         if layout.length_field is not None:
-            stated = _part(read_element(head, layout.length_field), layout.length_bits)
+            stated = read_part(head, layout.length_field, layout.length_bits)
             length = stated * layout.length_times + layout.length_plus
             if length < message.least + layout.tail or length > layout.max_length:
                 return 0, None
@@ -141,10 +141,6 @@ class ReferenceDecoder:
         self.counts.bad += len(bad)
         self._position += consumed
         return FrameBatch(messages, np.array(bad, np.int64), self._position)
-
-
-def _part(value: int, bits: Span | None) -> int:
-    return value if bits is None else value >> bits[0] & (1 << bits[1]) - 1
 
 
 def checks_of(layout: Layout, message: Message, frame: bytes) -> tuple[bool, int, int]:

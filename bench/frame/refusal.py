@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-from bench.frame.element import read_element
-from bench.frame.layout import Field, Layout, Message, Span
+from bench.frame.element import read_part
+from bench.frame.layout import Layout, Message
 from bench.frame.parts import unpacked, why_no_length, wire_length
 from bench.frame.reference import checks_of
 
@@ -51,7 +51,7 @@ def why_refused(layout: Layout, candidate: bytes, due: Message | None = None, ex
 def _message_of(layout: Layout, candidate: bytes, due: Message | None) -> Message | Refusal:
     if layout.type_field is None:
         return layout.messages[0]
-    value = _number(candidate, layout.type_field, layout.type_bits)
+    value = read_part(candidate, layout.type_field, layout.type_bits)
     message = next((item for item in layout.messages if item.type_value == value), layout.unlisted)
     if message is not None and due in (None, message):
         return message
@@ -69,7 +69,7 @@ def _length_of(layout: Layout, candidate: bytes, message: Message) -> int | Refu
             return Refusal("contents", why_no_length(message, candidate[: layout.header]))
         length = fields + layout.tail
     elif layout.length_field is not None:
-        stated = _number(candidate, layout.length_field, layout.length_bits)
+        stated = read_part(candidate, layout.length_field, layout.length_bits)
         length = stated * layout.length_times + layout.length_plus
         by = f"states {length} bytes ({layout.length_field.name} is {stated})"
         if length > layout.max_length:
@@ -81,8 +81,3 @@ def _length_of(layout: Layout, candidate: bytes, message: Message) -> int | Refu
     if len(candidate) < length:
         return Refusal("length", f"is {length} bytes long, of which {len(candidate)} are there")
     return length
-
-
-def _number(candidate: bytes, field: Field, bits: Span | None) -> int:
-    value = int(read_element(candidate, field))
-    return value if bits is None else value >> bits[0] & (1 << bits[1]) - 1
