@@ -29,11 +29,10 @@ from bench.run.feed.server import FeedServer
 from bench.run.feed.state import PROTO, RunState
 from bench.run.guard.health import UNIT
 from bench.run.links.reader import LinkReader
-from bench.run.links.status import silence_s
+from bench.run.links.status import age_s, is_silent
 from bench.run.observers import Observer
 
 FRESH_S = 10.0  # a temperature of the unit that was noted longer ago does not count
-DECODED_S = 62.0  # a rehearsal decodes that seldom: what it received since then may be frames
 
 
 class LiveFeed(Observer):
@@ -174,28 +173,24 @@ def links_of(context: RunContext, now_ns: int) -> dict[str, dict[str, Any]]:
 
 
 def _link(reader: LinkReader, now_ns: int, stale: bool, *, virtual: bool) -> dict[str, Any]:
-    counts, rate_Hz = reader.decoder.counts, reader.rate_Hz
-    newest_ns = reader.last_frame_ns
-    undecided = virtual or reader.decoder.pending_bytes
-    if newest_ns >= 0 and undecided and now_ns - newest_ns < to_ns(DECODED_S):
-        newest_ns = max(newest_ns, reader.last_byte_ns)  # received, and not decoded yet
+    counts, rate_Hz, seconds = reader.decoder.counts, reader.rate_Hz, age_s(reader, now_ns)
     return {
-        "state": _state(reader, now_ns - newest_ns, stale and not virtual),
+        "state": _state(reader, now_ns, stale and not virtual),
         "reason": reader.lost,
         "frames": counts.frames,
         "bad": counts.bad,
         "lost": counts.lost,
         "duplicate": counts.duplicate,
         "rate_Hz": None if math.isnan(rate_Hz) else round(rate_Hz, 3),
-        "age_s": None if newest_ns < 0 else round(max(0, now_ns - newest_ns) / NS, 3),
+        "age_s": None if math.isnan(seconds) else round(seconds, 3),
     }
 
 
-def _state(reader: LinkReader, age_ns: int, stale: bool) -> str:
+def _state(reader: LinkReader, now_ns: int, stale: bool) -> str:
     if reader.lost:
         return "lost"
     if reader.last_frame_ns < 0:
         return "waiting"
-    if age_ns > to_ns(silence_s(reader)):
+    if is_silent(reader, now_ns):
         return "silent"
     return "stale" if stale else "streaming"

@@ -125,7 +125,7 @@ class LinkKeeper(Observer):
         for kept in self._links:
             if kept.reader.lost and kept.trouble != "lost":
                 self._begin(kept, "lost", kept.reader.lost, now_ns)
-            elif not kept.trouble and self._expected(kept) and self._is_silent(kept.reader, now_ns):
+            elif not kept.trouble and self._expected(kept) and is_silent(kept.reader, now_ns):
                 reason = f"no good frame for {age_s(kept.reader, now_ns):.1f} s"
                 self._begin(kept, "silent", reason, now_ns)
             if kept.trouble and not kept.held_ns and self._expected(kept):
@@ -148,10 +148,6 @@ class LinkKeeper(Observer):
     def _active(self) -> bool:
         """False from the moment on when the bench is put away."""
         return self._context.stop.interruptible and not self._context.stop.over
-
-    @staticmethod
-    def _is_silent(reader: LinkReader, now_ns: int) -> bool:
-        return is_silent(reader, now_ns) and not _undecided(reader, now_ns)
 
     def _begin(self, kept: Kept, trouble: Literal["lost", "silent"], reason: str, now_ns: int) -> None:
         if not kept.trouble:
@@ -277,7 +273,7 @@ class LinkKeeper(Observer):
 
     def _note(self, now_ns: int) -> None:
         for kept in self._links:
-            stale = bool(kept.reader.lost) or (is_stale(kept.reader, now_ns) and not _undecided(kept.reader, now_ns))
+            stale = bool(kept.reader.lost) or is_stale(kept.reader, now_ns)
             self._context.health.note(f"{kept.reader.name}_stale", float(stale))
         if now_ns - self._kernel_ns < KERNEL_NS:
             return
@@ -309,12 +305,7 @@ class LinkKeeper(Observer):
 
 def _left_over(reader: LinkReader, now_ns: int) -> bool:
     """Bytes wait to be decoded, and none has followed for long: what they say is the newest there is."""
-    return reader.decoder.pending_bytes > 0 and not _undecided(reader, now_ns)
-
-
-def _undecided(reader: LinkReader, now_ns: int) -> bool:
-    """Bytes that came not long ago and are not decoded may be frames."""
-    return reader.decoder.pending_bytes > 0 and now_ns - reader.last_byte_ns < to_ns(silence_s(reader))
+    return reader.decoder.pending_bytes > 0 and now_ns - reader.last_byte_ns >= to_ns(silence_s(reader))
 
 
 @contextmanager

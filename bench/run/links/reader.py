@@ -125,6 +125,7 @@ class LinkReader:
         self._gate = threading.Lock()  # reading and stamping: the order of the stamps is that of the bytes
         self._arrived: deque[tuple[int, bytes]] = deque()
         self._held = 0
+        self._decoded_ns = -1
         self._marks: deque[tuple[int, int]] = deque(maxlen=_MARKS)
 
     # --- reading ---------------------------------------------------------------------------------------------------
@@ -212,6 +213,7 @@ class LinkReader:
     def decode(self) -> None:
         """Decode what is queued and hand it to the listeners."""
         with self._decoding:
+            now_ns, complete = self.clock.now_ns(), not self._arrived
             if self.decoder.pending_bytes == 0:
                 return
             batch = self.decoder.flush()
@@ -220,6 +222,8 @@ class LinkReader:
                     self._note(message, frames)
             for listener in self.listeners:
                 listener(batch)
+            if complete:
+                self._decoded_ns = now_ns
 
     def _note(self, message: str, frames: MessageBatch) -> None:
         self.newest[message] = frames
@@ -236,6 +240,10 @@ class LinkReader:
             self._marks.append((int(frames.t_ns[0]), self.decoder.counts.frames - len(frames) + together))
         if self.last_frame_ns - self._marks[-1][0] >= NS:
             self._marks.append((self.last_frame_ns, self.decoder.counts.frames))
+
+    def known_ns(self, now_ns: int) -> int:
+        """Time up to which everything received is decoded: now, or the last decoding if bytes have come since."""
+        return self._decoded_ns if self.decoder.pending_bytes or self._arrived else now_ns
 
     @property
     def mid_frame(self) -> bool:

@@ -37,21 +37,21 @@ def silence_s(reader: LinkReader) -> float:
 
 
 def age_s(reader: LinkReader, now_ns: int) -> float:
-    """Age of the newest good frame that is decoded, second; NaN before the first."""
-    return math.nan if reader.last_frame_ns < 0 else (now_ns - reader.last_frame_ns) / NS
+    """Time without a good frame up to the newest byte that is decoded, second; NaN before the first frame."""
+    return math.nan if reader.last_frame_ns < 0 else max(0, reader.known_ns(now_ns) - reader.last_frame_ns) / NS
 
 
 def is_silent(reader: LinkReader, now_ns: int) -> bool:
-    """Frames came, and none does any more; what was received must be decoded."""
-    return reader.last_frame_ns >= 0 and now_ns - reader.last_frame_ns > to_ns(silence_s(reader))
+    """Frames came, and what is decoded has had none for too long."""
+    return reader.last_frame_ns >= 0 and reader.known_ns(now_ns) - reader.last_frame_ns > to_ns(silence_s(reader))
 
 
 def is_stale(reader: LinkReader, now_ns: int) -> bool:
-    """No good frame for two frame periods, or longer than a buffer is left alone; what came must be decoded."""
+    """What is decoded has had no good frame for two frame periods, or for longer than a buffer is left alone."""
     limit_s = STALE_PERIODS * reader.period_s if reader.period_s else SILENCE_S
     if isinstance(reader.link, InstrumentLink):
         limit_s = max(BUFFERED_S, limit_s)
-    return reader.last_frame_ns >= 0 and now_ns - reader.last_frame_ns > to_ns(limit_s)
+    return reader.last_frame_ns >= 0 and reader.known_ns(now_ns) - reader.last_frame_ns > to_ns(limit_s)
 
 
 def status_of(reader: LinkReader, now_ns: int) -> LinkStatus:

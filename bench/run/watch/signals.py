@@ -29,6 +29,7 @@ from bench.run.context import RunContext
 from bench.run.guard.health import CHAMBER_AIR
 from bench.run.links.acquisition import STALE_S
 from bench.run.links.reader import LinkReader
+from bench.run.links.status import age_s
 from bench.run.links.thermometer import TEMPERATURE
 
 KEPT_FRAMES = 200_000  # of the newest frames: more than any record that pulses are timed in has
@@ -139,7 +140,6 @@ class WatchedSignals:
         self._readings = 0
         self._slopes = {"chamber_slope": _Slope(), "unit_slope": _Slope()}
         self._shares = {link: _Share() for link in self._links}
-        self._received: dict[str, tuple[int, int]] = {}
         self._asked = 0
 
     def value(self, rule: InterlockRule) -> float | None:
@@ -241,17 +241,7 @@ class WatchedSignals:
         self.put("link_loss", share.lost, link)
         self.put("link_bad", share.bad, link)
         if reader.last_frame_ns >= 0:
-            self.put("link_age", (now_ns - self._newest_ns(link, reader, counts.bytes, now_ns)) / NS, link)
-
-    def _newest_ns(self, link: str, reader: LinkReader, decoded: int, now_ns: int) -> int:
-        """Receive time of the newest frame; bytes that wait to be decoded count when they came."""
-        pending = reader.decoder.pending_bytes
-        if not pending:
-            return reader.last_frame_ns
-        total = decoded + pending
-        if self._received.get(link, (-1, 0))[0] != total:
-            self._received[link] = (total, now_ns)
-        return max(reader.last_frame_ns, self._received[link][1])
+            self.put("link_age", age_s(reader, now_ns), link)
 
 
 def _bus_of(instrument: Instrument) -> AbstractContextManager[object]:
