@@ -22,6 +22,7 @@ from bench.commands.session_app import AsJson, SessionFolder, batch, export, fit
 from bench.commands.usage import App, completing
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.installed import OWN, checked_package
+from bench.model.lab_code import TRUST
 from bench.model.shipped import find_shipped
 
 app = App(
@@ -66,9 +67,14 @@ def options(
     version: Annotated[
         bool, typer.Option("--version", callback=_print_version, is_eager=True, help="Print the version and exit.")
     ] = False,
+    trust_lab: Annotated[
+        bool, typer.Option("--trust-lab", help="On Windows: load the code of this lab folder, which I have looked at.")
+    ] = False,
 ) -> None:
     """Take the options of ``bench`` itself."""
     del version
+    if trust_lab:
+        os.environ[TRUST] = "1"
 
 
 app.command(epilog="Example: bench init our_lab --name 'Our laboratory' --model NGU --serial 17")(init)

@@ -17,7 +17,7 @@ from bench.analysis.figures import Figure, Table
 from bench.analysis.material import Material
 from bench.model.declaration import AnalysisDeclaration
 from bench.model.errors import FitError
-from bench.model.systems import analyses, named
+from bench.model.systems import analyses, analysis_declaration, named
 
 Documents = list[dict[str, Any]]
 
@@ -72,9 +72,10 @@ class AnalysisModule(Protocol):
 
 def declared_analysis(name: str) -> AnalysisDeclaration:
     """Return the declaration of an analysis. Raises: FitError B-FIT-011 for an unknown name."""
+    declared = analysis_declaration(name)
+    if declared is not None:
+        return declared
     known = analyses()
-    if name in known:
-        return known[name][0]
     close = difflib.get_close_matches(name, known, n=1)
     raise FitError(
         "B-FIT-011",

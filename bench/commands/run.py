@@ -19,7 +19,7 @@ from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.events import event_of
 from bench.plan import Plan
-from bench.run.session import Conducted
+from bench.run.session import Conducted, texts_of
 from bench.session.finish import finish
 from bench.session.happenings import happenings
 from bench.session.output import make_folder, write_file
@@ -123,6 +123,6 @@ def view_of(plan: Plan, done: Conducted) -> SessionView:
         session_sha256=done.session_sha256,
         plan_steps=plan.steps,
         events=[(t_ns, event_of(kind, fields)) for kind, t_ns, fields in done.events],
-        texts=plan.texts,
+        texts=texts_of(plan, done.manifest),
         utc_offset_ns=done.utc_offset_ns,
     )

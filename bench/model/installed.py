@@ -16,6 +16,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Literal
 
+from bench.model import lab_code
 from bench.model.errors import InstallationError
 
 OWN = "inertial-bench"
@@ -126,11 +127,16 @@ def package_of_driver(name: str) -> DriverPackage | None:
 
 
 def simulator_module(driver: str) -> str | None:
-    """Return the name of the module that simulates a driver, None if there is none.
+    """Return the name of the module that simulates a driver, None if there is none; one of the lab folder is loaded.
 
-    Raises: InstallationError B-PKG-001 to B-PKG-003.
+    Raises: InstallationError B-PKG-001 to B-PKG-003, B-LAB-004 to B-LAB-006; InputError B-LAB-001.
     """
     package = package_of_driver(driver)
+    if lab_code.own_code("sim_instruments", driver) is not None:
+        if package is not None:
+            raise lab_code.refused_twice("sim_instruments", driver, package.offer.release)
+        own = lab_code.load("sim_instruments", driver)
+        return None if own is None else own.__name__
     if package is None or not package.simulators:
         return None
     module = f"{package.simulators}.{driver}"

@@ -1,4 +1,4 @@
-"""A laboratory's own folder: ``bench.toml`` at its top, sequences, stations and frames of its own below."""
+"""A laboratory's own folder: ``bench.toml`` at its top, sequences, stations, frames and code of its own below."""
 
 from __future__ import annotations
 
@@ -34,7 +34,10 @@ def lab_here() -> Lab | None:
 
     Raises: InputError B-LAB-001 if its ``bench.toml`` is not as it should be.
     """
-    here = Path.cwd()
+    try:
+        here = Path.cwd()
+    except FileNotFoundError:  # somebody removed it
+        return None
     folder = next((folder for folder in (here, *here.parents) if (folder / FILE).is_file()), None)
     return None if folder is None else Lab(folder.resolve(), _name(folder / FILE))
 

@@ -127,6 +127,24 @@ def is_own(status: os.stat_result, others: int = _OTHERS_WRITE, *, or_of_root: b
     return status.st_uid in owners and not status.st_mode & others
 
 
+def has_owners() -> bool:
+    """Return whether files have owners and rights in the sense of POSIX."""
+    return hasattr(os, "geteuid")
+
+
+def distrust(status: os.stat_result, *, shared: bool = False) -> str:
+    """Return why somebody else may have changed a file or folder, as a predicate; "" if only this user or root may.
+
+    ``shared``: a folder may be everybody's (``/tmp``) if its sticky bit keeps others from what is not theirs in it.
+    The group counts as others. Source: unlink(2), EPERM, for what the sticky bit keeps.
+    """
+    if not is_own(status, 0, or_of_root=True):
+        return f"belongs to {user_name(status.st_uid)}, neither to you nor to root"
+    if is_own(status, or_of_root=True) or (shared and status.st_mode & stat.S_ISVTX):
+        return ""
+    return "can be written to by others"
+
+
 def user_id() -> int:
     """Return the number of this user; 0 where users have none."""
     return os.getuid() if hasattr(os, "getuid") else 0

@@ -1,4 +1,7 @@
-"""The systems that are installed, by their declarations; what a declaration names is loaded when it is asked for."""
+"""The systems that are installed, by their declarations; what a declaration names is loaded when it is asked for.
+
+An analysis of a lab folder belongs to no system: its one file holds its declaration too.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from functools import cache
 from importlib import import_module
 from typing import Any
 
+from bench.model import lab_code
 from bench.model.declaration import AnalysisDeclaration, System
 from bench.model.errors import InstallationError
 from bench.model.installed import Offer, offers, twice
@@ -42,7 +46,10 @@ def _unusable(offer: Offer, why: str) -> InstallationError:
 
 @cache
 def analyses() -> Mapping[str, tuple[AnalysisDeclaration, System, Offer]]:
-    """Return all analyses by name, each with its system. Raises: InstallationError B-PKG-001 if two have one name."""
+    """Return all installed analyses by name, each with its system.
+
+    Raises: InstallationError B-PKG-001 if two have one name.
+    """
     by_name: dict[str, tuple[AnalysisDeclaration, System, Offer]] = {}
     for system, offer in _offered():
         for analysis in system.analyses:
@@ -53,12 +60,34 @@ def analyses() -> Mapping[str, tuple[AnalysisDeclaration, System, Offer]]:
 
 
 def analysis_declaration(name: str) -> AnalysisDeclaration | None:
-    """Return the declaration of an analysis, None for a name that no system has."""
+    """Return the declaration of an analysis, of a system or of the lab folder; None for a name that neither has.
+
+    Raises: InputError B-LAB-001; InstallationError B-LAB-004 to B-LAB-006 for one of the lab folder that cannot be
+            used.
+    """
+    if lab_code.own_code("analyses", name) is not None:
+        return _declaration_of_lab(name)
     return analyses()[name][0] if name in analyses() else None
 
 
+def _declaration_of_lab(name: str) -> AnalysisDeclaration:
+    if name in analyses():
+        raise lab_code.refused_twice("analyses", name, analyses()[name][2].release)
+    module = lab_code.load("analyses", name)
+    assert module is not None
+    declared = getattr(module, "DECLARATION", None)
+    if not isinstance(declared, AnalysisDeclaration) or (declared.name, declared.module) != (name, module.__name__):
+        why = f"holds no DECLARATION with the name {name!r} and the module __name__"
+        raise lab_code.unusable("analyses", name, why)
+    if not declared.methods or getattr(module, "METHODS", None) != declared.methods:
+        raise lab_code.unusable("analyses", name, "METHODS are not the methods of its DECLARATION")
+    if not callable(getattr(module, "analyse", None)):
+        raise lab_code.unusable("analyses", name, "has no function 'analyse'")
+    return declared
+
+
 def system_of_analysis(name: str) -> System | None:
-    """Return the system that an analysis belongs to, None for a name that no system has."""
+    """Return the system that an analysis belongs to, None for one of the lab folder and for an unknown name."""
     return analyses()[name][1] if name in analyses() else None
 
 

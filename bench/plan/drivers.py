@@ -16,10 +16,14 @@ from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord, Pl
 DEFAULT_BUS_S = 0.1
 
 
-@lru_cache(maxsize=64)
 def driver_actions(name: str) -> Mapping[str, Action]:
     """Return declared actions of a driver, by name."""
-    return actions_of(driver_class(name))
+    return _actions(driver_class(name))
+
+
+@lru_cache(maxsize=64)
+def _actions(driver: type) -> Mapping[str, Action]:
+    return actions_of(driver)
 
 
 def driver_ladder_A(name: str) -> tuple[float, ...]:

@@ -13,7 +13,10 @@ from typing import Any
 
 import bench
 from bench.model.installed import package_of_driver
+from bench.model.lab import lab_here
+from bench.model.lab_code import code_used
 from bench.model.systems import analyses
+from bench.plan import Plan
 
 DISTRIBUTION = "inertial-bench"
 PACKAGES = (
@@ -41,6 +44,22 @@ def software(analysis: str = "", drivers: Iterable[str] = ()) -> dict[str, Any]:
         "git": _revision(),
     }
     return {**document, "distributions": _distributions(analysis, drivers)}
+
+
+def lab_of(plan: Plan) -> dict[str, Any]:
+    """Return entry "lab" of the manifest: whose code a run uses, SHA-256 of each file; nothing if it is all installed.
+
+    Raises: InputError B-LAB-001; InstallationError B-LAB-004.
+    """
+    lab, files = lab_here(), code_of_plan(plan)
+    return {} if lab is None or not files else {"lab": {"name": lab.name, "files": files}}
+
+
+def code_of_plan(plan: Plan) -> dict[str, str]:
+    """Return SHA-256 of the lab's files that a run of a plan uses, by place. Raises: as ``lab_of``."""
+    drivers = {entry.driver for entry in plan.station.instruments.values()}
+    analysis = str(plan.campaign.get("analysis", "none"))
+    return code_used(drivers, simulated=plan.station.simulated, analysis=analysis)
 
 
 @cache

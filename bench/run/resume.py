@@ -11,10 +11,12 @@ from typing import Any, Literal
 
 from bench.model.errors import InputError, InstrumentError, SessionDamaged
 from bench.model.events import Answer, End, Environment, Event, Late, Resume, event_of
+from bench.model.lab_code import demand, recorded_code, refuse_others, require_code
 from bench.model.shipped import shipped_folder
 from bench.plan import Plan, PlannedSoak, compile_sequence, load_station, steps_of, steps_sha256
 from bench.record import OPEN_MARKER, Damage, JournalEntry, SessionReader, is_being_written, layout, read_journal
 from bench.run.links.unit import DONE, IDENTIFY
+from bench.run.provenance import code_of_plan
 from bench.run.steps.position import Resumption, last_turn, stopped_at
 from bench.run.steps.setpoints import expected_of
 
@@ -27,8 +29,10 @@ CRASH = "crash or power cut"
 def frozen_plan(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
     """Return the plan of a session: steps as they were stored, everything else from its own YAML texts.
 
-    Nothing outside the session is read. ``files`` of the plan are the shipped files of the same names, if there are.
-    Raises: InputError B-RES-003 (the session holds no plan), SessionDamaged B-RES-004 (texts or plan are not whole).
+    Nothing outside the session is read but code of a lab folder that it asks for.
+    ``files`` of the plan are the shipped files of the same names, if there are.
+    Raises: InputError B-RES-003 (the session holds no plan), InstallationError B-LAB-007 (code of a lab folder is not
+            here), SessionDamaged B-RES-004 (texts or plan are not whole).
     """
     if PLAN not in texts or "sequence" not in manifest:
         raise InputError(
@@ -37,6 +41,7 @@ def frozen_plan(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, s
             where=str(folder),
             next_step="name the folder of a session that 'bench run' has begun",
         )
+    require_code(*recorded_code(manifest))
     steps = steps_of(texts[PLAN], str(folder))
     if steps_sha256(steps) != manifest.get("plan_sha256"):
         raise _not_whole(folder, "its plan has another hash than its manifest says")
@@ -123,7 +128,8 @@ def read_stopped(folder: Path) -> Stopped:
     """Read a session that is to be gone on with.
 
     Raises: InputError B-RES-001 (its run has ended), B-RES-002 (its run goes on in another process), B-RES-003 (no
-            plan), B-REC-010; SessionDamaged B-RES-004, B-REC-012.
+            plan), B-REC-010; InstallationError B-LAB-007 (code of the lab folder is not what it was), B-LAB-004 to
+            B-LAB-006; SessionDamaged B-RES-004, B-REC-012.
     """
     if is_being_written(folder):
         raise InputError(
@@ -134,7 +140,10 @@ def read_stopped(folder: Path) -> Stopped:
         )
     reader = SessionReader(folder)
     manifest = reader.manifest
+    code, lab = recorded_code(manifest)
+    demand(code, lab)
     plan = frozen_plan(folder, manifest, reader.texts)
+    refuse_others(code, code_of_plan(plan), lab)
     events: list[Event] = []
     last_ns, offset_ns = 0, None
     for message in reader.messages():

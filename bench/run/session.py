@@ -15,6 +15,7 @@ from bench.frame import FrameDefinition
 from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError, InputError, RunError
 from bench.model.events import Config, Error, Preflight, Retake
+from bench.model.lab_code import code_texts, recorded_code
 from bench.plan import Plan, plan_json
 from bench.record import Journal, RecordCutter, RecordError, SessionWriter, resume_session
 from bench.run.bench.beginning import begin_safely, check_space, identities_of
@@ -28,7 +29,7 @@ from bench.run.links.acquisition import Acquisition
 from bench.run.links.keeper import keep_links
 from bench.run.links.reader import LinkReader
 from bench.run.observers import AtTerminal, Listener, Observers, Recorder, StoredEvent, patient
-from bench.run.provenance import software
+from bench.run.provenance import lab_of, software
 from bench.run.resume import changed_files, same_instruments
 from bench.run.sequencer import Outcome, Sequencer
 from bench.run.steps.position import Resumption
@@ -100,7 +101,13 @@ def manifest_of(
             "steps": len(plan.steps),
         },
         "software": software(str(plan.campaign["analysis"]), {entry.driver for entry in station.instruments.values()}),
+        **lab_of(plan),
     }
+
+
+def texts_of(plan: Plan, manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return the texts a run is made of: every YAML file, and the lab's code, which nobody executes from a session."""
+    return {**plan.texts, **code_texts(recorded_code(manifest)[0])}
 
 
 def conduct(
@@ -175,7 +182,7 @@ def _begin(
         return resume_session(resumed.folder, resumed.event, t_mono_ns=clock.now_ns()), resumed.manifest
     name = session_name(plan, clock)
     manifest = manifest_of(plan, name, seed, clock, identities, {k: f.sha256 for k, f in plan.definitions().items()})
-    texts = {**plan.texts, "plan.json": plan_json(plan.steps)}
+    texts = {**texts_of(plan, manifest), "plan.json": plan_json(plan.steps)}
     return SessionWriter.create(new_folder(out, name), manifest, texts, t_mono_ns=clock.now_ns()), manifest
 
 

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from bench.analysis import Analysis
 from bench.model.errors import InputError
 from bench.model.events import End, Resume
+from bench.model.lab_code import differing, recorded_code
 from bench.plan import steps_of
 from bench.record import OPEN_MARKER, RecordRow
 from bench.replay import IMPORT, Replayed, moved_rows, replay_rows, replay_series
@@ -47,12 +48,16 @@ def analysed(
 
 
 def read_view(folder: Path, strict: bool = False) -> SessionView:
-    """Return a session as its folder holds it; damage is listed, unless ``strict`` (then SessionDamaged)."""
+    """Return a session as its folder holds it; damage is listed, unless ``strict`` (then SessionDamaged).
+
+    Raises: InstallationError B-LAB-007 if its analysis is of a lab folder, and not here.
+    """
     replayed = replay_rows(folder, strict=strict)
     notes = [*replayed.notes]
     notes += [f"{name} has no end: the run stopped there, or goes on" for name in replayed.unfinished]
     acceptances, not_of_it = known_acceptances(folder, replayed.session_sha256)
     notes += not_of_it
+    notes += _other_code(replayed.manifest)
     series: Mapping[str, NDArray[np.float64]] = {}
     if replayed.manifest.get("kind") == IMPORT:
         imported = replay_series(folder)
@@ -74,6 +79,13 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
         texts=replayed.texts,
         acceptances=acceptances,
     )
+
+
+def _other_code(manifest: Mapping[str, Any]) -> list[str]:
+    """Return a sentence if a lab's analysis has changed since. Raises: InstallationError B-LAB-007 if it is gone."""
+    code, lab = recorded_code(manifest)
+    sentence = differing(code, str(manifest.get("campaign", {}).get("analysis", "none")), lab)
+    return [sentence] if sentence else []
 
 
 def _is_incomplete(folder: Path, replayed: Replayed) -> bool:

@@ -21,9 +21,11 @@ from pathlib import Path
 from typing import Any
 
 from bench import __version__
-from bench.model.errors import InputError
+from bench.model.errors import InputError, InstallationError
 from bench.model.folders import cache_folder
 from bench.model.installed import OWN, offers
+from bench.model.lab import lab_here
+from bench.model.lab_code import own_code_names, sha256_of
 from bench.model.posix import is_own
 from bench.model.segments import OPEN_MARKER, sealed_end, session_segments
 from bench.session.output import write_file
@@ -44,7 +46,7 @@ def key_of(folders: Sequence[Path], options: Mapping[str, Any]) -> str | None:
     Of each segment these are its name, size, times and the end of its data with the record of the hash chain, which
     stands for every byte before it; then what was accepted, all of the software; then how the results are computed.
     """
-    parts: list[Any] = [sorted(options.items()), *_software()]
+    parts: list[Any] = [sorted(options.items()), *_software(), *_of_lab()]
     for folder in folders:
         if (folder / OPEN_MARKER).exists():
             return None
@@ -74,6 +76,14 @@ def _software() -> tuple[str, ...]:
                 digest.update(repr((package, str(path.relative_to(place)))).encode())
                 digest.update(hashlib.sha256(path.read_bytes()).digest())
     return (__version__, digest.hexdigest(), sys.version, platform.machine(), *sorted(_installed()))
+
+
+def _of_lab() -> Iterator[tuple[str, str]]:
+    """Yield the analyses of the lab folder with their hashes; what is refused computes nothing."""
+    lab = lab_here()
+    for name in [] if lab is None else own_code_names("analyses", lab):
+        with suppress(InstallationError):
+            yield name, sha256_of("analyses", name)
 
 
 def _source(folder: Path) -> Iterator[Path]:

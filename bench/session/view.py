@@ -31,6 +31,7 @@ from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake
+from bench.model.lab_code import sha256_of
 from bench.model.yamlio import parse_yaml
 from bench.plan import StationFile, Step
 from bench.record import Damage, RecordRow
@@ -128,6 +129,8 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
         "session_sha256": view.session_sha256,
         "software": SOFTWARE,
     }
+    if code := sha256_of("analyses", str(manifest["campaign"]["analysis"])):
+        provenance["analysis_sha256"] = code
     if view.make_up:
         provenance["make_up_sha256"] = list(view.make_up)
     decision = manifest["campaign"].get("decision")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -15,9 +15,10 @@ from rich import box
 from rich.table import Table
 
 from bench.commands.console import console
-from bench.model.errors import ExitStatus, InputError
+from bench.model.errors import ExitStatus, InputError, InstallationError
 from bench.model.installed import driver_packages
 from bench.model.lab import Lab, lab_here
+from bench.model.lab_code import CodeKind, check_readable, own_code_names, refused_twice
 from bench.model.shipped import KINDS, Kind, own_names, shipped_folder, shipped_names
 from bench.model.systems import analyses
 from bench.model.yamlio import load_yaml
@@ -66,11 +67,27 @@ def _entries(lab: Lab | None) -> Iterator[Entry]:
             assert lab is not None
             yield Entry(kind, name, _title(lab.folder / kind / f"{name}.yaml"), f"{lab.name}, {kind}/{name}.yaml")
         yield from (_shipped(kind, name, name in own) for name in shipped_names(kind))
-    for package in driver_packages():
-        for name in _drivers(package.offer.package):
-            yield Entry("instruments", name, "", package.offer.release)
+    drivers = {name: package.offer for package in driver_packages() for name in _drivers(package.offer.package)}
+    yield from _own_code("instruments", lab, {name: offer.release for name, offer in drivers.items()})
+    for name, offer in drivers.items():
+        yield Entry("instruments", name, "", offer.release)
+    yield from _own_code("analyses", lab, {name: offer.release for name, (_, _, offer) in analyses().items()})
     for name, (_, system, offer) in analyses().items():
         yield Entry("analyses", name, system.name, offer.release)
+
+
+def _own_code(kind: CodeKind, lab: Lab | None, installed: Mapping[str, str]) -> Iterator[Entry]:
+    """Yield the lab's own drivers or analyses; nothing of them is executed, so why one is refused is their title."""
+    for name in [] if lab is None else own_code_names(kind, lab):
+        assert lab is not None
+        title = ""
+        try:
+            if name in installed:
+                raise refused_twice(kind, name, installed[name])
+            check_readable(kind, name)
+        except InstallationError as error:
+            title = f"refused: {error.message}"
+        yield Entry(kind, name, title, f"{lab.name}, {kind}/{name}.py")
 
 
 def _shipped(kind: Kind, name: str, replaced: bool) -> Entry:

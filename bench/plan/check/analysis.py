@@ -28,9 +28,10 @@ def names_made_of_logs(logs: bool) -> list[str]:
 def check_named(document: Document[Sequence], findings: Findings) -> None:
     """Note an analysis that does not exist or is not made of records (B-PLAN-077)."""
     name, known = document.model.analysis, names_made_of_logs(False)
-    if name not in (NONE, *known):
+    declared = None if name == NONE else analysis_declaration(name)
+    if name != NONE and (declared is None or declared.made_of == "logs"):
         where = document.where(("analysis",))
-        if name in names_made_of_logs(True):
+        if declared is not None:
             message = f"the analysis {name!r} is made of imported logs, not of records"
         else:
             message = f"there is no analysis {name!r}{suggestion(name, (NONE, *known))}"

@@ -15,6 +15,7 @@ from pathlib import Path
 from bench.model.clock import Clock
 from bench.model.errors import BenchError, RunError
 from bench.model.events import Guard
+from bench.model.lab_code import code_used
 from bench.plan import Station
 from bench.run.context import RunContext
 from bench.run.control.operator import Answer, Operator, Question
@@ -65,6 +66,7 @@ def brief_of(station: Station, diary: Path) -> Brief:
         silence_s=station.file.guard.silence,
         diary=str(diary.absolute()),
         notify=notice_command(station.file.notify),
+        code=code_used({entry.driver for entry in entries.values()}),
     )
 
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from bench.model.clock import Clock, WallClock, to_ns
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError
+from bench.model.lab_code import demand
 from bench.model.ports import Instrument, actions_of
 from bench.model.posix import signals
 from bench.run.bench.opener import open_instrument, open_visa, unheard
@@ -50,6 +51,7 @@ def main() -> int:
     clock = WallClock()
     controller = Controller(brief.pid)
     visa = open_visa(brief.visa)
+    demand(brief.code, "the run")
     for entry in brief.instruments:
         driver_class(entry.driver)
 
