@@ -17,7 +17,7 @@ def init(
     serial: Annotated[str | None, typer.Option("--serial", help="its serial number")] = None,
     station: Annotated[str | None, typer.Option("--station", help="the simulated bench to begin with")] = None,
 ) -> None:
-    """Make a laboratory's own folder: sequences, stations and frames of its own, found before the installed ones."""
+    """Make a laboratory's own folder: sequences, stations, frames and code of its own."""
     from bench.commands.lab import init as init_command
 
     given = {"name": name, "model": model, "serial": serial, "station": station}

@@ -13,8 +13,9 @@ from bench.commands.console import console
 from bench.commands.schema import schema
 from bench.model.errors import ExitStatus, InputError
 from bench.model.lab import FILE
+from bench.model.lab_code import CODE
 from bench.model.shipped import find_shipped, shipped_folder, shipped_names
-from bench.session.output import write_file
+from bench.session.output import write_file, writing
 
 _TEMPLATES = files("bench.commands.lab") / "templates"
 FIRST_STATION = "af_bench_sim"  # the bench that the first sequence is written for
@@ -22,6 +23,12 @@ _PLACES = {
     "bench_toml": FILE, "readme": "README.md", "laboratory": "laboratory.yaml", "unit_frame": "frames/my_unit.yaml",
     "first_check": "sequences/first_check.yaml", "test_lab": "tests/test_lab.py", "gitignore": ".gitignore",
 }  # fmt: skip
+_CODE = {
+    "instruments": "Drivers that `bench` does not have: `<maker>_<model>.py`, which ends with `DRIVER = TheClass`.",
+    "sim_instruments": "Their simulators, each in a file of the driver's name, which ends with `SIMULATOR = TheClass`.",
+    "analyses": "Analyses of your own: `<name>.py` with `METHODS`, `DECLARATION` and `analyse`.",
+}
+_OTHERS_WRITE = 0o022
 
 
 @dataclass(frozen=True)
@@ -66,13 +73,24 @@ def init(folder: Path, given: dict[str, str | None]) -> int:
             text = f"{getattr(answers, key)!r} is not {what}"
             raise InputError("B-LAB-003", text, where=_QUESTIONS[key][1], next_step="choose another")
     station = find_shipped("stations", answers.station)
+    _make_folders(folder)
     for name, text in _contents(answers, station).items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
         write_file(folder / name, text)
     with chdir(folder):
         schema(Path("schemas"), vscode=True)
     console().print(f"lab folder {folder}: {answers.name}; try: cd {folder} && bench check first_check")
     return ExitStatus.PASS
+
+
+def _make_folders(folder: Path) -> None:
+    """Make the folder and those for code, which nobody else may write to whatever the umask is.
+
+    Raises: InputError B-CLI-007.
+    """
+    for path in (folder, *(folder / kind for kind in CODE)):
+        with writing(path):
+            path.mkdir(parents=True, exist_ok=True)
+            path.chmod(path.stat().st_mode & ~_OTHERS_WRITE)
 
 
 def _asked(key: str, proposed: str) -> str:
@@ -91,6 +109,7 @@ def _contents(answers: Answers, station: Path) -> dict[str, str]:
     values = {"NAME": answers.name, "MODEL": answers.model, "SERIAL": answers.serial, "STATION": own}
     places = {name: place for name, place in _PLACES.items() if name != "first_check" or station.stem == FIRST_STATION}
     written = {place: _filled(template, values) for template, place in places.items()}
+    written |= {f"{kind}/README.md": f"{_CODE[kind]}\n" for kind in CODE}
     return written | {f"stations/{own}.yaml": text.replace(f"station: {station.stem}\n", f"station: {own}\n", 1)}
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -10,8 +11,10 @@ import yaml
 from typer.testing import CliRunner
 
 from bench.cli import app
+from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.lab import lab_here
+from bench.model.lab_code import CODE
 from bench.model.shipped import find_beside, find_shipped, replaced_by_lab, shipped_folder
 
 FLAGS = ("--name", "Our laboratory", "--model", "NGU-2", "--serial", "17")
@@ -43,6 +46,24 @@ def test_a_new_folder_can_be_used_at_once(lab: Path) -> None:
     assert {path.name for path in (lab / "schemas").iterdir()} >= {"sequence.schema.json", "frame.schema.json"}
     for path in lab.rglob("*.yaml"):
         assert "@" not in path.read_text().replace('"@bench"', "").replace("@example.org", "")
+
+
+def test_a_new_folder_takes_code_whatever_the_umask_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    before = os.umask(0o002)
+    try:
+        bench("init", "our_lab", *FLAGS)
+    finally:
+        os.umask(before)
+    for kind in CODE:
+        assert (tmp_path / "our_lab" / kind).stat().st_mode & 0o777 == 0o755
+        assert (tmp_path / "our_lab" / kind / "README.md").read_text().count("\n") == 1
+    monkeypatch.chdir(tmp_path / "our_lab")
+    own = tmp_path / "our_lab" / "instruments" / "our_meter.py"
+    own.write_text("class Meter: ...\n\n\nDRIVER = Meter\n")
+    own.chmod(0o644)
+    assert driver_class("our_meter").__name__ == "Meter"
+    assert "Our laboratory, instruments/our_meter.py" in bench("list", "instruments")
 
 
 def test_everything_is_listed_with_its_origin(lab: Path) -> None:

@@ -1,0 +1,223 @@
+"""Driver, simulator and analysis in a lab folder: the whole line, moved elsewhere, without the folder, changed."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import re
+import shutil
+import statistics
+import subprocess
+import sys
+from http.client import HTTPConnection
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode
+
+import pytest
+from own_lab import ANALYSIS, DRIVER, NAME, SIMULATOR, copied
+from rehearsal import Inside, bench, contents
+
+import bench as bench_module
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import ExitStatus
+
+SESSION = f"sessions/{NAME}"
+READINGS = 10  # of each record
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a lab folder with a session that used its code; for reading only."""
+    lab = copied(tmp_path_factory.mktemp("lab") / "lab").resolve()
+    done = bench("run", "air_mean", "--clock", "virtual", cwd=lab)
+    assert (done.returncode, done.stderr) == (0, ""), done.stderr
+    return lab
+
+
+@pytest.fixture
+def lab(recorded: Path, tmp_path: Path) -> Path:
+    """Return a copy of it at another path, to be changed."""
+    return Path(shutil.copytree(recorded, tmp_path / "moved"))
+
+
+def one_line(done: subprocess.CompletedProcess[str], code: str) -> str:
+    """Return what a refusal says: one line on standard error, exit status 2."""
+    assert (done.returncode, done.stderr.count("\n")) == (ExitStatus.BAD_INPUT, 1), done.stderr
+    assert done.stderr.startswith(f"error {code}: ")
+    return done.stderr
+
+
+def test_the_results_are_the_means_of_the_readings(recorded: Path) -> None:
+    """Held against the statistics module of the standard library and tabulated quantiles."""
+    results = json.loads((recorded / SESSION / "results.json").read_text())
+    readings = bench_module.load(recorded / SESSION).readings
+    assert len(results["estimates"]) == 2
+    for entry in results["estimates"]:
+        values = [float(value) for value in readings.loc[readings["place"] == entry["conditions"]["place"], "value"]]
+        assert len(values) == entry["n"] == READINGS
+        assert entry["value"] == pytest.approx(statistics.mean(values), abs=1e-9)
+        assert entry["std_uncertainty"] == pytest.approx(statistics.stdev(values) / READINGS**0.5, rel=1e-9)
+        assert entry["coverage_factor"] == pytest.approx(2.262, abs=5e-4)  # Student, 9 degrees of freedom
+        assert abs(entry["value"] - 23.0) < 0.6
+    assert coverage_factor(9.0) == pytest.approx(2.262, abs=5e-4)
+
+
+def test_the_session_says_which_code_it_is_of(recorded: Path) -> None:
+    session = bench_module.load(recorded / SESSION)
+    hashes = {
+        place: hashlib.sha256((recorded / place).read_bytes()).hexdigest() for place in (ANALYSIS, DRIVER, SIMULATOR)
+    }
+    assert session.manifest["lab"] == {"name": "Example laboratory", "files": hashes}
+    for place in hashes:
+        assert session.texts[place] == (recorded / place).read_text()
+    results = json.loads((recorded / SESSION / "results.json").read_text())
+    assert results["provenance"]["analysis_sha256"] == hashes[ANALYSIS]
+    assert hashes[DRIVER] in (recorded / SESSION / "report.html").read_text()
+    assert str(recorded).encode() not in (recorded / SESSION / "session.0001.mcap").read_bytes()
+
+
+def test_the_same_seed_gives_the_same_bytes_wherever_the_folder_is(lab: Path, recorded: Path) -> None:
+    shutil.rmtree(lab / "sessions")
+    assert bench("run", "air_mean", "--clock", "virtual", cwd=lab / "stations").returncode == 0
+    assert contents(lab / "stations" / SESSION) == contents(recorded / SESSION)
+
+
+def test_moved_it_is_verified_fitted_replayed_and_reported(lab: Path, inside: Inside) -> None:
+    done = inside("report", "--verify", SESSION, cwd=lab)
+    assert (done.returncode, done.stdout.startswith("identical: ")) == (0, True), done.stdout
+    assert "every number is identical" in inside("replay", SESSION, cwd=lab).stdout
+    fitted = inside("fit", SESSION, cwd=lab)
+    assert fitted.returncode == 0
+    assert "as it is today" not in fitted.stdout
+    before = (lab / SESSION / "report.html").read_bytes()
+    assert inside("report", SESSION, cwd=lab).returncode == 0
+    assert (lab / SESSION / "report.html").read_bytes() == before
+
+
+@pytest.mark.parametrize("command", ["fit", "replay", "report"])
+def test_without_the_folder_the_results_are_refused(
+    recorded: Path, tmp_path: Path, command: str, inside: Inside
+) -> None:
+    said = one_line(inside(command, str(recorded / SESSION), cwd=tmp_path), "B-LAB-007")
+    assert "there is no lab folder here" in said
+    assert ANALYSIS in said
+
+
+def test_without_the_folder_the_recording_is_read(recorded: Path, tmp_path: Path, inside: Inside) -> None:
+    done = inside("export", str(recorded / SESSION), "--to", "csv", "--out", str(tmp_path / "tables"), cwd=tmp_path)
+    assert (done.returncode, "20 rows" in done.stdout) == (0, True), done.stderr
+    done = inside("recover", str(recorded / SESSION), cwd=tmp_path)
+    assert (done.returncode, "B-LAB-007" in done.stdout) == (0, True)
+    assert "nothing is damaged" in done.stdout
+
+
+def test_another_analysis_is_said_with_both_hashes(lab: Path, inside: Inside) -> None:
+    before = hashlib.sha256((lab / ANALYSIS).read_bytes()).hexdigest()
+    (lab / ANALYSIS).write_text((lab / ANALYSIS).read_text() + "\n# changed\n")
+    now = hashlib.sha256((lab / ANALYSIS).read_bytes()).hexdigest()
+    says = f"Computed by {ANALYSIS} as it is today, SHA-256 {now[:12]}; the session was recorded with {before[:12]}."
+    for _ in range(2):  # computed, then kept from before
+        fitted = inside("fit", SESSION, cwd=lab)
+        assert (fitted.returncode, says in " ".join(fitted.stdout.split())) == (0, True), fitted.stdout
+    done = inside("report", "--verify", SESSION, cwd=lab)
+    assert done.returncode == ExitStatus.SESSION_DAMAGED
+    assert f"provenance.analysis_sha256 {before} -> {now}" in " ".join(done.stdout.split())
+
+
+def test_code_in_a_session_is_never_executed(lab: Path, inside: Inside) -> None:
+    """The file is gone, its text is in the session: nothing takes it from there."""
+    (lab / ANALYSIS).unlink()
+    said = one_line(inside("fit", SESSION, cwd=lab), "B-LAB-007")
+    assert f"{lab} has no such file" in said
+
+
+@pytest.mark.parametrize("command", ["list", "check"])
+def test_nothing_is_imported_from_the_folder(lab: Path, command: str) -> None:
+    for name in ("yaml.py", "numpy.py", "stations/yaml.py"):
+        (lab / name).write_text("raise SystemExit('this was executed')\n")
+    words = (command,) if command == "list" else (command, "air_mean")
+    for place in (lab, lab / "stations"):
+        command_line = [sys.executable, "-m", "bench", *words]
+        done = subprocess.run(command_line, capture_output=True, text=True, check=False, cwd=place)
+        assert (done.returncode, "this was executed" in done.stderr) == (0, False), done.stderr
+
+
+def test_what_is_refused_is_listed_and_not_executed(lab: Path, inside: Inside) -> None:
+    for name in ("instruments/hp_3458a.py", "analyses/scale_factor.py"):
+        (lab / name).write_text("raise SystemExit('this was executed')\n")
+    (lab / DRIVER).chmod(0o666)
+    entries = json.loads(inside("list", "--json", cwd=lab).stdout)
+    titles = {entry["origin"]: entry["title"] for entry in entries if "Example laboratory" in entry["origin"]}
+    assert titles[f"Example laboratory, {DRIVER}"] == "refused: can be written to by others"
+    assert titles[f"Example laboratory, {ANALYSIS}"] == ""
+    for name in ("instruments/hp_3458a.py", "analyses/scale_factor.py"):
+        assert titles[f"Example laboratory, {name}"].startswith("refused: ")
+    one_line(inside("check", "air_mean", cwd=lab), "B-LAB-004")
+    one_line(inside("check", "scale_factor_short", cwd=lab), "B-LAB-005")
+
+
+def test_a_mistake_in_a_file_is_said_once(lab: Path, inside: Inside) -> None:
+    (lab / DRIVER).write_text("import numpy\nnumpy.nosuch\n")
+    said = one_line(inside("run", "air_mean", cwd=lab), "B-LAB-006")
+    assert f"{lab / DRIVER}:2: " in said
+    (lab / DRIVER).unlink()
+    assert "B-PLAN-011" in inside("check", "air_mean", cwd=lab).stderr
+
+
+def test_without_owners_it_is_loaded_by_trust(lab: Path) -> None:
+    """On a system without owners of files, as Windows is (tests/support/off_posix.py)."""
+    program = Path(__file__).resolve().parents[2] / "support" / "off_posix.py"
+    commands = [["check", "air_mean"], ["--trust-lab", "check", "air_mean"]]
+    command_line = [sys.executable, str(program), "--all", json.dumps(commands)]
+    done = subprocess.run(command_line, capture_output=True, text=True, check=True, cwd=lab)
+    (refused, _, said), (status, found, _) = json.loads(done.stdout)
+    assert (refused, said.count("\n"), "bench --trust-lab" in said) == (ExitStatus.BAD_INPUT, 1, True)
+    assert (status, "no mistake found" in found) == (0, True)
+
+
+def test_the_option_of_windows_trusts_nothing_here(lab: Path) -> None:
+    (lab / DRIVER).chmod(0o666)
+    one_line(bench("--trust-lab", "check", "air_mean", cwd=lab), "B-LAB-004")
+
+
+@pytest.mark.waits
+@pytest.mark.slow
+def test_the_page_shows_it(lab: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "bench", "serve", "--port", "0"]
+    environment = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path / "config"), "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(
+        command, cwd=lab, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+    ) as server:
+        try:
+            assert server.stdout is not None
+            said = ""
+            while "Ctrl-C" not in said and (line := server.stdout.readline()):
+                said += line
+            found = re.search(r"http://127.0.0.1:(\d+)/", said)
+            assert found is not None, said
+            page = HTTPConnection("127.0.0.1", int(found[1]), timeout=30)
+            cookie = _logged_in(page, found[0].rstrip("/"), said.partition("viewer token: ")[2].split()[0])
+            state: dict[str, Any] = json.loads(_got(page, f"/api/v1/runs/{NAME}", cookie))
+            assert state["state"] == "ended"
+            assert "Mean temperature of the air" in _got(page, f"/api/v1/runs/{NAME}/report", cookie)
+            page.close()
+        finally:
+            server.kill()
+
+
+def _logged_in(page: HTTPConnection, origin: str, token: str) -> str:
+    headers = {"Origin": origin, "Content-Type": "application/x-www-form-urlencoded"}
+    page.request("POST", "/login", urlencode({"name": "kim", "token": token}), headers)
+    reply = page.getresponse()
+    reply.read()
+    return reply.getheader("set-cookie", "").partition(";")[0]
+
+
+def _got(page: HTTPConnection, path: str, cookie: str) -> str:
+    page.request("GET", path, headers={"Cookie": cookie})
+    reply = page.getresponse()
+    text = reply.read().decode()
+    assert reply.status == 200, text
+    return text

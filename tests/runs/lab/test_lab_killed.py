@@ -1,0 +1,108 @@
+"""A run with a driver of a lab folder is killed: its guard makes the bench safe with that driver, resume demands it."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from kill_drill import LONGEST_S, Process, killed, resumable, safe_after_s, session_in
+from own_lab import DRIVER, copied
+from rehearsal import bench
+from served import SAFE_S, Served
+
+from bench.model.processes import GUARD
+from bench.record import SessionReader
+from bench.run.guard.diary import read_diary
+
+pytestmark = pytest.mark.waits
+
+NOBODY = 1 << 22  # a number that no process has
+
+
+def told(lab: Path, code: dict[str, str]) -> tuple[int, str, str]:
+    """Start a guard as a run does, with the hashes of ``code``; its controller is nobody. Status, output and errors."""
+    address = {"role": "thermometer", "driver": "example_t100", "resource": "GPIB0::11::INSTR", "options": {}}
+    brief = {
+        "pid": NOBODY, "visa": "@bench", "instruments": [address], "limits": {}, "silence_s": 60.0,
+        "diary": str(lab / "diary"), "notify": [], "code": code,
+    }  # fmt: skip
+    said = json.dumps(brief) + "\n" + json.dumps({"goodbye": "done"}) + "\n"
+    done = subprocess.run(
+        [sys.executable, "-P", "-m", GUARD], input=said, capture_output=True, text=True, check=False, cwd=lab
+    )
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_the_guard_demands_the_hash(tmp_path: Path) -> None:
+    lab = copied(tmp_path / "lab")
+    (lab / DRIVER).write_text("print('this was executed')\n" + (lab / DRIVER).read_text())
+    status, said, errors = told(lab, {DRIVER: "0" * 64})
+    assert (status, said, errors.count("\n")) == (2, "", 1)
+    assert errors.startswith(f"error B-LAB-007: {DRIVER}: SHA-256 000000000000 of the run is asked for, and ")
+
+
+@pytest.mark.slow
+def test_killed_moved_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    lab, out = copied(tmp_path / "lab"), tmp_path / "out"
+    out.mkdir()
+    monkeypatch.chdir(lab)
+    served = Served(tmp_path / "served", of="t100_bench")
+    try:
+        words = ("--station", str(served.station), "--clock", "wall", "--out", str(out))
+        short = ("--set", "dwell=6 s", "--set", "between=1 s")
+        process = Process(out / "said.txt", "run", "air_mean", *words, *short)
+        try:
+            _first_record(out, process)
+            moment_s = killed(process, out)
+            safe_s, on = safe_after_s(served, moment_s)
+        finally:
+            process.end()
+        folder = session_in(out)
+        assert folder is not None, process.said()
+        assert (on, safe_s <= SAFE_S) == ([], True), (on, safe_s)
+        assert _safe_by_its_guard(folder) == ["thermometer"]
+
+        text = (lab / DRIVER).read_text()
+        (lab / DRIVER).write_text(text + "\n# changed\n")
+        refused = bench("resume", str(folder), cwd=lab)
+        assert (refused.returncode, refused.stderr.count("\n")) == (2, 1), refused.stderr
+        assert f"error B-LAB-007: {DRIVER}: " in refused.stderr
+        (lab / DRIVER).write_text(text)
+        moved = lab.rename(tmp_path / "moved")
+        nowhere = bench("resume", str(folder), cwd=tmp_path)
+        assert (nowhere.returncode, "there is no lab folder here" in nowhere.stderr) == (2, True)
+        resumed = bench("resume", str(folder), cwd=moved)
+        assert resumed.returncode in (0, 1), resumed.stderr
+        results = json.loads((folder / "results.json").read_text())
+        assert {entry["conditions"]["place"] for entry in results["estimates"]} == {1, 2}
+        assert results["quality"]["splices"] == 1
+        verified = bench("report", "--verify", str(folder), cwd=moved)
+        assert (verified.returncode, "identical: " in verified.stdout) == (0, True), verified.stdout
+    finally:
+        served.close()
+
+
+def _first_record(out: Path, process: Process) -> None:
+    """Wait until the first record is in the session: the run is in its second one, or on its way to it."""
+    end_s = process.begun_s + LONGEST_S
+    while process.ended_by(0.0) is None and time.monotonic() < end_s:
+        folder = session_in(out)
+        if folder is not None and resumable(folder) and any(SessionReader(folder).events("record")):
+            return
+        time.sleep(0.2)
+    raise AssertionError(process.said())
+
+
+def _safe_by_its_guard(folder: Path) -> list[str]:
+    """Return the roles that the guard has confirmed safe, when its diary says that it is done."""
+    end_s = time.monotonic() + LONGEST_S
+    while time.monotonic() < end_s:
+        diary = read_diary(folder / "guard.jsonl")
+        if any(entry["what"] in ("safe", "unsafe") for entry in diary):
+            return [entry["role"] for entry in diary if entry["what"] == "instrument" and entry["safe"]]
+        time.sleep(0.1)
+    raise AssertionError("the guard did not end")
