@@ -16,7 +16,8 @@ from bench.analysis.estimates import Estimates
 from bench.analysis.figures import Figure, Table
 from bench.analysis.material import Material
 from bench.model.declaration import AnalysisDeclaration
-from bench.model.errors import FitError
+from bench.model.errors import BenchError, FitError
+from bench.model.lab_code import failed, own_code
 from bench.model.systems import analyses, analysis_declaration, named
 
 Documents = list[dict[str, Any]]
@@ -91,9 +92,32 @@ def analysis_module(name: str) -> AnalysisModule:
 
 
 def analyse(material: Material, method: str | None = None) -> Analysis:
-    """Run the analysis the campaign names, with its default method (the first it declares) unless told otherwise."""
+    """Run the analysis the campaign names, with its default method (the first it declares) unless told otherwise.
+
+    Raises: FitError, B-LAB-008 where an analysis of a lab folder fails.
+    """
     declared = declared_analysis(str(material.campaign.get("analysis", "")))
-    return analysis_module(declared.name).analyse(material, method or declared.methods[0])
+    module, chosen = analysis_module(declared.name), method or declared.methods[0]
+    if own_code("analyses", declared.name) is None:
+        return module.analyse(material, chosen)
+    return _by_lab(declared.name, module, material, chosen)
+
+
+def _by_lab(name: str, module: AnalysisModule, material: Material, method: str) -> Analysis:
+    """Run an analysis of the lab folder; whatever it raises or returns. Raises: FitError B-LAB-008, or its own."""
+    try:
+        analysis: object = module.analyse(material, method)
+    except BenchError:
+        raise
+    except Exception as error:
+        where, message = failed("analyses", name, error)
+        raise FitError(
+            "B-LAB-008", message, where=where, next_step="correct the file, then 'bench fit SESSION'"
+        ) from error
+    if not isinstance(analysis, Analysis):
+        message = f"'analyse' returned {type(analysis).__name__}, and an Analysis is due"
+        raise FitError("B-LAB-008", message, where=f"analyses/{name}.py", next_step="correct the file")
+    return analysis
 
 
 @dataclass(frozen=True)

@@ -8,11 +8,13 @@ installed last wins.
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
+from importlib.machinery import ModuleSpec
 from importlib.metadata import entry_points, packages_distributions
-from importlib.util import find_spec
+from importlib.util import find_spec, module_from_spec
 from pathlib import Path
 from typing import Literal
 
@@ -77,11 +79,13 @@ def checked_package(package: str, distribution: str) -> str:
 
     Nothing of the package is executed. Raises: InstallationError B-PKG-003 for a foreign or damaged one.
     """
-    spec = find_spec(package)
+    spec = _regular(package)
     origin = None if spec is None else spec.origin
     text = "" if origin is None else Path(origin).read_text(encoding="utf-8", errors="replace")
     mark = _MARK.search(text)
     if mark is not None and mark[1] == distribution:
+        if spec is not None and find_spec(package) != spec:
+            _import(spec)
         return text
     owners = packages_distributions().get(package.partition(".")[0], [])
     others = ", ".join(sorted({owner for owner in owners if owner != distribution}))
@@ -92,6 +96,27 @@ def checked_package(package: str, distribution: str) -> str:
         message = f"the package {package!r} of {distribution} is damaged: its __init__.py is not the one installed"
         cure = f"install {distribution} again: pip install --force-reinstall --no-deps {distribution}"
     raise InstallationError("B-PKG-003", message, where=origin or "", next_step=cure)
+
+
+def _regular(package: str) -> ModuleSpec | None:
+    """Return where a package with an ``__init__`` is, None if nowhere.
+
+    A lab folder has folders of such names without one. Python takes the lab's for the package if it was started there
+    and ours is an editable installation, whose finder is asked last.
+    """
+    spec = find_spec(package)
+    if spec is None or spec.origin is not None or "." in package:
+        return spec
+    specs = (finder.find_spec(package, None) for finder in sys.meta_path)
+    return next((other for other in specs if other is not None and other.origin is not None), None)
+
+
+def _import(spec: ModuleSpec) -> None:
+    """Import a package from where it is, for everybody who names it from now on."""
+    assert spec.loader is not None
+    module = module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
 
 
 @dataclass(frozen=True)

@@ -97,6 +97,13 @@ def unusable(kind: CodeKind, name: str, why: str) -> InstallationError:
     return InstallationError("B-LAB-006", why, where=str(own_code(kind, name)), next_step=cure)
 
 
+def failed(kind: CodeKind, name: str, error: Exception) -> tuple[str, str]:
+    """Return where in a lab's file an exception came from, and the exception in words."""
+    path = own_code(kind, name)
+    assert path is not None
+    return _where(path, error), f"{kind}/{name}.py failed: {_in_words(error)}"
+
+
 def code_used(drivers: Collection[str], *, simulated: bool = False, analysis: str = "none") -> dict[str, str]:
     """Return SHA-256 of the lab's files that a run uses, by their place such as ``instruments/my_meter.py``.
 
@@ -247,9 +254,19 @@ def _executed(source: _Source, kind: CodeKind) -> ModuleType:
 
 
 def _not_loaded(source: _Source, kind: CodeKind, error: BaseException) -> InstallationError:
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(source.path)]
-    line = error.lineno if isinstance(error, SyntaxError) else next(reversed(lines), None)
-    where = f"{source.path}{'' if line is None else f':{line}'}"
+    message = f"{kind}/{source.path.name} cannot be loaded: {_in_words(error)}"
+    return InstallationError("B-LAB-006", message, where=_where(source.path, error), next_step="correct the file")
+
+
+def _where(path: Path, error: BaseException) -> str:
+    """Return the file and the line in it that an exception came through last."""
+    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
+    line = (
+        error.lineno if isinstance(error, SyntaxError) and error.filename == str(path) else next(reversed(lines), None)
+    )
+    return f"{path}{'' if line is None else f':{line}'}"
+
+
+def _in_words(error: BaseException) -> str:
     text = " ".join((error.msg if isinstance(error, SyntaxError) else str(error)).split())
-    message = f"{kind}/{source.path.name} cannot be loaded: {type(error).__name__}{f': {text}' if text else ''}"
-    return InstallationError("B-LAB-006", message, where=where, next_step="correct the file")
+    return f"{type(error).__name__}{f': {text}' if text else ''}"

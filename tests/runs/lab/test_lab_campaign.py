@@ -166,6 +166,25 @@ def test_a_mistake_in_a_file_is_said_once(lab: Path, inside: Inside) -> None:
     assert "B-PLAN-011" in inside("check", "air_mean", cwd=lab).stderr
 
 
+@pytest.mark.parametrize(
+    ("body", "says"),
+    [
+        ("    return 1 / 0\n", f"{ANALYSIS}:99: {ANALYSIS} failed: ZeroDivisionError: division by zero"),
+        ("    return 3\n", "'analyse' returned int, and an Analysis is due"),
+    ],
+)
+def test_an_analysis_that_fails_costs_no_recording(lab: Path, inside: Inside, body: str, says: str) -> None:
+    text = (lab / ANALYSIS).read_text()
+    head, _, tail = text.partition("    check_method(")
+    (lab / ANALYSIS).write_text(f"{head}{body}    check_method({tail}")
+    says = says.replace(":99:", f":{head.count(chr(10)) + 1}:")
+    done = inside("run", "air_mean", "--out", "again", cwd=lab)
+    assert (done.returncode, "error B-LAB-008: " in done.stderr, says in done.stderr) == (1, True, True), done.stderr
+    (lab / ANALYSIS).write_text(text)
+    done = bench("fit", f"again/{NAME}", cwd=lab)
+    assert (done.returncode, "temperature" in done.stdout, "as it is today" in done.stdout) == (0, True, True)
+
+
 def test_without_owners_it_is_loaded_by_trust(lab: Path) -> None:
     """On a system without owners of files, as Windows is (tests/support/off_posix.py)."""
     program = Path(__file__).resolve().parents[2] / "support" / "off_posix.py"

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from bench.model import installed, systems
+from bench.model.drivers import driver_class
 from bench.model.errors import InstallationError
 
 CACHES = (
@@ -85,6 +89,22 @@ def test_one_driver_in_two_packages_b_pkg_001(tmp_path: Path, monkeypatch: pytes
     assert installed.simulator_module("probe_7") is None
     with pytest.raises(InstallationError, match="both offer the driver 'hp_3458a'"):
         installed.package_of_driver("hp_3458a")
+
+
+def test_a_folder_of_the_same_name_hides_no_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in a lab folder, beside an editable installation: its finder is asked last."""
+    distribution(tmp_path / "metadata", "stranger", instruments="stranger = stranger_drivers")
+    package(tmp_path / "source", "stranger_drivers", init=OWN_DRIVERS, probe_7="DRIVER = int\n")
+    (tmp_path / "lab" / "stranger_drivers").mkdir(parents=True)
+
+    class Editable(MetaPathFinder):
+        def find_spec(self, name: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+            return PathFinder.find_spec(name, [str(tmp_path / "source")])
+
+    monkeypatch.setattr(sys, "path", [str(tmp_path / "lab"), str(tmp_path / "metadata"), *sys.path])
+    monkeypatch.setattr(sys, "meta_path", [*sys.meta_path, Editable()])
+    assert driver_class("probe_7") is int
+    assert sys.modules["stranger_drivers"].__file__ == str(tmp_path / "source" / "stranger_drivers" / "__init__.py")
 
 
 def test_metadata_older_than_the_source_b_pkg_002(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
