@@ -66,15 +66,8 @@ def load(kind: CodeKind, name: str) -> ModuleType | None:
 
     Raises: InstallationError B-LAB-004 if others can write to it or it is a link, B-LAB-006 if it cannot be loaded.
     """
-    path = own_code(kind, name)
-    if path is None:
-        return None
-    if path not in _LOADED:
-        source = _read(path)
-        _LOADED[path] = source, _executed(source, kind)
-    module = _LOADED[path][1]
-    sys.modules[module.__name__] = module  # where dataclasses and declarations look it up
-    return module
+    source = _source(kind, name)
+    return None if source is None else _module_of(source, kind)
 
 
 def check_readable(kind: CodeKind, name: str) -> None:
@@ -108,7 +101,6 @@ def code_used(drivers: Collection[str], *, simulated: bool = False, analysis: st
     """Return SHA-256 of the lab's files that a run uses, by their place such as ``instruments/my_meter.py``.
 
     ``simulated``: the simulators of the drivers are used, too.
-
     Raises: InputError B-LAB-001; InstallationError B-LAB-004.
     """
     kinds: tuple[CodeKind, ...] = ("instruments", "sim_instruments") if simulated else ("instruments",)
@@ -156,10 +148,10 @@ def demand(recorded: Mapping[str, str], whose: str) -> None:
     """
     for place, sha256 in sorted(recorded.items()):
         kind, name = _parts(place)
-        now = sha256_of(kind, name)
-        if now != sha256:
-            raise _differs(place, sha256, now, whose)
-        load(kind, name)
+        source = _source(kind, name)
+        if source is None or source.sha256 != sha256:
+            raise _differs(place, sha256, "" if source is None else source.sha256, whose)
+        _module_of(source, kind)
 
 
 def refuse_others(recorded: Mapping[str, str], used: Mapping[str, str], whose: str) -> None:
@@ -179,8 +171,8 @@ def differing(recorded: Mapping[str, str], analysis: str, whose: str) -> str:
         raise _differs(place, then, now, whose)
     if then == now:
         return ""
-    before = then[:_SHOWN] or "an installed one"
-    return f"Computed by {place} as it is today, SHA-256 {now[:_SHOWN]}; the session was recorded with {before}."
+    before = f"with {then[:_SHOWN]}" if then else "without it"
+    return f"Computed by {place} as it is today, SHA-256 {now[:_SHOWN]}; the session was recorded {before}."
 
 
 def _differs(place: str, then: str, now: str, whose: str) -> InstallationError:
@@ -237,6 +229,15 @@ def _distrusted(path: Path, why: str) -> InstallationError:
         "code of a lab folder is a file of your own in folders that only you or root can write to (chmod go-w, chown)"
     )
     return InstallationError("B-LAB-004", why, where=str(path), next_step=cure)
+
+
+def _module_of(source: _Source, kind: CodeKind) -> ModuleType:
+    """Return the module of a file, executed at its first use. Raises: InstallationError B-LAB-006."""
+    if source.path not in _LOADED:
+        _LOADED[source.path] = source, _executed(source, kind)
+    module = _LOADED[source.path][1]
+    sys.modules[module.__name__] = module  # where dataclasses and declarations look it up
+    return module
 
 
 def _executed(source: _Source, kind: CodeKind) -> ModuleType:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -14,9 +15,15 @@ from own_lab import DRIVER, copied
 from rehearsal import bench
 from served import SAFE_S, Served
 
+from bench.model.clock import WallClock
+from bench.model.errors import RunError
 from bench.model.processes import GUARD
 from bench.record import SessionReader
+from bench.run.guard.decision import Address, Brief
 from bench.run.guard.diary import read_diary
+from bench.run.guard.health import Health
+from bench.run.guard.start import GuardProcess
+from bench.run.stop import StopSwitch
 
 pytestmark = pytest.mark.waits
 
@@ -43,6 +50,16 @@ def test_the_guard_demands_the_hash(tmp_path: Path) -> None:
     status, said, errors = told(lab, {DRIVER: "0" * 64})
     assert (status, said, errors.count("\n")) == (2, "", 1)
     assert errors.startswith(f"error B-LAB-007: {DRIVER}: SHA-256 000000000000 of the run is asked for, and ")
+
+
+def test_no_run_begins_under_a_guard_that_found_other_code(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(copied(tmp_path / "lab"))
+    address = Address("thermometer", "example_t100", "GPIB0::11::INSTR")
+    brief = Brief(os.getpid(), "@bench", (address,), {}, 2.0, str(tmp_path / "diary"), code={DRIVER: "0" * 64})
+    clock = WallClock()
+    with StopSwitch() as stop, pytest.raises(RunError, match="B-LAB-007") as caught:
+        GuardProcess(brief, Health(clock), stop, clock, lambda event: None).__enter__()
+    assert caught.value.code == "B-RUN-090"
 
 
 @pytest.mark.slow
