@@ -79,6 +79,8 @@ def _declaration_of_lab(name: str) -> AnalysisDeclaration:
     if not isinstance(declared, AnalysisDeclaration) or (declared.name, declared.module) != (name, module.__name__):
         why = f"holds no DECLARATION with the name {name!r} and the module __name__"
         raise lab_code.unusable("analyses", name, why)
+    if declared.made_of == "logs":
+        raise lab_code.unusable("analyses", name, "is made of imported logs, which systems analyse")
     if not declared.methods or getattr(module, "METHODS", None) != declared.methods:
         raise lab_code.unusable("analyses", name, "METHODS are not the methods of its DECLARATION")
     if not callable(getattr(module, "analyse", None)):

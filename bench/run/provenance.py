@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import subprocess
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -16,7 +16,7 @@ from bench.model.installed import package_of_driver
 from bench.model.lab import lab_here
 from bench.model.lab_code import code_used
 from bench.model.systems import analyses
-from bench.plan import Plan
+from bench.plan import Station
 
 DISTRIBUTION = "inertial-bench"
 PACKAGES = (
@@ -46,20 +46,20 @@ def software(analysis: str = "", drivers: Iterable[str] = ()) -> dict[str, Any]:
     return {**document, "distributions": _distributions(analysis, drivers)}
 
 
-def lab_of(plan: Plan) -> dict[str, Any]:
-    """Return entry "lab" of the manifest: whose code a run uses, SHA-256 of each file; nothing if it is all installed.
+def lab_of(station: Station, analysis: str = "none", roles: Collection[str] = ()) -> dict[str, Any]:
+    """Return entry "lab" of a manifest: whose code is used, and SHA-256 of each file; nothing if it is all installed.
 
+    ``roles``: of the instruments that are used (default: all).
     Raises: InputError B-LAB-001; InstallationError B-LAB-004.
     """
-    lab, files = lab_here(), code_of_plan(plan)
+    lab, files = lab_here(), code_of(station, analysis, roles)
     return {} if lab is None or not files else {"lab": {"name": lab.name, "files": files}}
 
 
-def code_of_plan(plan: Plan) -> dict[str, str]:
-    """Return SHA-256 of the lab's files that a run of a plan uses, by place. Raises: as ``lab_of``."""
-    drivers = {entry.driver for entry in plan.station.instruments.values()}
-    analysis = str(plan.campaign.get("analysis", "none"))
-    return code_used(drivers, simulated=plan.station.simulated, analysis=analysis)
+def code_of(station: Station, analysis: str = "none", roles: Collection[str] = ()) -> dict[str, str]:
+    """Return SHA-256 of the lab's files that are used, by place. Arguments and errors: those of ``lab_of``."""
+    drivers = {entry.driver for role, entry in station.instruments.items() if not roles or role in roles}
+    return code_used(drivers, simulated=station.simulated, analysis=analysis)
 
 
 @cache

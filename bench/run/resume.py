@@ -16,7 +16,7 @@ from bench.model.shipped import shipped_folder
 from bench.plan import Plan, PlannedSoak, compile_sequence, load_station, steps_of, steps_sha256
 from bench.record import OPEN_MARKER, Damage, JournalEntry, SessionReader, is_being_written, layout, read_journal
 from bench.run.links.unit import DONE, IDENTIFY
-from bench.run.provenance import code_of_plan
+from bench.run.provenance import code_of
 from bench.run.steps.position import Resumption, last_turn, stopped_at
 from bench.run.steps.setpoints import expected_of
 
@@ -143,7 +143,7 @@ def read_stopped(folder: Path) -> Stopped:
     code, lab = recorded_code(manifest)
     demand(code, lab)
     plan = frozen_plan(folder, manifest, reader.texts)
-    refuse_others(code, code_of_plan(plan), lab)
+    refuse_others(code, code_of(plan.station, str(plan.campaign["analysis"])), lab)
     events: list[Event] = []
     last_ns, offset_ns = 0, None
     for message in reader.messages():

@@ -101,7 +101,7 @@ def manifest_of(
             "steps": len(plan.steps),
         },
         "software": software(str(plan.campaign["analysis"]), {entry.driver for entry in station.instruments.values()}),
-        **lab_of(plan),
+        **lab_of(station, str(plan.campaign["analysis"])),
     }
 
 

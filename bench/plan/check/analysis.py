@@ -9,6 +9,8 @@ from collections.abc import Mapping
 from difflib import get_close_matches
 
 from bench.model.declaration import AnalysisDeclaration, Limit
+from bench.model.lab import lab_here
+from bench.model.lab_code import own_code_names
 from bench.model.systems import analyses, analysis_declaration, system_of_analysis
 from bench.model.units import parse_quantity
 from bench.model.yamlio import Document
@@ -21,8 +23,10 @@ NONE = "none"
 
 
 def names_made_of_logs(logs: bool) -> list[str]:
-    """Return the names of the analyses that are made of imported logs, or of all others."""
-    return [name for name, (analysis, _, _) in analyses().items() if (analysis.made_of == "logs") == logs]
+    """Return the names of the analyses that are made of imported logs, or of all others; a lab's own are of these."""
+    lab = lab_here()
+    own = [] if lab is None or logs else own_code_names("analyses", lab)
+    return [*own, *(name for name, (analysis, _, _) in analyses().items() if (analysis.made_of == "logs") == logs)]
 
 
 def check_named(document: Document[Sequence], findings: Findings) -> None:

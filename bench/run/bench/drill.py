@@ -34,7 +34,7 @@ from bench.run.guard.diary import read_diary
 from bench.run.guard.guarding import DIARY, GuardTask, station_lock
 from bench.run.guard.health import CHAMBER_AIR, Health
 from bench.run.hold.standing import drives
-from bench.run.provenance import software
+from bench.run.provenance import lab_of, software
 from bench.run.stop import StopSwitch
 
 SAFE_S = 5.0  # how soon after the kill every output must be off
@@ -91,6 +91,7 @@ def drill(station: Station, station_path: Path, out: Path, clock: Clock) -> dict
         "trials": [{**asdict(trial), "passed": trial.passed} for trial in trials],
         "identities": identities,
         "software": software(),
+        **lab_of(station),
     }
     (folder / RESULT).write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
     return {**document, "folder": str(folder)}

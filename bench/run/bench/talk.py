@@ -7,12 +7,13 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.model.clock import NS, Clock
+from bench.model.lab_code import code_texts, recorded_code
 from bench.plan import Station
 from bench.record import SessionWriter
 from bench.run.bench.opener import open_bench
 from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.observers import Observers, Recorder
-from bench.run.provenance import software
+from bench.run.provenance import lab_of, software
 
 
 class TalkSession:
@@ -41,8 +42,9 @@ class TalkSession:
             "identities": {role: asdict(identity)},
             "standards": station.standards(),
             "software": software(),
+            **lab_of(station, roles=[role]),
         }
-        texts = {f"stations/{station.name}.yaml": station.document.text}
+        texts = {f"stations/{station.name}.yaml": station.document.text, **code_texts(recorded_code(manifest)[0])}
         self._writer = SessionWriter.create(self.folder, manifest, texts, t_mono_ns=clock.now_ns())
         self._writer.clock_pair(clock.now_ns(), clock.utc_ns())
         transcript.attach(Observers(clock, Recorder(self._writer)))

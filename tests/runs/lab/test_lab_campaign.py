@@ -16,6 +16,7 @@ from typing import Any
 from urllib.parse import urlencode
 
 import pytest
+from import_sample import LOG, SHORT
 from own_lab import ANALYSIS, DRIVER, NAME, SIMULATOR, copied
 from rehearsal import Inside, bench, contents
 
@@ -164,6 +165,22 @@ def test_a_mistake_in_a_file_is_said_once(lab: Path, inside: Inside) -> None:
     assert f"{lab / DRIVER}:2: " in said
     (lab / DRIVER).unlink()
     assert "B-PLAN-011" in inside("check", "air_mean", cwd=lab).stderr
+
+
+def test_an_instrument_by_hand_leaves_a_session_that_names_its_code(lab: Path, inside: Inside) -> None:
+    done = inside("talk", "thermometer", "*IDN?", "--station", "t100_bench", "--out", "talks", cwd=lab)
+    assert (done.returncode, done.stdout.splitlines()[0]) == (0, "EXAMPLE,T100,SIM100,1.0"), done.stderr
+    (session,) = (lab / "talks").iterdir()
+    assert sorted(bench_module.load(session).manifest["lab"]["files"]) == [DRIVER, SIMULATOR]
+
+
+def test_a_slip_of_the_pen_and_a_log_are_told(lab: Path, inside: Inside) -> None:
+    sequence = lab / "sequences" / "air_mean.yaml"
+    sequence.write_text(sequence.read_text().replace("analysis: air_mean", "analysis: air_maen"))
+    assert "did you mean 'air_mean'" in inside("check", "air_mean", cwd=lab).stderr
+    (lab / "log.csv").write_text(LOG)
+    (lab / "log.yaml").write_text(SHORT + "analysis: air_mean\n")
+    assert "made of a bench's records, not of a log" in inside("import", "log.yaml", "log.csv", cwd=lab).stderr
 
 
 @pytest.mark.parametrize(

@@ -172,6 +172,7 @@ def test_a_driver_is_named_by_its_file(lab: Path) -> None:
     ("old", "new", "says"),
     [
         ('"air_mean", __name__', '"another", __name__', "holds no DECLARATION with the name 'air_mean'"),
+        ('"readings"', '"logs"', "is made of imported logs"),
         ("__name__", '"bench.systems.north"', "holds no DECLARATION"),
         ("DECLARATION =", "DECLARED =", "holds no DECLARATION"),
         ("__name__, METHODS,", '__name__, ("other",),', "METHODS are not the methods"),
