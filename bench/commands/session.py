@@ -56,9 +56,11 @@ def _differences(stored: Any, now: Any) -> tuple[list[Difference], int]:
 
 def _why(stored: Mapping[str, Any], results: Mapping[str, Any]) -> str:
     """Return what to look at first: the recording, the software, or else the file of results."""
-    recordings = [document.get("provenance", {}).get("session_sha256") for document in (stored, results)]
-    if recordings[0] != recordings[1]:
+    then, now = (document.get("provenance", {}) for document in (stored, results))
+    if then.get("session_sha256") != now.get("session_sha256"):
         return "results.json is of another recording, or this one is not whole: 'bench recover' says which"
+    if then.get("analysis_sha256") != now.get("analysis_sha256"):
+        return "the analysis of the lab folder is another file today; the text of the run's own is in the session"
     if software_of(stored) != software_of(results):
         return f"compare the software: stored {software_of(stored)}, now {software_of(results)}"
     return "the recording and the software are the same, so results.json was changed, or made on another machine"

@@ -125,6 +125,10 @@ def test_another_analysis_is_said_with_both_hashes(lab: Path, inside: Inside) ->
     done = inside("report", "--verify", SESSION, cwd=lab)
     assert done.returncode == ExitStatus.SESSION_DAMAGED
     assert f"provenance.analysis_sha256 {before} -> {now}" in " ".join(done.stdout.split())
+    done = inside("replay", SESSION, cwd=lab)
+    assert done.returncode == ExitStatus.SESSION_DAMAGED
+    assert (says in " ".join(done.stdout.split()), "1 values differ" in done.stderr) == (True, True)
+    assert "the analysis of the lab folder is another file today" in done.stderr
 
 
 def test_code_in_a_session_is_never_executed(lab: Path, inside: Inside) -> None:
