@@ -4,6 +4,7 @@ from bench.plan.check.analysis import names_made_of_logs
 from bench.plan.check.everything import check_plan
 from bench.plan.check.stations import check_station
 from bench.plan.compile import compile_sequence
+from bench.plan.decision import FAIL, HOLD, PlannedDecision, decisions_of, left_out_by
 from bench.plan.drivers import declared_action, driver_actions
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language.graphs import Graph, GraphEntry, graphs_of, names_in
@@ -24,7 +25,7 @@ from bench.plan.language.mapping import (
 from bench.plan.language.notices import Mail, Notify, Webhook, web_address
 from bench.plan.language.sequence import Early
 from bench.plan.plan import Phase, Plan, SetPoint, Step, steps_sha256
-from bench.plan.readings import is_reading, roles_of, round_count
+from bench.plan.readings import is_answered, is_reading, roles_of, round_count
 from bench.plan.schemas import json_schemas, mapping_schema, vscode_settings
 from bench.plan.served import served_station
 from bench.plan.station import Date, Station, StationFile, load_station
@@ -48,6 +49,8 @@ from bench.plan.summary import SECOND_BYTES, Summary, summarise
 __all__ = [
     "CHAMBER",
     "ELAPSED",
+    "FAIL",
+    "HOLD",
     "ISO",
     "MEASUREMENT",
     "ROWS",
@@ -71,6 +74,7 @@ __all__ = [
     "Plan",
     "PlannedCall",
     "PlannedCommand",
+    "PlannedDecision",
     "PlannedPrompt",
     "PlannedRecord",
     "PlannedSend",
@@ -87,11 +91,14 @@ __all__ = [
     "check_plan",
     "check_station",
     "compile_sequence",
+    "decisions_of",
     "declared_action",
     "driver_actions",
     "graphs_of",
+    "is_answered",
     "is_reading",
     "json_schemas",
+    "left_out_by",
     "load_mapping",
     "load_station",
     "mapping_model",

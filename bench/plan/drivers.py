@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Action, actions_of
+from bench.plan.findings import Findings
 from bench.plan.plan import Step
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
+from bench.plan.ways import walk
 
 DEFAULT_BUS_S = 0.1
 
@@ -69,15 +71,35 @@ def bus_s(step: Step, station: Station) -> float:
 
 
 def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:
-    """Return the same steps; ``bus_s`` of each settle step is the bus time of the calls that share it, second."""
-    done: list[Step] = []
-    total_s = 0.0
-    for step in steps:
+    """Return the same steps; ``bus_s`` of each settle step is the bus time of the calls that share it, second.
+
+    Behind a decision it is the longest of all ways that lead to the step.
+    """
+    steps = tuple(steps)
+    longest_s: dict[int, float] = {}
+
+    def take(shared: _Shared, step: Step) -> None:
         if step.on_the_bus:
-            total_s += bus_s(step, station)
+            shared.bus_s += bus_s(step, station)
         elif isinstance(step, PlannedSettle | PlannedSoak | PlannedRecord):
-            if isinstance(step, PlannedSettle):
-                step = replace(step, bus_s=round(total_s, 9))
-            total_s = 0.0
-        done.append(step)
-    return tuple(done)
+            longest_s[step.number] = max(round(shared.bus_s, 9), longest_s.get(step.number, 0.0))
+            shared.bus_s = 0.0
+
+    walk(steps, _Shared(), take, Findings())
+    return tuple(
+        replace(step, bus_s=longest_s.get(step.number, 0.0)) if isinstance(step, PlannedSettle) else step
+        for step in steps
+    )
+
+
+@dataclass
+class _Shared:
+    """Bus time of the calls since the last step that waits, second."""
+
+    bus_s: float = 0.0
+
+    def copy(self) -> _Shared:
+        return _Shared(self.bus_s)
+
+    def key(self) -> float:
+        return self.bus_s

@@ -141,7 +141,10 @@ class Expander:
         if role not in self.station.instruments or attribute != "range":
             raise UnknownVariable(f"{{{role}.{attribute}}} is unknown{suggestion(role, self.station.instruments)}")
         if role not in self.levels_A:
-            raise UnknownVariable(f"{{{role}.range}} is unknown: no level was programmed on {role} before")
+            raise UnknownVariable(
+                f"{{{role}.range}} is unknown: no level was programmed on {role} before, "
+                "or not the same on every way through a decision"
+            )
         level_A, found_A = self.levels_A[role], self.ranges_A[role]
         if level_A is None:
             return None

@@ -18,15 +18,20 @@ def suggestion(word: str, known: Iterable[str]) -> str:
 
 
 class Findings:
-    """Mistakes in order of discovery; the same code at the same place from the same origin is listed once."""
+    """Mistakes in order of discovery; the same code at the same place from the same origin is listed once.
+
+    ``way``: the decisions that lead to where the check is now, "" where there are none.
+    """
 
     def __init__(self) -> None:
+        self.way = ""
         self._found: dict[tuple[str, str, str], InputError] = {}
 
     def add(self, code: str, where: str, message: str, next_step: str = "", origin: str = "") -> None:
         """Note a mistake; ``origin`` says where a wrong value was written, if that is another place."""
         if (code, where, origin) not in self._found:
             text = f"{message} (from {origin})" if origin else message
+            text = f"{text}, where {self.way}" if self.way else text
             self._found[code, where, origin] = InputError(code, text, where=where, next_step=next_step)
 
     def extend(self, error: InputError) -> None:

@@ -15,7 +15,7 @@ from bench.plan.language.sequence import Early
 from bench.plan.station import Station
 
 Phase = Literal["prepare", "campaign", "finally"]
-StepKind = Literal["call", "settle", "record", "soak", "prompt", "verify", "unit", "send"]
+StepKind = Literal["call", "settle", "record", "soak", "prompt", "verify", "unit", "send", "decide"]
 
 
 Place = tuple[int, Phase, float, float, str, str, Mapping[str, Any], str]  # values of the fields of every step

@@ -6,9 +6,10 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from bench.model.ports import Action, Effect
+from bench.plan.decision import PlannedDecision
 from bench.plan.language.steps import Record
 from bench.plan.plan import Step
-from bench.plan.step_kinds import WIRING, PlannedCall, PlannedRecord
+from bench.plan.step_kinds import WIRING, PlannedCall, PlannedPrompt, PlannedRecord
 from bench.plan.values import Quantity, Scope, plain
 
 if TYPE_CHECKING:
@@ -26,6 +27,22 @@ def reading_calls(step: Step) -> tuple[PlannedCall, ...]:
 def roles_of(steps: Iterable[Step]) -> set[str]:
     """Return the roles and links that steps use, those that records read among them."""
     return {call.role for step in steps for call in (step, *reading_calls(step))}
+
+
+def is_read_by(decision: PlannedDecision, step: Step) -> bool:
+    """Return whether a step takes the reading that a decision asks for."""
+    if isinstance(step, PlannedPrompt):
+        return not decision.role and step.quantity == decision.name
+    return any(
+        (call.role, call.name) == (decision.role, decision.name) and is_answered(decision, call.arguments)
+        for call in (step, *reading_calls(step))
+        if isinstance(call, PlannedCall)
+    )
+
+
+def is_answered(decision: PlannedDecision, arguments: Mapping[str, Any]) -> bool:
+    """Return whether a reading of its action with these arguments is the one it asks for: as far as it names them."""
+    return all(name in arguments and arguments[name] == value for name, value in decision.arguments.items())
 
 
 def reading_place(index: int, argument: str) -> str:

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, Self
 
 from bench.model.errors import SessionDamaged
+from bench.plan.decision import PlannedDecision
 from bench.plan.plan import PLACE, ROW, Place, SetPoint, Step, StepKind
 
 CHAMBER = "chamber"  # role of the instrument that holds the air's temperature
@@ -219,6 +220,7 @@ KINDS: Mapping[StepKind, type[Step]] = {
         PlannedSoak,
         PlannedPrompt,
         PlannedCommand,
+        PlannedDecision,
     )
 }
 

@@ -13,9 +13,10 @@ from bench.plan.check.actions import Judged
 from bench.plan.check.state import BenchState
 from bench.plan.drivers import declared_action
 from bench.plan.findings import Findings
-from bench.plan.plan import Plan
+from bench.plan.plan import Plan, Step
 from bench.plan.readings import round_count
 from bench.plan.step_kinds import PlannedCall, PlannedRecord, PlannedSend, PlannedSoak
+from bench.plan.ways import walk
 
 STEP_BYTES = 400  # events, commands and replies of a step, with their envelopes
 SECOND_BYTES = 150  # chunk and message indexes of a second
@@ -65,17 +66,20 @@ def _hazards(plan: Plan) -> Iterator[str]:
     declared = cache(partial(declared_action, plan.station))
     calls: dict[Effect, list[PlannedCall]] = {effect: [] for effect in Effect}
     state = BenchState(plan, plan.station, Findings())  # what holds energy before every instrument is made safe
+
+    def take(state: BenchState, step: Step) -> None:
+        judged = Judged(None, {})
+        if isinstance(step, PlannedCall):
+            judged = Judged(declared(step.role, step.name), step.arguments)
+        state.take(step, judged)
+
     for step in plan.steps:
-        if not isinstance(step, PlannedCall):
-            state.take(step, Judged(None, {}))
-            continue
-        action = declared(step.role, step.name)
-        if action is not None:
+        if isinstance(step, PlannedCall) and (action := declared(step.role, step.name)) is not None:
             calls[action.effect].append(step)
-        state.take(step, Judged(action, step.arguments))
+    ends = walk(plan.steps, state, take, Findings())
     for told in (_stimulus, _thermal, _power, _motion, _raw, _afterwards):
         yield from told(plan, calls)
-    for role in sorted(state.energised):
+    for role in sorted({role for end in ends for role in end.energised}):
         yield f"{role}: on until it is made safe at the end"
 
 

@@ -8,10 +8,20 @@ from typing import Any
 
 from bench.plan import leaves
 from bench.plan.channels import channel_numbers
+from bench.plan.deciding import expand_choose, expand_if, expand_while
 from bench.plan.expand import MAX_STEPS, Expander, Path
 from bench.plan.findings import suggestion
 from bench.plan.language import sequence as language
-from bench.plan.language.steps import VERBS, ChannelPick, ForStep, ProcedureStep, TimelineEntry
+from bench.plan.language.steps import (
+    VERBS,
+    ChannelPick,
+    ChooseStep,
+    ForStep,
+    IfStep,
+    ProcedureStep,
+    TimelineEntry,
+    WhileStep,
+)
 from bench.plan.values import Channel, Quantity, Scope, named, plain, traced
 
 MAX_CALLS = 20
@@ -46,6 +56,12 @@ class Unroller:
                 self._loop(step, here, scope)
             elif isinstance(step, ProcedureStep):
                 self._procedure(step, here, scope)
+            elif isinstance(step, IfStep):
+                expand_if(self._plan, step, here, scope, self.run)
+            elif isinstance(step, WhileStep):
+                expand_while(self._plan, step, here, scope, self.run)
+            elif isinstance(step, ChooseStep):
+                expand_choose(self._plan, step, here, scope, self.run)
             else:
                 leaves.expand(self._plan, step, here, scope)
 

@@ -20,6 +20,7 @@ from bench.run.control.operator import Operator
 from bench.run.guard.health import SEQUENCER, Health
 from bench.run.links.acquisition import Acquisition
 from bench.run.observers import Observers
+from bench.run.steps.decided import Decided
 from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch
 
@@ -66,6 +67,7 @@ class RunContext:
     ``ahead`` holds the windows that are open before their record step, by number of the step.
     ``manifest`` is the session's; ``observers`` hear everything that happens; ``earlier`` are the commands and replies
     of instruments from before the session.
+    ``decided``: what was read and decided, by the events written so far.
     ``operate`` does on a simulated bench what a person did by a prompt (name, value).
     """
 
@@ -94,9 +96,11 @@ class RunContext:
     operate: Callable[[str, Any], None] = lambda name, value: None
     in_use: InUse = field(default_factory=InUse)
     health: Health = field(init=False)
+    decided: Decided = field(init=False)
 
     def __post_init__(self) -> None:
         self.health = Health(self.clock)
+        self.decided = Decided(self.plan.steps)
         self.stop.on_check = lambda: self.health.alive(SEQUENCER)
         for name, reader in self.acquisition.readers.items():
             reader.listeners.append(partial(self.observers.batch, name))
@@ -117,6 +121,7 @@ class RunContext:
     def event(self, event: Event) -> None:
         """Write an event with the time of now, then tell everybody. Raises: RecordError."""
         self.observers.event(event)
+        self.decided.take(event)
 
     def note(self, event: Event) -> None:
         """Write an event that nothing depends on; a disk that refuses it changes nothing."""

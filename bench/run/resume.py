@@ -10,10 +10,10 @@ from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 from bench.model.errors import InputError, InstrumentError, SessionDamaged
-from bench.model.events import Answer, End, Environment, Event, Late, Resume, event_of
+from bench.model.events import Answer, Decision, End, Environment, Event, Late, Prompt, Reading, Resume, event_of
 from bench.model.lab_code import demand, recorded_code, refuse_others, require_code
 from bench.model.shipped import shipped_folder
-from bench.plan import Plan, PlannedSoak, compile_sequence, load_station, steps_of, steps_sha256
+from bench.plan import Plan, PlannedSoak, compile_sequence, left_out_by, load_station, steps_of, steps_sha256
 from bench.record import OPEN_MARKER, Damage, JournalEntry, SessionReader, is_being_written, layout, read_journal
 from bench.run.links.unit import DONE, IDENTIFY
 from bench.run.provenance import code_of
@@ -188,6 +188,7 @@ def resumption(stopped: Stopped, utc_ns: int) -> Resumption:
     return Resumption(
         stopped.folder, stopped.manifest, position.start, event, position.records, position.withdrawn,
         expected_of(stopped.entries), _unit_answer(stopped.events), _was_settled(stopped, position.start),
+        tuple(event for event in stopped.events if isinstance(event, Decision | Prompt | Reading)),
     )  # fmt: skip
 
 
@@ -199,7 +200,10 @@ def _unit_answer(events: list[Event]) -> bytes | None:
 
 def _was_settled(stopped: Stopped, start: int) -> bool:
     """Return False if the soak before a step was left unstable; then records behind it say so until it is redone."""
-    soak = next((step.number for step in reversed(stopped.plan.steps[:start]) if isinstance(step, PlannedSoak)), None)
+    steps = stopped.plan.steps
+    left_out = {number for stretch in left_out_by(steps, stopped.events) for number in stretch}
+    soaks = (step.number for step in reversed(steps[:start]) if isinstance(step, PlannedSoak))
+    soak = next((number for number in soaks if number not in left_out), None)
     late = (event for event in stopped.events if isinstance(event, Late))
     return not any(event.step == soak and event.policy == "skip" for event in late)
 

@@ -24,7 +24,7 @@ from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
 from bench.run.steps.setpoints import setpoint_of
 from bench.run.steps.timing import Timeline
-from bench.run.stop import Interruption, Wish, unforeseen
+from bench.run.stop import DECISION, Interruption, Wish, unforeseen
 
 CHAMBER_ASTRAY = ("B-RUN-031", "B-RUN-071")  # a temperature not reached, an interlock that ends the run
 PHASES: tuple[PhaseName, ...] = ("prepare", "campaign", "finally")
@@ -121,7 +121,7 @@ class Sequencer:
         attempts: dict[int, int] = {}  # by number of the verify step
         holds: dict[int, int] = {}  # for an instrument that was silent, by number of the step
         try:
-            while position < len(steps):
+            while (position := self._passed_over(steps, position)) < len(steps):
                 count = context.record_count
                 try:
                     self._execute(steps[position])
@@ -141,11 +141,24 @@ class Sequencer:
             self._slip_ns += context.timeline.slip_ns
             self._lateness_ns += context.timeline.lateness_ns
 
+    def _passed_over(self, steps: Sequence[Step], position: int) -> int:
+        """Return the first position from one on that no decision has left out; what is passed over is noted."""
+        first, left_out = position, self._context.decided.left_out
+        while position < len(steps) and steps[position].number in left_out:
+            position += 1
+        if position > first:
+            stop = self._done = steps[position - 1].number + 1
+            why = "the decision before does not take them"
+            self._context.event(Skip(by=DECISION, reason=why, first=steps[first].number, stop=stop))
+        return position
+
     def _behind(self, steps: Sequence[Step], position: int) -> int:
         """Return where to go on behind a step: the next one, or behind all that a failed check leaves out."""
         step = steps[position]
-        left_out = step.number in self._context.failed
-        return behind(self._context.plan.steps, step) - steps[0].number if left_out else position + 1
+        if step.number not in self._context.failed:
+            return position + 1
+        self._context.timeline.done_s = None
+        return behind(self._context.plan.steps, step) - steps[0].number
 
     def _again(self, error: RunError, steps: Sequence[Step], position: int, attempts: dict[int, int]) -> int:
         """Return where to go on after a verify step failed: its point is taken again while attempts are left."""
@@ -155,6 +168,7 @@ class Sequencer:
         if not isinstance(step, PlannedVerify) or record is None or tried >= record.retry:
             raise error
         attempts[step.number] = tried + 1
+        self._context.timeline.done_s = None
         first = record.retry_step - steps[0].number
         self._context.message(f"{error.where}: {error.message}; the point is taken again")
         tables_back(self._context, steps[first].number, steps[first:position])
@@ -170,6 +184,7 @@ class Sequencer:
     def _interrupted(self, wish: Wish, steps: Sequence[Step], position: int, holds: dict[int, int]) -> int:
         """Return where to go on after a wish: hold and retake go back to the beginning of the point, skip behind it."""
         context = self._context
+        context.timeline.done_s = None
         first = point_start(steps, position, self._readings)
         if wish.kind == "hold":
             began_ns = context.clock.now_ns()
@@ -207,6 +222,7 @@ class Sequencer:
         context = self._context
         context.stop.check()
         context.observers.step(step, (context.clock.now_ns() - self._start_ns) / NS)
+        context.timeline.bring_forward(step.at_s)
         context.timeline.reach(step.at_s)
         context.failed.discard(step.number)
         execute(context, step)
@@ -215,12 +231,13 @@ class Sequencer:
         set_to = setpoint_of(step, context.instruments)
         self._journal_step(step.number, step.phase, context.clock.now_ns(), step.conditions, set_to)
         self._done = step.number + 1
+        context.timeline.done_s = step.at_s + step.duration_s
 
     def _retake(self, reason: str, again: Sequence[Step]) -> None:
         """Take back every record of the steps that are done again."""
         context = self._context
         for step in again:
-            if isinstance(step, PlannedRecord):
+            if isinstance(step, PlannedRecord) and step.number not in context.decided.left_out:
                 context.event(Retake(record=context.record_count, reason=reason))
                 context.rows.pop(context.record_count, None)
                 context.record_count -= 1

@@ -272,6 +272,8 @@ class _Run:
         if self.resumed is not None:
             context.record_count = self.resumed.records
             context.unit_answer, context.settled = self.resumed.unit_answer, self.resumed.settled
+            for event in self.resumed.read:
+                context.decided.take(event)
             for number in self.resumed.withdrawn:
                 reason = "its point was not finished when the run stopped"
                 context.event(Retake(record=number, reason=reason))

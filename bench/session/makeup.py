@@ -27,6 +27,7 @@ from bench.plan import (
     PlannedSoak,
     PlannedVerify,
     Step,
+    decisions_of,
     declared_action,
 )
 from bench.session.record_states import VALID, RecordState
@@ -47,21 +48,7 @@ def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, in
     again = [state for state in states if state.state != VALID]
     if not again:
         raise InputError("B-RES-007", "every record is valid, there is nothing to make up", next_step="'bench fit'")
-    for state in again:
-        if state.step.samples:
-            raise InputError(
-                "B-RES-008",
-                "records of samples on a table cannot be taken again one by one: each depends on how it was mounted",
-                where=state.step.where,
-                next_step="'bench resume' goes on with the run; else run the campaign again",
-            )
-        if state.step.follows or "window_index" in state.step.conditions:
-            raise InputError(
-                "B-RES-008",
-                "records without a gap over a changing temperature cannot be taken again one by one",
-                where=state.step.where,
-                next_step="'bench resume' goes on with the ramp; else run the campaign again",
-            )
+    _refuse(plan, again)
     overlap = _overlap(plan, states, again)
     chosen = sorted([*again, *overlap], key=lambda state: (state.state != VALID, state.step.number))
     name = f"{plan.name}_make_up"
@@ -79,6 +66,32 @@ def make_up_sequence(plan: Plan, states: Sequence[RecordState]) -> tuple[str, in
     lines += _section("finally", plan, plan.phase("finally"))
     lines += ["procedures:", *_procedures(plan, chosen)]
     return "\n".join(lines) + "\n", len(again), len(overlap)
+
+
+def _refuse(plan: Plan, again: Sequence[RecordState]) -> None:
+    """Raise InputError B-RES-008 for records that cannot be taken again one by one."""
+    for state in again:
+        if state.step.samples:
+            raise InputError(
+                "B-RES-008",
+                "records of samples on a table cannot be taken again one by one: each depends on how it was mounted",
+                where=state.step.where,
+                next_step="'bench resume' goes on with the run; else run the campaign again",
+            )
+        if state.step.follows or "window_index" in state.step.conditions:
+            raise InputError(
+                "B-RES-008",
+                "records without a gap over a changing temperature cannot be taken again one by one",
+                where=state.step.where,
+                next_step="'bench resume' goes on with the ramp; else run the campaign again",
+            )
+    for decision in decisions_of(plan.steps)[:1]:
+        raise InputError(
+            "B-RES-008",
+            "the sequence decides by what it reads, so its records cannot be taken again one by one",
+            where=decision.where,
+            next_step="'bench resume' goes on with the run; else run the campaign again",
+        )
 
 
 def _section(name: str, plan: Plan, steps: Sequence[Step]) -> list[str]:

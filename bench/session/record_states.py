@@ -11,7 +11,7 @@ from typing import Any
 from bench.analysis import count_problem, flag_problem
 from bench.model.events import Skip
 from bench.model.systems import analysis_declaration, named
-from bench.plan import MEASUREMENT, PlannedRecord, Step
+from bench.plan import MEASUREMENT, PlannedRecord, Step, left_out_by
 from bench.record import RecordRow
 from bench.replay import Replayed
 
@@ -34,12 +34,16 @@ class RecordState:
 
 
 def record_states(steps: Sequence[Step], replayed: Replayed) -> list[RecordState]:
-    """Return state of every measuring record of the campaign phase, in the order of the plan."""
+    """Return state of every measuring record of the campaign phase, in the order of the plan.
+
+    One that a decision has left out is none that is due.
+    """
     rows = {row.window.step: row for row in replayed.rows}
     skips = [event for _, event in replayed.events if isinstance(event, Skip)]
     reached = max(rows, default=-1)
     problems = {row.window.step: problem for row, problem in _problems(replayed)}
-    records = measuring(steps)
+    left_out = {n for stretch in left_out_by(steps, (event for _, event in replayed.events)) for n in stretch}
+    records = [record for record in measuring(steps) if record.number not in left_out]
     sampled = {record.number for record in records if record.samples}
     problems |= {number: sample_problem(row) for number, row in rows.items() if number in sampled}
     return [

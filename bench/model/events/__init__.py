@@ -27,6 +27,7 @@ from bench.model.events.event import Event, Severity
 from bench.model.events.stored import event_of
 from bench.model.events.taken import (
     Answer,
+    Decision,
     Environment,
     Exchange,
     Preflight,
@@ -52,8 +53,8 @@ from bench.model.events.trouble import (
 )
 
 __all__ = [
-    "OPERATOR", "Alarm", "Answer", "ClockStep", "Closed", "Config", "Control", "Disk", "End", "Environment", "Error",
-    "Event", "Exchange", "Gap", "Guard", "Hold", "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify",
+    "OPERATOR", "Alarm", "Answer", "ClockStep", "Closed", "Config", "Control", "Decision", "Disk", "End", "Environment",
+    "Error", "Event", "Exchange", "Gap", "Guard", "Hold", "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify",
     "Overrun", "Phase", "Preflight", "Prompt", "PromptAlarm", "Reading", "Record", "Reentry", "Release", "Resume",
     "Retake", "Safe", "Settled", "Severity", "Skip", "Slip", "StimulusAlarm", "Surroundings", "Verdict",
     "by_instrument", "event_of",

@@ -27,6 +27,7 @@ from bench.model.events.course import (
 from bench.model.events.event import Event
 from bench.model.events.taken import (
     Answer,
+    Decision,
     Environment,
     Exchange,
     Preflight,
@@ -54,9 +55,9 @@ from bench.model.events.trouble import (
 _CLASSES: Mapping[str, type[Event]] = {
     model.kind: model
     for model in (
-        Alarm, Answer, ClockStep, Closed, Config, Control, Disk, End, Environment, Error, Exchange, Gap, Guard, Hold,
-        Inhibit, Interlock, Late, Link, Notify, Overrun, Phase, Preflight, Prompt, Reading, Record, Reentry, Release,
-        Resume, Retake, Safe, Settled, Skip, Slip, Surroundings, Verdict,
+        Alarm, Answer, ClockStep, Closed, Config, Control, Decision, Disk, End, Environment, Error, Exchange, Gap,
+        Guard, Hold, Inhibit, Interlock, Late, Link, Notify, Overrun, Phase, Preflight, Prompt, Reading, Record,
+        Reentry, Release, Resume, Retake, Safe, Settled, Skip, Slip, Surroundings, Verdict,
     )
 }  # fmt: skip
 _ALARMS: Mapping[object, type[Alarm]] = {"hold": HoldAlarm, "stimulus": StimulusAlarm, "prompt": PromptAlarm}

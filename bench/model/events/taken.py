@@ -50,6 +50,25 @@ class Reading(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Decision(Event):
+    """A step has decided by what was read last: ``word`` if, while or choose; ``outcome``: the branch that is done.
+
+    ``readings``: each with name, value (None if it has none), unit, the step that took it and the arguments that were
+    asked for; empty if none was taken.
+    """
+
+    kind: ClassVar[str] = "decision"
+    at_terminal: ClassVar[bool] = True
+    step: int
+    word: str
+    readings: Sequence[Mapping[str, Any]]
+    outcome: str
+
+    def _words(self) -> str:
+        return f"step {self.step}: {self.word} {', '.join(map(_read, self.readings)) or 'not read'}: {self.outcome}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Answer(Event):
     """The unit answered a command that carries no number; ``payload`` in hex."""
 
@@ -105,6 +124,12 @@ class Prompt(Event):
     def _words(self) -> str:
         value = "done" if self.value is None else f"{self.value:g} {self.unit}"
         return f"{self.text} {value} ({self.by})"
+
+
+def _read(reading: Mapping[str, Any]) -> str:
+    value = reading.get("value")
+    shown = f"{value:.6g} {reading.get('unit')}" if isinstance(value, int | float) else "without a value"
+    return f"{reading.get('name')} {shown}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection
+from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from importlib import import_module
 from typing import Any
@@ -31,6 +32,7 @@ from bench.plan.plan import Plan, Step
 from bench.plan.readings import roles_of
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
+from bench.plan.ways import walk
 
 SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")  # a folder of the session is named after it
 NO_SERIAL = "is not a serial number: letters, digits, '.', '_' and '-', at most 40"
@@ -63,17 +65,20 @@ def check_plan(plan: Plan, station: Station | None = None, start_utc_ns: int | N
 def check_steps(
     plan: Plan, station: Station, findings: Findings, doubtful: Collection[int] = frozenset()
 ) -> BenchState:
-    """Note the mistakes of the steps alone; returns the state of the bench after the last one.
+    """Note the mistakes of the steps alone, on every way through them; returns a state with all that they use.
 
     ``doubtful`` are the numbers of steps whose duration could not be read.
     """
     actions = ActionCheck(plan, station, findings)
     state = BenchState(plan, station, findings)
-    for step in plan.steps:
+
+    def take(state: BenchState, step: Step) -> None:
         state.take(step, actions.check(step))
         if isinstance(step, PlannedRecord):
             check_record(plan, step, state, findings)
             _check_readings(step, actions, state, station, findings)
+
+    walk(plan.steps, state, take, findings)
     _bus_time(plan, findings, doubtful)
     check_windows(plan, station, findings, doubtful)
     check_poses(plan, station, findings)
@@ -95,23 +100,39 @@ def _check_readings(
 
 def _bus_time(plan: Plan, findings: Findings, doubtful: Collection[int]) -> None:
     """Calls need a settle time (or a soak) after them that is long enough; a record must not wait for the bus."""
-    first: Step | None = None
-    for step in plan.steps:
+
+    def take(bus: _Bus, step: Step) -> None:
+        first = bus.first
         if step.on_the_bus:
-            first = step if first is None else first
+            bus.first = step if first is None else first
         elif isinstance(step, PlannedSettle):
             if step.bus_s > step.duration_s and step.number not in doubtful:
                 message = f"the calls before it take up to {step.bus_s:g} s; it lasts {step.duration_s:g} s"
                 origin = plan.origins[step.number].get(DURATION, "")
                 findings.add("B-PLAN-060", step.where, message, "settle longer, or call less", origin)
-            first = None
+            bus.first = None
         elif isinstance(step, PlannedRecord) and first is not None:
             if not isinstance(first, PlannedVerify) and not step.follows:
                 message = f"{first.role}.{first.name} is followed by a record without a settle time"
                 findings.add("B-PLAN-061", step.where, message, "add a settle step before the record")
-            first = None
+            bus.first = None
         elif isinstance(step, PlannedSoak):
-            first = None
+            bus.first = None
+
+    walk(plan.steps, _Bus(), take, findings)
+
+
+@dataclass
+class _Bus:
+    """The first of the calls that no settle time has followed yet."""
+
+    first: Step | None = None
+
+    def copy(self) -> _Bus:
+        return _Bus(self.first)
+
+    def key(self) -> int:
+        return -1 if self.first is None else self.first.number
 
 
 def _due_dates(plan: Plan, station: Station, start_utc_ns: int, findings: Findings) -> None:

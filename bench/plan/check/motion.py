@@ -9,7 +9,9 @@ Earth's rate from these conditions, and a wrong one becomes a wrong number witho
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Hashable, Iterator, Mapping
+from copy import copy
+from dataclasses import dataclass, field
 from typing import Any
 
 from bench.model.ports import Action, Effect
@@ -18,6 +20,7 @@ from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord
+from bench.plan.ways import walk
 
 _LIMITED = ("rate", "acceleration")
 _SET_LIMITS = "set_limits"
@@ -39,6 +42,16 @@ class MotionState:
         self._axes = {role: _axes_of(actions) for role, actions in tables.items()}
         self._limits: dict[tuple[str, Any], Mapping[str, Any]] = {}
         self.may_move: dict[str, str] = {}
+
+    def copy(self) -> MotionState:
+        """Return a state that goes on by itself."""
+        other = copy(self)
+        other._limits, other.may_move = dict(self._limits), dict(self.may_move)
+        return other
+
+    def key(self) -> Hashable:
+        """Return what tells the state from others."""
+        return repr(sorted(self._limits.items(), key=repr)), tuple(sorted(self.may_move.items()))
 
     def call(self, step: Step, action: Action, usable: Mapping[str, Any]) -> None:
         """Apply one call to a table; note what it breaks."""
@@ -108,19 +121,34 @@ def _axes_of(actions: Mapping[str, Action]) -> tuple[Any, ...]:
 
 def check_poses(plan: Plan, station: Station, findings: Findings) -> None:
     """Note records whose conditions differ from where the table was sent, and from what prompts set (B-PLAN-076)."""
-    angles: dict[str, float | None] = {}
-    was_set: dict[str, Any] = {}
-    for step in plan.steps:
+
+    def take(pose: _Pose, step: Step) -> None:
         if isinstance(step, PlannedPrompt):
-            was_set |= step.sets
+            pose.was_set |= step.sets
         elif isinstance(step, PlannedCall) and _moves(step, station):
-            _follow(step, angles)
+            _follow(step, pose.angles)
         elif isinstance(step, PlannedRecord | PlannedCommand):
-            wrong = [*_poses(step, angles), *_sets(step.conditions, was_set)]
+            wrong = [*_poses(step, pose.angles), *_sets(step.conditions, pose.was_set)]
             if wrong:
                 what = "record" if isinstance(step, PlannedRecord) else "command"
                 message = f"the {what} says what the bench does not do: " + "; ".join(wrong)
                 findings.add("B-PLAN-076", step.where, message, "correct the conditions, or the steps before it")
+
+    walk(plan.steps, _Pose(), take, findings)
+
+
+@dataclass
+class _Pose:
+    """Where the axes were sent, None if nobody knows, and what prompts have set, by name."""
+
+    angles: dict[str, float | None] = field(default_factory=dict)
+    was_set: dict[str, Any] = field(default_factory=dict)
+
+    def copy(self) -> _Pose:
+        return _Pose(dict(self.angles), dict(self.was_set))
+
+    def key(self) -> Hashable:
+        return repr((sorted(self.angles.items()), sorted(self.was_set.items())))
 
 
 def _moves(step: Step, station: Station) -> bool:

@@ -7,16 +7,19 @@ a wrong one becomes a wrong number without any other sign.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Hashable, Iterator, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from bench.model.ports import Effect
 from bench.plan.check.state import BenchState
+from bench.plan.decision import decisions_of
 from bench.plan.drivers import bus_s, declared_action
 from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedCall, PlannedPrompt, PlannedRecord, PlannedVerify
+from bench.plan.ways import walk
 
 
 def check_record(plan: Plan, step: Step, state: BenchState, findings: Findings) -> None:
@@ -99,22 +102,47 @@ def check_windows(plan: Plan, station: Station, findings: Findings, doubtful: Co
 
     ``doubtful`` are the numbers of steps whose duration could not be read.
     """
-    before: PlannedRecord | None = None
-    gap = "no record stands before it"
-    calls: list[Step] = []
-    for step in plan.steps:
-        if before is not None and before.phase != step.phase:
-            gap, before = f"the record before it belongs to '{before.phase}'", None
-        if step.on_the_bus:
-            calls.append(step)
-        elif not isinstance(step, PlannedRecord) and not _act(step):
-            before, gap = None, f"a {step.kind} step stands between it and the record before"
+    joins = {branch.stop for decision in decisions_of(plan.steps) for branch in decision.branches}
+
+    def take(chain: _Chain, step: Step) -> None:
+        if step.number in joins:
+            chain.breaks("the branches of a decision end between it and the record before")
+        chain.take(step)
         if not isinstance(step, PlannedRecord):
-            continue
+            return
         if step.follows:
-            _follows(step, before, gap, findings)
-            _calls(step, calls if before is not None else [], station, findings, step.number in doubtful)
-        before, calls = step, []
+            _follows(step, chain.before, chain.gap, findings)
+            calls = list(chain.calls) if chain.before is not None else []
+            _calls(step, calls, station, findings, step.number in doubtful)
+        chain.before, chain.calls = step, ()
+
+    walk(plan.steps, _Chain(), take, findings)
+
+
+@dataclass
+class _Chain:
+    """The record that another one could follow, why none could (``gap``), and the calls since then."""
+
+    before: PlannedRecord | None = None
+    gap: str = "no record stands before it"
+    calls: tuple[Step, ...] = ()
+
+    def copy(self) -> _Chain:
+        return replace(self)
+
+    def key(self) -> Hashable:
+        return self.before and self.before.number, self.gap, tuple(call.number for call in self.calls)
+
+    def breaks(self, why: str) -> None:
+        self.before, self.gap = None, why
+
+    def take(self, step: Step) -> None:
+        if self.before is not None and self.before.phase != step.phase:
+            self.breaks(f"the record before it belongs to '{self.before.phase}'")
+        if step.on_the_bus:
+            self.calls = (*self.calls, step)
+        elif not isinstance(step, PlannedRecord) and not _act(step):
+            self.breaks(f"a {step.kind} step stands between it and the record before")
 
 
 def _act(step: Step) -> bool:

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Hashable, Mapping
+from copy import copy
 from typing import Any
 
 from bench.model.drivers import driver_class
@@ -21,6 +22,7 @@ from bench.plan.step_kinds import PlannedCall, PlannedPrompt, PlannedSend, Plann
 
 _ENERGY = (Effect.STIMULUS_ON, Effect.POWER, Effect.THERMAL, Effect.MOTION_ON)
 _RELEASES = ("output_off", "stop")
+_FOLLOWED = ("energised", "output_on", "unknown", "untrusted", "closed", "level_A", "range_A", "meter_A")
 _OVER_RANGE = 1.2  # a meter reads up to 120 % of a range
 
 
@@ -58,6 +60,19 @@ class BenchState:
         self.used_A: dict[str, set[float]] = {}
         self.meter_A: dict[str, float] = {}
         self.target_degC: float | None = None
+
+    def copy(self) -> BenchState:
+        """Return a state that goes on by itself; the ranges that are used are collected from both."""
+        other = copy(self)
+        for name in _FOLLOWED:
+            setattr(other, name, copy(getattr(self, name)))
+        other.motion = self.motion.copy()
+        return other
+
+    def key(self) -> Hashable:
+        """Return what tells the state from others."""
+        followed = (getattr(self, name) for name in _FOLLOWED)
+        return tuple(_told(value) for value in followed), self.target_degC, self.motion.key()
 
     def take(self, step: Step, judged: Judged) -> None:
         """Apply one step; note what it breaks."""
@@ -208,6 +223,10 @@ class BenchState:
         if not safe:
             message = f"from here on {role} ({entry.driver}) has no way to a safe state: its driver has no make_safe"
             self._findings.add("B-PLAN-075", step.where, message)
+
+
+def _told(value: Mapping[str, Any] | set[str]) -> Hashable:
+    return frozenset((key, repr(of)) for key, of in value.items()) if isinstance(value, Mapping) else frozenset(value)
 
 
 def _only_asks(text: str) -> bool:

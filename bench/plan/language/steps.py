@@ -19,13 +19,14 @@ from pydantic import (
 
 from bench.model.units import parse_quantity
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
+from bench.plan.language.comparison import Comparison
 from bench.plan.values import ACTION_PATTERN, ActionName, Scalar, templated, within
 
 Duration = Annotated[Any, *templated("s", 0.0, 1e7)]
 Arguments = dict[Name, Scalar]
 Text = Annotated[str, StringConstraints(min_length=1, max_length=2000)]
 _CLOCK = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d)")
-VERBS = ("for", "settle", "record", "soak", "prompt", "verify", "unit", "test", "send")
+VERBS = ("for", "if", "while", "choose", "settle", "record", "soak", "prompt", "verify", "unit", "test", "send")
 
 
 def _one_entry(value: dict[Any, Any]) -> None:
@@ -251,6 +252,55 @@ class ForStep(StrictModel):
     do: list[Step_] = Field(min_length=1)
 
 
+def _reading_tag(value: object) -> str:
+    return "<quantity>" if isinstance(value, str) and "." not in value else "<call>"
+
+
+ReadBefore = Annotated[
+    Annotated[Name, Tag("<quantity>")] | Annotated[CallStep, Tag("<call>")], Discriminator(_reading_tag)
+]
+
+
+class Condition(Comparison):
+    """A comparison of what was read last: by an action of an instrument, or the quantity of a prompt."""
+
+    reading: ReadBefore
+
+
+class IfStep(StrictModel):
+    """Do ``then`` if the condition holds, ``else`` if it does not or the reading is missing."""
+
+    if_: Condition = Field(alias="if")
+    then: list[Step_] = Field(min_length=1)
+    else_: list[Step_] | None = Field(None, alias="else")
+
+
+class WhileStep(StrictModel):
+    """Repeat ``do`` while the condition holds, ``at_most`` so many times; ``{turn}`` counts from 1.
+
+    ``else`` says what happens if it holds even then, or if the reading is missing.
+    """
+
+    while_: Condition = Field(alias="while")
+    at_most: int = Field(strict=True, ge=1, le=1000)
+    do: list[Step_] = Field(min_length=1)
+    else_: Literal["fail", "hold", "go_on"] | None = Field(None, alias="else")
+
+
+class Case(Comparison):
+    """What is done if the reading compares so."""
+
+    do: list[Step_] = Field(min_length=1)
+
+
+class ChooseStep(StrictModel):
+    """Do the first of the cases that fits the reading, ``else`` if none fits or the reading is missing."""
+
+    choose: ReadBefore
+    cases: list[Case] = Field(min_length=1)
+    else_: list[Step_] | None = Field(None, alias="else")
+
+
 _PROCEDURE = f"^(?!(?:{'|'.join(VERBS)})$){NAME_PATTERN}$"
 
 
@@ -279,6 +329,9 @@ def step_tag(value: object) -> str | None:
 _MESSAGE = f"not a step; write role.action, a procedure, or one mapping with one of: {', '.join(VERBS)}"
 Step_ = Annotated[
     Annotated[ForStep, Tag("<for>")]
+    | Annotated[IfStep, Tag("<if>")]
+    | Annotated[WhileStep, Tag("<while>")]
+    | Annotated[ChooseStep, Tag("<choose>")]
     | Annotated[SettleStep, Tag("<settle>")]
     | Annotated[RecordStep, Tag("<record>")]
     | Annotated[SoakStep, Tag("<soak>")]
@@ -291,7 +344,8 @@ Step_ = Annotated[
     | Annotated[ProcedureStep, Tag("<procedure>")],
     Discriminator(step_tag, custom_error_type="step", custom_error_message=_MESSAGE),
 ]
-ForStep.model_rebuild()
+for _holder in (ForStep, IfStep, WhileStep, Case, ChooseStep):
+    _holder.model_rebuild()
 
 
 class TimelineEntry(StrictModel):

@@ -59,6 +59,7 @@ class LiveFeed(Observer):
             places={role: (entry.driver, entry.resource) for role, entry in station.instruments.items()},
             signals=[{"name": signal.name, "unit": signal.unit, "decimals": signal.decimals} for signal in signals],
             graphs=[asdict(graph) for graph in graphs_of(entries, frames, context.measurement_link)],
+            left_out=context.decided.left_out,
         )
         self.state.on_start(_began(context.manifest, self._utc_s(clock.now_ns())))
         for line in context.earlier:

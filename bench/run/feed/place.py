@@ -12,6 +12,7 @@ from typing import Any
 
 from bench.model.events import (
     Answer,
+    Decision,
     Event,
     Late,
     Overrun,
@@ -25,11 +26,14 @@ from bench.model.events import (
     Skip,
     Slip,
 )
-from bench.plan import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, Step
+from bench.plan import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, Step, left_out_by
 from bench.run.feed.planned import PlannedRun
 from bench.run.steps.position import point_start
+from bench.run.stop import DECISION
 
-_SEEN: Mapping[str, type[Event]] = {"record": Record, "verify": Reading, "prompt": Prompt, "unit": Answer}
+_SEEN: Mapping[str, type[Event]] = {
+    "record": Record, "verify": Reading, "prompt": Prompt, "unit": Answer, "decide": Decision,
+}  # fmt: skip
 SLOPE_S = 600.0
 LONG_CALL_S = 2.0  # an instrument that takes longer to do what it was told is waited for
 _KEPT = 400
@@ -106,9 +110,11 @@ class Place:
             case Reentry() if not self._resumed_at:
                 self._shift(event.seconds)
             case Skip() if not self._live and 0 < event.stop < len(self._plan.steps):
-                self._seen = event.stop - 1
-                self._next = self._plan.next_telling(self._seen)
-                self._leave(self._plan.steps[event.stop], t)
+                self._on_skip(event, self._plan.steps[event.stop], t)
+            case Decision():
+                self._plan.leave_out(n for stretch in left_out_by(self._plan.steps, [event]) for n in stretch)
+                if not self._live:
+                    self._bear_out(event, t)
             case Record() | Reading() | Prompt() | Answer() if not self._live:
                 self._bear_out(event, t)
 
@@ -123,6 +129,13 @@ class Place:
             self._seen = first.number - 1
             self._next = self._plan.next_telling(self._seen)
             self._leave(first, t)
+
+    def _on_skip(self, event: Skip, following: Step, t: float) -> None:
+        self._seen = event.stop - 1
+        self._next = self._plan.next_telling(self._seen)
+        if event.by == DECISION and self.step is not None and self.step.phase == following.phase:
+            self._origin = t - following.at_s  # its planned time is left out too
+        self._leave(following, t)
 
     def _on_slip(self, event: Slip) -> None:
         if event.reason == "soak" and self._late is not None:
@@ -140,7 +153,7 @@ class Place:
         else:
             self._shift(event.seconds)
 
-    def _bear_out(self, event: Record | Reading | Prompt | Answer, t: float) -> None:
+    def _bear_out(self, event: Record | Reading | Prompt | Answer | Decision, t: float) -> None:
         """An event that names its step proves that it is done, a record also when."""
         step = self._numbered(event.step)
         if step is None or _SEEN.get(step.kind) is not type(event):

@@ -13,7 +13,7 @@ What makes runs late are soaks. ``latest`` adds
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -21,7 +21,7 @@ from bench.model.units import format_quantity
 from bench.plan import MEASUREMENT, PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step
 
 ORDER = ("prepare", "campaign", "finally")
-TELLING = ("prompt", "record", "unit", "verify")  # kinds of step that always leave an event in the session
+TELLING = ("decide", "prompt", "record", "unit", "verify")  # kinds of step that always leave an event in the session
 SHARE = 0.10
 LOOSE = 0.005
 MARGIN_S = 30.0
@@ -33,22 +33,32 @@ def is_measurement(conditions: Mapping[str, Any]) -> bool:
 
 
 class PlannedRun:
-    """The steps of a plan by phase; times are planned seconds of a phase."""
+    """The steps of a plan by phase; times are planned seconds of a phase.
 
-    def __init__(self, steps: Sequence[Step]) -> None:
+    Steps that a decision has left out stay among ``steps``, whose indices are their numbers, and count nowhere else.
+    """
+
+    def __init__(self, steps: Sequence[Step], left_out: Iterable[int] = ()) -> None:
         self.steps = tuple(steps)
-        self._first = dict.fromkeys(ORDER, 0)
-        self._starts: dict[str, list[float]] = {phase: [] for phase in ORDER}
         self.length_s = dict.fromkeys(ORDER, 0.0)
-        for index, step in enumerate(self.steps):
-            if not self._starts[step.phase]:
-                self._first[step.phase] = index
-            self._starts[step.phase].append(step.at_s)
+        for step in self.steps:
             self.length_s[step.phase] = max(self.length_s[step.phase], step.at_s + step.duration_s)
         self._until_s = self._ends()
         self.total_s = sum(self.length_s.values())
-        self.soaks = tuple(step for step in self.steps if isinstance(step, PlannedSoak))
-        self.thermal = tuple(step for step in self.steps if step.set_point is not None)
+        self._left_out: set[int] = set()
+        self.leave_out(left_out)
+
+    def leave_out(self, numbers: Iterable[int]) -> None:
+        """Count steps no more, by their numbers."""
+        self._left_out.update(numbers)
+        self._phases: dict[str, list[Step]] = {phase: [] for phase in ORDER}
+        for step in self.steps:
+            if step.number not in self._left_out:
+                self._phases[step.phase].append(step)
+        self._starts = {phase: [step.at_s for step in steps] for phase, steps in self._phases.items()}
+        left = [step for steps in self._phases.values() for step in steps]
+        self.soaks = tuple(step for step in left if isinstance(step, PlannedSoak))
+        self.thermal = tuple(step for step in left if step.set_point is not None)
 
     def _ends(self) -> list[float]:
         """Until when a step may last by plan: one without a time of its own shares the settle time behind it."""
@@ -62,7 +72,7 @@ class PlannedRun:
 
     def first(self, phase: str) -> Step | None:
         """Return the first step of a phase; None if it has none."""
-        return self.steps[self._first[phase]] if self._starts.get(phase) else None
+        return next(iter(self._phases.get(phase, ())), None)
 
     def before_s(self, phase: str) -> float:
         """Return planned length of the phases before one, second."""
@@ -73,18 +83,19 @@ class PlannedRun:
         starts = self._starts.get(phase)
         if not starts:
             return None
-        return self.steps[self._first[phase] + max(0, bisect_right(starts, seconds) - 1)]
+        return self._phases[phase][max(0, bisect_right(starts, seconds) - 1)]
 
     def next_telling(self, number: int) -> Step | None:
         """Return the first step behind ``number`` that leaves an event when done; None if its phase has none."""
         for step in self.steps[number + 1 :]:
-            if step.kind in TELLING:
+            if step.kind in TELLING and step.number not in self._left_out:
                 return step
         return None
 
     def measured_before(self, number: int) -> int:
         """Return records of the campaign that are planned before a step."""
-        return sum(isinstance(step, PlannedRecord) and is_measurement(step.conditions) for step in self.steps[:number])
+        before = (step for step in self.steps[:number] if step.number not in self._left_out)
+        return sum(isinstance(step, PlannedRecord) and is_measurement(step.conditions) for step in before)
 
     def position_s(self, step: Step, seconds: float) -> float:
         """Return planned seconds since the start of the run, inside the step under way."""

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.events import Event, Record, Retake
+from bench.model.events import Decision, Event, Record, Retake
 from bench.run.feed.planned import PlannedRun, is_measurement
 
 LAST = 10
@@ -34,6 +34,8 @@ class Records:
         if isinstance(event, Record) and is_measurement(event.conditions):
             self._begun = True
             self._take(event.number, t_utc_s, event.conditions, _recorded(event))
+        elif isinstance(event, Decision):
+            self._planned = self._plan.measured_before(len(self._plan.steps))
         elif isinstance(event, Retake):
             self._retaken += 1
             self._withdraw(event.record)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bench.model.events import (
@@ -43,7 +43,8 @@ class RunState:
 
     Args: steps: of the plan (``steps_of`` reads them from a session).   manifest: of the session.
           source: "live" or "replay".   boot_id: of the process that answers.   run: name of the session's folder.
-          places: driver and resource by role.   signals, graphs: as in the document.
+          places: driver and resource by role.   signals, graphs: as in the document.   left_out: numbers of steps that
+          decisions before its events have left out.
     All times are seconds since 1970 UTC. ``head``: the part of the document that never changes.
     """
 
@@ -58,9 +59,10 @@ class RunState:
         places: Mapping[str, tuple[str, str]] | None = None,
         signals: Sequence[Mapping[str, Any]] = (),
         graphs: Sequence[Mapping[str, Any]] = (),
+        left_out: Iterable[int] = (),
     ) -> None:
         self._lock = threading.RLock()
-        self._plan = PlannedRun(steps)
+        self._plan = PlannedRun(steps, left_out)
         self._place = Place(self._plan)
         self._manifest = manifest
         self.head = _head(manifest, source, boot_id, run)

@@ -76,7 +76,9 @@ class Unit:
 
     def again(self, number: int) -> str:
         """Send the last command to the unit before step ``number`` again; its name, "" if nothing was sent."""
-        before = [step for step in self._steps if step.number < number and step.name != IDENTIFY]
+        left_out = self._context.decided.left_out
+        told = (step for step in self._steps if step.number < number and step.number not in left_out)
+        before = [step for step in told if step.name != IDENTIFY]
         return before[-1].name if before and self._send(before[-1]) else ""
 
     def ask(self) -> bool:

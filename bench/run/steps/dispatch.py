@@ -8,6 +8,7 @@ from bench.model.events import Answer, Overrun, Slip
 from bench.plan import (
     PlannedCall,
     PlannedCommand,
+    PlannedDecision,
     PlannedPrompt,
     PlannedRecord,
     PlannedSend,
@@ -19,6 +20,7 @@ from bench.plan import (
 from bench.run.context import RunContext
 from bench.run.control.operator import Question, answered, judge, within
 from bench.run.links.reader import LinkReader, UnitAnswer
+from bench.run.steps.deciding import decide
 from bench.run.steps.exchange import ATTEMPTS, exchange, timeout_of
 from bench.run.steps.recording import act, call_or_flag, take_record
 from bench.run.steps.soak import soak
@@ -136,5 +138,7 @@ def execute(context: RunContext, step: Step) -> None:
             _send(context, step)
         case PlannedCommand():
             _command(context, step)
+        case PlannedDecision():
+            decide(context, step)
         case _:
             raise NotImplementedError(step.kind)

@@ -7,18 +7,20 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from bench.model.events import End, Event, Exchange, Prompt, Reading, Record, Resume, Retake, Skip
+from bench.model.events import Decision, End, Event, Exchange, Prompt, Reading, Record, Resume, Retake, Skip
 from bench.model.ports import Action
 from bench.plan import (
     Plan,
     PlannedCall,
     PlannedCommand,
+    PlannedDecision,
     PlannedPrompt,
     PlannedRecord,
     PlannedSoak,
     PlannedVerify,
     Step,
     driver_actions,
+    left_out_by,
 )
 from bench.record import JournalEntry
 from bench.run.steps.setpoints import is_motion
@@ -31,7 +33,7 @@ class Resumption:
     ``manifest`` is the session's; ``withdrawn`` are numbers of records that are taken again; ``expected`` what the
     bench was set to when it stopped (setpoints); ``unit_answer`` is what the unit said when it was asked who
     it is; ``settled`` is False if the soak before the position was left unstable; ``event`` is the "resume" that
-    the session is gone on with.
+    the session is gone on with; ``read`` are the events of what was read and decided.
     """
 
     folder: Path
@@ -43,6 +45,7 @@ class Resumption:
     expected: Mapping[str, dict[str, Any]] = field(default_factory=dict)
     unit_answer: bytes | None = None
     settled: bool = True
+    read: tuple[Event, ...] = ()
 
     def found(self, identities: Mapping[str, Any], differences: Sequence[str]) -> Resumption:
         """Return the same with what the bench is now, in the event."""
@@ -66,7 +69,7 @@ def stopped_at(plan: Plan, entries: Sequence[JournalEntry], events: Sequence[Eve
     how it ended the journal is whole: a record behind it was not accepted. What a step has noted in the session counts
     like a record; a test of the unit is done again from the beginning of its item.
     """
-    taken, skipped = _taken(events)
+    taken, skipped = _taken(plan, events)
     last = last_turn(events)
     told = isinstance(last, End)
     if isinstance(last, End) and last.error is None and "error" not in last.unknown:  # killed behind its last step
@@ -89,8 +92,8 @@ def last_turn(events: Sequence[Event]) -> End | Resume | None:
     return next((event for event in reversed(events) if isinstance(event, End | Resume)), None)
 
 
-def _taken(events: Sequence[Event]) -> tuple[dict[int, int], list[range]]:
-    """Return steps of the records that count, by number, and the ranges of steps that were skipped."""
+def _taken(plan: Plan, events: Sequence[Event]) -> tuple[dict[int, int], list[range]]:
+    """Return steps of the records that count, by number, and the ranges of steps that were skipped, in order."""
     taken: dict[int, int] = {}
     skipped = []
     for event in events:
@@ -100,7 +103,8 @@ def _taken(events: Sequence[Event]) -> tuple[dict[int, int], list[range]]:
             taken.pop(event.record, None)
         elif isinstance(event, Skip):
             skipped.append(range(event.first, event.stop))
-    return taken, skipped
+    skipped += left_out_by(plan.steps, events)
+    return taken, sorted(skipped, key=lambda stretch: stretch.start)
 
 
 def _next_step(
@@ -120,7 +124,7 @@ def _next_step(
 
 def _noted(events: Sequence[Event]) -> set[int]:
     """Return the steps that have noted in the session what, beside records, results are made of."""
-    return {event.step for event in events if isinstance(event, Exchange | Reading | Prompt)}
+    return {event.step for event in events if isinstance(event, Exchange | Reading | Prompt | Decision)}
 
 
 def _first_lost(plan: Plan, number: int, taken: Mapping[int, int], skipped: Sequence[range], noted: set[int]) -> int:
@@ -134,7 +138,7 @@ def _notes(plan: Plan, step: Step) -> bool:
     """Return whether a step leaves something in the session for the results; records are looked for by number."""
     if isinstance(step, PlannedCall):
         return _reads(step, _drivers(plan, [step]))
-    return isinstance(step, PlannedPrompt) or (isinstance(step, PlannedCommand) and bool(step.item))
+    return isinstance(step, PlannedPrompt | PlannedDecision) or (isinstance(step, PlannedCommand) and bool(step.item))
 
 
 def _reads(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> bool:
@@ -198,9 +202,9 @@ def _recording_start(steps: Sequence[Step], record: int) -> int:
 
 
 def in_point(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> bool:
-    """Return whether ``steps[index]`` belongs to a point, so that there is one to skip."""
+    """Return whether ``steps[index]`` belongs to a point, so that there is one to skip; a decision is not left out."""
     record = _record_of(steps, index, readings)
-    return record is not None and _start_of(steps, record) <= index
+    return record is not None and isinstance(steps[record], PlannedRecord) and _start_of(steps, record) <= index
 
 
 def point_stop(steps: Sequence[Step], index: int, readings: Container[int] = ()) -> int:
@@ -231,8 +235,13 @@ def _record_of(steps: Sequence[Step], index: int, readings: Container[int]) -> i
 
 
 def _next_record(steps: Sequence[Step], index: int) -> int | None:
-    """Return index of the next record before any soak, and before any prompt that does not stand inside a recording."""
+    """Return index of the next record before any soak, and before any prompt that does not stand inside a recording.
+
+    A decision is a point of its own, as a record is: its reading is taken again with the relays as they were.
+    """
     for later in range(index, len(steps)):
+        if isinstance(steps[later], PlannedDecision):
+            return later
         if isinstance(steps[later], PlannedRecord):
             asked = any(isinstance(step, PlannedPrompt) for step in steps[index:later])
             return None if asked and not _follows(steps[later]) else later
@@ -244,5 +253,5 @@ def _next_record(steps: Sequence[Step], index: int) -> int | None:
 def _start_of(steps: Sequence[Step], record: int) -> int:
     """Return index of the step from which the point of a record is taken again."""
     step = steps[record]
-    first = step.retry_step if isinstance(step, PlannedRecord) else step.number
+    first = step.retry_step if isinstance(step, PlannedRecord | PlannedDecision) else step.number
     return max(0, first - steps[0].number)

@@ -8,7 +8,7 @@ branch, and the position is entered when as much of the ramp has passed as the p
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Container, Mapping, Sequence
 from dataclasses import replace
 
 from bench.model.clock import NS, to_ns
@@ -32,12 +32,15 @@ def enter(context: RunContext, start: int) -> None:
     """
     if start == len(context.plan.steps):  # every step was done: nothing is switched on for the rest
         return
-    for name, value in changes_of(context.plan.steps[:start]).items():
+    left_out = context.decided.left_out
+    done = (step for step in context.plan.steps[:start] if step.number not in left_out)
+    for name, value in changes_of(done).items():
         context.message(f"taken to be as before: {name} {value}")
         context.operate(name, value)
     with context.stop.deferring():
         began_ns = context.clock.now_ns()
-        _do_again(context, [*steps_again(context.plan, start, _drivers(context)), *_motion(context, start)])
+        again = steps_again(context.plan, start, _drivers(context), left_out)
+        _do_again(context, [*again, *_motion(context, start)])
         _warm_up(context, start, began_ns)
         _to_temperature(context, start, stopped=True)
 
@@ -75,7 +78,7 @@ def tables_back(context: RunContext, number: int, passed: Sequence[Step]) -> Non
 
 
 def _motion(context: RunContext, number: int) -> list[Step]:
-    return motion_again(context.plan.steps, number, _drivers(context))
+    return motion_again(context.plan.steps, number, _drivers(context), context.decided.left_out)
 
 
 def _drivers(context: RunContext) -> dict[str, Mapping[str, Action]]:
@@ -95,20 +98,21 @@ def _do_again(context: RunContext, steps: Sequence[Step]) -> None:
 def _warm_up(context: RunContext, start: int, began_ns: int) -> None:
     """Wait once more for the longest settle time of the preparation: whatever is on since ``began_ns`` had been off."""
     steps = context.plan.steps
-    rest_ns = began_ns + to_ns(warm_up_s(context.plan, start)) - context.clock.now_ns()
+    rest_ns = began_ns + to_ns(warm_up_s(context.plan, start, context.decided.left_out)) - context.clock.now_ns()
     if rest_ns > 0 and steps[start].phase != "finally":
         context.message(f"warming up again for {rest_ns / NS:.0f} s, as in the preparation")
         context.timeline.wait_until_ns(context.clock.now_ns() + rest_ns)
 
 
-def thermal_steps(steps: Sequence[Step], number: int) -> list[tuple[Step, SetPoint]]:
+def thermal_steps(steps: Sequence[Step], number: int, left_out: Container[int] = ()) -> list[tuple[Step, SetPoint]]:
     """Return soaks and set-points of the chamber before a step, oldest first; none inside ``finally``."""
-    set_points = [(step, step.set_point) for step in steps[:number] if step.set_point is not None]
+    done = (step for step in steps[:number] if step.number not in left_out)
+    set_points = [(step, step.set_point) for step in done if step.set_point is not None]
     return set_points if number < len(steps) and steps[number].phase != "finally" else []
 
 
 def _to_temperature(context: RunContext, number: int, *, stopped: bool) -> None:
-    thermal = thermal_steps(context.plan.steps, number)
+    thermal = thermal_steps(context.plan.steps, number, context.decided.left_out)
     if not thermal:
         return
     began_ns, (newest, asked) = context.clock.now_ns(), thermal[-1]

@@ -7,7 +7,7 @@ brought it, or spins again.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -121,7 +121,9 @@ def _word(on: bool) -> str:
     return "on" if on else "off"
 
 
-def steps_again(plan: Plan, first: int, drivers: Mapping[str, Mapping[str, Action]]) -> list[Step]:
+def steps_again(
+    plan: Plan, first: int, drivers: Mapping[str, Mapping[str, Action]], left_out: Container[int] = ()
+) -> list[Step]:
     """Return steps before ``first`` that bring supplies, generator and unit back after everything was made safe.
 
     The last call of each action (of each rail; on and off are one), settings before switches, then the last raw text
@@ -129,12 +131,12 @@ def steps_again(plan: Plan, first: int, drivers: Mapping[str, Mapping[str, Actio
     each with the settle time behind it. Prompts, stimulus, relays, readings, motion and the chamber are left out: the
     point itself sets the stimulus, reentry moves tables (motion_again) and sets the chamber.
 
-    Args: drivers: declared actions by role.
+    Args: drivers: declared actions by role.   left_out: numbers of steps that a decision has left out.
     """
     last: dict[tuple[Any, ...], int] = {}
     for step in plan.steps[:first]:
         key = _key(step, drivers)
-        if key is not None:
+        if key is not None and step.number not in left_out:
             last.pop(key, None)
             last[key] = step.number
     ordered = sorted(last, key=lambda key: (key[0], last[key]))
@@ -160,9 +162,9 @@ def _key(step: Step, drivers: Mapping[str, Mapping[str, Action]]) -> tuple[Any, 
     return (0 if action.parameters else 1), step.role, name, chosen
 
 
-def warm_up_s(plan: Plan, first: int) -> float:
+def warm_up_s(plan: Plan, first: int, left_out: Container[int] = ()) -> float:
     """Return longest settle time in preparation behind what switched something on, before step ``first``, seconds."""
-    before = [step for step in plan.steps[:first] if step.phase == "prepare"]
+    before = [step for step in plan.steps[:first] if step.phase == "prepare" and step.number not in left_out]
     on = next((at for at, step in enumerate(before) if isinstance(step, PlannedCall) and step.name in _ON), len(before))
     return max((step.duration_s for step in before[on:] if isinstance(step, PlannedSettle)), default=0.0)
 
@@ -182,7 +184,7 @@ def is_motion(step: Step) -> bool:
     return isinstance(step, PlannedCall) and step.name in (_MOVE, _TURN, _SPIN) and step.axis is not None
 
 
-def motion_again(steps: Sequence[Step], number: int, drivers: Drivers) -> list[Step]:
+def motion_again(steps: Sequence[Step], number: int, drivers: Drivers, left_out: Container[int] = ()) -> list[Step]:
     """Return calls and settle times that bring all tables to where they were before step ``number``, in order.
 
     None inside ``finally``, where nothing has to move any more. An axis that was only turned, never moved, has no known
@@ -191,8 +193,9 @@ def motion_again(steps: Sequence[Step], number: int, drivers: Drivers) -> list[S
     if number < len(steps) and steps[number].phase == "finally":
         return []
     again: list[Step] = []
+    done = [step for step in steps[:number] if step.number not in left_out]
     for role in sorted(role for role, actions in drivers.items() if can_move(actions)):
-        calls = [step for step in steps[:number] if isinstance(step, PlannedCall) and step.role == role]
+        calls = [step for step in done if isinstance(step, PlannedCall) and step.role == role]
         closed = _closed(calls, drivers[role])
         if closed is not None:
             again += [closed, *_settle_behind(steps, closed.number, number)]

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from bench.model.clock import NS, Clock, to_ns
 from bench.run.stop import StopSwitch
 
+_CONTIGUOUS_S = 1e-6  # planned times are rounded to a thousandth of that
 _WALL_SLICE_NS = NS // 4  # how soon a stop is honoured; a virtual wait takes no real time and is never sliced
 
 
@@ -20,6 +21,7 @@ class Timeline:
     """Maps planned seconds of one phase to the bench clock.
 
     ``slip_ns`` is how much later than planned the phase runs now; ``lateness_ns`` holds one value per timed wait.
+    ``done_s``: planned end of the step that is done, None where the run has jumped for another reason than a decision.
     """
 
     clock: Clock
@@ -27,6 +29,7 @@ class Timeline:
     origin_ns: int
     slip_ns: int = 0
     lateness_ns: list[int] = field(default_factory=list)
+    done_s: float | None = None
 
     def target_ns(self, at_s: float) -> int:
         """Return bench-clock time of a planned moment, slip included."""
@@ -43,6 +46,12 @@ class Timeline:
         """Wait for the planned start of a step; one that is already past by then starts at once."""
         if self.target_ns(at_s) > self.clock.now_ns():
             self.wait_until(at_s)
+
+    def bring_forward(self, at_s: float) -> None:
+        """Leave out the planned time that a decision leaves between the step that is done and the one that begins."""
+        gap_s = 0.0 if self.done_s is None else at_s - self.done_s
+        if gap_s > _CONTIGUOUS_S:
+            self.origin_ns -= to_ns(gap_s)
 
     def wait_until_ns(self, t_mono_ns: int) -> None:
         """Wait for a moment of the bench clock; a stop ends the wait."""

@@ -1,0 +1,52 @@
+"""The step that decides by a reading: which branch is done, or that the run holds, or ends."""
+
+from __future__ import annotations
+
+from bench.model.errors import RunError
+from bench.model.events import Decision
+from bench.model.units import plain_quantity
+from bench.plan import FAIL, HOLD, PlannedDecision
+from bench.run.context import RunContext
+from bench.run.steps.decided import Read
+from bench.run.stop import DECISION, Interruption, Wish
+
+
+def decide(context: RunContext, step: PlannedDecision) -> None:
+    """Decide once: what the session holds already is not decided again, though the reading may be another by now.
+
+    Raises: RunError B-RUN-073 if the sequence says so; Interruption if the run is to stand still.
+    """
+    if step.number in context.decided.outcomes:
+        return
+    read = context.decided.newest(step)
+    outcome = step.outcome(None if read is None else read.value)
+    if outcome == FAIL:
+        raise RunError("B-RUN-073", _why(step, read), where=step.where, next_step=_NEXT)
+    if outcome == HOLD:
+        reason = _why(step, read)
+        context.stop.holds.hold(DECISION, reason)
+        raise Interruption(Wish("hold", DECISION, reason))
+    readings = [] if read is None else [_reading(step, read)]
+    context.event(Decision(step=step.number, word=step.word, readings=readings, outcome=outcome))
+
+
+_NEXT = (
+    "look why the reading did not come to what the sequence waits for; 'bench resume SESSION' reads and decides again"
+)
+
+
+def _why(step: PlannedDecision, read: Read | None) -> str:
+    """Return why no branch can be taken: the reading is missing, or a loop has had all of its turns."""
+    if read is None:
+        return f"{step.reading} was never read, so nothing can be decided by it"
+    if read.value is None:
+        return f"{step.reading} gave no value at step {read.step}, so nothing can be decided by it"
+    limits = " and ".join(plain_quantity(value, step.unit) for value in step.branches[0].values)
+    newest = plain_quantity(read.value, step.unit)
+    return f"{step.reading} is {newest} after the last turn, still {step.branches[0].comparison} {limits}"
+
+
+def _reading(step: PlannedDecision, read: Read) -> dict[str, object]:
+    name = f"{step.role}.{step.name}" if step.role else step.name
+    asked = {"arguments": dict(step.arguments)} if step.arguments else {}
+    return {"name": name, **asked, "value": read.value, "unit": step.unit, "step": read.step}

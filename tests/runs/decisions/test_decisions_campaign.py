@@ -1,0 +1,282 @@
+"""A campaign that decides by what it reads: run, killed at any place and gone on with, replayed, held, ended."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import pytest
+from crashes import Crashes, crashed_at, go_on, nobody, nobody_in
+from probe_bench import installed
+from probe_decisions import HEAD, WARM_UP, deciding_plan, sequence_file
+from rehearsal import SEED, Rehearsal, contents
+from typer.testing import CliRunner
+
+from bench.cli import app
+from bench.model.clock import VirtualClock
+from bench.model.errors import InputError, InstrumentError
+from bench.model.events import Event, Hold, event_of
+from bench.plan import Plan
+from bench.record import SessionReader, layout
+from bench.run.context import RunContext
+from bench.run.control.channel import RELEASABLE
+from bench.run.control.operator import SimulatedOperator
+from bench.run.observers import Observer
+from bench.run.session import Conducted, conduct
+from bench.session.service import read_view
+from bench.session.view import KEPT_EVENTS, analyse_view
+from bench.web.recorded.past import Past
+
+NAME = "20000101T000000Z_probes_P-1"
+LOOP, IF, CHOOSE = 4, 65, 69  # numbers of decisions in the plan
+OHM = "meter.measure_resistance: {range: 1 kohm, cycles: 10}"
+ONCE = HEAD.replace("analysis: probe_means\n", "") + f"  - {OHM}\n  - settle: 10 s\n"
+BRANCHES = "    then: [settle: 1 h]\n"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _probes() -> Iterator[None]:
+    with installed():
+        yield
+
+
+def command(*words: object) -> str:
+    done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+def events_of(folder: Path, kind: str) -> list[dict[str, Any]]:
+    messages = (message for message in SessionReader(folder).messages() if message.topic == layout.EVENT)
+    return [dict(fields) for found, fields in (message.event() for message in messages) if found == kind]
+
+
+def decided(folder: Path) -> list[tuple[int, str, float]]:
+    return [(one["step"], one["outcome"], one["readings"][0]["value"]) for one in events_of(folder, "decision")]
+
+
+@pytest.fixture(scope="module")
+def crashes(tmp_path_factory: pytest.TempPathFactory, _probes: None) -> Crashes:
+    """The run is copied in the loop at a record, at a decision and at a settle time, behind it, and in a branch."""
+    folder = tmp_path_factory.mktemp("decisions")
+    return crashed_at(deciding_plan(folder), folder, {9, 13, 14, 28, IF, 66, CHOOSE, 72})
+
+
+# --- undisturbed -----------------------------------------------------------------------------------------------------
+
+
+def test_a_loop_stops_by_its_reading(crashes: Crashes) -> None:
+    """The air rises by 1 degC a minute, so that it passes 35 degC in the seventh or eighth turn of two minutes."""
+    loop = [one for one in decided(crashes.whole) if one[0] < IF]
+    assert [step for step, _, _ in loop] == [LOOP + 3 * turn for turn in range(len(loop))]
+    assert [outcome for _, outcome, _ in loop] == ["turn"] * (len(loop) - 1) + ["done"]
+    assert all(degC < 35.0 for _, _, degC in loop[:-1])
+    assert loop[-1][2] >= 35.0
+    assert len(loop) - 1 in (7, 8)
+    assert [one[:2] for one in decided(crashes.whole)[-2:]] == [(IF, "then"), (CHOOSE, "case 2")]
+    skipped = [(one["first"], one["stop"]) for one in events_of(crashes.whole, "skip")]
+    assert skipped == [(loop[-1][0] + 1, IF), (67, CHOOSE), (70, 71)]
+
+
+def test_the_time_of_what_is_left_out_does_not_pass(crashes: Crashes) -> None:
+    end = events_of(crashes.whole, "end")[0]
+    assert (end["slip_s"], end["overruns"], end["steps"], end["error"]) == (0.0, 0, len(crashes.plan.steps), None)
+    clock = SessionReader(crashes.whole).messages()
+    last_s = max(message.t_ns for message in clock) / 1e9
+    turns = sum(one["outcome"] == "turn" for one in events_of(crashes.whole, "decision"))
+    assert last_s == pytest.approx(10.0 + 120.0 * turns + 1800.0 + 120.0 + 10.0, abs=1.0)
+
+
+def test_the_same_seed_gives_the_same_bytes(crashes: Crashes, tmp_path: Path) -> None:
+    again = conduct(
+        deciding_plan(tmp_path), clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(),
+        listener=nobody(),
+    )  # fmt: skip
+    assert contents(again.folder) == contents(crashes.whole)
+
+
+def test_every_reader_of_a_session_takes_it(tmp_path: Path) -> None:
+    """A record that was not decided for is not missing; what decided cannot be made up point by point."""
+    said = command("run", sequence_file(tmp_path), "--out", tmp_path / "out", "--seed", SEED)
+    assert "while chamber.measure_air" in said
+    folder = tmp_path / "out" / NAME
+    assert "every number is identical" in command("replay", folder)
+    records = len(events_of(folder, "record"))
+    assert f"{records} valid, 0 missing, 0 invalid of {records} records" in command("recover", folder)
+    state = Past().final(folder)
+    assert (state["records"]["done"], state["records"]["planned"]) == (records, records)
+    assert "steps" in command("check", sequence_file(tmp_path))
+
+
+def test_what_decided_is_not_made_up(crashes: Crashes, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(crashes.at(14), tmp_path / "stopped"))
+    with pytest.raises(InputError, match="decides by what it reads") as caught:
+        command("recover", folder, "--make-up", tmp_path / "rest.yaml")
+    assert caught.value.code == "B-RES-008"
+
+
+# --- killed and gone on with -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("number", [9, 13, 14, 28, IF, 66, CHOOSE, 72])
+def test_a_killed_run_goes_on_with_what_was_decided(
+    crashes: Crashes, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing is decided twice, the ways taken are those of the undisturbed run, and a replay gives the same bytes."""
+    source = crashes.at(number)
+    before = decided(source)
+    folders = [Path(shutil.copytree(source, tmp_path / name / NAME)) for name in ("first", "second")]
+    for folder in folders:
+        assert go_on(folder, nobody_in(monkeypatch)).outcome.error is None
+    first, second = folders
+    steps = [step for step, _, _ in decided(first)]
+    assert steps == sorted(set(steps))
+    assert decided(first)[: len(before)] == before
+    assert [one[:2] for one in decided(first)] == [one[:2] for one in decided(crashes.whole)]
+    assert contents(first) == contents(second)
+    results = [analyse_view(read_view(folder))[0] for folder in (first, second, first)]
+    assert results[0] == results[1] == results[2]
+    assert [one["conditions"] for one in results[0]["estimates"]] == conditions(crashes.whole)
+
+
+def conditions(folder: Path) -> list[dict[str, Any]]:
+    return [one["conditions"] for one in analyse_view(read_view(folder))[0]["estimates"]]
+
+
+def test_the_commands_go_on_and_replay_to_the_same_bytes(crashes: Crashes, tmp_path: Path) -> None:
+    """Killed in the middle of the loop, the last second lost: resumed twice, replayed, every byte is the same."""
+    folders = [Path(shutil.copytree(crashes.at(14), tmp_path / name / NAME)) for name in ("first", "second")]
+    for folder in folders:
+        assert "going on at step 12 of" in command("resume", folder)
+        assert "every number is identical" in command("replay", folder)
+    first, second = ((folder / "results.json").read_bytes() for folder in folders)
+    assert first == second
+
+
+def test_a_decision_stands_though_the_reading_is_another_now(
+    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Killed inside 'then', and gone on with a chamber that has cooled down: 'then' is done to its end."""
+    folder = Path(shutil.copytree(crashes.at(66), tmp_path / NAME))
+    done = go_on(folder, nobody_in(monkeypatch), away_s=3600.0)
+    assert done.outcome.error is None
+    assert [one[:2] for one in decided(folder) if one[0] == IF] == [(IF, "then")]
+
+
+# --- nothing to decide by, and no turn left --------------------------------------------------------------------------
+
+
+class Failing:
+    """The meter reads nothing the first ``times``; a Beside of ``conduct`` that also releases what a decision holds."""
+
+    def __init__(self, times: int) -> None:
+        self.left = times
+        self.held: list[str] = []
+
+    def __call__(self, context: RunContext) -> AbstractContextManager[None]:
+        meter: Any = context.instruments["meter"]
+        plain, failing = meter.measure_resistance, self
+
+        def measure(**arguments: Any) -> float:
+            failing.left -= 1
+            if failing.left >= 0:
+                raise InstrumentError("B-INST-007", "overload", where="meter")
+            return float(plain(**arguments))
+
+        class Releasing(Observer):
+            def event(self, event: Event, t_mono_ns: int) -> None:
+                if isinstance(event, Hold):
+                    failing.held.append(event.reason)
+                    assert event.by in RELEASABLE
+                    assert context.stop.holds.release(event.by)
+
+        meter.measure_resistance = measure
+        context.observers.add(Releasing())
+        return nullcontext()
+
+
+def conducted(plan: Plan, out: Path, failing: Failing) -> Conducted:
+    return conduct(
+        plan, clock=VirtualClock(), seed=SEED, out=out, operator=SimulatedOperator(), listener=nobody(),
+        beside=[failing], keep_events=KEPT_EVENTS,
+    )  # fmt: skip
+
+
+def test_a_missing_reading_holds_until_it_is_read(tmp_path: Path) -> None:
+    failing = Failing(2)
+    text = ONCE + "  - if: {reading: meter.measure_resistance, above: 1 ohm}\n" + BRANCHES
+    done = conducted(deciding_plan(tmp_path, text), tmp_path / "out", failing)
+    assert done.outcome.error is None
+    why = "meter.measure_resistance gave no value at step 0, so nothing can be decided by it"
+    assert failing.held == [why, why]
+    ((step, outcome, ohm),) = decided(done.folder)
+    assert (step, outcome) == (2, "then")
+    assert ohm == pytest.approx(109.0, abs=1.0)
+
+
+@pytest.mark.parametrize(
+    ("decision", "outcome"),
+    [
+        ("if: {reading: meter.measure_resistance, above: 1 ohm}\n" + BRANCHES + "    else: [settle: 1 s]\n", "else"),
+        ("choose: meter.measure_resistance\n    cases: [{above: 1 ohm, do: [settle: 1 s]}]\n"
+         "    else: [settle: 2 s]\n", "else"),
+        (f"while: {{reading: meter.measure_resistance, above: 1 ohm}}\n    at_most: 2\n    else: go_on\n"
+         f"    do: [{{{OHM}}}, settle: 10 s]\n", "done"),
+    ],
+)  # fmt: skip
+def test_a_missing_reading_takes_what_is_declared(tmp_path: Path, decision: str, outcome: str) -> None:
+    failing = Failing(1)
+    done = conducted(deciding_plan(tmp_path, f"{ONCE}  - {decision}"), tmp_path / "out", failing)
+    assert (done.outcome.error, failing.held) == (None, [])
+    assert decided(done.folder) == [(2, outcome, None)]
+    assert str(event_of("decision", events_of(done.folder, "decision")[0]).sentence).endswith(f"a value: {outcome}")
+
+
+def test_a_prompt_is_a_reading(tmp_path: Path) -> None:
+    """The simulated operator answers with the middle of the limits, 2 ohm."""
+    asked = HEAD.replace("analysis: probe_means\n", "") + (
+        "  - prompt: {text: measure, value: {unit: ohm, low: 1 ohm, high: 4 ohm, quantity: isolation}}\n"
+        "  - choose: isolation\n    cases: [{within: [1900 mohm, 2.1 ohm], do: [settle: 1 s]}]\n"
+    )
+    done = conducted(deciding_plan(tmp_path, asked), tmp_path / "out", Failing(0))
+    assert decided(done.folder) == [(1, "case 1", 2.0)]
+
+
+def never(ending: str = "") -> str:
+    return HEAD + WARM_UP.replace("at_most: 20", f"at_most: 2{ending}")
+
+
+def test_a_loop_without_a_turn_left_ends_the_run_safely(tmp_path: Path, rehearse: Callable[..., Rehearsal]) -> None:
+    done = rehearse(deciding_plan(tmp_path, never()))
+    error = done.run.outcome.error
+    assert error is not None
+    assert (error.code, int(error.exit_status), list(done.run.outcome.unsafe)) == ("B-RUN-073", 3, [])
+    assert "after the last turn, still below 35 degC" in error.message
+    assert [one[1] for one in decided(done.run.folder)] == ["turn", "turn"]
+
+
+def test_a_run_that_has_ended_so_decides_again_when_it_is_gone_on_with(
+    tmp_path: Path, rehearse: Callable[..., Rehearsal], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What ended the run was no decision: the last record is taken again, and its reading counts."""
+    folder = rehearse(deciding_plan(tmp_path, never())).run.folder
+    again = go_on(folder, nobody_in(monkeypatch), away_s=60.0)
+    assert again.outcome.error is not None
+    assert again.outcome.error.code == "B-RUN-073"
+    assert len(events_of(folder, "record")) == 3
+
+
+@pytest.mark.parametrize("ending", ["go_on", "hold"])
+def test_a_loop_without_a_turn_left_goes_on_or_holds(tmp_path: Path, ending: str) -> None:
+    """Held, it takes its last reading again, each time somebody lets it go on, until the air is warm enough."""
+    failing = Failing(0)
+    done = conducted(deciding_plan(tmp_path, never(f"\n    else: {ending}")), tmp_path / "out", failing)
+    assert done.outcome.error is None
+    last = decided(done.folder)[-1]
+    assert last[:2] == (10, "go_on" if ending == "go_on" else "done")
+    assert (last[2] >= 35.0) == (ending == "hold")
+    assert bool(failing.held) == (ending == "hold")
+    assert [row.window.number for row in done.outcome.rows] == [1, 2]
