@@ -19,7 +19,7 @@ from bench.commands.progress import watcher
 from bench.model.clock import Clock, WallClock
 from bench.model.errors import OperatorStop, RunError
 from bench.model.posix import forget_typed, require
-from bench.model.units import parse_quantity
+from bench.model.units import parse_quantity, plain_unit
 from bench.plan import Plan
 from bench.run.besides import besides
 from bench.run.control.asking import WaitingOperator
@@ -147,7 +147,8 @@ class TerminalOperator:
         while True:
             try:
                 return Answer(
-                    question.confirm, parse_quantity(_typed(f"value in {question.unit} (or stop): "), question.unit)
+                    question.confirm,
+                    parse_quantity(_typed(f"value in {plain_unit(question.unit)} (or stop): "), question.unit),
                 )
             except ValueError as error:
                 console(stderr=True).print(str(error))

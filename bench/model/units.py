@@ -162,6 +162,16 @@ def read_quantity(text: str) -> tuple[float, str] | None:
         return None
 
 
+def dimension_of(unit: str) -> str:
+    """Return the dimension of a unit, which is its base unit. Raises: ValueError naming the unit that was meant."""
+    known = read_quantity(f"1 {unit}")
+    if known is None:
+        close = _close(_plain(unit), _units_of("")) if unit else ""
+        advice = f"did you mean {close!r}?" if close else f"use one of: {', '.join(_units_of(''))}"
+        raise ValueError(f"{unit!r} is no unit; {advice}")
+    return known[1]
+
+
 def quantity(dimension: str, low: float | None = None, high: float | None = None) -> Any:
     """Pydantic annotation: text with a unit of ``dimension`` to a float in the base unit, inside [low, high].
 
@@ -190,10 +200,20 @@ _DISPLAY_PREFIX = (("G", 9), ("M", 6), ("k", 3), ("", 0), ("m", -3), ("u", -6), 
 
 
 def plain_quantity(value: float, unit: str) -> str:
-    """Return it as a person writes it: ``0.5 ohm``, ``1 Mohm``, ``2 h``; a prefix only for very large or small."""
+    """Return it as a person writes it: ``0.5 ohm``, ``1 Mohm``, ``2 h``; a prefix only for very large or small.
+
+    A ratio is written in percent.
+    """
+    if unit == "1":
+        return f"{100.0 * value:g} %"
     if unit == "s" and abs(value) >= 60:
         return f"{value / 3600:g} h" if abs(value) >= 3600 else f"{value / 60:g} min"
     return f"{value:g} {unit}" if 1e-3 <= abs(value) < 1e3 else format_quantity(value, unit)
+
+
+def plain_unit(unit: str) -> str:
+    """Return the unit that a person is asked for: percent for a ratio."""
+    return "%" if unit == "1" else unit
 
 
 def format_quantity(value: float, unit: str, digits: int = 6) -> str:

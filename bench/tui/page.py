@@ -11,7 +11,7 @@ from typing import Any
 
 from rich.text import Text
 
-from bench.model.units import plain_quantity
+from bench.model.units import plain_quantity, plain_unit
 from bench.tui.folding import cut, folded, joined, spread
 from bench.tui.look import Look, duration
 from bench.tui.tables import alarms, instruments, links, log, records, temperature
@@ -190,7 +190,7 @@ def prompt(seen: Seen, look: Look) -> list[Text]:
 def _limits(asked: Mapping[str, Any], look: Look) -> str:
     unit = look.clean(asked["unit"])
     given = {name: plain_quantity(asked[name], unit) for name in ("low", "high") if asked.get(name) is not None}
-    return look.texts(f"prompt.limits.{'_'.join(given) or 'none'}", unit=unit, **given)
+    return look.texts(f"prompt.limits.{'_'.join(given) or 'none'}", unit=plain_unit(unit), **given)
 
 
 def holds(seen: Seen, look: Look) -> list[Text]:

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from bench.model.events.event import Event, left_out
 
 Conditions = Mapping[str, Any]
+_RATIO = "1"  # unit of a ratio or a count
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,12 +124,14 @@ class Prompt(Event):
 
     def _words(self) -> str:
         value = "done" if self.value is None else f"{self.value:g} {self.unit}"
+        value = f"{100.0 * self.value:g} %" if self.value is not None and self.unit == _RATIO else value
         return f"{self.text} {value} ({self.by})"
 
 
 def _read(reading: Mapping[str, Any]) -> str:
     value = reading.get("value")
-    shown = f"{value:.6g} {reading.get('unit')}" if isinstance(value, int | float) else "without a value"
+    unit = "" if reading.get("unit") == _RATIO else f" {reading.get('unit')}"
+    shown = f"{value:.6g}{unit}" if isinstance(value, int | float) else "without a value"
     return f"{reading.get('name')} {shown}"
 
 

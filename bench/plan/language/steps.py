@@ -6,6 +6,7 @@ import re
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Discriminator,
     Field,
@@ -17,7 +18,7 @@ from pydantic import (
     model_validator,
 )
 
-from bench.model.units import parse_quantity
+from bench.model.units import dimension_of, parse_quantity
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
 from bench.plan.language.comparison import Comparison
 from bench.plan.values import ACTION_PATTERN, ActionName, Scalar, templated, within
@@ -135,7 +136,7 @@ class PromptValue(StrictModel):
     one that is ``required`` is outside its limits, what follows under the same conditions is left out.
     """
 
-    unit: Literal["A", "V", "ohm", "s", "degC", "m"]
+    unit: Annotated[str, AfterValidator(dimension_of)] = Field(description="any unit, '%' among them")
     low: Annotated[Text | None, BeforeValidator(_with_unit)] = None
     high: Annotated[Text | None, BeforeValidator(_with_unit)] = None
     quantity: Name | None = None

@@ -14,7 +14,7 @@ from typing import Any, Protocol
 
 from bench.model.errors import BenchError, RunError
 from bench.model.events import PromptAlarm
-from bench.model.units import parse_quantity, plain_quantity
+from bench.model.units import parse_quantity, plain_quantity, plain_unit
 from bench.run.context import RunContext
 from bench.run.control.operator import Answer, Question, judge, limits_of
 
@@ -183,7 +183,7 @@ def _number(question: Question, value: object) -> float:
             raise Refused("a finite number is due")
         return float(value)
     if not isinstance(value, str) or not value.strip():
-        raise Refused(f"a value in {question.unit} is due")
+        raise Refused(f"a value in {plain_unit(question.unit)} is due")
     try:
         return parse_quantity(value, question.unit)
     except ValueError as error:

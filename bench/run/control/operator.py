@@ -9,7 +9,7 @@ from typing import Any, Protocol
 
 from bench.model.errors import RunError
 from bench.model.events import Prompt
-from bench.model.units import plain_quantity
+from bench.model.units import plain_quantity, plain_unit
 from bench.plan import PlannedPrompt, Step
 
 
@@ -93,7 +93,7 @@ def limits_of(question: Question) -> str:
         None if limit is None else plain_quantity(limit, question.unit) for limit in (question.low, question.high)
     )
     if high is None:
-        return question.unit if low is None or not question.unit else f"at least {low}"
+        return plain_unit(question.unit) if low is None or not question.unit else f"at least {low}"
     return f"at most {high}" if low is None else f"{low} to {high}"
 
 

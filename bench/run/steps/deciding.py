@@ -41,9 +41,13 @@ def _why(step: PlannedDecision, read: Read | None) -> str:
         return f"{step.reading} was never read, so nothing can be decided by it"
     if read.value is None:
         return f"{step.reading} gave no value at step {read.step}, so nothing can be decided by it"
-    limits = " and ".join(plain_quantity(value, step.unit) for value in step.branches[0].values)
-    newest = plain_quantity(read.value, step.unit)
+    newest, *values = (_shown(value, step.unit) for value in (read.value, *step.branches[0].values))
+    limits = " and ".join(values)
     return f"{step.reading} is {newest} after the last turn, still {step.branches[0].comparison} {limits}"
+
+
+def _shown(value: float, unit: str) -> str:
+    return f"{value:g}" if unit == "1" else plain_quantity(value, unit)
 
 
 def _reading(step: PlannedDecision, read: Read) -> dict[str, object]:

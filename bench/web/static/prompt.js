@@ -13,8 +13,16 @@ function limits({ unit, low, high }) {
   return known(high) ? t("prompt.at-most", { high, unit: unit ?? "" }) : t("prompt.value", { unit: unit ?? "" });
 }
 
-export function showPrompt() {
+/** The question as a person is asked it: a ratio in percent. */
+function asked() {
   const { prompt } = page.state;
+  if (prompt?.unit !== "1") return prompt;
+  const percent = (value) => (value === null || value === undefined ? value : Number((100 * value).toPrecision(12)));
+  return { ...prompt, unit: "%", low: percent(prompt.low), high: percent(prompt.high) };
+}
+
+export function showPrompt() {
+  const prompt = asked();
   const open = Boolean(prompt) && !isReplay();
   byId("show-prompt").hidden = !open;
   if (!open) { shown = null; byId("prompt").close(); return; }
@@ -37,8 +45,8 @@ function answer({ unit, low, high }) {
   const typed = byId("prompt-value").value.trim().replace(",", ".");
   const value = Number(typed);
   if (!typed || !Number.isFinite(value)) return /^[-+.\d]/.test(typed) ? { value: typed } : { trouble: t("prompt.no-number") };
-  if ((low ?? -Infinity) > value || value > (high ?? Infinity)) return { trouble: limits(page.state.prompt) };
-  return { value };
+  if ((low ?? -Infinity) > value || value > (high ?? Infinity)) return { trouble: limits(asked()) };
+  return { value: unit === "%" ? `${value} %` : value };
 }
 
 export function wirePrompt() {
@@ -46,7 +54,7 @@ export function wirePrompt() {
   byId("show-prompt").addEventListener("click", () => { byId("prompt").close(); byId("prompt").show(); byId("prompt-value").focus(); });
   byId("prompt-form").addEventListener("submit", async (event) => {
     event.preventDefault();
-    const { prompt } = page.state;
+    const prompt = asked();
     if (!prompt) return;
     const { value, trouble } = answer(prompt);
     if (trouble) { say(byId("prompt-trouble"), trouble); return; }
