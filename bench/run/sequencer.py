@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import BenchError, InstrumentError, OperatorStop, RunError
-from bench.model.events import End, Error, Phase, Retake, Safe, Skip
+from bench.model.events import DECISION, End, Error, Phase, Retake, Safe, Skip
 from bench.model.ports import actions_of
 from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step
 from bench.plan import Phase as PhaseName
@@ -24,7 +24,7 @@ from bench.run.steps.recording import measurement_rows
 from bench.run.steps.reentry import come_back, tables_back
 from bench.run.steps.setpoints import setpoint_of
 from bench.run.steps.timing import Timeline
-from bench.run.stop import DECISION, Interruption, Wish, unforeseen
+from bench.run.stop import Interruption, Wish, unforeseen
 
 CHAMBER_ASTRAY = ("B-RUN-031", "B-RUN-071")  # a temperature not reached, an interlock that ends the run
 PHASES: tuple[PhaseName, ...] = ("prepare", "campaign", "finally")

@@ -20,7 +20,6 @@ from bench.model.errors import BenchError, OperatorStop
 
 Kind = Literal["hold", "retake", "skip"]
 HOLD_LIMIT_S = 4 * 3600.0  # a cause that nobody removed by then will not go away by itself
-DECISION = "decision"  # who holds a run that has nothing to decide by
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _HANGUPS = tuple(filter(None, [getattr(signal, "SIGHUP", None)]))  # not every system has it
 _INTERNAL = "B-INT-001"

@@ -14,7 +14,7 @@ from bench.analysis import Table
 from bench.model import events
 from bench.model.clock import NS
 from bench.model.errors import InputError
-from bench.model.events import Control, End, Event, Guard, Link, Phase, Preflight, Settled
+from bench.model.events import DECISION, Control, Decision, End, Event, Guard, Link, Phase, Preflight, Settled, Skip
 from bench.model.units import hours
 from bench.model.yamlio import parse_yaml
 from bench.plan import StationFile
@@ -86,6 +86,19 @@ def settling_tables(view: Events) -> list[Table]:
     ]
 
 
+def decision_tables(view: Events) -> list[Table]:
+    """Return what the sequence has decided, and by what; none for a run without a decision."""
+    found = view.events_of(Decision)
+    if not found:
+        return []
+    start_ns = _start_ns(view)
+    rows = [[_since(t_ns, start_ns), event.step, event.word, event.read, event.outcome] for t_ns, event in found]
+    headers = ["time", "step", "decision", "by", "went on with"]
+    return [
+        Table("Decisions", "What the sequence decided, by what was read last. Time since the run began.", headers, rows)
+    ]
+
+
 def _settled_cells(event: Settled) -> list[Any]:
     numbers = (
         "–" if value is None else format(value, form)
@@ -126,6 +139,7 @@ def _since(t_ns: int, start_ns: int) -> str:
 def _troubles(view: Events) -> Iterator[tuple[int, Event]]:
     for t_ns, event in view.events:
         as_it_should_be = isinstance(event, Link | Guard) and event.state in ("open", "ready")
+        as_it_should_be |= isinstance(event, Skip) and event.by == DECISION
         if event.kind in KINDS and not as_it_should_be:
             yield t_ns, event
 

@@ -40,6 +40,7 @@ from bench.report import Report, ReportModel, RunStory, TemperatureTrace, report
 from bench.session.happenings import (
     alarms_raised,
     commands_given,
+    decision_tables,
     happening_tables,
     hashes_of,
     length_s,
@@ -56,7 +57,7 @@ SOFTWARE = f"inertial-bench {__version__}"
 KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "settled", "retake", "skip", "error", "end", "reading",
     "hold", "release", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict", "config",
-    "clock_step", "control", "surroundings", "exchange",
+    "clock_step", "control", "surroundings", "exchange", "decision",
 )  # fmt: skip
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 
@@ -261,7 +262,13 @@ def _story(view: SessionView) -> RunStory:
 
 def _about_the_run(view: SessionView) -> list[Table]:
     looked_at = [preflight_table(event) for _, event in view.events_of(Preflight)]
-    return [*happening_tables(view), *settling_tables(view), *splice_tables(view.splices), *looked_at]
+    return [
+        *happening_tables(view),
+        *decision_tables(view),
+        *settling_tables(view),
+        *splice_tables(view.splices),
+        *looked_at,
+    ]
 
 
 def temperature_trace(view: SessionView) -> TemperatureTrace:

@@ -97,7 +97,7 @@ def answer(page: Page, shown: ShownRun) -> None:
     page.keyboard.press("Enter")
     until(page, lambda: commands(shown)[-1] == "answer", "the answer")
     assert shown.asked[-1]["value"] == 2e6
-    for number, (unit, typed, value) in enumerate((("ohm", "2 Mohm", "2 Mohm"), ("", "", True))):
+    for number, (unit, typed, value) in enumerate((("ohm", "2 Mohm", "2 Mohm"), ("1", "45", "45 %"), ("", "", True))):
         until(page, lambda: page.is_hidden("#prompt"), "the question to be gone")
         shown.state["prompt"] = {"id": f"q{number}", "text": "And now?", "confirm": "operator",
                                  "unit": unit, "low": None, "high": None, "since_utc_s": now_utc_s()}  # fmt: skip

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bench.model.events.course import (
+    DECISION,
     OPERATOR,
     Closed,
     Config,
@@ -53,8 +54,9 @@ from bench.model.events.trouble import (
 )
 
 __all__ = [
-    "OPERATOR", "Alarm", "Answer", "ClockStep", "Closed", "Config", "Control", "Decision", "Disk", "End", "Environment",
-    "Error", "Event", "Exchange", "Gap", "Guard", "Hold", "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify",
+    "DECISION", "OPERATOR", "Alarm", "Answer", "ClockStep", "Closed", "Config", "Control", "Decision", "Disk", "End",
+    "Environment", "Error", "Event", "Exchange", "Gap", "Guard", "Hold", "HoldAlarm", "Inhibit", "Interlock", "Late",
+    "Link", "Notify",
     "Overrun", "Phase", "Preflight", "Prompt", "PromptAlarm", "Reading", "Record", "Reentry", "Release", "Resume",
     "Retake", "Safe", "Settled", "Severity", "Skip", "Slip", "StimulusAlarm", "Surroundings", "Verdict",
     "by_instrument", "event_of",

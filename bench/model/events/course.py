@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from bench.model.events.event import Event, Severity, left_out, number
 
 OPERATOR = "operator"  # who holds a run by a pause
+DECISION = "decision"  # who leaves out steps of a branch, or holds a run that has nothing to decide by
 
 
 def by_instrument(role: str) -> str:
@@ -96,6 +97,10 @@ class Skip(Event):
     reason: str
     first: int
     stop: int
+
+    @property
+    def told(self) -> bool:
+        return self.by != DECISION  # the decision has been told
 
     def _words(self) -> str:
         return f"steps {self.first} to {self.stop - 1} left out: {self.reason} ({self.by})"

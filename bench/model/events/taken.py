@@ -65,8 +65,13 @@ class Decision(Event):
     readings: Sequence[Mapping[str, Any]]
     outcome: str
 
+    @property
+    def by(self) -> str:
+        """Return its readings, for a person."""
+        return ", ".join(map(_read, self.readings)) or "not read"
+
     def _words(self) -> str:
-        return f"step {self.step}: {self.word} {', '.join(map(_read, self.readings)) or 'not read'}: {self.outcome}"
+        return f"step {self.step}: {self.word} {self.by}: {self.outcome}"
 
 
 @dataclass(frozen=True, kw_only=True)

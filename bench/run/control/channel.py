@@ -21,10 +21,9 @@ from bench.run.control.asking import Refused, WaitingOperator
 from bench.run.control.local_socket import ControlServer, forget_socket, socket_path
 from bench.run.feed.state import RunState
 from bench.run.observers import Following
-from bench.run.stop import DECISION
 
 OPERATOR, EARLY = "operator", "early verdict"
-RELEASABLE = (OPERATOR, EARLY, DECISION)  # an interlock releases by itself, when its value is back
+RELEASABLE = (OPERATOR, EARLY, events.DECISION)  # an interlock releases by itself, when its value is back
 PAUSE_LIMIT_S = 24 * 3600.0
 LONGEST_REASON = 500
 LONGEST_NAME = 100

@@ -11,6 +11,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bench.model.events import (
+    DECISION,
     Answer,
     Decision,
     Event,
@@ -29,7 +30,6 @@ from bench.model.events import (
 from bench.plan import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, Step, left_out_by
 from bench.run.feed.planned import PlannedRun
 from bench.run.steps.position import point_start
-from bench.run.stop import DECISION
 
 _SEEN: Mapping[str, type[Event]] = {
     "record": Record, "verify": Reading, "prompt": Prompt, "unit": Answer, "decide": Decision,

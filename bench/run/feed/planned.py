@@ -2,7 +2,8 @@
 
 Planned time is waited out, so a run is never sooner than its plan plus the slip so far: that is ``earliest`` and, since
 most soaks end in their slot, ``likely``. A step that takes longer than planned, and a hold, move both second by second.
-What makes runs late are soaks. ``latest`` adds
+Where decisions lie ahead, the plan has their longest way, and the run may be sooner. What makes runs late are soaks.
+``latest`` adds
 
 * a share of the soak time that is still to come: the largest share by which a soak of this run was late, at least
   ``SHARE`` / (1 + soaks done);

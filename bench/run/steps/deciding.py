@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from bench.model.errors import RunError
-from bench.model.events import Decision
+from bench.model.events import DECISION, Decision
 from bench.model.units import plain_quantity
 from bench.plan import FAIL, HOLD, PlannedDecision
 from bench.run.context import RunContext
 from bench.run.steps.decided import Read
-from bench.run.stop import DECISION, Interruption, Wish
+from bench.run.stop import Interruption, Wish
 
 
 def decide(context: RunContext, step: PlannedDecision) -> None:

@@ -102,13 +102,18 @@ def test_every_reader_of_a_session_takes_it(tmp_path: Path) -> None:
     """A record that was not decided for is not missing; what decided cannot be made up point by point."""
     said = command("run", sequence_file(tmp_path), "--out", tmp_path / "out", "--seed", SEED)
     assert "while chamber.measure_air" in said
+    assert "left out" not in said, "what was decided has been told"
     folder = tmp_path / "out" / NAME
     assert "every number is identical" in command("replay", folder)
     records = len(events_of(folder, "record"))
     assert f"{records} valid, 0 missing, 0 invalid of {records} records" in command("recover", folder)
     state = Past().final(folder)
     assert (state["records"]["done"], state["records"]["planned"]) == (records, records)
-    assert "steps" in command("check", sequence_file(tmp_path))
+    report = (folder / "report.html").read_text()
+    assert "What the sequence decided, by what was read last." in report
+    assert report.count("<td>while</td>") == sum(step < IF for step, _, _ in decided(folder))
+    checked = command("check", sequence_file(tmp_path), "--plot", tmp_path / "timetable.svg")
+    assert "decisions    23: steps and records are those of all branches" in checked
 
 
 def test_what_decided_is_not_made_up(crashes: Crashes, tmp_path: Path) -> None:

@@ -1,0 +1,185 @@
+"""A point with a decision inside: held, taken again, skipped and gone on with, the decision stands."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import pytest
+from crashes import Crashes, crashed_at, go_on, nobody, nobody_in
+from probe_bench import installed
+from probe_decisions import HEAD, deciding_plan
+from rehearsal import SEED
+
+from bench.model.clock import NS, VirtualClock
+from bench.model.events import Event, Hold, event_of
+from bench.plan import Plan
+from bench.record import SessionReader
+from bench.replay import replay_rows
+from bench.run.context import RunContext
+from bench.run.control.channel import OPERATOR
+from bench.run.control.operator import SimulatedOperator
+from bench.run.feed.state import RunState
+from bench.run.observers import Observer
+from bench.run.session import Conducted, conduct
+from bench.run.stop import Wish
+from bench.session.view import KEPT_EVENTS
+
+RECORD = """\
+          - record:
+              seconds: 60 s
+              readings: [meter.measure_resistance: {range: 1 kohm, cycles: 10}]
+              conditions: {temperature: DEGC degC}
+"""
+WARM, HOT = RECORD.replace("DEGC", "40"), RECORD.replace("DEGC", "60")
+SEQUENCE = f"""\
+{HEAD}\
+  - chamber.set_temperature: {{temperature: 40 degC, ramp: 1 degC/min}}
+  - chamber.run
+  - settle: 10 s
+  - point
+procedures:
+  point:
+    do:
+      - chamber.measure_air
+      - settle: 10 s
+      - if: {{reading: chamber.measure_air, below: 30 degC}}
+        then:
+{WARM}\
+          - settle: 10 s
+{WARM}\
+        else:
+          - chamber.set_temperature: {{temperature: 60 degC, ramp: 1 degC/min}}
+          - settle: 1 h
+{HOT}"""
+FIRST, DECISION, LAST = 3, 5, 8  # steps of the point: its first, its decision, the last record of 'then'
+LEFT_OUT = (9, 12)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _probes() -> Iterator[None]:
+    with installed():
+        yield
+
+
+class AtReading:
+    """Does something to the run at its nth call of the meter; a Beside of ``conduct``. A hold lasts 100 s."""
+
+    def __init__(self, nth: int, act: Callable[[RunContext], None]) -> None:
+        self._left, self._act = nth, act
+
+    def __call__(self, context: RunContext) -> AbstractContextManager[None]:
+        meter: Any = context.instruments["meter"]
+        plain = meter.measure_resistance
+
+        def measure(**arguments: Any) -> float:
+            self._left -= 1
+            if self._left == 0:
+                self._act(context)
+            return float(plain(**arguments))
+
+        class Releasing(Observer):
+            def event(self, event: Event, t_mono_ns: int) -> None:
+                if isinstance(event, Hold):
+                    context.clock.sleep(100.0)
+                    context.stop.holds.release(event.by)
+
+        meter.measure_resistance = measure
+        context.observers.add(Releasing())
+        return nullcontext()
+
+
+def conducted(plan: Plan, out: Path, beside: AtReading) -> Conducted:
+    return conduct(
+        plan, clock=VirtualClock(), seed=SEED, out=out, operator=SimulatedOperator(), listener=nobody(),
+        beside=[beside], keep_events=KEPT_EVENTS,
+    )  # fmt: skip
+
+
+def events_of(folder: Path, kind: str) -> list[dict[str, Any]]:
+    messages = (message for message in SessionReader(folder).messages() if message.topic.endswith("event"))
+    return [dict(fields) for found, fields in (message.event() for message in messages) if found == kind]
+
+
+def pause(context: RunContext) -> None:
+    context.stop.holds.hold(OPERATOR, "coffee")
+
+
+def again(context: RunContext) -> None:
+    context.stop.holds.wish(Wish("retake", "interlock air", "too warm"))
+
+
+def test_the_plan(tmp_path: Path) -> None:
+    plan = deciding_plan(tmp_path, SEQUENCE)
+    assert [step.kind for step in plan.steps] == [
+        "call", "call", "settle", "call", "settle", "decide", "record", "settle", "record", "call", "settle", "record",
+    ]  # fmt: skip
+    assert plan.duration_s == 20.0 + 3660.0
+
+
+@pytest.mark.parametrize("act", [pause, again])
+def test_a_point_that_is_taken_again_keeps_its_decision(tmp_path: Path, act: Callable[[RunContext], None]) -> None:
+    """Both records of the branch are taken again from the first step of the point, and decided is only once."""
+    done = conducted(deciding_plan(tmp_path, SEQUENCE), tmp_path / "out", AtReading(2, act))
+    assert done.outcome.error is None
+    assert [(one["step"], one["outcome"]) for one in events_of(done.folder, "decision")] == [(DECISION, "then")]
+    assert len(events_of(done.folder, "reading")) == 2 + 2 + 2
+    assert [row.window.number for row in done.outcome.rows] == [1, 2]
+    assert [row.window.step for row in replay_rows(done.folder).rows] == [6, LAST]
+    assert [(one["first"], one["stop"]) for one in events_of(done.folder, "skip")] == [LEFT_OUT]
+
+
+def test_time_goes_on_as_planned_behind_a_hold(tmp_path: Path) -> None:
+    """The run lasts as long as the way that was taken, and the slip: not the hour of the other branch."""
+    done = conducted(deciding_plan(tmp_path, SEQUENCE), tmp_path / "out", AtReading(2, pause))
+    assert events_of(done.folder, "release")[0]["seconds"] == pytest.approx(100.0, abs=1.0)
+    assert 100.0 < done.outcome.slip_s < 300.0
+    last_ns = max(message.t_ns for message in SessionReader(done.folder).messages())
+    assert last_ns / NS == pytest.approx(10.0 + 10.0 + 60.0 + 10.0 + 60.0 + done.outcome.slip_s, abs=0.1)
+
+
+def test_a_point_that_is_skipped_does_not_jump_over_a_decision(tmp_path: Path) -> None:
+    """Skipped in its first record; the rest of the branch is done, and the other branch is not."""
+    skip = AtReading(1, lambda context: context.stop.holds.wish(Wish("skip", "interlock air", "too warm")))
+    done = conducted(deciding_plan(tmp_path, SEQUENCE), tmp_path / "out", skip)
+    assert done.outcome.error is None
+    assert [row.window.step for row in done.outcome.rows] == [LAST]
+    assert [(one["by"], one["first"], one["stop"]) for one in events_of(done.folder, "skip")] == [
+        ("interlock air", FIRST, 7), ("decision", *LEFT_OUT),
+    ]  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def crashes(tmp_path_factory: pytest.TempPathFactory, _probes: None) -> Crashes:
+    folder = tmp_path_factory.mktemp("held")
+    return crashed_at(deciding_plan(folder, SEQUENCE), folder, {4, DECISION, 6, LAST})
+
+
+@pytest.mark.parametrize("number", [4, DECISION, 6, LAST])
+def test_a_killed_point_is_taken_again_on_the_same_way(
+    crashes: Crashes, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The chamber goes back to the temperature that the run had sent it to, not to that of the branch left out."""
+    folder = Path(shutil.copytree(crashes.at(number), tmp_path / crashes.whole.name))
+    assert go_on(folder, nobody_in(monkeypatch)).outcome.error is None
+    assert [one["outcome"] for one in events_of(folder, "decision")] == ["then"]
+    assert {one["target_degC"] for one in events_of(folder, "reentry")} == {40.0}
+    assert [row.window.step for row in replay_rows(folder).rows] == [6, LAST]
+
+
+def test_a_recording_is_followed_on_the_way_that_was_taken(crashes: Crashes) -> None:
+    """Its page stands at a step of the branch that was done, and counts the records of this way."""
+    state = RunState(crashes.plan.steps, {}, source="replay")
+    stood: set[int] = set()
+    for message in SessionReader(crashes.whole).messages():
+        t_s = message.t_ns / NS
+        if message.topic.endswith("event"):
+            state.on_event(event_of(*message.event()), t_s)
+        step = state.document(t_s)["step"]
+        if step is not None:
+            stood.add(step["number"] - 1)
+    assert not stood & set(range(*LEFT_OUT))
+    assert {6, 7, LAST} <= stood
