@@ -92,7 +92,7 @@ def decision_tables(view: Events) -> list[Table]:
     if not found:
         return []
     start_ns = _start_ns(view)
-    rows = [[_since(t_ns, start_ns), event.step, event.word, event.read, event.outcome] for t_ns, event in found]
+    rows = [[_since(t_ns, start_ns), event.step, event.word, event.by, event.outcome] for t_ns, event in found]
     headers = ["time", "step", "decision", "by", "went on with"]
     return [
         Table("Decisions", "What the sequence decided, by what was read last. Time since the run began.", headers, rows)

@@ -111,6 +111,7 @@ def test_every_reader_of_a_session_takes_it(tmp_path: Path) -> None:
     assert (state["records"]["done"], state["records"]["planned"]) == (records, records)
     report = (folder / "report.html").read_text()
     assert "What the sequence decided, by what was read last." in report
+    assert f"<td>chamber.measure_air {decided(folder)[0][2]:g} degC</td>" in report
     assert report.count("<td>while</td>") == sum(step < IF for step, _, _ in decided(folder))
     checked = command("check", sequence_file(tmp_path), "--plot", tmp_path / "timetable.svg")
     assert "decisions    23: steps and records are those of all branches" in checked
