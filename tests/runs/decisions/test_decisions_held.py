@@ -27,6 +27,7 @@ from bench.run.observers import Observer
 from bench.run.session import Conducted, conduct
 from bench.run.stop import Wish
 from bench.session.view import KEPT_EVENTS
+from instruments.thermotron_3800 import Thermotron3800
 
 RECORD = """\
           - record:
@@ -167,6 +168,19 @@ def test_a_killed_point_is_taken_again_on_the_same_way(
     assert go_on(folder, nobody_in(monkeypatch)).outcome.error is None
     assert [one["outcome"] for one in events_of(folder, "decision")] == ["then"]
     assert {one["target_degC"] for one in events_of(folder, "reentry")} == {40.0}
+    assert [row.window.step for row in replay_rows(folder).rows] == [6, LAST]
+
+
+def test_a_decision_stands_though_the_reading_is_another_now(
+    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The point is taken again from its reading on, which says 50 degC by now: 'then' is done all the same."""
+    folder = Path(shutil.copytree(crashes.at(LAST), tmp_path / crashes.whole.name))
+    assert [one["outcome"] for one in events_of(folder, "decision")] == ["then"]
+    monkeypatch.setattr(Thermotron3800, "measure_air", lambda chamber: 50.0)
+    assert go_on(folder, nobody_in(monkeypatch)).outcome.error is None
+    assert [one["value"] for one in events_of(folder, "reading") if one["name"] == "measure_air"][-1] == 50.0
+    assert [one["outcome"] for one in events_of(folder, "decision")] == ["then"]
     assert [row.window.step for row in replay_rows(folder).rows] == [6, LAST]
 
 
