@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from bench.model.units import read_quantity
+from bench.model.units import likely, read_quantity
 from bench.plan.decision import CHOOSE, DONE, FAIL, GO_ON, HOLD, IF, WHILE, Branch, PlannedDecision
 from bench.plan.drivers import declared_action
 from bench.plan.expand import Expander, Path
@@ -117,7 +117,8 @@ def expand_while(plan: Expander, step: WhileStep, path: Path, scope: Scope, run:
 
 def _reads_again(plan: Expander, decision: PlannedDecision, path: Path) -> None:
     """Note a loop that could never end because nothing in it takes its reading (B-PLAN-110)."""
-    if not any(is_read_by(decision, step) for step in plan.steps[decision.number + 1 :]):
+    body = (plan.steps[at] for at in range(decision.number + 1, len(plan.steps)))
+    if not any(is_read_by(decision, step) for step in body):
         message = f"the loop goes by {decision.reading}, and nothing in it reads that again"
         plan.fail("B-PLAN-110", path, message, "read it in 'do', so that the condition can change")
 
@@ -135,7 +136,8 @@ def _decision(plan: Expander, word: str, reading: str | CallStep, path: Path, sc
     plan.add("decide", role, str(name), more, scope, path)
     decision = plan.steps[number]
     assert isinstance(decision, PlannedDecision)
-    taken = next((step for step in reversed(plan.steps[:number]) if is_read_by(decision, step)), None)
+    before = (plan.steps[at] for at in range(number - 1, -1, -1))
+    taken = next((step for step in before if is_read_by(decision, step)), None)
     if taken is None:
         known = suggestion(decision.reading, {name for step in plan.steps[:number] for name in _readings(plan, step)})
         message = f"nothing before this step reads {decision.reading}{known}"
@@ -192,7 +194,7 @@ def _value(plan: Expander, decision: PlannedDecision, raw: Any, path: Path, scop
         message = f"{decision.reading} is read in {unit}, and no value of a sequence has this unit"
     else:
         shown = f"{value.value:g} {value.dimension}" if isinstance(value, Quantity) else repr(plain(value))
-        message = f"{decision.reading} is read in {unit}; {shown} cannot be compared with it"
+        message = f"{decision.reading} is read in {unit}; {shown} cannot be compared with it{likely(value, unit)}"
     origin = value.origin if isinstance(value, Quantity) else ""
     plan.fail("B-PLAN-111", path, message, f"write a quantity in {unit}" if unit != "1" else "write a number", origin)
     return math.nan

@@ -13,7 +13,7 @@ from bench.plan.findings import Findings
 from bench.plan.plan import Step
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
-from bench.plan.ways import walk
+from bench.plan.ways import Followed, walk
 
 DEFAULT_BUS_S = 0.1
 
@@ -93,13 +93,16 @@ def with_bus_time(steps: Iterable[Step], station: Station) -> tuple[Step, ...]:
 
 
 @dataclass
-class _Shared:
-    """Bus time of the calls since the last step that waits, second."""
+class _Shared(Followed):
+    """Bus time of the calls since the last step that waits, second; of several ways the longest."""
 
     bus_s: float = 0.0
 
     def copy(self) -> _Shared:
         return _Shared(self.bus_s)
 
-    def key(self) -> float:
-        return self.bus_s
+    def key(self) -> int:
+        return 0
+
+    def join(self, other: _Shared) -> None:
+        self.bus_s = max(self.bus_s, other.bus_s)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, Generic, Protocol, Self, TypeVar
+from typing import Any, Generic, Self, TypeVar
 
 from bench.plan.decision import PlannedDecision, decisions_of
 from bench.plan.findings import Findings
@@ -18,14 +18,19 @@ from bench.plan.plan import Step
 MOST_WAYS = 64
 
 
-class Followed(Protocol):
-    """What is followed on a way; ``key`` is equal for two that need not be told apart."""
+class Followed:
+    """What is followed on a way."""
 
     def copy(self) -> Self:
         """Return one that goes on by itself."""
+        raise NotImplementedError
 
     def key(self) -> Hashable:
-        """Return what tells it from others."""
+        """Return what tells it from others; it is equal for two that need not be told apart."""
+        raise NotImplementedError
+
+    def join(self, other: Self) -> None:
+        """Take over what another one of the same key has, if anything differs."""
 
 
 S = TypeVar("S", bound=Followed)
@@ -99,5 +104,6 @@ def _merged(ways: list[_Way[S]], number: int) -> list[_Way[S]]:
         if same is None:
             merged[key] = way
         else:
+            same.state.join(way.state)
             same.decided = {place: said for place, said in same.decided.items() if way.decided.get(place) == said}
     return list(merged.values())

@@ -163,7 +163,9 @@ class Sequencer:
     def _again(self, error: RunError, steps: Sequence[Step], position: int, attempts: dict[int, int]) -> int:
         """Return where to go on after a verify step failed: its point is taken again while attempts are left."""
         step = steps[position]
-        record = next((before for before in reversed(steps[:position]) if isinstance(before, PlannedRecord)), None)
+        left_out = self._context.decided.left_out
+        records = (before for before in reversed(steps[:position]) if isinstance(before, PlannedRecord))
+        record = next((before for before in records if before.number not in left_out), None)
         tried = attempts.get(step.number, 0)
         if not isinstance(step, PlannedVerify) or record is None or tried >= record.retry:
             raise error

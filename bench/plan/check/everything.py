@@ -10,7 +10,7 @@ are valid until the end and cover the ranges that are used; the station can be o
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Hashable
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from importlib import import_module
@@ -32,7 +32,7 @@ from bench.plan.plan import Plan, Step
 from bench.plan.readings import roles_of
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
-from bench.plan.ways import walk
+from bench.plan.ways import Followed, walk
 
 SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")  # a folder of the session is named after it
 NO_SERIAL = "is not a serial number: letters, digits, '.', '_' and '-', at most 40"
@@ -123,7 +123,7 @@ def _bus_time(plan: Plan, findings: Findings, doubtful: Collection[int]) -> None
 
 
 @dataclass
-class _Bus:
+class _Bus(Followed):
     """The first of the calls that no settle time has followed yet."""
 
     first: Step | None = None
@@ -131,8 +131,8 @@ class _Bus:
     def copy(self) -> _Bus:
         return _Bus(self.first)
 
-    def key(self) -> int:
-        return -1 if self.first is None else self.first.number
+    def key(self) -> Hashable:
+        return self.first and (self.first.kind, self.first.role, self.first.name)
 
 
 def _due_dates(plan: Plan, station: Station, start_utc_ns: int, findings: Findings) -> None:

@@ -20,7 +20,7 @@ from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord
-from bench.plan.ways import walk
+from bench.plan.ways import Followed, walk
 
 _LIMITED = ("rate", "acceleration")
 _SET_LIMITS = "set_limits"
@@ -138,7 +138,7 @@ def check_poses(plan: Plan, station: Station, findings: Findings) -> None:
 
 
 @dataclass
-class _Pose:
+class _Pose(Followed):
     """Where the axes were sent, None if nobody knows, and what prompts have set, by name."""
 
     angles: dict[str, float | None] = field(default_factory=dict)

@@ -19,7 +19,7 @@ from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedCall, PlannedPrompt, PlannedRecord, PlannedVerify
-from bench.plan.ways import walk
+from bench.plan.ways import Followed, walk
 
 
 def check_record(plan: Plan, step: Step, state: BenchState, findings: Findings) -> None:
@@ -112,16 +112,15 @@ def check_windows(plan: Plan, station: Station, findings: Findings, doubtful: Co
             return
         if step.follows:
             _follows(step, chain.before, chain.gap, findings)
-            calls = list(chain.calls) if chain.before is not None else []
-            _calls(step, calls, station, findings, step.number in doubtful)
+            _calls(step, list(chain.calls), station, findings, step.number in doubtful)
         chain.before, chain.calls = step, ()
 
     walk(plan.steps, _Chain(), take, findings)
 
 
 @dataclass
-class _Chain:
-    """The record that another one could follow, why none could (``gap``), and the calls since then."""
+class _Chain(Followed):
+    """The record that another one could follow and the calls since then, or why none could (``gap``)."""
 
     before: PlannedRecord | None = None
     gap: str = "no record stands before it"
@@ -134,13 +133,13 @@ class _Chain:
         return self.before and self.before.number, self.gap, tuple(call.number for call in self.calls)
 
     def breaks(self, why: str) -> None:
-        self.before, self.gap = None, why
+        self.before, self.gap, self.calls = None, why, ()
 
     def take(self, step: Step) -> None:
         if self.before is not None and self.before.phase != step.phase:
             self.breaks(f"the record before it belongs to '{self.before.phase}'")
         if step.on_the_bus:
-            self.calls = (*self.calls, step)
+            self.calls = () if self.before is None else (*self.calls, step)
         elif not isinstance(step, PlannedRecord) and not _act(step):
             self.breaks(f"a {step.kind} step stands between it and the record before")
 

@@ -19,6 +19,7 @@ from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedCall, PlannedPrompt, PlannedSend, PlannedSoak
+from bench.plan.ways import Followed
 
 _ENERGY = (Effect.STIMULUS_ON, Effect.POWER, Effect.THERMAL, Effect.MOTION_ON)
 _RELEASES = ("output_off", "stop")
@@ -26,7 +27,7 @@ _FOLLOWED = ("energised", "output_on", "unknown", "untrusted", "closed", "level_
 _OVER_RANGE = 1.2  # a meter reads up to 120 % of a range
 
 
-class BenchState:
+class BenchState(Followed):
     """Follows the effects of the steps.
 
     ``raw`` effects are unknown: after raw text to an instrument with an output, that output counts as on until a call

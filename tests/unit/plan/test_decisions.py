@@ -13,9 +13,10 @@ from probe_decisions import HEAD, TURNS, WARM_UP, deciding_plan, sequence_file
 
 from bench.plan import HOLD, PlannedDecision, PlannedRecord, compile_sequence, plan_json, steps_of, steps_sha256
 from bench.plan.decision import Branch
+from bench.plan.drivers import driver_actions
 from bench.plan.findings import Findings
 from bench.plan.plan import Step
-from bench.plan.ways import MOST_WAYS, walk
+from bench.plan.ways import MOST_WAYS, Followed, walk
 
 READ = "  - chamber.measure_air\n"
 DECIDES = """\
@@ -258,7 +259,7 @@ def test_a_record_does_not_follow_one_across_a_decision(tmp_path: Path) -> None:
     assert any(error.code == "B-PLAN-067" for error in mistakes(make_bench(tmp_path, text)))
 
 
-class Sum:
+class Sum(Followed):
     """A state that two branches may or may not leave the same."""
 
     def __init__(self, total: int = 0) -> None:
@@ -293,6 +294,32 @@ def test_ways_are_joined_where_nothing_differs(tmp_path: Path) -> None:
 
     assert ways_of(plan.steps, nothing)[0] == {0}
     assert most <= 2
+
+
+NESTED = """\
+  - while: {reading: chamber.measure_air, above: 24 degC}
+    at_most: 200
+    do:
+      - chamber.measure_air
+      - if: {reading: chamber.measure_air, above: 30 degC}
+        then:
+          - meter.measure_resistance: {range: 1 kohm, cycles: 1}
+          - while: {reading: meter.measure_resistance, above: 100 ohm}
+            at_most: 3
+            do: [meter.measure_resistance: {range: 1 kohm, cycles: 1}]
+        else:
+          - chamber.set_temperature: {temperature: 25 degC, ramp: 1 degC/min}
+          - chamber.run
+  - settle: SETTLE
+"""
+
+
+def test_a_long_loop_is_proved_without_a_state_for_each_turn(tmp_path: Path) -> None:
+    """Only the bus time grows with the turns, and of it the longest counts: that of 'then' with all of its turns."""
+    assert errors(tmp_path, READ + "  - settle: 10 s\n" + NESTED.replace("SETTLE", "61 min")) == []
+    (found,) = errors(tmp_path, READ + "  - settle: 10 s\n" + NESTED.replace("SETTLE", "1 min"))
+    air_s, meter_s = 0.1, driver_actions("agilent_34401a")["measure_resistance"].bus_s
+    assert f"B-PLAN-060 22 the calls before it take up to {200 * (air_s + 4 * meter_s):g} s; it lasts 60 s" in found
 
 
 def test_too_many_ways_are_refused(tmp_path: Path) -> None:
