@@ -11,7 +11,7 @@ from typing import Any
 
 from bench.analysis import declared_analysis
 from bench.commands.console import console
-from bench.commands.tables import print_results, print_written
+from bench.commands.tables import print_results, print_written, verdict_status
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
@@ -43,9 +43,8 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     )
     if mapping.analysis == NO_ANALYSIS:
         console().print(f"session  {folder}")
-    else:
-        _results(folder, out)
-    return ExitStatus.PASS
+        return ExitStatus.PASS
+    return _results(folder, out)
 
 
 def _known_analysis(document: Document[LogMapping]) -> None:
@@ -73,11 +72,15 @@ def _segments_inside(document: Document[LogMapping], surveyed: Survey) -> None:
         raise InputError("B-IMP-008", message, where=document.where(place), next_step=cure)
 
 
-def _results(folder: Path, out: Path) -> None:
-    """Results and report from the session alone, as ``bench fit`` and ``bench report`` make them later."""
+def _results(folder: Path, out: Path) -> int:
+    """Write results and report from the session alone, as ``bench fit`` and ``bench report`` make them later.
+
+    Returns: 1 if a verdict fails, a result is missing or an estimate is not sound, else 0.
+    """
     finished = finish(folder, read_view(folder), chosen_url(None, out, os.environ))
     print_results(console(), finished.results, finished.analysis)
     print_written(finished, console(), console(stderr=True))
+    return verdict_status(finished.results, finished.analysis.missing)
 
 
 def _write(document: Document[LogMapping], file: Path, surveyed: Survey, out: Path) -> Path:

@@ -47,6 +47,7 @@ class AnalysisDeclaration:
     ``standards``: roles of the standards whose relative error enters a quantity one to one, by quantity.
     ``problems``: function that says of each record why the analysis leaves it out; "" for what holds for all records.
     ``assumptions``: function that names what its data cannot show, from the section "campaign" of a plan.
+    ``roles``: that columns of a log play for it.
     """
 
     name: str
@@ -69,6 +70,7 @@ class AnalysisDeclaration:
     standards: Mapping[str, str] = field(default_factory=dict)
     problems: str = ""
     assumptions: str = ""
+    roles: tuple[str, ...] = ()
 
 
 class ChannelKind(StrictModel):

@@ -50,7 +50,7 @@ def find_shipped(kind: Kind, name_or_path: str | Path) -> Path:
     text = str(name_or_path)
     path = Path(text)
     if _is_file(path):
-        _refuse_others(kind, path)
+        refuse_other_kinds(kind, path)
         return path
     lab = lab_here()
     if _NAME.fullmatch(text):
@@ -73,7 +73,7 @@ def find_shipped(kind: Kind, name_or_path: str | Path) -> Path:
     )
 
 
-def _refuse_others(kind: Kind, path: Path) -> None:
+def refuse_other_kinds(kind: str, path: Path) -> None:
     """Raise InputError B-SHIP-002 if the keys at the top of a file are those of another kind of file."""
     try:
         with path.open("rb") as file:
@@ -85,7 +85,7 @@ def _refuse_others(kind: Kind, path: Path) -> None:
         raise _another(kind, other, str(path))
 
 
-def _another(kind: Kind, other: str, text: str) -> InputError:
+def _another(kind: str, other: str, text: str) -> InputError:
     is_a, _, taken = _KINDS[other]
     taken = taken.format(name=text)
     return InputError("B-SHIP-002", f"this is a {is_a}, and a {kind[:-1]} is due", where=text, next_step=taken)

@@ -10,12 +10,22 @@ from operator import or_
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field, StringConstraints, create_model, model_validator
+from pydantic import (
+    AfterValidator,
+    Field,
+    ModelWrapValidatorHandler,
+    StringConstraints,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 
 from bench.model.declaration import LogColumn, LogSections
+from bench.model.shipped import refuse_other_kinds
 from bench.model.systems import systems, with_sections
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import Document, Name, StrictModel, load_yaml
+from bench.plan.language.roles import check_roles, naming_roles
 
 UnitName = Annotated[str, StringConstraints(min_length=1, max_length=80)]
 Header = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -187,6 +197,14 @@ class LogMapping(StrictModel):
         0.0, description="share of rows that may be unreadable before the file is refused, such as '1 %'"
     )
 
+    @model_validator(mode="wrap")
+    @classmethod
+    def _roles_are_named(cls, tree: Any, handler: ModelWrapValidatorHandler[LogMapping]) -> LogMapping:
+        try:
+            return handler(tree)
+        except ValidationError as error:
+            raise naming_roles(error, tree) from error
+
     @model_validator(mode="after")
     def _columns_fit_together(self) -> LogMapping:
         times = [header for header, column in self.columns.items() if column.role == "time"]
@@ -200,6 +218,7 @@ class LogMapping(StrictModel):
         if twice := [name for name, count in names.items() if count > 1]:
             raise ValueError(f"two columns have the quantity {twice[0]!r}")
         self._check_units()
+        check_roles(self.analysis, self.values)
         for sections in _sections():
             if isinstance(self, sections):
                 sections.check_log(self, self)
@@ -279,5 +298,9 @@ def _column(header: str, column: LogColumn) -> dict[str, str]:
 
 
 def load_mapping(path: Path) -> Document[LogMapping]:
-    """Read and check a mapping file. Raises InputErrors with every mistake and its position."""
+    """Read and check a mapping file.
+
+    Raises: InputErrors with every mistake and its position; InputError B-SHIP-002 for a file of another kind.
+    """
+    refuse_other_kinds("mappings", path)
     return load_yaml(path, mapping_model())

@@ -155,6 +155,7 @@ DECLARATION = System(
             made_of="logs",
             main=_MAIN,
             assumptions=f"{_HERE}.assumptions:of_log",
+            roles=("time", "temperature", "set_point", "reading", "reference"),
         ),
     ),
     unit=ConverterUnit,

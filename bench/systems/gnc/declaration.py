@@ -9,6 +9,7 @@ _HERE = "bench.systems.gnc"
 _TAKEN = f"{_HERE}.assumptions"
 _POSE = ("item", "mounting", "outer_deg", "middle_deg", "inner_deg")
 _TRIADS = ("tick", "gyro", "accel", "temperature")
+_INERTIAL = ("time", "gyro", "accelerometer")
 _ITEMS = ("supply", "identify", "cpu", "timer", "memory", "imu", "gps", "ad", "io", "spi", "sci", "can")
 _DIMENSIONS = {
     "width": "m",
@@ -78,9 +79,13 @@ DECLARATION = System(
             assumptions=f"{_TAKEN}:of_magnetometer",
             fields=("tick", "mag", "temperature"),
         ),
-        AnalysisDeclaration("imu_six_position", f"{_HERE}.logs.six_position", ("least_squares",), "logs"),
-        AnalysisDeclaration("imu_multi_position", f"{_HERE}.logs.multi_position", ("norm",), "logs"),
-        AnalysisDeclaration("imu_strapdown", f"{_HERE}.logs.strapdown", ("indicated", "calibrated"), "logs"),
+        AnalysisDeclaration(
+            "imu_six_position", f"{_HERE}.logs.six_position", ("least_squares",), "logs", roles=_INERTIAL
+        ),
+        AnalysisDeclaration("imu_multi_position", f"{_HERE}.logs.multi_position", ("norm",), "logs", roles=_INERTIAL),
+        AnalysisDeclaration(
+            "imu_strapdown", f"{_HERE}.logs.strapdown", ("indicated", "calibrated"), "logs", roles=_INERTIAL
+        ),
     ),
     limits={name: Limit(dimension) for name, dimension in _DIMENSIONS.items()},
     unit=ModuleUnit,

@@ -24,11 +24,11 @@ pytestmark = [
 ]
 
 
-def imported(out: Path, mapping: str, file: Path) -> tuple[Path, ImportedSeries]:
+def imported(out: Path, mapping: str, file: Path, status: int = 0) -> tuple[Path, ImportedSeries]:
     """The session of a recording, with its analysis, and its columns."""
     path = ROOT / "docs" / "mappings" / f"{mapping}.yaml"
     done = bench("import", str(path), str(file), "--out", str(out))
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == status, done.stderr
     session = next(folder for folder in out.iterdir() if folder.name.endswith(f"_{mapping}_unknown"))
     return session, replay_series(session)
 
@@ -40,7 +40,7 @@ def estimates(session: Path, quantity: str, **conditions: str) -> list[float]:
 
 
 def test_six_positions_and_three_turns(tmp_path: Path) -> None:
-    session, series = imported(tmp_path, "imucal_six_position", TURNED)
+    session, series = imported(tmp_path, "imucal_six_position", TURNED, status=1)  # gyro z stands still in a turn
     table = np.loadtxt(TURNED, delimiter=",", skiprows=1)
     names = [f"{kind}_{axis}_{unit}" for kind, unit in (("gyro", "deg_s"), ("accel", "m_s2")) for axis in "xyz"]
     for place, name in enumerate(names, 1):

@@ -12,7 +12,7 @@ from import_sample import RAMP, SHORT
 from jsonschema import Draft202012Validator
 from pydantic import RootModel
 
-from bench.model.errors import InputErrors
+from bench.model.errors import InputError, InputErrors
 from bench.model.yamlio import load_yaml, parse_yaml
 from bench.plan import mapping_schema
 from bench.plan.language.mapping import FileForm, TimeColumn, ValueColumn, load_mapping, mapping_model
@@ -89,6 +89,26 @@ def test_columns_must_fit_together(old: str, new: str, word: str) -> None:
     with pytest.raises(InputErrors, match="B-YAML-012") as raised:
         parse_yaml(text, "m.yaml", mapping_model())
     assert word in str(raised.value)
+
+
+IMU = "analysis: imu_strapdown\nsite: {gravity: 9.8 m/s2}\nuut:"
+
+
+def test_a_wrong_role_names_those_of_the_analysis() -> None:
+    for role in ("gyroscope", "reading"):
+        with pytest.raises(InputErrors, match=f"'{role}'") as raised:
+            parse_yaml(SHORT.replace("uut:", IMU, 1).replace("reading", role), "m.yaml", mapping_model())
+        said = str(raised.value)
+        assert re.search("'?time'?, '?gyro'?, '?accelerometer'?, '?temperature'?, '?ignore'?", said), said
+        assert "set_point" not in said
+
+
+def test_a_file_of_another_kind_is_named_with_its_command(tmp_path: Path) -> None:
+    frame = ROOT / "frames" / "imu_200.yaml"
+    with pytest.raises(InputError, match=r"B-SHIP-002: .*this is a frame, and a mapping is due.*bench decode"):
+        load_mapping(frame)
+    with pytest.raises(InputError, match="B-YAML-001"):
+        load_mapping(tmp_path / "none.yaml")
 
 
 def test_an_analysis_needs_temperature_and_reading() -> None:

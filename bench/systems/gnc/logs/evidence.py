@@ -12,13 +12,14 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from scipy import special
 
-from bench.analysis import Evidence, Floats
+from bench.analysis import Estimate, Evidence, Floats
 from bench.maths.verdict import coverage_factor
 from bench.systems.gnc.estimators.multi_position import NormFit
 from bench.systems.gnc.estimators.sample_checks import frozen_runs
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.rows import AXES
 
+MOTION_ERRORS = ("level_error", "velocity_error")
 _PLAUSIBLE = 0.1  # of an axis's own sensitivity, from the two others
 _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 
@@ -40,6 +41,24 @@ def stuck_sensors(stretches: Mapping[str, Sequence[Floats]], quantities: Mapping
                     "were repeated. Take these parts out of the log, or record it again."
                 )
                 found.append(Evidence("stands_still", text, float(len(hung)), 0.0, quantities=quantities[kind]))
+    return found
+
+
+def wide_sizes(entries: Sequence[Estimate]) -> list[Evidence]:
+    """Return each error of the motions whose interval is wider than the error itself: too few motions tell its size.
+
+    Args: entries: the estimates of one log; those of motions are ``level_error`` and ``velocity_error``.
+    """
+    found = []
+    for entry in entries:
+        name, value, wide = entry["quantity"], entry["value"], entry["expanded_uncertainty"]
+        if name in MOTION_ERRORS and wide > value:
+            text = (
+                f"The {name.replace('_', ' ')} of {entry['n']} motions is {value:.3g} {entry['unit']} with an expanded "
+                f"uncertainty of {wide:.3g} {entry['unit']}, which says nothing of its size. Record at least four "
+                "motions between rests."
+            )
+            found.append(Evidence("too_few_motions", text, wide / value if value else None, 0.0, quantities=(name,)))
     return found
 
 

@@ -17,7 +17,7 @@ from bench.systems.gnc.estimators.clocks import SampleStamps, sample_stamps
 from bench.systems.gnc.estimators.multi_position import fit_multi_position
 from bench.systems.gnc.estimators.rest_drift import LATITUDE_deg, drift_at_rest, random_walk
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, STEADY_deg_s, find_rests
-from bench.systems.gnc.logs.evidence import stuck_sensors
+from bench.systems.gnc.logs.evidence import stuck_sensors, wide_sizes
 from bench.systems.gnc.logs.log import ImuLog, imu_log
 from bench.systems.gnc.logs.strapdown_report import Found, estimates_of, figures_of, notes_of, tables_of
 
@@ -46,16 +46,18 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         )
     latitude = (material.campaign.get("site") or {}).get("latitude_deg")
     result = _found(log, log.gyro, method, LATITUDE_deg if latitude is None else float(latitude))
+    entries = estimates_of(result)
+    stuck = stuck_sensors({"accelerometer": [log.accel], "gyro": [log.gyro]}, {"accelerometer": (), "gyro": ()})
     return Analysis(
         campaign="imu_strapdown",
         method=result.method,
         uut=dict(material.campaign["uut"]),
-        estimates=estimates_of(result),
+        estimates=entries,
         notes=notes_of(result),
         missing=list(result.missing),
         tables=tables_of(result),
         figures=figures_of(result),
-        evidence=stuck_sensors({"accelerometer": [log.accel], "gyro": [log.gyro]}, {"accelerometer": (), "gyro": ()}),
+        evidence=[*stuck, *wide_sizes(entries)],
     )
 
 

@@ -7,9 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from test_rest_drift import RATE, noisy, poses
 
 from bench.commands.import_log import import_log
-from bench.model.errors import InputError, InputErrors
+from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
 from bench.record import SessionReader
@@ -40,6 +41,20 @@ columns:
   z: {role: accelerometer, axis: z, unit: "1"}
   x: {role: accelerometer, axis: x, unit: "1"}
 """
+TURN = """\
+mapping: turn
+uut: {model: M, serial: S-3}
+analysis: imu_strapdown
+columns:
+  t: {role: time, format: elapsed, unit: s, start: 2024-01-01T00:00:00Z}
+  gx: {role: gyro, axis: x, unit: deg/s}
+  gy: {role: gyro, axis: y, unit: deg/s}
+  gz: {role: gyro, axis: z, unit: deg/s}
+  ax: {role: accelerometer, axis: x, unit: m/s2}
+  ay: {role: accelerometer, axis: y, unit: m/s2}
+  az: {role: accelerometer, axis: z, unit: m/s2}
+site: {gravity: 9.81 m/s2}
+"""
 BARE = "   2.9840000e-02   3.3108000e+04   3.3329000e+04   3.6429000e+04\n   3.9857000e-02  33096 1 -7.5\n"
 
 
@@ -49,6 +64,19 @@ def imported(folder: Path, mapping: str, log: str) -> tuple[Path, ImportedSeries
     import_log(folder / "m.yaml", folder / "log.txt", folder / "out")
     session = next((folder / "out").iterdir())
     return session, replay_series(session)
+
+
+def test_a_doubtful_result_ends_with_status_1(tmp_path: Path) -> None:
+    """A log of one hand turn, whose error between rests has an interval of nine times its size."""
+    accel, gyro = noisy(*poses([("x", 90.0)], 9.0)[:2])
+    table = np.column_stack((np.arange(len(accel)) / RATE, np.degrees(gyro), accel))
+    np.savetxt(tmp_path / "turn.csv", table, delimiter=",", header="t,gx,gy,gz,ax,ay,az", comments="")
+    (tmp_path / "m.yaml").write_text(TURN, encoding="utf-8")
+    assert import_log(tmp_path / "m.yaml", tmp_path / "turn.csv", tmp_path / "out") == ExitStatus.VERDICT_FAIL
+    (results,) = (tmp_path / "out").glob("*/results.json")
+    quality = {one["quantity"]: one["quality"] for one in json.loads(results.read_text())["estimates"]}
+    assert quality["level_error"] == "doubtful"
+    assert quality["angle_random_walk"] == "sound"
 
 
 def test_numbered_samples_at_a_rate(tmp_path: Path) -> None:

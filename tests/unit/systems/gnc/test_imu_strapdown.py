@@ -14,6 +14,7 @@ from test_imu_logs import log
 from test_rest_drift import GYRO_NOISE, RATE, TURNS, noisy, poses
 
 from bench.analysis import Analysis, Material, with_uncertainty
+from bench.analysis.doubt import weigh
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.rest_drift import NAMES
 from bench.systems.gnc.estimators.static_intervals import find_rests
@@ -73,6 +74,16 @@ def test_a_long_rest_gives_every_horizon_and_nothing_between() -> None:
     (shown,) = (row[2] for row in table.rows if row[0] == "gyro drift")
     assert shown == with_uncertainty(drift["value"], 2.0 * drift["std_uncertainty"])
     assert {one["quantity"] for one in analysis.estimates}.isdisjoint({"level_error", "turn_scale"})
+
+
+def test_a_single_turn_says_nothing_of_the_errors_between_rests() -> None:
+    """With one degree of freedom an interval of 95 % is nine times the value: t / sqrt(2) for t = 12.706."""
+    analysis = imu_strapdown.analyse(turned_log([("x", 90.0)]))
+    (entry,) = [one for one in analysis.estimates if one["quantity"] == "level_error"]
+    assert entry["expanded_uncertainty"] / entry["value"] == pytest.approx(12.706 / np.sqrt(2.0), rel=1e-4)
+    doubts = {one.quantities: one.code for one in weigh(analysis.evidence).against}
+    assert doubts == {("level_error",): "too_few_motions", ("velocity_error",): "too_few_motions"}
+    assert weigh(imu_strapdown.analyse(turned_log()).evidence).against == []
 
 
 def test_a_wrong_rate_is_refused_with_the_rate_that_fits() -> None:
