@@ -17,12 +17,13 @@ from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
 from bench.plan import LogMapping, load_mapping, names_made_of_logs
 from bench.record import SessionWriter
-from bench.replay import IMPORT, LINK, MAPPING, LogParser, Survey, file_lines, survey
+from bench.replay import IMPORT, LINK, MAPPING, LogParser, Survey, survey
 from bench.run.bench.transcript import new_folder
 from bench.run.provenance import software
 from bench.session.finish import finish
 from bench.session.service import read_view
 from bench.store import chosen_url
+from bench.tables import log_lines, origin_of
 
 NO_ANALYSIS = "none"
 ROTATE_BYTES = 32_000_000  # a reader holds one segment in memory
@@ -34,7 +35,7 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     mapping = document.model
     if mapping.analysis != NO_ANALYSIS:
         _known_analysis(document)
-    surveyed = survey(file, mapping)
+    surveyed = survey(log_lines(file, mapping), mapping, str(file))
     _segments_inside(document, surveyed)
     folder = _write(document, file, surveyed, out)
     counts = surveyed.counts
@@ -93,7 +94,7 @@ def _write(document: Document[LogMapping], file: Path, surveyed: Survey, out: Pa
     )
     writer.clock_pair(0, surveyed.first_ns)
     parser, t_ns, since = LogParser(mapping, str(file)), 0, 0
-    for line in file_lines(file, surveyed.size):
+    for line in log_lines(file, mapping, surveyed.size):
         row = parser.row(line)
         t_ns = t_ns if row is None else row.t_ns - surveyed.first_ns
         writer.raw(LINK, "rx", t_ns, line)
@@ -146,6 +147,7 @@ def _manifest(document: Document[LogMapping], name: str, file: Path, surveyed: S
             "rows": counts.rows,
             "overload_rows": counts.overload_rows,
             "bad_rows": counts.bad_rows,
+            **({"origin": origin} if (origin := origin_of(file)) else {}),
         },
         "software": software(mapping.analysis),
     }

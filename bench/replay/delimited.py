@@ -111,6 +111,7 @@ class LogParser:
         self._form = mapping.file
         self._columns = list(mapping.values.items())
         self._time_header, column = mapping.time
+        self._counts_rows = column.format == ROWS
         self._time = TimeReader(column, mapping.file.decimal)
         self._sentinels = _Sentinels(mapping.overload, mapping.file)
         self._readers: list[tuple[int, LogColumn, float]] = []
@@ -195,7 +196,8 @@ class LogParser:
     def _take_header(self, headers: list[str]) -> None:
         names = [name.strip() for name in headers]
         self._width = len(names)
-        self._time_at = self._place(names, self._time_header)
+        numbered = self._counts_rows and self._time_header not in names  # nothing of the column is read
+        self._time_at = 0 if numbered else self._place(names, self._time_header)
         self._readers = [(self._place(names, header), column, column.factor) for header, column in self._columns]
         self.counts.overloads = {}
 

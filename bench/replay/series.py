@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from array import array
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -36,15 +36,15 @@ class Survey:
     sha256: str
 
 
-def survey(path: Path, mapping: LogMapping) -> Survey:
-    """Read a log through a mapping.
+def survey(lines: Iterable[bytes], mapping: LogMapping, name: str) -> Survey:
+    """Read the lines of a log through a mapping; ``name`` is the file in messages.
 
-    Raises: InputError B-IMP-001 (cannot be read, empty), B-IMP-005 (too many rows cannot be read), and those of
+    Raises: InputError B-IMP-001 (empty), B-IMP-005 (too many rows cannot be read), and those of
             bench.replay.delimited.LogParser.
     """
-    parser, digest, size = LogParser(mapping, str(path)), hashlib.sha256(), 0
+    parser, digest, size = LogParser(mapping, name), hashlib.sha256(), 0
     first_ns = last_ns = None
-    for line in file_lines(path):
+    for line in lines:
         digest.update(line)
         size += len(line)
         row = parser.row(line)
@@ -52,8 +52,8 @@ def survey(path: Path, mapping: LogMapping) -> Survey:
             first_ns = row.t_ns if first_ns is None else first_ns
             last_ns = row.t_ns
     if size == 0:
-        raise InputError("B-IMP-001", "is empty", where=str(path), next_step="name the file of the log")
-    _few_bad_rows(parser.counts, mapping, str(path))
+        raise InputError("B-IMP-001", "is empty", where=name, next_step="name the file of the log")
+    _few_bad_rows(parser.counts, mapping, name)
     parser.finish()
     assert first_ns is not None
     assert last_ns is not None

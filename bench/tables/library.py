@@ -7,21 +7,22 @@ from typing import Any
 
 from bench.model.errors import InputError
 
-EXTRAS = {"pandas": "python", "h5py": "hdf5", "pyarrow": "parquet"}
+EXTRAS = {"pandas": "python", "h5py": "hdf5", "pyarrow": "parquet", "mcap": "mcap", "rosbags": "ros"}
 
 
 def library(name: str) -> Any:
-    """Return a library of tables. Raises: InputError B-TAB-001 if it is not installed."""
+    """Return a library of tables, or a module of it. Raises: InputError B-TAB-001 if it is not installed."""
+    package = name.partition(".")[0]
     try:
         return import_module(name)
     except ModuleNotFoundError as error:
-        if error.name != name:
+        if error.name != package:
             raise
         raise InputError(
             "B-TAB-001",
-            f"{name} is not installed, and tables of this kind need it",
-            where=name,
-            next_step=f"install it with: pip install 'inertial-bench[{EXTRAS[name]}]'",
+            f"{package} is not installed, and tables of this kind need it",
+            where=package,
+            next_step=f"install it with: pip install 'inertial-bench[{EXTRAS[package]}]'",
         ) from error
 
 

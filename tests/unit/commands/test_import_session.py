@@ -15,7 +15,7 @@ from bench.model.errors import InputError, SessionDamaged
 from bench.plan.language.mapping import load_mapping
 from bench.record import SessionReader, SessionWriter
 from bench.replay import replay_rows
-from bench.replay.series import replay_series, survey
+from bench.replay.series import file_lines, replay_series, survey
 
 
 def imported(tmp_path: Path, mapping: str, log: bytes) -> Path:
@@ -83,9 +83,9 @@ def test_an_analysis_of_records_is_refused_with_its_place(tmp_path: Path) -> Non
 def test_a_log_that_grows_meanwhile_is_taken_as_it_was_surveyed(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def surveyed_then_grown(path: Path, mapping: object) -> object:
-        found = survey(path, mapping)  # type: ignore[arg-type]
-        with path.open("ab") as stream:
+    def surveyed_then_grown(lines: object, mapping: object, name: str) -> object:
+        found = survey(lines, mapping, name)  # type: ignore[arg-type]
+        with Path(name).open("ab") as stream:
             stream.write(b"2024-01-01T00:00:05,goes,back\n")
         return found
 
@@ -134,7 +134,7 @@ def test_a_log_of_the_shape_of_a_real_one(tmp_path: Path) -> None:
     """Sentinels in the first row, a trailing delimiter, CR LF."""
     (tmp_path / "m.yaml").write_text(RAMP)
     path = write_ramp(tmp_path / "log.dsv", ramp_rows(1))
-    found = survey(path, load_mapping(tmp_path / "m.yaml").model)
+    found = survey(file_lines(path), load_mapping(tmp_path / "m.yaml").model, str(path))
     assert found.counts.rows == 960
     assert found.counts.overloads == {"standard": 1, "meter": 1}
     assert found.counts.overload_rows == 1

@@ -12,7 +12,7 @@ from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import LogMapping, mapping_model
 from bench.replay.delimited import MAX_LINE_BYTES, LogParser, LogRow, lines_of
-from bench.replay.series import Survey, survey
+from bench.replay.series import Survey, file_lines, survey
 
 UTC_2024_ns = 1_704_067_200 * 10**9  # 2024-01-01T00:00:00Z
 
@@ -34,7 +34,7 @@ def read(content: bytes, mapping: LogMapping) -> tuple[list[LogRow], LogParser]:
 def surveyed(tmp_path: Path, content: bytes, mapping: LogMapping | None = None) -> Survey:
     path = tmp_path / "log.csv"
     path.write_bytes(content)
-    return survey(path, mapping or mapped())
+    return survey(file_lines(path), mapping or mapped(), str(path))
 
 
 def test_a_plain_log_in_base_units() -> None:
@@ -134,7 +134,7 @@ def test_what_a_survey_says(tmp_path: Path) -> None:
 
 def test_no_file_and_an_empty_one(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"B-IMP-001.*cannot be read"):
-        survey(tmp_path / "absent.csv", mapped())
+        list(file_lines(tmp_path / "absent.csv"))
     with pytest.raises(InputError, match=r"B-IMP-001.*is empty"):
         surveyed(tmp_path, b"")
 

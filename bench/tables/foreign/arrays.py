@@ -1,0 +1,130 @@
+"""Arrays of one length as columns of a table: NumPy and MATLAB files.
+
+A matrix ``a`` of k columns gives ``a[0]`` to ``a[k-1]``, a record array ``a.field``, the only matrix of an .npy file
+``0`` to ``k-1``. What is no column of numbers or texts is left out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from bench.model.errors import InputError
+
+BLOCK_ROWS = 10_000
+_LISTED = 6
+_KINDS = "biufSU"  # truth values, whole numbers, numbers, texts
+
+
+@dataclass(frozen=True)
+class ArrayColumn:
+    """One column of an array in a file, read block by block.
+
+    ``array``: sliced only.   ``at``: its column in a matrix, None if the array is the column.   ``field``: of a record
+    array.   ``across``: the rows of the table are the columns of the matrix, as MATLAB writes HDF5.
+    """
+
+    array: Any
+    at: int | None = None
+    field: str | None = None
+    across: bool = False
+
+    def __len__(self) -> int:
+        return int(self.array.shape[-1 if self.across else 0])
+
+    def block(self, first: int, last: int) -> list[Any]:
+        """Return values first to last - 1 as plain numbers or texts."""
+        rows = slice(first, last)
+        if self.at is None:
+            part = self.array[0, rows] if self.across and self.array.ndim > 1 else self.array[rows]
+        else:
+            part = self.array[self.at, rows] if self.across else self.array[rows, self.at]
+        part = np.asarray(part)
+        values: list[Any] = (part if self.field is None else part[self.field]).ravel().tolist()
+        return [value.decode("utf-8", "replace") if isinstance(value, bytes) else value for value in values]
+
+
+@dataclass(frozen=True)
+class ArrayTable:
+    """Columns by name, not all of one length: those that are asked for together must be."""
+
+    columns: Mapping[str, ArrayColumn]
+
+    @property
+    def names(self) -> Sequence[str]:
+        """Columns that it has."""
+        return tuple(self.columns)
+
+    def rows(self, names: Sequence[str]) -> Iterator[Sequence[object]]:
+        """Yield values of some columns, row by row. Raises: InputError B-IMP-010 if they differ in length."""
+        chosen = [self.columns[name] for name in names]
+        lengths = {name: len(column) for name, column in zip(names, chosen, strict=True)}
+        if len(set(lengths.values())) > 1:
+            said = ", ".join(f"{name} {length}" for name, length in list(lengths.items())[:_LISTED])
+            raise InputError(
+                "B-IMP-010",
+                f"the columns of the mapping differ in length: {said}",
+                next_step="map columns of one table; import each table with a mapping of its own",
+            )
+        for first in range(0, next(iter(lengths.values()), 0), BLOCK_ROWS):
+            yield from zip(*(column.block(first, first + BLOCK_ROWS) for column in chosen), strict=True)
+
+
+def columns_of(name: str, array: Any, across: bool = False) -> dict[str, ArrayColumn]:
+    """Return the columns of one array by name; none for a scalar, an array of three axes, or other kinds of values."""
+    fields = array.dtype.names
+    if array.ndim == 1 and fields:
+        plain = [field for field in fields if array.dtype[field].kind in _KINDS and not array.dtype[field].shape]
+        return {f"{name}.{field}": ArrayColumn(array, field=field) for field in plain}
+    if array.dtype.kind not in _KINDS or array.ndim not in (1, 2) or not array.size:
+        return {}
+    if array.ndim == 1:
+        return {name: ArrayColumn(array)}
+    width = array.shape[0 if across else 1]
+    if width == 1:
+        return {name: ArrayColumn(array, at=0, across=across)}
+    return {f"{name}[{place}]": ArrayColumn(array, at=place, across=across) for place in range(width)}
+
+
+def npy_table(path: Path) -> ArrayTable:
+    """Return the columns of an .npy file, which stays in the file."""
+    array = np.load(path, mmap_mode="r", allow_pickle=False)
+    if array.ndim == 2:
+        return ArrayTable({str(place): ArrayColumn(array, at=place) for place in range(array.shape[1])})
+    return ArrayTable({name.removeprefix("0."): column for name, column in columns_of("0", array).items()})
+
+
+def npz_table(path: Path) -> ArrayTable:
+    """Return the columns of all arrays of an .npz file, which are held in memory."""
+    columns: dict[str, ArrayColumn] = {}
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+        for name in file.files:
+            columns |= columns_of(name, file[name])
+    return ArrayTable(columns)
+
+
+def mat_table(path: Path) -> ArrayTable:
+    """Return the columns of all variables of a MATLAB file up to version 7, fields of structures by ``a.b``.
+
+    They are held in memory.
+    """
+    from scipy.io import loadmat
+
+    columns: dict[str, ArrayColumn] = {}
+    for name, value in loadmat(path, squeeze_me=True, struct_as_record=False).items():
+        if not name.startswith("__"):
+            columns |= _of_variable(name, value)
+    return ArrayTable(columns)
+
+
+def _of_variable(name: str, value: Any) -> dict[str, ArrayColumn]:
+    if isinstance(value, np.ndarray):
+        return columns_of(name, value)
+    columns: dict[str, ArrayColumn] = {}
+    for field in getattr(value, "_fieldnames", ()):
+        columns |= _of_variable(f"{name}.{field}", getattr(value, field))
+    return columns
