@@ -27,6 +27,8 @@ _UNITS |= {
     "1": ("1", Decimal(1)),
     "deg": ("deg", Decimal(1)),
     "arcmin": ("deg", Decimal(1) / 60),
+    "arcsec": ("deg", Decimal(1) / 3600),
+    "rad": ("deg", Decimal("57.29577951308232087679815481")),
     "deg/s": ("deg/s", Decimal(1)),
     "deg/h": ("deg/s", Decimal(1) / 3600),
     "rad/s": ("deg/s", Decimal("57.29577951308232087679815481")),
@@ -39,6 +41,10 @@ _UNITS |= {
     "gauss": ("gauss", Decimal(1)),
     "mgauss": ("gauss", Decimal("1e-3")),
     "ugauss": ("gauss", Decimal("1e-6")),
+    "T": ("gauss", Decimal("1e4")),
+    "mT": ("gauss", Decimal(10)),
+    "uT": ("gauss", Decimal("1e-2")),
+    "nT": ("gauss", Decimal("1e-5")),
     "m": ("m", Decimal(1)),
     "cm": ("m", Decimal("1e-2")),
     "mm": ("m", Decimal("1e-3")),
@@ -170,6 +176,12 @@ def dimension_of(unit: str) -> str:
         advice = f"did you mean {close!r}?" if close else f"use one of: {', '.join(_units_of(''))}"
         raise ValueError(f"{unit!r} is no unit; {advice}")
     return known[1]
+
+
+def unit_text(text: str) -> str:
+    """Return the text of a unit that is known. Raises: ValueError naming the unit that was meant."""
+    dimension_of(text)
+    return text
 
 
 def quantity(dimension: str, low: float | None = None, high: float | None = None) -> Any:

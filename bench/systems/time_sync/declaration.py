@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
-from bench.model.declaration import AnalysisDeclaration, Limit, System, UnitSections
-from bench.model.units import quantity
-from bench.model.yamlio import StrictModel
+from bench.model.declaration import AnalysisDeclaration, Limit, Log, LogColumn, LogSections, System, UnitSections
+from bench.model.units import quantity, unit_text
+from bench.model.yamlio import Name, StrictModel
 
 
 class Inertial(StrictModel):
@@ -74,6 +74,45 @@ class NavigationUnits(UnitSections):
         return {name: section.constants() for name, section in sections.items() if section is not None}
 
 
+class StreamColumn(LogColumn):
+    """A column of one of two streams in a log: the unit's own stamp, or a motion that both units saw."""
+
+    role: Literal["stamp", "motion"]
+    stream: Literal["one", "other"]
+    of: Name | None = Field(None, description="what is measured, such as yaw_rate; the same word in both streams")
+    unit: Annotated[str, AfterValidator(unit_text)] = Field(description="of the numbers in the file")
+
+    @property
+    def quantity(self) -> str:
+        """Name of the column in series, such as ``one_stamp`` or ``other_yaw_rate``."""
+        return f"{self.stream}_{self.of or self.role}"
+
+    def more(self) -> dict[str, str]:
+        """Return what the manifest says of the column beside header, quantity, role and unit."""
+        return {"stream": self.stream, "of": self.of or self.role}
+
+
+class StreamLog(LogSections):
+    """Two streams in one log have no section of their own; their columns must fit together."""
+
+    analyses: ClassVar[tuple[str, ...]] = ("stream_offset",)
+
+    def check_log(self, log: Log) -> None:
+        """Check that both streams have the same motions. Raises: ValueError."""
+        columns = {header: column for header, column in log.values.items() if isinstance(column, StreamColumn)}
+        for header, column in columns.items():
+            if column.role == "stamp" and column.dimension != "s":
+                raise ValueError(f"column {header!r}: the role stamp needs a unit of time, not {column.unit!r}")
+        motions = {
+            stream: {(c.of, c.dimension) for c in columns.values() if c.stream == stream and c.role == "motion"}
+            for stream in ("one", "other")
+        }
+        if motions["one"] != motions["other"] or (log.analysis in StreamLog.analyses and not motions["one"]):
+            raise ValueError(
+                "the streams 'one' and 'other' need columns of the role motion with the same 'of' and kind of unit"
+            )
+
+
 DECLARATION = System(
     name="time_sync",
     analyses=(
@@ -90,7 +129,16 @@ DECLARATION = System(
                 "stamps_difference": Limit("s", above_zero=True),
             },
         ),
+        AnalysisDeclaration(
+            "stream_offset",
+            "bench.systems.time_sync.logs",
+            ("common_motion",),
+            "logs",
+            roles=("time", "stamp", "motion"),
+        ),
     ),
     unit=NavigationUnits,
+    log=StreamLog,
+    log_columns=(StreamColumn,),
     studies={"time_sync": "bench.systems.time_sync.study"},
 )

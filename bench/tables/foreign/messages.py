@@ -123,5 +123,6 @@ def _flat(name: str, value: Any) -> Iterator[tuple[str, object]]:
 def _stamp_ns(value: dict[str, Any]) -> int | None:
     """Return a time of ROS, seconds and nanoseconds apart, as one whole number."""
     seconds, rest = value.get("sec"), value.get("nanosec", value.get("nsec"))
-    both = len(value) == 2 and isinstance(seconds, int) and isinstance(rest, int)
-    return seconds * _NS + rest if both else None
+    if len(value) == 2 and isinstance(seconds, int) and isinstance(rest, int):
+        return seconds * _NS + rest
+    return None

@@ -1,0 +1,118 @@
+"""Time offset of two streams in one imported log, from the motion that both saw (docs/importing.md)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import special
+
+from bench.analysis import Analysis, Evidence, Figure, Material, Table, check_method, curve, estimate
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import FitError
+from bench.systems.time_sync.estimators.common_motion import CommonMotion, common_motion
+
+Array = NDArray[np.float64]
+METHODS: tuple[str, ...] = ("common_motion",)
+_STREAMS = ("one", "other")
+_RIVAL = 0.95  # of the correlation: another shift that fits nearly as well
+_NEAR_s = 5.0  # clocks that are further apart are first brought near each other, in whole seconds
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Return the offset of the clock of stream ``one`` against that of ``other``.
+
+    Raises: FitError B-FIT-004 (unknown method), B-SYNC-012 if the streams show no common motion.
+    """
+    check_method(method, METHODS)
+    streams, coarse_s = _streams(material)
+    found = common_motion(*streams["one"], *streams["other"])
+    counted = {"n": found.samples, "dof": found.dof}
+    place = {"method": method}
+    entries = [
+        estimate("time_offset", "s", coarse_s + found.offset_s, found.std_s, place, **counted),
+        estimate("correlation", "1", found.correlation, 0.0, place, n=found.samples),
+    ]
+    return Analysis(
+        campaign="stream_offset",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=entries,
+        evidence=_evidence(found),
+        notes=[
+            "Positive: the clock of the stream 'one' is ahead of that of 'other'. The offset is that of the whole log; "
+            "what both units delay alike does not show.",
+            "The interval comes from blocks of the recording, a twentieth of it each.",
+        ],
+        tables=[_table(found, coarse_s)],
+        figures=_figures(found),
+    )
+
+
+def _streams(material: Material) -> tuple[Mapping[str, tuple[Array, Array]], float]:
+    """Return stamps and signals of each stream, and whole seconds taken out of the stamps of the first one."""
+    columns = material.campaign.get("columns", ())
+    row_s = material.series.get("t_s", np.empty(0))
+    taken, apart_s = {}, []
+    for stream in _STREAMS:
+        of_it = [column for column in columns if column.get("stream") == stream]
+        signals = sorted((column for column in of_it if column["role"] == "motion"), key=lambda column: column["of"])
+        if not signals:
+            raise FitError(
+                "B-SYNC-012",
+                f"the log holds no motion of the stream {stream!r}",
+                next_step="map a column of the role motion of each stream (docs/importing.md)",
+            )
+        stamp = next((column["name"] for column in of_it if column["role"] == "stamp"), "t_s")
+        values = np.column_stack([material.series[str(column["name"])] for column in signals])
+        sent = np.isfinite(values).all(axis=1) & np.isfinite(material.series[stamp])
+        stamps_s, first = np.unique(material.series[stamp][sent], return_index=True)
+        taken[stream] = stamps_s, values[sent][first]
+        apart_s.append(float(np.median((material.series[stamp] - row_s)[sent])) if sent.any() else 0.0)
+    coarse_s = apart_s[0] - apart_s[1]
+    coarse_s = float(round(coarse_s)) if abs(coarse_s) > _NEAR_s else 0.0
+    return {"one": (taken["one"][0] - coarse_s, taken["one"][1]), "other": taken["other"]}, coarse_s
+
+
+def _evidence(found: CommonMotion) -> list[Evidence]:
+    """Return what speaks against one offset: another shift that fits as well, halves that differ."""
+    seen = []
+    if found.rival > _RIVAL:
+        text = (
+            f"Shifted by {found.rival_s:.3f} s the signals are {100 * found.rival:.0f} % as much alike as at the "
+            "offset: the motion repeats itself. Record one that does not, such as a single turn."
+        )
+        seen.append(Evidence("motion_repeats", text, found.rival, 0.0))
+    step_s = float(found.halves_s[1] - found.halves_s[0])
+    std_s = math.hypot(*found.halves_std_s.tolist())
+    score = abs(step_s) / max(std_s, np.finfo(float).tiny)
+    probability = 2.0 * float(special.stdtr(found.dof, -score))
+    move = 0.5 * abs(step_s) / max(coverage_factor(found.dof) * found.std_s, np.finfo(float).tiny)
+    text = (
+        f"The second half of the log has an offset that is {1e3 * step_s:+.3g} ms from that of the first, "
+        f"{score:.1f} standard uncertainties: a clock drifts or was set. Cut the log, or free the clocks."
+    )
+    return [*seen, Evidence("offset_changes", text, score, probability, move, ("time_offset",))]
+
+
+def _table(found: CommonMotion, coarse_s: float) -> Table:
+    factor = coverage_factor(found.dof)
+    parts = [("whole log", found.offset_s, found.std_s)]
+    parts += zip(("first half", "second half"), found.halves_s.tolist(), found.halves_std_s.tolist(), strict=True)
+    rows: list[list[Any]] = [[name, f"{coarse_s + value:.6f}", f"{factor * std:.6f}"] for name, value, std in parts]
+    caption = f"Clock of 'one' minus clock of 'other'; correlation {found.correlation:.4f}."
+    return Table("Time offset", caption, ["part", "offset, s", "expanded uncertainty, s"], rows, lead=True)
+
+
+def _figures(found: CommonMotion) -> list[Figure]:
+    since_s = found.t_s - found.t_s[0]
+    parts = [curve("other", since_s, found.motion_other[:, 0]), curve("one, shifted", since_s, found.motion_one[:, 0])]
+    left = [curve("left", since_s, found.left[:, 0])]
+    title, unit = "The first signal of both streams, over each other", "signal, base unit"
+    return [
+        Figure(title, "The first stream shifted by the offset and scaled.", "time, s", unit, parts),
+        Figure("What the common motion leaves", "", "time, s", unit, left),
+    ]
