@@ -213,9 +213,11 @@ class LogMapping(StrictModel):
         times = [header for header, column in self.columns.items() if column.role == "time"]
         if len(times) != 1:
             raise ValueError(f"{len(times)} columns have the role time, one is due")
-        if self.time[1].format == ROWS and self.bad_rows:
+        header, time = self.time
+        if time.format == ROWS and self.bad_rows:
             raise ValueError("the time format 'rows' counts rows, so no row may be left out; remove 'bad_rows'")
-        if self.file.names is not None and (absent := [name for name in self.columns if name not in self.file.names]):
+        due = [name for name in self.columns if name != header or time.format != ROWS]
+        if self.file.names is not None and (absent := [name for name in due if name not in self.file.names]):
             raise ValueError(f"the column {absent[0]!r} is not among the 'names' of the file")
         names = Counter(column.quantity for column in self.values.values())
         if twice := [name for name, count in names.items() if count > 1]:

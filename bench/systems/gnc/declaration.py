@@ -86,6 +86,14 @@ DECLARATION = System(
         AnalysisDeclaration(
             "imu_strapdown", f"{_HERE}.logs.strapdown", ("indicated", "calibrated"), "logs", roles=_INERTIAL
         ),
+        AnalysisDeclaration("bias_log", f"{_HERE}.logs.bias", ("allan",), "logs", roles=_INERTIAL),
+        AnalysisDeclaration(
+            "magnetometer_log",
+            f"{_HERE}.logs.magnetometer",
+            ("ellipsoid", "turn_about_z"),
+            "logs",
+            roles=("time", "magnetometer"),
+        ),
     ),
     limits={name: Limit(dimension) for name, dimension in _DIMENSIONS.items()},
     unit=ModuleUnit,

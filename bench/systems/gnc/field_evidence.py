@@ -32,12 +32,19 @@ _ROUNDING = 1e-18  # variance, gauss^2
 
 
 def surface_evidence(
-    quadric: Quadric, points: Floats, begins: Sequence[int], what: str, about: Mapping[str, Any]
+    quadric: Quadric,
+    points: Floats,
+    begins: Sequence[int],
+    what: str,
+    about: Mapping[str, Any],
+    unit: str = "gauss",
 ) -> list[Evidence]:
     """Return what the residuals of a curve or surface say: noise longer than the record tells, another shape.
 
-    ``points``: those of the fit.   ``what``: the readings in words.   ``about``: conditions of its estimates.
+    ``points``: those of the fit, in ``unit``.   ``what``: the readings in words.   ``about``: conditions of its
+    estimates.
     """
+    factor, name = shown_unit(unit)
     quantities = PLANE if points.shape[1] == 2 else SPHERE
     wander, bent = quadric.wander, misshape(quadric, points, begins)
     longer = (
@@ -46,8 +53,8 @@ def surface_evidence(
         "changes (steel, motors, currents near the table), and read longer."
     )
     shape = (
-        f"{what[0].upper()}{what[1:]} do not lie on an ellipse or ellipsoid: they leave it by {1e3 * bent.size:.3g} "
-        f"mgauss (RMS, third and fourth order), which moves the result by {bent.move:.3g} times its expanded "
+        f"{what[0].upper()}{what[1:]} do not lie on an ellipse or ellipsoid: they leave it by {factor * bent.size:.3g} "
+        f"{name} (RMS, third and fourth order), which moves the result by {bent.move:.3g} times its expanded "
         "uncertainty. Look for an axis that saturates or is not linear, and for steel that turns with the unit."
     )
     return [
@@ -60,7 +67,7 @@ def surface_evidence(
             quantities,
             about,
         ),
-        Evidence("not_an_ellipsoid", shape, 1e3 * bent.size, bent.probability, bent.move, quantities, about),
+        Evidence("not_an_ellipsoid", shape, factor * bent.size, bent.probability, bent.move, quantities, about),
     ]
 
 
@@ -72,9 +79,19 @@ def plausible_plane(fit: EllipseFit, about: Mapping[str, Any]) -> list[Evidence]
     return [Evidence(code, text, figure, 0.0, quantities=PLANE, conditions=about) for code, text, figure in reasons]
 
 
-def plausible_sphere(fit: EllipsoidFit) -> list[Evidence]:
-    """Return what no magnetometer in the Earth's field shows in many attitudes; empty where all is as it may be."""
-    reasons = _field(fit.norm, _FIELD_gauss[0]) + _iron(float(np.abs(fit.hard_iron).max()), fit.norm)
+def shown_unit(unit: str) -> tuple[float, str]:
+    """Return factor and name of the unit in which a field is shown: mgauss, or counts as they are."""
+    return (1e3, "mgauss") if unit == "gauss" else (1.0, "counts")
+
+
+def plausible_sphere(fit: EllipsoidFit, unit: str = "gauss") -> list[Evidence]:
+    """Return what no magnetometer in the Earth's field shows in many attitudes; empty where all is as it may be.
+
+    Of counts (``unit`` "1") the size of the field is not known.
+    """
+    reasons = (_field(fit.norm, _FIELD_gauss[0]) if unit == "gauss" else []) + _iron(
+        float(np.abs(fit.hard_iron).max()), fit.norm
+    )
     reasons += _distortion(float(np.abs(fit.symmetric - np.eye(3)).max()))
     return [Evidence(code, text, figure, 0.0, quantities=SPHERE) for code, text, figure in reasons]
 

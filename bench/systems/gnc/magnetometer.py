@@ -7,10 +7,8 @@ at whose plane it stops: ``estimators.magnetometer.ellipsoid``.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,7 +17,6 @@ from bench.analysis import (
     Estimates,
     Evidence,
     Figure,
-    Floats,
     Material,
     Table,
     check_method,
@@ -30,7 +27,6 @@ from bench.analysis import (
 from bench.model.errors import FitError
 from bench.systems.gnc.coefficients import magnetometer_section
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
-from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit, fit_ellipsoid
 from bench.systems.gnc.estimators.magnetometer.plane import (
     ELLIPSE,
     EXTREMES,
@@ -38,13 +34,7 @@ from bench.systems.gnc.estimators.magnetometer.plane import (
     compare_methods,
     widened,
 )
-from bench.systems.gnc.estimators.magnetometer.wander import Wander
-from bench.systems.gnc.field_evidence import (
-    plausible_plane,
-    plausible_sphere,
-    section_evidence,
-    surface_evidence,
-)
+from bench.systems.gnc.field_evidence import plausible_plane, section_evidence, surface_evidence
 from bench.systems.gnc.limits import limits_of, table_3
 from bench.systems.gnc.roll_angle import roll_estimates
 from bench.systems.gnc.rows import (
@@ -58,17 +48,14 @@ from bench.systems.gnc.rows import (
     temperature_span,
     usable,
 )
-
-if TYPE_CHECKING:
-    pass
+from bench.systems.gnc.sphere import Sphere, noise_notes, sphere_of
 
 METHODS: tuple[str, ...] = (ELLIPSE, EXTREMES)
 NON_MAGNETIC = "non_magnetic"
 _PARAMETERS = (("mag_offset", "gauss", "x"), ("mag_offset", "gauss", "y"), ("mag_gain", "1", None),
                ("mag_angle", "deg", None), ("mag_radius", "gauss", None))  # fmt: skip
 _ATTITUDES = "attitudes"
-_MOST_SAMPLES = 20_000  # an even choice of more says nothing that these do not
-_CIRCLE_SAMPLES = 2_000
+_NO_ATTITUDES = "A turn about Z determines X and Y only; offset and gain of Z need records in many attitudes."
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -82,7 +69,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     good, bad = usable(looked_at)
     missing += bad
     turns = _turns(good, missing)
-    sphere = _sphere_of(good)
+    attitudes = [row.values("magnetometer") for row in good if row.item == _ATTITUDES]
+    sphere = sphere_of(attitudes) if attitudes else Sphere(notes=[_NO_ATTITUDES])
     missing += sphere.missing
     fits = [(row, widened(fit, sphere.wander, sphere.wander_dof)) for row, fit in turns]
     parameters = fits[0][1].by_method[method]
@@ -139,7 +127,7 @@ def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> Estimate
     return entries
 
 
-def _evidence(fits: Sequence[tuple[SampledRow, PlaneComparison]], sphere: _Sphere) -> list[Evidence]:
+def _evidence(fits: Sequence[tuple[SampledRow, PlaneComparison]], sphere: Sphere) -> list[Evidence]:
     """Return what every check says of the turns by their own noise, those that found nothing included."""
     found = []
     for row, fit in fits:
@@ -214,121 +202,7 @@ def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Materia
             f"Record {row.number}: {phases} phases, largest part of the turn without a reading "
             f"{ellipse.largest_gap_deg:.1f} deg, noise {1e3 * ellipse.noise:.3f} mgauss."
         )
-        sentences += _noise_notes(
+        sentences += noise_notes(
             f"Record {row.number}", ellipse.quadric.wander, int(ellipse.odd.sum()), ellipse.odd.size
         )
     return sentences
-
-
-@dataclass(frozen=True)
-class _Sphere:
-    """Result of the records in many attitudes; all empty where there are none of them.
-
-    ``wander``, ``wander_dof``: of a sum of readings of the records, as ``widened`` takes them.
-    """
-
-    fit: EllipsoidFit | None = None
-    every: int = 1  # reading of the records that was taken
-    estimates: Estimates = field(default_factory=list)
-    evidence: list[Evidence] = field(default_factory=list)
-    notes: list[str] = field(default_factory=list)
-    missing: list[str] = field(default_factory=list)
-    figures: list[Figure] = field(default_factory=list)
-
-    @property
-    def wander(self) -> float:
-        """Variance of a sum of readings over that of independent noise; 1 where nothing is known of it."""
-        if self.fit is None or not self.fit.quadric.wander.blocks:
-            return 1.0
-        return 1.0 + self.every * (max(self.fit.quadric.wander.factor, 1.0) ** 2 - 1.0)
-
-    @property
-    def wander_dof(self) -> float:
-        """Degrees of freedom behind it."""
-        return math.inf if self.fit is None else float(self.fit.hard_iron_dof.min())
-
-
-def _sphere_of(rows: Sequence[SampledRow]) -> _Sphere:
-    """Hard iron (gauss) and symmetric soft iron of all records with the item ``attitudes`` together.
-
-    Readings that do not determine the ellipsoid are named as missing, with the direction they lack.
-    """
-    rows = [row for row in rows if row.item == _ATTITUDES]
-    if not rows:
-        return _Sphere(
-            notes=["A turn about Z determines X and Y only; offset and gain of Z need records in many attitudes."]
-        )
-    chosen, begins, every = _chosen([row.values("magnetometer") for row in rows])
-    try:
-        fit = fit_ellipsoid(chosen, begins=begins)
-    except FitError as error:
-        return _Sphere(missing=[f"hard and soft iron of the magnetometer: {error.message} ({error.code})"])
-    notes = [f"Hard and soft iron: {sentence}." for sentence in fit.coverage.sentences]
-    notes += _noise_notes("The attitudes", fit.quadric.wander, int(fit.odd.sum()), fit.odd.size)
-    places = np.searchsorted(np.flatnonzero(~fit.odd), begins).tolist()
-    return _Sphere(
-        fit=fit,
-        every=every,
-        estimates=_sphere_estimates(fit),
-        evidence=[
-            *surface_evidence(fit.quadric, chosen[~fit.odd], places, "the readings of the attitudes", {}),
-            *plausible_sphere(fit),
-        ],
-        notes=notes,
-        figures=[_sphere_figure(fit, chosen[~fit.odd])],
-    )
-
-
-def _chosen(records: Sequence[Floats]) -> tuple[Floats, list[int], int]:
-    """Return readings of all records, (n, 3), thinned alike where they are many, the first of each record, and the
-    number of readings from one that was taken to the next.
-    """
-    every = max(1, -(-sum(map(len, records)) // _MOST_SAMPLES))
-    thinned = [readings[::every] for readings in records]
-    begins = np.cumsum([0, *(len(readings) for readings in thinned)])
-    return np.concatenate(thinned), begins[:-1].tolist(), every
-
-
-def _noise_notes(what: str, wander: Wander, odd: int, count: int) -> list[str]:
-    """Return what was left out, and what noise that wanders did to the intervals."""
-    notes = []
-    if odd:
-        notes.append(f"{what}: {odd} of {count} readings lie off the surface of all others and were left out.")
-    if wander.blocks:
-        notes.append(
-            f"{what}: noise is not independent from reading to reading; the intervals come from the scatter of "
-            f"{wander.blocks} blocks of readings and are {wander.factor:.2g} times as wide as independent noise would "
-            "make them."
-        )
-    return notes
-
-
-def _sphere_estimates(fit: EllipsoidFit) -> Estimates:
-    kind = {"kind": "magnetometer", "method": "ellipsoid"}
-    n, dropped = int((~fit.odd).sum()), int(fit.odd.sum())
-    std = np.sqrt(np.diag(fit.hard_iron_covariance))
-    entries = [
-        estimate(
-            "mag_hard_iron", "gauss", fit.hard_iron[k], std[k], kind | {"axis": axis}, n=n, dropped=dropped,
-            dof=fit.hard_iron_dof[k],
-        )
-        for k, axis in enumerate(AXES)
-    ]  # fmt: skip
-    for row, name in enumerate(AXES):
-        for column in range(row + 1):
-            value, step = float(fit.symmetric[row, column]), float(fit.symmetric_std[row, column])
-            place = kind | {"row": name, "column": AXES[column]}
-            dof = float(fit.symmetric_dof[row, column])
-            entries.append(estimate("mag_soft_iron", "1", value, step, place, n=n, dropped=dropped, dof=dof))
-    return entries
-
-
-def _sphere_figure(fit: EllipsoidFit, readings: np.ndarray[Any, np.dtype[np.float64]]) -> Figure:
-    shown = readings[:: max(1, len(readings) // _CIRCLE_SAMPLES)]
-    before = 1e3 * np.linalg.norm(shown, axis=1)
-    after = 1e3 * np.linalg.norm(fit.corrected(shown), axis=1)
-    number = np.arange(len(shown), dtype=np.float64)
-    title = "Size of the field in all attitudes"
-    caption = f"As read and without hard and soft iron; {1e3 * fit.noise:.2f} mgauss of noise are left."
-    parts = [curve("before", number, before, "points"), curve("after", number, after, "points")]
-    return Figure(title, caption, "reading, in the order of the records", "field, mgauss", parts)

@@ -10,16 +10,24 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field
 
 from bench.model.declaration import Log, LogColumn, LogSections, UnitSections
-from bench.model.units import quantity, read_quantity
+from bench.model.units import quantity, unit_text
 from bench.model.yamlio import Name, StrictModel
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
 UPS: tuple[str, ...] = ("+x", "-x", "+y", "-y", "+z", "-z")
 SIX_POSITION, MULTI_POSITION, STRAPDOWN = "imu_six_position", "imu_multi_position", "imu_strapdown"
-ANALYSES = (SIX_POSITION, MULTI_POSITION, STRAPDOWN)
-_WORDS = {"gyro": "gyro", "accelerometer": "accel"}
-_UNITS = {"gyro": ("deg/s", "1"), "accelerometer": ("m/s2", "g", "1")}
-_IN_NAMES = {"deg/s": "deg_s", "m/s2": "m_s2", "g": "g", "1": "counts"}
+BIAS, MAGNETOMETER = "bias_log", "magnetometer_log"
+ANALYSES = (SIX_POSITION, MULTI_POSITION, STRAPDOWN, BIAS, MAGNETOMETER)
+_WORDS = {"gyro": "gyro", "accelerometer": "accel", "magnetometer": "mag"}
+_UNITS = {"gyro": ("deg/s", "1"), "accelerometer": ("m/s2", "g", "1"), "magnetometer": ("gauss", "1")}
+_IN_NAMES = {"deg/s": "deg_s", "m/s2": "m_s2", "g": "g", "gauss": "gauss", "1": "counts"}
+_DUE = {  # sensors of three axes that an analysis needs
+    SIX_POSITION: ("accelerometer",),
+    MULTI_POSITION: ("accelerometer",),
+    STRAPDOWN: ("gyro", "accelerometer"),
+    MAGNETOMETER: ("magnetometer",),
+    BIAS: (),
+}
 
 
 class Imu(StrictModel):
@@ -54,18 +62,12 @@ class ModuleUnit(UnitSections):
         return {} if self.imu is None else {"imu": self.imu.constants()}
 
 
-def _unit(text: str) -> str:
-    if read_quantity(f"1 {text}") is None:
-        raise ValueError(f"{text!r} is no unit; write one such as deg/s, deg/h, m/s2, g, mg, or 1 for counts")
-    return text
-
-
 class SensorColumn(LogColumn):
-    """A column of numbers of one axis of a gyroscope or an accelerometer triad."""
+    """A column of numbers of one axis of a triad of gyroscopes, accelerometers or magnetometers."""
 
-    role: Literal["gyro", "accelerometer"]
+    role: Literal["gyro", "accelerometer", "magnetometer"]
     axis: Literal["x", "y", "z"]
-    unit: Annotated[str, AfterValidator(_unit)] = Field(description="of the numbers in the file; 1 for raw counts")
+    unit: Annotated[str, AfterValidator(unit_text)] = Field(description="of the numbers in the file; 1 for raw counts")
 
     @property
     def quantity(self) -> str:
@@ -177,11 +179,15 @@ def _check_segments(segments: Mapping[str, Segment], sensors: Collection[SensorC
 
 
 def _check_needs(log: SensorLog, name: str, sensors: Collection[SensorColumn]) -> None:
-    for role in _WORDS if name == STRAPDOWN else ("accelerometer",):
+    for role in _DUE[name]:
         there = {sensor.axis for sensor in sensors if sensor.role == role}
         if missing := [axis for axis in AXES if axis not in there]:
-            what = f"{'a gyro' if role == 'gyro' else 'an accelerometer'} column of the axis {missing[0]}"
-            raise ValueError(f"the analysis {name!r} needs {what}")
+            article = "an" if role == "accelerometer" else "a"
+            raise ValueError(f"the analysis {name!r} needs {article} {role} column of the axis {missing[0]}")
+    if name == BIAS and not any(sensor.role in ("gyro", "accelerometer") for sensor in sensors):
+        raise ValueError(f"the analysis {name!r} needs a column of the role gyro or accelerometer")
+    if name in (BIAS, MAGNETOMETER):
+        return
     if log.site is None:
         raise ValueError(f"the analysis {name!r} needs 'site' with the local gravity")
     if name == SIX_POSITION:

@@ -1,0 +1,239 @@
+"""Noise and bias of inertial sensors from a log taken at rest: mean, terms of the Allan deviation, stability of means.
+
+Any axes of gyroscopes and accelerometers; no pose and no gravity is needed, because nothing is said of the scale.
+
+Source: IEEE Std 952-1997 annex C (noise terms); GNC-module paper section 5.1 3) (standard deviation of means of 10 s).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import (
+    Analysis,
+    Estimates,
+    Evidence,
+    Figure,
+    Floats,
+    Material,
+    Table,
+    check_method,
+    curve,
+    estimate,
+    with_uncertainty,
+)
+from bench.maths.allan import AllanDeviation, allan_deviation
+from bench.maths.allan_terms import UNITS, NoiseTerms, allan_variance_of, fit_noise_terms
+from bench.model.errors import FitError
+from bench.systems.gnc.estimators.bias_stability import (
+    AVERAGES,
+    AVERAGE_s,
+    BiasStability,
+    bias_stability,
+    on_the_counter,
+)
+from bench.systems.gnc.estimators.clocks import SampleStamps, sample_stamps
+from bench.systems.gnc.estimators.sample_checks import frozen_runs
+
+METHODS: tuple[str, ...] = ("allan",)
+_FEWEST_MEANS = 30  # of 10 s, for their scatter to be stated
+_MOVED = 5.0  # times the usual scatter within a second
+_GYRO = {  # deg/s and a power of the second in the units of data sheets
+    "quantisation_noise": ("quantisation_noise", "arcsec", 3600.0),
+    "white_noise": ("angle_random_walk", "deg/sqrt(h)", 60.0),
+    "bias_instability": ("bias_instability", "deg/h", 3600.0),
+    "random_walk": ("rate_random_walk", "deg/h/sqrt(h)", 3600.0 * 60.0),
+    "rate_ramp": ("rate_ramp", "deg/h/h", 3600.0**2),
+}
+_OTHER = {"white_noise": "velocity_random_walk", "random_walk": "acceleration_random_walk"}
+
+
+@dataclass(frozen=True)
+class Resting:
+    """One sensor at rest: its readings at even times, NaN where one is missing, and what they show."""
+
+    kind: str
+    axis: str
+    unit: str
+    samples: Floats
+    deviation: AllanDeviation
+    terms: NoiseTerms
+
+    @property
+    def place(self) -> dict[str, Any]:
+        """Conditions of its estimates."""
+        return {"kind": self.kind, "axis": self.axis}
+
+    @property
+    def length_s(self) -> float:
+        """Length of the log."""
+        return self.samples.size * self.deviation.interval_s
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Return mean, noise terms and stability of each sensor of a log at rest.
+
+    Raises: FitError B-FIT-004 (unknown method), B-GNC-006 without a sensor, B-FIT-141 (stamps), B-FIT-030, -031 if
+            there are too few readings.
+    """
+    check_method(method, METHODS)
+    t_s = material.series.get("t_s", np.empty(0))
+    columns = [c for c in material.campaign.get("columns", ()) if c.get("role") in ("gyro", "accelerometer")]
+    if not columns:
+        raise FitError(
+            "B-GNC-006",
+            "the log has no column of a gyroscope or an accelerometer",
+            next_step="map columns of the role gyro or accelerometer (docs/importing.md)",
+        )
+    stamps = sample_stamps(t_s)
+    sensors = [_resting(column, material.series[str(column["name"])], t_s, stamps) for column in columns]
+    entries = [entry for sensor in sensors for entry in _estimates(sensor)]
+    return Analysis(
+        campaign="bias_log",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=entries,
+        evidence=[check for sensor in sensors for check in _evidence(sensor)],
+        notes=_notes(sensors, stamps),
+        tables=[_table(sensors, entries)],
+        figures=_figures(sensors),
+    )
+
+
+def _resting(column: Mapping[str, Any], values: Floats, t_s: Floats, stamps: SampleStamps) -> Resting:
+    steps = np.ones(len(values), np.int64)
+    steps[stamps.breaks] = np.rint(np.diff(t_s)[stamps.breaks - 1] * stamps.rate_Hz).astype(np.int64)
+    samples = on_the_counter(np.cumsum(steps), values)
+    deviation = allan_deviation(samples, 1.0 / stamps.rate_Hz)
+    role, axis, unit = (str(column[key]) for key in ("role", "axis", "unit"))
+    return Resting(role, axis, unit, samples, deviation, fit_noise_terms(deviation))
+
+
+def _estimates(sensor: Resting) -> Estimates:
+    n = int(np.isfinite(sensor.samples).sum())
+    counted = {"n": n, "dropped": sensor.samples.size - n}
+    in_h = (3600.0, "deg/h") if sensor.unit == "deg/s" else (1.0, sensor.unit)
+    entries = [
+        estimate(
+            "mean_output", in_h[1], in_h[0] * float(np.nanmean(sensor.samples)), in_h[0] * _mean_std(sensor),
+            sensor.place, **counted,
+        )
+    ]  # fmt: skip
+    for term in sensor.terms.terms:
+        if term.coefficient > 0.0 and term.significant:
+            name, unit, factor = _named(sensor, term.name)
+            entries.append(
+                estimate(name, unit, factor * term.coefficient, factor * term.std_uncertainty, sensor.place, **counted)
+            )
+    found = _stability(sensor)
+    if found is not None:
+        about = sensor.place | {"averages": found.averages.size, "average_s": AVERAGE_s}
+        value, std = in_h[0] * found.value, in_h[0] * found.std
+        entries.append(estimate("bias_stability", in_h[1], value, std, about, dof=found.dof, **counted))
+    return entries
+
+
+def _stability(sensor: Resting) -> BiasStability | None:
+    """Return the scatter of means of 10 s, None for a log with fewer than 30 or with a gap in one."""
+    averages = min(AVERAGES, int(sensor.length_s / AVERAGE_s))
+    if averages < _FEWEST_MEANS:
+        return None
+    try:
+        return bias_stability(sensor.samples, sensor.deviation.interval_s, averages)
+    except FitError as error:
+        if error.code != "B-FIT-092":
+            raise
+        return None
+
+
+def _mean_std(sensor: Resting) -> float:
+    """Return standard uncertainty of the mean: the terms that the log shows, carried on to its whole length."""
+    length_s = np.array([sensor.length_s])
+    shown = [term for term in sensor.terms.terms if term.significant]
+    return math.sqrt(sum(term.coefficient**2 * float(allan_variance_of(term.name, length_s)[0]) for term in shown))
+
+
+def _named(sensor: Resting, term: str) -> tuple[str, str, float]:
+    if sensor.unit == "deg/s":
+        return _GYRO[term]
+    return _OTHER.get(term, term), f"{sensor.unit}{UNITS[term]}", 1.0
+
+
+def _evidence(sensor: Resting) -> list[Evidence]:
+    """Return what says that the sensor was not at rest, or did not answer."""
+    found = []
+    if frozen_runs(sensor.axis, sensor.samples[np.isfinite(sensor.samples)]):
+        text = (
+            f"The {sensor.kind} {sensor.axis} stands still longer than its noise leaves it: it hung, or samples were "
+            "repeated. Take these parts out of the log, or record it again."
+        )
+        found.append(Evidence("stands_still", text, None, 0.0, conditions=sensor.place))
+    scatter = _scatter(sensor)
+    usual = float(np.median(scatter)) if scatter.size else 0.0
+    worst = int(np.argmax(scatter)) if scatter.size else 0
+    if usual > 0.0 and scatter[worst] > _MOVED * usual:
+        text = (
+            f"The {sensor.kind} {sensor.axis} scatters {scatter[worst] / usual:.1f} times as much as usual in second "
+            f"{worst} of the log: the unit was moved. Cut the log to the part at rest."
+        )
+        found.append(Evidence("not_at_rest", text, float(scatter[worst] / usual), 0.0, conditions=sensor.place))
+    return found
+
+
+def _scatter(sensor: Resting) -> Floats:
+    """Return standard deviation within each second without a gap; none for fewer than eight samples a second."""
+    size = round(1.0 / sensor.deviation.interval_s)
+    if size < 8:
+        return np.empty(0)
+    seconds = sensor.samples[: sensor.samples.size // size * size].reshape(-1, size)
+    return np.asarray(np.std(seconds[np.isfinite(seconds).all(axis=1)], axis=1))
+
+
+def _notes(sensors: Sequence[Resting], stamps: SampleStamps) -> list[str]:
+    notes = [f"Samples are counted, at {stamps.rate_Hz:.6g} a second by the time column."]
+    if len(stamps.breaks):
+        notes.append(f"{stamps.missing} samples are missing in {len(stamps.breaks)} gaps; nothing is filled in.")
+    if any(sensor.kind == "gyro" for sensor in sensors):
+        notes.append("The Earth's rate, up to 15 deg/h on an axis, is part of the mean output of a gyroscope.")
+    for sensor in sensors:
+        absent = [
+            f"{_named(sensor, term.name)[0].replace('_', ' ')} below {factor * term.upper_limit:.3g} {unit}"
+            for term in sensor.terms.terms
+            if not (term.coefficient > 0.0 and term.significant) and math.isfinite(term.upper_limit)
+            for _, unit, factor in (_named(sensor, term.name),)
+        ]
+        if absent:
+            notes.append(f"{sensor.kind} {sensor.axis}: the log does not show {', '.join(absent)} (95 %).")
+    return notes
+
+
+def _table(sensors: Sequence[Resting], entries: Estimates) -> Table:
+    names = list(dict.fromkeys((entry["quantity"], entry["unit"]) for entry in entries))
+    rows: list[list[Any]] = []
+    for sensor in sensors:
+        own = {
+            (entry["quantity"], entry["unit"]): with_uncertainty(entry["value"], entry["expanded_uncertainty"])
+            for entry in entries
+            if sensor.place.items() <= entry["conditions"].items()
+        }
+        scatter = f"{np.nanstd(sensor.samples, ddof=1):.4g} {sensor.unit}"
+        rows.append([f"{sensor.kind} {sensor.axis}", scatter, *(own.get(name, "–") for name in names)])
+    headers = ["sensor", "one sample", *(f"{quantity.replace('_', ' ')}, {unit}" for quantity, unit in names)]
+    caption = "One sample: its standard deviation. Mean, noise terms and scatter of means of 10 s with their intervals."
+    return Table("Sensors at rest", caption, headers, rows, lead=True)
+
+
+def _figures(sensors: Sequence[Resting]) -> list[Figure]:
+    figures = []
+    for kind in dict.fromkeys(sensor.kind for sensor in sensors):
+        of_kind = [sensor for sensor in sensors if sensor.kind == kind]
+        parts = [curve(s.axis, s.deviation.tau_s, s.deviation.deviation, "points") for s in of_kind]
+        parts += [curve(f"{s.axis}, fit", s.deviation.tau_s, s.terms.fitted) for s in of_kind]
+        title, unit = f"Allan deviation of the {kind}", of_kind[0].unit
+        figures.append(Figure(title, "", "averaging time, s", unit, parts, x_log=True, y_log=True))
+    return figures

@@ -1,0 +1,130 @@
+"""Hard and soft iron of a magnetometer from a log of one that was turned through all attitudes, or about one axis.
+
+Source: ``sphere``; of a turn about z ``estimators.magnetometer.plane`` (GNC-module paper equations (5) to (9)).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from bench.analysis import Analysis, Evidence, Floats, Material, Table, check_method, estimate
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import FitError
+from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneComparison, compare_methods
+from bench.systems.gnc.field_evidence import shown_unit, surface_evidence
+from bench.systems.gnc.rows import AXES
+from bench.systems.gnc.sphere import Sphere, noise_notes, sphere_of
+
+METHODS: tuple[str, ...] = ("ellipsoid", "turn_about_z")
+_FLAT = 0.5  # of the smaller width of x and y: readings of z that are wider are no turn about z
+_PARAMETERS = (
+    ("mag_offset", None, "x"), ("mag_offset", None, "y"), ("mag_gain", "1", None), ("mag_angle", "deg", None),
+    ("mag_radius", None, None),
+)  # fmt: skip
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Return hard and soft iron; of a log that is a turn about z, offsets, gain and angle of x and y.
+
+    Raises: FitError B-FIT-004 (unknown method), B-GNC-006 without three axes; B-FIT-090, -091 if the readings determine
+            neither an ellipsoid nor an ellipse.
+    """
+    check_method(method, METHODS)
+    field, unit = _readings(material)
+    sphere = sphere_of([field], unit) if method == METHODS[0] else Sphere()
+    if sphere.fit is None:
+        return _turn(material, field, unit, sphere)
+    return Analysis(
+        campaign="magnetometer_log",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=sphere.estimates,
+        evidence=sphere.evidence,
+        notes=[
+            *sphere.notes,
+            "Without the size of the field only ratios of sensitivities are determined; the correction keeps volumes.",
+        ],
+        tables=[_table(sphere, unit)],
+        figures=sphere.figures,
+    )
+
+
+def _readings(material: Material) -> tuple[Floats, str]:
+    """Return readings (n, 3) without rows that lack one, and their unit. Raises: FitError B-GNC-006."""
+    columns = {c["axis"]: c for c in material.campaign.get("columns", ()) if c.get("role") == "magnetometer"}
+    if set(columns) != set(AXES):
+        raise FitError(
+            "B-GNC-006",
+            "the log has no magnetometer of three axes",
+            next_step="map three columns of the role magnetometer (docs/importing.md)",
+        )
+    field = np.column_stack([material.series[str(columns[axis]["name"])] for axis in AXES])
+    return field[np.isfinite(field).all(axis=1)], str(columns["x"]["unit"])
+
+
+def _turn(material: Material, field: Floats, unit: str, sphere: Sphere) -> Analysis:
+    """Return the ellipse of x and y; ``sphere`` says why it is no ellipsoid."""
+    width = np.ptp(field, axis=0)
+    if sphere.missing and width[2] > _FLAT * width[:2].min():
+        raise FitError(
+            "B-FIT-091", sphere.missing[0], next_step="turn the unit so that each axis points along the field"
+        )
+    fit = compare_methods(field[:, 0], field[:, 1])
+    found, odd = fit.by_method[ELLIPSE], fit.ellipse.odd
+    rows = zip(_PARAMETERS, found.values, found.std, found.dof, strict=True)
+    place = {"kind": "magnetometer", "method": ELLIPSE}
+    entries = [
+        estimate(
+            name, unit if own is None else own, value, std, place | ({} if axis is None else {"axis": axis}),
+            n=int((~odd).sum()), dropped=int(odd.sum()), dof=dof,
+        )
+        for (name, own, axis), value, std, dof in rows
+    ]  # fmt: skip
+    return Analysis(
+        campaign="magnetometer_log",
+        method=METHODS[1],
+        uut=dict(material.campaign["uut"]),
+        estimates=entries,
+        evidence=_turn_evidence(fit, field, unit),
+        notes=[
+            *(f"The log gives no {text}." for text in sphere.missing),
+            "The readings are taken as a turn about z: offset and gain of z are not determined.",
+            *noise_notes("The turn", fit.ellipse.quadric.wander, int(odd.sum()), odd.size),
+        ],
+        tables=[_turn_table(fit, unit)],
+    )
+
+
+def _turn_evidence(fit: PlaneComparison, field: Floats, unit: str) -> list[Evidence]:
+    kept = field[~fit.ellipse.odd, :2]
+    return surface_evidence(fit.ellipse.quadric, kept, (), "the readings of the turn", {}, unit)
+
+
+def _turn_table(fit: PlaneComparison, unit: str) -> Table:
+    factor, name = shown_unit(unit)
+    names = (f"offset x, {name}", f"offset y, {name}", "gain of y", "angle, deg", f"field in the plane, {name}")
+    found = fit.by_method[ELLIPSE]
+    factors = (factor, factor, 1.0, 1.0, factor)
+    rows = [
+        [text, f"{by * value:.6g}", f"{by * coverage_factor(dof) * std:.2g}"]
+        for text, by, value, std, dof in zip(names, factors, found.values, found.std, found.dof, strict=True)
+    ]
+    return Table("Magnetometer in a turn about z", "", ["parameter", "value", "expanded uncertainty"], rows, lead=True)
+
+
+def _table(sphere: Sphere, unit: str) -> Table:
+    fit = sphere.fit
+    assert fit is not None
+    factor, name = shown_unit(unit)
+    std = np.sqrt(np.diag(fit.hard_iron_covariance))
+    rows = [
+        [
+            axis,
+            f"{factor * fit.hard_iron[k]:.6g} ± {factor * coverage_factor(fit.hard_iron_dof[k]) * std[k]:.2g}",
+            *(f"{fit.symmetric[k, column]:.5f}" for column in range(3)),
+        ]
+        for k, axis in enumerate(AXES)
+    ]
+    caption = f"Correction: soft iron times (reading minus hard iron); {factor * fit.noise:.3g} {name} are left."
+    headers = ["axis", f"hard iron, {name}", *(f"soft iron {axis}" for axis in AXES)]
+    return Table("Hard and soft iron", caption, headers, rows, lead=True)
