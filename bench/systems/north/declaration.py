@@ -2,7 +2,55 @@
 
 from __future__ import annotations
 
-from bench.model.declaration import AnalysisDeclaration, Limit, System
+from typing import Annotated, Any, ClassVar, Literal
+
+from pydantic import AfterValidator, Field
+
+from bench.model.declaration import AnalysisDeclaration, Limit, Log, LogColumn, LogSections, System
+from bench.model.units import unit_text
+
+_SAMPLES, _READINGS = {"output", "encoder"}, {"lock_in_1", "lock_in_2", "index"}
+
+
+class NorthColumn(LogColumn):
+    """A column of a north finder: output and table angle of each sample, or both lock-ins at each index position."""
+
+    role: Literal["output", "encoder", "lock_in_1", "lock_in_2", "index"]
+    unit: Annotated[str, AfterValidator(unit_text)] = Field("1", description="of the numbers in the file")
+
+    @property
+    def quantity(self) -> str:
+        """Name of the column in series and results."""
+        return self.role
+
+
+class NorthLog(LogSections):
+    """Section of a mapping."""
+
+    analyses: ClassVar[tuple[str, ...]] = ("north_log",)
+
+    turntable: Literal["counter_clockwise", "clockwise"] | None = Field(
+        None, description="sense of rotation from above; of readings of lock-ins, which do not show it"
+    )
+
+    def check_log(self, log: Log) -> None:
+        """Check that samples or readings are complete. Raises: ValueError."""
+        roles = {column.role for column in log.values.values() if isinstance(column, NorthColumn)}
+        for header, column in log.values.items():
+            if column.role == "encoder" and column.dimension != "deg":
+                raise ValueError(f"column {header!r}: an encoder needs a unit of angle, not {column.unit!r}")
+        if log.analysis in NorthLog.analyses and not (roles >= _SAMPLES or roles >= _READINGS):
+            raise ValueError(
+                f"the analysis {log.analysis!r} needs columns of the roles output and encoder, or lock_in_1, lock_in_2 "
+                "and index"
+            )
+        if log.analysis in NorthLog.analyses and roles >= _READINGS and self.turntable is None:
+            raise ValueError("readings of lock-ins need 'turntable: counter_clockwise' or clockwise")
+
+    def log_constants(self, log: Log) -> dict[str, Any]:
+        """Return entries of the manifest's section "campaign"."""
+        return {} if self.turntable is None else {"turntable": self.turntable}
+
 
 DECLARATION = System(
     name="north",
@@ -17,5 +65,14 @@ DECLARATION = System(
             limits={"azimuth_error": Limit("deg", above_zero=True)},
             assumptions="bench.systems.north.assumptions:assumptions",
         ),
+        AnalysisDeclaration(
+            "north_log",
+            "bench.systems.north.logs",
+            ("as_mapped",),
+            "logs",
+            roles=("time", "output", "encoder", "lock_in_1", "lock_in_2", "index"),
+        ),
     ),
+    log=NorthLog,
+    log_columns=(NorthColumn,),
 )

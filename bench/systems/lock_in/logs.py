@@ -1,0 +1,136 @@
+"""Counts of a ring laser from an imported log: rate, angle random walk and quantisation (docs/importing.md).
+
+Counts that were latched at the same place of each dither period, or of a gyroscope without dither. Edges of the beat
+are not read from logs: without the levels of both comparators the count does not hold through turnarounds.
+
+Source: IEEE Std 647 and 952-1997 annex C (noise terms); lock-in paper equation (2) for the alignment time.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import (
+    Analysis,
+    Estimates,
+    Figure,
+    Floats,
+    Material,
+    Table,
+    check_method,
+    curve,
+    estimate,
+    with_uncertainty,
+)
+from bench.maths.allan import AllanDeviation, allan_deviation
+from bench.maths.allan_terms import NoiseTerms, allan_variance_of, fit_noise_terms
+from bench.model.errors import FitError
+
+METHODS: tuple[str, ...] = ("allan",)
+_TERMS = {  # deg/h and a power of the second in the units of data sheets
+    "quantisation_noise": ("quantisation_noise", "arcsec", 1.0),
+    "white_noise": ("angle_random_walk", "deg/sqrt(h)", 1.0 / 60.0),
+    "bias_instability": ("bias_instability", "deg/h", 1.0),
+    "random_walk": ("rate_random_walk", "deg/h/sqrt(h)", 60.0),
+}
+_UNEVEN = 0.05  # of the interval: rows that are further from even times are no record of counts over one interval
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Return mean rate and noise terms of one ring laser.
+
+    Raises: FitError B-FIT-004 (unknown method), B-FIT-169 if the log holds no counts at even times; B-FIT-030, -031.
+    """
+    check_method(method, METHODS)
+    rate_deg_h, interval_s = _rates(material)
+    deviation = allan_deviation(rate_deg_h, interval_s)
+    terms = fit_noise_terms(deviation, tuple(_TERMS))
+    entries = _estimates(rate_deg_h, deviation, terms)
+    return Analysis(
+        campaign="rlg_count_log",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=entries,
+        notes=[
+            f"{rate_deg_h.size} intervals of {interval_s:.6g} s; the Earth's rate is part of the mean rate.",
+            "Counts that are not latched in step with the dither hold its angle as noise.",
+        ],
+        tables=[_table(entries)],
+        figures=[_figure(deviation, terms)],
+    )
+
+
+def _rates(material: Material) -> tuple[Floats, float]:
+    """Return the rate over each interval, (n,), deg/h, NaN where a count is missing, and the interval."""
+    t_s = material.series.get("t_s", np.empty(0))
+    column = _column(material)
+    if t_s.size < 4:
+        raise _unusable(f"{t_s.size} rows are too few")
+    steps_s = np.diff(t_s)
+    interval_s = float(np.mean(steps_s))
+    even_s = t_s[0] + interval_s * np.arange(t_s.size)
+    if float(np.abs(t_s - even_s).max()) > _UNEVEN * interval_s:
+        raise _unusable(f"the rows do not lie {interval_s:.6g} s apart, one is {np.abs(t_s - even_s).max():.3g} s off")
+    counts = material.series[str(column["name"])]
+    turned = np.diff(counts) if column["role"] == "count" else counts
+    if not np.nanstd(turned) > 0.0:
+        raise _unusable("it advances by the same number in every interval")
+    return turned * float(material.campaign["count_scale_deg"]) * 3600.0 / interval_s, interval_s
+
+
+def _column(material: Material) -> Mapping[str, Any]:
+    columns = material.campaign.get("columns", ())
+    found = [column for column in columns if column.get("role") in ("count", "count_increment")]
+    if len(found) != 1:
+        raise _unusable(f"{len(found)} columns of counts, one is due")
+    return dict(found[0])
+
+
+def _estimates(rate_deg_h: Floats, deviation: AllanDeviation, terms: NoiseTerms) -> Estimates:
+    n = int(np.isfinite(rate_deg_h).sum())
+    counted = {"n": n, "dropped": rate_deg_h.size - n}
+    length_s = np.array([rate_deg_h.size * deviation.interval_s])
+    shown = [term for term in terms.terms if term.significant and term.coefficient > 0.0]
+    variance = sum(term.coefficient**2 * float(allan_variance_of(term.name, length_s)[0]) for term in shown)
+    place = {"kind": "gyro"}
+    entries = [
+        estimate("mean_rate", "deg/h", float(np.nanmean(rate_deg_h)), float(np.sqrt(variance)), place, **counted)
+    ]
+    for term in shown:
+        name, unit, factor = _TERMS[term.name]
+        value, std = factor * term.coefficient, factor * term.std_uncertainty
+        entries.append(estimate(name, unit, value, std, place, **counted))
+    return entries
+
+
+def _table(entries: Estimates) -> Table:
+    rows = [
+        [
+            entry["quantity"].replace("_", " "),
+            entry["unit"],
+            with_uncertainty(entry["value"], entry["expanded_uncertainty"]),
+        ]
+        for entry in entries
+    ]
+    return Table(
+        "Ring laser at rest", "Noise terms that the log shows.", ["quantity", "unit", "value"], rows, lead=True
+    )
+
+
+def _figure(deviation: AllanDeviation, terms: NoiseTerms) -> Figure:
+    parts = [
+        curve("measured", deviation.tau_s, deviation.deviation, "points"),
+        curve("fit", deviation.tau_s, terms.fitted),
+    ]
+    return Figure("Allan deviation of the rate", "", "averaging time, s", "deg/h", parts, x_log=True, y_log=True)
+
+
+def _unusable(why: str) -> FitError:
+    return FitError(
+        "B-FIT-169",
+        f"the log is no record of a ring laser's counts: {why}",
+        next_step="map one column of the role count or count_increment, read at even times (docs/importing.md)",
+    )

@@ -1,0 +1,139 @@
+"""North from an imported log: raw samples against the encoder, or readings of both lock-ins (docs/importing.md).
+
+Samples carry the sense of rotation in the encoder; lock-in readings need it stated, and are taken as those of ideal
+lock-ins and index pulses: a log has no calibration at a known azimuth.
+
+Source: ``estimators.likelihood``, ``estimators.eight_samples``; the convention is in ``estimators.phasors``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import Analysis, Estimates, Evidence, Figure, Floats, Material, Table, check_method, curve, estimate
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import FitError
+from bench.systems.north.estimators.eight_samples import eight_sample_north
+from bench.systems.north.estimators.likelihood import likelihood_north
+from bench.systems.north.estimators.phasors import POSITIONS, heading_deg, oriented, wrapped_deg
+
+METHODS: tuple[str, ...] = ("as_mapped",)
+_HARMONICS = (2, 3, 4, 5)
+_LARGEST_deg = 20.0  # half an interval of a direction beyond which nothing of north is known
+_SENSES = {"counter_clockwise": 1, "clockwise": -1}
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Return the heading of the sensing axis at encoder zero (or at index A), clockwise from north.
+
+    Raises: FitError B-FIT-004 (unknown method), B-FIT-112 if the samples do not determine north, B-FIT-110 if readings
+            of the lock-ins are not four index positions a set.
+    """
+    check_method(method, METHODS)
+    columns = {str(c["role"]): c for c in material.campaign.get("columns", ())}
+    if {"output", "encoder"} <= set(columns):
+        return _of_samples(material, columns)
+    if {"lock_in_1", "lock_in_2", "index"} <= set(columns):
+        return _of_readings(material, columns)
+    raise FitError(
+        "B-FIT-112",
+        "the log holds neither samples against an encoder nor readings of two lock-ins",
+        next_step="map the roles output and encoder, or lock_in_1, lock_in_2 and index (docs/importing.md)",
+    )
+
+
+def _of_samples(material: Material, columns: dict[str, Any]) -> Analysis:
+    output, unit = material.series[columns["output"]["name"]], str(columns["output"]["unit"])
+    theta_deg = material.series[columns["encoder"]["name"]]
+    found = likelihood_north(output, theta_deg, harmonics=_HARMONICS)
+    north_deg, std_deg, dof = float(heading_deg(found.phi_deg, 1)), float(found.std_deg), float(found.dof)
+    counted = {"n": int(found.samples), "dropped": int(found.dropped)}
+    place = {"kind": "gyro", "method": "likelihood"}
+    amplitude_std = float(found.noise_V) * np.sqrt(2.0 / counted["n"])
+    entries = [
+        estimate("azimuth", "deg", north_deg, std_deg, place, dof=dof, **counted),
+        estimate("amplitude", unit, float(found.amplitude), amplitude_std, place, **counted),
+    ]
+    notes = [
+        f"{int(found.turns)} turns; the table's angle counts counter-clockwise from above, headings clockwise.",
+        "The tilt of the rotation axis is not in the interval: 1 arcmin about north is tan(latitude) arcmin.",
+    ]
+    if bool(found.widened):
+        notes.append("Turns scatter more than white noise lets them: the interval comes from their scatter.")
+    return _analysis(
+        material, entries, _doubt(float(found.half_width_deg())), notes, [_samples(output, theta_deg, unit)]
+    )
+
+
+def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
+    readings = np.stack([material.series[columns[role]["name"]] for role in ("lock_in_1", "lock_in_2", "index")])
+    sets = readings.shape[1] // POSITIONS
+    one, other, index = readings[:, : sets * POSITIONS].reshape(3, sets, POSITIONS)
+    if not sets or not np.array_equal(index, np.tile(np.arange(POSITIONS), (sets, 1))):
+        raise FitError(
+            "B-FIT-110",
+            f"{readings.shape[1]} rows are not whole sets of the index positions 0, 1, 2, 3",
+            next_step="give four rows a set, in this order; cut what is left of a set",
+        )
+    sense = _SENSES[str(material.campaign["turntable"])]
+    found = eight_sample_north(*oriented(one, other, sense))
+    mean = complex(np.mean(found.phasor))
+    noise = float(np.sqrt(np.mean(np.square(found.noise))))
+    std_deg, dof = float(np.rad2deg(noise / (2.0 * abs(mean) * np.sqrt(sets)))), 4.0 * sets
+    north_deg = float(heading_deg(np.rad2deg(np.angle(mean)), sense))
+    each_deg = wrapped_deg(heading_deg(found.phi_deg, sense) - north_deg)
+    place = {"kind": "gyro", "method": "least_squares"}
+    entries = [estimate("azimuth", "deg", north_deg, std_deg, place, n=sets, dof=dof)]
+    figure = Figure(
+        "Azimuth of each set about their mean", "", "set", "deg",
+        [curve("set", np.arange(1.0, sets + 1.0), each_deg, "points")],
+    )  # fmt: skip
+    notes = [
+        f"{sets} sets, turntable {str(material.campaign['turntable']).replace('_', '-')}; gains of the lock-ins and "
+        "places of the index pulses are taken as ideal: what they are off, the azimuth is off.",
+    ]
+    return _analysis(material, entries, _doubt(coverage_factor(dof) * std_deg), notes, [figure])
+
+
+def _doubt(half_deg: float) -> list[Evidence]:
+    """Return a refusal where the interval leaves north open."""
+    if half_deg <= _LARGEST_deg:
+        return []
+    text = (
+        f"The azimuth is uncertain by {half_deg:.0f} deg, {_LARGEST_deg:g} deg is the most: no signal of the Earth's "
+        "rate stands out. Look at the column of the output, and turn longer."
+    )
+    return [Evidence("no_signal", text, half_deg, 0.0, refuses=True)]
+
+
+def _analysis(
+    material: Material, entries: Estimates, evidence: list[Evidence], notes: list[str], figures: list[Figure]
+) -> Analysis:
+    rows: list[list[Any]] = [
+        [entry["quantity"], entry["unit"], f"{entry['value']:.5g}", f"{entry['expanded_uncertainty']:.2g}"]
+        for entry in entries
+    ]
+    headers = ["quantity", "unit", "value", "expanded uncertainty"]
+    caption = "Heading of the sensing axis at encoder zero, clockwise from north."
+    return Analysis(
+        campaign="north_log",
+        method=METHODS[0],
+        uut=dict(material.campaign["uut"]),
+        estimates=entries,
+        evidence=evidence,
+        notes=notes,
+        tables=[Table("North", caption, headers, rows, lead=True)],
+        figures=figures,
+    )
+
+
+def _samples(output: Floats, theta_deg: Floats, unit: str) -> Figure:
+    """Means of the output over parts of a turn of 5 deg."""
+    part = np.floor(np.mod(theta_deg, 360.0) / 5.0)
+    good = np.isfinite(output) & np.isfinite(part)
+    place, count = np.unique(part[good].astype(np.int64), return_counts=True)
+    means = np.bincount(part[good].astype(np.int64), output[good])[place] / count
+    parts = [curve("mean over 5 deg", 5.0 * place + 2.5, means, "points")]
+    return Figure("Output against the encoder", "", "table angle, deg", f"output, {unit}", parts)
