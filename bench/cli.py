@@ -235,11 +235,18 @@ app.command(epilog="Example: bench study time_sync --dask local:2 --out study")(
 
 @app.command("import", epilog="Example: bench import docs/mappings/tckit_1v_ramp.yaml log.dsv --out sessions")
 def import_(
-    mapping: Annotated[Path, typer.Argument(help="a mapping file: what the columns of the log mean")],
-    file: Annotated[Path, typer.Argument(help="a delimited text file with one row of column names")],
+    mapping: Annotated[Path, typer.Argument(help="a mapping: what the columns of the log mean; the log with --guess")],
+    file: Annotated[Path | None, typer.Argument(help="a log: text, NumPy, MATLAB, HDF5, MCAP, a ROS bag")] = None,
     out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
+    guess: Annotated[bool, typer.Option("--guess", help="propose a mapping for a log, on standard output")] = False,
 ) -> None:
-    """Turn a delimited log of another system into a session; results and report if the mapping names an analysis."""
+    """Turn a log of another system into a session; results and report if the mapping names an analysis."""
+    if guess:
+        from bench.commands.importing import guess as guess_mapping
+
+        raise typer.Exit(guess_mapping(file or mapping))
+    if file is None:
+        raise typer.BadParameter("name the mapping and the log, or the log with --guess", param_hint="FILE")
     from bench.commands import import_log as import_command
 
     raise typer.Exit(import_command.import_log(mapping, file, out))

@@ -164,6 +164,22 @@ class LogSections(StrictModel):
 
 
 @dataclass(frozen=True)
+class Hint:
+    """How a column of a log may be told, for a mapping that is proposed.
+
+    ``pattern``: in its name, small letters.   ``units``: each with the range of the median magnitude of the largest
+    column in it.   ``by_axis``: columns come by axis.   ``more``: other keys.   ``analysis``: that may follow.
+    """
+
+    role: str
+    pattern: str
+    units: tuple[tuple[str, float, float], ...] = ()
+    by_axis: bool = False
+    more: Mapping[str, str] = field(default_factory=dict)
+    analysis: str = ""
+
+
+@dataclass(frozen=True)
 class CoefficientsDeclaration:
     """A document of coefficients: ``of`` names what it compensates, ``module`` makes and merges it.
 
@@ -189,6 +205,7 @@ class System:
     unit: type[UnitSections] | None = None
     log: type[LogSections] | None = None
     log_columns: tuple[type[LogColumn], ...] = ()
+    log_hints: tuple[Hint, ...] = ()
     coefficients: CoefficientsDeclaration | None = None
     early: str = ""
     studies: Mapping[str, str] = field(default_factory=dict)

@@ -2,7 +2,16 @@
 
 from bench.tables.columns import table_of_estimates
 from bench.tables.export import FORMATS, export_session
-from bench.tables.foreign import log_lines, origin_of
+from bench.tables.foreign import kind_of, log_lines, open_table, origin_of
 from bench.tables.session import Session
 
-__all__ = ["FORMATS", "Session", "export_session", "log_lines", "origin_of", "table_of_estimates"]
+__all__ = [
+    "FORMATS",
+    "Session",
+    "export_session",
+    "kind_of",
+    "log_lines",
+    "open_table",
+    "origin_of",
+    "table_of_estimates",
+]

@@ -12,6 +12,7 @@ from bench.model.declaration import (
     AnalysisDeclaration,
     ChannelKind,
     CoefficientsDeclaration,
+    Hint,
     Rule,
     System,
     UnitSections,
@@ -161,4 +162,5 @@ DECLARATION = System(
     unit=ConverterUnit,
     coefficients=CoefficientsDeclaration("converters", f"{_HERE}.coefficients", f"{_HERE}.coefficients:header_text"),
     early=f"{_HERE}.early",
+    log_hints=(Hint("temperature", r"temp|degc", (("degC", 0.0, 200.0),), more={"quantity": "sensor"}),),
 )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bench.model.declaration import AnalysisDeclaration, CoefficientsDeclaration, Limit, System
-from bench.systems.gnc.sections import ModuleUnit, SensorColumn, SensorLog
+from bench.systems.gnc.sections import HINTS, ModuleUnit, SensorColumn, SensorLog
 
 _HERE = "bench.systems.gnc"
 _TAKEN = f"{_HERE}.assumptions"
@@ -99,5 +99,6 @@ DECLARATION = System(
     unit=ModuleUnit,
     log=SensorLog,
     log_columns=(SensorColumn,),
+    log_hints=HINTS,
     coefficients=CoefficientsDeclaration("an IMU", f"{_HERE}.coefficients", f"{_HERE}.coefficients:header_text"),
 )

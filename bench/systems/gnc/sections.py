@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
 
-from bench.model.declaration import Log, LogColumn, LogSections, UnitSections
+from bench.model.declaration import Hint, Log, LogColumn, LogSections, UnitSections
 from bench.model.units import quantity, unit_text
 from bench.model.yamlio import Name, StrictModel
 
@@ -77,6 +77,30 @@ class SensorColumn(LogColumn):
     def more(self) -> dict[str, str]:
         """Return what the manifest says of the column beside header, quantity, role and unit."""
         return {"axis": self.axis}
+
+
+HINTS = (
+    Hint(
+        "gyro",
+        r"gyr|angular_velocity|omega|(^|_|\.)w_?[xyz](?![a-z])|(^|_)g[xyz]$|(^|\.)wb\[",
+        by_axis=True,
+        analysis="bias_log",
+    ),
+    Hint(
+        "accelerometer",
+        r"acc|specific_force|(^|_|\.)a_?[xyz](?![a-z])|(^|\.)fb\[",
+        units=(("g", 0.5, 2.0), ("m/s2", 5.0, 20.0), ("mg", 500.0, 2000.0)),
+        by_axis=True,
+        analysis="bias_log",
+    ),
+    Hint(
+        "magnetometer",
+        r"mag|(^|_)m_?[xyz](?![a-z])|(^|_)b_?[xyz]$",
+        units=(("gauss", 0.1, 0.8), ("uT", 8.0, 80.0), ("mgauss", 100.0, 800.0), ("nT", 8e3, 8e4)),
+        by_axis=True,
+        analysis="magnetometer_log",
+    ),
+)
 
 
 class Segment(StrictModel):

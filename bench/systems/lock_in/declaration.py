@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from bench.model.declaration import AnalysisDeclaration, Limit, Log, LogColumn, LogSections, System
+from bench.model.declaration import AnalysisDeclaration, Hint, Limit, Log, LogColumn, LogSections, System
 from bench.model.units import quantity
 
 
@@ -71,4 +71,5 @@ DECLARATION = System(
     ),
     log=CountLog,
     log_columns=(CountColumn,),
+    log_hints=(Hint("count", r"count|pulses|ticks", analysis="rlg_count_log"),),
 )

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
 
-from bench.model.declaration import AnalysisDeclaration, Limit, Log, LogColumn, LogSections, System
+from bench.model.declaration import AnalysisDeclaration, Hint, Limit, Log, LogColumn, LogSections, System
 from bench.model.units import unit_text
 
 _SAMPLES, _READINGS = {"output", "encoder"}, {"lock_in_1", "lock_in_2", "index"}
@@ -75,4 +75,8 @@ DECLARATION = System(
     ),
     log=NorthLog,
     log_columns=(NorthColumn,),
+    log_hints=(
+        Hint("encoder", r"encod|table_angle|theta", units=(), analysis="north_log"),
+        Hint("output", r"output|fog"),
+    ),
 )

@@ -28,16 +28,7 @@ Array = NDArray[np.float64]
 RATE_Hz, WALK = 50.0, 0.02  # deg/s/sqrt(Hz): 1.2 deg/sqrt(h)
 MIRROR = Path(os.environ.get("BENCH_CAPTURES", "/nowhere")) / "sunsided+sensor-fusion" / "repo"
 TEN_MINUTES = "data/set-2/unmoved-with-x-pointing-forward-10min"
-MAPPING = """\
-mapping: at_rest
-uut: {model: MPU6050, serial: unknown}
-analysis: bias_log
-columns:
-  gyroBuffer[0]: {role: time, format: elapsed, unit: s, start: 1970-01-01T00:00:00Z}
-  gyroBuffer[1]: {role: gyro, axis: x, unit: deg/s}
-  gyroBuffer[2]: {role: gyro, axis: y, unit: deg/s}
-  gyroBuffer[3]: {role: gyro, axis: z, unit: deg/s}
-"""
+MAPPING = Path(__file__).resolve().parents[4] / "docs" / "mappings" / "mpu6050_at_rest.yaml"
 
 
 def material(values: Array, t_s: Array, role: str = "gyro", unit: str = "deg/s") -> Material:
@@ -114,10 +105,11 @@ def test_what_the_analysis_needs() -> None:
     t_s, values = noise(10.0)
     with pytest.raises(FitError, match="B-GNC-006"):
         bias.analyse(material(values, t_s, "temperature"))
-    other = MAPPING.replace("role: gyro, axis: x", "role: magnetometer, axis: x")
+    text = MAPPING.read_text(encoding="utf-8")
+    other = text.replace("role: gyro, axis: x", "role: magnetometer, axis: x")
     with pytest.raises(InputErrors, match="'magnetometer' is no role of the analysis 'bias_log'"):
         parse_yaml(other, "m.yaml", mapping_model())
-    none = MAPPING[: MAPPING.index("  gyroBuffer[1]")]
+    none = text[: text.index("  gyroBuffer[1]")]
     with pytest.raises(InputErrors, match="needs a column of the role gyro or accelerometer"):
         parse_yaml(none, "m.yaml", mapping_model())
 
@@ -134,8 +126,7 @@ def test_ten_minutes_of_a_real_gyroscope(tmp_path: Path) -> None:
         return shown.stdout
 
     (tmp_path / "gyro.mat").write_bytes(file("mpu6050_gyroscope.mat"))
-    (tmp_path / "m.yaml").write_text(MAPPING, encoding="utf-8")
-    assert import_log(tmp_path / "m.yaml", tmp_path / "gyro.mat", tmp_path / "out") == 0
+    assert import_log(MAPPING, tmp_path / "gyro.mat", tmp_path / "out") == 0
     (results,) = (tmp_path / "out").glob("*/results.json")
     found = json.loads(results.read_text(encoding="utf-8"))["estimates"]
     series = replay_series(results.parent)

@@ -24,17 +24,7 @@ Array = NDArray[np.float64]
 MIRROR = Path(os.environ.get("BENCH_CAPTURES", "/nowhere"))
 HARD = np.array([0.12, -0.05, 0.3])
 SOFT = np.array([[1.05, 0.02, -0.01], [0.02, 0.97, 0.03], [-0.01, 0.03, 0.99]])
-MAPPING = """\
-mapping: magnetometer
-uut: {model: M, serial: unknown}
-analysis: magnetometer_log
-file: {delimiter: DELIMITER, names: [x, y, z]}
-columns:
-  row: {role: time, format: rows, rate: 10 Hz, start: 1970-01-01T00:00:00Z}
-  x: {role: magnetometer, axis: x, unit: "1"}
-  y: {role: magnetometer, axis: y, unit: "1"}
-  z: {role: magnetometer, axis: z, unit: "1"}
-"""
+MAPPINGS = Path(__file__).resolve().parents[4] / "docs" / "mappings"
 
 
 def material(field: Array, unit: str = "gauss") -> Material:
@@ -97,14 +87,13 @@ def test_half_a_sphere_and_a_missing_axis_are_refused() -> None:
         magnetometer.analyse(lacking)
 
 
-def imported(tmp_path: Path, repository: str, name: str, delimiter: str) -> tuple[Array, list[dict[str, float]], int]:
+def imported(tmp_path: Path, repository: str, name: str, mapping: str) -> tuple[Array, list[dict[str, float]], int]:
     folder = MIRROR / repository / "repo"
     if not folder.is_dir():
         pytest.skip(f"no {folder}: name the folder of its copy in BENCH_CAPTURES")
     shown = subprocess.run(["git", "-C", folder, "show", f"HEAD:{name}"], capture_output=True, check=True)
     (tmp_path / "log.txt").write_bytes(shown.stdout)
-    (tmp_path / "m.yaml").write_text(MAPPING.replace("DELIMITER", delimiter), encoding="utf-8")
-    status = import_log(tmp_path / "m.yaml", tmp_path / "log.txt", tmp_path / "out")
+    status = import_log(MAPPINGS / f"{mapping}.yaml", tmp_path / "log.txt", tmp_path / "out")
     (results,) = (tmp_path / "out").glob("*/results.json")
     field = np.array([line.replace(",", " ").split() for line in shown.stdout.decode().splitlines() if line], float)
     return field, json.loads(results.read_text(encoding="utf-8"))["estimates"], status
@@ -113,7 +102,7 @@ def imported(tmp_path: Path, repository: str, name: str, delimiter: str) -> tupl
 @pytest.mark.real
 def test_a_real_sphere_against_a_fit_by_scipy(tmp_path: Path) -> None:
     """github.com/aleksandrbazhin/ellipsoid_fit_python: 347 readings in counts, of a field of 174."""
-    field, found, _ = imported(tmp_path, "aleksandrbazhin+ellipsoid_fit_python", "mag_out.txt", "whitespace")
+    field, found, _ = imported(tmp_path, "aleksandrbazhin+ellipsoid_fit_python", "mag_out.txt", "magnetometer_sphere")
 
     def off(parameters: Array) -> Array:
         shape = np.zeros((3, 3))
@@ -133,6 +122,6 @@ def test_a_real_turn_against_the_figures_of_its_author(tmp_path: Path) -> None:
     Its z, 569.4, rests on readings that hardly leave a plane; it is not given here. Its fit is algebraic, which moves a
     centre by 1 % of the field of 190 where readings lie unevenly.
     """
-    _, found, _ = imported(tmp_path, "nliaudat+magnetometer_calibration", "mag_out_sample.txt", "','")
+    _, found, _ = imported(tmp_path, "nliaudat+magnetometer_calibration", "mag_out_sample.txt", "hmc5883l_turn")
     offset = {one["conditions"]["axis"]: one["value"] for one in found if one["quantity"] == "mag_offset"}  # type: ignore[index]
     assert offset == pytest.approx({"x": 41.46, "y": -87.80}, abs=2.0)
