@@ -40,11 +40,21 @@ from bench.analysis.doubt import (
     is_sound,
     stated_value,
 )
-from bench.analysis.estimates import UNIT, Estimate, Estimates, estimate, judged, rule_of, stated_limits
+from bench.analysis.estimates import (
+    UNIT,
+    Estimate,
+    Estimates,
+    estimate,
+    judged,
+    limits_of,
+    rule_of,
+    stated_limits,
+    use_of,
+)
 from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series
 from bench.analysis.form import Closed, check_form, schema_of
 from bench.analysis.material import CONTINUES, Exchange, Floats, GivenValue, Material, Reading, Trace, joined
-from bench.analysis.numbers import cell, decimals_for, header, number, unit_text, with_uncertainty
+from bench.analysis.numbers import cell, decimals_for, header, limits_text, number, unit_text, with_uncertainty
 from bench.analysis.problems import Check, count_problem, flag_problem, link_checks
 from bench.analysis.results import (
     INCOMPLETE,
@@ -54,6 +64,8 @@ from bench.analysis.results import (
     stated_estimates,
     validate_results,
 )
+from bench.analysis.specification import Specification
+from bench.analysis.values import Value, place_of, values_of
 
 __all__ = [
     "CONTINUES",
@@ -82,12 +94,14 @@ __all__ = [
     "Reading",
     "Series",
     "Source",
+    "Specification",
     "Study",
     "Style",
     "Table",
     "Task",
     "Trace",
     "UnitUnderTest",
+    "Value",
     "acceptable",
     "analyse",
     "analysis_module",
@@ -110,12 +124,15 @@ __all__ = [
     "is_sound",
     "joined",
     "judged",
+    "limits_of",
+    "limits_text",
     "link_checks",
     "no_result",
     "number",
     "of_check_standard",
     "of_serial",
     "picture",
+    "place_of",
     "results_json",
     "results_schema",
     "rule_of",
@@ -128,8 +145,10 @@ __all__ = [
     "stated_limits",
     "stated_value",
     "unit_text",
+    "use_of",
     "validate_coefficients",
     "validate_results",
+    "values_of",
     "with_uncertainty",
     "without_check_standard",
 ]

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
 from bench.analysis.doubt import Evidence
 from bench.analysis.estimates import Estimates
+from bench.analysis.expected import judged_values
 from bench.analysis.figures import Figure, Table
 from bench.analysis.material import Material
 from bench.model.declaration import AnalysisDeclaration
@@ -94,13 +95,14 @@ def analysis_module(name: str) -> AnalysisModule:
 def analyse(material: Material, method: str | None = None) -> Analysis:
     """Run the analysis the campaign names, with its default method (the first it declares) unless told otherwise.
 
+    What the sequence expects of the values it names is judged beside it.
     Raises: FitError, B-LAB-008 where an analysis of a lab folder fails.
     """
     declared = declared_analysis(str(material.campaign.get("analysis", "")))
     module, chosen = analysis_module(declared.name), method or declared.methods[0]
     if own_code("analyses", declared.name) is None:
-        return module.analyse(material, chosen)
-    return _by_lab(declared.name, module, material, chosen)
+        return with_expected(module.analyse(material, chosen), material)
+    return with_expected(_by_lab(declared.name, module, material, chosen), material)
 
 
 def _by_lab(name: str, module: AnalysisModule, material: Material, method: str) -> Analysis:
@@ -118,6 +120,18 @@ def _by_lab(name: str, module: AnalysisModule, material: Material, method: str) 
         message = f"'analyse' returned {type(analysis).__name__}, and an Analysis is due"
         raise FitError("B-LAB-008", message, where=f"analyses/{name}.py", next_step="correct the file")
     return analysis
+
+
+def with_expected(analysis: Analysis, material: Material) -> Analysis:
+    """Return an analysis with the values that the sequence names, in front of its own results."""
+    values = judged_values(material)
+    return replace(
+        analysis,
+        estimates=[*values.estimates, *analysis.estimates],
+        evidence=[*values.evidence, *analysis.evidence],
+        missing=[*analysis.missing, *values.missing],
+        tables=[*values.tables, *analysis.tables],
+    )
 
 
 @dataclass(frozen=True)

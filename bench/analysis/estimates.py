@@ -7,17 +7,25 @@ import math
 from collections.abc import Mapping
 from typing import Any, NotRequired, TypedDict
 
-from bench.maths.verdict import NON_BINARY, Verdict, checked_rule, coverage_factor, decide
-from bench.model.declaration import Limit
+from bench.maths.verdict import NON_BINARY, Limit, Verdict, bounds, checked_rule, coverage_factor, decide
+from bench.model import declaration
 from bench.model.errors import FitError
 from bench.model.units import parse_quantity
 
 UNIT = "unit"  # condition: serial number of the unit under test, where a session has several
 
 
+class Limits(TypedDict):
+    """The lowest and the highest value that is allowed, None where there is no limit on that side."""
+
+    low: float | None
+    high: float | None
+
+
 class Estimate(TypedDict):
     """One quantity as an analysis found it, if its model is right; the conditions it holds for, and the verdict.
 
+    ``limit`` stands for -limit to limit; ``limits`` in its place where there is one side only or they are not alike.
     ``dof`` is left out where it is infinite. What the checks leave of it stands in results.json.
     """
 
@@ -33,6 +41,7 @@ class Estimate(TypedDict):
     limit: float | None
     verdict: Verdict
     conformance_probability: float | None
+    limits: NotRequired[Limits]
     dof: NotRequired[float]
 
 
@@ -48,15 +57,18 @@ def estimate(
     *,
     n: int,
     dropped: int = 0,
-    limit: float | None = None,
+    limit: Limit | None = None,
     dof: float = math.inf,
 ) -> Estimate:
     """Return one entry of the flat list of results.json: 95 % interval, verdict against ``limit``.
 
+    ``limit``: a number for -limit to limit, or both ends, infinite on an open side.
     ``dof``: effective degrees of freedom; infinite (and then not written) where the covariance is known beforehand and
     not estimated from the residuals. The rule of the campaign is applied when the document is made (``judged``).
     """
     factor = coverage_factor(dof)
+    if isinstance(limit, tuple) and limit[0] == -limit[1] and math.isfinite(limit[1]):
+        limit = limit[1]
     entry: Estimate = {
         "quantity": quantity,
         "unit": unit,
@@ -67,10 +79,13 @@ def estimate(
         "conditions": dict(conditions),
         "n": int(n),
         "dropped": int(dropped),
-        "limit": limit,
+        "limit": None if isinstance(limit, tuple) else limit,
         "verdict": "none",
         "conformance_probability": None,
     }
+    if isinstance(limit, tuple):
+        low, high = (end if math.isfinite(end) else None for end in limit)
+        entry["limits"] = {"low": low, "high": high}
     if math.isfinite(dof):
         entry["dof"] = float(dof)
     return judged(entry, NON_BINARY)
@@ -90,12 +105,35 @@ def judged(entry: Estimate, rule: str) -> Estimate:
     Raises: FitError B-FIT-041 for an unknown rule.
     """
     dof = entry.get("dof", math.inf)
-    decision = decide(entry["value"], entry["std_uncertainty"], entry["limit"], rule, dof)
+    decision = decide(entry["value"], entry["std_uncertainty"], limits_of(entry), rule, dof)
     return {**entry, "verdict": decision.verdict, "conformance_probability": decision.conformance_probability}
 
 
+def limits_of(entry: Mapping[str, Any]) -> tuple[float, float] | None:
+    """Return lowest and highest value that an entry of results.json may have, infinite on an open side; else None."""
+    limits = entry.get("limits")
+    if limits is None:
+        return None if entry["limit"] is None else bounds(float(entry["limit"]))
+    low, high = limits["low"], limits["high"]
+    return -math.inf if low is None else low, math.inf if high is None else high
+
+
+def use_of(value: float, limits: tuple[float, float], reach: float = 0.0) -> float:
+    """Return how much of its limits a value uses, its interval of half-width ``reach`` included; 1 is all of it.
+
+    Two limits: of the way from their middle to either; one: of its size. Of a limit of nothing, anything is too much.
+    """
+    low, high = limits
+    if math.isinf(low) or math.isinf(high):
+        beyond = value + reach - high if math.isinf(low) else low - value + reach
+        size = abs(high if math.isinf(low) else low)
+        return 1.0 + beyond / size if size else math.copysign(math.inf, beyond)
+    half, away = (high - low) / 2.0, abs(value - (low + high) / 2.0) + reach
+    return away / half if half else (math.inf if away else 0.0)
+
+
 def stated_limits(
-    campaign: Mapping[str, Any], declared: Mapping[str, Limit], code: str, unknown: str
+    campaign: Mapping[str, Any], declared: Mapping[str, declaration.Limit], code: str, unknown: str
 ) -> dict[str, float]:
     """Return the limits that a campaign states, by name, in the base unit of their dimension.
 
@@ -116,7 +154,7 @@ def stated_limits(
     return limits
 
 
-def _unusable(code: str, name: str, why: str, declared: Mapping[str, Limit]) -> FitError:
+def _unusable(code: str, name: str, why: str, declared: Mapping[str, declaration.Limit]) -> FitError:
     close = [] if name in declared else difflib.get_close_matches(name, declared, n=1)
     known = f"use one of: {', '.join(declared)}, with a unit of its dimension"
     return FitError(

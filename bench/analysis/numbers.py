@@ -44,6 +44,18 @@ def with_uncertainty(value: float, expanded: float | None) -> str:
     return f"{number(value, places)} ± {number(expanded, places)}"
 
 
+def limits_text(limits: tuple[float, float] | None, scale: float = 1.0) -> str:
+    """Return limits times ``scale`` as they are printed: ``± 5``, ``4.9 to 5.1``, ``≥ 4.9``; a dash where are none."""
+    if limits is None:
+        return number(None)
+    low, high = (scale * limit for limit in limits)
+    if low == -high:
+        return f"± {number(high)}" if high else "0"
+    if math.isinf(low):
+        return f"≤ {number(high)}"
+    return f"≥ {number(low)}" if math.isinf(high) else f"{number(low)} to {number(high)}"
+
+
 def unit_text(unit: str) -> str:
     """Return a unit as it is printed: degC becomes °C, 1e-6 notation stays."""
     text = _ROOT.sub(r"√\1", _TIMES.sub("·", unit))

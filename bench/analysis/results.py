@@ -50,6 +50,21 @@ class TakenForGranted(Closed):
     quantities: list[str] = Field(description="empty for every estimate")
 
 
+class Limits(Closed):
+    """The lowest and the highest value that is allowed; null where there is no limit on that side."""
+
+    low: float | None
+    high: float | None
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Limits:
+        if self.low is None and self.high is None:
+            raise ValueError("neither a lowest nor a highest value")
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError(f"low {self.low} is above high {self.high}")
+        return self
+
+
 class Acceptance(Closed):
     """Who released the value of a doubtful estimate, and why; the value alone."""
 
@@ -72,7 +87,10 @@ class Estimate(Closed):
     conditions: dict[str, _Plain]
     n: _Count
     dropped: _Count
-    limit: float | None
+    limit: float | None = Field(description="stands for -limit to limit")
+    limits: Limits | None = Field(
+        None, description="where there is one side only or both are not alike; limit is null then"
+    )
     verdict: Verdict
     conformance_probability: Annotated[float, Field(ge=0, le=1)] | None = Field(
         None, description="that the true value is within the limit; absent in documents of version 0.1"
@@ -93,6 +111,8 @@ class Estimate(Closed):
             raise ValueError(f"{self.quality} with {len(self.reasons)} reasons")
         if self.acceptance is not None and self.quality != "doubtful":
             raise ValueError(f"{self.quality} with an acceptance")
+        if self.limit is not None and self.limits is not None:
+            raise ValueError(f"limit {self.limit} and limits")
         return self
 
 

@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -104,11 +104,20 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
         out.print(f"  timetable    {plot}")
     for taken in assumptions_of(plan.campaign):
         out.print(f"  unseen       {taken.taken_for_granted} {taken.unseen} {taken.shown_by}")
+    if not_judged(plan.campaign):
+        out.print("  not judged   no value and no fit has a limit; write 'expect' beside a reading")
     out.print("no mistake found")
     if report is not None:
         from bench.commands.doctor import print_preflight
 
         print_preflight(out, report)
+
+
+def not_judged(campaign: Mapping[str, Any]) -> bool:
+    """Return whether a campaign reads values and expects nothing of any of them."""
+    values, fits = campaign.get("expected", ()), campaign.get("fits", ())
+    judged = any({"low", "high", "span"} & value.keys() for value in values) or any(fit["expected"] for fit in fits)
+    return bool(values) and not judged
 
 
 def settings_of(pairs: Sequence[str]) -> dict[str, str]:

@@ -18,7 +18,7 @@ from rich.table import Table as TerminalTable
 from rich.text import Text
 
 from bench import analysis
-from bench.analysis import Analysis, doubt_lines, stated_value
+from bench.analysis import Analysis, doubt_lines, limits_of, stated_value
 from bench.maths.verdict import WORST_FIRST, passed, worst
 from bench.model.errors import ExitStatus, FitError
 
@@ -64,6 +64,8 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
         _print_verdicts(out, results["estimates"])
     else:
         print_summary(out, title, results["estimates"], _reference_degC(results["estimates"]))
+        if any(limits_of(estimate) is not None for estimate in results["estimates"]):
+            _print_verdicts(out, results["estimates"])
     if not lead or rows:
         _print_not_judged(out, results)
     _print_missing(out, analysis.missing)
@@ -108,7 +110,7 @@ def _print_verdicts(out: Console, estimates: Sequence[Estimate]) -> None:
 
 
 def _print_not_judged(out: Console, results: Mapping[str, Any]) -> None:
-    if all(estimate["verdict"] == "none" for estimate in results["estimates"]) and not results.get("incomplete"):
+    if all(limits_of(estimate) is None for estimate in results["estimates"]) and not results.get("incomplete"):
         out.print("not judged: no estimate of this campaign has a limit", highlight=False)
 
 
@@ -247,7 +249,9 @@ def print_summary(out: Console, title: str, estimates: Sequence[Estimate], refer
     if by_quantity:
         out.print(_by_channel(by_quantity))
     for estimate in whole[:_MOST_LINES]:
-        out.print(f"{estimate['quantity']:<28} {_value(estimate)} {_unit(estimate)}  {_where(estimate)}".rstrip())
+        judged = [] if limits_of(estimate) is None else [str(estimate["verdict"]).replace("_", " ")]
+        told = "  ".join(part for part in (_where(estimate), *judged) if part)
+        out.print(f"{estimate['quantity']:<28} {_value(estimate)} {_unit(estimate)}  {told}".rstrip())
     if len(whole) > _MOST_LINES:
         out.print(f"... and {len(whole) - _MOST_LINES} more in results.json")
 

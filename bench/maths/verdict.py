@@ -18,6 +18,7 @@ SIMPLE, GUARD_BAND, NON_BINARY = "simple", "guard_band", "non_binary"
 RULES = (SIMPLE, GUARD_BAND, NON_BINARY)
 _NORMAL_95 = 1.959963984540054  # two-sided; known without scipy, which takes longer to load than a history to compare
 Rule = Literal["simple", "guard_band", "non_binary"]
+Limit = float | tuple[float, float]  # a number stands for -limit to limit; either of two may be infinite
 INDETERMINATE: Literal["indeterminate"] = "indeterminate"  # no statement of conformity: the value is doubtful
 Verdict = Literal["pass", "fail", "conditional_pass", "conditional_fail", "indeterminate", "none"]
 WORST_FIRST: tuple[Verdict, ...] = ("fail", "indeterminate", "conditional_fail", "conditional_pass", "pass")
@@ -44,12 +45,23 @@ def coverage_factor(dof: float = math.inf, probability: float = 0.95) -> float:
     return float(special.stdtrit(dof, upper))
 
 
-def verdict(value: float, expanded_uncertainty: float, limit: float | None, rule: str = NON_BINARY) -> Verdict:
-    """Judge |value| against a symmetric limit; guard band w = U, all three in one unit.
+def bounds(limit: Limit) -> tuple[float, float]:
+    """Return the lowest and the highest value that a limit allows.
 
-    Args:    rule: "simple": "pass" up to the limit, else "fail"; "guard_band": "pass" up to limit - U, else "fail";
-             "non_binary": "pass" up to limit - U, "conditional_pass" up to the limit, "conditional_fail" up to
-             limit + U, else "fail".
+    Args:    limit: a number for -limit to limit, or both ends, either of which may be infinite.
+    Returns: lower, upper.
+    Raises:  nothing.
+    Source:  JCGM 106:2012 section 3.3 (tolerance limits and interval).
+    """
+    return limit if isinstance(limit, tuple) else (-limit, limit)
+
+
+def verdict(value: float, expanded_uncertainty: float, limit: Limit | None, rule: str = NON_BINARY) -> Verdict:
+    """Judge a value against its limits; guard band w = U at every limit, all in one unit.
+
+    Args:    limit: see ``bounds``.   rule: "simple": "pass" up to the limits, else "fail"; "guard_band": "pass" up to U
+             inside of them, else "fail"; "non_binary": "pass" up to U inside, "conditional_pass" up to the limits,
+             "conditional_fail" up to U outside, else "fail".
     Returns: the verdict; "none" without a limit. A value that is not finite fails, and so does one whose uncertainty
              is not known (NaN).
     Raises:  nothing; ``checked_rule`` refuses an unknown rule.
@@ -57,17 +69,17 @@ def verdict(value: float, expanded_uncertainty: float, limit: float | None, rule
     """
     if limit is None:
         return "none"
-    if math.isnan(expanded_uncertainty):
+    if math.isnan(expanded_uncertainty) or not math.isfinite(value):
         return "fail"
-    size = abs(value)
-    accepted = limit if rule == SIMPLE else limit - expanded_uncertainty
-    if size <= accepted:
+    lower, upper = bounds(limit)
+    guard = 0.0 if rule == SIMPLE else expanded_uncertainty
+    if lower + guard <= value <= upper - guard:
         return "pass"
     if rule != NON_BINARY:
         return "fail"
-    if size <= limit:
+    if lower <= value <= upper:
         return "conditional_pass"
-    return "conditional_fail" if size <= limit + expanded_uncertainty else "fail"
+    return "conditional_fail" if lower - guard <= value <= upper + guard else "fail"
 
 
 def worst(verdicts: Iterable[str]) -> Verdict:
@@ -107,13 +119,14 @@ class Decision:
 
 
 def decide(
-    value: float, std_uncertainty: float, limit: float | None, rule: str = NON_BINARY, dof: float = math.inf
+    value: float, std_uncertainty: float, limit: Limit | None, rule: str = NON_BINARY, dof: float = math.inf
 ) -> Decision:
-    """Judge a value against the limits -limit and +limit by a decision rule; all in one unit.
+    """Judge a value against its limits by a decision rule; all in one unit.
 
-    Args:    limit: None for a quantity that is not judged.   rule: "simple" (accept up to the limit), "guard_band"
-             (accept up to the limit minus U) or "non_binary" (four statements, guard band on both sides of the limit).
-             dof: effective degrees of freedom of the uncertainty; U is the 95 % expanded uncertainty.
+    Args:    limit: see ``bounds``; None for a quantity that is not judged.
+             rule: "simple" (accept up to the limits), "guard_band" (accept up to U inside of them) or "non_binary"
+             (four statements, guard band on both sides of each limit).   dof: effective degrees of freedom of the
+             uncertainty; U is the 95 % expanded uncertainty, at one limit as at two.
     Returns: Decision.
     Raises:  FitError B-FIT-041 for an unknown rule.
     Source:  ILAC-G8:09/2019 section 4.2 (rules); JCGM 106:2012 sections 7 (probability), 9 (specific risk).
@@ -121,7 +134,7 @@ def decide(
     statement = verdict(value, coverage_factor(dof) * std_uncertainty, limit, checked_rule(rule))
     if limit is None:
         return Decision(statement, None, None)
-    inside = conformance_probability(value, std_uncertainty, -limit, limit, dof)
+    inside = conformance_probability(value, std_uncertainty, *bounds(limit), dof)
     return Decision(statement, inside, 1.0 - inside if statement in _ACCEPTED else inside)
 
 

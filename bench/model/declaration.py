@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 from bench.model.units import read_quantity
 from bench.model.yamlio import StrictModel
 
-MadeOf = Literal["records", "samples", "readings", "tests", "logs"]
+MadeOf = Literal["records", "samples", "readings", "values", "tests", "logs"]
 
 
 @dataclass(frozen=True)
@@ -38,6 +38,7 @@ class Rule:
 class AnalysisDeclaration:
     """One analysis.
 
+    ``made_of``: "values" are all that instruments return to steps and records, and that a person gives.
     ``module``: it has ``METHODS`` and ``analyse``.   ``conditions``: what each measuring record must state; ``fields``:
     of its samples; ``conditions_of_open``: what one with an open input must, None for the same.   ``words``: what a
     condition may be.

@@ -18,6 +18,7 @@ from bench.plan.check.everything import NO_SERIAL, SERIAL, check_steps, short
 from bench.plan.check.stations import check_station, plan_rules
 from bench.plan.drivers import with_bus_time
 from bench.plan.expand import Expander, TooManySteps
+from bench.plan.expected import check_judged, fits_of
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language.sequence import Sequence
 from bench.plan.language.steps import Step_
@@ -78,7 +79,7 @@ class _Compiler:
         scope = Scope(self._variables(expander), expander.role_attribute, {})
         serial = self._serial(expander, scope)
         lengths = self._expand(expander, scope)
-        campaign = self._campaign(constants, rate_Hz, serial)
+        campaign = self._campaign(constants, rate_Hz, serial) | self._values(expander, scope)
         rules = plan_rules(document.model.interlocks, document, self.station, findings)
         plan = replace(self._assembled(expander, lengths, frames, link, campaign), interlocks=rules)
         if findings:
@@ -225,6 +226,12 @@ class _Compiler:
             "decision": {"rule": model.decision.rule},
         }
         return campaign | unit_constants(model, serial)
+
+    def _values(self, expander: Expander, scope: Scope) -> dict[str, Any]:
+        """Return the values that are named and the fits through them, for the manifest; nothing if there are none."""
+        check_judged(expander)
+        values = {"expected": expander.expected.entries, "fits": fits_of(expander, scope)}
+        return {name: entries for name, entries in values.items() if entries}
 
 
 def _found(source: Path, frame: str) -> Path:

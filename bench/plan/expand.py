@@ -13,6 +13,7 @@ from bench.model.yamlio import Document
 from bench.plan.drivers import range_after
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language import sequence as language
+from bench.plan.named_values import NamedValues
 from bench.plan.plan import Phase, Step, StepKind
 from bench.plan.station import Station
 from bench.plan.step_kinds import KINDS
@@ -64,6 +65,7 @@ class Expander:
         self.origins: list[Mapping[str, str]] = []
         self.doubtful: set[int] = set()
         self.retry_step: int | None = None
+        self.expected = NamedValues()
         self._short = PurePath(document.name).name
 
     def add(

@@ -14,10 +14,13 @@ from bench.model.ports import Effect
 from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.drivers import declared_action
 from bench.plan.expand import TIMED, Expander, Path
+from bench.plan.expected import keep_given, named_conditions
 from bench.plan.findings import suggestion
+from bench.plan.language.expect import Expect
 from bench.plan.language.steps import (
     CallStep,
     PromptStep,
+    ReadStep,
     Record,
     RecordStep,
     SendStep,
@@ -69,7 +72,11 @@ def _duration(plan: Expander, raw: Any, scope: Scope, path: Path) -> Quantity | 
     return seconds
 
 
-def _call(plan: Expander, step: CallStep, path: Path, scope: Scope) -> None:
+def _read(plan: Expander, step: ReadStep, path: Path, scope: Scope) -> None:
+    _call(plan, step.call, path, scope, step.expect)
+
+
+def _call(plan: Expander, step: CallStep, path: Path, scope: Scope, expect: Expect | None = None) -> None:
     called, arguments = next(iter(step.root.items()))
     role, name = called.split(".")
     _role(plan, role, path)
@@ -79,7 +86,8 @@ def _call(plan: Expander, step: CallStep, path: Path, scope: Scope) -> None:
     declared = declared_action(plan.station, role, name)
     if declared is not None and declared.effect is Effect.THERMAL:
         plan.settle_band_degC = None  # the temperature moves on: the band of the soak before says nothing any more
-    plan.add("call", role, name, values, scope, (*path, called))
+    conditions = named_conditions(plan, (role, name), expect, scope.context, path, scope)
+    plan.add("call", role, name, values, scope, (*path, called), conditions=conditions)
 
 
 def _verify(plan: Expander, step: VerifyStep, path: Path, scope: Scope) -> None:
@@ -118,7 +126,7 @@ def _record(plan: Expander, step: RecordStep, at: Path, scope: Scope) -> None:
         "purpose": record.purpose,
         "retry_step": len(plan.steps) if plan.retry_step is None else plan.retry_step,
     }
-    read, quantities = expand_readings(plan, record, seconds, path, scope)
+    read, quantities = expand_readings(plan, record, seconds, conditions, path, scope)
     arguments |= read
     if record.label is not None:
         conditions["label"] = record.label
@@ -241,6 +249,7 @@ def _prompt(plan: Expander, asked: PromptStep, at: Path, scope: Scope) -> None:
         elif low is not None and high is not None and low > high:
             message = f"no value is inside its limits: low {step.value.low} is above high {step.value.high}"
             plan.fail("B-PLAN-044", (*path, "value"), message, "exchange them")
+        keep_given(plan, step.value, scope.context, (*path, "value"))
     plan.add("prompt", "", "", arguments, scope, path)
 
 
@@ -262,6 +271,7 @@ def _filled(plan: Expander, text: str, scope: Scope, path: Path) -> str:
 
 _EXPANDERS: dict[type, Callable[[Expander, Any, Path, Scope], None]] = {
     CallStep: _call,
+    ReadStep: _read,
     VerifyStep: _verify,
     SendStep: _send,
     UnitStep: expand_unit,

@@ -6,8 +6,10 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from bench.model.ports import Action, Effect
+from bench.model.quantities import QUANTITY
 from bench.plan.decision import PlannedDecision
-from bench.plan.language.steps import Record
+from bench.plan.expected import named_conditions
+from bench.plan.language.steps import ReadStep, Record
 from bench.plan.plan import Step
 from bench.plan.step_kinds import WIRING, PlannedCall, PlannedPrompt, PlannedRecord
 from bench.plan.values import Quantity, Scope, plain
@@ -61,7 +63,7 @@ def is_reading(action: Action) -> bool:
 
 
 def expand_readings(
-    plan: Expander, record: Record, seconds: Quantity | None, path: Path, scope: Scope
+    plan: Expander, record: Record, seconds: Quantity | None, conditions: Mapping[str, Any], path: Path, scope: Scope
 ) -> tuple[dict[str, Any], dict[str, Quantity]]:
     """Return the arguments of a record that say what is read, and the quantities in them by ``reading_place``.
 
@@ -84,11 +86,15 @@ def expand_readings(
     calls: list[dict[str, Any]] = []
     quantities: dict[str, Quantity] = {}
     for index, reading in enumerate(record.readings):
-        called, given = next(iter(reading.root.items()))
+        call, expect = (reading.call, reading.expect) if isinstance(reading, ReadStep) else (reading, None)
+        called, given = next(iter(call.root.items()))
         role, name = called.split(".")
-        here = (*path, READINGS, index, called)
+        place = (*path, READINGS, index)
+        here = (*place, called)
         values = {key: plan.resolve(raw, scope, (*here, key)) for key, raw in (given or {}).items()}
-        calls.append({"role": role, "name": name, "arguments": {key: plain(value) for key, value in values.items()}})
+        quantity = named_conditions(plan, (role, name), expect, conditions, place, scope).get(QUANTITY, "")
+        arguments = {key: plain(value) for key, value in values.items()}
+        calls.append({"role": role, "name": name, "arguments": arguments, QUANTITY: quantity})
         quantities |= {reading_place(index, key): v for key, v in values.items() if isinstance(v, Quantity)}
     return {READINGS: calls, EVERY: every}, quantities
 

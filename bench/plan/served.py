@@ -9,7 +9,8 @@ from datetime import date, timedelta
 from pathlib import Path
 from typing import Any
 
-from bench.plan.station import InstrumentEntry, Standard, Station
+from bench.plan.language.standards import Standard
+from bench.plan.station import InstrumentEntry, Station
 
 CALIBRATED = timedelta(days=30)  # before the day it is served
 DUE = timedelta(days=335)  # after it

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from datetime import date
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, field_validator, model_validator
+from pydantic import Field, StringConstraints, field_validator, model_validator
 
 from bench.model.errors import InputErrors
 from bench.model.units import likely, quantity, read_quantity
@@ -18,82 +17,15 @@ from bench.plan.findings import Findings, suggestion
 from bench.plan.language.graphs import MOST_GRAPHS, GraphEntry
 from bench.plan.language.interlocks import Interlock
 from bench.plan.language.notices import Notify
+from bench.plan.language.standards import Standard, Words, told_standard
 from bench.plan.values import Scalar
 
 OptionName = Annotated[str, StringConstraints(pattern=r"^[a-z][A-Za-z0-9_]{0,39}$")]  # its unit may be a capital
-Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
-Current = Annotated[float, *quantity("A", -10.0, 10.0)]
 NUMBERS = (
     "_ppm", "_A", "_V", "_s", "_Hz", "_degC", "_arcmin", "_deg", "_deg_h", "time_constants",
 )  # how options that are numbers end  # fmt: skip
 TEXTS = ("faults", "parameters")  # options that are neither numbers nor on or off; the world judges them
-Fraction = Annotated[float, *quantity("1", -1.0, 1.0)]
 CHAMBER_MARGIN_DEGC, UNIT_MARGIN_DEGC = 5.0, 10.0  # hard limits above the highest set-point; the unit warms itself
-Share = Annotated[float, *quantity("1", 0.0, 1.0)]  # of an uncertainty: never negative
-
-
-def _date(value: object) -> date:
-    if not isinstance(value, str):
-        raise ValueError(f"{value!r} is not a date; write YYYY-MM-DD")
-    try:
-        return date.fromisoformat(value)
-    except ValueError as error:
-        raise ValueError(f"{value!r} is not a date; write YYYY-MM-DD") from error
-
-
-Date = Annotated[date, BeforeValidator(_date), WithJsonSchema({"type": "string", "format": "date"})]
-
-
-def _stated(text: object) -> tuple[float, str]:
-    quantity = read_quantity(text) if isinstance(text, str) else None
-    if quantity is None:
-        raise ValueError(f"{text!r} is not a quantity with its unit, for example '100.02 ohm'{likely(text)}")
-    return quantity
-
-
-Stated = Annotated[tuple[float, str], BeforeValidator(_stated), WithJsonSchema({"type": "string"})]
-
-
-class RangeUncertainty(StrictModel):
-    """Expanded uncertainty of one range, 95 % (k = 2): ``relative`` of the reading plus ``floor``."""
-
-    range: Current
-    relative: Share
-    floor: Annotated[float, *quantity("A", 0.0, 10.0)]
-
-
-class RangeCorrection(StrictModel):
-    """Known error of one range from the certificate: true = (1 + gain) x nominal + offset."""
-
-    range: Current
-    gain: Fraction
-    offset: Current
-
-
-class Standard(StrictModel):
-    """Traceability of an instrument, or of a standard without an interface."""
-
-    model: Words
-    serial: Words
-    certificate: Words
-    calibrated: Date
-    due: Date
-    uncertainty: list[RangeUncertainty] = Field(default_factory=list)
-    corrections: list[RangeCorrection] = Field(default_factory=list)
-    traceability: Share | None = Field(None, description="uncertainty of the calibrator's own calibration, 95 %")
-    degrees_of_freedom: Annotated[float, Field(ge=1.0)] | None = Field(
-        None, description="of the uncertainties that the certificate states; they are taken as exact without it"
-    )
-    drift: Share | None = Field(None, description="change over a campaign that must be expected, 95 %")
-    stated: dict[Name, Stated] = Field(
-        default_factory=dict, description="what else the certificate says, by name, each with its unit"
-    )
-
-    @model_validator(mode="after")
-    def _in_order(self) -> Standard:
-        if self.due <= self.calibrated:
-            raise ValueError(f"due {self.due} is not after calibrated {self.calibrated}")
-        return self
 
 
 class InstrumentEntry(StrictModel):
@@ -310,11 +242,11 @@ class Station:
     def standards(self) -> dict[str, dict[str, Any]]:
         """Return the standards register for the session's manifest, by role, in SI base units."""
         of_instruments = {
-            role: _standard(entry.driver, entry.standard)
+            role: told_standard(entry.driver, entry.standard)
             for role, entry in self.instruments.items()
             if entry.standard is not None
         }
-        return of_instruments | {name: _standard("", standard) for name, standard in self.file.standards.items()}
+        return of_instruments | {name: told_standard("", standard) for name, standard in self.file.standards.items()}
 
     def ranges_A(self, role: str) -> tuple[float, ...]:
         """Return ranges a role's standard has an uncertainty for, ampere, lowest first."""
@@ -375,25 +307,3 @@ def wrong_option(name: str, text: str) -> str:
 def option_text(value: Scalar) -> str:
     """Return an option of a world as the text the world is given."""
     return str(value).lower() if isinstance(value, bool) else str(value)
-
-
-def _standard(driver: str, standard: Standard) -> dict[str, Any]:
-    entry: dict[str, Any] = {
-        "driver": driver,
-        "model": standard.model,
-        "serial": standard.serial,
-        "certificate": standard.certificate,
-        "calibrated": standard.calibrated.isoformat(),
-        "due": standard.due.isoformat(),
-        "uncertainty": [{"range_A": u.range, "relative": u.relative, "floor_A": u.floor} for u in standard.uncertainty],
-        "corrections": [{"range_A": c.range, "gain": c.gain, "offset_A": c.offset} for c in standard.corrections],
-    }
-    if standard.traceability is not None:
-        entry["traceability_relative"] = standard.traceability
-    if standard.degrees_of_freedom is not None:
-        entry["dof"] = standard.degrees_of_freedom
-    if standard.drift is not None:
-        entry["drift_relative"] = standard.drift
-    if standard.stated:
-        entry["stated"] = {name: {"value": value, "unit": unit} for name, (value, unit) in standard.stated.items()}
-    return entry

@@ -12,6 +12,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, ClassVar, Self
 
 from bench.model.errors import SessionDamaged
+from bench.model.quantities import QUANTITY
 from bench.plan.decision import PlannedDecision
 from bench.plan.plan import PLACE, ROW, Place, SetPoint, Step, StepKind
 
@@ -84,11 +85,17 @@ class PlannedSettle(Step):
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """One reading of a record: an action that only measures."""
+    """One reading of a record: an action that only measures; ``quantity`` is its name in the results, "" for none."""
 
     role: str
     name: str
     arguments: Mapping[str, Any]
+    quantity: str = ""
+
+    def told(self) -> dict[str, Any]:
+        """Return it as it stands in a plan file."""
+        told = asdict(self)
+        return told if self.quantity else {name: value for name, value in told.items() if name != QUANTITY}
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,16 +128,19 @@ class PlannedRecord(Step):
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
         told = Step.told(self)
-        return {**told, "readings": [asdict(reading) for reading in self.readings]} if self.readings else told
+        return {**told, "readings": [reading.told() for reading in self.readings]} if self.readings else told
 
     @property
     def calls(self) -> tuple[PlannedCall, ...]:
         """Return its readings as call steps."""
         place = self.number, self.phase, self.at_s, self.duration_s
         return tuple(
-            PlannedCall(*place, reading.role, reading.name, self.conditions, self.where, reading.arguments)
+            PlannedCall(*place, reading.role, reading.name, self._conditions(reading), self.where, reading.arguments)
             for reading in self.readings
         )
+
+    def _conditions(self, reading: Reading) -> Mapping[str, Any]:
+        return {**self.conditions, QUANTITY: reading.quantity} if reading.quantity else self.conditions
 
 
 @dataclass(frozen=True, slots=True)

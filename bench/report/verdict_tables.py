@@ -7,7 +7,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis import doubt_lines, is_sound, number, unit_text
+from bench.analysis import doubt_lines, is_sound, limits_of, limits_text, number, unit_text, use_of
 from bench.maths.verdict import passed
 from bench.model.texts import Texts
 from bench.report.estimate_tables import readable, value_text
@@ -53,7 +53,7 @@ def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     """Return verdicts, one row per quantity and channel: the estimate nearest to its limit; None without verdicts."""
     judged: dict[tuple[str, Any], list[Mapping[str, Any]]] = {}
     for row in model.results.get("estimates", ()):
-        if row.get("limit") is not None and row.get("verdict", "none") != "none":
+        if limits_of(row) is not None and row.get("verdict", "none") != "none":
             judged.setdefault((row["quantity"], row["conditions"].get("channel", _NO_CHANNEL)), []).append(row)
     rows = tuple(_row(words, quantity, channel, group) for (quantity, channel), group in judged.items())
     rule = model.results.get("decision_rule")
@@ -70,27 +70,24 @@ def verdict_table(model: ReportModel, words: Texts) -> Table | None:
 
 
 def _use(row: Mapping[str, Any]) -> float:
-    """Return how much of its limit a value with its interval uses; of a limit of zero, anything is too much."""
-    if not is_sound(row):
+    """Return how much of its limits a value with its interval uses."""
+    limits = limits_of(row)
+    if limits is None or not is_sound(row):
         return -math.inf
-    reach = abs(row["value"]) + row["expanded_uncertainty"]
-    if not row["limit"]:
-        return math.inf if reach > 0.0 else 0.0
-    return float(reach / row["limit"])
+    return use_of(float(row["value"]), limits, float(row["expanded_uncertainty"]))
 
 
 def _row(words: Texts, quantity: str, channel: Any, group: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     worst = max(group, key=lambda row: (_use(row), abs(row["value"] or 0.0)))
     scale, unit = readable([worst])
     counted = Counter(str(row["verdict"]) for row in group)
-    limit = worst.get("limit")
     probability = worst.get("conformance_probability")
     return (
         quantity,
         str(channel),
         str(len(group)),
         value_text(worst, scale),
-        number(None if limit is None else limit * scale),
+        limits_text(limits_of(worst), scale),
         unit_text(unit),
         "–" if probability is None else percent(probability),
         ", ".join(f"{count} {words(f'verdict.{name}')}" for name, count in sorted(counted.items())),

@@ -15,6 +15,7 @@ from typing import Any
 
 from bench.model.errors import InputError
 from bench.model.ports import Parameter
+from bench.model.quantities import QUANTITY
 from bench.plan import (
     MEASUREMENT,
     Plan,
@@ -214,8 +215,9 @@ def _scalar(text: str) -> str:
 
 def _written(plan: Plan, step: Step) -> str:
     """Return a step of the plan as a step of the structured form, in one line; JSON is YAML."""
-    if isinstance(step, PlannedCall) and not step.arguments:
-        return _name_of(step)
+    if isinstance(step, PlannedCall):
+        words = _reading(plan, step)
+        return words if isinstance(words, str) else json.dumps(words, ensure_ascii=False)
     ((key, value),) = _words(plan, step).items()
     return f"{key}: {json.dumps(value, ensure_ascii=False)}"
 
@@ -223,8 +225,6 @@ def _written(plan: Plan, step: Step) -> str:
 def _words(plan: Plan, step: Step) -> Mapping[str, Any]:
     words: Mapping[str, Any] = {}
     match step:
-        case PlannedCall():
-            words = _call(plan, step)
         case PlannedRecord():
             words = {"record": _record(plan, step)}
         case PlannedSettle():
@@ -252,6 +252,13 @@ def _call(plan: Plan, call: PlannedCall) -> dict[str, Any]:
     return {_name_of(call): {name: _argument(value, parameters.get(name)) for name, value in call.arguments.items()}}
 
 
+def _reading(plan: Plan, call: PlannedCall) -> dict[str, Any] | str:
+    """Return a call, with the name of the value it reads; the limits stand in the session that is made up for."""
+    if QUANTITY in call.conditions:
+        return {**_call(plan, call), "expect": {"name": call.conditions[QUANTITY]}}
+    return _call(plan, call) if call.arguments else _name_of(call)
+
+
 def _argument(value: Any, parameter: Parameter | None) -> Any:
     if parameter is None or not parameter.dimension or not isinstance(value, int | float):
         return value
@@ -266,7 +273,7 @@ def _record(plan: Plan, step: PlannedRecord) -> dict[str, Any]:
     record: dict[str, Any] = {"seconds": _quantity(step.seconds, "s")}
     if step.readings:
         record["every"] = _quantity(step.every_s, "s")
-        record["readings"] = [_call(plan, call) if call.arguments else _name_of(call) for call in step.calls]
+        record["readings"] = [_reading(plan, call) for call in step.calls]
     if step.retry:
         record["retry"] = step.retry
     if step.max_lost:

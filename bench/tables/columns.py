@@ -75,15 +75,17 @@ def spread(rows: Sequence[Mapping[str, Any]], taken: Iterable[str], prefix: str 
 def table_of_estimates(estimates: Sequence[Mapping[str, Any]]) -> DataFrame:
     """Return the estimates of a document results.json, a row each; conditions are columns.
 
-    Each row has its own ``unit``, which holds for value, uncertainties and limit. Documents of schema 1 have no
-    ``quality`` but sound estimates.
+    Each row has its own ``unit``, which holds for value, uncertainties and limits: ``limit`` for -limit to limit, else
+    ``lower_limit`` and ``upper_limit``. Documents of schema 1 have no ``quality`` but sound estimates.
     """
     columns: dict[str, list[Any]] = {}
     for name in ("quantity", "unit", *_NUMBERS, "n", "dropped", "verdict"):
         columns[name] = [estimate.get(name) for estimate in estimates]
+    for name, side in (("lower_limit", "low"), ("upper_limit", "high")):
+        columns[name] = [(estimate.get("limits") or {}).get(side) for estimate in estimates]
     columns["quality"] = [estimate.get("quality", "sound") for estimate in estimates]
     columns["reasons"] = ["; ".join(str(reason["sentence"]) for reason in row.get("reasons", ())) for row in estimates]
     columns |= spread([estimate["conditions"] for estimate in estimates], columns)
     shown = {name: typed(values) for name, values in columns.items()}
-    shown |= {name: shown[name].astype("float64") for name in _NUMBERS}
+    shown |= {name: shown[name].astype("float64") for name in (*_NUMBERS, "lower_limit", "upper_limit")}
     return table(shown, {name: unit_of(name) for name in columns})

@@ -140,8 +140,8 @@ MUTANTS = [
     Mutant(
         "guard band that widens the limit",
         "bench/maths/verdict.py",
-        "limit if rule == SIMPLE else limit - expanded_uncertainty",
-        "limit if rule == SIMPLE else limit + expanded_uncertainty",
+        "guard = 0.0 if rule == SIMPLE else expanded_uncertainty",
+        "guard = 0.0 if rule == SIMPLE else -expanded_uncertainty",
         ["tests/unit/maths/test_verdicts.py::test_what_compensation_leaves_over_is_judged"],
     ),
     Mutant(
@@ -246,8 +246,8 @@ MUTANTS = [
     Mutant(
         "verdict of the signed value",
         "bench/maths/verdict.py",
-        "size = abs(value)",
-        "size = value",
+        "(-limit, limit)",
+        "(-math.inf, limit)",
         ["tests/unit/maths/test_verdicts.py::test_guard_band_of_the_design"],
     ),
     Mutant(

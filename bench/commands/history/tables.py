@@ -9,7 +9,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound
+from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound, limits_of, limits_text
 from bench.store import LEAST_FOR_CONTROL, Comparison, Due, Shown, conditions_text
 
 Row = Mapping[str, Any]
@@ -75,11 +75,11 @@ def print_shown(out: Console, shown: Shown) -> None:
         out.print("  not judged: no estimate has a limit")
     table = _table("Estimates", ("quantity", "conditions", "value", "U 95 %", "unit", "n", "limit", "verdict"))
     for estimate in shown.estimates:
-        limit = "-" if estimate["limit"] is None else f"{estimate['limit']:g}"
         table.add_row(
             estimate["quantity"], conditions_text(estimate["conditions"]), _number(estimate["value"], ".6g"),
             _number(estimate["expanded_uncertainty"], ".3g") if is_sound(estimate) else _quality(estimate),
-            estimate["unit"], str(estimate["n"]), limit, estimate["verdict"].replace("_", " "),
+            estimate["unit"], str(estimate["n"]), limits_text(limits_of(estimate)),
+            estimate["verdict"].replace("_", " "),
         )  # fmt: skip
     out.print(table)
 

@@ -86,13 +86,17 @@ def check_asked(plan: Plan, findings: Findings) -> None:
     for step in records:
         if step.conditions.get("purpose", "measurement") == "measurement":
             _check_conditions(asked, step, findings)
-    if asked.made_of != "readings" and not plan.frames:
+    if asked.made_of not in ("readings", "values") and not plan.frames:
         message = f"the analysis {asked.name} is made of frames of a unit, and the sequence names no link"
         findings.add("B-PLAN-078", plan.steps[0].where, message, "name the link under 'frame', or another analysis")
     if asked.reading:
         _check_reading(asked, plan, records, findings)
     if asked.made_of == "tests":
         _check_tests(asked, plan, findings)
+    elif asked.made_of == "values":
+        if not plan.campaign.get("expected"):
+            message = f"the analysis {asked.name} is made of values, and no step reads or asks for one"
+            findings.add("B-PLAN-078", plan.steps[0].where, message, "add an action that returns a value")
     elif not records:
         message = f"the analysis {asked.name} is made of records, and there is none"
         findings.add("B-PLAN-078", plan.steps[0].where, message, "add 'record' steps, or name another analysis")

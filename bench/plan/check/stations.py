@@ -23,7 +23,8 @@ from bench.plan.drivers import driver_actions, driver_ladder_A
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language.graphs import check_graphs
 from bench.plan.language.interlocks import OF_UNIT, SIGNALS, Interlock, InterlockRule, rule_of
-from bench.plan.station import InstrumentEntry, Standard, Station, option_text, wrong_option
+from bench.plan.language.standards import Standard
+from bench.plan.station import InstrumentEntry, Station, option_text, wrong_option
 
 SIMULATION = "sim_instruments.worlds.simulation"  # by name: the bench never imports its simulators
 _ADDRESS = re.compile(r"(ASRL|GPIB|PRLGX-ASRL|PRLGX-TCPIP|PXI|TCPIP|USB|VICP|VXI)([^:]*)(?:::(.+))?", re.IGNORECASE)

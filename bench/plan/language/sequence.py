@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, 
 from bench.model.systems import systems, with_sections
 from bench.model.units import likely, quantity, read_quantity
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
+from bench.plan.language.expect import Fit
 from bench.plan.language.interlocks import Interlock
 from bench.plan.language.steps import Step_, TimelineEntry
 from bench.plan.values import Scalar
@@ -135,6 +136,7 @@ class Sequence(StrictModel):
     procedures: dict[Name, Procedure] = Field(default_factory=dict)
     interlocks: dict[Name, Interlock] = Field({}, description="wins over one of the station with the same name")
     early: Early | None = None
+    fits: list[Fit] = Field([], description="polynomials of the values that the sequence reads")
 
     @model_validator(mode="before")
     @classmethod

@@ -21,6 +21,7 @@ from pydantic import (
 from bench.model.units import dimension_of, parse_quantity
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
 from bench.plan.language.comparison import Comparison
+from bench.plan.language.expect import Expect, with_expect
 from bench.plan.values import ACTION_PATTERN, ActionName, Scalar, templated, within
 
 Duration = Annotated[Any, *templated("s", 0.0, 1e7)]
@@ -28,6 +29,7 @@ Arguments = dict[Name, Scalar]
 Text = Annotated[str, StringConstraints(min_length=1, max_length=2000)]
 _CLOCK = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d)")
 VERBS = ("for", "if", "while", "choose", "settle", "record", "soak", "prompt", "verify", "unit", "test", "send")
+EXPECT = "expect"
 
 
 def _one_entry(value: dict[Any, Any]) -> None:
@@ -109,6 +111,35 @@ class CallStep(RootModel[Annotated[dict[ActionName, Arguments | None], _call_sch
         return self
 
 
+class ReadStep(StrictModel):
+    """An action that reads, and what is expected of it: ``meter.measure_voltage``, beside it ``expect``."""
+
+    call: CallStep
+    expect: Expect
+
+    @model_validator(mode="before")
+    @classmethod
+    def _split(cls, value: object) -> object:
+        if not isinstance(value, dict) or EXPECT not in value:
+            return value
+        return {"call": {name: given for name, given in value.items() if name != EXPECT}, EXPECT: value[EXPECT]}
+
+    @classmethod
+    def __get_pydantic_json_schema__(cls, core: Any, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        fields = handler.resolve_ref_schema(handler(core))["properties"]
+        call = handler.resolve_ref_schema(fields["call"])
+        return with_expect(call, fields[EXPECT])
+
+
+def _reading_tag(value: object) -> str:
+    return "<read>" if isinstance(value, ReadStep) or (isinstance(value, dict) and EXPECT in value) else "<call>"
+
+
+Reading_ = Annotated[
+    Annotated[CallStep, Tag("<call>")] | Annotated[ReadStep, Tag("<read>")], Discriminator(_reading_tag)
+]
+
+
 class Record(StrictModel):
     """Take a record of the counted link, or of readings where there is no link.
 
@@ -116,7 +147,7 @@ class Record(StrictModel):
     """
 
     seconds: Duration
-    readings: list[CallStep] = Field(default_factory=list, description="actions that measure, read one after another")
+    readings: list[Reading_] = Field(default_factory=list, description="actions that measure, read one after another")
     every: Duration | None = Field(None, description="all of 'readings' are taken again after this time")
     windows: int | None = Field(None, strict=True, ge=1, le=10_000, description="this many records without a gap")
     follows: bool = Field(False, strict=True, description="begins with the frame behind the record before it")
@@ -140,12 +171,17 @@ class PromptValue(StrictModel):
     low: Annotated[Text | None, BeforeValidator(_with_unit)] = None
     high: Annotated[Text | None, BeforeValidator(_with_unit)] = None
     quantity: Name | None = None
+    uncertainty: Annotated[Text | None, BeforeValidator(_with_unit)] = Field(
+        None, description="95 %, of the gauge that a person measures with"
+    )
     required: bool = False
 
     @model_validator(mode="after")
     def _measured(self) -> PromptValue:
         if self.required and self.quantity is None:
             raise ValueError("'required' is for a value with a 'quantity'; any other must be inside its limits anyway")
+        if self.uncertainty is not None and self.quantity is None:
+            raise ValueError("'uncertainty' is for a value with a 'quantity', which the analysis judges")
         return self
 
 
@@ -324,6 +360,8 @@ def step_tag(value: object) -> str | None:
             return f"<{verb}>"
         if len(value) == 1:
             return step_tag(next(iter(value)))
+        if len(value) == 2 and EXPECT in value:
+            return "<read>" if "." in next(str(name) for name in value if name != EXPECT) else None
     return None
 
 
@@ -342,6 +380,7 @@ Step_ = Annotated[
     | Annotated[TestStep, Tag("<test>")]
     | Annotated[SendStep, Tag("<send>")]
     | Annotated[CallStep, Tag("<call>")]
+    | Annotated[ReadStep, Tag("<read>")]
     | Annotated[ProcedureStep, Tag("<procedure>")],
     Discriminator(step_tag, custom_error_type="step", custom_error_message=_MESSAGE),
 ]

@@ -6,6 +6,7 @@ The same sessions give the same bytes.
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -75,15 +76,24 @@ def _yield(total: Yield) -> dict[str, Any]:
 def _member(member: Member) -> Mapping[str, Any]:
     return {
         **_unit(member.unit), "session": member.session, "value": member.value, "expanded_uncertainty": member.expanded,
-        "limit": member.limit, "verdict": member.verdict, "conformance_probability": member.probability,
+        **_limits(member.limits), "verdict": member.verdict, "conformance_probability": member.probability,
     }  # fmt: skip
+
+
+def _limits(limits: tuple[float, float] | None) -> dict[str, Any]:
+    """Return limits as results.json has them: a number for those that are alike, else both ends."""
+    if limits is None or limits[0] == -limits[1]:
+        return {"limit": None if limits is None else limits[1]}
+    low, high = (limit if math.isfinite(limit) else None for limit in limits)
+    return {"limit": None, "limits": {"low": low, "high": high}}
 
 
 def _spread(spread: Spread) -> dict[str, Any]:
     return {
         "campaign": spread.quantity.campaign, "quantity": spread.quantity.name, "unit": spread.quantity.unit,
         "conditions": spread.quantity.where, "n": len(spread.members), "mean": spread.mean, "std": spread.std,
-        "limit": spread.limit, "failed": spread.failed, "min": _member(spread.least), "max": _member(spread.greatest),
+        **_limits(spread.limits), "failed": spread.failed, "min": _member(spread.least),
+        "max": _member(spread.greatest),
         "worst": None if spread.worst is None else _member(spread.worst),
     }  # fmt: skip
 

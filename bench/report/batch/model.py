@@ -6,7 +6,6 @@ Sessions are added one by one; of each nothing stays but its estimates.
 from __future__ import annotations
 
 import json
-import math
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,7 +13,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from bench.analysis import is_sound
+from bench.analysis import is_sound, limits_of, use_of
 from bench.maths.verdict import INDETERMINATE, clopper_pearson
 
 _OF_ONE_UNIT = ("unit", "unit_temperature_degC")  # conditions that differ from unit to unit
@@ -116,7 +115,7 @@ class Batch:
         if not is_sound(estimate):
             return
         chance, expanded = estimate.get("conformance_probability"), estimate["expanded_uncertainty"]
-        member = Member(unit, session, estimate["value"], expanded, estimate["limit"], estimate["verdict"], chance)
+        member = Member(unit, session, estimate["value"], expanded, limits_of(estimate), estimate["verdict"], chance)
         self.values.setdefault(quantity, []).append(member)
 
     @property
@@ -167,7 +166,7 @@ class Batch:
             (quantity, member)
             for quantity, members in self.values.items()
             for member in members
-            if member.limit is not None
+            if member.limits is not None
         ]
         return sorted(judged, key=lambda pair: pair[1].nearness)[:WORST]
 
@@ -203,7 +202,7 @@ class Member(NamedTuple):
     session: str
     value: float
     expanded: float
-    limit: float | None
+    limits: tuple[float, float] | None
     verdict: str
     probability: float | None
 
@@ -215,11 +214,9 @@ class Member(NamedTuple):
     @property
     def nearness(self) -> tuple[float, float]:
         """Sorts members by how near to their limit they are, or how far beyond it: the worst first."""
-        if self.limit is None:
+        if self.limits is None:
             return (2.0, 0.0)
-        beyond = math.inf if self.value else 0.0  # of a limit of nothing at all
-        use = abs(self.value) / self.limit if self.limit else beyond
-        return (1.0 if self.probability is None else self.probability, -use)
+        return (1.0 if self.probability is None else self.probability, -use_of(self.value, self.limits))
 
 
 class Quantity(NamedTuple):
@@ -239,7 +236,7 @@ class Quantity(NamedTuple):
 
 @dataclass(frozen=True)
 class Spread:
-    """The spread of a quantity over its members; ``std`` is None for one of them, ``limit`` if they differ."""
+    """The spread of a quantity over its members; ``std`` is None for one of them, ``limits`` if they differ."""
 
     quantity: Quantity
     members: Sequence[Member]
@@ -267,13 +264,13 @@ class Spread:
     @property
     def worst(self) -> Member | None:
         """The value that most likely is outside its limit; None if nothing is judged."""
-        judged = [member for member in self.members if member.limit is not None]
+        judged = [member for member in self.members if member.limits is not None]
         return min(judged, key=lambda member: member.nearness) if judged else None
 
     @property
-    def limit(self) -> float | None:
-        """The limit, if all have the same."""
-        limits = {member.limit for member in self.members}
+    def limits(self) -> tuple[float, float] | None:
+        """The limits, if all have the same."""
+        limits = {member.limits for member in self.members}
         return limits.pop() if len(limits) == 1 else None
 
     @property

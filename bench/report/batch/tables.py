@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from bench.analysis import cell, decimals_for, number, unit_text, with_uncertainty
+from bench.analysis import cell, decimals_for, limits_text, number, unit_text, with_uncertainty
 from bench.model.texts import Texts
 from bench.report.batch.model import Batch, Member, Outcome, Quantity, Spread, Unit, Yield
 from bench.report.estimate_tables import readable
@@ -96,7 +96,7 @@ def _spread_row(spread: Spread, words: Texts) -> tuple[str, ...]:
         unit_name(spread.least.unit),
         number(scale * spread.greatest.value, places),
         unit_name(spread.greatest.unit),
-        _limit(spread.limit, scale),
+        limits_text(spread.limits, scale),
         number(spread.failed) if worst is not None else "–",
         "–" if worst is None else f"{_value(worst, scale)}, {unit_name(worst.unit)}",
     )
@@ -109,12 +109,6 @@ def _value(member: Member, scale: float) -> str:
         if member.expanded
         else number(scale * member.value)
     )
-
-
-def _limit(limit: float | None, scale: float) -> str:
-    if limit is None:
-        return "–"
-    return f"± {number(scale * limit)}" if limit else "0"
 
 
 def worst_table(batch: Batch, words: Texts) -> Table | None:
@@ -134,7 +128,7 @@ def _worst_row(quantity: Quantity, member: Member, words: Texts) -> tuple[str, .
         quantity.name,
         conditions_text(words, quantity.where),
         _value(member, scale),
-        _limit(member.limit, scale),
+        limits_text(member.limits, scale),
         unit_text(unit),
         "–" if member.probability is None else percent(member.probability),
         words(f"verdict.{member.verdict}"),

@@ -19,7 +19,7 @@ _POWERS = {"ppm": -6, "ppb": -9, "%": -2, "1": 0}
 _NAMES = {
     "A": "ampere", "V": "volt", "ohm": "ohm", "W": "watt", "F": "farad", "C": "coulomb", "Hz": "hertz", "s": "second",
     "min": "minute", "h": "hour", "degC": "kelvin", "K": "kelvin", "deg": "degree",
-    "arcmin": "arcminute", "arcsec": "arcsecond",
+    "arcmin": "arcminute", "arcsec": "arcsecond", "m": "metre",
 }  # fmt: skip
 _PREFIXES = {"p": "pico", "n": "nano", "u": "micro", "m": "milli", "k": "kilo", "M": "mega", "G": "giga"}
 _PREFIXED = ("A", "V", "ohm", "W", "F", "C", "Hz", "s")

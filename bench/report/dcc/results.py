@@ -7,10 +7,12 @@ Statements of conformity stand beside the values they judge, with the limits and
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from bench.analysis import limits_of
 from bench.report.dcc.calibration import TEXTS, Calibration
 from bench.report.dcc.dsi import ONE, SiUnit, condition_unit, estimate_unit, si_number
 from bench.report.dcc.elements import Element, dcc, leaf, number_list, si, words
@@ -57,14 +59,20 @@ def tables_of(estimates: Sequence[Estimate]) -> list[Table]:
 
 
 def _key(estimate: Estimate) -> tuple[Any, ...]:
-    """Return the key of a table: quantity, unit, conditions by sort, whether judged, whether dof are finite."""
+    """Return the key of a table: quantity, unit, conditions by sort, limits on which sides, whether dof are finite."""
     conditions = estimate["conditions"]
     numeric = tuple(name for name, value in conditions.items() if _is_number(name, value))
     others = {name: _text(value) for name, value in conditions.items() if name not in numeric}
     texts = tuple(name for name, value in others.items() if _is_word(value))
     common = tuple((name, value) for name, value in others.items() if name not in texts)
-    judged, finite = is_judged(estimate), estimate.get("dof") is not None
-    return (estimate["quantity"], estimate["unit"], numeric, texts, common, judged, finite)
+    sides, finite = _sides(estimate), estimate.get("dof") is not None
+    return (estimate["quantity"], estimate["unit"], numeric, texts, common, sides, finite)
+
+
+def _sides(estimate: Estimate) -> tuple[bool, bool]:
+    """Return on which sides a judged estimate has a limit."""
+    limits = limits_of(estimate) if is_judged(estimate) else None
+    return (False, False) if limits is None else (math.isfinite(limits[0]), math.isfinite(limits[1]))
 
 
 def _is_number(name: str, value: Any) -> bool:
@@ -176,17 +184,18 @@ def camel(name: str) -> str:
 
 def is_judged(estimate: Mapping[str, Any]) -> bool:
     """Return True for an estimate with a limit and a verdict."""
-    return estimate["limit"] is not None and estimate["verdict"] in STATUS
+    return limits_of(estimate) is not None and estimate["verdict"] in STATUS
 
 
 def conformity(rows: Sequence[Mapping[str, Any]], unit: SiUnit) -> Element | None:
-    """Return the element measurementMetaData of judged values, all judged or none; None without limit or verdict."""
+    """Return the element measurementMetaData of judged values, alike on both sides; None without limit or verdict."""
     if not all(is_judged(estimate) for estimate in rows):
         return None
-    limits = [float(estimate["limit"]) for estimate in rows]
+    sides = zip(("toleranceLimitLower", "toleranceLimitUpper"), zip(*map(limits_of, rows), strict=True), strict=True)
     quantities = [
-        _quantity("toleranceLimitLower", [si_number(-limit, unit.power) for limit in limits], unit.token),
-        _quantity("toleranceLimitUpper", [si_number(limit, unit.power) for limit in limits], unit.token),
+        _quantity(name, [si_number(limit, unit.power) for limit in limits], unit.token)
+        for name, limits in sides
+        if all(map(math.isfinite, limits))
     ]
     inside = [estimate.get("conformance_probability") for estimate in rows]
     if None not in inside:

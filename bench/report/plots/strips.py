@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any
@@ -10,7 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
-from bench.analysis import number, unit_text
+from bench.analysis import limits_text, number, unit_text
 from bench.model.texts import Texts
 from bench.report.batch.model import Batch, Spread
 from bench.report.estimate_tables import readable
@@ -63,9 +64,9 @@ def _draw(axes: Axes, group: Sequence[Spread], words: Texts) -> None:
     members = [member for spread in group for member in spread.members]
     scale, unit = readable([{"unit": group[0].quantity.unit, "value": member.value} for member in members])
     strips = _strips(group, scale, words)
-    limits = {spread.limit for spread in group}
-    limit = next(iter(limits)) if len(limits) == 1 else None
-    about_means = limit is None and _far_apart(strips)
+    stated = {spread.limits for spread in group}
+    limits = next(iter(stated)) if len(stated) == 1 else None
+    about_means = limits is None and _far_apart(strips)
     if about_means:
         strips = [(text, values - values.mean(), failed) for text, values, failed in strips]
     edges = _edges([values for _, values, _ in strips])
@@ -76,8 +77,8 @@ def _draw(axes: Axes, group: Sequence[Spread], words: Texts) -> None:
     axes.grid(visible=False, axis="y")
     axes.tick_params(axis="y", length=0)
     axes.locator_params(axis="x", nbins=5)
-    _limits(axes, None if limit is None else scale * limit, members_reach=float(np.abs(edges).max()))
-    axes.set_xlabel(_axis_text(unit, None if limit is None else scale * limit, about_means, words))
+    _limits(axes, [scale * limit for limit in limits or ()], members_reach=float(np.abs(edges).max()))
+    axes.set_xlabel(_axis_text(unit, limits_text(limits, scale) if limits else "", about_means, words))
 
 
 def _strips(group: Sequence[Spread], scale: float, words: Texts) -> Strips:
@@ -126,14 +127,14 @@ def _strip(
         axes.plot(values[failed], np.full(failed.sum(), place + 0.3), linestyle="none", marker="^", color=VERMILION)
 
 
-def _limits(axes: Axes, limit: float | None, members_reach: float) -> None:
-    if limit is not None and limit <= _LIMIT_IN_SIGHT * members_reach:
-        for sign in (-1.0, 1.0) if limit else (1.0,):
-            axes.axvline(sign * limit, color=VERMILION, linewidth=1.0)
+def _limits(axes: Axes, limits: Sequence[float], members_reach: float) -> None:
+    if all(math.isinf(limit) or abs(limit) <= _LIMIT_IN_SIGHT * members_reach for limit in limits):
+        for limit in sorted({limit for limit in limits if math.isfinite(limit)}):
+            axes.axvline(limit, color=VERMILION, linewidth=1.0)
 
 
-def _axis_text(unit: str, limit: float | None, about_means: bool, words: Texts) -> str:
+def _axis_text(unit: str, limits: str, about_means: bool, words: Texts) -> str:
     text = label(unit_text(unit)) if unit != "1" else ""
-    if limit is not None:
-        return words("batch.axis_limits", unit=text, limit=number(limit)).strip()
+    if limits:
+        return words("batch.axis_limits", unit=text, limit=limits).strip()
     return words("batch.axis_deviation", unit=text).strip() if about_means else text

@@ -5,6 +5,7 @@ from __future__ import annotations
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError, RunError
 from bench.model.events import Answer, Overrun, Slip
+from bench.model.quantities import QUANTITY
 from bench.plan import (
     PlannedCall,
     PlannedCommand,
@@ -123,7 +124,7 @@ def execute(context: RunContext, step: Step) -> None:
     """Do one step of a plan."""
     match step:
         case PlannedCall():
-            call_or_flag(context, step)
+            call_or_flag(context, step, dict(step.arguments) if QUANTITY in step.conditions else None)
         case PlannedVerify():
             _verify(context, step)
         case PlannedSettle():

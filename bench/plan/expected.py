@@ -1,0 +1,225 @@
+"""The values that a plan names: what each is called, its unit, under which conditions, and where it must lie.
+
+They go into the section "campaign" of the manifest, where the analysis finds them, in base units.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+from bench.model.quantities import QUANTITY, conditions_of_value
+from bench.model.systems import analysis_declaration
+from bench.model.units import read_quantity
+from bench.plan.check.analysis import NONE
+from bench.plan.drivers import declared_action
+from bench.plan.language.expect import NONLINEARITY, Bounds, Expect, Fit
+from bench.plan.language.steps import PromptValue
+from bench.plan.values import Quantity, Scope, as_reference
+
+if TYPE_CHECKING:
+    from bench.plan.expand import Expander, Path
+
+TIME = "time"
+_MEASURE = "measure_"
+
+
+def named_conditions(
+    plan: Expander, called: tuple[str, str], expect: Expect | None, conditions: Mapping[str, Any], path: Path,
+    scope: Scope,
+) -> dict[str, Any]:  # fmt: skip
+    """Return the conditions of a reading with its name, if it has one, and keep what is expected of it.
+
+    Without ``expect`` it is named after instrument and action where the analysis is made of all values.
+    Findings: B-PLAN-120, B-PLAN-121.
+    """
+    role, action = called
+    unit = _unit(plan, role, action)
+    if expect is None:
+        if unit is None or plan.phase != "campaign" or not _takes_all(plan):
+            return dict(conditions)
+    elif unit is None:
+        message = f"{role}.{action} gives no number, so nothing can be expected of it"
+        plan.fail("B-PLAN-120", path, message, "expect something of an action that returns a value")
+        return dict(conditions)
+    entry: dict[str, Any] = {
+        "quantity": _default_name(role, action, str(unit)) if expect is None else expect.name,
+        "unit": unit,
+        "conditions": conditions_of_value(conditions),
+    }
+    if expect is not None:
+        here = (*path, "expect")
+        entry |= limits_in(plan, expect, str(unit), here, scope)
+        span = _bound(plan, expect.stable, str(unit), (*here, "stable"), scope)
+        entry |= {} if span is None else {"span": span}
+    keep(plan, entry, f"{role}.{action}", path)
+    return {**conditions, QUANTITY: entry["quantity"]}
+
+
+def _default_name(role: str, action: str, unit: str) -> str:
+    """Return a name by instrument and action; a certificate knows a temperature by the end of its name."""
+    name = f"{role}_{action.removeprefix(_MEASURE)}"
+    return f"{name}_temperature" if unit == "degC" and not name.endswith("temperature") else name
+
+
+def keep_given(plan: Expander, value: PromptValue, conditions: Mapping[str, Any], path: Path) -> None:
+    """Keep a value that a person gives, where the analysis is made of all values (B-PLAN-120, B-PLAN-121)."""
+    if value.quantity is None or not _takes_all(plan):
+        return
+    ends = {"low": value.low, "high": value.high, "uncertainty": value.uncertainty}
+    read = {name: _bound(plan, text, value.unit, (*path, name)) for name, text in ends.items()}
+    entry = {"quantity": value.quantity, "unit": value.unit, "conditions": conditions_of_value(conditions)}
+    keep(plan, entry | {name: end for name, end in read.items() if end is not None}, "a person", path)
+
+
+def keep(plan: Expander, entry: dict[str, Any], read_by: str, path: Path) -> None:
+    """Keep a value that is named; one name for two is noted (B-PLAN-121)."""
+    if wrong := plan.expected.add(entry, read_by):
+        plan.fail("B-PLAN-121", path, wrong, "give each its own name, or its own conditions")
+
+
+def _takes_all(plan: Expander) -> bool:
+    """Return whether the analysis of the sequence is made of all values."""
+    declared = analysis_declaration(plan.document.model.analysis)
+    return declared is not None and declared.made_of == "values"
+
+
+def _unit(plan: Expander, role: str, action: str) -> str | None:
+    """Return the unit of what an action gives, None if it gives no number or does not exist."""
+    declared = declared_action(plan.station, role, action)
+    return None if declared is None else declared.returns or None
+
+
+def limits_in(plan: Expander, bounds: Bounds, unit: str, path: Path, scope: Scope) -> dict[str, float]:
+    """Return low and high of what is expected, in base units, those that are stated (B-PLAN-120)."""
+    if bounds.equals is not None:
+        value = _bound(plan, bounds.equals, unit, (*path, "equals"), scope)
+        reach = _bound(plan, bounds.tolerance, unit, (*path, "tolerance"), scope, of=value)
+        low, high = (None, None) if value is None or reach is None else (value - reach, value + reach)
+    elif bounds.within is not None:
+        low, high = (_bound(plan, end, unit, (*path, "within", k), scope) for k, end in enumerate(bounds.within))
+    else:
+        low, high = (_bound(plan, getattr(bounds, end), unit, (*path, end), scope) for end in ("min", "max"))
+    if low is not None and high is not None and low > high:
+        message = f"no value is inside its limits: {low:g} {unit} is above {high:g} {unit}"
+        plan.fail("B-PLAN-120", path, message, "exchange them")
+    return {name: end for name, end in (("low", low), ("high", high)) if end is not None}
+
+
+def _bound(
+    plan: Expander, text: str | None, unit: str, path: Path, scope: Scope | None = None, of: float | None = None
+) -> float | None:
+    """Return a bound in its base unit; a tolerance may be a share ``of`` the value it belongs to."""
+    if text is None:
+        return None
+    value = _read(plan, text, path, scope or Scope({}, plan.role_attribute, {}))
+    if value is None:
+        return None
+    if value.dimension == unit:
+        return value.value
+    if value.dimension == "1" and of is not None:
+        return value.value * abs(of)
+    message = f"{text} is in {value.dimension}; the value it is held against is in {unit}"
+    plan.fail("B-PLAN-120", path, message, "write it in that unit", value.origin)
+    return None
+
+
+def _read(plan: Expander, text: str, path: Path, scope: Scope) -> Quantity | None:
+    """Return a bound as a quantity; the unit of a coefficient may be one of no quantity of the language."""
+    if as_reference(text) is not None:
+        value = plan.resolve(text, scope, path)
+        if value is not None and not isinstance(value, Quantity):
+            _no_bound(plan, text, path)
+        return value if isinstance(value, Quantity) else None
+    known = read_quantity(text)
+    if known is not None:
+        return Quantity(*known)
+    number, unit = text.split(maxsplit=1)
+    try:
+        value = float(number)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        _no_bound(plan, text, path)
+        return None
+    return Quantity(value, unit)
+
+
+def _no_bound(plan: Expander, text: str, path: Path) -> None:
+    plan.fail("B-PLAN-120", path, f"{text!r} is not a quantity with its unit", "write a number and its unit")
+
+
+def fits_of(plan: Expander, scope: Scope) -> list[dict[str, Any]]:
+    """Return the fits for the manifest: names as the values have them, limits in base units (B-PLAN-123)."""
+    fits: list[dict[str, Any]] = []
+    for index, fit in enumerate(plan.document.model.fits if _takes_all(plan) else ()):
+        path: Path = ("fits", index)
+        unit = plan.expected.unit_of(fit.of)
+        if unit is None:
+            _unknown(plan, fit.of, (*path, "of"))
+            continue
+        against = _against(plan, fit, path)
+        per = [_per(plan, name, (*path, "per", place)) for place, name in enumerate(fit.per)]
+        if against is None or None in per:
+            continue
+        units = coefficient_units(unit, str(against["unit"]), fit.degree)
+        expected = {
+            result: limits_in(plan, bounds, units[result], (*path, "expect", result), scope)
+            for result, bounds in fit.expect.items()
+        }
+        fits.append({"name": fit.name, "of": fit.of, "degree": fit.degree, "per": per, "units": units,
+                     "against": against, "expected": expected})  # fmt: skip
+    return fits
+
+
+def coefficient_units(of: str, against: str, degree: int) -> dict[str, str]:
+    """Return the units of the coefficients c0, c1, ... and of the departure from the polynomial."""
+    units = {"c0": of, NONLINEARITY: of}
+    for order in range(1, degree + 1):
+        power = against if order == 1 else f"{against}{order}"
+        units[f"c{order}"] = of if against == "1" else f"1/{power}" if of == "1" else f"{of}/{power}"
+        if of == against:
+            units[f"c{order}"] = "1" if order == 1 else f"1/{against}{'' if order == 2 else order - 1}"
+    return units
+
+
+def _against(plan: Expander, fit: Fit, path: Path) -> dict[str, Any] | None:
+    if fit.against == TIME:
+        return {"time": True, "unit": "s"}
+    unit, condition = plan.expected.unit_of(fit.against), plan.expected.condition(fit.against)
+    if unit is not None:
+        return {"quantity": fit.against, "unit": unit}
+    if condition is None:
+        _unknown(plan, fit.against, (*path, "against"))
+        return None
+    against: dict[str, Any] = {"condition": condition[0], "unit": condition[1]}
+    stated = fit.against_uncertainty
+    if stated is not None:
+        value = _bound(plan, stated, condition[1], (*path, "against_uncertainty"))
+        against |= {} if value is None else {"uncertainty": value}
+    return against
+
+
+def _per(plan: Expander, name: str, path: Path) -> str | None:
+    condition = plan.expected.condition(name)
+    if condition is None:
+        _unknown(plan, name, path)
+    return None if condition is None else condition[0]
+
+
+def _unknown(plan: Expander, name: str, path: Path) -> None:
+    known = ", ".join(plan.expected.names) or "nothing"
+    message = f"no value and no condition of one is called {name!r}"
+    plan.fail("B-PLAN-123", path, message, f"what is read: {known}; write 'expect: {{name: ...}}' beside a reading")
+
+
+def check_judged(plan: Expander) -> None:
+    """Note values that are named and fits in a sequence without an analysis: nothing judges them (B-PLAN-122)."""
+    model = plan.document.model
+    if model.analysis == NONE and plan.expected.entries:
+        message = "the sequence names values, and no analysis, so nothing judges them"
+        plan.fail("B-PLAN-122", ("analysis",), message, "write 'analysis: readings', or another one")
+    elif model.fits and not _takes_all(plan):
+        message = f"the analysis {model.analysis!r} makes no fits of values"
+        plan.fail("B-PLAN-122", ("fits",), message, "write 'analysis: readings', or leave 'fits' out")

@@ -1,0 +1,82 @@
+"""What a sequence expects of the values it reads, and the lines and curves that are laid through them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, ClassVar
+
+from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+
+from bench.model.units import likely
+from bench.model.yamlio import Name, StrictModel
+from bench.plan.values import as_reference
+
+MOST_DEGREE = 6
+NONLINEARITY = "nonlinearity"
+
+
+def _bound(value: object) -> object:
+    text = isinstance(value, str)
+    if not text or (as_reference(value) is None and len(str(value).split(maxsplit=1)) != 2):
+        raise ValueError(f"{value!r} is not a quantity with its unit, for example '4.9 V'{likely(value)}")
+    return value
+
+
+Bound = Annotated[str, BeforeValidator(_bound), StringConstraints(max_length=80)]
+
+
+class Bounds(StrictModel):
+    """Where a value must lie: ``within`` two limits, above ``min``, below ``max``, or ``equals`` within a tolerance."""
+
+    within: tuple[Bound, Bound] | None = Field(None, description="[lowest, highest]")
+    min: Bound | None = None
+    max: Bound | None = None
+    equals: Bound | None = None
+    tolerance: Bound | None = Field(None, description="of 'equals': in its unit, or in % or ppm of it")
+
+    @model_validator(mode="after")
+    def _one_form(self) -> Bounds:
+        forms = (self.within, self.min or self.max, self.equals)
+        if sum(form is not None for form in forms) > 1:
+            raise ValueError("one of: within; min, max or both; equals with its tolerance")
+        if (self.equals is None) != (self.tolerance is None):
+            raise ValueError("'equals' and 'tolerance' belong together: no measured value is exactly another one")
+        return self
+
+
+class Expect(Bounds):
+    """What a reading is called in the results, and what is expected of it; with a name alone it is not judged."""
+
+    name: Name
+    stable: Bound | None = Field(None, description="the readings of one condition lie within this of each other")
+
+
+class Fit(StrictModel):
+    """A polynomial of one quantity against another one, a condition, or the ``time`` of the readings."""
+
+    RESULTS: ClassVar[tuple[str, ...]] = (*(f"c{order}" for order in range(MOST_DEGREE + 1)), NONLINEARITY)
+
+    name: Name
+    of: Name
+    against: Name
+    against_uncertainty: Annotated[str, BeforeValidator(_bound)] | None = Field(
+        None, description="95 %; of a condition, which is a set-point and not a reading"
+    )
+    degree: int = Field(1, strict=True, ge=1, le=MOST_DEGREE)
+    per: list[Name] = Field(default_factory=list, description="conditions: a fit for each of their values")
+    expect: dict[Name, Bounds] = Field(
+        default_factory=dict, description="by result: c0, c1, ... of the polynomial, and nonlinearity"
+    )
+
+    @model_validator(mode="after")
+    def _known_results(self) -> Fit:
+        known = (*self.RESULTS[: self.degree + 1], NONLINEARITY)
+        if unknown := [result for result in self.expect if result not in known]:
+            raise ValueError(f"a fit of degree {self.degree} has no result {unknown[0]!r}; it has {', '.join(known)}")
+        return self
+
+
+def with_expect(schema: dict[str, Any], expect: dict[str, Any]) -> dict[str, Any]:
+    """Return the JSON Schema of a step of one entry with ``expect`` beside that entry."""
+    named = next(form for form in schema["anyOf"] if form.get("type") == "object")
+    beside = {"properties": {"expect": expect}, "required": ["expect"], "minProperties": 2, "maxProperties": 2}
+    return {**named, **beside}

@@ -1,0 +1,135 @@
+"""The register of standards in a station file: certificates, uncertainties and specifications by range and age."""
+
+from __future__ import annotations
+
+from datetime import date
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, model_validator
+
+from bench.model.units import likely, quantity, read_quantity
+from bench.model.yamlio import Name, StrictModel
+
+Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
+Current = Annotated[float, *quantity("A", -10.0, 10.0)]
+Fraction = Annotated[float, *quantity("1", -1.0, 1.0)]
+Share = Annotated[float, *quantity("1", 0.0, 1.0)]  # of an uncertainty: never negative
+
+
+def _date(value: object) -> date:
+    if not isinstance(value, str):
+        raise ValueError(f"{value!r} is not a date; write YYYY-MM-DD")
+    try:
+        return date.fromisoformat(value)
+    except ValueError as error:
+        raise ValueError(f"{value!r} is not a date; write YYYY-MM-DD") from error
+
+
+Date = Annotated[date, BeforeValidator(_date), WithJsonSchema({"type": "string", "format": "date"})]
+
+
+def _stated(text: object) -> tuple[float, str]:
+    quantity = read_quantity(text) if isinstance(text, str) else None
+    if quantity is None:
+        raise ValueError(f"{text!r} is not a quantity with its unit, for example '100.02 ohm'{likely(text)}")
+    return quantity
+
+
+Stated = Annotated[tuple[float, str], BeforeValidator(_stated), WithJsonSchema({"type": "string"})]
+
+
+class RangeUncertainty(StrictModel):
+    """Expanded uncertainty of one range, 95 % (k = 2): ``relative`` of the reading plus ``floor``."""
+
+    range: Current
+    relative: Share
+    floor: Annotated[float, *quantity("A", 0.0, 10.0)]
+
+
+class RangeCorrection(StrictModel):
+    """Known error of one range from the certificate: true = (1 + gain) x nominal + offset."""
+
+    range: Current
+    gain: Fraction
+    offset: Current
+
+
+class Specification(StrictModel):
+    """Expanded uncertainty of what an action reads, 95 % (k = 2): ``relative`` of the reading plus ``floor``.
+
+    It holds up to ``range``, where the instrument has ranges, and up to an ``age`` after the calibration.
+    """
+
+    reads: Name = Field(description="action of the driver, such as measure_voltage")
+    range: Stated | None = None
+    relative: Share = 0.0
+    floor: Stated
+    age: Annotated[float, *quantity("s", 0.0)] | None = None
+
+    @model_validator(mode="after")
+    def _one_dimension(self) -> Specification:
+        if self.range is not None and self.range[1] != self.floor[1]:
+            raise ValueError(f"the range is in {self.range[1]} and the floor in {self.floor[1]}")
+        if self.floor[0] < 0.0:
+            raise ValueError("an uncertainty is not negative")
+        return self
+
+    def told(self) -> dict[str, Any]:
+        """Return it for the session's manifest, in base units."""
+        more = {"range": None if self.range is None else self.range[0], "age_s": self.age}
+        told = {"reads": self.reads, "unit": self.floor[1], "relative": self.relative, "floor": self.floor[0]}
+        return told | {name: value for name, value in more.items() if value is not None}
+
+
+class Standard(StrictModel):
+    """Traceability of an instrument, or of a standard without an interface."""
+
+    model: Words
+    serial: Words
+    certificate: Words
+    calibrated: Date
+    due: Date
+    uncertainty: list[RangeUncertainty] = Field(default_factory=list)
+    corrections: list[RangeCorrection] = Field(default_factory=list)
+    specifications: list[Specification] = Field(
+        default_factory=list, description="what its readings are uncertain by, by action, range and age"
+    )
+    traceability: Share | None = Field(None, description="uncertainty of the calibrator's own calibration, 95 %")
+    degrees_of_freedom: Annotated[float, Field(ge=1.0)] | None = Field(
+        None, description="of the uncertainties that the certificate states; they are taken as exact without it"
+    )
+    drift: Share | None = Field(None, description="change over a campaign that must be expected, 95 %")
+    stated: dict[Name, Stated] = Field(
+        default_factory=dict, description="what else the certificate says, by name, each with its unit"
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Standard:
+        if self.due <= self.calibrated:
+            raise ValueError(f"due {self.due} is not after calibrated {self.calibrated}")
+        return self
+
+
+def told_standard(driver: str, standard: Standard) -> dict[str, Any]:
+    """Return the entry of a standard for the session's manifest, in SI base units."""
+    entry: dict[str, Any] = {
+        "driver": driver,
+        "model": standard.model,
+        "serial": standard.serial,
+        "certificate": standard.certificate,
+        "calibrated": standard.calibrated.isoformat(),
+        "due": standard.due.isoformat(),
+        "uncertainty": [{"range_A": u.range, "relative": u.relative, "floor_A": u.floor} for u in standard.uncertainty],
+        "corrections": [{"range_A": c.range, "gain": c.gain, "offset_A": c.offset} for c in standard.corrections],
+    }
+    if standard.specifications:
+        entry["specifications"] = [specification.told() for specification in standard.specifications]
+    if standard.traceability is not None:
+        entry["traceability_relative"] = standard.traceability
+    if standard.degrees_of_freedom is not None:
+        entry["dof"] = standard.degrees_of_freedom
+    if standard.drift is not None:
+        entry["drift_relative"] = standard.drift
+    if standard.stated:
+        entry["stated"] = {name: {"value": value, "unit": unit} for name, (value, unit) in standard.stated.items()}
+    return entry

@@ -1,0 +1,10 @@
+"""What the engine is told of the analysis of plain readings."""
+
+from __future__ import annotations
+
+from bench.model.declaration import AnalysisDeclaration, System
+
+DECLARATION = System(
+    name="readings",
+    analyses=(AnalysisDeclaration("readings", "bench.systems.readings.analysis", ("polynomial",), made_of="values"),),
+)

@@ -1,0 +1,1 @@
+"""Estimators of values that are read."""

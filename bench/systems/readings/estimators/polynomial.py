@@ -1,0 +1,157 @@
+"""A polynomial of one quantity against another, both measured: coefficients, departure, lack of fit, rival degree."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.polynomial import polynomial
+from numpy.typing import NDArray
+from scipy import stats
+
+from bench.maths.least_squares import solve
+from bench.model.errors import FitError
+
+Array = NDArray[np.float64]
+_TURNS = 3  # the slope at the points enters their weights; it settles at once
+
+
+@dataclass(frozen=True)
+class Points:
+    """Measured points, all (m,): the quantity, its mean and what makes it uncertain, as standard uncertainties.
+
+    ``std``: of the mean by its scatter, independent.   ``scatter``: of one reading, NaN of a single one.   ``gain``: by
+    a relative error, one for all points.   ``floor``: by what the specification adds, one error of all points or
+    another one at each: it does not say.   ``n``: readings.
+    """
+
+    mean: Array
+    std: Array
+    scatter: Array
+    gain: Array
+    floor: Array
+    n: Array
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A fitted polynomial c0 + c1 x + ...; units follow y and the powers of x.
+
+    ``lack``: probability of departures at least as large in a world where the polynomial is right, NaN if the points
+    were not read repeatedly.   ``rival``: largest change of the curve at the points by one degree more, in its expanded
+    uncertainty, NaN without points for it.
+    """
+
+    coefficients: Array  # (p,)
+    covariance: Array  # (p, p)
+    fitted: Array  # (m,)
+    departure: Array  # (m,) y - fitted
+    departure_std: Array  # (m,)
+    chi2: float
+    dof: int
+    lack: float
+    rival: float
+
+
+def fit_polynomial(x: Points, y: Points, degree: int) -> Curve:
+    """Fit a polynomial by generalised least squares, errors of x carried over by the slope at each point.
+
+    Args:    x, y: m points, each in its own unit.   degree: of the polynomial.
+    Returns: Curve. The covariance of the coefficients has the scatter, widened where the departures are larger than
+             scatter and floor explain, and the errors of both instruments: gains as one error each, floors both as one
+             error of all points and as another at each, because a specification does not say which it is.
+    Raises:  FitError B-FIT-001 if the points do not determine the polynomial.
+    Source:  JCGM 100:2008 annex H.3 (calibration curve), Draper and Smith, Applied Regression Analysis, section 2.1
+             (lack of fit and pure error); docs/decisions/0031.
+    """
+    if x.mean.size < degree + 1:
+        names = ", ".join(f"c{order}" for order in range(degree + 1))
+        message = f"{x.mean.size} points do not determine {names}"
+        raise FitError("B-FIT-001", message, next_step="read at more values, or take a lower degree")
+    design, back = _design(x.mean, degree)
+    slope: Array = np.zeros(x.mean.size)
+    for _ in range(_TURNS):
+        weights = _independent(x, y, slope)
+        fit = solve(design, y.mean, np.diag(weights), [f"c{order}" for order in range(degree + 1)])
+        coefficients = back @ fit.parameters
+        slope = np.asarray(polynomial.polyval(x.mean, polynomial.polyder(coefficients)), np.float64)
+    birge = max(1.0, fit.chi2 / fit.dof) if fit.dof else 1.0
+    own, common = np.diag(weights), _common(x, y, slope)
+    noise = birge * own + common
+    operator = back @ fit.operator
+    hat = design @ fit.operator
+    left = np.eye(x.mean.size) - hat  # what departs is no noise of the departures
+    curve_std = np.sqrt(np.diag(hat @ noise @ hat.T))
+    return Curve(
+        coefficients=coefficients,
+        covariance=operator @ noise @ operator.T,
+        fitted=y.mean - fit.residual,
+        departure=fit.residual,
+        departure_std=np.sqrt(np.maximum(np.diag(left @ (own + common) @ left.T), 0.0)),
+        chi2=fit.chi2,
+        dof=fit.dof,
+        lack=_lack_of_fit(x, y, degree, slope),
+        rival=_rival(x, y, degree, weights, y.mean - fit.residual, 2.0 * curve_std),
+    )
+
+
+def _design(x: Array, degree: int) -> tuple[Array, Array]:
+    """Return powers of x, centred and scaled, (m, p), and the matrix (p, p) back to the coefficients of x itself."""
+    middle = float(x.mean())
+    size = float(np.max(np.abs(x - middle))) or 1.0
+    design = np.vander((x - middle) / size, degree + 1, increasing=True)
+    back = np.zeros((degree + 1, degree + 1))
+    for order in range(degree + 1):
+        for power in range(order + 1):
+            back[power, order] = math.comb(order, power) * (-middle) ** (order - power) / size**order
+    return design, back
+
+
+def _independent(x: Points, y: Points, slope: Array) -> Array:
+    """Return the variance of each point that no other point shares, (m,); equal ones where nothing is uncertain."""
+    variance = y.std**2 + y.floor**2 + slope**2 * (x.std**2 + x.floor**2)
+    known = variance[variance > 0.0]
+    return np.where(variance > 0.0, variance, known.min() if known.size else 1.0)
+
+
+def _common(x: Points, y: Points, slope: Array) -> Array:
+    """Return the covariance that errors of the instruments bring to all points, (m, m)."""
+    parts = (y.gain, y.floor, slope * x.gain, slope * x.floor)
+    return np.asarray(sum(np.outer(part, part) for part in parts), np.float64)
+
+
+def _squares(x: Array, y: Array, n: Array, degree: int) -> float:
+    """Return the sum of squares that a polynomial leaves, each mean with the weight of its readings."""
+    design, _ = _design(x, degree)
+    root = np.sqrt(n)
+    parameters = np.linalg.lstsq(design * root[:, None], y * root, rcond=None)[0]
+    return float(np.sum(n * (y - design @ parameters) ** 2))
+
+
+def _lack_of_fit(x: Points, y: Points, degree: int, slope: Array) -> float:
+    """Return the smaller probability of two F tests against the scatter, doubled: all departures; the next power."""
+    repeats = y.n > 1
+    pure = int(np.sum(y.n[repeats] - 1))
+    free = y.mean.size - degree - 1
+    if pure < 1 or free < 1:
+        return math.nan
+    scatter = np.hypot(y.scatter, slope * np.where(np.isfinite(x.scatter), x.scatter, 0.0))
+    variance = float(np.sum((y.n[repeats] - 1) * scatter[repeats] ** 2) / pure)
+    squares = _squares(x.mean, y.mean, y.n, degree)
+    if variance == 0.0:
+        return math.nan
+    less = squares - _squares(x.mean, y.mean, y.n, degree + 1)
+    whole = float(stats.f.sf(squares / free / variance, free, pure))
+    power = float(stats.f.sf(max(less, 0.0) / variance, 1, pure))
+    return min(1.0, 2.0 * min(whole, power))
+
+
+def _rival(x: Points, y: Points, degree: int, weights: Array, fitted: Array, expanded: Array) -> float:
+    """Return the largest change of the curve by one degree more, in its expanded uncertainty."""
+    if x.mean.size < degree + 2:
+        return math.nan
+    design, _ = _design(x.mean, degree + 1)
+    names = [f"c{order}" for order in range(degree + 2)]
+    rival = y.mean - solve(design, y.mean, np.diag(weights), names).residual
+    return float(np.max(np.abs(rival - fitted) / expanded))

@@ -1,0 +1,1 @@
+"""A bench that reads a plain unit: a regulated rail, a monitor output and a thermistor, at meters by their roles."""

@@ -1,0 +1,142 @@
+"""Three checks of a fictional unit in a lab folder without a line of Python: verdicts, report, certificate, history."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from typer.testing import CliRunner, Result
+
+from bench.cli import app
+from sim_instruments.worlds.readings.options import PlainOptions
+
+LAB = Path(__file__).resolve().parents[3] / "examples/own_checks"
+CHECKS = ("supply_test", "linearity", "thermistor")
+MOST_LINES = 80
+
+
+@pytest.fixture
+def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the folder outside of the repository, and a shell in it."""
+    copy = shutil.copytree(LAB, tmp_path / "our_lab")
+    monkeypatch.chdir(copy)
+    return copy
+
+
+def command(*words: object) -> Result:
+    return CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+
+
+def run(check: str, *more: object) -> tuple[Result, Path]:
+    done = command("run", check, "--clock", "virtual", "--seed", "1", "--out", "out", *more)
+    (folder,) = Path("out").glob(f"*_{check}_*")
+    return done, folder.resolve()
+
+
+def results_of(folder: Path) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads((folder / "results.json").read_text())
+    return found
+
+
+def values(folder: Path) -> dict[str, dict[str, Any]]:
+    """Return the estimates of a session by quantity, the last of each."""
+    return {entry["quantity"]: entry for entry in results_of(folder)["estimates"]}
+
+
+def test_no_file_is_long_and_none_is_code() -> None:
+    files = [path for path in LAB.rglob("*") if path.is_file()]
+    assert {path.suffix for path in files} <= {".yaml", ".toml", ".md"}
+    assert max(len(path.read_text().splitlines()) for path in files) < MOST_LINES
+
+
+@pytest.mark.parametrize("check", CHECKS)
+def test_verdicts_report_certificate_and_history(check: str, lab: Path) -> None:
+    assert command("check", check).exit_code == 0
+    done, folder = run(check)
+    assert (done.exit_code, "verdicts:" in done.output) == (0, True)
+    estimates = results_of(folder)["estimates"]
+    verdicts = [entry["verdict"] for entry in estimates]
+    assert "pass" in verdicts
+    assert set(verdicts) <= {"pass", "none"}
+    assert all(entry["quality"] == "sound" for entry in estimates)
+    page = (folder / "report.html").read_text()
+    assert all(name in page for name in {entry["quantity"] for entry in estimates})
+    specimen = command("certificate", folder, "--specimen", "--laboratory", "laboratory.yaml")
+    assert specimen.exit_code == 0, specimen.output
+    assert "toleranceLimitUpper" in (folder / "certificate.specimen.xml").read_text()
+    shown = command("history", "show", folder.name, "--history", f"sqlite:///{lab}/out/history.sqlite")
+    assert (shown.exit_code, "pass" in shown.output) == (0, True)
+    assert "identical" in command("replay", folder).output
+
+
+def test_intervals_hold_the_truth_of_the_simulated_unit(lab: Path) -> None:
+    """The physics is that of the world alone: half of the supply, offset, gain and bow; silicon about 25 degC."""
+    made = PlainOptions()
+    supply, linearity, thermistor = (values(run(check)[1]) for check in CHECKS)
+    assert abs(supply["rail"]["value"] - made.rail_V) <= supply["rail"]["expanded_uncertainty"]
+    assert abs(supply["current"]["value"] - made.idle_A) <= supply["current"]["expanded_uncertainty"]
+    bow_V = 1e-6 * made.monitor_bow_ppm * 10.0
+    bow, slope = linearity["monitor_nonlinearity"], linearity["monitor_c1"]
+    assert bow["value"] <= bow_V + bow["expanded_uncertainty"]
+    gain = 0.5 * (1.0 + 1e-6 * made.monitor_gain_ppm)
+    assert abs(slope["value"] - gain) <= slope["expanded_uncertainty"] + 4.0 * bow_V / 20.0  # the bow's own slope
+    scale = 1000.0 * (1.0 + 1e-6 * made.thermistor_ppm)
+    due = scale * (1.0 - 25.0 * 7.874e-3 + 625.0 * 1.874e-5)
+    assert abs(thermistor["thermistor_c0"]["value"] - due) <= thermistor["thermistor_c0"]["expanded_uncertainty"]
+
+
+@pytest.mark.parametrize(
+    ("check", "option", "failed"),
+    [
+        ("supply_test", "rail_V=5.2", "rail"),
+        ("supply_test", "idle_A=0.17", "current"),
+        ("linearity", "monitor_bow_ppm=2000", "monitor_c0 monitor_nonlinearity"),
+        ("linearity", "monitor_gain_ppm=5000", "monitor_c1"),
+        ("thermistor", "thermistor_ppm=60000", "thermistor_c0"),
+    ],
+)
+def test_a_unit_that_is_not_right_fails(check: str, option: str, failed: str, lab: Path) -> None:
+    done, folder = run(check, "--set", f"world.{option}")
+    assert done.exit_code == 1
+    assert {entry["quantity"] for entry in results_of(folder)["estimates"] if entry["verdict"] == "fail"} == {
+        *failed.split()
+    }
+
+
+def test_a_line_through_a_bent_unit_is_doubted_unless_its_departure_is_judged(lab: Path) -> None:
+    sequence = lab / "sequences/linearity.yaml"
+    bent = ("--set", "world.monitor_bow_ppm=2000")
+    sequence.write_text(sequence.read_text().replace("      nonlinearity: {max: 2 mV}\n", ""))
+    done, folder = run("linearity", *bent)
+    assert (done.exit_code, "[lack_of_fit]" in done.output) == (1, True)
+    assert values(folder)["monitor_c1"]["verdict"] == "indeterminate"
+    assert values(folder)["output"]["quality"] == "sound"
+
+
+def test_a_meter_without_specification_casts_doubt_on_what_it_reads_and_on_the_fit(lab: Path) -> None:
+    station = lab / "stations/unit_bench_sim.yaml"
+    text = station.read_text()
+    first = text.index("SIM-0303")
+    station.write_text(text[:first] + text[first:].replace("specifications: [{reads: measure_voltage, range: 10 V, "
+                                                           "relative: 35 ppm, floor: 50 uV}]}", "}", 1))  # fmt: skip
+    done, folder = run("linearity")
+    found = values(folder)
+    assert (done.exit_code, "[no_specification]" in done.output) == (1, True)
+    assert [found[name]["quality"] for name in ("output", "monitor_c1", "input")] == ["doubtful", "doubtful", "sound"]
+
+
+def test_nothing_judged_is_said_once_before_and_after(lab: Path) -> None:
+    sequence = lab / "sequences/supply_test.yaml"
+    text = sequence.read_text()
+    start, stop = text.index("  - prompt:\n"), text.index("  - for:")
+    kept = [line for line in (text[:start] + text[stop:]).splitlines() if "expect:" not in line]
+    sequence.write_text(
+        "\n".join(kept).replace("measure_voltage:", "measure_voltage").replace("measure_current:", "measure_current")
+    )
+    assert command("check", "supply_test").output.count("not judged") == 1
+    done, folder = run("supply_test")
+    assert (done.exit_code, done.output.count("not judged")) == (0, 1)
+    assert {"rail_meter_voltage", "supply_current"} <= values(folder).keys()

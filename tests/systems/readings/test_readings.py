@@ -1,0 +1,70 @@
+"""The analysis of plain readings: repeatability, fits by condition, and what is refused."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.analysis import Analysis, Material, Reading
+from bench.model.errors import FitError
+from bench.systems.readings.analysis import analyse
+
+LINE = {"reads": "measure_voltage", "unit": "V", "relative": 0.0, "floor": 1e-3}
+
+
+def material(read: dict[tuple[float, float], list[float]], **fit: Any) -> Material:
+    """Readings by (level_V, temperature_degC), and a fit over level."""
+    entries, readings = [], []
+    for (level_V, degC), volts in read.items():
+        conditions = {"level_V": level_V, "temperature_degC": degC}
+        entries.append({"quantity": "output", "unit": "V", "conditions": conditions})
+        named = {**conditions, "quantity": "output"}
+        readings += [Reading(len(readings) + k, len(readings) + k, "meter", "measure_voltage", volt, named)
+                     for k, volt in enumerate(volts)]  # fmt: skip
+    asked = {"name": "gain", "of": "output", "degree": 1, "per": [], "expected": {}, **fit,
+             "units": {"c0": "V", "c1": "1", "nonlinearity": "V"},
+             "against": {"condition": "level_V", "unit": "V", "uncertainty": 2e-3}}  # fmt: skip
+    return Material(
+        rows=(),
+        campaign={"analysis": "x", "uut": {"model": "SC", "serial": "1"}, "expected": entries, "fits": [asked]},
+        standards={"meter": {"calibrated": "2000-01-01", "specifications": [LINE]}},
+        readings=readings,
+        utc_offset_s=1e9,
+    )
+
+
+def found(analysis: Analysis, quantity: str) -> list[dict[str, Any]]:
+    return [dict(entry) for entry in analysis.estimates if entry["quantity"] == quantity]
+
+
+def test_repeatability_is_pooled_over_conditions() -> None:
+    volts = {(1.0, 20.0): [1.0, 1.2], (2.0, 20.0): [2.0, 2.1, 2.4], (3.0, 20.0): [3.0]}
+    (entry,) = found(analyse(material(volts)), "output_repeatability")
+    squares = 0.02 + float(np.sum((np.array(volts[2.0, 20.0]) - np.mean(volts[2.0, 20.0])) ** 2))
+    assert entry["value"] == pytest.approx(math.sqrt(squares / 3.0))
+    assert (entry["n"], entry["dof"]) == (5, 3.0)
+
+
+def test_a_fit_for_each_temperature_by_the_uncertainty_of_the_set_points() -> None:
+    read = {(level, degC): [(1.0 + degC / 1000.0) * level] * 2 for degC in (20.0, 60.0) for level in (1.0, 2.0, 4.0)}
+    slopes = found(analyse(material(read, per=["temperature_degC"])), "gain_c1")
+    assert [entry["conditions"] for entry in slopes] == [{"temperature_degC": 20.0}, {"temperature_degC": 60.0}]
+    assert [entry["value"] for entry in slopes] == pytest.approx([1.02, 1.06])
+    spread = math.sqrt(float(np.sum((np.array([1.0, 2.0, 4.0]) - 7.0 / 3.0) ** 2)))
+    own = math.hypot(5e-4, 1.02 * 1e-3) / spread  # half of both: the floor of the meter, the stated 2 mV of the level
+    assert slopes[0]["std_uncertainty"] == pytest.approx(own, rel=1e-6)
+
+
+def test_too_few_points_are_missing_and_the_rest_is_given() -> None:
+    analysis = analyse(material({(1.0, 20.0): [1.0, 1.1]}))
+    assert analysis.missing == ["gain: 1 points do not determine c0, c1"]
+    assert found(analysis, "output_repeatability")
+
+
+def test_nothing_read_is_refused() -> None:
+    with pytest.raises(FitError, match="no reading of the session has a value") as caught:
+        analyse(material({}))
+    assert caught.value.code == "B-FIT-160"

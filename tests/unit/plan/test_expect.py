@@ -1,0 +1,170 @@
+"""What a sequence expects of its values: the forms of a limit, names and conditions, fits, and every refusal."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from plan_sample import ROOT
+
+from bench.model.errors import InputErrors
+from bench.plan import Plan, check_plan, compile_sequence
+
+LAB = ROOT / "examples/own_checks"
+HEAD = "sequence: sample\nstation: unit_bench_sim\nanalysis: readings\nuut: {model: SC-1, serial: S1}\n"
+READ = "meter.measure_voltage:"
+
+
+def plan_of(tmp_path: Path, body: str, head: str = HEAD) -> Plan:
+    shutil.copytree(LAB / "stations", tmp_path / "stations", dirs_exist_ok=True)
+    path = tmp_path / "sequences/sample.yaml"
+    path.parent.mkdir(exist_ok=True)
+    path.write_text(head + body)
+    return compile_sequence(path)
+
+
+def steps(*lines: str) -> str:
+    return "steps:\n" + "".join(f"  - {line}\n" for line in lines) + "  - settle: 60 s\n"
+
+
+def reading(expect: str) -> str:
+    return steps(f"rail_meter.measure_voltage:\n    expect: {expect}")
+
+
+def expected(plan: Plan) -> list[dict[str, Any]]:
+    entries: list[dict[str, Any]] = plan.campaign["expected"]
+    return entries
+
+
+def refused(tmp_path: Path, body: str, head: str = HEAD) -> tuple[str, str]:
+    try:
+        mistakes = check_plan(plan_of(tmp_path, body, head))
+    except InputErrors as error:
+        mistakes = list(error.errors)
+    (mistake,) = mistakes
+    return mistake.code, mistake.message
+
+
+@pytest.mark.parametrize(
+    ("limits", "low_V", "high_V"),
+    [
+        ("within: [4.9 V, 5100 mV]", 4.9, 5.1),
+        ("max: 150 mV", None, 0.15),
+        ("min: 1 V", 1.0, None),
+        ("min: 1 V, max: 2 V", 1.0, 2.0),
+        ("equals: 5 V, tolerance: 2 %", 4.9, 5.1),
+        ("equals: -5 V, tolerance: 0.1 V", -5.1, -4.9),
+    ],
+)
+def test_forms_of_a_limit(tmp_path: Path, limits: str, low_V: float | None, high_V: float | None) -> None:
+    (entry,) = expected(plan_of(tmp_path, reading(f"{{name: rail, {limits}}}")))
+    assert (entry["quantity"], entry["unit"], entry["conditions"]) == ("rail", "V", {})
+    due = {name: pytest.approx(end) for name, end in (("low", low_V), ("high", high_V)) if end is not None}
+    assert {name: entry[name] for name in ("low", "high") if name in entry} == due
+
+
+def test_loops_are_conditions_and_may_give_the_limits(tmp_path: Path) -> None:
+    body = (
+        "tables: {levels: [1 V, 2 V]}\nsteps:\n  - for: level\n    in: levels\n    do:\n"
+        '      - rail_meter.measure_voltage:\n        expect: {name: rail, equals: "{level}", tolerance: 1 %}\n'
+        "  - settle: 60 s\n"
+    )
+    first, second = expected(plan_of(tmp_path, body))
+    assert [entry["conditions"] for entry in (first, second)] == [{"level_V": 1.0}, {"level_V": 2.0}]
+    assert (second["low"], second["high"]) == pytest.approx((1.98, 2.02))
+
+
+def test_a_reading_without_a_name_is_named_after_its_instrument(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, steps("rail_meter.measure_voltage"))
+    assert check_plan(plan) == []
+    assert [entry["quantity"] for entry in expected(plan)] == ["rail_meter_voltage"]
+    assert plan.steps[0].conditions == {"quantity": "rail_meter_voltage"}
+
+
+def test_other_sequences_know_nothing_of_it(tmp_path: Path) -> None:
+    head = HEAD.replace("analysis: readings\n", "")
+    plan = plan_of(tmp_path, steps("rail_meter.measure_voltage"), head)
+    assert "expected" not in plan.campaign
+    assert plan.steps[0].conditions == {}
+
+
+def test_a_prompt_takes_every_unit_and_is_a_value(tmp_path: Path) -> None:
+    value = "{unit: mm, low: 0.0795 m, high: 8.05 cm, quantity: length, uncertainty: 50 um}"
+    assert refused(tmp_path, f"steps:\n  - prompt: {{text: x, value: {value}}}\n")[0] == "B-PLAN-120"  # no micrometre
+    plan = plan_of(tmp_path, f"steps:\n  - prompt: {{text: x, value: {value.replace('50 um', '0.05 mm')}}}\n")
+    assert (plan.steps[0].told()["low"], plan.steps[0].told()["high"]) == (79.5, 80.5)  # as a person is asked
+    (entry,) = expected(plan)
+    assert entry["unit"] == "m"
+    assert [entry[name] for name in ("low", "high", "uncertainty")] == pytest.approx([0.0795, 0.0805, 5e-5])
+
+
+@pytest.mark.parametrize("unit", ["%", "kohm", "deg/h", "gauss", "mm"])
+def test_units_of_prompts(tmp_path: Path, unit: str) -> None:
+    plan = plan_of(tmp_path, f"steps:\n  - prompt: {{text: x, value: {{unit: '{unit}', high: 12 {unit}}}}}\n"
+                             "  - rail_meter.measure_voltage\n  - settle: 9 s\n")  # fmt: skip
+    assert plan.steps[0].told()["high"] == pytest.approx(12.0)
+
+
+@pytest.mark.parametrize(
+    ("expect", "code", "words"),
+    [
+        ("{name: rail, within: [4.9 A, 5.1 A]}", "B-PLAN-120", "4.9 A is in A; the value it is held against is in V"),
+        ("{name: rail, within: [5.1 V, 4.9 V]}", "B-PLAN-120", "no value is inside its limits"),
+        ("{name: rail, max: 10 %}", "B-PLAN-120", "10 % is in 1"),
+        ("{name: rail, max: 5}", "B-YAML-012", "is not a quantity with its unit"),
+        ("{name: rail, equals: 5 V}", "B-YAML-012", "belong together"),
+        ("{name: rail, max: 5 V, equals: 5 V, tolerance: 1 V}", "B-YAML-012", "one of: within"),
+        ("{name: rail, within: [4.9 V]}", "B-YAML-012", ""),
+    ],
+)
+def test_limits_that_cannot_be(tmp_path: Path, expect: str, code: str, words: str) -> None:
+    with pytest.raises(InputErrors) as caught:
+        plan_of(tmp_path, reading(expect))
+    assert words in str(caught.value)
+    if code.startswith("B-PLAN"):
+        assert {error.code for error in caught.value.errors} == {code}
+
+
+def test_an_action_without_a_value_has_nothing_to_expect(tmp_path: Path) -> None:
+    code, message = refused(tmp_path, steps("supply.output_off:\n    expect: {name: rail, max: 5 V}"))
+    assert (code, "gives no number" in message) == ("B-PLAN-120", True)
+
+
+def test_one_name_is_of_one_reading(tmp_path: Path) -> None:
+    lines = [f"{role}.measure_voltage:\n    expect: {{name: rail}}" for role in ("rail_meter", "input_meter")]
+    code, message = refused(tmp_path, steps(*lines))
+    assert (code, "one name is of one reading" in message) == ("B-PLAN-121", True)
+    twice = [f"rail_meter.measure_voltage:\n    expect: {{name: rail, max: {most} V}}" for most in (5, 6)]
+    code, message = refused(tmp_path, steps(*twice))
+    assert (code, "expected elsewhere" in message) == ("B-PLAN-121", True)
+
+
+def test_nothing_is_expected_where_nothing_judges(tmp_path: Path) -> None:
+    head = HEAD.replace("analysis: readings\n", "")
+    assert refused(tmp_path, reading("{name: rail, max: 5 V}"), head)[0] == "B-PLAN-122"
+    fits = "fits: [{name: line, of: rail, against: time}]\n"
+    head = head.replace("uut", "analysis: none\nuut")
+    assert refused(tmp_path, fits + steps("rail_meter.measure_voltage"), head)[0] == "B-PLAN-122"
+
+
+@pytest.mark.parametrize(
+    "fit", ["of: rial, against: time", "of: rail, against: levle", "of: rail, against: time, per: [x]"]
+)
+def test_a_fit_of_what_is_not_read(tmp_path: Path, fit: str) -> None:
+    body = f"fits: [{{name: line, {fit}}}]\n" + reading("{name: rail}")
+    code, message = refused(tmp_path, body)
+    assert (code, "no value and no condition" in message) == ("B-PLAN-123", True)
+
+
+def test_a_fit_has_the_units_of_its_quantities(tmp_path: Path) -> None:
+    body = "fits: [{name: drift, of: rail, against: time, degree: 2, expect: {c1: {max: 1e-6 V/s}}}]\n"
+    (fit,) = plan_of(tmp_path, body + reading("{name: rail}")).campaign["fits"]
+    assert fit["units"] == {"c0": "V", "c1": "V/s", "c2": "V/s2", "nonlinearity": "V"}
+    assert fit["expected"] == {"c1": {"high": 1e-6}}
+    assert refused(tmp_path, body.replace("V/s}", "V}") + reading("{name: rail}"))[0] == "B-PLAN-120"
+
+
+def test_an_analysis_of_values_needs_one(tmp_path: Path) -> None:
+    assert refused(tmp_path, "steps:\n  - settle: 60 s\n")[0] == "B-PLAN-078"
