@@ -162,8 +162,9 @@ def _schema_problems(
         named = (part for part in reversed(item["loc"]) if isinstance(part, str) and not part.startswith("<"))
         key = next(named, "")
         code, message = _explain(item, key)
-        close = difflib.get_close_matches(key, keys_of(schema), 1) if item["type"] == "extra_forbidden" else []
-        advice = f"did you mean {close[0]!r}?" if close else ""
+        known = keys_of(schema) if item["type"] == "extra_forbidden" else ()
+        close = difflib.get_close_matches(key, known, 1)
+        advice = "it is a key of another part" if key in known else f"did you mean {close[0]!r}?" if close else ""
         problems.append(_Problem(mark.line, mark.column, code, message, f"{name}:{mark.line}:{mark.column}", advice))
     return problems
 

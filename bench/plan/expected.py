@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.model.quantities import QUANTITY, conditions_of_value
 from bench.model.systems import analysis_declaration
-from bench.model.units import read_quantity
+from bench.model.units import likely, read_quantity
 from bench.plan.check.analysis import NONE
 from bench.plan.drivers import declared_action
 from bench.plan.language.expect import NONLINEARITY, Bounds, Expect, Fit
@@ -120,7 +120,7 @@ def _bound(
         return value.value
     if value.dimension == "1" and of is not None:
         return value.value * abs(of)
-    message = f"{text} is in {value.dimension}; the value it is held against is in {unit}"
+    message = f"{text} is in {value.dimension}; the value it is held against is in {unit}{likely(text, unit)}"
     plan.fail("B-PLAN-120", path, message, "write it in that unit", value.origin)
     return None
 

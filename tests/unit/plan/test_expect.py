@@ -112,6 +112,7 @@ def test_units_of_prompts(tmp_path: Path, unit: str) -> None:
     [
         ("{name: rail, within: [4.9 A, 5.1 A]}", "B-PLAN-120", "4.9 A is in A; the value it is held against is in V"),
         ("{name: rail, within: [5.1 V, 4.9 V]}", "B-PLAN-120", "no value is inside its limits"),
+        ("{name: rail, max: 150 mv}", "B-PLAN-120", "did you mean '150 mV'?"),
         ("{name: rail, max: 10 %}", "B-PLAN-120", "10 % is in 1"),
         ("{name: rail, max: 5}", "B-YAML-012", "is not a quantity with its unit"),
         ("{name: rail, equals: 5 V}", "B-YAML-012", "belong together"),
@@ -125,6 +126,13 @@ def test_limits_that_cannot_be(tmp_path: Path, expect: str, code: str, words: st
     assert words in str(caught.value)
     if code.startswith("B-PLAN"):
         assert {error.code for error in caught.value.errors} == {code}
+
+
+def test_a_wait_has_nothing_to_expect(tmp_path: Path) -> None:
+    """The key is known, so the error does not suggest it again."""
+    with pytest.raises(InputErrors) as caught:
+        plan_of(tmp_path, steps("settle: 5 s\n    expect: {name: rail, max: 5 V}"))
+    assert "unknown key 'expect'. Next: it is a key of another part" in str(caught.value)
 
 
 def test_an_action_without_a_value_has_nothing_to_expect(tmp_path: Path) -> None:
