@@ -16,7 +16,7 @@ from rehearsal import SEED, Rehearsal, contents
 from typer.testing import CliRunner
 
 from bench.cli import app
-from bench.model.clock import VirtualClock
+from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InputError, InstrumentError
 from bench.model.events import Event, Hold, event_of
 from bench.plan import Plan
@@ -239,6 +239,24 @@ def test_a_prompt_is_a_reading(tmp_path: Path) -> None:
     )
     done = conducted(deciding_plan(tmp_path, asked), tmp_path / "out", Failing(0))
     assert decided(done.folder) == [(1, "case 1", 2.0)]
+
+
+def test_a_preparation_may_wait_for_a_reading(tmp_path: Path) -> None:
+    """Its loop is over before the campaign begins, and what it leaves out is none of the campaign's time."""
+    waits = (
+        "prepare:\n  - chamber.set_temperature: {temperature: 40 degC, ramp: 5 degC/min}\n  - chamber.run\n"
+        "  - settle: 10 s\n  - chamber.measure_air\n"
+        "  - while: {reading: chamber.measure_air, below: 30 degC}\n    at_most: 50\n"
+        "    do: [settle: 60 s, chamber.measure_air]\nsteps:\n  - settle: 100 s\n"
+    )
+    plan = deciding_plan(tmp_path, HEAD.replace("analysis: probe_means\n", "").replace("steps:\n", waits))
+    assert (plan.prepare_s, plan.duration_s) == (10.0 + 50 * 60.0, 100.0)
+    done = conducted(plan, tmp_path / "out", Failing(0))
+    assert (done.outcome.error, done.outcome.slip_s, done.outcome.steps_done) == (None, 0.0, len(plan.steps))
+    turns = sum(outcome == "turn" for _, outcome, _ in decided(done.folder))
+    assert 1 < turns < 10
+    begun_ns = events_of(done.folder, "phase")[1]["t_start_ns"]
+    assert begun_ns / NS == pytest.approx(10.0 + 60.0 * turns, abs=0.1)
 
 
 def never(ending: str = "") -> str:
