@@ -196,11 +196,13 @@ def test_a_missing_library_is_one_line(
         imported(tmp_path, MAPPING.format(time="t", x="x", z="z"), (tmp_path / "written").rename)
 
 
-@pytest.mark.parametrize("generation", [1, 2])
-def test_messages_of_a_bag(generation: int, tmp_path: Path) -> None:
+@pytest.mark.parametrize("form", ["bag", "db3", "mcap"])
+def test_messages_of_a_bag(form: str, tmp_path: Path) -> None:
     pytest.importorskip("rosbags", reason="rosbags is not installed: pip install 'inertial-bench[ros]'")
-    bag = tmp_path / ("log.bag" if generation == 1 else "log")
-    write_bag(bag, generation)
+    bag = tmp_path / ("log.bag" if form == "bag" else "log")
+    write_bag(bag, form)
+    if form == "mcap":  # the file alone, without the folder of the bag
+        (bag,) = bag.glob("*.mcap")
     text = STAMPED.format(time="header.stamp", x="angular_velocity.x", z="angular_velocity.z")
     (tmp_path / "m.yaml").write_text(text, encoding="utf-8")
     assert import_log(tmp_path / "m.yaml", bag, tmp_path / "out") == 0
@@ -209,18 +211,21 @@ def test_messages_of_a_bag(generation: int, tmp_path: Path) -> None:
     np.testing.assert_allclose(series.columns["t_s"], np.arange(50) / 100.0, atol=1e-9)
 
 
-def write_bag(path: Path, generation: int) -> None:
-    """Fifty messages sensor_msgs/Imu, stamped each 10 ms, by the library rosbags."""
+def write_bag(path: Path, form: str) -> None:
+    """Write fifty messages sensor_msgs/Imu, stamped each 10 ms, with the library rosbags."""
     from rosbags.rosbag1 import Writer as Writer1
+    from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2
     from rosbags.typesys import Stores, get_typestore
 
-    store = get_typestore(Stores.ROS1_NOETIC if generation == 1 else Stores.ROS2_HUMBLE)
+    first = form == "bag"
+    store = get_typestore(Stores.ROS1_NOETIC if first else Stores.ROS2_HUMBLE)
+    storage = StoragePlugin.MCAP if form == "mcap" else StoragePlugin.SQLITE3
     types = store.types
     vector, header = types["geometry_msgs/msg/Vector3"], types["std_msgs/msg/Header"]
-    order = {"seq": 0} if generation == 1 else {}
+    order = {"seq": 0} if first else {}
     none = np.zeros(9)
-    with Writer1(path) if generation == 1 else Writer2(path, version=9) as writer:
+    with Writer1(path) if first else Writer2(path, version=9, storage_plugin=storage) as writer:
         topic = writer.add_connection("/imu", "sensor_msgs/msg/Imu", typestore=store)
         for k in range(50):
             stamp = types["builtin_interfaces/msg/Time"](sec=1_704_067_200, nanosec=k * 10_000_000)
@@ -233,5 +238,5 @@ def write_bag(path: Path, generation: int) -> None:
                 linear_acceleration=vector(0.0, 0.0, 9.8),
                 linear_acceleration_covariance=none,
             )
-            raw = (store.serialize_ros1 if generation == 1 else store.serialize_cdr)(message, message.__msgtype__)
+            raw = (store.serialize_ros1 if first else store.serialize_cdr)(message, message.__msgtype__)
             writer.write(topic, START_ns + k * 10_000_000, raw)
