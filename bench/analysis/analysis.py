@@ -16,6 +16,7 @@ from bench.analysis.estimates import Estimates
 from bench.analysis.expected import judged_values
 from bench.analysis.figures import Figure, Table
 from bench.analysis.material import Material
+from bench.analysis.values import EXPECTED
 from bench.model.declaration import AnalysisDeclaration
 from bench.model.errors import BenchError, FitError
 from bench.model.lab_code import failed, own_code
@@ -123,7 +124,9 @@ def _by_lab(name: str, module: AnalysisModule, material: Material, method: str) 
 
 
 def with_expected(analysis: Analysis, material: Material) -> Analysis:
-    """Return an analysis with the values that the sequence names, in front of its own results."""
+    """Return an analysis with the values that the sequence names, in front of its own results; unchanged without."""
+    if not material.campaign.get(EXPECTED):
+        return analysis
     values = judged_values(material)
     return replace(
         analysis,
