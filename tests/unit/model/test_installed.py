@@ -55,7 +55,7 @@ def package(folder: Path, name: str, **modules: str) -> None:
 
 def test_the_shipped_systems_are_registered_as_a_strangers_are() -> None:
     found = installed.offers("systems")
-    assert [*found] == ["af_converter", "gnc", "lock_in", "north", "time_sync"]
+    assert [*found] == ["af_converter", "gnc", "lock_in", "north", "readings", "time_sync"]
     assert {offer.distribution for offer in found.values()} == {"inertial-bench"}
     assert [system.name for system in systems.systems()] == [*found]
     assert [one.simulators for one in installed.driver_packages()] == ["sim_instruments"]
@@ -65,7 +65,7 @@ def test_the_shipped_systems_are_registered_as_a_strangers_are() -> None:
 
 def test_no_analysis_is_loaded_for_a_declaration() -> None:
     named = {declared.module for declared, _, _ in systems.analyses().values()}
-    assert len(named) == 19
+    assert len(named) == 20
     assert all(systems.named(name).analyse for name in sorted(named))
 
 

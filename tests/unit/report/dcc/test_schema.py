@@ -34,6 +34,7 @@ WRITTEN_OUT = {
     "ppb": (r"\one", -9),
     "%": (r"\one", -2),
     "1": (r"\one", 0),
+    "m": (r"\metre", 0),
     "ppm/degC": (r"\kelvin\tothe{-1}", -6),
     "ppm/degC3": (r"\kelvin\tothe{-3}", -6),
     "A/degC2": (r"\ampere\kelvin\tothe{-2}", 0),
@@ -215,7 +216,7 @@ def test_every_identifier_is_one_of_dsi(unit: str) -> None:
     assert words[-1] in DSI_UNITS
 
 
-@pytest.mark.parametrize("unit", ["", "g", "furlong", "A//s", "/A", "A s", "ppb^0.5", "mmin", "kdegC", "A*", "m"])
+@pytest.mark.parametrize("unit", ["", "g", "furlong", "A//s", "/A", "A s", "ppb^0.5", "mmin", "kdegC", "A*"])
 def test_a_unit_that_dsi_lacks_is_refused(unit: str) -> None:
     with pytest.raises(InputError, match="D-SI") as caught:
         si_unit(unit)
