@@ -26,6 +26,8 @@ def test_names_of_values_survive(tmp_path: Path) -> None:
     path.write_text(f"sequence: again\n{text}" if "sequence" not in yaml.safe_load(text) else text)
     again = compile_sequence(path)
     assert check_plan(again) == []
-    names = {call.conditions[QUANTITY] for step in again.steps if isinstance(step, PlannedRecord) for call in step.calls}
+    names = {
+        call.conditions[QUANTITY] for step in again.steps if isinstance(step, PlannedRecord) for call in step.calls
+    }
     assert names == {"input", "output"}
     assert again.campaign["expected"] == plan.campaign["expected"]
