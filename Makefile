@@ -94,13 +94,14 @@ wheel: $(VENV)/.build
 # The locks: hashed, without the address of any index. Run it after a change of the dependencies in pyproject.toml.
 COMPILE = CUSTOM_COMPILE_COMMAND="make lock" $(PY) -m piptools compile --quiet --generate-hashes --strip-extras \
 	--allow-unsafe --no-emit-index-url --no-emit-find-links --no-emit-trusted-host
+RUN = --extra report --extra history --extra page --extra terminal
 lock: $(PY)
 	$(PIP_INSTALL) pip-tools
 	$(COMPILE) --output-file requirements/build.txt requirements/build.in
-	$(COMPILE) --output-file requirements/run.txt pyproject.toml
-	$(COMPILE) --constraint requirements/run.txt --extra fast --output-file requirements/fast.txt pyproject.toml
-	$(COMPILE) --constraint requirements/run.txt --extra dev --output-file requirements/dev.txt pyproject.toml
-	$(COMPILE) --constraint requirements/run.txt --extra benchmark --output-file requirements/benchmark.txt pyproject.toml
+	$(COMPILE) $(RUN) --output-file requirements/run.txt pyproject.toml
+	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra fast --output-file requirements/fast.txt pyproject.toml
+	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra dev --output-file requirements/dev.txt pyproject.toml
+	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra benchmark --output-file requirements/benchmark.txt pyproject.toml
 
 $(PY):
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or later is needed, this is " + sys.version) if sys.version_info < (3, 11) else None'

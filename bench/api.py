@@ -107,7 +107,7 @@ def run(
 
     from bench.commands import run as run_command
     from bench.session.finish import finish
-    from bench.store import chosen_url
+    from bench.session.history import chosen_url
 
     request = run_command.Request(
         str(sequence), _text(station), _pairs(settings), clock, seed, Path(out), truth, json=False, history=history,

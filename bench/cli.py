@@ -21,6 +21,7 @@ from bench.commands.living_app import abort, answer, pause, top
 from bench.commands.session_app import AsJson, SessionFolder, batch, export, fit, replay, report, study
 from bench.commands.usage import App, completing
 from bench.model.errors import BenchError, ExitStatus, InputError
+from bench.model.extras import extras_named
 from bench.model.installed import OWN, checked_package
 from bench.model.lab_code import TRUST
 from bench.model.shipped import find_shipped
@@ -375,7 +376,8 @@ def main() -> NoReturn:
         os.environ.setdefault(variable, "1")  # the matrices are small, and no result may depend on the cores
     try:
         checked_package("bench", OWN)
-        status = app(sys.argv[1:] or ["--help"], prog_name="bench", standalone_mode=False)
+        with extras_named():
+            status = app(sys.argv[1:] or ["--help"], prog_name="bench", standalone_mode=False)
     except BenchError as error:
         for line in (str(error), *getattr(error, "__notes__", ())):
             _tell(line)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from bench.commands.console import console
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
+from bench.model.extras import missing_extra
 from bench.report import Batch, LeftOut, Outcome, batch_html, batch_json, unit_name
 from bench.session.output import write_file
 from bench.session.service import read_view
@@ -33,7 +34,11 @@ def batch(named: Sequence[Path], out: Path, as_json: bool) -> int:
     for folder, name in zip(folders, _names(folders), strict=True):
         status = max(status, _add(batch, folder, name))
     document = batch_json(batch, SOFTWARE)
-    written = [(out / JSON_NAME, document), (out / PAGE_NAME, batch_html(batch, SOFTWARE))]
+    written = [(out / JSON_NAME, document)]
+    try:
+        written.append((out / PAGE_NAME, batch_html(batch, SOFTWARE)))
+    except ModuleNotFoundError as error:
+        console(stderr=True).print(str(missing_extra(error)))
     for path, text in written:
         write_file(path, text)
     if as_json:

@@ -21,8 +21,8 @@ from bench.replay import IMPORT, LINK, MAPPING, LogParser, Survey, survey
 from bench.run.bench.transcript import new_folder
 from bench.run.provenance import software
 from bench.session.finish import finish
+from bench.session.history import chosen_url
 from bench.session.service import read_view
-from bench.store import chosen_url
 from bench.tables import log_lines, origin_of
 
 NO_ANALYSIS = "none"

@@ -22,8 +22,8 @@ from bench.run.resume import Stopped, changed_files, read_stopped, resumption, s
 from bench.run.session import Conducted
 from bench.session.finish import finish
 from bench.session.happenings import happenings
+from bench.session.history import check_history_url, chosen_url
 from bench.session.service import read_view
-from bench.store import check_history_url, chosen_url
 
 ENDED = "B-RES-001"
 BEGUN = "the run that is gone on with had begun so"

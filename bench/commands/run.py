@@ -22,9 +22,9 @@ from bench.plan import Plan
 from bench.run.session import Conducted, texts_of
 from bench.session.finish import finish
 from bench.session.happenings import happenings
+from bench.session.history import check_history_url, chosen_url
 from bench.session.output import make_folder, write_file
 from bench.session.view import SessionView
-from bench.store import check_history_url, chosen_url
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from typing import Any
 from bench.analysis import Study, Task
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
+from bench.model.extras import missing_extra
 from bench.model.systems import named, systems
 from bench.report import study_html
 from bench.session.output import make_folder, write_file
@@ -82,8 +83,12 @@ def _written(request: Request, chosen: Study, options: Any, results: Sequence[An
     studied = chosen.results_of(options, results)
     document = chosen.study_document(options, studied, SOFTWARE)
     text = chosen.study_json(document)
-    page = study_html(document, chosen.study_chapters(options, document, studied), SOFTWARE)
-    written = [(request.out / JSON_NAME, text), (request.out / PAGE_NAME, page)]
+    written = [(request.out / JSON_NAME, text)]
+    try:
+        page = study_html(document, chosen.study_chapters(options, document, studied), SOFTWARE)
+        written.append((request.out / PAGE_NAME, page))
+    except ModuleNotFoundError as error:
+        console(stderr=True).print(str(missing_extra(error)))
     for path, content in written:
         write_file(path, content)
     if request.as_json:

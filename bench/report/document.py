@@ -13,8 +13,6 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
 from bench.analysis import Chapter
 from bench.model.errors import InputError
 from bench.model.texts import ENGLISH, Texts
@@ -66,6 +64,8 @@ def page(
     title: str, subtitle: str, sections: list[Section], words: Texts, *, verdict: tuple[str, str], simulated: bool
 ) -> str:
     """Return sections as one HTML document; ``verdict``: class (none, pass, fail) and words."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined  # the extra 'report'
+
     environment = Environment(
         loader=FileSystemLoader(TEMPLATES),
         autoescape=True,

@@ -1,7 +1,8 @@
 """The end of a session that has an analysis: results, report, coefficients, and a line in the calibration history.
 
 Everything is written before anything is told: a terminal that is gone must not cost the results. The history comes
-last and costs nothing: a session that could not be entered is entered later from its folder.
+last and costs nothing: a session that could not be entered is entered later from its folder. Nor does a report that
+cannot be drawn because its extra is not installed.
 """
 
 from __future__ import annotations
@@ -15,10 +16,11 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import Analysis, results_json
+from bench.model.extras import missing_extra
 from bench.session.coefficients import write_coefficients
+from bench.session.history import enter_history
 from bench.session.output import write_attachments, write_file
 from bench.session.view import SessionView, analyse_view, report_html
-from bench.store import StoreError, record_calibration
 
 
 @dataclass
@@ -44,21 +46,27 @@ def _kept_alive() -> Iterator[None]:
 def finish(folder: Path, view: SessionView, history: str) -> Finished:
     """Write results.json, report.html and the coefficients into the session's folder, and enter the history.
 
-    Raises: BenchError of the analysis or of the disk; trouble with the history is only told.
+    Raises: BenchError of the analysis or of the disk; a missing extra and trouble with the history are only told.
     """
+    files: list[tuple[str, str, str]] = []
+    trouble: list[str] = []
     with _kept_alive():
         results, analysis = analyse_view(view)
-        page = report_html(view, results, analysis)
-    done = Finished(results, analysis, [("session", str(folder))])
-    for kind, name, text in (("results", "results.json", results_json(results)), ("report", "report.html", page)):
+        files.append(("results", "results.json", results_json(results)))
+        try:
+            files.append(("report", "report.html", report_html(view, results, analysis)))
+        except ModuleNotFoundError as error:
+            trouble.append(f"{missing_extra(error)}; 'bench report {folder}' writes it later")
+    done = Finished(results, analysis, [("session", str(folder))], trouble)
+    for kind, name, text in files:
         write_file(folder / name, text)
         done.written.append((kind, str(folder / name)))
     for path in write_coefficients(folder, analysis, results, view.manifest["campaign"]):
         done.written.append(("coeffs", str(path)))
     if analysis.attachments:
         done.written.append(("units", str(write_attachments(folder, analysis.attachments))))
-    try:
-        record_calibration(history, results, view.manifest, hashlib.sha256(page.encode()).hexdigest())
-    except StoreError as error:
-        done.trouble.append(f"{error}; nothing is lost: 'bench history import {folder}' enters it later")
+    digests = {kind: hashlib.sha256(text.encode()).hexdigest() for kind, _, text in files}
+    unentered = enter_history(history, folder, results, view.manifest, digests.get("report"))
+    if unentered is not None:
+        done.trouble.append(unentered)
     return done

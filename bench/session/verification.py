@@ -11,6 +11,7 @@ from typing import Any
 
 from bench.analysis import Analysis, results_json
 from bench.model.errors import InputError
+from bench.model.extras import missing_extra
 from bench.replay import Difference, compare
 from bench.report import Report
 from bench.session.coefficients import all_files, coefficients_of_session, merged_coefficients
@@ -149,15 +150,17 @@ class Pages:
 
 
 def check_reports(verification: Verification, folder: Path, pages: Pages) -> None:
-    """Compare report.html, and report.pdf if there is one."""
-    pages.check(verification, folder / REPORT, lambda report: report.html().encode())
-    if not (folder / PAPER).exists():
-        return
-    try:
-        pages.check(verification, folder / PAPER, lambda report: report.pdf())
-    except InputError as error:
-        verification.compared.remove(PAPER)
-        verification.notes.append(f"{PAPER} is not compared: {error}")
+    """Compare report.html, and report.pdf if there is one; what an extra is missing for is noted."""
+    forms: dict[str, Callable[[Report], bytes]] = {REPORT: lambda report: report.html().encode()}
+    if (folder / PAPER).exists():
+        forms[PAPER] = lambda report: report.pdf()
+    for name, form in forms.items():
+        try:
+            pages.check(verification, folder / name, form)
+        except (InputError, ModuleNotFoundError) as error:
+            missing = missing_extra(error) if isinstance(error, ModuleNotFoundError) else error
+            verification.compared.remove(name)
+            verification.notes.append(f"{name} is not compared: {missing}")
 
 
 def check_coefficients(

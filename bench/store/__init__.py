@@ -2,7 +2,7 @@
 
 from bench.store.comparison import LEAST_FOR_CONTROL, Comparison, ParameterHistory, compare_pair, compare_unit
 from bench.store.contents import digest_of_file, started_utc_ns
-from bench.store.database import check_history_url, chosen_url
+from bench.store.database import history_address
 from bench.store.due import Due, dues_of
 from bench.store.errors import StoreError
 from bench.store.export import export_history
@@ -21,14 +21,13 @@ __all__ = [
     "Shown",
     "StoreError",
     "approve",
-    "check_history_url",
-    "chosen_url",
     "compare_pair",
     "compare_unit",
     "conditions_text",
     "digest_of_file",
     "dues_of",
     "export_history",
+    "history_address",
     "list_calibrations",
     "record_calibration",
     "show_calibration",

@@ -32,7 +32,6 @@ _LOCK = 0x62656E6368  # any number, the same for every writer of this software
 
 # From a version of the tables to the next one; a history is brought up to date when it is opened.
 UPGRADES: Mapping[int, Callable[[Connection], None]] = {1: doubts.create}
-VARIABLE = "BENCH_HISTORY"
 _EXAMPLES = "use sqlite:///folder/history.sqlite or postgresql://user@host/database"
 
 
@@ -192,11 +191,6 @@ class Address:
         return Path(str(self.url.database).removeprefix("file:"))
 
 
-def chosen_url(asked: str | None, out: Path, environment: Mapping[str, str]) -> str:
-    """Return history asked for, else the one of BENCH_HISTORY, else history.sqlite in the folder of the sessions."""
-    return asked or environment.get(VARIABLE) or f"sqlite:///{out / 'history.sqlite'}"
-
-
 def history_address(url: str) -> Address:
     """Read the URL of a history. Raises: StoreError B-STORE-001 if it is no URL, or its driver is not installed."""
     try:
@@ -219,8 +213,3 @@ def history_address(url: str) -> Address:
             next_step="install it with: pip install 'inertial-bench[postgresql]'",
         )
     return Address(parsed.set(drivername="postgresql+psycopg"), where)
-
-
-def check_history_url(url: str) -> None:
-    """Before a run of days: an address that can never be opened. Raises: StoreError B-STORE-001."""
-    history_address(url)

@@ -10,6 +10,7 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from bench.model.errors import BenchError
+from bench.session.history import chosen_url
 from bench.web.hub import Hub
 from bench.web.recorded.listing import content_of
 from bench.web.recorded.past import history_query
@@ -77,7 +78,7 @@ def calibration_rows(history: str | None, out: Path) -> list[dict[str, Any]]:
     Args: history: its URL; None: BENCH_HISTORY or history.sqlite in ``out``.
     Raises: StoreError B-STORE-001 to B-STORE-005.
     """
-    from bench.store import Filters, chosen_url, list_calibrations  # SQLAlchemy takes as long as Bokeh
+    from bench.store import Filters, list_calibrations  # SQLAlchemy takes as long as Bokeh
 
     try:
         rows = list_calibrations(chosen_url(history, out, os.environ), Filters())

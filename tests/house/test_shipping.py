@@ -58,7 +58,14 @@ def test_locks_agree() -> None:
         assert pins["run"].items() <= pins[other].items()
 
 
-@pytest.mark.parametrize("name", [re.split(r"[<>=!~;\[ ]", text)[0] for text in PROJECT["project"]["dependencies"]])
+def _of_a_bench() -> list[str]:
+    """Return the packages of a bench with its report, history, page and terminal view, which 'make demo' installs."""
+    extras = PROJECT["project"]["optional-dependencies"]
+    texts = {text for name in ("report", "history", "page", "terminal") for text in extras[name]}
+    return sorted({re.split(r"[<>=!~;\[ ]", text)[0] for text in [*PROJECT["project"]["dependencies"], *texts]})
+
+
+@pytest.mark.parametrize("name", _of_a_bench())
 def test_dependency_is_locked_and_explained(name: str) -> None:
     normal = re.sub(r"[-_.]+", "-", name).lower()
     assert re.search(rf"^{re.escape(normal)}==", (TOP / "requirements" / "run.txt").read_text("utf-8"), re.MULTILINE)

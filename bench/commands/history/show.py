@@ -15,11 +15,11 @@ from bench.commands.console import console
 from bench.commands.history import tables
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
+from bench.session.history import chosen_url
 from bench.session.output import writing
 from bench.store import (
     Filters,
     approve,
-    chosen_url,
     compare_pair,
     compare_unit,
     digest_of_file,

@@ -14,10 +14,10 @@ from sqlalchemy import Connection
 from store_database import BACKENDS, new_history
 
 from bench.model.errors import ExitStatus
+from bench.session.history import chosen_url
 from bench.store import (
     Filters,
     StoreError,
-    chosen_url,
     compare_unit,
     export_history,
     list_calibrations,
