@@ -5,11 +5,13 @@ from __future__ import annotations
 import re
 from typing import Any
 
+from bench.frame import FrameDefinition
 from bench.model.declaration import ChannelKind, stated
 from bench.model.errors import InputError
 from bench.model.systems import analysis_declaration, systems
 from bench.model.units import format_quantity, likely, read_quantity
 from bench.model.yamlio import Document
+from bench.plan.expand import TIMED
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language.sequence import Sequence, Site, UnitUnderTest
 from bench.plan.values import Channel, Quantity, read_text, traced
@@ -103,6 +105,31 @@ def campaign_channels(
     return sorted(entries, key=lambda entry: int(entry["number"]))
 
 
+def check_counted(document: Document[Sequence], link: str, frame: FrameDefinition, findings: Findings) -> None:
+    """Note declared channels whose pulses the frames of the recorded link do not count (B-PLAN-027)."""
+    name = document.model.frame[link]
+    counted = min((_counted(frame, field) for field in TIMED), default=0)
+    if document.model.channels and not counted:
+        message = f"the frame {name!r} of {link} counts no pulses, and records of channels are made of them"
+        findings.add("B-PLAN-027", document.where(("frame", link)), message, "name the link that counts them first")
+        return
+    for index, group in enumerate(document.model.channels):
+        try:
+            missing = [number for number in channel_numbers(group.numbers) if number > counted]
+        except ValueError:
+            continue  # noted where the channels are declared
+        for number in missing:
+            where = document.where(("channels", index, "numbers"))
+            message = f"there is no channel {number}: the frame {name!r} of {link} counts pulses of {counted} channels"
+            findings.add("B-PLAN-027", where, message, "correct the number, or the frame")
+
+
+def _counted(frame: FrameDefinition, field: str) -> int:
+    """Return of how many channels the frames hold a count of this name; all there may be if the frame says how many."""
+    fields = [item for message in frame.layout.messages for item in message.fields if item.name == field]
+    return max((MAX_CHANNEL if item.count == 0 else item.count or 1 for item in fields), default=0)
+
+
 def _kind(uut: UnitUnderTest | None, name: str) -> ChannelKind | None:
     """Return what the data sheet says of a kind of channel, in the section of whichever system has it."""
     for system in systems():
@@ -121,9 +148,15 @@ def _check_levels(document: Document[Sequence], index: int, full_scale_A: float,
         level = read_quantity(raw) if isinstance(raw, str) else None
         if level is not None and level[0] > full_scale_A:
             where = document.where(("tables", name, position))
-            findings.add(
-                "B-PLAN-024", where, f"level {raw} is above the full scale {format_quantity(full_scale_A, 'A')}"
+            group = document.model.channels[index]
+            declared = [
+                document.where(path).split(":")[-2] for path in (("channels", index), ("uut", "kinds", group.kind))
+            ]
+            message = (
+                f"level {raw} is above the full scale {format_quantity(full_scale_A, 'A')} of channels {group.numbers} "
+                f"(line {declared[0]}), kind {group.kind} (line {declared[1]})"
             )
+            findings.add("B-PLAN-024", where, message, "correct the level, the kind or the full scale")
 
 
 def _check_noise(document: Document[Sequence], name: str, kind: ChannelKind, findings: Findings) -> None:

@@ -12,7 +12,7 @@ from bench.frame import FrameDefinition, load_frame
 from bench.model.errors import InputError, InputErrors
 from bench.model.shipped import find_beside, find_shipped
 from bench.model.yamlio import Document
-from bench.plan.channels import campaign_channels, check_declared, declared_channels, unit_constants
+from bench.plan.channels import campaign_channels, check_counted, check_declared, declared_channels, unit_constants
 from bench.plan.check.analysis import check_limits, check_named
 from bench.plan.check.everything import NO_SERIAL, SERIAL, check_steps, short
 from bench.plan.check.stations import check_station, plan_rules
@@ -74,6 +74,8 @@ class _Compiler:
         channels = declared_channels(document, findings)
         constants = campaign_channels(document, channels, findings)
         link = next(iter(document.model.frame), "")
+        if link in frames:
+            check_counted(document, link, frames[link], findings)
         rate_Hz = (frames[link].rate_Hz if link in frames else None) or math.nan
         expander = Expander(document, self.station, channels, rate_Hz, frames, findings)
         scope = Scope(self._variables(expander), expander.role_attribute, {})
@@ -120,6 +122,7 @@ class _Compiler:
             link_bytes_s=sum(_bytes_s(definition) for definition in frames.values()),
             dimensions=tuple(expander.dimensions),
             origins=tuple(expander.origins),
+            declared=tuple(expander.declared),
             remarks=self._promised(lengths.get("campaign", 0.0), _records(steps)),
             early=model.early,
         )

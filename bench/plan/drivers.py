@@ -5,17 +5,30 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from pathlib import PurePath
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Action, actions_of
-from bench.plan.findings import Findings
+from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Step
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
 from bench.plan.ways import Followed, walk
 
 DEFAULT_BUS_S = 0.1
+
+
+def declared_at(station: Station, *path: str) -> str:
+    """Return name of a station's file and line of an entry, as ``af_bench_sim.yaml:24``."""
+    where = station.document.where(path)
+    return f"{PurePath(station.document.name).name}:{where.split(':')[-2]}"
+
+
+def no_instrument(station: Station, role: str) -> str:
+    """Return the sentence about a role that is called and not declared."""
+    known = suggestion(role, station.instruments)
+    return f"station {station.name} has no instrument {role!r} ({declared_at(station, 'instruments')}){known}"
 
 
 def driver_actions(name: str) -> Mapping[str, Action]:

@@ -63,6 +63,7 @@ class Expander:
         self.settle_band_degC: float | None = None
         self.dimensions: list[dict[str, str]] = []
         self.origins: list[Mapping[str, str]] = []
+        self.declared: list[Mapping[str, str]] = []
         self.doubtful: set[int] = set()
         self.retry_step: int | None = None
         self.expected = NamedValues()
@@ -74,8 +75,8 @@ class Expander:
     ) -> None:  # fmt: skip
         """Append a step at the present planned time and advance it by ``duration`` (None: its mistake is noted).
 
-        Arguments may still be Quantity or Channel objects; their dimensions and origins are kept for the static
-        check. An argument that is None could not be read; a limit of a prompt may be left open.
+        Arguments may still be Quantity or Channel objects; their dimensions, origins and places are kept for the
+        static check. An argument that is None could not be read; a limit of a prompt may be left open.
         """
         if len(self.steps) >= MAX_STEPS:
             self.too_many(path)
@@ -97,6 +98,8 @@ class Expander:
         self.origins.append(
             origins if duration is None or not duration.origin else {**origins, DURATION: duration.origin}
         )
+        channels = {k: v for k, v in arguments.items() if isinstance(v, Channel)}
+        self.declared.append({k: self.document.where(("channels", v.group, "numbers")) for k, v in channels.items()})
         self.at_s = round(self.at_s + duration_s, 9)
 
     def keep_dimensions(self, quantities: Mapping[str, Quantity], steps: int) -> None:

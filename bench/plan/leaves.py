@@ -12,10 +12,9 @@ from pydantic import BaseModel
 
 from bench.model.ports import Effect
 from bench.model.units import parse_quantity, plain_quantity
-from bench.plan.drivers import declared_action
+from bench.plan.drivers import declared_action, no_instrument
 from bench.plan.expand import TIMED, Expander, Path
 from bench.plan.expected import keep_given, named_conditions
-from bench.plan.findings import suggestion
 from bench.plan.language.expect import Expect
 from bench.plan.language.steps import (
     CallStep,
@@ -60,8 +59,7 @@ def _values(plan: Expander, arguments: Mapping[str, Any], path: Path, scope: Sco
 
 def _role(plan: Expander, role: str, path: Path) -> None:
     if role not in plan.station.instruments:
-        known = suggestion(role, plan.station.instruments)
-        plan.fail("B-PLAN-040", path, f"station {plan.station.name} has no instrument {role!r}{known}")
+        plan.fail("B-PLAN-040", path, no_instrument(plan.station, role))
 
 
 def _duration(plan: Expander, raw: Any, scope: Scope, path: Path) -> Quantity | None:

@@ -99,8 +99,9 @@ class Plan:
     are made of readings where there is no link (""); ``link_bytes_s`` is what all links together send, byte per second.
     ``dimensions`` holds, per step, the base unit of each argument that was written with a unit (``bench.plan.readings``
     names those of a record's readings); ``origins`` where the argument (or the "duration") was written, if not at the
-    step itself. ``remarks`` are mistakes that did not keep the plan from being made; the static check reports them with
-    its own. ``interlocks`` are those of the station and of the sequence;
+    step itself; ``declared`` the place of the channel that an argument is. ``remarks`` are mistakes that did not keep
+    the plan from being made; the static check reports them with its own. ``interlocks`` are those of the station and
+    of the sequence;
     ``early`` says when early verdicts are given, None for none. ``files`` says where the texts were read, by their
     names; ``settings`` are the ``--set`` values it was compiled with.
     """
@@ -120,6 +121,7 @@ class Plan:
     link_bytes_s: float
     dimensions: tuple[Mapping[str, str], ...] = field(repr=False)
     origins: tuple[Mapping[str, str], ...] = field(repr=False)
+    declared: tuple[Mapping[str, str], ...] = field(repr=False)
     remarks: tuple[InputError, ...] = field(repr=False)
     interlocks: tuple[InterlockRule, ...] = field(default=(), repr=False)
     early: Early | None = None

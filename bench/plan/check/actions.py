@@ -11,12 +11,12 @@ from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.ports import Action, Effect, Parameter
 from bench.model.units import likely, read_quantity
-from bench.plan.drivers import driver_actions
+from bench.plan.drivers import declared_at, driver_actions, no_instrument
 from bench.plan.findings import Findings, suggestion
 from bench.plan.plan import Plan, Step
 from bench.plan.readings import argument_dimensions, is_reading
 from bench.plan.station import InstrumentEntry, Station
-from bench.plan.step_kinds import PlannedCall, PlannedSend, PlannedSoak, PlannedVerify
+from bench.plan.step_kinds import PlannedCall, PlannedRecord, PlannedSend, PlannedSoak, PlannedVerify
 
 SOAK_ACTIONS = ("set_temperature", "run")
 _ALIKE = 1e-9  # of two numbers that went through different roundings
@@ -61,8 +61,7 @@ class ActionCheck:
     def _fresh(self, step: Step, dimensions: Mapping[str, str]) -> tuple[Action | None, Mapping[str, Any]]:
         entry = self._station.instruments.get(step.role)
         if entry is None:
-            known = suggestion(step.role, self._station.instruments)
-            self._add("B-PLAN-040", step, f"station {self._station.name} has no instrument {step.role!r}{known}")
+            self._add("B-PLAN-040", step, no_instrument(self._station, step.role))
             return None, {}
         try:
             actions = driver_actions(entry.driver)
@@ -79,13 +78,25 @@ class ActionCheck:
             return None, {}
         action = actions.get(step.name)
         if action is None:
-            known = suggestion(step.name, actions)
-            self._add("B-PLAN-050", step, f"{step.role} ({entry.driver}) has no action {step.name!r}{known}")
+            self._no_action(step, entry, actions)
             return None, {}
         usable = self._arguments(step, action, entry, dimensions)
         if isinstance(step, PlannedVerify) and (action.effect is not Effect.NONE or action.returns):
             self._add("B-PLAN-054", step, f"{step.role}.{step.name} does not answer true or false")
         return action, usable
+
+    def _no_action(self, step: Step, entry: InstrumentEntry, actions: Mapping[str, Action]) -> None:
+        """Note a wrong action where it is called; where the driver has none of those called, it is the driver."""
+        asked = _called(self._plan, step.role)
+        if asked.isdisjoint(actions) and len(asked) > 1:
+            where = self._station.document.where(("instruments", step.role, "driver"))
+            message = (
+                f"{step.role} ({entry.driver}) has none of the actions that are called: {', '.join(sorted(asked))}"
+            )
+            self._findings.add("B-PLAN-050", where, message, "name the driver of the instrument that has them")
+            return
+        message = f"{step.role} ({entry.driver}) has no action {step.name!r}{suggestion(step.name, actions)}"
+        self._add("B-PLAN-050", step, message)
 
     def _soak(self, step: PlannedSoak, entry: InstrumentEntry) -> None:
         actions = driver_actions(entry.driver)
@@ -134,7 +145,8 @@ class ActionCheck:
             shown = f"{value} {dimension}".strip()
             message = f"{step.role}.{step.name}: {parameter.name} is {shown}; {due}"
             origin = self._plan.origins[step.number].get(parameter.name, "")
-            self._findings.add("B-PLAN-052", step.where, message, origin=origin)
+            where = self._plan.declared[step.number].get(parameter.name, step.where)
+            self._findings.add("B-PLAN-052", where, message, origin=origin)
         return right
 
     def _limits(self, step: Step, parameter: Parameter, value: Any, entry: InstrumentEntry) -> None:
@@ -146,7 +158,9 @@ class ActionCheck:
         if parameter.name in entry.limits:
             station_low, station_high = (read_quantity(text) for text in entry.limits[parameter.name])
             if station_low is not None and station_high is not None and station_low[1] == parameter.dimension:
-                source = f"station {self._station.name}" if (station_low[0], station_high[0]) != (low, high) else source
+                if (station_low[0], station_high[0]) != (low, high):
+                    limit = declared_at(self._station, "instruments", step.role, "limits", parameter.name)
+                    source = f"station {self._station.name} ({limit})"
                 low, high = max(low, station_low[0]), min(high, station_high[0])
         if not low <= value <= high:
             unit = "" if parameter.dimension == PURE_NUMBER else f" {parameter.dimension}"
@@ -163,6 +177,12 @@ class ActionCheck:
 
     def _add(self, code: str, step: Step, message: str, next_step: str = "") -> None:
         self._findings.add(code, step.where, message, next_step)
+
+
+def _called(plan: Plan, role: str) -> set[str]:
+    """Return the names of all actions that are called of a role."""
+    calls = [call for step in plan.steps for call in (step.calls if isinstance(step, PlannedRecord) else (step,))]
+    return {call.name for call in calls if isinstance(call, PlannedCall | PlannedVerify) and call.role == role}
 
 
 def _hashable(value: Any) -> Any:

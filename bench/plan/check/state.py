@@ -45,7 +45,9 @@ class BenchState(Followed):
         self._origins = plan.origins
         asked = analysis_declaration(str(plan.campaign.get("analysis")))
         self._metered = asked is not None and bool(asked.reading)
-        self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in plan.campaign.get("channels", [])}
+        channels = plan.campaign.get("channels", [])
+        self._full_scale = {int(c["number"]): float(c["full_scale_A"]) for c in channels}
+        self._levels_A = {int(c["number"]): frozenset(c.get("levels_A", ())) for c in channels}
         actions = {role: _actions(entry.driver) for role, entry in station.instruments.items()}
         self._effects = {role: frozenset(action.effect for action in known.values()) for role, known in actions.items()}
         self.motion = MotionState(plan, tables_of(actions), findings)
@@ -185,6 +187,8 @@ class BenchState(Followed):
         channel = next((route["channel"] for route in self.closed.values() if "channel" in route), None)
         limit_A = self._full_scale.get(channel) if isinstance(channel, int) else None
         level_A = self.level_A.get(role)
+        if channel is not None and level_A in self._levels_A.get(channel, ()):
+            return  # noted where the level is declared
         if limit_A is not None and level_A is not None and abs(level_A) > limit_A and not self.untrusted:
             message = f"{level_A:g} A is above the full scale {limit_A:g} A of channel {channel}"
             origin = self._origins[step.number].get("current", "")

@@ -19,7 +19,7 @@ STEP: Any = SimpleNamespace(role="meter", name="average", where="s.yaml:3:5", nu
 
 def checker() -> tuple[ActionCheck, Findings]:
     findings = Findings()
-    plan: Any = SimpleNamespace(origins=defaultdict(dict))
+    plan: Any = SimpleNamespace(origins=defaultdict(dict), declared=defaultdict(dict))
     station: Any = SimpleNamespace(name="station")
     return ActionCheck(plan, station, findings), findings
 
