@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from older_firmware import OlderFirmware
-from rehearsal import bench, main_of
+from rehearsal import Inside, bench, main_of
 from served import Served
 
 from sim_instruments import acutrol_3000
@@ -36,18 +36,18 @@ def as_a_real_one(served: Served, folder: Path) -> Path:
     return path
 
 
-def first_contact(station: Path, *words: str) -> list[dict[str, str]]:
-    done = bench("check", "gnc_bias", "--station", str(station), "--live", "--json", *words)
+def first_contact(inside: Inside, station: Path, *words: str) -> list[dict[str, str]]:
+    done = inside("check", "gnc_bias", "--station", str(station), "--live", "--json", *words)
     findings = json.loads(done.stdout)["preflight"]["findings"]
     return [one for one in findings if one["name"].startswith("first contact")]
 
 
-def test_a_record_lets_a_real_bench_use_the_driver(table: Served, tmp_path: Path) -> None:
+def test_a_record_lets_a_real_bench_use_the_driver(table: Served, tmp_path: Path, inside: Inside) -> None:
     station = as_a_real_one(table, tmp_path)
-    (found,) = first_contact(station)
+    (found,) = first_contact(inside, station)
     assert (found["name"], found["status"]) == ("first contact of turntable", "fail")
     assert ":stat:msg? qerror" in found["text"]
-    (found,) = first_contact(station, "--uncommissioned", "the first day of it")
+    (found,) = first_contact(inside, station, "--uncommissioned", "the first day of it")
     assert found["status"] == "warn"
     assert "the first day of it" in found["text"]
     done = bench("commission", "turntable", "--station", str(station), *BY, "--yes")
@@ -60,30 +60,30 @@ def test_a_record_lets_a_real_bench_use_the_driver(table: Served, tmp_path: Path
     (record,) = (tmp_path / "commissioning").glob("turntable_*.json")
     assert json.loads(record.read_text())["by"] == "A. Technician"
     assert record.with_suffix(".md").is_file()
-    (found,) = first_contact(station)
+    (found,) = first_contact(inside, station)
     assert found["status"] == "ok"
     state = table.state()["instruments"]["turntable"]
     assert state["interlocks"] == ["Open"] * 3
 
 
-def test_a_gateway_that_is_not_there(table: Served, tmp_path: Path) -> None:
+def test_a_gateway_that_is_not_there(table: Served, tmp_path: Path, inside: Inside) -> None:
     station = as_a_real_one(table, tmp_path)
     station.write_text(re.sub(r"(hislip\d),\d+", r"\1,9", station.read_text()))
-    done = bench("check", "gnc_bias", "--station", str(station), "--live", "--json")
+    done = inside("check", "gnc_bias", "--station", str(station), "--live", "--json")
     assert done.returncode == 3
     findings = json.loads(done.stdout)["preflight"]["findings"]
     absent = [one for one in findings if one["name"].startswith("identity of ")]
     assert {one["status"] for one in absent} == {"fail"}
     assert {one["value"] for one in absent} == {"B-RUN-002"}
-    (found,) = first_contact(station)
+    (found,) = first_contact(inside, station)
     assert (found["status"], found["text"]) == ("skipped", "no instrument whose commands are known answers")
 
 
-def test_a_bench_inside_the_process_and_a_role_that_is_not_there() -> None:
-    done = bench("commission", "calibrator", "--station", "af_bench_sim", *BY)
+def test_a_bench_inside_the_process_and_a_role_that_is_not_there(inside: Inside) -> None:
+    done = inside("commission", "calibrator", "--station", "af_bench_sim", *BY)
     assert done.returncode == 2
     assert "B-COM-002" in done.stderr
-    done = bench("commission", "teapot", "--station", "af_bench_sim", *BY)
+    done = inside("commission", "teapot", "--station", "af_bench_sim", *BY)
     assert done.returncode == 2
     assert "B-CLI-003" in done.stderr
 
