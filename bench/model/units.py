@@ -204,6 +204,7 @@ def quantity(dimension: str, low: float | None = None, high: float | None = None
         "type": "string",
         "pattern": r"^\s*[-+]?[0-9.]+([eE][-+]?\d+)?\s*\S+\s*$",
         "description": f"in {dimension}",
+        "x-unit": dimension,
     }
     return BeforeValidator(read), WithJsonSchema(schema)
 

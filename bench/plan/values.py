@@ -53,7 +53,8 @@ def templated(dimension: str, low: float | None = None, high: float | None = Non
             return reference
         return within(parse_quantity(value, dimension), dimension, low, high)
 
-    schema = {"type": "string", "description": f"a quantity in {dimension}, or a variable such as '{{level}}'"}
+    described = f"a quantity in {dimension}, or a variable such as '{{level}}'"
+    schema = {"type": "string", "description": described, "x-unit": dimension}
     return BeforeValidator(read), WithJsonSchema(schema)
 
 
