@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak compare pictures structure ways validate bench lint wheel lock
+.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak compare pictures site structure ways validate bench lint wheel lock
 
 demo: $(VENV)/.kernel
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -67,6 +67,10 @@ compare: $(VENV)/.dev
 pictures: $(VENV)/.dev
 	PYTHONPATH=tests/support/page $(PY) docs/pictures/draw.py
 
+# The site of documentation in build/site/html; notebooks are executed, any warning fails.
+site: $(VENV)/.docs
+	$(PY) docs/site/build.py
+
 # Files, imports, circles and the largest folders; TREE=FOLDER for another tree.
 structure:
 	$(PYTHON) tests/house/structure.py $(TREE)
@@ -88,7 +92,7 @@ lint: $(VENV)/.dev
 	$(VENV)/bin/lint-imports
 
 wheel: $(VENV)/.build
-	rm -rf build dist
+	rm -rf build/lib build/bdist.* dist
 	$(PY) -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir dist .
 
 # The locks: hashed, without the address of any index. Run it after a change of the dependencies in pyproject.toml.
@@ -101,6 +105,7 @@ lock: $(PY)
 	$(COMPILE) $(RUN) --output-file requirements/run.txt pyproject.toml
 	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra fast --output-file requirements/fast.txt pyproject.toml
 	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra dev --output-file requirements/dev.txt pyproject.toml
+	$(COMPILE) --constraint requirements/run.txt --constraint requirements/dev.txt $(RUN) --extra docs --output-file requirements/docs.txt pyproject.toml
 	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra benchmark --output-file requirements/benchmark.txt pyproject.toml
 
 $(PY):
@@ -124,6 +129,10 @@ $(VENV)/.kernel: requirements/fast.txt $(wildcard bench/frame/kernel/*.py) $(VEN
 
 $(VENV)/.dev: requirements/dev.txt $(VENV)/.kernel
 	$(PIP_INSTALL) --require-hashes -r requirements/dev.txt
+	@touch $@
+
+$(VENV)/.docs: requirements/docs.txt $(VENV)/.dev
+	$(PIP_INSTALL) --require-hashes -r requirements/docs.txt
 	@touch $@
 
 $(VENV)/.benchmark: requirements/benchmark.txt $(VENV)/.kernel

@@ -1,0 +1,13 @@
+"""Configuration of Sphinx for the pages that docs/site/build.py gathers; every warning is an error there."""
+
+project = "inertial-bench"
+extensions = ["myst_nb"]
+myst_heading_anchors = 4  # links to headings, as the pages write them
+nb_execution_mode = "force"  # every notebook runs when the site is built
+nb_execution_raise_on_error = True
+nb_execution_in_temp = True
+nb_execution_timeout = 300
+nb_execution_show_tb = True
+html_theme = "furo"
+html_title = "inertial-bench"
+html_show_sourcelink = False
