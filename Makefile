@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak compare pictures site structure ways validate bench lint wheel lock
+.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak compare notebooks pictures site structure ways validate bench lint wheel lock
 
 demo: $(VENV)/.kernel
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -70,6 +70,10 @@ pictures: $(VENV)/.dev
 # The site of documentation in build/site/html; notebooks are executed, any warning fails.
 site: $(VENV)/.docs
 	$(PY) docs/site/build.py
+
+# What the notebooks show, again; 'make site' executes them without keeping it.
+notebooks: $(VENV)/.docs
+	$(PY) docs/site/notebooks.py
 
 # Files, imports, circles and the largest folders; TREE=FOLDER for another tree.
 structure:
