@@ -29,7 +29,7 @@ def parts() -> dict[str, list[str]]:
         heading, _, text = section.partition("\n")
         names = [re.sub(r"\.(md|ipynb)$", "", re.sub("/$", "/index", target)) for target in LINK.findall(text)]
         found[heading] = list(dict.fromkeys(names))
-    found["Reference"] += GENERATED
+    found["Reference"] = [*GENERATED, *found["Reference"]]
     return found
 
 
@@ -53,7 +53,7 @@ def front_page() -> str:
 
 def gather(source: Path) -> None:
     """Write everything that the site is made of below ``source``."""
-    shutil.copytree(TOP / "docs", source / "docs", ignore=shutil.ignore_patterns("*.py", "__pycache__"))
+    shutil.copytree(TOP / "docs", source / "docs", ignore=shutil.ignore_patterns("site"))
     for name in ("README.md", "CHANGELOG.md"):
         shutil.copy(TOP / name, source / name)
     _copy_linked(source)

@@ -13,3 +13,5 @@ html_theme = "furo"
 html_title = "inertial-bench"
 html_show_sourcelink = False
 html_show_copyright = False
+html_static_path = ["static"]
+html_css_files = ["site.css"]

@@ -1,0 +1,79 @@
+"""What the site writes from the software itself names everything there is, and its menu has every page once."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+from doc_blocks import ROOT
+
+from bench import api
+from bench.cli import app
+from bench.plan import json_schemas, mapping_schema
+
+SITE = ROOT / "docs" / "site"
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return what Sphinx would read: pages, generated pages, the files they lead to."""
+    source = tmp_path_factory.mktemp("site") / "source"
+    program = f"import pathlib, build; build.gather(pathlib.Path({str(source)!r}))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], cwd=SITE, env={"PYTHONPATH": f"{SITE}:{ROOT}"}, check=False,
+        capture_output=True, text=True,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return source
+
+
+def commands(command: Any, name: str) -> Iterator[tuple[str, Any]]:
+    """Yield every command below one, with its full name."""
+    for word, other in getattr(command, "commands", {}).items():
+        yield f"{name} {word}", other
+        yield from commands(other, f"{name} {word}")
+
+
+def test_every_command_and_option_has_a_line(site: Path) -> None:
+    page = (site / "docs" / "reference" / "commands.md").read_text(encoding="utf-8")
+    sections = {part.partition("\n")[0]: part for part in page.split("\n### ")[1:]}
+    found = dict(commands(typer.main.get_command(app), "bench"))
+    assert sections.keys() == found.keys()
+    for name, command in found.items():
+        options = [word for param in command.params for word in param.opts if word.startswith("--")]
+        assert [word for word in options if word != "--help" and word not in sections[name]] == [], name
+
+
+@pytest.mark.parametrize("kind", ["sequence", "station", "frame", "mapping"])
+def test_every_key_has_a_row(site: Path, kind: str) -> None:
+    page = (site / "docs" / "reference" / f"{kind}.md").read_text(encoding="utf-8")
+    schema = {**json_schemas(), "mapping": mapping_schema()}[kind]
+    sections = {part.partition("\n")[0]: part for part in page.split("\n## ")[1:]}
+    for name, model in {"The file": schema, **schema["$defs"]}.items():
+        assert [key for key in model.get("properties", {}) if f"\n| `{key}` |" not in sections[name]] == [], name
+
+
+def test_a_quantity_has_its_unit_and_its_default(site: Path) -> None:
+    page = (site / "docs" / "reference" / "station.md").read_text(encoding="utf-8")
+    assert "| `silence` | quantity in s | `2 s` |" in page
+    assert "| `window` | quantity in s | `60 s` | time that is shown at first |" in page
+
+
+def test_every_name_of_the_interface_is_there(site: Path) -> None:
+    page = (site / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
+    assert [name for name in api.__all__ if f"\n## bench.{name}\n" not in page] == []
+    members = [name for name, member in vars(api.Session).items() if not name.startswith("_") and member.__doc__]
+    assert [name for name in members if f"\n### session.{name}\n" not in page] == []
+
+
+def test_the_menu_has_every_page_once(site: Path) -> None:
+    front = (site / "index.md").read_text(encoding="utf-8")
+    entries = [line for line in front.splitlines() if line.startswith("docs/")]
+    pages = {f"docs/{path.stem}" for path in (site / "docs").glob("*.md")}
+    assert sorted(entries) == sorted(set(entries))
+    assert pages <= set(entries)
