@@ -70,7 +70,7 @@ def test_python_runs(block: Block) -> None:
     if block.page in RUN_ELSEWHERE:
         assert Path(block.page).name in (ROOT / RUN_ELSEWHERE[block.page]).read_text(encoding="utf-8")
         return
-    exec(compile(NAMES[block.page] + textwrap.dedent(block.text), block.place, "exec"), {"__name__": "page"})
+    exec(compile(NAMES.get(block.page, "") + textwrap.dedent(block.text), block.place, "exec"), {"__name__": "page"})
 
 
 @pytest.mark.parametrize("block", blocks("toml"), ids=lambda block: block.place)
