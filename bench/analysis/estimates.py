@@ -113,7 +113,8 @@ def limits_of(entry: Mapping[str, Any]) -> tuple[float, float] | None:
     """Return lowest and highest value that an entry of results.json may have, infinite on an open side; else None."""
     limits = entry.get("limits")
     if limits is None:
-        return None if entry["limit"] is None else bounds(float(entry["limit"]))
+        limit = entry.get("limit")
+        return None if limit is None else bounds(float(limit))
     low, high = limits["low"], limits["high"]
     return -math.inf if low is None else low, math.inf if high is None else high
 
