@@ -289,12 +289,12 @@ class ForStep(StrictModel):
     do: list[Step_] = Field(min_length=1)
 
 
-def _reading_tag(value: object) -> str:
+def _before_tag(value: object) -> str:
     return "<quantity>" if isinstance(value, str) and "." not in value else "<call>"
 
 
 ReadBefore = Annotated[
-    Annotated[Name, Tag("<quantity>")] | Annotated[CallStep, Tag("<call>")], Discriminator(_reading_tag)
+    Annotated[Name, Tag("<quantity>")] | Annotated[CallStep, Tag("<call>")], Discriminator(_before_tag)
 ]
 
 
