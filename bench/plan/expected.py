@@ -15,7 +15,7 @@ from bench.model.units import likely, read_quantity
 from bench.plan.check.analysis import NONE
 from bench.plan.drivers import declared_action
 from bench.plan.language.expect import NONLINEARITY, Bounds, Expect, Fit
-from bench.plan.language.steps import PromptValue
+from bench.plan.language.prompt import PromptValue
 from bench.plan.values import Quantity, Scope, as_reference
 
 if TYPE_CHECKING:

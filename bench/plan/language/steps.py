@@ -6,27 +6,24 @@ import re
 from typing import Annotated, Any, Literal
 
 from pydantic import (
-    AfterValidator,
     BeforeValidator,
     Discriminator,
     Field,
     GetJsonSchemaHandler,
     RootModel,
-    StringConstraints,
     Tag,
     WithJsonSchema,
     model_validator,
 )
 
-from bench.model.units import dimension_of, parse_quantity
+from bench.model.units import parse_quantity
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
 from bench.plan.language.comparison import Comparison
 from bench.plan.language.expect import Expect, with_expect
+from bench.plan.language.prompt import Arguments, Prompt, Text
 from bench.plan.values import ACTION_PATTERN, ActionName, Scalar, templated, within
 
 Duration = Annotated[Any, *templated("s", 0.0, 1e7)]
-Arguments = dict[Name, Scalar]
-Text = Annotated[str, StringConstraints(min_length=1, max_length=2000)]
 _CLOCK = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d)")
 VERBS = ("for", "if", "while", "choose", "settle", "record", "soak", "prompt", "verify", "unit", "test", "send")
 EXPECT = "expect"
@@ -50,12 +47,6 @@ def _record_shorthand(value: object) -> object:
 
 def _prompt_shorthand(value: object) -> object:
     return {"text": value} if isinstance(value, str) else value
-
-
-def _with_unit(value: object) -> object:
-    if isinstance(value, int | float):
-        raise ValueError(f"{value} has no unit; write a quantity, for example '26 mm'")
-    return value
 
 
 def _clock_time(value: object) -> float:
@@ -158,43 +149,6 @@ class Record(StrictModel):
     purpose: Name = "measurement"
     label: Name | None = None
     conditions: Arguments = Field(default_factory=dict)
-
-
-class PromptValue(StrictModel):
-    """A value the operator must give, inside limits.
-
-    With a ``quantity`` it is a measurement of the unit: the run goes on with any value, and the analysis judges it. If
-    one that is ``required`` is outside its limits, what follows under the same conditions is left out.
-    """
-
-    unit: Annotated[str, AfterValidator(dimension_of)] = Field(description="any unit, '%' among them")
-    low: Annotated[Text | None, BeforeValidator(_with_unit)] = None
-    high: Annotated[Text | None, BeforeValidator(_with_unit)] = None
-    quantity: Name | None = None
-    uncertainty: Annotated[Text | None, BeforeValidator(_with_unit)] = Field(
-        None, description="95 %, of the gauge that a person measures with"
-    )
-    required: bool = False
-
-    @model_validator(mode="after")
-    def _measured(self) -> PromptValue:
-        if self.required and self.quantity is None:
-            raise ValueError("'required' is for a value with a 'quantity'; any other must be inside its limits anyway")
-        if self.uncertainty is not None and self.quantity is None:
-            raise ValueError("'uncertainty' is for a value with a 'quantity', which the analysis judges")
-        return self
-
-
-class Prompt(StrictModel):
-    """Something only a person can do; waits for the confirmation. ``{name}`` in the text is that variable.
-
-    ``sets`` says what the person's act changes on the bench, for example which unit sits on the test board.
-    """
-
-    text: Text
-    confirm: Literal["operator"] = "operator"
-    value: PromptValue | None = None
-    sets: Arguments = Field(default_factory=dict)
 
 
 class SettleStep(StrictModel):
