@@ -74,20 +74,23 @@ def init(folder: Path, given: dict[str, str | None]) -> int:
             raise InputError("B-LAB-003", text, where=_QUESTIONS[key][1], next_step="choose another")
     station = find_shipped("stations", answers.station)
     _make_folders(folder)
-    for name, text in _contents(answers, station).items():
+    contents = _contents(answers, station)
+    for name, text in contents.items():
         write_file(folder / name, text)
     with chdir(folder):
         schema(Path("schemas"), vscode=True)
-    console().print(f"lab folder {folder}: {answers.name}; try: cd {folder} && bench check first_check")
+    first = _PLACES["first_check"] in contents
+    then = f"try: cd {folder} && bench check first_check" if first else f"sequences go into {folder}/sequences"
+    console().print(f"lab folder {folder}: {answers.name}; {then}")
     return ExitStatus.PASS
 
 
 def _make_folders(folder: Path) -> None:
-    """Make the folder and those for code, which nobody else may write to whatever the umask is.
+    """Make the folder, that of sequences and those for code, which nobody else may write to whatever the umask is.
 
     Raises: InputError B-CLI-007.
     """
-    for path in (folder, *(folder / kind for kind in CODE)):
+    for path in (folder, folder / "sequences", *(folder / kind for kind in CODE)):
         with writing(path):
             path.mkdir(parents=True, exist_ok=True)
             path.chmod(path.stat().st_mode & ~_OTHERS_WRITE)
@@ -109,6 +112,9 @@ def _contents(answers: Answers, station: Path) -> dict[str, str]:
     values = {"NAME": answers.name, "MODEL": answers.model, "SERIAL": answers.serial, "STATION": own}
     places = {name: place for name, place in _PLACES.items() if name != "first_check" or station.stem == FIRST_STATION}
     written = {place: _filled(template, values) for template, place in places.items()}
+    if "first_check" not in places:
+        lines = written["README.md"].splitlines(keepends=True)
+        written["README.md"] = "".join(line for line in lines if "first_check" not in line)
     written |= {f"{kind}/README.md": f"{_CODE[kind]}\n" for kind in CODE}
     return written | {f"stations/{own}.yaml": text.replace(f"station: {station.stem}\n", f"station: {own}\n", 1)}
 

@@ -130,6 +130,7 @@ def test_nothing_is_written_over_and_names_stay_names(lab: Path, tmp_path: Path)
 
 def test_another_bench_to_begin_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    bench("init", "north", "--station", "fog_bench_sim")
+    said = bench("init", "north", "--station", "fog_bench_sim")
     assert (tmp_path / "north/stations/my_fog_bench_sim.yaml").is_file()
-    assert not (tmp_path / "north/sequences").exists()  # the first sequence is for another bench
+    assert list((tmp_path / "north/sequences").iterdir()) == []  # the first sequence is for another bench
+    assert "first_check" not in said + (tmp_path / "north/README.md").read_text()
