@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from bench.plan.expand import Expander, Path
 
 TIME = "time"
+_SHARES = ("%", "ppm", "ppb")
 _MEASURE = "measure_"
 
 
@@ -95,7 +96,7 @@ def limits_in(plan: Expander, bounds: Bounds, unit: str, path: Path, scope: Scop
     """Return low and high of what is expected, in base units, those that are stated (B-PLAN-120)."""
     if bounds.equals is not None:
         value = _bound(plan, bounds.equals, unit, (*path, "equals"), scope)
-        reach = _bound(plan, bounds.tolerance, unit, (*path, "tolerance"), scope, of=value)
+        reach = None if value is None else _reach(plan, bounds, value, unit, (*path, "tolerance"), scope)
         low, high = (None, None) if value is None or reach is None else (value - reach, value + reach)
     elif bounds.within is not None:
         low, high = (_bound(plan, end, unit, (*path, "within", k), scope) for k, end in enumerate(bounds.within))
@@ -107,10 +108,27 @@ def limits_in(plan: Expander, bounds: Bounds, unit: str, path: Path, scope: Scop
     return {name: end for name, end in (("low", low), ("high", high)) if end is not None}
 
 
-def _bound(
-    plan: Expander, text: str | None, unit: str, path: Path, scope: Scope | None = None, of: float | None = None
-) -> float | None:
-    """Return a bound in its base unit; a tolerance may be a share ``of`` the value it belongs to."""
+def _reach(plan: Expander, bounds: Bounds, value: float, unit: str, path: Path, scope: Scope) -> float | None:
+    """Return a tolerance in its base unit. It may be a share of the value it belongs to, in another unit than that."""
+    text, equals = str(bounds.tolerance), str(bounds.equals)
+    read = _read(plan, text, path, scope)
+    if read is None or read.dimension != "1":
+        return None if read is None else _bound(plan, text, unit, path, scope)
+    if unit != "1":
+        return read.value * abs(value)
+    if as_reference(text) is not None or as_reference(equals) is not None:
+        message = f"{text} may be a share of the value or in its unit: both are plain numbers"
+        plan.fail("B-PLAN-120", path, message, "write value and tolerance here, or 'within'", read.origin)
+        return None
+    return read.value * abs(value) if _symbol(text) in _SHARES and _symbol(text) != _symbol(equals) else read.value
+
+
+def _symbol(text: str) -> str:
+    return text.lstrip("+-0123456789.eE ")
+
+
+def _bound(plan: Expander, text: str | None, unit: str, path: Path, scope: Scope | None = None) -> float | None:
+    """Return a bound in its base unit."""
     if text is None:
         return None
     value = _read(plan, text, path, scope or Scope({}, plan.role_attribute, {}))
@@ -118,8 +136,6 @@ def _bound(
         return None
     if value.dimension == unit:
         return value.value
-    if value.dimension == "1" and of is not None:
-        return value.value * abs(of)
     message = f"{text} is in {value.dimension}; the value it is held against is in {unit}{likely(text, unit)}"
     plan.fail("B-PLAN-120", path, message, "write it in that unit", value.origin)
     return None

@@ -22,10 +22,11 @@ def fit_table(fit: Fitted) -> Table:
     ]
     against = asked["against"]
     name = against.get("quantity") or against.get("condition") or "time"
-    lack = "" if np.isnan(curve.lack) else f"; probability of such departures by chance {curve.lack:.2g}"
+    lack = "" if np.isnan(curve.lack) else f", by the scatter of the readings alone as probable as {curve.lack:.2g}"
     caption = (
         f"{asked['of']} in {unit_text(asked['units']['c0'])} against {name} in {unit_text(against['unit'])}, "
-        f"polynomial of degree {asked['degree']}. Chi-square {curve.chi2:.3g} at {curve.dof} degrees of freedom{lack}"
+        f"polynomial of degree {asked['degree']}. Departures: chi-square {curve.chi2:.3g} at {curve.dof} degrees of "
+        f"freedom by scatter and floors of the instruments{lack}"
     )
     return Table(fit.title, caption, _HEADERS, rows)
 

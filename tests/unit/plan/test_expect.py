@@ -65,6 +65,25 @@ def test_forms_of_a_limit(tmp_path: Path, limits: str, low_V: float | None, high
     assert {name: entry[name] for name in ("low", "high") if name in entry} == due
 
 
+@pytest.mark.parametrize(
+    ("equals", "tolerance", "low", "high"),
+    [
+        ("0.5 1", "0.1 %", 0.4995, 0.5005),
+        ("0.5 1", "0.001 1", 0.499, 0.501),
+        ("50 %", "2 %", 0.48, 0.52),
+        ("-0.5 1", "100 ppm", -0.50005, -0.49995),
+    ],
+)
+def test_a_tolerance_in_percent_is_a_share_unless_the_value_is_in_percent(
+    tmp_path: Path, equals: str, tolerance: str, low: float, high: float
+) -> None:
+    limits = f"{{c1: {{equals: {equals}, tolerance: {tolerance}}}}}"
+    body = f"fits: [{{name: line, of: rail, against: input, expect: {limits}}}]\n"
+    two = [f"{role}_{READ}\n    expect: {{name: {role}}}" for role in ("rail", "input")]
+    (fit,) = plan_of(tmp_path, body + steps(*two)).campaign["fits"]
+    assert fit["expected"]["c1"] == {"low": pytest.approx(low), "high": pytest.approx(high)}
+
+
 def test_loops_are_conditions_and_may_give_the_limits(tmp_path: Path) -> None:
     body = (
         "tables: {levels: [1 V, 2 V]}\nsteps:\n  - for: level\n    in: levels\n    do:\n"
@@ -94,17 +113,10 @@ def test_a_prompt_takes_every_unit_and_is_a_value(tmp_path: Path) -> None:
     value = "{unit: mm, low: 0.0795 m, high: 8.05 cm, quantity: length, uncertainty: 50 um}"
     assert refused(tmp_path, f"steps:\n  - prompt: {{text: x, value: {value}}}\n")[0] == "B-PLAN-120"  # no micrometre
     plan = plan_of(tmp_path, f"steps:\n  - prompt: {{text: x, value: {value.replace('50 um', '0.05 mm')}}}\n")
-    assert (plan.steps[0].told()["low"], plan.steps[0].told()["high"]) == (79.5, 80.5)  # as a person is asked
+    assert [plan.steps[0].told()[end] for end in ("low", "high")] == pytest.approx([0.0795, 0.0805])
     (entry,) = expected(plan)
     assert entry["unit"] == "m"
     assert [entry[name] for name in ("low", "high", "uncertainty")] == pytest.approx([0.0795, 0.0805, 5e-5])
-
-
-@pytest.mark.parametrize("unit", ["%", "kohm", "deg/h", "gauss", "mm"])
-def test_units_of_prompts(tmp_path: Path, unit: str) -> None:
-    plan = plan_of(tmp_path, f"steps:\n  - prompt: {{text: x, value: {{unit: '{unit}', high: 12 {unit}}}}}\n"
-                             "  - rail_meter.measure_voltage\n  - settle: 9 s\n")  # fmt: skip
-    assert plan.steps[0].told()["high"] == pytest.approx(12.0)
 
 
 @pytest.mark.parametrize(
