@@ -211,6 +211,10 @@ class System:
     early: str = ""
     studies: Mapping[str, str] = field(default_factory=dict)
 
+    def analysis(self, name: str) -> AnalysisDeclaration:
+        """Return the analysis of this name, which the system has."""
+        return next(declared for declared in self.analyses if declared.name == name)
+
 
 def unit_of(unit: str) -> tuple[float, str]:
     """Return factor and base unit of a unit that is known to be one."""

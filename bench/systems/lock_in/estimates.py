@@ -37,7 +37,7 @@ def requirement_of(campaign: Mapping[str, Any]) -> Requirement:
 
     Raises: FitError B-RLG-004 (a limit that no ring laser has, or in a wrong unit), B-RLG-005 (no latitude).
     """
-    (declared,) = DECLARATION.analyses
+    declared = DECLARATION.analysis("rlg_lock_in")
     stated = stated_limits(campaign, declared.limits, "B-RLG-004", "an alignment with a ring laser has no such limit")
     try:
         latitude_deg = float((campaign.get("site") or {})["latitude_deg"])

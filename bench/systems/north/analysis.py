@@ -66,7 +66,7 @@ def azimuth_error_limit_deg(campaign: Mapping[str, Any]) -> float:
     Raises: FitError B-FOG-001 for a limit of the sequence that is not one of a north finder, in a wrong unit or not
             above zero.
     """
-    (declared,) = DECLARATION.analyses
+    declared = DECLARATION.analysis("fog_north")
     stated = stated_limits(campaign, declared.limits, "B-FOG-001", "a north finder has no such limit")
     return stated.get(AZIMUTH_ERROR, SPECIFIED_deg)
 

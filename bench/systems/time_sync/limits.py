@@ -40,7 +40,7 @@ def demands_of(campaign: Mapping[str, Any]) -> Demands:
 
     Raises: FitError B-SYNC-005 for a limit that no time offset has, in a wrong unit or not above zero.
     """
-    (declared,) = DECLARATION.analyses
+    declared = DECLARATION.analysis("time_sync")
     limits = {
         **SPECIFIED_s,
         **stated_limits(campaign, declared.limits, "B-SYNC-005", "a time offset has no such limit"),
