@@ -195,15 +195,17 @@ def test_a_stuck_stream_holds_and_its_end_releases(bench: Bench) -> None:
     seen: list[bool] = []
 
     def held() -> bool:
-        seen.append(bench.health.values().get("port_a_stale") == 1.0)
+        if bench.clock.now_ns() - stuck_ns > NS:  # by then some of it is decoded
+            seen.append(bench.health.values().get("port_a_stale") == 1.0)
         return bool(bench.stop.holds.reasons)
 
     assert bench.wait(held, 3.5)
-    held_s = (bench.clock.now_ns() - stuck_ns) / 1e9
-    print(f"held {held_s:.2f} s after the last good frame, stale for {seen.count(True)} looks of {len(seen)}")
+    held_s = (bench.clock.now_ns() - stuck_ns) / NS
+    print(
+        f"held {held_s:.2f} s after the last good frame, stale for {seen.count(True)} looks of {len(seen)} behind the first second"
+    )
     assert held_s > SILENCE_S - 0.1
-    assert seen[-1]
-    assert seen == sorted(seen)  # bytes that are no frames never make the link look well again
+    assert all(seen)  # bytes that are no frames never make the link look well again
     assert "no good frame" in bench.stop.holds.reasons["link port_a"]
     bench.unit.instead.clear()
     assert bench.wait(lambda: not bench.stop.holds.reasons, RESUME_S)

@@ -243,7 +243,8 @@ class LinkReader:
 
     def known_ns(self, now_ns: int) -> int:
         """Time up to which everything received is decoded: now, or the last decoding if bytes have come since."""
-        return self._decoded_ns if self.decoder.pending_bytes or self._arrived else now_ns
+        waiting = self.decoder.pending_bytes or self._arrived or self.last_byte_ns > self._decoded_ns
+        return self._decoded_ns if waiting else now_ns
 
     @property
     def mid_frame(self) -> bool:
