@@ -71,11 +71,13 @@ def for_this_test(line: str, session: str) -> list[str]:
 
 @pytest.fixture
 def lab(golden: Path, tmp_path: Path) -> Path:
-    """Return a folder with what a reader has: a session and its history, a capture."""
+    """Return a folder with what a reader has: a session and its history, a capture, a log."""
     place = tmp_path / "lab"
     writable_copy(golden.parent, place / "sessions")
     frame = bytes.fromhex((ROOT / "tests" / "golden" / "ngu_a.hex").read_text())
     (place / "capture.bin").write_bytes(frame * 20)
+    rows = "".join(f"{0.01 * row:.2f},{0.1 * (row % 7):.1f}\n" for row in range(200))
+    (place / "log.csv").write_text(f"time [s],gyro x [deg/s]\n{rows}")
     return place
 
 

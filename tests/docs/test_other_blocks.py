@@ -33,6 +33,10 @@ from bench.analysis import Analysis, Material
 from bench.model.ports import Effect, Parameter, action
 from instruments.values import exponent_form
 """,
+    "docs/lab-folder.md": """
+from bench.model.declaration import AnalysisDeclaration
+METHODS = ("mean",)
+""",
 }
 RUN_ELSEWHERE = {
     "docs/live-protocol.md": "tests/docs/test_live_view.py",

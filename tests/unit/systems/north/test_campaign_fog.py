@@ -264,7 +264,7 @@ def test_a_limit_that_is_none_of_a_north_finder(rig: NorthRig, limits: dict[str,
 
 
 def test_the_limits_are_those_the_check_of_a_sequence_knows() -> None:
-    (declared,) = DECLARATION.analyses
+    declared = DECLARATION.analysis("fog_north")
     assert {name: limit.dimension for name, limit in declared.limits.items()} == {AZIMUTH_ERROR: "deg"}
 
 

@@ -105,7 +105,7 @@ def test_limits(limits: dict[str, Any]) -> None:
 
 
 def test_limits_are_those_of_the_plan() -> None:
-    (declared,) = DECLARATION.analyses
+    declared = DECLARATION.analysis("time_sync")
     assert {name: limit.dimension for name, limit in declared.limits.items()} == dict.fromkeys(SPECIFIED_s, "s")
     found = demands_of({"limits": {"time_offset_uncertainty": {"value": 3.0, "unit": "ms"}}})
     assert (found.uncertainty_s, found.difference_s) == (3e-3, 5e-3)
