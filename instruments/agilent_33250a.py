@@ -9,9 +9,10 @@ amplitudes are those at an open output.
 from __future__ import annotations
 
 from bench.model.ports import Parameter, action
+from bench.model.told import Figure, Tells, is_one
 from instruments.commands import Setting, either
 from instruments.scpi import ScpiInstrument
-from instruments.values import OVERLOAD_FROM, exponent_form
+from instruments.values import OVERLOAD_FROM, exponent_form, read_number
 
 _FREQUENCY_STEP_HZ = 1e-6
 _AMPLITUDE_STEP_V = 1e-3
@@ -24,6 +25,10 @@ class Agilent33250A(ScpiInstrument):
 
     identity_pattern = r".*,33250A"
     safe_state = "output off (OUTP OFF), confirmed by OUTP?"
+    tells = Tells(
+        {"OUTP?": is_one},
+        {"FREQ?": Figure("frequency", "Hz", read_number), "VOLT?": Figure("amplitude", "V", read_number)},
+    )
 
     @action(Parameter("frequency", "Hz", 1e-6, 80e6), Parameter("amplitude", "V", 0.02, 20.0), bus_s=0.8)
     def square(self, frequency: float, amplitude: float) -> None:

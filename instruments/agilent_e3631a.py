@@ -12,6 +12,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from bench.model.ports import Effect, Parameter, action
+from bench.model.told import Tells, is_one
 from instruments.commands import Setting
 from instruments.scpi import ScpiSupply
 from instruments.values import exponent_form, read_number
@@ -27,6 +28,7 @@ class AgilentE3631A(ScpiSupply):
     """Control and measurement of the three rails; one switch turns all three on and off."""
 
     identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),E3631A"
+    tells = Tells({"OUTP?": is_one})
 
     configured: Mapping[int, tuple[Setting, ...]] = MappingProxyType({})  # by rail; ``kept`` are those of the selected
     selected = 0

@@ -15,6 +15,7 @@ from pyvisa.resources import MessageBasedResource
 from bench.model.clock import Clock
 from bench.model.errors import InputError, InstrumentError
 from bench.model.ports import Identity, Transcript, actions_of
+from bench.model.told import Tells
 from instruments.bus import BUS_FAILED, TIMED_OUT, BusSession
 from instruments.commands import Commands
 from instruments.ladder import Ladder
@@ -30,7 +31,8 @@ class BaseInstrument(Commands):
     Class members: ``identity_pattern`` matches "manufacturer,model"; ``safe_state`` says in words what ``make_safe``
     leaves behind; ``default_options`` are the options a station may give; a source of current names its ranges in
     ``ranges_A`` (ampere, lowest first), which the static check holds against the register of standards;
-    ``spacing_s`` is the time between two commands, second (half of it in a hurry).
+    ``spacing_s`` is the time between two commands, second (half of it in a hurry); ``tells`` says which replies show
+    whether it is on, None for a model that holds no energy.
 
     Args: reopen: opens the same address again after a failure of the bus.   interface_clear: of the whole bus.
     """
@@ -42,6 +44,7 @@ class BaseInstrument(Commands):
     default_options: ClassVar[Mapping[str, Any]] = {}
     ranges_A: ClassVar[tuple[float, ...]] = ()
     spacing_s: ClassVar[float] = 0.0
+    tells: ClassVar[Tells | None] = None
 
     def __init__(
         self,
@@ -114,6 +117,12 @@ class BaseInstrument(Commands):
                 with suppress(InstrumentError):
                     self.bus.write(command, self.timeout_s)
             raise
+
+    def look(self) -> None:
+        """Get what tells whether it is on, and how far; the replies go to the transcript. Raises: InstrumentError."""
+        if self.tells is not None and self.identity is not None:
+            for question in dict.fromkeys((*self.tells.on, *self.tells.figures)):
+                self.bus.query(question, read_text, self.timeout_s)
 
     @contextmanager
     def quick(self, limit_s: float) -> Iterator[None]:

@@ -21,6 +21,7 @@ from contextlib import suppress
 
 from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Parameter, action
+from bench.model.told import Figure, Tells
 from instruments.base import BaseInstrument
 from instruments.commands import ReadBack, either
 from instruments.values import exponent_form, read_integer, read_number, read_text
@@ -64,6 +65,7 @@ class Fluke5720A(BaseInstrument):
     ranges_A = tuple(full_scale for full_scale, _ in _RANGES_A)
     longest_error_queue = 16
     warm_up_s = 30 * _MINUTE_S
+    tells = Tells({"ISR?": lambda reply: bool(int(reply) & _OPERATING)}, {"OUT?": Figure("current", "A", read_output)})
 
     programmed_A: float | None = None
 

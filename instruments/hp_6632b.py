@@ -12,6 +12,7 @@ over-voltage, and the read-back resolutions.
 from __future__ import annotations
 
 from bench.model.ports import Effect, Parameter, action
+from bench.model.told import Figure, Tells, is_one
 from instruments.commands import Setting
 from instruments.scpi import ScpiSupply
 from instruments.values import exponent_form, read_integer, read_number
@@ -27,6 +28,10 @@ class Hp6632B(ScpiSupply):
     """Control of the supply with current limit, over-current and over-voltage protection."""
 
     identity_pattern = r"(HEWLETT-PACKARD|HP|AGILENT.*|KEYSIGHT.*),6632B"
+    tells = Tells(
+        {"OUTP?": is_one},
+        {"MEAS:VOLT?": Figure("voltage", "V", read_number), "MEAS:CURR?": Figure("current", "A", read_number)},
+    )
 
     @action(
         Parameter("voltage", "V", 0.0, 20.475),

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 
 from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Parameter, action
+from bench.model.told import Figure, Tells
 from instruments.commands import ReadBack
 from instruments.scpi import ScpiInstrument
 
@@ -36,6 +37,9 @@ class Keithley7002(ScpiInstrument):
     identity_pattern = r"KEITHLEY.*,7002"
     safe_state = "all relays open (:OPEN ALL), confirmed by :CLOS:STAT?"
     default_options: ClassVar[dict[str, Any]] = {"slot": 1}
+    tells = Tells(
+        {":CLOS:STAT?": lambda reply: bool(read_closed(reply))}, {":CLOS:STAT?": Figure("closed", "", read_closed)}
+    )
 
     routed: tuple[str, ...] | None = None  # closed crosspoints as this run has verified them
 

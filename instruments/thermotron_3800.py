@@ -15,6 +15,7 @@ from __future__ import annotations
 from typing import Any, ClassVar
 
 from bench.model.ports import Effect, Identity, Parameter, action
+from bench.model.told import Figure, Tells
 from instruments.base import BaseInstrument
 from instruments.commands import Setting, either
 from instruments.values import plain_form, read_integer, read_number
@@ -31,6 +32,14 @@ _STEP = 0.051  # the controller keeps one decimal of degC and of degC/min
 _DIALECTS = ("3800", "8800")
 
 
+def read_mode(reply: str) -> str:
+    """Return "running", "on hold" (heating and cooling go on) or "stopped". Raises: ValueError."""
+    mode = read_integer(reply)
+    if mode & _ON_HOLD:
+        return "on hold"
+    return "running" if mode & _ANY_RUN else "stopped"
+
+
 class Thermotron3800(BaseInstrument):
     """Control of the chamber in manual mode: a set-point approached with a ramp."""
 
@@ -40,6 +49,14 @@ class Thermotron3800(BaseInstrument):
         "on hold if it runs (HOLD, conditions stay), else left stopped, by MODE?; option safe_state stop: stopped"
     )
     default_options: ClassVar[dict[str, Any]] = {"dialect": "3800", "safe_state": "hold"}
+    tells = Tells(
+        {"MODE?": lambda reply: read_mode(reply) == "running"},
+        {
+            "MODE?": Figure("mode", "", lambda reply: (read_mode(reply),)),
+            "SETP1?": Figure("setpoint", "degC", read_number),
+            "PVAR1?": Figure("air", "degC", read_number),
+        },
+    )
 
     @action(
         Parameter("temperature", "degC", -68.0, 177.0),

@@ -16,6 +16,7 @@ from bench.run.feed.live import live_feed
 from bench.run.observers import Following
 from bench.run.session import Beside
 from bench.run.watch.interlocks import interlocks
+from bench.run.watch.outputs import outputs_watch
 from bench.run.watch.trend import trend_recorder
 
 
@@ -39,6 +40,7 @@ def besides(
             stack.enter_context(trend_recorder(context))
             feed = stack.enter_context(live_feed(context, asking))
             watch = stack.enter_context(interlocks(context, plan.interlocks, following))
+            stack.enter_context(outputs_watch(context, following))
             if not virtual:
                 if notify is not None:
                     stack.enter_context(notifications(context, notify))

@@ -25,6 +25,7 @@ from bench.run.steps.reentry import come_back, tables_back
 from bench.run.steps.setpoints import setpoint_of
 from bench.run.steps.timing import Timeline
 from bench.run.stop import Interruption, Wish, unforeseen
+from bench.run.watch.outputs import look
 
 CHAMBER_ASTRAY = ("B-RUN-031", "B-RUN-071")  # a temperature not reached, an interlock that ends the run
 PHASES: tuple[PhaseName, ...] = ("prepare", "campaign", "finally")
@@ -77,6 +78,7 @@ class Sequencer:
             context.stop.shield()
             with context.in_use.take(CHAMBER):
                 unsafe = make_safe(context.instruments, self._safe_order, context.clock)
+                look(context.instruments)
             context.health.over()
         if error is not None:
             if error.code in CHAMBER_ASTRAY:

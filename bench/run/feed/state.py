@@ -28,6 +28,7 @@ from bench.model.events import (
 )
 from bench.plan import Step
 from bench.run.feed.alarms import Alarms
+from bench.run.feed.outputs import GOOD_FOR, LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs
 from bench.run.feed.place import Place, Temperature, wait_of
 from bench.run.feed.planned import PlannedRun, Remaining, corners, end_of_run, in_words, soak_to_come_s
 from bench.run.feed.records import Records
@@ -70,6 +71,8 @@ class RunState:
         self.alarms = Alarms()
         self._records = Records(self._plan)
         self._panel = InstrumentPanel(manifest.get("identities") or {}, places or {})
+        look_s = LOOK_VIRTUAL_S if manifest.get("clock") == "virtual" else LOOK_WALL_S
+        self._outputs = Outputs(places or {}, GOOD_FOR * look_s)
         self._temperature = Temperature()
         self._log: deque[dict[str, Any]] = deque(maxlen=LONGEST_LOG)
         self._links: dict[str, dict[str, Any]] = {}
@@ -124,6 +127,7 @@ class RunState:
         """A command to ("tx") or reply of ("rx") an instrument."""
         with self._lock:
             self._panel.on_traffic(role, direction, text, t_utc_s)
+            self._outputs.on_traffic(role, direction, text, t_utc_s)
 
     def on_links(self, links: Mapping[str, Mapping[str, Any]]) -> None:
         """Take the states of the links, by name, as in the document."""
@@ -211,6 +215,7 @@ class RunState:
                 **self.head,
                 "state": self._state(),
                 "outcome": self._outcome,
+                "bench": self._outputs.document(t_utc_s, over=self._outcome is not None),
                 "t_utc_s": t_utc_s,
                 "started_utc_s": self._started,
                 "step": self._step_document(step),

@@ -15,13 +15,13 @@ from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.observers import Following, Observer, Order
 from bench.run.stop import Wish, guarded
+from bench.run.watch.outputs import is_quiet
 from bench.run.watch.signals import RateStep, WatchedSignals
 
 Change = Literal["tripped", "stale", "released", "lasting"]
 LASTING_S = 2.0  # a glitch is over by then
 LOOK_WALL_S, LOOK_VIRTUAL_S = 1.0, 30.0
 ASK_WALL_S, ASK_VIRTUAL_S = 60.0, 300.0  # a rehearsal of 38 hours must not spend its time on these
-QUIET_S = 5.0
 
 
 class InterlockState:
@@ -125,16 +125,10 @@ class InterlockWatch:
         """Read the instruments that interlocks need, when it is time and the steps leave the bus alone for a while."""
         now_ns = self._context.clock.now_ns()
         overdue = now_ns - self._ask_ns
-        if overdue >= 0 and not self._context.stop.over and (self._quiet(now_ns) or overdue > self._period_ns):
+        quiet = is_quiet(self._context, self._following)
+        if overdue >= 0 and not self._context.stop.over and (quiet or overdue > self._period_ns):
             self._ask_ns = now_ns + self._period_ns
             self.signals.ask()
-
-    def _quiet(self, now_ns: int) -> bool:
-        """Return True while the step under way waits for long enough yet: a scan keeps the bus for seconds."""
-        step = self._following.step_under_way
-        if step is None or self._context.stop.holds.reasons:
-            return True
-        return self._context.timeline.target_ns(step.at_s + step.duration_s) - now_ns >= QUIET_S * NS
 
     def _changed(self, state: InterlockState, change: Change) -> None:
         action = state.rule.action

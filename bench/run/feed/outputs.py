@@ -1,0 +1,172 @@
+"""The state of the bench for the people beside it: what is on, since when that is known, and what stays dangerous.
+
+Made of commands and replies alone, by what each driver declares of its replies (``Tells``), so that page, terminal,
+messages and recordings say the same. A command never switches anything off here: only a reply does, and only for as
+long as it is good. Software cannot say that a bench may be touched, so no word here means that.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import lru_cache
+from typing import Any, Literal
+
+from bench.model.drivers import driver_class
+from bench.model.errors import BenchError
+from bench.model.manual import manual_of
+from bench.model.ports import Effect, actions_of
+from bench.model.told import Tells
+from bench.model.units import format_quantity
+
+Kind = Literal["source", "switch", "supply", "chamber", "table", "signal", "unknown"]
+LOOK_WALL_S, LOOK_VIRTUAL_S = 60.0, 300.0  # between two looks; a rehearsal must not spend its time on these
+GOOD_FOR = 2.5  # looks; a look waits for a quiet moment for as long as one more period
+HOT_degC, COLD_degC = 50.0, 0.0  # nobody is burnt by a touch of metal below (ISO 13732-1), no skin freezes above
+_DIGITS = 5
+_KINDS: tuple[tuple[Effect, Kind], ...] = (
+    (Effect.MOTION_ON, "table"), (Effect.THERMAL, "chamber"), (Effect.STIMULUS_ON, "source"),
+    (Effect.POWER, "supply"), (Effect.ROUTE, "switch"),
+)  # fmt: skip
+
+
+@dataclass
+class _Part:
+    """One instrument that can hold energy. ``said``: by question, whether it says on, and when (UTC second)."""
+
+    role: str
+    kind: Kind
+    driver: str
+    tells: Tells | None
+    asked: str = ""
+    said: dict[str, tuple[bool, float]] = field(default_factory=dict)
+    figures: dict[str, tuple[str, str | tuple[str, ...], float, float]] = field(default_factory=dict)
+    switched_on_s: float = -math.inf  # the last command that switches something on
+    disturbed_s: float = -math.inf  # the last command that may have done anything
+
+    def on_command(self, text: str, t: float) -> None:
+        self.asked = text
+        touch = _touch(self.driver, text)
+        if touch in ("energises", "moves"):
+            self.switched_on_s = t
+        elif touch is None and "?" not in text:
+            self.disturbed_s = t
+
+    def on_reply(self, text: str, t: float) -> None:
+        if self.tells is None:
+            return
+        try:
+            if (reads := self.tells.on.get(self.asked)) is not None:
+                self.said[self.asked] = (reads(text), t)
+            if (figure := self.tells.figures.get(self.asked)) is not None:
+                value = figure.read(text)
+                number = math.nan if isinstance(value, tuple) else value
+                shown = value if isinstance(value, tuple) else format_quantity(value, figure.unit, _DIGITS)
+                self.figures[self.asked] = (figure.name, shown, number, t)
+        except ValueError:  # a reply that is not understood says nothing; the driver has told the run
+            self.said.pop(self.asked, None)
+
+    def known(self) -> tuple[bool | None, float | None]:
+        """Return whether it is on, None if that is not known, and when it was confirmed last."""
+        if self.tells is None:
+            return None, None
+        on = [t for is_on, t in self.said.values() if is_on]
+        off = [t for is_on, t in self.said.values() if not is_on]
+        if on:
+            return True, max(on)
+        complete = len(off) == len(self.tells.on)
+        oldest = min(off, default=-math.inf)
+        if self.switched_on_s > oldest or (not complete and self.switched_on_s > -math.inf):
+            return True, self.switched_on_s
+        if not complete or self.disturbed_s > oldest:
+            return None, None
+        return False, oldest
+
+    def number(self, name: str) -> float:
+        """Return the newest figure of a name, NaN without one."""
+        return next((number for label, _, number, _ in self.figures.values() if label == name), math.nan)
+
+
+class Outputs:
+    """What of a bench is on. Args: places: driver and resource by role. good_for_s: longest age of a reply, second."""
+
+    def __init__(self, places: Mapping[str, tuple[str, str]], good_for_s: float) -> None:
+        self._good_for_s = good_for_s
+        parts = {role: _part(role, driver) for role, (driver, _) in places.items()}
+        self._parts = {role: part for role, part in parts.items() if part is not None}
+
+    def on_traffic(self, role: str, direction: str, text: str, t_utc_s: float) -> None:
+        """A command to ("tx") or a reply of ("rx") an instrument; what a driver notes in angle brackets is neither."""
+        part = self._parts.get(role)
+        if part is None or text.startswith("<"):
+            return
+        if direction == "tx":
+            part.on_command(text.strip(), t_utc_s)
+        else:
+            part.on_reply(text.strip(), t_utc_s)
+
+    def document(self, now_utc_s: float, over: bool = False) -> dict[str, Any]:
+        """Return the entry ``bench`` of the state document.
+
+        Args: over: the run has ended; what it saw last is told with its time, and nobody looks any more.
+        """
+        parts = [self._part_document(part, now_utc_s, over) for part in self._parts.values()]
+        held = [part for part in parts if part["kind"] != "switch"]  # a closed route holds no energy of its own
+        states = {part["state"] for part in held}
+        if any(part["state"] == "on" and part["kind"] == "table" for part in held):
+            word = "moving"
+        elif "on" in states:
+            word = "energised"
+        else:
+            word = "unknown" if "unknown" in states or not held else "off"
+        decisive = [part for part in held if part["state"] == ("off" if word == "off" else "on")]
+        times = [part["confirmed_utc_s"] for part in decisive if part["confirmed_utc_s"] is not None]
+        return {
+            "state": word,
+            "confirmed_utc_s": min(times, default=None),
+            "good_for_s": self._good_for_s,
+            "over": over,
+            "parts": parts,
+            "remains": self._remains(),
+        }
+
+    def _part_document(self, part: _Part, now: float, over: bool) -> dict[str, Any]:
+        on, confirmed = part.known()
+        old = confirmed is None or (not over and now - confirmed > self._good_for_s)
+        state = "unknown" if on is None or old else "on" if on else "off"
+        figures = [
+            {"name": name, "text": ", ".join(shown) or "none" if isinstance(shown, tuple) else shown, "t_utc_s": t}
+            for name, shown, _, t in part.figures.values()
+        ]
+        return {
+            "role": part.role, "kind": part.kind, "state": state, "confirmed_utc_s": confirmed, "figures": figures,
+        }  # fmt: skip
+
+    def _remains(self) -> list[str]:
+        """Return what stays dangerous when all is off, as words of a catalogue: mains, hot, cold."""
+        air = [part.number("air") for part in self._parts.values() if part.kind == "chamber"]
+        hot, cold = any(degC > HOT_degC for degC in air), any(degC < COLD_degC for degC in air)
+        return ["mains", *(["hot"] if hot else []), *(["cold"] if cold else [])]
+
+
+def _part(role: str, driver: str) -> _Part | None:
+    """Return an instrument that can hold energy; None for one that only reads."""
+    try:
+        found = driver_class(driver)
+    except BenchError:  # a recording of a bench whose driver is not here: nothing can be told of it
+        return _Part(role, "unknown", driver, None)
+    effects = {action.effect for action in actions_of(found).values()}
+    kind = next((kind for effect, kind in _KINDS if effect in effects), None)
+    tells: Tells | None = getattr(found, "tells", None)
+    if kind is None and tells is None:
+        return None
+    return _Part(role, kind or "signal", driver, tells)
+
+
+@lru_cache(maxsize=4096)
+def _touch(driver: str, text: str) -> str | None:
+    """Return what a command does by the table of its model; None if it stands in none."""
+    manual = manual_of(driver)
+    form = None if manual is None else manual.find(text)
+    return None if manual is None or form is None else manual.commands[form].touch
