@@ -21,7 +21,9 @@ from bench.session.view import material_of
 
 NICE = 19
 MEASURED = "unit_temperature_degC"
-KEYS = ("quantity", "unit", "conditions", "value", "std_uncertainty", "quality")
+KEYS = (
+    "quantity", "unit", "conditions", "value", "std_uncertainty", "expanded_uncertainty", "limit", "verdict", "quality",
+)  # fmt: skip
 
 
 def partial(folder: Path) -> dict[str, Any]:

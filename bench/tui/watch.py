@@ -17,14 +17,13 @@ from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError
 from bench.model.events import End, Error, Resume, event_of
 from bench.record import OPEN_MARKER, SessionReader, TrendReader
-from bench.run.guard.diary import read_diary
+from bench.run.guard.diary import guard_word
 
 AIR, UNIT = "bench.air", "bench.unit"
 OLD_S = 3.0  # a run that has said nothing for so long is called lost
 HOUR_S = 3600.0
 BUCKET_S = 30.0
 POINTS = 400  # of the last hour, from the trend beside the session
-DIARY = "guard.jsonl"
 
 Range = tuple[float, float]
 """Least and greatest value."""
@@ -226,17 +225,3 @@ def _outcome(folder: Path) -> Mapping[str, Any] | None:
             case End(error=code):
                 outcome = {"error": code, "text": text if code else ""}
     return outcome
-
-
-def guard_word(folder: Path) -> Mapping[str, Any] | None:
-    """Return ``{"reason", "safe": True, False or None (at it), "unsafe": roles}``; None if the guard did not act."""
-    word: dict[str, Any] | None = None
-    for entry in read_diary(folder / DIARY):
-        what = entry.get("what")
-        if what in ("ready", "dismissed"):
-            word = None
-        elif what == "act":
-            word = {"reason": str(entry.get("text", "")), "safe": None, "unsafe": []}
-        elif what in ("safe", "unsafe") and word is not None:
-            word |= {"safe": what == "safe", "unsafe": [str(role) for role in entry.get("instruments") or ()]}
-    return word

@@ -15,7 +15,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from bench.model.errors import BenchError
 from bench.web import commands, pages, runs
 from bench.web.hub import Hub
-from bench.web.recorded.listing import run_folder
+from bench.web.recorded.listing import FILES, run_folder
 from bench.web.security import login
 from bench.web.security.gate import Gate
 from bench.web.security.refusal import Refusal, on_bench_error
@@ -73,7 +73,7 @@ def _routes() -> list[BaseRoute]:
         Route("/api/v1/runs/{run}", _of_a_run(runs.run)),
         Route("/api/v1/runs/{run}/history", _of_a_run(runs.history)),
         Route("/api/v1/runs/{run}/figures", _of_a_run(runs.figures)),
-        Route("/api/v1/runs/{run}/report", _of_a_run(runs.report)),
+        *(Route(f"/api/v1/runs/{{run}}/{name}", _of_a_run(runs.file_of(name))) for name in FILES),
         Route("/api/v1/calibrations", runs.calibrations),
         Route("/api/v1/commands", commands.commands, methods=["POST"]),
         Route("/api/v1/operator", commands.operator, methods=["POST"]),

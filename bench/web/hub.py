@@ -18,6 +18,7 @@ from bench.web.live import FeedLine, LiveRun, listens, state_of
 from bench.web.partial import PartialFits
 from bench.web.points import Points
 from bench.web.recorded.listing import Row, RunList, run_folder
+from bench.web.recorded.now import now_of, silent_row
 from bench.web.recorded.past import HistoryQuery, Past
 from bench.web.recorded.replaying import ReplayRun
 from bench.web.room import Viewer
@@ -129,11 +130,15 @@ class Hub:
         if row["state"] != "stopped":  # its recording is closed
             return row
         live = self._live.get(row["run"])
-        state = live.room.state if live is not None else await self._state_of(self.serving.out / row["run"])
-        if not state or state.get("state") in (None, "ended"):
+        folder = self.serving.out / row["run"]
+        state = live.room.state if live is not None else await self._state_of(folder)
+        if state and state.get("state") == "ended":
             return row
+        if not state or state.get("state") in (None, "lost"):
+            return {**row, **await self.work(silent_row, folder)}
         records = state.get("records") or row["records"]  # a run of another version may say less
-        return {**row, "state": state["state"], "live": True, "records": {key: records.get(key) for key in _COUNTED}}
+        counted = {key: records.get(key) for key in _COUNTED}
+        return {**row, "state": state["state"], "live": True, "records": counted, "now": now_of(state)}
 
     async def _state_of(self, folder: Path) -> dict[str, Any] | None:
         """Return what the run itself says; None if nobody answers in time."""
@@ -186,10 +191,10 @@ class Hub:
         def fetch(t0_utc_s: float, t1_utc_s: float, width_s: float) -> Points:
             return self.past.points(folder, t0_utc_s, t1_utc_s, width_s)
 
-        estimates = (await self.work(self.past.final, folder)).get("estimates")
+        final = await self.work(self.past.final, folder)
 
         def extra() -> dict[str, Any]:
-            return {"operator": self.lease(), "estimates": estimates}
+            return {"operator": self.lease(), "estimates": final.get("estimates"), "session": final.get("session")}
 
         replay = ReplayRun(state, fetch, self.work, self.serving.clock, extra)
         replay.room.enter(viewer)

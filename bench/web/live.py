@@ -15,6 +15,7 @@ from bench.record import OPEN_MARKER
 from bench.run.control.local_socket import LIVE, find_socket
 from bench.run.feed.client import FeedClient, FeedGone, FeedReply
 from bench.web.points import MISSING_BEFORE, Points
+from bench.web.recorded.now import silent_row
 from bench.web.room import Room
 
 POLL_S = 0.1
@@ -80,8 +81,9 @@ class LiveRun:
         while True:
             await pause(BEAT_S)
             self.room.beat(self._clock.utc_ns() / NS, round(self.age_s, 3))
-            if self.age_s > LOST_S and self.room.state.get("state") not in ("lost", "ended"):
-                self.room.change(state="lost")
+            if self.age_s > LOST_S and self.room.state.get("state") != "ended":
+                now = silent_row(self.folder)["now"]
+                self.room.change(state="lost", attention=now["attention"], bench=now["bench"], guard=now["guard"])
 
     async def poll(self) -> None:
         """Ask once. Raises: FeedGone if nobody answers."""
@@ -117,7 +119,7 @@ class LiveRun:
         if self._has_results or (self.folder / OPEN_MARKER).exists():
             return
         final = await self._ended()
-        results = {key: final[key] for key in ("estimates",) if final.get(key)}
+        results = {key: final[key] for key in ("estimates", "session") if final.get(key)}
         self._has_results = bool(results)  # they are written some time after the recording is closed
         if self.room.state.get("state") != "ended":
             self.room.become({**final, **self._extra(), "source": "live", "state": "ended"})

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
 
@@ -12,11 +13,12 @@ from starlette.responses import JSONResponse, Response
 from bench.model.errors import BenchError
 from bench.session.history import chosen_url
 from bench.web.hub import Hub
-from bench.web.recorded.listing import content_of
+from bench.web.recorded.listing import FILES, content_of
 from bench.web.recorded.past import history_query
 from bench.web.security.refusal import Refusal
 
 _NO_HISTORY = "B-STORE-007"  # nothing to complain about
+_MEDIA = {"report": "text/html", "pdf": "application/pdf", "certificate": "application/xml", "specimen": "application/xml"}
 
 
 async def runs(request: Request) -> Response:
@@ -45,13 +47,20 @@ async def figures(request: Request) -> Response:
     return JSONResponse(await hub.work(_figures, state))
 
 
-async def report(request: Request) -> Response:
-    """``GET /api/v1/runs/{run}/report``: report.html of the session."""
-    hub, name = _hub(request), request.path_params["run"]
-    content = await hub.work(content_of, hub.folder(name) / "report.html")
-    if content is None:
-        raise Refusal(404, "B-WEB-021", f"{name} has no report", next_step=f"'bench report {name}' writes one")
-    return Response(content, media_type="text/html")
+def file_of(what: str) -> Callable[[Request], Awaitable[Response]]:
+    """Return the answer to ``GET /api/v1/runs/{run}/<what>``: report, PDF or certificate of a session."""
+    file, media_type = FILES[what], _MEDIA[what]
+
+    async def answer(request: Request) -> Response:
+        hub, name = _hub(request), request.path_params["run"]
+        content = await hub.work(content_of, hub.folder(name) / file)
+        if content is None:
+            command = "certificate" if what in ("certificate", "specimen") else "report"
+            raise Refusal(404, "B-WEB-021", f"{name} has no {file}", next_step=f"'bench {command} {name}' writes one")
+        headers = {} if what == "report" else {"Content-Disposition": f'attachment; filename="{name}.{file}"'}
+        return Response(content, media_type=media_type, headers=headers)
+
+    return answer
 
 
 async def calibrations(request: Request) -> Response:

@@ -264,7 +264,7 @@ class Safe(Event):
         return "fault" if self.failures else "none"
 
     def _words(self) -> str:
-        return "; ".join(map(str, self.failures)) or "the bench is safe"
+        return "; ".join(map(str, self.failures)) or "what drives, heats or moves was confirmed off, or on hold"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -108,7 +108,7 @@ class Control:
         return f"still holding: {'; '.join(still.values())}" if still else "the run goes on"
 
     def _abort(self, _: Mapping[str, Any], __: str, ___: str) -> str:
-        return "the run ends at its next check and makes the bench safe"
+        return "the run ends at its next check, with the outputs off"
 
     def _acknowledge(self, request: Mapping[str, Any], _: str, __: str) -> str:
         alarm = request.get("alarm")

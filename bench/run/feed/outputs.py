@@ -23,6 +23,7 @@ from bench.model.units import format_quantity
 Kind = Literal["source", "switch", "supply", "chamber", "table", "signal", "unknown"]
 LOOK_WALL_S, LOOK_VIRTUAL_S = 60.0, 300.0  # between two looks; a rehearsal must not spend its time on these
 GOOD_FOR = 2.5  # looks; a look waits for a quiet moment for as long as one more period
+LAST_LOOK_S = 30.0  # before the end: three attempts to make safe and the look behind them fit into it
 HOT_degC, COLD_degC = 50.0, 0.0  # nobody is burnt by a touch of metal below (ISO 13732-1), no skin freezes above
 _DIGITS = 5
 _KINDS: tuple[tuple[Effect, Kind], ...] = (
@@ -106,12 +107,13 @@ class Outputs:
         else:
             part.on_reply(text.strip(), t_utc_s)
 
-    def document(self, now_utc_s: float, over: bool = False) -> dict[str, Any]:
+    def document(self, now_utc_s: float, ended_utc_s: float | None = None) -> dict[str, Any]:
         """Return the entry ``bench`` of the state document.
 
-        Args: over: the run has ended; what it saw last is told with its time, and nobody looks any more.
+        Args: ended_utc_s: the run has ended then; its last look counts, and nobody looks any more.
         """
-        parts = [self._part_document(part, now_utc_s, over) for part in self._parts.values()]
+        oldest = now_utc_s - self._good_for_s if ended_utc_s is None else ended_utc_s - LAST_LOOK_S
+        parts = [_part_document(part, oldest) for part in self._parts.values()]
         held = [part for part in parts if part["kind"] != "switch"]  # a closed route holds no energy of its own
         states = {part["state"] for part in held}
         if any(part["state"] == "on" and part["kind"] == "table" for part in held):
@@ -126,28 +128,27 @@ class Outputs:
             "state": word,
             "confirmed_utc_s": min(times, default=None),
             "good_for_s": self._good_for_s,
-            "over": over,
+            "ended_utc_s": ended_utc_s,
             "parts": parts,
             "remains": self._remains(),
         }
-
-    def _part_document(self, part: _Part, now: float, over: bool) -> dict[str, Any]:
-        on, confirmed = part.known()
-        old = confirmed is None or (not over and now - confirmed > self._good_for_s)
-        state = "unknown" if on is None or old else "on" if on else "off"
-        figures = [
-            {"name": name, "text": ", ".join(shown) or "none" if isinstance(shown, tuple) else shown, "t_utc_s": t}
-            for name, shown, _, t in part.figures.values()
-        ]
-        return {
-            "role": part.role, "kind": part.kind, "state": state, "confirmed_utc_s": confirmed, "figures": figures,
-        }  # fmt: skip
 
     def _remains(self) -> list[str]:
         """Return what stays dangerous when all is off, as words of a catalogue: mains, hot, cold."""
         air = [part.number("air") for part in self._parts.values() if part.kind == "chamber"]
         hot, cold = any(degC > HOT_degC for degC in air), any(degC < COLD_degC for degC in air)
         return ["mains", *(["hot"] if hot else []), *(["cold"] if cold else [])]
+
+
+def _part_document(part: _Part, oldest: float) -> dict[str, Any]:
+    """Return one instrument; what was confirmed before ``oldest`` (UTC second) is not known any more."""
+    on, confirmed = part.known()
+    state = "unknown" if on is None or confirmed is None or confirmed < oldest else "on" if on else "off"
+    figures = [
+        {"name": name, "text": ", ".join(shown) or "none" if isinstance(shown, tuple) else shown, "t_utc_s": t}
+        for name, shown, _, t in part.figures.values()
+    ]
+    return {"role": part.role, "kind": part.kind, "state": state, "confirmed_utc_s": confirmed, "figures": figures}
 
 
 def _part(role: str, driver: str) -> _Part | None:

@@ -257,7 +257,7 @@ class Temperature:
         return f"{last:.2f} degC{slope}"
 
 
-def wait_of(t: float, step: Step, place: Place, unit: Temperature, said: str | None) -> dict[str, Any] | None:
+def wait_of(t: float, step: Step, place: Place, unit: Temperature) -> dict[str, Any] | None:
     """Return what a step waits for; None for one that takes no time worth telling."""
     if isinstance(step, PlannedSoak):
         limit = place.late_until(step)
@@ -266,14 +266,14 @@ def wait_of(t: float, step: Step, place: Place, unit: Temperature, said: str | N
         reason += "" if limit is None else ", later than planned"
         return _wait(reason, place, until, unit.sentence)
     if isinstance(step, PlannedSettle):
-        return _wait(f"settle {step.duration_s:g} s", place, place.time_of(step, step.at_s + step.duration_s), said)
+        return _wait(f"settle {step.duration_s:g} s", place, place.time_of(step, step.at_s + step.duration_s), None)
     if isinstance(step, PlannedRecord):
         until = place.time_of(step, step.at_s + step.duration_s)
         return _wait(f"record of {step.seconds:g} s", place, until, unit.sentence)
     since = place.since_utc_s
     if isinstance(step, PlannedPrompt) or since is None or t - since < LONG_CALL_S:
         return None
-    return _wait(f"{step.role}.{step.name or step.kind}", place, None, said)
+    return _wait(f"{step.role}.{step.name or step.kind}", place, None, None)
 
 
 def _wait(reason: str, place: Place, until: float | None, last: str | None) -> dict[str, Any]:

@@ -19,10 +19,12 @@ from bench.model.events import (
     Error,
     Event,
     Hold,
+    Overrun,
     Prompt,
     PromptAlarm,
     Release,
     Resume,
+    Safe,
     StimulusAlarm,
     by_instrument,
 )
@@ -37,6 +39,7 @@ from bench.run.feed.traffic import InstrumentPanel
 PROTO = 1
 LONGEST_LOG = 200
 LONGEST_TEXT = 500
+TRIFLE_S = 0.05  # a step that begins so little late is not worth a line
 
 
 class RunState:
@@ -80,6 +83,8 @@ class RunState:
         self._hold_since: float | None = None
         self._prompt: dict[str, Any] | None = None
         self._stopping = False
+        self._unsafe = False
+        self._ended_utc_s: float | None = None
         self._started: float | None = None
         self._outcome: dict[str, Any] | None = None
         self._last_error: Error | None = None
@@ -94,8 +99,9 @@ class RunState:
             self._place.on_event(event, t_utc_s)
             self._records.on_event(event, t_utc_s)
             self.alarms.on_event(event, t_utc_s)
-            if text := event.sentence:
-                self._log.appendleft({"t_utc_s": t_utc_s, "kind": event.kind, "text": text[:LONGEST_TEXT]})
+            if (text := event.sentence) and not _is_trifle(event):
+                line = {"t_utc_s": t_utc_s, "kind": event.kind, "severity": event.severity, "text": text[:LONGEST_TEXT]}
+                self._log.appendleft(line)
 
     def on_start(self, t_utc_s: float) -> None:
         """The session begins (its first message)."""
@@ -166,7 +172,7 @@ class RunState:
         match event:
             case Resume():
                 self._stopping, self._outcome, self._holds, self._hold_since = False, None, {}, None
-                self._last_error = None
+                self._last_error, self._unsafe, self._ended_utc_s = None, False, None
             case Hold():
                 self._hold_since = t if self._hold_since is None else self._hold_since
                 self._holds = {**self._holds, event.by: event.reason}
@@ -188,8 +194,10 @@ class RunState:
                 self._stopping = True
             case Error():
                 self._last_error = event
+            case Safe():
+                self._unsafe = bool(event.failures)
             case End():
-                self._on_end(event)
+                self._on_end(event, t)
 
     def _on_environment(self, event: Environment, t: float) -> None:
         if event.unit_degC is not None:
@@ -197,7 +205,8 @@ class RunState:
         if event.air_degC is not None:
             self._place.first_air(event.air_degC)
 
-    def _on_end(self, event: End) -> None:
+    def _on_end(self, event: End, t: float) -> None:
+        self._ended_utc_s = t
         known = self._last_error is not None and self._last_error.code == event.error
         text = self._last_error.text if self._last_error is not None and known else ""
         self._outcome = {"error": event.error, "text": text if event.error else "done"}
@@ -214,8 +223,9 @@ class RunState:
             return {
                 **self.head,
                 "state": self._state(),
+                "attention": self._attention(),
                 "outcome": self._outcome,
-                "bench": self._outputs.document(t_utc_s, over=self._outcome is not None),
+                "bench": self._outputs.document(t_utc_s, self._ended_utc_s),
                 "t_utc_s": t_utc_s,
                 "started_utc_s": self._started,
                 "step": self._step_document(step),
@@ -241,7 +251,17 @@ class RunState:
             return "ending"
         if self._holds:
             return "holding"
+        if self._prompt is not None:
+            return "waiting"
         return "starting" if self._place.step is None else "running"
+
+    def _attention(self) -> str:
+        """Return how much somebody is needed: none, some (asked, held, warned) or much (alarm, fault, not made safe)."""
+        active = {alarm["severity"] for alarm in self.alarms.documents() if alarm["active"]}
+        failed = self._outcome is not None and self._outcome["error"] is not None
+        if active & {"alarm", "fault"} or (failed and self._unsafe):
+            return "much"
+        return "some" if active or failed or self._holds or self._prompt is not None else "none"
 
     def _step_document(self, step: Step | None) -> dict[str, Any] | None:
         if step is None:
@@ -261,8 +281,8 @@ class RunState:
                     "until_utc_s": None, "last": None}  # fmt: skip
         if self._holds:
             return {"reason": "; ".join(self._holds.values()), "since_utc_s": self._hold_since, "until_utc_s": None,
-                    "last": self._panel.last}  # fmt: skip
-        return None if step is None else wait_of(t, step, self._place, self._temperature, self._panel.last)
+                    "last": None}  # fmt: skip
+        return None if step is None else wait_of(t, step, self._place, self._temperature)
 
     def _progress(self, t: float) -> float:
         if self._outcome is not None and self._outcome["error"] is None:
@@ -291,6 +311,10 @@ class RunState:
         if self._place.step is None:
             return {"t_utc_s": [], "temperature_degC": []}
         return corners(self._plan.thermal, self._place.start_of, end, self._place.first_degC)
+
+
+def _is_trifle(event: Event) -> bool:
+    return isinstance(event, Overrun) and event.seconds < TRIFLE_S
 
 
 def _head(manifest: Mapping[str, Any], source: str, boot_id: str, run: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ import json
 import os
 import queue
 import threading
+from collections.abc import Mapping
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -13,6 +14,8 @@ from typing import Any
 
 from bench.model.clock import NS, Clock
 from bench.model.posix import ALONE
+
+DIARY = "guard.jsonl"  # in the folder of a session
 
 
 class Diary:
@@ -64,3 +67,21 @@ def read_diary(path: Path) -> list[dict[str, Any]]:
         with suppress(ValueError):
             entries.append(json.loads(line))
     return entries
+
+
+def guard_word(folder: Path) -> Mapping[str, Any] | None:
+    """Return what the guard of a run that is gone did; None if it did not act.
+
+    ``{"reason", "safe": True, False or None (at it), "unsafe": roles, "utc": of its last word}``.
+    """
+    word: dict[str, Any] | None = None
+    for entry in read_diary(folder / DIARY):
+        what = entry.get("what")
+        if what in ("ready", "dismissed"):
+            word = None
+        elif what == "act":
+            word = {"reason": str(entry.get("text", "")), "safe": None, "unsafe": [], "utc": entry.get("utc")}
+        elif what in ("safe", "unsafe") and word is not None:
+            roles = [str(role) for role in entry.get("instruments") or ()]
+            word |= {"safe": what == "safe", "unsafe": roles, "utc": entry.get("utc")}
+    return word

@@ -22,7 +22,12 @@ from bench.model.errors import BenchError
 from bench.model.posix import AT_ONCE, NO_LINK, RAW
 from bench.model.segments import SEGMENT_NAME
 from bench.record import OPEN_MARKER, Walk, layout
+from bench.web.recorded.outcome import SessionOutcome, outcome_of
 
+FILES = {
+    "report": "report.html", "pdf": "report.pdf", "certificate": "certificate.xml",
+    "specimen": "certificate.specimen.xml",
+}  # fmt: skip
 READ_AT_ONCE = 24  # sessions that one request reads; the rest follows with the next requests
 _FIRST_SEGMENT = layout.segment_name(1)
 _HEAD_BYTES = (1 << 18, 1 << 21)  # the manifest is the first message; its chunk holds the plan too
@@ -87,6 +92,7 @@ def session_row(folder: Path) -> Row:
     manifest, results = _manifest(folder / _FIRST_SEGMENT), results_of(folder)
     campaign = manifest.get("campaign") or {}
     quality = results.get("quality") or {}
+    outcome = outcome_of(folder, results) if manifest else SessionOutcome("damaged", "its beginning cannot be read")
     return {
         **_unread(folder.name),
         "title": manifest.get("title"),
@@ -97,6 +103,7 @@ def session_row(folder: Path) -> Row:
         "verdict": verdict_of(results) if results else None,
         "records": {"done": quality.get("records"), "planned": (manifest.get("planned") or {}).get("records")},
         "report": (folder / "report.html").is_file(),
+        "outcome": outcome.document(),
     }
 
 
@@ -110,7 +117,7 @@ def _unread(name: str) -> Row:
     if started:
         with suppress(ValueError):  # digits that are no time: somebody named the folder
             utc = datetime.strptime(started[1], "%Y%m%dT%H%M%S").replace(tzinfo=UTC).timestamp()
-    empty = dict.fromkeys(("title", "sequence", "state", "uut", "simulated", "verdict", "records", "report"))
+    empty = dict.fromkeys(("title", "sequence", "state", "uut", "simulated", "verdict", "records", "report", "outcome"))
     return {"run": name, "started_utc_s": utc, **empty}
 
 

@@ -22,7 +22,8 @@ from bench.record import FOLDER, TrendWindow
 from bench.replay import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
 from bench.web.partial import finished_estimates
 from bench.web.points import Points, binned
-from bench.web.recorded.listing import results_of
+from bench.web.recorded.listing import FILES, results_of
+from bench.web.recorded.outcome import outcome_of
 from bench.web.recorded.recording import RecordedState, Recording, Scenery, read_recording, scenery_of
 from bench.web.security.refusal import Refusal
 
@@ -107,8 +108,16 @@ def _kept(folder: Path, stamp: _Stamp) -> _Kept:
     recording = read_recording(folder)
     scenery = scenery_of(recording)
     state = RecordedState(recording, scenery).at(recording.last_utc_s)
-    estimates = finished_estimates(results_of(folder), recording.last_utc_s)
-    return _Kept(stamp, recording, scenery, {**state, "estimates": estimates})
+    results = results_of(folder)
+    estimates = finished_estimates(results, recording.last_utc_s)
+    session = session_document(folder, results, recording.last_utc_s - recording.first_utc_s)
+    return _Kept(stamp, recording, scenery, {**state, "estimates": estimates, "session": session})
+
+
+def session_document(folder: Path, results: dict[str, Any], duration_s: float) -> dict[str, Any]:
+    """Return the entry ``session`` of the state document of a run that is over: outcome, duration and files."""
+    files = {what: (folder / name).is_file() for what, name in FILES.items()}
+    return {"outcome": outcome_of(folder, results).document(), "duration_s": duration_s, "files": files}
 
 
 def unreadable(folder: Path, error: BenchError) -> dict[str, Any]:
@@ -118,7 +127,7 @@ def unreadable(folder: Path, error: BenchError) -> dict[str, Any]:
     )
     lists: dict[str, Any] = {name: [] for name in ("alarms", "log", "signals", "graphs")}
     return {
-        **empty, **lists, "proto": 1, "run": folder.name, "boot_id": "", "source": "replay", "state": "stopped",
+        **empty, **lists, "session": session_document(folder, {}, 0.0), "attention": "much", "proto": 1, "run": folder.name, "boot_id": "", "source": "replay", "state": "stopped",
         "outcome": {"error": error.code, "text": error.message},
     }  # fmt: skip
 

@@ -47,6 +47,17 @@ export function withUncertainty(value, uncertainty) {
   return [minus((value / scale).toFixed(places) + tail), minus((uncertainty / scale).toFixed(places) + tail)];
 }
 
+/** A limit as it stands in the results: one number is both sides of zero. */
+function limitText(limit) {
+  if (limit === null || limit === undefined) return "";
+  if (typeof limit !== "object") return `\u00b1${minus(String(limit))}`;
+  const { low = null, high = null } = limit;
+  if (low !== null && high !== null) return `${minus(String(low))} \u2026 ${minus(String(high))}`;
+  return low === null ? `\u2264 ${minus(String(high))}` : `\u2265 ${minus(String(low))}`;
+}
+
+const VERDICT_CLASS = { fail: "bad", conditional_fail: "bad", indeterminate: "warn" };
+
 function cellOf(key, row) {
   const mark = JSON.stringify(row.history ?? []);
   const known = pictures.get(key);
@@ -68,15 +79,16 @@ export function showEstimates(everything = false) {
   if (!estimates) return;
   const when = stamp(estimates.t_utc_s, page.state.started_utc_s);
   say(byId("estimates-when"), t(estimates.final ? "estimate.of-session" : "estimate.when", { time: when, records: estimates.records ?? "\u2013" }));
-  const columns = [["quantity", "fixed"], ["conditions", ""], ["value", "number"], ["uncertainty", "number"], ["unit", "fixed"], ["course", ""]]
+  const columns = [["quantity", "fixed"], ["conditions", ""], ["value", "number"], ["uncertainty", "number"], ["unit", "fixed"], ["limit", "number"], ["verdict", "fixed"], ["course", ""]]
     .map(([name, look]) => ({ head: t(`estimate.${name}`), class: look }));
   const keys = new Set();
   fillTable(byId("estimates"), columns, rows.map((row) => {
     const key = `${row.quantity} ${JSON.stringify(row.conditions)}`;
     keys.add(key);
-    const [value, uncertainty] = withUncertainty(row.value, row.std_uncertainty);
+    const [value, uncertainty] = withUncertainty(row.value, row.expanded_uncertainty ?? row.std_uncertainty);
     const claim = ["doubtful", "refused"].includes(row.quality) ? t(`quality.${row.quality}`) : uncertainty;
-    return { key, cells: [row.quantity, conditions(row.conditions), value, claim, unitText(row.unit), cellOf(key, row)] };
+    return { key, class: VERDICT_CLASS[row.verdict] ?? "",
+      cells: [row.quantity, conditions(row.conditions), value, claim, unitText(row.unit), limitText(row.limit), row.verdict && row.verdict !== "none" ? word("verdict", row.verdict) : "", cellOf(key, row)] };
   }), estimates.why ?? t("estimate.none"));
   for (const key of [...pictures.keys()]) if (!keys.has(key)) pictures.delete(key);
 }

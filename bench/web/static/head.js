@@ -1,8 +1,10 @@
 // The head of the page: what the run does, how far it is, and above all whether that is still true.
+import { showBench } from "./bench-state.js";
 import { byId, say, setIcon } from "./dom.js";
-import { age_s, ended, freshness, isReplay, page } from "./state.js";
+import { age_s, ended, freshness, isReplay, page, serverAnswers } from "./state.js";
 import { t, withCode, word } from "./texts.js";
 import { clock, duration, stamp } from "./time.js";
+import { inUnits } from "./units.js";
 
 /** State as shape and word; never that of a run nobody hears. */
 function badge(fresh) {
@@ -21,7 +23,7 @@ function stepLine() {
   const now_s = page.t_s || page.state.t_utc_s;
   const times = step.until_utc_s && page.state.state !== "ended"
     ? t("status.of", { gone: duration(now_s - step.since_utc_s), all: duration(step.until_utc_s - step.since_utc_s) }) : "";
-  return [place, step.what, times, step.where].filter(Boolean).join(" \u00b7 ");
+  return [place, inUnits(step.what), times].filter(Boolean).join(" \u00b7 ");
 }
 
 function waitLine() {
@@ -29,10 +31,10 @@ function waitLine() {
   if (!wait) return "";
   const now_s = page.t_s || page.state.t_utc_s;
   return [
-    t("status.wait", { reason: wait.reason }),
+    t("status.wait", { reason: inUnits(wait.reason) }),
     wait.since_utc_s ? t("status.since", { time: clock(wait.since_utc_s, started_s), gone: duration(now_s - wait.since_utc_s) }) : "",
     wait.until_utc_s ? t("status.until", { time: clock(wait.until_utc_s, started_s) }) : "",
-    wait.last ? t("status.last", { last: wait.last }) : "",
+    wait.last ? t("status.last", { last: inUnits(wait.last) }) : "",
   ].filter(Boolean).join(" \u00b7 ");
 }
 
@@ -50,7 +52,7 @@ function etaLine() {
   if (!eta) return "";
   const spread_s = Math.max(eta.latest_utc_s - eta.likely_utc_s, eta.likely_utc_s - eta.earliest_utc_s);
   const range = spread_s < 1 ? "" : t("status.eta-range", { first: clock(eta.earliest_utc_s, started_s), last: clock(eta.latest_utc_s, started_s) });
-  return `${t("status.eta", { time: stamp(eta.likely_utc_s, started_s) })}\n${range}`;
+  return [t("status.eta", { time: stamp(eta.likely_utc_s, started_s) }), range].filter(Boolean).join(", ");
 }
 
 function show(id, text) {
@@ -58,8 +60,15 @@ function show(id, text) {
   say(byId(id), text);
 }
 
+function bench(fresh) {
+  const { bench: told, guard, state } = page.state;
+  const heard = fresh === "fresh" || (state === "lost" && serverAnswers()); // what the guard did is told by the server
+  showBench(byId("bench"), told, { heard, now_s: page.t_s || page.state.t_utc_s, guard });
+}
+
 export function showAge() {
   const fresh = freshness();
+  bench(fresh);
   const element = byId("age");
   document.body.dataset.fresh = fresh;
   badge(fresh);
@@ -76,10 +85,10 @@ export function showHead() {
   const unit = state.uut ? t("status.uut", { model: state.uut.model ?? "", serial: state.uut.serial ?? "" }) : "";
   say(byId("what-runs"), [page.run, unit, state.station, state.clock === "virtual" ? t("status.virtual") : ""].filter(Boolean).join(" \u00b7 "));
   byId("simulated").hidden = byId("watermark").hidden = !state.simulated;
-  byId("report").hidden = !(ended() || isReplay());
   say(byId("step"), stepLine());
   show("wait", waitLine());
   show("holds", holdLine());
+  byId("badge").dataset.attention = state.attention ?? "none";
   show("outcome", outcomeLine());
   const percent = Math.round((state.progress ?? 0) * 1000) / 10;
   byId("progress").setAttribute("aria-valuenow", percent);

@@ -9,6 +9,7 @@ import { showAge, showHead } from "./head.js";
 import { LiveGraph } from "./live-graph.js";
 import { showLog, showPanels } from "./panels.js";
 import { showPrompt, wirePrompt } from "./prompt.js";
+import { showOutcome } from "./outcome.js";
 import { showReplay, wireReplay } from "./replay.js";
 import { Ring } from "./ring.js";
 import { onSettings } from "./settings.js";
@@ -69,6 +70,7 @@ async function placeFigures(made) {
 
 function everything() {
   showHead();
+  showOutcome();
   showPanels(true);
   showEstimates(true);
   showAlarms();
@@ -80,6 +82,7 @@ const ring = new Ring();
 
 function changed() {
   showHead();
+  showOutcome();
   showPanels();
   showEstimates();
   showAlarms();
@@ -124,6 +127,7 @@ async function begin() {
   wireCommands();
   wirePrompt();
   byId("log-filter").addEventListener("input", showLog);
+  byId("log-severity").addEventListener("change", showLog);
   const connection = new Connection(page.run, ring);
   wireReplay(connection);
   wireKeys({

@@ -8,6 +8,7 @@ import { duration, stamp } from "./time.js";
 const number = { class: "number" };
 const code = { class: "code" };
 const fixed = { class: "fixed" };
+const SEVERITIES = ["none", "warning", "alarm", "fault"];
 const heads = (family, columns) => Object.entries(columns).map(([name, look]) => ({ head: t(`${family}.${name}`), class: look.class }));
 const digits = (value, places) => (Number.isFinite(value) ? value.toFixed(places) : "");
 
@@ -54,14 +55,16 @@ function records() {
 
 export function showLog() {
   const wanted = byId("log-filter").value.trim().toLowerCase();
-  const lines = (page.state.log ?? []).filter((one) => !wanted || `${one.kind} ${one.text}`.toLowerCase().includes(wanted));
+  const least = SEVERITIES.indexOf(byId("log-severity").value);
+  const lines = (page.state.log ?? []).filter((one) => SEVERITIES.indexOf(one.severity ?? "none") >= least
+    && (!wanted || `${one.kind} ${one.text}`.toLowerCase().includes(wanted)));
   const seen = new Map();
   const rows = lines.map((one) => {
     const key = `${one.t_utc_s} ${one.kind} ${one.text}`;
     seen.set(key, (seen.get(key) ?? 0) + 1);
-    return { key: `${key} ${seen.get(key)}`, cells: [stamp(one.t_utc_s, page.state.started_utc_s), one.kind, one.text] };
+    return { key: `${key} ${seen.get(key)}`, class: { warning: "warn", alarm: "bad", fault: "bad" }[one.severity] ?? "", cells: [stamp(one.t_utc_s, page.state.started_utc_s), one.kind, one.text] };
   });
-  fillTable(byId("log"), heads("log", { time: fixed, kind: fixed, text: {} }), rows, t(wanted ? "log.no-match" : "log.none"));
+  fillTable(byId("log"), heads("log", { time: fixed, kind: fixed, text: {} }), rows, t(wanted || least > 0 ? "log.no-match" : "log.none"));
 }
 
 let shown = {};

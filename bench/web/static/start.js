@@ -1,42 +1,106 @@
 // The start page: what runs now, the sessions of the folder, the calibration history.
+import { showBench } from "./bench-state.js";
 import { byId, fillTable, icon, make, say } from "./dom.js";
 import { onSettings } from "./settings.js";
 import { greet, wireKeys, wireSettings } from "./shell.js";
-import { loadTexts, t, word } from "./texts.js";
+import { loadTexts, t, withCode, word } from "./texts.js";
 import { stamp } from "./time.js";
+import { inUnits } from "./units.js";
 
 const AT_ONCE = 50;
-const EVERY_ms = 5000;
-const LIVING = ["starting", "running", "holding", "ending", "lost"];
+const EVERY_ms = 3000;
+const STALE_ms = 5000; // a state that is older is not known any more
+const LIVING = ["starting", "running", "waiting", "holding", "ending", "lost"];
+const ATTENTION = ["much", "some", "none"]; // who needs somebody stands first
+const OUTCOMES = ["pass", "fail", "doubtful", "not_judged", "no_results", "fault", "stopped", "damaged"];
 let runs = [];
 let calibrations = [];
 let shown = AT_ONCE;
+let chosen = ""; // outcome that the list is filtered by
+let heard_ms = -Infinity;
+
+const fresh = () => performance.now() - heard_ms <= STALE_ms;
 
 const address = (run) => `/runs/${encodeURIComponent(run)}`;
 const unitOf = (run) => [run.uut?.model, run.uut?.serial].filter(Boolean).join(" ");
 
+function card(run) {
+  const { now } = run;
+  const heard = fresh();
+  const state = heard ? run.state : "lost";
+  const bench = make("div", { class: "bench" });
+  showBench(bench, now?.bench, { heard, now_s: now?.t_utc_s, guard: now?.guard });
+  const lines = [
+    now?.prompt ? t("start.asks", { text: now.prompt }) : now?.wait ? t("start.waits", { reason: inUnits(now.wait.reason) }) : inUnits(now?.what),
+    ["lost", "stopped"].includes(run.state) ? t("start.gone") : "",
+    now?.guard ? t("start.guard", { reason: now.guard.reason }) : "",
+    [Number.isFinite(now?.progress) ? `${(100 * now.progress).toFixed(1)} %` : "", now?.eta ? t("start.end", { time: stamp(now.eta.likely_utc_s) }) : ""].filter(Boolean).join(" \u00b7 "),
+  ].filter(Boolean);
+  return make("a", { href: address(run.run), class: "run-card", "data-attention": heard ? now?.attention ?? "none" : "much", "data-state": state },
+    make("span", { class: "head" }, icon(state), make("strong", {}, word("state", state)), alarmsOf(now), run.simulated ? make("span", { class: "tag" }, t("page.simulated")) : null),
+    make("strong", { class: "name" }, run.title || run.run), make("span", { class: "soft" }, [unitOf(run), stamp(run.started_utc_s)].filter(Boolean).join(" \u00b7 ")),
+    ...lines.map((line) => make("span", {}, line)), ...(now?.alarms ?? []).map((alarm) => make("span", { class: "alarm-line" }, `${word("alarm", alarm.severity)} ${withCode(alarm.code, alarm.text, " ")}`)), bench);
+}
+
+function alarmsOf(now) {
+  if (!now?.alarm_count) return null;
+  return make("span", { class: "alarm-count" }, icon("alarm"), t(now.alarm_count === 1 ? "start.alarm" : "start.alarms", { count: now.alarm_count }));
+}
+
 function living() {
-  const found = runs.filter((run) => LIVING.includes(run.state));
-  byId("living").replaceChildren(...(found.length ? found.map((run) => make("a", { href: address(run.run) },
-    make("span", { class: "head" }, icon(run.state), word("state", run.state), run.simulated ? t("page.simulated") : ""),
-    make("strong", { class: "name" }, run.title || run.run), make("span", { class: "soft" }, `${unitOf(run)} \u00b7 ${stamp(run.started_utc_s)}`)))
-    : [make("p", { class: "soft" }, t("start.no-living"))]));
+  const found = runs.filter((run) => LIVING.includes(run.state) || run.now)
+    .sort((one, other) => ATTENTION.indexOf(one.now?.attention) - ATTENTION.indexOf(other.now?.attention));
+  byId("living").replaceChildren(...(found.length ? found.map(card) : [make("p", { class: "soft" }, t("start.no-living"))]));
+}
+
+const outcomeOf = (run) => run.outcome?.word ?? "";
+
+/** Sessions that are over: newest first, damaged ones last. */
+function ended() {
+  const over = runs.filter((run) => !LIVING.includes(run.state));
+  return [...over.filter((run) => outcomeOf(run) !== "damaged"), ...over.filter((run) => outcomeOf(run) === "damaged")];
+}
+
+function filters(over) {
+  const counts = new Map();
+  for (const run of over) counts.set(outcomeOf(run), (counts.get(outcomeOf(run)) ?? 0) + 1);
+  const names = ["", ...OUTCOMES.filter((name) => counts.has(name))];
+  byId("outcomes").replaceChildren(...names.map((name) => make("button", { type: "button", "aria-pressed": String(chosen === name), "data-outcome": name,
+    onclick: () => { chosen = name; shown = AT_ONCE; sessions(); } }, `${name ? t(`outcome.${name}`) : t("start.all")} ${name ? counts.get(name) : over.length}`)));
+}
+
+function outcome(run) {
+  const { word: name, why, off } = run.outcome ?? {};
+  if (!name) return "";
+  return make("span", { class: "outcome", "data-outcome": name, title: why ?? "" }, make("strong", {}, t(`outcome.${name}`)),
+    off === false ? make("strong", { class: "not-off" }, ` ${t("start.not-off")}`) : null,
+    why ? make("span", { class: "soft" }, ` ${why.slice(0, 120)}`) : null);
+}
+
+function counts(run) {
+  const verdicts = run.outcome?.verdicts;
+  if (!verdicts) return "";
+  const some = (...names) => names.reduce((sum, name) => sum + (verdicts[name] ?? 0), 0);
+  const found = { pass: some("pass", "conditional_pass"), fail: some("fail", "conditional_fail"), doubtful: run.outcome.doubtful };
+  return Object.keys(found).filter((name) => found[name]).map((name) => t(`start.counts.${name}`, { count: found[name] })).join(", ")
+    || t("start.counts.none", { count: some(...Object.keys(verdicts)) });
 }
 
 function sessions() {
   const wanted = byId("search").value.trim().toLowerCase().split(/\s+/).filter(Boolean);
-  const found = runs.filter((run) => {
-    const text = [run.run, run.title, unitOf(run), run.verdict, word("state", run.state), stamp(run.started_utc_s)].join(" ").toLowerCase();
-    return wanted.every((one) => text.includes(one));
+  const over = ended();
+  filters(over);
+  const found = over.filter((run) => {
+    const text = [run.run, run.title, unitOf(run), word("outcome", outcomeOf(run)), stamp(run.started_utc_s)].join(" ").toLowerCase();
+    return (!chosen || outcomeOf(run) === chosen) && wanted.every((one) => text.includes(one));
   });
-  const columns = [["started", "fixed"], ["run", ""], ["unit", "fixed"], ["state", "fixed"], ["verdict", "fixed"], ["records", "number"]]
+  const columns = [["started", "fixed"], ["outcome", ""], ["run", ""], ["unit", "fixed"], ["verdict", ""], ["records", "number"]]
     .map(([name, look]) => ({ head: t(`start.${name}`), class: look }));
   const rows = found.slice(0, shown).map((run) => ({
     key: run.run,
-    cells: [stamp(run.started_utc_s), link(run), unitOf(run), word("state", run.state), run.verdict ? word("verdict", run.verdict) : "–",
-      recordsOf(run)],
+    cells: [stamp(run.started_utc_s), outcome(run), link(run), unitOf(run), counts(run), recordsOf(run)],
   }));
-  fillTable(byId("sessions"), columns, rows, t(wanted.length ? "start.no-match" : "start.no-sessions"));
+  fillTable(byId("sessions"), columns, rows, t(wanted.length || chosen ? "start.no-match" : "start.no-sessions"));
   say(byId("found"), t("start.found", { shown: rows.length, found: found.length }));
   byId("more").hidden = found.length <= shown;
 }
@@ -85,10 +149,12 @@ async function refresh() {
   if (document.hidden) return;
   try {
     runs = await ask("/api/v1/runs", "runs");
+    heard_ms = performance.now();
     byId("trouble").hidden = true;
   } catch {
     byId("trouble").hidden = false;
     say(byId("trouble"), t("trouble.server"));
+    living();
     return;
   }
   living();
@@ -107,7 +173,10 @@ async function begin() {
   calibrations = await ask("/api/v1/calibrations", "calibrations").catch(() => []);
   history();
   setInterval(refresh, EVERY_ms);
-  document.addEventListener("visibilitychange", refresh);
+  let known = true;
+  setInterval(() => { if (known !== fresh()) { known = fresh(); living(); } }, 500);
+  document.addEventListener("visibilitychange", () => { living(); refresh(); });
+  addEventListener("pageshow", living); // a page from the cache of the browser says what it heard long ago
 }
 
 begin();

@@ -32,6 +32,9 @@ export function age_s() {
   return isReplay() || ended() ? silence_s : silence_s + Math.max(0, page.age_s ?? 0);
 }
 
+/** True while the server is heard, whether or not the run answers it. */
+export const serverAnswers = () => page.connected && (performance.now() - page.heard_ms) / 1000 <= OLD_AFTER_s;
+
 /** `fresh`, `old` (nothing heard, or the run does not answer), `gone` (no connection), `connecting` (none yet). */
 export function freshness() {
   if (!page.everConnected) return "connecting";

@@ -1,0 +1,123 @@
+"""How a session ended, in one word that a person can act on, by what its last segment says and seals.
+
+The hash chain at the end of the recording is believed, not a file beside it: results that name another recording are no
+results of this one. Only the end is read; 'bench recover' and 'bench report --verify' read everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from bench.analysis import doubt_lines
+from bench.maths.verdict import worst
+from bench.model.errors import BenchError
+from bench.model.events import End, Error, Safe, event_of
+from bench.model.segments import SEGMENT_NAME
+from bench.record import OPEN_MARKER, Message, SegmentChunks, layout
+from bench.run.guard.diary import guard_word
+
+BY_OPERATOR = ("B-RUN-010", "B-RUN-011")
+_LAST_CHUNKS = 24  # the end of a run is within them: events and the chain, behind what the links still held
+_TOPICS = frozenset({layout.EVENT, layout.CHAIN})
+_WORDS = {
+    "pass": "pass", "conditional_pass": "pass", "fail": "fail", "conditional_fail": "fail", "indeterminate": "doubtful",
+    "none": "not_judged",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class SessionOutcome:
+    """``word``: pass, fail, doubtful, not_judged, no_results, fault, stopped, damaged. ``why``: one line, may be "".
+
+    ``verdicts`` counts the estimates by verdict, ``doubtful`` those that are not sound. ``off``: whether everything was
+    confirmed off at the end, None if nobody says so.
+    """
+
+    word: str
+    why: str = ""
+    verdicts: Mapping[str, int] | None = None
+    doubtful: int = 0
+    off: bool | None = None
+
+    def document(self) -> dict[str, Any]:
+        """Return the entry of the list and of the page."""
+        return asdict(self)
+
+
+def outcome_of(folder: Path, results: Mapping[str, Any]) -> SessionOutcome:
+    """Return how a session ended. Args: results: its results.json, empty without one."""
+    segments = sorted(path for path in folder.glob("session.*.mcap") if SEGMENT_NAME.fullmatch(path.name))
+    try:
+        ended = _Ending(segments)
+    except (BenchError, OSError, ValueError, KeyError, TypeError) as error:
+        return SessionOutcome("damaged", " ".join(str(error).split())[:200])
+    guard = guard_word(folder)
+    if (folder / OPEN_MARKER).exists():
+        why = "" if guard is None else str(guard["reason"])
+        return SessionOutcome("stopped" if guard is None else "fault", why, off=None if guard is None else guard["safe"])
+    if not ended.chain:
+        return SessionOutcome("damaged", f"{segments[-1].name} is not sealed: its end is missing")
+    off = None if ended.safe is None else not ended.safe.failures
+    error = ended.end.error if ended.end is not None else None
+    if error is not None:
+        word = "stopped" if error in BY_OPERATOR else "fault"
+        return SessionOutcome(word, ended.error_text or error, off=off)
+    if not results:
+        return SessionOutcome("no_results", off=off)
+    said = (results.get("provenance") or {}).get("session_sha256")
+    if said != ended.chain:
+        return SessionOutcome("damaged", "results.json belongs to another recording than the one beside it", off=off)
+    return _judged(results, off)
+
+
+def _judged(results: Mapping[str, Any], off: bool | None) -> SessionOutcome:
+    estimates: Sequence[Mapping[str, Any]] = results.get("estimates") or ()
+    verdicts: dict[str, int] = {}
+    for estimate in estimates:
+        verdict = str(estimate.get("verdict"))
+        verdicts[verdict] = verdicts.get(verdict, 0) + 1
+    unsound = sum(estimate.get("quality", "sound") != "sound" for estimate in estimates)
+    word = _WORDS.get(worst(verdicts), "not_judged")
+    word = "doubtful" if unsound and word in ("pass", "not_judged") else word
+    return SessionOutcome(word, "; ".join(doubt_lines(estimates))[:300], verdicts, unsound, off)
+
+
+class _Ending:
+    """The last words of a recording; Raises: OSError, BenchError, ValueError where they cannot be read."""
+
+    def __init__(self, segments: Sequence[Path]) -> None:
+        for number, path in enumerate(segments, 1):
+            if path.name != layout.segment_name(number):
+                raise ValueError(f"{layout.segment_name(number)} is missing")
+        self.chain = ""
+        self.end: End | None = None
+        self.safe: Safe | None = None
+        self.error_text = ""
+        for message in _last_messages(segments[-1]):
+            if message.topic == layout.CHAIN:
+                self._seal(segments[-1], message.document())
+            else:
+                self._take(message)
+
+    def _seal(self, path: Path, said: Mapping[str, Any]) -> None:
+        if path.stat().st_size < int(said["bytes"]):
+            raise ValueError(f"{path.name} is shorter than it was")
+        self.chain = str(said["sha256"])
+
+    def _take(self, message: Message) -> None:
+        kind, fields = message.event()
+        match event_of(kind, fields):
+            case End() as end:
+                self.end = end
+            case Safe() as safe:
+                self.safe = safe
+            case Error(text=text):
+                self.error_text = text
+
+
+def _last_messages(path: Path) -> Iterator[Message]:
+    chunks = SegmentChunks(path)
+    yield from chunks.messages(chunks.places[-_LAST_CHUNKS:], _TOPICS)
