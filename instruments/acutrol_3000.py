@@ -21,7 +21,7 @@ from typing import Any
 from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Effect, Parameter, action
-from bench.model.told import Figure, Tells
+from instruments import acutrol_axis as table
 from instruments.acutrol_axis import CLOSED, AxisRange, LongTurn, is_mode, read_absolute, read_interlock, read_scaling
 from instruments.base import STRANGER, BaseInstrument
 from instruments.commands import ReadBack, either
@@ -54,16 +54,7 @@ class Acutrol3000(BaseInstrument):
     identity_pattern = r"ACUTRONIC.*,ACUTROL3000"
     safe_state = "all rates 0, at rest, all interlocks open (:INT:OPEN), confirmed by :INT? and :READ:RATE?"
     spacing_s = 0.2
-    tells = Tells(
-        {
-            **{f":int? {axis}": lambda reply: read_interlock(reply) == CLOSED for axis in (1, 2, 3)},
-            **{f":read:rate? {axis}": lambda reply: abs(read_number(reply)) > _AT_REST_DEG_S for axis in (1, 2, 3)},
-        },
-        {
-            **{f":read:rate? {axis}": Figure(f"rate of axis {axis}", "deg/s", read_number) for axis in (1, 2, 3)},
-            **{f":read:pos? {axis}": Figure(f"angle of axis {axis}", "deg", read_number) for axis in (1, 2, 3)},
-        },
-    )
+    tells = table.tells_of(_AXES, _AT_REST_DEG_S)
 
     def __init__(self, *arguments: Any, **named: Any) -> None:
         super().__init__(*arguments, **named)

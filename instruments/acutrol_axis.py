@@ -11,8 +11,10 @@ Source: manual TM-8004-C 4.2.26 (range, roll-over), 4.6.6 and 4.6.7 (stops of li
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from bench.model.told import Figure, Tells
 from instruments.values import read_number
 
 OPEN, CLOSED, FAULT = "OPEN", "CLOSED", "FAULT"
@@ -124,3 +126,12 @@ def read_scaling(reply: str) -> tuple[float, float]:
     if not width >= 360.0 or (fields[3:] and not fields[3].lower().startswith("deg")):
         raise ValueError("a range of at least 360, its factor and offset, in deg, are due")
     return width, middle
+
+
+def tells_of(axes: Sequence[int], at_rest_deg_s: float) -> Tells:
+    """Return what replies say of a table: an axis whose interlock is closed may move, one that turns does."""
+    rates = {f":read:rate? {axis}": Figure(f"rate of axis {axis}", "deg/s", read_number) for axis in axes}
+    angles = {f":read:pos? {axis}": Figure(f"angle of axis {axis}", "deg", read_number) for axis in axes}
+    closed = {f":int? {axis}": lambda reply: read_interlock(reply) == CLOSED for axis in axes}
+    turns = {question: lambda reply: abs(read_number(reply)) > at_rest_deg_s for question in rates}
+    return Tells({**closed, **turns}, {**rates, **angles})

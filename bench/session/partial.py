@@ -22,7 +22,8 @@ from bench.session.view import material_of
 NICE = 19
 MEASURED = "unit_temperature_degC"
 KEYS = (
-    "quantity", "unit", "conditions", "value", "std_uncertainty", "expanded_uncertainty", "limit", "verdict", "quality",
+    "quantity", "unit", "conditions", "value", "std_uncertainty", "expanded_uncertainty", "limit", "limits", "verdict",
+    "quality",
 )  # fmt: skip
 
 

@@ -47,15 +47,15 @@ class Glyphs:
 
 UNICODE = Glyphs(
     {
-        "starting": "▹", "running": "▸", "holding": "▮▮", "ending": "◂", "ended": "◼", "stopped": "◼",
+        "starting": "▹", "running": "▸", "waiting": "??", "holding": "▮▮", "ending": "◂", "ended": "◼", "stopped": "◼",
         "failed": "✗", "lost": "?!",
     },
     "▰", "▱", True,
 )  # fmt: skip
 ASCII = Glyphs(
     {
-        "starting": "...", "running": ">", "holding": "||", "ending": "<", "ended": "#", "stopped": "#", "failed": "X",
-        "lost": "?!",
+        "starting": "...", "running": ">", "waiting": "??", "holding": "||", "ending": "<", "ended": "#",
+        "stopped": "#", "failed": "X", "lost": "?!",
     },
     "#", ".", False,
 )  # fmt: skip

@@ -12,15 +12,17 @@ from typing import Any
 from rich.text import Text
 
 from bench.model.units import plain_quantity, plain_unit
+from bench.run.feed.outputs import figures_of
 from bench.tui.folding import cut, folded, joined, spread
 from bench.tui.look import Look, duration
 from bench.tui.tables import alarms, instruments, links, log, records, temperature
 from bench.tui.watch import Seen
 
 STYLES = {
-    "starting": "bold cyan", "running": "bold green", "holding": "bold yellow", "ending": "bold cyan",
-    "ended": "bold", "stopped": "bold yellow", "failed": "bold red", "lost": "bold red reverse",
+    "starting": "bold cyan", "running": "bold green", "waiting": "bold yellow", "holding": "bold yellow",
+    "ending": "bold cyan", "ended": "bold", "stopped": "bold yellow", "failed": "bold red", "lost": "bold red reverse",
 }  # fmt: skip
+BENCH = {"off": "bold green", "energised": "bold cyan", "moving": "bold cyan", "unknown": "bold red"}
 BAND = "bold black on yellow"
 BAR = 24  # columns
 NARROW = 70
@@ -64,11 +66,34 @@ def _head(seen: Seen, look: Look) -> list[Text]:
             look.width,
         ),
     ]
+    lines += _bench(seen, look)
     if seen.lost:
         said = look.texts("lost.head", age=duration(seen.age_s))
         lines += folded(f"{said}. {look.texts('lost.advice')}", look.width, STYLES["lost"], " ", " ")
         lines += _guard(seen, look)
     return lines
+
+
+def _bench(seen: Seen, look: Look) -> list[Text]:
+    """Return what is on, since when that is known, and what stays dangerous; of a run that is gone nothing is known."""
+    bench = seen.document.get("bench")
+    if bench is None:
+        return []
+    if seen.lost:
+        return [Text(f" {look.texts('bench.unknown')} ", style=BENCH["unknown"])]
+    word, confirmed = str(bench["state"]), bench.get("confirmed_utc_s")
+    parts = [f" {look.texts(f'bench.{word}')}"]
+    if confirmed is not None and bench.get("ended_utc_s") is not None:
+        parts.append(look.texts("bench.ended", time=look.time(confirmed, seen.document.get("t_utc_s"))))
+    elif confirmed is not None:
+        parts.append(look.texts("bench.confirmed", age=duration(seen.document["t_utc_s"] - confirmed)))
+    for part in bench["parts"]:
+        if part["state"] == "on":
+            parts.append(look.clean(f"{part['role']} {figures_of(part)}"))
+        elif part["state"] == "unknown":
+            parts.append(look.texts("bench.silent", role=look.clean(part["role"])))
+    parts += [look.texts(f"bench.remains.{what}") for what in bench["remains"]]
+    return joined(parts, look.width, BENCH[word], rest="  ")
 
 
 def _guard(seen: Seen, look: Look) -> list[Text]:

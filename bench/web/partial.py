@@ -25,7 +25,9 @@ _LOOK_S = 1.0
 _FITTER = tuple(own_process(PARTIAL_RESULTS))
 
 Estimates = dict[str, Any]
-_SHOWN = ("quantity", "unit", "value", "std_uncertainty", "expanded_uncertainty", "limit", "verdict", "quality")
+_SHOWN = (
+    "quantity", "unit", "value", "std_uncertainty", "expanded_uncertainty", "limit", "limits", "verdict", "quality",
+)  # fmt: skip
 
 
 class PartialFits:

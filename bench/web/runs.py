@@ -18,7 +18,12 @@ from bench.web.recorded.past import history_query
 from bench.web.security.refusal import Refusal
 
 _NO_HISTORY = "B-STORE-007"  # nothing to complain about
-_MEDIA = {"report": "text/html", "pdf": "application/pdf", "certificate": "application/xml", "specimen": "application/xml"}
+_MEDIA = {
+    "report": "text/html",
+    "pdf": "application/pdf",
+    "certificate": "application/xml",
+    "specimen": "application/xml",
+}
 
 
 async def runs(request: Request) -> Response:

@@ -16,6 +16,7 @@ from scripted import CLEAR, SILENT, TIMEOUT, make, refused, scripted
 
 import instruments
 from bench.model.errors import InputError, InstrumentError
+from bench.model.manual import manual_of
 from bench.model.ports import Effect, Parameter, actions_of
 from bench.model.units import parse_quantity
 
@@ -190,3 +191,15 @@ def test_unknown_options_are_refused(name: str) -> None:
     with pytest.raises(InputError, match="unknown option 'colour'") as caught:
         make(name, [], colour="red")
     assert caught.value.code == "B-INST-020"
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_a_model_that_can_be_on_says_by_which_replies(name: str) -> None:
+    manual, tells = manual_of(name), driver_class(name).tells
+    assert manual is not None
+    can_be_on = any(command.touch in ("energises", "moves") for command in manual.commands.values())
+    assert can_be_on == (tells is not None)
+    if tells is not None:
+        forms = {question: manual.find(question) for question in (*tells.on, *tells.figures)}
+        assert {question for question, form in forms.items() if form is None} == set()
+        assert {manual.commands[form].touch for form in forms.values() if form is not None} == {"asks"}

@@ -30,8 +30,8 @@ from bench.run.bench.drill_controller import source_of, stimulate, stimulated
 from bench.run.bench.opener import open_bench
 from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.context import InUse
-from bench.run.guard.diary import read_diary
-from bench.run.guard.guarding import DIARY, GuardTask, station_lock
+from bench.run.guard.diary import DIARY, read_diary
+from bench.run.guard.guarding import GuardTask, station_lock
 from bench.run.guard.health import CHAMBER_AIR, Health
 from bench.run.hold.standing import drives
 from bench.run.provenance import lab_of, software

@@ -22,7 +22,8 @@ from bench.run.bench.beginning import begin_safely
 from bench.run.bench.opener import open_bench
 from bench.run.bench.safety import make_safe
 from bench.run.bench.transcript import HeldTranscript
-from bench.run.guard.guarding import DIARY, brief_of, station_lock
+from bench.run.guard.diary import DIARY
+from bench.run.guard.guarding import brief_of, station_lock
 from bench.run.guard.health import SEQUENCER, Health
 from bench.run.guard.start import GuardProcess
 from bench.run.stop import StopSwitch

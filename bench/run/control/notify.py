@@ -41,13 +41,16 @@ def occasion(event: Event) -> str:
 
 
 class Notifier(Observer):
-    """Sends the messages of one run; ``event`` never waits."""
+    """Sends the messages of one run; ``event`` never waits. ``bench`` says in a line what is on."""
 
     loss = "nobody is notified any more"
 
-    def __init__(self, notify: NotifySection, context: RunContext, pause_s: float = PAUSE_S) -> None:
+    def __init__(
+        self, notify: NotifySection, context: RunContext, bench: Callable[[], str], pause_s: float = PAUSE_S
+    ) -> None:
         self._notify = notify
         self._context = context
+        self._bench = bench
         self._pause_s = pause_s
         self._queue: deque[Message] = deque()
         self._dropped = 0
@@ -80,7 +83,7 @@ class Notifier(Observer):
 
     def _put(self, message: Message) -> None:
         utc = datetime.fromtimestamp(self._context.clock.utc_ns() // NS, UTC)
-        message |= {"session": self._context.folder.name, "utc": f"{utc:%Y-%m-%dT%H:%M:%SZ}"}
+        message |= {"bench": self._bench(), "session": self._context.folder.name, "utc": f"{utc:%Y-%m-%dT%H:%M:%SZ}"}
         with self._wake:
             if len(self._queue) >= LONGEST_QUEUE:
                 self._queue.popleft()
@@ -120,9 +123,9 @@ class Notifier(Observer):
 
 
 @contextmanager
-def notifications(context: RunContext, notify: NotifySection) -> Iterator[Notifier]:
+def notifications(context: RunContext, notify: NotifySection, bench: Callable[[], str]) -> Iterator[Notifier]:
     """Tell people while the run goes on, on the wall clock."""
-    notifier = Notifier(notify, context)
+    notifier = Notifier(notify, context, bench)
     context.observers.add(notifier)
     beats = notify.heartbeat
     periodic = None if beats is None else context.clock.every(beats, guarded(notifier.beat, context.stop))

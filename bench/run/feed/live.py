@@ -121,6 +121,10 @@ class LiveFeed(Observer):
             self.state.on_temperature(self._utc_s(now_ns), context.health.values()[UNIT])
         return self.state.document(self._utc_s(now_ns))
 
+    def bench_line(self) -> str:
+        """Return what is on, in a line for people who are told something."""
+        return "" if self.broken else self.state.bench_line(self._utc_s(self._context.clock.now_ns()))
+
     def points_since(self, since: int) -> PointBatch:
         """Return complete points from a number on; on the thread of the feed."""
         self._context.acquisition.looked_at()

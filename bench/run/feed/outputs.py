@@ -26,6 +26,7 @@ GOOD_FOR = 2.5  # looks; a look waits for a quiet moment for as long as one more
 LAST_LOOK_S = 30.0  # before the end: three attempts to make safe and the look behind them fit into it
 HOT_degC, COLD_degC = 50.0, 0.0  # nobody is burnt by a touch of metal below (ISO 13732-1), no skin freezes above
 _DIGITS = 5
+_PLAIN = frozenset({"current", "voltage", "frequency", "amplitude", "mode"})  # their unit says what they are
 _KINDS: tuple[tuple[Effect, Kind], ...] = (
     (Effect.MOTION_ON, "table"), (Effect.THERMAL, "chamber"), (Effect.STIMULUS_ON, "source"),
     (Effect.POWER, "supply"), (Effect.ROUTE, "switch"),
@@ -98,9 +99,12 @@ class Outputs:
         self._parts = {role: part for role, part in parts.items() if part is not None}
 
     def on_traffic(self, role: str, direction: str, text: str, t_utc_s: float) -> None:
-        """A command to ("tx") or a reply of ("rx") an instrument; what a driver notes in angle brackets is neither."""
+        """A command to ("tx") or a reply of ("rx") an instrument.
+
+        What a driver notes between them, when a command is in doubt, is in no table: nothing is known until it answers.
+        """
         part = self._parts.get(role)
-        if part is None or text.startswith("<"):
+        if part is None:
             return
         if direction == "tx":
             part.on_command(text.strip(), t_utc_s)
@@ -138,6 +142,28 @@ class Outputs:
         air = [part.number("air") for part in self._parts.values() if part.kind == "chamber"]
         hot, cold = any(degC > HOT_degC for degC in air), any(degC < COLD_degC for degC in air)
         return ["mains", *(["hot"] if hot else []), *(["cold"] if cold else [])]
+
+
+WORDS: Mapping[str, str] = {
+    "off": "OUTPUTS OFF", "energised": "ENERGISED", "moving": "MOVING", "unknown": "UNKNOWN what is on",
+}  # fmt: skip
+
+
+def bench_in_words(bench: Mapping[str, Any]) -> str:
+    """Return the state of the bench in one line for a message: ``ENERGISED: supply 18 V, 1.25 A; chamber running``."""
+    on = [f"{part['role']} {figures_of(part)}".strip() for part in bench["parts"] if part["state"] == "on"]
+    unknown = [f"{part['role']} not known" for part in bench["parts"] if part["state"] == "unknown"]
+    said = "; ".join(on + unknown)
+    return f"{WORDS[bench['state']]}: {said}" if said else WORDS[bench["state"]]
+
+
+def figures_of(part: Mapping[str, Any]) -> str:
+    """Return the figures of an instrument, those that need it with their name."""
+    shown = (
+        figure["text"] if figure["name"] in _PLAIN else f"{figure['name']} {figure['text']}"
+        for figure in part["figures"]
+    )
+    return ", ".join(shown)
 
 
 def _part_document(part: _Part, oldest: float) -> dict[str, Any]:

@@ -30,7 +30,7 @@ from bench.model.events import (
 )
 from bench.plan import Step
 from bench.run.feed.alarms import Alarms
-from bench.run.feed.outputs import GOOD_FOR, LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs
+from bench.run.feed.outputs import GOOD_FOR, LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs, bench_in_words
 from bench.run.feed.place import Place, Temperature, wait_of
 from bench.run.feed.planned import PlannedRun, Remaining, corners, end_of_run, in_words, soak_to_come_s
 from bench.run.feed.records import Records
@@ -244,6 +244,11 @@ class RunState:
                 "timetable": self._timetable(t_utc_s),
             }
 
+    def bench_line(self, t_utc_s: float) -> str:
+        """Return what is on at a moment of the bench, in one line."""
+        with self._lock:
+            return bench_in_words(self._outputs.document(t_utc_s, self._ended_utc_s))
+
     def _state(self) -> str:
         if self._outcome is not None:
             return "ended"
@@ -256,7 +261,7 @@ class RunState:
         return "starting" if self._place.step is None else "running"
 
     def _attention(self) -> str:
-        """Return how much somebody is needed: none, some (asked, held, warned) or much (alarm, fault, not made safe)."""
+        """Return how much somebody is needed: none, some (asked, held, warned), much (alarm, fault, not all off)."""
         active = {alarm["severity"] for alarm in self.alarms.documents() if alarm["active"]}
         failed = self._outcome is not None and self._outcome["error"] is not None
         if active & {"alarm", "fault"} or (failed and self._unsafe):

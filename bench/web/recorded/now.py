@@ -12,7 +12,8 @@ from bench.run.guard.diary import guard_word
 
 MOST_ALARMS = 3
 _UNKNOWN_BENCH: Mapping[str, Any] = {
-    "state": "unknown", "confirmed_utc_s": None, "good_for_s": None, "ended_utc_s": None, "parts": [], "remains": ["mains"],
+    "state": "unknown", "confirmed_utc_s": None, "good_for_s": None, "ended_utc_s": None, "parts": [],
+    "remains": ["mains"],
 }  # fmt: skip
 
 
@@ -43,7 +44,7 @@ def silent_row(folder: Path) -> dict[str, Any]:
     bench = dict(_UNKNOWN_BENCH)
     if guard is not None and guard["safe"]:
         bench |= {"state": "off", "confirmed_utc_s": _utc_s(guard["utc"]), "ended_utc_s": _utc_s(guard["utc"])}
-    now = {"attention": "much", "bench": bench, "guard": guard, "alarm_count": 0, "alarms": []}
+    now: dict[str, Any] = {"attention": "much", "bench": bench, "guard": guard, "alarm_count": 0, "alarms": []}
     return {"state": "lost" if is_being_written(folder) else "stopped", "now": now}
 
 

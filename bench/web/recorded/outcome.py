@@ -52,14 +52,20 @@ def outcome_of(folder: Path, results: Mapping[str, Any]) -> SessionOutcome:
     segments = sorted(path for path in folder.glob("session.*.mcap") if SEGMENT_NAME.fullmatch(path.name))
     try:
         ended = _Ending(segments)
-    except (BenchError, OSError, ValueError, KeyError, TypeError) as error:
-        return SessionOutcome("damaged", " ".join(str(error).split())[:200])
+    except (BenchError, OSError, ValueError, KeyError, TypeError) as damage:
+        return SessionOutcome("damaged", " ".join(str(damage).split())[:200])
+    return _at_the_end(folder, ended, results)
+
+
+def _at_the_end(folder: Path, ended: _Ending, results: Mapping[str, Any]) -> SessionOutcome:
     guard = guard_word(folder)
     if (folder / OPEN_MARKER).exists():
         why = "" if guard is None else str(guard["reason"])
-        return SessionOutcome("stopped" if guard is None else "fault", why, off=None if guard is None else guard["safe"])
+        return SessionOutcome(
+            "stopped" if guard is None else "fault", why, off=None if guard is None else guard["safe"]
+        )
     if not ended.chain:
-        return SessionOutcome("damaged", f"{segments[-1].name} is not sealed: its end is missing")
+        return SessionOutcome("damaged", f"{ended.last.name} is not sealed: its end is missing")
     off = None if ended.safe is None else not ended.safe.failures
     error = ended.end.error if ended.end is not None else None
     if error is not None:
@@ -92,6 +98,7 @@ class _Ending:
         for number, path in enumerate(segments, 1):
             if path.name != layout.segment_name(number):
                 raise ValueError(f"{layout.segment_name(number)} is missing")
+        self.last = segments[-1]
         self.chain = ""
         self.end: End | None = None
         self.safe: Safe | None = None

@@ -127,7 +127,8 @@ def unreadable(folder: Path, error: BenchError) -> dict[str, Any]:
     )
     lists: dict[str, Any] = {name: [] for name in ("alarms", "log", "signals", "graphs")}
     return {
-        **empty, **lists, "session": session_document(folder, {}, 0.0), "attention": "much", "proto": 1, "run": folder.name, "boot_id": "", "source": "replay", "state": "stopped",
+        **empty, **lists, "session": session_document(folder, {}, 0.0), "attention": "much", "proto": 1,
+        "run": folder.name, "boot_id": "", "source": "replay", "state": "stopped",
         "outcome": {"error": error.code, "text": error.message},
     }  # fmt: skip
 

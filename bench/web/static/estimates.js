@@ -3,7 +3,7 @@ import { conditions } from "./conditions.js";
 import { byId, fillTable, say } from "./dom.js";
 import { minus } from "./figure.js";
 import { page } from "./state.js";
-import { t } from "./texts.js";
+import { t, word } from "./texts.js";
 import { stamp } from "./time.js";
 import { unitText } from "./units.js";
 
@@ -47,11 +47,10 @@ export function withUncertainty(value, uncertainty) {
   return [minus((value / scale).toFixed(places) + tail), minus((uncertainty / scale).toFixed(places) + tail)];
 }
 
-/** A limit as it stands in the results: one number is both sides of zero. */
-function limitText(limit) {
-  if (limit === null || limit === undefined) return "";
-  if (typeof limit !== "object") return `\u00b1${minus(String(limit))}`;
-  const { low = null, high = null } = limit;
+/** The limit of a result: one number on both sides of zero, or low and high. */
+function limitText({ limit = null, limits = null }) {
+  if (limits === null) return limit === null ? "" : `\u00b1${limit}`;
+  const [low, high] = limits;
   if (low !== null && high !== null) return `${minus(String(low))} \u2026 ${minus(String(high))}`;
   return low === null ? `\u2264 ${minus(String(high))}` : `\u2265 ${minus(String(low))}`;
 }
@@ -88,7 +87,7 @@ export function showEstimates(everything = false) {
     const [value, uncertainty] = withUncertainty(row.value, row.expanded_uncertainty ?? row.std_uncertainty);
     const claim = ["doubtful", "refused"].includes(row.quality) ? t(`quality.${row.quality}`) : uncertainty;
     return { key, class: VERDICT_CLASS[row.verdict] ?? "",
-      cells: [row.quantity, conditions(row.conditions), value, claim, unitText(row.unit), limitText(row.limit), row.verdict && row.verdict !== "none" ? word("verdict", row.verdict) : "", cellOf(key, row)] };
+      cells: [row.quantity, conditions(row.conditions), value, claim, unitText(row.unit), limitText(row), row.verdict && row.verdict !== "none" ? word("verdict", row.verdict) : "", cellOf(key, row)] };
   }), estimates.why ?? t("estimate.none"));
   for (const key of [...pictures.keys()]) if (!keys.has(key)) pictures.delete(key);
 }

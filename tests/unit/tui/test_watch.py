@@ -69,9 +69,15 @@ ACT = '{"what":"act","reason":"silent","text":"no heartbeat for 2.05 s, the limi
 @pytest.mark.parametrize(
     ("diary", "words"),
     [
-        ('{"what":"ready"}\n' + ACT, "The guard is making the bench safe: no heartbeat for 2.05 s, the limit is 2 s."),
-        (ACT + '{"what":"safe","instruments":[]}\n', "The guard has made the bench safe: no heartbeat for 2.05 s,"),
-        (ACT + '{"what":"unsafe","instruments":["supply"]}\n', "could NOT confirm that all is safe: supply."),
+        (
+            '{"what":"ready"}\n' + ACT,
+            "The guard is switching the outputs off: no heartbeat for 2.05 s, the limit is 2 s.",
+        ),
+        (
+            ACT + '{"what":"safe","instruments":[]}\n',
+            "The guard has switched the outputs off, and confirmed it: no heartbeat for 2.05 s,",
+        ),
+        (ACT + '{"what":"unsafe","instruments":["supply"]}\n', "could NOT confirm that these are off: supply."),
         (ACT + '{"what":"safe"}\n{"what":"ready"}\n', ""),  # of the part before the run was gone on with
         ("", ""),
     ],

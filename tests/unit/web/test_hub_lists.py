@@ -180,7 +180,7 @@ def test_partial_fits_are_put_behind_each_other() -> None:
 def test_estimates_of_a_finished_session_are_its_results() -> None:
     found = finished_estimates({"estimates": [{**row(3.0), "verdict": "pass"}], "quality": {"records": 7}}, 1.0)
     assert found is not None
-    assert found["rows"] == [{**row(3.0), "history": [[7, 3.0, 1.0]]}]
+    assert found["rows"] == [{**row(3.0), "verdict": "pass", "history": [[7, 3.0, 1.0]]}]
     assert finished_estimates({}, 1.0) is None
 
 

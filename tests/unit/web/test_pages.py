@@ -26,7 +26,26 @@ SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((HERE 
 TEMPLATES = {path.name: path.read_text(encoding="utf-8") for path in sorted((HERE / "templates").glob("*.j2"))}
 # Words of docs/live-protocol.md and of results.json that the page has to know, by family of keys.
 FAMILIES = {
-    "state": {"starting", "running", "holding", "ending", "ended", "stopped", "lost", "connecting"},
+    "bench": {"off", "energised", "moving", "unknown"},
+    "bench.figure": {"setpoint", "air", "closed"},
+    "bench.remains": {"mains", "hot", "cold"},
+    "outcome": {
+        "pass",
+        "fail",
+        "doubtful",
+        "not_judged",
+        "no_results",
+        "fault",
+        "stopped",
+        "damaged",
+        "report",
+        "pdf",
+        "certificate",
+        "specimen",
+    },
+    "start.counts": {"pass", "fail", "doubtful", "none"},
+    "log.severity": {"none", "warning", "alarm", "fault"},
+    "state": {"starting", "running", "waiting", "holding", "ending", "ended", "stopped", "lost", "connecting"},
     "alarm": {"warning", "alarm", "fault"},
     "instrument.state": {"ok", "away", "error"},
     "link.state": {"waiting", "streaming", "stale", "silent", "lost"},

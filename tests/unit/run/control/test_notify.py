@@ -98,10 +98,14 @@ def catcher(folder: Path) -> list[str]:
     return [sys.executable, "-c", text, str(folder / "caught")]
 
 
+def on() -> str:
+    return "ENERGISED: supply 18 V"
+
+
 def test_a_program_gets_the_message_and_the_end_of_the_run_waits_for_it(tmp_path: Path) -> None:
     _, context = context_of(tmp_path)
     notify = Notify(command=catcher(tmp_path))  # type: ignore[call-arg]
-    with notifications(context, notify):
+    with notifications(context, notify, on):
         context.event(HOLD)
         context.event(Phase(name="campaign", t_start_ns=4))
         context.event(TRIPPED)
@@ -112,7 +116,8 @@ def test_a_program_gets_the_message_and_the_end_of_the_run_waits_for_it(tmp_path
     caught = [json.loads(line) for line in (tmp_path / "caught").read_text().splitlines()]
     assert [one["kind"] for one in caught] == ["hold", "alarm", "alarm", "end"]
     assert caught[0] == {
-        "kind": "hold", "event": "hold", "step": "3", "by": "door", "reason": "open", "session": tmp_path.name,
+        "kind": "hold", "event": "hold", "step": "3", "by": "door", "reason": "open",
+        "bench": "ENERGISED: supply 18 V", "session": tmp_path.name,
         "utc": "2000-01-01T00:00:00Z",
     }  # fmt: skip
 
@@ -120,7 +125,7 @@ def test_a_program_gets_the_message_and_the_end_of_the_run_waits_for_it(tmp_path
 def test_only_what_is_asked_for_is_sent(tmp_path: Path) -> None:
     _, context = context_of(tmp_path)
     notify = Notify(on=["end"], command=catcher(tmp_path))  # type: ignore[call-arg]
-    with notifications(context, notify):
+    with notifications(context, notify, on):
         context.event(HOLD)
         context.event(Error(code="B-RUN-021", text="silent"))
         context.event(END)
@@ -140,7 +145,7 @@ def test_a_web_address_gets_json_with_its_token_and_failures_are_tried_again(
     with running(Web()) as web:
         web.statuses = [500, 503]
         notify = Notify(webhook=Webhook(url=web.url, token_env="HOOK_TOKEN"))  # type: ignore[call-arg]
-        notifier = Notifier(notify, context, pause_s=0.01)
+        notifier = Notifier(notify, context, on, pause_s=0.01)
         notifier.event(HOLD, 0)
         notifier.close()
         assert [one["kind"] for one, _ in web.got] == ["hold"] * 3
@@ -154,7 +159,7 @@ def test_what_does_not_get_through_is_an_event_without_secrets(tmp_path: Path, m
         web.statuses = [404] * 9
         monkeypatch.setenv("HOOK", f"{web.url}?key=secret")
         notify = Notify(webhook=Webhook(url_env="HOOK"))  # type: ignore[call-arg]
-        notifier = Notifier(notify, context, pause_s=0.0)
+        notifier = Notifier(notify, context, on, pause_s=0.0)
         notifier.event(END, 0)
         notifier.close()
         assert len(web.got) == 3
@@ -217,7 +222,7 @@ def test_a_way_that_hangs_keeps_nobody_waiting_and_the_queue_is_bounded(
 
     monkeypatch.setattr("bench.run.control.notify_ways.by_command", hang)
     _, context = context_of(tmp_path)
-    notifier = Notifier(Notify(command=["x"]), context)  # type: ignore[call-arg]
+    notifier = Notifier(Notify(command=["x"]), context, on)  # type: ignore[call-arg]
     for number in range(LONGEST_QUEUE + 50):
         notifier.event(replace(HOLD, step=number), 0)
     notifier.beat()  # it would only have to wait
@@ -235,7 +240,7 @@ def test_a_sign_of_life_goes_out_regularly(tmp_path: Path) -> None:
     _, context = context_of(tmp_path)
     assert isinstance(context.clock, VirtualClock)
     notify = Notify(command=catcher(tmp_path), heartbeat="60 s")  # type: ignore[arg-type,call-arg]
-    with notifications(context, notify) as notifier:
+    with notifications(context, notify, on) as notifier:
         for _ in range(3):
             while notifier._queue:
                 threading.Event().wait(0.01)

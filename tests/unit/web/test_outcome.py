@@ -1,0 +1,139 @@
+"""The outcome of a session in the list: its seal, its last events and its results, and which of them counts."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+from recorded import writable_copy
+
+from bench.record import OPEN_MARKER, SessionWriter
+from bench.web.recorded.listing import results_of, session_row
+from bench.web.recorded.now import now_of, silent_row
+from bench.web.recorded.outcome import SessionOutcome, outcome_of
+from bench.web.recorded.past import Past
+
+Change = Callable[[Path, dict[str, Any]], None]
+SAFE = ("safe", {"failures": []})
+END = {"steps": 3, "records": 1, "slip_s": 0.0, "overruns": 0, "retaken": 0, "lateness_ms": [0.0, 0.0, 0.0]}
+
+
+@pytest.fixture
+def session(golden: Path, tmp_path: Path) -> Path:
+    return writable_copy(golden, tmp_path / golden.name)
+
+
+def outcome(folder: Path) -> SessionOutcome:
+    return outcome_of(folder, results_of(folder))
+
+
+def judged(folder: Path, *verdicts: str, quality: str = "sound") -> SessionOutcome:
+    """The outcome with other verdicts in the results than they have."""
+    results = results_of(folder)
+    first = results["estimates"][0]
+    results["estimates"] = [{**first, "verdict": verdict, "quality": quality} for verdict in verdicts]
+    return outcome_of(folder, results)
+
+
+def written(folder: Path, *events: tuple[str, Mapping[str, Any]]) -> Path:
+    """A session with these last events."""
+    with_seal = SessionWriter.create(folder, {"session": folder.name}, {}, t_mono_ns=0)
+    for kind, fields in events:
+        with_seal.event(kind, 1, fields)
+    with_seal.close("done")
+    return folder
+
+
+def test_the_recording_that_was_not_touched(session: Path) -> None:
+    found = outcome(session)
+    assert (found.word, found.off) == ("not_judged", True)
+    assert found.verdicts == {"none": len(results_of(session)["estimates"])}
+    assert session_row(session)["outcome"] == found.document()
+
+
+@pytest.mark.parametrize(
+    ("verdicts", "word"),
+    [(("pass", "none"), "pass"), (("pass", "conditional_pass"), "pass"), (("pass", "fail"), "fail"),
+     (("conditional_fail", "pass"), "fail"), (("indeterminate", "pass"), "doubtful")],
+)  # fmt: skip
+def test_the_worst_verdict_counts(session: Path, verdicts: tuple[str, ...], word: str) -> None:
+    assert judged(session, *verdicts).word == word
+
+
+def test_a_pass_with_doubt_is_doubtful_and_a_fail_stays_a_fail(session: Path) -> None:
+    assert judged(session, "pass", quality="doubtful").word == "doubtful"
+    assert judged(session, "none", quality="refused").word == "doubtful"
+    assert judged(session, "fail", quality="doubtful").word == "fail"
+
+
+def test_results_of_another_recording_are_none_of_this_one(session: Path) -> None:
+    results = results_of(session)
+    results["provenance"]["session_sha256"] = "0" * 64
+    (session / "results.json").write_text(json.dumps(results))
+    assert outcome(session).word == "damaged"
+    assert "another recording" in outcome(session).why
+
+
+def test_an_end_that_is_missing_is_damage(session: Path) -> None:
+    last = sorted(session.glob("session.*.mcap"))[-1]
+    os.truncate(last, last.stat().st_size // 2)
+    assert outcome(session).word == "damaged"
+    assert Past().final(session)["session"]["outcome"]["word"] == "damaged"
+
+
+def test_a_segment_that_is_missing_is_named(session: Path) -> None:
+    last = sorted(session.glob("session.*.mcap"))[-1]
+    last.rename(last.with_name("session.0009.mcap"))
+    assert outcome(session).word == "damaged"
+    assert f"{last.name} is missing" in outcome(session).why
+
+
+def test_without_results_it_says_so(session: Path) -> None:
+    (session / "results.json").unlink()
+    assert outcome(session).word == "no_results"
+
+
+@pytest.mark.parametrize(("code", "word"), [("B-RUN-010", "stopped"), ("B-RUN-031", "fault")])
+def test_what_ended_a_run_counts_before_its_results(tmp_path: Path, code: str, word: str) -> None:
+    said = ("error", {"code": code, "text": f"error {code}: why"})
+    folder = written(tmp_path / "x", said, SAFE, ("end", {**END, "error": code}))
+    assert outcome_of(folder, {"estimates": [{"verdict": "pass"}]}) == SessionOutcome(
+        word, f"error {code}: why", off=True
+    )
+
+
+def test_an_end_that_was_not_confirmed_off_says_so(tmp_path: Path) -> None:
+    folder = written(tmp_path / "x", ("safe", {"failures": ["supply"]}), ("end", {**END, "error": None}))
+    assert outcome_of(folder, {}).off is False
+
+
+def test_a_run_that_is_gone_is_stopped_or_ended_by_its_guard(session: Path) -> None:
+    (session / OPEN_MARKER).touch()
+    assert (outcome(session).word, outcome(session).off) == ("stopped", None)
+    assert silent_row(session)["state"] == "stopped"
+    assert silent_row(session)["now"]["bench"]["state"] == "unknown"
+    lines = ['{"what":"act","text":"no heartbeat for 2 s","utc":"2026-01-01T00:00:00+00:00"}']
+    lines += ['{"what":"safe","instruments":[],"utc":"2026-01-01T00:00:02+00:00"}']
+    (session / "guard.jsonl").write_text("\n".join(lines) + "\n")
+    assert outcome(session) == SessionOutcome("fault", "no heartbeat for 2 s", off=True)
+    bench = silent_row(session)["now"]["bench"]
+    assert (bench["state"], bench["confirmed_utc_s"]) == ("off", 1767225602.0)
+
+
+def test_the_last_look_of_a_run_finds_everything_off(short: tuple[Path, Any]) -> None:
+    bench = Past().final(short[0])["bench"]
+    assert bench["state"] == "off"
+    assert {part["state"] for part in bench["parts"]} == {"off"}
+    assert bench["ended_utc_s"] - bench["confirmed_utc_s"] < 5.0
+
+
+def test_a_card_shows_alarms_that_last_or_that_nobody_has_seen() -> None:
+    alarm = {"id": "1", "severity": "alarm", "code": None, "text": "hot", "active": True, "acknowledged": None}
+    over = {**alarm, "active": False, "acknowledged": {"by": "kim"}}
+    card = now_of({"alarms": [alarm, over], "attention": "much", "prompt": {"text": "door?"}, "step": {"what": "soak"}})
+    assert (card["alarm_count"], card["attention"], card["prompt"], card["what"]) == (1, "much", "door?", "soak")
+    assert card["bench"]["state"] == "unknown"  # a run of another version says nothing of it
