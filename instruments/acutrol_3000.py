@@ -30,11 +30,9 @@ from instruments.values import plain_form, read_integer, read_number, read_text
 _AXES = (1, 2, 3)
 _INNER_FIRST = (3, 2, 1)  # the inner axis is the fast one
 _INTERLOCK_FAULT, _ERRORS_QUEUED = 1 << 0, 1 << 7
-_AT_REST_DEG_S = 0.01
-_THERE_DEG = 0.003
+_AT_REST_DEG_S, _THERE_DEG = 0.01, 0.003
 _STEP = 1e-4  # of the read-back of limits and demands
-_STANDSTILL_S = 10.0
-_HURRIED_STANDSTILL_S = 1.0  # what still turns then is braked by the open interlock
+_STANDSTILL_S, _HURRIED_STANDSTILL_S = 10.0, 1.0  # what still turns then is braked by the open interlock
 _BRAKED_S = 3.0
 _LOOK_S = 0.2
 _LONG = (170.0, 14.0)  # a turn by more than this, deg, takes its caller up to so long, s

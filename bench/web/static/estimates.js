@@ -50,7 +50,7 @@ export function withUncertainty(value, uncertainty) {
 /** The limit of a result: one number on both sides of zero, or low and high. */
 function limitText({ limit = null, limits = null }) {
   if (limits === null) return limit === null ? "" : `\u00b1${limit}`;
-  const [low, high] = limits;
+  const { low = null, high = null } = limits;
   if (low !== null && high !== null) return `${minus(String(low))} \u2026 ${minus(String(high))}`;
   return low === null ? `\u2264 ${minus(String(high))}` : `\u2265 ${minus(String(low))}`;
 }
