@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak compare notebooks pictures site structure ways validate bench lint wheel lock
+.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak compare notebooks pictures situations site structure ways validate bench lint wheel lock
 
 demo: $(VENV)/.kernel
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -62,6 +62,10 @@ soak: $(VENV)/.dev
 # Every analysis in an earlier revision and in this one, side by side (docs/history.md).
 compare: $(VENV)/.dev
 	$(PY) tests/comparison --base $(BASE)
+
+# Twelve situations on every page, as pictures to look at; needs Chromium.
+situations: $(VENV)/.dev
+	BENCH_SCREENSHOTS=build/situations $(PY) -m pytest -q -n 0 tests/browser/test_situations.py
 
 # The pictures of the README, from a real run; needs Chromium.
 pictures: $(VENV)/.dev
