@@ -41,6 +41,15 @@ COLOURS = {"none": "--good", "some": "--warn", "much": "--bad"}
 PORT = "port_a: no byte for 30 s"
 
 
+# Age of what was heard last in the moment in which the page says that it knows nothing: by the page's own clock.
+AGE_WHEN_UNKNOWN = """async () => {
+  const { age_s } = await import("/static/state.js");
+  const bench = document.querySelector("#bench");
+  const seen = () => { if (bench.dataset.state === "unknown") window.age_s ??= age_s(); };
+  new MutationObserver(seen).observe(bench, { attributes: true });
+}"""
+
+
 @dataclass(frozen=True)
 class Situation:
     """One that lives. ``word`` and ``attention`` are what every view says; ``says``: words that must stand there."""
@@ -203,8 +212,10 @@ def test_a_lost_link_is_unknown_within_five_seconds(browser: Browser, server: Pa
         page = visitor.page
         page.goto(f"{server.origin}/runs/{run.name}")
         page.wait_for_selector("#bench[data-state=energised]")
+        page.evaluate(AGE_WHEN_UNKNOWN)
         run.close()
-        page.wait_for_selector("#bench[data-state=unknown]", timeout=5000)
+        page.wait_for_selector("#bench[data-state=unknown]")
+        assert page.evaluate("window.age_s") < 5.0
         assert "20 mA" not in page.inner_text("#bench")
 
 
