@@ -178,7 +178,7 @@ def dimension_of(unit: str) -> str:
     return known[1]
 
 
-def unit_text(text: str) -> str:
+def known_unit(text: str) -> str:
     """Return the text of a unit that is known. Raises: ValueError naming the unit that was meant."""
     dimension_of(text)
     return text

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field
 
 from bench.model.declaration import Hint, Log, LogColumn, LogSections, UnitSections
-from bench.model.units import quantity, unit_text
+from bench.model.units import known_unit, quantity
 from bench.model.yamlio import Name, StrictModel
 
 AXES: tuple[Literal["x", "y", "z"], ...] = ("x", "y", "z")
@@ -67,7 +67,7 @@ class SensorColumn(LogColumn):
 
     role: Literal["gyro", "accelerometer", "magnetometer"]
     axis: Literal["x", "y", "z"]
-    unit: Annotated[str, AfterValidator(unit_text)] = Field(description="of the numbers in the file; 1 for raw counts")
+    unit: Annotated[str, AfterValidator(known_unit)] = Field(description="of the numbers in the file; 1 for raw counts")
 
     @property
     def quantity(self) -> str:

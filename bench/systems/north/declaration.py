@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field
 
 from bench.model.declaration import AnalysisDeclaration, Hint, Limit, Log, LogColumn, LogSections, System
-from bench.model.units import unit_text
+from bench.model.units import known_unit
 
 _SAMPLES, _READINGS = {"output", "encoder"}, {"lock_in_1", "lock_in_2", "index"}
 
@@ -16,7 +16,7 @@ class NorthColumn(LogColumn):
     """A column of a north finder: output and table angle of each sample, or both lock-ins at each index position."""
 
     role: Literal["output", "encoder", "lock_in_1", "lock_in_2", "index"]
-    unit: Annotated[str, AfterValidator(unit_text)] = Field("1", description="of the numbers in the file")
+    unit: Annotated[str, AfterValidator(known_unit)] = Field("1", description="of the numbers in the file")
 
     @property
     def quantity(self) -> str:

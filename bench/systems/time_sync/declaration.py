@@ -7,7 +7,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import AfterValidator, Field
 
 from bench.model.declaration import AnalysisDeclaration, Limit, Log, LogColumn, LogSections, System, UnitSections
-from bench.model.units import quantity, unit_text
+from bench.model.units import known_unit, quantity
 from bench.model.yamlio import Name, StrictModel
 
 
@@ -80,7 +80,7 @@ class StreamColumn(LogColumn):
     role: Literal["stamp", "motion"]
     stream: Literal["one", "other"]
     of: Name | None = Field(None, description="what is measured, such as yaw_rate; the same word in both streams")
-    unit: Annotated[str, AfterValidator(unit_text)] = Field(description="of the numbers in the file")
+    unit: Annotated[str, AfterValidator(known_unit)] = Field(description="of the numbers in the file")
 
     @property
     def quantity(self) -> str:
