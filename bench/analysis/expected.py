@@ -71,14 +71,15 @@ def _evidence(value: Value, material: Material) -> Iterable[Evidence]:
         yield Evidence("no_specification", sentence, None, CERTAIN, quantities=bears_on, conditions=value.conditions)
         return
     expanded = 2.0 * value.std
-    if (drift := trend(value.t_s, value.readings)) is not None:
+    t_s, readings = value.blocks
+    if (drift := trend(t_s, readings)) is not None:
         sentence = f"{where}: its readings drift by {drift.size:.3g} {value.unit} from the first to the last"
         move = abs(drift.size) / 2.0 / expanded if expanded else math.inf
         yield Evidence(
             "drifts", sentence, drift.size, drift.probability, move, quantities=bears_on, conditions=value.conditions
         )
-    if (odd := odd_one(value.readings)) is not None:
-        sentence = f"{where}: one of its {value.n} readings is far from the others; without it the mean moves by "
+    if (odd := odd_one(readings)) is not None:
+        sentence = f"{where}: one of its {readings.size} readings is far from the others; without it the mean moves by "
         move = abs(odd.size) / expanded if expanded else math.inf
         yield Evidence(
             "odd_reading", f"{sentence}{odd.size:.3g} {value.unit}", odd.size, odd.probability, move,
@@ -97,4 +98,5 @@ def _row(value: Value) -> list[object]:
     scatter = (value.scatter, value.std_a) if value.n > 1 else (None, None)
     told = ["–" if figure is None else f"{figure:.2g}" for figure in scatter]
     expected = limits_text(value.limits)
-    return [value.quantity, conditions, number(value.mean), value.unit, value.n, *told, std_b, expected]
+    mean = f"{number(value.mean)} ({value.told})" if value.told else number(value.mean)
+    return [value.quantity, conditions, mean, value.unit, value.n, *told, std_b, expected]

@@ -17,7 +17,7 @@ from bench.model.clock import NS
 
 if TYPE_CHECKING:
     from bench.frame import CommandLayout
-    from bench.record import RecordRow, Samples
+    from bench.record import RecordRow, Samples, SignalValues
 
 Floats = NDArray[np.float64]
 CONTINUES = "continues"
@@ -163,7 +163,21 @@ def _both(first: RecordRow, second: RecordRow) -> RecordRow:
         suspect=first.suspect + second.suspect,
         timing={},
         samples=_samples(first.samples, second.samples),
+        signals=_signals(first.signals, second.signals),
     )
+
+
+def _signals(first: Mapping[str, SignalValues], second: Mapping[str, SignalValues]) -> dict[str, SignalValues]:
+    """Return the signals that both parts have."""
+    return {
+        name: replace(
+            signal,
+            t_ns=np.concatenate((signal.t_ns, second[name].t_ns)),
+            values=np.concatenate((signal.values, second[name].values)),
+        )
+        for name, signal in first.items()
+        if name in second
+    }
 
 
 def _samples(first: Samples | None, second: Samples | None) -> Samples | None:

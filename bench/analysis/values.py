@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from bench.analysis.material import Floats, GivenValue, Material, Reading
+from bench.analysis.problems import flag_problem
+from bench.analysis.replies import number_of
 from bench.analysis.specification import Specification, age_s, age_text, specification_of
 from bench.maths.budget import effective_dof
+from bench.maths.correlated import independent_count
+from bench.model.clock import NS
 from bench.model.quantities import QUANTITY, conditions_of_value
 
 EXPECTED = "expected"  # entry of the manifest's section "campaign"
+_RECTANGLE = math.sqrt(12.0)  # from the step of a number to the standard uncertainty of what is rounded to it
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,9 @@ class Value:
     ``t_s``, ``readings``: (n,), what was read and when; ``dropped`` gave no number or stand in a flagged record.
     ``specification``: of the instrument that read them, None if the register states none; ``unstated`` says so then.
     ``dof_b``: degrees of freedom of the specification.   ``low``, ``high``, ``span``: what is expected, None for none.
+    ``resolution``: step of the readings, 0 for none.   ``independent``: how many independent readings they are worth,
+    None for all of them; those of a stream of frames follow each other too closely.   ``told``: the last reply that is
+    judged as a text.
     """
 
     quantity: str
@@ -39,6 +47,9 @@ class Value:
     low: float | None = None
     high: float | None = None
     span: float | None = None
+    resolution: float = 0.0
+    independent: float | None = None
+    told: str = ""
 
     @property
     def n(self) -> int:
@@ -58,14 +69,34 @@ class Value:
         return float(self.readings.std(ddof=1)) if np.ptp(self.readings) else 0.0
 
     @property
+    def dof_a(self) -> float:
+        """Degrees of freedom of the scatter."""
+        return (self.n if self.independent is None else self.independent) - 1.0
+
+    @property
     def std_a(self) -> float:
-        """Standard uncertainty of the mean by the scatter; 0 of a single reading, whose scatter is not known."""
-        return self.scatter / math.sqrt(self.n) if self.n > 1 else 0.0
+        """Standard uncertainty of the mean by the scatter; 0 of a single reading, whose scatter is not known.
+
+        The scatter of correlated readings about their own mean is too small by as much as they are worth less.
+        """
+        return self.scatter * math.sqrt((self.n - 1.0) / self.n / self.dof_a) if self.n > 1 else 0.0
 
     @property
     def std_b(self) -> float:
-        """Standard uncertainty by the specification: one error of all readings, which a mean does not make smaller."""
-        return 0.0 if self.specification is None else self.specification.std(self.mean)
+        """Standard uncertainty by specification and resolution: errors of all readings, which a mean keeps."""
+        specified = 0.0 if self.specification is None else self.specification.std(self.mean)
+        return math.hypot(specified, self.resolution / _RECTANGLE)
+
+    @property
+    def blocks(self) -> tuple[Floats, Floats]:
+        """Times and means of readings that follow each other, so many together that the means are independent."""
+        if self.independent is None:
+            return self.t_s, self.readings
+        length = math.ceil(2.0 * self.n / self.independent)
+        starts = np.arange(0, self.n - length + 1, length)
+        ends = starts + length
+        t_s, readings = (np.concatenate(([0.0], np.cumsum(column))) for column in (self.t_s, self.readings))
+        return (t_s[ends] - t_s[starts]) / length, (readings[ends] - readings[starts]) / length
 
     @property
     def std(self) -> float:
@@ -75,7 +106,7 @@ class Value:
     @property
     def dof(self) -> float:
         """Effective degrees of freedom of the combined uncertainty."""
-        parts = [(self.std_a**2, self.n - 1.0)] if self.std_a else []
+        parts = [(self.std_a**2, self.dof_a)] if self.std_a else []
         parts += [(self.std_b**2, self.dof_b)] if self.std_b and math.isfinite(self.dof_b) else []
         return effective_dof(self.std**2, parts)
 
@@ -93,15 +124,20 @@ def values_of(material: Material) -> list[Value]:
     flagged: dict[str, int] = {}
     for reading, good in _readings(material):
         key = _key(reading.conditions[QUANTITY], conditions_of_value(reading.conditions))
-        if good and isinstance(reading.value, int | float) and math.isfinite(reading.value):
+        number = isinstance(reading.value, int | float) and math.isfinite(reading.value)
+        if good and (number or isinstance(reading.value, str)):
             read.setdefault(key, []).append(reading)
         else:
             flagged[key] = flagged.get(key, 0) + 1
     given = {_key(value.quantity, conditions_of_value(value.conditions)): value for value in material.given}
-    values = []
+    values: list[Value] = []
     for entry in material.campaign.get(EXPECTED, ()):
         key = _key(entry["quantity"], entry["conditions"])
-        if key in read:
+        if "signal" in entry:
+            values += _signal_value(entry, material)
+        elif "reply" in entry:
+            values += _reply_value(entry, read.get(key, ()))
+        elif key in read:
             values.append(_read_value(entry, read[key], flagged.get(key, 0), material))
         elif key in given and given[key].value is not None:
             values.append(_given_value(entry, given[key]))
@@ -171,6 +207,62 @@ def _read_value(entry: Mapping[str, Any], readings: Sequence[Reading], dropped: 
         low=entry.get("low"),
         high=entry.get("high"),
         span=entry.get("span"),
+    )
+
+
+def _signal_value(entry: Mapping[str, Any], material: Material) -> Iterator[Value]:
+    """Yield the value of a number that the unit streams, over all good records under its conditions; or nothing.
+
+    It is what the unit says, so no instrument has a part in its uncertainty.
+    """
+    rows = [row for row in material.rows if conditions_of_value(row.window.conditions) == entry["conditions"]]
+    kept = [(row, row.signals[entry["signal"]]) for row in rows if entry["signal"] in row.signals]
+    good = [signal for row, signal in kept if not flag_problem(row)]
+    parts = [entry.get("factor", 1.0) * signal.values for signal in good]
+    readings = np.concatenate(parts) if parts else np.empty(0)
+    finite = np.isfinite(readings)
+    if finite.any():
+        yield Value(
+            quantity=entry["quantity"],
+            unit=entry["unit"],
+            conditions=entry["conditions"],
+            t_s=np.concatenate([signal.t_ns for signal in good])[finite] / NS,
+            readings=readings[finite],
+            dropped=sum(signal.values.size for _, signal in kept) - int(finite.sum()),
+            specification=None,
+            unstated="",
+            low=entry.get("low"),
+            high=entry.get("high"),
+            span=entry.get("span"),
+            resolution=entry.get("resolution", 0.0),
+            independent=sum(independent_count(part[np.isfinite(part)]) for part in parts),
+        )
+
+
+def _reply_value(entry: Mapping[str, Any], replies: Sequence[Reading]) -> Iterator[Value]:
+    """Yield the value of replies that are text, or nothing if none has the number that is due."""
+    read, uncertainty = entry["reply"], entry.get("uncertainty")
+    found = [(reply.t_s, number_of(str(reply.value), read)) for reply in replies]
+    numbers = [(t_s, *number) for t_s, number in found if number is not None]
+    if not numbers:
+        return
+    t_s, readings, steps = (np.array(column) for column in zip(*numbers, strict=True))
+    stated = uncertainty is not None or read.get("of_unit") or read.get("unit") is None
+    unstated = f"'uncertainty' of what {replies[0].role} replies is not stated, so the interval would lack its error"
+    yield Value(
+        quantity=entry["quantity"],
+        unit=entry["unit"],
+        conditions=entry["conditions"],
+        t_s=t_s,
+        readings=readings,
+        dropped=len(replies) - len(numbers),
+        specification=None if uncertainty is None else Specification(0.0, float(uncertainty)),
+        unstated="" if stated else unstated,
+        low=entry.get("low"),
+        high=entry.get("high"),
+        span=entry.get("span"),
+        resolution=float(steps.max()),
+        told=str(replies[-1].value).strip() if read.get("unit") is None else "",
     )
 
 

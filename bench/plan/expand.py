@@ -53,6 +53,7 @@ class Expander:
         self.counts_pulses = link is not None and (counted is None or counts_pulses(counted))
         self.has_samples = link is not None and (counted is None or has_samples(counted))
         self.command_links = [n for n in document.model.frame if n not in frames or COMMAND in frames[n].messages]
+        self.frames = frames
         self.layouts = {link: definition.commands for link, definition in frames.items()}
         self.findings = findings
         self.steps: list[Step] = []

@@ -6,15 +6,17 @@ They go into the section "campaign" of the manifest, where the analysis finds th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from bench.frame import BENCH, Signal, signal_of
+from bench.model.errors import InputError
 from bench.model.quantities import QUANTITY, conditions_of_value
 from bench.model.systems import analysis_declaration
-from bench.model.units import likely, read_quantity
+from bench.model.units import dimension_of, likely, read_quantity
 from bench.plan.check.analysis import NONE
 from bench.plan.drivers import declared_action
-from bench.plan.language.expect import NONLINEARITY, Bounds, Expect, Fit
+from bench.plan.language.expect import NONLINEARITY, Bounds, Expect, Fit, ReplyExpect, SignalExpect
 from bench.plan.language.prompt import PromptValue
 from bench.plan.values import Quantity, Scope, as_reference
 
@@ -50,10 +52,7 @@ def named_conditions(
         "conditions": conditions_of_value(conditions),
     }
     if expect is not None:
-        here = (*path, "expect")
-        entry |= limits_in(plan, expect, str(unit), here, scope)
-        span = _bound(plan, expect.stable, str(unit), (*here, "stable"), scope)
-        entry |= {} if span is None else {"span": span}
+        entry |= _limits_and_span(plan, expect, str(unit), (*path, "expect"), scope)
     keep(plan, entry, f"{role}.{action}", path)
     return {**conditions, QUANTITY: entry["quantity"]}
 
@@ -74,6 +73,65 @@ def keep_given(plan: Expander, value: PromptValue, conditions: Mapping[str, Any]
     keep(plan, entry | {name: end for name, end in read.items() if end is not None}, "a person", path)
 
 
+def keep_signals(
+    plan: Expander, expects: Sequence[SignalExpect], conditions: Mapping[str, Any], path: Path, scope: Scope
+) -> list[tuple[str, str]]:
+    """Keep what is expected of numbers that the unit streams during a record; return quantity and signal of each.
+
+    Findings: B-PLAN-120 (no such number, a limit in another unit), B-PLAN-121.
+    """
+    kept = []
+    for index, expect in enumerate(expects):
+        here = (*path, "expect", index)
+        try:
+            signal = signal_of(expect.signal, plan.frames)
+        except InputError as error:
+            if plan.frames.keys() >= plan.document.model.frame.keys():  # else the frame says what is wrong with it
+                plan.fail("B-PLAN-120", (*here, "signal"), error.message, error.next_step)
+            continue
+        if signal.link == BENCH or signal.minus:
+            message = f"{expect.signal} is no number of a frame"
+            plan.fail("B-PLAN-120", (*here, "signal"), message, "name link.field, or link.field[element]")
+            continue
+        factor, unit = read_quantity(f"1 {signal.unit or 1}") or (1.0, signal.unit)
+        entry: dict[str, Any] = {"quantity": expect.name, "unit": unit, "conditions": conditions_of_value(conditions)}
+        entry |= {"signal": signal.name, "factor": factor, "resolution": factor * _resolution(plan, signal)}
+        keep(plan, entry | _limits_and_span(plan, expect, unit, here, scope), signal.name, here)
+        kept.append((expect.name, signal.name))
+    return kept
+
+
+def _resolution(plan: Expander, signal: Signal) -> float:
+    """Return the step of a number in the unit of its field, 0 of a float."""
+    messages = plan.frames[signal.link].layout.messages
+    field = next(message.by_name[signal.field] for message in messages if message.name == signal.message)
+    return 0.0 if field.kind == "f" else abs(field.scale)
+
+
+def reply_conditions(
+    plan: Expander, expect: ReplyExpect | None, asked: tuple[str, str], conditions: Mapping[str, Any], path: Path,
+    scope: Scope,
+) -> dict[str, Any]:  # fmt: skip
+    """Return the conditions of a step with the name of its reply, if it has one, and keep what is expected of it.
+
+    ``asked``: a unit or an instrument, and the words of its question. Findings: B-PLAN-120, B-PLAN-121.
+    """
+    if expect is None:
+        return dict(conditions)
+    here = (*path, "expect")
+    entry: dict[str, Any] = {"quantity": expect.name, "conditions": conditions_of_value(conditions)}
+    said = {"pattern": expect.pattern, "unit": expect.unit, "of_unit": asked[0] in plan.document.model.frame}
+    if expect.unit is None:
+        entry |= {"unit": "1", "low": 1.0, "high": 1.0, "reply": {**said, "equals": expect.equals}}
+    else:
+        unit = dimension_of(expect.unit)
+        entry |= {"unit": unit, "reply": said, **_limits_and_span(plan, expect, unit, here, scope)}
+        uncertainty = _bound(plan, expect.uncertainty, unit, (*here, "uncertainty"), scope)
+        entry |= {} if uncertainty is None else {"uncertainty": uncertainty}
+    keep(plan, entry, f"{asked[0]} {asked[1]}", here)
+    return {**conditions, QUANTITY: expect.name}
+
+
 def keep(plan: Expander, entry: dict[str, Any], read_by: str, path: Path) -> None:
     """Keep a value that is named; one name for two is noted (B-PLAN-121)."""
     if wrong := plan.expected.add(entry, read_by):
@@ -90,6 +148,11 @@ def _unit(plan: Expander, role: str, action: str) -> str | None:
     """Return the unit of what an action gives, None if it gives no number or does not exist."""
     declared = declared_action(plan.station, role, action)
     return None if declared is None else declared.returns or None
+
+
+def _limits_and_span(plan: Expander, expect: Expect, unit: str, path: Path, scope: Scope) -> dict[str, float]:
+    span = _bound(plan, expect.stable, unit, (*path, "stable"), scope)
+    return limits_in(plan, expect, unit, path, scope) | ({} if span is None else {"span": span})
 
 
 def limits_in(plan: Expander, bounds: Bounds, unit: str, path: Path, scope: Scope) -> dict[str, float]:

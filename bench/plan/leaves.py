@@ -14,7 +14,7 @@ from bench.model.ports import Effect
 from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.drivers import declared_action, no_instrument
 from bench.plan.expand import TIMED, Expander, Path
-from bench.plan.expected import keep_given, named_conditions
+from bench.plan.expected import keep_given, keep_signals, named_conditions, reply_conditions
 from bench.plan.language.expect import Expect
 from bench.plan.language.steps import (
     CallStep,
@@ -46,11 +46,11 @@ def expand(plan: Expander, step: Any, path: Path, scope: Scope) -> None:
 def expand_entry(plan: Expander, entry: TimelineEntry, path: Path, scope: Scope) -> None:
     """Append the steps of one line of the flat form."""
     if entry.call is not None:
-        _call(plan, entry.call, (*path, "call"), scope)
+        expand(plan, entry.call, (*path, "call"), scope)
     for word, kind in _OF_A_LINE.items():
         value = getattr(entry, word)
         if value is not None:
-            expand(plan, kind.model_construct(**{word: value}), path, scope)
+            expand(plan, kind.model_construct(**{word: value, "expect": entry.expect}), path, scope)
 
 
 def _values(plan: Expander, arguments: Mapping[str, Any], path: Path, scope: Scope) -> dict[str, Any]:
@@ -97,7 +97,8 @@ def _verify(plan: Expander, step: VerifyStep, path: Path, scope: Scope) -> None:
 def _send(plan: Expander, step: SendStep, path: Path, scope: Scope) -> None:
     role, text = next(iter(step.send.items()))
     _role(plan, role, (*path, "send", role))
-    plan.add("send", role, "", {"text": text}, scope, (*path, "send"))
+    conditions = reply_conditions(plan, step.expect, (role, text), scope.context, path, scope)
+    plan.add("send", role, "", {"text": text}, scope, (*path, "send"), conditions=conditions)
 
 
 def _settle(plan: Expander, step: SettleStep, path: Path, scope: Scope) -> None:
@@ -126,6 +127,8 @@ def _record(plan: Expander, step: RecordStep, at: Path, scope: Scope) -> None:
     }
     read, quantities = expand_readings(plan, record, seconds, conditions, path, scope)
     arguments |= read
+    if signals := keep_signals(plan, record.expect, conditions, path, scope):
+        arguments["signals"] = signals
     if record.label is not None:
         conditions["label"] = record.label
     if record.pulse_timing:

@@ -103,7 +103,8 @@ class PlannedRecord(Step):
     """Take a record of frames, or of ``readings``, one round of them each ``every_s``.
 
     ``retry``: how often it may be taken again, from step ``retry_step`` on; ``max_lost``: share of frames or readings
-    that may be lost. ``follows``: there is no gap between it and the record before.
+    that may be lost. ``follows``: there is no gap between it and the record before. ``signals``: quantity and name of
+    each signal that is kept.
     """
 
     kind: ClassVar[StepKind] = "record"
@@ -118,12 +119,14 @@ class PlannedRecord(Step):
     pulse_timing: bool = False
     samples: bool = False
     follows: bool = False
+    signals: tuple[tuple[str, str], ...] = ()
 
     @classmethod
     def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:
         """Return a step from its arguments in a plan file and what else is in its row."""
         readings = tuple(Reading(**reading) for reading in arguments.get("readings", ()))
-        return super(PlannedRecord, cls).read(place, {**arguments, "readings": readings})
+        signals = tuple((quantity, signal) for quantity, signal in arguments.get("signals", ()))
+        return super(PlannedRecord, cls).read(place, {**arguments, "readings": readings, "signals": signals})
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""

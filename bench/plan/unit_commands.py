@@ -13,7 +13,9 @@ from typing import Any
 from bench.frame import CommandLayout
 from bench.model.errors import InputError
 from bench.plan.expand import Expander, Path
+from bench.plan.expected import reply_conditions
 from bench.plan.findings import suggestion
+from bench.plan.language.expect import ReplyExpect
 from bench.plan.language.steps import Test, TestStep, UnitStep
 from bench.plan.values import Quantity, Scope, named, plain
 
@@ -29,9 +31,13 @@ def expand_unit(plan: Expander, step: UnitStep, path: Path, scope: Scope) -> Non
     layout = plan.layouts.get(link, {}).get(name)
     if command is not None and not arguments:
         payload = tuple(bytes.fromhex(command.payload))
-        plan.add("unit", link, name, {"command": command.code, "payload": payload}, scope, (*path, "unit"))
+        conditions = reply_conditions(plan, step.expect, (link, name), scope.context, path, scope)
+        plan.add(
+            "unit", link, name, {"command": command.code, "payload": payload}, scope, (*path, "unit"),
+            conditions=conditions,
+        )  # fmt: skip
     elif layout is not None:
-        _append(plan, link, layout, arguments or {}, here, scope, {})
+        _append(plan, link, layout, arguments or {}, here, scope, {}, step.expect)
     else:
         _unknown(plan, name, link, here)
 
@@ -77,7 +83,7 @@ def _unknown(plan: Expander, name: str, link: str, path: Path) -> None:
 
 def _append(
     plan: Expander, link: str, layout: CommandLayout, given: Mapping[str, Any], path: Path, scope: Scope,
-    more: Mapping[str, Any],
+    more: Mapping[str, Any], expect: ReplyExpect | None = None,
 ) -> None:  # fmt: skip
     values: dict[str, Any] = {}
     conditions = dict(scope.context)
@@ -93,4 +99,5 @@ def _append(
         plan.fail("B-PLAN-091", path, f"command {layout.name!r}: {error.message}", error.next_step)
         return
     arguments = {"command": layout.code, "payload": tuple(payload), "timeout": layout.timeout_s, **more}
+    conditions = reply_conditions(plan, expect, (link, layout.name), conditions, path[:-2], scope)
     plan.add("unit", link, layout.name, arguments, scope, path, conditions=conditions)

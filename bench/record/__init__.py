@@ -11,6 +11,7 @@ from bench.record.reader import ChunkPlace, SegmentChunks, SessionReader
 from bench.record.recover import Survey, recover_session, resume_session
 from bench.record.samples import Samples
 from bench.record.scan import Damage
+from bench.record.signals import SignalValues
 from bench.record.trend import BenchRows, TrendWriter
 from bench.record.trend_reader import Part, TrendReader, TrendWindow, joined
 from bench.record.trend_rows import (
@@ -57,6 +58,7 @@ __all__ = [
     "SegmentChunks",
     "SessionReader",
     "SessionWriter",
+    "SignalValues",
     "Survey",
     "TrendReader",
     "TrendRows",

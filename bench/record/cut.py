@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from bisect import insort
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import FrameDefinition, LinkBatch, MessageBatch
+from bench.frame import FrameDefinition, LinkBatch, MessageBatch, Signal
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from bench.record.samples import PER_SAMPLE, SampleKeeper, counting_message, sample_scales
-from bench.record.window import OpenWindow, RecordRow, Rows, beside_keeper
+from bench.record.window import OpenWindow, RecordRow, Rows, beside_keeper, signal_keeper
 
 OVER_RANGE_BITS = "over_range"
 
@@ -49,22 +50,28 @@ class RecordCutter:
 
     def open(
         self, window: RecordWindow, *, until_ns: int | None = None, timed: bool = False, sampled: bool = False,
-        chained: bool = False,
+        chained: bool = False, signals: Sequence[Signal] = (),
     ) -> None:  # fmt: skip
         """Cut this record too. Its frames must not have been fed before.
 
         ``until_ns``: frames received later do not count (in a replay: when the run gave the record up).
         ``timed``: keep when in the record the pulses came (``RecordRow.timing``).   ``sampled``: keep the samples,
-        and those of other links.   ``chained``: it follows another record without a gap.
+        and those of other links.   ``chained``: it follows another record without a gap.   ``signals``: to be kept.
         """
         keeper = SampleKeeper(self._scales) if sampled and self._scales else None
         beside = beside_keeper(window, chained) if keeper is not None else None
-        item = OpenWindow(window, until_ns, self._shapes, timed, self._period_ns, keeper, beside)
+        kept = signal_keeper(window, signals)
+        item = OpenWindow(window, until_ns, self._shapes, timed, self._period_ns, keeper, beside, kept)
         insort(self._open, item, key=lambda item: item.first)
 
     def feed(self, batch: LinkBatch) -> None:
         """Take the next frames of the link."""
         frames = batch.messages[self._message]
+        for item in self._open:
+            if item.signals is not None:
+                for other in batch.messages.values():
+                    if other is not frames:
+                        item.signals.add_beside(item.window.link, other)
         if len(batch.bad_offset):
             self._take_bad(batch, frames)
         if len(frames):
@@ -83,6 +90,8 @@ class RecordCutter:
             for item in self._open:
                 if item.beside is not None:
                     item.beside.add(link, frames)
+                if item.signals is not None:
+                    item.signals.add_beside(link, frames)
             first, last = int(t_ns[0]), int(t_ns[-1])
             waiting = [item for item in self._open if item.window.t_start_ns <= last and item.window.t_end_ns >= first]
             averaged = [field for field in frames.message.fields if field.unit and field.per != PER_SAMPLE]
@@ -149,6 +158,8 @@ class RecordCutter:
             rows: Rows = slice(first, stop) if fresh is None else fresh[first:stop]
             columns = {name: frames.raw(name) for name in self._shapes}
             item.add(columns, rows, frames.t_ns, self._is_over_range(frames, rows, item.window))
+            if item.signals is not None:
+                item.signals.add(item.window.link, frames, rows)
             if item.keeper is not None:
                 sampled = {name: frames.raw(name)[rows] for name in self._scales}
                 item.keeper.add(kept[first:stop], frames.t_ns[rows], sampled)

@@ -13,12 +13,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.frame import Signal
 from bench.model.clock import NS
 from bench.model.events import Event, Reading
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record.pulses import implausible, pulse_timing
 from bench.record.samples import BesideKeeper, SampleKeeper, Samples
+from bench.record.signals import SignalKeeper, SignalValues
 
 Rows = slice | NDArray[np.int64]
 UNIT_TEMPERATURE = "unit_temperature_degC"
@@ -32,6 +34,13 @@ def beside_keeper(window: RecordWindow, chained: bool) -> BesideKeeper:
     """Return what keeps the samples of other links for a record; ``chained``: it follows another one without a gap."""
     begin_ns = window.t_start_ns - (OVERLAP_NS if chained else 0)
     return BesideKeeper(begin_ns - 1, window.t_end_ns + _LATE_NS)
+
+
+def signal_keeper(window: RecordWindow, signals: Sequence[Signal]) -> SignalKeeper | None:
+    """Return what keeps signals for a record, None if it names none."""
+    if not signals:
+        return None
+    return SignalKeeper(signals, window.t_start_ns - OVERLAP_NS, window.t_end_ns + _LATE_NS)
 
 
 def is_off_target(conditions: Mapping[str, Any], unit_degC: float) -> bool:
@@ -79,6 +88,8 @@ class RecordRow:
         samples: every sample of the record, if that was asked for and the frames carry samples.
         beside: samples that other links sent until the last good frame of the record was received, by link; where the
             record follows another one they begin ``OVERLAP_NS`` early, so that none is missing at the joint.
+        signals: single numbers of frames that the sequence names, by name: of the record's own frames, and of others
+            that came in the time for which ``context`` is a mean.
         readings, unread: of a record without frames how many readings of instruments it holds, and how many gave no
             value; they are events of the session between the start and the end of its window.
     """
@@ -95,6 +106,7 @@ class RecordRow:
     timing: Mapping[str, NDArray[np.int64]] = field(default_factory=dict)
     samples: Samples | None = None
     beside: Mapping[str, Samples] = field(default_factory=dict)
+    signals: Mapping[str, SignalValues] = field(default_factory=dict)
     readings: int = 0
     unread: int = 0
 
@@ -104,7 +116,7 @@ class OpenWindow:
     """A record being cut. ``until_ns``: frames received later do not belong to it, whatever their counter.
 
     ``timed``: keep when the pulses came. ``period_ns``: how long the counts of one frame take, 1 if nobody knows.
-    ``keeper``: takes the samples, if they are kept; ``beside``: those of other links.
+    ``keeper``: takes the samples, if they are kept; ``beside``: those of other links; ``signals``: the named signals.
     """
 
     window: RecordWindow
@@ -114,6 +126,7 @@ class OpenWindow:
     period_ns: int = 1
     keeper: SampleKeeper | None = None
     beside: BesideKeeper | None = None
+    signals: SignalKeeper | None = None
     complete: bool = False
     duplicate: int = 0
     over_range: bool = False
@@ -190,6 +203,7 @@ class OpenWindow:
             self.window, self._sums, self._frames, lost, bad, quality, means, self.duplicate, self._suspect,
             self._timing, None if self.keeper is None else self.keeper.samples(),
             {} if self.beside is None else self.beside.samples(self.last_stamp_ns),
+            {} if self.signals is None else self.signals.between(self._from_ns, self.last_stamp_ns),
         )  # fmt: skip
 
     def _thermal_quality(self, unit_degC: float | None) -> Quality:
@@ -200,13 +214,15 @@ class OpenWindow:
             return quality | (Quality.STALE if _TARGET in conditions else Quality.GOOD)
         return quality | (Quality.NOT_SETTLED if is_off_target(conditions, unit_degC) else Quality.GOOD)
 
-    def _means(self) -> dict[str, float]:
-        """Means over the time its frames counted, from one frame before the first one was received to the last.
+    @property
+    def _from_ns(self) -> int:
+        """Time behind which its frames counted: one frame before the first one was received."""
+        return self.first_stamp_ns - self.period_ns
 
-        Other housekeeping may or may not have been decoded yet.
-        """
+    def _means(self) -> dict[str, float]:
+        """Means over the time its frames counted, to the last one; other housekeeping may not have been decoded yet."""
         t_ns = np.concatenate([stamps for stamps, _ in self._context]) if self._context else np.empty(0, np.int64)
-        first = int(np.searchsorted(t_ns, self.first_stamp_ns - self.period_ns, side="right"))
+        first = int(np.searchsorted(t_ns, self._from_ns, side="right"))
         stop = int(np.searchsorted(t_ns, self.last_stamp_ns, side="right"))
         if stop <= first:
             return {}

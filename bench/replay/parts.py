@@ -29,7 +29,8 @@ class RecordedWindow:
     """A record window and the time after which the run no longer waited for frames.
 
     ``part`` counts the "resume" events before it: counters start anew with each. ``timed``: its pulses were timed;
-    ``sampled``: its samples were kept; ``chained``: it follows the record before it without a gap.
+    ``sampled``: its samples were kept; ``chained``: it follows the record before it without a gap; ``signals``: names
+    of those that were kept.
     """
 
     window: RecordWindow
@@ -38,6 +39,7 @@ class RecordedWindow:
     timed: bool = False
     sampled: bool = False
     chained: bool = False
+    signals: tuple[str, ...] = ()
 
 
 def recorded_windows(events: Iterable[Message]) -> list[RecordedWindow]:
@@ -58,8 +60,9 @@ def recorded_windows(events: Iterable[Message]) -> list[RecordedWindow]:
             window = _window(event, message)
             windows.pop(window.number, None)
             chained = _follows(window, part, windows.get(window.number - 1))
+            signals = tuple(map(str, event.signals))
             windows[window.number] = RecordedWindow(
-                window, message.t_ns, part, event.pulse_timing, event.samples, chained
+                window, message.t_ns, part, event.pulse_timing, event.samples, chained, signals
             )
     return list(windows.values())
 
@@ -173,7 +176,8 @@ def _moved(row: RecordRow, shift_ns: int, counters: int) -> RecordRow:
         name: np.where(value >= 0, value + counters, value) if name.endswith((".first", ".last")) else value
         for name, value in row.timing.items()
     }
-    return replace(row, window=there, timing=timing)
+    signals = {name: replace(signal, t_ns=signal.t_ns + shift_ns) for name, signal in row.signals.items()}
+    return replace(row, window=there, timing=timing, signals=signals)
 
 
 def splices_of(events: Iterable[tuple[int, Event]]) -> tuple[Splice, ...]:

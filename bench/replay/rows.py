@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame
+from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame, signal_of
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Event, Resume, event_of
 from bench.record import Block, Damage, Message, RecordCutter, RecordedReadings, RecordRow, SessionReader, layout
@@ -158,7 +158,7 @@ class _Replay:
                     self._cutters[link] = RecordCutter(self.definitions[link])
                 self._cutters[link].open(
                     item.window, until_ns=item.until_ns, timed=item.timed, sampled=item.sampled,
-                    chained=item.chained,
+                    chained=item.chained, signals=[signal_of(name, self.definitions) for name in item.signals],
                 )  # fmt: skip
 
     def take(self, block: Block) -> None:

@@ -216,10 +216,20 @@ def _scalar(text: str) -> str:
 def _written(plan: Plan, step: Step) -> str:
     """Return a step of the plan as a step of the structured form, in one line; JSON is YAML."""
     if isinstance(step, PlannedCall):
-        words = _reading(plan, step)
-        return words if isinstance(words, str) else json.dumps(words, ensure_ascii=False)
-    ((key, value),) = _words(plan, step).items()
+        call = _reading(plan, step)
+        return call if isinstance(call, str) else json.dumps(call, ensure_ascii=False)
+    words = _words(plan, step)
+    if QUANTITY in step.conditions:
+        return json.dumps({**words, "expect": _reply(plan, step)}, ensure_ascii=False)
+    ((key, value),) = words.items()
     return f"{key}: {json.dumps(value, ensure_ascii=False)}"
+
+
+def _reply(plan: Plan, step: Step) -> dict[str, Any]:
+    """Return what a reply is called and how it is read; the limits stand in the session that is made up for."""
+    name = step.conditions[QUANTITY]
+    read = next(entry["reply"] for entry in plan.campaign["expected"] if entry["quantity"] == name)
+    return {"name": name} | {key: read[key] for key in ("pattern", "unit", "equals") if read.get(key) is not None}
 
 
 def _words(plan: Plan, step: Step) -> Mapping[str, Any]:
@@ -274,6 +284,8 @@ def _record(plan: Plan, step: PlannedRecord) -> dict[str, Any]:
     if step.readings:
         record["every"] = _quantity(step.every_s, "s")
         record["readings"] = [_reading(plan, call) for call in step.calls]
+    if step.signals:
+        record["expect"] = [{"name": quantity, "signal": signal} for quantity, signal in step.signals]
     if step.retry:
         record["retry"] = step.retry
     if step.max_lost:

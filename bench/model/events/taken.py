@@ -14,7 +14,8 @@ _RATIO = "1"  # unit of a ratio or a count
 
 @dataclass(frozen=True, kw_only=True)
 class Record(Event):
-    """A record was taken: a window of frames of one link. ``samples`` and ``pulse_timing``: what is kept of it.
+    """A record was taken: a window of frames of one link. ``samples``, ``pulse_timing`` and ``signals``: what
+    is kept of it.
 
     A record of readings has no link and no frames; ``readings`` of it have a value, ``unread`` have none.
     """
@@ -30,6 +31,7 @@ class Record(Event):
     step: int = -1
     pulse_timing: bool = left_out(False)
     samples: bool = left_out(False)
+    signals: Sequence[str] = left_out(())
     readings: int | None = left_out()
     unread: int | None = left_out()
 

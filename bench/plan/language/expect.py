@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from typing import Annotated, Any, ClassVar
 
-from pydantic import BeforeValidator, Field, StringConstraints, model_validator
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
 
-from bench.model.units import likely
+from bench.model.units import known_unit, likely
 from bench.model.yamlio import Name, StrictModel
 from bench.plan.values import as_reference
 
@@ -34,13 +35,16 @@ class Bounds(StrictModel):
     tolerance: Bound | None = Field(None, description="of 'equals': in its unit, or in % or ppm of it")
 
     @model_validator(mode="after")
-    def _one_form(self) -> Bounds:
+    def _checked(self) -> Bounds:
+        self._one_form()
+        return self
+
+    def _one_form(self) -> None:
         forms = (self.within, self.min or self.max, self.equals)
         if sum(form is not None for form in forms) > 1:
             raise ValueError("one of: within; min, max or both; equals with its tolerance")
         if (self.equals is None) != (self.tolerance is None):
             raise ValueError("'equals' and 'tolerance' belong together: no measured value is exactly another one")
-        return self
 
 
 class Expect(Bounds):
@@ -48,6 +52,43 @@ class Expect(Bounds):
 
     name: Name
     stable: Bound | None = Field(None, description="the readings of one condition lie within this of each other")
+
+
+class SignalExpect(Expect):
+    """What is expected of the mean over a record of a number that the unit streams, ``port_b.unit_temperature[1]``."""
+
+    signal: Annotated[str, StringConstraints(max_length=200)] = Field(description="link.field, or link.field[element]")
+
+
+def _pattern(text: str) -> str:
+    try:
+        groups = re.compile(text).groups
+    except re.error as error:
+        raise ValueError(f"{text!r} is no regular expression: {error}") from error
+    if groups > 1:
+        raise ValueError(f"{text!r} has {groups} groups; one at most says which part counts, (?:...) is none")
+    return text
+
+
+class ReplyExpect(Expect):
+    """What is expected of the text of a reply: with a ``unit`` of a number in it, without of the text itself.
+
+    ``pattern`` finds what counts: its group, or all that it matches. Without one it is the first number, or the whole
+    text.
+    """
+
+    pattern: Annotated[str, StringConstraints(min_length=1, max_length=200), AfterValidator(_pattern)] | None = None
+    unit: Annotated[str, AfterValidator(known_unit)] | None = Field(None, description="of the number in the reply")
+    equals: Annotated[str, StringConstraints(min_length=1, max_length=200)] | None = None
+    uncertainty: Bound | None = Field(None, description="95 %, of whatever measured the number")
+
+    def _one_form(self) -> None:
+        if self.unit is not None:
+            super()._one_form()
+            if self.equals is not None:
+                _bound(self.equals)
+        elif self.equals is None or self.model_fields_set - {"name", "pattern", "equals"}:
+            raise ValueError("a number has a 'unit' and limits; a text has 'equals' and neither unit nor limits")
 
 
 class Fit(StrictModel):

@@ -19,7 +19,7 @@ from pydantic import (
 from bench.model.units import parse_quantity
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
 from bench.plan.language.comparison import Comparison
-from bench.plan.language.expect import Expect, with_expect
+from bench.plan.language.expect import Expect, ReplyExpect, SignalExpect, with_expect
 from bench.plan.language.prompt import Arguments, Prompt, Text
 from bench.plan.values import ACTION_PATTERN, ActionName, Scalar, templated, within
 
@@ -140,6 +140,7 @@ class Record(StrictModel):
     seconds: Duration
     readings: list[Reading_] = Field(default_factory=list, description="actions that measure, read one after another")
     every: Duration | None = Field(None, description="all of 'readings' are taken again after this time")
+    expect: list[SignalExpect] = Field(default_factory=list, description="of numbers that the unit streams meanwhile")
     windows: int | None = Field(None, strict=True, ge=1, le=10_000, description="this many records without a gap")
     follows: bool = Field(False, strict=True, description="begins with the frame behind the record before it")
     pulse_timing: bool = Field(False, strict=True, description="keep when in the record the pulses came")
@@ -192,6 +193,7 @@ class UnitStep(StrictModel):
     """
 
     unit: UnitCall
+    expect: ReplyExpect | None = Field(None, description="of the answer, as text")
 
     @model_validator(mode="after")
     def _single(self) -> UnitStep:
@@ -222,6 +224,7 @@ class SendStep(StrictModel):
     """Raw text to an instrument, as it is. The static check cannot see what it does."""
 
     send: dict[Name, Text]
+    expect: ReplyExpect | None = Field(None, description="of the reply to a question")
 
     @model_validator(mode="after")
     def _single(self) -> SendStep:
@@ -349,16 +352,19 @@ class TimelineEntry(StrictModel):
         description="'HH:MM:SS' or a duration such as '20 s'"
     )
     send: dict[Name, Text] | None = None
-    call: CallStep | None = None
+    call: Reading_ | None = None
     unit: UnitCall | None = None
     record: Annotated[Record, BeforeValidator(_record_shorthand), _OrText()] | None = None
     soak: Soak | None = None
     prompt: Annotated[Prompt, BeforeValidator(_prompt_shorthand), _OrText()] | None = None
     verify: ActionName | None = None
+    expect: ReplyExpect | None = Field(None, description="of the reply to 'send' or 'unit'")
 
     @model_validator(mode="after")
     def _one_thing(self) -> TimelineEntry:
-        if len(self.model_fields_set - {"at"}) != 1:
+        if self.expect is not None and self.send is None and self.unit is None:
+            raise ValueError("'expect' stands beside 'send' and 'unit', and inside of 'call' and 'record'")
+        if len(self.model_fields_set - {"at", "expect"}) != 1:
             raise ValueError("one thing to do is due: send, call, unit, record, soak, prompt or verify")
         for entry in (self.send, self.unit):
             if entry is not None:

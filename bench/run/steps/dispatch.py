@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bench.model.clock import NS, to_ns
 from bench.model.errors import LinkError, RunError
-from bench.model.events import Answer, Overrun, Slip
+from bench.model.events import Answer, Overrun, Reading, Slip
 from bench.model.quantities import QUANTITY
 from bench.plan import (
     PlannedCall,
@@ -73,9 +73,17 @@ def _prompt(context: RunContext, step: PlannedPrompt) -> None:
 
 
 def _send(context: RunContext, step: PlannedSend) -> None:
-    """Send a raw command of the flat timeline; a query's reply is recorded."""
+    """Send a raw command; a query's reply is recorded."""
     with context.in_use.take(step.role):
-        context.instruments[step.role].raw(step.text)  # type: ignore[attr-defined]
+        reply = context.instruments[step.role].raw(step.text)  # type: ignore[attr-defined]
+    _keep_reply(context, step, reply)
+
+
+def _keep_reply(context: RunContext, step: PlannedSend | PlannedCommand, reply: str | None) -> None:
+    """A reply of which something is expected is a reading."""
+    if QUANTITY in step.conditions:
+        name, conditions = step.name or "send", dict(step.conditions)
+        context.event(Reading(step=step.number, role=step.role, name=name, value=reply, conditions=conditions))
 
 
 def _command(context: RunContext, step: PlannedCommand) -> None:
@@ -107,6 +115,7 @@ def _command(context: RunContext, step: PlannedCommand) -> None:
             where=step.role,
             next_step=f"check its code {step.code} and payload in the sequence against the unit's manual",
         )
+    _keep_reply(context, step, answer.payload.decode("ascii", "replace"))
 
 
 def _answer_of(context: RunContext, step: PlannedCommand, reader: LinkReader) -> UnitAnswer | None:

@@ -78,7 +78,8 @@ def _take(context: RunContext, step: PlannedRecord, number: int) -> RecordRow:
     context.acquisition.wait_until(lambda: reader.last_counter >= last, deadline)
     with context.acquisition.lock:  # a replay takes the frames received up to the time of the event, no others
         context.acquisition.catch_up()
-        context.event(_event_of(window, pulse_timing=step.pulse_timing, samples=step.samples))
+        signals = tuple(signal for _, signal in step.signals)
+        context.event(_event_of(window, pulse_timing=step.pulse_timing, samples=step.samples, signals=signals))
         return context.frames_cutter.close(number)
 
 

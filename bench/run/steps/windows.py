@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+from bench.frame import signal_of
 from bench.model.clock import NS, to_ns
 from bench.model.errors import RunError
 from bench.model.events import Gap
@@ -113,7 +114,11 @@ def _followers(steps: Sequence[Step], step: PlannedRecord) -> Iterator[PlannedRe
 
 
 def _open(context: RunContext, step: PlannedRecord, window: RecordWindow, chained: bool = False) -> None:
-    context.frames_cutter.open(window, timed=step.pulse_timing, sampled=step.samples, chained=chained)
+    definitions = {link: reader.definition for link, reader in context.acquisition.readers.items()}
+    context.frames_cutter.open(
+        window, timed=step.pulse_timing, sampled=step.samples, chained=chained,
+        signals=[signal_of(signal, definitions) for _, signal in step.signals],
+    )  # fmt: skip
 
 
 def _frames(context: RunContext, step: PlannedRecord) -> int:

@@ -48,11 +48,11 @@ def repeatabilities(values: Sequence[Value]) -> Estimates:
     entries = []
     for name in dict.fromkeys(value.quantity for value in values):
         repeated = [value for value in values if value.quantity == name and value.n > 1]
-        free = sum(value.n - 1 for value in repeated)
-        if free:
+        if repeated:
             squares = sum((value.n - 1) * value.scatter**2 for value in repeated)
-            pooled = float(np.sqrt(squares / free))
-            std = pooled / math.sqrt(2.0 * free)
             count = sum(value.n for value in repeated)
+            pooled = float(np.sqrt(squares / (count - len(repeated))))
+            free = sum(value.dof_a for value in repeated)
+            std = pooled / math.sqrt(2.0 * free)
             entries.append(estimate(f"{name}_repeatability", repeated[0].unit, pooled, std, {}, n=count, dof=free))
     return entries
