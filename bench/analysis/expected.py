@@ -66,6 +66,7 @@ def _evidence(value: Value, material: Material) -> Iterable[Evidence]:
     for fit in material.campaign.get("fits", ()):
         if value.quantity in (fit["of"], fit["against"].get("quantity")):
             bears_on += [f"{fit['name']}_{result}" for result in fit["units"]]
+            bears_on += [asked["quantity"] for asked in fit.get("read_back", ())]
     if value.unstated:
         sentence = f"{where}: {value.unstated}"
         yield Evidence("no_specification", sentence, None, CERTAIN, quantities=bears_on, conditions=value.conditions)

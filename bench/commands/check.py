@@ -116,7 +116,9 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
 def not_judged(campaign: Mapping[str, Any]) -> bool:
     """Return whether a campaign reads values and expects nothing of any of them."""
     values, fits = campaign.get("expected", ()), campaign.get("fits", ())
-    judged = any({"low", "high", "span"} & value.keys() for value in values) or any(fit["expected"] for fit in fits)
+    read_back = [value for fit in fits for value in fit.get("read_back", ())]
+    judged = any({"low", "high", "span"} & value.keys() for value in (*values, *read_back))
+    judged = judged or any(fit["expected"] for fit in fits)
     return bool(values) and not judged
 
 

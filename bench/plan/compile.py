@@ -18,8 +18,9 @@ from bench.plan.check.everything import NO_SERIAL, SERIAL, check_steps, short
 from bench.plan.check.stations import check_station, plan_rules
 from bench.plan.drivers import with_bus_time
 from bench.plan.expand import Expander, TooManySteps
-from bench.plan.expected import check_judged, fits_of
+from bench.plan.expected import check_judged
 from bench.plan.findings import Findings, suggestion
+from bench.plan.fits import fits_of
 from bench.plan.language.sequence import Sequence
 from bench.plan.language.steps import Step_
 from bench.plan.loading import apply_parameters, load_both, split_overrides

@@ -16,14 +16,13 @@ from bench.model.systems import analysis_declaration
 from bench.model.units import dimension_of, likely, read_quantity
 from bench.plan.check.analysis import NONE
 from bench.plan.drivers import declared_action
-from bench.plan.language.expect import NONLINEARITY, Bounds, Expect, Fit, ReplyExpect, SignalExpect
+from bench.plan.language.expect import Bounds, Expect, ReplyExpect, SignalExpect
 from bench.plan.language.prompt import PromptValue
 from bench.plan.values import Quantity, Scope, as_reference
 
 if TYPE_CHECKING:
     from bench.plan.expand import Expander, Path
 
-TIME = "time"
 _SHARES = ("%", "ppm", "ppb")
 _MEASURE = "measure_"
 
@@ -40,7 +39,7 @@ def named_conditions(
     role, action = called
     unit = _unit(plan, role, action)
     if expect is None:
-        if unit is None or plan.phase != "campaign" or not _takes_all(plan):
+        if unit is None or plan.phase != "campaign" or not takes_all(plan):
             return dict(conditions)
     elif unit is None:
         message = f"{role}.{action} gives no number, so nothing can be expected of it"
@@ -65,10 +64,10 @@ def _default_name(role: str, action: str, unit: str) -> str:
 
 def keep_given(plan: Expander, value: PromptValue, conditions: Mapping[str, Any], path: Path) -> None:
     """Keep a value that a person gives, where the analysis is made of all values (B-PLAN-120, B-PLAN-121)."""
-    if value.quantity is None or not _takes_all(plan):
+    if value.quantity is None or not takes_all(plan):
         return
     ends = {"low": value.low, "high": value.high, "uncertainty": value.uncertainty}
-    read = {name: _bound(plan, text, value.unit, (*path, name)) for name, text in ends.items()}
+    read = {name: bound_in(plan, text, value.unit, (*path, name)) for name, text in ends.items()}
     entry = {"quantity": value.quantity, "unit": value.unit, "conditions": conditions_of_value(conditions)}
     keep(plan, entry | {name: end for name, end in read.items() if end is not None}, "a person", path)
 
@@ -126,7 +125,7 @@ def reply_conditions(
     else:
         unit = dimension_of(expect.unit)
         entry |= {"unit": unit, "reply": said, **_limits_and_span(plan, expect, unit, here, scope)}
-        uncertainty = _bound(plan, expect.uncertainty, unit, (*here, "uncertainty"), scope)
+        uncertainty = bound_in(plan, expect.uncertainty, unit, (*here, "uncertainty"), scope)
         entry |= {} if uncertainty is None else {"uncertainty": uncertainty}
     keep(plan, entry, f"{asked[0]} {asked[1]}", here)
     return {**conditions, QUANTITY: expect.name}
@@ -138,7 +137,7 @@ def keep(plan: Expander, entry: dict[str, Any], read_by: str, path: Path) -> Non
         plan.fail("B-PLAN-121", path, wrong, "give each its own name, or its own conditions")
 
 
-def _takes_all(plan: Expander) -> bool:
+def takes_all(plan: Expander) -> bool:
     """Return whether the analysis of the sequence is made of all values."""
     declared = analysis_declaration(plan.document.model.analysis)
     return declared is not None and declared.made_of == "values"
@@ -151,20 +150,20 @@ def _unit(plan: Expander, role: str, action: str) -> str | None:
 
 
 def _limits_and_span(plan: Expander, expect: Expect, unit: str, path: Path, scope: Scope) -> dict[str, float]:
-    span = _bound(plan, expect.stable, unit, (*path, "stable"), scope)
+    span = bound_in(plan, expect.stable, unit, (*path, "stable"), scope)
     return limits_in(plan, expect, unit, path, scope) | ({} if span is None else {"span": span})
 
 
 def limits_in(plan: Expander, bounds: Bounds, unit: str, path: Path, scope: Scope) -> dict[str, float]:
     """Return low and high of what is expected, in base units, those that are stated (B-PLAN-120)."""
     if bounds.equals is not None:
-        value = _bound(plan, bounds.equals, unit, (*path, "equals"), scope)
+        value = bound_in(plan, bounds.equals, unit, (*path, "equals"), scope)
         reach = None if value is None else _reach(plan, bounds, value, unit, (*path, "tolerance"), scope)
         low, high = (None, None) if value is None or reach is None else (value - reach, value + reach)
     elif bounds.within is not None:
-        low, high = (_bound(plan, end, unit, (*path, "within", k), scope) for k, end in enumerate(bounds.within))
+        low, high = (bound_in(plan, end, unit, (*path, "within", k), scope) for k, end in enumerate(bounds.within))
     else:
-        low, high = (_bound(plan, getattr(bounds, end), unit, (*path, end), scope) for end in ("min", "max"))
+        low, high = (bound_in(plan, getattr(bounds, end), unit, (*path, end), scope) for end in ("min", "max"))
     if low is not None and high is not None and low > high:
         message = f"no value is inside its limits: {low:g} {unit} is above {high:g} {unit}"
         plan.fail("B-PLAN-120", path, message, "exchange them")
@@ -176,7 +175,7 @@ def _reach(plan: Expander, bounds: Bounds, value: float, unit: str, path: Path, 
     text, equals = str(bounds.tolerance), str(bounds.equals)
     read = _read(plan, text, path, scope)
     if read is None or read.dimension != "1":
-        return None if read is None else _bound(plan, text, unit, path, scope)
+        return None if read is None else bound_in(plan, text, unit, path, scope)
     if unit != "1":
         return read.value * abs(value)
     if as_reference(text) is not None or as_reference(equals) is not None:
@@ -190,7 +189,7 @@ def _symbol(text: str) -> str:
     return text.lstrip("+-0123456789.eE ")
 
 
-def _bound(plan: Expander, text: str | None, unit: str, path: Path, scope: Scope | None = None) -> float | None:
+def bound_in(plan: Expander, text: str | None, unit: str, path: Path, scope: Scope | None = None) -> float | None:
     """Return a bound in its base unit."""
     if text is None:
         return None
@@ -229,76 +228,12 @@ def _no_bound(plan: Expander, text: str, path: Path) -> None:
     plan.fail("B-PLAN-120", path, f"{text!r} is not a quantity with its unit", "write a number and its unit")
 
 
-def fits_of(plan: Expander, scope: Scope) -> list[dict[str, Any]]:
-    """Return the fits for the manifest: names as the values have them, limits in base units (B-PLAN-123)."""
-    fits: list[dict[str, Any]] = []
-    for index, fit in enumerate(plan.document.model.fits if _takes_all(plan) else ()):
-        path: Path = ("fits", index)
-        unit = plan.expected.unit_of(fit.of)
-        if unit is None:
-            _unknown(plan, fit.of, (*path, "of"))
-            continue
-        against = _against(plan, fit, path)
-        per = [_per(plan, name, (*path, "per", place)) for place, name in enumerate(fit.per)]
-        if against is None or None in per:
-            continue
-        units = coefficient_units(unit, str(against["unit"]), fit.degree)
-        expected = {
-            result: limits_in(plan, bounds, units[result], (*path, "expect", result), scope)
-            for result, bounds in fit.expect.items()
-        }
-        fits.append({"name": fit.name, "of": fit.of, "degree": fit.degree, "per": per, "units": units,
-                     "against": against, "expected": expected})  # fmt: skip
-    return fits
-
-
-def coefficient_units(of: str, against: str, degree: int) -> dict[str, str]:
-    """Return the units of the coefficients c0, c1, ... and of the departure from the polynomial."""
-    units = {"c0": of, NONLINEARITY: of}
-    for order in range(1, degree + 1):
-        power = against if order == 1 else f"{against}{order}"
-        units[f"c{order}"] = of if against == "1" else f"1/{power}" if of == "1" else f"{of}/{power}"
-        if of == against:
-            units[f"c{order}"] = "1" if order == 1 else f"1/{against}{'' if order == 2 else order - 1}"
-    return units
-
-
-def _against(plan: Expander, fit: Fit, path: Path) -> dict[str, Any] | None:
-    if fit.against == TIME:
-        return {"time": True, "unit": "s"}
-    unit, condition = plan.expected.unit_of(fit.against), plan.expected.condition(fit.against)
-    if unit is not None:
-        return {"quantity": fit.against, "unit": unit}
-    if condition is None:
-        _unknown(plan, fit.against, (*path, "against"))
-        return None
-    against: dict[str, Any] = {"condition": condition[0], "unit": condition[1]}
-    stated = fit.against_uncertainty
-    if stated is not None:
-        value = _bound(plan, stated, condition[1], (*path, "against_uncertainty"))
-        against |= {} if value is None else {"uncertainty": value}
-    return against
-
-
-def _per(plan: Expander, name: str, path: Path) -> str | None:
-    condition = plan.expected.condition(name)
-    if condition is None:
-        _unknown(plan, name, path)
-    return None if condition is None else condition[0]
-
-
-def _unknown(plan: Expander, name: str, path: Path) -> None:
-    known = ", ".join(plan.expected.names) or "nothing"
-    message = f"no value and no condition of one is called {name!r}"
-    plan.fail("B-PLAN-123", path, message, f"what is read: {known}; write 'expect: {{name: ...}}' beside a reading")
-
-
 def check_judged(plan: Expander) -> None:
     """Note values that are named and fits in a sequence without an analysis: nothing judges them (B-PLAN-122)."""
     model = plan.document.model
     if model.analysis == NONE and plan.expected.entries:
         message = "the sequence names values, and no analysis, so nothing judges them"
         plan.fail("B-PLAN-122", ("analysis",), message, "write 'analysis: readings', or another one")
-    elif model.fits and not _takes_all(plan):
+    elif model.fits and not takes_all(plan):
         message = f"the analysis {model.analysis!r} makes no fits of values"
         plan.fail("B-PLAN-122", ("fits",), message, "write 'analysis: readings', or leave 'fits' out")

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
 
 from bench.model.units import known_unit, likely
-from bench.model.yamlio import Name, StrictModel
+from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
 from bench.plan.values import as_reference
 
 MOST_DEGREE = 6
@@ -91,28 +91,64 @@ class ReplyExpect(Expect):
             raise ValueError("a number has a 'unit' and limits; a text has 'equals' and neither unit nor limits")
 
 
-class Fit(StrictModel):
-    """A polynomial of one quantity against another one, a condition, or the ``time`` of the readings."""
+_VARIABLE = re.compile(rf"(?:log\(({NAME_PATTERN})\)|1/({NAME_PATTERN})|({NAME_PATTERN}))")
+LOG, RECIPROCAL = "log", "reciprocal"
+Variable = Annotated[str, StringConstraints(pattern=f"^{_VARIABLE.pattern}$")]
 
-    RESULTS: ClassVar[tuple[str, ...]] = (*(f"c{order}" for order in range(MOST_DEGREE + 1)), NONLINEARITY)
+
+def variable_of(text: str) -> tuple[str, str]:
+    """Return the name in a variable of a fit, and its function: LOG, RECIPROCAL or ""."""
+    match = _VARIABLE.fullmatch(text)
+    assert match is not None
+    return (match[1], LOG) if match[1] else (match[2], RECIPROCAL) if match[2] else (match[3], "")
+
+
+class ReadBack(Bounds):
+    """The value that the curve of a fit has at one place, in the unit of the quantity itself."""
 
     name: Name
-    of: Name
-    against: Name
+    at: Bound
+
+
+class Fit(StrictModel):
+    """A polynomial of one quantity against another one, a condition, or the ``time`` of the readings.
+
+    Either may be a quantity ``x``, ``log(x)``, the natural logarithm of its number in the base unit, or ``1/x``, of a
+    temperature in kelvin.
+    """
+
+    name: Name
+    of: Variable
+    against: Variable
     against_uncertainty: Annotated[str, BeforeValidator(_bound)] | None = Field(
         None, description="95 %; of a condition, which is a set-point and not a reading"
     )
     degree: int = Field(1, strict=True, ge=1, le=MOST_DEGREE)
+    powers: list[Annotated[int, Field(strict=True, ge=0, le=MOST_DEGREE)]] | None = Field(
+        None, min_length=1, description="in place of 'degree', those that the polynomial has: [0, 1, 3]"
+    )
     per: list[Name] = Field(default_factory=list, description="conditions: a fit for each of their values")
     expect: dict[Name, Bounds] = Field(
         default_factory=dict, description="by result: c0, c1, ... of the polynomial, and nonlinearity"
     )
 
+    read_back: list[ReadBack] = Field(default_factory=list, description="values of the curve, each with a name")
+
+    @property
+    def orders(self) -> tuple[int, ...]:
+        """Powers that the polynomial has."""
+        return tuple(range(self.degree + 1) if self.powers is None else self.powers)
+
     @model_validator(mode="after")
     def _known_results(self) -> Fit:
-        known = (*self.RESULTS[: self.degree + 1], NONLINEARITY)
+        if self.powers is not None:
+            if "degree" in self.model_fields_set:
+                raise ValueError("'degree' or 'powers', not both: a degree means all powers up to it")
+            if sorted(set(self.powers)) != self.powers:
+                raise ValueError(f"powers {self.powers} do not rise one by one")
+        known = (*(f"c{order}" for order in self.orders), NONLINEARITY)
         if unknown := [result for result in self.expect if result not in known]:
-            raise ValueError(f"a fit of degree {self.degree} has no result {unknown[0]!r}; it has {', '.join(known)}")
+            raise ValueError(f"the fit has no result {unknown[0]!r}; it has {', '.join(known)}")
         return self
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from bench.analysis import Estimates, Evidence, Floats, Specification, Value, estimate, place_of
 from bench.model.errors import FitError
+from bench.systems.readings.estimators.functions import Function, function_of
 from bench.systems.readings.estimators.polynomial import Curve, Points, fit_polynomial
 
 NONLINEARITY = "nonlinearity"
@@ -19,7 +20,10 @@ Asked = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class Fitted:
-    """One fit that was asked for, under the conditions of ``per``; ``refused`` says why there is no ``curve``."""
+    """One fit that was asked for, under the conditions of ``per``; ``refused`` says why there is no ``curve``.
+
+    ``x``, ``y``: the quantities themselves; the curve is of their functions, if the fit names some.
+    """
 
     asked: Asked
     conditions: Mapping[str, Any]
@@ -30,9 +34,40 @@ class Fitted:
     unstated: str = ""
 
     @property
+    def functions(self) -> tuple[Function, Function]:
+        """Functions of x and y."""
+        return _functions(self.asked)
+
+    @property
     def title(self) -> str:
         """Name and conditions."""
         return f"{self.asked['name'].replace('_', ' ')}{place_of(self.conditions)}"
+
+    def values_at(self, x: Floats) -> tuple[Floats, Floats]:
+        """Return the curve at some x, and its standard uncertainty, read back as the quantity y itself, (k,)."""
+        assert self.curve is not None
+        of_x, of_y = self.functions
+        y = self.curve.at(of_x.of(x))
+        return of_y.back(y), np.abs(of_y.back_slope(y)) * self.curve.std_at(of_x.of(x))
+
+    @property
+    def departures(self) -> tuple[Floats, Floats]:
+        """Departure of the points from the curve and its standard uncertainty, read back as the quantity y, (m,)."""
+        assert self.curve is not None
+        of_y = self.functions[1]
+        measured, fitted = self.curve.fitted + self.curve.departure, self.curve.fitted
+        return of_y.back(measured) - of_y.back(fitted), np.abs(of_y.back_slope(fitted)) * self.curve.departure_std
+
+
+def powers_of(asked: Asked) -> tuple[int, ...]:
+    """Return the powers of a fit; one with a degree has all up to it."""
+    return tuple(asked["powers"] if "powers" in asked else range(asked["degree"] + 1))
+
+
+def _functions(asked: Asked) -> tuple[Function, Function]:
+    against = asked["against"]
+    x = function_of(against.get("function", ""), against["unit"])
+    return x, function_of(asked.get("function", ""), asked["units"][NONLINEARITY])
 
 
 def fits_of(campaign: Mapping[str, Any], values: Sequence[Value]) -> list[Fitted]:
@@ -52,8 +87,14 @@ def _fitted(asked: Asked, conditions: Mapping[str, Any], of: Sequence[Value], va
     pairs = [(other, value) for value in of if (other := _beside(asked["against"], value, of, values)) is not None]
     x, y = (_points([pair[side] for pair in pairs]) for side in (0, 1))
     unstated = next((value.unstated for pair in pairs for value in pair if value.unstated), "")
+    of_x, of_y = _functions(asked)
+    with np.errstate(all="ignore"):
+        fitted_x, fitted_y = of_x.points(x), of_y.points(y)
+    if not (np.isfinite(fitted_x.mean).all() and np.isfinite(fitted_y.mean).all()):
+        return Fitted(asked, conditions, x, y, None, "a value has no logarithm or no reciprocal")
     try:
-        return Fitted(asked, conditions, x, y, fit_polynomial(x, y, asked["degree"]), unstated=unstated)
+        curve = fit_polynomial(fitted_x, fitted_y, powers_of(asked))
+        return Fitted(asked, conditions, x, y, curve, unstated=unstated)
     except FitError as error:
         return Fitted(asked, conditions, x, y, None, error.message)
 
@@ -98,25 +139,35 @@ def _points(values: Sequence[Value]) -> Points:
 
 
 def estimates_of(fit: Fitted) -> Estimates:
-    """Return the coefficients and the largest departure of the points from the polynomial, each with its verdict."""
+    """Return coefficients, largest departure of the points, and values that are read back, each with its verdict."""
     if fit.curve is None:
         return []
     std = np.sqrt(np.diag(fit.curve.covariance))
-    found = {f"c{order}": (float(value), float(std[order])) for order, value in enumerate(fit.curve.coefficients)}
-    worst = int(np.argmax(np.abs(fit.curve.departure)))
-    found[NONLINEARITY] = abs(float(fit.curve.departure[worst])), float(fit.curve.departure_std[worst])
+    coefficients = zip(fit.curve.powers, fit.curve.coefficients.tolist(), std.tolist(), strict=True)
+    found = {f"c{order}": (value, of_it) for order, value, of_it in coefficients}
+    departure, departure_std = fit.departures
+    worst = int(np.argmax(np.abs(departure)))
+    found[NONLINEARITY] = abs(float(departure[worst])), float(departure_std[worst])
     units, count = fit.asked["units"], fit.x.mean.size
-    return [
+    entries = [
         estimate(
             f"{fit.asked['name']}_{result}", units[result], value, of_it, fit.conditions, n=count,
             limit=_limits(fit.asked["expected"].get(result)),
         )
         for result, (value, of_it) in found.items()
     ]  # fmt: skip
+    for asked in fit.asked.get("read_back", ()):
+        (value,), (of_it,) = fit.values_at(np.array([asked["at"]]))
+        entries.append(
+            estimate(asked["quantity"], asked["unit"], value, of_it, fit.conditions, n=count, limit=_limits(asked))
+        )
+    return entries
 
 
-def _limits(expected: Mapping[str, float] | None) -> tuple[float, float] | None:
-    return None if not expected else (expected.get("low", -math.inf), expected.get("high", math.inf))
+def _limits(expected: Mapping[str, Any] | None) -> tuple[float, float] | None:
+    if expected is None or not {"low", "high"} & expected.keys():
+        return None
+    return expected.get("low", -math.inf), expected.get("high", math.inf)
 
 
 def evidence_of(fit: Fitted) -> Iterator[Evidence]:
@@ -128,17 +179,25 @@ def evidence_of(fit: Fitted) -> Iterator[Evidence]:
     if fit.curve is None:
         return
     name = fit.asked["name"]
-    coefficients = [f"{name}_c{order}" for order in range(fit.asked["degree"] + 1)]
+    of_curve = [f"{name}_c{order}" for order in fit.curve.powers]
+    of_curve += [asked["quantity"] for asked in fit.asked.get("read_back", ())]
     if fit.unstated:
         sentence = f"{fit.title}: {fit.unstated}"
-        every = [*coefficients, f"{name}_{NONLINEARITY}"]
+        every = [*of_curve, f"{name}_{NONLINEARITY}"]
         yield Evidence("no_specification", sentence, None, 0.0, quantities=every, conditions=fit.conditions)
     if not math.isnan(fit.curve.lack) and NONLINEARITY not in fit.asked["expected"]:
         move = math.inf if math.isnan(fit.curve.rival) else fit.curve.rival
         sentence = (
-            f"{fit.title}: the points leave a polynomial of degree {fit.asked['degree']} by more than their scatter; "
-            f"one degree more moves the curve by {move:.2g} of its expanded uncertainty"
+            f"{fit.title}: the points leave a polynomial {powers_text(fit.curve.powers)} by more than their scatter; "
+            f"one power more moves the curve by {move:.2g} of its expanded uncertainty"
         )
         yield Evidence(
-            "lack_of_fit", sentence, move, fit.curve.lack, move, quantities=coefficients, conditions=fit.conditions
+            "lack_of_fit", sentence, move, fit.curve.lack, move, quantities=of_curve, conditions=fit.conditions
         )
+
+
+def powers_text(powers: Sequence[int]) -> str:
+    """Return the powers of a polynomial as words."""
+    if tuple(powers) == tuple(range(len(powers))):
+        return f"of degree {len(powers) - 1}"
+    return f"with the powers {', '.join(map(str, powers))}"

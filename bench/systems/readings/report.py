@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from bench.analysis import Figure, Table, number, series, unit_text
-from bench.systems.readings.fits import Fitted
+from bench.systems.readings.fits import NONLINEARITY, Fitted, powers_text
 
 _CURVE_POINTS = 121
 _HEADERS = ("against", "measured", "fitted", "departure", "u of the departure", "n")
@@ -16,16 +16,16 @@ def fit_table(fit: Fitted) -> Table:
     curve, asked = fit.curve, fit.asked
     if curve is None:
         return Table(fit.title, f"No fit: {fit.refused}", _HEADERS, [])
-    columns = (fit.x.mean, fit.y.mean, curve.fitted, curve.departure, curve.departure_std, fit.y.n)
+    departure, departure_std = fit.departures
+    columns = (fit.x.mean, fit.y.mean, fit.y.mean - departure, departure, departure_std, fit.y.n)
     rows = [
         [*(number(float(cell)) for cell in row[:4]), f"{row[4]:.2g}", int(row[5])] for row in zip(*columns, strict=True)
     ]
-    against = asked["against"]
-    name = against.get("quantity") or against.get("condition") or "time"
+    against, name = asked["against"], _name_of_x(fit)
     lack = "" if np.isnan(curve.lack) else f", by the scatter of the readings alone as probable as {curve.lack:.2g}"
     caption = (
-        f"{asked['of']} in {unit_text(asked['units']['c0'])} against {name} in {unit_text(against['unit'])}, "
-        f"polynomial of degree {asked['degree']}. Departures: chi-square {curve.chi2:.3g} at {curve.dof} degrees of "
+        f"{asked['of']} in {unit_text(asked['units'][NONLINEARITY])} against {name} in {unit_text(against['unit'])}; "
+        f"{_polynomial_text(fit, name)}. Departures: chi-square {curve.chi2:.3g} at {curve.dof} degrees of "
         f"freedom by scatter and floors of the instruments{lack}"
     )
     return Table(fit.title, caption, _HEADERS, rows)
@@ -36,16 +36,31 @@ def fit_figures(fit: Fitted) -> list[Figure]:
     if fit.curve is None:
         return []
     asked, x = fit.asked, fit.x.mean
-    against = asked["against"]
-    name = against.get("quantity") or against.get("condition") or "time"
-    x_label, unit = f"{name} / {unit_text(against['unit'])}", unit_text(asked["units"]["c0"])
+    x_label = f"{_name_of_x(fit)} / {unit_text(asked['against']['unit'])}"
+    unit = unit_text(asked["units"][NONLINEARITY])
     dense = np.linspace(float(x.min()), float(x.max()), _CURVE_POINTS)
-    drawn = np.polynomial.polynomial.polyval(dense, fit.curve.coefficients)
+    drawn, _ = fit.values_at(dense)
     lines = [series("polynomial", dense, drawn), series("measured", x, fit.y.mean, "points")]
-    off, reach = fit.curve.departure, 2.0 * fit.curve.departure_std
+    off, std = fit.departures
+    reach = 2.0 * std
     left = series("departure", x, off, "points", low=off - reach, high=off + reach)
     return [
         Figure(fit.title, "Measured points and the polynomial.", x_label, f"{asked['of']} / {unit}", lines, fit.title),
         Figure(f"Departure: {fit.title}", "What the polynomial leaves, with 95 % intervals.", x_label,
                f"departure / {unit}", [left], fit.title),
     ]  # fmt: skip
+
+
+def _name_of_x(fit: Fitted) -> str:
+    against = fit.asked["against"]
+    return str(against.get("quantity") or against.get("condition") or "time")
+
+
+def _polynomial_text(fit: Fitted, name: str) -> str:
+    """Return what was fitted; of the functions of the quantities, where there are some."""
+    assert fit.curve is not None
+    words = {"": "{}", "log": "log({})", "reciprocal": "1/{}"}
+    functions = fit.asked.get("function", ""), fit.asked["against"].get("function", "")
+    y, x = (words[function].format(of) for function, of in zip(functions, (fit.asked["of"], name), strict=True))
+    of = f" of {y} in {x}" if any(functions) else ""
+    return f"polynomial{of} {powers_text(fit.curve.powers)}"

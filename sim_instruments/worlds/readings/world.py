@@ -6,6 +6,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -19,8 +20,9 @@ from sim_instruments.worlds.readings.options import PlainOptions
 START_V = 6.0  # below, the unit neither starts nor draws current
 FULL_SCALE_V = 20.0  # of the supply
 LEAD_OHM = 0.4
-_MONITOR, _THERMISTOR_OHM = 0.5, 1000.0
-_PER_DEGC, _PER_DEGC2 = 7.874e-3, 1.874e-5  # of spreading resistance in silicon, about 25 degC
+_MONITOR, _THERMISTOR_OHM = 0.5, 10_000.0
+# ln(R/R25) = A + B/T + C/T^2 + D/T^3 of the material with B25/85 = 3977 K: Vishay NTCLE100E3, document 29049.
+_A, _B_K, _C_K2, _D_K3 = -14.6337, 4791.842, -115334.0, -3.730535e6
 
 
 class PlainWorld(World):
@@ -53,9 +55,9 @@ class PlainWorld(World):
 
     def thermistor_ohm(self, t_ns: int) -> float:
         """Return the resistance of the thermistor at the temperature of the unit."""
-        above_degC = float(self.thermal.unit_degC(t_ns)) - 25.0
-        nominal_ohm = _THERMISTOR_OHM * (1.0 + 1e-6 * self.plain.thermistor_ppm)
-        return nominal_ohm * (1.0 + _PER_DEGC * above_degC + _PER_DEGC2 * above_degC**2)
+        per_K = 1.0 / (float(self.thermal.unit_degC(t_ns)) + 273.15)
+        ratio = math.exp(_A + per_K * (_B_K + per_K * (_C_K2 + per_K * _D_K3)))
+        return _THERMISTOR_OHM * (1.0 + 1e-6 * self.plain.thermistor_ppm) * ratio
 
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
         return [entry("rail", "V", self.plain.rail_V, {}), entry("idle_current", "A", self.plain.idle_A, {})]

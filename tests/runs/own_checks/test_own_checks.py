@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 from pathlib import Path
 from typing import Any
@@ -73,7 +74,7 @@ def test_verdicts_report_certificate_and_history(check: str, lab: Path) -> None:
 
 
 def test_intervals_hold_the_truth_of_the_simulated_unit(lab: Path) -> None:
-    """The physics is that of the world alone: half of the supply, offset, gain and bow; silicon about 25 degC."""
+    """The physics is that of the world alone: half of the supply, offset, gain and bow; an NTC of 10 kohm."""
     made = PlainOptions()
     supply, linearity, thermistor = (values(run(check)[1]) for check in CHECKS)
     assert abs(supply["rail"]["value"] - made.rail_V) <= supply["rail"]["expanded_uncertainty"]
@@ -83,9 +84,11 @@ def test_intervals_hold_the_truth_of_the_simulated_unit(lab: Path) -> None:
     assert bow["value"] <= bow_V + bow["expanded_uncertainty"]
     gain = 0.5 * (1.0 + 1e-6 * made.monitor_gain_ppm)
     assert abs(slope["value"] - gain) <= slope["expanded_uncertainty"] + 4.0 * bow_V / 20.0  # the bow's own slope
-    scale = 1000.0 * (1.0 + 1e-6 * made.thermistor_ppm)
-    due = scale * (1.0 - 25.0 * 7.874e-3 + 625.0 * 1.874e-5)
-    assert abs(thermistor["thermistor_c0"]["value"] - due) <= thermistor["thermistor_c0"]["expanded_uncertainty"]
+    x = -math.log1p(1e-6 * made.thermistor_ppm)  # Vishay's inverse curve; the world has the other one
+    due_degC = 1.0 / (3.354016e-3 + 2.569850e-4 * x + 2.620131e-6 * x**2 + 6.383091e-8 * x**3) - 273.15
+    nominal = thermistor["nominal_temperature"]
+    assert abs(nominal["value"] - due_degC) <= nominal["expanded_uncertainty"]
+    assert thermistor["thermistor_c3"]["unit"] == "1/K"
 
 
 @pytest.mark.parametrize(
@@ -95,7 +98,7 @@ def test_intervals_hold_the_truth_of_the_simulated_unit(lab: Path) -> None:
         ("supply_test", "idle_A=0.17", "current"),
         ("linearity", "monitor_bow_ppm=2000", "monitor_c0 monitor_nonlinearity"),
         ("linearity", "monitor_gain_ppm=5000", "monitor_c1"),
-        ("thermistor", "thermistor_ppm=60000", "thermistor_c0"),
+        ("thermistor", "thermistor_ppm=100000", "nominal_temperature"),
     ],
 )
 def test_a_unit_that_is_not_right_fails(check: str, option: str, failed: str, lab: Path) -> None:

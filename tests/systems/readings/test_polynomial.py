@@ -21,7 +21,7 @@ def points(
 
 def test_without_errors_of_x_it_is_numpys_polyfit() -> None:
     x, y = np.linspace(-2.0, 9.0, 9), np.array([3.1, 2.0, 1.7, 1.2, 2.4, 3.3, 5.9, 8.2, 12.4])
-    curve = fit_polynomial(points(x), points(y, 0.05), 2)
+    curve = fit_polynomial(points(x), points(y, 0.05), (0, 1, 2))
     assert curve.coefficients[::-1] == pytest.approx(np.polyfit(x, y, 2), rel=1e-9)
     _, covariance = np.polyfit(x, y, 2, cov=True)
     assert curve.covariance[::-1, ::-1] == pytest.approx(covariance, rel=1e-6)  # its chi-square is above 1
@@ -34,7 +34,7 @@ def test_errors_of_x_against_york(record_property: Callable[[str, object], None]
     y = np.array([5.9, 5.4, 4.4, 4.6, 3.5, 3.7, 2.8, 2.8, 2.4, 1.5])
     x_weight = np.array([1000.0, 1000.0, 500.0, 800.0, 200.0, 80.0, 60.0, 20.0, 1.8, 1.0])
     y_weight = np.array([1.0, 1.8, 4.0, 8.0, 20.0, 20.0, 70.0, 70.0, 100.0, 500.0])
-    curve = fit_polynomial(points(x, x_weight**-0.5), points(y, y_weight**-0.5), 1)
+    curve = fit_polynomial(points(x, x_weight**-0.5), points(y, y_weight**-0.5), (0, 1))
     off = (curve.coefficients - [5.47991022, -0.480533407]) / [0.29497, 0.05798]
     record_property("obtained", f"{np.max(np.abs(off)):.2g} standard uncertainties off")
     assert np.max(np.abs(off)) < 0.4
@@ -43,7 +43,7 @@ def test_errors_of_x_against_york(record_property: Callable[[str, object], None]
 def test_errors_of_the_instruments_reach_the_coefficients() -> None:
     """One gain of the meter is one relative error of both coefficients; more points do not make it smaller."""
     x = np.linspace(1.0, 10.0, 40)
-    curve = fit_polynomial(points(x), points(2.0 + 3.0 * x, 1e-9, gain=1e-4), 1)
+    curve = fit_polynomial(points(x), points(2.0 + 3.0 * x, 1e-9, gain=1e-4), (0, 1))
     assert np.sqrt(np.diag(curve.covariance)) == pytest.approx([2e-4, 3e-4], rel=1e-3)
 
 
@@ -58,7 +58,7 @@ def test_intervals_cover_the_truth() -> None:
             for gain, offset, true in zip(gains, offsets, (levels, 0.1 + 0.5 * levels), strict=True)
         ]
         x, y = (points(mean, 1e-4 / np.sqrt(5), gain=2e-5, floor=2e-4) for mean in read)
-        curve = fit_polynomial(x, y, 1)
+        curve = fit_polynomial(x, y, (0, 1))
         inside += np.abs(curve.coefficients - [0.1, 0.5]) <= 1.96 * np.sqrt(np.diag(curve.covariance))
     assert (inside / 400 >= 0.93).all()  # more than 95 %: the floor counts twice, because nobody says which it is
 
@@ -78,10 +78,10 @@ def test_lack_of_fit_is_rare_in_right_worlds_and_sure_in_wrong_ones() -> None:
 def _curve(x: np.ndarray, readings: np.ndarray) -> Curve:
     scatter = readings.std(axis=0, ddof=1)
     y = Points(readings.mean(axis=0), scatter / np.sqrt(5), scatter, 0.0 * x, 0.0 * x, np.full(8, 5.0))
-    return fit_polynomial(points(x), y, 1)
+    return fit_polynomial(points(x), y, (0, 1))
 
 
 def test_too_few_points_are_refused() -> None:
     with pytest.raises(FitError, match="2 points do not determine c0, c1, c2") as caught:
-        fit_polynomial(points(np.array([1.0, 2.0])), points(np.array([1.0, 2.0])), 2)
+        fit_polynomial(points(np.array([1.0, 2.0])), points(np.array([1.0, 2.0])), (0, 1, 2))
     assert caught.value.code == "B-FIT-001"

@@ -64,6 +64,25 @@ def test_too_few_points_are_missing_and_the_rest_is_given() -> None:
     assert found(analysis, "output_repeatability")
 
 
+def test_a_value_without_a_logarithm_is_no_fit() -> None:
+    read = {(level, 20.0): [volt] * 2 for level, volt in ((1.0, 1.0), (2.0, 0.0), (4.0, 3.0))}
+    analysis = analyse(material(read, function="log"))
+    assert analysis.missing == ["gain: a value has no logarithm or no reciprocal"]
+    assert not found(analysis, "gain_c0")
+
+
+def test_a_value_is_read_back_with_its_interval() -> None:
+    """A line through exact points: at 3 V, and the uncertainty of the line there."""
+    read = {(level, 20.0): [2.0 * level] * 2 for level in (1.0, 2.0, 4.0)}
+    asked = [{"quantity": "at_three", "at": 3.0, "unit": "V", "low": 5.9, "high": 6.1}]
+    (entry,) = found(analyse(material(read, read_back=asked)), "at_three")
+    assert (entry["value"], entry["limits"]) == (pytest.approx(6.0), {"low": 5.9, "high": 6.1})
+    own = math.hypot(5e-4, 2.0 * 1e-3)  # half of both: the floor of the meter, the stated 2 mV of the level
+    levels = np.array([1.0, 2.0, 4.0])
+    leverage = 1.0 / 3.0 + (3.0 - levels.mean()) ** 2 / np.sum((levels - levels.mean()) ** 2)
+    assert entry["std_uncertainty"] == pytest.approx(own * math.sqrt(1.0 + leverage), rel=1e-6)  # it counts twice
+
+
 def test_nothing_read_is_refused() -> None:
     with pytest.raises(FitError, match="no reading of the session has a value") as caught:
         analyse(material({}))

@@ -186,5 +186,51 @@ def test_a_fit_has_the_units_of_its_quantities(tmp_path: Path) -> None:
     assert refused(tmp_path, body.replace("V/s}", "V}") + reading("{name: rail}"))[0] == "B-PLAN-120"
 
 
+NTC = "fits: [{name: ntc, of: 1/air, against: log(ohm), powers: [0, 1, 3], MORE}]\n"
+NTC_READ = steps(
+    "ohmmeter.measure_resistance: {range: 100 kohm, cycles: 10}\n    expect: {name: ohm}",
+    "chamber.measure_air:\n    expect: {name: air}",
+)
+
+
+def test_a_fit_of_functions(tmp_path: Path) -> None:
+    more = "expect: {c3: {max: 1e-7 1/K}, nonlinearity: {max: 50 mohm}}, "
+    more += "read_back: [{name: r25, at: 10 kohm, min: 24 degC}]"
+    body = NTC.replace("MORE", more.replace("50 mohm", "0.05 degC")) + NTC_READ
+    (fit,) = plan_of(tmp_path, body).campaign["fits"]
+    assert fit["units"] == {"c0": "1/K", "c1": "1/K", "c3": "1/K", "nonlinearity": "degC"}
+    assert (fit["function"], fit["against"]) == ("reciprocal", {"quantity": "ohm", "unit": "ohm", "function": "log"})
+    assert fit["expected"] == {"c3": {"high": 1e-7}, "nonlinearity": {"high": 0.05}}
+    assert fit["read_back"] == [{"quantity": "r25", "at": 1e4, "unit": "degC", "low": 24.0}]
+    code, message = refused(tmp_path, NTC.replace("MORE", more) + NTC_READ)
+    assert (code, "0.05 ohm" in message or "50 mohm is in ohm" in message) == ("B-PLAN-120", True)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code", "words"),
+    [
+        ("of: 1/air", "of: log(air)", "B-PLAN-123", "has no logarithm"),
+        ("against: log(ohm)", "against: log(omh)", "B-PLAN-123", "called 'omh'"),
+        ("against: log(ohm)", "against: log(time)", "B-PLAN-123", "called 'time'"),
+        ("MORE", "read_back: [{name: air, at: 10 kohm}]", "B-PLAN-121", "is read"),
+        ("MORE", "read_back: [{name: r25, at: 25 degC}]", "B-PLAN-120", "25 degC is in degC"),
+        ("MORE", "degree: 3", "B-YAML-012", "not both"),
+        ("[0, 1, 3]", "[0, 3, 1]", "B-YAML-012", "do not rise"),
+        ("[0, 1, 3]", "[0, 1, 9]", "B-YAML-012", "9"),
+        ("MORE", "expect: {c2: {max: 1 1/K}}", "B-YAML-012", "has no result 'c2'"),
+        ("of: 1/air", "of: sqrt(air)", "B-YAML-012", "sqrt(air)"),
+    ],
+)
+def test_functions_that_cannot_be_fitted(tmp_path: Path, old: str, new: str, code: str, words: str) -> None:
+    body = NTC.replace(old, new).replace(", MORE", "") + NTC_READ
+    if code.startswith("B-PLAN"):
+        found, message = refused(tmp_path, body)
+        assert (found, words in message) == (code, True)
+    else:
+        with pytest.raises(InputErrors) as caught:
+            plan_of(tmp_path, body)
+        assert words in str(caught.value)
+
+
 def test_an_analysis_of_values_needs_one(tmp_path: Path) -> None:
     assert refused(tmp_path, "steps:\n  - settle: 60 s\n")[0] == "B-PLAN-078"

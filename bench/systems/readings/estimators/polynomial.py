@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial import polynomial
 from numpy.typing import NDArray
 from scipy import stats
 
@@ -36,13 +36,14 @@ class Points:
 
 @dataclass(frozen=True)
 class Curve:
-    """A fitted polynomial c0 + c1 x + ...; units follow y and the powers of x.
+    """A fitted polynomial, the sum of c x^k over its ``powers`` k; units follow y and the powers of x.
 
     ``lack``: probability of departures at least as large in a world where the polynomial is right, NaN if the points
-    were not read repeatedly.   ``rival``: largest change of the curve at the points by one degree more, in its expanded
+    were not read repeatedly.   ``rival``: largest change of the curve at the points by one power more, in its expanded
     uncertainty, NaN without points for it.
     """
 
+    powers: tuple[int, ...]  # (p,)
     coefficients: Array  # (p,)
     covariance: Array  # (p, p)
     fitted: Array  # (m,)
@@ -53,11 +54,21 @@ class Curve:
     lack: float
     rival: float
 
+    def at(self, x: Array) -> Array:
+        """Return the polynomial at some places, (k,)."""
+        return np.asarray(_columns(x, self.powers) @ self.coefficients, np.float64)
 
-def fit_polynomial(x: Points, y: Points, degree: int) -> Curve:
+    def std_at(self, x: Array) -> Array:
+        """Return its standard uncertainty there, (k,), by the covariance of the coefficients."""
+        columns = _columns(x, self.powers)
+        variance = np.einsum("kp,pq,kq->k", columns, self.covariance, columns)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)), np.float64)
+
+
+def fit_polynomial(x: Points, y: Points, powers: Sequence[int]) -> Curve:
     """Fit a polynomial by generalised least squares, errors of x carried over by the slope at each point.
 
-    Args:    x, y: m points, each in its own unit.   degree: of the polynomial.
+    Args:    x, y: m points, each in its own unit.   powers: of x that the polynomial has, rising.
     Returns: Curve. The covariance of the coefficients has the scatter, widened where the departures are larger than
              scatter and floor explain, and the errors of both instruments: gains as one error each, floors both as one
              error of all points and as another at each, because a specification does not say which it is.
@@ -65,17 +76,17 @@ def fit_polynomial(x: Points, y: Points, degree: int) -> Curve:
     Source:  JCGM 100:2008 annex H.3 (calibration curve), Draper and Smith, Applied Regression Analysis, section 2.1
              (lack of fit and pure error); docs/decisions/0031.
     """
-    if x.mean.size < degree + 1:
-        names = ", ".join(f"c{order}" for order in range(degree + 1))
-        message = f"{x.mean.size} points do not determine {names}"
+    powers, names = tuple(powers), [f"c{order}" for order in powers]
+    if x.mean.size < len(powers):
+        message = f"{x.mean.size} points do not determine {', '.join(names)}"
         raise FitError("B-FIT-001", message, next_step="read at more values, or take a lower degree")
-    design, back = _design(x.mean, degree)
+    design, back = _design(x.mean, powers)
     slope: Array = np.zeros(x.mean.size)
     for _ in range(_TURNS):
         weights = _independent(x, y, slope)
-        fit = solve(design, y.mean, np.diag(weights), [f"c{order}" for order in range(degree + 1)])
+        fit = solve(design, y.mean, np.diag(weights), names)
         coefficients = back @ fit.parameters
-        slope = np.asarray(polynomial.polyval(x.mean, polynomial.polyder(coefficients)), np.float64)
+        slope = _columns(x.mean, [max(order - 1, 0) for order in powers]) @ (np.array(powers) * coefficients)
     birge = max(1.0, fit.chi2 / fit.dof) if fit.dof else 1.0
     own, common = np.diag(weights), _common(x, y, slope)
     noise = birge * own + common
@@ -84,6 +95,7 @@ def fit_polynomial(x: Points, y: Points, degree: int) -> Curve:
     left = np.eye(x.mean.size) - hat  # what departs is no noise of the departures
     curve_std = np.sqrt(np.diag(hat @ noise @ hat.T))
     return Curve(
+        powers=powers,
         coefficients=coefficients,
         covariance=operator @ noise @ operator.T,
         fitted=y.mean - fit.residual,
@@ -91,21 +103,34 @@ def fit_polynomial(x: Points, y: Points, degree: int) -> Curve:
         departure_std=np.sqrt(np.maximum(np.diag(left @ (own + common) @ left.T), 0.0)),
         chi2=fit.chi2,
         dof=fit.dof,
-        lack=_lack_of_fit(x, y, degree, slope),
-        rival=_rival(x, y, degree, weights, y.mean - fit.residual, 2.0 * curve_std),
+        lack=_lack_of_fit(x, y, powers, slope),
+        rival=_rival(x, y, powers, weights, y.mean - fit.residual, 2.0 * curve_std),
     )
 
 
-def _design(x: Array, degree: int) -> tuple[Array, Array]:
-    """Return powers of x, centred and scaled, (m, p), and the matrix (p, p) back to the coefficients of x itself."""
-    middle = float(x.mean())
+def _columns(x: Array, powers: Sequence[int]) -> Array:
+    """Return powers of x, (m, p)."""
+    return np.asarray(x[:, None] ** np.array(powers), np.float64)
+
+
+def _one_more(powers: Sequence[int]) -> tuple[int, ...]:
+    """Return the powers with the lowest that is not among them."""
+    return tuple(sorted((*powers, next(order for order in range(len(powers) + 1) if order not in powers))))
+
+
+def _design(x: Array, powers: Sequence[int]) -> tuple[Array, Array]:
+    """Return powers of x, scaled, (m, p), and the matrix (p, p) back to the coefficients of x itself.
+
+    They are centred too, where no power is left out: one that is would come back by it.
+    """
+    middle = float(x.mean()) if tuple(powers) == tuple(range(len(powers))) else 0.0
     size = float(np.max(np.abs(x - middle))) or 1.0
-    design = np.vander((x - middle) / size, degree + 1, increasing=True)
-    back = np.zeros((degree + 1, degree + 1))
-    for order in range(degree + 1):
-        for power in range(order + 1):
-            back[power, order] = math.comb(order, power) * (-middle) ** (order - power) / size**order
-    return design, back
+    back = np.zeros((len(powers), len(powers)))
+    for column, order in enumerate(powers):
+        for row, power in enumerate(powers[: column + 1]):
+            if middle or power == order:
+                back[row, column] = math.comb(order, power) * (-middle) ** (order - power) / size**order
+    return _columns((x - middle) / size, powers), back
 
 
 def _independent(x: Points, y: Points, slope: Array) -> Array:
@@ -121,37 +146,37 @@ def _common(x: Points, y: Points, slope: Array) -> Array:
     return np.asarray(sum(np.outer(part, part) for part in parts), np.float64)
 
 
-def _squares(x: Array, y: Array, n: Array, degree: int) -> float:
+def _squares(x: Array, y: Array, n: Array, powers: Sequence[int]) -> float:
     """Return the sum of squares that a polynomial leaves, each mean with the weight of its readings."""
-    design, _ = _design(x, degree)
+    design, _ = _design(x, powers)
     root = np.sqrt(n)
     parameters = np.linalg.lstsq(design * root[:, None], y * root, rcond=None)[0]
     return float(np.sum(n * (y - design @ parameters) ** 2))
 
 
-def _lack_of_fit(x: Points, y: Points, degree: int, slope: Array) -> float:
+def _lack_of_fit(x: Points, y: Points, powers: Sequence[int], slope: Array) -> float:
     """Return the smaller probability of two F tests against the scatter, doubled: all departures; the next power."""
     repeats = y.n > 1
     pure = int(np.sum(y.n[repeats] - 1))
-    free = y.mean.size - degree - 1
+    free = y.mean.size - len(powers)
     if pure < 1 or free < 1:
         return math.nan
     scatter = np.hypot(y.scatter, slope * np.where(np.isfinite(x.scatter), x.scatter, 0.0))
     variance = float(np.sum((y.n[repeats] - 1) * scatter[repeats] ** 2) / pure)
-    squares = _squares(x.mean, y.mean, y.n, degree)
+    squares = _squares(x.mean, y.mean, y.n, powers)
     if variance == 0.0:
         return math.nan
-    less = squares - _squares(x.mean, y.mean, y.n, degree + 1)
+    less = squares - _squares(x.mean, y.mean, y.n, _one_more(powers))
     whole = float(stats.f.sf(squares / free / variance, free, pure))
     power = float(stats.f.sf(max(less, 0.0) / variance, 1, pure))
     return min(1.0, 2.0 * min(whole, power))
 
 
-def _rival(x: Points, y: Points, degree: int, weights: Array, fitted: Array, expanded: Array) -> float:
-    """Return the largest change of the curve by one degree more, in its expanded uncertainty."""
-    if x.mean.size < degree + 2:
+def _rival(x: Points, y: Points, powers: Sequence[int], weights: Array, fitted: Array, expanded: Array) -> float:
+    """Return the largest change of the curve by one power more, in its expanded uncertainty."""
+    if x.mean.size <= len(powers):
         return math.nan
-    design, _ = _design(x.mean, degree + 1)
-    names = [f"c{order}" for order in range(degree + 2)]
-    rival = y.mean - solve(design, y.mean, np.diag(weights), names).residual
+    more = _one_more(powers)
+    design, _ = _design(x.mean, more)
+    rival = y.mean - solve(design, y.mean, np.diag(weights), [f"c{order}" for order in more]).residual
     return float(np.max(np.abs(rival - fitted) / expanded))
