@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from rich.console import Console
 
@@ -23,6 +23,7 @@ from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.units import hours
 from bench.plan import Plan, Summary, check_plan, compile_sequence, decisions_of, load_station, summarise
+from bench.session.judged import judged_lines, not_judged
 from bench.session.output import writing
 
 if TYPE_CHECKING:
@@ -61,6 +62,7 @@ def check(request: Request) -> int:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
         document["decoding"] = {link: asdict(pace) for link, pace in decoding.items()}
         document["assumptions"] = [asdict(taken) for taken in assumptions_of(plan.campaign)]
+        document |= {name: plan.campaign[name] for name in ("expected", "fits") if name in plan.campaign}
         live = {} if report is None else {"preflight": report.event().document()}
         sys.stdout.write(json.dumps({**document, **live}, indent=1) + "\n")
     else:
@@ -104,6 +106,8 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
         out.print(f"  timetable    {plot}")
     for taken in assumptions_of(plan.campaign):
         out.print(f"  unseen       {taken.taken_for_granted} {taken.unseen} {taken.shown_by}")
+    for line in judged_lines(plan):
+        out.print(f"  expected     {line}", markup=False)
     if not_judged(plan.campaign):
         out.print("  not judged   no value and no fit has a limit; write 'expect' beside a reading")
     out.print("no mistake found")
@@ -111,15 +115,6 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
         from bench.commands.doctor import print_preflight
 
         print_preflight(out, report)
-
-
-def not_judged(campaign: Mapping[str, Any]) -> bool:
-    """Return whether a campaign reads values and expects nothing of any of them."""
-    values, fits = campaign.get("expected", ()), campaign.get("fits", ())
-    read_back = [value for fit in fits for value in fit.get("read_back", ())]
-    judged = any({"low", "high", "span"} & value.keys() for value in (*values, *read_back))
-    judged = judged or any(fit["expected"] for fit in fits)
-    return bool(values) and not judged
 
 
 def settings_of(pairs: Sequence[str]) -> dict[str, str]:

@@ -109,6 +109,30 @@ def test_a_unit_that_is_not_right_fails(check: str, option: str, failed: str, la
     }
 
 
+@pytest.mark.parametrize(
+    ("check", "line"),
+    [
+        ("supply_test", "rail: 4.9 to 5.1 V, stable within 0.001 V; 0:00:10 and 2 times more (supply_test.yaml:25:9)"),
+        ("supply_test", "housing_length: 0.0795 to 0.0805 m; 0:00:00 (supply_test.yaml:16:5)"),
+        ("linearity", "monitor: output against input, c0 ± 0.005 V, c1 0.4995 to 0.5005, nonlinearity ≤ 0.002 V; at "
+                      "the end"),
+        ("thermistor", "thermistor: 1/air_temperature against log(resistance), nonlinearity ≤ 1 degC, "
+                       "nominal_temperature 24 to 26 degC; at the end"),
+    ],
+)  # fmt: skip
+def test_the_check_says_what_is_judged_where(check: str, line: str, lab: Path) -> None:
+    assert f"expected {line}" in " ".join(command("check", check).output.split())
+    assert {"expected"} <= json.loads(command("check", check, "--json").output).keys()
+
+
+def test_limits_of_a_loop_are_told_from_the_first_to_the_last(lab: Path) -> None:
+    sequence = lab / "sequences/linearity.yaml"
+    levels = 'expect: {name: input, equals: "{level}", tolerance: 1 %}'
+    sequence.write_text(sequence.read_text().replace("expect: {name: input}", levels))
+    said = " ".join(command("check", "linearity").output.split())
+    assert "input: 7.92 to 8.08 V at level_V 8, to 18.81 to 19.19 V at level_V 19; 0:00:10" in said
+
+
 def test_a_line_through_a_bent_unit_is_doubted_unless_its_departure_is_judged(lab: Path) -> None:
     sequence = lab / "sequences/linearity.yaml"
     bent = ("--set", "world.monitor_bow_ppm=2000")
