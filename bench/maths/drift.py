@@ -194,19 +194,19 @@ def individuals_chart(readings: Array) -> IndividualsChart:
 
 
 def days_to_limit(
-    value: Array, std: Array, rate: Array, rate_std: Array, limit: Array, *, most_days: int
+    value: Array, std: Array, rate: Array, rate_std: Array, low: Array, high: Array, *, most_days: int
 ) -> NDArray[np.int64]:
-    """Return whole days until ``|value + rate t| + k u(t)`` reaches the limit, ``u(t)^2 = std^2 + (rate_std t)^2``.
+    """Return whole days until ``value + rate t -+ k u(t)`` reaches a limit, ``u(t)^2 = std^2 + (rate_std t)^2``.
 
     Args:    value, std: (p,) what is known at t = 0.   rate, rate_std: (p,) per day; NaN means that no drift is known.
-             limit: (p,), > 0; NaN where there is none.   most_days: no more is promised than this.
+             low, high: (p,) limits, infinite where there is none.   most_days: no more is promised than this.
     Returns: (p,) days, 0 ... most_days; most_days where there is no limit, 0 where the value or its uncertainty is not
              known.
     Source:  ILAC-G24 / OIML D 10, control-chart method; coverage factor k of JCGM 100 section 6.3.
     """
     day = np.arange(most_days + 1, dtype=np.float64)[:, None]
     speed, speed_std = np.nan_to_num(rate), np.nan_to_num(rate_std)
-    reach = np.abs(value + speed * day) + coverage_factor() * np.hypot(std, speed_std * day)
-    over = ~(reach < np.where(np.isnan(limit), np.inf, limit))
+    middle, reach = value + speed * day, coverage_factor() * np.hypot(std, speed_std * day)
+    over = ~((middle + reach < high) & (middle - reach > low))
     first = np.where(over.any(axis=0), over.argmax(axis=0), most_days + 1)
     return np.asarray(np.clip(first - 1, 0, most_days), dtype=np.int64)

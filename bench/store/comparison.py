@@ -29,7 +29,8 @@ class ParameterHistory:
     en: Array  # against the calibration before; NaN for the first
     line: DriftLine | None  # None if all calibrations were made at one time
     chart: IndividualsChart | None  # of the residuals about the line
-    limit: float  # of the value; NaN if there is none
+    low: float  # limits of the value; infinite where there is none
+    high: float
     change_limit: float  # of the change since the last calibration; NaN if there is none
 
     @property
@@ -62,9 +63,14 @@ class ParameterHistory:
             "control_limits_3_sigma": None if chart is None else list(chart.action),
             "moving_range_limit": None if chart is None else chart.range_limit,
             "out_of_control": [series.calibrations[row]["session"] for row in self.outside],
-            "limit": None if np.isnan(self.limit) else self.limit,
+            "limit": self.high if np.isfinite(self.high) and self.low == -self.high else None,
+            "limits": {"low": _limit(self.low), "high": _limit(self.high)},
             "change_limit": None if np.isnan(self.change_limit) else self.change_limit,
         }
+
+
+def _limit(end: float) -> float | None:
+    return end if np.isfinite(end) else None
 
 
 @dataclass(frozen=True)
@@ -104,7 +110,8 @@ def _history(series: Series, column: int) -> ParameterHistory:
         en=_en_of_each(value, std * factor, shared * factor, standard),
         line=line,
         chart=chart,
-        limit=float(series.limit[column]),
+        low=float(series.low[column]),
+        high=float(series.high[column]),
         change_limit=float(series.change_limit[column]),
     )
 

@@ -85,12 +85,14 @@ def _days_left(members: list[ParameterHistory], most_days: int) -> NDArray[np.in
     lines = [history.line if _tells_drift(history, most_days) else None for history in members]
     rate = np.array([line.rate if line else np.nan for line in lines]) / _DAYS_PER_YEAR
     rate_std = np.array([line.rate_expanded if line else np.nan for line in lines]) / coverage_factor() / _DAYS_PER_YEAR
-    limit, change_limit = (
-        np.array([getattr(history, name) for history in members]) for name in ("limit", "change_limit")
+    low, high, change = (
+        np.array([getattr(history, name) for history in members]) for name in ("low", "high", "change_limit")
     )
-    limit = np.where((limit == 0.0) & (value == 0.0), np.nan, limit)  # nothing was wrong: a count does not drift
-    by_value = days_to_limit(value, std, rate, rate_std, limit, most_days=most_days)
-    by_change = days_to_limit(np.zeros_like(value), std, rate, rate_std, change_limit, most_days=most_days)
+    counted = (low == value) & (high == value)  # nothing was wrong: a count does not drift
+    low, high = np.where(counted, -np.inf, low), np.where(counted, np.inf, high)
+    change = np.where(np.isnan(change), np.inf, change)
+    by_value = days_to_limit(value, std, rate, rate_std, low, high, most_days=most_days)
+    by_change = days_to_limit(np.zeros_like(value), std, rate, rate_std, -change, change, most_days=most_days)
     return np.minimum(by_value, by_change)
 
 

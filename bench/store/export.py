@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from collections.abc import Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any
 
 from sqlalchemy import Connection, select
 
+from bench.analysis import limits_of
 from bench.store.database import reading
 from bench.store.errors import StoreError
 from bench.store.reading import stored_estimates, utc_text
@@ -25,7 +27,7 @@ COLUMNS = (
     ("value", "double"), ("std_uncertainty", "double"), ("coverage_factor", "double"),
     ("expanded_uncertainty", "double"), ("n", "int64"), ("dropped", "int64"), ("limit", "double"),
     ("verdict", "string"), ("channel", "int64"), ("temperature_degC", "double"), ("unit_temperature_degC", "double"),
-    ("conditions", "string"),
+    ("conditions", "string"), ("low", "double"), ("high", "double"),
 )  # fmt: skip
 FORMATS = (".csv", ".parquet")
 _CONDITIONS = ("channel", "temperature_degC", "unit_temperature_degC")
@@ -84,7 +86,9 @@ def _rows(connection: Connection, filters: Filters) -> Iterator[dict[str, Any]]:
 def _estimate(estimate: dict[str, Any]) -> dict[str, Any]:
     conditions = estimate["conditions"]
     text = json.dumps(conditions, sort_keys=True, ensure_ascii=False)
-    return {**estimate, **{name: conditions.get(name) for name in _CONDITIONS}, "conditions": text}
+    ends = limits_of(estimate) or (-math.inf, math.inf)
+    limits = {name: end if math.isfinite(end) else None for name, end in zip(("low", "high"), ends, strict=True)}
+    return {**estimate, **{name: conditions.get(name) for name in _CONDITIONS}, "conditions": text, **limits}
 
 
 def _write_csv(rows: Iterator[dict[str, Any]], path: Path) -> int:

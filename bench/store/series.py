@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Select, select
 
+from bench.analysis import limits_of
 from bench.maths.drift import NO_STANDARD
 from bench.model.clock import NS
 from bench.store.database import reading
@@ -72,8 +73,9 @@ class Series:
     factor: Array  # (c, p)
     shared: Array  # (c, p)
     standard: NDArray[np.int64]  # (c, p)
-    limit: Array  # (p,) of the newest calibration of the campaign; NaN if there is none
-    change_limit: Array  # (p,) the same, of the change since that calibration
+    low: Array  # (p,) limits of the newest calibration of the campaign; infinite where there is none
+    high: Array  # (p,)
+    change_limit: Array  # (p,) the same, of the change since that calibration; NaN if there is none
     notes: list[str] = field(default_factory=list)
 
 
@@ -134,9 +136,9 @@ def _series(
     parameters = [Parameter(name, *described[number]) for name, number in column_of]
     shared, standard = _shared(connection, rows, parameters)
     t_year = np.array([row["started_utc_ns"] / NS / YEAR_S for row in rows])
-    limit, change_limit = _limits(connection, rows, column_of)
     value, std, factor = grids
-    return Series(uut, rows, parameters, t_year, value, std, factor, shared, standard, limit, change_limit, notes)
+    limits = _limits(connection, rows, column_of)
+    return Series(uut, rows, parameters, t_year, value, std, factor, shared, standard, *limits, notes)
 
 
 def _unsound(connection: Connection, rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -185,17 +187,21 @@ def _plain_rows(connection: Connection, query: Select[Any]) -> list[tuple[Any, .
 
 def _limits(
     connection: Connection, rows: list[dict[str, Any]], column_of: dict[tuple[str, int], int]
-) -> tuple[Array, Array]:
-    """Return limits of the newest calibration of every campaign: of the value, and of its change."""
+) -> tuple[Array, Array, Array]:
+    """Return limits of the newest calibration of every campaign: low and high of the value, and of its change."""
     newest = {str(row["campaign"]): int(row["result_set_id"]) for row in rows}
-    limits = np.full((2, len(column_of)), np.nan)
+    low, high = np.full(len(column_of), -np.inf), np.full(len(column_of), np.inf)
+    change = np.full(len(column_of), np.nan)
+    columns = [estimates.c[name] for name in ("parameter_id", "limit_value", "further", "change_limit")]
     for campaign, result_set in newest.items():
-        query = select(estimates.c.parameter_id, estimates.c.limit_value, estimates.c.change_limit)
-        for number, *pair in connection.execute(query.where(estimates.c.result_set_id == result_set)):
+        query = select(*columns).where(estimates.c.result_set_id == result_set)
+        for number, limit, further, of_change in connection.execute(query):
             column = column_of.get((campaign, number))
             if column is not None:
-                limits[:, column] = [np.nan if limit is None else limit for limit in pair]
-    return limits[0], limits[1]
+                stated = limits_of({"limit": limit, **json.loads(further or "{}")})
+                low[column], high[column] = (-np.inf, np.inf) if stated is None else stated
+                change[column] = np.nan if of_change is None else of_change
+    return low, high, change
 
 
 def _shared(

@@ -52,6 +52,7 @@ def _panel(history: ParameterHistory) -> plots.Panel:
         line=scale * history.line.at(at) if history.line else empty,
         line_expanded=scale * history.line.factor * history.line.std_at(at) if history.line else empty,
         action_sigma=3.0 * scale * history.chart.sigma if history.chart else math.nan,
-        limit=scale * history.limit,
+        low=scale * history.low,
+        high=scale * history.high,
         outside=np.isin(history.rows, history.outside),
     )

@@ -37,7 +37,8 @@ class Panel:
     line: Floats
     line_expanded: Floats
     action_sigma: float = math.nan  # distance of the action limits (3 sigma) from the line
-    limit: float = math.nan
+    low: float = -math.inf
+    high: float = math.inf
     outside: NDArray[np.bool_] | None = None
 
 
@@ -80,9 +81,8 @@ def _draw(axes: Axes, panel: Panel) -> None:
         axes.plot(panel.line_year, panel.line, color=INK)
         for sign in (-1.0, 1.0):
             axes.plot(panel.line_year, panel.line + sign * panel.action_sigma, color=GREY, linestyle=(0, (4, 2)))
-    if math.isfinite(panel.limit):
-        for sign in (-1.0, 1.0):
-            axes.axhline(sign * panel.limit, color=VERMILION, linewidth=0.9)
+    for limit in filter(math.isfinite, (panel.low, panel.high)):
+        axes.axhline(limit, color=VERMILION, linewidth=0.9)
     middle, span = float(panel.year[0] + panel.year[-1]) / 2.0, float(panel.year[-1] - panel.year[0])
     if span == 0.0:
         axes.set_xlim(middle - _LEAST_YEARS, middle + _LEAST_YEARS)

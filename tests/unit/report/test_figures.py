@@ -108,7 +108,7 @@ def test_calibrations_at_one_time_lie_in_the_middle_of_some_years() -> None:
     empty = np.empty(0)
     panel = history_plot.Panel(
         title="bias", unit="nA", year=np.full(3, 2000.0), value=np.arange(3.0), expanded=np.ones(3), line_year=empty,
-        line=empty, line_expanded=empty, action_sigma=float("nan"), limit=float("nan"), outside=np.zeros(3, bool),
+        line=empty, line_expanded=empty, action_sigma=float("nan"), outside=np.zeros(3, bool),
     )  # fmt: skip
     axes = Drawing().subplots()
     history_plot._draw(axes, panel)

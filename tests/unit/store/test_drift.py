@@ -202,7 +202,7 @@ def test_days_to_a_limit_against_a_root_finder() -> None:
     value, std = rng.normal(0.0, 30.0, count), rng.uniform(1.0, 12.0, count)
     rate, rate_std = rng.normal(0.0, 0.08, count), rng.uniform(0.0, 0.01, count)
     limit = np.full(count, 100.0)
-    found = days_to_limit(value, std, rate, rate_std, limit, most_days=most)
+    found = days_to_limit(value, std, rate, rate_std, -limit, limit, most_days=most)
     for one in range(count):
 
         def over(day: float, at: int = one) -> float:
@@ -221,13 +221,23 @@ def test_days_to_a_limit_against_a_root_finder() -> None:
 
 
 def test_days_without_limit_or_drift() -> None:
-    nothing = np.array([np.nan])
+    nothing, open_end = np.array([np.nan]), np.array([np.inf])
     one, ten = np.array([1.0]), np.array([10.0])
-    assert days_to_limit(one, one, one, one, nothing, most_days=365) == [365]
-    assert days_to_limit(one, one, nothing, nothing, ten, most_days=365) == [365]
-    assert days_to_limit(ten, one, nothing, nothing, ten, most_days=365) == [0]
+    assert days_to_limit(one, one, one, one, -open_end, open_end, most_days=365) == [365]
+    assert days_to_limit(one, one, nothing, nothing, -ten, ten, most_days=365) == [365]
+    assert days_to_limit(ten, one, nothing, nothing, -ten, ten, most_days=365) == [0]
+
+
+def test_days_to_a_limit_on_one_side() -> None:
+    """From 5.0 by 0.01 a day to 5.1: ten days less the reach of the interval; downwards there is no limit."""
+    value, std, rate, none = np.array([5.0]), np.array([0.01]), np.array([0.01]), np.array([0.0])
+    low, high, open_end = np.array([4.9]), np.array([5.1]), np.array([np.inf])
+    assert days_to_limit(value, std, rate, none, low, high, most_days=365) == [8]
+    assert days_to_limit(value, std, rate, none, -open_end, high, most_days=365) == [8]
+    assert days_to_limit(value, std, rate, none, low, open_end, most_days=365) == [365]
+    assert days_to_limit(value, std, -rate, none, low, open_end, most_days=365) == [8]
 
 
 def test_days_with_an_unknown_uncertainty_are_none() -> None:
     value, unknown, limit = np.array([1.0, np.nan]), np.array([np.nan, 1.0]), np.array([10.0, 10.0])
-    assert days_to_limit(value, unknown, unknown, unknown, limit, most_days=365).tolist() == [0, 0]
+    assert days_to_limit(value, unknown, unknown, unknown, -limit, limit, most_days=365).tolist() == [0, 0]

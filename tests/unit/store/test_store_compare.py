@@ -215,6 +215,31 @@ def test_a_parameter_that_some_calibrations_do_not_have(url: str) -> None:
     assert dues_of(comparison, 365)[0].calibrations == 4
 
 
+def test_limits_on_one_side_and_two_are_compared_and_exported(tmp_path: Path) -> None:
+    """The limits of results.json come back: a number for both sides, ``limits`` for others."""
+    url = new_history("sqlite", tmp_path)
+    documents = store_sample.calibrations(2, 200.0, SEED)
+    wanted = [(None, 500.0), (-200.0, None), (4.9, 5.1), (-2e-6, 2e-6)]
+    for document, _ in documents:
+        for place, (low, high) in enumerate(wanted[:3]):
+            document["estimates"][place]["limits"] = {"low": low, "high": high}
+        document["estimates"][3]["limit"] = 2e-6
+    write(url, documents)
+    comparison = compare_unit(url, Filters())
+    told = {one.parameter.label: one.as_json(comparison.series) for one in comparison.parameters}
+    place = "(channel 1, -10 degC)"
+    for name, (low, high) in zip(("dsf_n", "dsf_p", "dsf_asymmetry", "bias"), wanted, strict=True):
+        assert told[f"{name} {place}"]["limits"] == {"low": low, "high": high}
+        assert told[f"{name} {place}"]["limit"] == (2e-6 if name == "bias" else None)
+    path = tmp_path / "history.csv"
+    export_history(url, Filters(), path)
+    with path.open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.DictReader(stream))[:5]
+    assert [(row["limit"], row["low"], row["high"]) for row in rows] == [
+        ("", "", "500.0"), ("", "-200.0", ""), ("", "4.9", "5.1"), ("2e-06", "-2e-06", "2e-06"), ("", "", ""),
+    ]  # fmt: skip
+
+
 def test_exports_hold_every_revision_exactly(url: str, tmp_path: Path) -> None:
     documents = write(url, store_sample.calibrations(2, 30.0, SEED))
     revised = copy.deepcopy(documents[1])
