@@ -8,13 +8,14 @@ import json
 import os
 import subprocess
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from crashes import Crashes, crashed_everywhere, crashes_in
 from hypothesis import HealthCheck, settings
+from probe_bench import installed
 from recorded import recorded
 from rehearsal import NAME, SAID, Inside, Rehearsal, main_of, record_golden, record_ramp, record_short, rehearsed
 from two_ends import TwoEnds, arrange, give_way
@@ -66,6 +67,13 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> TwoEnds | None:
     """Share out whole files from both ends where they are shared out as wholes."""
     return TwoEnds(config, log) if config.option.dist == "loadfile" else None
+
+
+@pytest.fixture(scope="module")
+def probes() -> Iterator[None]:
+    """Have the world and the analysis of probe_bench installed while the tests of a module run."""
+    with installed():
+        yield
 
 
 @pytest.fixture(scope="session")

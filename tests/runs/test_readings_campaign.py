@@ -4,18 +4,17 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
 from crashes import Crashes, crashed_at, go_on, nobody_in
-from probe_bench import OHM_AT_0, OHM_PER_DEGC, RECORD, TEMPERATURES_DEGC, installed, probe_plan, written
+from probe_bench import OHM_AT_0, OHM_PER_DEGC, RECORD, TEMPERATURES_DEGC, probe_plan, written
+from probe_campaign import AtReading, command
 from rehearsal import SEED, Rehearsal
-from typer.testing import CliRunner
 
-from bench.cli import app
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InstrumentError
@@ -44,23 +43,11 @@ from sim_instruments.worlds.common.world import World
 NAME = "20000101T000000Z_probes_P-1"
 ROUNDS, READINGS, RECORDS = 3, 4, 4
 SESSION = tuple[Path, Path]
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _probes() -> Iterator[None]:
-    with installed():
-        yield
-
-
-def command(*words: object) -> str:
-    """What a command says; it must succeed."""
-    done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    return done.output
+pytestmark = pytest.mark.usefixtures("probes")
 
 
 @pytest.fixture(scope="module")
-def session(tmp_path_factory: pytest.TempPathFactory, _probes: None) -> SESSION:
+def session(tmp_path_factory: pytest.TempPathFactory, probes: None) -> SESSION:
     """The sequence's file, and the session of its run."""
     folder = tmp_path_factory.mktemp("probes")
     sequence = written(folder)
@@ -187,7 +174,7 @@ def test_the_page_and_the_terminal_show_readings(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def crashes(tmp_path_factory: pytest.TempPathFactory, _probes: None) -> Crashes:
+def crashes(tmp_path_factory: pytest.TempPathFactory, probes: None) -> Crashes:
     folder = tmp_path_factory.mktemp("crashes")
     return crashed_at(probe_plan(folder), folder, {1, 2, 3, 5})
 
@@ -242,26 +229,6 @@ def test_a_run_that_is_killed_inside_a_record_takes_it_again(tmp_path: Path, mon
     assert set(counted(folder).values()) == {2 * ROUNDS}
 
 
-class Trouble:
-    """Does something to the run at its nth call of the meter; a Beside of ``conduct``."""
-
-    def __init__(self, nth: int, act: Callable[[RunContext], None]) -> None:
-        self._left, self._act = nth, act
-
-    def __call__(self, context: RunContext) -> AbstractContextManager[None]:
-        meter: Any = context.instruments["meter"]
-        plain = meter.measure_resistance
-
-        def measure(**arguments: Any) -> float:
-            self._left -= 1
-            if self._left == 0:
-                self._act(context)
-            return float(plain(**arguments))
-
-        meter.measure_resistance = measure
-        return nullcontext()
-
-
 def bus_failed(context: RunContext) -> None:
     raise InstrumentError("B-INST-003", "the bus failed", where="meter")
 
@@ -277,7 +244,7 @@ def test_a_record_that_is_interrupted_is_taken_again(
     """An instrument is waited for, or an interlock asks for it: the readings before belong to no record."""
     done = conduct(
         probe_plan(tmp_path), clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(),
-        listener=nobody_in(monkeypatch), beside=[Trouble(ROUNDS + 2, act)], keep_events=KEPT_EVENTS,
+        listener=nobody_in(monkeypatch), beside=[AtReading(ROUNDS + 2, act)], keep_events=KEPT_EVENTS,
     )  # fmt: skip
     assert done.outcome.error is None
     holds = [str(fields["by"]) for kind, _, fields in done.events if kind == "hold"]

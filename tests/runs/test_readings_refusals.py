@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from probe_bench import RECORD, installed, written
+from probe_bench import RECORD, written
 
 from bench.model.errors import InputErrors
 from bench.plan import check_plan, compile_sequence
+
+pytestmark = pytest.mark.usefixtures("probes")
 
 METER = "meter.measure_resistance: {range: 1 kohm, cycles: 10}"
 CHANNEL_2 = "{channel: 102, range: 1 kohm, cycles: 10}"
 STEPS = "\nsteps:\n"
 INTERLOCK = "\ninterlocks:\n  warm: {signal: unit_temperature, high: 50 degC, dwell: 10 s, action: hold}\n"
 LAB_AIR = INTERLOCK.replace("unit_temperature, high", "lab_air, of: scanner, channel: 101, high")
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _probes() -> Iterator[None]:
-    with installed():
-        yield
 
 
 def mistakes(folder: Path, *changes: tuple[str, str]) -> list[tuple[str, str]]:

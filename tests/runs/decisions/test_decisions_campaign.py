@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import Any
 
 import pytest
 from crashes import Crashes, crashed_at, go_on, nobody, nobody_in
-from probe_bench import installed
+from probe_campaign import command
 from probe_decisions import HEAD, WARM_UP, deciding_plan, sequence_file
 from rehearsal import SEED, Rehearsal, contents
-from typer.testing import CliRunner
 
-from bench.cli import app
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InputError, InstrumentError
 from bench.model.events import Event, Hold, event_of
@@ -35,18 +33,7 @@ LOOP, IF, CHOOSE = 4, 65, 69  # numbers of decisions in the plan
 OHM = "meter.measure_resistance: {range: 1 kohm, cycles: 10}"
 ONCE = HEAD.replace("analysis: probe_means\n", "") + f"  - {OHM}\n  - settle: 10 s\n"
 BRANCHES = "    then: [settle: 1 h]\n"
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _probes() -> Iterator[None]:
-    with installed():
-        yield
-
-
-def command(*words: object) -> str:
-    done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
-    assert done.exit_code == 0, done.output
-    return done.output
+pytestmark = pytest.mark.usefixtures("probes")
 
 
 def events_of(folder: Path, kind: str) -> list[dict[str, Any]]:
@@ -59,7 +46,7 @@ def decided(folder: Path) -> list[tuple[int, str, float]]:
 
 
 @pytest.fixture(scope="module")
-def crashes(tmp_path_factory: pytest.TempPathFactory, _probes: None) -> Crashes:
+def crashes(tmp_path_factory: pytest.TempPathFactory, probes: None) -> Crashes:
     """The run is copied in the loop at a record, at a decision and at a settle time, behind it, and in a branch."""
     folder = tmp_path_factory.mktemp("decisions")
     return crashed_at(deciding_plan(folder), folder, {9, 13, 14, 28, IF, 66, CHOOSE, 72})

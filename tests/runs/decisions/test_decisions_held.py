@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from crashes import Crashes, crashed_at, go_on, nobody, nobody_in
-from probe_bench import installed
+from probe_campaign import AtReading
 from probe_decisions import HEAD, deciding_plan
 from rehearsal import SEED
 
 from bench.model.clock import NS, VirtualClock
-from bench.model.events import Event, Hold, event_of
+from bench.model.events import event_of
 from bench.plan import Plan
 from bench.record import SessionReader
 from bench.replay import replay_rows
@@ -23,7 +22,6 @@ from bench.run.context import RunContext
 from bench.run.control.channel import OPERATOR
 from bench.run.control.operator import SimulatedOperator
 from bench.run.feed.state import RunState
-from bench.run.observers import Observer
 from bench.run.session import Conducted, conduct
 from bench.run.stop import Wish
 from bench.session.view import KEPT_EVENTS
@@ -58,39 +56,8 @@ procedures:
 {HOT}"""
 FIRST, DECISION, LAST = 3, 5, 8  # steps of the point: its first, its decision, the last record of 'then'
 LEFT_OUT = (9, 12)
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _probes() -> Iterator[None]:
-    with installed():
-        yield
-
-
-class AtReading:
-    """Does something to the run at its nth call of the meter; a Beside of ``conduct``. A hold lasts 100 s."""
-
-    def __init__(self, nth: int, act: Callable[[RunContext], None]) -> None:
-        self._left, self._act = nth, act
-
-    def __call__(self, context: RunContext) -> AbstractContextManager[None]:
-        meter: Any = context.instruments["meter"]
-        plain = meter.measure_resistance
-
-        def measure(**arguments: Any) -> float:
-            self._left -= 1
-            if self._left == 0:
-                self._act(context)
-            return float(plain(**arguments))
-
-        class Releasing(Observer):
-            def event(self, event: Event, t_mono_ns: int) -> None:
-                if isinstance(event, Hold):
-                    context.clock.sleep(100.0)
-                    context.stop.holds.release(event.by)
-
-        meter.measure_resistance = measure
-        context.observers.add(Releasing())
-        return nullcontext()
+HELD_S = 100.0
+pytestmark = pytest.mark.usefixtures("probes")
 
 
 def conducted(plan: Plan, out: Path, beside: AtReading) -> Conducted:
@@ -124,7 +91,7 @@ def test_the_plan(tmp_path: Path) -> None:
 @pytest.mark.parametrize("act", [pause, again])
 def test_a_point_that_is_taken_again_keeps_its_decision(tmp_path: Path, act: Callable[[RunContext], None]) -> None:
     """Both records of the branch are taken again from the first step of the point, and decided is only once."""
-    done = conducted(deciding_plan(tmp_path, SEQUENCE), tmp_path / "out", AtReading(2, act))
+    done = conducted(deciding_plan(tmp_path, SEQUENCE), tmp_path / "out", AtReading(2, act, HELD_S))
     assert done.outcome.error is None
     assert [(one["step"], one["outcome"]) for one in events_of(done.folder, "decision")] == [(DECISION, "then")]
     assert len(events_of(done.folder, "reading")) == 2 + 2 + 2
@@ -135,7 +102,7 @@ def test_a_point_that_is_taken_again_keeps_its_decision(tmp_path: Path, act: Cal
 
 def test_time_goes_on_as_planned_behind_a_hold(tmp_path: Path) -> None:
     """The run lasts as long as the way that was taken, and the slip: not the hour of the other branch."""
-    done = conducted(deciding_plan(tmp_path, SEQUENCE), tmp_path / "out", AtReading(2, pause))
+    done = conducted(deciding_plan(tmp_path, SEQUENCE), tmp_path / "out", AtReading(2, pause, HELD_S))
     assert events_of(done.folder, "release")[0]["seconds"] == pytest.approx(100.0, abs=1.0)
     assert 100.0 < done.outcome.slip_s < 300.0
     last_ns = max(message.t_ns for message in SessionReader(done.folder).messages())
@@ -144,7 +111,7 @@ def test_time_goes_on_as_planned_behind_a_hold(tmp_path: Path) -> None:
 
 def test_a_point_that_is_skipped_does_not_jump_over_a_decision(tmp_path: Path) -> None:
     """Skipped in its first record; the rest of the branch is done, and the other branch is not."""
-    skip = AtReading(1, lambda context: context.stop.holds.wish(Wish("skip", "interlock air", "too warm")))
+    skip = AtReading(1, lambda context: context.stop.holds.wish(Wish("skip", "interlock air", "too warm")), HELD_S)
     done = conducted(deciding_plan(tmp_path, SEQUENCE), tmp_path / "out", skip)
     assert done.outcome.error is None
     assert [row.window.step for row in done.outcome.rows] == [LAST]
@@ -154,7 +121,7 @@ def test_a_point_that_is_skipped_does_not_jump_over_a_decision(tmp_path: Path) -
 
 
 @pytest.fixture(scope="module")
-def crashes(tmp_path_factory: pytest.TempPathFactory, _probes: None) -> Crashes:
+def crashes(tmp_path_factory: pytest.TempPathFactory, probes: None) -> Crashes:
     folder = tmp_path_factory.mktemp("held")
     return crashed_at(deciding_plan(folder, SEQUENCE), folder, {4, DECISION, 6, LAST})
 

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 from plan_sample import changed, make_bench, mistakes
-from probe_bench import installed
 from probe_decisions import HEAD, TURNS, WARM_UP, deciding_plan, sequence_file
 
 from bench.plan import HOLD, PlannedDecision, PlannedRecord, compile_sequence, plan_json, steps_of, steps_sha256
@@ -18,6 +16,8 @@ from bench.plan.findings import Findings
 from bench.plan.plan import Step
 from bench.plan.ways import MOST_WAYS, Followed, walk
 
+pytestmark = pytest.mark.usefixtures("probes")
+
 READ = "  - chamber.measure_air\n"
 DECIDES = """\
       - dmm.measure_current
@@ -25,12 +25,6 @@ DECIDES = """\
       - if: {reading: dmm.measure_current, above: 1 A}
         then: [settle: 1 s]
 """
-
-
-@pytest.fixture(autouse=True, scope="module")
-def _probes() -> Iterator[None]:
-    with installed():
-        yield
 
 
 def decisions(steps: tuple[Step, ...]) -> list[PlannedDecision]:
