@@ -32,6 +32,13 @@ UNITS = {
     "random_walk": "/s^0.5",
     "rate_ramp": "/s",
 }  # to be set behind the unit of the rate
+GYRO_TERMS = {  # name and unit in data sheets, and the factor of a coefficient in deg/h and a power of the second
+    "quantisation_noise": ("quantisation_noise", "arcsec", 1.0),
+    "white_noise": ("angle_random_walk", "deg/sqrt(h)", 1.0 / 60.0),
+    "bias_instability": ("bias_instability", "deg/h", 1.0),
+    "random_walk": ("rate_random_walk", "deg/h/sqrt(h)", 60.0),
+    "rate_ramp": ("rate_ramp", "deg/h/h", 3600.0),
+}
 _REWEIGHTINGS = 4
 _LIMIT_STEPS = 2
 _FEWEST_DOF = 4.0

@@ -26,16 +26,11 @@ from bench.analysis import (
     with_uncertainty,
 )
 from bench.maths.allan import AllanDeviation, allan_deviation
-from bench.maths.allan_terms import NoiseTerms, allan_variance_of, fit_noise_terms
+from bench.maths.allan_terms import GYRO_TERMS, NoiseTerms, allan_variance_of, fit_noise_terms
 from bench.model.errors import FitError
 
 METHODS: tuple[str, ...] = ("allan",)
-_TERMS = {  # deg/h and a power of the second in the units of data sheets
-    "quantisation_noise": ("quantisation_noise", "arcsec", 1.0),
-    "white_noise": ("angle_random_walk", "deg/sqrt(h)", 1.0 / 60.0),
-    "bias_instability": ("bias_instability", "deg/h", 1.0),
-    "random_walk": ("rate_random_walk", "deg/h/sqrt(h)", 60.0),
-}
+_TERMS = ("quantisation_noise", "white_noise", "bias_instability", "random_walk")
 _UNEVEN = 0.05  # of the interval: rows that are further from even times are no record of counts over one interval
 
 
@@ -47,7 +42,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     check_method(method, METHODS)
     rate_deg_h, interval_s = _rates(material)
     deviation = allan_deviation(rate_deg_h, interval_s)
-    terms = fit_noise_terms(deviation, tuple(_TERMS))
+    terms = fit_noise_terms(deviation, _TERMS)
     entries = _estimates(rate_deg_h, deviation, terms)
     return Analysis(
         campaign="rlg_count_log",
@@ -100,7 +95,7 @@ def _estimates(rate_deg_h: Floats, deviation: AllanDeviation, terms: NoiseTerms)
         estimate("mean_rate", "deg/h", float(np.nanmean(rate_deg_h)), float(np.sqrt(variance)), place, **counted)
     ]
     for term in shown:
-        name, unit, factor = _TERMS[term.name]
+        name, unit, factor = GYRO_TERMS[term.name]
         value, std = factor * term.coefficient, factor * term.std_uncertainty
         entries.append(estimate(name, unit, value, std, place, **counted))
     return entries

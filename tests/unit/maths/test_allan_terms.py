@@ -9,7 +9,7 @@ import pytest
 from allan_simulation import record
 
 from bench.maths.allan import allan_deviation, degrees_of_freedom
-from bench.maths.allan_terms import TERMS, UNITS, allan_variance_of, fit_noise_terms, variance_covariance
+from bench.maths.allan_terms import GYRO_TERMS, TERMS, UNITS, allan_variance_of, fit_noise_terms, variance_covariance
 from bench.model.errors import FitError
 
 TRUTH = {"quantisation_noise": 3e-8, "white_noise": 3e-9, "bias_instability": 0.3e-9, "random_walk": 1e-11}
@@ -117,7 +117,7 @@ def test_fewer_terms_can_be_asked_for() -> None:
     assert [term.name for term in fit.terms] == ["white_noise"]
     assert fit["white_noise"].coefficient == pytest.approx(1.0, abs=4 * fit["white_noise"].std_uncertainty)
     assert fit.fitted == pytest.approx(fit["white_noise"].coefficient / np.sqrt(curve.tau_s))
-    assert set(UNITS) == set(TERMS)
+    assert set(UNITS) == set(GYRO_TERMS) == set(TERMS)
 
 
 def test_a_beat_that_no_term_describes_is_told_by_chi_squared() -> None:

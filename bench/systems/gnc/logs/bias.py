@@ -28,7 +28,7 @@ from bench.analysis import (
     with_uncertainty,
 )
 from bench.maths.allan import AllanDeviation, allan_deviation
-from bench.maths.allan_terms import UNITS, NoiseTerms, allan_variance_of, fit_noise_terms
+from bench.maths.allan_terms import GYRO_TERMS, UNITS, NoiseTerms, allan_variance_of, fit_noise_terms
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.bias_stability import (
     AVERAGES,
@@ -43,13 +43,7 @@ from bench.systems.gnc.estimators.sample_checks import frozen_runs
 METHODS: tuple[str, ...] = ("allan",)
 _FEWEST_MEANS = 30  # of 10 s, for their scatter to be stated
 _MOVED = 5.0  # times the usual scatter within a second
-_GYRO = {  # deg/s and a power of the second in the units of data sheets
-    "quantisation_noise": ("quantisation_noise", "arcsec", 3600.0),
-    "white_noise": ("angle_random_walk", "deg/sqrt(h)", 60.0),
-    "bias_instability": ("bias_instability", "deg/h", 3600.0),
-    "random_walk": ("rate_random_walk", "deg/h/sqrt(h)", 3600.0 * 60.0),
-    "rate_ramp": ("rate_ramp", "deg/h/h", 3600.0**2),
-}
+_DEG_H = 3600.0  # in a deg/s
 _OTHER = {"white_noise": "velocity_random_walk", "random_walk": "acceleration_random_walk"}
 
 
@@ -117,7 +111,7 @@ def _resting(column: Mapping[str, Any], values: Floats, t_s: Floats, stamps: Sam
 def _estimates(sensor: Resting) -> Estimates:
     n = int(np.isfinite(sensor.samples).sum())
     counted = {"n": n, "dropped": sensor.samples.size - n}
-    in_h = (3600.0, "deg/h") if sensor.unit == "deg/s" else (1.0, sensor.unit)
+    in_h = (_DEG_H, "deg/h") if sensor.unit == "deg/s" else (1.0, sensor.unit)
     entries = [
         estimate(
             "mean_output", in_h[1], in_h[0] * float(np.nanmean(sensor.samples)), in_h[0] * _mean_std(sensor),
@@ -160,7 +154,8 @@ def _mean_std(sensor: Resting) -> float:
 
 def _named(sensor: Resting, term: str) -> tuple[str, str, float]:
     if sensor.unit == "deg/s":
-        return _GYRO[term]
+        name, unit, factor = GYRO_TERMS[term]
+        return name, unit, factor * _DEG_H
     return _OTHER.get(term, term), f"{sensor.unit}{UNITS[term]}", 1.0
 
 
