@@ -10,6 +10,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
+from pydantic import PrivateAttr
+
 from bench.model.units import read_quantity
 from bench.model.yamlio import StrictModel
 
@@ -101,7 +103,13 @@ class UnitSections(StrictModel):
 
 
 class LogColumn(StrictModel):
-    """A column of numbers of an imported log."""
+    """A column of numbers of an imported log.
+
+    ``numbered``: it stands for many columns that differ by a number, ``{0..423}`` in its header.
+    """
+
+    numbered: ClassVar[bool] = False
+    _number: int | None = PrivateAttr(None)
 
     if TYPE_CHECKING:
 
@@ -126,6 +134,12 @@ class LogColumn(StrictModel):
     def dimension(self) -> str:
         """Base unit of the values."""
         return unit_of(self.unit)[1]
+
+    def of_number(self, number: int) -> LogColumn:
+        """Return one of the many columns, whose quantity ends with its number."""
+        column = self.model_copy()
+        column._number = number
+        return column
 
     def more(self) -> dict[str, str]:
         """Return what the manifest says of the column beside header, quantity, role and unit."""
@@ -169,15 +183,17 @@ class Hint:
     """How a column of a log may be told, for a mapping that is proposed.
 
     ``pattern``: in its name, small letters.   ``units``: each with the range of the median magnitude of the largest
-    column in it.   ``by_axis``: columns come by axis.   ``more``: other keys.   ``analysis``: that may follow.
+    column in it; None if the role takes none.   ``by_axis``, ``numbered``: columns come by axis, or by number.
+    ``more``: other keys.   ``analysis``: that may follow.
     """
 
     role: str
     pattern: str
-    units: tuple[tuple[str, float, float], ...] = ()
+    units: tuple[tuple[str, float, float], ...] | None = ()
     by_axis: bool = False
     more: Mapping[str, str] = field(default_factory=dict)
     analysis: str = ""
+    numbered: bool = False
 
 
 @dataclass(frozen=True)

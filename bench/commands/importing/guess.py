@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def proposal(seen: Seen, path: Path) -> str:
     numbers = {name: _numbers(values) for name, values in seen.columns.items()}
     time, time_line = _time(seen, numbers)
     lines, hints, units = [], [], _units(numbers)
-    for name, values in numbers.items():
+    for name, values in _together(numbers).items():
         if name == time:
             continue
         hint = None if values is None else _hint(name)
@@ -77,6 +77,23 @@ def _analysis(hints: Sequence[Hint]) -> tuple[str, str]:
     return proposed, f"  # or: {', '.join(others)}" if others else ""
 
 
+def _together(numbers: Mapping[str, Numbers | None]) -> dict[str, Numbers | None]:
+    """Return the columns with those of one role that come by number as one, ``{0..423}`` in its name."""
+    alone: dict[str, Numbers | None] = {}
+    groups: dict[tuple[str, str], dict[int, Numbers]] = {}
+    for name, values in numbers.items():
+        hint, digits = _hint(name), list(re.finditer(r"\d+", name))
+        if values is None or hint is None or not hint.numbered or not digits:
+            alone[name] = values
+        else:
+            around = name[: digits[-1].start()], name[digits[-1].end() :]
+            groups.setdefault(around, {})[int(digits[-1][0])] = values
+    return alone | {
+        f"{before}{{{min(group)}..{max(group)}}}{behind}": np.concatenate(list(group.values()))
+        for (before, behind), group in groups.items()
+    }
+
+
 def _numbers(values: Sequence[str]) -> Numbers | None:
     """Return a column as numbers, NaN where one is missing; None if it holds other texts."""
     try:
@@ -93,15 +110,16 @@ def _time(seen: Seen, numbers: Mapping[str, Numbers | None]) -> tuple[str | None
         if values is None:
             if (entry := _dated(seen.columns[name])) is not None:
                 return name, f"  {_key(name)}: {entry}  # {seen.columns[name][0]}"
-        elif (told or _may_be_time(name)) and _rises(values):
+        elif (told or _may_be_time(name, numbers)) and _rises(values):
             return name, f"  {_key(name)}: {_counted(values)}"
     return None, f"  row: {{role: time, format: rows, rate: {FILL_IN}, start: {_NO_DATE}}}  # no column tells the time"
 
 
-def _may_be_time(name: str) -> bool:
-    """Return False for what is known as something else that rises, such as a counter."""
+def _may_be_time(name: str, names: Collection[str]) -> bool:
+    """Return False for what is known as something else that rises, such as a counter, or is one of x, y and z."""
     hint = _hint(name)
-    return hint is None or hint.by_axis
+    coordinate = name[-1:] in "xyz" and all(name[:-1] + axis in names for axis in "xyz")
+    return (hint is None or hint.by_axis) and not coordinate
 
 
 def _rises(values: Numbers) -> bool:
@@ -146,7 +164,7 @@ def _units(numbers: Mapping[str, Numbers | None]) -> dict[str, str]:
             largest[hint.role] = max(largest.get(hint.role, 0.0), float(np.nanmedian(np.abs(values))))
     found = {}
     for hint in _hints():
-        fitting = [unit for unit, low, high in hint.units if low <= largest.get(hint.role, -1.0) < high]
+        fitting = [unit for unit, low, high in hint.units or () if low <= largest.get(hint.role, -1.0) < high]
         if len(fitting) == 1:
             found[hint.role] = fitting[0]
     return found
@@ -157,11 +175,11 @@ def _column(name: str, hint: Hint | None, axis: str, units: Mapping[str, str]) -
         return "{role: ignore}"
     written = _UNIT.search(name)
     unit = written[1] if written and not written[1].isdigit() else units.get(hint.role, FILL_IN)
-    entries = [f"role: {hint.role}"]
+    entries, behind = [f"role: {hint.role}"], [] if hint.units is None else [f"unit: {unit}"]
     if hint.by_axis:
         entries.append(f"axis: {axis}")
     entries += [f"{key}: {value}" for key, value in hint.more.items()]
-    return f"{{{', '.join([*entries, f'unit: {unit}'])}}}"
+    return f"{{{', '.join([*entries, *behind])}}}"
 
 
 def _axis(name: str, names: Sequence[str]) -> str:

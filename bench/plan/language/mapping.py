@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
@@ -32,6 +33,8 @@ Header = Annotated[str, StringConstraints(min_length=1, max_length=200)]
 Role = Literal["temperature", "set_point", "reading", "reference"]
 ELAPSED, UNIX, ISO, SAMPLES, ROWS = "elapsed", "unix", "iso", "samples", "rows"
 TEMPERATURES = ("temperature", "set_point")
+_NUMBERS = re.compile(r"\{(\d{1,6})\.\.(\d{1,6})\}")
+_MOST = 4000  # columns that differ by a number
 _PROBE = datetime(2001, 12, 23, 21, 43, 56)
 _ZONE = r"^(UTC|[+-](0[0-9]|1[0-4]):[0-5][0-9])$"
 
@@ -216,7 +219,8 @@ class LogMapping(StrictModel):
         header, time = self.time
         if time.format == ROWS and self.bad_rows:
             raise ValueError("the time format 'rows' counts rows, so no row may be left out; remove 'bad_rows'")
-        due = [name for name in self.columns if name != header or time.format != ROWS]
+        others = [name for name in self.columns if name not in self._stated]
+        due = [name for name in (*others, *self.values) if name != header or time.format != ROWS]
         if self.file.names is not None and (absent := [name for name in due if name not in self.file.names]):
             raise ValueError(f"the column {absent[0]!r} is not among the 'names' of the file")
         names = Counter(column.quantity for column in self.values.values())
@@ -252,7 +256,11 @@ class LogMapping(StrictModel):
 
     @property
     def values(self) -> Mapping[str, LogColumn]:
-        """Columns of numbers, by header."""
+        """Columns of numbers, by header; each of those that differ by a number for itself."""
+        return {name: column for header, stated in self._stated.items() for name, column in _each(header, stated)}
+
+    @property
+    def _stated(self) -> Mapping[str, LogColumn]:
         return {header: column for header, column in self.columns.items() if isinstance(column, LogColumn)}
 
     @property
@@ -266,7 +274,7 @@ class LogMapping(StrictModel):
             "analysis": self.analysis,
             "reference_temperature_degC": self.reference_temperature,
             "uut": {"model": self.uut.model, "serial": self.uut.serial},
-            "columns": [_column(header, column) for header, column in self.values.items()],
+            "columns": [_column(header, column) for header, column in self._stated.items()],
         }
         for sections in _sections():
             if isinstance(self, sections):
@@ -277,6 +285,20 @@ class LogMapping(StrictModel):
         """Return what lies outside of a log of so many rows: its place, what is wrong, what to do; else None."""
         outside = [sections.beyond(self, rows) for sections in _sections() if isinstance(self, sections)]
         return next((place for place in outside if place is not None), None)
+
+
+def _each(header: str, column: LogColumn) -> list[tuple[str, LogColumn]]:
+    """Return headers and columns that an entry stands for. Raises: ValueError for numbers that are missing."""
+    if not column.numbered:
+        return [(header, column)]
+    if (place := _NUMBERS.search(header)) is None or not 0 <= int(place[2]) - int(place[1]) < _MOST:
+        raise ValueError(
+            f"column {header!r}: the role {column.role} needs the numbers of its columns, first to last and {_MOST} at "
+            "most, such as 'sample_{0..423}'"
+        )
+    before, behind = header[: place.start()], header[place.end() :]
+    numbers = range(int(place[1]), int(place[2]) + 1)
+    return [(f"{before}{number}{behind}", column.of_number(at)) for at, number in enumerate(numbers)]
 
 
 def _sections() -> list[type[LogSections]]:

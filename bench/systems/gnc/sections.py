@@ -95,7 +95,7 @@ HINTS = (
     ),
     Hint(
         "magnetometer",
-        r"mag|(^|_)m_?[xyz](?![a-z])|(^|_)b_?[xyz]$",
+        r"(?<!i)mag|(^|_)m_?[xyz](?![a-z])|(^|_)b_?[xyz]$",
         units=(("gauss", 0.1, 0.8), ("uT", 8.0, 80.0), ("mgauss", 100.0, 800.0), ("nT", 8e3, 8e4)),
         by_axis=True,
         analysis="magnetometer_log",

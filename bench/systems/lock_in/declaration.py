@@ -71,5 +71,5 @@ DECLARATION = System(
     ),
     log=CountLog,
     log_columns=(CountColumn,),
-    log_hints=(Hint("count", r"count|pulses|ticks", analysis="rlg_count_log"),),
+    log_hints=(Hint("count", r"count|pulses|ticks", None, analysis="rlg_count_log"),),
 )

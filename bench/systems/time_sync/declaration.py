@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
-from bench.model.declaration import AnalysisDeclaration, Limit, Log, LogColumn, LogSections, System, UnitSections
+from bench.model.declaration import AnalysisDeclaration, Hint, Limit, Log, LogColumn, LogSections, System, UnitSections
 from bench.model.units import known_unit, quantity
 from bench.model.yamlio import Name, StrictModel
 
@@ -92,25 +93,95 @@ class StreamColumn(LogColumn):
         return {"stream": self.stream, "of": self.of or self.role}
 
 
-class StreamLog(LogSections):
-    """Two streams in one log have no section of their own; their columns must fit together."""
+def _check_streams(log: Log) -> None:
+    columns = {header: column for header, column in log.values.items() if isinstance(column, StreamColumn)}
+    for header, column in columns.items():
+        if column.role == "stamp" and column.dimension != "s":
+            raise ValueError(f"column {header!r}: the role stamp needs a unit of time, not {column.unit!r}")
+    motions = {
+        stream: {(c.of, c.dimension) for c in columns.values() if c.stream == stream and c.role == "motion"}
+        for stream in ("one", "other")
+    }
+    if motions["one"] != motions["other"] or (log.analysis == "stream_offset" and not motions["one"]):
+        raise ValueError(
+            "the streams 'one' and 'other' need columns of the role motion with the same 'of' and kind of unit"
+        )
 
-    analyses: ClassVar[tuple[str, ...]] = ("stream_offset",)
+
+class AntennaColumn(LogColumn):
+    """A coordinate of a radar's antenna at its pulses; z is up, the phases refer to the origin."""
+
+    role: Literal["antenna"]
+    axis: Literal["x", "y", "z"]
+    unit: Annotated[str, AfterValidator(known_unit)] = Field(description="of the numbers in the file, such as m")
+
+    @property
+    def quantity(self) -> str:
+        """Name of the column in series, such as ``antenna_x``."""
+        return f"antenna_{self.axis}"
+
+    def more(self) -> dict[str, str]:
+        """Return what the manifest says of the column beside header, quantity, role and unit."""
+        return {"axis": self.axis}
+
+
+class SampleColumn(LogColumn):
+    """Columns of a part of a pulse's complex samples, one for each frequency."""
+
+    numbered: ClassVar[bool] = True
+
+    role: Literal["in_phase", "quadrature"]
+
+    @property
+    def quantity(self) -> str:
+        """Name of the columns in series, such as ``in_phase_0`` of the first one."""
+        return self.role if self._number is None else f"{self.role}_{self._number}"
+
+    @property
+    def unit(self) -> str:
+        """Samples have none."""
+        return "1"
+
+
+class Frequencies(StrictModel):
+    """Frequencies of the samples of each pulse, evenly spaced."""
+
+    first: Annotated[float, *quantity("Hz", 1e6, 1e12)]
+    last: Annotated[float, *quantity("Hz", 1e6, 1e12)]
+
+    @model_validator(mode="after")
+    def _rises(self) -> Frequencies:
+        if not self.last > self.first:
+            raise ValueError(f"the last frequency must be above the first, {self.last:g} Hz is not")
+        return self
+
+
+class TimeSyncLog(LogSections):
+    """Section of a mapping of a radar's phase history; two streams have none, but their columns must fit together."""
+
+    analyses: ClassVar[tuple[str, ...]] = ("stream_offset", "radar_image")
+
+    frequencies: Frequencies | None = Field(None, description="of the samples of a radar's pulses: first and last")
 
     def check_log(self, log: Log) -> None:
-        """Check that both streams have the same motions. Raises: ValueError."""
-        columns = {header: column for header, column in log.values.items() if isinstance(column, StreamColumn)}
-        for header, column in columns.items():
-            if column.role == "stamp" and column.dimension != "s":
-                raise ValueError(f"column {header!r}: the role stamp needs a unit of time, not {column.unit!r}")
-        motions = {
-            stream: {(c.of, c.dimension) for c in columns.values() if c.stream == stream and c.role == "motion"}
-            for stream in ("one", "other")
-        }
-        if motions["one"] != motions["other"] or (log.analysis in StreamLog.analyses and not motions["one"]):
+        """Check that both streams have the same motions, and that a phase history is whole. Raises: ValueError."""
+        _check_streams(log)
+        counts = Counter(column.role for column in log.values.values())
+        whole = counts["antenna"] == 3 and counts["in_phase"] == counts["quadrature"] > 1 and self.frequencies
+        if log.analysis == "radar_image" and not whole:
             raise ValueError(
-                "the streams 'one' and 'other' need columns of the role motion with the same 'of' and kind of unit"
+                "the analysis 'radar_image' needs columns of the role antenna for x, y and z, as many columns of the "
+                "role in_phase as of quadrature, and 'frequencies'"
             )
+        for header, column in log.values.items():
+            if column.role == "antenna" and column.dimension != "m":
+                raise ValueError(f"column {header!r}: the role antenna needs a unit of length, not {column.unit!r}")
+
+    def log_constants(self, log: Log) -> dict[str, Any]:
+        """Return entries of the manifest's section "campaign"."""
+        if self.frequencies is None:
+            return {}
+        return {"frequencies": {"first_Hz": self.frequencies.first, "last_Hz": self.frequencies.last}}
 
 
 DECLARATION = System(
@@ -136,9 +207,21 @@ DECLARATION = System(
             "logs",
             roles=("time", "stamp", "motion"),
         ),
+        AnalysisDeclaration(
+            "radar_image",
+            "bench.systems.time_sync.phase_history",
+            ("backprojection",),
+            "logs",
+            roles=("time", "antenna", "in_phase", "quadrature"),
+        ),
     ),
     unit=NavigationUnits,
-    log=StreamLog,
-    log_columns=(StreamColumn,),
+    log=TimeSyncLog,
+    log_columns=(StreamColumn, AntennaColumn, SampleColumn),
+    log_hints=(
+        Hint("in_phase", r"\.real$|in_?phase", None, analysis="radar_image", numbered=True),
+        Hint("quadrature", r"\.imag$|quadrature", None, numbered=True),
+        Hint("antenna", r"antenna", (("m", 0.0, 1e7),), by_axis=True),
+    ),
     studies={"time_sync": "bench.systems.time_sync.study"},
 )

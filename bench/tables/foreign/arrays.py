@@ -1,7 +1,8 @@
 """Arrays of one length as columns of a table: NumPy and MATLAB files.
 
 A matrix ``a`` of k columns gives ``a[0]`` to ``a[k-1]``, a record array ``a.field``, the only matrix of an .npy file
-``0`` to ``k-1``. What is no column of numbers or texts is left out.
+``0`` to ``k-1``. Complex numbers give ``a.real`` and ``a.imag``; of a complex matrix, whose rows may lie either way,
+``a.T[0].real`` is the first row too. What is no column of numbers or texts is left out.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from bench.model.errors import InputError
 BLOCK_ROWS = 10_000
 _LISTED = 6
 _KINDS = "biufSU"  # truth values, whole numbers, numbers, texts
+_COMPLEX = ("real", "imag")  # parts by their names in NumPy, and as MATLAB writes them to HDF5
 
 
 @dataclass(frozen=True)
@@ -25,7 +27,8 @@ class ArrayColumn:
     """One column of an array in a file, read block by block.
 
     ``array``: sliced only.   ``at``: its column in a matrix, None if the array is the column.   ``field``: of a record
-    array.   ``across``: the rows of the table are the columns of the matrix, as MATLAB writes HDF5.
+    array, or a part of complex numbers.   ``across``: the rows of the table are the columns of the matrix, as MATLAB
+    writes HDF5.
     """
 
     array: Any
@@ -44,7 +47,9 @@ class ArrayColumn:
         else:
             part = self.array[self.at, rows] if self.across else self.array[rows, self.at]
         part = np.asarray(part)
-        values: list[Any] = (part if self.field is None else part[self.field]).ravel().tolist()
+        if self.field is not None:
+            part = getattr(part, self.field) if part.dtype.kind == "c" else part[self.field]
+        values: list[Any] = part.ravel().tolist()
         return [value.decode("utf-8", "replace") if isinstance(value, bytes) else value for value in values]
 
 
@@ -77,6 +82,8 @@ class ArrayTable:
 def columns_of(name: str, array: Any, across: bool = False) -> dict[str, ArrayColumn]:
     """Return the columns of one array by name; none for a scalar, an array of three axes, or other kinds of values."""
     fields = array.dtype.names
+    if array.dtype.kind == "c" or fields == _COMPLEX:
+        return _of_complex(name, array, across)
     if array.ndim == 1 and fields:
         plain = [field for field in fields if array.dtype[field].kind in _KINDS and not array.dtype[field].shape]
         return {f"{name}.{field}": ArrayColumn(array, field=field) for field in plain}
@@ -88,6 +95,19 @@ def columns_of(name: str, array: Any, across: bool = False) -> dict[str, ArrayCo
     if width == 1:
         return {name: ArrayColumn(array, at=0, across=across)}
     return {f"{name}[{place}]": ArrayColumn(array, at=place, across=across) for place in range(width)}
+
+
+def _of_complex(name: str, array: Any, across: bool) -> dict[str, ArrayColumn]:
+    if array.ndim == 1:
+        return {f"{name}.{part}": ArrayColumn(array, field=part) for part in _COMPLEX}
+    if array.ndim != 2 or not array.size:
+        return {}
+    return {
+        f"{turned}[{place}].{part}": ArrayColumn(array, place, part, rows_across)
+        for turned, rows_across in ((name, across), (f"{name}.T", not across))
+        for place in range(array.shape[0 if rows_across else 1])
+        for part in _COMPLEX
+    }
 
 
 def npy_table(path: Path) -> ArrayTable:

@@ -20,7 +20,7 @@ from bench.systems.time_sync.estimators.sar.pulses import Array, Pulses, Sums, a
 Complex128 = NDArray[np.complex128]
 
 _LEAST_SHARE = 0.3  # of the highest magnitude
-_APART = (6.0, 12.0)  # metres in azimuth and range: less is the same target or its side lobes
+APART_m = (6.0, 12.0)  # in azimuth and range: less is the same target or its side lobes
 _NOISE_RATIO = 8.0  # of the highest magnitude over the median
 _ELEMENTS_AT_ONCE = 1 << 15  # pulses times pixels that stay in the processor's cache
 BLOCK_PHASE_rad = 0.07  # over a block of pulses at the edge of a cut or chip: costs 0.002 dB there
@@ -71,30 +71,37 @@ def point_targets(pulses: Pulses, positions_m: Array, ground_down_m: float = 0.0
     picture = np.abs(np.fft.fftshift(np.fft.fft(aligned, axis=0), axes=0))
     step_m = float(np.linalg.norm(track)) / (len(positions_m) - 1)
     azimuth_m = np.fft.fftshift(np.fft.fftfreq(len(aligned), step_m)) * 0.5 * pulses.wavelength_m * range_m
+    stands_out(picture, len(aligned))
+    return np.array([place(*peak) for peak in peaks(picture, azimuth_m, offsets_m, most)])
+
+
+def stands_out(picture: Array, pulses: int) -> None:
+    """Check that the highest place of an image is no noise. Raises: FitError B-SYNC-010 if it is."""
     highest, floor = float(picture.max()), float(np.median(picture))
     if not highest > _NOISE_RATIO * floor:
         raise FitError(
             "B-SYNC-010",
-            f"no point target stands out of the {len(aligned)} pulses of the radar: the highest place of the image is "
+            f"no point target stands out of the {pulses} pulses of the radar: the highest place of the image is "
             f"{highest / floor if floor else 0.0:.1f} times the median, {_NOISE_RATIO:g} times are due",
             next_step="see that the radar looked at the reflectors, and that it was on during straight flight",
         )
-    return np.array([place(*peak) for peak in _peaks(picture, azimuth_m, offsets_m, most)])
 
 
-def _peaks(picture: Array, azimuth_m: Array, out_m: Array, most: int) -> list[tuple[float, float]]:
-    """Azimuth and range of the highest places, none of them beside a higher one."""
+def peaks(
+    picture: Array, azimuth_m: Array, out_m: Array, most: int, apart_m: tuple[float, float] = APART_m
+) -> list[tuple[float, float]]:
+    """Return azimuth and range of the highest places, none of them beside a higher one."""
     left = picture.copy()
-    peaks: list[tuple[float, float]] = []
+    found: list[tuple[float, float]] = []
     highest = float(left.max())
-    while len(peaks) < most:
+    while len(found) < most:
         row, column = np.unravel_index(int(np.argmax(left)), left.shape)
         if left[row, column] < _LEAST_SHARE * highest:
             break
-        peaks.append((float(azimuth_m[row]), float(out_m[column])))
-        beside = np.abs(azimuth_m - azimuth_m[row]) < _APART[0]
-        left[np.outer(beside, np.abs(out_m - out_m[column]) < _APART[1])] = 0.0
-    return peaks
+        found.append((float(azimuth_m[row]), float(out_m[column])))
+        beside = np.abs(azimuth_m - azimuth_m[row]) < apart_m[0]
+        left[np.outer(beside, np.abs(out_m - out_m[column]) < apart_m[1])] = 0.0
+    return found
 
 
 def focus_sums(sums: Sums, pixels_m: Array) -> Complex128:

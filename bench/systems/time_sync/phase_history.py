@@ -1,0 +1,172 @@
+"""A radar's image from an imported phase history: where its strongest target stands and how sharp it is.
+
+What the image shows of navigation is in the response: an error of the antenna's positions that is constant moves it,
+one that changes along the track widens it and lifts its side lobes (docs/time-sync.md).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import (
+    Analysis,
+    Estimates,
+    Evidence,
+    Figure,
+    Floats,
+    Material,
+    Table,
+    check_method,
+    estimate,
+    picture,
+    series,
+)
+from bench.model.errors import FitError
+from bench.systems.time_sync.estimators.sar.image import Complex128, levels_dB
+from bench.systems.time_sync.estimators.sar.phase_history import Scene, compressed, scene_of
+from bench.systems.time_sync.estimators.sar.response import Response
+
+METHODS: tuple[str, ...] = ("backprojection",)
+_FLOOR_dB = -40.0
+_WIDE = 1.2  # of the ideal width
+_IN_dB = 20.0 / math.log(10.0)
+# Standard deviations per background over peak, by the slopes of sin(pi x) / (pi x): of the -3 dB width and of the place
+# of the peak, both in ideal widths.
+_WIDTH, _PLACE = 0.335, 0.440
+
+
+def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
+    """Return place and response of the strongest target, and the image.
+
+    Raises: FitError B-FIT-004 (unknown method), B-SYNC-010 (no target stands out), B-SYNC-013 (no phase history),
+            B-FIT-120 (the antenna does not move), B-FIT-122 (the strongest target is no point).
+    """
+    check_method(method, METHODS)
+    samples, positions_m, dropped = _pulses(material)
+    sent = material.campaign["frequencies"]
+    pulses = compressed(samples, positions_m, float(sent["first_Hz"]), float(sent["last_Hz"]))
+    scene = scene_of(pulses, positions_m)
+    strongest = scene.responses[0]
+    if strongest is None:
+        raise FitError(
+            "B-FIT-122",
+            "the strongest place of the image is no response of a point target: its power does not fall on all sides",
+            next_step="look at antenna positions and frequencies of the mapping; a part of the pulses may be sharp",
+        )
+    return Analysis(
+        campaign="radar_image",
+        method=method,
+        uut=dict(material.campaign["uut"]),
+        estimates=_estimates(scene, strongest, len(samples), dropped),
+        evidence=_evidence(scene, strongest),
+        notes=[
+            f"{len(samples)} pulses over {scene.angle_deg:.3f} deg; {samples.shape[1]} frequencies over "
+            f"{1e-6 * pulses.bandwidth_Hz:.1f} MHz about {1e-9 * (sent['first_Hz'] + sent['last_Hz']) / 2:.4f} GHz.",
+            "Nothing is weighted or focused by itself: widths and side lobes are those of the pulses and positions.",
+            "Intervals hold what else the scene sends back at the target's place, not errors of the positions.",
+        ],
+        tables=[_table(scene)],
+        figures=[_image(scene), *_cuts(strongest)],
+    )
+
+
+def _pulses(material: Material) -> tuple[Complex128, Floats, int]:
+    """Return samples (n, k) and antenna positions (n, 3) of whole pulses, and how many are not."""
+    count = sum(name.startswith("in_phase_") for name in material.series)
+    parts = [[material.series[f"{part}_{at}"] for at in range(count)] for part in ("in_phase", "quadrature")]
+    samples = np.column_stack(parts[0]) + 1j * np.column_stack(parts[1])
+    positions_m = np.column_stack([material.series[f"antenna_{axis}"] for axis in "xyz"])
+    whole = np.isfinite(samples).all(axis=1) & np.isfinite(positions_m).all(axis=1)
+    return samples[whole], positions_m[whole], int(np.count_nonzero(~whole))
+
+
+def _estimates(scene: Scene, target: Response, n: int, dropped: int) -> Estimates:
+    """Return estimates of the strongest target; what adds to it from around scatters them (``_WIDTH``, ``_PLACE``)."""
+    counted = {"n": n, "dropped": dropped}
+    noise = scene.background / target.peak
+    entries = []
+    place_m = _place_m(scene, scene.targets_m[0], target)
+    for axis, value_m, std_m in zip("xy", place_m, _place_std_m(scene, noise), strict=True):
+        entries.append(estimate(f"place_{axis}", "m", value_m, std_m, {}, **counted))
+    for axis, cell_m, width_m, pslr_dB, islr_dB in (
+        ("azimuth", scene.cells_m[0], target.azimuth_resolution_m, target.pslr_dB, target.islr_dB),
+        ("range", scene.cells_m[1], target.range_resolution_m, target.range_pslr_dB, target.range_islr_dB),
+    ):
+        lobe, energy = 10.0 ** (-pslr_dB / 20.0), 10.0 ** (islr_dB / 10.0)
+        about = {"axis": axis}
+        entries += [
+            estimate("resolution", "m", width_m, _WIDTH * noise * cell_m, about, **counted),
+            estimate("resolution_over_ideal", "1", width_m / cell_m, _WIDTH * noise, about, **counted),
+            estimate("pslr", "dB", pslr_dB, _IN_dB * noise * math.sqrt((1.0 + lobe**2) / 2.0), about, **counted),
+            estimate("islr", "dB", islr_dB, 0.5 * _IN_dB * noise * math.sqrt(2.0 / energy), about, **counted),
+        ]
+    return entries
+
+
+def _place_m(scene: Scene, place_m: Floats, target: Response) -> Floats:
+    """Return where the image of a target, looked for about ``place_m``, stands on level ground, x and y."""
+    out_m = target.range_shift_m / scene.cosine
+    return np.asarray(place_m + target.azimuth_shift_m * scene.axes.azimuth + out_m * scene.axes.sight)[:2]
+
+
+def _place_std_m(scene: Scene, noise: float) -> Floats:
+    along_m, out_m = _PLACE * noise * scene.cells_m[0], _PLACE * noise * scene.cells_m[1] / scene.cosine
+    return np.hypot(along_m * scene.axes.azimuth, out_m * scene.axes.sight)[:2]
+
+
+def _evidence(scene: Scene, target: Response) -> list[Evidence]:
+    """Return what says that the place of the target means little: its image is not one of a point in focus."""
+    ratio = target.azimuth_resolution_m / scene.cells_m[0]
+    if ratio < _WIDE:
+        return []
+    text = (
+        f"The strongest target is {ratio:.2f} times as wide in azimuth as a point: the positions of the antenna are "
+        "off by a part of a wavelength along the track, or it is no point. Look at the navigation solution."
+    )
+    return [Evidence("not_focused", text, ratio, 0.0, quantities=("place_x", "place_y"))]
+
+
+def _table(scene: Scene) -> Table:
+    rows: list[list[Any]] = []
+    for place_m, response in zip(scene.targets_m, scene.responses, strict=True):
+        at_m = place_m[:2] if response is None else _place_m(scene, place_m, response)
+        at = [f"{value_m:+.2f}" for value_m in at_m]
+        if response is None:
+            rows.append([len(rows) + 1, *at, *["no point"] * 6])
+            continue
+        figures = [
+            (response.azimuth_resolution_m, 4), (response.range_resolution_m, 4), (response.pslr_dB, 2),
+            (response.range_pslr_dB, 2), (response.islr_dB, 2), (response.range_islr_dB, 2),
+        ]  # fmt: skip
+        rows.append([len(rows) + 1, *at, *(f"{value:.{digits}f}" for value, digits in figures)])
+    headers = [
+        "target", "x, m", "y, m", "azimuth width, m", "range width, m", "azimuth PSLR, dB", "range PSLR, dB",
+        "azimuth ISLR, dB", "range ISLR, dB",
+    ]  # fmt: skip
+    ideal = f"{scene.cells_m[0]:.4f} m in azimuth and {scene.cells_m[1]:.4f} m in range"
+    caption = f"Strongest places of the image on level ground. Widths at -3 dB; a point in focus has {ideal}."
+    return Table("Radar image", caption, headers, rows, lead=True)
+
+
+def _image(scene: Scene) -> Figure:
+    level_dB = np.round(levels_dB(scene.chip.value, np.abs(scene.chip.value).max(), _FLOOR_dB).T, 1)
+    caption = "About the origin on level ground, 0 dB (black) to -40 dB (white)."
+    parts = [picture(scene.chip.azimuth_m, scene.chip.range_m, level_dB)]
+    return Figure("Radar image", caption, "along the track, m", "away from the radar, m", parts)
+
+
+def _cuts(target: Response) -> list[Figure]:
+    return [
+        Figure(
+            f"{title} cut",
+            "Response of the strongest target.",
+            f"{title.lower()}, m",
+            "power, dB",
+            [series("target", cut.offset_m, levels_dB(cut.value, target.peak, _FLOOR_dB), "line")],
+            group="impulse response",
+        )
+        for title, cut in (("Azimuth", target.azimuth_cut), ("Range", target.range_cut))
+    ]
