@@ -6,10 +6,12 @@ equations (1) to (11) as restored in docs/ring-laser.md. Only ticks, levels and 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from bench.analysis import Analysis, Material, check_method, no_result
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS
-from bench.systems.lock_in.estimates import exponent_estimates, record_estimates, requirement_of
+from bench.systems.lock_in.estimates import Requirement, exponent_estimates, record_estimates, requirement_of
 from bench.systems.lock_in.evidence import evidence
 from bench.systems.lock_in.figures import campaign_figures
 from bench.systems.lock_in.notes import notes
@@ -44,15 +46,27 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             missing.append(f"record {record.number}: {error.message} ({error.code})")
     if not results:
         raise refused[0] if refused else none_usable(bad)
+    return analysis_of("rlg_lock_in", material, results, missing, requirement, method)
+
+
+def analysis_of(
+    campaign: str,
+    material: Material,
+    results: Sequence[LaserResult],
+    missing: list[str],
+    requirement: Requirement,
+    method: str,
+) -> Analysis:
+    """Return estimates, evidence, tables and figures of lasers; ``missing``: what has no result already."""
     estimates = [entry for laser in results for entry in record_estimates(laser, requirement, method)]
     told = [entry["conditions"] for entry in estimates if entry["quantity"] == "angle_random_walk"]
-    missing += [
+    missing = missing + [
         f"{laser.name}: {LABELS[method]}: {laser.missing.get(method, 'no random walk could be told from quantisation')}"
         for laser in results
         if laser.record.place(laser.clock_Hz) | {"method": method} not in told
     ]
     return Analysis(
-        campaign="rlg_lock_in",
+        campaign=campaign,
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=[*estimates, *exponent_estimates(results, method)],

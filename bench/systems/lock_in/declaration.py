@@ -8,6 +8,7 @@ from pydantic import Field
 
 from bench.model.declaration import AnalysisDeclaration, Hint, Limit, Log, LogColumn, LogSections, System
 from bench.model.units import quantity
+from bench.model.yamlio import StrictModel
 
 
 class CountColumn(LogColumn):
@@ -26,36 +27,71 @@ class CountColumn(LogColumn):
         return "1"
 
 
-class CountLog(LogSections):
-    """Section of a mapping."""
+class EdgeColumn(LogColumn):
+    """Level behind the edges of one comparator of a ring laser, 0 or 1; empty in rows that are edges of another one."""
 
-    analyses: ClassVar[tuple[str, ...]] = ("rlg_count_log",)
+    role: Literal["beat", "cosine", "pickoff"]
+
+    @property
+    def quantity(self) -> str:
+        """Name of the column in series."""
+        return self.role
+
+    @property
+    def unit(self) -> str:
+        """Levels have none."""
+        return "1"
+
+
+class Laser(StrictModel):
+    """What a log of edges does not hold of the laser and of the alignment that it is for."""
+
+    path_length: Annotated[float, *quantity("m", 1e-3, 1e3)] = Field(description="optical path, such as 28 cm")
+    latitude: Annotated[float, *quantity("deg", -89.0, 89.0)] = Field(description="of the site of the alignment")
+
+
+class RingLaserLog(LogSections):
+    """Sections of a mapping."""
+
+    analyses: ClassVar[tuple[str, ...]] = ("rlg_count_log", "rlg_edge_log")
+
+    laser: Laser | None = Field(None, description="of a log of edges: path length, and latitude of the alignment")
 
     count_scale: Annotated[float, *quantity("deg", 1e-12, 1.0)] | None = Field(
         None, description="angle of one count of a ring laser, such as 1.11 arcsec"
     )
 
     def check_log(self, log: Log) -> None:
-        """Check that there are counts and their scale. Raises: ValueError."""
+        """Check that there are counts and their scale, or all edges and the laser. Raises: ValueError."""
         counts = [column for column in log.values.values() if isinstance(column, CountColumn)]
-        if log.analysis in CountLog.analyses and (len(counts) != 1 or self.count_scale is None):
+        if log.analysis == "rlg_count_log" and (len(counts) != 1 or self.count_scale is None):
             raise ValueError(
                 f"the analysis {log.analysis!r} needs one column of the role count or count_increment, and "
                 "'count_scale'"
             )
+        edges = [column for column in log.values.values() if isinstance(column, EdgeColumn)]
+        if log.analysis == "rlg_edge_log" and (len(edges) != 3 or self.laser is None):
+            raise ValueError(
+                f"the analysis {log.analysis!r} needs columns of the roles beat, cosine and pickoff, and 'laser' with "
+                "path_length and latitude"
+            )
 
     def log_constants(self, log: Log) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign"."""
-        return {} if self.count_scale is None else {"count_scale_deg": self.count_scale}
+        constants: dict[str, Any] = {} if self.count_scale is None else {"count_scale_deg": self.count_scale}
+        if self.laser is not None:
+            constants["laser"] = {"path_length_m": self.laser.path_length, "latitude_deg": self.laser.latitude}
+        return constants
 
 
+COMPENSATORS = ("global_constants", "fresnel", "dither_shape_16", "dither_shape", "parabolas")
 DECLARATION = System(
     name="lock_in",
     analyses=(
         AnalysisDeclaration(
             "rlg_lock_in",
             "bench.systems.lock_in.analysis",
-            ("global_constants", "fresnel", "dither_shape_16", "dither_shape", "parabolas"),
+            COMPENSATORS,
             made_of="samples",
             conditions=("path_length_m", "clock_Hz"),
             assumptions="bench.systems.lock_in.assumptions:assumptions",
@@ -68,8 +104,20 @@ DECLARATION = System(
             "logs",
             roles=("time", "count", "count_increment"),
         ),
+        AnalysisDeclaration(
+            "rlg_edge_log",
+            "bench.systems.lock_in.edge_log",
+            COMPENSATORS,
+            "logs",
+            roles=("time", "beat", "cosine", "pickoff"),
+        ),
     ),
-    log=CountLog,
-    log_columns=(CountColumn,),
-    log_hints=(Hint("count", r"count|pulses|ticks", None, analysis="rlg_count_log"),),
+    log=RingLaserLog,
+    log_columns=(CountColumn, EdgeColumn),
+    log_hints=(
+        Hint("beat", r"(^|[^a-z])beat", None, analysis="rlg_edge_log"),
+        Hint("cosine", r"cosine", None),
+        Hint("pickoff", r"pick_?off", None),
+        Hint("count", r"count|pulses|ticks", None, analysis="rlg_count_log"),
+    ),
 )

@@ -1,7 +1,6 @@
 """Counts of a ring laser from an imported log: rate, angle random walk and quantisation (docs/importing.md).
 
-Counts that were latched at the same place of each dither period, or of a gyroscope without dither. Edges of the beat
-are not read from logs: without the levels of both comparators the count does not hold through turnarounds.
+Counts that were latched at the same place of each dither period, or of a gyroscope without dither.
 
 Source: IEEE Std 647 and 952-1997 annex C (noise terms); lock-in paper equation (2) for the alignment time.
 """

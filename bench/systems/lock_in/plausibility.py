@@ -37,7 +37,7 @@ def _certain(code: str, sentence: str, figure: float, laser: LaserResult, quanti
 
 
 def _counts(laser: LaserResult) -> Iterator[Evidence]:
-    odd, repeated, blocks = len(laser.found.odd_s), laser.events.repeated, laser.record.row.frames
+    odd, repeated, blocks = len(laser.found.odd_s), laser.events.repeated, laser.record.blocks
     if not laser.found.odd_left_out:
         sentence = (
             f"The count of {laser.name} is odd at {odd} half periods of the dither, as where edges are lost without a "

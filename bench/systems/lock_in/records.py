@@ -39,9 +39,12 @@ _BLOCKS = 100  # of the tagger that are decoded at once
 
 @dataclass(frozen=True)
 class LaserRecord:
-    """A record and the laser it is of. ``several``: another record has the same path, clock and phase setting."""
+    """A record and the laser it is of. ``several``: another record has the same path, clock and phase setting.
 
-    row: RecordRow
+    ``row``: None of an imported log, which holds its events itself.
+    """
+
+    row: RecordRow | None
     path_length_m: float
     phase_setting_deg: float | None
     several: bool = False
@@ -49,17 +52,27 @@ class LaserRecord:
     @property
     def number(self) -> int:
         """Of the record in its session."""
-        return self.row.window.number
+        return 1 if self.row is None else self.row.window.number
+
+    @property
+    def blocks(self) -> int:
+        """Blocks of the tagger."""
+        return 0 if self.row is None else self.row.frames
 
     def sensed(self, name: str) -> float | None:
         """Return the mean of the housekeeping over the record, None if the record has no housekeeping."""
-        value = self.row.context.get(name)
+        value = None if self.row is None else self.row.context.get(name)
         return None if value is None else float(value)
 
     @property
     def dither_deg_s(self) -> float | None:
         """Mean amplitude of the dither rate by the sensor of the unit."""
         return self.sensed(_DITHER)
+
+    def events(self) -> Events:
+        """Decode its events. Raises: FitError B-RLG-001 to -003."""
+        assert self.row is not None
+        return record_events(self.row)
 
     def place(self, clock_Hz: float) -> dict[str, Any]:
         """Return conditions that tell its estimates from those of the others."""
@@ -87,13 +100,15 @@ def laser_records(material: Material) -> list[LaserRecord]:
 
 def flagged(records: Sequence[LaserRecord]) -> dict[int, str]:
     """Records that must not be used, by number, with what they are flagged for; losses of the link are no reason."""
-    flags = {record.number: Quality(record.row.quality) & ~_HARMLESS for record in records}
+    flags = {record.number: Quality(record.row.quality) & ~_HARMLESS for record in records if record.row is not None}
     return {number: str(flag.name).replace("|", ", ") for number, flag in flags.items() if flag}
 
 
 def not_recorded(records: Sequence[LaserRecord]) -> list[str]:
     """Combinations of path and clock that the others promise and that no record is of."""
-    there = {(record.path_length_m, record.row.window.conditions.get(CLOCK)) for record in records}
+    there = {
+        (record.path_length_m, record.row.window.conditions.get(CLOCK)) for record in records if record.row is not None
+    }
     paths, clocks = ([*dict.fromkeys(column)] for column in zip(*sorted(there, key=str), strict=True))
     return [
         f"path {100 * path:g} cm with the clock of {float(clock) / 1e6:g} MHz: no record"
@@ -225,7 +240,7 @@ def _events(samples: Samples, clock_Hz: float, lost_blocks: int) -> Events:
     )
     return Events(
         clock_Hz, stretches, lost_blocks, int(more[more > 0].sum()), int(torn.sum()), int(dark.sum()),
-        int(again.sum()), _step_ticks(stretches),
+        int(again.sum()), step_ticks(stretches),
     )  # fmt: skip
 
 
@@ -235,7 +250,7 @@ def _repeated(blobs: Any) -> Bools:
     return np.array([first.setdefault(blob, at) != at for at, blob in enumerate(blobs)], np.bool_)
 
 
-def _step_ticks(stretches: Sequence[Stretch]) -> int:
+def step_ticks(stretches: Sequence[Stretch]) -> int:
     """Return the largest number of ticks that all time stamps are multiples of, from their first."""
     steps = [int(np.gcd.reduce(np.diff(stretch.ticks[:_STAMPS]))) for stretch in stretches if stretch.ticks.size > 1]
     return max(1, int(np.gcd.reduce(steps))) if steps else 1

@@ -13,7 +13,7 @@ from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW, Compensated, compensated
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, expected_random_walk, gyro_gain, random_walk
-from bench.systems.lock_in.records import Events, LaserRecord, record_events
+from bench.systems.lock_in.records import Events, LaserRecord
 
 _ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
 _FEWEST_DOF = 4.0  # of a walk that quantisation hides
@@ -178,7 +178,7 @@ def laser_result(record: LaserRecord) -> LaserResult:
 
     Raises: FitError B-RLG-001, -002, -003, -007.
     """
-    events = record_events(record.row)
+    events = record.events()
     stretches, events = list(events.stretches), replace(events, stretches=())
     compensation = compensated(stretches, events, record.number)
     walks: dict[str, RandomWalk] = {}
