@@ -29,9 +29,16 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     Raises: FitError B-FIT-004 (unknown method), B-SYNC-001 to -009 and -011; a radar without an image is missing.
     """
     check_method(method, METHODS)
+    return analysis_of("time_sync", recording(material), material, method)
+
+
+def analysis_of(campaign: str, taken: Recording, material: Material, method: str) -> Analysis:
+    """Return everything that both units sent shows, by all filters; ``method`` says which one is judged.
+
+    Raises: FitError B-SYNC-003 to -009 and -011; a radar without an image is missing.
+    """
     demands, latency = demands_of(material.campaign), latency_of(material.campaign)
     densities = densities_of(material.campaign)
-    taken = recording(material)
     ready = prepared(taken)
     clocks = clocks_of(taken, ready.middle_s, latency, material.line_s)
     spread = spread_of(material.campaign, ready.egi.position_std_m)
@@ -41,7 +48,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     result = SyncResult(taken.manoeuvre, ready, clocks, filtering, seen, image, demands, method)
     held_against = held(result, densities, spread)
     return Analysis(
-        campaign="time_sync",
+        campaign=campaign,
         method=method,
         uut=dict(material.campaign["uut"]),
         estimates=sync_estimates(result),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, model_validator
@@ -125,6 +126,49 @@ class AntennaColumn(LogColumn):
         return {"axis": self.axis}
 
 
+class UnitColumn(LogColumn):
+    """A column of an EGI or an inertial unit in a log of both."""
+
+    role: Literal[
+        "imu_stamp", "delta_angle", "delta_velocity", "egi_stamp", "latitude", "longitude", "height", "velocity",
+        "attitude", "position_sigma",
+    ]  # fmt: skip
+    axis: Literal["x", "y", "z", "north", "east", "down", "roll", "pitch", "heading"] | None = None
+    unit: Annotated[str, AfterValidator(unit_text)] = Field(description="of the numbers in the file")
+
+    @property
+    def quantity(self) -> str:
+        """Name of the column in series, such as ``egi_stamp`` or ``velocity_north``."""
+        return self.role if self.axis is None else f"{self.role}_{self.axis}"
+
+
+_OF_UNITS: Mapping[str, tuple[Sequence[str], Sequence[str]]] = {  # axes and base units by role
+    "imu_stamp": ((), ("s",)),
+    "delta_angle": ("xyz", ("deg", "deg/s")),
+    "delta_velocity": ("xyz", ("m/s", "m/s2")),
+    "egi_stamp": ((), ("s",)),
+    "latitude": ((), ("deg",)),
+    "longitude": ((), ("deg",)),
+    "height": ((), ("m",)),
+    "velocity": (("north", "east", "down"), ("m/s",)),
+    "attitude": (("roll", "pitch", "heading"), ("deg",)),
+    "position_sigma": ((), ("m",)),
+}
+
+
+def _check_units(log: Log) -> None:
+    columns = {column.quantity: column for column in log.values.values() if isinstance(column, UnitColumn)}
+    for role, (axes, units) in _OF_UNITS.items():
+        due = [f"{role}_{axis}" for axis in axes] or [role]
+        found = [columns[name].dimension for name in due if name in columns]
+        if len(found) < len(due) or found[0] not in units or len(set(found)) > 1:
+            of_axes = f", axes {', '.join(axes)}," if axes else ""
+            raise ValueError(
+                f"the analysis {log.analysis!r} needs columns of the role {role}{of_axes} in units of "
+                f"{' or '.join(units)}"
+            )
+
+
 class SampleColumn(LogColumn):
     """Columns of a part of a pulse's complex samples, one for each frequency."""
 
@@ -157,15 +201,20 @@ class Frequencies(StrictModel):
 
 
 class TimeSyncLog(LogSections):
-    """Section of a mapping of a radar's phase history; two streams have none, but their columns must fit together."""
+    """Sections of a mapping; the columns of two streams and of a phase history must fit together."""
 
-    analyses: ClassVar[tuple[str, ...]] = ("stream_offset", "radar_image")
+    analyses: ClassVar[tuple[str, ...]] = ("stream_offset", "radar_image", "egi_offset")
 
     frequencies: Frequencies | None = Field(None, description="of the samples of a radar's pulses: first and last")
+    inertial: Inertial | None = Field(None, description="what a navigation filter is told of the inertial sensors")
+    egi: Egi | None = Field(None, description="what is known of the errors of an EGI that serves as reference")
+    latency: Latency | None = Field(None, description="of two units that stream side by side")
 
     def check_log(self, log: Log) -> None:
         """Check that both streams have the same motions, and that a phase history is whole. Raises: ValueError."""
         _check_streams(log)
+        if log.analysis == "egi_offset":
+            _check_units(log)
         counts = Counter(column.role for column in log.values.values())
         whole = counts["antenna"] == 3 and counts["in_phase"] == counts["quadrature"] > 1 and self.frequencies
         if log.analysis == "radar_image" and not whole:
@@ -179,9 +228,10 @@ class TimeSyncLog(LogSections):
 
     def log_constants(self, log: Log) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign"."""
+        units = NavigationUnits(inertial=self.inertial, egi=self.egi, latency=self.latency).constants()
         if self.frequencies is None:
-            return {}
-        return {"frequencies": {"first_Hz": self.frequencies.first, "last_Hz": self.frequencies.last}}
+            return units
+        return units | {"frequencies": {"first_Hz": self.frequencies.first, "last_Hz": self.frequencies.last}}
 
 
 DECLARATION = System(
@@ -208,6 +258,13 @@ DECLARATION = System(
             roles=("time", "stamp", "motion"),
         ),
         AnalysisDeclaration(
+            "egi_offset",
+            "bench.systems.time_sync.egi_log",
+            ("augmented_loose", "augmented_tight"),
+            "logs",
+            roles=("time", *_OF_UNITS),
+        ),
+        AnalysisDeclaration(
             "radar_image",
             "bench.systems.time_sync.phase_history",
             ("backprojection",),
@@ -217,7 +274,7 @@ DECLARATION = System(
     ),
     unit=NavigationUnits,
     log=TimeSyncLog,
-    log_columns=(StreamColumn, AntennaColumn, SampleColumn),
+    log_columns=(StreamColumn, UnitColumn, AntennaColumn, SampleColumn),
     log_hints=(
         Hint("in_phase", r"\.real$|in_?phase", None, analysis="radar_image", numbered=True),
         Hint("quadrature", r"\.imag$|quadrature", None, numbered=True),

@@ -105,7 +105,7 @@ def recording(material: Material) -> Recording:
         )
     radar = _stream([row.beside.get(RADAR) for row in rows], RADAR, first)
     for name, stream in (("imu", imu), (EGI, egi)):
-        _check_clock(name, stream)
+        check_clock(name, stream)
     phases = tuple((row.window.first_counter, str(row.window.conditions.get("phase", ""))) for row in rows)
     return Recording(imu, egi, radar, str(rows[0].window.conditions.get("manoeuvre", "")), phases)
 
@@ -149,7 +149,8 @@ def _stream(parts: Sequence[Samples | None], link: str, first_tick: int) -> Stre
     return Stream(tick_s, counter[new], np.concatenate([part.t_ns for part in present])[new], columns)
 
 
-def _check_clock(name: str, stream: Stream) -> None:
+def check_clock(name: str, stream: Stream) -> None:
+    """Check that the tags of a port go on evenly. Raises: FitError B-SYNC-004 where its clock was set."""
     at = first_step(stream.tick_s, stream.counter)
     if at is None:
         return
