@@ -1,6 +1,6 @@
 """Controller of an unattended calibration bench for inertial-navigation electronics.
 
-``load``, ``fit``, ``check`` and ``run`` are those of ``bench.api``, which is loaded with the first of them.
+The names of ``bench.api``, ``load`` and others, are here too; it is loaded with the first of them.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from typing import Any
 
 __version__ = "0.1.0"
 __bench__ = "inertial-bench"
-__api__ = ("BenchError", "Checked", "Fit", "Session", "check", "fit", "load", "run")
+__api__ = ("BenchError", "Checked", "Fit", "Session", "check", "fit", "load", "run", "to_xarray", "watch")
 
 
 def __getattr__(name: str) -> Any:

@@ -6,6 +6,8 @@ from bench.api import check as check
 from bench.api import fit as fit
 from bench.api import load as load
 from bench.api import run as run
+from bench.api import to_xarray as to_xarray
+from bench.api import watch as watch
 
 __version__: str
 __bench__: str

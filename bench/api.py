@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.model.errors import BenchError
-from bench.tables import Session, table_of_estimates
+from bench.tables import Session, table_of_estimates, to_xarray, watch
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from bench.plan import Summary
     from bench.run.session import Conducted
 
-__all__ = ["BenchError", "Checked", "Fit", "Session", "check", "fit", "load", "run"]
+__all__ = ["BenchError", "Checked", "Fit", "Session", "check", "fit", "load", "run", "to_xarray", "watch"]
 
 Settings = Mapping[str, object]
 

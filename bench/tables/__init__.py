@@ -1,8 +1,10 @@
-"""A recorded session as tables: pandas for people who compute, files for other tools."""
+"""A session for people who compute: recorded as tables of pandas and files for other tools, living as a figure."""
 
 from bench.tables.columns import table_of_estimates
+from bench.tables.dataset import to_xarray
 from bench.tables.export import FORMATS, export_session
 from bench.tables.foreign import kind_of, log_lines, open_table, origin_of
+from bench.tables.live import watch
 from bench.tables.session import Session
 
 __all__ = [
@@ -14,4 +16,6 @@ __all__ = [
     "open_table",
     "origin_of",
     "table_of_estimates",
+    "to_xarray",
+    "watch",
 ]

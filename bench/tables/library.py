@@ -7,7 +7,9 @@ from typing import Any
 
 from bench.model.errors import InputError
 
-EXTRAS = {"pandas": "python", "h5py": "hdf5", "pyarrow": "parquet", "mcap": "mcap", "rosbags": "ros"}
+EXTRAS = {
+    "pandas": "python", "xarray": "xarray", "h5py": "hdf5", "pyarrow": "parquet", "mcap": "mcap", "rosbags": "ros",
+}  # fmt: skip
 
 
 def library(name: str) -> Any:

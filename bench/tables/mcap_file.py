@@ -19,7 +19,7 @@ from bench import __version__
 from bench.record import mcap_format as mcap
 from bench.tables.columns import UNITS
 from bench.tables.library import pandas
-from bench.tables.plain import flat, word
+from bench.tables.plain import flat, words_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame, Series
@@ -48,9 +48,10 @@ def json_schema(topic: str, block: DataFrame) -> dict[str, Any]:
 
     Foxglove takes one type for each property: what may be absent is left out of a message, not null.
     """
-    columns = {word(name): _json_type(block[name]) for name in block.columns}
-    for name, unit in block.attrs[UNITS].items():
-        columns[word(name)]["description"] = unit
+    names = words_of(block)
+    columns = {name: _json_type(block[column]) for column, name in names.items()}
+    for column, unit in block.attrs[UNITS].items():
+        columns[names[column]]["description"] = unit
     return {"type": "object", "title": topic, "properties": columns}
 
 
@@ -90,7 +91,7 @@ class McapFile:
     def write(self, topic: str, block: DataFrame, t_utc_ns: list[int]) -> None:
         """Append rows, each at its time."""
         channel = self._channels[topic]
-        pairs = zip(*(_pairs(word(name), block[name]) for name in block.columns), strict=True)
+        pairs = zip(*(_pairs(name, block[column]) for column, name in words_of(block).items()), strict=True)
         for t_ns, row in zip(t_utc_ns, pairs, strict=True):
             text = "{" + ",".join(filter(None, row)) + "}"
             self._message(channel, t_ns, text.encode())

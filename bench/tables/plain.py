@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import re
+from itertools import chain, count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.tables.columns import TIME
+from bench.tables.columns import TIME, UNITS
 from bench.tables.library import pandas
 
 if TYPE_CHECKING:
@@ -39,12 +40,22 @@ def arrays_of(block: DataFrame) -> dict[str, np.ndarray[Any, Any]]:
     A number or truth that may be absent is a float, NaN where it is; an absent text is "". Times are ns since 1970.
     """
     columns = {} if block.index.name is None else {TIME: _array(block.index.to_series())}
-    return columns | {word(name): _array(block[name]) for name in block.columns}
+    return columns | {name: _array(block[column]) for column, name in words_of(block).items()}
 
 
-def word(name: str) -> str:
-    """Return a name of letters, digits and underscores, as HDF5 paths and MATLAB want it."""
-    return _NO_WORD.sub("_", name)[:LONGEST_NAME]
+def words_of(block: DataFrame) -> dict[str, str]:
+    """Return names of letters, digits and underscores by column, as HDF5 paths and MATLAB want them, no two alike.
+
+    Where two would be alike, or one like the index, the later one gets a number.
+    """
+    taken, names = {block.index.name}, dict[str, str]()
+    for column in block.columns:
+        plain = _NO_WORD.sub("_", column)
+        ends = chain([""], (f"_{number}" for number in count(2)))
+        shortened = (plain[: LONGEST_NAME - len(end)] + end for end in ends)
+        names[column] = next(name for name in shortened if name not in taken)
+        taken.add(names[column])
+    return names
 
 
 def _array(column: Series) -> np.ndarray[Any, Any]:
@@ -60,4 +71,5 @@ def _array(column: Series) -> np.ndarray[Any, Any]:
 def units_of(block: DataFrame) -> dict[str, str]:
     """Return units by the name that ``arrays_of`` gives a column."""
     timed = {} if block.index.name is None else {TIME: "ns since 1970-01-01T00:00:00Z"}
-    return timed | {word(name): unit for name, unit in block.attrs["units"].items()}
+    units = block.attrs.get(UNITS, {})
+    return timed | {name: units[column] for column, name in words_of(block).items() if column in units}

@@ -6,8 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from bench.frame import FrameDefinition
+from bench.model.errors import BenchError
 from bench.model.events import Reading
 from bench.model.quality import Quality
+from bench.plan import driver_actions
 from bench.record import RecordRow
 from bench.replay import Course, Replayed
 from bench.session.record_states import row_problem, sample_problem
@@ -16,7 +18,7 @@ from bench.tables.columns import UNITS, spread, table, typed, unit_of
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-VALUE = "value"
+VALUE, UNIT = "value", "unit"
 
 
 def table_of_events(course: Course) -> DataFrame:
@@ -28,21 +30,37 @@ def table_of_events(course: Course) -> DataFrame:
     return table(columns, {}, [t_ns for t_ns, _, _ in course.events], course.utc_offset_ns)
 
 
-def table_of_readings(course: Course) -> DataFrame:
+def table_of_readings(course: Course, manifest: Mapping[str, Any]) -> DataFrame:
     """Return every reading of an instrument, a row each; a value of several numbers is spread over columns of its own.
 
-    ``value`` is in the SI unit of what the action measures, NA where the instrument gave none (``code`` says why).
+    ``value`` is in the ``unit`` of its row, NA where the instrument gave none (``code`` says why). The unit is the one
+    that the driver declares for its action; NA where it declares none or is not installed here.
     """
     readings = [(t_ns, fields) for t_ns, kind, fields in course.events if kind == Reading.kind]
     fields = [reading for _, reading in readings]
     values = [reading.get(VALUE) for reading in fields]
     columns: dict[str, list[Any]] = {name: [row.get(name) for row in fields] for name in ("step", "role", "name")}
     columns[VALUE] = [None if isinstance(value, Mapping) else value for value in values]
+    actions = [(row.get("role"), row.get("name")) for row in fields]
+    units = {action: _unit(manifest, *action) for action in set(actions)}
+    columns[UNIT] = [
+        None if isinstance(value, Mapping) else units[action] for value, action in zip(values, actions, strict=True)
+    ]
     columns |= spread([value if isinstance(value, Mapping) else {} for value in values], columns, f"{VALUE}_")
     for name in ("quality", "code", "text", "uut"):
         columns[name] = [row.get(name) for row in fields]
     columns |= spread([row.get("conditions") or {} for row in fields], columns)
     return _timed(columns, [t_ns for t_ns, _ in readings], course.utc_offset_ns)
+
+
+def _unit(manifest: Mapping[str, Any], role: Any, name: Any) -> str | None:
+    """Return the unit that the driver of a role declares for an action."""
+    standard = manifest.get("standards", {}).get(role, {})
+    try:
+        action = driver_actions(str(standard.get("driver"))).get(name)
+    except BenchError:  # the driver of another laboratory
+        return None
+    return None if action is None else action.returns or None
 
 
 def table_of_records(replayed: Replayed, definitions: Mapping[str, FrameDefinition]) -> DataFrame:

@@ -71,8 +71,8 @@ class Session:
 
     @cached_property
     def readings(self) -> DataFrame:
-        """Return readings of instruments in order: ``role``, ``name`` (action), ``value`` in SI units, conditions."""
-        return self._named(table_of_readings(self._course))
+        """Return readings of instruments in order: ``role``, ``name`` (action), ``value``, its ``unit``, conditions."""
+        return self._named(table_of_readings(self._course, self.manifest))
 
     @property
     def records(self) -> DataFrame:

@@ -39,7 +39,6 @@ METHODS = ("mean",)
 """,
 }
 RUN_ELSEWHERE = {
-    "docs/live-protocol.md": "tests/docs/test_live_view.py",
     "docs/python.md": "tests/runs/test_python_api.py",
     "docs/session-format.md": "tests/support/stranger_page.py",
     "docs/tutorial.md": "tests/docs/test_tutorial.py",

@@ -5,9 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 import socket
+import sys
 import threading
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -23,6 +25,7 @@ from bench.run.feed.client import FeedClient, FeedGone
 from bench.run.feed.state import RunState
 from bench.run.session import Conducted, conduct
 from bench.run.stop import StopSwitch
+from bench.tables import watch
 
 SEED = 5
 UTC_S = 946_684_800.0
@@ -30,13 +33,15 @@ LATE = (("slot: 1800 s", "slot: 1200 s"), ("duration: 2250 s", "duration: 1650 s
 
 
 class Crowd:
-    """Watchers of the run in ``out``: one polls as fast as it can and keeps what it sees, one asks and never reads."""
+    """Watchers of the run in ``out``: one polls as fast as it can and keeps what it sees, one asks and never reads, and
+    one is a notebook."""
 
     def __init__(self, out: Path) -> None:
         self.seen: list[dict[str, Any]] = []
         self.points = 0
+        self.pictures: list[bytes] = []
         self._out, self._ended = out, threading.Event()
-        self._threads = [threading.Thread(target=one) for one in (self._poll, self._ask_and_never_read)]
+        self._threads = [threading.Thread(target=one) for one in (self._poll, self._ask_and_never_read, self._watch)]
 
     def __enter__(self) -> Crowd:
         for thread in self._threads:
@@ -68,6 +73,19 @@ class Crowd:
             self.seen.append(reply.header["state"])
         client.close()
 
+    def _watch(self) -> None:
+        """Look at the run as a notebook does; the view ends with the run."""
+        if (folder := self._folder()) is not None:
+            watch(folder, "bench.unit")
+            self.pictures.append(b"end")
+
+    def DisplayHandle(self) -> Any:
+        """Stand in for IPython.display, whose handle shows a picture and replaces it."""
+        return SimpleNamespace(display=self.pictures.append, update=self.pictures.append)
+
+    def Image(self, data: bytes) -> bytes:
+        return data
+
     def _ask_and_never_read(self) -> None:
         if (folder := self._folder()) is None:
             return
@@ -95,15 +113,21 @@ def hashes(folder: Path) -> dict[str, str]:
 
 
 @pytest.mark.slow
-def test_a_watched_run_writes_the_same_bytes_and_tells_the_truth(tmp_path: Path) -> None:
+def test_a_watched_run_writes_the_same_bytes_and_tells_the_truth(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     plan = tiny_plan(tmp_path)
     alone = conducted(plan, tmp_path / "alone")
     with Crowd(tmp_path / "watched") as crowd:
+        monkeypatch.setitem(sys.modules, "IPython.display", crowd)  # type: ignore[arg-type]
         watched = conducted(plan, tmp_path / "watched")
     assert hashes(watched.folder) == hashes(alone.folder)
     assert not list(watched.folder.glob("live*"))
     assert len(crowd.seen) > 5
     assert crowd.points > 600
+    assert len(set(crowd.pictures)) > 1
+    assert {picture[:4] for picture in crowd.pictures[:-1]} == {b"\x89PNG"}
+    assert crowd.pictures[-1] == b"end"
     (end,) = [t_ns / 1e9 + UTC_S for kind, t_ns, _ in SessionReader(watched.folder).events("end")]
     etas = [one["eta"] for one in crowd.seen if one["eta"] is not None]
     assert etas

@@ -19,7 +19,7 @@ from table_sample import write_resumed
 
 from bench.model.errors import InputError
 from bench.tables import FORMATS, Session, export_session, mcap_file
-from bench.tables.plain import arrays_of, flat, word
+from bench.tables.plain import arrays_of, flat, words_of
 
 Tables = dict[str, pd.DataFrame]
 
@@ -179,15 +179,16 @@ def _same_rows(rows: list[Any], table: pd.DataFrame, schema: Any) -> None:
     properties = schema["properties"]
     for column in properties.values():  # what Foxglove understands: one plain type each, objects with properties
         assert column["type"] in {"boolean", "number", "string"} or column["properties"] == {}
-    assert list(properties) == [word(name) for name in table.columns]
+    names = words_of(table)
+    assert list(properties) == list(names.values())
     units = {name: column["description"] for name, column in properties.items() if "description" in column}
-    assert units == {word(name): unit for name, unit in table.attrs["units"].items()}
+    assert units == {names[column]: unit for column, unit in table.attrs["units"].items()}
     for name in table.columns:
-        column, read = table[name], [row.get(word(name)) for row in rows]
+        column, read = table[name], [row.get(names[name]) for row in rows]
         if isinstance(column.dtype, pd.DatetimeTZDtype):
             assert [pd.Timestamp(text) for text in read] == column.tolist()
         else:
-            plain = column if properties[word(name)]["type"] == "object" else flat(column.to_frame())[name]
+            plain = column if properties[names[name]]["type"] == "object" else flat(column.to_frame())[name]
             assert read == plain.astype(object).where(plain.notna(), None).tolist()
 
 

@@ -126,6 +126,18 @@ def test_readings_have_numbers_conditions_and_what_is_absent(resumed: Session) -
     assert readings.attrs["units"] == {"t_mono_ns": "ns", "x_V": "V", "range_A": "A"}
 
 
+def test_a_reading_has_the_unit_that_its_driver_declares(resumed: Session) -> None:
+    (folder,) = [folder for folder in GOLDEN if "gnc_unit_test" in folder.name]
+    readings = Session(folder).readings
+    units = readings.drop_duplicates(["role", "name"]).set_index(["role", "name"])["unit"].to_dict()
+    assert units == {
+        ("supply", "measure_voltage"): "V", ("supply", "measure_current"): "A", ("rail_dmm", "measure_voltage"): "V",
+    }  # fmt: skip
+    (folder,) = [folder for folder in GOLDEN if "golden_fog" in folder.name]
+    assert Session(folder).readings["unit"].isna().all()  # several numbers, each with its unit in the name
+    assert resumed.readings["unit"].isna().all()  # its manifest names no drivers
+
+
 def test_events_are_those_of_the_session(golden: Path) -> None:
     events = Session(golden).events
     recorded = list(SessionReader(golden).events())
