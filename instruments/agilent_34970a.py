@@ -9,6 +9,7 @@ UNIT:TEMPerature; tutorial, four-wire multiplexers). Not confirmed on hardware: 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from bench.model.ports import Parameter, action
@@ -85,17 +86,19 @@ class Agilent34970A(ScpiInstrument):
     def _channel_list(self) -> str:
         return f"(@{','.join(map(str, self.options['channels']))})"
 
-    def _check_options(self) -> None:
-        channels, kind = self.options["channels"], self.options["thermocouple"]
+    @classmethod
+    def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
+        channels, kind = options["channels"], options["thermocouple"]
         valid = isinstance(channels, list) and all(
             type(channel) is int and 101 <= channel <= 320 for channel in channels
         )
         if not valid or (not channels and kind != _NONE):
-            raise self.bad_option(f"channels {channels!r} must be a list of numbers 101 to 320")
+            return "channels", f"channels {channels!r} must be a list of numbers 101 to 320"
         if channels and kind == _NONE:
-            raise self.bad_option(f"thermocouple {_NONE} goes with 'channels: []', not with {channels!r}")
+            return "thermocouple", f"thermocouple {_NONE} goes with 'channels: []', not with {channels!r}"
         if kind not in (*_THERMOCOUPLES, _NONE):
-            raise self.bad_option(f"thermocouple {kind!r} is none of {', '.join(_THERMOCOUPLES)}, {_NONE}")
+            return "thermocouple", f"thermocouple {kind!r} is none of {', '.join(_THERMOCOUPLES)}, {_NONE}"
+        return None
 
     def _prepare(self) -> None:
         self.abort()  # a scan of somebody else would refuse what follows

@@ -70,7 +70,8 @@ class BaseInstrument(Commands):
         if unknown := sorted(set(self.options) - set(self.default_options)):
             known = ", ".join(self.default_options) or "none"
             raise self.bad_option(f"unknown option {unknown[0]!r}; known: {known}")
-        self._check_options()
+        if wrong := self.wrong_option(self.options):
+            raise self.bad_option(wrong[1])
 
     def identify(self) -> Identity:
         """Get who is there, refuse another model, then prepare the session. Raises: InstrumentError B-INST-002."""
@@ -161,8 +162,13 @@ class BaseInstrument(Commands):
         """Return the error of a wrong option in the station file."""
         return InputError("B-INST-020", message, where=self.bus.where, next_step="correct the station file")
 
-    def _check_options(self) -> None:
-        """Raise ``bad_option`` for option values the driver cannot use."""
+    @classmethod
+    def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
+        """Return the name of an option whose value the driver cannot use, and why; None if there is none.
+
+        Args: options: all of ``default_options``, with the values of the station.
+        """
+        return None
 
     def _ready(self) -> None:
         if self.identity is None:

@@ -10,6 +10,7 @@ crosspoints and never a range; a range is treated as a wrong state.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
 from typing import Any, ClassVar
 
@@ -21,6 +22,7 @@ from instruments.scpi import ScpiInstrument
 
 _RELAYS_S = 0.25
 _DIRECT_ROW, _REVERSED_ROW = 1, 2
+_SLOTS = 10
 
 
 def read_closed(reply: str) -> tuple[str, ...]:
@@ -83,9 +85,11 @@ class Keithley7002(ScpiInstrument):
         """Get the closed crosspoints as "slot!row!column"."""
         return self.ask(":CLOS:STAT?", read_closed)
 
-    def _check_options(self) -> None:
-        if self.options["slot"] not in range(1, 11):
-            raise self.bad_option(f"slot {self.options['slot']!r} must be 1 to 10")
+    @classmethod
+    def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
+        slot = options["slot"]
+        valid = type(slot) is int and 1 <= slot <= _SLOTS
+        return None if valid else ("slot", f"slot {slot!r} is no whole number from 1 to {_SLOTS}")
 
     def _prepare(self) -> None:
         self.set(":INIT:CONT OFF")

@@ -58,6 +58,11 @@ class PendulumCnt91(ScpiInstrument):
     _started = 0  # how often
     _drained = 0  # of which start everything was read; the reader's own, so that no start is overlooked
 
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **named)
+        if not self.bus.ends:
+            raise self.bad_option("blocks of bytes need GPIB, USB, VXI-11 or HiSLIP, no raw socket and no serial line")
+
     @action(
         Parameter("clock", "Hz", 10e6, 100e6, values=CLOCKS_HZ),
         Parameter("threshold", "V", -5.0, 5.0, required=False),
@@ -153,12 +158,13 @@ class PendulumCnt91(ScpiInstrument):
                 break
         return b"".join(blocks)
 
-    def _check_options(self) -> None:
-        error = self.options["clock_error_ppm"]
-        if isinstance(error, bool) or not isinstance(error, (int, float)) or not abs(error) <= _MOST_CLOCK_ERROR_PPM:
-            raise self.bad_option(f"clock_error_ppm {error!r} is no number from -1000 to 1000")
-        if not self.bus.ends:
-            raise self.bad_option("blocks of bytes need GPIB, USB, VXI-11 or HiSLIP, no raw socket and no serial line")
+    @classmethod
+    def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
+        error = options["clock_error_ppm"]
+        number = isinstance(error, (int, float)) and not isinstance(error, bool)
+        if not (number and abs(error) <= _MOST_CLOCK_ERROR_PPM):
+            return "clock_error_ppm", f"clock_error_ppm {error!r} is no number from -1000 to 1000"
+        return None
 
     def _confirm(self, clock_Hz: float, threshold_V: float) -> None:
         self.confirm("STR:CLOC?", clock_Hz, 0.0, "Hz")

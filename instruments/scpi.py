@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, TypeVar
 
 from bench.model.ports import Effect, action
@@ -76,9 +76,10 @@ class ScpiSupply(ScpiInstrument):
         """Set the output off, of all rails if there are more, and confirm it. Raises: InstrumentError B-INST-009."""
         self.switch_output_off()
 
-    def _check_options(self) -> None:
-        if self.options["safe_state"] not in ("off", "keep"):
-            raise self.bad_option(f"safe_state {self.options['safe_state']!r} is neither off nor keep")
+    @classmethod
+    def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
+        state = options["safe_state"]
+        return None if state in ("off", "keep") else ("safe_state", f"safe_state {state!r} is neither off nor keep")
 
     def _safe_command(self) -> str:
         return "OUTP OFF" if self.options["safe_state"] == "off" else ""

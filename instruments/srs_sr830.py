@@ -208,14 +208,16 @@ class SrsSr830(BaseInstrument):
         super()._forget()
         self.phase_deg = None
 
-    def _check_options(self) -> None:
+    @classmethod
+    def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
         for name, words in WIRING.items():
-            if self.options[name] not in words:
-                raise self.bad_option(f"{name} {self.options[name]!r} is none of {', '.join(words)}")
-        ratio = self.options["divider"]
+            if options[name] not in words:
+                return name, f"{name} {options[name]!r} is none of {', '.join(words)}"
+        ratio = options["divider"]
         number = isinstance(ratio, (int, float)) and not isinstance(ratio, bool)
         if not (number and 1.0 <= ratio <= _LARGEST_DIVIDER):
-            raise self.bad_option(f"divider {ratio!r} is no number from 1 to {_LARGEST_DIVIDER:g}")
+            return "divider", f"divider {ratio!r} is no number from 1 to {_LARGEST_DIVIDER:g}"
+        return None
 
     def _go_safe(self) -> None:
         self.drain_errors()

@@ -12,6 +12,7 @@ thermostat stay the safety function.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
 from bench.model.ports import Effect, Identity, Parameter, action
@@ -150,11 +151,13 @@ class Thermotron3800(BaseInstrument):
     def _is_stopped(self) -> bool:
         return self.poll(lambda: not self._mode() & (_ANY_RUN | _ON_HOLD), _MODE_LIMIT_S, _MODE_POLL_S)
 
-    def _check_options(self) -> None:
-        if self.options["dialect"] not in _DIALECTS:
-            raise self.bad_option(f"dialect {self.options['dialect']!r} is neither 3800 nor 8800")
-        if self.options["safe_state"] not in ("hold", "stop"):
-            raise self.bad_option(f"safe_state {self.options['safe_state']!r} is neither hold nor stop")
+    @classmethod
+    def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
+        if options["dialect"] not in _DIALECTS:
+            return "dialect", f"dialect {options['dialect']!r} is neither '3800' nor '8800'"
+        if options["safe_state"] not in ("hold", "stop"):
+            return "safe_state", f"safe_state {options['safe_state']!r} is neither hold nor stop"
+        return None
 
     def _identity_of(self, reply: str) -> Identity:
         dialect = str(self.options["dialect"])

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
 
-from pydantic import PrivateAttr
+from pydantic import Field, PrivateAttr
 
 from bench.model.units import read_quantity
 from bench.model.yamlio import StrictModel
@@ -78,6 +78,10 @@ class AnalysisDeclaration:
 
 class ChannelKind(StrictModel):
     """Declared constants of one kind of channel."""
+
+    channels: int | str | list[int | str] | None = Field(
+        None, description="the unit's channels of this kind, such as 1-6; no other may be declared as one"
+    )
 
     if TYPE_CHECKING:
 

@@ -89,7 +89,8 @@ def campaign_channels(
 ) -> list[dict[str, Any]]:
     """Return channel constants for the analysis, in SI base units; [] if the sequence does not describe the unit.
 
-    A kind that the unit lacks (B-PLAN-023) and a level over full scale (B-PLAN-024) go to ``findings``.
+    A kind that the unit lacks (B-PLAN-023), that the channel is not of (B-PLAN-028) and a level over full scale
+    (B-PLAN-024) go to ``findings``.
     """
     uut = document.model.uut
     entries = []
@@ -99,6 +100,7 @@ def campaign_channels(
             where = document.where(("channels", index, "kind"))
             findings.add("B-PLAN-023", where, f"uut.kinds does not describe {group.kind!r}")
             continue
+        _check_kind(document, index, kind, findings)
         _check_levels(document, index, kind.full_scale, findings)
         _check_noise(document, group.kind, kind, findings)
         entries += [_constants(c, kind) for c in channels.values() if c.group == index]
@@ -138,6 +140,29 @@ def _kind(uut: UnitUnderTest | None, name: str) -> ChannelKind | None:
             if kind is not None:
                 return kind
     return None
+
+
+def _check_kind(document: Document[Sequence], index: int, kind: ChannelKind, findings: Findings) -> None:
+    """Note channels that are not among those which the data sheet has of their kind (B-PLAN-028)."""
+    if kind.channels is None:
+        return
+    group = document.model.channels[index]
+    stated = document.where(("uut", "kinds", group.kind, "channels"))
+    try:
+        of_kind = channel_numbers(kind.channels)
+    except ValueError as error:
+        findings.add("B-PLAN-020", stated, str(error))
+        return
+    try:
+        others = [number for number in channel_numbers(group.numbers) if number not in of_kind]
+    except ValueError:
+        return  # noted where the channels are declared
+    if others:
+        listed, line = ", ".join(map(str, others)), stated.split(":")[-2]
+        message = (
+            f"declared as {group.kind}: {listed}; the unit has {group.kind} channels {kind.channels} (line {line})"
+        )
+        findings.add("B-PLAN-028", document.where(("channels", index, "kind")), message, "correct the kind")
 
 
 def _check_levels(document: Document[Sequence], index: int, full_scale_A: float, findings: Findings) -> None:

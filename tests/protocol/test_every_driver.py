@@ -203,3 +203,16 @@ def test_a_model_that_can_be_on_says_by_which_replies(name: str) -> None:
         forms = {question: manual.find(question) for question in (*tells.on, *tells.figures)}
         assert {question for question, form in forms.items() if form is None} == set()
         assert {manual.commands[form].touch for form in forms.values() if form is not None} == {"asks"}
+
+
+@pytest.mark.parametrize("name", DRIVERS)
+def test_impossible_options_are_told_without_an_instrument(name: str) -> None:
+    """The defaults are right, no word is right everywhere, and whatever a YAML file may hold is judged."""
+    driver = driver_class(name)
+    assert driver.wrong_option(driver.default_options) is None
+    for option in driver.default_options:
+        option_is_wrong = [
+            driver.wrong_option({**driver.default_options, option: value})
+            for value in ("nonsense", ["x"], [True], True, -1e9, 1e9, math.nan, math.inf)
+        ]
+        assert all(wrong is not None and wrong[0] == option and option in wrong[1] for wrong in option_is_wrong)

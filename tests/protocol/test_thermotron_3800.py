@@ -98,7 +98,7 @@ def test_the_other_dialect_is_another_instrument() -> None:
 
 def test_dialects() -> None:
     with (
-        pytest.raises(InputError, match="neither 3800 nor 8800") as caught,
+        pytest.raises(InputError, match="neither '3800' nor '8800'") as caught,
         scripted("thermotron_3800", [], dialect="2800"),
     ):
         pass

@@ -116,15 +116,22 @@ def _driver(station: Station, role: str, entry: InstrumentEntry, findings: Findi
         findings.add(error.code, station.document.where(place), error.message)
         return
     _limits(station, role, entry, findings)
-    known = getattr(driver, "default_options", {})
-    for option in entry.options:
-        if option not in known:
-            where = station.document.where(("instruments", role, "options", option))
-            message = f"{role} ({entry.driver}) has no option {option!r}{suggestion(option, known)}"
-            findings.add("B-INST-020", where, message, "correct the station file")
+    _options(station, role, entry, driver, findings)
     if station.simulated and simulator_module(entry.driver) is None:
         message = f"there is no simulator of the driver {entry.driver!r}"
         findings.add("B-PLAN-016", station.document.where(place), message, "use a driver that has one")
+
+
+def _options(station: Station, role: str, entry: InstrumentEntry, driver: type, findings: Findings) -> None:
+    known = getattr(driver, "default_options", {})
+    wrong = [(option, f"has no option {option!r}{suggestion(option, known)}") for option in entry.options
+             if option not in known]  # fmt: skip
+    judge = getattr(driver, "wrong_option", None)
+    if not wrong and judge is not None and (judged := judge({**known, **entry.options})):
+        wrong = [judged]
+    for option, why in wrong:
+        where = station.document.where(("instruments", role, "options", option))
+        findings.add("B-INST-020", where, f"{role} ({entry.driver}): {why}", "correct the station file")
 
 
 def _limits(station: Station, role: str, entry: InstrumentEntry, findings: Findings) -> None:

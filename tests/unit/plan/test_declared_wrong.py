@@ -11,6 +11,7 @@ from plan_sample import SEQUENCE, changed, make_bench, mistakes
 
 from bench.model.errors import InputError
 
+SEQUENCES = Path(__file__).resolve().parents[3] / "sequences"
 CHANNELS = "  - {numbers: 1-2, kind: gyro, levels: levels}"
 STATION = "af_bench_sim.yaml"
 
@@ -87,6 +88,34 @@ def test_a_level_over_full_scale_is_said_once_with_all_that_declares_it_b_plan_0
     assert line_of(error, tmp_path)[1].startswith("  levels:")
 
 
+def with_channels(numbers: str) -> str:
+    return changed("gyro: {k0", f"gyro: {{channels: {numbers}, k0")
+
+
+@pytest.mark.parametrize(("numbers", "listed"), [("2", "1"), ("[2, 4-6]", "1"), ("7-10", "1, 2")])
+def test_a_channel_of_the_other_kind_whose_levels_fit_b_plan_028(tmp_path: Path, numbers: str, listed: str) -> None:
+    text = with_channels(numbers)
+    [error] = mistakes(make_bench(tmp_path, text))
+    assert error.code == "B-PLAN-028"
+    assert f"declared as gyro: {listed}; the unit has gyro channels " in error.message
+    assert line_of(error, tmp_path) == ("sample.yaml", CHANNELS)
+    (line,) = re.findall(r"line (\d+)", error.message)
+    assert text.splitlines()[int(line) - 1].startswith("    gyro:")
+
+
+def test_channels_of_a_kind_are_written_as_others_are(tmp_path: Path) -> None:
+    assert mistakes(make_bench(tmp_path, with_channels("[1, 2-6]"))) == []
+    [error] = mistakes(make_bench(tmp_path, with_channels("6-1")))
+    assert (error.code, line_of(error, tmp_path)[1][:9]) == ("B-PLAN-020", "    gyro:")
+
+
+def test_shipped_sequences_say_which_channels_are_of_which_kind() -> None:
+    """Swapped kinds fit: no level of the accelerometers is over the full scale of the gyros."""
+    for path in sorted(SEQUENCES.glob("*.yaml")):
+        text = path.read_text()
+        assert text.count("k0:") == len(re.findall(r"channels: [0-9-]+, k0:", text))
+
+
 @pytest.mark.parametrize(
     ("right", "wrong", "role"),
     [
@@ -120,3 +149,18 @@ def test_a_limit_of_the_station_is_named_with_its_line_b_plan_055(tmp_path: Path
     place = re.search(rf"station af_bench_sim \({STATION}:(\d+)\)", error.message)
     assert place is not None
     assert "0.5 mA]" in (tmp_path / "stations" / STATION).read_text().splitlines()[int(place[1]) - 1]
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "says"),
+    [
+        ("{slot: 1}", "{slot: 11}", "switch (keithley_7002): slot 11 is no whole number from 1 to 10"),
+        ("{slot: 1}", "{slots: 1}", "switch (keithley_7002): has no option 'slots'"),
+        ('{dialect: "3800"}', "{dialect: 3800}", "dialect 3800 is neither '3800' nor '8800'"),
+    ],
+)
+def test_an_impossible_option_of_a_driver_b_inst_020(tmp_path: Path, right: str, wrong: str, says: str) -> None:
+    [error] = mistakes(make_bench(tmp_path, SEQUENCE, (f"options: {right}", f"options: {wrong}")))
+    assert error.code == "B-INST-020"
+    assert says in error.message
+    assert line_of(error, tmp_path) == (STATION, f"    options: {wrong}")

@@ -38,6 +38,10 @@ MISTAKES = [
     ("master_error_ppm: null", "master_error_ppm: large", ["B-PLAN-015"]),
     ("driver: hp_3458a", "driver: hp_3459a", ["B-PLAN-011"]),  # no shipped sequence uses it
     ("options: {slot: 1}", "options: {slit: 1}", ["B-INST-020"]),
+    ("options: {slot: 1}", "options: {slot: 11}", ["B-INST-020"]),
+    ("options: {slot: 1}", "options: {slot: one}", ["B-INST-020"]),
+    ('options: {dialect: "3800"}', "options: {dialect: 3800}", ["B-INST-020"]),
+    ('options: {dialect: "3800"}', "options: {safe_state: [hold]}", ["B-INST-020"]),
     ("  port_b: {frame", "  port_b: {frame: ngu_b, baud: 115200}\n  supply: {frame", ["B-PLAN-013"]),
 ]  # fmt: skip
 
