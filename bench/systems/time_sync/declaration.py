@@ -134,7 +134,7 @@ class UnitColumn(LogColumn):
         "attitude", "position_sigma",
     ]  # fmt: skip
     axis: Literal["x", "y", "z", "north", "east", "down", "roll", "pitch", "heading"] | None = None
-    unit: Annotated[str, AfterValidator(unit_text)] = Field(description="of the numbers in the file")
+    unit: Annotated[str, AfterValidator(known_unit)] = Field(description="of the numbers in the file")
 
     @property
     def quantity(self) -> str:
