@@ -23,7 +23,6 @@ from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.units import hours
 from bench.plan import Plan, Summary, check_plan, compile_sequence, decisions_of, load_station, summarise
-from bench.session.judged import judged_lines, not_judged
 from bench.session.output import writing
 
 if TYPE_CHECKING:
@@ -106,15 +105,22 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
         out.print(f"  timetable    {plot}")
     for taken in assumptions_of(plan.campaign):
         out.print(f"  unseen       {taken.taken_for_granted} {taken.unseen} {taken.shown_by}")
-    for line in judged_lines(plan):
-        out.print(f"  expected     {line}", markup=False)
-    if not_judged(plan.campaign):
-        out.print("  not judged   no value and no fit has a limit; write 'expect' beside a reading")
+    if plan.campaign.get("expected"):
+        _print_expected(out, plan)
     out.print("no mistake found")
     if report is not None:
         from bench.commands.doctor import print_preflight
 
         print_preflight(out, report)
+
+
+def _print_expected(out: Console, plan: Plan) -> None:
+    from bench.session.judged import judged_lines, not_judged  # brings the analysis, which most checks need not
+
+    for line in judged_lines(plan):
+        out.print(f"  expected     {line}", markup=False)
+    if not_judged(plan.campaign):
+        out.print("  not judged   no value and no fit has a limit; write 'expect' beside a reading")
 
 
 def settings_of(pairs: Sequence[str]) -> dict[str, str]:
