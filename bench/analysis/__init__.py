@@ -42,12 +42,15 @@ from bench.analysis.doubt import (
 )
 from bench.analysis.estimates import (
     UNIT,
+    Common,
     Estimate,
     Estimates,
+    covariance_by_standards,
     estimate,
     judged,
     limits_of,
     rule_of,
+    sharing,
     stated_limits,
     use_of,
 )
@@ -64,7 +67,7 @@ from bench.analysis.results import (
     stated_estimates,
     validate_results,
 )
-from bench.analysis.specification import Specification
+from bench.analysis.specification import Specification, outlived, outlived_text
 from bench.analysis.values import Value, place_of, values_of
 
 __all__ = [
@@ -81,6 +84,7 @@ __all__ = [
     "Chapter",
     "Check",
     "Closed",
+    "Common",
     "Documents",
     "Estimate",
     "Estimates",
@@ -114,6 +118,7 @@ __all__ = [
     "check_method",
     "compensation_of_unit",
     "count_problem",
+    "covariance_by_standards",
     "curve",
     "decimals_for",
     "declared_analysis",
@@ -131,6 +136,8 @@ __all__ = [
     "number",
     "of_check_standard",
     "of_serial",
+    "outlived",
+    "outlived_text",
     "picture",
     "place_of",
     "results_json",
@@ -139,6 +146,7 @@ __all__ = [
     "same_unit",
     "schema_of",
     "series",
+    "sharing",
     "sound_compensation",
     "source_of",
     "stated_estimates",

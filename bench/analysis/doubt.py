@@ -121,6 +121,7 @@ def stated(entry: Estimate, against: Sequence[Evidence]) -> dict[str, Any]:
         "quality": REFUSED if refused else DOUBTFUL,
         "reasons": [check.reason for check in heard],
     }
+    document.pop("common", None)
     if intervals and not refused:
         document["evidence_interval"] = asdict(intervals[0])
     return document

@@ -12,6 +12,7 @@ from bench.model import declaration
 from bench.model.errors import FitError
 from bench.model.units import parse_quantity
 
+_LEAST_COMMON = 1e-4  # of the standard uncertainty; what is below is 1e-8 of the variance
 UNIT = "unit"  # condition: serial number of the unit under test, where a session has several
 
 
@@ -20,6 +21,17 @@ class Limits(TypedDict):
 
     low: float | None
     high: float | None
+
+
+class Common(TypedDict):
+    """What an estimate shares with others: signed contribution, standard, in its own unit, by the label of an error.
+
+    ``standards``: errors of standards, the same wherever the label stands, also in the results of another unit;
+    ``campaign``: errors that the estimates of one session share.
+    """
+
+    standards: dict[str, float]
+    campaign: dict[str, float]
 
 
 class Estimate(TypedDict):
@@ -43,6 +55,7 @@ class Estimate(TypedDict):
     conformance_probability: float | None
     limits: NotRequired[Limits]
     dof: NotRequired[float]
+    common: NotRequired[Common]
 
 
 Estimates = list[Estimate]
@@ -89,6 +102,26 @@ def estimate(
     if math.isfinite(dof):
         entry["dof"] = float(dof)
     return judged(entry, NON_BINARY)
+
+
+def sharing(entry: Estimate, common: Common) -> Estimate:
+    """Return an entry that says which part of its uncertainty other estimates share; what is negligible is left out."""
+    least = _LEAST_COMMON * entry["std_uncertainty"]
+    standards, campaign = (
+        {label: float(part) for label, part in sorted(parts.items()) if abs(part) > least}
+        for parts in (common["standards"], common["campaign"])
+    )
+    return {**entry, "common": {"standards": standards, "campaign": campaign}} if standards or campaign else entry
+
+
+def covariance_by_standards(first: Mapping[str, Any], second: Mapping[str, Any]) -> float:
+    """Return the covariance of two entries of results.json by the standards that both were measured with.
+
+    In the product of their units; 0 where an entry does not say what it has in common with others.
+    Source: JCGM 100:2008 equation (F.2).
+    """
+    here, there = ((entry.get("common") or {}).get("standards", {}) for entry in (first, second))
+    return math.fsum(here[label] * there[label] for label in here.keys() & there.keys())
 
 
 def rule_of(decision: Mapping[str, Any] | None) -> str:

@@ -72,6 +72,13 @@ class Acceptance(Closed):
     reason: str
 
 
+class Common(Closed):
+    """What an estimate shares with others: signed standard contributions in its unit, by the label of an error."""
+
+    standards: dict[str, float] = Field(description="errors of standards: the same in every document with the label")
+    campaign: dict[str, float] = Field(description="errors that the estimates of this document share")
+
+
 class Estimate(Closed):
     """One quantity with its uncertainty, the conditions it holds for and the verdict.
 
@@ -96,6 +103,7 @@ class Estimate(Closed):
         None, description="that the true value is within the limit; absent in documents of version 0.1"
     )
     dof: Annotated[float, Field(gt=0)] | None = Field(None, description="effective; absent = infinite")
+    common: Common | None = Field(None, description="part of std_uncertainty that other estimates share, if stated")
     quality: Literal["sound", "doubtful", "refused"] = Field("sound", description="absent in documents of schema 1")
     reasons: list[Reason] = Field([], description="empty for a sound estimate")
     evidence_interval: EvidenceInterval | None = None

@@ -1,16 +1,18 @@
-"""What the register of standards says of the readings of an instrument: its specification by range and age.
+"""What the register of standards says of an instrument: its specification by range and age, and whether it still holds.
 
-Source: docs/decisions/0031-values-without-programming.md.
+Source: docs/decisions/0031-values-without-programming.md, docs/decisions/0036-standards-once.md.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
 from bench.analysis.material import Reading
+from bench.model.units import format_quantity
 
 _EXPANDED = 2.0  # the register states 95 %
 _DAY_S = 86_400.0
@@ -62,4 +64,43 @@ def age_s(standards: Mapping[str, Mapping[str, Any]], role: str, utc_s: float | 
 
 def age_text(seconds: float | None) -> str:
     """Return an age in words."""
-    return "of unknown age" if seconds is None else f"{seconds / _DAY_S:.0f} days after its calibration"
+    return (
+        "of unknown age"
+        if seconds is None or math.isinf(seconds)
+        else f"{seconds / _DAY_S:.0f} days after its calibration"
+    )
+
+
+@dataclass(frozen=True)
+class Outlived:
+    """A range of a standard whose specification held for ``age_s`` after its calibration; the age it had, seconds."""
+
+    role: str
+    range_A: float
+    age_s: float
+    had_s: float
+
+
+def outlived_text(ranges: Sequence[Outlived]) -> str:
+    """Return what is wrong with one or more ranges of a standard, for a person."""
+    first, more = ranges[0], len(ranges) - 1
+    others = f", as {more} more {'range' if more == 1 else 'ranges'}," if more else ""
+    return (
+        f"{first.role}: the specification of its range {format_quantity(first.range_A, 'A')}{others} holds "
+        f"{first.age_s / _DAY_S:g} days after its calibration, and the measurement ended {age_text(first.had_s)}"
+    )
+
+
+def outlived(standards: Mapping[str, Mapping[str, Any]], role: str, end_utc_s: float) -> list[Outlived]:
+    """Return the ranges of a standard whose specification did not hold at the end of a measurement.
+
+    A register that does not say when the standard was calibrated cannot say that its specification held.
+    """
+    known_s = age_s(standards, role, end_utc_s)
+    had_s = math.inf if known_s is None else known_s
+    lines = standards.get(role, {}).get("uncertainty") or ()
+    return [
+        Outlived(role, float(line["range_A"]), float(line["age_s"]), had_s)
+        for line in lines
+        if "age_s" in line and had_s > float(line["age_s"])
+    ]

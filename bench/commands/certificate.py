@@ -11,7 +11,15 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import doubt_lines, is_sound, results_json, validate_results, without_check_standard
+from bench.analysis import (
+    doubt_lines,
+    is_sound,
+    outlived,
+    outlived_text,
+    results_json,
+    validate_results,
+    without_check_standard,
+)
 from bench.commands.console import console
 from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
@@ -52,7 +60,7 @@ class Request:
 def certificate(request: Request) -> int:
     """Write the certificate; nothing is written unless the recording gives every number of results.json again.
 
-    Raises: InputError B-DCC-001 to -004, -006 to -010, -012 to -015, B-YAML-..., B-CLI-007;
+    Raises: InputError B-DCC-001 to -004, -006 to -010, -012 to -016, B-YAML-..., B-CLI-007;
             SessionDamaged B-DCC-005, B-REC-011.
     """
     simulated = SessionReader(request.session).manifest.get("simulated") is not False
@@ -98,10 +106,12 @@ def _calibration(request: Request, laboratory: Laboratory) -> Calibration:
     view = read_view(folder, strict=True)
     _refuse_unfinished(folder, view)
     _refuse_other_numbers(folder, stored, view)
-    began, ended = _days(folder)
+    began_ns, ended_ns = _span_utc_ns(folder)
+    began, ended = _day(began_ns), _day(ended_ns)
+    standards = view.manifest.get("standards", {})
     if not request.specimen:
         _refuse_other_days(request.laboratory, laboratory, began, ended)
-    standards = view.manifest.get("standards", {})
+        _refuse_expired(standards, ended_ns, folder)
     late = overdue(standards, began, ended)
     if not request.specimen and (late or not standards):
         raise InputError(
@@ -193,8 +203,20 @@ def _other(message: str, folder: Path) -> SessionDamaged:
     return SessionDamaged("B-DCC-005", message, where=str(folder), next_step=next_step)
 
 
-def _days(folder: Path) -> tuple[date, date]:
-    """Return UTC days on which the recording began and ended, by its first and last pair of times."""
+def _refuse_expired(standards: Mapping[str, Mapping[str, Any]], ended_ns: int, folder: Path) -> None:
+    """Refuse a measurement that ended when a specification in the register did not hold any more."""
+    gone = [ranges for role in sorted(standards) if (ranges := outlived(standards, role, ended_ns / NS))]
+    if gone:
+        raise InputError(
+            "B-DCC-016",
+            "; ".join(map(outlived_text, gone)),
+            where=str(folder),
+            next_step="have the standard calibrated and measure again",
+        )
+
+
+def _span_utc_ns(folder: Path) -> tuple[int, int]:
+    """Return the UTC at which the recording began and ended, by its first and last pair of times."""
     pairs = [message.document() for message in SessionReader(folder).select(frozenset({layout.CLOCK}))]
     if not pairs:
         raise InputError(
@@ -204,7 +226,7 @@ def _days(folder: Path) -> tuple[date, date]:
             next_step="certify a session that does; docs/session-format.md says how",
         )
     times_ns = [int(pair["t_utc_ns"]) for pair in pairs]
-    return _day(min(times_ns)), _day(max(times_ns))
+    return min(times_ns), max(times_ns)
 
 
 def _refuse_other_days(path: Path | None, laboratory: Laboratory, began: date, ended: date) -> None:

@@ -19,7 +19,7 @@ _ANEW = (
     *("station", "title", "simulated", "visa", "control", "world", "bus_time_factor", "instruments", "standards"),
     "links",
 )
-_UNITS = {"range": "A", "floor": "A", "offset": "A", "relative": "1", "gain": "1"}
+_UNITS = {"range": "A", "floor": "A", "offset": "A", "relative": "1", "gain": "1", "age": "s", "certificate_U": "1"}
 
 
 def served_station(
@@ -88,17 +88,19 @@ def _standard(standard: Standard, today: date) -> dict[str, Any]:
         "certificate": standard.certificate,
         "calibrated": (today - CALIBRATED).isoformat(),
         "due": (today + DUE).isoformat(),
-        "uncertainty": [_with_units(dict(line)) for line in standard.uncertainty],
+        "uncertainty": [_with_units(line.model_dump(exclude_unset=True)) for line in standard.uncertainty],
         "corrections": [_with_units(dict(line)) for line in standard.corrections],
     }
     for name in ("traceability", "drift"):
         value = getattr(standard, name)
         if value is not None:
             document[name] = f"{value!r} 1"
+    if standard.degrees_of_freedom is not None:
+        document["degrees_of_freedom"] = standard.degrees_of_freedom
     if standard.stated:
         document["stated"] = {name: f"{value!r} {unit}" for name, (value, unit) in standard.stated.items()}
     return document
 
 
-def _with_units(line: Mapping[str, float]) -> dict[str, str]:
-    return {name: f"{value!r} {_UNITS[name]}" for name, value in line.items()}
+def _with_units(line: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: f"{value!r} {_UNITS[name]}" if name in _UNITS else value for name, value in line.items()}

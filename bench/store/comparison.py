@@ -130,7 +130,7 @@ def compare_pair(url: str, first: str, second: str) -> dict[str, Any]:
     Args:   url: of the history.   first, second: sessions or the beginnings of their SHA-256.
     Raises: StoreError B-STORE-011 if they have nothing in common, B-STORE-001 to B-STORE-005, B-STORE-007, B-STORE-009.
     """
-    series = read_pair(url, first, second)
+    series, covariance = read_pair(url, first, second)
     value, expanded = series.value, series.std * series.factor
     both = np.flatnonzero(np.isfinite(value).all(axis=0))
     if not both.size:
@@ -141,10 +141,13 @@ def compare_pair(url: str, first: str, second: str) -> dict[str, Any]:
             next_step="compare two calibrations of one unit by the same campaign",
         )
     same = (series.standard[0] == series.standard[1]) & (series.standard[0] != NO_STANDARD)
-    shared = np.where(same, np.minimum(series.shared, series.std) * series.factor, 0.0)
+    shared = np.where(same, np.minimum(series.shared, series.std), 0.0)
+    # what the estimates themselves say, else the least that the register says of their quantity
+    covariance = np.where(np.isnan(covariance), shared[0] * shared[1], covariance)
+    common = series.factor[0] * series.factor[1] * covariance
     change = value[1] - value[0]
-    en = en_scores(change, (expanded[0], expanded[1]), (shared[0], shared[1]))
-    spread = np.sqrt(np.maximum(expanded[0] ** 2 + expanded[1] ** 2 - 2.0 * shared[0] * shared[1], 0.0))
+    en = en_scores(change, (expanded[0], expanded[1]), (common, np.ones_like(common)))
+    spread = np.sqrt(np.maximum(expanded[0] ** 2 + expanded[1] ** 2 - 2.0 * common, 0.0))
     return {
         "uut_model": series.uut[0],
         "uut_serial": series.uut[1],
@@ -159,7 +162,7 @@ def compare_pair(url: str, first: str, second: str) -> dict[str, Any]:
                 "change": float(change[column]),
                 "change_expanded_uncertainty": float(spread[column]),
                 "en": float(en[column]) if np.isfinite(en[column]) else None,
-                "shared_standard": bool(same[column]),
+                "shared_standard": bool(covariance[column]),
             }
             for column in both
         ],

@@ -233,12 +233,18 @@ def shared_components(standards: Mapping[str, Mapping[str, Any]], campaign: str)
 
 def _relative_std(entry: Mapping[str, Any], role: str) -> float:
     """Return relative standard uncertainty of the standard with its certificate's; the register states 95 %."""
-    stated = [
-        float(statement["relative"]) / 2.0
-        for statement in entry.get("uncertainty") or ()
-        if statement.get("relative") is not None
-    ]
+    lines = [line for line in entry.get("uncertainty") or () if line.get("relative") is not None]
+    stated = [float(line["relative"]) / 2.0 for line in lines]
     if not stated and role == "function_generator":
         stated = [_GENERATOR_LIMIT / math.sqrt(3.0)]
     traceability = float(entry.get("traceability_relative") or 0.0) / 2.0
-    return math.hypot(min(stated), traceability) if stated else 0.0
+    return math.hypot(min(stated), traceability, _calibration_std(lines)) if stated else 0.0
+
+
+def _calibration_std(lines: Sequence[Mapping[str, Any]]) -> float:
+    """Return the least that the calibrations of a standard's ranges bring to a result of any mean over its ranges."""
+    stds = [float(line.get("certificate_U", 0.0)) / float(line.get("k", 2.0)) for line in lines]
+    if not stds or min(stds) == 0.0:
+        return 0.0
+    one_error = len({line.get("common_with") for line in lines}) == 1 and "common_with" in lines[0]
+    return min(stds) if one_error else math.fsum(std**-2 for std in stds) ** -0.5

@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Select, select
 
-from bench.analysis import limits_of
+from bench.analysis import covariance_by_standards, limits_of
 from bench.maths.drift import NO_STANDARD
 from bench.model.clock import NS
+from bench.store.contents import canonical
 from bench.store.database import reading
 from bench.store.errors import StoreError
 from bench.store.selection import Filters, find_calibration, find_unit, selected
@@ -97,8 +98,12 @@ def read_series(url: str, filters: Filters) -> Series:
         return _series(connection, uut, rows, filters.quantity, notes)
 
 
-def read_pair(url: str, first: str, second: str) -> Series:
-    """Return two calibrations in given order. Raises as ``read_series``, and B-STORE-011 if they are of two units."""
+def read_pair(url: str, first: str, second: str) -> tuple[Series, Array]:
+    """Return two calibrations in given order, and the covariance of each parameter in both by what they say to share.
+
+    The covariance (p,) is NaN where one of them does not say what it has in common with others.
+    Raises as ``read_series``, and B-STORE-011 if they are of two units.
+    """
     with reading(url) as connection:
         rows = [find_calibration(connection, name) for name in (first, second)]
         if rows[0]["id"] == rows[1]["id"]:
@@ -117,7 +122,25 @@ def read_pair(url: str, first: str, second: str) -> Series:
                 where=f"{first}, {second}",
                 next_step="compare two calibrations of one unit by the same campaign",
             )
-        return _series(connection, units[0], rows, None, [])
+        series = _series(connection, units[0], rows, None, [])
+        return series, _covariance(connection, rows, series.parameters)
+
+
+def _covariance(connection: Connection, rows: list[dict[str, Any]], wanted: Sequence[Parameter]) -> Array:
+    """Return the covariance of two calibrations by the errors of standards that the estimates of both name, (p,)."""
+    columns = (parameters.c.quantity, parameters.c.unit, parameters.c.conditions, estimates.c.further)
+    said = []
+    for row in rows:
+        query = select(*columns).join(parameters, parameters.c.id == estimates.c.parameter_id)
+        found = connection.execute(query.where(estimates.c.result_set_id == row["result_set_id"]))
+        said.append({tuple(entry[:3]): json.loads(entry.further or "{}") for entry in found})
+    covariance = np.full(len(wanted), np.nan)
+    for number, parameter in enumerate(wanted):
+        key = parameter.quantity, parameter.unit, canonical(parameter.conditions)
+        here, there = (of_one.get(key, {}) for of_one in said)
+        if here.get("common") and there.get("common"):
+            covariance[number] = covariance_by_standards(here, there)
+    return covariance
 
 
 def _series(

@@ -45,7 +45,7 @@ MUTANTS = [
     Mutant(
         "common gain left out of the uncertainty",
         "bench/systems/af_converter/estimators/scale_factor.py",
-        "to_ppm @ (reference_A * relative / 2.0)",
+        "to_ppm @ (reference_A * relative)",
         "to_ppm @ (reference_A * relative * 0.0)",
         [
             "tests/unit/systems/af_converter/test_scale_factor.py::test_gain_is_ten_ppm_on_both_and_cancels_in_the_asymmetry"

@@ -18,12 +18,14 @@ from import_sample import RAMP, ramp_rows, write_ramp
 from recorded import writable_copy
 from rehearsal import Inside, bench
 
+from bench.analysis import results_json
 from bench.commands import certificate as command
 from bench.commands.certificate import Request, certificate
 from bench.commands.import_log import import_log
 from bench.model.errors import BenchError, ExitStatus
 from bench.record import SessionReader
 from bench.report.dcc import session_of
+from bench.session.view import analyse_view
 
 Short = tuple[Path, CompletedProcess[str]]
 TOKENS = {
@@ -188,10 +190,11 @@ def real(session: Path, monkeypatch: pytest.MonkeyPatch) -> Real:
     path.write_text(json.dumps(document))
     plain = command.read_view
 
-    def ask(due: str = "2000-11-01", **more: Any) -> Request:
+    def ask(due: str = "2000-11-01", calibrated: str = "1999-11-01", **more: Any) -> Request:
         def view(folder: Path, strict: bool = False) -> Any:
             found = plain(folder, strict=strict)
-            standards = {role: {**entry, "due": due} for role, entry in found.manifest["standards"].items()}
+            dates = {"due": due, "calibrated": calibrated}
+            standards = {role: {**entry, **dates} for role, entry in found.manifest["standards"].items()}
             return replace(found, manifest={**found.manifest, "simulated": False, "standards": standards})
 
         monkeypatch.setattr(command, "read_view", view)
@@ -218,6 +221,25 @@ def test_a_standard_that_is_overdue_is_named(real: Real) -> None:
     error = refused(real(due="1999-12-31"))
     assert error.code == "B-DCC-006"
     assert "calibrator (5720A, SIM5720): calibrated 1999-11-01, due 1999-12-31" in str(error)
+
+
+def test_a_specification_that_did_not_hold_until_the_end_is_named(real: Real) -> None:
+    """Calibrated on 1 October and good for 90 days, until 30 December; the campaign is of 1 January."""
+    asked = real(calibrated="1999-10-01")
+    view = command.read_view(asked.session, strict=True)
+    document = analyse_view(view)[0]
+    document["provenance"]["simulated"] = False
+    doubted = {entry["quantity"] for entry in document["estimates"] if entry["quality"] == "doubtful"}
+    assert {"dsf_n", "dsf_p", "dsf_asymmetry"} <= doubted
+    assert not any("bias" in quantity or "clock" in quantity for quantity in doubted)
+    (reason,) = next(entry for entry in document["estimates"] if entry["quantity"] == "dsf_n")["reasons"]
+    assert reason["code"] == "specification_expired"
+    (asked.session / "results.json").write_text(results_json(document))
+    error = refused(asked)
+    assert error.code == "B-DCC-016"
+    assert str(error).count("\n") == 0
+    assert "calibrator: the specification of its range 220 uA, as 4 more ranges, holds 90 days" in error.message
+    assert not (asked.session / "certificate.xml").exists()
 
 
 @pytest.mark.parametrize("day", ["received: 2000-01-02", "issued: 1999-12-31"])

@@ -90,6 +90,9 @@ timeline:
 """
 
 
+TRACED = ", specification: relative, age: 2160 h, certificate_U: 8 ppm}"  # end of a calibrator's line in the register
+
+
 def make_bench(folder: Path, sequence: str = SEQUENCE, station: tuple[str, str] = ("", "")) -> Path:
     """Write a bench into ``folder`` and return the path of its sequence; ``station`` is (old, new) text."""
     for kind in ("frames", "stations"):

@@ -28,6 +28,7 @@ from bench.plan.check.stations import SIMULATION, check_station, check_used_rang
 from bench.plan.drivers import bus_s
 from bench.plan.expand import DURATION
 from bench.plan.findings import Findings
+from bench.plan.language.standards import Standard
 from bench.plan.plan import Plan, Step
 from bench.plan.readings import roles_of
 from bench.plan.station import Station
@@ -148,6 +149,20 @@ def _due_dates(plan: Plan, station: Station, start_utc_ns: int, findings: Findin
         elif not standard.calibrated <= _start(start_utc_ns) or end.date() > standard.due:
             message = f"{role}: calibrated {standard.calibrated}, due {standard.due}; the run ends {end:%Y-%m-%d}"
             findings.add("B-PLAN-063", where, message, "use a standard that is valid until the end")
+        else:
+            _ages(role, standard, where, end, findings)
+
+
+def _ages(role: str, standard: Standard, where: str, end: datetime, findings: Findings) -> None:
+    """Note a specification that does not hold until the end of the run (B-PLAN-130)."""
+    begun = datetime.combine(standard.calibrated, datetime.min.time(), UTC)
+    ages_s = [line.age for line in standard.uncertainty if line.age is not None]
+    if ages_s and end > begun + timedelta(seconds=min(ages_s)):
+        message = (
+            f"{role}: a specification holds {min(ages_s) / 86_400.0:g} days after the calibration of "
+            f"{standard.calibrated}; the run ends {end:%Y-%m-%d}"
+        )
+        findings.add("B-PLAN-130", where, message, "register the specification that holds until the end, or calibrate")
 
 
 def _start(start_utc_ns: int) -> date:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from datetime import date
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, model_validator
 
@@ -39,11 +39,53 @@ Stated = Annotated[tuple[float, str], BeforeValidator(_stated), WithJsonSchema({
 
 
 class RangeUncertainty(StrictModel):
-    """Expanded uncertainty of one range, 95 % (k = 2): ``relative`` of the reading plus ``floor``."""
+    """Expanded uncertainty of one range, 95 % (k = 2): ``relative`` of the reading plus ``floor``.
+
+    A relative specification is one against the standards of the calibration: the certificate's own U comes on top.
+    """
 
     range: Current
     relative: Share
     floor: Annotated[float, *quantity("A", 0.0, 10.0)]
+    specification: Literal["relative", "absolute"] | None = Field(
+        None, description="whether the uncertainty of the instrument's own calibration is in it (absolute) or not"
+    )
+    age: Annotated[float, *quantity("s", 0.0)] | None = Field(
+        None, description="after the calibration, up to which it holds"
+    )
+    certificate_U: Share | None = Field(
+        None, description="expanded uncertainty that the certificate states, of the reading"
+    )
+    k: Annotated[float, Field(gt=0.0, le=20.0)] = Field(2.0, description="coverage factor of certificate_U")
+    degrees_of_freedom: Annotated[float, Field(ge=1.0)] | None = Field(
+        None, description="of certificate_U; without it those of the standard"
+    )
+    common_with: Words | None = Field(
+        None, description="name of the error of calibration; ranges and standards with the same name share it in full"
+    )
+
+    @model_validator(mode="after")
+    def _calibration_once(self) -> RangeUncertainty:
+        if self.specification == "relative" and self.certificate_U is None:
+            raise ValueError("a relative specification needs certificate_U, the uncertainty of the calibration itself")
+        if self.specification != "relative" and self.certificate_U is not None:
+            raise ValueError("certificate_U comes on top of a relative specification only; an absolute one holds it")
+        if self.specification is None and self.common_with is not None:
+            raise ValueError("common_with names the error of a specification that is 'relative' or 'absolute'")
+        return self
+
+    def told(self) -> dict[str, Any]:
+        """Return it for the session's manifest, in base units."""
+        told = {"range_A": self.range, "relative": self.relative, "floor_A": self.floor}
+        more: dict[str, Any] = {
+            "specification": self.specification,
+            "age_s": self.age,
+            "certificate_U": self.certificate_U,
+            "k": None if self.certificate_U is None else self.k,
+            "dof": self.degrees_of_freedom,
+            "common_with": self.common_with,
+        }
+        return told | {name: value for name, value in more.items() if value is not None}
 
 
 class RangeCorrection(StrictModel):
@@ -107,6 +149,8 @@ class Standard(StrictModel):
     def _in_order(self) -> Standard:
         if self.due <= self.calibrated:
             raise ValueError(f"due {self.due} is not after calibrated {self.calibrated}")
+        if self.traceability is not None and any(line.specification for line in self.uncertainty):
+            raise ValueError("traceability stands for certificate_U of every range; state one of them")
         return self
 
 
@@ -119,7 +163,7 @@ def told_standard(driver: str, standard: Standard) -> dict[str, Any]:
         "certificate": standard.certificate,
         "calibrated": standard.calibrated.isoformat(),
         "due": standard.due.isoformat(),
-        "uncertainty": [{"range_A": u.range, "relative": u.relative, "floor_A": u.floor} for u in standard.uncertainty],
+        "uncertainty": [line.told() for line in standard.uncertainty],
         "corrections": [{"range_A": c.range, "gain": c.gain, "offset_A": c.offset} for c in standard.corrections],
     }
     if standard.specifications:

@@ -15,7 +15,7 @@ from scipy import special
 
 from bench.model.errors import FitError
 from bench.systems.af_converter.assumptions import CLOCK_STEADY
-from bench.systems.af_converter.constants import Campaign, Standards
+from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.readings import (
     Bias,
     Converter,
@@ -26,6 +26,7 @@ from bench.systems.af_converter.estimators.readings import (
 from bench.systems.af_converter.estimators.scale_factor import Referral, ScaleFactor, fit_scale_factor
 from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial, fit_temperature
 from bench.systems.af_converter.groups import Group, Place, place_name, place_of
+from bench.systems.af_converter.register import Standards
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
@@ -69,6 +70,11 @@ class Fitted:
         """Return standard uncertainty of a steady drift of the calibrator, ppm per second; 0 if nobody knows of one."""
         times_s = np.concatenate([visit.group.closed.time_s for visit in self.groups])
         return 1e6 * (standards.drift or 0.0) / max(float(np.ptp(times_s)), 1.0)
+
+    @property
+    def ranges_A(self) -> set[float]:
+        """Ranges of the calibrator that were used."""
+        return {float(range_A) for visit in self.groups for range_A in visit.group.closed.range_A}
 
     def visits(self, channel: int) -> list[GroupFit]:
         """Return first visits of a channel to its temperatures: what its polynomials are made of."""
@@ -229,14 +235,15 @@ def _polynomials(fitted: list[GroupFit], campaign: Campaign) -> dict[tuple[str, 
     return polynomials
 
 
+def standard_labels(visits: Iterable[GroupFit]) -> list[str]:
+    """Return the labels of all errors of the calibrator, in the order of ``TemperaturePolynomial.effects``."""
+    return sorted({label for visit in visits for label in visit.fit.standard_ppm})
+
+
 def _scale_factor_polynomial(visits: list[GroupFit], index: int, reference_degC: float) -> TemperaturePolynomial | None:
     temperature_degC = np.array([visit.fit.unit_temperature_degC for visit in visits])
-    labels = sorted({label for visit in visits for label in visit.fit.shared_ppm})
-    nothing = np.zeros(2)
-    shared = [
-        [visit.fit.gain_ppm[index], *(visit.fit.shared_ppm.get(label, nothing)[index] for label in labels)]
-        for visit in visits
-    ]
+    labels, nothing = standard_labels(visits), np.zeros(2)
+    shared = [[visit.fit.standard_ppm.get(label, nothing)[index] for label in labels] for visit in visits]
     return fit_temperature(
         temperature_degC,
         np.array([visit.fit.dsf_ppm[index] for visit in visits]),

@@ -5,7 +5,7 @@ A physics of its own (``fit_simulation``), which shares no line with the product
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import fit_simulation as sim
@@ -47,21 +47,22 @@ def inside(seed: int) -> dict[str, bool | None]:
     Of the places of a quantity each campaign gives the next one.
     """
     steady = sim.simulate(seed)
-    estimates = _estimates(steady)
+    estimates = estimates_of(steady, steady.standards)
     seen = {}
     for quantity in _STEADY:
         places = [entry for entry in estimates if entry["quantity"] == quantity]
         seen[quantity] = _holds(places[seed % len(places)], steady.truth(places[seed % len(places)]))
     world = Drifting(float(np.random.default_rng([seed, 1]).normal(0.0, _DRIFT_ppm)))
-    drifting = _estimates(sim.simulate(seed, repeat_channel=1, world=world))
-    (drift,) = (entry for entry in drifting if entry["quantity"] == "calibrator_drift")
+    drifting = sim.simulate(seed, repeat_channel=1, world=world)
+    entries = estimates_of(drifting, drifting.standards)
+    (drift,) = (entry for entry in entries if entry["quantity"] == "calibrator_drift")
     return seen | {"calibrator_drift": _holds(drift, world.change_ppm)}
 
 
-def _estimates(campaign: sim.SimulatedCampaign) -> Sequence[Any]:
-    """Return the estimates as results.json states them."""
+def estimates_of(campaign: sim.SimulatedCampaign, standards: Mapping[str, Any]) -> Sequence[Any]:
+    """Return the estimates as results.json states them, by a register of standards."""
     with without_budgets():
-        analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
+        analysis = analyse(Material(campaign.rows, campaign.campaign, standards))
     estimates: Sequence[Any] = build_results("coverage", analysis, {}, _PROVENANCE)["estimates"]
     return estimates
 

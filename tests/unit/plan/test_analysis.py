@@ -12,7 +12,10 @@ from bench.model.systems import analyses
 from bench.plan import check_plan, compile_sequence, load_station
 
 ROOT = Path(__file__).resolve().parents[3]
-REGISTER_LINE = "        - {range: 10 mA, relative: 20 ppm, floor: 50 nA}\n"
+REGISTER_LINE = (
+    "        - {range: 10 mA, relative: 20 ppm, floor: 50 nA, specification: relative, age: 8760 h, "
+    "certificate_U: 10 ppm}\n"
+)
 
 
 def mistakes(folder: Path, shipped: str, *changes: tuple[str, str]) -> list[tuple[str, str]]:

@@ -47,13 +47,27 @@ def test_exactly_the_unsafe_steps_are_found(tmp_path: Path, order: list[str]) ->
 
 
 def test_the_end_of_the_run_decides_whether_a_standard_is_due(tmp_path: Path) -> None:
-    plan = compile_sequence(make_bench(tmp_path))
+    path = make_bench(tmp_path)
+    station = tmp_path / "stations" / "af_bench_sim.yaml"
+    station.write_text(station.read_text().replace("age: 2160 h, ", ""))
+    plan = compile_sequence(path)
     day_ns = 86_400 * NS
     due_2000_11_01 = VIRTUAL_START_UTC_NS + 305 * day_ns
     last_second = due_2000_11_01 + day_ns - NS - round(plan.duration_s + plan.prepare_s) * NS
     assert check_plan(plan, start_utc_ns=last_second) == []
     codes = {error.code for error in check_plan(plan, start_utc_ns=last_second + 2 * NS)}
     assert codes == {"B-PLAN-063"}
+
+
+def test_the_end_of_the_run_decides_whether_a_specification_holds(tmp_path: Path) -> None:
+    """Calibrated on 1 November 1999 and good for 90 days: until midnight before 30 January 2000."""
+    plan = compile_sequence(make_bench(tmp_path))
+    length_ns = round(plan.duration_s + plan.prepare_s + plan.finally_s) * NS
+    last = VIRTUAL_START_UTC_NS + 29 * 86_400 * NS - length_ns
+    assert check_plan(plan, start_utc_ns=last - NS) == []
+    (error,) = check_plan(plan, start_utc_ns=last + 2 * NS)
+    assert error.code == "B-PLAN-130"
+    assert "calibrator: a specification holds 90 days after the calibration of 1999-11-01" in error.message
 
 
 @pytest.mark.parametrize("text", ["OUT 1.0E-03 A, 0 HZ", "OPER"])

@@ -9,7 +9,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from plan_sample import FLAT, SEQUENCE, changed, make_bench, mistakes
+from plan_sample import FLAT, SEQUENCE, TRACED, changed, make_bench, mistakes
 
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
@@ -193,7 +193,17 @@ def test_after_raw_text_an_output_counts_as_on_b_plan_070(tmp_path: Path) -> Non
         ("    standard: {model: 34401A, serial", "    # {model: 34401A, serial", ""),
         ("    standard: {model: E3631A, serial", "    # {model: E3631A, serial", ""),
         ('    standard: {model: "7002", serial', "    # {model: 7002, serial", "B-PLAN-062"),
-        ("- {range: 22 mA, relative: 20 ppm, floor: 40 nA}", "- {range: 22 mA, relative: 20 ppm, floor: 41 nA}", ""),
+        ("- {range: 22 mA, relative: 20 ppm, floor: 40 nA", "- {range: 22 mA, relative: 20 ppm, floor: 41 nA", ""),
+        ("floor: 7 nA, specification: relative, age: 2160 h", "floor: 7 nA, specification: relative, age: 1465 h", ""),
+        ("floor: 7 nA, specification: relative, age: 2160 h", "floor: 7 nA, specification: relative, age: 1464 h",
+         "B-PLAN-130"),
+        ("floor: 7 nA, specification: relative", "floor: 7 nA, specification: absolute", "B-YAML-012"),
+        ("floor: 7 nA, specification: relative", "floor: 7 nA, specification: traceable", "B-YAML-013"),
+        ("floor: 7 nA, specification: relative, ", "floor: 7 nA, ", "B-YAML-012"),
+        (f"floor: 7 nA{TRACED}", "floor: 7 nA, specification: relative}", "B-YAML-012"),
+        (f"floor: 7 nA{TRACED}", "floor: 7 nA, specification: absolute, common_with: one resistor}", ""),
+        (f"floor: 7 nA{TRACED}", "floor: 7 nA, common_with: one resistor}", "B-YAML-012"),
+        ("      corrections:", "      traceability: 3 ppm\n      corrections:", "B-YAML-012"),
         ("resource: GPIB0::4::INSTR\n    safe_order: 1", "resource: GPIB0::4::INSTR", "B-YAML-011"),
         ("limits: {current: [0 A, 220 mA]}", "limits: {current: [220 mA, 0 A]}", "B-YAML-012"),
         ("limits: {current: [0 A, 220 mA]}", "limits: {current: [0 A, 220 mV]}", "B-YAML-012"),
@@ -210,7 +220,7 @@ def test_a_mistake_in_the_station(tmp_path: Path, old: str, new: str, code: str)
 
 
 def test_no_range_of_the_standard_holds_the_level_b_plan_031(tmp_path: Path) -> None:
-    ranges = "        - {range: 2.2 mA, relative: 20 ppm, floor: 7 nA}\n"
+    ranges = f"        - {{range: 2.2 mA, relative: 20 ppm, floor: 7 nA{TRACED}\n"
     text = (make_bench(tmp_path).parent.parent / "stations" / "af_bench_sim.yaml").read_text()
     start, end = text.index(ranges), text.index("      corrections:")
     corrections = text[end : text.index("  switch:")]

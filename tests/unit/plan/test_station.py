@@ -6,7 +6,7 @@ from datetime import date
 from pathlib import Path
 
 import pytest
-from plan_sample import FLAT, changed, make_bench, mistakes
+from plan_sample import FLAT, TRACED, changed, make_bench, mistakes
 
 from bench.model.errors import InputErrors
 from bench.model.shipped import find_shipped
@@ -27,7 +27,7 @@ MISTAKES = [
     ("- {range: 22 mA, gain", "- {range: 23 mA, gain", ["B-PLAN-064", "B-PLAN-065"]),
     ("- {range: 22 mA, gain", "- {range: 2.2 mA, gain", ["B-PLAN-064", "B-PLAN-064"]),
     ("- {range: 22 mA, rel", "- {range: 23 mA, rel", ["B-PLAN-065", "B-PLAN-064"]),
-    ("        - {range: 22 mA, relative: 20 ppm, floor: 40 nA}\n", "", ["B-PLAN-064"]),
+    (f"        - {{range: 22 mA, relative: 20 ppm, floor: 40 nA{TRACED}\n", "", ["B-PLAN-064"]),
     ("resource: GPIB0::7::INSTR", "resource: GPIB::4", ["B-PLAN-013"]),
     ("resource: GPIB0::7::INSTR", "resource: GPIB0:7:INSTR", ["B-PLAN-012"]),
     ("resource: GPIB0::7::INSTR", "resource: seven", ["B-PLAN-012"]),
@@ -181,7 +181,7 @@ def test_an_uncertainty_is_never_negative(tmp_path: Path, line: str) -> None:
 
 
 def test_a_range_that_is_used_needs_an_uncertainty_b_plan_066(tmp_path: Path) -> None:
-    lines = "        - {range: 2.2 mA, relative: 20 ppm, floor: 7 nA}\n"
+    lines = f"        - {{range: 2.2 mA, relative: 20 ppm, floor: 7 nA{TRACED}\n"
     text = changed('range: "{calibrator.range}", ', "")  # the condition would have been the first to notice
     found = mistakes(make_bench(tmp_path, text, station=(lines, "")))
     assert [error.code for error in found] == ["B-PLAN-066", "B-PLAN-064"]
@@ -248,6 +248,7 @@ def test_two_real_links_on_one_port_b_plan_013(tmp_path: Path) -> None:
     path = make_bench(tmp_path, FLAT)
     file = tmp_path / "stations" / "af_bench_sim.yaml"
     text = file.read_text().replace("simulated: true", "simulated: false").replace('"2000-11-01"', '"2999-11-01"')
+    text = text.replace("age: 2160 h, ", "").replace("age: 8760 h, ", "")
     text = text[: text.index("world:")] + text[text.index("instruments:") :]
     file.write_text(text.replace("921600", "921600, url: /dev/ttyS0").replace("115200", "115200, url: /dev/ttyS0"))
     assert [error.code for error in mistakes(path)] == ["B-PLAN-013"]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.analysis import Floats, Trace
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.records import ChannelReadings, RampRecords
-from bench.systems.af_converter.constants import FUNCTION_GENERATOR, Campaign, read_dof, read_generator
+from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.hysteresis.fit import (
     HALF_WIDTH,
     LAG,
@@ -27,6 +27,7 @@ from bench.systems.af_converter.estimators.hysteresis.model import ModelShape, m
 from bench.systems.af_converter.estimators.hysteresis.search import Bounds
 from bench.systems.af_converter.estimators.oscillator import OscillatorFit, OscillatorWindows, fit_oscillator
 from bench.systems.af_converter.estimators.thermal_lag import Drive, require_known, usable_drive
+from bench.systems.af_converter.register import FUNCTION_GENERATOR, read_dof, read_generator
 
 JOINT, JOINT_UNIT_SENSOR = "joint", "joint_unit_sensor"
 METHODS = (JOINT, JOINT_UNIT_SENSOR)

@@ -13,15 +13,8 @@ import numpy as np
 
 from bench.analysis import Analysis, Estimates, Material, Table
 from bench.model.errors import FitError
-from bench.systems.af_converter.constants import (
-    CALIBRATOR,
-    METER,
-    Campaign,
-    read_campaign,
-    read_ranges,
-    read_standards,
-    read_traceability,
-)
+from bench.systems.af_converter.constants import Campaign, read_campaign
+from bench.systems.af_converter.dmm_method.agreement import agreement_table
 from bench.systems.af_converter.dmm_method.estimates import (
     DmmFit,
     bias_estimates,
@@ -30,22 +23,20 @@ from bench.systems.af_converter.dmm_method.estimates import (
     scale_factor_estimates,
     shift_estimates,
 )
-from bench.systems.af_converter.dmm_method.evidence import evidence, without_odd_level
+from bench.systems.af_converter.dmm_method.evidence import QUANTITIES, evidence, without_odd_level
 from bench.systems.af_converter.dmm_method.readings import MeterLog
 from bench.systems.af_converter.estimators.dmm_method import METHODS as FIT_METHODS
 from bench.systems.af_converter.estimators.dmm_method import fit_dmm_method
 from bench.systems.af_converter.estimators.readings import RangeSpecification
-from bench.systems.af_converter.estimators.scale_factor import fit_scale_factor
 from bench.systems.af_converter.group_fit import conditions_of, missing_groups, require_closed
 from bench.systems.af_converter.groups import Group, campaign_rows, group_rows, place_name
+from bench.systems.af_converter.register import METER, expired, read_ranges, untraced
 
 METHODS: tuple[str, ...] = FIT_METHODS
 _OF_ONE_GROUP = ("B-FIT-001", "B-FIT-005", "B-FIT-012", "B-FIT-050")
-_UNTRACED = "The uncertainty of the meter is relative to its own calibration; that one is not included."
 Refused = list[tuple[Group, FitError]]
 STEADY_degC = 0.05  # at 8 ppm/degC less than half a ppm between the first record of a channel and its last
 _TESTS = {"repeat_shift": "points taken again", "switch_leakage": "zeros against the open input"}
-_K95 = 1.96
 
 
 def analyse(material: Material, method: str = "joint") -> Analysis:
@@ -61,13 +52,12 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
     constants, register = read_campaign(material.campaign), read_ranges(material.standards, METER)
     chosen = campaign_rows(material.rows)
     groups, log = group_rows(chosen, constants.master_Hz), MeterLog(chosen, material.readings)
-    traceability = read_traceability(material.standards, METER)
-    fits, refused = _fit_all(groups, log, constants, register, method, traceability or 0.0)
+    fits, refused = _fit_all(groups, log, constants, register, method)
     if not fits:
         raise refused[0][1]
     entries: Estimates = []
     for fitted in fits:
-        entries += scale_factor_estimates(fitted, constants) + bias_estimates(fitted, constants)
+        entries += scale_factor_estimates(fitted, constants, material.standards) + bias_estimates(fitted, constants)
         entries += leakage_estimates(fitted, constants)
     repeats = [group for group in groups if group.repeat]
     entries += shift_estimates(fits, repeats, log, constants, register)
@@ -78,13 +68,16 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
         method=method,
         uut=dict(constants.uut),
         estimates=entries,
-        evidence=evidence(fits, repeats, entries, constants, register, method),
+        evidence=[
+            *evidence(fits, repeats, entries, constants, register, method),
+            *expired(material, METER, {float(at) for fitted in fits for at in fitted.meter.range_A}, QUANTITIES),
+        ],
         components=budget(fits, constants),
         groups=[_quality(fitted, constants) for fitted in fits],
         notes=[
             *(f"No result: {sentence}" for sentence in missing),
             *notes(fits, groups, entries, constants),
-            *([_UNTRACED] if traceability is None else []),
+            *untraced(register, METER),
         ],
         missing=missing,
         tables=[*agreement_table(fits, material, constants), *zero_table(log)],
@@ -92,16 +85,15 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
 
 
 def _fit_all(
-    groups: Iterable[Group], log: MeterLog, campaign: Campaign, register: dict[float, RangeSpecification], method: str,
-    traceability: float,
-) -> tuple[list[DmmFit], Refused]:  # fmt: skip
+    groups: Iterable[Group], log: MeterLog, campaign: Campaign, register: dict[float, RangeSpecification], method: str
+) -> tuple[list[DmmFit], Refused]:
     fits: list[DmmFit] = []
     refused: Refused = []
     for group in groups:
         if group.repeat:
             continue
         try:
-            fits.append(_fit_one(group, log, campaign, register, method, traceability))
+            fits.append(_fit_one(group, log, campaign, register, method))
         except FitError as error:
             if error.code not in _OF_ONE_GROUP:
                 raise
@@ -111,16 +103,15 @@ def _fit_all(
 
 
 def _fit_one(
-    group: Group, log: MeterLog, campaign: Campaign, register: dict[float, RangeSpecification], method: str,
-    traceability: float,
-) -> DmmFit:  # fmt: skip
+    group: Group, log: MeterLog, campaign: Campaign, register: dict[float, RangeSpecification], method: str
+) -> DmmFit:
     require_closed(group)
     meter = log.meter(group.numbers)
     converter = campaign.converter(group.channel)
-    fit = fit_dmm_method(group.closed, meter, converter, register, method, traceability)
+    fit = fit_dmm_method(group.closed, meter, converter, register, method)
     even, meter = without_odd_level(group, meter, converter, register, fit)
     if even is not group:
-        fit = fit_dmm_method(even.closed, meter, converter, register, method, traceability)
+        fit = fit_dmm_method(even.closed, meter, converter, register, method)
     return DmmFit(even, meter, fit)
 
 
@@ -217,37 +208,3 @@ def zero_table(log: MeterLog) -> list[Table]:
     headers = ["range, mA", "zero, nA", "standard uncertainty, nA"]
     caption = "Measured with nothing connected, and subtracted: the meter sees one polarity, so no zero cancels."
     return [Table("Zeros of the meter", caption, headers, rows)]
-
-
-def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campaign) -> list[Table]:
-    """Differences to the calibrator method, where the register holds the calibrator and both methods have a result.
-
-    Both standards count in full: the difference is one between two chains of traceability. The counts are the same in
-    both, so the uncertainty of the difference is, if anything, stated too large.
-    """
-    if CALIBRATOR not in material.standards:
-        return []
-    calibrator = read_standards(material.standards)
-    rows: list[list[Any]] = []
-    for fitted in fits:
-        try:
-            other = fit_scale_factor(fitted.group.closed, campaign.converter(fitted.group.channel), calibrator.ranges)
-        except FitError:
-            continue  # the DMM method stands by itself
-        variance = np.diag(other.covariance_ppm2) + other.gain_ppm**2 + calibrator.common_relative_ppm**2
-        for index, name in enumerate(("dsf_n", "dsf_p")):
-            if name not in fitted.fit.value_ppm:
-                continue
-            difference = fitted.fit.value_ppm[name] - float(other.dsf_ppm[index])
-            expanded = _K95 * float(np.hypot(fitted.fit.std_ppm[name], variance[index] ** 0.5))
-            rows.append(
-                [fitted.group.channel, fitted.group.temperature_degC, name, fitted.fit.value_ppm[name],
-                 float(other.dsf_ppm[index]), difference, expanded, difference / expanded]
-            )  # fmt: skip
-    if not rows:
-        return []
-    headers = ["channel", "degC", "quantity", "DMM method, ppm", "calibrator method, ppm", "difference, ppm",
-               "U of the difference, ppm", "E_n"]  # fmt: skip
-    largest = max(abs(row[-1]) for row in rows)
-    caption = f"The same records against both standards. They agree where |E_n| <= 1; the largest is {largest:.2f}."
-    return [Table("DMM method and calibrator method", caption, headers, rows)]

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Estimate, Estimates, estimate
+from bench.analysis import Common, Estimate, Estimates, estimate, sharing
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.dmm_method.readings import MeterLog
 from bench.systems.af_converter.estimators.dmm_method import DmmScaleFactor, Meter
@@ -24,6 +24,7 @@ from bench.systems.af_converter.estimators.readings import (
 )
 from bench.systems.af_converter.group_fit import conditions_of
 from bench.systems.af_converter.groups import Group
+from bench.systems.af_converter.register import METER, Register, common_errors
 
 _PPM = 1e6
 
@@ -37,12 +38,22 @@ class DmmFit:
     fit: DmmScaleFactor
 
 
-def scale_factor_estimates(fitted: DmmFit, campaign: Campaign) -> Estimates:
+def shared_by_standards(fitted: DmmFit, quantity: str, standards: Register) -> Common:
+    """Return what the meter's errors bring to a quantity, by label."""
+    return common_errors(standards, METER, fitted.fit.standard_ppm[quantity], {})
+
+
+def scale_factor_estimates(fitted: DmmFit, campaign: Campaign, standards: Register) -> Estimates:
     """dsf_n, dsf_p, dsf_asymmetry and dsf_mean; the last alone by the method as printed."""
     conditions, fit = conditions_of(fitted.group, fitted.fit.unit_temperature_degC, campaign), fitted.fit
     counted = {"n": fit.n, "dropped": fitted.group.dropped + fit.dropped}
-    return [estimate(name, "ppm", fit.value_ppm[name], fit.std_ppm[name], conditions, **counted)
-            for name in fit.value_ppm]  # fmt: skip
+    return [
+        sharing(
+            estimate(name, "ppm", value_ppm, fit.std_ppm[name], conditions, **counted),
+            shared_by_standards(fitted, name, standards),
+        )
+        for name, value_ppm in fit.value_ppm.items()
+    ]
 
 
 def bias_estimates(fitted: DmmFit, campaign: Campaign) -> Estimates:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench.analysis import Reading
-from bench.systems.af_converter.constants import METER
 from bench.systems.af_converter.estimators.dmm_method import Meter
+from bench.systems.af_converter.register import METER
 
 if TYPE_CHECKING:
     from bench.record import RecordRow

@@ -22,11 +22,13 @@ from numpy.typing import NDArray
 from bench.maths.least_squares import LinearFit, solve
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.readings import (
+    GAIN,
     Converter,
     RangeSpecification,
     Readings,
     noise_parts,
     pulse_currents_A,
+    relative_errors,
     specification,
 )
 from bench.systems.af_converter.estimators.scale_factor import require_polarities, usable_rows
@@ -60,12 +62,16 @@ class DmmScaleFactor:
 
     ``value_ppm``, ``std_ppm``: by "dsf_n", "dsf_p", "dsf_asymmetry", "dsf_mean" (half the sum); only the last for the
     method "as_printed", and ``refusal`` then says why. ``parts_ppm``: component -> the same names, for the budget.
+    ``standard_ppm``: the same names -> signed one-sigma effects of the meter's gains and calibration by label;
+    ``operators_ppm``: what an ampere of each row's reading adds, (m,), 0 where dropped.
     ``condition``: condition number of the relative rows of the method, also where it is refused.
     """
 
     value_ppm: Mapping[str, float]
     std_ppm: Mapping[str, float]
     parts_ppm: Mapping[str, Mapping[str, float]]
+    standard_ppm: Mapping[str, Mapping[str, float]]
+    operators_ppm: Mapping[str, Array]
     condition: float
     refusal: str
     unit_temperature_degC: float
@@ -77,7 +83,7 @@ class DmmScaleFactor:
 
 def fit_dmm_method(
     rows: Readings, meter: Meter, converter: Converter, standard: Mapping[float, RangeSpecification],
-    method: str = "joint", traceability: float = 0.0,
+    method: str = "joint",
 ) -> DmmScaleFactor:  # fmt: skip
     """Fit DSF_N and DSF_P of one channel at one temperature to a current meter's readings.
 
@@ -85,7 +91,6 @@ def fit_dmm_method(
              polarity are dropped and counted.   meter: readings beside them.   converter, standard: declared constants,
              ``standard`` of the meter.   method: "joint" (differential and common-mode rows, covariance weights) or
              "as_printed" (differential rows with weights 1/level^2, equation (18): the mean of both only).
-             traceability: relative standard uncertainty of the meter's own calibration, common to all its ranges.
     Returns: DmmScaleFactor. Gains of the meter's ranges count as fully correlated in the uncertainty.
     Raises:  FitError B-FIT-001 (rank), B-FIT-003 (range not in the register), B-FIT-004 (method unknown), B-FIT-005 (a
              polarity is missing), B-FIT-050 (no row with a reading).
@@ -101,7 +106,7 @@ def fit_dmm_method(
             f"none of {usable.size} records has a reading of the meter and a partner of the other polarity",
             next_step="the sequence must call dmm.measure_current between dmm.configure_current and the record",
         )
-    problem = _set_up(rows.take(usable), meter.take(usable), converter, standard, traceability)
+    problem = _set_up(rows.take(usable), meter.take(usable), converter, standard)
     solution = _joint(problem) if method == "joint" else _as_printed(problem)
     return _result(problem, solution, usable)
 
@@ -115,7 +120,7 @@ class _Problem:
     level_A: Array  # (p,)
     parts: Mapping[str, Array]  # independent noise, (m, m) each
     gains_A: Array  # (m, r) one standard deviation of each range's gain
-    traceability_A: Array  # (m,) one standard deviation of what all ranges were calibrated with
+    labelled_A: Mapping[str, Array]  # label -> (m,) one standard deviation of what ranges or standards share
 
     @property
     def difference(self) -> Array:
@@ -139,13 +144,13 @@ class _Solution:
 
 
 def _set_up(
-    rows: Readings, meter: Meter, converter: Converter, standard: Mapping[float, RangeSpecification],
-    traceability: float,
-) -> _Problem:  # fmt: skip
+    rows: Readings, meter: Meter, converter: Converter, standard: Mapping[float, RangeSpecification]
+) -> _Problem:
     n_A, p_A = pulse_currents_A(rows, converter)
     require_polarities(rows, n_A, p_A)
     reference_A = reference_A_of(rows, meter, standard)
     level_A, pairs = pair_rows(rows)
+    gains = relative_errors(meter.range_A, standard)
     return _Problem(
         rows=rows,
         readings_A=reference_A - (n_A - p_A),
@@ -153,8 +158,8 @@ def _set_up(
         pairs=pairs,
         level_A=level_A,
         parts=noise_parts(rows, converter) | meter_parts(rows, meter, standard),
-        gains_A=_gain_effects(reference_A, meter, standard),
-        traceability_A=reference_A * traceability,
+        gains_A=_gain_effects(reference_A * gains.pop(GAIN, 0.0), meter),
+        labelled_A={label: reference_A * relative for label, relative in gains.items()},
     )
 
 
@@ -268,16 +273,13 @@ def _as_printed(problem: _Problem) -> _Solution:
     return _Solution(operators, fit, float("nan"), condition_number(design), refusal)
 
 
-def _gain_effects(reference_A: Array, meter: Meter, standard: Mapping[float, RangeSpecification]) -> Array:
-    columns = []
-    for range_A in np.unique(meter.range_A):
-        half = specification(standard, float(range_A)).relative / 2.0
-        columns.append(reference_A * half * (meter.range_A == range_A))
-    return np.column_stack(columns)
+def _gain_effects(error_A: Array, meter: Meter) -> Array:
+    return np.column_stack([error_A * (meter.range_A == range_A) for range_A in np.unique(meter.range_A)])
 
 
 def _result(problem: _Problem, solution: _Solution, usable: NDArray[np.bool_]) -> DmmScaleFactor:
     parts: dict[str, dict[str, float]] = {}
+    standard: dict[str, dict[str, float]] = {}
     for name, operator in solution.operators.items():
         for part, covariance in problem.parts.items():
             variance = max(0.0, float(operator @ covariance @ operator))
@@ -285,13 +287,18 @@ def _result(problem: _Problem, solution: _Solution, usable: NDArray[np.bool_]) -
         # nobody says how far the gains of two ranges share one cause: the largest that correlation can make
         gain = _PPM * float(np.abs(operator @ problem.gains_A).sum())
         parts.setdefault("gain of the meter's ranges", {})[name] = gain
-        parts.setdefault("traceability of the meter", {})[name] = _PPM * abs(float(operator @ problem.traceability_A))
+        standard[name] = {GAIN: gain}
+        standard[name] |= {label: _PPM * float(operator @ error_A) for label, error_A in problem.labelled_A.items()}
+        labelled = [part for label, part in standard[name].items() if label != GAIN]
+        parts.setdefault("traceability of the meter", {})[name] = float(np.linalg.norm(labelled))
     return DmmScaleFactor(
         value_ppm={name: _PPM * float(operator @ problem.readings_A) for name, operator in solution.operators.items()},
         std_ppm={
             name: float(np.sqrt(sum(part_ppm[name] ** 2 for part_ppm in parts.values()))) for name in solution.operators
         },
         parts_ppm=parts,
+        standard_ppm=standard,
+        operators_ppm={name: _everywhere(_PPM * operator, usable) for name, operator in solution.operators.items()},
         condition=solution.condition,
         refusal=solution.refusal,
         unit_temperature_degC=float(np.mean(problem.rows.unit_temperature_degC)),
@@ -300,6 +307,12 @@ def _result(problem: _Problem, solution: _Solution, usable: NDArray[np.bool_]) -
         n=int(usable.sum()),
         dropped=int((~usable).sum()),
     )
+
+
+def _everywhere(values: Array, usable: NDArray[np.bool_]) -> Array:
+    everywhere = np.zeros(usable.size)
+    everywhere[usable] = values
+    return everywhere
 
 
 def _has_partner(rows: Readings, readable: NDArray[np.bool_]) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ Source: docs/decisions/0004-scale-factor-equations.md; AF-converter paper equati
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ from bench.model.errors import FitError
 
 Array = NDArray[np.float64]
 QUANTISATION = "quantisation of the counts"
+GAIN = "gain"
 
 
 def clock_ratio(af_count: Array, gate_s: Array, af_clock_Hz: float) -> Array:
@@ -64,16 +66,36 @@ class Converter:
 
 
 @dataclass(frozen=True)
-class RangeSpecification:
-    """One range of the calibrator: 95 % (k = 2) uncertainty, and the correction from its certificate.
+class RelativeError:
+    """An error of a standard in proportion to its current; equal labels are one and the same error."""
 
-    The current delivered for a set-point I is I * (1 + gain) + offset_A.
+    label: str
+    std: float  # standard uncertainty, relative
+    dof: float = math.inf
+
+
+@dataclass(frozen=True)
+class RangeSpecification:
+    """One range of a standard: 95 % (k = 2) uncertainty, and the correction from its certificate.
+
+    The current delivered for a set-point I is I * (1 + gain) + offset_A. ``label``: of the error that ``relative`` is
+    the uncertainty of.   ``calibration``: error of the certificate, None if the specification holds it or nobody states
+    it; ``traced`` says which.
     """
 
     relative: float
     floor_A: float
     gain: float = 0.0
     offset_A: float = 0.0
+    label: str = GAIN
+    calibration: RelativeError | None = None
+    traced: bool = False
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Errors in proportion to the current by label: relative standard uncertainties."""
+        own = {self.label: self.relative / 2.0}
+        return own if self.calibration is None else own | {self.calibration.label: self.calibration.std}
 
 
 @dataclass(frozen=True)
@@ -197,6 +219,18 @@ def calibrator_effects(rows: Readings, standard: Mapping[float, RangeSpecificati
             label = f"linearity of the range {range_A:g} A at {level_A:g} A"
             columns[label] = sigma_A * rows.polarity * at_level
     return Effects(tuple(columns), np.column_stack(list(columns.values())))
+
+
+def relative_errors(range_A: Array, standard: Mapping[float, RangeSpecification]) -> dict[str, Array]:
+    """Return relative standard uncertainty of each row, (m,), by the label of an error in proportion to the current.
+
+    Args:    range_A: range of the standard in use, (m,).   standard: its register.
+    Raises:  FitError B-FIT-003 for a range the register does not hold.
+    Source:  docs/decisions/0036-standards-once.md.
+    """
+    of_rows = [specification(standard, float(full_A)).errors for full_A in range_A]
+    labels = dict.fromkeys(label for errors in of_rows for label in errors)
+    return {label: np.array([errors.get(label, 0.0) for errors in of_rows]) for label in labels}
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from bench.systems.af_converter.estimators.readings import (
     interpolation_A2,
     noise_parts,
     pulse_currents_A,
+    relative_errors,
     specification,
 )
 
@@ -46,14 +47,15 @@ class Referral:
 class ScaleFactor:
     """Scale-factor errors (N, P) in ppm; positive = more current per pulse.
 
-    ``covariance_ppm2`` is that of the fit (noise and shared effects); ``gain_ppm`` the one-sigma effect of the
-    calibrator's common gain, which is added outside the fit.
+    ``covariance_ppm2`` is that of the fit (noise and shared effects); ``gains_ppm`` are one-sigma effects of the
+    calibrator's errors in proportion to its current, which are added outside the fit.
     """
 
     dsf_ppm: Array  # (2,)
     noise_ppm2: Array  # (2, 2) independent noise
     shared_ppm: Mapping[str, Array]  # label -> (2,) one-sigma effect of what channels and temperatures share
-    gain_ppm: Array  # (2,)
+    gains_ppm: Mapping[str, Array]  # label -> (2,), signed
+    operator_ppm: Array  # (2, m): what an ampere of each row's reference adds; 0 where dropped
     drift_ppm_s: Array  # (2,) for each ppm per second that the calibrator gains, about the mean time of the rows
     time_s: float  # that mean time
     parts_ppm: Mapping[str, Array]  # component -> (2,) standard uncertainties, for the budget
@@ -67,8 +69,13 @@ class ScaleFactor:
 
     @property
     def covariance_ppm2(self) -> Array:
-        """Covariance (2, 2) of the fit without the calibrator's gain."""
+        """Covariance (2, 2) of the fit without the calibrator's gains."""
         return np.asarray(self.noise_ppm2 + sum(np.outer(part, part) for part in self.shared_ppm.values()))
+
+    @property
+    def standard_ppm(self) -> dict[str, Array]:
+        """Signed one-sigma effect (2,) of every error of the calibrator, by label."""
+        return {**self.gains_ppm, **self.shared_ppm}
 
     @property
     def reduced_chi2(self) -> float:
@@ -106,7 +113,8 @@ def fit_scale_factor(
         dsf_ppm=fit.parameters[:2] * _PPM,
         noise_ppm2=np.sum([to_ppm @ part @ to_ppm.T for part in problem.parts.values()], axis=0),
         shared_ppm=dict(zip(problem.effects.labels, shared.T, strict=True)),
-        gain_ppm=gain_effect_ppm(to_ppm, problem.reference_A, problem.rows, standard),
+        gains_ppm=gain_effects_ppm(to_ppm, problem.reference_A, problem.rows, standard),
+        operator_ppm=np.array([_spread(row, usable, 0.0) for row in to_ppm]),
         drift_ppm_s=to_ppm @ (problem.reference_A / _PPM * (problem.rows.time_s - problem.rows.time_s.mean())),
         time_s=float(problem.rows.time_s.mean()),
         parts_ppm=_budget(to_ppm, problem.parts, problem.effects.labels, shared),
@@ -256,20 +264,20 @@ def _solve(method: str, problem: _Problem) -> LinearFit:
     return LinearFit(fit.parameters, fit.covariance, fit.operator @ difference, residual_A, float("nan"), fit.dof)
 
 
-def gain_effect_ppm(
+def gain_effects_ppm(
     to_ppm: Array, reference_A: Array, rows: Readings, standard: Mapping[float, RangeSpecification]
-) -> Array:
-    """Effect (2,) in ppm of one standard deviation of the calibrator's gain, fully common to all rows.
+) -> dict[str, Array]:
+    """Effects (2,) in ppm of one standard deviation of each error in proportion to the calibrator's current, by label.
 
-    It does not average over levels, channels or temperatures, so it never enters the weights of the fit.
-    Source: docs/decisions/0004 (common gain).
+    They do not average over levels, channels or temperatures, so they never enter the weights of the fit.
+    Source: docs/decisions/0004 (common gain), 0036 (calibration of the calibrator).
     """
-    relative = np.array([specification(standard, float(range_A)).relative for range_A in rows.range_A])
-    return np.asarray(to_ppm @ (reference_A * relative / 2.0))
+    errors = relative_errors(rows.range_A, standard)
+    return {label: np.asarray(to_ppm @ (reference_A * relative)) for label, relative in errors.items()}
 
 
-def _spread(values: Array, usable: NDArray[np.bool_]) -> Array:
-    everywhere = np.full(usable.size, np.nan)
+def _spread(values: Array, usable: NDArray[np.bool_], elsewhere: float = np.nan) -> Array:
+    everywhere = np.full(usable.size, elsewhere)
     everywhere[usable] = values
     return everywhere
 

@@ -21,6 +21,7 @@ from bench.systems.af_converter.estimators.readings import (
     interpolation_A2,
     noise_parts,
     pulse_currents_A,
+    relative_errors,
     specification,
     walk_A2,
 )
@@ -42,8 +43,8 @@ _SMALLEST_VARIANCE_A2 = 1e-36  # keeps the Cholesky factor where noise is declar
 class TrialModel:
     """A group of rows with all that is uncertain about it.
 
-    ``common_relative``: further relative errors of the calibrator (traceability, drift), each with its standard
-    uncertainty and degrees of freedom; ``standard_dof``: those of its ranges. Such errors are drawn from Student's t.
+    ``drift``: relative standard uncertainty of the calibrator's drift.   ``standard_dof``: degrees of freedom of the
+    calibrator's errors, where the certificate of a range states no others; such errors are drawn from Student's t.
     ``sensor_std_degC``: of the unit's temperature sensor.
     """
 
@@ -52,7 +53,7 @@ class TrialModel:
     standard: Mapping[float, RangeSpecification]
     referral: Referral
     method: str = "gls"
-    common_relative: tuple[tuple[float, float], ...] = ()
+    drift: float = 0.0
     standard_dof: float = math.inf
     sensor_std_degC: float = 0.0
 
@@ -116,20 +117,20 @@ def _reference(
     rows: Readings,
     model: TrialModel,
 ) -> Array:
-    """Current of the calibrator (trials, m): common gain, one offset per range, one linearity error per level."""
+    """Current of the calibrator (trials, m): gains by label, one offset per range, one linearity error per level."""
     standard = model.standard
-    effects = [
-        rows.level_A * np.array([specification(standard, float(range_A)).relative / 2.0 for range_A in rows.range_A])
-    ]
-    effects += [rows.level_A * std for std, _ in model.common_relative]
+    certified = [specification(standard, float(full_A)).calibration for full_A in np.unique(rows.range_A)]
+    dof_of = {calibration.label: calibration.dof for calibration in certified if calibration is not None}
+    in_proportion = relative_errors(rows.range_A, standard)
+    effects = [*(rows.level_A * relative for relative in in_proportion.values()), rows.level_A * model.drift]
+    dof = [*(dof_of.get(label, model.standard_dof) for label in in_proportion), math.inf]
     for full_A in np.unique(rows.range_A):
         sigma_A = specification(standard, float(full_A)).floor_A / 2.0
         inside = rows.range_A == full_A
         levels_A = np.unique(rows.level_A[inside & (rows.level_A > 0)])
         effects += [sigma_A * inside, *(sigma_A * (inside & (rows.level_A == level_A)) for level_A in levels_A)]
-    dof = np.full(len(effects), model.standard_dof)
-    dof[1 : 1 + len(model.common_relative)] = [of for _, of in model.common_relative]
-    error_A = _student_t(generator, trials, dof) @ np.array(effects)
+    dof += [model.standard_dof] * (len(effects) - len(dof))
+    error_A = _student_t(generator, trials, np.array(dof)) @ np.array(effects)
     return np.asarray(reference_current_A(rows, standard) + rows.polarity * error_A)
 
 

@@ -10,10 +10,17 @@ from typing import Any
 
 from bench.analysis import Analysis, Estimates, Material
 from bench.systems.af_converter.coefficients import scale_factor_compensation
-from bench.systems.af_converter.constants import Campaign, read_campaign, read_standards
+from bench.systems.af_converter.constants import Campaign, read_campaign
 from bench.systems.af_converter.estimators.scale_factor import METHODS as FIT_METHODS
-from bench.systems.af_converter.group_fit import Fitted, GroupFit, conditions_of, fit_groups, missing_groups
+from bench.systems.af_converter.group_fit import (
+    Fitted,
+    GroupFit,
+    conditions_of,
+    fit_groups,
+    missing_groups,
+)
 from bench.systems.af_converter.groups import campaign_rows, group_rows
+from bench.systems.af_converter.register import read_standards
 from bench.systems.af_converter.scale_factor.budgets import budget_tables, components
 from bench.systems.af_converter.scale_factor.calibrator_drift import calibrator_drift, drift_estimates, repeats
 from bench.systems.af_converter.scale_factor.estimates import (
@@ -63,7 +70,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
         method=method,
         uut=dict(constants.uut),
         estimates=entries,
-        evidence=evidence(fitted, entries, constants, register, method),
+        evidence=evidence(fitted, entries, constants, register, method, material),
         residuals=residuals(fitted.groups, constants),
         components=components(fitted, constants, register),
         groups=_quality_of_fit(fitted, constants),

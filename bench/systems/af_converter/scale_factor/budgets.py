@@ -17,17 +17,19 @@ from bench.analysis import Table
 from bench.maths.budget import Budget, Component, combine_all
 from bench.maths.monte_carlo import Distribution, check_interval, propagate
 from bench.systems.af_converter.budget_tables import budget_table, correlation_table, figures, summary_table
-from bench.systems.af_converter.constants import Campaign, Standards
+from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.readings import (
+    GAIN,
     QUANTISATION,
     calibrator_effects,
     count_noise,
-    specification,
+    relative_errors,
 )
 from bench.systems.af_converter.estimators.scale_factor import Referral
 from bench.systems.af_converter.estimators.scale_factor_trials import TrialModel
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit
-from bench.systems.af_converter.scale_factor.estimates import sensor_effect_ppm
+from bench.systems.af_converter.register import Standards
+from bench.systems.af_converter.scale_factor.estimates import scale_factor_std_ppm, sensor_effect_ppm
 
 _PPM, _nA = 1e6, 1e9
 _REGISTER = "standards register"
@@ -99,20 +101,12 @@ def components_of(
 
     ``std_uncertainty`` of a noise or range error is that of one reading; the sensitivity is what the fit makes of all.
     """
-    gain_ppm = (
-        max(specification(standards.ranges, float(at)).relative for at in visit.group.closed.range_A) / 2.0 * _PPM
-    )
     slopes = fitted.slopes_ppm_degC(visit.group.channel, visit.fit.unit_temperature_degC)
-    trace_ppm, drift_ppm = (standards.traceability or 0.0) * _PPM, (standards.drift or 0.0) * _PPM
-    sensor_degC = campaign.sensor_std_degC
-    effect_ppm, dof = float(visit.fit.gain_ppm[index]), standards.calibrator_dof
+    drift_ppm, sensor_degC = standards.drift_ppm, campaign.sensor_std_degC
     return [
         *_noise(visit, index, campaign),
         *_range_errors(visit, index, standards),
-        _effect(
-            "calibrator gain, common to all rows", gain_ppm, "ppm", effect_ppm, _REGISTER, common="gain", dof=dof
-        ),
-        _effect("calibrator traceability", trace_ppm, "ppm", trace_ppm, _REGISTER, common="traceability", dof=dof),
+        *_gains(visit, index, standards),
         _effect(
             "calibrator drift over the campaign", drift_ppm, "ppm", drift_ppm, standards.drift_source, common="drift"
         ),
@@ -141,6 +135,22 @@ def _noise(visit: GroupFit, index: int, campaign: Campaign) -> list[Component]:
         )
         for name, (u, unit, source) in of_one_row.items()
     ]  # fmt: skip
+
+
+def _gains(visit: GroupFit, index: int, standards: Standards) -> list[Component]:
+    """Return errors in proportion to the calibrator's current: of its specification, and of its own calibration."""
+    relative = relative_errors(visit.group.closed.range_A, standards.ranges)
+    return [
+        _effect(
+            _name_of_gain(label), float(relative[label].max()) * _PPM, "ppm", float(effect_ppm[index]), _REGISTER,
+            common=label, dof=standards.dof_of(label),
+        )
+        for label, effect_ppm in visit.fit.gains_ppm.items()
+    ]  # fmt: skip
+
+
+def _name_of_gain(label: str) -> str:
+    return "calibrator gain, common to all rows" if label == GAIN else f"calibrator traceability, {label}"
 
 
 def _range_errors(visit: GroupFit, index: int, standards: Standards) -> list[Component]:
@@ -197,10 +207,7 @@ def trials_of(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: St
         standard=standards.ranges,
         referral=Referral(at_degC, fitted.slopes_ppm_degC(visit.group.channel, at_degC)),
         method=method,
-        common_relative=(
-            (standards.traceability or 0.0, standards.calibrator_dof),
-            (standards.drift or 0.0, math.inf),
-        ),
+        drift=standards.drift or 0.0,
         sensor_std_degC=campaign.sensor_std_degC,
         standard_dof=standards.calibrator_dof,
     )
@@ -238,12 +245,11 @@ def components(fitted: Fitted, campaign: Campaign, standards: Standards) -> list
         kind = campaign.channel(visit.group.channel).kind
         sensor_ppm = sensor_effect_ppm(visit, fitted, campaign)
         parts = {name: float(np.max(values)) for name, values in visit.fit.parts_ppm.items()}
-        parts["calibrator gain, common to all rows"] = float(np.max(np.abs(visit.fit.gain_ppm)))
-        parts["calibrator traceability"] = (standards.traceability or 0.0) * 1e6
-        parts["calibrator drift over the campaign"] = (standards.drift or 0.0) * 1e6
+        parts |= {_name_of_gain(label): float(np.max(np.abs(part))) for label, part in visit.fit.gains_ppm.items()}
+        parts["calibrator drift over the campaign"] = standards.drift_ppm
         parts["temperature sensor of the unit"] = float(np.max(np.abs(sensor_ppm)))
-        variance = np.diag(visit.fit.covariance_ppm2) + visit.fit.gain_ppm**2 + standards.common_relative_ppm**2
-        parts["combined"] = float(np.sqrt(np.max(variance + sensor_ppm**2)))
+        std_ppm = [scale_factor_std_ppm(visit, standards, index) for index in (0, 1)]
+        parts["combined"] = float(np.max(np.hypot(std_ppm, sensor_ppm)))
         for name, value in parts.items():
             largest[kind, name] = max(largest.get((kind, name), 0.0), value)
     stated = {name for (_, name), value in largest.items() if value > 0}

@@ -14,10 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis import Estimate, Estimates, Reading, estimate
-from bench.systems.af_converter.constants import DRIFT_UNKNOWN, Campaign, Standards
+from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.dmm_method.readings import CHECK, ReadingSet, reading_sets
 from bench.systems.af_converter.estimators.readings import Readings
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, conditions_of, refit
+from bench.systems.af_converter.register import DRIFT_UNKNOWN, Standards
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
@@ -203,10 +204,9 @@ def change_ppm(start: GroupFit, again: GroupFit, fitted: Fitted) -> tuple[Array,
     slopes = fitted.slopes_ppm_degC(again.group.channel, again.fit.unit_temperature_degC)
     warmer_degC = again.fit.unit_temperature_degC - start.fit.unit_temperature_degC
     change = again.fit.dsf_ppm - start.fit.dsf_ppm - np.array(slopes) * warmer_degC
-    effects = [again.fit.gain_ppm - start.fit.gain_ppm]
-    for label in again.fit.shared_ppm.keys() | start.fit.shared_ppm.keys():
-        there = start.fit.shared_ppm.get(label, np.zeros(2))
-        effects.append(again.fit.shared_ppm.get(label, np.zeros(2)) - there)
+    here, there, nothing = again.fit.standard_ppm, start.fit.standard_ppm, np.zeros(2)
+    labels = sorted(here.keys() | there.keys())
+    effects = [here.get(label, nothing) - there.get(label, nothing) for label in labels]
     shared = np.sum([np.outer(effect, effect) for effect in effects], axis=0)
     return np.asarray(change), np.asarray(again.fit.noise_ppm2 + start.fit.noise_ppm2 + shared)
 

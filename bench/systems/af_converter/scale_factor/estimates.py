@@ -7,27 +7,39 @@ before; a scale-factor error itself has no limit.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis import Estimate, Estimates, count_problem, estimate
+from bench.analysis import Estimate, Estimates, count_problem, covariance_by_standards, estimate, sharing
 from bench.maths.budget import effective_dof
 from bench.systems.af_converter.coefficients import UNITS
-from bench.systems.af_converter.constants import Campaign, Standards
+from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.readings import clock_ratio, count_noise, master_clock_error
 from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial
-from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, conditions_of
+from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, conditions_of, standard_labels
 from bench.systems.af_converter.groups import unit_temperatures
+from bench.systems.af_converter.register import (
+    CALIBRATOR,
+    FREQUENCY,
+    FUNCTION_GENERATOR,
+    Register,
+    Standards,
+    common_errors,
+)
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
 
+Array = np.ndarray[Any, np.dtype[np.float64]]
 _PPM = 1e6
+_ONE = np.eye(2)
+_SENSOR, _DRIFT = "temperature sensor of the unit", "drift of the calibrator"
+_STEADY_DRIFT = "steady drift of the calibrator, by the times of the records"
 
 
-def sensor_effect_ppm(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> np.ndarray[Any, np.dtype[np.float64]]:
+def sensor_effect_ppm(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> Array:
     """Signed effect (2,) on DSF_N, DSF_P of one standard deviation of the unit's temperature sensor, ppm.
 
     A result says at which unit temperature it holds; a wrong thermometer makes it the result of another temperature.
@@ -37,23 +49,20 @@ def sensor_effect_ppm(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> np
     return np.array(slopes) * campaign.sensor_std_degC
 
 
-def calibrator_parts_ppm(visit: GroupFit, standards: Standards, index: int) -> list[float]:
-    """Return what the calibrator's certificate brings to DSF_N (index 0) or DSF_P (1), part by part, standard, ppm."""
-    of_ranges = [float(effect_ppm[index]) for effect_ppm in visit.fit.shared_ppm.values()]
-    return [*of_ranges, float(visit.fit.gain_ppm[index]), (standards.traceability or 0.0) * _PPM]
+def calibrator_parts(visit: GroupFit, contrast: Array) -> dict[str, float]:
+    """Return what each error of the calibrator brings to ``contrast`` (2,) of both, standard, signed, ppm, by label."""
+    return {label: float(contrast @ effect_ppm) for label, effect_ppm in visit.fit.standard_ppm.items()}
 
 
-def calibrator_dof(std_ppm: float, parts_ppm: Iterable[float], standards: Standards) -> float:
-    """Return effective degrees of freedom of a result to which the calibrator's certificate brings some parts."""
-    return effective_dof(std_ppm**2, ((part**2, standards.calibrator_dof) for part in parts_ppm))
+def calibrator_dof(std_ppm: float, parts_ppm: Mapping[str, float], standards: Standards) -> float:
+    """Return effective degrees of freedom of a result to which errors of the calibrator, by label, bring some parts."""
+    return effective_dof(std_ppm**2, ((part**2, standards.dof_of(label)) for label, part in parts_ppm.items()))
 
 
 def scale_factor_std_ppm(visit: GroupFit, standards: Standards, index: int) -> float:
-    """Standard uncertainty of DSF_N (index 0) or DSF_P (1) with the calibrator's gain, without the sensor's part."""
-    variance = (
-        visit.fit.covariance_ppm2[index, index] + visit.fit.gain_ppm[index] ** 2 + standards.common_relative_ppm**2
-    )
-    return float(np.sqrt(variance))
+    """Standard uncertainty of DSF_N (index 0) or DSF_P (1) with all of the calibrator, without the sensor's part."""
+    of_standard = math.fsum(part**2 for part in calibrator_parts(visit, _ONE[index]).values())
+    return math.sqrt(visit.fit.noise_ppm2[index, index] + of_standard + standards.drift_ppm**2)
 
 
 def scale_factor_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards) -> Estimates:
@@ -62,21 +71,29 @@ def scale_factor_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign, 
     A drift of the calibrator between the rows of one polarity and those of the other does not cancel.
     """
     conditions, fit = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign), visit.fit
-    sensor_ppm = sensor_effect_ppm(visit, fitted, campaign)
+    sensor_ppm, register = sensor_effect_ppm(visit, fitted, campaign), standards.register
     counted = {"n": fit.n, "dropped": visit.group.dropped + fit.dropped}
     entries = []
     for index, quantity in enumerate(QUANTITIES):
         std_ppm = float(np.hypot(scale_factor_std_ppm(visit, standards, index), sensor_ppm[index]))
-        dof = calibrator_dof(std_ppm, calibrator_parts_ppm(visit, standards, index), standards)
-        entries.append(estimate(quantity, "ppm", fit.dsf_ppm[index], std_ppm, conditions, dof=dof, **counted))
+        parts = calibrator_parts(visit, _ONE[index])
+        common = common_errors(
+            register, CALIBRATOR, parts, {_DRIFT: standards.drift_ppm, _SENSOR: float(sensor_ppm[index])}
+        )
+        dof, value_ppm = calibrator_dof(std_ppm, parts, standards), fit.dsf_ppm[index]
+        entries.append(sharing(estimate(quantity, "ppm", value_ppm, std_ppm, conditions, dof=dof, **counted), common))
     contrast = np.array([1.0, -1.0])
-    common_ppm = [fit.gain_ppm, sensor_ppm, fit.drift_ppm_s * fitted.drift_ppm_s(standards)]
-    variance = contrast @ fit.covariance_ppm2 @ contrast + sum((contrast @ part) ** 2 for part in common_ppm)
-    value_ppm, std_ppm = float(contrast @ fit.dsf_ppm), float(np.sqrt(variance))
-    parts_ppm = [float(contrast @ part) for part in (*fit.shared_ppm.values(), fit.gain_ppm)]
-    dof = calibrator_dof(std_ppm, parts_ppm, standards)
-    entries.append(estimate("dsf_asymmetry", "ppm", value_ppm, std_ppm, conditions, dof=dof, **counted))
-    return entries
+    parts = calibrator_parts(visit, contrast)
+    of_campaign = {
+        _STEADY_DRIFT: float(contrast @ fit.drift_ppm_s) * fitted.drift_ppm_s(standards),
+        _SENSOR: float(contrast @ sensor_ppm),
+    }
+    squares = math.fsum(part**2 for part in (*parts.values(), *of_campaign.values()))
+    std_ppm = math.sqrt(float(contrast @ fit.noise_ppm2 @ contrast) + squares)
+    dof, value_ppm = calibrator_dof(std_ppm, parts, standards), float(contrast @ fit.dsf_ppm)
+    common = common_errors(register, CALIBRATOR, parts, of_campaign)
+    entry = estimate("dsf_asymmetry", "ppm", value_ppm, std_ppm, conditions, dof=dof, **counted)
+    return [*entries, sharing(entry, common)]
 
 
 def bias_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> Estimates:
@@ -114,20 +131,21 @@ def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards)
         for visit, value_ppm in zip(visits, polynomial.residual, strict=True):
             index = QUANTITIES.index(quantity)
             std_ppm = scale_factor_std_ppm(visit, standards, index)
-            dof = calibrator_dof(std_ppm, calibrator_parts_ppm(visit, standards, index), standards)
+            parts = calibrator_parts(visit, _ONE[index])
+            dof = calibrator_dof(std_ppm, parts, standards)
+            common = common_errors(standards.register, CALIBRATOR, parts, {_DRIFT: standards.drift_ppm})
             conditions = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign)
             counted = {"n": visit.fit.n, "dropped": visit.group.dropped + visit.fit.dropped}
-            name = f"{quantity}_residual"
-            entries.append(
-                estimate(name, "ppm", float(value_ppm), std_ppm, conditions, limit=limit, dof=dof, **counted)
-            )
+            name, value = f"{quantity}_residual", float(value_ppm)
+            entry = estimate(name, "ppm", value, std_ppm, conditions, limit=limit, dof=dof, **counted)
+            entries.append(sharing(entry, common))
     return entries
 
 
 def change_estimates(estimates: Iterable[Estimate], campaign: Campaign) -> Estimates:
     """Change against a previous calibration, judged against the stability limit (paper table 1).
 
-    Both uncertainties count in full: nothing says that the two calibrations shared a standard.
+    What both calibrations took from the same standards, as their estimates say, is left out of its uncertainty.
     """
     earlier = {_place(entry): entry for entry in campaign.previous if entry.get("quantity") in QUANTITIES}
     entries = []
@@ -136,8 +154,10 @@ def change_estimates(estimates: Iterable[Estimate], campaign: Campaign) -> Estim
         if now["quantity"] not in QUANTITIES or then is None:
             continue
         limit = campaign.channel(now["conditions"]["channel"]).stability_limit_ppm
-        std_ppm = float(np.hypot(now["std_uncertainty"], then["std_uncertainty"]))
-        dof = effective_dof(std_ppm**2, ((of["std_uncertainty"] ** 2, of.get("dof", math.inf)) for of in (now, then)))
+        shared_ppm2 = covariance_by_standards(now, then)
+        own_ppm2 = [max(of["std_uncertainty"] ** 2 - shared_ppm2, 0.0) for of in (now, then)]
+        std_ppm = math.sqrt(math.fsum(own_ppm2))
+        dof = effective_dof(std_ppm**2, zip(own_ppm2, (of.get("dof", math.inf) for of in (now, then)), strict=True))
         change_ppm = now["value"] - then["value"]
         name = f"{now['quantity']}_change"
         entries.append(estimate(name, "ppm", change_ppm, std_ppm, now["conditions"], n=now["n"], limit=limit, dof=dof))
@@ -173,22 +193,26 @@ def clock_estimates(rows: Iterable[RecordRow], campaign: Campaign, standards: St
         ratio = clock_ratio(af_count, gate_s, campaign.af_clock_Hz) - 1.0
         entries += _clock("clock_ratio_error", ratio, count_noise(af_count), 0.0, math.inf, conditions)
         master = master_clock_error(fg_count, gate_s, campaign.fg_Hz)
-        common = standards.function_generator, standards.generator_dof
-        entries += _clock("master_clock_error", master, count_noise(fg_count), *common, conditions)
+        generator = standards.function_generator, standards.generator_dof
+        entries += _clock(
+            "master_clock_error", master, count_noise(fg_count), *generator, conditions, standards.register
+        )
     return entries
 
 
 def _clock(
-    quantity: str, values: Any, noise: Any, common: float, common_dof: float, conditions: dict[str, Any]
-) -> Estimates:
+    quantity: str, values: Any, noise: Any, generator: float, generator_dof: float, conditions: dict[str, Any],
+    register: Register | None = None,
+) -> Estimates:  # fmt: skip
     seen = np.isfinite(values)
     n = int(seen.sum())
     if n == 0:
         return []
-    std = float(np.hypot(np.mean(noise[seen]), common))
+    std = float(np.hypot(np.mean(noise[seen]), generator))
     value_ppm, std_ppm = float(np.mean(values[seen])) * _PPM, std * _PPM
-    dof = effective_dof(std**2, [(common**2, common_dof)])
-    return [estimate(quantity, "ppm", value_ppm, std_ppm, conditions, n=n, dropped=int((~seen).sum()), dof=dof)]
+    dof, dropped = effective_dof(std**2, [(generator**2, generator_dof)]), int((~seen).sum())
+    common = common_errors(register or {}, FUNCTION_GENERATOR, {FREQUENCY: generator * _PPM}, {})
+    return [sharing(estimate(quantity, "ppm", value_ppm, std_ppm, conditions, n=n, dropped=dropped, dof=dof), common)]
 
 
 def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> Estimates:
@@ -203,13 +227,17 @@ def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standar
         }
         for order, value in enumerate(polynomial.coefficients):
             std = float(np.hypot(polynomial.std_uncertainty(order), _sensor_effect(polynomial, order, campaign)))
-            parts = polynomial.effects[order].tolist()
+            parts: dict[str, float] = {}
+            of_campaign = {_SENSOR: _sensor_effect(polynomial, order, campaign)}
             if quantity in QUANTITIES:
-                std = float(np.hypot(std, _standard_ppm(order, polynomial, visits, fitted, standards)))
-                parts += [] if order else [(standards.traceability or 0.0) * _PPM]
+                parts = dict(zip(standard_labels(visits), polynomial.effects[order].tolist(), strict=True))
+                drift_ppm = _drift_ppm(order, polynomial, visits, fitted, standards)
+                std = float(np.hypot(std, drift_ppm))
+                of_campaign[_STEADY_DRIFT if order else _DRIFT] = drift_ppm
             dof = calibrator_dof(std, parts, standards)
-            unit = UNITS[quantity] + ("", "/degC", "/degC2")[order]
-            entries.append(estimate(f"{quantity}_tc{order}", unit, value, std, conditions, n=len(visits), dof=dof))
+            common = common_errors(standards.register, CALIBRATOR, parts, of_campaign)
+            name, unit = f"{quantity}_tc{order}", UNITS[quantity] + ("", "/degC", "/degC2")[order]
+            entries.append(sharing(estimate(name, unit, value, std, conditions, n=len(visits), dof=dof), common))
     return entries
 
 
@@ -223,11 +251,11 @@ def _sensor_effect(polynomial: TemperaturePolynomial, order: int, campaign: Camp
     return float((order + 1) * later[0] * campaign.sensor_std_degC) if later.size else 0.0
 
 
-def _standard_ppm(
+def _drift_ppm(
     order: int, polynomial: TemperaturePolynomial, visits: list[GroupFit], fitted: Fitted, standards: Standards
 ) -> float:
-    """Traceability and drift of the calibrator in a coefficient: a drift in time looks like one in temperature."""
+    """Drift of the calibrator in a coefficient: a drift in time looks like one in temperature."""
     if order == 0:
-        return standards.common_relative_ppm
+        return standards.drift_ppm
     time_s = np.array([visit.fit.time_s for visit in visits])
     return float(polynomial.operator[order] @ (time_s - time_s.mean()) * fitted.drift_ppm_s(standards))

@@ -10,9 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Estimates, Evidence
+from bench.analysis import Estimates, Evidence, Material
 from bench.maths.verdict import coverage_factor
-from bench.systems.af_converter.constants import Campaign, Standards
+from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.pulses import count_step
 from bench.systems.af_converter.estimators.readings import QUANTISATION
 from bench.systems.af_converter.group_fit import (
@@ -24,6 +24,7 @@ from bench.systems.af_converter.group_fit import (
 )
 from bench.systems.af_converter.groups import place_name
 from bench.systems.af_converter.plausible import about, plausible
+from bench.systems.af_converter.register import CALIBRATOR, Standards, expired
 from bench.systems.af_converter.scale_factor.common_step import common_step
 
 Array = NDArray[np.float64]
@@ -32,7 +33,7 @@ _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 
 
 def evidence(
-    fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards, method: str
+    fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards, method: str, material: Material
 ) -> list[Evidence]:
     """Return what every check says of the estimates, those that found nothing included."""
     straight = [_straight(visit, fitted, campaign, standards, method) for visit in fitted.groups]
@@ -41,6 +42,7 @@ def evidence(
         *straight,
         *(_whole_counts(visit) for visit in fitted.groups),
         *common_step(fitted, entries),
+        *expired(material, CALIBRATOR, fitted.ranges_A, SCALE_FACTORS),
     ]
 
 

@@ -12,9 +12,10 @@ from scipy import special
 from bench.analysis import Material, analyse
 from bench.maths.budget import combine_all
 from bench.model.errors import FitError
-from bench.systems.af_converter.constants import Campaign, Standards, read_campaign, read_standards
+from bench.systems.af_converter.constants import Campaign, read_campaign
 from bench.systems.af_converter.group_fit import Fitted, fit_groups
 from bench.systems.af_converter.groups import campaign_rows, group_rows
+from bench.systems.af_converter.register import Standards, read_standards
 from bench.systems.af_converter.scale_factor.budgets import (
     TRIALS,
     budget_tables,
@@ -117,7 +118,7 @@ def test_components_are_shown_with_the_uncertainty_of_one_reading() -> None:
     assert shown["quantisation of the counts"] == pytest.approx(5.103, abs=1e-3)
     assert shown["white noise of the converter"] == pytest.approx(0.1414, abs=1e-4)
     assert shown["calibrator gain, common to all rows"] == pytest.approx(10.0)
-    assert shown["calibrator traceability"] == pytest.approx(5.0)
+    assert shown["calibrator traceability, calibration of all ranges"] == pytest.approx(5.0)
     assert shown["calibrator drift over the campaign"] == pytest.approx(2.0)
     assert shown["temperature sensor of the unit"] == pytest.approx(0.05)
 
@@ -149,7 +150,8 @@ def test_tables_show_every_contribution_and_the_total() -> None:
             assert float(table.rows[-1][4]) == pytest.approx(np.sqrt(total), rel=1e-3)
             assert sum(float(row[5].split()[0]) for row in table.rows[:-1]) == pytest.approx(100.0, abs=0.1)
             names = {row[0] for row in table.rows}
-            assert {"calibrator traceability", "calibrator drift over the campaign"} <= names
+            stated = {"calibrator traceability, calibration of all ranges", "calibrator drift over the campaign"}
+            assert stated <= names
             for row in table.rows[:-1]:
                 u, sensitivity, contribution = (float(row[place].replace("−", "-")) for place in (1, 3, 4))
                 assert u * sensitivity == pytest.approx(contribution, rel=2e-3)
@@ -225,9 +227,10 @@ def test_trials_hold_the_noise_and_the_ranges_alone() -> None:
     groups, constants, standards = fitted(sim.simulate(SEED))
     quiet = dataclasses.replace(
         standards,
-        traceability=None,
         drift=None,
-        ranges={at: dataclasses.replace(entry, relative=0.0) for at, entry in standards.ranges.items()},
+        ranges={
+            at: dataclasses.replace(entry, relative=0.0, calibration=None) for at, entry in standards.ranges.items()
+        },
     )
     still = constants.model_copy(update={"temperature_sensor_u95_degC": 0.0})
     for one in nearest_to_reference(groups, constants):

@@ -29,7 +29,7 @@ from dmm_simulation import (
 
 from bench.analysis import Analysis, Material, Reading
 from bench.model.errors import FitError
-from bench.systems.af_converter.constants import read_campaign, read_ranges
+from bench.systems.af_converter.constants import read_campaign
 from bench.systems.af_converter.dmm_method import analysis as dmm_method
 from bench.systems.af_converter.dmm_method.readings import MeterLog, reading_sets
 from bench.systems.af_converter.estimators.dmm_method import (
@@ -41,6 +41,7 @@ from bench.systems.af_converter.estimators.dmm_method import (
 )
 from bench.systems.af_converter.estimators.readings import noise_parts, pulse_currents_A
 from bench.systems.af_converter.groups import Group, campaign_rows, group_rows
+from bench.systems.af_converter.register import read_ranges
 
 
 def misses(seeds: range, **meter: bool) -> dict[str, list[bool]]:

@@ -131,7 +131,7 @@ def coverage(results: list[tuple[ScaleFactor, np.ndarray]]) -> float:
     """Share of campaigns whose stated 95 % interval of DSF_N holds the truth."""
     inside = []
     for result, truth in results:
-        std_ppm = np.hypot(np.sqrt(result.covariance_ppm2[0, 0]), result.gain_ppm[0])
+        std_ppm = np.hypot(np.sqrt(result.covariance_ppm2[0, 0]), result.gains_ppm["gain"][0])
         inside.append(abs(result.dsf_ppm[0] - truth[0]) <= 1.96 * std_ppm)
     return float(np.mean(inside))
 

@@ -134,7 +134,7 @@ def test_uncertainty_of_the_fit_is_the_design_figure() -> None:
 
 def test_gain_is_ten_ppm_on_both_and_cancels_in_the_asymmetry() -> None:
     rows, _ = one_group(2, sim.Switches())
-    gain_ppm = fit(rows).gain_ppm
+    gain_ppm = fit(rows).gains_ppm["gain"]
     np.testing.assert_allclose(gain_ppm, 10.0, atol=0.02)
     assert abs(gain_ppm[0] - gain_ppm[1]) < 0.02
 
