@@ -90,7 +90,7 @@ timeline:
 """
 
 
-TRACED = ", specification: relative, age: 2160 h, certificate_U: 8 ppm}"  # end of a calibrator's line in the register
+TRACED = ", specification: relative, age: 2160 h, certificate_U: 8 ppm, common_with: SIM-0001}"  # in the register
 
 
 def make_bench(folder: Path, sequence: str = SEQUENCE, station: tuple[str, str] = ("", "")) -> Path:

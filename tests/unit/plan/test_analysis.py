@@ -14,7 +14,7 @@ from bench.plan import check_plan, compile_sequence, load_station
 ROOT = Path(__file__).resolve().parents[3]
 REGISTER_LINE = (
     "        - {range: 10 mA, relative: 20 ppm, floor: 50 nA, specification: relative, age: 8760 h, "
-    "certificate_U: 10 ppm}\n"
+    "certificate_U: 10 ppm, common_with: SIM-0007}\n"
 )
 
 

@@ -171,6 +171,14 @@ def test_what_a_standard_shares_is_the_least_of_its_ranges() -> None:
     register["calibrator"]["traceability_relative"] = 3e-5  # 15 ppm standard
     assert shared_components(register, "scale_factor")[0]["std_uncertainty"] == pytest.approx(math.hypot(10.0, 15.0))
     assert shared_components(register, "bias_ramp") == []
+    del register["calibrator"]["traceability_relative"]
+    for line in register["calibrator"]["uncertainty"]:
+        line |= {"certificate_U": 4e-5, "k": 2.0}  # 20 ppm of two ranges: their mean has 20 / sqrt(2)
+    mean = shared_components(register, "scale_factor")[0]["std_uncertainty"]
+    assert mean == pytest.approx(math.hypot(10.0, 20.0 / math.sqrt(2.0)))
+    for line in register["calibrator"]["uncertainty"]:
+        line |= {"common_with": "R 7"}
+    assert shared_components(register, "scale_factor")[0]["std_uncertainty"] == pytest.approx(math.hypot(10.0, 20.0))
     generator = {"function_generator": {"model": "33250A", "serial": "1", "certificate": "F-1"}}
     (clock,) = shared_components(generator, "bias_ramp")
     assert clock["quantity"] == "master_clock_error"

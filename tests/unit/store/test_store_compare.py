@@ -90,6 +90,20 @@ def test_two_calibrations_with_and_without_the_same_certificate(url: str) -> Non
     assert backwards["en"] == pytest.approx(-compare_pair(url, names[0], names[1])["parameters"][0]["en"])
 
 
+def test_the_labels_of_both_calibrations_say_what_they_share(url: str) -> None:
+    """JCGM 100 equation (16): of 9.5 and 8 ppm in one error and 3 and -4 ppm in another, beside one of one alone."""
+    documents = store_sample.calibrations(2, 200.0, SEED)
+    parts = ({"gain": 9.5, "offset": 3.0, "own": 1.0}, {"gain": 8.0, "offset": -4.0})
+    for (document, _), standards in zip(documents, parts, strict=True):
+        document["estimates"][0]["common"] = {"standards": standards, "campaign": {"drift": 2.0}}
+    names = [document["session"] for document, _ in write(url, documents)]
+    first, second = compare_pair(url, *names)["parameters"][:2]
+    variance = 2.0 * (OWN_ppm**2 + GAIN_ppm**2) - 2.0 * (9.5 * 8.0 - 3.0 * 4.0)
+    assert first["change_expanded_uncertainty"] == pytest.approx(FACTOR * np.sqrt(variance))
+    assert first["en"] == pytest.approx(first["change"] / first["change_expanded_uncertainty"])
+    assert second["change_expanded_uncertainty"] == pytest.approx(FACTOR * OWN_ppm * np.sqrt(2.0))  # by the register
+
+
 def test_what_cannot_be_compared(url: str) -> None:
     documents = write(url, store_sample.calibrations(2, 200.0, SEED))
     other = copy.deepcopy(documents[0][0]) | {"uut": {"model": "NGU", "serial": "B2"}}

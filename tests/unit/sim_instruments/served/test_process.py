@@ -220,7 +220,9 @@ def test_numbers_of_the_register_are_served_to_the_last_digit(tmp_path: Path) ->
     text = find_shipped("stations", "af_bench_sim").read_text()
     text = text.replace("gain: 0 ppm, offset: 0 A", "gain: 1.23456789 ppm, offset: 0.1234567 nA", 1)
     more = "      degrees_of_freedom: 7\n      drift: 0.7 ppm\n      corrections:"
-    text = text.replace("      corrections:", more, 1).replace("8 ppm}", "8 ppm, k: 2.1, common_with: R 1}", 1)
+    text = text.replace("      corrections:", more, 1).replace(
+        "8 ppm, common_with: SIM-0001", "8 ppm, k: 2.1, common_with: R 1", 1
+    )
     (tmp_path / "source.yaml").write_text(text)
     source = load_station(tmp_path / "source.yaml")
     places = {role: f"GPIB0::{number}::INSTR" for number, role in enumerate(source.instruments, 1)}
