@@ -50,9 +50,10 @@ KEEP ?= sessions/published
 published: $(VENV)/.dev
 	$(PY) tests/doubt/published.py $(KEEP)
 
-# Intervals against the truth, 2,000 campaigns of each kind; what stands in tests/coverage/rows.csv is not done again.
+# Intervals against the truth, 2,000 campaigns of each kind, or of one by SYSTEMS=standards; what stands in
+# tests/coverage/rows.csv is not done again.
 coverage: $(VENV)/.dev
-	$(PY) tests/coverage/run.py
+	$(PY) tests/coverage/run.py $(SYSTEMS)
 
 # N seeds in all, 10,000 of the short campaign or CAMPAIGN=scale_factor_38h N=10; what stands in tests/soak/blocks.csv is
 # not done again, so it can be stopped at any time.
