@@ -52,15 +52,6 @@ MUTANTS = [
         ],
     ),
     Mutant(
-        "calibration of the calibrator left out of the uncertainty",
-        "bench/systems/af_converter/estimators/readings.py",
-        "own | {self.calibration.label: self.calibration.std}",
-        "own",
-        [
-            "tests/unit/systems/af_converter/test_standards.py::test_the_certificate_comes_on_top_of_a_relative_specification"
-        ],
-    ),
-    Mutant(
         "clock ratio upside down",
         "bench/systems/af_converter/estimators/readings.py",
         "np.asarray(af_clock_Hz * gate_s / counted)",
