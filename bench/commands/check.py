@@ -101,6 +101,8 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
         out.print(f"  decoding     {link}: {pace}")
     for hazard in summary.hazards:
         out.print(f"  hazard       {hazard}")
+    for sentence in summary.unwatched:
+        out.print(f"  warning      {sentence}")
     if plot is not None:
         out.print(f"  timetable    {plot}")
     for taken in assumptions_of(plan.campaign):

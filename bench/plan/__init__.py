@@ -45,7 +45,7 @@ from bench.plan.step_kinds import (
     plan_json,
     steps_of,
 )
-from bench.plan.summary import SECOND_BYTES, Summary, summarise
+from bench.plan.summary import SECOND_BYTES, Summary, summarise, unwatched
 
 __all__ = [
     "CHAMBER",
@@ -114,6 +114,7 @@ __all__ = [
     "steps_sha256",
     "suggestion",
     "summarise",
+    "unwatched",
     "vscode_settings",
     "web_address",
 ]

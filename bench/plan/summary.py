@@ -20,6 +20,7 @@ from bench.plan.ways import walk
 
 STEP_BYTES = 400  # events, commands and replies of a step, with their envelopes
 SECOND_BYTES = 150  # chunk and message indexes of a second
+TEMPERATURES = ("chamber_air", "chamber_slope", "second_air", "unit_temperature", "unit_slope")
 READING_BYTES = 1_500  # a reading of a record: its event, commands and replies, with their envelopes
 
 Calls = Mapping[Effect, list[PlannedCall]]
@@ -31,7 +32,7 @@ class Summary:
 
     ``duration_s`` is the campaign alone; ``finish_utc_ns`` and ``disk_bytes`` count what comes before and after it
     too (``prepare_s``, ``finally_s``). ``disk_bytes`` is an upper estimate without compression. ``hazards`` are
-    sentences for the operator.
+    sentences for the operator, ``unwatched`` too: what no interlock watches.
     """
 
     steps: int
@@ -42,6 +43,7 @@ class Summary:
     finish_utc_ns: int
     disk_bytes: int
     hazards: tuple[str, ...]
+    unwatched: tuple[str, ...]
 
 
 def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
@@ -59,7 +61,20 @@ def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
         finish_utc_ns=start_utc_ns + round(total_s * NS),
         disk_bytes=round(total_s * bytes_s + STEP_BYTES * len(plan.steps) + READING_BYTES * readings),
         hazards=tuple(_hazards(plan)),
+        unwatched=unwatched(plan),
     )
+
+
+def unwatched(plan: Plan) -> tuple[str, ...]:
+    """Return what no interlock of a plan watches, in sentences; a deviation of it is told, and nothing acts on it."""
+    if not plan.interlocks:
+        return ("no interlock is declared: whatever deviates is only told, nothing holds or ends the run",)
+    heats = any(step.set_point is not None for step in plan.steps)
+    if heats and not any(rule.signal in TEMPERATURES for rule in plan.interlocks):
+        return (
+            "no interlock watches the chamber or the unit's temperature: a runaway is only told until the guard acts",
+        )
+    return ()
 
 
 def _hazards(plan: Plan) -> Iterator[str]:

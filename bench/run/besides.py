@@ -15,6 +15,7 @@ from bench.run.control.systemd import service_notice
 from bench.run.feed.live import live_feed
 from bench.run.observers import Following
 from bench.run.session import Beside
+from bench.run.watch.deviations import deviations
 from bench.run.watch.interlocks import interlocks
 from bench.run.watch.outputs import outputs_watch
 from bench.run.watch.trend import trend_recorder
@@ -23,7 +24,7 @@ from bench.run.watch.trend import trend_recorder
 def besides(
     plan: Plan, environment: Mapping[str, str], *, virtual: bool, asking: WaitingOperator | None = None
 ) -> list[Beside]:
-    """Return interlocks, trend, feed, on the wall clock also socket, early verdicts, notifications, service manager.
+    """Return trend, feed, interlocks, deviations; on the wall clock socket, early verdicts, notices, service manager.
 
     Args:   virtual: a rehearsal, in which nobody is told anything and nobody interferes, so that the same seed gives
             the same bytes.   asking: who waits for answers to prompts; None if nobody is asked.
@@ -41,6 +42,7 @@ def besides(
             feed = stack.enter_context(live_feed(context, asking))
             watch = stack.enter_context(interlocks(context, plan.interlocks, following))
             stack.enter_context(outputs_watch(context, following))
+            stack.enter_context(deviations(context, following, plan.interlocks))
             if not virtual:
                 if notify is not None:
                     stack.enter_context(notifications(context, notify, feed.bench_line))

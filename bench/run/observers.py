@@ -16,7 +16,7 @@ from bench.model.clock import Clock
 from bench.model.errors import OperatorStop
 from bench.model.events import Disk, Event, Retake
 from bench.model.ports import SessionSink
-from bench.plan import MEASUREMENT, Step
+from bench.plan import MEASUREMENT, SetPoint, Step
 from bench.record import PackedList, RecordError, RecordRow
 
 StoredEvent = tuple[str, int, Mapping[str, Any]]
@@ -51,6 +51,9 @@ class Observer:
     def step(self, step: Step, at_s: float) -> None:
         """A step begins; ``at_s`` = seconds since the start of the run."""
 
+    def set_point(self, asked: SetPoint) -> None:
+        """The chamber was given a set-point, by a step or on the way back into a plan."""
+
     def record(self, row: RecordRow) -> None:
         """A record is complete."""
 
@@ -67,7 +70,7 @@ class Observer:
         """It has raised, and is not told anything any more."""
 
 
-_TOLD = ("event", "step", "record", "batch", "traffic", "message")
+_TOLD = ("event", "step", "set_point", "record", "batch", "traffic", "message")
 
 
 def _hears(observer: Observer, name: str) -> bool:
@@ -110,6 +113,10 @@ class Observers:
     def step(self, step: Step, at_s: float) -> None:
         """A step begins."""
         self._tell("step", step, at_s)
+
+    def set_point(self, asked: SetPoint) -> None:
+        """The chamber was given a set-point."""
+        self._tell("set_point", asked)
 
     def record(self, row: RecordRow) -> None:
         """A record is complete."""

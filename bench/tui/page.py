@@ -128,10 +128,14 @@ def _fresh(seen: Seen, look: Look) -> Text:
 
 
 def doing(seen: Seen, look: Look) -> list[Text]:
-    """Return progress and the end as a range, the step, the wait."""
+    """Return progress and the end as a range, the step, the wait, what no interlock watches."""
     document = seen.document
     now = document.get("t_utc_s")
-    return [*_progress(document, look), *_eta(document, look), *_step(document, look), *_wait(document, look, now)]
+    unwatched = [
+        line for said in document.get("unwatched") or () for line in folded(look.clean(said), look.width, QUIET)
+    ]
+    lines = [*_progress(document, look), *_eta(document, look), *_step(document, look), *_wait(document, look, now)]
+    return [*lines, *unwatched]
 
 
 def _progress(document: Mapping[str, Any], look: Look) -> list[Text]:

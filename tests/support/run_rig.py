@@ -304,6 +304,7 @@ class Rig:
             steps=tuple(self.steps),
             phase=lambda phase: tuple(step for step in self.steps if step.phase == phase),
             measurement_link="port_a",
+            interlocks=(),
             station=SimpleNamespace(safe_order=self.safe_order),
             campaign={"rate_Hz": 100.0, "channels": [{"number": n, "k0_C": K0_C} for n in range(1, 11)]},
         )

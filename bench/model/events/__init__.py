@@ -41,6 +41,7 @@ from bench.model.events.trouble import (
     Alarm,
     ClockStep,
     Control,
+    Deviation,
     Disk,
     Guard,
     HoldAlarm,
@@ -54,10 +55,9 @@ from bench.model.events.trouble import (
 )
 
 __all__ = [
-    "DECISION", "OPERATOR", "Alarm", "Answer", "ClockStep", "Closed", "Config", "Control", "Decision", "Disk", "End",
-    "Environment", "Error", "Event", "Exchange", "Gap", "Guard", "Hold", "HoldAlarm", "Inhibit", "Interlock", "Late",
-    "Link", "Notify",
-    "Overrun", "Phase", "Preflight", "Prompt", "PromptAlarm", "Reading", "Record", "Reentry", "Release", "Resume",
-    "Retake", "Safe", "Settled", "Severity", "Skip", "Slip", "StimulusAlarm", "Surroundings", "Verdict",
-    "by_instrument", "event_of",
+    "DECISION", "OPERATOR", "Alarm", "Answer", "ClockStep", "Closed", "Config", "Control", "Decision", "Deviation",
+    "Disk", "End", "Environment", "Error", "Event", "Exchange", "Gap", "Guard", "Hold", "HoldAlarm", "Inhibit",
+    "Interlock", "Late", "Link", "Notify", "Overrun", "Phase", "Preflight", "Prompt", "PromptAlarm", "Reading",
+    "Record", "Reentry", "Release", "Resume", "Retake", "Safe", "Settled", "Severity", "Skip", "Slip",
+    "StimulusAlarm", "Surroundings", "Verdict", "by_instrument", "event_of",
 ]  # fmt: skip

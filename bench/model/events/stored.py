@@ -40,6 +40,7 @@ from bench.model.events.trouble import (
     Alarm,
     ClockStep,
     Control,
+    Deviation,
     Disk,
     Guard,
     HoldAlarm,
@@ -60,7 +61,9 @@ _CLASSES: Mapping[str, type[Event]] = {
         Reentry, Release, Resume, Retake, Safe, Settled, Skip, Slip, Surroundings, Verdict,
     )
 }  # fmt: skip
-_ALARMS: Mapping[object, type[Alarm]] = {"hold": HoldAlarm, "stimulus": StimulusAlarm, "prompt": PromptAlarm}
+_ALARMS: Mapping[object, type[Alarm]] = {
+    "hold": HoldAlarm, "stimulus": StimulusAlarm, "prompt": PromptAlarm, "deviation": Deviation,
+}  # fmt: skip
 
 
 def event_of(kind: str, document: Mapping[str, Any]) -> Event:

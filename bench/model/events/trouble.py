@@ -91,6 +91,58 @@ class PromptAlarm(Alarm):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Deviation(Alarm):
+    """A quantity is not what was set, or is again (``state`` over); nobody declared it, and the run only says so.
+
+    ``name``: what deviates (air, runaway, sensors, voltage, rate); ``of``: the role, with rail or axis; ``by``: the
+    sensor that says so; ``door``: whether the door of the chamber is or was open, None if nothing tells.
+    """
+
+    at_terminal: ClassVar[bool] = True
+    what: str = "deviation"
+    name: str
+    of: str
+    state: Literal["begun", "over"]
+    value: float | None
+    set_point: float | None
+    limit: float | None
+    unit: str
+    by: str
+    door: bool | None
+    action: str
+
+    @property
+    def severity(self) -> Severity:
+        if self.state == "over":
+            return "none"
+        return "alarm" if self.name in ("runaway", "sensors") and not self.door else "warning"
+
+    @property
+    def topic(self) -> str:
+        return f"deviation {self.name} {self.of}"
+
+    def _words(self) -> str:
+        if self.state == "over":
+            return f"{self.of}: {_DEVIATES.get(self.name, self.name)} is as it should be again"
+        value, limit = f"{_given(self.value)} {self.unit}", f"{_given(self.limit)} {self.unit}"
+        set_point = _given(self.set_point)
+        said = {
+            "air": f"air is {value}, {limit} or more outside its set-point of {set_point} degC",
+            "runaway": f"air moves away from its set-point of {set_point} degC at {value}, limit {limit}",
+            "sensors": f"its two sensors are {value} apart, limit {limit}",
+        }.get(self.name, f"{self.name} is {value}, set to {set_point} {self.unit} within {limit}")
+        door = "" if self.door is None else f"; its door {'is or was open' if self.door else 'was not open'}"
+        return f"{self.of}: {said} ({self.by}){door}: {self.action}"
+
+
+_DEVIATES = {"runaway": "the rate of the air", "sensors": "the difference of its sensors"}
+
+
+def _given(value: float | None) -> str:
+    return "none" if value is None else number(value, ".4g")
+
+
+@dataclass(frozen=True, kw_only=True)
 class Interlock(Event):
     """A watched value is beyond its limit, or back; ``value`` is None if there was no reading."""
 

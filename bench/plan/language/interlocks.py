@@ -38,6 +38,7 @@ SIGNALS: Mapping[str, Signal] = {
     "unit_temperature": Signal("degC", meaning="mean of the unit's temperature sensors"),
     "unit_slope": Signal("degC/min", meaning="how fast the unit's temperature changes, over the last minutes"),
     "lab_air": Signal("degC", "instrument", "a channel of the data logger"),
+    "second_air": Signal("degC", "instrument", "air of the chamber by a channel of the data logger"),
     "supply_current": Signal("A", meaning="supply current the unit reports"),
     "supply_voltage": Signal("V", meaning="supply voltage the unit reports"),
     "link_loss": Signal("1", "link", "share of the frames of a link that are missing"),

@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.model.clock import NS
-from bench.model.events import Alarm, End, Error, Event, Hold, Interlock, Notify, Release, Verdict
+from bench.model.events import Alarm, Deviation, End, Error, Event, Hold, Interlock, Notify, Release, Verdict
 from bench.model.yamlio import load_yaml
 from bench.plan import Notify as NotifySection
 from bench.run.context import RunContext
@@ -33,6 +33,8 @@ def occasion(event: Event) -> str:
     match event:
         case Hold() | Release():
             return "hold"
+        case Deviation(state="over"):
+            return ""
         case Alarm() | Interlock(state="tripped" | "stale") | Verdict(ok=False):
             return "alarm"
         case End() | Error():

@@ -10,7 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from bench.model.events import Control, End, Event, Hold, Interlock, Link, Prompt, Release, Severity, StimulusAlarm
+from bench.model.events import (
+    Control,
+    Deviation,
+    End,
+    Event,
+    Hold,
+    Interlock,
+    Link,
+    Prompt,
+    Release,
+    Severity,
+    StimulusAlarm,
+)
 
 MOST = 200
 LONGEST_TEXT = 500
@@ -49,7 +61,7 @@ class Alarms:
                 self._over(Hold.kind, *self._unsafe)
             case Prompt():
                 self._over("prompt")
-            case Interlock(state="released") | Link(state="back"):
+            case Interlock(state="released") | Link(state="back") | Deviation(state="over"):
                 self._over(event.topic)
             case End():
                 self._end(event, t_utc_s)

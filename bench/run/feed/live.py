@@ -19,7 +19,7 @@ from bench.frame import LinkBatch, all_signals
 from bench.model.clock import NS, WallClock, to_ns
 from bench.model.events import Environment, Event, Reentry
 from bench.model.quality import Quality
-from bench.plan import Step, graphs_of, names_in
+from bench.plan import Step, graphs_of, names_in, unwatched
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
@@ -60,6 +60,7 @@ class LiveFeed(Observer):
             signals=[{"name": signal.name, "unit": signal.unit, "decimals": signal.decimals} for signal in signals],
             graphs=[asdict(graph) for graph in graphs_of(entries, frames, context.measurement_link)],
             left_out=context.decided.left_out,
+            unwatched=unwatched(context.plan),
         )
         self.state.on_start(_began(context.manifest, self._utc_s(clock.now_ns())))
         for line in context.earlier:

@@ -48,7 +48,7 @@ class RunState:
     Args: steps: of the plan (``steps_of`` reads them from a session).   manifest: of the session.
           source: "live" or "replay".   boot_id: of the process that answers.   run: name of the session's folder.
           places: driver and resource by role.   signals, graphs: as in the document.   left_out: numbers of steps that
-          decisions before its events have left out.
+          decisions before its events have left out.   unwatched: what no interlock watches, in sentences.
     All times are seconds since 1970 UTC. ``head``: the part of the document that never changes.
     """
 
@@ -64,13 +64,14 @@ class RunState:
         signals: Sequence[Mapping[str, Any]] = (),
         graphs: Sequence[Mapping[str, Any]] = (),
         left_out: Iterable[int] = (),
+        unwatched: Sequence[str] = (),
     ) -> None:
         self._lock = threading.RLock()
         self._plan = PlannedRun(steps, left_out)
         self._place = Place(self._plan)
         self._manifest = manifest
         self.head = _head(manifest, source, boot_id, run)
-        self._signals, self._graphs = list(signals), list(graphs)
+        self._signals, self._graphs, self._unwatched = list(signals), list(graphs), list(unwatched)
         self.alarms = Alarms()
         self._records = Records(self._plan)
         self._panel = InstrumentPanel(manifest.get("identities") or {}, places or {})
@@ -238,6 +239,7 @@ class RunState:
                 "links": self._links,
                 "instruments": self._panel.documents(),
                 "alarms": self.alarms.documents(),
+                "unwatched": self._unwatched,
                 "log": list(self._log),
                 "signals": self._signals,
                 "graphs": self._graphs,

@@ -61,7 +61,11 @@ class Health:
         """Return the newest values."""
         return {name: value for name, (value, _) in list(self._values.items())}
 
+    def newest(self, name: str) -> tuple[float, int] | None:
+        """Return the newest value and when it was noted, on the bench clock, ns; None if it never was."""
+        return self._values.get(name)
+
     def age_s(self, name: str) -> float | None:
         """Return seconds since a value was noted; None if it never was."""
-        known = self._values.get(name)
+        known = self.newest(name)
         return None if known is None else (self._clock.now_ns() - known[1]) / NS

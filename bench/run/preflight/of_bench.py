@@ -7,6 +7,7 @@ import sys
 from pathlib import PurePosixPath
 
 from bench.model.posix import termios
+from bench.plan import unwatched
 from bench.run.bench.drill import drill_age, latest_drill
 from bench.run.bench.drill_controller import has_source
 from bench.run.links.port import descriptor_of
@@ -52,6 +53,13 @@ def drill(context: PreflightContext) -> Finding:
     return Finding(
         name, Status.OK if days <= DRILL_DAYS else Status.WARN, value, limit, "" if days <= DRILL_DAYS else again
     )
+
+
+def interlocks(context: PreflightContext) -> Finding:
+    """Interlocks watch the run, and its temperatures where the plan heats: nobody acts on a warning at night."""
+    count, said = len(context.plan.interlocks), unwatched(context.plan)
+    status = Status.WARN if said else Status.OK
+    return Finding("interlocks", status, str(count), "at least 1", "; ".join(said))
 
 
 def line_settings(context: PreflightContext) -> list[Finding]:

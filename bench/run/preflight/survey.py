@@ -63,6 +63,7 @@ ALWAYS = (
     Check("first contact", of_instruments.first_contacts),
     Check("calibration dates", of_instruments.standards),
     Check("wiring check", of_instruments.wiring),
+    Check("interlocks", of_bench.interlocks),
     Check("room on the disk", of_machine.space),
 )
 ON_THE_BUS = (

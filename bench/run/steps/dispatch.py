@@ -134,6 +134,8 @@ def execute(context: RunContext, step: Step) -> None:
     match step:
         case PlannedCall():
             call_or_flag(context, step, dict(step.arguments) if QUANTITY in step.conditions else None)
+            if step.set_point is not None:
+                context.observers.set_point(step.set_point)
         case PlannedVerify():
             _verify(context, step)
         case PlannedSettle():

@@ -162,6 +162,7 @@ def _drive(context: RunContext, role: str, asked: SetPoint) -> None:
     with context.in_use.take(role):
         chamber.set_temperature(asked.temperature_degC, asked.ramp_degC_min)  # type: ignore[attr-defined]
         chamber.run()  # type: ignore[attr-defined]
+    context.observers.set_point(asked)
 
 
 def _soak_again(context: RunContext, step: PlannedSoak) -> None:

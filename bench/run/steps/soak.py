@@ -81,6 +81,7 @@ def soak(context: RunContext, step: PlannedSoak) -> None:
     with context.in_use.take(step.role):
         chamber.set_temperature(step.temperature_degC, step.ramp_degC_min)  # type: ignore[attr-defined]
         chamber.run()  # type: ignore[attr-defined]
+    context.observers.set_point(step.set_point)
     watch = Stability(step.temperature_degC, step.within_degC, step.for_s)
     of_unit = step.sensor == "unit"
     with hearing(context.acquisition, watch.add) if of_unit else nullcontext():

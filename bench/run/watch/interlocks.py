@@ -15,8 +15,7 @@ from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.observers import Following, Observer, Order
 from bench.run.stop import Wish, guarded
-from bench.run.watch.outputs import is_quiet
-from bench.run.watch.signals import RateStep, WatchedSignals
+from bench.run.watch.signals import RateStep, WatchedSignals, leaves_the_bus
 
 Change = Literal["tripped", "stale", "released", "lasting"]
 LASTING_S = 2.0  # a glitch is over by then
@@ -125,8 +124,8 @@ class InterlockWatch:
         """Read the instruments that interlocks need, when it is time and the steps leave the bus alone for a while."""
         now_ns = self._context.clock.now_ns()
         overdue = now_ns - self._ask_ns
-        quiet = is_quiet(self._context, self._following)
-        if overdue >= 0 and not self._context.stop.over and (quiet or overdue > self._period_ns):
+        free = overdue > self._period_ns or leaves_the_bus(self._context, self._following)
+        if overdue >= 0 and not self._context.stop.over and free:
             self._ask_ns = now_ns + self._period_ns
             self.signals.ask()
 

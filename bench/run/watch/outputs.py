@@ -18,17 +18,9 @@ from bench.run.context import RunContext
 from bench.run.feed.outputs import LOOK_VIRTUAL_S, LOOK_WALL_S
 from bench.run.observers import Following
 from bench.run.stop import guarded
+from bench.run.watch.signals import leaves_the_bus
 
 WAKE_S = 5.0
-QUIET_S = 5.0
-
-
-def is_quiet(context: RunContext, following: Following) -> bool:
-    """Return True while the step under way waits for long enough yet: a scan keeps the bus for seconds."""
-    step = following.step_under_way
-    if step is None or context.stop.holds.reasons:
-        return True
-    return context.timeline.target_ns(step.at_s + step.duration_s) - context.clock.now_ns() >= QUIET_S * NS
 
 
 def look(instruments: Mapping[str, Instrument], busy: object = ()) -> None:
@@ -57,7 +49,7 @@ class OutputsWatch:
         overdue_ns = now_ns - self._due_ns
         if overdue_ns < 0 or context.stop.over:
             return
-        if is_quiet(context, self._following) or overdue_ns > self._period_ns:
+        if leaves_the_bus(context, self._following) or overdue_ns > self._period_ns:
             self._due_ns = now_ns + self._period_ns
             look(context.instruments, context.in_use)
 

@@ -31,10 +31,13 @@ from bench.run.links.acquisition import STALE_S
 from bench.run.links.reader import LinkReader
 from bench.run.links.status import age_s
 from bench.run.links.thermometer import TEMPERATURE
+from bench.run.observers import Following
 
 KEPT_FRAMES = 200_000  # of the newest frames: more than any record that pulses are timed in has
 COUNTS = ("npp", "ppp")
+SCANNED = ("lab_air", "second_air")  # by the data logger
 CALL_S = 1.0
+QUIET_S = 5.0
 FRESH_S = 30.0  # what the guard of the hard limits has just read is not asked for again
 LOGGER_EACH = 5  # times the chamber: laboratory air is slow, and a scan keeps the bus for seconds
 SLOPE_S = 600.0
@@ -133,7 +136,7 @@ class WatchedSignals:
     def __init__(self, context: RunContext, rules: Collection[InterlockRule]) -> None:
         self._context = context
         self._wanted = {rule.signal for rule in rules}
-        self._channels = {(rule.of, rule.channel) for rule in rules if rule.signal == "lab_air"}
+        self._channels = {(rule.signal, rule.of, rule.channel) for rule in rules if rule.signal in SCANNED}
         self._links = {rule.of for rule in rules if rule.signal.startswith("link_")}
         self._values: dict[tuple[str, str, int | None], tuple[int, float]] = {}
         self._fetched: dict[str, int] = {}  # by rule: number of the reading it was given last
@@ -170,7 +173,7 @@ class WatchedSignals:
         if chamber is not None and self._wanted & {"chamber_air", "chamber_slope"}:
             self._air(chamber)
         if self._asked % LOGGER_EACH == 0:
-            for role in sorted({role for role, _ in self._channels}):
+            for role in sorted({role for _, role, _ in self._channels}):
                 self._scan(role, self._context.instruments[role])
         self._asked += 1
 
@@ -178,33 +181,20 @@ class WatchedSignals:
         health = self._context.health
         age_s = health.age_s(CHAMBER_AIR)
         if age_s is None or age_s > FRESH_S:
-            self._idle(CHAMBER, lambda: health.note(CHAMBER_AIR, float(chamber.measure_air())))  # type: ignore[attr-defined]
+            read_idle(self._context, CHAMBER, lambda: health.note(CHAMBER_AIR, float(chamber.measure_air())))  # type: ignore[attr-defined]
             age_s = health.age_s(CHAMBER_AIR)
         if age_s is not None and age_s <= FRESH_S:
             self._temperature("chamber_air", "chamber_slope", health.values()[CHAMBER_AIR])
 
     def _scan(self, role: str, logger: Instrument) -> None:
         def scan() -> None:
-            temperatures = dict(zip(logger.options["channels"], logger.scan(), strict=True))  # type: ignore[attr-defined]
-            for of, channel in self._channels:
+            temperatures = scanned(logger)
+            for signal, of, channel in self._channels:
                 if of == role and channel in temperatures:
-                    self.put("lab_air", float(temperatures[channel]), role, channel)
-            self._context.event(
-                Surroundings(role=role, degC={str(channel): temperatures[channel] for channel in temperatures})
-            )
+                    self.put(signal, temperatures[channel], role, channel)
+            self._context.event(Surroundings(role=role, degC={str(key): degC for key, degC in temperatures.items()}))
 
-        self._idle(role, scan)
-
-    def _idle(self, role: str, read: Callable[[], None]) -> None:
-        """Read an instrument that no step is talking to; one that does not answer gave no reading."""
-        with _bus_of(self._context.instruments[role]):  # a step that begins now waits for its first command
-            if role in self._context.in_use:
-                return
-            try:
-                with hurried(self._context.instruments[role], CALL_S):  # one that is mute must not keep the bus
-                    read()
-            except InstrumentError as error:
-                self._context.event(Error(code=error.code, text=str(error), where=error.where))
+        read_idle(self._context, role, scan)
 
     def _temperature(self, name: str, slope: str, value_degC: float) -> None:
         if not math.isfinite(value_degC):
@@ -242,6 +232,31 @@ class WatchedSignals:
         self.put("link_bad", share.bad, link)
         if reader.last_frame_ns >= 0:
             self.put("link_age", age_s(reader, now_ns), link)
+
+
+def read_idle(context: RunContext, role: str, read: Callable[[], None]) -> None:
+    """Read an instrument that no step is talking to; one that does not answer gave no reading."""
+    with _bus_of(context.instruments[role]):  # a step that begins now waits for its first command
+        if role in context.in_use:
+            return
+        try:
+            with hurried(context.instruments[role], CALL_S):  # one that is mute must not keep the bus
+                read()
+        except InstrumentError as error:
+            context.event(Error(code=error.code, text=str(error), where=error.where))
+
+
+def scanned(logger: Instrument) -> dict[int, float]:
+    """Return temperatures of a data logger by channel, degC. Raises: InstrumentError."""
+    return dict(zip(logger.options["channels"], map(float, logger.scan()), strict=True))  # type: ignore[attr-defined]
+
+
+def leaves_the_bus(context: RunContext, following: Following) -> bool:
+    """Return True while the step under way waits for ``QUIET_S`` yet: a scan keeps the bus for seconds."""
+    step = following.step_under_way
+    if step is None or context.stop.holds.reasons:
+        return True
+    return context.timeline.target_ns(step.at_s + step.duration_s) - context.clock.now_ns() >= QUIET_S * NS
 
 
 def _bus_of(instrument: Instrument) -> AbstractContextManager[object]:

@@ -90,6 +90,7 @@ export function showHead() {
   show("holds", holdLine());
   byId("badge").dataset.attention = state.attention ?? "none";
   show("outcome", outcomeLine());
+  show("unwatched", (state.unwatched ?? []).join("; "));
   const percent = Math.round((state.progress ?? 0) * 1000) / 10;
   byId("progress").setAttribute("aria-valuenow", percent);
   byId("progress").firstElementChild.style.width = `${percent}%`;

@@ -8,7 +8,8 @@ import pytest
 from plan_sample import ROOT, SEQUENCE
 
 from bench.model.errors import InputErrors
-from bench.plan import Plan, check_plan, compile_sequence
+from bench.model.shipped import find_shipped
+from bench.plan import Plan, check_plan, compile_sequence, load_station, summarise, unwatched
 
 AIR = "  air: {signal: lab_air, of: logger, channel: 101, high: 24 degC, action: warn"
 
@@ -131,3 +132,18 @@ def test_a_sequence_may_ask_for_early_verdicts(tmp_path: Path) -> None:
     assert plan.early is not None
     assert (plan.early.after, plan.early.every, plan.early.on_fail) == (1800.0, 7200.0, "hold")
     assert plan.early.max_lost == 0.005
+
+
+def test_a_plan_that_no_interlock_watches_says_so(tmp_path: Path) -> None:
+    station = (ROOT / "stations" / "af_bench_sim.yaml").read_text(encoding="utf-8")
+    before, _, behind = station.partition("interlocks:\n")
+    bare = tmp_path / "bare.yaml"
+    bare.write_text(before + behind[behind.index("# What the live page draws") :], encoding="utf-8")
+    disk = tmp_path / "disk.yaml"
+    only = "interlocks:\n  disk: {signal: disk_time, low: 1 h, action: hold}\n"
+    disk.write_text(before + only + behind[behind.index("# What the live page draws") :], encoding="utf-8")
+    sequence = find_shipped("sequences", "scale_factor_short")
+    assert "no interlock is declared" in unwatched(compile_sequence(sequence, load_station(bare), {}))[0]
+    assert "no interlock watches the chamber" in unwatched(compile_sequence(sequence, load_station(disk), {}))[0]
+    watched = compile_sequence(sequence, None, {})
+    assert unwatched(watched) == summarise(watched).unwatched == ()

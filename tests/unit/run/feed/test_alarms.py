@@ -14,6 +14,11 @@ TRIPPED = {
     "state": "tripped",
 }  # fmt: skip
 
+DEVIATION = {
+    "what": "deviation", "name": "air", "of": "chamber", "state": "begun", "value": 53.0, "set_point": 50.0,
+    "limit": 2.0, "unit": "degC", "by": "its own sensor", "door": None, "action": "look at it",
+}  # fmt: skip
+
 
 def raised(kind: str, **fields: Any) -> list[dict[str, Any]]:
     alarms = Alarms()
@@ -64,6 +69,29 @@ def raised(kind: str, **fields: Any) -> list[dict[str, Any]]:
         ("error", {"code": "B-INST-001", "text": "error B-INST-001: x: mute"}, "warning", False, "mute"),
         ("clock_step", {"step_s": 300.0, "t_utc_ns": 0}, "warning", False, "+300.000 s"),
         ("verdict", {"ok": False, "checks": [{"ok": False, "text": "drift"}]}, "alarm", False, "drift"),
+        (
+            "alarm",
+            DEVIATION,
+            "warning",
+            True,
+            "chamber: air is 53 degC, 2 degC or more outside its set-point of 50 degC (its own sensor): look at it",
+        ),
+        ("alarm", {**DEVIATION, "name": "runaway", "unit": "degC/min"}, "alarm", True, "moves away from its set-point"),
+        ("alarm", {**DEVIATION, "name": "runaway", "door": True}, "warning", True, "its door is or was open"),
+        (
+            "alarm",
+            {**DEVIATION, "name": "sensors", "unit": "K"},
+            "alarm",
+            True,
+            "its two sensors are 53 K apart, limit 2 K",
+        ),
+        (
+            "alarm",
+            {**DEVIATION, "name": "voltage", "unit": "V"},
+            "warning",
+            True,
+            "voltage is 53 V, set to 50 V within 2 V",
+        ),
         ("disk", {"code": "B-REC-001", "text": "no space"}, "fault", False, "no space"),
         ("safe", {"failures": ["switch: not confirmed safe"]}, "fault", False, "not confirmed"),
     ],
@@ -82,6 +110,7 @@ def test_what_raises_an_alarm(kind: str, fields: dict[str, Any], severity: str, 
         ("record", {"number": 1}), ("verdict", {"ok": True, "checks": []}), ("verdict", {"ok": None}),
         ("link", {"link": "port_a", "state": "open"}), ("guard", {"state": "ready"}), ("safe", {"failures": []}),
         ("end", {"error": None}), ("interlock", {**TRIPPED, "state": "released"}),
+        ("alarm", {**DEVIATION, "state": "over"}),
     ],
 )  # fmt: skip
 def test_what_raises_none(kind: str, fields: dict[str, Any]) -> None:
@@ -92,6 +121,7 @@ def test_what_raises_none(kind: str, fields: dict[str, Any]) -> None:
     ("begin", "over"),
     [
         (("interlock", TRIPPED), ("interlock", {**TRIPPED, "state": "released"})),
+        (("alarm", DEVIATION), ("alarm", {**DEVIATION, "state": "over"})),
         (("link", {"link": "a", "state": "lost", "reason": ""}), ("link", {"link": "a", "state": "back"})),
         (("hold", {"by": "x", "reason": "y"}), ("release", {"seconds": 3.0})),
         (("alarm", {"what": "stimulus", "role": "s"}), ("release", {"seconds": 3.0})),

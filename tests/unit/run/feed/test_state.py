@@ -15,7 +15,7 @@ from bench.run.feed.state import RunState
 KEYS = {
     "proto", "run", "boot_id", "title", "sequence", "station", "uut", "simulated", "clock", "source", "state",
     "outcome", "attention", "bench", "t_utc_s", "started_utc_s", "step", "wait", "progress", "eta", "holds", "prompt",
-    "records", "links", "instruments", "alarms", "log", "signals", "graphs", "timetable",
+    "records", "links", "instruments", "alarms", "unwatched", "log", "signals", "graphs", "timetable",
 }  # fmt: skip
 RECORD = {
     "number": 1, "link": "port_a", "first_counter": 0, "frames": 1000, "t_start_ns": 0, "t_end_ns": 0, "step": 5,
@@ -55,6 +55,8 @@ def test_a_run_that_has_not_begun() -> None:
     assert (document["run"], document["boot_id"], document["source"]) == (MANIFEST["session"], "ab", "live")
     assert document["uut"] == {"model": "NGU", "serial": "7"}
     assert document["records"]["planned"] == 1
+    assert document["unwatched"] == []
+    assert RunState(small_plan(), MANIFEST, unwatched=["nothing"]).document(START_S)["unwatched"] == ["nothing"]
 
 
 def test_a_recording_follows_the_plan_but_never_past_an_event_that_is_missing() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -20,6 +21,7 @@ from bench.run.bench.side_by_side import bus_of
 from bench.run.guard.lock import BenchLock, bus_keys
 from bench.run.preflight import Finding, Preflight, Report, Status
 from bench.run.preflight import survey as surveying
+from bench.run.preflight.of_bench import interlocks
 from bench.run.preflight.of_machine import stay_awake
 from bench.run.preflight.survey import Check, examine, survey
 from bench.session.happenings import preflight_table
@@ -50,6 +52,14 @@ def test_the_event_becomes_a_table_of_the_report() -> None:
     assert (event.ok, event.warn, event.fail, event.skipped) == (1, 1, 0, 0)
     (table,) = analysis_tables([preflight_table(event)])
     assert table.rows == (("one", "ok", "1", "2", "fine"), ("two", "warn", "", "", "not so fine"))
+
+
+def test_a_plan_without_interlocks_is_a_warning(tmp_path: Path) -> None:
+    plan = in_process_plan()
+    watched, bare = (interlocks(context(tmp_path, plan=each)) for each in (plan, replace(plan, interlocks=())))
+    assert (watched.status, watched.text) == (Status.OK, "")
+    assert (bare.status, bare.value) == (Status.WARN, "0")
+    assert "no interlock is declared" in bare.text
 
 
 # --- checks that go wrong ---------------------------------------------------------------------------------------------
