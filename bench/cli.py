@@ -17,7 +17,7 @@ from bench.commands.frame.app import app as frame_app
 from bench.commands.hand.app import commission, drill, talk
 from bench.commands.history.app import app as history_app
 from bench.commands.lab.app import init, list_all
-from bench.commands.living_app import abort, answer, pause, top
+from bench.commands.living_app import abort, answer, pause, shelve, top
 from bench.commands.session_app import AsJson, SessionFolder, batch, export, fit, replay, report, study
 from bench.commands.usage import App, completing
 from bench.model.errors import BenchError, ExitStatus, InputError
@@ -294,6 +294,9 @@ def sim(
 
 app.command(epilog='Example: bench pause sessions/20260101T180000Z_scale_factor_38h_17 --reason "door opened"')(pause)
 app.command(epilog="Example: bench abort sessions/20260101T180000Z_scale_factor_38h_17")(abort)
+app.command(
+    epilog="Example: bench shelve sessions/20260101T180000Z_scale_factor_38h_17 2 --for '30 min' --reason 'door open'"
+)(shelve)
 app.command(epilog="Example: bench answer sessions/20260101T180000Z_scale_factor_38h_17 '0.2 ohm'")(answer)
 app.command(epilog="Example: bench top")(top)
 

@@ -1,4 +1,4 @@
-"""``bench pause``, ``abort``, ``answer`` and what ``bench resume`` tries first: a word with a run that is alive."""
+"""``bench pause``, ``abort``, ``shelve``, ``answer``, what ``bench resume`` tries first: a word with a living run."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
 from bench.model.posix import unix_socket
+from bench.model.units import parse_quantity
 from bench.run.control.local_socket import LONGEST_LINE, find_socket
 
 ANSWER_S = 5.0
@@ -17,6 +18,7 @@ LONGEST_REPLY = 1_000_000
 ADVICE = {
     "answer": "'bench answer SESSION VALUE' again, the value with its unit; the run goes on waiting",
     "pause": "give a short --reason, one line; 'bench abort SESSION' ends the run",
+    "shelve": "'bench top SESSION' shows the alarms with their numbers",
     "resume": "'bench top SESSION' shows what the run does",
     "abort": "'bench top SESSION' shows what the run does; Ctrl-C in its own terminal or SIGTERM ends it too",
 }
@@ -51,6 +53,17 @@ def pause(folder: Path, reason: str) -> int:
 def abort(folder: Path, reason: str) -> int:
     """End a run at its next check; its bench is made safe and its session closed."""
     console().print(ask(folder, "abort", " ".join(reason.split()))["text"])
+    return ExitStatus.PASS
+
+
+def shelve(folder: Path, alarm: str, duration: str, reason: str) -> int:
+    """Shelve an alarm of a run for a while. Raises: InputError B-CTRL-004 for what is no duration; as ``ask``."""
+    try:
+        seconds = parse_quantity(duration, "s")
+    except ValueError as error:
+        advice = "for example --for '30 min'"
+        raise InputError("B-CTRL-004", str(error), where="--for", next_step=advice) from error
+    console().print(ask(folder, "shelve", " ".join(reason.split()), alarm=alarm, seconds=seconds)["text"])
     return ExitStatus.PASS
 
 

@@ -32,6 +32,18 @@ def abort(
     raise typer.Exit(control_command.abort(session, reason))
 
 
+def shelve(
+    session: SessionFolder,
+    alarm: Annotated[str, typer.Argument(help="its number, as 'bench top' shows it")],
+    duration: Annotated[str, typer.Option("--for", metavar="TIME", help="1 min to 8 h, with its unit")],
+    reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="why; it is shown and recorded")],
+) -> None:
+    """Shelve an alarm of a living run: it is shown as such, and nobody is notified of it for a while."""
+    from bench.commands import control as control_command
+
+    raise typer.Exit(control_command.shelve(session, alarm, duration, reason))
+
+
 def answer(
     session: SessionFolder,
     value: Annotated[str, typer.Argument(help="with its unit; nothing: what is asked is so")] = "",

@@ -18,6 +18,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "resume": "go on with a run that stopped, or let a paused one go on",
         "pause": "let a living run stand still",
         "abort": "end a living run safely",
+        "shelve": "call nobody because of an alarm for a while",
         "answer": "answer the prompt that a living run waits at",
         "top": "watch a living run in the terminal",
         "serve": "serve the live page of a folder of sessions",

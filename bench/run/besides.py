@@ -45,7 +45,7 @@ def besides(
             stack.enter_context(deviations(context, following, plan.interlocks))
             if not virtual:
                 if notify is not None:
-                    stack.enter_context(notifications(context, notify, feed.bench_line))
+                    stack.enter_context(notifications(context, notify, feed.bench_line, feed.state.is_shelved))
                 stack.enter_context(control(context, following, lambda: watch.tripped, feed.state, asking))
                 if plan.early is not None:
                     stack.enter_context(early_verdicts(context, plan.early))

@@ -42,7 +42,13 @@ def alarms(seen: Seen, look: Look) -> list[Text]:
         words.append(look.texts("alarm.active" if alarm.get("active") else "alarm.over"))
         if acknowledged:
             words.append(look.texts("alarm.acknowledged", by=acknowledged.get("by", "")))
-        text = look.clean(f"{' '.join(word for word in words if word)}: {alarm.get('text', '')}")
+        if shelved := alarm.get("shelved"):
+            until = look.time(shelved.get("until_utc_s"), now)
+            words.append(
+                look.texts("alarm.shelved", until=until, by=shelved.get("by", ""), reason=shelved.get("reason"))
+            )
+            style = "yellow"
+        text = look.clean(f"{alarm.get('id', '')} {' '.join(word for word in words if word)}: {alarm.get('text', '')}")
         lines += folded(text, look.width, style, f"{mark} ", "   ")
     return titled(look, "section.alarms", lines, "bold red")
 

@@ -343,7 +343,8 @@ class ClockStep(Event):
 class Control(Event):
     """A person has given a command from elsewhere; ``text``: what it was answered with.
 
-    ``alarm``: the id of the one that is acknowledged; ``prompt``, ``value``: what is answered.
+    ``alarm``: the id of the one that is acknowledged or, ``until_utc_s``, shelved; ``prompt``, ``value``: what is
+    answered.
     """
 
     kind: ClassVar[str] = "control"
@@ -355,6 +356,7 @@ class Control(Event):
     alarm: str | float | None = left_out()
     prompt: str | float | None = left_out()
     value: str | float | None = left_out()
+    until_utc_s: float | None = left_out()
 
     def _words(self) -> str:
         refused = f" (refused: {self.text})" if self.ok is False else ""

@@ -1,4 +1,4 @@
-"""Pause, resume, abort, acknowledge, answer and status of a living run, from another terminal or the live page.
+"""Pause, resume, abort, acknowledge, shelve, answer and status of a living run, from another terminal or the live page.
 
 One line of JSON asks, one answers: ``{"command": "pause", "reason": "..."}``. Every command becomes an event "control",
 done or refused, with its result; ``by`` says for whom the one who asks speaks. A pause holds the run for a day at most;
@@ -28,8 +28,9 @@ PAUSE_LIMIT_S = 24 * 3600.0
 LONGEST_REASON = 500
 LONGEST_NAME = 100
 MOST_REFUSED = 1000  # events of refused commands in one run: no client may fill a disk
-ABOUT = {"acknowledge": ("alarm",), "answer": ("prompt", "value")}  # what else the event says
-COMMANDS = ("status", "pause", "resume", "abort", "acknowledge", "answer")
+ABOUT = {"acknowledge": ("alarm",), "shelve": ("alarm",), "answer": ("prompt", "value")}  # what else the event says
+COMMANDS = ("status", "pause", "resume", "abort", "acknowledge", "shelve", "answer")
+LEAST_SHELVED_S, MOST_SHELVED_S = 60.0, 8 * 3600.0  # a shift: whoever comes then decides anew
 
 
 class Refusal(Exception):
@@ -69,9 +70,11 @@ class Control:
         by = f"{name} via {peer}" if name else peer
         do: dict[str, Callable[[Mapping[str, Any], str, str], str]] = {
             "pause": self._pause, "resume": self._resume, "abort": self._abort, "acknowledge": self._acknowledge,
-            "answer": self._answer,
+            "shelve": self._shelve, "answer": self._answer,
         }  # fmt: skip
         about = {key: request[key] for key in ABOUT.get(command, ()) if isinstance(request.get(key), str | int | float)}
+        if command == "shelve" and _is_number(request.get("seconds")):
+            about["until_utc_s"] = self._context.clock.utc_ns() / NS + float(request["seconds"])
         told = events.Control(what=command, by=by, reason=reason.strip(), **about)
         try:
             if self._context.stop.over:
@@ -115,6 +118,22 @@ class Control:
         if self._state is None or not isinstance(alarm, str) or not self._state.waits(alarm):
             raise Refusal("there is no such alarm that waits to be acknowledged")
         return f"alarm {alarm} is acknowledged"
+
+    def _shelve(self, request: Mapping[str, Any], reason: str, _: str) -> str:
+        now_s, alarm, seconds = self._context.clock.utc_ns() / NS, request.get("alarm"), request.get("seconds")
+        if not reason:
+            raise Refusal("an alarm is shelved for a reason; whoever comes next must know why")
+        if not _is_number(seconds) or not LEAST_SHELVED_S <= float(str(seconds)) <= MOST_SHELVED_S:
+            raise Refusal(f"an alarm is shelved for {LEAST_SHELVED_S:g} s to {MOST_SHELVED_S / 3600.0:g} h")
+        known = [] if self._state is None else self._state.alarm_documents(now_s)
+        found = next((each for each in known if each["id"] == alarm), None)
+        if found is None:
+            there = "; ".join(f"{each['id']}: {each['text'][:80]}" for each in known) or "none"
+            raise Refusal(f"there is no alarm {str(alarm)[:40]!r}; there are: {there}")
+        if found["severity"] == "fault":
+            raise Refusal(f"alarm {alarm} is a fault, which is never shelved")
+        until = datetime.fromtimestamp(now_s + float(str(seconds)), UTC)
+        return f"alarm {alarm} is shelved until {until:%Y-%m-%dT%H:%M:%SZ}; nobody is notified of it until then"
 
     def _answer(self, request: Mapping[str, Any], _: str, by: str) -> str:
         prompt = request.get("prompt")
@@ -200,6 +219,11 @@ def control(
 def _written(value: Any) -> Any:
     """Return a text as it can be journaled: half a character, of another encoding, keeps no abort back."""
     return value.encode(errors="replace").decode() if isinstance(value, str) else value
+
+
+def _is_number(value: object) -> bool:
+    """Return whether a JSON value is a number that a time can be made of."""
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= PAUSE_LIMIT_S
 
 
 def _no(why: str) -> dict[str, Any]:

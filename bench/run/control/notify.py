@@ -28,6 +28,15 @@ LAST_WORDS_S = 20.0  # what is still in the queue at the end of a run has this l
 HEARTBEAT = "heartbeat"
 
 
+Shelved = Callable[[Event, float], bool]
+"""Whether somebody has shelved what an event tells of, at a moment (UTC, seconds since 1970)."""
+
+
+def nothing_shelved(event: Event, t_utc_s: float) -> bool:
+    """Return that nothing is."""
+    return False
+
+
 def occasion(event: Event) -> str:
     """Return which occasion an event is: hold, alarm, end, error, or "" for one that nobody is told of."""
     match event:
@@ -48,12 +57,14 @@ class Notifier(Observer):
     loss = "nobody is notified any more"
 
     def __init__(
-        self, notify: NotifySection, context: RunContext, bench: Callable[[], str], pause_s: float = PAUSE_S
+        self, notify: NotifySection, context: RunContext, bench: Callable[[], str], pause_s: float = PAUSE_S,
+        shelved: Shelved = nothing_shelved,
     ) -> None:
         self._notify = notify
         self._context = context
         self._bench = bench
         self._pause_s = pause_s
+        self._shelved = shelved
         self._queue: deque[Message] = deque()
         self._dropped = 0
         self._wake = threading.Condition()
@@ -64,9 +75,12 @@ class Notifier(Observer):
 
     def event(self, event: Event, t_mono_ns: int) -> None:
         """Queue what an event says, if somebody wants to know."""
-        if (which := occasion(event)) in self._notify.on:
+        if (which := occasion(event)) in self._notify.on and not self._is_shelved(which, event):
             said = {name: str(value) for name, value in event.document().items()}
             self._put({"kind": which, "event": event.kind, **said})
+
+    def _is_shelved(self, which: str, event: Event) -> bool:
+        return which == "alarm" and self._shelved(event, self._context.clock.utc_ns() / NS)
 
     def beat(self) -> None:
         """Queue a sign of life; one that would have to wait behind others is left out."""
@@ -125,9 +139,11 @@ class Notifier(Observer):
 
 
 @contextmanager
-def notifications(context: RunContext, notify: NotifySection, bench: Callable[[], str]) -> Iterator[Notifier]:
-    """Tell people while the run goes on, on the wall clock."""
-    notifier = Notifier(notify, context, bench)
+def notifications(
+    context: RunContext, notify: NotifySection, bench: Callable[[], str], shelved: Shelved = nothing_shelved
+) -> Iterator[Notifier]:
+    """Tell people while the run goes on, on the wall clock; nobody of an alarm that is ``shelved``."""
+    notifier = Notifier(notify, context, bench, shelved=shelved)
     context.observers.add(notifier)
     beats = notify.heartbeat
     periodic = None if beats is None else context.clock.every(beats, guarded(notifier.beat, context.stop))

@@ -7,7 +7,7 @@ acknowledged.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any
 
 from bench.model.events import (
@@ -42,9 +42,19 @@ class Alarm:
     active: bool
     acknowledged: dict[str, Any] | None = None
 
-    def document(self) -> dict[str, Any]:
+    def document(self, shelved: Shelf | None) -> dict[str, Any]:
         """Return the entry of the state document."""
-        return {name: value for name, value in vars(self).items() if name not in ("key", "of")}
+        entry = {name: value for name, value in vars(self).items() if name not in ("key", "of")}
+        return {**entry, "shelved": None if shelved is None else asdict(shelved)}
+
+
+@dataclass(frozen=True)
+class Shelf:
+    """Who has shelved a trouble, why and until when: it is shown, and nobody is called because of it."""
+
+    by: str
+    reason: str
+    until_utc_s: float
 
 
 class Alarms:
@@ -53,6 +63,7 @@ class Alarms:
     def __init__(self) -> None:
         self._alarms: list[Alarm] = []  # oldest first
         self._count = 0
+        self._shelves: dict[str, Shelf] = {}  # by key of the trouble: the same again is shelved too
 
     def on_event(self, event: Event, t_utc_s: float) -> None:
         """Take an event; those that are no trouble change nothing."""
@@ -67,6 +78,9 @@ class Alarms:
                 self._end(event, t_utc_s)
             case Control(what="acknowledge") if event.ok is not False:
                 self.acknowledge(str(event.alarm), event.by, t_utc_s)
+            case Control(what="shelve", until_utc_s=float(until_utc_s)) if event.ok is not False:
+                if (alarm := self.known(str(event.alarm))) is not None:
+                    self._shelves[alarm.key] = Shelf(event.by, event.reason, until_utc_s)
             case _ if event.severity != "none":
                 self._raise(event, t_utc_s)
 
@@ -83,9 +97,19 @@ class Alarms:
         """Return whether there is such an alarm and nobody has acknowledged it."""
         return any(known.id == alarm and known.acknowledged is None for known in self._alarms)
 
-    def documents(self) -> list[dict[str, Any]]:
-        """Return all alarms, newest first."""
-        return [alarm.document() for alarm in sorted(self._alarms, key=lambda alarm: -alarm.t_utc_s)]
+    def known(self, alarm: str) -> Alarm | None:
+        """Return the alarm of this id, None if there is none."""
+        return next((known for known in self._alarms if known.id == alarm), None)
+
+    def shelf(self, key: str, t_utc_s: float) -> Shelf | None:
+        """Return how a trouble is shelved at a moment, None if it is not or not any more."""
+        shelf = self._shelves.get(key)
+        return shelf if shelf is not None and t_utc_s < shelf.until_utc_s else None
+
+    def documents(self, t_utc_s: float) -> list[dict[str, Any]]:
+        """Return all alarms at a moment, newest first."""
+        newest_first = sorted(self._alarms, key=lambda alarm: -alarm.t_utc_s)
+        return [alarm.document(self.shelf(alarm.key, t_utc_s)) for alarm in newest_first]
 
     def _end(self, event: End, t_utc_s: float) -> None:
         for alarm in self._alarms:

@@ -167,6 +167,16 @@ class RunState:
         with self._lock:
             return self.alarms.waits(alarm)
 
+    def alarm_documents(self, t_utc_s: float) -> list[dict[str, Any]]:
+        """Return the alarms at a moment, as in the document."""
+        with self._lock:
+            return self.alarms.documents(t_utc_s)
+
+    def is_shelved(self, event: Event, t_utc_s: float) -> bool:
+        """Return whether somebody has shelved the trouble that an event tells of."""
+        with self._lock:
+            return self.alarms.shelf(event.topic, t_utc_s) is not None
+
     # --- events that change what the run does ------------------------------------------------------------------
 
     def _take(self, event: Event, t: float) -> None:
@@ -238,7 +248,7 @@ class RunState:
                 "records": self._records.document(),
                 "links": self._links,
                 "instruments": self._panel.documents(),
-                "alarms": self.alarms.documents(),
+                "alarms": self.alarms.documents(t_utc_s),
                 "unwatched": self._unwatched,
                 "log": list(self._log),
                 "signals": self._signals,

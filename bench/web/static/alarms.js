@@ -23,7 +23,9 @@ function item(alarm) {
 function stateOf(alarm) {
   const now = alarm.active ? t("alarm.active") : t("alarm.over");
   const by = alarm.acknowledged ? t("alarm.by", { by: alarm.acknowledged.by, time: stamp(alarm.acknowledged.t_utc_s, page.state.started_utc_s) }) : "";
-  return [now, by].filter(Boolean).join(" \u00b7 ");
+  const { shelved } = alarm;
+  const shelf = shelved ? t("alarm.shelved", { time: stamp(shelved.until_utc_s, page.state.started_utc_s), by: shelved.by, reason: shelved.reason }) : "";
+  return [now, by, shelf].filter(Boolean).join(" \u00b7 ");
 }
 
 export function showAlarms() {
@@ -31,7 +33,7 @@ export function showAlarms() {
   byId("alarms-card").hidden = !alarms.length;
   const elements = alarms.map((alarm) => {
     const one = item(alarm);
-    one.element.classList.toggle("quiet", Boolean(alarm.acknowledged));
+    one.element.classList.toggle("quiet", Boolean(alarm.acknowledged || alarm.shelved));
     say(one.time, stamp(alarm.t_utc_s, page.state.started_utc_s));
     say(one.text, withCode(alarm.code, alarm.text, " "));
     say(one.state, stateOf(alarm));
@@ -46,7 +48,7 @@ export function showAlarms() {
 }
 
 function announce(alarms) {
-  const fresh = alarms.filter((alarm) => alarm.active && !alarm.acknowledged && !announced.has(alarm.id));
+  const fresh = alarms.filter((alarm) => alarm.active && !alarm.acknowledged && !alarm.shelved && !announced.has(alarm.id));
   for (const id of [...announced]) if (!alarms.some((alarm) => alarm.id === id)) announced.delete(id);
   if (!fresh.length) return;
   for (const alarm of fresh) announced.add(alarm.id);

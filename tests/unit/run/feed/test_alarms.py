@@ -23,7 +23,7 @@ DEVIATION = {
 def raised(kind: str, **fields: Any) -> list[dict[str, Any]]:
     alarms = Alarms()
     alarms.on_event(event_of(kind, fields), 5.0)
-    return alarms.documents()
+    return alarms.documents(9.0)
 
 
 @pytest.mark.parametrize(
@@ -133,17 +133,17 @@ def test_an_alarm_stays_until_it_is_over_and_acknowledged(begin: Any, over: Any)
     for first in ("over", "acknowledged"):
         alarms = Alarms()
         alarms.on_event(event_of(*begin), 1.0)
-        (alarm,) = alarms.documents()
+        (alarm,) = alarms.documents(9.0)
         if first == "over":
             alarms.on_event(event_of(*over), 2.0)
-            assert [one["active"] for one in alarms.documents()] == [False]
+            assert [one["active"] for one in alarms.documents(9.0)] == [False]
             assert alarms.acknowledge(alarm["id"], "kim", 3.0)
         else:
             assert alarms.acknowledge(alarm["id"], "kim", 3.0)
-            assert alarms.documents()[0]["acknowledged"] == {"by": "kim", "t_utc_s": 3.0}
+            assert alarms.documents(9.0)[0]["acknowledged"] == {"by": "kim", "t_utc_s": 3.0}
             assert not alarms.acknowledge(alarm["id"], "lee", 4.0)
             alarms.on_event(event_of(*over), 5.0)
-        assert alarms.documents() == []
+        assert alarms.documents(9.0) == []
 
 
 def test_the_same_trouble_again_is_the_same_alarm_until_somebody_has_seen_it() -> None:
@@ -152,15 +152,15 @@ def test_the_same_trouble_again_is_the_same_alarm_until_somebody_has_seen_it() -
     for moment in (1.0, 2.0, 3.0):
         alarms.on_event(event_of("error", error), moment)
     alarms.on_event(event_of("error", {**error, "where": "GPIB0::4"}), 4.0)
-    assert [(one["id"], one["t_utc_s"]) for one in alarms.documents()] == [("2", 4.0), ("1", 3.0)]
+    assert [(one["id"], one["t_utc_s"]) for one in alarms.documents(9.0)] == [("2", 4.0), ("1", 3.0)]
     alarms.on_event(
         event_of("control", {"what": "acknowledge", "alarm": "1", "by": "kim", "reason": "", "ok": True}), 5.0
     )
-    assert [one["id"] for one in alarms.documents()] == ["2"]
+    assert [one["id"] for one in alarms.documents(9.0)] == ["2"]
     alarms.on_event(event_of("control", {"what": "acknowledge", "alarm": "2", "by": "kim", "ok": False}), 5.0)
     assert alarms.waits("2")
     alarms.on_event(event_of("error", error), 6.0)
-    assert [one["id"] for one in alarms.documents()] == ["3", "2"]
+    assert [one["id"] for one in alarms.documents(9.0)] == ["3", "2"]
 
 
 def test_the_error_that_ends_a_run_is_a_fault() -> None:
@@ -169,7 +169,7 @@ def test_the_error_that_ends_a_run_is_a_fault() -> None:
         event_of("error", {"code": "B-RUN-031", "text": "error B-RUN-031: chamber: not reached", "step": 3}), 1.0
     )
     alarms.on_event(event_of("end", {"error": "B-RUN-031"}), 2.0)
-    (alarm,) = alarms.documents()
+    (alarm,) = alarms.documents(9.0)
     assert (alarm["severity"], alarm["code"]) == ("fault", "B-RUN-031")
     assert raised("end", error="B-RUN-071")[0]["severity"] == "fault"
 
@@ -179,7 +179,24 @@ def test_there_are_never_too_many_and_what_lasts_goes_last() -> None:
     alarms.on_event(event_of("interlock", TRIPPED), 0.0)
     for number in range(3 * MOST):
         alarms.on_event(event_of("error", {"code": "B-X", "where": f"place {number}", "text": "bad"}), float(number))
-    found = alarms.documents()
+    found = alarms.documents(9.0)
     assert len(found) == MOST
     assert found[-1]["active"]
     assert found[0]["t_utc_s"] == 3 * MOST - 1
+
+
+def test_what_is_shelved_stays_so_for_its_time_also_when_it_comes_again() -> None:
+    alarms = Alarms()
+    alarms.on_event(event_of("alarm", DEVIATION), 10.0)
+    shelve = {"what": "shelve", "alarm": "1", "by": "kim", "reason": "door is being mended", "until_utc_s": 100.0}
+    alarms.on_event(event_of("control", {**shelve, "ok": False}), 11.0)
+    assert alarms.documents(12.0)[0]["shelved"] is None
+    alarms.on_event(event_of("control", {**shelve, "ok": True}), 11.0)
+    shelved = {"by": "kim", "reason": "door is being mended", "until_utc_s": 100.0}
+    assert alarms.documents(12.0)[0]["shelved"] == shelved
+    assert alarms.acknowledge("1", "kim", 13.0)
+    alarms.on_event(event_of("alarm", {**DEVIATION, "state": "over"}), 14.0)
+    assert alarms.documents(15.0) == []
+    alarms.on_event(event_of("alarm", DEVIATION), 20.0)
+    assert alarms.documents(99.9)[0]["shelved"] == shelved
+    assert alarms.documents(100.0)[0]["shelved"] is None
