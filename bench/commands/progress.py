@@ -26,8 +26,8 @@ from bench.run.feed.client import FeedClient, FeedGone
 from bench.run.feed.planned import in_words
 
 PLAIN_EVERY = 50
-SIGN_OF_LIFE_S = 540.0  # looked at each minute, so a log is never silent for more than ten
-LOOK_EVERY_S = 60.0
+SIGN_OF_LIFE_S = 540.0  # looked at each half minute, so a log is never silent for more than ten
+LOOK_EVERY_S = 30.0  # while the run waits for a disk, an instrument or a person, a line each time
 BAR = 30  # columns
 NARROW = 120  # a terminal that has less shows no bar: figures tell more
 Document = Mapping[str, Any]
@@ -39,7 +39,7 @@ def _counts(row: RecordRow) -> bool:
 
 
 class PlainLines:
-    """A line at each soak, prompt and every 50th record, and at least each ten minutes; for logs and pipes.
+    """A line at each soak, prompt, 50th record and half minute of waiting, and each ten minutes; for logs and pipes.
 
     ``asks``: prompts are put to somebody; those that a simulated bench answers itself are not told.
     """
@@ -73,11 +73,12 @@ class PlainLines:
             follower.close()
 
     def sign_of_life(self, follower: Follower) -> None:
-        """One line of where the run is, if nothing was said for nine minutes."""
-        if self._clock.now_ns() - self._said_ns < SIGN_OF_LIFE_S * NS:
-            return
-        document = follower.look()
+        """One line of where the run is, if nothing was said for nine minutes; of what it waits for, always."""
+        document, silent_ns = follower.look(), self._clock.now_ns() - self._said_ns
         if document is None:
+            return
+        waits = bool(document.get("holds") or document.get("prompt"))
+        if silent_ns < (LOOK_EVERY_S / 2.0 if waits else SIGN_OF_LIFE_S) * NS:
             return
         done = f"{self._records}/{self._plan.record_count} records, {losses(document)}"
         when = hours(document["t_utc_s"] - document["started_utc_s"])

@@ -17,16 +17,23 @@ from bench.tui.page import page_of
 from bench.tui.watch import Seen, Watch, ending, remember_earlier
 
 SOCKETS = ("live.sock", "live.path")
+AGAIN_S = 1.0
 
 
 def top(session: Path | None, out: Path) -> int:
     """Watch the run of a session, or the newest run that answers in ``out``; without a terminal print its state once.
 
-    Raises: InputError B-TUI-001 if no run answers.
+    On a terminal it waits for a run to appear in ``out``. Raises: InputError B-TUI-001 if no run answers.
     """
-    watch = _watched([session] if session is not None else _candidates(out), session or out)
+    on_terminal = sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM", "dumb") != "dumb"
+    watch = _watched([session] if session is not None else _candidates(out))
+    if watch is None and session is None and on_terminal:
+        watch = _waited_for(out)
+    if watch is None:
+        advice = "name the folder of a living run, or its --out; 'bench serve' shows finished sessions too"
+        raise InputError("B-TUI-001", "no run answers here", where=str(session or out), next_step=advice)
     look = Look(catalogue(), glyphs_for(os.environ, sys.stdout.encoding or ""))
-    if not (sys.stdout.isatty() and sys.stdin.isatty()) or os.environ.get("TERM", "dumb") == "dumb":
+    if not on_terminal:
         _print(watch.seen, look)
         return ExitStatus.PASS
     TopApp(watch.seen, look, watch.look).run(mouse=False)  # so that text can be marked and copied
@@ -39,7 +46,8 @@ def _candidates(out: Path) -> list[Path]:
     return sorted(folders, key=lambda folder: (folder.stat().st_mtime_ns, folder.name), reverse=True)
 
 
-def _watched(folders: list[Path], where: Path) -> Watch:
+def _watched(folders: list[Path]) -> Watch | None:
+    """Return the first run that answers, None if none does."""
     for folder in folders:
         try:
             watch = Watch(folder, FeedClient(folder), WallClock(), partial(ending, folder), FeedGone)
@@ -47,12 +55,16 @@ def _watched(folders: list[Path], where: Path) -> Watch:
             continue
         remember_earlier(watch.seen, folder)
         return watch
-    raise InputError(
-        "B-TUI-001",
-        "no run answers here",
-        where=str(where),
-        next_step="name the folder of a living run, or its --out; 'bench serve' shows finished sessions too",
-    )
+    return None
+
+
+def _waited_for(out: Path) -> Watch:
+    """Return a run as soon as one answers; Ctrl-C ends the waiting."""
+    console().print(f"no run answers in {out} yet: waiting for one to begin, Ctrl-C leaves")
+    clock = WallClock()
+    while (watch := _watched(_candidates(out))) is None:
+        clock.sleep(AGAIN_S)
+    return watch
 
 
 def _print(seen: Seen, look: Look) -> None:

@@ -18,7 +18,7 @@ from bench.commands import progress as progress_module
 from bench.commands.check import settings_of
 from bench.commands.conducting import TerminalOperator
 from bench.commands.console import PLAIN_COLUMNS, console
-from bench.commands.progress import Follower, PlainLines, ProgressBar, doing, ends, losses
+from bench.commands.progress import LOOK_EVERY_S, Follower, PlainLines, ProgressBar, doing, ends, losses
 from bench.model.errors import BenchError
 from bench.model.units import hours
 from bench.plan import Step
@@ -310,6 +310,27 @@ def test_a_quiet_log_shows_that_the_run_lives(capsys: pytest.CaptureFixture[str]
     lines.sign_of_life(told)
     words = "1:00:00  38 %  step 4123/9170  soak 50 degC: 48.2 degC, +0.4 degC/min, 0:12:40 of 0:30:00; "
     assert capsys.readouterr().out == f"{words}0/100 records, 7 lost, 3 bad; ends 11-19 11:26Z, latest 12:00Z\n"
+
+
+@pytest.mark.parametrize(
+    ("waiting", "said"),
+    [
+        ({"holds": {"instrument dmm": "B-INST-001: no answer"}}, "B-INST-001: no answer (instrument dmm)"),
+        ({"holds": {"interlock disk": "disk_time is 60 s"}}, "disk_time is 60 s (interlock disk)"),
+        ({"prompt": {"id": "1"}, "wait": {"reason": "answer: is the door closed?"}}, "answer: is the door closed?"),
+    ],
+)
+def test_while_it_waits_for_disk_instrument_or_person_it_says_so_each_half_minute(
+    capsys: pytest.CaptureFixture[str], waiting: dict[str, Any], said: str
+) -> None:
+    clock: Any = SetClock()
+    lines = PlainLines(PLAN, console(), clock)
+    told: Any = SimpleNamespace(look=lambda: document() | waiting)
+    for moment in range(1, 5):
+        clock.s = LOOK_EVERY_S * moment
+        lines.sign_of_life(told)
+    assert LOOK_EVERY_S == 30.0
+    assert capsys.readouterr().out.count(said) == 4
 
 
 def test_a_log_that_is_not_quiet_needs_no_sign(capsys: pytest.CaptureFixture[str]) -> None:

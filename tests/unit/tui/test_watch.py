@@ -204,6 +204,31 @@ def test_no_run_answers(runs: Runs, tmp_path: Path, named: bool) -> None:
     assert str(place if named else tmp_path) in str(caught.value)
 
 
+def test_on_a_terminal_it_waits_for_a_run_to_appear(
+    runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    shown: list[str] = []
+    slept: list[float] = []
+
+    def sleep(self: object, seconds: float) -> None:
+        slept.append(seconds)
+        if len(slept) == 3:
+            folder(tmp_path, "late", 1)
+            runs.answering = {"late": FakeFeed(document(sequence="late"))}
+
+    monkeypatch.setattr(command.WallClock, "sleep", sleep, raising=False)
+    monkeypatch.setattr("sys.stdout.isatty", lambda: True)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setenv("TERM", "xterm")
+    app = SimpleNamespace(run=lambda mouse: None)
+    monkeypatch.setattr(command, "TopApp", lambda seen, *_: shown.append(seen.document["sequence"]) or app)
+    assert command.top(None, tmp_path) == ExitStatus.PASS
+    assert (shown, slept) == (["late"], [1.0] * 3)
+    assert "waiting for one to begin" in capsys.readouterr().out
+    with pytest.raises(InputError, match="B-TUI-001"):
+        command.top(tmp_path / "named", tmp_path)
+
+
 def test_no_folder_at_all(runs: Runs, tmp_path: Path) -> None:
     with pytest.raises(InputError) as caught:
         command.top(None, tmp_path / "none")
