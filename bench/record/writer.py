@@ -20,6 +20,7 @@ SEGMENT_S = 3600
 CHUNK_BYTES = 1_000_000  # a chunk is closed before its second when it gets this large
 HELD_BYTES = 64_000_000  # kept in memory while the disk refuses
 RETIRED_FILES = 4  # finished segments kept open for the next sync; a virtual run never syncs
+FOLDER_MODE = 0o750  # what a unit is and how it behaves is for its owner and the group
 HEAD_COPIES = 2  # of manifest and texts
 
 
@@ -81,7 +82,7 @@ class SessionWriter:
         Raises: RecordError B-REC-001 if the first segment cannot be created or written.
         """
         try:
-            folder.mkdir(parents=True, exist_ok=True)
+            folder.mkdir(mode=FOLDER_MODE, parents=True, exist_ok=True)
             writer = cls(folder, files or OsFiles(), t_mono_ns=t_mono_ns)
         except OSError as error:
             raise _cannot_write(folder, error) from error

@@ -16,7 +16,7 @@ from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError
 from sqlalchemy.pool import NullPool
 
-from bench.store.errors import StoreError, explained
+from bench.store.errors import StoreError, explained, masked
 from bench.store.tables import METADATA, VERSION, doubts, history
 
 WAIT_S = 3
@@ -196,8 +196,8 @@ def history_address(url: str) -> Address:
     try:
         parsed = make_url(url)
     except ArgumentError as error:
-        raise StoreError("B-STORE-001", f"{url!r} is no address of a history", next_step=_EXAMPLES) from error
-    where = parsed.render_as_string(hide_password=True)
+        raise StoreError("B-STORE-001", f"{masked(url)!r} is no address of a history", next_step=_EXAMPLES) from error
+    where = masked(url)
     backend = parsed.get_backend_name()
     if backend == "sqlite" and parsed.database not in (None, "", ":memory:"):
         return Address(parsed.set(drivername="sqlite+pysqlite"), where)

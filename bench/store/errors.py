@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -41,6 +42,18 @@ class StoreError(BenchError):
     exit_status = ExitStatus.BAD_INPUT
 
 
+_USERINFO = re.compile(r"(://[^:/@\s]*:)\S*@")
+_PARAMETER = re.compile(r"(\b(?:ssl)?pass(?:word|wd|phrase)?\s*=\s*)('[^']*'|[^&;\s]*)", re.IGNORECASE)
+
+
+def masked(url: str) -> str:
+    """Return a URL without its password, in every form a password may have there, even if it is no URL at all.
+
+    Between the name of a user and the last @, or as a parameter, also as the driver's own words ``password=...``.
+    """
+    return _PARAMETER.sub(r"\1***", _USERINFO.sub(r"\1***@", url))
+
+
 @contextmanager
 def explained(where: str) -> Iterator[None]:
     """Turn what the database library raises into a StoreError.
@@ -52,7 +65,7 @@ def explained(where: str) -> Iterator[None]:
         yield
     except (SQLAlchemyError, sqlite3.Error) as error:
         original = getattr(error, "orig", None) or error
-        text = " ".join(str(original).split())[:200]
+        text = masked(" ".join(str(original).split()))[:200]
         code, message, advice = _sqlite(original) if isinstance(original, sqlite3.Error) else _server(error, original)
         raise StoreError(code, f"{message} ({text})", where=where, next_step=advice) from error
 

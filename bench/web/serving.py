@@ -11,6 +11,7 @@ import asyncio
 import logging
 import signal
 import socket
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,10 +25,11 @@ from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIO
 from bench.model.clock import Clock
 from bench.web.command_request import SentCommands
 from bench.web.security.audit import Audit
-from bench.web.security.logins import Cookies, Lease
+from bench.web.security.logins import Cookies, Lease, LoggedOut
 from bench.web.security.tokens import LoginLimit, Tokens
 
 MOST_CONNECTIONS = 256
+MOST_OF_ADDRESS = 96  # of them: one address does not shut out the others
 LARGEST_MESSAGE = 65_536  # bytes of a WebSocket message from a page
 HEAD_S = 10.0  # for the head of a request, however it drips
 UNREAD_S = 120.0  # for an answer to be taken
@@ -55,13 +57,15 @@ class Serving:
     any_address: bool = False
     origins: frozenset[str] = field(init=False)
     cookies: Cookies = field(init=False)
+    logged_out: LoggedOut = field(init=False)
     lease: Lease = field(init=False)
     limit: LoginLimit = field(init=False)
     sent: SentCommands = field(init=False)
 
     def __post_init__(self) -> None:
         self.origins = frozenset(f"{self.scheme}://{host}" for host in self.hosts)
-        self.cookies = Cookies(self.tokens, self.clock, self.port, self.secure)
+        self.logged_out = LoggedOut(self.audit.folder, self.clock)
+        self.cookies = Cookies(self.tokens, self.clock, self.port, self.secure, self.logged_out)
         self.lease = Lease(self.clock)
         self.limit = LoginLimit(self.clock)
         self.sent = SentCommands()
@@ -95,9 +99,10 @@ def written(place: tuple[str, int] | None, secure: bool) -> frozenset[str]:
 
 def server_of(app: Starlette, cert: Path | None = None, key: Path | None = None) -> uvicorn.Server:
     """Return the server of ``app``, not started: plain HTTP without ``cert``, bounded in everything."""
+    serving: Serving = app.state.serving
     config = uvicorn.Config(
         app,
-        http=PatientHttp,
+        http=PatientHttp if serving.behind_proxy else _counting(),
         ws=PatientSocket,
         ws_max_size=LARGEST_MESSAGE,
         ws_per_message_deflate=False,  # costs more processor than it saves on points
@@ -187,6 +192,41 @@ class PatientHttp(H11Protocol):
         if self._timer is not None:
             self._timer.cancel()
             self._timer = None
+
+
+def _counting() -> type[PatientHttp]:
+    """Return the protocol of a server that cuts what an address opens beyond ``MOST_OF_ADDRESS``, before it is read."""
+    opened: Counter[str] = Counter()
+
+    class Counted(PatientHttp):
+        _address: str | None = None  # that is counted
+
+        def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+            super().connection_made(transport)
+            address = str((transport.get_extra_info("peername") or ("",))[0])
+            if opened[address] >= MOST_OF_ADDRESS:
+                transport.abort()
+                return
+            self._address = address
+            opened[address] += 1
+
+        def data_received(self, data: bytes) -> None:
+            super().data_received(data)
+            if self.transport.get_protocol() is not self:  # a WebSocket now, which the gate counts
+                self._count_down()
+
+        def connection_lost(self, exc: Exception | None) -> None:
+            self._count_down()
+            super().connection_lost(exc)
+
+        def _count_down(self) -> None:
+            if self._address is not None:
+                opened[self._address] -= 1
+                if not opened[self._address]:
+                    del opened[self._address]
+            self._address = None
+
+    return Counted
 
 
 class PatientSocket(WebSocketsSansIOProtocol):

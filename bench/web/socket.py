@@ -16,6 +16,7 @@ from bench.web.room import Viewer
 NO_SUCH_RUN = 4404
 TOO_SLOW = 4408  # has not taken a single message for so long that nobody can be there
 LONGEST_SEND_S = 120.0
+GONE = (WebSocketDisconnect, RuntimeError)  # the page, or the server's own watch of its pings, has closed it meanwhile
 
 
 async def socket(websocket: WebSocket) -> None:
@@ -27,7 +28,8 @@ async def socket(websocket: WebSocket) -> None:
         async with hub.watching(websocket.query_params.get("run", ""), viewer) as watched:
             await _serve(websocket, viewer, watched)
     except BenchError as error:
-        await websocket.close(NO_SUCH_RUN, error.code)
+        with suppress(*GONE):
+            await websocket.close(NO_SUCH_RUN, error.code)
 
 
 async def _serve(websocket: WebSocket, viewer: Viewer, watched: Watched) -> None:
@@ -61,7 +63,7 @@ async def _send(websocket: WebSocket, viewer: Viewer, watched: Watched) -> None:
             with suppress(Exception):
                 await asyncio.wait_for(websocket.close(TOO_SLOW, "too slow"), 0.1)
             return
-        except WebSocketDisconnect:
+        except GONE:
             return
 
 

@@ -22,7 +22,7 @@ class Audit:
     on standard error once, because an abort must work on a full disk too."""
 
     def __init__(self, folder: Path, clock: Clock, largest: int = LARGEST) -> None:
-        self._folder = folder
+        self.folder = folder
         self._clock = clock
         self._largest = largest
         self._lock = threading.Lock()
@@ -38,17 +38,17 @@ class Audit:
                 self._told = False
             except OSError as error:
                 if not self._told:
-                    print(f"bench serve: the audit {self._folder / FILE} is not written: {error}", file=sys.stderr)  # noqa: T201
+                    print(f"bench serve: the audit {self.folder / FILE} is not written: {error}", file=sys.stderr)  # noqa: T201
                 self._told = True
 
     def _append(self, line: bytes) -> None:
-        path = self._folder / FILE
+        path = self.folder / FILE
         if path.exists() and path.stat().st_size + len(line) > self._largest:
             for number in range(KEPT - 1, 0, -1):
-                older = self._folder / f"serve.{number}.jsonl"
+                older = self.folder / f"serve.{number}.jsonl"
                 if older.exists():
-                    older.replace(self._folder / f"serve.{number + 1}.jsonl")
-            path.replace(self._folder / "serve.1.jsonl")
+                    older.replace(self.folder / f"serve.{number + 1}.jsonl")
+            path.replace(self.folder / "serve.1.jsonl")
         descriptor = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT | RAW | NO_LINK, 0o600)
         try:
             os.write(descriptor, line)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
+from collections import Counter
 from typing import Any
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -25,6 +26,7 @@ from bench.web.serving import Serving
 LOGIN = "/login"
 HEADER, HEADER_VALUE = "x-bench-command", "1"
 MOST_SOCKETS = 120  # WebSockets that are open at once; the limit of the server's connections does not count them
+MOST_OF_ADDRESS = 60  # of them
 KEPT_FOR_OPERATORS = 20  # of them: whoever commands must not be shut out by those who look
 LARGEST_BODY = 65_536
 BODY_S = 10.0
@@ -60,7 +62,7 @@ class Gate:
     def __init__(self, app: ASGIApp, serving: Serving) -> None:
         self._app = app
         self._serving = serving
-        self._sockets = 0
+        self._sockets: Counter[str] = Counter()  # by address
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         if scope["type"] == "http":
@@ -77,18 +79,21 @@ class Gate:
             login = self._admit(headers, scope)
             self._check_origin(headers, scope)
             _check_path(scope)
-            self._check_room(login)
+            self._check_room(login, scope["address"])
         except Refusal as refusal:
             await receive()  # the connect message
             await send({"type": "websocket.accept"})
             await send({"type": "websocket.close", "code": _CLOSE[refusal.status], "reason": refusal.code})
             return
-        self._sockets += 1
+        address = scope["address"]
+        self._sockets[address] += 1
         try:
             with self._serving.lease.present(login):
                 await self._app(scope, receive, send)
         finally:
-            self._sockets -= 1
+            self._sockets[address] -= 1
+            if not self._sockets[address]:
+                del self._sockets[address]
 
     async def _http(self, scope: Scope, receive: Receive, send: Send) -> None:
         started = False
@@ -146,8 +151,9 @@ class Gate:
             advice = "only the page itself sends commands"
             raise Refusal(403, "B-WEB-010", "the request comes from elsewhere", next_step=advice)
 
-    def _check_room(self, login: Login) -> None:
-        if self._sockets >= MOST_SOCKETS - (0 if login.may_command else KEPT_FOR_OPERATORS):
+    def _check_room(self, login: Login, address: str) -> None:
+        full = self._sockets.total() >= MOST_SOCKETS - (0 if login.may_command else KEPT_FOR_OPERATORS)
+        if full or self._sockets[address] >= MOST_OF_ADDRESS:
             raise Refusal(429, "B-WEB-023", "too many pages are open", next_step="close some; the page tries again")
 
     def _address(self, headers: Headers, scope: Scope) -> str:

@@ -57,10 +57,14 @@ async def login(request: Request) -> Response:
 
 
 async def logout(request: Request) -> Response:
-    """Take the cookie and the command away; the reply is JSON like that of a command."""
+    """End the login, so that no copy of its cookie opens anything, and give the command up.
+
+    The reply is JSON like that of a command.
+    """
     serving: Serving = request.app.state.serving
     who: Login = request.user
     serving.lease.leave(who)
+    serving.logged_out.add(who)
     serving.audit.write("logout", name=who.name, role=who.role, address=request.scope["address"], ok=True, text="")
     return JSONResponse({"ok": True, "text": "logged out"}, headers={"Set-Cookie": serving.cookies.forget()})
 

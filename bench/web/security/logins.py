@@ -1,25 +1,30 @@
-"""Logins, as signed cookies of which the server keeps nothing, and the login that commands: one at a time."""
+"""Logins, as signed cookies of which the server keeps only those that were ended; and the one that commands."""
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Container, Iterator
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from hashlib import sha256
+from pathlib import Path
 
 from itsdangerous import BadData, TimestampSigner, URLSafeTimedSerializer
 from starlette.requests import cookie_parser
 
 from bench.model.clock import NS, Clock
+from bench.model.posix import NO_LINK
 from bench.web.security.tokens import OPERATOR, VIEWER, Tokens
 
 VALID_S = 7 * 86_400  # longer than any run
 AHEAD_S = 86_400  # a cookie may come from the future, because clocks are set back, but not from afar
 NAME = re.compile(r"\w[\w .'@-]{0,38}[\w.]|\w")  # no comma, no bracket: the name becomes part of "name, role, address"
 AWAY_S = 60.0
+LOGOUTS = "serve.logouts"
 
 
 @dataclass(frozen=True)
@@ -35,10 +40,39 @@ class Login:
         return self.role == OPERATOR
 
 
-class Cookies:
-    """Writes and reads the cookie of one server: ``name`` is that of the cookie."""
+class LoggedOut:
+    """The logins that were ended before their cookie was too old, in ``serve.logouts``: a copy of it opens nothing.
 
-    def __init__(self, tokens: Tokens, clock: Clock, port: int, secure: bool) -> None:
+    What cannot be written is known until the server ends.
+    """
+
+    def __init__(self, folder: Path, clock: Clock) -> None:
+        self._path, self._clock = folder / LOGOUTS, clock
+        self._until_s: dict[str, int] = {}
+        with suppress(OSError, ValueError, TypeError):
+            kept = json.loads(self._path.read_text(encoding="utf-8"))
+            self._until_s = {str(login): int(until_s) for login, until_s in kept.items()}
+
+    def add(self, login: Login) -> None:
+        """End a login."""
+        now_s = self._clock.utc_ns() // NS
+        kept = {name: until_s for name, until_s in self._until_s.items() if until_s >= now_s}
+        self._until_s = {**kept, login.id: now_s + VALID_S + AHEAD_S}
+        draft = self._path.with_name(f".{LOGOUTS}.draft")
+        with suppress(OSError):
+            descriptor = os.open(draft, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | NO_LINK, 0o600)
+            with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+                json.dump(self._until_s, file)
+            draft.replace(self._path)
+
+    def __contains__(self, login_id: object) -> bool:
+        return login_id in self._until_s
+
+
+class Cookies:
+    """Writes and reads the cookie of one server: ``name`` is that of the cookie; none of a login that was ended."""
+
+    def __init__(self, tokens: Tokens, clock: Clock, port: int, secure: bool, logged_out: Container[str] = ()) -> None:
         class _Signer(TimestampSigner):
             """Asks the one clock of the project."""
 
@@ -49,6 +83,7 @@ class Cookies:
         self.name = f"{'__Host-' if secure else ''}bench_login_{port}"
         self._secure = secure
         self._clock = clock
+        self._logged_out = logged_out
         self._serializer = URLSafeTimedSerializer(
             tokens.cookie_key,
             salt="login",
@@ -74,7 +109,7 @@ class Cookies:
         except (BadData, ValueError, TypeError):
             return None
         age_s = self._clock.utc_ns() // NS - signed.timestamp()
-        if not -AHEAD_S <= age_s <= VALID_S or role not in (VIEWER, OPERATOR):
+        if not -AHEAD_S <= age_s <= VALID_S or role not in (VIEWER, OPERATOR) or login_id in self._logged_out:
             return None
         return Login(name, role, login_id)
 

@@ -20,7 +20,7 @@ from websockets.sync.client import connect
 from bench.model.clock import WallClock
 from bench.web.app import create_app
 from bench.web.security.audit import FILE, Audit
-from bench.web.security.logins import Login
+from bench.web.security.logins import LOGOUTS, Login
 from bench.web.security.tokens import obtain_tokens
 from bench.web.serving import Serving, server_of, written
 
@@ -61,7 +61,8 @@ class Page:
         return f"http://127.0.0.1:{self.port}"
 
     def forget(self) -> None:
-        """Nobody has logged in, commanded or failed; the tokens stay."""
+        """Nobody has logged in or out, commanded or failed; the tokens stay."""
+        (self.folder / LOGOUTS).unlink(missing_ok=True)
         self.serving.__post_init__()
         self.app.state.hub.lease = self.serving.lease.document
         (self.folder / FILE).unlink(missing_ok=True)

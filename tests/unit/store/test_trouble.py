@@ -25,6 +25,7 @@ from bench.store import (
     show_calibration,
 )
 from bench.store import database as opened
+from bench.store.errors import masked
 
 
 def record(url: str) -> str:
@@ -60,6 +61,37 @@ def test_where_the_history_is(tmp_path: Path) -> None:
 @pytest.mark.parametrize("url", ["", "history.sqlite", "mysql://somewhere/x", "sqlite://", "sqlite:///:memory:", "a b"])
 def test_no_address(url: str) -> None:
     assert record(url) == read(url) == "B-STORE-001"
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "postgresql://me:secret@host/x",
+        "postgresql://me:sec/ret@host/x",
+        "postgresql://me:s@secret@host:5432/x",
+        "postgresql://host/x?user=me&password=secret",
+        "postgresql://me@host/x?sslmode=require&sslpassword=secret&a=b",
+        "host=h password=secret user=me",
+        "host=h password = 'my secret' user=me",
+        "mysql://me:secret@host/x",
+        "postgresql://me:secret@host:port/x",
+        "post gresql://me:secret@host/x",
+    ],
+)
+def test_a_password_is_in_no_message_in_whatever_form_it_was_given(url: str) -> None:
+    for said in (masked(url), masked(f"cannot open {url}")):
+        assert "secret" not in said
+        assert "sec/ret" not in said
+        assert "***" in said
+    with pytest.raises(StoreError) as caught:
+        record_calibration(url, {}, {}, None)
+    assert "secret" not in str(caught.value)
+    assert "sec/ret" not in str(caught.value)
+
+
+def test_what_holds_no_password_stays_as_it_is() -> None:
+    for url in ("sqlite:////srv/a:b@c/history.sqlite", "postgresql://me@host:5432/x", "postgresql://[::1]:5432/x"):
+        assert masked(url) == url
 
 
 def test_a_driver_that_is_not_installed(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,15 +6,16 @@ import json
 import os
 import stat
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from web_rig import COMMAND, FORM, Page, served
 
-from bench.model.clock import VirtualClock
+from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import InputError
 from bench.web.security.audit import Audit
-from bench.web.security.logins import VALID_S, Cookies, Login, clean_name
+from bench.web.security.logins import LOGOUTS, VALID_S, Cookies, LoggedOut, Login, clean_name
 from bench.web.security.tokens import FILE, MOST_IN_ALL, OPERATOR, VIEWER, LoginLimit, obtain_tokens, private_folder
 
 KIM = Login("kim", OPERATOR, "0123456789abcdef")
@@ -113,6 +114,32 @@ def test_logging_out_takes_cookie_and_command(page: Page) -> None:
     answer = page.post("/logout", OPERATOR, {})
     assert "Max-Age=0" in answer.headers["set-cookie"]
     assert page.serving.lease.holder() is None
+
+
+def test_a_copied_cookie_dies_with_the_logout_also_for_a_restarted_server(tmp_path: Path) -> None:
+    with served(tmp_path) as page:
+        copied, other = page.cookie(OPERATOR), page.cookie(VIEWER)
+        assert page.ask("GET", "/api/v1/session", copied).status == 200
+        assert page.ask("POST", "/logout", {**copied, **COMMAND, "Origin": page.origin}, b"{}").status == 200
+        assert page.ask("GET", "/api/v1/session", copied).status == 401
+        assert page.ask("GET", "/api/v1/session", other).status == 200
+    kept = tmp_path / "private" / LOGOUTS
+    assert kept.stat().st_mode & 0o777 == 0o600
+    clock = WallClock()
+    again = Cookies(obtain_tokens(tmp_path / "private")[0], clock, page.port, False, LoggedOut(kept.parent, clock))
+    assert again.read(copied["Cookie"]) is None
+    assert again.read(other["Cookie"]) is not None
+
+
+def test_logouts_are_forgotten_when_their_cookies_are_too_old_anyway(tmp_path: Path) -> None:
+    clock = VirtualClock()
+    logged_out = LoggedOut(tmp_path, clock)
+    logged_out.add(KIM)
+    clock.sleep(9 * 86_400.0)
+    logged_out.add(replace(KIM, id="later"))
+    assert (KIM.id in logged_out, "later" in logged_out) == (False, True)
+    (tmp_path / LOGOUTS).write_text("no json")
+    assert "later" not in LoggedOut(tmp_path, clock)  # a damaged file keeps nobody out, and no server from beginning
 
 
 def test_a_cookie_is_read_back(tmp_path: Path) -> None:
