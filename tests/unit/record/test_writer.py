@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 import struct
 import threading
 import zlib
@@ -26,6 +27,16 @@ def stock_messages(path: Path) -> list[tuple[str, int, bytes]]:
     with path.open("rb") as stream:
         reader = mcap.reader.make_reader(stream, validate_crcs=True)
         return [(channel.topic, m.log_time, m.data) for _, channel, m in reader.iter_messages(log_time_order=False)]
+
+
+@pytest.mark.parametrize(("umask", "mode"), [(0o022, 0o750), (0o000, 0o750), (0o077, 0o700)])
+def test_the_folder_is_for_its_owner_and_the_group_only(tmp_path: Path, umask: int, mode: int) -> None:
+    before = os.umask(umask)
+    try:
+        SessionWriter.create(tmp_path / "out" / "session", MANIFEST, TEXTS, t_mono_ns=0).close("done")
+    finally:
+        os.umask(before)
+    assert (tmp_path / "out" / "session").stat().st_mode & 0o777 == mode
 
 
 @pytest.fixture
