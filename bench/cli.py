@@ -282,9 +282,7 @@ def sim(
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="world.OPTION=VALUE", help="change an option of the world")
     ] = None,
-    clean: Annotated[
-        bool, typer.Option("--clean", help="instruments as after power-on, not as their last user left them")
-    ] = False,
+    clean: Annotated[bool, typer.Option("--clean", help="instruments as after power-on, not as last left")] = False,
 ) -> None:
     """Serve a simulated bench in real time until Ctrl-C; with fault: list faults, switch one, clear, state."""
     from bench.commands import sim as sim_command
@@ -294,9 +292,7 @@ def sim(
 
 app.command(epilog='Example: bench pause sessions/20260101T180000Z_scale_factor_38h_17 --reason "door opened"')(pause)
 app.command(epilog="Example: bench abort sessions/20260101T180000Z_scale_factor_38h_17")(abort)
-app.command(
-    epilog="Example: bench shelve sessions/20260101T180000Z_scale_factor_38h_17 2 --for '30 min' --reason 'door open'"
-)(shelve)
+app.command(epilog="Example: bench shelve sessions/NAME 2 --for '30 min' --reason 'the door is being mended'")(shelve)
 app.command(epilog="Example: bench answer sessions/20260101T180000Z_scale_factor_38h_17 '0.2 ohm'")(answer)
 app.command(epilog="Example: bench top")(top)
 
