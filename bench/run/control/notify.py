@@ -57,7 +57,11 @@ class Notifier(Observer):
     loss = "nobody is notified any more"
 
     def __init__(
-        self, notify: NotifySection, context: RunContext, bench: Callable[[], str], pause_s: float = PAUSE_S,
+        self,
+        notify: NotifySection,
+        context: RunContext,
+        bench: Callable[[], str],
+        pause_s: float = PAUSE_S,
         shelved: Shelved = nothing_shelved,
     ) -> None:
         self._notify = notify

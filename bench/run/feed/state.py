@@ -234,7 +234,7 @@ class RunState:
             return {
                 **self.head,
                 "state": self._state(),
-                "attention": self._attention(),
+                "attention": self._attention(t_utc_s),
                 "outcome": self._outcome,
                 "bench": self._outputs.document(t_utc_s, self._ended_utc_s),
                 "t_utc_s": t_utc_s,
@@ -272,9 +272,10 @@ class RunState:
             return "waiting"
         return "starting" if self._place.step is None else "running"
 
-    def _attention(self) -> str:
+    def _attention(self, t: float) -> str:
         """Return how much somebody is needed: none, some (asked, held, warned), much (alarm, fault, not all off)."""
-        active = {alarm["severity"] for alarm in self.alarms.documents() if alarm["active"]}
+        lasting = (alarm for alarm in self.alarms.documents(t) if alarm["active"] and not alarm["shelved"])
+        active = {alarm["severity"] for alarm in lasting}
         failed = self._outcome is not None and self._outcome["error"] is not None
         if active & {"alarm", "fault"} or (failed and self._unsafe):
             return "much"

@@ -19,7 +19,8 @@ _UNKNOWN_BENCH: Mapping[str, Any] = {
 
 def now_of(state: Mapping[str, Any]) -> dict[str, Any]:
     """Return the part of a state document that a card shows."""
-    alarms = [alarm for alarm in state.get("alarms") or () if alarm["active"] or not alarm["acknowledged"]]
+    unshelved = (alarm for alarm in state.get("alarms") or () if not alarm.get("shelved"))
+    alarms = [alarm for alarm in unshelved if alarm["active"] or not alarm["acknowledged"]]
     prompt = state.get("prompt") or {}
     return {
         "attention": state.get("attention", "none"),
