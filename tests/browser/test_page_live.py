@@ -80,7 +80,7 @@ def test_three_viewers_see_the_run(browser: Browser, server: PageServer, shown: 
         assert "SIMULATED" in page.inner_text("header.bar")
         assert page.is_visible("#watermark")
         assert page.is_hidden("#replay-band")
-        assert page.inner_text("#wait").startswith("Waiting: soak 55 degC")
+        assert page.inner_text("#wait").startswith("Waiting: soak 55 \u00b0C")
         assert "Step 7 of 18" in page.inner_text("#step")
         assert "between" in page.inner_text("#eta")
         page.wait_for_selector("#operator:not(:empty)")

@@ -96,7 +96,7 @@ def zoom_to_readings(page: Page, parts: tuple[float, ...]) -> list[float]:
 def test_a_replay_offers_no_command(browser: Browser, server: PageServer, finished: str, screenshots: Path) -> None:
     with visiting(browser, server, "operator") as visitor:
         page = visitor.open_run(finished)
-        assert page.inner_text("#replay-band").startswith("REPLAY")
+        assert page.inner_text("#replay-band").startswith("RECORDING")
         assert "SIMULATED" in page.inner_text("header.bar")
         assert page.is_visible("#watermark")
         assert page.is_hidden("#commands")

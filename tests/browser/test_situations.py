@@ -150,13 +150,12 @@ def named(page: Page, name: str) -> str:
     return str(page.evaluate(script, name))
 
 
-@pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("theme", ["dark", "light"])
 def test_the_first_page(
     browser: Browser, server: PageServer, living: dict[str, ShownRun], over: dict[str, str], screenshots: Path,
-    size: str, theme: str,
+    theme: str,
 ) -> None:  # fmt: skip
-    with visiting(browser, server, "viewer", viewport=SIZES[size], color_scheme=theme) as visitor:
+    with visiting(browser, server, "viewer", viewport=SIZES["wide"], color_scheme=theme) as visitor:
         page = visitor.page
         page.goto(f"{server.origin}/")
         for name, situation in LIVING.items():
@@ -178,31 +177,43 @@ def test_the_first_page(
         page.click("#outcomes button[data-outcome='']")
         rows = page.eval_on_selector_all("#sessions tbody tr", "(rows) => rows.map((row) => row.dataset.key)")
         assert rows[-1] == over["damaged"]
-        page.screenshot(path=screenshots / f"first_{size}_{theme}.png", full_page=True)
+        for size, viewport in SIZES.items():
+            page.set_viewport_size(viewport)
+            picture(page, screenshots / f"first_{size}_{theme}.png")
 
 
-@pytest.mark.parametrize("size", SIZES)
+def picture(page: Page, path: Path) -> None:
+    """Take a picture, if somebody wants to look at it: a whole page takes a browser without a graphics card seconds."""
+    if "BENCH_SCREENSHOTS" in os.environ:
+        page.screenshot(path=path, full_page=True)
+
+
+def tops(page: Page, *selectors: str) -> list[float]:
+    boxes = [page.locator(selector).bounding_box() for selector in selectors]
+    return [box["y"] for box in boxes if box is not None]
+
+
 @pytest.mark.parametrize("name", LIVING)
 def test_the_page_of_a_run(
-    browser: Browser, server: PageServer, living: dict[str, ShownRun], screenshots: Path, name: str, size: str
+    browser: Browser, server: PageServer, living: dict[str, ShownRun], screenshots: Path, name: str
 ) -> None:
+    """In this order: what is on, what now, alarms, how long, who has the command."""
     situation = LIVING[name]
-    with visiting(browser, server, "viewer", viewport=SIZES[size]) as visitor:
+    alarms = ["#alarms-card"] if situation.changes.get("alarms") else []
+    with visiting(browser, server, "viewer", viewport=SIZES["wide"]) as visitor:
         page = visitor.page
         page.goto(f"{server.origin}/runs/{living[name].name}")
         page.wait_for_selector("body[data-fresh=fresh]")
         page.wait_for_selector("#bench[data-state=energised]")
-        first = {what: page.locator(what).bounding_box() for what in ("#bench", "#badge", "#eta", "#operator")}
-        tops = [box["y"] for box in first.values() if box is not None]
-        assert tops == sorted(tops)  # what is on, what now, how long, who has the command
-        if situation.changes.get("alarms"):
-            alarms = page.locator("#alarms-card").bounding_box()
-            assert alarms is not None
-            assert tops[1] < alarms["y"] < tops[2]
         assert page.inner_text("#badge-word") == situation.word
         text = page.inner_text("body")
         assert all(words in text for words in situation.says), text
-        page.screenshot(path=screenshots / f"run_{name}_{size}.png")
+        for size, viewport in SIZES.items():
+            page.set_viewport_size(viewport)
+            found = tops(page, "#bench", "#badge", *alarms, "#eta", "#operator")
+            assert found == sorted(found)
+            assert len(found) == 4 + len(alarms)
+            picture(page, screenshots / f"run_{name}_{size}.png")
 
 
 def test_a_lost_link_is_unknown_within_five_seconds(browser: Browser, server: PageServer) -> None:
@@ -243,7 +254,7 @@ def test_a_session_that_is_over_begins_with_its_outcome(
         page.wait_for_selector("#session-outcome:not([hidden])")
         assert page.inner_text("#session-outcome .outcome-word") == OVER[what]
         assert page.is_visible("#session-outcome #report")
-        page.screenshot(path=screenshots / f"over_{what}.png")
+        picture(page, screenshots / f"over_{what}.png")
 
 
 @pytest.mark.parametrize("name", LIVING)

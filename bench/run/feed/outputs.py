@@ -21,7 +21,7 @@ from bench.model.told import Tells
 from bench.model.units import format_quantity
 
 Kind = Literal["source", "switch", "supply", "chamber", "table", "signal", "unknown"]
-LOOK_WALL_S, LOOK_VIRTUAL_S = 60.0, 300.0  # between two looks; a rehearsal must not spend its time on these
+LOOK_WALL_S, LOOK_VIRTUAL_S = 60.0, 1800.0  # between two looks; nobody stands beside a rehearsal
 GOOD_FOR = 2.5  # looks; a look waits for a quiet moment for as long as one more period
 LAST_LOOK_S = 30.0  # before the end: three attempts to make safe and the look behind them fit into it
 HOT_degC, COLD_degC = 50.0, 0.0  # nobody is burnt by a touch of metal below (ISO 13732-1), no skin freezes above

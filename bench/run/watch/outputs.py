@@ -36,7 +36,7 @@ def look(instruments: Mapping[str, Instrument], busy: object = ()) -> None:
 
 
 class OutputsWatch:
-    """Looks each minute on the wall clock, each five minutes in a rehearsal."""
+    """Looks each minute on the wall clock, each half hour in a rehearsal."""
 
     def __init__(self, context: RunContext, following: Following) -> None:
         self._context, self._following = context, following

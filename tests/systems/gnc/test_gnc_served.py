@@ -96,6 +96,7 @@ def test_a_run_does_on_a_served_bench_what_its_prompts_set(served: Served, tmp_p
     done = bench(
         "run", str(sequence), "--station", station, "--clock", "wall", "--out", str(tmp_path / "out"), "--json"
     )
+    assert done.stdout, done.stderr
     results = json.loads(done.stdout)
     wrong = {
         (one["conditions"]["unit"], one["quantity"]): one["value"]

@@ -38,7 +38,7 @@ def test_document_has_the_form_of_the_contract(document: dict[str, Any]) -> None
     assert document["uut"] == {"model": "NGU", "serial": "SIM-1"}
     assert set(document["estimates"][0]) == {
         "quantity", "unit", "value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "conditions", "n",
-        "dropped", "limit", "verdict", "conformance_probability", "quality", "reasons",
+        "dropped", "limit", "verdict", "conformance_probability", "quality", "reasons", "common",
     }  # fmt: skip
     assert document["quality"] == {
         "records": 165, "frames": 1_650_000, "frames_bad": 0, "frames_lost": 0, "splices": 0, "retaken": 0,

@@ -65,7 +65,7 @@ def test_the_shipped_systems_are_registered_as_a_strangers_are() -> None:
 
 def test_no_analysis_is_loaded_for_a_declaration() -> None:
     named = {declared.module for declared, _, _ in systems.analyses().values()}
-    assert len(named) == 20
+    assert len(named) == 23
     assert all(systems.named(name).analyse for name in sorted(named))
 
 

@@ -82,7 +82,7 @@ def test_nobody_is_notified_of_what_is_shelved(tmp_path: Path, monkeypatch: pyte
     context.event(DEVIATION)
     sent: list[str] = []
     monkeypatch.setattr(Notifier, "_send", lambda self, name, send, message: sent.append(message["event"]))
-    notifier = Notifier(Notify(command=["x"]), context, shelved=state.is_shelved)  # type: ignore[call-arg]
+    notifier = Notifier(Notify(command=["x"]), context, lambda: "", shelved=state.is_shelved)  # type: ignore[call-arg]
     notifier.event(DEVIATION, 0)
     assert answering.answer({**SHELVE, "alarm": "2"}, "me")["ok"]
     notifier.event(DEVIATION, 0)
