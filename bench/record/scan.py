@@ -123,15 +123,23 @@ class SegmentScan:
 
     def _resynchronise(self, view: memoryview, at: int) -> int:
         """Next plausible chunk behind ``at``; without one the rest of an unfinished segment is no damage but a tail."""
-        for begin in range(at + 1, len(view), _SEARCHED_BYTES):
-            for match in _CHUNK_LIKE.finditer(self.content, begin, begin + _SEARCHED_BYTES + _LONGEST_MATCH - 1):
-                if _chunk_extent(view, match.start()) is not None:
-                    self._report(at, f"damaged record, {match.start() - at} bytes skipped")
-                    return match.start()
-            let_go(self.content)
+        following = self._plausible_chunk(view, at, len(view))
+        if following is not None:
+            self._report(at, f"damaged record, {following - at} bytes skipped")
+            return following
         if bytes(view[-len(mcap.MAGIC) :]) == mcap.MAGIC and at >= len(mcap.MAGIC):
             self._report(at, "damaged record, the end of the segment cannot be read")
         return len(view)
+
+    def _plausible_chunk(self, view: memoryview, at: int, stop: int) -> int | None:
+        """Return where the first chunk begins behind ``at`` and before ``stop``, None if none does."""
+        for begin in range(at + 1, stop, _SEARCHED_BYTES):
+            last = min(begin + _SEARCHED_BYTES, stop) + _LONGEST_MATCH - 1
+            for match in _CHUNK_LIKE.finditer(self.content, begin, last):
+                if _chunk_extent(view, match.start()) is not None:
+                    return match.start()
+            let_go(self.content)
+        return None
 
     def _chunk(self, view: memoryview, at: int, extent: tuple[int, int]) -> Span | None:
         _, _, _, _, size, crc, name_length = mcap.CHUNK_HEAD.unpack_from(view, at)
@@ -152,8 +160,12 @@ class SegmentScan:
         return Span(at, records, sound)
 
     def _skip_chunk(self, view: memoryview, at: int, end: int) -> int:
-        """Behind a chunk whose header contradicts itself: to the next record if there is one, else search."""
-        if end < len(view) and self._record(view, end) is not None:
+        """Behind a chunk whose header contradicts itself: to the next record if there is one, else search.
+
+        The length that it claims may be what is wrong, and lead into the middle of a chunk behind it.
+        """
+        claims_others = self._plausible_chunk(view, at, min(end, len(view))) is not None
+        if not claims_others and end < len(view) and self._record(view, end) is not None:
             self._report(at, "damaged chunk header, chunk skipped")
             return end
         return self._resynchronise(view, at)
