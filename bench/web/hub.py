@@ -15,10 +15,10 @@ from bench.model.clock import Clock, pause
 from bench.record import TrendWindow
 from bench.run.feed.client import FeedReply
 from bench.web.live import FeedLine, LiveRun, listens, state_of
+from bench.web.now import now_of, silent_row
 from bench.web.partial import PartialFits
 from bench.web.points import Points
 from bench.web.recorded.listing import Row, RunList, run_folder
-from bench.web.recorded.now import now_of, silent_row
 from bench.web.recorded.past import HistoryQuery, Past
 from bench.web.recorded.replaying import ReplayRun
 from bench.web.room import Viewer

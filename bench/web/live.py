@@ -14,8 +14,8 @@ from bench.model.posix import unix_socket
 from bench.record import OPEN_MARKER
 from bench.run.control.local_socket import LIVE, find_socket
 from bench.run.feed.client import FeedClient, FeedGone, FeedReply
+from bench.web.now import silent_row
 from bench.web.points import MISSING_BEFORE, Points
-from bench.web.recorded.now import silent_row
 from bench.web.room import Room
 
 POLL_S = 0.1

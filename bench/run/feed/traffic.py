@@ -40,12 +40,11 @@ class InstrumentPanel:
         for role in [*places, *(role for role in identities if role not in places)]:
             driver, resource = places.get(role, (None, None))
             self._lines[role] = _Line(driver, resource, _identity(identities.get(role)))
-        self._newest: _Line | None = None
 
     def on_traffic(self, role: str, direction: str, text: str, t_utc_s: float) -> None:
         """A command to ("tx") or a reply of ("rx") an instrument."""
         line = self._lines.setdefault(role, _Line())
-        line.t_utc_s, self._newest = t_utc_s, line
+        line.t_utc_s = t_utc_s
         text = text.strip()
         if direction == "tx":
             line.command, line.reply, line.sent_utc_s, line.answer_ms = text[:LONGEST_TEXT], None, t_utc_s, None
@@ -73,14 +72,6 @@ class InstrumentPanel:
     def roles(self) -> tuple[str, ...]:
         """Every instrument that is known."""
         return tuple(self._lines)
-
-    @property
-    def last(self) -> str | None:
-        """The newest command, with its reply if there is one."""
-        line = self._newest
-        if line is None:
-            return None
-        return f"{line.command}" if line.reply is None else f"{line.command} -> {line.reply}"
 
     def documents(self) -> dict[str, dict[str, Any]]:
         """Return all lines, as part of the state document."""

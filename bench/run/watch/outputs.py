@@ -7,7 +7,7 @@ at most one more period.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from bench.model.clock import NS
@@ -23,14 +23,14 @@ from bench.run.watch.signals import leaves_the_bus
 WAKE_S = 5.0
 
 
-def look(instruments: Mapping[str, Instrument], busy: object = ()) -> None:
+def look(instruments: Mapping[str, Instrument], busy: Container[str] = ()) -> None:
     """Ask each instrument that can be on whether it is; one that does not answer is not waited for.
 
     Args: busy: roles that a step talks to right now; they are left alone.
     """
     for role, instrument in instruments.items():
         ask = getattr(instrument, "look", None)
-        if ask is not None and role not in busy:  # type: ignore[operator]
+        if ask is not None and role not in busy:
             with suppress(InstrumentError), hurried(instrument, QUICK_S):
                 ask()
 

@@ -12,8 +12,8 @@ import pytest
 from recorded import writable_copy
 
 from bench.record import OPEN_MARKER, SessionWriter
+from bench.web.now import now_of, silent_row
 from bench.web.recorded.listing import results_of, session_row
-from bench.web.recorded.now import now_of, silent_row
 from bench.web.recorded.outcome import SessionOutcome, outcome_of
 from bench.web.recorded.past import Past
 
