@@ -1,0 +1,41 @@
+"""Names of quantities for people: from the catalogue of the system whose analysis made them."""
+
+from __future__ import annotations
+
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+from bench.model.systems import analyses
+from bench.model.texts import ENGLISH, Texts, languages
+
+_QUANTITY, _ENDING = "quantity.", "ending."
+
+
+def quantity_title(analysis: str, quantity: str, language: str = ENGLISH) -> str:
+    """Return the name of a quantity for people, ``Scale-factor error N`` for ``dsf_n``.
+
+    Args:    analysis: that made it, as results.json names it under "campaign".
+    Returns: ``quantity.<name>`` of the system's ``texts/<language>.json``; else ``ending.<last part>`` around the
+             title of what stands before it; else, for a name that a sequence or a foreign system gave, the name itself
+             with its underscores as blanks.
+    """
+    texts = _texts(analysis, language)
+    if _QUANTITY + quantity in texts:
+        return texts[_QUANTITY + quantity]
+    for key, text in texts.items():
+        base = quantity.removesuffix("_" + key.removeprefix(_ENDING))
+        if key.startswith(_ENDING) and base != quantity:
+            return text.format(quantity=quantity_title(analysis, base, language))
+    return quantity.replace("_", " ")
+
+
+@cache
+def _texts(analysis: str, language: str) -> dict[str, str]:
+    """Return the texts of the system that an analysis belongs to; none for one of a lab or without a catalogue."""
+    if analysis not in analyses():
+        return {}
+    package = import_module(analyses()[analysis][2].package)
+    folder = Path(str(package.__file__)).parent
+    known = languages(folder)
+    return Texts(folder, language if language in known else ENGLISH).all if known else {}
