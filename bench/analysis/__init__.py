@@ -57,7 +57,16 @@ from bench.analysis.estimates import (
 from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series
 from bench.analysis.form import Closed, check_form, schema_of
 from bench.analysis.material import CONTINUES, Exchange, Floats, GivenValue, Material, Reading, Trace, joined
-from bench.analysis.numbers import cell, decimals_for, header, limits_text, number, unit_text, with_uncertainty
+from bench.analysis.numbers import (
+    cell,
+    decimals_for,
+    header,
+    limits_text,
+    number,
+    significant,
+    unit_text,
+    with_uncertainty,
+)
 from bench.analysis.problems import Check, count_problem, flag_problem, link_checks
 from bench.analysis.results import (
     INCOMPLETE,
@@ -147,6 +156,7 @@ __all__ = [
     "schema_of",
     "series",
     "sharing",
+    "significant",
     "sound_compensation",
     "source_of",
     "stated_estimates",

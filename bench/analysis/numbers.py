@@ -4,44 +4,70 @@ from __future__ import annotations
 
 import math
 import re
+from decimal import Decimal
 from typing import Any
 
 _SIGNIFICANT = 2
+_MOST_DECIMALS = 7  # of a value with its uncertainty; what needs more is printed with a power of ten
+_LONG, _ENDLESS = 1e6, 1e15  # from here on numbers without decimals; beyond, powers of ten
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _ROOT, _TIMES = re.compile(r"([a-zA-Z]+)\^0\.5"), re.compile(r"(?<=\w)\*(?=\w)")
-_UNIT_TEXT = {unit: unit for unit in ("ppm", "ppb", "A", "nA", "V", "mV", "Hz", "s", "min", "h")}
+_UNIT_TEXT = {
+    unit: unit for unit in ("ppm", "ppb", "A", "nA", "V", "mV", "Hz", "s", "ms", "min", "h", "m", "deg", "ohm")
+}
 _UNIT_TEXT |= {"degC": "°C", "degC_min": "°C/min"}
 
 
 def decimals_for(uncertainty: float) -> int:
-    """Return decimals that show an uncertainty with two significant digits; 0 at least, 9 at most."""
+    """Return decimals that show an uncertainty with two significant digits, 12 at most; -1 means tens, -2 hundreds."""
     if not math.isfinite(uncertainty) or uncertainty <= 0:
         return 3
     exponent = int(f"{uncertainty:.{_SIGNIFICANT - 1}e}".partition("e")[2])  # after rounding: 0.996 is 1.0
-    return min(9, max(0, _SIGNIFICANT - 1 - exponent))
+    return min(12, _SIGNIFICANT - 1 - exponent)
 
 
 def number(value: object, decimals: int | None = None) -> str:
-    """Return a number for a table cell: thin thousands, a real minus sign; a dash where there is none."""
+    """Return a number for a table cell: thin thousands, a real minus sign; a dash where there is none.
+
+    ``decimals``: places behind the point; -1 rounds to tens.
+    """
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         return "–"
     if not isinstance(value, int | float):
         return str(value)
     if decimals is not None:
-        text = f"{value:z,.{decimals}f}"
+        text = f"{round(value, min(0, decimals)) if decimals < 0 else value:z,.{max(0, decimals)}f}"
+    elif isinstance(value, int) or _LONG <= abs(value) < _ENDLESS:
+        text = f"{value:,.0f}"
     else:
-        text = f"{value:,d}" if isinstance(value, int) else f"{value:.6g}"
-    return text.replace(",", "\u202f").replace("-", "−")
+        text = f"{value:.6g}"
+    figures, _, exponent = text.partition("e")
+    power = f"·10{str(int(exponent)).translate(_RAISED)}" if exponent else ""
+    return figures.replace(",", "\u202f").replace("-", "−") + power
+
+
+def significant(value: float) -> str:
+    """Return an uncertainty alone, or a part of one, with two significant digits."""
+    if not value:
+        return "0"
+    places = decimals_for(abs(value))
+    return number(value, places) if places <= _MOST_DECIMALS else number(float(f"{value:.{_SIGNIFICANT - 1}e}"))
 
 
 def with_uncertainty(value: float, expanded: float | None) -> str:
     """``412.3 ± 9.9``: both to the last digit that means something; without an uncertainty the value alone.
 
+    What would be mostly zeros has a power of ten: ``(0.0 ± 1.7)·10⁵``.
     An uncertainty of zero is that of a count, or one that nobody stated: "± 0.000" would claim a perfect measurement.
     """
     if expanded is None or not math.isfinite(expanded) or expanded == 0.0:
         return number(value)
     places = decimals_for(expanded)
-    return f"{number(value, places)} ± {number(expanded, places)}"
+    power = int(f"{max(abs(value), expanded):.{_SIGNIFICANT - 1}e}".partition("e")[2])
+    if -4 < places <= _MOST_DECIMALS or (places > 0 and power > -3):
+        return f"{number(value, places)} ± {number(expanded, places)}"
+    scaled = (f"{Decimal(part).scaleb(-power):z.{places + power}f}" for part in (value, expanded))
+    return f"({' ± '.join(scaled).replace('-', '−')})·10{str(power).translate(_RAISED)}"
 
 
 def limits_text(limits: tuple[float, float] | None, scale: float = 1.0) -> str:

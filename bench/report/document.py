@@ -18,7 +18,7 @@ from bench.model.errors import InputError
 from bench.model.texts import ENGLISH, Texts
 from bench.report.model import Picture, ReportModel
 from bench.report.sections import Section, sections_of
-from bench.report.sheet import FAMILY, ROOM_pt, Sheet, folder, legible, sheets
+from bench.report.sheet import FAMILY, ROOM_pt, Sheet, folder, legible, page_parts, sheets
 from bench.report.tables import Table, analysis_tables, sentence, words_of
 from bench.report.verdict_tables import overall_verdict
 
@@ -78,11 +78,16 @@ def page(
         title=title,
         subtitle=subtitle,
         sections=sections,
+        parts=lambda table: page_parts(table, _continued(table, words)),
         words=words,
         language=words.language,
         watermark=words("watermark") if simulated else "",
         verdict=verdict,
     )
+
+
+def _continued(table: Table, words: Texts) -> str:
+    return words("table.continued", caption=table.caption) if table.caption else ""
 
 
 def study_html(document: Mapping[str, Any], chapters: Sequence[Chapter], software: str, language: str = ENGLISH) -> str:
@@ -161,7 +166,7 @@ def _typst() -> Callable[..., Any]:
 def document_files(model: ReportModel, sections: list[Section], words: Texts) -> dict[str, bytes]:
     """Return the typst document, the content as JSON and every figure as SVG."""
     files = {"main": (TEMPLATES / "report.typ").read_bytes()}
-    chapters = [_chapter(section) for section in sections]
+    chapters = [_chapter(section, words) for section in sections]
     for section in sections:
         files |= {_file(picture): _figure(picture) for picture in section.pictures}
     text = json.dumps({**_frame(model, words), "chapters": chapters}, ensure_ascii=False)
@@ -186,25 +191,27 @@ def _frame(model: ReportModel, words: Texts) -> dict[str, Any]:
     }
 
 
-def _chapter(section: Section) -> dict[str, Any]:
+def _chapter(section: Section, words: Texts) -> dict[str, Any]:
     return {
         "title": section.title,
+        "part": words("annex") if section.annex == "A" else "",
         "paragraphs": section.paragraphs,
         "pictures": [
             {"file": _file(picture), "caption": picture.caption, "description": picture.description}
             for picture in section.pictures
         ],
         "tables": [
-            _table(sheet, table, continued=index > 0)
+            _table(sheet, table, _continued(table, words), first=index == 0)
             for table in section.tables
             for index, sheet in enumerate(sheets(table, ROOM_pt))
         ],
     }
 
 
-def _table(sheet: Sheet, table: Table, continued: bool) -> dict[str, Any]:
+def _table(sheet: Sheet, table: Table, continued: str, *, first: bool) -> dict[str, Any]:
     return {
-        "caption": table.caption if not continued else "",
+        "caption": table.caption if first else continued,
+        "continued": continued,
         "headers": sheet.table.headers,
         "rows": sheet.table.rows,
         "widths": sheet.widths_pt,

@@ -4,20 +4,27 @@ that belong to no channel: what they are down, units or axes across.
 
 from __future__ import annotations
 
+import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
-from bench.analysis import cell, decimals_for, is_sound, number, stated_value, unit_text
+from bench.analysis import cell, decimals_for, is_sound, number, significant, stated_value, unit_text
 from bench.model.texts import Texts
+from bench.model.units import read_quantity
 from bench.report.model import ReportModel
-from bench.report.tables import Table, column, documents_table, kind_of
+from bench.report.tables import Table, channel_title, documents_table, kind_of, named, spaced
 
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
 _PIVOT = {"channel", "temperature_degC"}
+_RESIDUAL = "residual"
 PIVOTS = ("unit", "column", "axis")
-_AMPERE = re.compile(r"A(?![A-Za-z])")
+_PREFIXED = re.compile(r"(A|V|s|m|ohm|Hz)(?![A-Za-z0-9])")
+_PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+_WITHIN = {"A": (-9, 0), "s": (-12, 0), "m": (-12, 0)}  # powers in use: microseconds, but no kiloseconds
+_LAST_UNIT = re.compile(r"(.+)_(degC_min|deg_s|[A-Za-z]+)$")
 _MOST_ACROSS = 3  # units side by side that a page has room for
 _CAPTIONS = {"unit": "others.by_unit", "column": "others.by_axis", "axis": "others.by_axis"}
 Row = Mapping[str, Any]
@@ -39,21 +46,34 @@ def _scale_factor_table(model: ReportModel, words: Texts, kind: str, by_number: 
                 key = (conditions["channel"], conditions.get("temperature_degC"))
                 entries.setdefault(key, {})[quantity] = row
     sensor_unit = next((c["sensor_unit"] for c in by_number.values() if c.get("kind") == kind), "")
-    rows = tuple(_scale_factor_row(key, entry, by_number.get(key[0], {})) for key, entry in sorted(entries.items()))
+    scale, ampere = readable(_currents(entries, by_number))
+    rows = tuple(
+        _scale_factor_row(key, entry, by_number.get(key[0], {}), scale) for key, entry in sorted(entries.items())
+    )
     headers = (
         *(words("column.channel"), words("scale_factor.set"), words("scale_factor.unit")),
-        *("N / ppm", "P / ppm", "N − P / ppm", "N / nA", "P / nA"),
+        *("N / ppm", "P / ppm", "N − P / ppm", f"N / {ampere}", f"P / {ampere}"),
     )
     sensor = (f"N / {sensor_unit}", f"P / {sensor_unit}") if sensor_unit else ()
-    at_full_scale = "nA" + (f", {sensor_unit}" if sensor_unit else "")
+    at_full_scale = ampere + (f", {sensor_unit}" if sensor_unit else "")
     caption = words("scale_factor.table", kind=kind_of(words, kind), units=at_full_scale)
     return Table(caption, (*headers, *sensor, words("scale_factor.rows")), rows, stub=2)
 
 
-def _scale_factor_row(key: tuple[Any, Any], entry: Mapping[str, Row], channel: Row) -> tuple[str, ...]:
+def _currents(entries: Mapping[Any, Mapping[str, Row]], by_number: Mapping[int, Row]) -> list[Row]:
+    """Return the errors at full scale, ampere, as far as they are known."""
+    pairs = [
+        (row, by_number.get(number, {}).get("full_scale_A")) for (number, _), entry in entries.items()
+        for name, row in entry.items() if name in _SCALE_FACTOR[:2]
+    ]  # fmt: skip
+    known = [1e-6 * row["value"] * full_A for row, full_A in pairs if row["value"] is not None and full_A]
+    return [{"unit": "A", "value": value} for value in known or [1e-9]]
+
+
+def _scale_factor_row(key: tuple[Any, Any], entry: Mapping[str, Row], channel: Row, scale: float) -> tuple[str, ...]:
     first = next(iter(entry.values()))
     ppm = [value_text(entry.get(name)) for name in _SCALE_FACTOR]
-    at_full_scale = [_at_full_scale(entry.get(name), channel.get("full_scale_A"), 1e9) for name in _SCALE_FACTOR[:2]]
+    at_full_scale = [_at_full_scale(entry.get(name), channel.get("full_scale_A"), scale) for name in _SCALE_FACTOR[:2]]
     if channel.get("sensor_unit"):
         at_full_scale += [
             _at_full_scale(entry.get(name), channel.get("sensor_full_scale"), 1.0) for name in _SCALE_FACTOR[:2]
@@ -85,7 +105,7 @@ def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
     for (channel, quantity), entry in entries.items():
         scale, unit = readable(list(entry.values()))
         values = (value_text(entry.get(order), scale) for order in orders)
-        lines.append((channel, f"{quantity} / {unit.partition('/')[0]}", *values))
+        lines.append((channel, f"{model.title_of(quantity, words.language)} / {unit.partition('/')[0]}", *values))
     conditions = next(iter(next(iter(entries.values())).values()))["conditions"]
     reference = conditions.get("reference_temperature_degC", model.campaign.get("reference_temperature_degC"))
     at = words("coefficients.at", degC=cell(reference))
@@ -110,12 +130,15 @@ def value_text(row: Row | None, scale: float = 1.0) -> str:
     return "–" if row is None else stated_value(row, scale)
 
 
-def pivot_tables(model: ReportModel, words: Texts) -> list[Table]:
-    """Return one table per further quantity by channel and temperature: channels down, set temperatures across."""
+def pivot_tables(model: ReportModel, words: Texts, *, residuals: bool = False) -> list[Table]:
+    """Return one table per further quantity by channel and temperature: channels down, set temperatures across.
+
+    ``residuals``: those that a fit left, in place of all others.
+    """
     tables = []
     by_quantity: dict[str, list[Row]] = {}
     for row in _further(model):
-        if _pivots(row):
+        if _pivots(row) and (row["quantity"].rpartition("_")[2] == _RESIDUAL) == residuals:
             by_quantity.setdefault(row["quantity"], []).append(row)
     for quantity, rows in by_quantity.items():
         scale, unit = readable(rows)
@@ -125,7 +148,7 @@ def pivot_tables(model: ReportModel, words: Texts) -> list[Table]:
             where = row["conditions"]
             cells.setdefault(where["channel"], {})[where["temperature_degC"]] = value_text(row, scale)
         body = tuple((str(key), *(line.get(t, "–") for t in temperatures)) for key, line in sorted(cells.items()))
-        caption = words("others.pivot", quantity=quantity, unit=unit_text(unit))
+        caption = words("others.pivot", quantity=model.title_of(quantity, words.language), unit=unit_text(unit))
         tables.append(Table(caption, (words("column.channel"), *(f"{number(t, 1)} °C" for t in temperatures)), body))
     return tables
 
@@ -144,10 +167,18 @@ def _pivots(row: Row) -> bool:
 
 
 def readable(rows: Sequence[Row]) -> tuple[float, str]:
-    """Return factor and unit for printing: currents of the unit under test read best in nanoampere."""
+    """Return factor and unit for printing, with the prefix that leaves one to three digits before the point.
+
+    Currents are in nanoampere at least, times and lengths in seconds and metres at most.
+    """
     unit = str(rows[0]["unit"])
-    small = _AMPERE.match(unit) and max(abs(row["value"] or 0.0) for row in rows) < 1e-3
-    return (1e9, f"n{unit}") if small else (1.0, unit)
+    match = _PREFIXED.match(unit)
+    largest = max(abs(row["value"] or row.get("expanded_uncertainty") or 0.0) for row in rows)
+    if match is None or not 0.0 < largest < math.inf:
+        return 1.0, unit
+    least, most = _WITHIN.get(match[1], (-12, 9))
+    power = min(most, max(least, 3 * math.floor(math.log10(largest * (1.0 + 1e-12)) / 3.0)))
+    return 10.0**-power, f"{_PREFIXES[power]}{unit}"
 
 
 def channel_table(model: ReportModel, words: Texts) -> Table | None:
@@ -164,7 +195,9 @@ def channel_table(model: ReportModel, words: Texts) -> Table | None:
         (str(channel), *(value_text(rows.get(channel), scales[quantity][0]) for quantity, rows in by_quantity.items()))
         for channel in channels
     )
-    headers = (f"{quantity} / {unit_text(scales[quantity][1])}" for quantity in by_quantity)
+    headers = (
+        f"{model.title_of(quantity, words.language)} / {unit_text(scales[quantity][1])}" for quantity in by_quantity
+    )
     return Table(words("others.by_channel"), (words("column.channel"), *headers), body)
 
 
@@ -180,7 +213,8 @@ def other_table(model: ReportModel, words: Texts) -> Table | None:
         if pivot_of(row) is None:
             scale, unit = readable([row])
             where = conditions_text(words, row["conditions"])
-            rows.append((row["quantity"], where, value_text(row, scale), unit_text(unit)))
+            title = model.title_of(row["quantity"], words.language)
+            rows.append((title, where or "–", value_text(row, scale), unit_text(unit)))
     headers = (
         *(words("column.quantity"), words("column.conditions")),
         *(words("column.value_expanded"), words("column.unit")),
@@ -199,9 +233,31 @@ def pivot_of(row: Row) -> str | None:
 
 
 def conditions_text(words: Texts, conditions: Row) -> str:
-    """Return conditions in words; the kind of a channel is known from the channel."""
-    shown = {name: value for name, value in conditions.items() if name != "kind" or "channel" not in conditions}
-    return ", ".join(f"{column(words, name)}: {cell(value)}" for name, value in shown.items())
+    """Return conditions in words: ``channel 1, gyro, set temperature −10 °C``."""
+    parts = []
+    for name, value in conditions.items():
+        if name == "channel":
+            parts.append(channel_title(words, value, conditions.get("kind")))
+        elif name != "kind" or "channel" not in conditions:
+            parts.append(_condition(words, name, value))
+    return ", ".join(parts)
+
+
+def _condition(words: Texts, name: str, value: Any) -> str:
+    if name == "kind":
+        return kind_of(words, value)
+    match = _LAST_UNIT.match(name)
+    unit = match[2].replace("_", "/") if match else ""
+    known = f"condition.{name}" in words.all
+    label = words(f"condition.{name}") if known else spaced(match[1] if match and _is_unit(unit) else name)
+    if match is None or not _is_unit(unit) or not isinstance(value, int | float) or isinstance(value, bool):
+        return f"{label} {spaced(cell(value))}"
+    scale, shown = readable([{"unit": unit, "value": value}])
+    return f"{label} {number(scale * value) if unit != 'degC' else number(round(value, 2))} {unit_text(shown)}"
+
+
+def _is_unit(text: str) -> bool:
+    return read_quantity(f"1 {text}") is not None
 
 
 def coverage_table(model: ReportModel, words: Texts) -> Table | None:
@@ -214,29 +270,43 @@ def coverage_table(model: ReportModel, words: Texts) -> Table | None:
         if not any(row.get("expanded_uncertainty") for row in group):
             continue  # a count, or what nobody stated an uncertainty of
         scale, unit = readable(group)
-        parts = (("std_uncertainty", scale), ("coverage_factor", 1.0), ("expanded_uncertainty", scale))
-        spans = (_span(words, [row.get(name) for row in group], factor) for name, factor in parts)
-        rows.append((quantity, unit_text(unit), str(len(group)), *spans))
+        spans = (
+            _span(words, [scale * row["std_uncertainty"] for row in group if row.get("std_uncertainty")], significant),
+            _span(words, [row["coverage_factor"] for row in group if row.get("coverage_factor")], _factor_text),
+            _span(words, [scale * row["expanded_uncertainty"] for row in group if row.get("expanded_uncertainty")],
+                  significant),
+        )  # fmt: skip
+        title = model.title_of(quantity, words.language)
+        rows.append((title, unit_text(unit), str(len(group)), *spans))
     headers = ("column.quantity", "column.unit", "coverage.count", "coverage.u", "coverage.k", "coverage.U")
     return Table(words("coverage.table"), tuple(map(words, headers)), tuple(rows), stub=2) if rows else None
 
 
-def _span(words: Texts, values: Sequence[float | None], factor: float) -> str:
-    """Return least to greatest, three significant digits; once if they are the same."""
-    known = [factor * value for value in values if value is not None]
-    if not known:
+def _span(words: Texts, values: Sequence[float], text_of: Callable[[float], str]) -> str:
+    """Return least to greatest; once if they read the same."""
+    if not values:
         return "–"
-    low, high = (number(float(f"{value:.3g}")) for value in (min(known), max(known)))
+    low, high = text_of(min(values)), text_of(max(values))
     return low if low == high else words("coverage.span", low=low, high=high)
 
 
+def _factor_text(factor: float) -> str:
+    return number(factor, 2)
+
+
 def components_table(model: ReportModel, words: Texts) -> Table | None:
-    """Return components with three significant digits: more of an uncertainty says nothing."""
+    """Return components with two significant digits: more of an uncertainty says nothing."""
+    title = partial(model.title_of, language=words.language)
     rounded = [
-        {name: float(f"{value:.3g}") if isinstance(value, float) else value for name, value in component.items()}
-        for component in model.components
+        {name: _component_text(value, title) for name, value in component.items()} for component in model.components
     ]
     return documents_table(words, words("components.table"), rounded)
+
+
+def _component_text(value: Any, title: Callable[[str], str]) -> Any:
+    if isinstance(value, float) and math.isfinite(value):
+        return significant(value) if value else "0"
+    return named(value, title) if isinstance(value, str) else value
 
 
 def across_tables(model: ReportModel, words: Texts) -> list[Table]:
@@ -245,16 +315,20 @@ def across_tables(model: ReportModel, words: Texts) -> list[Table]:
     for row in without_channel(model):
         if (name := pivot_of(row)) is not None:
             by_caption.setdefault(_CAPTIONS[name], []).append(row)
-    return [table for caption, rows in by_caption.items() for table in _tables(words, caption, rows)]
+    return [table for caption, rows in by_caption.items() for table in _tables(model, words, caption, rows)]
 
 
-def _tables(words: Texts, caption: str, rows: Sequence[Row]) -> list[Table]:
+def _tables(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row]) -> list[Table]:
     names = list(dict.fromkeys(_across(row) for row in rows))
     parts = [names[start : start + _MOST_ACROSS] for start in range(0, len(names), _MOST_ACROSS)]
-    return [_table(words, words(caption), [row for row in rows if _across(row) in part], part) for part in parts]
+    captions = [words(caption), *(words("table.continued", caption=words(caption)) for _ in parts[1:])]
+    return [
+        _table(model, words, text, [row for row in rows if _across(row) in part], part)
+        for text, part in zip(captions, parts, strict=True)
+    ]
 
 
-def _table(words: Texts, caption: str, rows: Sequence[Row], names: Sequence[str]) -> Table:
+def _table(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row], names: Sequence[str]) -> Table:
     lines: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         rest = {name: value for name, value in row["conditions"].items() if name != pivot_of(row)}
@@ -263,7 +337,8 @@ def _table(words: Texts, caption: str, rows: Sequence[Row], names: Sequence[str]
     for (quantity, where), group in lines.items():
         scale, unit = readable(group)
         by_name = {_across(row): value_text(row, scale) for row in group}
-        body.append((quantity, where or "–", unit_text(unit), *(by_name.get(name, "–") for name in names)))
+        title = model.title_of(quantity, words.language)
+        body.append((title, where or "–", unit_text(unit), *(by_name.get(name, "–") for name in names)))
     headers = (words("column.quantity"), words("column.conditions"), words("column.unit"), *names)
     return Table(caption, headers, tuple(body), stub=3)
 

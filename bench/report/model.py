@@ -9,6 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from bench.analysis import Figure, Floats, Table
+from bench.model.texts import ENGLISH
+from bench.model.titles import quantity_title
 from bench.plan import Step
 
 
@@ -182,6 +184,10 @@ class ReportModel:
     def simulated(self) -> bool:
         """True unless the provenance says that a real bench was measured; a report never guesses in its favour."""
         return self.results.get("provenance", {}).get("simulated") is not False
+
+    def title_of(self, quantity: str, language: str = ENGLISH) -> str:
+        """Return the name of a quantity for people."""
+        return quantity_title(str(self.results.get("campaign", "")), quantity, language)
 
     def estimates(self, quantity: str) -> list[Mapping[str, Any]]:
         """Return the estimates of one quantity, in the order of results.json."""

@@ -14,7 +14,7 @@ import numpy as np
 from bench.analysis import Floats, cell, number
 from bench.model.texts import Texts
 from bench.report.model import ReportModel
-from bench.report.tables import Table, documents_table, pairs_table, rank
+from bench.report.tables import Table, documents_table, pairs_table, rank, spaced
 
 _COUNTS = ("records", "flagged", "frames", "bad", "lost")
 _HEADERS = ("role", "model", "serial", "certificate", "calibrated", "due", "days_left", "corrections")
@@ -27,12 +27,10 @@ def summary_table(model: ReportModel, words: Texts) -> Table | None:
     estimates = results.get("estimates", ())
     lines = {
         "session": results.get("session", ""),
-        "campaign": results.get("campaign", ""),
+        "campaign": spaced(str(results.get("campaign", ""))),
         "uut": words("summary.unit", model=uut.get("model", ""), serial=uut.get("serial", "")),
         "started": model.started_utc.replace("T", " ").replace("Z", " UTC"),
         "length": duration(model.run.length_s),
-        "sequence": model.origin.get("sequence", ""),
-        "station": model.origin.get("station", ""),
         "records": quality.get("records", model.counts.records),
         "frames": quality.get("frames", model.counts.frames),
         "lost": quality.get("frames_lost", model.counts.lost),
@@ -146,7 +144,7 @@ def standards_table(model: ReportModel, words: Texts) -> Table | None:
     """Return the standards register: which instrument, which certificate, until when, applied corrections."""
     rows = tuple(
         (
-            role,
+            spaced(role),
             cell(entry.get("model", entry.get("driver"))),
             cell(entry.get("serial")),
             cell(entry.get("certificate")),
@@ -183,5 +181,5 @@ def _corrections(words: Texts, corrections: Iterable[Mapping[str, Any]]) -> str:
 
 def identities_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what the instruments answered to the question who they are."""
-    documents = [{"role": role, **identity} for role, identity in sorted(model.identities.items())]
+    documents = [{"role": spaced(role), **identity} for role, identity in sorted(model.identities.items())]
     return documents_table(words, words("identities.table"), documents)

@@ -1,10 +1,14 @@
-"""The chapters of a report, whatever it is written to: paragraphs, tables and pictures in their order."""
+"""The chapters of a report, whatever it is written to: paragraphs, tables and pictures in their order.
+
+Results come first; what they rest on, which few read and some look up, is an annex with letters.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
+from string import ascii_uppercase
 
 from bench.model.texts import Texts
 from bench.report.estimate_tables import (
@@ -38,13 +42,14 @@ _LINES = ("name", "date", "signature")
 
 @dataclass(frozen=True)
 class Section:
-    """A chapter; one without content is left out."""
+    """A chapter; one without content is left out. ``annex``: its letter, if it is one of the annex."""
 
     name: str
     title: str
     paragraphs: tuple[str, ...] = ()
     tables: tuple[Table, ...] = ()
     pictures: tuple[Picture, ...] = field(default=())
+    annex: str = ""
 
     def __bool__(self) -> bool:
         return bool(self.paragraphs or self.tables or self.pictures)
@@ -52,7 +57,15 @@ class Section:
 
 def sections_of(model: ReportModel, words: Texts) -> list[Section]:
     """Return all chapters that have content; every figure is drawn here, once for all that is written."""
-    return [section for section in (*_on_results(model, words), *_on_the_run(model, words)) if section]
+    body = [section for section in (*_on_results(model, words), *_on_the_run(model, words)) if section]
+    return body + _lettered([section for section in _annex(model, words) if section], words)
+
+
+def _lettered(sections: Sequence[Section], words: Texts) -> list[Section]:
+    return [
+        replace(section, annex=letter, title=words("annex.title", letter=letter, title=section.title))
+        for letter, section in zip(ascii_uppercase, sections, strict=False)
+    ]
 
 
 def _chapter(words: Texts, name: str, *parts: Table | Picture | None, paragraphs: tuple[str, ...] = ()) -> Section:
@@ -65,24 +78,35 @@ def _on_results(model: ReportModel, words: Texts) -> Iterator[Section]:
     """Yield the chapters on what was found, and how well."""
     from bench.report import plots  # with matplotlib
 
-    chapter = partial(_chapter, words)
-    budgets = [table for table in model.tables if on_uncertainty(table) and not table.lead]
-    others = [table for table in model.tables if not on_uncertainty(table) and not table.lead]
+    chapter, title = partial(_chapter, words), partial(model.title_of, language=words.language)
     yield chapter("doubt", paragraphs=doubt_paragraphs(model, words))
     yield chapter("summary", summary_table(model, words))
-    yield chapter("results", *analysis_tables([table for table in model.tables if table.lead]))
+    yield chapter("results", *analysis_tables([table for table in model.tables if table.lead], title))
     yield chapter("verdicts", verdict_table(model, words))
     pictures = [draw(model, words) for draw in (plots.dsf_picture, plots.asymmetry_picture, plots.current_picture)]
     yield chapter("scale-factor", *pictures, *scale_factor_tables(model, words))
     yield chapter("coefficients", coefficient_table(model, words))
-    yield chapter("residuals", plots.residual_picture(model, words))
-    yield chapter("figures", *plots.analysis_pictures(model.figures))
+    yield chapter("figures", *plots.analysis_pictures(model.figures, title))
     tables = (*pivot_tables(model, words), channel_table(model, words), *across_tables(model, words))
     yield chapter("others", plots.bias_picture(model, words), *tables, other_table(model, words))
-    coverage = (coverage_table(model, words), components_table(model, words))
-    yield chapter("uncertainty", *coverage, *analysis_tables(budgets))
+    yield chapter("uncertainty", coverage_table(model, words))
     yield chapter("assumptions", assumption_table(model, words))
-    yield chapter("explanations", *analysis_tables(others))
+
+
+def _annex(model: ReportModel, words: Texts) -> Iterator[Section]:
+    """Yield what the results rest on: what the fits left, budgets, further tables, and what computed it all."""
+    from bench.report import plots  # with matplotlib
+
+    chapter, title = partial(_chapter, words), partial(model.title_of, language=words.language)
+    budgets = [table for table in model.tables if on_uncertainty(table) and not table.lead]
+    others = [table for table in model.tables if not on_uncertainty(table) and not table.lead]
+    yield chapter("residuals", plots.residual_picture(model, words), *pivot_tables(model, words, residuals=True))
+    yield chapter("budgets", components_table(model, words), *analysis_tables(budgets, title))
+    yield chapter("explanations", *analysis_tables(others, title))
+    heads = (words("column.item"), words("column.value"))
+    computed = pairs_table(words("provenance.results"), heads, model.results.get("provenance", {}))
+    origin = pairs_table(words("provenance.origin"), heads, model.origin)
+    yield chapter("provenance", identities_table(model, words), computed, hash_table(model, words), origin)
 
 
 def _on_the_run(model: ReportModel, words: Texts) -> Iterator[Section]:
@@ -97,12 +121,9 @@ def _on_the_run(model: ReportModel, words: Texts) -> Iterator[Section]:
     said, tables = command_parts(model, words)
     yield chapter("run", *analysis_tables(model.run.tables), *tables, paragraphs=said)
     yield chapter("prompts", prompt_table(model, words))
-    yield chapter("standards", standards_table(model, words), identities_table(model, words))
-    yield chapter("notes", paragraphs=tuple(map(sentence, model.notes)))
-    heads = (words("column.item"), words("column.value"))
-    computed = pairs_table(words("provenance.results"), heads, model.results.get("provenance", {}))
-    origin = pairs_table(words("provenance.origin"), heads, model.origin)
-    yield chapter("provenance", computed, hash_table(model, words), origin)
+    yield chapter("standards", standards_table(model, words))
+    title = partial(model.title_of, language=words.language)
+    yield chapter("notes", paragraphs=tuple(sentence(note, title) for note in model.notes))
     yield chapter("signatures", _signatures(model, words))
 
 

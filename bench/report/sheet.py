@@ -1,4 +1,4 @@
-"""Tables on paper: the widths of their columns, the size of their type, and what becomes of one that is too wide.
+"""Tables on paper and page: the widths of their columns, the size of their type, and what becomes of one too wide.
 
 The font of printed reports, DejaVu Sans, comes with matplotlib, which measures the same font when it places the texts
 of a figure.
@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 SIZES_pt = (7.5, 7.0, 6.5)
 ROOM_pt = 493.2  # an A4 page of 595.3 with margins of 18 mm, as in templates/report.typ
 GAP_pt = 7.0  # between the texts of two columns
+PAGE_px, _PAGE_TYPE_px, _PAGE_GAP_px = 912.0, 12.8, 14.4  # as in templates/report.css
+_WRAPPED = 24  # characters of a cell that heads a row and goes over lines on the page
 _SLACK = 1.015  # kerning and rounding
 _SHORT = 12  # characters of a cell that stays on one line, such as "not tested"
 _LONGEST = 40  # characters of a word; what is longer may be broken
@@ -53,6 +55,27 @@ def sheets(table: Table, room_pt: float) -> list[Sheet]:
             widths = _open(least, room_pt) if table.to_fill else _shared(least, natural, room_pt)
             return [Sheet(ready, widths, size)]
     return [_set(_columns(ready, part), room_pt) for part in _parts(ready, _needs(ready, SIZES_pt[-1])[0], room_pt)]
+
+
+def page_parts(table: Table, continued: str) -> list[Table]:
+    """Return a table in parts that each fit on the page; each repeats the columns that head the rows.
+
+    ``continued``: caption of every part but the first.
+    """
+    widths = [_page_px(table, index) for index in range(len(table.headers))]
+    if table.prose or sum(widths) <= PAGE_px:
+        return [table]
+    parts = [_columns(table, part) for part in _parts(table, widths, PAGE_px)]
+    return [parts[0], *(replace(part, caption=continued) for part in parts[1:])]
+
+
+def _page_px(table: Table, index: int) -> float:
+    """Return the width of a column on the page: headings go over lines, and what heads the rows where it is long."""
+    least = max(width_pt(word, _PAGE_TYPE_px, bold=True) for word in (table.headers[index].split() or [""]))
+    cells = [row[index] for row in table.rows]
+    if index < table.stub:
+        cells = [text[:_WRAPPED] for text in cells]
+    return max([least, *(width_pt(text, _PAGE_TYPE_px, bold=index == 0) for text in cells)]) + _PAGE_GAP_px
 
 
 def _open(least: Sequence[float], room_pt: float) -> tuple[float, ...]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -19,12 +19,14 @@ _COLUMNS = (
     *("kind", "quantity", "component", "evaluation", "distribution", "std_uncertainty_ppm"),
     *("range_A", "gain", "offset_A"),
 )
+_MOST_PLACES = 7  # behind the point; what needs more is printed with a power of ten
 _PROSE = 40  # characters of a cell that is a sentence rather than a value
 _NUMERAL = re.compile(r"-(?=[0-9])")
 _NEGATIVE = re.compile(r"(?<![\w-])-(?=[0-9])")
 _NO_SIZE = re.compile(r"-(0(?:\.0+)?)$")
 _COMMA_UNIT = re.compile(r", (?=(?:°C|nA|ppm|ppb|min|ms|h|s|A|%|deg|deg/s|deg/h|m/s2|g|mg|ug|gauss|mgauss)$)")
 _PER_CENT = re.compile(r"(?<=[0-9]) %")
+_CODE_NAME = re.compile(r"(?<![\w/.])[a-z][a-z0-9]*(?:_[A-Za-z0-9]+)+(?![\w/]|\.\w)")
 _BUDGET, _TOTALS = {"contribution", "sensitivity"}, {"u", "k", "U"}
 FOLDER = Path(__file__).parent
 
@@ -44,13 +46,31 @@ class Table:
     to_fill: bool = False
 
 
-def analysis_tables(tables: Sequence[analysis.Table]) -> list[Table]:
-    """Return the tables of an analysis as text."""
+Title = Callable[[str], str]
+
+
+def spaced(name: str) -> str:
+    """Return a code name with its underscores as blanks."""
+    return name.replace("_", " ")
+
+
+def named(text: str, title: Title = spaced) -> str:
+    """Return a text for people: code names in it become titles, in small letters where they do not begin it."""
+
+    def shown(match: re.Match[str]) -> str:
+        name = title(match[0])
+        return name[:1].lower() + name[1:] if match.start() and name[1:2].islower() else name
+
+    return _CODE_NAME.sub(shown, text)
+
+
+def analysis_tables(tables: Sequence[analysis.Table], title: Title = spaced) -> list[Table]:
+    """Return the tables of an analysis as text; ``title``: of quantities that it names."""
     return [
         Table(
-            ". ".join(unit_text(text) for text in (table.title, table.caption) if text),
-            tuple(map(label, table.headers)),
-            tuple(tuple(_plain(value) for value in row) for row in table.rows),
+            named(". ".join(unit_text(text) for text in (table.title, table.caption) if text), title),
+            tuple(label(named(text, title)) for text in table.headers),
+            tuple(tuple(named(_plain(value, on_uncertainty(table)), title) for value in row) for row in table.rows),
             stub=_stub(table.rows),
             prose=_is_prose(table),
         )
@@ -82,18 +102,22 @@ def label(text: str) -> str:
     return _COMMA_UNIT.sub(" / ", unit_text(text))
 
 
-def sentence(text: str) -> str:
-    """Return a sentence of an analysis as the page prints it: with degrees, and minus signs before numbers."""
-    return _NEGATIVE.sub("−", unit_text(text))
+def sentence(text: str, title: Title = spaced) -> str:
+    """Return a sentence of an analysis as the page prints it: with degrees, minus signs before numbers, and titles."""
+    return named(_NEGATIVE.sub("−", unit_text(text)), title)
 
 
-def _plain(value: Any) -> str:
-    """Return a cell: four significant digits; a number as text gets its minus sign, and nothing is minus zero."""
+def _plain(value: Any, budget: bool) -> str:
+    """Return a cell: four significant digits, of a budget three; a number as text gets its minus sign.
+
+    Nothing is minus zero.
+    """
     if isinstance(value, str):
         value = _NUMERAL.sub("−", _NO_SIZE.sub(r"\1", value)) if value[:1] == "-" else value
-        return unit_text(_PER_CENT.sub("\u00a0%", value))
+        return unit_text(_PER_CENT.sub("\u00a0%", value.replace(" ± ", "\u00a0±\u00a0")))
     if isinstance(value, float) and 0.0 < abs(value) < math.inf:
-        return number(value, min(9, max(0, 3 - math.floor(math.log10(abs(value))))))
+        places = (2 if budget else 3) - math.floor(math.log10(abs(value)))
+        return number(value, max(0, places)) if places <= _MOST_PLACES else number(float(f"{value:.2e}"))
     return cell(value)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 from bench.analysis import doubt_lines, is_sound, limits_of, limits_text, number, unit_text, use_of
@@ -38,13 +39,15 @@ def overall_verdict(model: ReportModel, words: Texts) -> tuple[str, str]:
 def doubt_paragraphs(model: ReportModel, words: Texts) -> tuple[str, ...]:
     """Return what is not sound and why, and what that means for the numbers; () without doubt."""
     lines = doubt_lines(model.results.get("estimates", ()))
-    return (*map(sentence, lines), words("doubt.means")) if lines else ()
+    title = partial(model.title_of, language=words.language)
+    return (*(sentence(line, title) for line in lines), words("doubt.means")) if lines else ()
 
 
 def assumption_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what the data cannot show: each assumption with the size that passes unseen; None if none is named."""
     taken = model.results.get("assumptions", ())
-    rows = tuple(tuple(sentence(entry[name]) for name in _ASSUMED) for entry in taken)
+    title = partial(model.title_of, language=words.language)
+    rows = tuple(tuple(sentence(entry[name], title) for name in _ASSUMED) for entry in taken)
     headers = tuple(words(f"column.{name}") for name in _ASSUMED)
     return Table(words("assumptions.table"), headers, rows, prose=True) if rows else None
 
@@ -55,7 +58,10 @@ def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     for row in model.results.get("estimates", ()):
         if limits_of(row) is not None and row.get("verdict", "none") != "none":
             judged.setdefault((row["quantity"], row["conditions"].get("channel", _NO_CHANNEL)), []).append(row)
-    rows = tuple(_row(words, quantity, channel, group) for (quantity, channel), group in judged.items())
+    rows = tuple(
+        (model.title_of(quantity, words.language), *_row(words, channel, group))
+        for (quantity, channel), group in judged.items()
+    )
     rule = model.results.get("decision_rule")
     sentences = [words("verdicts.table")]
     sentences += [words("verdicts.rule", rule=str(rule).replace("_", " "))] if rule else []
@@ -77,13 +83,12 @@ def _use(row: Mapping[str, Any]) -> float:
     return use_of(float(row["value"]), limits, float(row["expanded_uncertainty"]))
 
 
-def _row(words: Texts, quantity: str, channel: Any, group: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+def _row(words: Texts, channel: Any, group: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
     worst = max(group, key=lambda row: (_use(row), abs(row["value"] or 0.0)))
     scale, unit = readable([worst])
     counted = Counter(str(row["verdict"]) for row in group)
     probability = worst.get("conformance_probability")
     return (
-        quantity,
         str(channel),
         str(len(group)),
         value_text(worst, scale),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from subprocess import CompletedProcess
 
@@ -11,7 +12,24 @@ import report_boxes
 from bench.session.service import read_view
 from bench.session.view import analyse_view, report_of
 
+GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "sessions"
+CODE_NAME = re.compile(r"(?<![\w/.])[a-z][a-z0-9]*(?:_[a-z0-9]+)+(?![\w/.])")
 FIGURES = {"scale_factor": 7, "bias_ramp": 8}
+
+
+def code_names(page: str) -> set[str]:
+    """Words with underscores that a reader sees, but for the chapter on software and hashes, which names files."""
+    seen = re.sub(r"<(style|section id=\"provenance\").*?</(style|section)>", "", page, flags=re.DOTALL)
+    return set(CODE_NAME.findall(re.sub(r"<[^>]*>", " ", seen)))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "folder", sorted(path.parent for path in GOLDEN.glob("*/*/session.0001.mcap")), ids=lambda path: path.name
+)
+def test_no_report_shows_the_name_of_a_quantity_in_the_code(folder: Path) -> None:
+    view = read_view(folder)
+    assert code_names(report_of(view, *analyse_view(view)).html()) == set()
 
 
 @pytest.mark.slow
@@ -37,3 +55,4 @@ def test_page_and_paper_are_legible_and_name_what_counts(
     ):
         assert text in page
     assert "2000-01-01 00:00:00 UTC" in page
+    assert code_names(page) == set()

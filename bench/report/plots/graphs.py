@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,7 +15,7 @@ from bench import analysis
 from bench.report.model import Picture
 from bench.report.plots.figures import thin
 from bench.report.plots.style import drawing, inline_svg, legend_of, look, panels_of
-from bench.report.tables import label, sentence
+from bench.report.tables import Title, label, named, sentence, spaced
 
 _LINE_STYLES = ("-", (0, (4, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)))
 _LEGEND_COLUMNS = 4
@@ -22,12 +23,26 @@ _FEW_DECADES = 100.0
 _FEW = 60  # points that are drawn with markers one can tell apart
 
 
-def analysis_pictures(figures: Sequence[analysis.Figure]) -> list[Picture]:
-    """Draw one picture per group of figures, in the order of first use; a figure without a group stands alone."""
+def analysis_pictures(figures: Sequence[analysis.Figure], title: Title = spaced) -> list[Picture]:
+    """Draw one picture per group of figures, in the order of first use; a figure without a group stands alone.
+
+    ``title``: of quantities that their texts name.
+    """
     groups: dict[str, list[analysis.Figure]] = {}
     for index, figure in enumerate(figures):
-        groups.setdefault(figure.group or f"figure {index + 1}", []).append(figure)
+        groups.setdefault(figure.group or f"figure {index + 1}", []).append(_for_people(figure, title))
     return [_picture(f"graph{number}", group) for number, group in enumerate(groups.values(), 1)]
+
+
+def _for_people(figure: analysis.Figure, title: Title) -> analysis.Figure:
+    return replace(
+        figure,
+        title=named(figure.title, title),
+        caption=named(figure.caption, title),
+        x_label=named(figure.x_label, title),
+        y_label=named(figure.y_label, title),
+        series=[replace(series, label=named(series.label, title)) for series in figure.series],
+    )
 
 
 def _picture(name: str, group: Sequence[analysis.Figure]) -> Picture:

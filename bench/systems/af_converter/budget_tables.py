@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Table
+from bench.analysis import Table, number, significant, with_uncertainty
 from bench.maths.budget import Budget
 
 _HEADERS = ("component", "u", "unit", "sensitivity", "contribution", "share", "dof", "type", "distribution", "source")
@@ -34,8 +34,8 @@ def budget_table(title: str, unit: str, value: float, budget: Budget) -> Table:
     ]
     rows.append(["combined", "", unit, "", figures(budget.std_uncertainty), "", dof_text(budget.dof), "", "", ""])
     caption = (
-        f"Value {figures(value, 7)} {unit}, U = {figures(budget.expanded_uncertainty)} {unit} "
-        f"(k = {budget.coverage_factor:.3f}, 95 %). Sensitivity and contribution in {unit} per unit and in {unit}; "
+        f"Value {with_uncertainty(value, budget.expanded_uncertainty)} {unit} "
+        f"(k = {budget.coverage_factor:.2f}, 95 %). Sensitivity and contribution in {unit} per unit and in {unit}; "
         "degrees of freedom by Welch-Satterthwaite"
     )
     return Table(title, caption, list(_HEADERS), rows)
@@ -62,16 +62,16 @@ def summary_table(title: str, unit: str, budgets: Mapping[str, Budget], kinds: M
         for component in budget.components:
             if component.name in kinds:
                 sums[kinds[component.name]] += component.contribution**2
-        ends = [figures(budget.std_uncertainty), dof_text(budget.dof), f"{budget.coverage_factor:.3f}"]
-        parts = [figures(math.sqrt(sums[column])) for column in columns]
-        rows.append([name, *parts, *ends, figures(budget.expanded_uncertainty)])
+        ends = [significant(budget.std_uncertainty), dof_text(budget.dof), f"{budget.coverage_factor:.2f}"]
+        parts = [significant(math.sqrt(sums[column])) for column in columns]
+        rows.append([name, *parts, *ends, significant(budget.expanded_uncertainty)])
     caption = f"Standard contributions, combined u and U (95 %), all in {unit}"
     return Table(title, caption, ["", *columns, "u", "dof", "k", "U"], rows)
 
 
-def figures(value: float, digits: int = 4) -> str:
-    """Return a number with so many significant digits, with a real minus sign."""
-    return f"{value:.{digits}g}".replace("-", "−")
+def figures(value: float, digits: int = 3) -> str:
+    """Return a number with so many significant digits: one more than a result has, so that sums can be checked."""
+    return number(float(f"{value:.{digits}g}"))
 
 
 def dof_text(dof: float) -> str:

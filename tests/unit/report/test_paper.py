@@ -15,6 +15,7 @@ from fontTools.ttLib import TTFont
 from matplotlib.image import imread
 from report_sample import sample_model, sample_results
 
+from bench import analysis
 from bench.model.errors import InputError
 from bench.report import Report
 from bench.report.document import document_files, png_pages
@@ -103,6 +104,23 @@ def test_a_simulated_run_is_marked_on_every_page_and_a_real_one_on_none(
             away = np.abs(imread(io.BytesIO(page))[..., :3] - pale_red).max(axis=2)
             count = int((away < 3.0 / 255.0).sum())
             assert count > 1000 if marked else count < 100
+
+
+def _heads(title: str) -> list[bytes]:
+    """What stands above the rows of a table over pages, on each page but the first; ink as bytes."""
+    rows = [[number, 0] for number in range(400)]
+    table = analysis.Table(title, "", ["n", "value"], rows)
+    results = {"session": "s", "campaign": "c", "uut": {}, "estimates": [], "quality": {}, "provenance": {}}
+    pages = Report(ReportModel(title="Long", results=results, tables=(table,))).pages(DPI)
+    heads = [imread(io.BytesIO(page))[int(19.0 / MM_PER_INCH * DPI) : int(26.0 / MM_PER_INCH * DPI)] for page in pages]
+    return [(head[..., :3].mean(axis=2) < 0.7).tobytes() for head in heads[2:5]]
+
+
+def test_a_caption_is_repeated_with_the_headings_of_a_table_that_goes_on() -> None:
+    continued, shorter = _heads("Readings of the long one"), _heads("Short")
+    assert len(set(continued)) == len(set(shorter)) == 1  # the same on every page
+    assert continued[0] != shorter[0]  # and it is the caption
+    assert any(continued[0])
 
 
 def test_every_text_has_its_glyphs(report: Report) -> None:

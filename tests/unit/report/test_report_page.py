@@ -134,8 +134,8 @@ def test_no_date_and_no_version_of_the_drawing(page: str) -> None:
 def test_every_section_is_there(outline: Outline) -> None:
     sections = [name for name in outline.ids if "-" not in name or name == "scale-factor"]
     assert sections == [
-        *("summary", "scale-factor", "coefficients", "residuals", "others", "uncertainty", "environment", "quality"),
-        *("run", "prompts", "standards", "notes", "provenance", "signatures"),
+        *("summary", "scale-factor", "coefficients", "others", "uncertainty", "environment", "quality"),
+        *("run", "prompts", "standards", "notes", "signatures", "residuals", "budgets", "provenance"),
     ]
 
 
@@ -146,13 +146,22 @@ def test_sections_without_content_are_left_out(plain: ReportModel) -> None:
     assert "<svg" not in text
 
 
-def test_table_shows_ppm_nanoampere_and_the_unit_of_the_sensor(model: ReportModel, outline: Outline) -> None:
+def test_what_the_results_rest_on_is_an_annex_with_letters(small_page: str) -> None:
+    titles = re.findall(r"<h2>(.*?)</h2>", small_page)
+    lettered = [title for title in titles if re.match(r"[A-Z]  ", title)]
+    assert lettered == titles[-len(lettered) :]
+    assert [title[0] for title in lettered] == list("AB")
+    assert lettered[0] == "A  Uncertainty budgets and correlations"
+    assert small_page.index('aria-level="2">Annex<') < small_page.index("A  Uncertainty budgets and correlations</h2>")
+
+
+def test_table_shows_ppm_microampere_and_the_unit_of_the_sensor(model: ReportModel, outline: Outline) -> None:
     estimate = model.estimates("dsf_n")[0]
     row = next(row for row in outline.rows if row[:2] == ["1", "−10.0"])
     headers = next(row for row in outline.rows if row[:2] == ["channel", "set / °C"])
     shown = {name: value.replace("−", "-").replace("\u202f", "") for name, value in zip(headers, row, strict=True)}
     assert shown["N / ppm"] == f"{estimate['value']:.0f} ± 20"
-    assert float(shown["N / nA"]) == pytest.approx(estimate["value"] * 1e-6 * 0.299e9, abs=0.6)
+    assert float(shown["N / µA"]) == pytest.approx(estimate["value"] * 1e-6 * 0.299e6, abs=0.06)
     assert float(shown["N / deg/s"]) == pytest.approx(estimate["value"] * 1e-6 * 83.0, abs=6e-5)
     assert shown["rows"] == "14"
     accelerometer = [row for row in outline.rows if row[:2] == ["channel", "set / °C"]][1]
@@ -167,12 +176,13 @@ def test_every_estimate_has_its_place(model: ReportModel, outline: Outline) -> N
     }
     text = " ".join(cell for row in outline.rows for cell in row)
     assert text.count("−400 ± 10") == 50
-    assert ["10", "dsf_p / ppm", "100.0 ± 2.0", "8.00 ± 0.16", "0.03000 ± 0.00060"] in outline.rows
-    assert ["10", "bias / nA", "100.0 ± 1.0", "8.000 ± 0.080", "0.03000 ± 0.00030"] in outline.rows
-    assert sum(1 for row in outline.rows if row[1:2] in (["dsf_n / ppm"], ["dsf_p / ppm"], ["bias / nA"])) == 30
-    drift = "channel: 1, temperature / °C: 50, repeat: 1"
-    assert ["dsf_n_drift", drift, "0.3 ± 2.1", "ppm"] in outline.rows
-    assert ["master_clock_error", "temperature / °C: 50", "1.500 ± 0.010", "ppm"] in outline.rows
+    assert ["10", "Scale-factor error P / ppm", "100.0 ± 2.0", "8.00 ± 0.16", "0.03000 ± 0.00060"] in outline.rows
+    assert ["10", "Bias / nA", "100.0 ± 1.0", "8.000 ± 0.080", "0.03000 ± 0.00030"] in outline.rows
+    heads = (["Scale-factor error N / ppm"], ["Scale-factor error P / ppm"], ["Bias / nA"])
+    assert sum(1 for row in outline.rows if row[1:2] in heads) == 30
+    drift = "channel 1, gyro, set temperature 50 °C, repeat 1"
+    assert ["Scale-factor error N, change between repeats", drift, "0.3 ± 2.1", "ppm"] in outline.rows
+    assert ["Master-clock error", "set temperature 50 °C", "1.500 ± 0.010", "ppm"] in outline.rows
 
 
 def test_figures_name_their_axes(page: str) -> None:
@@ -209,7 +219,7 @@ def test_standards_show_what_was_applied(small: ReportModel, plain: ReportModel)
     parser.feed(Report(replace(plain, standards=register, started_utc=small.started_utc)).html())
     row = next(row for row in parser.rows if row[0] == "calibrator")
     assert row[1:6] == ["5720A", "SIM-5720", "SIM-0001", "1999-11-01", "2000-11-01"]
-    assert row[6:] == ["305", "range / A 0.00022, gain 1e−06"]
+    assert row[6:] == ["305", "range / A 0.00022, gain 1·10⁻⁶"]
 
 
 def test_a_standard_that_was_overdue_says_so(small: ReportModel, plain: ReportModel) -> None:

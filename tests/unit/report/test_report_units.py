@@ -78,7 +78,8 @@ def test_units_stand_side_by_side_three_to_a_table_with_their_measure() -> None:
     first, second = across_tables(model, WORDS)
     assert first.headers[2:] == ("unit", "U-0", "U-1", "U-2")
     assert second.headers[3:] == ("U-3", "U-4", "U-5")
-    assert first.rows[0] == ("supply_voltage", "role: supply", "V", *(f"{5 + n}.0000 ± 0.0010" for n in range(3)))
+    assert second.caption == f"{first.caption} (continued)"
+    assert first.rows[0] == ("supply voltage", "role supply", "V", *(f"{5 + n}.0000 ± 0.0010" for n in range(3)))
     assert other_table(model, WORDS) is None
 
 
@@ -90,7 +91,7 @@ def test_a_matrix_is_set_as_one_and_the_kind_of_a_sensor_is_said() -> None:
     ]
     (table,) = across_tables(model_of(*matrix), WORDS)
     assert table.headers[3:] == ("x", "y", "z")
-    assert [row[1] for row in table.rows] == [f"kind: accelerometer, row: {row}" for row in "xyz"]
+    assert [row[1] for row in table.rows] == [f"accelerometer, row {row}" for row in "xyz"]
     assert table.rows[2][3:] == ("20.00 ± 0.10", "21.00 ± 0.10", "22.00 ± 0.10")
 
 
@@ -98,7 +99,7 @@ def test_what_has_no_uncertainty_has_no_row_of_zeros_under_uncertainty() -> None
     counted, measured = wrong("cpu", 0.0, "U-1"), of_unit("supply_voltage", "V", 5.0, 0.01, "U-1")
     table = coverage_table(model_of(counted, measured), WORDS)
     assert table is not None
-    assert [row[0] for row in table.rows] == ["supply_voltage"]
+    assert [row[0] for row in table.rows] == ["supply voltage"]
 
 
 def test_a_table_that_leads_stands_before_the_verdicts_and_once() -> None:
@@ -109,7 +110,7 @@ def test_a_table_that_leads_stands_before_the_verdicts_and_once() -> None:
     assert list(sections)[:3] == ["summary", "results", "verdicts"]
     assert sections["results"] == ["Units tested"]
     assert sections["explanations"] == ["Samples"]
-    assert Report(model).html().count("Units tested") == 1
+    assert Report(model).html().count("<caption>Units tested</caption>") == 1
 
 
 def test_what_no_data_can_show_is_a_chapter_of_its_own() -> None:

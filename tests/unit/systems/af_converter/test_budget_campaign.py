@@ -115,8 +115,8 @@ def test_components_are_shown_with_the_uncertainty_of_one_reading() -> None:
     groups, constants, standards = fitted(sim.simulate(SEED))
     one = next(one for one in groups.groups if constants.channel(one.group.channel).kind == "gyro")
     shown = {part.name: part.std_uncertainty for part in components_of(one, 0, groups, constants, standards)}
-    assert shown["quantisation of the counts"] == pytest.approx(5.103, abs=1e-3)
-    assert shown["white noise of the converter"] == pytest.approx(0.1414, abs=1e-4)
+    assert shown["quantisation of the counts"] == pytest.approx(5.103, abs=5e-3)
+    assert shown["white noise of the converter"] == pytest.approx(0.1414, abs=5e-4)
     assert shown["calibrator gain, common to all rows"] == pytest.approx(10.0)
     assert shown["calibrator traceability, calibration of all ranges"] == pytest.approx(5.0)
     assert shown["calibrator drift over the campaign"] == pytest.approx(2.0)
@@ -124,7 +124,7 @@ def test_components_are_shown_with_the_uncertainty_of_one_reading() -> None:
 
 
 def test_tables_of_a_campaign_with_a_closing_repeat_have_its_totals() -> None:
-    """Whatever the repeat says about drift: the table by channel shows the U of results.json, to its four digits."""
+    """Whatever the repeat says about drift: the table by channel shows the U of results.json, to its two digits."""
     campaign = sim.simulate(SEED, repeat_channel=1)
     analysis = analyse(Material(campaign.rows, *sections(campaign)))
     for quantity in ("dsf_n", "dsf_p"):
@@ -134,7 +134,13 @@ def test_tables_of_a_campaign_with_a_closing_repeat_have_its_totals() -> None:
             for one in analysis.estimates
             if one["quantity"] == quantity and one["conditions"]["temperature_degC"] == 20.0
         }
-        assert {row[0]: row[-1] for row in table.rows} == {name: f"{value:.4g}" for name, value in stated.items()}
+        assert {row[0]: row[-1] for row in table.rows} == {name: f"{value:.2g}" for name, value in stated.items()}
+
+
+def _number(text: str) -> float:
+    """A number as it is printed."""
+    figures, _, power = text.replace("−", "-").replace("\u202f", "").partition("·10")
+    return float(figures) * 10.0 ** int(power.translate(str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")) or "0")
 
 
 def test_tables_show_every_contribution_and_the_total() -> None:
@@ -146,15 +152,15 @@ def test_tables_show_every_contribution_and_the_total() -> None:
     for table in tables:
         assert {len(row) for row in table.rows} <= {len(table.headers)}
         if table.title.startswith("Uncertainty budget"):
-            total = sum(float(row[4].replace("−", "-")) ** 2 for row in table.rows[:-1])
-            assert float(table.rows[-1][4]) == pytest.approx(np.sqrt(total), rel=1e-3)
+            total = sum(_number(row[4]) ** 2 for row in table.rows[:-1])
+            assert float(table.rows[-1][4]) == pytest.approx(np.sqrt(total), rel=5e-3)
             assert sum(float(row[5].split()[0]) for row in table.rows[:-1]) == pytest.approx(100.0, abs=0.1)
             names = {row[0] for row in table.rows}
             stated = {"calibrator traceability, calibration of all ranges", "calibrator drift over the campaign"}
             assert stated <= names
             for row in table.rows[:-1]:
-                u, sensitivity, contribution = (float(row[place].replace("−", "-")) for place in (1, 3, 4))
-                assert u * sensitivity == pytest.approx(contribution, rel=2e-3)
+                u, sensitivity, contribution = (_number(row[place]) for place in (1, 3, 4))
+                assert u * sensitivity == pytest.approx(contribution, rel=2e-2)
 
 
 def test_what_is_not_stated_is_no_line() -> None:

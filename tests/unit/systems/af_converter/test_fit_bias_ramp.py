@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from bias_simulation import MASTER_ppm, Ramp, Row, campaign, draw, ramp, rows
 
-from bench.analysis import Analysis, Material, Trace, build_results, validate_coefficients
+from bench.analysis import Analysis, Material, Trace, build_results, validate_coefficients, with_uncertainty
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.af_converter.bias_ramp import analysis as bias_ramp
@@ -156,7 +156,7 @@ def test_budgets_give_the_stated_uncertainty_and_the_sensor_joins_the_channels(
     for table in budgets:
         number = int(table.title.split("channel ")[1].split(" ")[0])
         stated = one_of(analysis, "bias", channel=number, temperature_degC=20.0)
-        assert f"U = {stated['expanded_uncertainty'] * 1e9:.4g}" in table.caption
+        assert with_uncertainty(stated["value"] * 1e9, stated["expanded_uncertainty"] * 1e9) in table.caption
     matrix = next(one for one in analysis.tables if one.title.startswith("Correlation of the bias"))
     names = matrix.headers[1:]
     sensor_nA = {str(n): 1e9 * 0.05 * one.unit.polynomial[1] for n, one in ramps.items()}
