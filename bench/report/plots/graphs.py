@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
 from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullFormatter
 
 from bench import analysis
 from bench.report.model import Picture
@@ -19,7 +19,8 @@ from bench.report.tables import Title, label, named, sentence, spaced
 
 _LINE_STYLES = ("-", (0, (4, 2)), (0, (1, 1.2)), (0, (6, 2, 1, 2)))
 _LEGEND_COLUMNS = 4
-_FEW_DECADES = 100.0
+_DECADE, _FEW_DECADES = 10.0, 100.0
+_FEW_TICKS = 5
 _FEW = 60  # points that are drawn with markers one can tell apart
 
 
@@ -84,10 +85,14 @@ def _draw(axes: Axes, figure: analysis.Figure) -> None:
 
 
 def _mark_decades(axis: Axis) -> None:
-    """Numbers at powers of ten, over less than two decades at 1, 2 and 5 of each: there is room for no more."""
+    """Numbers at powers of ten, over less than two decades at 1, 2 and 5 of each: there is room for no more.
+
+    Within a decade at even steps: between 0.9 and 1.1 a single power of ten would stand alone.
+    """
     low, high = axis.get_view_interval()
     if high < _FEW_DECADES * low:
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        within = high < _DECADE * low
+        axis.set_major_locator(MaxNLocator(_FEW_TICKS) if within else LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
     axis.set_minor_formatter(NullFormatter())
 

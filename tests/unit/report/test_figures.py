@@ -171,6 +171,18 @@ def test_logarithmic_axes() -> None:
     assert "20" not in texts(logarithmic)
 
 
+@pytest.mark.parametrize("values", [(0.91, 1.02), (0.97, 0.99), (1.1, 8.0), (3.0, 25.0)])
+def test_a_logarithmic_axis_has_several_numbers_however_short_it_is(values: tuple[float, float]) -> None:
+    """A variance that stays between 0.91 and 1.02 once had the single number 1 beside it."""
+    parts = [series("variance", [0.0, 1.0], values)]
+    drawn = texts(analysis_pictures([Figure("f", "", "time, s", "variance, 1", parts, y_log=True)])[0].svg)
+    along = ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]
+    beside = [text for text in drawn[len(along) :] if re.fullmatch(r"[0-9.]+", text)]
+    assert drawn[: len(along)] == along
+    assert len(beside) >= 3
+    assert all(values[0] / 1.1 < float(text) < values[1] * 1.1 for text in beside)
+
+
 def test_error_bars_reach_from_low_to_high_only() -> None:
     bars = [series("r", [1.0], [5.0], "points", low=[5.0], high=[9.0])]
     plain = [series("r", [1.0], [5.0], "points")]
