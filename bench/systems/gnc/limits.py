@@ -14,7 +14,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from bench.analysis import Estimates, Table, judged, rule_of, stated_limits, with_uncertainty
+from bench import analysis
+from bench.analysis import Estimate, Estimates, Table, judged, rule_of, stated_limits, use_of, with_uncertainty
 from bench.systems.gnc.declaration import DECLARATION
 
 # in the base unit of the dimension that the declaration states
@@ -131,10 +132,15 @@ def _row(row: Row, entries: Estimates, limits: Limits, rule: str) -> list[Any]:
     if not entries:
         return [row.text, unit, "–", limit, "–", NOT_TESTED]
     worst = min(
-        (judged(entry, rule) for entry in entries),
-        key=lambda entry: (_ORDER.index(entry["verdict"]), -abs(entry["value"])),
+        (judged(entry, rule) for entry in entries), key=lambda entry: (_ORDER.index(entry["verdict"]), -_use(entry))
     )
     verdict = NOT_TESTED if worst["verdict"] == "none" else str(worst["verdict"]).upper().replace("_", " ")
     place = " ".join(str(value) for name, value in worst["conditions"].items() if name != "kind")
     measured = with_uncertainty(worst["value"], worst["expanded_uncertainty"])
     return [row.text, unit, measured, limit, place or "–", verdict]
+
+
+def _use(entry: Estimate) -> float:
+    """Return how much of its limits a value with its interval uses, as the table of the verdicts has it."""
+    limits = analysis.limits_of(entry)
+    return abs(entry["value"]) if limits is None else use_of(entry["value"], limits, entry["expanded_uncertainty"])

@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
 from bench.analysis import (
     Analysis,
     Estimates,
@@ -23,7 +21,10 @@ from bench.analysis import (
     curve,
     estimate,
     no_result,
+    number,
+    with_uncertainty,
 )
+from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.coefficients import magnetometer_section
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
@@ -146,14 +147,18 @@ def _table(fit: PlaneComparison) -> Table:
     factors = (1e3, 1e3, 1.0, 1.0, 1e3)
     extremes, ellipse = fit.by_method[EXTREMES], fit.by_method[ELLIPSE]
     rows = [
-        [name, *(_with(factor * by.values[k], factor * by.std[k]) for by in (extremes, ellipse)), float(fit.score[k])]
+        [
+            name,
+            *(_interval(by, k, factor) for by in (extremes, ellipse)),
+            number(float(fit.score[k]), 1),
+        ]
         for k, (name, factor) in enumerate(zip(names, factors, strict=True))
     ]
-    rolls = [_with(0.0, fit.roll[method].rms_deg) for method in (EXTREMES, ELLIPSE)]
-    rows.append(["roll angle, error over a turn, deg", *rolls, "–"])
+    rolls = [f"{fit.roll[method].rms_deg:.2g}" for method in (EXTREMES, ELLIPSE)]
+    rows.append(["roll angle, RMS error over a turn, deg", *rolls, "–"])
     rms, largest = fit.roll_difference_deg
     caption = (
-        f"Two standard uncertainties. Roll by the two methods differs by {rms:.3g} deg RMS, {largest:.3g} deg at most. "
+        f"Intervals of 95 %. Roll by the two methods differs by {rms:.3g} deg RMS, {largest:.3g} deg at most. "
         + _coverage(fit.extremes.phases)
     )
     headers = ["parameter", "extremes (paper)", "ellipse (least squares)", "difference / std"]
@@ -161,15 +166,15 @@ def _table(fit: PlaneComparison) -> Table:
     return Table(title, caption, headers, rows, prose=True, lead=True)
 
 
+def _interval(parameters: PlaneParameters, k: int, factor: float) -> str:
+    reach = factor * coverage_factor(float(parameters.dof[k])) * parameters.std[k]
+    return with_uncertainty(factor * parameters.values[k], reach)
+
+
 def _coverage(phases: int) -> str:
     if not phases:
         return "The turn was read without a gap."
     return f"Phases of the turn that were read: {phases}; extremes of few phases miss the true ones."
-
-
-def _with(value: float, std: float) -> str:
-    places = max(0, min(9, 1 - int(np.floor(np.log10(2 * std))))) if std > 0 else 6
-    return f"{value:.{places}f} ± {2 * std:.{places}f}"
 
 
 def _figures(row: SampledRow, parameters: PlaneParameters) -> list[Figure]:
@@ -181,7 +186,7 @@ def _figures(row: SampledRow, parameters: PlaneParameters) -> list[Figure]:
     plane = Figure("Magnetometer, X against Y", caption, "X, mgauss", "Y, mgauss", parts, equal=True)
     turn = slice(0, max(2, int(60.0 * row.rate_Hz)))
     time_s = row.time_s[turn]
-    parts = [curve(axis, time_s, field[turn, number], "line") for number, axis in enumerate(AXES)]
+    parts = [curve(axis, time_s, field[turn, k], "line") for k, axis in enumerate(AXES)]
     components = Figure("Magnetometer against time", "The first minute.", "time, s", "field, mgauss", parts)
     return [plane, components]
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import CONTINUES, Floats, Material, Table
+from bench.analysis import CONTINUES, Floats, Material, Table, number, with_uncertainty
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.bad_samples import bad_samples, bridged
 from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock, unwrapped_ticks_s
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
 STANDARD_GRAVITY_M_S2 = 9.80665  # the g of every unit here; gravity of the site is stated in m/s2
 AXES = ("x", "y", "z")
+_CRYSTAL = 1e-4  # error of a quartz clock: a record that cannot tell as much says nothing about it
 SENSORS = {"gyro": "gyro", "accelerometer": "accel", "magnetometer": "mag"}
 _STEPS = {
     "gyro": ("gyro_range_deg_s", "gyro_resolution_deg_s"),
@@ -260,20 +261,19 @@ def check_table(checked_rows: Sequence[CheckedRow]) -> Table:
     rows = []
     for seen in checked_rows:
         ticks, checks = seen.checks.ticks, seen.checks
-        jitter_ms = 1e3 * ticks.worst_jitter_s if ticks else "–"
-        clock = _clock(checks)
+        jitter_us = number(1e6 * ticks.worst_jitter_s, 0) if ticks else "–"
         what = ", ".join(dict.fromkeys(finding.kind for finding in checks.findings)) or "nothing"
-        rows.append([seen.row.number, seen.row.item, checks.samples, checks.missing, jitter_ms, clock, what])
-    headers = ["record", "item", "samples", "missing", "largest jitter, ms", "unit's clock, ppm", "found"]
+        rows.append([seen.row.number, seen.row.item, checks.samples, checks.missing, jitter_us, _clock(checks), what])
+    headers = ["record", "item", "samples", "missing", "largest jitter, us", "unit's clock, ppm", "found"]
     caption = (
-        "Clock of the unit against that of the bench, as far as the delays of the link let it be seen; the time of "
-        "every integral is the unit's own."
+        "Jitter: of the time stamps, in steps of 1 us. Clock: of the unit against that of the bench, with the error "
+        "that the delays of the link can make; a dash where that is more than a crystal is off."
     )
     return Table("Samples", caption, headers, rows)
 
 
 def _clock(checks: SampleChecks) -> str:
     ticks = checks.ticks
-    if ticks is None or not math.isfinite(ticks.clock_bound):
+    if ticks is None or not ticks.clock_bound <= _CRYSTAL:
         return "–"
-    return f"{1e6 * ticks.clock_error:.0f} ± {1e6 * ticks.clock_bound:.0f}"
+    return with_uncertainty(1e6 * ticks.clock_error, 1e6 * ticks.clock_bound)

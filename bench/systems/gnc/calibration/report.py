@@ -10,6 +10,7 @@ from io import StringIO
 import numpy as np
 
 from bench.analysis import Figure, Table, curve, no_result, with_uncertainty
+from bench.maths.verdict import coverage_factor
 from bench.systems.gnc.calibration.sets import Calibration, rotation_record
 from bench.systems.gnc.estimators.rotations import RotationFit
 from bench.systems.gnc.estimators.triad import TriadFit
@@ -31,19 +32,19 @@ def matrix_table(calibration: Calibration) -> list[Table]:
 
 
 def _triad(title: str, unit: str, factor: float, fit: TriadFit) -> Table:
-    rows = []
+    rows, reach = [], coverage_factor(fit.dof)
     for number, axis in enumerate(AXES):
         matrix = [f"{value:.6f}" for value in fit.matrix[number]]
         coupling = [
             f"{1e3 * value:.4f}" if column != number else "–" for column, value in enumerate(fit.cross_coupling[number])
         ]
-        bias = with_uncertainty(factor * fit.bias[number], 2 * factor * fit.bias_std[number])
-        scale = with_uncertainty(fit.scale_error_ppm[number], 2 * fit.scale_error_std_ppm[number])
+        bias = with_uncertainty(factor * fit.bias[number], reach * factor * fit.bias_std[number])
+        scale = with_uncertainty(fit.scale_error_ppm[number], reach * fit.scale_error_std_ppm[number])
         rows.append([axis, *matrix, bias, scale, *coupling])
     couplings = [f"coupling from {axis}, 1e-3" for axis in AXES]
     caption = (
         "K: true input per indicated; rows are sensors, columns axes. Scale-factor error and coupling are those of the "
-        "sensor itself, before compensation; intervals of two standard uncertainties."
+        "sensor itself, before compensation; intervals of 95 %."
     )
     headers = ["axis", *(f"K {axis}" for axis in AXES), f"bias, {unit}", "scale-factor error, ppm", *couplings]
     return Table(title, caption, headers, rows, lead=True)
