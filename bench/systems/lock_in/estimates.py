@@ -13,6 +13,7 @@ from bench.analysis import Estimates, estimate, stated_limits
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS, RAW
 from bench.systems.lock_in.declaration import DECLARATION
+from bench.systems.lock_in.estimators.bias import bias_alignment_error_deg
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, alignment_time_s, path_exponent
 from bench.systems.lock_in.result import LaserResult, Measured, squared, walk_dof, walk_std_deg_rth
 
@@ -60,7 +61,23 @@ def record_estimates(laser: LaserResult, requirement: Requirement, judged: str) 
         if walk is not None:
             limit_s = requirement.time_s if method == judged else None
             entries += _of_method(laser, method, walk, requirement, limit_s)
+            entries += _bias(laser, method, requirement)
     return entries
+
+
+def _bias(laser: LaserResult, method: str, requirement: Requirement) -> Estimates:
+    """Return bias instability and the alignment error by it, where the record shows any."""
+    bias = laser.biases.get(method)
+    if bias is None or not bias.shown:
+        return []
+    place, n = laser.record.place(laser.clock_Hz) | {"method": method}, laser.found.turnarounds
+    error_deg, std_deg = (
+        bias_alignment_error_deg(size, requirement.latitude_deg) for size in (bias.value_deg_h, bias.std_deg_h)
+    )
+    return [
+        estimate("bias_instability", "deg/h", bias.value_deg_h, bias.std_deg_h, place, n=n),
+        estimate("bias_alignment_error", "deg", error_deg, std_deg, place, n=n),
+    ]
 
 
 def _of_method(

@@ -2,7 +2,7 @@
 
 Counts that were latched at the same place of each dither period, or of a gyroscope without dither.
 
-Source: IEEE Std 647 and 952-1997 annex C (noise terms); lock-in paper equation (2) for the alignment time.
+Source: IEEE Std 647 and 952-1997 annex C (noise terms); lock-in paper equation (1) for the alignment error by bias.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from bench.analysis import (
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import GYRO_TERMS, NoiseTerms, allan_variance_of, fit_noise_terms
 from bench.model.errors import FitError
+from bench.systems.lock_in.estimators.bias import bias_alignment_error_deg
 
 METHODS: tuple[str, ...] = ("allan",)
 _TERMS = ("quantisation_noise", "white_noise", "bias_instability", "random_walk")
@@ -42,7 +43,9 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     rate_deg_h, interval_s = _rates(material)
     deviation = allan_deviation(rate_deg_h, interval_s)
     terms = fit_noise_terms(deviation, _TERMS)
-    entries = _estimates(rate_deg_h, deviation, terms)
+    entries = _estimates(rate_deg_h, deviation, terms) + _alignment(
+        terms, material.campaign.get("laser"), rate_deg_h.size
+    )
     return Analysis(
         campaign="rlg_count_log",
         method=method,
@@ -98,6 +101,18 @@ def _estimates(rate_deg_h: Floats, deviation: AllanDeviation, terms: NoiseTerms)
         value, std = factor * term.coefficient, factor * term.std_uncertainty
         entries.append(estimate(name, unit, value, std, place, **counted))
     return entries
+
+
+def _alignment(terms: NoiseTerms, laser: Mapping[str, Any] | None, n: int) -> Estimates:
+    """Return the alignment error that the bias leaves, where the log shows one and the mapping says the latitude."""
+    bias = terms["bias_instability"]
+    if laser is None or not bias.significant or not bias.coefficient > 0.0:
+        return []
+    value, std = (
+        bias_alignment_error_deg(size, float(laser["latitude_deg"]))
+        for size in (bias.coefficient, bias.std_uncertainty)
+    )
+    return [estimate("bias_alignment_error", "deg", value, std, {"kind": "gyro"}, n=n)]
 
 
 def _table(entries: Estimates) -> Table:

@@ -16,7 +16,8 @@ from bench.systems.lock_in.result import LaserResult
 
 CONSTANTS = ("lock_in_rate", "backscatter_phase")
 RATIOS = ("random_walk_ratio", "alignment_time_ratio")
-WALKS = ("angle_random_walk", "quantisation_noise", "alignment_time", "path_length_exponent", *RATIOS)
+BIASES = ("bias_instability", "bias_alignment_error")
+WALKS = ("angle_random_walk", "quantisation_noise", "alignment_time", "path_length_exponent", *BIASES, *RATIOS)
 _SENSOR_OFF = 0.05  # of the dither amplitude, five times what its sensor is good to
 _LEAST_SCATTER = 0.02  # of the dither's amplitude; with less the jumps are no random walk (docs/ring-laser.md)
 _MOST_JUMP_rad = 0.5  # the fit is of first order in it

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from scipy import special
@@ -12,7 +12,14 @@ from scipy import special
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW, Compensated, compensated
-from bench.systems.lock_in.estimators.random_walk import RandomWalk, expected_random_walk, gyro_gain, random_walk
+from bench.systems.lock_in.estimators.bias import BiasInstability, bias_instability
+from bench.systems.lock_in.estimators.random_walk import (
+    RandomWalk,
+    expected_random_walk,
+    gyro_gain,
+    output_deviation,
+    random_walk,
+)
 from bench.systems.lock_in.records import Events, LaserRecord
 
 _ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
@@ -68,7 +75,7 @@ def walk_dof(walk: RandomWalk) -> float:
 
 @dataclass(frozen=True)
 class LaserResult:
-    """Result of one record. ``walks``: by method and ``raw``; ``missing``: method to reason."""
+    """Result of one record. ``walks``, ``biases``: by method and ``raw``; ``missing``: method to reason."""
 
     record: LaserRecord
     clock_Hz: float
@@ -76,6 +83,7 @@ class LaserResult:
     found: Compensated
     walks: Mapping[str, RandomWalk]
     missing: Mapping[str, str]
+    biases: Mapping[str, BiasInstability] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
@@ -182,16 +190,18 @@ def laser_result(record: LaserRecord) -> LaserResult:
     stretches, events = list(events.stretches), replace(events, stretches=())
     compensation = compensated(stretches, events, record.number)
     walks: dict[str, RandomWalk] = {}
+    biases: dict[str, BiasInstability] = {}
     missing = dict(compensation.refused)
     for method in (RAW, *COMPENSATORS):
         if method != RAW and not compensation.used.get(method):
             missing.setdefault(method, "no turnaround could be compensated")
             continue
         try:
-            walks[method] = random_walk(compensation.increments[method], compensation.interval_s, record.path_length_m)
+            of_output = compensation.increments[method], compensation.interval_s, record.path_length_m
+            walks[method], biases[method] = random_walk(*of_output), bias_instability(output_deviation(*of_output))
         except FitError as error:
             missing[method] = f"{error.message} ({error.code})"
-    return LaserResult(record, events.clock_Hz, events, compensation, walks, missing)
+    return LaserResult(record, events.clock_Hz, events, compensation, walks, missing, biases)
 
 
 def _weighted(values: list[tuple[float, float]]) -> Measured | None:

@@ -9,6 +9,7 @@ from bench.analysis import Table, with_uncertainty
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, RAW
 from bench.systems.lock_in.estimates import ARCSEC, NATO_MIL_DEG, Requirement, alignment_s
+from bench.systems.lock_in.estimators.bias import bias_alignment_error_deg
 from bench.systems.lock_in.result import LaserResult, Measured, squared, walk_std_deg_rth
 
 LABELS = {
@@ -89,15 +90,28 @@ def _alignment(results: Sequence[LaserResult], requirement: Requirement, method:
         raw, after, ratio = laser.walks.get(RAW), laser.walks.get(method), laser.ratio(method)
         times = [None if walk is None else alignment_s(walk, requirement) for walk in (raw, after)]
         factor = None if ratio is None else squared(ratio)
-        rows.append([[_bounded(value) for value in (*times, factor)]])
+        rows.append([[*(_bounded(value) for value in (*times, factor)), _by_bias(laser, method, requirement)]])
     mil = requirement.error_deg / NATO_MIL_DEG
     caption = (
         f"Until the random walk alone lets the azimuth be known to {requirement.error_deg:.5g} deg ({mil:.3g} NATO "
         f"mil, one standard deviation) at latitude {requirement.latitude_deg:g} deg, equation (2); after: "
-        f"{LABELS[method]}."
+        f"{LABELS[method]}. Error by bias: equation (1), with the bias instability of the output after, or what that "
+        "does not exceed (95 %); it stays however long one aligns. Averaging times end at a 20th of the record: what "
+        "wanders more slowly, or changes from one switch-on to the next, no record shows."
     )
-    headers = ["before, s", "after, s", "after over before"]
+    headers = ["before, s", "after, s", "after over before", "error by bias, mil"]
     return _table(results, headers, rows, title="Alignment time", caption=caption, lead=True)
+
+
+def _by_bias(laser: LaserResult, method: str, requirement: Requirement) -> str:
+    """Return the alignment error by the bias instability of an output, NATO mil, or its upper limit."""
+    bias = laser.biases.get(method)
+    if bias is None:
+        return "no result"
+    of_one = bias_alignment_error_deg(1.0, requirement.latitude_deg) / NATO_MIL_DEG
+    if not bias.shown:
+        return f"< {of_one * bias.upper_deg_h:.2g}"
+    return _text(Measured(bias.value_deg_h, bias.std_deg_h), of_one)
 
 
 def _constants(results: Sequence[LaserResult]) -> Table:
@@ -155,8 +169,9 @@ def _material(results: Sequence[LaserResult]) -> Table:
     caption = (
         "A lost block or a dropped edge ends a stretch: nothing is bridged. Grazing: the phase turned within 0.01 rad "
         "of a level, so the crossings next to the turnaround were left out. A turnaround that is not used stays "
-        "uncompensated."
+        "uncompensated. Blocks lost within the record; what is lost between records, while the tagger is set and "
+        "started again, is among the lost frames of the session only."
     )
-    headers = ["time, s", "edges", "turnarounds", "grazing", "turnarounds not used", "stretches", "blocks lost",
+    headers = ["time, s", "edges", "turnarounds", "grazing", "turnarounds not used", "stretches", "blocks lost within",
                "edges dropped", "edges missing inside"]  # fmt: skip
     return _table(results, headers, rows, title="What the records hold", caption=caption)

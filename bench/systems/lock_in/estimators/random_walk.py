@@ -172,22 +172,10 @@ def random_walk(
 
     Args:    increment_rad: (c,), of ``cycle_increments``; NaN is a gap.   interval_s: dither period.
              path_length_m: perimeter of the ring.   terms: of ``bench.maths.allan_terms``, these two or more.
-    Raises:  FitError B-FIT-099 for a record too short for four averaging times, 0.6 s at 400 Hz.
+    Raises:  FitError B-FIT-099 as ``output_deviation``.
     Source:  IEEE Std 952-1997 annex C, equations C.7 to C.17 (N, Q).
     """
-    first, last = _SHORTEST_PERIODS, increment_rad.size // _LONGEST_SHARE
-    octaves = np.log2(last / first) if last > first else 0.0
-    factors = np.unique(np.rint(first * 2.0 ** np.linspace(0.0, octaves, 1 + max(0, round(_PER_OCTAVE * octaves)))))
-    if factors.size < _FEWEST_TIMES:
-        raise FitError(
-            "B-FIT-099",
-            f"{increment_rad.size} dither periods of {interval_s:.6f} s leave {factors.size} averaging times for a "
-            f"random walk, at least {_FEWEST_TIMES} are due",
-            next_step="record at least 1 s without lost events; 20 s give the random walk to 2 %",
-        )
-    rate = np.rad2deg(increment_rad / gyro_gain(path_length_m)) * 3600.0 / interval_s
-    measured = allan_deviation(rate, interval_s, factors=factors.astype(int).tolist())
-    curve = _sharpened(measured, fit_noise_terms(measured, terms)["white_noise"].coefficient)
+    curve = output_deviation(increment_rad, interval_s, path_length_m, terms)
     fit = fit_noise_terms(curve, terms)
     walk, quantum = fit["white_noise"], fit["quantisation_noise"]
     return RandomWalk(
@@ -204,6 +192,29 @@ def random_walk(
         chi2=fit.chi2,
         dof=fit.dof,
     )
+
+
+def output_deviation(
+    increment_rad: Array, interval_s: float, path_length_m: float, terms: Sequence[str] = TERMS
+) -> AllanDeviation:
+    """Return the overlapping Allan deviation of an output, deg/h, as ``random_walk`` takes it.
+
+    Args:    as there.
+    Raises:  FitError B-FIT-099 for a record too short for four averaging times, 0.6 s at 400 Hz.
+    """
+    first, last = _SHORTEST_PERIODS, increment_rad.size // _LONGEST_SHARE
+    octaves = np.log2(last / first) if last > first else 0.0
+    factors = np.unique(np.rint(first * 2.0 ** np.linspace(0.0, octaves, 1 + max(0, round(_PER_OCTAVE * octaves)))))
+    if factors.size < _FEWEST_TIMES:
+        raise FitError(
+            "B-FIT-099",
+            f"{increment_rad.size} dither periods of {interval_s:.6f} s leave {factors.size} averaging times for a "
+            f"random walk, at least {_FEWEST_TIMES} are due",
+            next_step="record at least 1 s without lost events; 20 s give the random walk to 2 %",
+        )
+    rate = np.rad2deg(increment_rad / gyro_gain(path_length_m)) * 3600.0 / interval_s
+    measured = allan_deviation(rate, interval_s, factors=factors.astype(int).tolist())
+    return _sharpened(measured, fit_noise_terms(measured, terms)["white_noise"].coefficient)
 
 
 def _sharpened(curve: AllanDeviation, walk: float) -> AllanDeviation:

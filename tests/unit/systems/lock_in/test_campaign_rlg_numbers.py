@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -12,6 +13,7 @@ from rlg_rig import as_row
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, Compensated, Shown
 from bench.systems.lock_in.estimates import Requirement, exponent_estimates, record_estimates
+from bench.systems.lock_in.estimators.bias import BiasInstability
 from bench.systems.lock_in.estimators.random_walk import RandomWalk
 from bench.systems.lock_in.figures import campaign_figures
 from bench.systems.lock_in.records import LaserRecord
@@ -47,6 +49,20 @@ def result(
 
 
 BOTH = {"raw": walk(3e-3, 9e-5), "global_constants": walk(6e-4, 3e-5), "parabolas": walk(3.3e-3, 9e-5)}
+
+
+@pytest.mark.parametrize(("shown", "text"), [(True, "1.48 ± 0.29"), (False, "< 2.4")])
+def test_the_alignment_error_by_bias_is_a_value_or_a_limit(shown: bool, text: str) -> None:
+    """0.0175 deg/h at 37 deg is 0.0175 / 12.012 rad or 1.48 mil of 360/6400 deg, by hand; limits are no estimates."""
+    laser = result(BOTH)
+    bias = BiasInstability(0.0175, 0.00175, 0.0288, shown)
+    laser = replace(laser, biases={"raw": bias, "global_constants": bias})
+    requirement = Requirement(360.0 / 6400.0, None, 37.0)
+    (table,) = (one for one in tables([laser], requirement, "global_constants") if one.title == "Alignment time")
+    assert table.rows[0][-1] == text
+    found = [one for one in record_estimates(laser, requirement, "global_constants") if "bias" in one["quantity"]]
+    assert [one["quantity"] for one in found] == ["bias_instability", "bias_alignment_error"] * 2 * shown
+    assert all(one["value"] == pytest.approx(0.08348, rel=1e-3) for one in found[1::2])
 
 
 def test_ratio_of_two_walks() -> None:

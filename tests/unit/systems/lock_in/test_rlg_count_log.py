@@ -53,6 +53,36 @@ def test_rate_walk_and_quantisation_are_those_it_was_made_of(role: str, tmp_path
     assert steps["value"] == pytest.approx(SCALE_arcsec / np.sqrt(12.0), rel=0.05)  # a uniform error of one count
 
 
+def flicker(count: int, seed: int) -> np.ndarray:
+    """Noise of the two-sided density B^2 / (2 pi f), B = 1: half an integral of unit white noise (Hosking, Kasdin)."""
+    lags = np.arange(1, 2 * count)
+    weights = np.concatenate(([1.0], np.cumprod((lags - 0.5) / lags)))
+    white = np.random.default_rng(seed).normal(0.0, 1.0, 2 * count)
+    size = 4 * count
+    return np.fft.irfft(np.fft.rfft(weights, size) * np.fft.rfft(white, size), size)[count : 2 * count]
+
+
+def test_the_bias_leaves_an_alignment_error_where_the_log_shows_one(tmp_path: Path) -> None:
+    """Against the heading of two level gyroscopes that the Earth turns, one of them with this bias."""
+    bias_deg_h, latitude_deg, step_s = 0.5, 37.0, 0.1
+    rate = RATE_deg_h + bias_deg_h * flicker(2**16, 4)  # deg/h, arcsec/s alike
+    values = np.floor(np.cumsum(rate * step_s) / 0.001)
+    mapping = MAPPING.replace("1.11 arcsec", "0.001 arcsec")
+    stated = mapping + f"laser: {{path_length: 28 cm, latitude: {latitude_deg:g} deg}}\n"
+    entries = found(tmp_path, stated, values)
+    bias, error = entries["bias_instability"], entries["bias_alignment_error"]
+    assert bias["value"] == pytest.approx(bias_deg_h, abs=1.5 * bias["expanded_uncertainty"])
+    level_deg_h = 15.041 * np.cos(np.deg2rad(latitude_deg))
+    north, east = level_deg_h, bias["value"]  # of a unit that points north
+    assert error["value"] == pytest.approx(np.rad2deg(np.arctan2(east, north)), rel=2e-3)
+    assert error["std_uncertainty"] / error["value"] == pytest.approx(bias["std_uncertainty"] / bias["value"])
+
+
+def test_a_log_of_a_random_walk_alone_states_no_bias(tmp_path: Path) -> None:
+    entries = found(tmp_path, MAPPING + "laser: {path_length: 28 cm, latitude: 37 deg}\n", counts())
+    assert "bias_alignment_error" not in entries
+
+
 def test_a_counter_that_stands_still_is_refused(tmp_path: Path) -> None:
     with pytest.raises(FitError, match=r"B-FIT-169: .*the same number in every interval"):
         found(tmp_path, MAPPING, np.arange(1000))
