@@ -14,7 +14,7 @@ from bench.systems.north.sets import TEST, NorthSet, Waveform, waveform_of
 from bench.systems.north.solution import LIKELIHOOD, METHODS, Solution
 
 COVERAGE = 1.96  # 95 % of a normal distribution
-_HALF_TURN_deg = 90.0  # an error beyond is one of the branch, not of noise
+QUARTER_TURN_deg = 90.0  # an error beyond is one of the branch, not of noise
 _PARTS = (1, 2, 4, 8, 16)  # pieces of a record
 _LEAST = 4  # errors that make a scatter
 _LEAST_TURNS = 0.95
@@ -24,17 +24,17 @@ _LEAST_TURNS = 0.95
 class Accuracy:
     """One method at the known azimuths, single sets: all in degrees, NaN without any.
 
-    ``rms_deg``, ``worst_deg``, ``mean_deg``: of the errors; ``rms_std_deg``: how well their RMS is known;
-    ``scatter_deg``: about their mean.   ``ratio``: scatter over the bound.   ``gross``: errors of more than a quarter
-    turn.   ``time_s``: measuring time until 95 % of the errors are within the limit, infinite if the calibration does
-    not allow it.
+    ``rms_deg``: of the errors; ``rms_std_deg``: how well it is known.   ``gross``: errors of more than a quarter turn:
+    another branch of an arctangent.   ``mean_deg``, ``scatter_deg`` about it: of the directions without regard to half
+    a turn, where there are such errors, for what lies in two heaps half a turn apart has no mean between them.
+    ``ratio``: scatter over the bound.   ``time_s``: measuring time until 95 % of the errors are within the limit,
+    infinite if the calibration does not allow it.
     """
 
     method: str
     used: int
     rms_deg: float
     rms_std_deg: float
-    worst_deg: float
     mean_deg: float
     scatter_deg: float
     ratio: float
@@ -52,23 +52,32 @@ def _accuracy(solution: Solution, method: str, limit_deg: float) -> Accuracy:
     seen = np.isfinite(error_deg)
     errors_deg, bound_deg = error_deg[seen], solution.bound_deg[seen]
     if not errors_deg.size:
-        return Accuracy(method, 0, *(math.nan,) * 6, 0, math.nan)
-    mean_deg = float(np.mean(errors_deg))
-    dof = max(1, errors_deg.size - 1)
-    scatter_deg = float(np.sqrt(np.sum((errors_deg - mean_deg) ** 2) / dof)) if errors_deg.size > 1 else math.nan
+        return Accuracy(method, 0, *(math.nan,) * 5, 0, math.nan)
+    gross = int(np.sum(np.abs(errors_deg) > QUARTER_TURN_deg))
+    within_deg = half_turns_off(errors_deg) if gross else errors_deg
+    mean_deg = float(np.mean(within_deg))
+    scatter_deg = float(np.std(within_deg, ddof=1)) if within_deg.size > 1 else math.nan
     known = bound_deg[np.isfinite(bound_deg)]
     ratio = scatter_deg / float(np.sqrt(np.mean(known**2))) if known.size else math.nan
-    gross = int(np.sum(np.abs(errors_deg) > _HALF_TURN_deg))
     time_s = math.inf if gross else _time_s(solution, method, limit_deg)  # no time turns a wrong branch
     rms_deg, calibrated = solution.rms_deg(method), bool(solution.calibrations) and method != LIKELIHOOD
     shared_deg = solution.site.azimuth_std_deg
     if calibrated:  # a wrong branch is not shared by all azimuths
         placed_deg = max(index.std_deg(method) for index in solution.calibrations.values())
         shared_deg = min(placed_deg, solution.by_method[method].common_deg)
-    return Accuracy(
-        method, errors_deg.size, rms_deg, rms_std_deg(rms_deg, scatter_deg, shared_deg, errors_deg.size),
-        float(np.max(np.abs(errors_deg))), mean_deg, scatter_deg, ratio, gross, time_s,
-    )  # fmt: skip
+    std_deg = rms_std_deg(rms_deg, scatter_deg, shared_deg, errors_deg.size)
+    if gross and errors_deg.size > 1:  # two heaps are no normal errors
+        std_deg = float(np.std(errors_deg**2, ddof=1)) / math.sqrt(errors_deg.size) / (2.0 * rms_deg)
+    return Accuracy(method, errors_deg.size, rms_deg, std_deg, mean_deg, scatter_deg, ratio, gross, time_s)
+
+
+def half_turns_off(error_deg: Floats) -> Floats:
+    """Return errors of directions, (n,), that are known but for half a turn: about their axial mean, degrees.
+
+    Source: Mardia and Jupp, Directional Statistics, section 9.1: axes are averaged with the angle doubled.
+    """
+    mean_deg = float(np.rad2deg(np.angle(np.mean(np.exp(2j * np.deg2rad(error_deg)))))) / 2.0
+    return np.asarray(mean_deg + wrapped_deg(2.0 * (error_deg - mean_deg)) / 2.0)
 
 
 def rms_std_deg(rms_deg: float, scatter_deg: float, shared_deg: float, n: int) -> float:

@@ -27,6 +27,7 @@ from bench.systems.north.solve import site_of, solve
 from bench.systems.north.tables import tables
 
 AZIMUTH_ERROR, SPECIFIED_deg = "azimuth_error", 0.5
+_EVERY_DIRECTION_deg = 180.0  # of an interval to either side: no estimate, the table of failures says why
 _MOST_SCATTER = 2.0  # of amplitudes over that of white noise, from which it is taken
 
 
@@ -72,11 +73,11 @@ def azimuth_error_limit_deg(campaign: Mapping[str, Any]) -> float:
 
 
 def _estimates(solution: Solution, method: str, accuracy: list[Accuracy], limit_deg: float) -> Estimates:
-    """Tests by ``method``, which is judged; searches by every method; what else was found."""
+    """Tests by ``method``, which is judged; searches by every method that finds a direction; what else was found."""
     estimates: Estimates = []
     for name in METHODS:
         for mean in solution.means(name):
-            if name == method or mean.item != TEST:
+            if name == method or (mean.item != TEST and 2.0 * mean.std_deg < _EVERY_DIRECTION_deg):
                 estimates += _azimuth(mean, name, limit_deg)
     estimates += [entry for each in accuracy if each.used > 1 for entry in _of_method(each)]
     for sense, index in solution.calibrations.items():
@@ -88,6 +89,8 @@ def _azimuth(mean: Mean, method: str, limit_deg: float) -> Estimates:
     place: dict[str, Any] = {"item": mean.item, "head_deg": mean.head_deg, "method": method}
     if mean.place:
         place["place"] = mean.place
+    if mean.parameters:
+        place["parameters"] = mean.parameters
     counted: dict[str, Any] = {"n": mean.n, "dropped": mean.dropped, "dof": mean.dof}
     estimates = [estimate("azimuth", "deg", mean.azimuth_deg % 360.0, mean.std_deg, place, **counted)]
     if mean.item == TEST:

@@ -65,7 +65,7 @@ def errors_of(solution: Solution, method: str) -> Errors | None:
     group = np.array([names.index(north_set.group) for north_set in solution.sets])
     swing_deg = 0.0 if method == LIKELIHOOD else math.sqrt(2.0) * solution.swing_deg
     about_deg, rows = np.zeros(len(group)), []
-    for k, (item, _, head_deg) in enumerate(names):
+    for k, (item, _, head_deg, _) in enumerate(names):
         own = found & (group == k)
         if not own.any():
             continue

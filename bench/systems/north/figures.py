@@ -23,7 +23,10 @@ _FEWEST = 4  # errors of a histogram
 
 def signal_figures(solution: Solution) -> list[Figure]:
     """Return all that the records allow."""
-    return [*_earth_signal(solution), *_lock_ins(solution), *_phasors(solution), *_residual(solution)]
+    kinds = solution.kinds  # side by side, as in figure 5 of the paper
+    signals = [figure for kind in kinds for figure in _earth_signal(solution, kind)]
+    read = [figure for number in (1, 2) for kind in kinds for figure in _lock_in(solution, number, kind)]
+    return [*signals, *read, *_phasors(solution), *_residual(solution)]
 
 
 def _folded(angle_deg: Floats, value: Floats) -> tuple[Floats, Floats, Floats, Floats]:
@@ -38,17 +41,23 @@ def _folded(angle_deg: Floats, value: Floats) -> tuple[Floats, Floats, Floats, F
     return at_deg, mean, scatter, np.asarray(count[seen], np.float64)
 
 
-def _first(solution: Solution) -> tuple[int, Waveform] | None:
-    """Waveform of the first test, else of the first set that has one."""
+def _first(solution: Solution, kind: str) -> tuple[int, Waveform] | None:
+    """Waveform of the first test with parameters of this kind, else of the first set that has one."""
     for k in sorted(range(len(solution.sets)), key=lambda k: (solution.sets[k].item != TEST, k)):
+        if solution.sets[k].parameters != kind:
+            continue
         waveform = waveform_of(solution.sets[k])
         if waveform is not None:
             return k, waveform
     return None
 
 
-def _earth_signal(solution: Solution) -> list[Figure]:
-    first = _first(solution)
+def _with(title: str, kind: str) -> str:
+    return f"{title}, {kind}" if kind else title
+
+
+def _earth_signal(solution: Solution, kind: str) -> list[Figure]:
+    first = _first(solution, kind)
     if first is None:
         return []
     k, waveform = first
@@ -60,30 +69,28 @@ def _earth_signal(solution: Solution) -> list[Figure]:
         parts.append(series("fit", _TURN_deg, curve_V, "line"))
     parts.append(band("scatter of single samples", at_deg, mean_V - scatter_V, mean_V + scatter_V))
     caption = f"Earth signal: {waveform.seconds:.1f} s of the {solution.sets[k].name}, folded into one turn."
-    return [Figure("Earth signal", caption, "heading of the axis, deg", "output, V", parts, group=_GROUP)]
+    return [Figure(_with("Earth signal", kind), caption, "heading of the axis, deg", "output, V", parts, group=_GROUP)]
 
 
-def _lock_ins(solution: Solution) -> list[Figure]:
-    """X of both against azimuth; a later index position stands for an azimuth that differs by 90 degrees."""
-    if not solution.good.any():
-        return []
+def _lock_in(solution: Solution, number: int, kind: str) -> list[Figure]:
+    """X against azimuth; a later index position stands for an azimuth that differs by 90 degrees."""
+    letter, readings = ("B", solution.u1_V) if number == 1 else ("A", solution.u2_V)
+    parts: list[Series] = []
+    for sense in (1, -1):
+        use = solution.good & (solution.sense == sense)
+        if kind:
+            use &= solution.with_parameters(kind)
+        if use.any():
+            azimuth_deg = (solution.by_method[LEAST_SQUARES].azimuth_deg - solution.tilt_deg)[use]
+            phi_deg = phase_deg(azimuth_deg, sense)[:, None] + 90.0 * np.arange(POSITIONS)
+            at_deg = np.remainder(heading_deg(phi_deg, sense), 360.0)
+            parts.append(series("read", at_deg.ravel(), readings[use].ravel(), "points"))
+        if use.any() and sense in solution.calibrations:
+            curve_V = _curve_V(solution.calibrations[sense], number, phase_deg(_TURN_deg, sense))
+            parts.append(series("calibration", _TURN_deg, curve_V, "line"))
     caption = "Lock-ins: every reading; a later index position counts as an azimuth that is 90 deg off for each step."
-    drawn = []
-    for number, letter, readings in ((1, "B", solution.u1_V), (2, "A", solution.u2_V)):
-        parts: list[Series] = []
-        for sense in (1, -1):
-            use = solution.good & (solution.sense == sense)
-            if use.any():
-                azimuth_deg = (solution.by_method[LEAST_SQUARES].azimuth_deg - solution.tilt_deg)[use]
-                phi_deg = phase_deg(azimuth_deg, sense)[:, None] + 90.0 * np.arange(POSITIONS)
-                at_deg = np.remainder(heading_deg(phi_deg, sense), 360.0)
-                parts.append(series("read", at_deg.ravel(), readings[use].ravel(), "points"))
-            if use.any() and sense in solution.calibrations:
-                curve_V = _curve_V(solution.calibrations[sense], number, phase_deg(_TURN_deg, sense))
-                parts.append(series("calibration", _TURN_deg, curve_V, "line"))
-        title = f"Lock-in {number}, reference: index {letter}"
-        drawn.append(Figure(title, caption, "azimuth, deg", "X, V RMS", parts, group=_GROUP))
-    return drawn
+    title = _with(f"Lock-in {number}, reference: index {letter}", kind)
+    return [Figure(title, caption, "azimuth, deg", "X, V RMS", parts, group=_GROUP)] if parts else []
 
 
 def _curve_V(index: IndexCalibration, number: int, phi_deg: Floats) -> Floats:
@@ -132,16 +139,17 @@ def _residual(solution: Solution) -> list[Figure]:
 
 def error_figures(solution: Solution, method: str, limit_deg: float) -> list[Figure]:
     """Return all that the tests allow; nothing without a test at a known azimuth."""
-    return [*_against_azimuth(solution), *_histogram(solution, method), *_against_time(solution, method, limit_deg)]
+    drawn = [figure for kind in solution.kinds for figure in _against_azimuth(solution, kind)]
+    return [*drawn, *_histogram(solution, method), *_against_time(solution, method, limit_deg)]
 
 
-def _against_azimuth(solution: Solution) -> list[Figure]:
+def _against_azimuth(solution: Solution, kind: str) -> list[Figure]:
     at_deg = np.remainder(solution.known_deg, 360.0)
     bound_deg = solution.bound_deg[np.isfinite(solution.bound_deg)]
     points = {}
     for method in METHODS:
         error_deg = solution.error_deg(method)
-        seen = np.isfinite(error_deg)
+        seen = np.isfinite(error_deg) & solution.with_parameters(kind)
         if seen.any():
             points[method] = series(method, at_deg[seen], error_deg[seen], "points")
     if not points:
@@ -153,10 +161,12 @@ def _against_azimuth(solution: Solution) -> list[Figure]:
         reach_deg = COVERAGE * float(np.sqrt(np.mean(bound_deg**2)))
         parts.append(band("95 % at the bound", [0.0, 360.0], [-reach_deg] * 2, [reach_deg] * 2))
     labels = "azimuth, deg", "azimuth error, deg"
-    drawn = [Figure("Errors", caption, *labels, parts)] if points else []
+    group = "errors" if kind else ""  # side by side, as in figure 6 of the paper
+    drawn = [Figure(_with("Errors", kind), caption, *labels, parts, group=group)] if points else []
     if literal is not None:
         caption = "The paper's formulas as printed: errors of half a turn where an arctangent has left its branch."
-        drawn.append(Figure("Error of the literal formulas", caption, *labels, [literal]))
+        title = _with("Error of the literal formulas", kind)
+        drawn.append(Figure(title, caption, *labels, [literal], group=f"literal {group}" if kind else ""))
     return drawn
 
 
@@ -212,8 +222,8 @@ def _against_time(solution: Solution, method: str, limit_deg: float) -> list[Fig
 def _repeats(solution: Solution, method: str) -> tuple[Floats, Floats]:
     """RMS error of the phasor mean of the first m repeats of each heading, m = 1, 2, 4, ... as far as all have them."""
     azimuth_deg = solution.by_method[method].azimuth_deg
-    groups: dict[tuple[str, str, float], list[complex]] = {}
-    known: dict[tuple[str, str, float], float] = {}
+    groups: dict[tuple[str, str, float, str], list[complex]] = {}
+    known: dict[tuple[str, str, float, str], float] = {}
     for north_set, at, due in zip(solution.sets, azimuth_deg, solution.known_deg, strict=True):
         if north_set.item == TEST and math.isfinite(at):
             groups.setdefault(north_set.group, []).append(complex(np.exp(1j * np.deg2rad(at))))

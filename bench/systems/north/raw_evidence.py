@@ -49,12 +49,13 @@ def _noise(pairs: Pairs) -> Iterator[Evidence]:
             chance = float(special.fdtrc(dof[own].sum(), dof[~own].sum(), here / rest))
             pooled = math.sqrt(here / float(np.average(variance, weights=dof)))
             worst = min(worst, (chance, pooled, place))
-    chance, pooled, (item, place_name, head_deg) = worst
+    chance, pooled, (item, place_name, head_deg, parameters) = worst
     sentence = (
         f"The noise at {item}, head {head_deg:g} deg, is {pooled:.3g} times that of which the intervals are made. Look "
         "for vibration, a motor or a bad contact there."
     )
     about = {"item": item, "head_deg": head_deg} | ({"place": place_name} if place_name else {})
+    about |= {"parameters": parameters} if parameters else {}
     probability = min(1.0, max(chance * len(places), 1e-300))
     yield Evidence("noise_changes", sentence, pooled, probability, pooled - 1.0, _OF_NOISE, about)
 

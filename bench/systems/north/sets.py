@@ -27,7 +27,7 @@ SINE, COSINE, LEVEL, MEASURE = "lock_in_1", "lock_in_2", "level", "measure"
 POSITIONS = 4
 SENSES = {1: "counter-clockwise", -1: "clockwise"}  # of the table, seen from above
 MOST_OFF = 2e-3  # of the turning frequency: a lock-in that reads another one follows something else
-_PLACE = ("item", "place", "head_deg", "repeat", "index")
+_PLACE = ("item", "place", "parameters", "head_deg", "repeat", "index")
 _OF_THE_SIGNAL = Quality.OVER_RANGE | Quality.TRIPPED | Quality.NOT_SETTLED  # in the lock-ins as in the samples
 MOST_LOST_s = 0.5  # more than that is no disturbance of the line: the gyroscope itself may have been off
 _NEAR_s = 30.0  # a reading belongs to the record that ended at most so long before it
@@ -41,7 +41,8 @@ class NorthSet:
     where there is none.   ``rate_deg_s``: of the table, counter-clockwise from above positive.   ``tilt_mrad``: of the
     rotation axis about the sensing axis at encoder zero and about the direction 90 degrees clockwise of it; None if
     nobody measured it.   ``faults``: why the eight samples must not be used, by sentence.   ``raw_faults``: the same
-    for the raw waveform.   ``left_out``: (n,) samples of its waveform unlike all others, None for none.
+    for the raw waveform.   ``parameters``: TIP or TVP, constant or varying, as the sequence
+    says, "" if it says nothing.   ``left_out``: (n,) samples of its waveform unlike all others, None for none.
     """
 
     item: str
@@ -56,6 +57,7 @@ class NorthSet:
     faults: list[str] = field(default_factory=list)
     raw_faults: list[str] = field(default_factory=list)
     left_out: NDArray[np.bool_] | None = None
+    parameters: str = ""
     begin_s: float = math.inf
     end_s: float = -math.inf
 
@@ -78,12 +80,13 @@ class NorthSet:
     @property
     def name(self) -> str:
         """How a sentence speaks of it."""
-        return f"{self.item} at head {self.head_deg:g} deg, repeat {self.repeat}"
+        kind = f", {self.parameters}" if self.parameters else ""
+        return f"{self.item} at head {self.head_deg:g} deg{kind}, repeat {self.repeat}"
 
     @property
-    def group(self) -> tuple[str, str, float]:
-        """Return item, place and heading, which repeats have in common."""
-        return self.item, self.place, self.head_deg
+    def group(self) -> tuple[str, str, float, str]:
+        """Return item, place, heading and kind of parameters, which repeats have in common."""
+        return self.item, self.place, self.head_deg, self.parameters
 
 
 def north_sets(material: Material) -> list[NorthSet]:
@@ -124,7 +127,8 @@ def _keep(sets: dict[tuple[Any, ...], NorthSet], conditions: Mapping[str, Any], 
         str(conditions["item"]), str(conditions.get("place", "")), float(conditions.get("head_deg", 0.0)),
         int(conditions.get("repeat", 1)),
     )  # fmt: skip
-    north_set = sets.setdefault(key, NorthSet(*key))
+    parameters = str(conditions.get("parameters", ""))
+    north_set = sets.setdefault((*key, parameters), NorthSet(*key, parameters=parameters))
     if "rate_deg_s" in conditions:
         north_set.rate_deg_s = float(conditions["rate_deg_s"])
     if row is not None:
@@ -203,6 +207,7 @@ def _wrong(value: Mapping[str, Any], rate_deg_s: float) -> list[str]:
 def _tilt(north_set: NorthSet, readings: Iterable[Reading]) -> tuple[float, float] | None:
     """Return the level reading of the same head next to the middle of the set."""
     own = {"item": north_set.item, "place": north_set.place, "head_deg": north_set.head_deg, "repeat": north_set.repeat}
+    own |= {"parameters": north_set.parameters} if north_set.parameters else {}
     middle_s = (north_set.begin_s + north_set.end_s) / 2.0
     near = [
         reading

@@ -68,6 +68,7 @@ class Mean:
     item: str
     place: str
     head_deg: float
+    parameters: str
     azimuth_deg: float
     std_deg: float
     error_deg: float
@@ -108,6 +109,15 @@ class Solution:
         """(n,) sets of an item."""
         return np.array([north_set.item == item for north_set in self.sets])
 
+    def with_parameters(self, kind: str) -> Flags:
+        """(n,) sets with parameters of a kind."""
+        return np.array([north_set.parameters == kind for north_set in self.sets])
+
+    @property
+    def kinds(self) -> list[str]:
+        """Kinds of parameters of the tests, in their order; [""] where the sequence names none."""
+        return list(dict.fromkeys(north_set.parameters for north_set in self.sets if north_set.item == TEST)) or [""]
+
     @property
     def sense(self) -> NDArray[np.int64]:
         """(n,) +1 counter-clockwise, -1 clockwise."""
@@ -138,8 +148,9 @@ class Solution:
         groups = dict.fromkeys(north_set.group for north_set in self.sets if north_set.item in (TEST, SEARCH))
         return [mean for group in groups if (mean := self._mean(method, *group)) is not None]
 
-    def _mean(self, method: str, item: str, place: str, head_deg: float) -> Mean | None:
-        own = np.array([north_set.group == (item, place, head_deg) for north_set in self.sets])
+    def _mean(self, method: str, item: str, place: str, head_deg: float, parameters: str) -> Mean | None:
+        group = item, place, head_deg, parameters
+        own = np.array([north_set.group == group for north_set in self.sets])
         azimuths = self.by_method[method]
         azimuth_deg = azimuths.azimuth_deg[own & np.isfinite(azimuths.azimuth_deg)]
         if not azimuth_deg.size:
@@ -157,6 +168,7 @@ class Solution:
             item=item,
             place=place,
             head_deg=head_deg,
+            parameters=parameters,
             azimuth_deg=mean_deg,
             std_deg=math.hypot(own_deg, by_mark),
             error_deg=float(wrapped_deg(mean_deg - known_deg)),

@@ -10,7 +10,7 @@ from scipy import special
 
 from bench.analysis import Table, number, with_uncertainty
 from bench.maths.verdict import coverage_factor
-from bench.systems.north.accuracy import COVERAGE, Accuracy, bench_s, measured_s
+from bench.systems.north.accuracy import COVERAGE, Accuracy, QUARTER_TURN_deg, bench_s, measured_s
 from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, LikelihoodNorth
 from bench.systems.north.estimators.phasors import INDEX_TO_NORTH
 from bench.systems.north.sets import SEARCH, SENSES, TEST
@@ -31,18 +31,21 @@ _NAMES = {
 def result_table(solution: Solution, method: str, limit_deg: float) -> Table:
     """Return what is read first: azimuth of every heading by the method that is judged."""
     rows: list[list[Any]] = []
+    several = solution.kinds != [""]
     for mean in solution.means(method):
         factor = coverage_factor(mean.dof)
         azimuth = with_uncertainty(mean.azimuth_deg % 360.0, factor * mean.std_deg)
         error = with_uncertainty(mean.error_deg, factor * mean.error_std_deg) if mean.item == TEST else "–"
         stated = number((solution.site.azimuth_deg + mean.head_deg) % 360.0, 3) if mean.item == TEST else "not known"
-        rows.append([mean.item, mean.place or "–", number(mean.head_deg), stated, azimuth, error, mean.n])
+        kind = [mean.parameters or "–"] if several else []
+        rows.append([mean.item, mean.place or "–", *kind, number(mean.head_deg), stated, azimuth, error, mean.n])
     tested = any(mean.item == TEST for mean in solution.means(method))
     caption = (
         f"Heading of the sensing axis at encoder zero, clockwise from north, by {method}; intervals of 95 %: noise, "
         f"calibration, tilt and stated azimuth. {f'Limit of the error: {limit_deg:g} deg.' if tested else ''}"
     )
-    headers = ["what", "place", "head, deg", "stated, deg", "azimuth, deg", "error, deg", "repeats"]
+    kinds = ["parameters"] if several else []
+    headers = ["what", "place", *kinds, "head, deg", "stated, deg", "azimuth, deg", "error, deg", "repeats"]
     found_north = any(mean.item == SEARCH for mean in solution.means(method))
     title = "North" if found_north else "North at known azimuths"
     return Table(title, caption.strip(), headers, rows, lead=True)
@@ -68,17 +71,18 @@ def method_table(accuracy: list[Accuracy], solution: Solution, limit_deg: float)
     bound_deg = solution.bound_deg[np.isfinite(solution.bound_deg)]
     bound = f"{np.sqrt(np.mean(bound_deg**2)):.3f} deg" if bound_deg.size else "not known without raw samples"
     rows = [
-        [errors.method, errors.used, number(errors.rms_deg, 3), number(errors.worst_deg, 3), number(errors.mean_deg, 3),
+        [errors.method, errors.used, number(errors.rms_deg, 3), number(errors.mean_deg, 3),
          number(errors.scatter_deg, 3), number(errors.ratio, 2), errors.gross, _seconds(errors.time_s)]
         for errors in accuracy
     ]  # fmt: skip
     caption = (
         f"Errors of single sets at the known azimuths, folded into one turn. Scatter is about the mean error, which "
-        f"comes from the calibration. Bound by {measured_s(solution):.1f} s of samples: {bound}; with "
+        f"comes from the calibration; where a method mistakes half a turn, both "
+        f"are taken without regard to it. Bound by {measured_s(solution):.1f} s of samples: {bound}; with "
         f"a square reference {SQUARE_PENALTY:.3f} times as much. Time: measuring time until {COVERAGE:g} standard "
         f"uncertainties are within {limit_deg:g} deg; one set takes {bench_s(solution):.0f} s of the bench."
     )
-    headers = ["method", "sets", "RMS, deg", "worst, deg", "mean, deg", "scatter, deg", "scatter / bound",
+    headers = ["method", "sets", "RMS, deg", "mean, deg", "scatter, deg", "scatter / bound",
                "more than 90 deg off", "time, s"]  # fmt: skip
     return Table("Methods", caption, headers, rows, lead=True)
 
@@ -90,17 +94,40 @@ def _seconds(time_s: float) -> str:
 def error_table(solution: Solution) -> list[Table]:
     """Return mean error of each known azimuth, by every method side by side."""
     by_method = {
-        method: {mean.head_deg: mean for mean in solution.means(method) if mean.item == TEST} for method in METHODS
+        method: {(mean.head_deg, mean.parameters): mean for mean in solution.means(method) if mean.item == TEST}
+        for method in METHODS
     }
-    heads = dict.fromkeys(head for means in by_method.values() for head in means)
+    places = dict.fromkeys(place for means in by_method.values() for place in means)
+    several = solution.kinds != [""]
     rows = [
-        [number(head), number((solution.site.azimuth_deg + head) % 360.0, 3)]
-        + [number(means[head].error_deg, 3) if head in means else "–" for means in by_method.values()]
-        for head in heads
+        [number(place[0]), *([place[1]] if several else []), number((solution.site.azimuth_deg + place[0]) % 360.0, 3)]
+        + [number(means[place].error_deg, 3) if place in means else "–" for means in by_method.values()]
+        for place in places
     ]
     caption = "Errors of the means of all repeats, deg, folded into one turn."
-    headers = ["head, deg", "stated, deg", *METHODS]
+    headers = ["head, deg", *(["parameters"] if several else []), "stated, deg", *METHODS]
     return [Table("Errors by method", caption, headers, rows)] if rows else []
+
+
+def parameter_table(solution: Solution) -> list[Table]:
+    """Return every method with constant and with varying parameters side by side; nothing where the sets name none."""
+    if solution.kinds == [""]:
+        return []
+    rows = []
+    for method in METHODS:
+        error_deg, cells = solution.error_deg(method), []
+        for kind in solution.kinds:
+            seen = np.isfinite(error_deg) & solution.with_parameters(kind)
+            rms_deg = float(np.sqrt(np.mean(error_deg[seen] ** 2))) if seen.any() else math.nan
+            off = int(np.sum(np.abs(error_deg[seen]) > QUARTER_TURN_deg))
+            cells += [int(seen.sum()), number(rms_deg, 3), off]
+        rows.append([method, *cells])
+    caption = (
+        "Errors of single sets at the known azimuths, folded into one turn. TIP: time-invariant parameters, TVP: "
+        "amplitude and swing of the table vary in time (paper figure 6)."
+    )
+    headers = [f"{kind}: {what}" for kind in solution.kinds for what in ("sets", "RMS, deg", "more than 90 deg off")]
+    return [Table("Constant and varying parameters", caption, ["method", *headers], rows, lead=True)]
 
 
 def failure_table(solution: Solution) -> Table:
@@ -209,6 +236,7 @@ def tables(solution: Solution, method: str, accuracy: list[Accuracy], limit_deg:
         result_table(solution, method, limit_deg),
         convention_table(solution),
         method_table(accuracy, solution, limit_deg),
+        *parameter_table(solution),
         *error_table(solution),
         failure_table(solution),
         *calibration_table(solution),

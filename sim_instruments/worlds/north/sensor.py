@@ -98,6 +98,7 @@ class FogSensor:
         latitude_deg: of the place.
         heading_deg: heading of the sensing axis at encoder zero, at bench times, (n,) to (n,).
     Attributes: placement_deg: of the index marks: a pulse comes where the table's angle is that much larger.
+        varies: how the parameters vary, from which bench time on, ns.
     """
 
     def __init__(
@@ -114,10 +115,8 @@ class FogSensor:
         tilt = tilted(options.rotation_tilt_east_arcmin / 60.0, options.rotation_tilt_arcmin / 60.0)
         self._horizontal_rad_s, self._earth = float(earth[1]), tilt.T @ earth
         self._axis_tilt_deg = options.axis_tilt_arcmin / 60.0
-        kind, ramp_s = options.parameters, options.ramp_s
-        self._gain = variation(kind, seed, "amplitude", ramp_s)
-        self._swing = variation(kind, seed, "swing", ramp_s)
-        self._frequency = variation(kind, seed, "frequency of the swing", ramp_s)
+        self._seed, self._variations = seed, dict[tuple[str, str], Variation]()
+        self.varies: list[tuple[int, str]] = [(-1, options.parameters)]
         self._double_rad = float(generator(seed, "fog double").uniform(0.0, 2.0 * np.pi))
         self._noise = WhiteNoise(seed, "fog noise", 2)
         drawn = generator(seed, "fog index marks").standard_normal(2).clip(-2.5, 2.5)
@@ -143,9 +142,10 @@ class FogSensor:
         if self.options.wobble_arcmin == 0.0:
             return angle
         t_s = t_ns / NS
-        phase = 2.0 * np.pi * self.options.wobble_Hz * (t_s + self._frequency.integral_s(t_s))
+        slipped_s = self._varied("frequency of the swing", t_ns, lambda kind: kind.integral_s)
+        phase = 2.0 * np.pi * self.options.wobble_Hz * (t_s + slipped_s)
         share = np.minimum(np.abs(self._motion.rate_deg_s(t_ns)) / NOMINAL_DEG_S, 1.0)
-        swing = self.options.wobble_arcmin / 60.0 * (1.0 + self._swing.at(t_s))
+        swing = self.options.wobble_arcmin / 60.0 * (1.0 + self._varied("swing", t_ns, lambda kind: kind.at))
         return np.asarray(angle + share * swing * np.sin(phase))
 
     def pulses(self, index: str, t0_ns: int, t1_ns: int) -> Int64:
@@ -181,7 +181,19 @@ class FogSensor:
         if self.options.parameters == "double":
             double = 2.0 * np.deg2rad(self.table_deg(t_ns)) + self._double_rad
             return np.asarray(1.0 + 0.2 * np.sin(double))
-        return np.asarray(1.0 + self._gain.at(t_ns / NS))
+        return np.asarray(1.0 + self._varied("amplitude", t_ns, lambda kind: kind.at))
+
+    def _varied(self, parameter: str, t_ns: Int64, value: Callable[[Variation], Callable[[Float], Float]]) -> Float:
+        """Return a value of the variation of a parameter, each time by the kind that held then, (n,)."""
+        since_ns = np.array([since for since, _ in self.varies])
+        which = np.searchsorted(since_ns, t_ns, side="right") - 1
+        varied = np.zeros(np.shape(t_ns))
+        for place in np.unique(which).tolist():
+            kind, now = self.varies[max(place, 0)][1], which == place
+            if (kind, parameter) not in self._variations:
+                self._variations[kind, parameter] = variation(kind, self._seed, parameter, self.options.ramp_s)
+            varied[now] = value(self._variations[kind, parameter])(t_ns[now] / NS)
+        return varied
 
     def _signal(self, t_ns: Int64) -> Float:
         """Return Earth signal of unit amplitude and its harmonics."""

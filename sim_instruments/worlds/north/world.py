@@ -24,13 +24,14 @@ from sim_instruments.worlds.north.options import FogOptions
 from sim_instruments.worlds.north.sensor import FogSensor
 from sim_instruments.worlds.north.unit import PORT, FogUnit
 
-_PLACE = ("item", "place", "head_deg")
+_PLACE = ("item", "place", "parameters", "head_deg")
 UNKNOWN = ("test", "search")  # items whose azimuth an analysis finds; that of a calibration is stated
 Float = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 SITE = Site(latitude_deg=37.0, gravity_m_s2=9.799, azimuth_deg=20.0)
 PLACES = ("mark", "field")
+PARAMETERS = CONSTANT, VARYING = "TIP", "TVP"
 START_V, CURRENT_A = 12.0, 0.4
 _MRAD_PER_ARCMIN = 1e3 * math.radians(1.0 / 60.0)
 
@@ -63,7 +64,7 @@ class FogWorld(World):
     """
 
     ports = (PORT,)
-    operations: ClassVar[tuple[str, ...]] = ("head", "place")
+    operations: ClassVar[tuple[str, ...]] = ("head", "place", "parameters")
 
     def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
         self.motion = (AxisMotion(), AxisMotion(), AxisMotion())
@@ -77,12 +78,17 @@ class FogWorld(World):
         self.gyroscope.lock = self.lock
 
     def operate(self, name: str, value: Any) -> None:
-        """Do what a person does at the bench: turn the dividing head, carry the bench to another place.
+        """Do what a person does at the bench: turn the dividing head, carry the bench to another place, let amplitude
+        and swing be constant ("TIP", time-invariant) or vary ("TVP", as the option says, slowly if it says constant).
 
         Raises: InputError B-SIM-018 for another name, B-SIM-019 for a value that cannot be.
         """
         self.check_operation(name, value)
         with self.lock:
+            if name == "parameters":
+                kind = self.fog_options.parameters if self.fog_options.parameters != "constant" else "slow"
+                self.sensor.varies.append((self.clock.now_ns(), kind if str(value) == VARYING else "constant"))
+                return
             if name == "head":
                 self.head_deg = float(value)
             else:
@@ -96,6 +102,8 @@ class FogWorld(World):
         super().check_operation(name, value)
         if name == "place" and str(value) not in PLACES:
             raise _impossible(name, value, f"one of {', '.join(PLACES)}")
+        if name == "parameters" and str(value) not in PARAMETERS:
+            raise _impossible(name, value, f"one of {', '.join(PARAMETERS)}")
         if name == "head" and not -360.0 <= _number(value) <= 360.0:
             raise _impossible(name, value, "an angle of -360 to 360 degrees")
 

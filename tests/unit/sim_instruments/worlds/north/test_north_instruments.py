@@ -156,6 +156,19 @@ def test_the_band_is_the_product_of_two_butterworth_filters(frequency_Hz: float)
         assert math.degrees(np.angle(phasor)) == pytest.approx(0.0, abs=0.002)
 
 
+def test_the_band_takes_a_third_harmonic_away_and_turns_what_is_not_in_its_middle() -> None:
+    """What it is worth before a lock-in (docs/fog-north.md): by the poles of both filters, in the plane of s."""
+    band = BandPass([(0, (Channel("HP", 0.5), Channel("LP", 2.0)))])
+    assert butterworth(3.0, 0.5, True) * butterworth(3.0, 2.0, False) < 0.04
+    times_s = (np.arange(60_000) + 0.5) / 1000.0
+    found = band.filtered(0, np.cos(2 * np.pi * 1.001 * times_s))[-20_000:]
+    turned_deg = math.degrees(np.angle(np.mean(found * np.exp(-2j * np.pi * 1.001 * times_s[-20_000:]))))
+    poles = np.exp(1j * np.pi * (0.5 + (2 * np.arange(8) + 1) / 16))
+    low, high = (np.sum(np.angle(1j * ratio - poles)) for ratio in (1.001 / 2.0, 0.5 / 1.001))
+    assert turned_deg == pytest.approx(math.degrees(math.remainder(high - low, math.tau)), abs=0.01)
+    assert turned_deg == pytest.approx(-0.32, abs=0.02)
+
+
 def test_a_change_of_the_filter_holds_from_its_sample_on() -> None:
     """The signal goes through at first, then nothing of a constant does, then it is ten times as large."""
     history = [
