@@ -19,6 +19,7 @@ from bench.systems.time_sync.notes import notes
 from bench.systems.time_sync.records import Recording, clocks_of, recording
 from bench.systems.time_sync.samples import prepared
 from bench.systems.time_sync.tables import tables
+from bench.systems.time_sync.trajectory import trajectory_figures
 
 METHODS: tuple[str, ...] = _METHODS
 
@@ -56,7 +57,7 @@ def analysis_of(campaign: str, taken: Recording, material: Material, method: str
         groups=[{"reduced_chi2": held_against.fit.chi2 / held_against.fit.dof, "dof": held_against.fit.dof}],
         notes=[*no_result(missing), *notes(result)],
         missing=missing,
-        figures=figures(result),
+        figures=[*trajectory_figures(ready.egi, taken.radar), *figures(result)],
         tables=tables(result),
     )
 

@@ -42,9 +42,23 @@ class SyncResult:
         return self.found.offsets[self.method]
 
     @property
+    def interval_limit_s(self) -> float | None:
+        """Limit that the interval of the chosen method is held against.
+
+        An interval of what was assumed, where the motion did not show the offset, can miss a limit and cannot keep one:
+        None if it is within.
+        """
+        limit_s = self.demands.uncertainty_s
+        missed = coverage_factor() * self.chosen.std_s > limit_s
+        return limit_s if self.chosen.seen or missed else None
+
+    @property
     def difference_s(self) -> tuple[float, float] | None:
-        """Offset by the filter minus that by the stamps, and its standard uncertainty; None without latencies."""
-        if self.clocks.offset_s is None:
+        """Offset by the filter minus that by the stamps, and its standard uncertainty.
+
+        None without latencies, and where the motion did not show the offset: there is one opinion only.
+        """
+        if self.clocks.offset_s is None or not self.chosen.seen:
             return None
         return self.chosen.offset_s - self.clocks.offset_s, math.hypot(self.chosen.std_s, self.clocks.difference.std_s)
 
@@ -70,9 +84,7 @@ def _offset(result: SyncResult, name: str) -> Estimates:
     place: dict[str, Any] = {"method": name, "at_s": _epoch_s(result.found.at_s), "observable": offset.seen}
     counted = {"n": result.found.samples, "dropped": ready.lost_egi + ready.unsound_egi + ready.odd_egi}
     interval_s = coverage_factor() * offset.std_s
-    limit_s = result.demands.uncertainty_s if name == result.method else None
-    # an offset that the motion did not show can miss a limit, it cannot keep one: its interval is what was assumed
-    judged = limit_s if limit_s is not None and (offset.seen or interval_s > limit_s) else None
+    judged = result.interval_limit_s if name == result.method else None
     last = result.seen.associated[-1, GROUPS.index(name)]
     about = {"method": name}
     return [
@@ -91,12 +103,12 @@ def _stamps(result: SyncResult) -> Estimates:
             "time_offset_drift", "ppm", 1e6 * difference.drift, 1e6 * difference.drift_std, {"method": "stamps"}, n=n
         )
     ]
-    if clocks.offset_s is None or result.difference_s is None:
-        return entries
-    apart_s, std_s = result.difference_s
-    entries.append(estimate("time_offset_from_stamps", "s", clocks.offset_s, difference.std_s, at, n=n))
-    limit_s = result.demands.difference_s if result.chosen.seen else None  # a prior says nothing to judge
-    entries.append(estimate(DIFFERENCE, "s", apart_s, std_s, {"method": result.method}, n=n, limit=limit_s))
+    if clocks.offset_s is not None:
+        entries.append(estimate("time_offset_from_stamps", "s", clocks.offset_s, difference.std_s, at, n=n))
+    if result.difference_s is not None:
+        apart_s, std_s = result.difference_s
+        about, limit_s = {"method": result.method}, result.demands.difference_s
+        entries.append(estimate(DIFFERENCE, "s", apart_s, std_s, about, n=n, limit=limit_s))
     return entries
 
 

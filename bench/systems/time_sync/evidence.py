@@ -78,6 +78,7 @@ def held(result: SyncResult, densities: ImuDensities, spread: EgiSpread) -> Held
 def evidence(result: SyncResult, seen: Held, taken: Recording) -> list[Evidence]:
     """Return what every check says, those that found nothing included."""
     return [
+        *_not_observable(result),
         *_plausible(result),
         *_stuck(result),
         _misfit(result, seen),
@@ -94,6 +95,20 @@ def _move(result: SyncResult, offset_s: float) -> float:
         offset = result.found.offsets[name]
         moves.append(abs(offset_s - offset.offset_s) / (coverage_factor() * offset.std_s))
     return max(moves)
+
+
+def _not_observable(result: SyncResult) -> Iterator[Evidence]:
+    """Yield the offsets that the motion did not show: what the filter says there is what was assumed beforehand."""
+    for name in METHODS:
+        offset = result.found.offsets[name]
+        if not offset.seen:
+            yield Evidence(
+                "not_observable",
+                f"The motion does not show the time offset: its variance is still {offset.normalised:.2f} of what was "
+                f"assumed beforehand ({1e3 * OFFSET_STD_s:g} ms, standard deviation). Fly a turn or an "
+                "acceleration, or turn the table while both units stand on it.",
+                offset.normalised, 0.0, quantities=("time_offset",), refuses=True, conditions={"method": name},
+            )  # fmt: skip
 
 
 def _plausible(result: SyncResult) -> Iterator[Evidence]:

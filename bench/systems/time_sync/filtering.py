@@ -198,13 +198,6 @@ def ratio_of(run: FilterRun, group: int, block: int = 0) -> float:
     return float(np.average(run.nis[use, group, block], weights=count[use]) / run.nis_dof[block])
 
 
-def outside_of(run: FilterRun, group: int, block: int = 0) -> float:
-    """Return share of the innovations outside their 95 % interval."""
-    count = run.nis_count[:, group, block]
-    use = (count > 0) & np.isfinite(run.nis_outside[:, group, block])
-    return float(np.average(run.nis_outside[use, group, block], weights=count[use])) if use.any() else math.nan
-
-
 def _learnt_s(t_s: Array, std_s: Array, first_std_s: float) -> float:
     """When the filter learnt the offset: mean time by how much each moment added to the information."""
     gained = np.diff(1.0 / std_s**2, prepend=1.0 / first_std_s**2)

@@ -6,33 +6,25 @@ import math
 
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
-from bench.systems.time_sync.filtering import GROUPS, OFFSET_STD_s, ratio_of
+from bench.systems.time_sync.filtering import GROUPS, ratio_of
 
 _MOST_RATIO = 1.5
 
 
 def notes(result: SyncResult) -> list[str]:
     """Return all of them."""
-    return [*result.ready.notes, *_observable(result), *_against_stamps(result), *_clocks(result), *_filter(result)]
-
-
-def _observable(result: SyncResult) -> list[str]:
-    if result.chosen.seen:
-        return []
-    return [
-        f"The motion does not show the time offset: its variance is still {result.chosen.normalised:.2f} of what was "
-        f"assumed beforehand ({1e3 * OFFSET_STD_s:g} ms, standard deviation), and so is its interval. The value is no "
-        "result. Fly a turn or an acceleration, or turn the table while both units stand on it."
-    ]
+    return [*result.ready.notes, *_against_stamps(result), *_clocks(result), *_filter(result)]
 
 
 def _against_stamps(result: SyncResult) -> list[str]:
-    if result.difference_s is None:
+    if result.clocks.offset_s is None:
         return [
             "No latencies are stated (uut: latency): receive stamps tell the drift of both clocks, not their offset."
         ]
+    if result.difference_s is None:
+        return []
     apart_s, std_s = result.difference_s
-    if not result.chosen.seen or abs(apart_s) <= coverage_factor() * std_s:
+    if abs(apart_s) <= coverage_factor() * std_s:
         return []
     return [
         f"Filter and receive stamps are {1e3 * apart_s:+.3f} ms apart, {1e3 * coverage_factor() * std_s:.3f} ms are "

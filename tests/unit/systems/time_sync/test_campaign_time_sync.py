@@ -11,6 +11,7 @@ import pytest
 from time_sync_material import Pair
 
 from bench.analysis import Analysis, analyse, with_uncertainty
+from bench.analysis.doubt import stated, weigh
 from bench.report.plots.graphs import analysis_pictures
 from bench.systems.time_sync import analysis as time_sync_analysis
 from bench.systems.time_sync import filtering as time_sync_filter
@@ -129,8 +130,24 @@ def test_straight_flight_and_rest_are_no_result() -> None:
             assert one["std_uncertainty"] >= 0.03
             assert value(found, "observability", method=method, of="variance of the offset")["value"] > 0.5
         assert value(found, "time_offset_uncertainty", method=METHODS[0])["verdict"] == "fail"
-        assert value(found, "stamps_difference")["verdict"] == "none"
-        assert any("does not show the time offset" in note for note in found.notes)
+        assert not [one for one in found.estimates if one["quantity"] == "stamps_difference"]
+        against = weigh(found.evidence).against
+        stated_as = {one["conditions"]["method"]: stated(one, against) for one in offsets(found)}
+        for method in METHODS:
+            assert stated_as[method]["value"] is None
+            assert [reason["code"] for reason in stated_as[method]["reasons"]] == ["not_observable"]
+        assert found.tables[0].rows[0][1:] == ["not observable", "interval alone judged"]
+
+
+def offsets(found: Analysis) -> list[Any]:
+    """The time offset by every method."""
+    return [one for one in found.estimates if one["quantity"] == "time_offset"]
+
+
+def test_an_offset_that_the_motion_shows_is_stated() -> None:
+    against = weigh(analysed().evidence).against
+    assert [stated(one, against)["quality"] for one in offsets(analysed())] == ["sound", "sound"]
+    assert analysed().tables[0].rows[0][2] == "judged"
 
 
 def test_an_offset_that_the_motion_does_not_show_keeps_no_limit() -> None:
@@ -138,6 +155,7 @@ def test_an_offset_that_the_motion_does_not_show_keeps_no_limit() -> None:
     path = FlightPath(((0.0, 0.0, 0.0),), speed_m_s=100.0)
     found = analyse(Pair("linear", path=path, duration_s=15.5).material(**wide))
     assert value(found, "time_offset_uncertainty", method=METHODS[0])["verdict"] == "none"
+    assert found.tables[0].rows[0][1:] == ["not observable", "not judged"]
 
 
 def test_a_steady_turn_from_begin_to_end_is_no_confident_result() -> None:
@@ -208,7 +226,7 @@ def test_the_same_recording_gives_the_same_bytes(monkeypatch: pytest.MonkeyPatch
 def test_report_draws_everything() -> None:
     found = analysed()
     pictures = analysis_pictures(found.figures)
-    assert len(pictures) == 4
+    assert len(pictures) == 6
     assert all("nan" not in picture.svg.lower() for picture in pictures)
     assert found.tables[0].lead is True
     assert all(len(row) == len(table.headers) for table in found.tables for row in table.rows)
