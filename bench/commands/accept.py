@@ -13,6 +13,7 @@ from bench.analysis import results_json
 from bench.commands.console import console
 from bench.model.clock import WallClock
 from bench.model.errors import InputError
+from bench.report import laboratory_of
 from bench.session.acceptances import new_acceptances, write_acceptances
 from bench.session.coefficients import write_coefficients
 from bench.session.output import write_file
@@ -74,5 +75,5 @@ def accept_in(folders: Sequence[Path], acceptance: Acceptance) -> None:
 def _write_again(folder: Path, view: SessionView) -> None:
     results, analysis = analyse_view(view)
     write_file(folder / "results.json", results_json(results))
-    write_file(folder / "report.html", report_html(view, results, analysis))
+    write_file(folder / "report.html", report_html(view, results, analysis, laboratory_of(folder)))
     write_coefficients(folder, analysis, results, view.manifest["campaign"])

@@ -27,11 +27,14 @@ from bench.model.events import Environment
 from bench.record import SessionReader, layout
 from bench.replay import ABSENT, Difference, compare
 from bench.report import (
+    LABORATORY_FILE,
     Calibration,
     CertificateSchema,
     Laboratory,
     Span,
+    below_capability,
     certificate_text,
+    laboratory_of,
     load_laboratory,
     nobody,
     not_valid,
@@ -60,7 +63,7 @@ class Request:
 def certificate(request: Request) -> int:
     """Write the certificate; nothing is written unless the recording gives every number of results.json again.
 
-    Raises: InputError B-DCC-001 to -004, -006 to -010, -012 to -016, B-YAML-..., B-CLI-007;
+    Raises: InputError B-DCC-001 to -004, -006 to -010, -012 to -017, B-YAML-..., B-CLI-007;
             SessionDamaged B-DCC-005, B-REC-011.
     """
     simulated = SessionReader(request.session).manifest.get("simulated") is not False
@@ -88,6 +91,9 @@ def certificate(request: Request) -> int:
 def _laboratory(request: Request) -> Laboratory:
     if request.laboratory is not None:
         return load_laboratory(request.laboratory)
+    kept = laboratory_of(request.session)
+    if kept is not None:
+        return kept
     if request.specimen:
         return nobody()
     raise InputError(
@@ -110,8 +116,9 @@ def _calibration(request: Request, laboratory: Laboratory) -> Calibration:
     began, ended = _day(began_ns), _day(ended_ns)
     standards = view.manifest.get("standards", {})
     if not request.specimen:
-        _refuse_other_days(request.laboratory, laboratory, began, ended)
+        laboratory.refuse_other_days(str(request.laboratory or folder / LABORATORY_FILE), began, ended)
         _refuse_expired(standards, ended_ns, folder)
+        _refuse_below_capability(laboratory, stored, folder)
     late = overdue(standards, began, ended)
     if not request.specimen and (late or not standards):
         raise InputError(
@@ -215,6 +222,20 @@ def _refuse_expired(standards: Mapping[str, Mapping[str, Any]], ended_ns: int, f
         )
 
 
+def _refuse_below_capability(laboratory: Laboratory, stored: Mapping[str, Any], folder: Path) -> None:
+    """Refuse to state, under an accreditation, less uncertainty than the laboratory is accredited for."""
+    if laboratory.accreditation is None:
+        return
+    wrong = below_capability(laboratory.accreditation, str(stored["campaign"]), stored["estimates"])
+    if wrong:
+        raise InputError(
+            "B-DCC-017",
+            "; ".join(f"{quantity}: {reason}" for quantity, reason in wrong.items()),
+            where=str(folder),
+            next_step="state in the register what is missing in U, or take 'accreditation' out of the laboratory file",
+        )
+
+
 def _span_utc_ns(folder: Path) -> tuple[int, int]:
     """Return the UTC at which the recording began and ended, by its first and last pair of times."""
     pairs = [message.document() for message in SessionReader(folder).select(frozenset({layout.CLOCK}))]
@@ -227,19 +248,6 @@ def _span_utc_ns(folder: Path) -> tuple[int, int]:
         )
     times_ns = [int(pair["t_utc_ns"]) for pair in pairs]
     return min(times_ns), max(times_ns)
-
-
-def _refuse_other_days(path: Path | None, laboratory: Laboratory, began: date, ended: date) -> None:
-    """Refuse a unit received after the measurement began, and a certificate issued before it ended."""
-    received, issued = laboratory.received, laboratory.issued
-    wrong = []
-    if received is not None and received > began:
-        wrong.append(f"received {received}, but the measurement began on {began}")
-    if issued is not None and issued < ended:
-        wrong.append(f"issued {issued}, but the measurement ended on {ended}")
-    if wrong:
-        advice = "correct the days in the laboratory file; without 'issued' it is today"
-        raise InputError("B-DCC-014", "; ".join(wrong), where=str(path), next_step=advice)
 
 
 def _day(utc_ns: int) -> date:

@@ -33,9 +33,15 @@ def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path]
     return _status(shown) or _judged(shown)
 
 
-def report(folder: Path, pdf: bool = False, fresh: bool = False) -> int:
-    """Write report.html again, and report.pdf if asked for; ``fresh``: compute what it shows though that is kept."""
+def report(folder: Path, pdf: bool = False, fresh: bool = False, laboratory: Path | None = None) -> int:
+    """Write report.html again, and report.pdf if asked for; ``fresh``: compute what it shows though that is kept.
+
+    ``laboratory``: a file that the session keeps from now on; what keeps the page from standing under the accreditation
+    that it states is told.
+    """
     fitted = Fitted(folder, fresh=fresh)
+    if laboratory is not None:
+        fitted.keep_laboratory(laboratory)
     path = folder / "report.html"
     write_file(path, fitted.report.html())
     console().print(f"report   {path}")
@@ -43,6 +49,8 @@ def report(folder: Path, pdf: bool = False, fresh: bool = False) -> int:
         paper = folder / "report.pdf"
         write_file(paper, fitted.paper())
         console().print(f"report   {paper}")
+    for reason in fitted.report.not_accredited:
+        console(stderr=True).print(f"not stated under the accreditation (B-DCC-017): {reason}")
     if fitted.from_cache:
         console().print(FROM_CACHE)
     return _status(fitted.shown)

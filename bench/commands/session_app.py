@@ -61,6 +61,10 @@ def report(
     verify: Annotated[
         bool, typer.Option("--verify", help="derive everything again from the raw bytes, compare, write nothing")
     ] = False,
+    laboratory: Annotated[
+        Path | None,
+        typer.Option("--laboratory", help="a laboratory file for the first page; the session keeps a copy of it"),
+    ] = None,
     json: AsJson = False,
     fresh: Fresh = False,
     accept: Accept = None,
@@ -79,7 +83,7 @@ def report(
     accepted = accept_command.Acceptance.asked(accept, by, reason)
     if accepted is not None:
         accept_command.accept(session, accepted)
-    raise typer.Exit(fit_command.report(session, pdf, fresh))
+    raise typer.Exit(fit_command.report(session, pdf, fresh, laboratory))
 
 
 def export(

@@ -22,7 +22,7 @@ from bench.frame import BENCH
 from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
 from bench.record import FOLDER, HEAD, LEVELS_S, OPEN_MARKER, read_head
 from bench.replay import build_trend
-from bench.report import DCC, Calibration, certificate_text, nobody, session_of
+from bench.report import DCC, Calibration, certificate_text, laboratory_of, nobody, session_of
 from bench.session.service import read_view
 from bench.session.verification import (
     REPORT,
@@ -90,7 +90,7 @@ def _computed(verification: Verification, folder: Path, view: SessionView) -> No
             where=str(folder / RESULTS),
             next_step="'bench fit' prints the results of the session",
         )
-    check_reports(verification, folder, Pages(view, results, analysis, stored or {}))
+    check_reports(verification, folder, Pages(view, results, analysis, stored or {}, laboratory_of(folder)))
     check_coefficients(verification, folder, view, results, analysis)
     check_certificates(verification, folder, view.manifest, results)
 

@@ -46,7 +46,8 @@ class AnalysisDeclaration:
     condition may be.
     ``reading``: action whose readings it needs.   ``items``: test items it judges, ``page`` describes them.
     ``beside``: link whose samples it needs beside those recorded.   ``of_unit``, ``of_channel``: what the data sheet
-    must state of the unit, and of each kind of channel.   ``main``: quantities that are shown while it is recorded.
+    must state of the unit, and of each kind of channel.   ``main``: quantities that are shown while it is recorded and
+    on the first page of its report.
     ``standards``: roles of the standards whose relative error enters a quantity one to one, by quantity.
     ``problems``: function that says of each record why the analysis leaves it out; "" for what holds for all records.
     ``assumptions``: function that names what its data cannot show, from the section "campaign" of a plan.

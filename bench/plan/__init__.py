@@ -24,7 +24,7 @@ from bench.plan.language.mapping import (
 )
 from bench.plan.language.notices import Mail, Notify, Webhook, web_address
 from bench.plan.language.sequence import Early
-from bench.plan.language.standards import Date
+from bench.plan.language.standards import Date, Stated
 from bench.plan.plan import Phase, Plan, SetPoint, Step, steps_sha256
 from bench.plan.readings import is_answered, is_reading, roles_of, round_count
 from bench.plan.schemas import json_schemas, mapping_schema, vscode_settings
@@ -83,6 +83,7 @@ __all__ = [
     "PlannedSoak",
     "PlannedVerify",
     "SetPoint",
+    "Stated",
     "Station",
     "StationFile",
     "Step",

@@ -1,5 +1,6 @@
 """Reports of a campaign: a self-contained HTML page, the same as PDF, and the picture of the timetable."""
 
+from bench.report.accreditation import below_capability
 from bench.report.assemble import report_model
 from bench.report.batch.document import batch_html, batch_json
 from bench.report.batch.model import Batch, LeftOut, Outcome
@@ -8,21 +9,22 @@ from bench.report.dcc import (
     DCC,
     Calibration,
     CertificateSchema,
-    Laboratory,
     Span,
     certificate_text,
-    load_laboratory,
     nobody,
     not_valid,
     overdue,
     session_of,
 )
 from bench.report.document import Report, study_html
+from bench.report.first import days_of
+from bench.report.laboratory import LABORATORY_FILE, Laboratory, laboratory_of, load_laboratory
 from bench.report.model import ReportModel, RunStory, Surrounding, TemperatureTrace
 from bench.report.tables import Table, analysis_tables
 
 __all__ = [
     "DCC",
+    "LABORATORY_FILE",
     "Batch",
     "Calibration",
     "CertificateSchema",
@@ -39,7 +41,10 @@ __all__ = [
     "analysis_tables",
     "batch_html",
     "batch_json",
+    "below_capability",
     "certificate_text",
+    "days_of",
+    "laboratory_of",
     "load_laboratory",
     "nobody",
     "not_valid",

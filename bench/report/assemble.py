@@ -40,6 +40,7 @@ def report_model(
     tables: Iterable[Table] = (),
     notes: Iterable[str] = (),
     run: RunStory | None = None,
+    main: Sequence[str] = (),
 ) -> ReportModel:
     """Gather what a report shows; nothing is fitted here and nothing is read from disk.
 
@@ -51,6 +52,7 @@ def report_model(
         residuals: per row of the fit {"channel", "kind", "temperature_degC", "current_A" (signed), "residual_ppm"
             or "residual_A", optionally "std_ppm"}.   components: rows of the table of uncertainty components.
         prompts: operator prompts and answers.   figures, tables, notes: of the analysis.   run: what happened.
+        main: quantities that the first page states.
     """
     ready_s = _prepare_s(plan_steps) if prepare_s is None else prepare_s
     return ReportModel(
@@ -71,6 +73,7 @@ def report_model(
         notes=tuple(notes),
         started_utc=started_utc(str(results.get("session", ""))),
         run=run or RunStory(),
+        main=tuple(main),
     )
 
 

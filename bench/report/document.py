@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
@@ -16,6 +17,8 @@ from typing import Any
 from bench.analysis import Chapter
 from bench.model.errors import InputError
 from bench.model.texts import ENGLISH, Texts
+from bench.report.first import FirstPage, first_page
+from bench.report.laboratory import Laboratory
 from bench.report.model import Picture, ReportModel
 from bench.report.sections import Section, sections_of
 from bench.report.sheet import FAMILY, ROOM_pt, Sheet, folder, legible, page_parts, sheets
@@ -30,38 +33,58 @@ _NO_DATE = datetime(1980, 1, 1, tzinfo=UTC)
 class Report:
     """The sections of a model with their figures; ``html`` and ``pdf`` write the same content.
 
-    ``sections``: those of this model and language, if they are drawn already.
+    ``sections``: those of this model and language, if they are drawn already.   ``laboratory``: what its first page
+    states beside the session.
     """
 
-    def __init__(self, model: ReportModel, language: str = ENGLISH, sections: list[Section] | None = None) -> None:
+    def __init__(
+        self,
+        model: ReportModel,
+        language: str = ENGLISH,
+        sections: list[Section] | None = None,
+        laboratory: Laboratory | None = None,
+    ) -> None:
         self._model = model
         self._words = words_of(language)
+        self._first = first_page(model, laboratory, self._words)
         self.sections = sections_of(model, self._words) if sections is None else sections
+
+    @property
+    def not_accredited(self) -> tuple[str, ...]:
+        """Why the page does not stand under the accreditation that the laboratory states; () without one."""
+        return self._first.not_accredited
 
     def html(self) -> str:
         """Return one self-contained page; the same model gives the same bytes."""
-        return html_page(self._model, self.sections, self._words)
+        return html_page(self._model, self._first, self.sections, self._words)
 
     def pdf(self) -> bytes:
         """Return A4 pages; one model gives the same bytes. Raises: InputError B-REP-001 without the extra 'pdf'."""
-        return pdf_pages(self._model, self.sections, self._words)
+        return pdf_pages(self._model, self.sections, self._words, self._first)
 
     def pages(self, dots_per_inch: float = 100.0) -> list[bytes]:
         """Return the pages of the PDF as PNG pictures. Raises: InputError B-REP-001."""
-        return png_pages(self._model, self.sections, self._words, dots_per_inch)
+        return png_pages(self._model, self.sections, self._words, dots_per_inch, self._first)
 
 
-def html_page(model: ReportModel, sections: list[Section], words: Texts) -> str:
+def html_page(model: ReportModel, first: FirstPage, sections: list[Section], words: Texts) -> str:
     """Return the report as one HTML document that needs no other file, no network and no script.
 
     The same model gives the same bytes in the same environment; no date and no random id enters.
     """
-    session, verdict = str(model.results["session"]), overall_verdict(model, words)
-    return page(model.title, session, sections, words, verdict=verdict, simulated=model.simulated)
+    verdict = overall_verdict(model, words)
+    return page(model.title, first.number, sections, words, verdict=verdict, simulated=model.simulated, first=first)
 
 
 def page(
-    title: str, subtitle: str, sections: list[Section], words: Texts, *, verdict: tuple[str, str], simulated: bool
+    title: str,
+    subtitle: str,
+    sections: list[Section],
+    words: Texts,
+    *,
+    verdict: tuple[str, str],
+    simulated: bool,
+    first: FirstPage | None = None,
 ) -> str:
     """Return sections as one HTML document; ``verdict``: class (none, pass, fail) and words."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined  # the extra 'report'
@@ -83,6 +106,7 @@ def page(
         language=words.language,
         watermark=words("watermark") if simulated else "",
         verdict=verdict,
+        first=first,
     )
 
 
@@ -130,17 +154,23 @@ def _sections(name: str, chapters: Sequence[Chapter], words: Texts) -> list[Sect
     ]
 
 
-def pdf_pages(model: ReportModel, sections: list[Section], words: Texts) -> bytes:
+def pdf_pages(model: ReportModel, sections: list[Section], words: Texts, first: FirstPage | None = None) -> bytes:
     """Return the report as a PDF of A4 pages; no date and no random id enters, the fonts are inside.
 
     Raises: InputError B-REP-001 if typst, the extra 'pdf', is not installed.
     """
-    return bytes(_typeset(document_files(model, sections, words), "pdf", None))
+    return bytes(_typeset(document_files(model, sections, words, first), "pdf", None))
 
 
-def png_pages(model: ReportModel, sections: list[Section], words: Texts, dots_per_inch: float) -> list[bytes]:
+def png_pages(
+    model: ReportModel,
+    sections: list[Section],
+    words: Texts,
+    dots_per_inch: float,
+    first: FirstPage | None = None,
+) -> list[bytes]:
     """Return the same pages as pictures, for eyes and tests. Raises: InputError B-REP-001."""
-    pages = _typeset(document_files(model, sections, words), "png", dots_per_inch)
+    pages = _typeset(document_files(model, sections, words, first), "png", dots_per_inch)
     return pages if isinstance(pages, list) else [pages]
 
 
@@ -163,18 +193,22 @@ def _typst() -> Callable[..., Any]:
     return compiler
 
 
-def document_files(model: ReportModel, sections: list[Section], words: Texts) -> dict[str, bytes]:
-    """Return the typst document, the content as JSON and every figure as SVG."""
+def document_files(
+    model: ReportModel, sections: list[Section], words: Texts, first: FirstPage | None = None
+) -> dict[str, bytes]:
+    """Return the typst document, the content as JSON and every figure as SVG; ``first``: without a laboratory."""
     files = {"main": (TEMPLATES / "report.typ").read_bytes()}
     chapters = [_chapter(section, words) for section in sections]
     for section in sections:
         files |= {_file(picture): _figure(picture) for picture in section.pictures}
-    text = json.dumps({**_frame(model, words), "chapters": chapters}, ensure_ascii=False)
+    text = json.dumps(
+        {**_frame(model, first or first_page(model, None, words), words), "chapters": chapters}, ensure_ascii=False
+    )
     files["report.json"] = legible(text).encode()
     return files
 
 
-def _frame(model: ReportModel, words: Texts) -> dict[str, Any]:
+def _frame(model: ReportModel, first: FirstPage, words: Texts) -> dict[str, Any]:
     """Return what stands on every page and at the head of the first."""
     kind, verdict = overall_verdict(model, words)
     sha256 = str(model.results.get("provenance", {}).get("session_sha256", ""))
@@ -182,7 +216,8 @@ def _frame(model: ReportModel, words: Texts) -> dict[str, Any]:
         "font": FAMILY,
         "language": words.language,
         "title": model.title,
-        "session": str(model.results.get("session", "")),
+        "first": asdict(first),
+        "lines": [words(f"signature.{line}") for line in ("name", "date", "signature")],
         "hash": f"SHA-256 {sha256[:_SHORT]}" if sha256 else "",
         "watermark": words("watermark") if model.simulated else "",
         "page": words("page.number", number="#n", total="#total"),

@@ -159,7 +159,7 @@ class RunStory:
 class ReportModel:
     """Everything a report shows. ``results`` is the document of results.json; the rest explains it.
 
-    ``started_utc``: ISO 8601, empty if unknown.
+    ``started_utc``: ISO 8601, empty if unknown.   ``main``: quantities that the analysis declares as its main ones.
     """
 
     title: str
@@ -179,6 +179,7 @@ class ReportModel:
     notes: tuple[str, ...] = ()
     started_utc: str = ""
     run: RunStory = field(default_factory=RunStory)
+    main: tuple[str, ...] = ()
 
     @property
     def simulated(self) -> bool:

@@ -34,10 +34,7 @@ from bench.report.run_tables import (
     summary_table,
 )
 from bench.report.tables import Table, analysis_tables, on_uncertainty, pairs_table, sentence
-from bench.report.verdict_tables import assumption_table, doubt_paragraphs, verdict_table
-
-_ROLES = ("prepared", "checked", "approved")
-_LINES = ("name", "date", "signature")
+from bench.report.verdict_tables import assumption_table, verdict_table
 
 
 @dataclass(frozen=True)
@@ -79,7 +76,6 @@ def _on_results(model: ReportModel, words: Texts) -> Iterator[Section]:
     from bench.report import plots  # with matplotlib
 
     chapter, title = partial(_chapter, words), partial(model.title_of, language=words.language)
-    yield chapter("doubt", paragraphs=doubt_paragraphs(model, words))
     yield chapter("summary", summary_table(model, words))
     yield chapter("results", *analysis_tables([table for table in model.tables if table.lead], title))
     yield chapter("verdicts", verdict_table(model, words))
@@ -124,11 +120,3 @@ def _on_the_run(model: ReportModel, words: Texts) -> Iterator[Section]:
     yield chapter("standards", standards_table(model, words))
     title = partial(model.title_of, language=words.language)
     yield chapter("notes", paragraphs=tuple(sentence(note, title) for note in model.notes))
-    yield chapter("signatures", _signatures(model, words))
-
-
-def _signatures(model: ReportModel, words: Texts) -> Table:
-    headers = ("", *(words(f"signature.{line}") for line in _LINES))
-    rows = tuple((words(f"signature.{role}"), *("" for _ in _LINES)) for role in _ROLES)
-    caption = words("signature.watermarked" if model.simulated else "signature.table")
-    return Table(caption, headers, rows, prose=True, to_fill=True)

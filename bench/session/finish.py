@@ -17,6 +17,7 @@ from typing import Any
 
 from bench.analysis import Analysis, results_json
 from bench.model.extras import missing_extra
+from bench.report import laboratory_of
 from bench.session.coefficients import write_coefficients
 from bench.session.history import enter_history
 from bench.session.output import write_attachments, write_file
@@ -54,7 +55,7 @@ def finish(folder: Path, view: SessionView, history: str) -> Finished:
         results, analysis = analyse_view(view)
         files.append(("results", "results.json", results_json(results)))
         try:
-            files.append(("report", "report.html", report_html(view, results, analysis)))
+            files.append(("report", "report.html", report_html(view, results, analysis, laboratory_of(folder))))
         except ModuleNotFoundError as error:
             trouble.append(f"{missing_extra(error)}; 'bench report {folder}' writes it later")
     done = Finished(results, analysis, [("session", str(folder))], trouble)

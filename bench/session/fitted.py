@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.analysis import INCOMPLETE, Analysis
+from bench.session.output import write_file
 from bench.session.shelf import Shelf, key_of
 
 if TYPE_CHECKING:
@@ -54,17 +55,36 @@ class Fitted:
 
     @cached_property
     def report(self) -> Report:
-        """The report, with its figures."""
-        from bench.report import Report
+        """The report, with its figures, as the laboratory file that its session keeps has it.
+
+        Raises: InputErrors (B-YAML-...) for a file that was changed and has mistakes.
+        """
+        from bench.report import Report, laboratory_of
 
         sections = self._shelf.get(SECTIONS) if self.from_cache else None
-        report = Report(self._model, sections=sections)
+        report = Report(self._model, sections=sections, laboratory=laboratory_of(self._asked[0]))
         if sections is None:
             self._shelf.put(SECTIONS, report.sections)
         return report
 
+    def keep_laboratory(self, path: Path) -> None:
+        """Copy a laboratory file into the session, so that its report can be written again from the session alone.
+
+        Raises: InputErrors (B-YAML-...); InputError B-DCC-014, B-CLI-007.
+        """
+        from bench.report import LABORATORY_FILE, days_of, load_laboratory
+
+        laboratory, days = load_laboratory(path), days_of(self._model)
+        if days is not None and not self._model.simulated:
+            laboratory.refuse_other_days(str(path), *days)
+        write_file(self._asked[0] / LABORATORY_FILE, path.read_bytes())
+
     def paper(self) -> bytes:
-        """Return the report as PDF. Raises: InputError B-REP-001 without the extra 'pdf'."""
+        """Return the report as PDF; one with a laboratory is set anew. Raises: InputError B-REP-001 without 'pdf'."""
+        from bench.report import LABORATORY_FILE
+
+        if (self._asked[0] / LABORATORY_FILE).is_file():
+            return self.report.pdf()
         kept = self._shelf.get(PAPER) if self.from_cache else None
         if isinstance(kept, bytes):
             return kept

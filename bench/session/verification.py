@@ -13,7 +13,7 @@ from bench.analysis import Analysis, results_json
 from bench.model.errors import InputError
 from bench.model.extras import missing_extra
 from bench.replay import Difference, compare
-from bench.report import Report
+from bench.report import Laboratory, Report
 from bench.session.coefficients import all_files, coefficients_of_session, merged_coefficients
 from bench.session.view import SessionView, report_of
 
@@ -117,19 +117,25 @@ class Pages:
     """The reports of a session, drawn with the name of today's software and with that of the results' own."""
 
     def __init__(
-        self, view: SessionView, results: Mapping[str, Any], analysis: Analysis, stored: Mapping[str, Any]
+        self,
+        view: SessionView,
+        results: Mapping[str, Any],
+        analysis: Analysis,
+        stored: Mapping[str, Any],
+        laboratory: Laboratory | None = None,
     ) -> None:
+        self._laboratory = laboratory
         self._view, self._results, self._analysis = view, results, analysis
         self.written, self.now = software_of(stored), software_of(results)
 
     @cached_property
     def _today(self) -> Report:
-        return report_of(self._view, self._results, self._analysis)
+        return report_of(self._view, self._results, self._analysis, self._laboratory)
 
     @cached_property
     def _then(self) -> Report:
         provenance = {**self._results[PROVENANCE], "software": self.written}
-        return report_of(self._view, {**self._results, PROVENANCE: provenance}, self._analysis)
+        return report_of(self._view, {**self._results, PROVENANCE: provenance}, self._analysis, self._laboratory)
 
     def check(self, verification: Verification, path: Path, form: Callable[[Report], bytes]) -> None:
         """Compare a report with the one drawn now, byte by byte."""

@@ -32,11 +32,12 @@ from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake
 from bench.model.lab_code import sha256_of
+from bench.model.systems import analysis_declaration
 from bench.model.yamlio import parse_yaml
 from bench.plan import StationFile, Step
 from bench.record import Damage, RecordRow
 from bench.replay import Splice
-from bench.report import Report, ReportModel, RunStory, TemperatureTrace, report_model
+from bench.report import Laboratory, Report, ReportModel, RunStory, TemperatureTrace, report_model
 from bench.session.happenings import (
     alarms_raised,
     commands_given,
@@ -220,14 +221,18 @@ def _reading(t_ns: int, event: events.Reading) -> Reading:
     )
 
 
-def report_html(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> str:
+def report_html(
+    view: SessionView, results: Mapping[str, Any], analysis: Analysis, laboratory: Laboratory | None = None
+) -> str:
     """Return the report as one HTML page."""
-    return report_of(view, results, analysis).html()
+    return report_of(view, results, analysis, laboratory).html()
 
 
-def report_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> Report:
+def report_of(
+    view: SessionView, results: Mapping[str, Any], analysis: Analysis, laboratory: Laboratory | None = None
+) -> Report:
     """Return the report, drawn; it can be written as a page and on paper."""
-    return Report(model_of(view, results, analysis))
+    return Report(model_of(view, results, analysis), laboratory=laboratory)
 
 
 def model_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> ReportModel:
@@ -246,7 +251,14 @@ def model_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) 
         tables=analysis.tables,
         notes=[*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *punctuality(view), *view.remarks],
         run=_story(view),
+        main=_main(view),
     )
+
+
+def _main(view: SessionView) -> tuple[str, ...]:
+    """Return the quantities that the analysis of a session declares as its main ones."""
+    declared = analysis_declaration(str(view.manifest["campaign"]["analysis"]))
+    return () if declared is None else declared.main
 
 
 def _story(view: SessionView) -> RunStory:

@@ -254,6 +254,49 @@ def test_days_that_contradict_the_session_are_named(real: Real, tmp_path: Path, 
     assert "on 2000-01-01" in str(error)
 
 
+SCOPE = """
+accreditation:
+  body: Example Body
+  number: EX-0000
+  scope:
+    - {quantity: dsf_n, range: [-1 %, 1 %], cmc: CMC, method: scale_factor}
+    - {quantity: dsf_p, range: [-1 %, 1 %], cmc: 1 ppm, method: scale_factor}
+"""
+
+
+def test_less_than_the_capability_is_not_stated_under_an_accreditation(real: Real, tmp_path: Path) -> None:
+    laboratory = tmp_path / "laboratory.yaml"
+    laboratory.write_text(EXAMPLE.read_text() + SCOPE.replace("CMC", "5000 ppm"))
+    asked = real(laboratory=laboratory)
+    error = refused(asked)
+    assert (error.code, error.exit_status) == ("B-DCC-017", ExitStatus.BAD_INPUT)
+    expanded = next(
+        one["expanded_uncertainty"]
+        for one in json.loads((asked.session / "results.json").read_text())["estimates"]
+        if one["quantity"] == "dsf_n"
+    )
+    assert f"dsf_n: U = {expanded:.3g} ppm is below the CMC of 5000 ppm" in error.message
+    laboratory.write_text(EXAMPLE.read_text() + SCOPE.replace("CMC", "1 ppm"))
+    assert certificate(asked) == ExitStatus.PASS
+    xml = (asked.session / "certificate.xml").read_bytes()
+    assert problems(xml) == []
+    assert b"by Example Body, EX-0000: dsf_n, dsf_p. Not covered by it: bias" in xml
+
+
+def test_an_amended_certificate_names_what_it_replaces(real: Real, tmp_path: Path) -> None:
+    laboratory = tmp_path / "laboratory.yaml"
+    more = "number: EX-2\nreplaces: {number: EX-1, reason: A name was wrong.}\n"
+    laboratory.write_text(f"{EXAMPLE.read_text()}\n{more}next_calibration: {{day: '2001-01-01', agreed: true}}\n")
+    asked = real(laboratory=laboratory)
+    assert certificate(asked) == ExitStatus.PASS
+    xml = (asked.session / "certificate.xml").read_bytes()
+    assert problems(xml) == []
+    assert session_of(xml).unique_identifier == "EX-2"
+    assert b"<dcc:replacedUniqueIdentifier>EX-1<" in xml
+    assert b"This certificate replaces EX-1. Reason: A name was wrong." in xml
+    assert b"Next calibration, as agreed with the customer: 2001-01-01." in xml
+
+
 def test_a_session_without_utc_has_no_days(session: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     view = command.read_view(session)
     monkeypatch.setattr(command, "read_view", lambda *_, **__: view)

@@ -20,7 +20,7 @@ from bench.commands.certificate import Request, certificate
 from bench.commands.fit import report
 from bench.commands.verify import verify
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
-from bench.report import Report
+from bench.report import Report, ReportModel
 from bench.session import verification
 
 GOLDEN = ROOT / "tests" / "golden" / "sessions"
@@ -41,10 +41,10 @@ def drawn_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """A report of the same results is drawn for the first test that needs it, and compared by all."""
     plain = verification.report_of
 
-    def report_of(view: Any, results: Any, analysis: Any) -> Report:
-        shown = verification.results_json(results)
+    def report_of(view: Any, results: Any, analysis: Any, laboratory: Any) -> Report:
+        shown = f"{verification.results_json(results)}{laboratory}"
         if shown not in REPORTS:
-            REPORTS[shown] = plain(view, results, analysis)
+            REPORTS[shown] = plain(view, results, analysis, laboratory)
         return REPORTS[shown]
 
     monkeypatch.setattr(verification, "report_of", report_of)
@@ -180,7 +180,8 @@ def test_another_version_of_the_software_alone_is_no_difference(
     session: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     now = json.loads((session / "results.json").read_text())["provenance"]["software"]
-    for name, before in (("results.json", ""), ("report.html", ">software</th><td>")):  # the manifest names it too
+    report_html = [("report.html", ">software</th><td>"), ("report.html", "Sequence golden, ")]  # not of the manifest
+    for name, before in (("results.json", ""), *report_html):
         path = session / name
         path.write_text(path.read_text().replace(f"{before}{now}", f"{before}inertial-bench 0.0.9"))
     document = verified(session, capsys, ExitStatus.PASS)
@@ -343,3 +344,45 @@ def test_a_report_on_paper(session: Path, capsys: pytest.CaptureFixture[str], mo
     document = verified(session, capsys, ExitStatus.PASS)
     assert any("report.pdf is not compared" in note for note in document["notes"])
     assert "report.pdf" not in document["compared"]
+
+
+def test_a_report_with_a_laboratory_is_written_again_from_the_session_alone(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The session keeps the file; the same file gives the same bytes, and verification draws the page with it."""
+    laboratory = ROOT / "docs" / "laboratory.yaml"
+    plain = (session / "report.html").read_bytes()
+    assert report(session, laboratory=laboratory) == ExitStatus.PASS
+    stated = (session / "report.html").read_bytes()
+    assert b"Example Calibration Laboratory" in stated
+    assert (session / "laboratory.yaml").read_bytes() == laboratory.read_bytes()
+    assert report(session) == ExitStatus.PASS
+    assert (session / "report.html").read_bytes() == stated
+    assert verify(session, False) == ExitStatus.PASS
+    assert "identical" in capsys.readouterr().out
+    (session / "laboratory.yaml").unlink()
+    assert report(session) == ExitStatus.PASS
+    assert (session / "report.html").read_bytes() == plain
+
+
+def test_days_of_a_laboratory_that_contradict_a_real_session_are_named(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    laboratory = tmp_path / "own.yaml"
+    laboratory.write_text((ROOT / "docs" / "laboratory.yaml").read_text() + '\nreceived: "2000-01-02"\n')
+    monkeypatch.setattr(ReportModel, "simulated", False)
+    with pytest.raises(InputError, match="received 2000-01-02, but the measurement began on 2000-01-01") as caught:
+        report(session, laboratory=laboratory)
+    assert caught.value.code == "B-DCC-014"
+    assert not (session / "laboratory.yaml").exists()
+
+
+def test_an_accreditation_that_does_not_cover_is_told(
+    session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    laboratory = tmp_path / "own.yaml"
+    scope = "{quantity: dsf_n, range: [-1 %, 1 %], cmc: 1 ppm, method: scale_factor}"
+    own = f"\naccreditation: {{body: Example Body, number: EX-0, scope: [{scope}]}}\n"
+    laboratory.write_text((ROOT / "docs" / "laboratory.yaml").read_text() + own)
+    assert report(session, laboratory=laboratory) == ExitStatus.PASS
+    assert "not stated under the accreditation (B-DCC-017): nothing real was measured" in capsys.readouterr().err

@@ -131,6 +131,7 @@ class Standard(StrictModel):
     certificate: Words
     calibrated: Date
     due: Date
+    laboratory: Words | None = Field(None, description="who calibrated it; reports name it")
     uncertainty: list[RangeUncertainty] = Field(default_factory=list)
     corrections: list[RangeCorrection] = Field(default_factory=list)
     specifications: list[Specification] = Field(
@@ -166,6 +167,8 @@ def told_standard(driver: str, standard: Standard) -> dict[str, Any]:
         "uncertainty": [line.told() for line in standard.uncertainty],
         "corrections": [{"range_A": c.range, "gain": c.gain, "offset_A": c.offset} for c in standard.corrections],
     }
+    if standard.laboratory is not None:
+        entry["laboratory"] = standard.laboratory
     if standard.specifications:
         entry["specifications"] = [specification.told() for specification in standard.specifications]
     if standard.traceability is not None:

@@ -10,10 +10,12 @@ from collections import Counter
 from bench import __version__
 from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound
 from bench.maths.verdict import WORST_FIRST
-from bench.report.dcc.calibration import ITEM_ID, TEXTS, Calibration, Contact, Person
+from bench.report.accreditation import not_covered
+from bench.report.dcc.calibration import ITEM_ID, TEXTS, Calibration
 from bench.report.dcc.elements import LANGUAGE, Element, dcc, leaf, words
 from bench.report.dcc.measurement import overdue
 from bench.report.dcc.results import STATUS, left_out
+from bench.report.laboratory import Contact, Laboratory, Person
 
 HASH_REF = "bench_{}Sha256"
 
@@ -65,7 +67,15 @@ def _core(calibration: Calibration) -> Element:
         leaf("endPerformanceDate", calibration.ended),
         leaf("performanceLocation", laboratory.location),
         leaf("issueDate", calibration.issued),
+        _replaced(laboratory),
     )
+
+
+def _replaced(laboratory: Laboratory) -> Element | None:
+    if laboratory.replaces is None:
+        return None
+    change = leaf("typeOfChange", "amended")
+    return dcc("reportAmendedSubstituted", change, leaf("replacedUniqueIdentifier", laboratory.replaces.number))
 
 
 def _identifications(calibration: Calibration) -> list[Element]:
@@ -139,6 +149,8 @@ def statements(calibration: Calibration) -> Element:
         _statement(TEXTS("statement.coverage"), "basic_methodMeasurementUncertainty", norm="JCGM 100:2008"),
         _statement(laboratory.traceability, "bench_traceability", norm="ISO/IEC 17025:2017", reference="7.8.4.1 c)"),
         *_overdue(calibration),
+        *_of_the_laboratory(laboratory),
+        *_accreditation(calibration),
         *_conformity(calibration),
         *_not_reported(calibration),
         _quality(calibration),
@@ -165,6 +177,34 @@ def _specimen(calibration: Calibration) -> list[Element]:
         return []
     key = "statement.simulated" if calibration.simulated else "statement.specimen"
     return [_statement(TEXTS(key), "bench_specimen")]
+
+
+def _of_the_laboratory(laboratory: Laboratory) -> list[Element]:
+    """Return the state of the item, an adjustment, what is replaced and why, and a next day that was agreed on."""
+    texts = {} if laboratory.item.state is None else {"state": TEXTS("statement.state", state=laboratory.item.state)}
+    if (adjusted := laboratory.adjustment) is not None:
+        other = "" if adjusted.other is None else TEXTS("statement.adjustment.other", number=adjusted.other)
+        texts["adjustment"] = f"{TEXTS(f'statement.adjustment.{adjusted.results}', what=adjusted.what)} {other}"
+    if (replaced := laboratory.replaces) is not None:
+        texts["replaces"] = TEXTS("statement.replaces", number=replaced.number, reason=replaced.reason)
+    if laboratory.next_calibration is not None:
+        texts["nextCalibration"] = TEXTS("statement.next", day=laboratory.next_calibration.day)
+    return [_statement(text, f"bench_{name}") for name, text in texts.items()]
+
+
+def _accreditation(calibration: Calibration) -> list[Element]:
+    """Return what is stated under the accreditation, and what is not; nothing of a specimen is."""
+    own = calibration.laboratory.accreditation
+    if own is None or calibration.specimen:
+        return []
+    sound = [estimate for estimate in calibration.results["estimates"] if is_sound(estimate)]
+    sound = [estimate for estimate in sound if not left_out(estimate)]
+    outside = not_covered(own, str(calibration.results["campaign"]), sound)
+    covered = sorted({str(estimate["quantity"]) for estimate in sound} - set(outside))
+    key = "statement.accredited_part" if covered else "statement.not_accredited"
+    names = {"covered": ", ".join(covered), "outside": ", ".join(sorted(outside))}
+    text = TEXTS(key if outside else "statement.accredited", body=own.body, number=own.number, **names)
+    return [_statement(text, "bench_accreditation")]
 
 
 def _overdue(calibration: Calibration) -> list[Element]:

@@ -6,6 +6,7 @@ The standards of the register are its measuring equipment; some may not have bee
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from datetime import date
 from typing import Any
 
@@ -38,18 +39,34 @@ def measurement(calibration: Calibration) -> Element:
     )
 
 
-def _methods(document: Mapping[str, Any]) -> list[Element]:
-    campaign = str(document["campaign"])
-    known = TEXTS.all
+@dataclass(frozen=True)
+class Method:
+    """The method of an analysis in words; ``reference``: the page with its equations, "" without one."""
+
+    name: str
+    description: str
+    reference: str
+    norms: tuple[str, ...]
+
+
+def method_of(document: Mapping[str, Any]) -> Method:
+    """Return the method that the results of a session were obtained by; ``document``: of results.json."""
+    campaign, known = str(document.get("campaign", "")), TEXTS.all
     own = campaign if f"method.{campaign}" in known else "other"
-    reference = known.get(f"method.{own}.reference")
+    description = TEXTS(f"method.{own}.description", campaign=campaign, method=document.get("method", "–"))
+    norms = known.get(f"method.{own}.norms", "").split("; ")
+    return Method(TEXTS(f"method.{own}"), description, known.get(f"method.{own}.reference", ""), tuple(norms))
+
+
+def _methods(document: Mapping[str, Any]) -> list[Element]:
+    method = method_of(document)
     return [
         dcc(
             "usedMethod",
-            words("name", TEXTS(f"method.{own}")),
-            words("description", TEXTS(f"method.{own}.description", campaign=campaign, method=document["method"])),
-            *(leaf("norm", norm) for norm in known.get(f"method.{own}.norms", "").split("; ")),
-            leaf("reference", reference),
+            words("name", method.name),
+            words("description", method.description),
+            *(leaf("norm", norm) for norm in method.norms),
+            leaf("reference", method.reference),
             id=METHOD_ID,
         ),
         dcc(

@@ -9,6 +9,7 @@ _HERE = "bench.systems.gnc"
 _TAKEN = f"{_HERE}.assumptions"
 _POSE = ("item", "mounting", "outer_deg", "middle_deg", "inner_deg")
 _TRIADS = ("tick", "gyro", "accel", "temperature")
+_FOUND = ("accel_bias", "accel_scale_error", "gyro_bias", "gyro_scale_error")
 _INERTIAL = ("time", "gyro", "accelerometer")
 _ITEMS = ("supply", "identify", "cpu", "timer", "memory", "imu", "gps", "ad", "io", "spi", "sci", "can")
 _DIMENSIONS = {
@@ -59,6 +60,7 @@ DECLARATION = System(
             made_of="samples",
             conditions=_POSE,
             fields=_TRIADS,
+            main=(*_FOUND, "accel_cross_coupling", "gyro_cross_coupling"),
             assumptions=f"{_TAKEN}:of_calibration",
         ),
         AnalysisDeclaration(
@@ -68,6 +70,7 @@ DECLARATION = System(
             made_of="samples",
             conditions=_POSE,
             fields=_TRIADS,
+            main=("gyro_bias", "accel_bias", "gyro_bias_stability", "accel_bias_stability"),
             assumptions=f"{_TAKEN}:of_bias",
         ),
         AnalysisDeclaration(
@@ -76,6 +79,7 @@ DECLARATION = System(
             ("ellipse", "extremes"),
             made_of="samples",
             conditions=(*_POSE, "rate_deg_s"),
+            main=("mag_offset", "mag_gain", "mag_angle"),
             assumptions=f"{_TAKEN}:of_magnetometer",
             fields=("tick", "mag", "temperature"),
         ),

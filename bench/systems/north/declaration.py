@@ -62,6 +62,7 @@ DECLARATION = System(
             made_of="samples",
             conditions=("item", "head_deg", "index", "repeat", "rate_deg_s"),
             fields=("output", "encoder"),
+            main=("azimuth_rms_error", "azimuth_error", "azimuth", "time_to_accuracy"),
             limits={"azimuth_error": Limit("deg", above_zero=True)},
             assumptions="bench.systems.north.assumptions:assumptions",
         ),

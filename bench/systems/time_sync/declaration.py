@@ -244,6 +244,7 @@ DECLARATION = System(
             made_of="samples",
             conditions=("item", "manoeuvre"),
             beside="egi",
+            main=("time_offset", "time_offset_drift"),
             assumptions="bench.systems.time_sync.assumptions:assumptions",
             limits={
                 "time_offset_uncertainty": Limit("s", above_zero=True),

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree as ET
 
-from bench.report.dcc import Calibration, Span, load_laboratory
+from bench.report.dcc import Calibration, Span
+from bench.report.laboratory import load_laboratory
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLE = ROOT / "docs" / "laboratory.yaml"

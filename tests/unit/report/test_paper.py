@@ -138,7 +138,7 @@ def test_what_a_person_wrote_is_no_markup_and_loses_no_character() -> None:
     report = Report(model)
     frame = json.loads(document_files(model, report.sections, words_of("en"))["report.json"])
     assert frame["title"] == model.title
-    assert frame["session"].endswith("#panic_[U+D55C]")
+    assert frame["first"]["number"].endswith("#panic_[U+D55C]")
     assert report.pdf().startswith(b"%PDF-")
 
 

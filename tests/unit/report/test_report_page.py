@@ -135,7 +135,7 @@ def test_every_section_is_there(outline: Outline) -> None:
     sections = [name for name in outline.ids if "-" not in name or name == "scale-factor"]
     assert sections == [
         *("summary", "scale-factor", "coefficients", "others", "uncertainty", "environment", "quality"),
-        *("run", "prompts", "standards", "notes", "signatures", "residuals", "budgets", "provenance"),
+        *("run", "prompts", "standards", "notes", "residuals", "budgets", "provenance"),
     ]
 
 

@@ -293,6 +293,7 @@ OPEN_FAMILIES = (
     "identification.",
     "conformity.",
     "column.",
+    "statement.adjustment.",
 )
 
 

@@ -19,8 +19,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bench.model.errors import InputError
-from bench.report.dcc import CertificateSchema, certificate_text, load_laboratory, not_valid
+from bench.report.dcc import CertificateSchema, certificate_text, not_valid
 from bench.report.dcc.dsi import condition_unit, estimate_unit, si_number, si_unit
+from bench.report.laboratory import load_laboratory
 
 PUBLISHED = os.environ.get("BENCH_DCC_XSD")
 SIGNATURES = (

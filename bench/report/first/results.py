@@ -1,0 +1,278 @@
+"""The results that matter, small enough for the first page: what the analysis declares as main, in few tables.
+
+Channels go down and temperatures across, several quantities side by side; what has no such conditions is a list.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from bench.analysis import cell, decimals_for, is_sound, number, unit_text, with_uncertainty
+from bench.maths.verdict import worst
+from bench.model.texts import Texts
+from bench.model.titles import quantity_title
+from bench.report.estimate_tables import readable
+from bench.report.model import ReportModel
+from bench.report.tables import column, kind_of
+
+ROOM_pt = 493.0  # the width of an A4 page inside its margins
+_LETTER_pt, _GAP_pt = 4.15, 4.6  # of the type of 6.5 pt that the tables are set in
+MOST_ROWS, MOST_LINES, _MOST_ACROSS = 12, 34, 5
+_TEMPERATURE = "temperature_degC"
+_ACROSS = (_TEMPERATURE, "axis", "column", "unit")
+MEASURED = "unit_temperature_degC"
+NOT_SOUND = "†"
+Row = Mapping[str, Any]
+Key = tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class Block:
+    """A small table: ``groups`` are headings over several columns, each with their number; ``foot``: U, k, verdict."""
+
+    caption: str
+    groups: tuple[tuple[str, int], ...]
+    headers: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    foot: tuple[tuple[str, ...], ...] = ()
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """One quantity: its estimates by what goes down and what goes across; () and None where nothing varies."""
+
+    heading: str
+    scale: float
+    names: tuple[str, ...]
+    across: str | None
+    rows: Mapping[tuple[Key, Any], Row]
+
+    @property
+    def down(self) -> list[Key]:
+        return _ordered([key for key, _ in self.rows])
+
+    @property
+    def columns(self) -> list[Any]:
+        return _ordered([value for _, value in self.rows])
+
+    def thinned(self, most: int) -> _Grid:
+        """Return it with at most so many columns: both ends, and others evenly between."""
+        columns = self.columns
+        if len(columns) <= most:
+            return self
+        kept = {columns[round(place * (len(columns) - 1) / (most - 1))] for place in range(most)}
+        rows = {key: row for key, row in self.rows.items() if key[1] in kept}
+        return _Grid(self.heading, self.scale, self.names, self.across, rows)
+
+
+def main_rows(model: ReportModel) -> list[Row]:
+    """Return the estimates that the first page shows: of the declared quantities, else all with an uncertainty."""
+    entries = [row for row in model.results.get("estimates", ()) if _of_the_method(model, row)]
+    declared = [row for name in model.main for row in entries if row["quantity"] == name]
+    return declared or [row for row in entries if row.get("expanded_uncertainty") or not is_sound(row)]
+
+
+def result_blocks(model: ReportModel, words: Texts) -> tuple[list[Block], list[Row]]:
+    """Return tables of the main results, and the estimates that are in them."""
+    by_quantity: dict[str, list[Row]] = {}
+    for row in main_rows(model):
+        by_quantity.setdefault(str(row["quantity"]), []).append(row)
+    analysis = str(model.results.get("campaign", ""))
+    grids = [_grid(quantity_title(analysis, name, words.language), rows) for name, rows in by_quantity.items()]
+    blocks: list[Block] = []
+    shown: list[Row] = []
+    lines = 0
+    for alike in _alike(grids):
+        for made, rows in _made(alike, words):
+            if lines + len(made.rows) > MOST_LINES:
+                return blocks, shown
+            lines += len(made.rows) + len(made.foot) + 3
+            blocks.append(made)
+            shown += rows
+    return blocks, shown
+
+
+def _of_the_method(model: ReportModel, row: Row) -> bool:
+    """Return False for what another method gives that is there to compare with."""
+    return bool(row["conditions"].get("method", model.results.get("method")) == model.results.get("method"))
+
+
+def _grid(title: str, rows: Sequence[Row]) -> _Grid:
+    shapes: dict[frozenset[str], list[Row]] = {}
+    for row in rows:
+        shapes.setdefault(frozenset(row["conditions"]), []).append(row)
+    chosen = max(shapes.values(), key=lambda group: (_TEMPERATURE in group[0]["conditions"], len(group)))
+    names = [name for name in chosen[0]["conditions"] if name != MEASURED]
+    varying = [name for name in names if len({_plain(row["conditions"][name]) for row in chosen}) > 1]
+    if "channel" in varying and "kind" in varying:
+        varying.remove("kind")
+    across = next((name for name in _ACROSS if name in varying), _TEMPERATURE if _TEMPERATURE in names else None)
+    down = tuple(name for name in varying if name != across)
+    scale, unit = readable(chosen)
+    heading = title + (f" / {unit_text(unit)}" if unit != "1" else "")
+    return _Grid(heading, scale, down, across, {_place(row["conditions"], down, across): row for row in chosen})
+
+
+def _place(conditions: Row, down: Sequence[str], across: str | None) -> tuple[Key, Any]:
+    key = tuple(_plain(conditions[name]) for name in down)
+    if down == ("channel",):
+        key += (conditions.get("kind", ""),)
+    return key, None if across is None else _plain(conditions[across])
+
+
+def _plain(value: Any) -> Any:
+    return value if isinstance(value, int | float | str) else str(value)
+
+
+def _ordered(values: Sequence[Any]) -> list[Any]:
+    """Return each value once: numbers by size, axes by letter, other words as they come."""
+    once = list(dict.fromkeys(values))
+    first = [value[0] if isinstance(value, tuple) and value else value for value in once]
+    numbers = all(isinstance(value, int | float) for value in first)
+    letters = all(isinstance(value, str) and len(value) == 1 for value in first)
+    return sorted(once) if numbers or letters else once
+
+
+def _alike(grids: Sequence[_Grid]) -> list[list[_Grid]]:
+    """Return grids that have the same rows, or, of those without, the same columns."""
+    groups: dict[Any, list[_Grid]] = {}
+    for grid in grids:
+        columns = () if grid.down != [()] else tuple(map(str, grid.columns))
+        groups.setdefault((grid.names, tuple(grid.down), columns), []).append(grid)
+    return list(groups.values())
+
+
+def _made(grids: Sequence[_Grid], words: Texts) -> Iterator[tuple[Block, list[Row]]]:
+    if not grids[0].names:
+        for start in range(0, len(grids), MOST_ROWS):
+            part = grids[start : start + MOST_ROWS]
+            yield _list(part, words), [row for grid in part for row in grid.rows.values()]
+        return
+    with_U = _table(grids, words, _full)
+    if _width_pt(with_U) <= ROOM_pt:
+        yield with_U, _shown(grids)
+        return
+    together: list[_Grid] = []
+    for grid in (grid.thinned(_MOST_ACROSS) for grid in grids):
+        if together and _width_pt(_table([*together, grid], words, _short)) > ROOM_pt:
+            yield _table(together, words, _short), _shown(together)
+            together = []
+        together.append(grid)
+    yield _table(together, words, _short), _shown(together)
+
+
+def _shown(grids: Sequence[_Grid]) -> list[Row]:
+    keys = grids[0].down[:MOST_ROWS]
+    return [row for grid in grids for (key, _), row in grid.rows.items() if key in keys]
+
+
+def _list(grids: Sequence[_Grid], words: Texts) -> Block:
+    """Return quantities down, each with its values, k and, where one is judged, the verdict."""
+    columns = grids[0].columns
+    judged = any(row["verdict"] != "none" for grid in grids for row in grid.rows.values())
+    head = words("first.results.value")
+    at = " °C" if grids[0].across == _TEMPERATURE else ""
+    values = [head if value is None else _across(words, grids[0], value) + at for value in columns]
+    rows = []
+    for grid in grids:
+        found = [grid.rows.get(((), value)) for value in columns]
+        known = [row for row in found if row is not None]
+        last = (_verdict(words, known),) if judged else ()
+        rows.append((grid.heading, *(_full(row, grid.scale) for row in found), _factors(known), *last))
+    headers = (column(words, "quantity"), *values, "k", *((words("first.results.verdict"),) if judged else ()))
+    return Block(words("first.results.list"), (), headers, tuple(rows))
+
+
+def _table(grids: Sequence[_Grid], words: Texts, text: Any) -> Block:
+    """Return rows down and quantities side by side; where ``text`` gives values alone, U stands below them."""
+    keys = grids[0].down
+    body, foot, headers = [], [], [_down(words, grids[0])]
+    for key in keys[:MOST_ROWS]:
+        cells = [text(grid.rows.get((key, value)), grid.scale) for grid in grids for value in grid.columns]
+        body.append((_label(words, grids[0], key), *cells))
+    below = [[row for (_, at), row in grid.rows.items() if at == value] for grid in grids for value in grid.columns]
+    headers += ["" if value is None else _across(words, grid, value) for grid in grids for value in grid.columns]
+    if text is _short:
+        foot += _below(words, grids, below)
+    foot.append(("k", *map(_factors, below)))
+    if any(row["verdict"] != "none" for rows in below for row in rows):
+        foot.append((words("first.results.verdict"), *(_verdict(words, rows) for rows in below)))
+    groups = (("", 1), *((grid.heading, len(grid.columns)) for grid in grids))
+    more = words("first.results.more", shown=MOST_ROWS, all=len(keys)) if len(keys) > MOST_ROWS else ""
+    caption = words("first.results.short" if text is _short else "first.results.full")
+    return Block(f"{caption} {more}".strip(), groups, tuple(headers), tuple(body), tuple(foot))
+
+
+def _below(words: Texts, grids: Sequence[_Grid], below: Sequence[Sequence[Row]]) -> list[tuple[str, ...]]:
+    """Return the largest U of each column, for each kind of channel where there are several."""
+    kinds = dict.fromkeys(row["conditions"].get("kind", "") for rows in below for row in rows)
+    scales = [grid.scale for grid in grids for _ in grid.columns]
+    lines = []
+    for kind in kinds:
+        of_kind = [[row for row in rows if row["conditions"].get("kind", "") == kind] for rows in below]
+        head = words("first.results.U") if len(kinds) == 1 else words("first.results.U_of", kind=kind_of(words, kind))
+        lines.append((head, *map(_largest, of_kind, scales)))
+    return lines
+
+
+def _width_pt(block: Block) -> float:
+    lines = [block.headers, *block.rows, *block.foot]
+    widths = [max(len(line[index]) for line in lines) * _LETTER_pt + _GAP_pt for index in range(len(block.headers))]
+    at, total = 0, 0.0
+    for heading, count in block.groups:
+        total += max(sum(widths[at : at + count]), len(heading) * _LETTER_pt * 0.6 + _GAP_pt)  # may take two lines
+        at += count
+    return total
+
+
+def _full(row: Row | None, scale: float) -> str:
+    if row is None or row["value"] is None:
+        return "–" if row is None else NOT_SOUND
+    expanded = row.get("expanded_uncertainty")
+    text = with_uncertainty(row["value"] * scale, None if expanded is None else expanded * scale)
+    return text if is_sound(row) else f"{text} {NOT_SOUND}"
+
+
+def _short(row: Row | None, scale: float) -> str:
+    if row is None or row["value"] is None:
+        return "–" if row is None else NOT_SOUND
+    expanded = row.get("expanded_uncertainty") or 0.0
+    text = number(row["value"] * scale, decimals_for(expanded * scale) if expanded else None)
+    return text if is_sound(row) else f"{text} {NOT_SOUND}"
+
+
+def _largest(rows: Sequence[Row], scale: float) -> str:
+    known = [row["expanded_uncertainty"] * scale for row in rows if row.get("expanded_uncertainty")]
+    return number(max(known), decimals_for(max(known))) if known else "–"
+
+
+def _factors(rows: Sequence[Row]) -> str:
+    known = sorted(row["coverage_factor"] for row in rows if row.get("expanded_uncertainty"))
+    if not known:
+        return "–"
+    low, high = f"{known[0]:.2f}", f"{known[-1]:.2f}"
+    return low if low == high else f"{low}–{high}"
+
+
+def _verdict(words: Texts, rows: Sequence[Row]) -> str:
+    found = worst(row["verdict"] for row in rows)
+    return "–" if found == "none" else words(f"verdict.{found}")
+
+
+def _across(words: Texts, grid: _Grid, value: Any) -> str:
+    if grid.across == _TEMPERATURE:
+        return number(value)
+    return f"{column(words, str(grid.across))} {cell(value)}" if isinstance(value, int | float) else str(value)
+
+
+def _down(words: Texts, grid: _Grid) -> str:
+    names = ", ".join(column(words, name) for name in grid.names)
+    return words("first.results.at", names=names) if grid.across == _TEMPERATURE else names
+
+
+def _label(words: Texts, grid: _Grid, key: Key) -> str:
+    if grid.names == ("channel",):
+        return f"{key[0]} {kind_of(words, key[1])}" if key[1] else str(key[0])
+    return ", ".join(cell(value) for value in key)

@@ -1,0 +1,245 @@
+"""The first page: one page of A4, every clause on it, numbers of results.json, a rule with the risk that it carries."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from pydantic import ValidationError
+from report_sample import estimate, sample_model, small_model
+
+from bench.report import Report
+from bench.report.document import document_files, png_pages
+from bench.report.first import FirstPage, days_of, first_page
+from bench.report.laboratory import Laboratory
+from bench.report.model import ReportModel
+from bench.report.tables import words_of
+
+ROOT = Path(__file__).resolve().parents[4]
+WORDS = words_of("en")
+MAIN = ("dsf_n", "dsf_p", "bias", "hysteresis_width")
+EXAMPLE: dict[str, Any] = yaml.safe_load((ROOT / "docs" / "laboratory.yaml").read_text(encoding="utf-8"))
+SCOPE = [
+    {"quantity": name, "range": [f"-4000 {unit}", f"4000 {unit}"], "cmc": f"0.1 {unit}", "method": "scale_factor"}
+    for name, unit in (("dsf_n", "ppm"), ("dsf_p", "ppm"), ("dsf_n_residual", "ppm"), ("bias", "nA"))
+]
+EVERYTHING: dict[str, Any] = {
+    **EXAMPLE,
+    "number": "EX-2026-0002",
+    "received": "1999-12-01",
+    "issued": "2000-01-09",
+    "adjustment": {"what": "A resistor was exchanged.", "results": "as_left", "other": "EX-2026-0001"},
+    "replaces": {"number": "EX-2026-0001", "reason": "The customer's number was wrong."},
+    "next_calibration": {"day": "2001-01-09", "agreed": True},
+    "accreditation": {"body": "Example Body", "number": "EX-0000", "scope": SCOPE},
+}
+
+
+def laboratory(**more: Any) -> Laboratory:
+    return Laboratory.model_validate({**EVERYTHING, **more})
+
+
+@pytest.fixture(scope="module")
+def model() -> ReportModel:
+    """Ten channels at five temperatures, really measured; some of it judged."""
+    found = sample_model(simulated=False)
+    judged = [
+        estimate("dsf_n_residual", "ppm", value, 10.0, channel=channel, temperature_degC=20.0)
+        | {"limit": 100.0, "verdict": verdict, "conformance_probability": inside(value, 10.0 / 1.96, 100.0)}
+        for channel, (value, verdict) in enumerate([(3.0, "pass"), (95.0, "conditional_pass"), (120.0, "fail")], 1)
+    ]
+    estimates = [*found.results["estimates"], *judged]
+    started = {"started_utc": "2000-01-01T00:00:00Z", "run": replace(found.run, length_s=137_000.0)}
+    return replace(found, main=MAIN, results={**found.results, "estimates": estimates}, **started)
+
+
+def inside(value: float, u: float, limit: float) -> float:
+    """Probability that the true value is within the limit, by the error function."""
+    return 0.5 * (math.erf((limit - value) / (u * math.sqrt(2))) - math.erf((-limit - value) / (u * math.sqrt(2))))
+
+
+@pytest.fixture(scope="module")
+def page(model: ReportModel) -> FirstPage:
+    return first_page(model, laboratory(), WORDS)
+
+
+def on(page: FirstPage) -> dict[str, str]:
+    """Everything that the page says, by its head."""
+    return dict((*page.entries, *page.statements))
+
+
+def number(text: str) -> float:
+    return float(text.replace("−", "-").replace("\u202f", ""))
+
+
+def test_it_is_one_page_with_everything_stated(model: ReportModel, page: FirstPage) -> None:
+    """Behind the first page stands nothing but the end mark: two pages, as each break would add one."""
+    doubted = replace(page, doubt=("REFUSED, 3 estimates: " + "a reason of some length, " * 8,) * 3)
+    for shown in (page, doubted):
+        assert len(png_pages(model, [], WORDS, 20.0, shown)) == 2
+
+
+def test_values_and_uncertainties_are_those_of_the_results(model: ReportModel, page: FirstPage) -> None:
+    (block,) = page.results
+    columns = [(name, degC) for name in ("dsf_n", "dsf_p", "bias") for degC in (-10.0, 5.0, 20.0, 35.0, 50.0)]
+    assert [(heading, count) for heading, count in block.groups if heading] == [
+        ("Scale-factor error N / ppm", 5), ("Scale-factor error P / ppm", 5), ("Bias / nA", 5)
+    ]  # fmt: skip
+    assert [number(text) for text in block.headers[1:]] == [degC for _, degC in columns]
+    by_place = {
+        (row["quantity"], row["conditions"].get("channel"), row["conditions"].get("temperature_degC")): row
+        for row in model.results["estimates"]
+    }
+    for line in block.rows:
+        channel = int(line[0].split()[0])
+        for (name, degC), text in zip(columns, line[1:], strict=True):
+            value = by_place[name, channel, degC]["value"] * (1e9 if name == "bias" else 1.0)
+            assert number(text) == round(value), (name, channel, degC)
+    widths = {name: number(text) for (name, _), text in zip(columns, block.foot[0][1:], strict=True)}
+    assert widths == {"dsf_n": 20.0, "dsf_p": 20.0, "bias": 10.0}
+    assert [line[0] for line in block.foot] == ["U, gyro", "U, accelerometer", "k"]
+    assert set(block.foot[-1][1:]) == {"1.96"}
+
+
+def test_few_values_stand_with_their_own_uncertainty(model: ReportModel) -> None:
+    few = [row for row in model.results["estimates"] if row["conditions"].get("temperature_degC") == 20.0]
+    (block,) = first_page(replace(model, results={**model.results, "estimates": few}), None, WORDS).results
+    assert block.headers[1:] == ("20", "20", "20")
+    assert all(" ± " in text for line in block.rows for text in line[1:])
+    assert [line[0] for line in block.foot] == ["k"]
+
+
+def test_the_value_nearest_to_its_limit_and_the_risk_of_the_rule(model: ReportModel, page: FirstPage) -> None:
+    """A conditional pass at 95 of 100 ppm, u = 10 / 1.96 ppm, is wrong with 16 %; the fail at 120 ppm with 0.004 %."""
+    said = on(page)
+    assert "channel: 3" in said["Nearest to its limit"]
+    assert "120 ± 10 ppm (k = 1.96), limit ± 100 ppm; the interval leaves −30 ppm" in said["Nearest to its limit"]
+    risk = 100.0 * (1.0 - inside(95.0, 10.0 / 1.96, 100.0))
+    assert 16.0 < risk < 17.0
+    assert f"Largest risk among the 2 accepted here: {risk:.2f} %." in said["Decision rule"]
+    assert "Largest risk among the 1 refused here: < 0.01 %." in said["Decision rule"]
+
+
+@pytest.mark.parametrize(("rule", "words"), [("simple", "Simple acceptance"), ("guard_band", "Guarded acceptance")])
+def test_the_rule_is_that_of_the_results(model: ReportModel, rule: str, words: str) -> None:
+    other = replace(model, results={**model.results, "decision_rule": rule})
+    assert on(first_page(other, None, WORDS))["Decision rule"].startswith(words)
+
+
+def test_what_the_laboratory_states_is_on_it(page: FirstPage) -> None:
+    said = on(page)
+    assert (page.title, page.number) == ("Calibration report", "EX-2026-0002")
+    assert page.end == "End of the report EX-2026-0002"
+    assert said["Laboratory"].startswith("Example Calibration Laboratory, Example Street 1, 00000 Exampletown, DE")
+    assert said["Customer"] == "Example Navigation Systems, Sample Road 2, 00000 Exampletown, DE"
+    assert "NGU, serial number SIM-1, customer's number EQ-0001" in said["Item"]
+    assert said["State on receipt"] == EXAMPLE["item"]["state"]
+    assert (said["Received"], said["Issued"]) == ("1999-12-01", "2000-01-09")
+    assert said["Calibrated (UTC)"] == "2000-01-01 to 2000-01-02"
+    assert "measured: 22.8 to 23.2 °C" in said["Environment"]
+    assert "30 to 60 % relative humidity" in said["Environment"]
+    assert "calibrator 5720A SIM-5720: SIM-0001, 1999-11-01" in said["Traceability"]
+    assert "docs/decisions/0004-scale-factor-equations.md" in said["Method"]
+    assert "relate only to the item" in said["Validity"]
+    assert "replaces EX-2026-0001. Reason: The customer's number was wrong." in said["Replaces"]
+    assert "as left" in said["Adjustment"]
+    assert said["Next calibration"] == "2001-01-09, as agreed with the customer."
+    assert page.signatures == (("head of the laboratory", "A. Example"),)
+
+
+def test_the_mark_stands_for_real_results_only(model: ReportModel, page: FirstPage) -> None:
+    assert "under the accreditation of the laboratory by Example Body, EX-0000" in on(page)["Accreditation"]
+    assert page.not_accredited == ()
+    simulated = replace(model, results={**model.results, "provenance": {"simulated": True}})
+    shown = first_page(simulated, laboratory(), WORDS)
+    assert shown.title == "Calibration report (specimen)"
+    assert on(shown)["Accreditation"].startswith("Not stated under the accreditation")
+    capable = [{**SCOPE[0], "cmc": "25 ppm"}, *SCOPE[1:]]
+    own = laboratory(accreditation={**EVERYTHING["accreditation"], "scope": capable})
+    assert first_page(model, own, WORDS).not_accredited == (
+        "dsf_n: U = 19.9 ppm is below the CMC of 25 ppm, and 49 more of it",
+    )
+
+
+def test_a_value_that_is_judged_on_the_page_needs_the_scope_too(model: ReportModel) -> None:
+    own = laboratory(accreditation={**EVERYTHING["accreditation"], "scope": [SCOPE[0], SCOPE[1], SCOPE[3]]})
+    (reason,) = first_page(model, own, WORDS).not_accredited
+    assert reason.startswith("dsf_n_residual: 120 ppm by scale_factor is outside the scope")
+
+
+def test_without_a_laboratory_it_says_what_nobody_stated(model: ReportModel) -> None:
+    bare = first_page(model, None, WORDS)
+    said = on(bare)
+    assert bare.title == "Report"
+    assert said["Laboratory"] == "not stated; give --laboratory"
+    assert {said[name] for name in ("Customer", "State on receipt", "Received", "Issued", "Place")} == {"not stated"}
+    assert not {"Accreditation", "Next calibration", "Replaces", "Adjustment"} & said.keys()
+
+
+def test_doubtful_values_are_marked_and_say_so_above(model: ReportModel) -> None:
+    first, *others = model.results["estimates"]
+    reason = {"code": "odd", "sentence": "It is odd.", "figure": 1.0}
+    doubtful = first | {"quality": "doubtful", "reasons": [reason], "expanded_uncertainty": None, "value": 41.0}
+    shown = first_page(replace(model, results={**model.results, "estimates": [doubtful, *others]}), None, WORDS)
+    assert shown.doubt[0].startswith("DOUBTFUL, 1 estimate: It is odd.")
+    assert shown.results[0].rows[0][1] == "41 †"
+
+
+def test_what_is_measured_outside_of_what_the_laboratory_states_is_told(model: ReportModel) -> None:
+    own = laboratory(surroundings={"temperature": ["22 degC", "23 degC"]})
+    assert "not within what the laboratory states" in on(first_page(model, own, WORDS))["Environment"]
+
+
+def test_number_and_end_mark_are_on_page_and_paper(model: ReportModel) -> None:
+    report = Report(replace(small_model(), main=MAIN), laboratory=laboratory())
+    text = report.html()
+    assert '@bottom-left { content: "EX-2026-0002"' in text
+    assert "<p>End of the report EX-2026-0002" in text
+    assert Report(replace(small_model(), main=MAIN), laboratory=laboratory(), sections=report.sections).html() == text
+    frame = json.loads(document_files(model, [], WORDS, first_page(model, laboratory(), WORDS))["report.json"])
+    assert (frame["first"]["number"], frame["page"]) == ("EX-2026-0002", "page #n of #total")
+
+
+def test_the_days_are_of_the_name_of_the_session(model: ReportModel) -> None:
+    assert [str(day) for day in days_of(model) or ()] == ["2000-01-01", "2000-01-02"]
+    assert days_of(replace(model, started_utc="")) is None
+
+
+@pytest.mark.parametrize(
+    ("wrong", "said"),
+    [
+        ({"next_calibration": {"day": "2001-01-09", "agreed": False}}, "agreed"),
+        ({"next_calibration": {"day": "2001-01-09"}}, "agreed"),
+        ({"number": None}, "needs a 'number' of its own"),
+        ({"number": "EX-2026-0001"}, "needs a 'number' of its own"),
+        ({"number": 'EX"} body'}, "number"),
+    ],
+)
+def test_entries_that_may_not_be_are_refused(wrong: dict[str, Any], said: str) -> None:
+    with pytest.raises(ValidationError, match=said):
+        laboratory(**wrong)
+
+
+CLAUSES = {
+    *(f"7.8.2.1 {letter})" for letter in "abcdefghijklmnop"),
+    "7.8.2.2",
+    *(f"7.8.4.1 {letter})" for letter in "abcdef"),
+    *("7.8.4.3", "7.8.6.1", "7.8.6.2", "7.8.7", "7.8.8"),
+}
+
+
+def test_every_clause_has_its_place_in_the_docs(page: FirstPage) -> None:
+    """What the table calls an entry or a statement of page 1 is one."""
+    text = (ROOT / "docs" / "report.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (7\.8\.[^|]*?) \| [^|]* \| ([^|]*) \|$", text, re.MULTILINE)
+    assert {clause for clause, _ in rows} == CLAUSES
+    places = set(re.findall(r"\*([^*]+)\*", " ".join(place for _, place in rows)))
+    assert places >= {"Laboratory", "Customer", "Item", "Decision rule", "Environment", "Traceability"}
+    titles = {text for key, text in WORDS.all.items() if key.startswith("section.")}
+    assert places <= {*on(page), *titles}
