@@ -9,9 +9,12 @@ from bench.frame.explain import LOOKED_AT_BYTES, Guess, LineGuess, draft, guesse
 from bench.frame.kernel_quanta import kernel_quanta
 from bench.frame.layout import Message
 from bench.frame.pace import Pace, pace_of
+from bench.frame.rates import means, rates_among, rates_Hz, trailing_means
 from bench.frame.signals import (
     BENCH,
     BENCH_FIELDS,
+    MEAN_S,
+    RATE,
     Block,
     Signal,
     all_signals,
@@ -19,6 +22,7 @@ from bench.frame.signals import (
     columns,
     expand,
     of_message,
+    rate_of,
     signal_of,
 )
 from bench.frame.spec import FrameSpec
@@ -29,6 +33,8 @@ __all__ = [
     "BENCH",
     "BENCH_FIELDS",
     "LOOKED_AT_BYTES",
+    "MEAN_S",
+    "RATE",
     "Block",
     "CommandLayout",
     "Counted",
@@ -58,9 +64,14 @@ __all__ = [
     "kernel_quanta",
     "line_guess",
     "load_frame",
+    "means",
     "of_message",
     "pace_of",
     "parse_frame",
+    "rate_of",
+    "rates_Hz",
+    "rates_among",
     "signal_of",
+    "trailing_means",
     "why_no_kernel",
 ]

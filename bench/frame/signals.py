@@ -2,13 +2,14 @@
 
 ``port_a.npp[3]`` is element 3 (from 1) of an array field, ``port_b.supply_voltage`` a single value, ``bench.air`` a
 temperature of the bench, ``port_a.npp-ppp[3]`` the difference of two fields. ``port_a.npp[1..6]`` stands for several.
+``port_a.npp-ppp[3]/s`` is the rate of a field that counts per frame: what comes in a second, mean over ``MEAN_S``.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -25,7 +26,10 @@ MOST_SIGNALS = 200
 _ASKED = ("command", "answer", "refusal")  # messages that come when somebody asks, not by themselves
 _FLOAT_DECIMALS = 4
 _MOST_DECIMALS = 9
-_NAME = re.compile(r"([a-z0-9_]+)\.([a-z0-9_]+)(?:-([a-z0-9_]+))?(?:\[(\d{1,4})(?:\.\.(\d{1,4}))?\])?")
+_NAME = re.compile(r"([a-z0-9_]+)\.([a-z0-9_]+)(?:-([a-z0-9_]+))?(?:\[(\d{1,4})(?:\.\.(\d{1,4}))?\])?(/s)?")
+RATE = "/s"  # behind the name of a count: its rate
+MEAN_S = 1.0
+_LEAST_FRAMES = 10  # in MEAN_S: of fewer a mean says no more than the frames themselves
 
 
 @dataclass(frozen=True)
@@ -33,7 +37,7 @@ class Signal:
     """One number of a link's frames, or of the bench (``link`` "bench", no message).
 
     ``element`` counts from 1, None for a single value; ``minus`` is the field that is subtracted, "" for none.
-    ``decimals``: how many are worth showing.
+    ``decimals``: how many are worth showing.   ``rate_Hz``: of a rate the frames in a second, 0 of anything else.
     """
 
     name: str
@@ -44,6 +48,7 @@ class Signal:
     minus: str
     unit: str
     decimals: int
+    rate_Hz: float = 0.0
 
 
 def expand(text: str) -> tuple[str, ...]:
@@ -56,8 +61,8 @@ def expand(text: str) -> tuple[str, ...]:
         raise _unknown(text, "it is not written as link.field, link.field[3], link.field-field[3] or link.field[1..6]")
     if match[5] is None:
         return (text,)
-    stem = text[: text.index("[")]
-    return tuple(f"{stem}[{element}]" for element in range(int(match[4]), int(match[5]) + 1))
+    stem, behind = text[: text.index("[")], match[6] or ""
+    return tuple(f"{stem}[{element}]{behind}" for element in range(int(match[4]), int(match[5]) + 1))
 
 
 def signal_of(name: str, frames: Mapping[str, FrameDefinition]) -> Signal:
@@ -72,7 +77,16 @@ def signal_of(name: str, frames: Mapping[str, FrameDefinition]) -> Signal:
         known = (*frames, BENCH)
         raise _unknown(name, f"there is no link {link!r}", known)
     message = _message_with(frames[link], field, name)
-    return _signal(link, message, field, minus, None if element is None else int(element), name)
+    signal = _signal(link, message, field, minus, None if element is None else int(element), name)
+    return _rate(signal, frames[link], message.by_name[field]) if match[6] else signal
+
+
+def rate_of(signal: Signal, frames: Mapping[str, FrameDefinition]) -> Signal | None:
+    """Return the rate of a signal; None if it is not counted per frame, or by fewer than ten frames in a second."""
+    try:
+        return signal_of(signal.name + RATE, frames)
+    except InputError:
+        return None
 
 
 def all_signals(frames: Mapping[str, FrameDefinition], wanted: Sequence[str] = ()) -> tuple[Signal, ...]:
@@ -97,7 +111,10 @@ def of_message(signals: Iterable[Signal], link: str, message: str) -> tuple[Sign
 
 
 def columns(signals: Iterable[Signal], link: str, batch: MessageBatch) -> NDArray[np.float64]:
-    """Return values of the signals of one message of a link, (n, k) in the unit of each field, in the order given."""
+    """Return values of the signals of one message of a link, (n, k) in the unit of each field, in the order given.
+
+    Of a rate the value of each frame alone, as if a whole second were like it.
+    """
     chosen = of_message(signals, link, batch.message.name)
     found = np.empty((len(batch), len(chosen)))
     for block in blocks(chosen):
@@ -114,12 +131,16 @@ class Columns(Protocol):
 
 @dataclass(frozen=True)
 class Block:
-    """Signals of one field, or of one difference: ``places`` among the signals they were taken from, ``elements``."""
+    """Signals of one field, or of one difference: ``places`` among the signals they were taken from, ``elements``.
+
+    ``rate_Hz``: as of its signals.
+    """
 
     field: str
     minus: str
     places: NDArray[np.intp]
     elements: NDArray[np.intp]
+    rate_Hz: float = 0.0
 
     def values(self, batch: Columns) -> NDArray[np.generic]:
         """Raw values, (n, k); a difference in a type that holds it."""
@@ -134,17 +155,17 @@ class Block:
         """Raw values in the unit of the field."""
         item = message.by_name[self.field]
         shift = 0.0 if self.minus else item.shift
-        return values.astype(np.float64) * item.scale + shift
+        return (values.astype(np.float64) * item.scale + shift) * (self.rate_Hz or 1.0)
 
 
 def blocks(signals: Sequence[Signal]) -> tuple[Block, ...]:
     """Return the signals of one message, those of one field together."""
-    groups: dict[tuple[str, str], list[int]] = {}
+    groups: dict[tuple[str, str, float], list[int]] = {}
     for place, signal in enumerate(signals):
-        groups.setdefault((signal.field, signal.minus), []).append(place)
+        groups.setdefault((signal.field, signal.minus, signal.rate_Hz), []).append(place)
     return tuple(
-        Block(field, minus, np.array(places), np.array([(signals[place].element or 1) - 1 for place in places]))
-        for (field, minus), places in groups.items()
+        Block(field, minus, np.array(at), np.array([(signals[place].element or 1) - 1 for place in at]), rate_Hz)
+        for (field, minus, rate_Hz), at in groups.items()
     )
 
 
@@ -215,6 +236,15 @@ def _signal(link: str, message: Message, field: str, minus: str, element: int | 
         due = f"{link}.{field} is a single value" if item.count is None else f"elements are 1 to {item.count}"
         raise _unknown(name, due)
     return Signal(name, link, message.name, field, element, minus, item.unit, _decimals(item))
+
+
+def _rate(signal: Signal, definition: FrameDefinition, item: Field) -> Signal:
+    rate_Hz = definition.rate_Hz or 0.0
+    if item.per != "frame" or item.shift:
+        raise _unknown(signal.name, f"{definition.name} declares no {item.name!r} 'per: frame' without offset")
+    if rate_Hz * MEAN_S < _LEAST_FRAMES:
+        raise _unknown(signal.name, f"{definition.name} comes {rate_Hz:g} times in a second, too seldom")
+    return replace(signal, unit=f"{signal.unit}/s", rate_Hz=rate_Hz)
 
 
 def _alike(item: Field) -> tuple[str, float, int | None]:

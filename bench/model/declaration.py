@@ -214,11 +214,23 @@ class CoefficientsDeclaration:
 
 
 @dataclass(frozen=True)
+class Count:
+    """What one count of a channel stands for, by the names of constants of the channel in the manifest.
+
+    ``amount``: of one count.   ``full_scale``: largest amount in a second.   ``unit``: of amounts in a second.
+    """
+
+    amount: str
+    full_scale: str
+    unit: str
+
+
+@dataclass(frozen=True)
 class System:
     """A published system.
 
     ``limits``: those that any sequence may state, whatever its analysis is.   ``early``: module of early checks.
-    ``studies``: modules by the name of the study.
+    ``count``: what the channels count, None if they count nothing.   ``studies``: modules by the name of the study.
     """
 
     name: str
@@ -230,6 +242,7 @@ class System:
     log_hints: tuple[Hint, ...] = ()
     coefficients: CoefficientsDeclaration | None = None
     early: str = ""
+    count: Count | None = None
     studies: Mapping[str, str] = field(default_factory=dict)
 
     def analysis(self, name: str) -> AnalysisDeclaration:

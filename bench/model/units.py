@@ -233,10 +233,14 @@ def format_quantity(value: float, unit: str, digits: int = 6) -> str:
     """Print a value with an SI prefix: ``format_quantity(3e-5, "A") == "30 uA"``."""
     if value == 0 or not math.isfinite(value) or unit not in _PREFIXED:
         return f"{value:.{digits}g} {unit}"
-    for prefix, exponent in _DISPLAY_PREFIX:
-        if abs(value) >= 10.0**exponent * (1 - 1e-12):
-            return f"{value / 10.0**exponent:.{digits}g} {prefix}{unit}"
-    return f"{value:.{digits}g} {unit}"
+    exponent, prefix = prefix_of(value)
+    return f"{value / 10.0**exponent:.{digits}g} {prefix}{unit}"
+
+
+def prefix_of(value: float) -> tuple[int, str]:
+    """Return exponent of ten and name of the SI prefix in which a value is 1 or more; (0, "") below all of them."""
+    fitting = ((exponent, prefix) for prefix, exponent in _DISPLAY_PREFIX if abs(value) >= 10.0**exponent * (1 - 1e-12))
+    return next(fitting, (0, ""))
 
 
 def hours(seconds: float) -> str:

@@ -2,12 +2,12 @@
 
 from bench.plan.check.analysis import names_made_of_logs
 from bench.plan.check.everything import check_plan
-from bench.plan.check.stations import check_station
+from bench.plan.check.stations import check_station, recorded_rules
 from bench.plan.compile import compile_sequence
 from bench.plan.decision import FAIL, HOLD, PlannedDecision, decisions_of, left_out_by
 from bench.plan.drivers import declared_action, driver_actions
 from bench.plan.findings import Findings, suggestion
-from bench.plan.language.graphs import Graph, GraphEntry, graphs_of, names_in
+from bench.plan.language.graphs import COUNTS, Graph, GraphEntry, graphs_of, shown_signals
 from bench.plan.language.interlocks import Action, InterlockRule
 from bench.plan.language.mapping import (
     ELAPSED,
@@ -49,6 +49,7 @@ from bench.plan.summary import SECOND_BYTES, Summary, summarise, unwatched
 
 __all__ = [
     "CHAMBER",
+    "COUNTS",
     "ELAPSED",
     "FAIL",
     "HOLD",
@@ -105,12 +106,13 @@ __all__ = [
     "load_station",
     "mapping_model",
     "mapping_schema",
-    "names_in",
     "names_made_of_logs",
     "plan_json",
+    "recorded_rules",
     "roles_of",
     "round_count",
     "served_station",
+    "shown_signals",
     "steps_of",
     "steps_sha256",
     "suggestion",

@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import BENCH, Block, FrameDefinition, LinkBatch, MessageBatch, Signal, blocks
+from bench.frame import BENCH, Block, FrameDefinition, LinkBatch, MessageBatch, Signal, blocks, means
 from bench.model.clock import NS
 
-VERSION = 1
+VERSION = 2  # 1 had no rates
 FOLDER = "trend"
 HEAD = "trend.json"
 LEVELS_S = (1, 10, 100)
@@ -182,6 +182,7 @@ class _Together:
     def __init__(self, parts: Sequence[MessageBatch]) -> None:
         self._parts = parts
         self._columns: dict[str, NDArray[Any]] = {}
+        self._values: dict[tuple[str, str, bytes], NDArray[np.generic]] = {}
         self.message = parts[0].message
         self.t_ns = np.concatenate([part.t_ns for part in parts if part.t_ns is not None])
 
@@ -192,6 +193,13 @@ class _Together:
             column = np.empty((len(self.t_ns), *parts[0].shape[1:]), parts[0].dtype, order="F")  # quick along time
             self._columns[name] = np.concatenate(parts, out=column)
         return self._columns[name]
+
+    def of(self, block: Block) -> NDArray[np.generic]:
+        """Raw values of a block; a count and its rate have the same."""
+        key = block.field, block.minus, block.elements.tobytes()
+        if key not in self._values:
+            self._values[key] = block.values(self)
+        return self._values[key]
 
 
 class LinkReduction:
@@ -231,8 +239,13 @@ class LinkReduction:
         first = _changes(seconds)
         low = np.full((len(first), self._width), np.nan, np.float32)
         high = low.copy()
+        counts = np.diff(first, append=len(seconds))[:, None]
         for block in parts:
-            values = block.values(frames)
+            values = frames.of(block)
+            if block.rate_Hz:
+                sums = block.in_unit(np.add.reduceat(values, first, axis=0, dtype=np.float64), frames.message)
+                low[:, places[block.places]] = high[:, places[block.places]] = means(sums, counts, block.rate_Hz)
+                continue
             least, most = (np.fmin, np.fmax) if values.dtype.kind == "f" else (np.minimum, np.maximum)
             ends = [block.in_unit(end.reduceat(values, first, axis=0), frames.message) for end in (least, most)]
             at = places[block.places]

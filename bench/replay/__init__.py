@@ -4,7 +4,7 @@ from bench.replay.build_trend import build_trend
 from bench.replay.compare import ABSENT, Difference, compare
 from bench.replay.course import Course, DecodedFrames, decoded_frames, read_course
 from bench.replay.delimited import LogParser
-from bench.replay.described import session_frames
+from bench.replay.described import frames_of, session_frames
 from bench.replay.history import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
 from bench.replay.parts import Splice, moved_rows
 from bench.replay.rows import Replayed, replay_rows
@@ -27,6 +27,7 @@ __all__ = [
     "compare",
     "decoded_frames",
     "file_lines",
+    "frames_of",
     "history",
     "moved_rows",
     "needs_build",

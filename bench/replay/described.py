@@ -7,10 +7,10 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from bench.frame import FrameDefinition, Signal, all_signals, parse_frame
+from bench.frame import FrameDefinition, Signal, parse_frame
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml
-from bench.plan import Graph, GraphEntry, StationFile, graphs_of, names_in
+from bench.plan import Graph, GraphEntry, StationFile, graphs_of, shown_signals
 from bench.record import SessionReader
 
 KEPT = 16
@@ -37,10 +37,8 @@ def entries_of(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Sequenc
 
 
 def session_signals(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> tuple[Signal, ...]:
-    """Return every signal of a session: those of its frames, differences its graphs ask for, and those of the bench."""
-    frames = frames_of(manifest, texts)
-    wanted = [name for graph in session_graphs(manifest, texts) for name in graph.signals]
-    return all_signals(frames, [*names_in(entries_of(manifest, texts), frames), *wanted])
+    """Return every signal of a session: those of its frames, what its graphs ask for, and those of the bench."""
+    return shown_signals(session_graphs(manifest, texts), frames_of(manifest, texts))
 
 
 def session_graphs(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> list[Graph]:

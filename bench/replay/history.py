@@ -14,7 +14,17 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import BENCH, FrameDefinition, LinkDecoder, MessageBatch, Signal, columns, of_message, signal_of
+from bench.frame import (
+    BENCH,
+    FrameDefinition,
+    LinkDecoder,
+    MessageBatch,
+    Signal,
+    columns,
+    of_message,
+    signal_of,
+    trailing_means,
+)
 from bench.model.clock import NS
 from bench.model.events import Resume
 from bench.model.segments import segment_files
@@ -198,7 +208,9 @@ def _decode(stretch: Stretch, frames: Mapping[str, FrameDefinition], signals: Se
         for name, batch in decoder.flush().messages.items():
             if len(batch) and batch.t_ns is not None and of_message(signals, link, name):
                 t_utc_ns = times.of(name, batch.t_ns) + stretch.offset_ns
-                rows = _with_gaps(batch, t_utc_ns, columns(signals, link, batch))
+                values = columns(signals, link, batch)
+                values = trailing_means(t_utc_ns, of_message(signals, link, name), values)
+                rows = _with_gaps(batch, t_utc_ns, values)
                 pieces.setdefault((link, name), []).append(rows)
 
 

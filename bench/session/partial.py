@@ -16,6 +16,7 @@ from bench.analysis import analyse, doubt_lines, is_sound, results_json, rule_of
 from bench.model.errors import BenchError
 from bench.model.posix import give_way
 from bench.model.systems import analysis_declaration
+from bench.model.titles import quantity_title
 from bench.session.service import read_view
 from bench.session.view import material_of
 
@@ -40,19 +41,20 @@ def partial(folder: Path) -> dict[str, Any]:
         entries = stated_estimates(analyse(material_of(view)), rule_of(view.manifest["campaign"].get("decision")))
     except BenchError as error:  # most often: too few records yet
         return {**document, "why": error.message}
-    determined = [_row(entry) for entry in entries if _is_number(entry["value"]) or not is_sound(entry)]
+    analysis = str(view.manifest["campaign"]["analysis"])
+    determined = [_row(entry, analysis) for entry in entries if _is_number(entry["value"]) or not is_sound(entry)]
     document["doubt"] = doubt_lines(entries)
-    declared = analysis_declaration(str(view.manifest["campaign"]["analysis"]))
+    declared = analysis_declaration(analysis)
     main = () if declared is None else declared.main
     rows = [row for row in determined if row["quantity"] in main] or determined
     return {**document, "rows": rows} if rows else {**document, "why": "no estimate is determined yet"}
 
 
-def _row(estimate: Mapping[str, Any]) -> dict[str, Any]:
+def _row(estimate: Mapping[str, Any], analysis: str) -> dict[str, Any]:
     """Return what is measured of the conditions changes with each record; what is left names the estimate."""
     row = {key: estimate.get(key) for key in KEYS}
     conditions = {key: value for key, value in dict(row["conditions"] or {}).items() if key != MEASURED}
-    return {**row, "conditions": conditions}
+    return {**row, "conditions": conditions, "title": quantity_title(analysis, str(row["quantity"]))}
 
 
 def _is_number(value: object) -> bool:

@@ -20,8 +20,11 @@ from bokeh.models import (
     LinearAxis,
     PanTool,
     Plot,
+    Quad,
     Range1d,
+    Segment,
     Span,
+    Text,
     WheelZoomTool,
 )
 
@@ -44,7 +47,7 @@ class Palette:
     hues: tuple[str, ...]
 
 
-# Hues after Okabe and Ito, and Tol; those too pale on white or too deep on the dark card are replaced by a neighbour.
+# Blue, green, pink and plum after Okabe and Ito, and Tol. No amber and no red: these call for a person.
 PALETTES = {
     "dark": Palette(
         card="#171d24",
@@ -52,7 +55,7 @@ PALETTES = {
         soft="#a3b0bd",
         grid="#2b343e",
         now="#ff6b6b",
-        hues=("#56b4e9", "#e69f00", "#2fc59b", "#e58fc3", "#f0e442"),
+        hues=("#56b4e9", "#b5d94c", "#2fc59b", "#e58fc3", "#b9a6ff"),
     ),
     "light": Palette(
         card="#ffffff",
@@ -60,7 +63,7 @@ PALETTES = {
         soft="#55606b",
         grid="#dfe4e8",
         now="#c1121f",
-        hues=("#0072b2", "#c04f00", "#00795a", "#882255", "#6b6100"),
+        hues=("#0072b2", "#6f7d00", "#00795a", "#882255", "#5b4fc4"),
     ),
 }
 
@@ -114,6 +117,22 @@ def line_plot(name: str, unit: str, curves: int, *, zoom: bool = False) -> Plot:
     return plot
 
 
+def temperature_plot() -> Plot:
+    """Return the figure of temperatures: plan, air and unit; bands of soaks behind them, limits with their names.
+
+    Sources: ``bands`` of columns t0, t1, low, high; ``limits`` of t0, t1, y, and text with its place ``at``.
+    """
+    plot = line_plot("temperature", "°C", 3)
+    bands = ColumnDataSource({"t0": [], "t1": [], "low": [], "high": []}, name="bands")
+    limits = ColumnDataSource({"t0": [], "t1": [], "y": [], "at": [], "text": []}, name="limits")
+    band = Quad(left="t0", right="t1", bottom="low", top="high", line_color=None, fill_alpha=0.3, name="band")
+    plot.add_glyph(bands, band, level="underlay")
+    plot.add_glyph(limits, Segment(x0="t0", x1="t1", y0="y", y1="y", line_dash=[2, 4], name="limit"))
+    words = Text(x="at", y="y", text="text", x_offset=-4, y_offset=-2, text_align="right", name="limit-text")
+    plot.add_glyph(limits, words)
+    return plot
+
+
 def _add_zoom(plot: Plot) -> None:
     drag, wheel = BoxZoomTool(dimensions="width"), WheelZoomTool(dimensions="width")
     plot.add_tools(drag, wheel, PanTool(dimensions="width"))
@@ -134,7 +153,7 @@ def _figures(graphs: tuple[tuple[str, int], ...]) -> dict[str, Any]:
     most = max((curves for _, curves in graphs), default=1)
     return {
         "graphs": [json_item(plot) for plot in plots],
-        "temperature": json_item(line_plot("temperature", "°C", 3)),
+        "temperature": json_item(temperature_plot()),
         "history": json_item(line_plot("history", " ", most, zoom=True)),
         "palettes": {name: vars(palette) for name, palette in PALETTES.items()},
         "looks": looks(),

@@ -5,14 +5,15 @@ from __future__ import annotations
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from bench.model.clock import Clock, pause
-from bench.record import TrendWindow
+from bench.model.errors import BenchError
+from bench.record import OPEN_MARKER, TrendWindow
 from bench.run.feed.client import FeedReply
 from bench.web.live import FeedLine, LiveRun, listens, state_of
 from bench.web.now import now_of, silent_row
@@ -114,6 +115,19 @@ class Hub:
         if state is not None:
             return {**state, **self._extra(run)}
         return {**await self.work(self.past.final, folder), "operator": self.lease()}
+
+    async def outline(self, run: str) -> tuple[dict[str, Any], bool]:
+        """Return what figures are made for, and whether it is more than a part of the state: see ``Past.outline``.
+
+        Raises: Refusal B-WEB-013.
+        """
+        folder = self.folder(run)
+        if run not in self._live and not (folder / OPEN_MARKER).exists():
+            with suppress(BenchError):  # what is wrong with a recording its state says
+                outline = await self.work(self.past.outline, folder)
+                if outline is not None:
+                    return outline, True
+        return await self.document(run), False
 
     async def history(self, run: str, query: HistoryQuery) -> TrendWindow:
         """Return signals of a run over time. Raises: Refusal B-WEB-013, InputError for a signal that is not there."""

@@ -13,6 +13,7 @@ from bench.analysis import doubt_lines
 from bench.model.clock import NS, Clock, pause
 from bench.model.posix import spent_by_children_s
 from bench.model.processes import PARTIAL_RESULTS, own_process
+from bench.model.titles import quantity_title
 
 SHORTEST_S = 60.0  # between two fits
 SHARE = 30  # of a core: a fit that costs 10 s of processor is not repeated before 300 s are over
@@ -95,7 +96,7 @@ def joined(before: Estimates | None, answer: dict[str, Any], t_utc_s: float) -> 
     for row in answer["rows"]:
         history = list(known.get(_key(row), {}).get("history", ()))
         if not history or history[-1][0] != records:
-            history.append([records, row["value"], row["std_uncertainty"]])
+            history.append([records, row["value"], row["std_uncertainty"], row.get("expanded_uncertainty")])
         rows.append({**row, "history": history[-kept:]})
     return {"t_utc_s": t_utc_s, "records": records, "rows": rows, "doubt": answer.get("doubt", [])}
 
@@ -103,10 +104,12 @@ def joined(before: Estimates | None, answer: dict[str, Any], t_utc_s: float) -> 
 def finished_estimates(results: dict[str, Any], t_utc_s: float) -> Estimates | None:
     """Return estimates of a finished session from its results.json; None if it has none."""
     records, entries = int((results.get("quality") or {}).get("records") or 0), results.get("estimates") or ()
+    analysis = str(results.get("campaign"))
     rows = [
         {**{key: estimate[key] for key in _SHOWN if key in estimate},
+         "title": quantity_title(analysis, str(estimate.get("quantity"))),
          "conditions": {key: value for key, value in (estimate.get("conditions") or {}).items() if key != MEASURED},
-         "history": [[records, estimate.get("value"), estimate.get("std_uncertainty")]]}
+         "history": [[records, *(estimate.get(key) for key in ("value", "std_uncertainty", "expanded_uncertainty"))]]}
         for estimate in entries
     ]  # fmt: skip
     if not rows:

@@ -46,10 +46,10 @@ async def history(request: Request) -> Response:
 
 
 async def figures(request: Request) -> Response:
-    """``GET /api/v1/runs/{run}/figures``: Bokeh figures of what the run measures, empty."""
+    """``GET /api/v1/runs/{run}/figures``: Bokeh figures of what the run measures, empty; of a recording its outline."""
     hub = _hub(request)
-    state = await hub.document(request.path_params["run"])
-    return JSONResponse(await hub.work(_figures, state))
+    state, early = await hub.outline(request.path_params["run"])
+    return JSONResponse({**await hub.work(_figures, state), "outline": state if early else None})
 
 
 def file_of(what: str) -> Callable[[Request], Awaitable[Response]]:

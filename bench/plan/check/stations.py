@@ -18,11 +18,12 @@ from bench.model.errors import InputError
 from bench.model.installed import offers, simulator_module
 from bench.model.shipped import find_beside
 from bench.model.units import format_quantity, read_quantity
-from bench.model.yamlio import Document
+from bench.model.yamlio import Document, parse_yaml
 from bench.plan.drivers import driver_actions, driver_ladder_A
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language.graphs import check_graphs
 from bench.plan.language.interlocks import OF_UNIT, SIGNALS, Interlock, InterlockRule, rule_of
+from bench.plan.language.sequence import sequence_model
 from bench.plan.language.standards import Standard
 from bench.plan.station import InstrumentEntry, Station, option_text, wrong_option
 
@@ -255,6 +256,12 @@ def plan_rules(
             findings.add("B-PLAN-097", rule.where, message, "name the link under 'frame', or take the interlock out")
     rules = {**station_rules(station, Findings()), **own}
     return tuple(rules[name] for name in sorted(rules) if _is_told(rules[name], links))
+
+
+def recorded_rules(text: str, name: str, station: Station) -> tuple[InterlockRule, ...]:
+    """Return rules of a sequence that a session holds. Args: name: of the text. Raises: InputError."""
+    document = parse_yaml(text, name, sequence_model())
+    return plan_rules(document.model.interlocks, document, station, Findings())
 
 
 def _is_told(rule: InterlockRule, links: Collection[str]) -> bool:

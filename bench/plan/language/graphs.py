@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, StringConstraints
 
-from bench.frame import BENCH, BENCH_FIELDS, FrameDefinition, Signal, all_signals, expand, signal_of
+from bench.frame import BENCH, BENCH_FIELDS, FrameDefinition, Signal, all_signals, expand, rate_of, signal_of
 from bench.model.errors import InputError
 from bench.model.units import quantity
 from bench.model.yamlio import StrictModel
@@ -30,17 +30,21 @@ class GraphEntry(StrictModel):
 
 @dataclass(frozen=True)
 class Graph:
-    """A graph window: signals by name, all in ``unit``; ``window_s`` is shown at first, second."""
+    """A graph window: signals by name, all in ``unit``; ``window_s`` is shown at first, second.
+
+    ``rates``: of the signals, in their order, where all of them have one; else empty.
+    """
 
     title: str
     unit: str
     signals: tuple[str, ...]
     window_s: float
+    rates: tuple[str, ...] = ()
 
 
-def names_in(entries: Iterable[GraphEntry], frames: Mapping[str, FrameDefinition]) -> tuple[str, ...]:
-    """Return signals that graphs ask for, as far as these frames have them."""
-    return tuple(signal.name for entry in entries for signal in _known(entry, frames))
+def shown_signals(graphs: Iterable[Graph], frames: Mapping[str, FrameDefinition]) -> tuple[Signal, ...]:
+    """Return every signal of the frames, with what the graphs ask for besides."""
+    return all_signals(frames, [name for graph in graphs for name in (*graph.signals, *graph.rates)])
 
 
 def graphs_of(entries: Sequence[GraphEntry], frames: Mapping[str, FrameDefinition], measured: str = "") -> list[Graph]:
@@ -53,8 +57,14 @@ def graphs_of(entries: Sequence[GraphEntry], frames: Mapping[str, FrameDefinitio
     for entry in entries:
         signals = _known(entry, frames)
         if signals:
-            graphs.append(Graph(entry.title, signals[0].unit, tuple(signal.name for signal in signals), entry.window))
+            graphs.append(_graph(entry.title, signals, entry.window, frames))
     return graphs or _default(frames, measured)
+
+
+def _graph(title: str, signals: Sequence[Signal], window_s: float, frames: Mapping[str, FrameDefinition]) -> Graph:
+    rates = [rate.name for signal in signals if (rate := rate_of(signal, frames)) is not None]
+    names = tuple(signal.name for signal in signals)
+    return Graph(title, signals[0].unit, names, window_s, tuple(rates) if len(rates) == len(names) else ())
 
 
 def check_graphs(
@@ -125,8 +135,8 @@ def _default(frames: Mapping[str, FrameDefinition], measured: str) -> list[Graph
     chosen = {(link, unit): groups[link, unit, minus] for link, unit, minus in reversed(ranked)}
     graphs = []
     for signals in [chosen[group] for group in dict.fromkeys(key[:2] for key in ranked)][: MOST_GRAPHS - 1]:
-        names = tuple(signal.name for signal in signals[:MOST_CURVES])
-        graphs.append(Graph(names[0].partition("[")[0], signals[0].unit, names, WINDOW_S))
+        title = signals[0].name.partition("[")[0]
+        graphs.append(_graph(title, signals[:MOST_CURVES], WINDOW_S, frames))
     bench = tuple(f"{BENCH}.{field}" for field in BENCH_FIELDS)
     return [*graphs, Graph("Temperature", "degC", bench, WINDOW_S)]
 

@@ -11,20 +11,20 @@ import math
 import os
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
 from datetime import UTC, datetime
 from typing import Any
 
-from bench.frame import LinkBatch, all_signals
+from bench.frame import LinkBatch
 from bench.model.clock import NS, WallClock, to_ns
 from bench.model.events import Environment, Event, Reentry
 from bench.model.quality import Quality
-from bench.plan import Step, graphs_of, names_in, unwatched
+from bench.plan import Step, graphs_of, shown_signals, unwatched
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.control.asking import WaitingOperator
 from bench.run.control.local_socket import LIVE, forget_socket, socket_path
 from bench.run.feed.points import PATIENCE_NS, PATIENCE_VIRTUAL_NS, PointBatch, Points
+from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows
 from bench.run.feed.server import FeedServer
 from bench.run.feed.state import PROTO, RunState
 from bench.run.guard.health import UNIT
@@ -46,8 +46,8 @@ class LiveFeed(Observer):
         clock, station = context.clock, context.plan.station
         self._offset_ns = clock.utc_ns() - clock.now_ns()
         frames = {name: reader.definition for name, reader in context.acquisition.readers.items()}
-        entries = station.file.graphs
-        signals = all_signals(frames, names_in(entries, frames))
+        graphs = graphs_of(station.file.graphs, frames, context.measurement_link)
+        signals = shown_signals(graphs, frames)
         periods_ns = {name: to_ns(reader.period_s) for name, reader in context.acquisition.readers.items()}
         patience_ns = PATIENCE_VIRTUAL_NS if clock.virtual else PATIENCE_NS
         self.points = Points(signals, periods_ns, clock.now_ns(), self._utc_s(clock.now_ns()), patience_ns)
@@ -57,8 +57,9 @@ class LiveFeed(Observer):
             run=context.folder.name,
             boot_id=_boot_id(),
             places={role: (entry.driver, entry.resource) for role, entry in station.instruments.items()},
-            signals=[{"name": signal.name, "unit": signal.unit, "decimals": signal.decimals} for signal in signals],
-            graphs=[asdict(graph) for graph in graphs_of(entries, frames, context.measurement_link)],
+            signals=signal_rows(signals, context.manifest),
+            graphs=graph_rows(graphs, signals, context.manifest),
+            limits=limit_rows(context.plan.interlocks, station.guard_limits_degC),
             left_out=context.decided.left_out,
             unwatched=unwatched(context.plan),
         )

@@ -132,14 +132,16 @@ def in_words(step: Step) -> str:
 
 def corners(
     thermal: Sequence[Step], start_of: Callable[[Step], float], end_utc_s: float, first_degC: float | None
-) -> dict[str, list[float]]:
-    """Return corners of the set-point over time.
+) -> dict[str, list[Any]]:
+    """Return corners of the set-point over time, and the bands in which soaks want the temperature.
 
     Args: thermal: soaks and set-points of the chamber in order.   start_of: when a step began or will, UTC second.
           end_utc_s: end of the run.   first_degC: of the chamber before the first one; None: its own target.
-    Returns: ``t_utc_s`` (rising or equal) and ``temperature_degC``, of equal length.
+    Returns: ``t_utc_s`` (rising or equal) and ``temperature_degC``, of equal length; ``bands``: [begin and end, UTC
+             second, least and greatest temperature], from the end of the ramp of a soak to the next set-point.
     """
     times: list[float] = []
+    bands: list[list[float]] = []
     values: list[float] = []
     now_degC = first_degC
     starts = [start_of(step) for step in thermal]
@@ -153,7 +155,11 @@ def corners(
         there, now_degC = _ramp(start, stop, before_degC, asked)
         times += [start, there, stop]
         values += [before_degC, now_degC, now_degC]
-    return {"t_utc_s": times, "temperature_degC": values}
+        if isinstance(step, PlannedSoak) and there < stop:
+            bands.append(
+                [there, stop, step.temperature_degC - step.within_degC, step.temperature_degC + step.within_degC]
+            )
+    return {"t_utc_s": times, "temperature_degC": values, "bands": bands}
 
 
 def _ramp(start: float, stop: float, before_degC: float, asked: SetPoint) -> tuple[float, float]:

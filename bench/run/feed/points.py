@@ -1,5 +1,7 @@
 """The last minute of every signal in points of 0.1 s: the least and the greatest value, never one sample out of many.
 
+A rate is the mean over the second that ends with its point.
+
 A run only leaves its decoded frames here, which costs it nothing; they are made into points when somebody asks. The
 memory is of fixed size: frames of about a minute, and a ring of points.
 """
@@ -14,13 +16,25 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame import BENCH, LinkBatch, MessageBatch, Signal, columns, of_message
+from bench.frame import (
+    BENCH,
+    MEAN_S,
+    LinkBatch,
+    MessageBatch,
+    Signal,
+    columns,
+    means,
+    of_message,
+    rates_among,
+    rates_Hz,
+)
 from bench.model.clock import NS
 from bench.record import HELD_S
 
 POINT_NS = NS // 10
 KEPT = 600
 SPARE = 100
+MEAN_POINTS = round(MEAN_S * NS) // POINT_NS
 PATIENCE_NS = 1 * NS  # a link whose frames are older than that holds up no point
 PATIENCE_VIRTUAL_NS = 61 * NS  # a rehearsal decodes once a minute of bench time
 _CHANGES = 64  # of each temperature of the bench
@@ -66,6 +80,9 @@ class Points:
         self._size = KEPT + patience_ns // POINT_NS + SPARE
         self._low = np.full((self._size, len(self.signals)), np.nan, np.float32)
         self._high = self._low.copy()
+        self._rates = rates_among(self.signals)
+        self._sums = np.zeros((self._size, len(self._rates)))
+        self._counts = np.zeros(self._sums.shape, np.intp)  # frames in each sum
         self._stop = 0  # the ring holds points before this one
         self._seq = 0  # points before this one are complete
 
@@ -126,6 +143,7 @@ class Points:
         if stop > self._stop:
             fresh = np.arange(max(self._stop, stop - self._size), stop) % self._size
             self._low[fresh] = self._high[fresh] = np.nan
+            self._sums[fresh] = self._counts[fresh] = 0
             self._stop = stop
 
     def _take(self, link: str, frames: MessageBatch) -> None:
@@ -137,9 +155,13 @@ class Points:
         if not len(numbers):
             return
         starts = _starts(numbers)
-        at = np.ix_(numbers[starts] % self._size, self._places[link, frames.message.name])
+        rows, places = numbers[starts] % self._size, self._places[link, frames.message.name]
+        at = np.ix_(rows, places)
         self._low[at] = np.fmin(self._low[at], np.fmin.reduceat(values, starts))
         self._high[at] = np.fmax(self._high[at], np.fmax.reduceat(values, starts))
+        _, mine, theirs = np.intersect1d(places, self._rates, return_indices=True)
+        self._sums[np.ix_(rows, theirs)] += np.add.reduceat(values[:, mine], starts)
+        self._counts[np.ix_(rows, theirs)] += np.diff(starts, append=len(numbers))[:, None]
 
     def _publish(self, seq: int) -> None:
         rows = np.arange(max(self._seq, seq - self._size), seq)
@@ -150,6 +172,21 @@ class Points:
         for field, place in self._bench.items():
             held = self._held(field, ends_ns)
             self._low[rows % self._size, place] = self._high[rows % self._size, place] = held
+        if len(self._rates):
+            at = np.ix_(rows % self._size, self._rates)
+            self._low[at] = self._high[at] = self._means(rows)
+
+    def _means(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+        """Rates at points in a row, (n, rates); NaN where nothing came in the point itself."""
+        window = np.arange(rows[0] - MEAN_POINTS, rows[-1] + 1)
+        known = (window >= max(0, self._stop - self._size))[:, None]
+        sums, counts = (np.cumsum(known * kept[window % self._size], axis=0) for kept in (self._sums, self._counts))
+        found = means(
+            sums[MEAN_POINTS:] - sums[:-MEAN_POINTS], counts[MEAN_POINTS:] - counts[:-MEAN_POINTS],
+            rates_Hz(self.signals)[self._rates],
+        )  # fmt: skip
+        found[self._counts[rows % self._size] == 0] = np.nan
+        return found
 
     def _held(self, field: str, t_ns: NDArray[np.int64]) -> NDArray[np.float64]:
         with self._waiting_lock:

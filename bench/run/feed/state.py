@@ -47,7 +47,7 @@ class RunState:
 
     Args: steps: of the plan (``steps_of`` reads them from a session).   manifest: of the session.
           source: "live" or "replay".   boot_id: of the process that answers.   run: name of the session's folder.
-          places: driver and resource by role.   signals, graphs: as in the document.   left_out: numbers of steps that
+          places: driver and resource by role.   signals, graphs, limits: as in the document.   left_out: of steps that
           decisions before its events have left out.   unwatched: what no interlock watches, in sentences.
     All times are seconds since 1970 UTC. ``head``: the part of the document that never changes.
     """
@@ -63,6 +63,7 @@ class RunState:
         places: Mapping[str, tuple[str, str]] | None = None,
         signals: Sequence[Mapping[str, Any]] = (),
         graphs: Sequence[Mapping[str, Any]] = (),
+        limits: Sequence[Mapping[str, Any]] = (),
         left_out: Iterable[int] = (),
         unwatched: Sequence[str] = (),
     ) -> None:
@@ -72,6 +73,7 @@ class RunState:
         self._manifest = manifest
         self.head = _head(manifest, source, boot_id, run)
         self._signals, self._graphs, self._unwatched = list(signals), list(graphs), list(unwatched)
+        self._limits = list(limits)
         self.alarms = Alarms()
         self._records = Records(self._plan)
         self._panel = InstrumentPanel(manifest.get("identities") or {}, places or {})
@@ -253,6 +255,7 @@ class RunState:
                 "log": list(self._log),
                 "signals": self._signals,
                 "graphs": self._graphs,
+                "limits": self._limits,
                 "timetable": self._timetable(t_utc_s),
             }
 
@@ -323,11 +326,11 @@ class RunState:
         )
         return end_of_run(t, left, self._place.late_shares)
 
-    def _timetable(self, t: float) -> dict[str, list[float]]:
+    def _timetable(self, t: float) -> dict[str, list[Any]]:
         eta = self._eta(t)
         end = t if eta is None else eta["likely_utc_s"]
         if self._place.step is None:
-            return {"t_utc_s": [], "temperature_degC": []}
+            return {"t_utc_s": [], "temperature_degC": [], "bands": []}
         return corners(self._plan.thermal, self._place.start_of, end, self._place.first_degC)
 
 

@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from bench.frame import BENCH, LinkBatch, all_signals
+from bench.frame import BENCH, LinkBatch
 from bench.model.errors import BenchError
 from bench.model.events import Event
-from bench.plan import Step, names_in
+from bench.plan import Step, graphs_of, shown_signals
 from bench.record import FOLDER, HEAD, BenchRows, Files, LinkReduction, TrendWriter, read_head, read_journal, sources_of
 from bench.run.context import RunContext
 from bench.run.observers import Observer
@@ -38,7 +38,8 @@ class TrendRecorder(Observer):
         self._bench = BenchRows()
         self._failed: Exception | None = None
         frames = {name: reader.definition for name, reader in context.acquisition.readers.items()}
-        sources = sources_of(all_signals(frames, names_in(context.plan.station.file.graphs, frames)), frames)
+        graphs = graphs_of(context.plan.station.file.graphs, frames, context.measurement_link)
+        sources = sources_of(shown_signals(graphs, frames), frames)
         clock = context.clock
         self._writer: TrendWriter | None = TrendWriter(context.folder, sources, clock.now_ns(), clock.utc_ns(), files)
         self._links = {

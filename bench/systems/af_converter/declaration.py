@@ -12,6 +12,7 @@ from bench.model.declaration import (
     AnalysisDeclaration,
     ChannelKind,
     CoefficientsDeclaration,
+    Count,
     Hint,
     Rule,
     System,
@@ -162,5 +163,6 @@ DECLARATION = System(
     unit=ConverterUnit,
     coefficients=CoefficientsDeclaration("converters", f"{_HERE}.coefficients", f"{_HERE}.coefficients:header_text"),
     early=f"{_HERE}.early",
+    count=Count("k0_C", "full_scale_A", "A"),  # coulomb a pulse, ampere of pulses in a second
     log_hints=(Hint("temperature", r"temp|degc", (("degC", 0.0, 200.0),), more={"quantity": "sensor"}),),
 )

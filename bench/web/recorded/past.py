@@ -18,13 +18,13 @@ from typing import Any
 from bench.model.errors import BenchError, InputError
 from bench.model.folders import cache_folder
 from bench.model.processes import TREND, own_process
-from bench.record import FOLDER, TrendWindow
+from bench.record import FOLDER, TrendReader, TrendWindow
 from bench.replay import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
 from bench.web.partial import finished_estimates
 from bench.web.points import Points, binned
 from bench.web.recorded.listing import FILES, results_of
 from bench.web.recorded.outcome import outcome_of
-from bench.web.recorded.recording import RecordedState, Recording, Scenery, read_recording, scenery_of
+from bench.web.recorded.recording import RecordedState, Recording, Scenery, outline_of, read_recording, scenery_of
 from bench.web.security.refusal import Refusal
 
 KEPT_SESSIONS = 3
@@ -41,6 +41,7 @@ class _Kept:
     stamp: _Stamp
     recording: Recording
     scenery: Scenery
+    end: dict[str, Any]
     final: dict[str, Any]
 
 
@@ -55,7 +56,7 @@ class Past:
     def state(self, folder: Path) -> RecordedState:
         """Return state of a session, to move about. Raises: InputError B-REC-010, SessionDamaged B-REC-012, -014."""
         kept = self._read(folder)
-        return RecordedState(kept.recording, kept.scenery)
+        return RecordedState(kept.recording, kept.scenery, kept.end)
 
     def final(self, folder: Path) -> dict[str, Any]:
         """Return state document of a session as its recording ends; little more than its name if it cannot be read."""
@@ -63,6 +64,21 @@ class Past:
             return self._read(folder).final
         except BenchError as error:
             return unreadable(folder, error)
+
+    def outline(self, folder: Path) -> dict[str, Any] | None:
+        """Return signals, graphs, start and span of a session, of which a page draws the history before it has a state.
+
+        None if the session has no trend of its own, which says the span without reading the recording.
+        Raises: InputError B-REC-010; SessionDamaged B-REC-012, B-REC-014.
+        """
+        span_s = None if trend_place(folder) is None else TrendReader(folder).span_s()
+        if span_s is None:
+            return None
+        first_s, last_s = span_s
+        return {
+            **outline_of(folder), "started_utc_s": first_s,
+            "replay": {"first_utc_s": first_s, "last_utc_s": last_s, "at_utc_s": last_s},
+        }  # fmt: skip
 
     def points(self, folder: Path, t0_utc_s: float, t1_utc_s: float, width_s: float) -> Points:
         """Return all signals of a session between two times, in points of a width.
@@ -111,7 +127,7 @@ def _kept(folder: Path, stamp: _Stamp) -> _Kept:
     results = results_of(folder)
     estimates = finished_estimates(results, recording.last_utc_s)
     session = session_document(folder, results, recording.last_utc_s - recording.first_utc_s)
-    return _Kept(stamp, recording, scenery, {**state, "estimates": estimates, "session": session})
+    return _Kept(stamp, recording, scenery, state, {**state, "estimates": estimates, "session": session})
 
 
 def session_document(folder: Path, results: dict[str, Any], duration_s: float) -> dict[str, Any]:

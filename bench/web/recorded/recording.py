@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import hashlib
 from bisect import bisect_right
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.frame import FrameDefinition, all_signals, parse_frame
 from bench.model.clock import NS
 from bench.model.errors import BenchError
 from bench.model.events import event_of
 from bench.model.yamlio import parse_yaml
-from bench.plan import StationFile, Step, graphs_of, names_in, steps_of
+from bench.plan import InterlockRule, Station, StationFile, Step, graphs_of, recorded_rules, shown_signals, steps_of
 from bench.record import Message, SessionReader, layout
+from bench.replay import frames_of
+from bench.run.feed.scenery import graph_rows, limit_rows, signal_rows
 from bench.run.feed.state import RunState
 
 _TOPICS = frozenset({layout.EVENT, layout.INSTRUMENT, layout.CLOCK})
-_PLAN, _STATIONS = "plan.json", "stations/"
+_PLAN, _STATIONS, _SEQUENCES = "plan.json", "stations/", "sequences/"
 
 
 @dataclass(frozen=True)
@@ -90,37 +92,56 @@ class Scenery:
     places: dict[str, tuple[str, str]]
     signals: list[dict[str, Any]]
     graphs: list[dict[str, Any]]
+    limits: list[dict[str, Any]]
     boot_id: str
 
 
 def scenery_of(recording: Recording) -> Scenery:
     """Read a session's own copies of its plan, frames and station."""
-    manifest, station = recording.manifest, _station(recording)
-    frames = _frames(recording)
-    entries = [] if station is None else station.graphs
-    graphs = graphs_of(entries, frames, str(manifest.get("measurement_link", "")))
-    signals = all_signals(frames, [*names_in(entries, frames), *(name for graph in graphs for name in graph.signals)])
+    manifest, station = recording.manifest, _station(recording.texts)
     instruments = {} if station is None else station.instruments
     return Scenery(
         steps=_steps(recording),
         places={role: (entry.driver, entry.resource) for role, entry in instruments.items()},
-        signals=[{"name": signal.name, "unit": signal.unit, "decimals": signal.decimals} for signal in signals],
-        graphs=[asdict(graph) for graph in graphs],
+        **_drawn(manifest, recording.texts, station),
+        limits=[] if station is None else limit_rows(_rules(recording.texts, station), station.guard_limits_degC),
         boot_id=hashlib.sha256(recording.folder.name.encode()).hexdigest()[:16],
     )
 
 
-class RecordedState:
-    """State of one recording; forward it goes on from where it was, backward it starts anew. For one user at a time."""
+def outline_of(folder: Path) -> dict[str, Any]:
+    """Return ``signals`` and ``graphs`` of a session from its first segment. Raises: InputError, SessionDamaged."""
+    reader = SessionReader(folder)
+    return _drawn(reader.manifest, reader.texts, _station(reader.texts))
 
-    def __init__(self, recording: Recording, scenery: Scenery) -> None:
+
+def _drawn(
+    manifest: dict[str, Any], texts: Mapping[str, str], station: Station | None
+) -> dict[str, list[dict[str, Any]]]:
+    frames = frames_of(manifest, texts)
+    entries = [] if station is None else station.file.graphs
+    graphs = graphs_of(entries, frames, str(manifest.get("measurement_link", "")))
+    signals = shown_signals(graphs, frames)
+    return {"signals": signal_rows(signals, manifest), "graphs": graph_rows(graphs, signals, manifest)}
+
+
+class RecordedState:
+    """State of one recording; forward it goes on from where it was, backward it starts anew. For one user at a time.
+
+    Args: end: the document at the end of the recording, where it is known already: many messages need not be taken.
+    """
+
+    def __init__(self, recording: Recording, scenery: Scenery, end: dict[str, Any] | None = None) -> None:
         self.recording = recording
         self.scenery = scenery
+        self._end = end
         self._builder = self._anew()
         self._taken = 0
 
     def at(self, t_utc_s: float) -> dict[str, Any]:
         """Return the state document at a time of the recording."""
+        if self._end is not None and t_utc_s == self.recording.last_utc_s:
+            return dict(self._end)
         count = self.recording.until(t_utc_s)
         if count < self._taken:
             self._builder = self._anew()
@@ -138,6 +159,7 @@ class RecordedState:
         state = RunState(
             scenery.steps, self.recording.manifest, source="replay", boot_id=scenery.boot_id,
             run=self.recording.folder.name, places=scenery.places, signals=scenery.signals, graphs=scenery.graphs,
+            limits=scenery.limits,
         )  # fmt: skip
         state.on_start(self.recording.first_utc_s)
         return state
@@ -163,18 +185,17 @@ def _steps(recording: Recording) -> tuple[Step, ...]:
         return ()
 
 
-def _frames(recording: Recording) -> dict[str, FrameDefinition]:
-    try:
-        links = dict(recording.manifest.get("links") or {})
-        return {link: parse_frame(recording.texts[file], file) for link, file in links.items()}
-    except (BenchError, KeyError, ValueError):
-        return {}
-
-
-def _station(recording: Recording) -> StationFile | None:
-    texts = recording.texts
+def _station(texts: Mapping[str, str]) -> Station | None:
     name = next((name for name in texts if name.startswith(_STATIONS)), None)
     try:
-        return None if name is None else parse_yaml(texts[name], name, StationFile).model
+        return None if name is None else Station(parse_yaml(texts[name], name, StationFile), {}, Path(name))
     except BenchError:
         return None
+
+
+def _rules(texts: Mapping[str, str], station: Station) -> tuple[InterlockRule, ...]:
+    name = next((name for name in texts if name.startswith(_SEQUENCES)), None)
+    try:
+        return () if name is None else recorded_rules(texts[name], name, station)
+    except BenchError:
+        return ()

@@ -39,15 +39,16 @@ export function boxesOf(rows, column) {
 /** Rows without any: of so many signals. */
 export const nothing = (signals) => ({ n: 0, signals, bucket_s: 0, t_s: new Float64Array(0), pairs: new Float32Array(0) });
 
-/** Some columns of rows as rows of their own. */
-export function pick(rows, columns) {
+/** Some columns of rows as rows of their own, each times its factor. */
+export function pick(rows, columns, factors = null) {
   const pairs = new Float32Array(rows.n * columns.length * 2);
   for (let row = 0; row < rows.n; row += 1) {
     columns.forEach((column, index) => {
       const from = (row * rows.signals + column) * 2;
       const to = (row * columns.length + index) * 2;
-      pairs[to] = column < 0 ? NaN : rows.pairs[from];
-      pairs[to + 1] = column < 0 ? NaN : rows.pairs[from + 1];
+      const factor = column < 0 ? NaN : factors?.[index] ?? 1;
+      pairs[to] = rows.pairs[from] * factor;
+      pairs[to + 1] = rows.pairs[from + 1] * factor;
     });
   }
   return { n: rows.n, signals: columns.length, bucket_s: rows.bucket_s, t_s: rows.t_s, pairs };

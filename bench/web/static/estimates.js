@@ -1,6 +1,7 @@
-// Results so far: a table, and for each a small curve of how it has settled.
+// Results so far: a table, for each a small curve of how it has settled, and the one that is chosen large, against its limit.
 import { conditions } from "./conditions.js";
-import { byId, fillTable, say } from "./dom.js";
+import { byId, fillTable, make, say } from "./dom.js";
+import { estimateFigure, usedShare } from "./estimate-figure.js";
 import { minus } from "./figure.js";
 import { page } from "./state.js";
 import { t, word } from "./texts.js";
@@ -11,6 +12,8 @@ const SVG = "http://www.w3.org/2000/svg";
 const [WIDTH, HEIGHT] = [144, 35];
 const pictures = new Map();
 let shown; // estimates of the last time
+let chosen = null; // key of the result that somebody has chosen; null: the one nearest to its limit
+let drawn = null; // what the large figure shows
 
 /** Value over number of records, with a band of one standard uncertainty. */
 function picture(history, description) {
@@ -20,7 +23,7 @@ function picture(history, description) {
   svg.setAttribute("preserveAspectRatio", "none");
   svg.setAttribute("role", "img");
   svg.setAttribute("aria-label", description);
-  const rows = history.filter((row) => row.every(Number.isFinite));
+  const rows = history.map((row) => row.slice(0, 3)).filter((row) => row.every(Number.isFinite));
   if (rows.length < 2) return svg;
   const [first, last] = [rows[0][0], rows.at(-1)[0]];
   const [low, high] = [Math.min(...rows.map((row) => row[1] - row[2])), Math.max(...rows.map((row) => row[1] + row[2]))];
@@ -61,13 +64,38 @@ function cellOf(key, row) {
   const mark = JSON.stringify(row.history ?? []);
   const known = pictures.get(key);
   if (known?.mark === mark) return known.svg;
-  const svg = picture(row.history ?? [], t("estimate.picture", { quantity: row.quantity }));
+  const svg = picture(row.history ?? [], t("estimate.picture", { quantity: nameOf(row) }));
   pictures.set(key, { mark, svg });
   return svg;
 }
 
+const nameOf = (row) => row.title ?? row.quantity;
+const keyOf = (row) => `${row.quantity} ${JSON.stringify(row.conditions)}`;
+
+/** Name of a quantity, its name in files as tooltip; pressed it is drawn large. */
+function nameCell(row, key) {
+  const button = make("button", { type: "button", class: "quantity", title: row.quantity, onclick: () => { chosen = key; large(shown?.rows ?? []); } }, nameOf(row));
+  names.set(key, { button, text: nameOf(row) });
+  return button;
+}
+const names = new Map();
+
+/** The large figure: the result chosen, or the one that has used most of its room to the limit. */
+function large(rows) {
+  const known = rows.find((row) => keyOf(row) === chosen) ?? rows.reduce((worst, row) => (!worst || usedShare(row) > usedShare(worst) ? row : worst), null);
+  const width = Math.min(1000, byId("estimates-card").clientWidth - 30);
+  const key = known && JSON.stringify([keyOf(known), known.history, known.limit, known.limits, width]);
+  for (const [name, { button }] of names) button.setAttribute("aria-pressed", String(Boolean(known) && name === keyOf(known)));
+  if (key === drawn) return;
+  drawn = key;
+  const title = known ? [nameOf(known), conditions(known.conditions)].filter(Boolean).join(", ") : "";
+  byId("estimate-figure").hidden = !known?.history?.some(([, value]) => Number.isFinite(value));
+  byId("estimate-figure").replaceChildren(...(known ? [make("figcaption", {}, title), estimateFigure(known, unitText(known.unit), width, t("estimate.large", { quantity: title }))] : []));
+}
+
 export function showEstimates(everything = false) {
   const { estimates = null } = page.state;
+  if (estimates) large(estimates.rows ?? []); // the width of the page may be another one
   if (shown !== undefined && estimates === shown && !everything) return;
   shown = estimates ?? null;
   const rows = estimates?.rows ?? [];
@@ -82,12 +110,13 @@ export function showEstimates(everything = false) {
     .map(([name, look]) => ({ head: t(`estimate.${name}`), class: look }));
   const keys = new Set();
   fillTable(byId("estimates"), columns, rows.map((row) => {
-    const key = `${row.quantity} ${JSON.stringify(row.conditions)}`;
+    const key = keyOf(row);
     keys.add(key);
     const [value, uncertainty] = withUncertainty(row.value, row.expanded_uncertainty ?? row.std_uncertainty);
     const claim = ["doubtful", "refused"].includes(row.quality) ? t(`quality.${row.quality}`) : uncertainty;
     return { key, class: VERDICT_CLASS[row.verdict] ?? "",
-      cells: [row.quantity, conditions(row.conditions), value, claim, unitText(row.unit), limitText(row), row.verdict && row.verdict !== "none" ? word("verdict", row.verdict) : "", cellOf(key, row)] };
+      cells: [names.get(key)?.text === nameOf(row) ? names.get(key).button : nameCell(row, key), conditions(row.conditions), value, claim, unitText(row.unit), limitText(row), row.verdict && row.verdict !== "none" ? word("verdict", row.verdict) : "", cellOf(key, row)] };
   }), estimates.why ?? t("estimate.none"));
-  for (const key of [...pictures.keys()]) if (!keys.has(key)) pictures.delete(key);
+  for (const kept of [pictures, names]) for (const key of [...kept.keys()]) if (!keys.has(key)) kept.delete(key);
+  large(rows);
 }

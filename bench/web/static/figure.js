@@ -79,6 +79,9 @@ export class Figure {
     }
     this.cursorMark.line_color = palette.ink;
     this.model("now").setv({ line_color: palette.now, line_width: 1.5 });
+    this.model("band")?.setv({ fill_color: palette.soft });
+    this.model("limit")?.setv({ line_color: palette.now, line_width: 1.4 });
+    this.model("limit-text")?.setv({ text_color: palette.now, text_font: FONT, text_font_size: "11px" });
     for (let index = 0; this.model(`line-${index}`); index += 1) {
       const { color, dash } = this.style(this.styles?.[index] ?? index);
       const away = this.focus !== null && this.focus !== index;
@@ -93,7 +96,20 @@ export class Figure {
     this.show(this.rows, this.first_s, this.last_s, this.options);
   }
 
-  /** Draws rows (signals = curves) between two instants. options: {lockY, decimals, extra: further {t, y} by curve number}. */
+  /** Gives a source its columns where they are others than before. */
+  fill(name, columns) {
+    const key = JSON.stringify(columns);
+    const source = this.model(name);
+    if (source.shown === key) return;
+    source.shown = key;
+    source.data = columns;
+  }
+
+  /**
+   * Draws rows (signals = curves) between two instants.
+   * options: {lockY, decimals, extra: further {t, y} by curve number, within: values that the vertical axis holds too,
+   * least: height of the vertical axis at least}.
+   */
   show(rows, first_s, last_s, options = {}) {
     this.rows = rows;
     this.options = options;
@@ -111,13 +127,16 @@ export class Figure {
   }
 
   fitY(first_s, last_s, extra) {
-    let [low, high] = [Infinity, -Infinity];
+    const within = this.options.within ?? [];
+    let [low, high] = [Math.min(Infinity, ...within), Math.max(-Infinity, ...within)];
     for (let index = 0; index < this.rows.signals; index += 1) {
       if (this.focus !== null && this.focus !== index) continue;
       const found = extra[index] ? spanOf(extra[index].y) : extent(this.rows, index, first_s, last_s);
       if (found) { low = Math.min(low, found.low); high = Math.max(high, found.high); }
     }
     if (!(high >= low)) [low, high] = [0, 1];
+    const lacking = ((this.options.least ?? 0) - (high - low)) / 2;
+    if (lacking > 0) [low, high] = [low - lacking, high + lacking];
     const pad = high > low ? (high - low) * 0.06 : Math.max(Math.abs(high) * 1e-4, 0.5 * 10 ** -(this.options.decimals ?? 0));
     const { start, end } = this.plot.y_range;
     const room = end - start;

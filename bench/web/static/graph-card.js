@@ -106,7 +106,8 @@ export class GraphCard {
     const rows = this.curves.map((curve, index) => {
       const found = figure.options.extra?.[index] ? null : extent(figure.rows, index, figure.first_s, figure.last_s);
       const number = (value, more = 0) => minus(value.toFixed((curve.decimals ?? 3) + more));
-      return { key: curve.name, cells: [`${curve.name} / ${curve.unit}`, ...(found
+      const named = curve.label ? `${curve.label} (${curve.name})` : curve.name;
+      return { key: curve.name, cells: [`${named} / ${curve.unit}`, ...(found
         ? [this.text(found.last, index), number(found.low), number(found.high), number(found.mean, 2)] : ["\u2013", "\u2013", "\u2013", "\u2013"])] };
     });
     fillTable(this.table, columns, rows, t("graph.nothing"));

@@ -1,4 +1,5 @@
 // Questions to the history of a run: the newest one counts, an older one is given up.
+import { pick } from "./curves.js";
 import { readHistory } from "./wire.js";
 import { page } from "./state.js";
 
@@ -8,16 +9,20 @@ export class History {
 
   /**
    * Rows between two instants with at most n buckets, or null: a newer question took its place, or `trouble` says why.
-   * Args: signals: names; t0_s, t1_s: seconds since 1970; n: buckets.
+   * Args: signals: names, and factors of their values if any; t0_s, t1_s: seconds since 1970; n: buckets.
    */
-  async ask(signals, t0_s, t1_s, n) {
+  async ask({ signals, factors = null }, t0_s, t1_s, n) {
     this.#asking?.abort();
     const asking = new AbortController();
     this.#asking = asking;
     const query = new URLSearchParams({ signals: signals.join(","), t0: t0_s, t1: t1_s, n: Math.round(n) });
     try {
       const reply = await fetch(`/api/v1/runs/${encodeURIComponent(page.run)}/history?${query}`, { signal: asking.signal });
-      if (reply.ok) { this.trouble = ""; return readHistory(await reply.arrayBuffer()); }
+      if (reply.ok) {
+        this.trouble = "";
+        const rows = readHistory(await reply.arrayBuffer());
+        return factors ? pick(rows, signals.map((_, column) => column), factors) : rows;
+      }
       this.trouble = (await reply.json().catch(() => ({}))).text ?? `HTTP ${reply.status}`;
       return null;
     } catch {

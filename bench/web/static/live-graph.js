@@ -3,12 +3,12 @@ import { joined, pick } from "./curves.js";
 import { make, say } from "./dom.js";
 import { draw } from "./draw.js";
 import { choiceOf, GraphCard } from "./graph-card.js";
+import { bucketText, viewsOf } from "./graph-views.js";
 import { History, runSpan } from "./history.js";
 import { remember, remembered } from "./settings.js";
 import { isReplay, page } from "./state.js";
 import { t } from "./texts.js";
 import { duration } from "./time.js";
-import { unitText } from "./units.js";
 
 const MINUTE_s = 60;
 const WHOLE_RUN = 0;
@@ -17,11 +17,16 @@ export class LiveGraph {
   constructor(graph, number, look) {
     this.graph = graph;
     this.number = number;
+    this.views = viewsOf(graph);
+    [this.view] = this.views;
     this.history = new History();
     this.before = null; // rows of the history
     this.asked_ms = -Infinity;
     this.ring = null;
-    this.card = new GraphCard(graph.title, curvesOf(graph), look);
+    this.card = new GraphCard(graph.title, this.view.curves, look);
+    if (this.views.length > 1) {
+      choiceOf(this.card.choices, this.views.map((view) => [view, t(`graph.${view.name}`)]), this.view, (view) => this.setView(view));
+    }
     const windows = [...new Set([MINUTE_s, 600, 3600, Math.round(graph.window_s ?? MINUTE_s)])].sort((one, other) => one - other);
     this.window_s = Number(remembered(`window.${graph.title}`, graph.window_s ?? MINUTE_s));
     if (![...windows, WHOLE_RUN].includes(this.window_s)) this.window_s = windows[0];
@@ -35,7 +40,15 @@ export class LiveGraph {
 
   async draw(item) {
     await this.card.draw(item);
-    this.card.figure.setUnit(unitText(this.graph.unit));
+    this.card.figure.setUnit(this.view.unit);
+    this.refresh();
+  }
+
+  setView(view) {
+    this.view = view;
+    this.card.setCurves(view.curves);
+    this.card.figure?.setUnit(view.unit);
+    this.forget();
     this.refresh();
   }
 
@@ -76,15 +89,16 @@ export class LiveGraph {
     const { figure } = this.card;
     if (!figure || !this.ring) return;
     const { first_s, last_s } = this.span();
-    const columns = this.graph.signals.map((name) => page.state.signals.findIndex((signal) => signal.name === name));
+    const { factors, least, mean_s, signals } = this.view;
+    const columns = signals.map((name) => page.state.signals.findIndex((signal) => signal.name === name));
     const live = this.ring.since(-Infinity);
-    let rows = pick(live, columns);
+    let rows = pick(live, columns, factors);
     if (this.window_s !== MINUTE_s) {
       this.ask(first_s, last_s);
-      if (this.before) rows = behind(this.before, this.ring, columns);
+      if (this.before) rows = behind(this.before, this.ring, columns, factors);
     }
-    figure.show(rows, first_s, last_s, { lockY: this.lock.getAttribute("aria-pressed") === "true", decimals: this.card.curves[0]?.decimals });
-    say(this.card.bucket, this.before && this.window_s !== MINUTE_s ? bucketText(this.before.bucket_s) : bucketText(this.ring.width_s));
+    figure.show(rows, first_s, last_s, { lockY: this.lock.getAttribute("aria-pressed") === "true", decimals: this.card.curves[0]?.decimals, least });
+    say(this.card.bucket, bucketText(this.before && this.window_s !== MINUTE_s ? this.before.bucket_s : this.ring.width_s, mean_s));
   };
 
   /** Asks again when the window has moved by a hundredth, and not more than once a second. */
@@ -93,9 +107,10 @@ export class LiveGraph {
     const stale = !this.before || last_s - this.before.to_s > Math.min(30, Math.max(5, (last_s - first_s) / 100)) || last_s < this.before.to_s - 1;
     if (!stale || this.history.busy || now - this.asked_ms < 1000) return;
     this.asked_ms = now;
-    const rows = await this.history.ask(this.graph.signals, first_s, last_s, Math.max(300, this.card.plot.clientWidth));
+    const { view } = this;
+    const rows = await this.history.ask(view, first_s, last_s, Math.max(300, this.card.plot.clientWidth));
     this.card.complain(this.history.trouble);
-    if (rows) { this.before = Object.assign(rows, { to_s: last_s }); this.refresh(); }
+    if (rows && view === this.view) { this.before = Object.assign(rows, { to_s: last_s }); this.refresh(); }
     else this.asked_ms += 4000; // no answer: not again at once
   }
 
@@ -106,29 +121,15 @@ export class LiveGraph {
 }
 
 /** Rows of the history and the points that came after them, parted where there is nothing between. */
-function behind(before, ring, columns) {
+function behind(before, ring, columns, factors) {
   const last_s = before.n ? before.t_s[before.n - 1] : -Infinity;
-  const live = pick(ring.since(last_s + before.bucket_s), columns);
+  const live = pick(ring.since(last_s + before.bucket_s), columns, factors);
   if (!live.n || !before.n || live.t_s[0] - last_s <= 2.5 * Math.max(before.bucket_s, 0.4)) return joined(before, live);
   const gap = { n: 1, signals: before.signals, bucket_s: 0, t_s: Float64Array.of(last_s + before.bucket_s), pairs: new Float32Array(before.signals * 2).fill(NaN) };
   return joined(joined(before, gap), live);
 }
 
-export function curvesOf(graph) {
-  return graph.signals.map((name) => {
-    const signal = page.state.signals.find((one) => one.name === name);
-    return { name, unit: unitText(signal?.unit ?? graph.unit), decimals: signal?.decimals ?? 3 };
-  });
-}
-
 function windowName(window_s) {
   if (window_s % 3600 === 0) return t("graph.hours", { n: window_s / 3600 });
   return window_s % 60 === 0 ? t("graph.minutes", { n: window_s / 60 }) : duration(window_s);
-}
-
-/** Says how wide a bucket is, so that nobody takes what is drawn for a reading. */
-export function bucketText(bucket_s) {
-  if (!bucket_s) return t("graph.raw");
-  const digits = bucket_s < 10 ? 1 : 0;
-  return t("graph.bucket", { bucket: `${bucket_s.toFixed(digits).replace(/\.0$/, "")} s` });
 }

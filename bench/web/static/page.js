@@ -5,6 +5,7 @@ import { Connection } from "./connection.js";
 import { byId, say } from "./dom.js";
 import { draw } from "./draw.js";
 import { showEstimates } from "./estimates.js";
+import { isOfBench } from "./graph-views.js";
 import { showAge, showHead } from "./head.js";
 import { LiveGraph } from "./live-graph.js";
 import { showLog, showPanels } from "./panels.js";
@@ -31,9 +32,22 @@ function trouble(text) {
   say(byId("trouble"), text ?? "");
 }
 
-const askFigures = () => fetch(`/api/v1/runs/${encodeURIComponent(page.run)}/figures`);
+async function askFigures() {
+  const reply = await fetch(`/api/v1/runs/${encodeURIComponent(page.run)}/figures`);
+  if (!reply.ok) throw new Error(`HTTP ${reply.status}`);
+  return reply.json();
+}
 let early = askFigures(); // on its way while the rest of the page begins
 early.catch(() => {}); // told when it is needed
+
+/** A recording is drawn before its state is known: to make that of thousands of messages takes longer. */
+async function drawEarly() {
+  const { outline } = await early;
+  if (!outline || page.everConnected) return;
+  Object.assign(page.state, outline);
+  page.t_s = outline.replay.last_utc_s;
+  drawFigures();
+}
 
 /** Figures for what the run measures; made once, and again only where another run takes this name. */
 async function drawFigures() {
@@ -41,10 +55,9 @@ async function drawFigures() {
   if (drawn === wanted || !page.state.graphs) return;
   drawn = wanted;
   try {
-    const reply = await (early ?? askFigures());
+    const made = await (early ?? askFigures());
     early = null;
-    if (!reply.ok) throw new Error(`HTTP ${reply.status}`);
-    await placeFigures(await reply.json());
+    await placeFigures(made);
   } catch (error) {
     drawn = early = null;
     trouble(t("trouble.figures", { why: error.message })); // never a silent "no plot"
@@ -54,18 +67,20 @@ async function drawFigures() {
 
 async function placeFigures(made) {
   const look = { palettes: made.palettes, looks: made.looks };
-  const live = page.state.graphs.map((graph, number) => new LiveGraph(graph, number, look));
-  const history = new HistoryGraph(page.state.graphs, look);
+  const shown = page.state.graphs.filter((graph) => !isOfBench(graph));
+  const live = shown.map((graph) => new LiveGraph(graph, page.state.graphs.indexOf(graph), look));
+  const history = new HistoryGraph(shown.length ? shown : page.state.graphs, look);
   const temperature = new TemperatureGraph(look, live.length % 2 === 0); // beside an odd graph there is room
   graphs = [...live, temperature, history];
   page.history = history;
   byId("graphs").replaceChildren(...graphs.map((graph) => graph.card.element));
-  await Promise.all(live.map((graph, number) => graph.draw(made.graphs[number])));
+  if (page.state.replay) await history.draw(made.history); // the whole recording is what one looks at first
+  await Promise.all(live.map((graph) => graph.draw(made.graphs[graph.number])));
   for (const graph of live) graph.points(ring);
   draw(() => { if (ring.count) document.documentElement.dataset.firstPoints ??= Math.round(performance.now()); }); // ms since the page was asked for
   trouble(null);
   await temperature.draw(made.temperature);
-  await history.draw(made.history);
+  if (!history.card.figure) await history.draw(made.history);
 }
 
 function everything() {
@@ -123,6 +138,7 @@ function watchAge() {
 async function begin() {
   wireSettings();
   await loadTexts();
+  drawEarly().catch(() => {}); // told when the state is there
   greet().then((found) => { page.person = found; showCommands(); });
   wireCommands();
   wirePrompt();

@@ -1,16 +1,19 @@
 // The two figures of the whole run: temperature planned and actual, and the history that can be zoomed to single readings.
-import { nothing } from "./curves.js";
+import { extent, nothing } from "./curves.js";
 import { make, say } from "./dom.js";
 import { draw } from "./draw.js";
-import { GraphCard } from "./graph-card.js";
+import { choiceOf, GraphCard } from "./graph-card.js";
+import { minus } from "./figure.js";
 import { History, runSpan } from "./history.js";
-import { bucketText, curvesOf } from "./live-graph.js";
+import { bucketText, viewsOf } from "./graph-views.js";
 import { page } from "./state.js";
-import { t } from "./texts.js";
+import { t, word } from "./texts.js";
 import { stamp } from "./time.js";
-import { unitText } from "./units.js";
 
 const TEMPERATURES = ["bench.air", "bench.unit"];
+const WHOLE_RUN = 0;
+const NARROW_px = 600; // a plot where the names of limits would cover each other
+const NEAR_degC = 10;
 const EVERY_ms = 15_000;
 const ASK_AFTER_ms = 120; // a wheel turns many times; the last turn is asked for
 
@@ -22,6 +25,9 @@ export class TemperatureGraph {
     const curves = ["planned", "air", "unit"].map((name, index) => ({
       name: ["bench.setpoint", ...TEMPERATURES][index], label: t(`temperature.${name}`), unit: "\u00b0C", decimals: 2, style: index ? index - 1 : "soft" }));
     this.card = new GraphCard(t("temperature.title"), curves, look, { wide });
+    this.window_s = WHOLE_RUN;
+    choiceOf(this.card.choices, [[600, t("graph.minutes", { n: 10 })], [3600, t("graph.hours", { n: 1 })], [WHOLE_RUN, t("graph.run")]], WHOLE_RUN,
+      (window_s) => { this.window_s = window_s; this.card.figure.fitted = false; this.forget(); this.each_second(); });
   }
 
   async draw(item) {
@@ -42,26 +48,77 @@ export class TemperatureGraph {
     const names = TEMPERATURES.filter((name) => (state.signals ?? []).some((signal) => signal.name === name));
     if (!names.length || !state.started_utc_s) return;
     this.asked_ms = performance.now();
-    const { first_s, last_s } = runSpan(page.t_s);
-    const rows = await this.history.ask(names, first_s, last_s, 1000);
+    const { first_s, last_s } = this.span();
+    const rows = await this.history.ask({ signals: names }, first_s, last_s, 1000);
     this.card.complain(this.history.trouble);
     if (rows) { this.rows = spread(rows, names); draw(this.paint); }
+  }
+
+  /** What is asked for: the run so far, or what came before the cursor of a recording, or now. */
+  span() {
+    const run = runSpan(page.t_s);
+    if (this.window_s === WHOLE_RUN) return run;
+    const last_s = page.state.replay?.at_utc_s ?? run.last_s;
+    return { first_s: last_s - this.window_s, last_s };
   }
 
   paint = () => {
     const { figure } = this.card;
     const { state } = page;
     if (!figure || !state.started_utc_s) return;
-    const plan = state.timetable ?? { t_utc_s: [], temperature_degC: [] };
-    const { first_s, last_s } = runSpan(page.t_s);
-    const end_s = Math.max(last_s, plan.t_utc_s.at(-1) ?? -Infinity);
-    const line = { t: plan.t_utc_s.map((t_s) => t_s * 1000), y: plan.temperature_degC };
-    const rows = this.rows ?? nothing(3);
-    const room = (end_s - first_s) * 0.01;
-    figure.show(rows, first_s - room, end_s + room, { extra: { 0: line }, decimals: 2 });
+    const { t_utc_s: plan_s = [], temperature_degC = [], bands = [] } = state.timetable ?? {};
+    const whole = this.window_s === WHOLE_RUN;
+    const { first_s, last_s } = this.span();
+    const end_s = whole ? Math.max(last_s, plan_s.at(-1) ?? -Infinity) : last_s;
+    const room = whole ? (end_s - first_s) * 0.01 : 0;
+    const [start_ms, end_ms] = [(first_s - room) * 1000, (end_s + room) * 1000];
+    const limits = limitLines(state.limits ?? []);
+    const near = whole ? nearby(limits, [...temperature_degC, ...(this.rows ? [1, 2].flatMap((index) => Object.values(extent(this.rows, index) ?? {}).filter(Number.isFinite)) : [])]) : [];
+    const wide = this.card.plot.clientWidth > NARROW_px;
+    const column = (index) => bands.map((band) => band[index] * (index < 2 ? 1000 : 1));
+    figure.fill("bands", { t0: column(0), t1: column(1), low: column(2), high: column(3) });
+    figure.fill("limits", { t0: limits.map(() => start_ms), t1: limits.map(() => end_ms), y: limits.map((one) => one.y),
+      at: limits.map((_, index) => end_ms - (index % 3) * 0.33 * (end_ms - start_ms)), text: limits.map((one) => (wide ? one.text : "")) });
+    say(this.card.at, limits.length ? t("temperature.limits", { limits: limits.map((one) => one.text).join("; ") }) : "");
+    const line = whole ? { t: plan_s.map((t_s) => t_s * 1000), y: temperature_degC } : clipped(plan_s, temperature_degC, first_s, end_s);
+    figure.show(this.rows ?? nothing(3), start_ms / 1000, end_ms / 1000,
+      { extra: { 0: line }, decimals: 2, within: near });
     figure.setNow(state.replay?.at_utc_s ?? page.t_s);
     say(this.card.bucket, this.rows ? bucketText(this.rows.bucket_s) : "");
   };
+}
+
+/** Limits of one temperature as one line of a name each; those of equal temperature share it. */
+function limitLines(limits) {
+  const words = new Map();
+  for (const limit of limits) {
+    for (const degC of [limit.low_degC, limit.high_degC]) {
+      if (!Number.isFinite(degC)) continue;
+      words.set(degC, [...(words.get(degC) ?? []), t("temperature.limit", { name: limit.name, of: word("temperature", limit.of) })]);
+    }
+  }
+  return [...words].sort(([one], [other]) => one - other).map(([y, names]) => ({ y, text: `${names.join(", ")}: ${minus(String(y))} \u00b0C` }));
+}
+
+/** Limits not so far from what is drawn that it would be a flat line between them. */
+function nearby(limits, values) {
+  const [low, high] = [Math.min(...values), Math.max(...values)];
+  const reach = Math.max(NEAR_degC, 0.75 * (high - low));
+  return limits.map((one) => one.y).filter((y) => y > low - reach && y < high + reach);
+}
+
+/** The part of a polyline between two instants, its ends on them, times in ms. */
+function clipped(t_s, values, first_s, last_s) {
+  if (!t_s.length) return { t: [], y: [] };
+  const at = (wanted_s) => {
+    const next = t_s.findIndex((one) => one >= wanted_s);
+    if (next < 0) return values.at(-1);
+    if (next === 0 || t_s[next] === t_s[next - 1]) return values[next];
+    return values[next - 1] + ((wanted_s - t_s[next - 1]) / (t_s[next] - t_s[next - 1])) * (values[next] - values[next - 1]);
+  };
+  const inside = t_s.map((one, index) => [one, values[index]]).filter(([one]) => one > first_s && one < last_s);
+  const corners = [[first_s, at(first_s)], ...inside, [last_s, at(last_s)]];
+  return { t: corners.map(([one]) => one * 1000), y: corners.map(([, value]) => value) };
 }
 
 /** Rows of air and unit as columns 1 and 2 of the figure; column 0 is the plan. */
@@ -76,15 +133,15 @@ function spread(rows, names) {
 
 export class HistoryGraph {
   constructor(graphs, look) {
-    this.graphs = graphs;
-    this.chosen = 0;
+    this.views = graphs.flatMap((graph) => viewsOf(graph).map((view) => ({ ...view, title: view.name === "counts" ? `${graph.title}: ${t("graph.counts")}` : graph.title })));
+    [this.view = { signals: [], curves: [], unit: "" }] = this.views;
     this.history = new History();
     this.whole = true;
     this.timer = null;
     this.asked_ms = -Infinity;
-    this.card = new GraphCard(t("history.title"), graphs.length ? curvesOf(graphs[0]) : [], look, { wide: true });
+    this.card = new GraphCard(t("history.title"), this.view.curves, look, { wide: true });
     const select = make("select", { "aria-label": t("history.which"), onchange: () => this.choose(Number(select.value)) },
-      ...graphs.map((graph, index) => make("option", { value: index }, graph.title)));
+      ...this.views.map((view, index) => make("option", { value: index }, view.title)));
     this.all = make("button", { type: "button", onclick: () => this.showAll() }, t("history.all"));
     const closer = make("button", { type: "button", onclick: () => this.zoom(0.5), "aria-label": t("history.closer") }, "+");
     const wider = make("button", { type: "button", onclick: () => this.zoom(2), "aria-label": t("history.wider") }, "\u2212");
@@ -97,16 +154,16 @@ export class HistoryGraph {
     const range = figure.plot.x_range;
     range.min_interval = 1000;
     for (const end of ["start", "end"]) range.properties[end].change.connect(() => this.moved());
-    figure.setUnit(unitText(this.graphs[this.chosen]?.unit));
+    figure.setUnit(this.view.unit);
     this.showAll();
   }
 
   choose(index) {
-    this.chosen = index;
+    this.view = this.views[index];
     const { figure } = this.card;
     figure.show(nothing(figure.look.looks.length), figure.first_s, figure.last_s);
-    this.card.setCurves(curvesOf(this.graphs[index]));
-    figure.setUnit(unitText(this.graphs[index].unit));
+    this.card.setCurves(this.view.curves);
+    figure.setUnit(this.view.unit);
     figure.fitted = false;
     this.ask();
   }
@@ -155,20 +212,20 @@ export class HistoryGraph {
   }
 
   async ask() {
-    const graph = this.graphs[this.chosen];
+    const { view } = this;
     const { figure } = this.card;
-    if (!graph || !figure) return;
+    if (!view.signals.length || !figure) return;
     this.asked_ms = performance.now();
     const { first_s, last_s } = figure;
-    const rows = await this.history.ask(graph.signals, first_s, last_s, Math.max(300, this.card.plot.clientWidth - 80));
+    const rows = await this.history.ask(view, first_s, last_s, Math.max(300, this.card.plot.clientWidth - 80));
     this.card.complain(this.history.trouble);
-    if (!rows || graph !== this.graphs[this.chosen]) return;
+    if (!rows || view !== this.view) return;
     draw(() => {
       this.setting = true;
       figure.fitted = false;
-      figure.show(rows, NaN, NaN, { decimals: this.card.curves[0]?.decimals });
+      figure.show(rows, NaN, NaN, { decimals: this.card.curves[0]?.decimals, least: view.least });
       this.setting = false;
-      say(this.card.bucket, bucketText(rows.bucket_s));
+      say(this.card.bucket, bucketText(rows.bucket_s, view.mean_s));
       say(this.card.at, `${stamp(first_s, page.state.started_utc_s)} \u2026 ${stamp(last_s, page.state.started_utc_s)}`);
       this.card.element.dataset.bucket = rows.bucket_s;
     });

@@ -102,7 +102,7 @@ class ShownRun:
             {"name": one["name"], "link": "port_a", "message": "frame", "field": one["name"], "element": 0, "minus": "",
              "unit": one["unit"], "decimals": one["decimals"]} for one in self.state["signals"]]  # fmt: skip
         start_s = math.floor(self._made_utc_s - self.before_s)
-        head = {"version": 1, "levels_s": [1, 10, 100], "offsets_ns": [start_s * NS],
+        head = {"version": 2, "levels_s": [1, 10, 100], "offsets_ns": [start_s * NS],
                 "sources": [{"name": "port_a", "period_s": 0.01, "signals": signals}]}  # fmt: skip
         folder = self.folder / "trend"
         folder.mkdir()

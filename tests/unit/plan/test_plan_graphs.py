@@ -12,7 +12,7 @@ from trend_sample import FRAMES, ROOT
 from bench.frame import load_frame
 from bench.model.yamlio import parse_yaml
 from bench.plan import load_station
-from bench.plan.language.graphs import GraphEntry, graphs_of, names_in
+from bench.plan.language.graphs import GraphEntry, graphs_of, shown_signals
 from bench.plan.served import served_station
 from bench.plan.station import StationFile
 from bench.replay.described import session_graphs, session_signals
@@ -65,7 +65,7 @@ def test_without_graphs_there_are_some_that_suit_the_frames() -> None:
 def test_a_signal_that_these_frames_lack_is_left_out() -> None:
     entry = GraphEntry(title="one", signals=["port_a.npp[1]", "port_z.npp[1]", "port_a.npp[1]"])
     assert graphs_of([entry], FRAMES)[0].signals == ("port_a.npp[1]",)
-    assert names_in([entry], FRAMES) == ("port_a.npp[1]",)
+    assert "port_a.npp[1]/s" in {signal.name for signal in shown_signals(graphs_of([entry], FRAMES), FRAMES)}
     assert graphs_of([GraphEntry(title="none", signals=["port_z.x"])], FRAMES, "port_a")[0].title == "port_a.npp-ppp"
 
 
@@ -75,7 +75,9 @@ def test_a_session_says_its_graphs_and_signals_itself() -> None:
     links = {"port_a": "frames/ngu_a.yaml", "port_b": "frames/ngu_b.yaml", "gone": "frames/gone.yaml"}
     manifest = {"links": links, "station": "af_bench_sim", "measurement_link": "port_a"}
     assert len(session_graphs(manifest, texts)) == 3
-    assert len(session_signals(manifest, texts)) == 45
+    signals = session_signals(manifest, texts)
+    assert len(signals) == 55
+    assert sum(signal.rate_Hz == 100.0 for signal in signals) == 10  # of the ten inputs that are drawn
     del texts["stations/af_bench_sim.yaml"]
     assert session_graphs(manifest, texts)[0].title == "port_a.npp-ppp"
     assert session_graphs({}, {})[0].title == "Temperature"

@@ -83,7 +83,7 @@ def test_the_file_is_as_documented(tmp_path: Path) -> None:
     assert np.frombuffer(raw[80:88], "<f8")[0] == UTC_S + 6
     assert np.frombuffer(raw[88:160], "<f4").tolist()[:2] == [rows.low[1, 0], rows.high[1, 0]]
     head = json.loads((tmp_path / FOLDER / "trend.json").read_text())
-    assert head["version"] == 1
+    assert head["version"] == 2
     assert head["offsets_ns"] == [UTC_S * NS]
 
 

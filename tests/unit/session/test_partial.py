@@ -31,8 +31,9 @@ def test_a_finished_session_gives_its_main_estimates(session: Path) -> None:
     }
     assert found["records"] > 0
     assert {row["quantity"] for row in found["rows"]} >= {"dsf_n", "dsf_p"}
+    assert next(row["title"] for row in found["rows"] if row["quantity"] == "dsf_n") == "Scale-factor error N"
     for row in found["rows"]:
-        assert set(row) == set(command.KEYS)
+        assert set(row) == {*command.KEYS, "title"}
         assert "unit_temperature_degC" not in row["conditions"], "what is measured does not name an estimate"
         key = (row["quantity"], row["conditions"]["channel"], row["conditions"]["temperature_degC"])
         assert row["value"] == full.pop(key)

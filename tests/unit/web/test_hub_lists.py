@@ -160,7 +160,8 @@ def test_the_verdict_of_a_session_is_its_worst() -> None:
 
 def row(value: float, channel: int = 1) -> dict[str, Any]:
     conditions = {"channel": channel, "temperature_degC": 20.0}
-    return {"quantity": "dsf_n", "unit": "ppm", "conditions": conditions, "value": value, "std_uncertainty": 1.0}
+    return {"quantity": "dsf_n", "unit": "ppm", "conditions": conditions, "value": value, "std_uncertainty": 1.0,
+            "expanded_uncertainty": 2.0}  # fmt: skip
 
 
 def test_partial_fits_are_put_behind_each_other() -> None:
@@ -168,7 +169,7 @@ def test_partial_fits_are_put_behind_each_other() -> None:
     for records in (1, 2, 2, 3):
         found = joined(found, {"records": records, "rows": [row(10.0 + records)]}, 5.0)
     assert found is not None
-    assert found["rows"][0]["history"] == [[1, 11.0, 1.0], [2, 12.0, 1.0], [3, 13.0, 1.0]]
+    assert found["rows"][0]["history"] == [[1, 11.0, 1.0, 2.0], [2, 12.0, 1.0, 2.0], [3, 13.0, 1.0, 2.0]]
     assert found["rows"][0]["value"] == 13.0
     for records in range(4, 500):
         found = joined(found, {"records": records, "rows": [row(0.0)]}, 5.0)
@@ -178,9 +179,11 @@ def test_partial_fits_are_put_behind_each_other() -> None:
 
 
 def test_estimates_of_a_finished_session_are_its_results() -> None:
-    found = finished_estimates({"estimates": [{**row(3.0), "verdict": "pass"}], "quality": {"records": 7}}, 1.0)
+    results = {"campaign": "scale_factor", "estimates": [{**row(3.0), "verdict": "pass"}], "quality": {"records": 7}}
+    found = finished_estimates(results, 1.0)
     assert found is not None
-    assert found["rows"] == [{**row(3.0), "verdict": "pass", "history": [[7, 3.0, 1.0]]}]
+    shown = {"verdict": "pass", "title": "Scale-factor error N", "history": [[7, 3.0, 1.0, 2.0]]}
+    assert found["rows"] == [{**row(3.0), **shown}]
     assert finished_estimates({}, 1.0) is None
 
 

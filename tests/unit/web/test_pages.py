@@ -26,6 +26,8 @@ SCRIPTS = {path.name: path.read_text(encoding="utf-8") for path in sorted((HERE 
 TEMPLATES = {path.name: path.read_text(encoding="utf-8") for path in sorted((HERE / "templates").glob("*.j2"))}
 # Words of docs/live-protocol.md and of results.json that the page has to know, by family of keys.
 FAMILIES = {
+    "graph": {"rates", "counts"},
+    "temperature": {"air", "unit"},
     "bench": {"off", "energised", "moving", "unknown"},
     "bench.figure": {"setpoint", "air", "closed"},
     "bench.remains": {"mains", "hot", "cold"},
@@ -168,8 +170,8 @@ class Client:
 
 @pytest.fixture
 def client() -> Client:
-    async def document(run: str) -> dict[str, Any]:
-        return {"run": run, "graphs": GRAPHS, "signals": []}
+    async def outline(run: str) -> tuple[dict[str, Any], bool]:
+        return {"run": run, "graphs": GRAPHS, "signals": []}, False
 
     async def work(task: Callable[..., Any], *arguments: Any) -> Any:
         return task(*arguments)
@@ -177,7 +179,7 @@ def client() -> Client:
     routes = [Route("/", pages.index), Route("/runs/{run}", pages.run_page), Route("/texts", pages.texts),
               Route("/figures/{run}", runs.figures)]  # fmt: skip
     app = Starlette(routes=routes)
-    app.state.hub = SimpleNamespace(document=document, work=work)
+    app.state.hub = SimpleNamespace(outline=outline, work=work)
     return Client(app)
 
 

@@ -17,7 +17,7 @@ from bench.model.clock import NS
 from bench.run.feed.points import KEPT, PATIENCE_NS, PointBatch, Points, moments_ns
 
 FRAMES = {"port_a": load_frame(ROOT / "frames" / "ngu_a.yaml"), "port_b": load_frame(ROOT / "frames" / "ngu_b.yaml")}
-SIGNALS = all_signals(FRAMES, ("port_a.npp-ppp[1..2]",))
+SIGNALS = all_signals(FRAMES, ("port_a.npp-ppp[1..2]", "port_a.npp-ppp[1..2]/s"))
 NAMES = [one.name for one in SIGNALS]
 ORIGIN_NS, UTC_S = 7 * NS, 1e9
 
@@ -71,6 +71,37 @@ def test_every_frame_is_between_least_and_greatest_of_its_tenth_of_a_second() ->
     assert found.seq == (stamps[-1] - ORIGIN_NS) // (NS // 10)
     difference = values[:, NAMES.index("port_a.npp-ppp[2]")]
     assert (difference == values[:, place]).all()
+
+
+def test_a_rate_is_what_came_in_the_second_before_and_a_gap_stays_a_gap() -> None:
+    rng = np.random.default_rng(6)
+    print("seed 6")
+    npp = rng.integers(0, 500, (600, 10))
+    there = np.ones(600, bool)
+    there[230:275] = False  # 0.45 s: less than half of a second is missing, and four tenths are empty
+    there[400:470] = False
+    stamps = np.array([ORIGIN_NS + k * NS // 100 for k in range(600)])
+    points = made()
+    for first in range(0, 600, 20):
+        kept = np.flatnonzero(there[first : first + 20]) + first
+        if len(kept):
+            points.on_batch("port_a", batch_of(stamps[kept].tolist(), npp[kept], int(kept[0])))
+        points.since(0, int(stamps[min(599, first + 19)]))
+    found = points.since(0, ORIGIN_NS + 6 * NS)
+    rate = unpacked(found)[1][:, NAMES.index("port_a.npp-ppp[2]/s")]
+    assert (rate[:, 0] == rate[:, 1])[np.isfinite(rate[:, 0])].all()
+    for number in range(10, 59):
+        window = np.arange(10 * number - 90, 10 * number + 10)
+        kept = window[there[window]]
+        empty = not there[10 * number : 10 * number + 10].any()
+        if empty or len(kept) <= 50:
+            assert math.isnan(rate[number, 0]), number
+        else:
+            assert rate[number, 0] == pytest.approx(100.0 * npp[kept, 1].sum() / len(kept), rel=1e-6)
+    assert math.isnan(rate[42, 0])
+    assert math.isnan(rate[47, 0])  # half of its second is missing
+    assert np.isfinite(rate[[30, 52], 0]).all()
+    assert next(one for one in SIGNALS if one.name == "port_a.npp-ppp[2]/s").unit == "pulse/s"
 
 
 def test_a_tenth_without_frames_is_nan_and_a_silent_link_holds_nothing_up() -> None:

@@ -261,7 +261,8 @@ def watched(rig: HoldRig, folder: Path) -> Any:
     context.folder = folder
     context.manifest = {"session": "20000101T000000Z_x_1", "campaign": {}}
     file = SimpleNamespace(graphs=[])
-    context.plan.station = SimpleNamespace(safe_order=(), file=file, instruments={})
+    context.plan.interlocks = ()
+    context.plan.station = SimpleNamespace(safe_order=(), file=file, instruments={}, guard_limits_degC={})
     return context
 
 

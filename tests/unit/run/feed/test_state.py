@@ -15,7 +15,7 @@ from bench.run.feed.state import RunState
 KEYS = {
     "proto", "run", "boot_id", "title", "sequence", "station", "uut", "simulated", "clock", "source", "state",
     "outcome", "attention", "bench", "t_utc_s", "started_utc_s", "step", "wait", "progress", "eta", "holds", "prompt",
-    "records", "links", "instruments", "alarms", "unwatched", "log", "signals", "graphs", "timetable",
+    "records", "links", "instruments", "alarms", "unwatched", "log", "signals", "graphs", "limits", "timetable",
 }  # fmt: skip
 RECORD = {
     "number": 1, "link": "port_a", "first_counter": 0, "frames": 1000, "t_start_ns": 0, "t_end_ns": 0, "step": 5,
