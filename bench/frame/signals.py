@@ -71,7 +71,7 @@ def signal_of(name: str, frames: Mapping[str, FrameDefinition]) -> Signal:
     if match is None or match[5]:
         raise _unknown(name, "it is not the name of one signal")
     link, field, minus, element = match[1], match[2], match[3] or "", match[4]
-    if link == BENCH and field in BENCH_FIELDS and not minus and element is None:
+    if link == BENCH and field in BENCH_FIELDS and not (minus or element or match[6]):
         return _of_bench(field)
     if link not in frames:
         known = (*frames, BENCH)

@@ -125,7 +125,7 @@ def temperature_plot() -> Plot:
     plot = line_plot("temperature", "°C", 3)
     bands = ColumnDataSource({"t0": [], "t1": [], "low": [], "high": []}, name="bands")
     limits = ColumnDataSource({"t0": [], "t1": [], "y": [], "at": [], "text": []}, name="limits")
-    band = Quad(left="t0", right="t1", bottom="low", top="high", line_color=None, fill_alpha=0.3, name="band")
+    band = Quad(left="t0", right="t1", bottom="low", top="high", line_color=None, fill_alpha=0.22, name="band")
     plot.add_glyph(bands, band, level="underlay")
     plot.add_glyph(limits, Segment(x0="t0", x1="t1", y0="y", y1="y", line_dash=[2, 4], name="limit"))
     words = Text(x="at", y="y", text="text", x_offset=-4, y_offset=-2, text_align="right", name="limit-text")

@@ -5,7 +5,10 @@ const SILENT = new Set(["temperature_degC", "channel", "route", "current_A", "po
   "purpose", "settle_band_degC", "repeat"]);
 const PREFIXES = [[1, "A"], [1e-3, "mA"], [1e-6, "\u00b5A"], [1e-9, "nA"]];
 
-function current(value_A, polarity) {
+/** Ampere of a unit of current as the page writes it; undefined for another unit. */
+export const inAmpere = (unit) => PREFIXES.find(([, name]) => name === unit)?.[0];
+
+export function current(value_A, polarity) {
   const size = Math.abs(value_A);
   const [scale, unit] = PREFIXES.find(([one]) => size >= one * 0.9999) ?? PREFIXES.at(-1);
   const sign = value_A === 0 ? "" : (polarity ?? Math.sign(value_A)) < 0 ? "\u2212" : "+";

@@ -1,4 +1,7 @@
 // What a graph window may show: rates where its signals are counts, in the unit the campaign gives them, and the counts as they came.
+import { current, inAmpere } from "./conditions.js";
+import { bucketAt } from "./curves.js";
+import { minus } from "./figure.js";
 import { page } from "./state.js";
 import { t } from "./texts.js";
 import { unitText } from "./units.js";
@@ -20,7 +23,7 @@ function viewOf(name, signals, { unit, factors = null, decimals = null, mean_s =
   const known = signals.map((one) => page.state.signals.find((signal) => signal.name === one));
   const kinds = new Set(known.map((signal) => signal?.channel?.kind).filter(Boolean));
   const curves = signals.map((one, index) => ({
-    name: one, label: labelOf(known[index]?.channel, kinds.size > 1), unit: unitText(unit), decimals: decimals ?? known[index]?.decimals ?? 3 }));
+    name: one, channel: known[index]?.channel?.number, label: labelOf(known[index]?.channel, kinds.size > 1), unit: unitText(unit), decimals: decimals ?? known[index]?.decimals ?? 3 }));
   const least = factors ? STEPS * Math.max(...factors) / mean_s : 0;
   return { name, signals, factors, unit: unitText(unit), mean_s, least, curves };
 }
@@ -29,6 +32,20 @@ function viewOf(name, signals, { unit, factors = null, decimals = null, mean_s =
 function labelOf(channel, withKind) {
   if (!channel) return undefined;
   return withKind && channel.kind ? t("graph.channel-kind", channel) : t("graph.channel", channel);
+}
+
+/** How far the channel that is driven now is from the level it is set to; empty where none is, or the unit is no current. */
+export function againstSet(view, rows, last_s) {
+  const { channel, current_A = null, polarity = 1, route } = page.state.step?.conditions ?? {};
+  const index = view.curves.findIndex((curve) => curve.channel === channel);
+  const one_A = inAmpere(view.unit);
+  if (!one_A || index < 0 || !current_A || route === "open") return "";
+  const bucket = bucketAt(rows, index, last_s);
+  if (!bucket) return "";
+  const set = (Math.abs(current_A) * Math.sign(polarity)) / one_A;
+  const ppm = (value) => minus((value * 1e6).toFixed(0));
+  return t("graph.against-set", { channel, level: current(current_A, polarity), ppm: ppm((bucket[0] + bucket[1]) / 2 / set - 1),
+    count: ppm(view.factors[index] / view.mean_s / Math.abs(set)) });
 }
 
 /** Says over what a value is taken, so that nobody takes what is drawn for a reading. */

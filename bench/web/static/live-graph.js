@@ -3,7 +3,7 @@ import { joined, pick } from "./curves.js";
 import { make, say } from "./dom.js";
 import { draw } from "./draw.js";
 import { choiceOf, GraphCard } from "./graph-card.js";
-import { bucketText, viewsOf } from "./graph-views.js";
+import { againstSet, bucketText, viewsOf } from "./graph-views.js";
 import { History, runSpan } from "./history.js";
 import { remember, remembered } from "./settings.js";
 import { isReplay, page } from "./state.js";
@@ -99,6 +99,7 @@ export class LiveGraph {
     }
     figure.show(rows, first_s, last_s, { lockY: this.lock.getAttribute("aria-pressed") === "true", decimals: this.card.curves[0]?.decimals, least });
     say(this.card.bucket, bucketText(this.before && this.window_s !== MINUTE_s ? this.before.bucket_s : this.ring.width_s, mean_s));
+    say(this.card.at, factors ? againstSet(this.view, rows, last_s) : "");
   };
 
   /** Asks again when the window has moved by a hundredth, and not more than once a second. */

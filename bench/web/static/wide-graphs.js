@@ -73,13 +73,14 @@ export class TemperatureGraph {
     const room = whole ? (end_s - first_s) * 0.01 : 0;
     const [start_ms, end_ms] = [(first_s - room) * 1000, (end_s + room) * 1000];
     const limits = limitLines(state.limits ?? []);
-    const near = whole ? nearby(limits, [...temperature_degC, ...(this.rows ? [1, 2].flatMap((index) => Object.values(extent(this.rows, index) ?? {}).filter(Number.isFinite)) : [])]) : [];
+    const near = whole ? nearby(limits, [...temperature_degC, ...bands.flatMap((band) => band.slice(2)), ...(this.rows ? [1, 2].flatMap((index) => Object.values(extent(this.rows, index) ?? {}).filter(Number.isFinite)) : [])]) : [];
     const wide = this.card.plot.clientWidth > NARROW_px;
     const column = (index) => bands.map((band) => band[index] * (index < 2 ? 1000 : 1));
     figure.fill("bands", { t0: column(0), t1: column(1), low: column(2), high: column(3) });
     figure.fill("limits", { t0: limits.map(() => start_ms), t1: limits.map(() => end_ms), y: limits.map((one) => one.y),
       at: limits.map((_, index) => end_ms - (index % 3) * 0.33 * (end_ms - start_ms)), text: limits.map((one) => (wide ? one.text : "")) });
-    say(this.card.at, limits.length ? t("temperature.limits", { limits: limits.map((one) => one.text).join("; ") }) : "");
+    say(this.card.at, [bands.length ? t("temperature.bands") : "", limits.length ? t("temperature.limits", { limits: limits.map((one) => one.text).join("; ") }) : ""]
+      .filter(Boolean).join(" "));
     const line = whole ? { t: plan_s.map((t_s) => t_s * 1000), y: temperature_degC } : clipped(plan_s, temperature_degC, first_s, end_s);
     figure.show(this.rows ?? nothing(3), start_ms / 1000, end_ms / 1000,
       { extra: { 0: line }, decimals: 2, within: near });
@@ -100,11 +101,11 @@ function limitLines(limits) {
   return [...words].sort(([one], [other]) => one - other).map(([y, names]) => ({ y, text: `${names.join(", ")}: ${minus(String(y))} \u00b0C` }));
 }
 
-/** Limits not so far from what is drawn that it would be a flat line between them. */
+/** What the axis holds: what is drawn, and limits not so far from it that it would be a flat line between them. */
 function nearby(limits, values) {
   const [low, high] = [Math.min(...values), Math.max(...values)];
   const reach = Math.max(NEAR_degC, 0.75 * (high - low));
-  return limits.map((one) => one.y).filter((y) => y > low - reach && y < high + reach);
+  return [low, high, ...limits.map((one) => one.y).filter((y) => y > low - reach && y < high + reach)].filter(Number.isFinite);
 }
 
 /** The part of a polyline between two instants, its ends on them, times in ms. */

@@ -246,6 +246,8 @@ def test_the_log_and_the_timetable() -> None:
     assert len(document["log"]) == 200
     assert document["log"][0]["t_utc_s"] == START_S + 499.0
     table = document["timetable"]
+    assert [band[2:] for band in table["bands"]] == [[49.0, 51.0]]
+    assert table["bands"][0][0] >= table["t_utc_s"][1]  # not before the ramp is over
     assert len(table["t_utc_s"]) == len(table["temperature_degC"])
     assert table["t_utc_s"] == sorted(table["t_utc_s"])
     assert table["t_utc_s"][-1] == pytest.approx(START_S + 5.0 + 1030.0 + 100.0)
