@@ -89,7 +89,8 @@ def zoom_to_readings(page: Page, parts: tuple[float, ...]) -> list[float]:
     for number, part in enumerate(parts):
         drag(page, part)
         until(page, lambda count=number + 1: len(page.evaluate("window.zoomed")) >= count, "drawn")
-    assert history(page).startswith("single readings")
+    assert history(page).startswith("mean over 1 s")
+    assert "of each" not in history(page)  # single frames, each with the mean up to it
     return [float(one) for one in page.evaluate("window.zoomed")]
 
 
@@ -103,7 +104,9 @@ def test_a_replay_offers_no_command(browser: Browser, server: PageServer, finish
         assert all(page.is_hidden(f"#{name}") for name in COMMANDS)
         rows = page.locator("#estimates tbody tr")
         until(page, lambda: rows.count() > 3, "results")
-        assert re.search(r"dsf_n.*ppm", rows.first.inner_text().replace("\n", " "))
+        assert re.search(r"Scale-factor error N.*ppm", rows.first.inner_text().replace("\n", " "))
+        assert page.locator("#estimates button.quantity").first.get_attribute("title") == "dsf_n"
+        one_figure_of_each(page)
         page.screenshot(path=screenshots / "replay.png", full_page=True)
         print("zoom to raw, ms:", [round(one) for one in zoom_to_readings(page, (0.03, 0.04))])
         page.screenshot(path=screenshots / "replay-raw.png", full_page=True)
@@ -113,6 +116,25 @@ def test_a_replay_offers_no_command(browser: Browser, server: PageServer, finish
         until(page, lambda: page.inner_text("#replay-at") != at, "a replay that goes on")
         assert page.is_visible("#replay-band")
         assert page.is_hidden("#commands")
+
+
+def one_figure_of_each(page: Page) -> None:
+    """Rates in the unit of the channels under test, counts by one choice; temperature with its limits; a result."""
+    gyros = page.locator("figure.graph").first
+    said = gyros.locator("p.bucket")
+    until(page, lambda: said.inner_text().startswith("mean over 1 s"), "what a rate is taken over")
+    assert [one.split("\n")[0] for one in gyros.locator(".ends button").all_inner_texts()] == ["channel 1", "channel 2"]
+    gyros.locator("summary").click()
+    assert "channel 1 (port_a.npp-ppp[1]/s) / mA" in gyros.locator("table").inner_text()
+    gyros.get_by_role("button", name="Counts").click()
+    until(page, lambda: said.inner_text().startswith("min and max of each 0.1 s"), "what came in single frames")
+    assert gyros.locator(".ends button").count() == 6
+    temperature = page.locator("figure.graph.wide").first
+    until(page, lambda: "guard (unit): 70 \u00b0C" in temperature.inner_text(), "the limits of temperatures")
+    assert page.locator("figure.graph").count() == 4  # gyros, accelerometers, temperature, history
+    assert "Scale-factor error N" in page.inner_text("#estimate-figure figcaption")
+    page.locator("#estimates button.quantity").nth(1).click()
+    assert "Scale-factor error P" in page.inner_text("#estimate-figure figcaption")
 
 
 @pytest.mark.sweep

@@ -1,5 +1,5 @@
 // The card around a figure: title, choice of window, curves by name at the right end, numbers as a table.
-import { bucketAt, extent, sharedPrefix } from "./curves.js";
+import { bucketAt, extent, nothing, sharedPrefix } from "./curves.js";
 import { cursor, moveCursor } from "./cursor.js";
 import { fillTable, make, say } from "./dom.js";
 import { Figure, minus } from "./figure.js";
@@ -49,7 +49,13 @@ export class GraphCard {
       return { button, value, line: line.firstChild };
     });
     this.ends.replaceChildren(...this.marks.map((mark) => mark.button));
-    if (this.figure) { this.figure.focus = null; this.figure.styles = curves.map((curve, index) => curve.style ?? index); this.figure.paint(); }
+    const { figure } = this;
+    if (!figure) return;
+    figure.focus = null;
+    figure.styles = curves.map((curve, index) => curve.style ?? index);
+    figure.show(nothing(figure.look.looks.length), figure.first_s, figure.last_s); // what is drawn is of other curves
+    figure.fitted = false;
+    figure.paint();
   }
 
   focus(index) {

@@ -162,10 +162,8 @@ export class HistoryGraph {
   choose(index) {
     this.view = this.views[index];
     const { figure } = this.card;
-    figure.show(nothing(figure.look.looks.length), figure.first_s, figure.last_s);
     this.card.setCurves(this.view.curves);
     figure.setUnit(this.view.unit);
-    figure.fitted = false;
     this.ask();
   }
 
