@@ -231,6 +231,7 @@ def _prompt(plan: Expander, asked: PromptStep, at: Path, scope: Scope) -> None:
     """Append an operator prompt; limits come out in the base unit of the value."""
     step, path = asked.prompt, (*at, "prompt")
     arguments: dict[str, Any] = {"text": _filled(plan, step.text, scope, (*path, "text")), "confirm": step.confirm}
+    arguments |= {"presence": step.presence} if step.presence != "bench" else {}
     if step.sets:
         sets = _values(plan, step.sets, (*path, "sets"), scope)
         arguments["sets"] = {name: plain(value) for name, value in sets.items()}

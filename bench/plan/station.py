@@ -101,6 +101,12 @@ class Guard(StrictModel):
     silence: Annotated[float, *quantity("s", 1.0, 3.0)] = 2.0  # how long the controller may be silent
 
 
+class ArmAfterHold(StrictModel):
+    """Nobody is asked to arm the bench after a hold, for a reason that is recorded and shown."""
+
+    never: Words = Field(description="reason, for example that nobody can reach the bench while it runs")
+
+
 class StationFile(StrictModel):
     """A file in stations/.
 
@@ -129,6 +135,7 @@ class StationFile(StrictModel):
     links: dict[Name, LinkEntry]
     interlocks: dict[Name, Interlock] = Field(default_factory=dict)
     guard: Guard = Guard()
+    arm_after_hold: ArmAfterHold | None = None
     notify: Notify | None = None
     graphs: list[GraphEntry] = Field(
         default_factory=list, max_length=MOST_GRAPHS, description="graph windows of the live page"
@@ -190,6 +197,12 @@ class Station:
     def simulated(self) -> bool:
         """True when nothing of it is real."""
         return self.file.simulated
+
+    @property
+    def never_armed(self) -> str:
+        """Reason why nobody is asked to arm the bench after a hold, "" if somebody is."""
+        declared = self.file.arm_after_hold
+        return "" if declared is None else declared.never
 
     @property
     def in_process(self) -> bool:

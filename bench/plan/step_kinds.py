@@ -176,7 +176,7 @@ class PlannedPrompt(Step):
 
     ``sets`` is what the act changes on the bench, by name. ``quantity`` names a value that is a measurement of the unit
     under test and is judged later, "" for one that must be inside its limits; if one that is ``required`` is not, the
-    steps behind it under the same conditions are left out.
+    steps behind it under the same conditions are left out. ``presence``: where it is answered, "bench" or "anywhere".
     """
 
     kind: ClassVar[StepKind] = "prompt"
@@ -189,6 +189,7 @@ class PlannedPrompt(Step):
     high: float | None = None
     quantity: str = ""
     required: bool = False
+    presence: str = "bench"
 
     def told(self) -> dict[str, Any]:
         """Return the arguments as they stand in a plan file."""
@@ -196,6 +197,7 @@ class PlannedPrompt(Step):
         value = {"unit": self.unit, "low": self.low, "high": self.high} if self.unit else {}
         judged: dict[str, Any] = {"quantity": self.quantity} if self.quantity else {}
         judged |= {"required": True} if self.required else {}
+        judged |= {"presence": self.presence} if self.presence != "bench" else {}
         return {"text": self.text, "confirm": self.confirm, **sets, **value, **judged}
 
 

@@ -69,6 +69,8 @@ class RunContext:
     of instruments from before the session.
     ``decided``: what was read and decided, by the events written so far.
     ``operate`` does on a simulated bench what a person did by a prompt (name, value).
+    ``in_the_way`` gives the interlocks that keep the run from going on, by name; ``look_again`` reads them anew first,
+    and holds the run for what it finds.
     """
 
     plan: Plan
@@ -94,6 +96,8 @@ class RunContext:
     manifest: Mapping[str, Any] = field(default_factory=dict)
     earlier: tuple[tuple[str, str, str, int], ...] = ()
     operate: Callable[[str, Any], None] = lambda name, value: None
+    in_the_way: Callable[[], Mapping[str, str]] = dict
+    look_again: Callable[[], None] = lambda: None
     in_use: InUse = field(default_factory=InUse)
     health: Health = field(init=False)
     decided: Decided = field(init=False)

@@ -212,7 +212,7 @@ class Sequencer:
     def _held(self, wish: Wish, step: Step, first: int, holds: dict[int, int]) -> None:
         """Stand still, then bring the temperature back; a chamber that is silent on the way back is waited for too."""
         while True:
-            stand_still(self._context, wish, step.number)
+            stand_still(self._context, wish, step.number, first)
             try:
                 come_back(self._context, first)
             except InstrumentError as error:

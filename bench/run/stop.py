@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from types import FrameType
@@ -51,6 +51,7 @@ class Holds:
         self._limits_s: dict[str, float] = {}
         self._since_s: dict[str, float] = {}  # when a reason was first seen while the run stood still
         self._wish: Wish | None = None
+        self._armed_by = ""
 
     def hold(self, by: str, reason: str, limit_s: float = HOLD_LIMIT_S) -> None:
         """Stand still from the next check on, until ``release`` is called with the same ``by``.
@@ -60,13 +61,34 @@ class Holds:
         with self._lock:
             self._reasons[by] = reason
             self._limits_s[by] = limit_s
+            self._armed_by = ""
 
     def release(self, by: str) -> bool:
         """Take a reason back; False if there was none."""
         with self._lock:
-            self._limits_s.pop(by, None)
-            self._since_s.pop(by, None)
-            return self._reasons.pop(by, None) is not None
+            return self._take_back(by)
+
+    def let_go(self, everyone: Iterable[str], armed_by: str) -> bool:
+        """Take the reasons of several back at once; False if there was none.
+
+        ``armed_by``: who does it at the bench, "" from afar; counts if nothing else holds the run.
+        """
+        with self._lock:
+            released = [by for by in everyone if self._take_back(by)]
+            if released and not self._reasons:
+                self._armed_by = armed_by
+            return bool(released)
+
+    @property
+    def armed_by(self) -> str:
+        """Who has let the run go on at the bench since the last reason to hold came, "" if nobody."""
+        with self._lock:
+            return self._armed_by
+
+    def _take_back(self, by: str) -> bool:
+        self._limits_s.pop(by, None)
+        self._since_s.pop(by, None)
+        return self._reasons.pop(by, None) is not None
 
     def wish(self, wish: Wish) -> None:
         """Retake or skip the point under way; the first wish counts until it is granted."""

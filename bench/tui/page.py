@@ -212,7 +212,8 @@ def prompt(seen: Seen, look: Look) -> list[Text]:
     lines = folded(look.clean(asked.get("text") or ""), look.width, ASKED, "  ")
     if asked.get("unit"):
         lines += folded(_limits(asked, look), look.width, first="  ")
-    how = folded(look.texts("prompt.answer", folder=look.clean(seen.folder)), look.width, first="  ")
+    presence = "bench" if asked.get("presence") == "bench" else "anywhere"
+    how = folded(look.texts(f"prompt.answer.{presence}", folder=look.clean(seen.folder)), look.width, first="  ")
     return [Text(""), Text(look.texts("section.prompt"), style=ASKED), *lines, *how]
 
 

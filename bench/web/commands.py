@@ -71,7 +71,8 @@ async def operator(request: Request) -> Response:
 async def _pass_on(serving: Serving, who: Login, address: str, folder: Path, command: Command) -> dict[str, Any]:
     reply = {"ok": False, "text": "the page server was stopped before the run answered"}
     try:
-        answer = await _ask_run(folder, {**command.words, "by": f"{who.name}, {who.role}, {address}"})
+        by = f"{who.name}, {who.role}, {address}"
+        answer = await _ask_run(folder, {**command.words, "by": by, "place": who.place})
         reply = {"ok": answer.get("ok") is True, "text": str(answer.get("text") or answer.get("error") or "")}
     except _NoAnswer as silent:
         doubt = "; whether it heard the command is not known" if silent.sent else ""

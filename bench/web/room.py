@@ -22,7 +22,7 @@ class Viewer:
     """The queue of one open page. Whoever reads too slowly loses what waits and gets a new snapshot instead."""
 
     def __init__(self, role: str) -> None:
-        self.role = role  # viewer or operator
+        self.role = role  # viewer, operator or bench
         self.stale = True  # needs a snapshot before anything else makes sense
         self.dropped = 0  # times the queue overflowed
         self._queue: deque[Outgoing] = deque()

@@ -43,6 +43,8 @@ class Passive(Instrument):
 class HoldRig(Rig):
     """A source, a switch and a supply; ``points`` measuring points, each with a level of its own."""
 
+    never_armed = ""  # what the station declares of arming
+
     def __init__(self, folder: Path, points: int) -> None:
         super().__init__(folder)
         self.source = Source("source", self)
@@ -62,7 +64,7 @@ class HoldRig(Rig):
         context = self.ran = self.context()
         context.folder = self.folder
         roles = tuple(self.instruments)
-        context.plan.station = SimpleNamespace(safe_order=roles)  # type: ignore[misc]
+        context.plan.station = SimpleNamespace(safe_order=roles, never_armed=self.never_armed)  # type: ignore[misc]
         context.plan.link_bytes_s = 1000.0  # type: ignore[misc]
         journal = Journal(self.folder)
         with ExitStack() as stack:

@@ -305,7 +305,7 @@ class Rig:
             phase=lambda phase: tuple(step for step in self.steps if step.phase == phase),
             measurement_link="port_a",
             interlocks=(),
-            station=SimpleNamespace(safe_order=self.safe_order),
+            station=SimpleNamespace(safe_order=self.safe_order, never_armed=""),
             campaign={"rate_Hz": 100.0, "channels": [{"number": n, "k0_C": K0_C} for n in range(1, 11)]},
         )
         cutter = RecordCutter(self.port_a.definition)

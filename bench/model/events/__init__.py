@@ -5,6 +5,7 @@ from __future__ import annotations
 from bench.model.events.course import (
     DECISION,
     OPERATOR,
+    Armed,
     Closed,
     Config,
     End,
@@ -55,9 +56,9 @@ from bench.model.events.trouble import (
 )
 
 __all__ = [
-    "DECISION", "OPERATOR", "Alarm", "Answer", "ClockStep", "Closed", "Config", "Control", "Decision", "Deviation",
-    "Disk", "End", "Environment", "Error", "Event", "Exchange", "Gap", "Guard", "Hold", "HoldAlarm", "Inhibit",
-    "Interlock", "Late", "Link", "Notify", "Overrun", "Phase", "Preflight", "Prompt", "PromptAlarm", "Reading",
-    "Record", "Reentry", "Release", "Resume", "Retake", "Safe", "Settled", "Severity", "Skip", "Slip",
+    "DECISION", "OPERATOR", "Alarm", "Answer", "Armed", "ClockStep", "Closed", "Config", "Control", "Decision",
+    "Deviation", "Disk", "End", "Environment", "Error", "Event", "Exchange", "Gap", "Guard", "Hold", "HoldAlarm",
+    "Inhibit", "Interlock", "Late", "Link", "Notify", "Overrun", "Phase", "Preflight", "Prompt", "PromptAlarm",
+    "Reading", "Record", "Reentry", "Release", "Resume", "Retake", "Safe", "Settled", "Severity", "Skip", "Slip",
     "StimulusAlarm", "Surroundings", "Verdict", "by_instrument", "event_of",
 ]  # fmt: skip

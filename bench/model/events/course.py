@@ -88,6 +88,20 @@ class Release(Event):
 
 
 @dataclass(frozen=True, kw_only=True)
+class Armed(Event):
+    """Somebody at the bench lets it be energised again after a hold; or nobody is asked, for a declared ``reason``."""
+
+    kind: ClassVar[str] = "armed"
+    at_terminal: ClassVar[bool] = True
+    step: int
+    by: str = left_out("")
+    reason: str = left_out("")
+
+    def _words(self) -> str:
+        return f"armed at the bench by {self.by}" if self.by else f"nobody is asked to arm the bench: {self.reason}"
+
+
+@dataclass(frozen=True, kw_only=True)
 class Skip(Event):
     """The steps from ``first`` up to ``stop`` are left out."""
 

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from bench.model.events.course import (
+    Armed,
     Closed,
     Config,
     End,
@@ -56,8 +57,8 @@ from bench.model.events.trouble import (
 _CLASSES: Mapping[str, type[Event]] = {
     model.kind: model
     for model in (
-        Alarm, Answer, ClockStep, Closed, Config, Control, Decision, Disk, End, Environment, Error, Exchange, Gap,
-        Guard, Hold, Inhibit, Interlock, Late, Link, Notify, Overrun, Phase, Preflight, Prompt, Reading, Record,
+        Alarm, Answer, Armed, ClockStep, Closed, Config, Control, Decision, Disk, End, Environment, Error, Exchange,
+        Gap, Guard, Hold, Inhibit, Interlock, Late, Link, Notify, Overrun, Phase, Preflight, Prompt, Reading, Record,
         Reentry, Release, Resume, Retake, Safe, Settled, Skip, Slip, Surroundings, Verdict,
     )
 }  # fmt: skip

@@ -85,6 +85,8 @@ class PromptAlarm(Alarm):
     unit: str
     low: float | None
     high: float | None
+    presence: str = left_out("bench")
+    arms: bool = left_out(False)
 
     def _words(self) -> str:
         return f"somebody must answer: {self.text}"
@@ -344,7 +346,7 @@ class Control(Event):
     """A person has given a command from elsewhere; ``text``: what it was answered with.
 
     ``alarm``: the id of the one that is acknowledged or, ``until_utc_s``, shelved; ``prompt``, ``value``: what is
-    answered.
+    answered. ``place``: where it comes from, "bench" or "afar"; None in a session that does not say it.
     """
 
     kind: ClassVar[str] = "control"
@@ -357,6 +359,7 @@ class Control(Event):
     prompt: str | float | None = left_out()
     value: str | float | None = left_out()
     until_utc_s: float | None = left_out()
+    place: str | None = left_out()
 
     def _words(self) -> str:
         refused = f" (refused: {self.text})" if self.ok is False else ""

@@ -49,9 +49,17 @@ class Prompt(StrictModel):
     """Something only a person can do; waits for the confirmation. ``{name}`` in the text is that variable.
 
     ``sets`` says what the person's act changes on the bench, for example which unit sits on the test board.
+    ``presence: anywhere`` is for what needs no hands, wiring, doors or mounting: it may be answered from elsewhere.
     """
 
     text: Text
     confirm: Literal["operator"] = "operator"
     value: PromptValue | None = None
     sets: Arguments = Field(default_factory=dict)
+    presence: Literal["bench", "anywhere"] = Field("bench", description="where whoever answers has to be")
+
+    @model_validator(mode="after")
+    def _hands(self) -> Prompt:
+        if self.sets and self.presence == "anywhere":
+            raise ValueError("what a person changes ('sets') is done at the bench; leave 'presence: anywhere' out")
+        return self

@@ -33,8 +33,8 @@ from bench.run.context import InUse
 from bench.run.guard.diary import DIARY, read_diary
 from bench.run.guard.guarding import GuardTask, station_lock
 from bench.run.guard.health import CHAMBER_AIR, Health
-from bench.run.hold.standing import drives
 from bench.run.provenance import lab_of, software
+from bench.run.steps.setpoints import drives
 from bench.run.stop import StopSwitch
 
 SAFE_S = 5.0  # how soon after the kill every output must be off

@@ -1,7 +1,8 @@
 """A question that several people may answer: at the terminal of the run, or from anywhere through its control socket.
 
 Whoever gives the first answer that is inside the limits counts; a wrong one is told to who gave it, and may be given
-again. The sequencer waits here, gives its sign of life, and hears a stop within ``POLL_S``.
+again. What concerns hands, wiring, doors or mounting counts from the bench only. The sequencer waits here, gives its
+sign of life, and hears a stop within ``POLL_S``.
 """
 
 from __future__ import annotations
@@ -12,15 +13,17 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
 
+from bench.model.clock import NS
 from bench.model.errors import BenchError, RunError
 from bench.model.events import PromptAlarm
 from bench.model.units import parse_quantity, plain_quantity, plain_unit
 from bench.run.context import RunContext
-from bench.run.control.operator import Answer, Question, judge, limits_of
+from bench.run.control.operator import BENCH, Answer, Question, judge, limits_of
 
 POLL_S = 0.25
 YES = ("y", "yes")
 LARGEST_VALUE = 1e15
+AT_BENCH = "this is answered at the bench: at a terminal there, or on a page opened with the token of the bench"
 
 
 class Terminal(Protocol):
@@ -85,14 +88,18 @@ class WaitingOperator:
             with self._lock:
                 self._open = None
 
-    def propose(self, prompt: str | None, value: object, by: str) -> str:
-        """Return an answer that came through the control socket; what the one who gave it is told. Raises: Refused."""
+    def propose(self, prompt: str | None, value: object, by: str, place: str) -> str:
+        """Take an answer that was given at a ``place``; return what the one who gave it is told. Raises: Refused."""
         with self._lock:
             asked = self._open
             if asked is None or prompt not in (None, asked.id):
                 raise Refused("this is not asked, or not any more")
             if asked.answer is not None:
                 raise Refused(f"answered already by {asked.answer.by}")
+            if asked.question.presence == BENCH and place != BENCH:
+                raise Refused(AT_BENCH)
+            if asked.question.arms and (trouble := self._in_the_way()):
+                raise Refused(f"the bench is not armed: {'; '.join(trouble)}")
             asked.answer = _judged(asked.question, value, by)
             given = asked.answer.value
         return "confirmed" if given is None else f"answered with {plain_quantity(given, asked.question.unit)}"
@@ -105,21 +112,27 @@ class WaitingOperator:
             return None
         return {**_fields(asked), "since_utc_s": utc_s(asked.since_ns)}
 
+    def _in_the_way(self) -> list[str]:
+        context = self._context
+        return [] if context is None else [*context.stop.holds.reasons.values(), *context.in_the_way().values()]
+
     def _announce(self, context: RunContext, asked: _Open) -> None:
         if self._terminal is not None:
             with self._terminal_may_go():
                 self._terminal.ask(asked.question)
-                return
-        value, limits = (" VALUE", f" ({limits_of(asked.question)})") if asked.question.unit else ("", "")
-        context.event(PromptAlarm(**_fields(asked)))
-        context.message(
-            f"waiting for an answer: {asked.question.text}{limits}\n"
-            f"'bench answer {context.folder}{value}' or the live page gives it"
-        )
+        if self._terminal is None or asked.question.arms:  # a hold is not foreseen: nobody may sit there by now
+            context.event(PromptAlarm(**_fields(asked)))
+        if self._terminal is None:
+            context.message(_how(context, asked.question))
 
     def _wait(self, context: RunContext, asked: _Open) -> Answer:
         while asked.answer is None:
             context.stop.check_stop()
+            if context.clock.now_ns() - asked.since_ns > asked.question.limit_s * NS:
+                raise RunError(
+                    "B-RUN-070", f"no answer for more than {asked.question.limit_s:g} s: {asked.question.text}",
+                    where="prompt", next_step="'bench resume SESSION' at the bench",
+                )  # fmt: skip
             line = self._typed(context)
             if line is not None:
                 self._take_typed(asked, line)
@@ -151,7 +164,7 @@ class WaitingOperator:
     def _take_typed(self, asked: _Open, line: str) -> None:
         assert self._terminal is not None
         try:
-            self.propose(asked.id, line.strip(), asked.question.confirm)
+            self.propose(asked.id, line.strip(), asked.question.confirm, BENCH)
         except Refused as why:
             if asked.answer is None:
                 with self._terminal_may_go():
@@ -160,7 +173,18 @@ class WaitingOperator:
 
 
 def _fields(asked: _Open) -> dict[str, Any]:
-    return {"id": asked.id, **asked.question.shown}
+    question = asked.question
+    return {"id": asked.id, **question.shown, "presence": question.presence, "arms": question.arms}
+
+
+def _how(context: RunContext, question: Question) -> str:
+    """Return what whoever reads the log of a run without a terminal is told of a question."""
+    value, limits = (" VALUE", f" ({limits_of(question)})") if question.unit else ("", "")
+    where = "; at the bench only" if question.presence == BENCH else ""
+    return (
+        f"waiting for an answer: {question.text}{limits}\n"
+        f"'bench answer {context.folder}{value}' or the live page gives it{where}"
+    )
 
 
 def _judged(question: Question, value: object, by: str) -> Answer:

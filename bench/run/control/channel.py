@@ -1,8 +1,9 @@
 """Pause, resume, abort, acknowledge, shelve, answer and status of a living run, from another terminal or the live page.
 
 One line of JSON asks, one answers: ``{"command": "pause", "reason": "..."}``. Every command becomes an event "control",
-done or refused, with its result; ``by`` says for whom the one who asks speaks. A pause holds the run for a day at most;
-``resume`` takes back every hold that a person may take back.
+done or refused, with its result; ``by`` says for whom the one who asks speaks, ``place`` whether that one is at the
+bench (anything but "bench" is afar). A pause holds the run for a day at most; ``resume`` takes back every hold that a
+person may take back, from afar only while every interlock is inside its limits.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from bench.model.clock import NS
 from bench.run.context import RunContext
 from bench.run.control.asking import Refused, WaitingOperator
 from bench.run.control.local_socket import ControlServer, forget_socket, socket_path
+from bench.run.control.operator import AFAR, BENCH
 from bench.run.feed.state import RunState
 from bench.run.observers import Following
 
@@ -67,7 +69,10 @@ class Control:
             return _no(f"a reason is one line of at most {LONGEST_REASON} printable characters")
         if not isinstance(name, str) or len(name) > LONGEST_NAME or not name.isprintable():
             return _no(f"'by' is a name of at most {LONGEST_NAME} printable characters")
-        by = f"{name} via {peer}" if name else peer
+        return self._ordered(command, reason.strip(), f"{name} via {peer}" if name else peer, request)
+
+    def _ordered(self, command: str, reason: str, by: str, request: dict[str, Any]) -> dict[str, Any]:
+        """Do a command that is understood, and journal it with what came of it."""
         do: dict[str, Callable[[Mapping[str, Any], str, str], str]] = {
             "pause": self._pause, "resume": self._resume, "abort": self._abort, "acknowledge": self._acknowledge,
             "shelve": self._shelve, "answer": self._answer,
@@ -75,11 +80,11 @@ class Control:
         about = {key: request[key] for key in ABOUT.get(command, ()) if isinstance(request.get(key), str | int | float)}
         if command == "shelve" and _is_number(request.get("seconds")):
             about["until_utc_s"] = self._context.clock.utc_ns() / NS + float(request["seconds"])
-        told = events.Control(what=command, by=by, reason=reason.strip(), **about)
+        told = events.Control(what=command, by=by, reason=reason, place=_place(request), **about)
         try:
             if self._context.stop.over:
                 raise Refusal("the run is ending already, its bench is being made safe")
-            text = do[command](request, reason.strip(), by)
+            text = do[command](request, reason, by)
         except Refusal as why:
             self._refused += 1
             if self._refused <= MOST_REFUSED:
@@ -87,7 +92,7 @@ class Control:
             return _no(str(why))
         self._context.note(replace(told, ok=True, text=text))
         if command in ("pause", "abort"):  # the event comes before what it does
-            self._carry_out(command, reason.strip(), by)
+            self._carry_out(command, reason, by)
         return {"ok": True, "text": text, "holding": bool(self._context.stop.holds.reasons)}
 
     def _carry_out(self, command: str, reason: str, by: str) -> None:
@@ -103,9 +108,13 @@ class Control:
             raise Refusal("the bench is being put away at the end of the run, which is not interrupted")
         return "the run holds at its next check; its stimulus goes off"
 
-    def _resume(self, _: Mapping[str, Any], __: str, ___: str) -> str:
-        released = [by for by in RELEASABLE if self._context.stop.holds.release(by)]
-        still = self._context.stop.holds.reasons
+    def _resume(self, request: Mapping[str, Any], _: str, by: str) -> str:
+        """Take the holds of people back; whoever does so at the bench has armed it for what follows."""
+        holds, at_bench = self._context.stop.holds, _place(request) == BENCH
+        if holds.reasons and not at_bench and (trouble := self._context.in_the_way()):
+            raise Refusal(f"not resumed from afar, an interlock is beyond its limit: {'; '.join(trouble.values())}")
+        released = holds.let_go(RELEASABLE, armed_by=by if at_bench else "")
+        still = holds.reasons
         if not released and not still:
             raise Refusal("the run is not holding")
         return f"still holding: {'; '.join(still.values())}" if still else "the run goes on"
@@ -142,7 +151,7 @@ class Control:
         if not isinstance(prompt, str | None):
             raise Refusal("a prompt is named by its id, a text")
         try:
-            return self._asking.propose(prompt, request.get("value"), by)
+            return self._asking.propose(prompt, request.get("value"), by, _place(request))
         except Refused as why:
             raise Refusal(str(why)) from why
 
@@ -219,6 +228,10 @@ def control(
 def _written(value: Any) -> Any:
     """Return a text as it can be journaled: half a character, of another encoding, keeps no abort back."""
     return value.encode(errors="replace").decode() if isinstance(value, str) else value
+
+
+def _place(request: Mapping[str, Any]) -> str:
+    return BENCH if request.get("place") == BENCH else AFAR
 
 
 def _is_number(value: object) -> bool:

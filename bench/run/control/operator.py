@@ -12,12 +12,17 @@ from bench.model.events import Prompt
 from bench.model.units import plain_quantity, plain_unit
 from bench.plan import PlannedPrompt, Step
 
+BENCH, AFAR = "bench", "afar"
+"""Places that an answer or a command comes from: who is at the bench sees what is switched on, all others do not."""
+
 
 @dataclass(frozen=True)
 class Question:
     """An operator prompt. ``low``/``high`` bound the value asked for; no ``unit`` means a plain confirmation.
 
     ``quantity``: what of the unit under test the value is. Such a value is taken as it is and judged by the analysis.
+    ``presence``: where it may be answered, "bench" or "anywhere".
+    ``arms``: the answer lets the bench be energised again after a hold. ``limit_s``: longest wait for the answer.
     """
 
     text: str
@@ -26,6 +31,9 @@ class Question:
     low: float | None = None
     high: float | None = None
     quantity: str = ""
+    presence: str = BENCH
+    arms: bool = False
+    limit_s: float = math.inf
 
     @property
     def shown(self) -> dict[str, Any]:

@@ -11,6 +11,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from bench.model.events import (
+    Armed,
     Control,
     Deviation,
     End,
@@ -70,7 +71,7 @@ class Alarms:
         match event:
             case Release():
                 self._over(Hold.kind, *self._unsafe)
-            case Prompt():
+            case Prompt() | Armed():
                 self._over("prompt")
             case Interlock(state="released") | Link(state="back") | Deviation(state="over"):
                 self._over(event.topic)

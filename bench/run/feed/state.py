@@ -13,6 +13,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from bench.model.events import (
+    Armed,
     Control,
     End,
     Environment,
@@ -197,9 +198,9 @@ class RunState:
             case StimulusAlarm():
                 self._panel.trouble(event.role, f"{event.code} {event.text}")
             case PromptAlarm() if self._prompt is None:
-                keys = ("id", "text", "confirm", "unit", "low", "high")
+                keys = ("id", "text", "confirm", "unit", "low", "high", "presence", "arms")
                 self._prompt = {**{key: getattr(event, key) for key in keys}, "since_utc_s": t}
-            case Prompt():
+            case Prompt() | Armed():
                 self._prompt = None
             case Environment():
                 self._on_environment(event, t)
@@ -298,7 +299,8 @@ class RunState:
         if self._outcome is not None:
             return None
         if self._prompt is not None:
-            return {"reason": f"answer: {self._prompt['text']}", "since_utc_s": self._prompt["since_utc_s"],
+            reason = self._prompt["text"] if self._prompt.get("arms") else f"answer: {self._prompt['text']}"
+            return {"reason": reason, "since_utc_s": self._prompt["since_utc_s"],
                     "until_utc_s": None, "last": None}  # fmt: skip
         if self._holds:
             return {"reason": "; ".join(self._holds.values()), "since_utc_s": self._hold_since, "until_utc_s": None,

@@ -3,7 +3,7 @@
 Off means: every instrument that drives a stimulus or leads it to the unit is made safe in the station's order (the
 calibrator goes to standby before a relay opens), and so is a table, because somebody may come to it. Supply, clock and
 chamber go on, so that the unit stays warm and its stream is watched; the frames that come meanwhile are recorded like
-any others.
+any others. Before anything is energised or moves again somebody arms the bench (bench.run.hold.arming).
 
 An instrument that has fallen silent is waited for, instead of ending the run in the night. The bus session has climbed
 its whole ladder by then. Only one outside the stimulus is waited for: when the calibrator or the switch cannot be told
@@ -15,9 +15,9 @@ from __future__ import annotations
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError, RunError
 from bench.model.events import Hold, HoldAlarm, Release, StimulusAlarm, by_instrument
-from bench.model.ports import Effect, actions_of
 from bench.run.context import RunContext
-from bench.run.steps.setpoints import can_move
+from bench.run.hold.arming import arm
+from bench.run.steps.setpoints import goes_off
 from bench.run.stop import Wish
 
 SILENT = ("B-INST-001", "B-INST-003", "B-INST-004")  # no answer, the bus failed, a reply that is not understood
@@ -28,7 +28,6 @@ POLL_S = 0.25
 AGAIN_S = 2.0  # between two attempts to switch a stimulus off
 UNSAFE_LIMIT_S = 1800.0
 ALARM_S = 600.0  # a person should look after this long
-_STIMULUS = (Effect.STIMULUS_ON, Effect.ROUTE)
 
 
 def wish_to_wait(context: RunContext, error: InstrumentError, role: str, held_before: int) -> Wish:
@@ -63,18 +62,35 @@ def ask_again(context: RunContext) -> None:
             context.stop.holds.release(by_instrument(role))
 
 
-def stand_still(context: RunContext, wish: Wish, step: int) -> int:
+def stand_still(context: RunContext, wish: Wish, step: int, first: int) -> int:
     """Switch the stimulus off and wait until the last reason to hold is gone; returns how long, ns.
 
-    An instrument of the stimulus that cannot be told to be safe is told again and again; nothing goes on before.
+    An instrument of the stimulus that cannot be told to be safe is told again and again; nothing goes on before. Then
+    the interlocks are read once more, and somebody arms the bench for what is energised from step ``first`` on.
     Raises: RunError B-RUN-070 when it lasts longer than the limit of a reason; OperatorStop; the fault of another
     thread.
     """
     began_ns = context.clock.now_ns()
     context.event(Hold(step=step, by=wish.by, reason=wish.reason))
-    driven = [role for role in context.plan.station.safe_order if _goes_off(type(context.instruments.get(role)))]
-    driven, tried_s, alarmed = _still_driven(context, driven, step), 0.0, False
-    asked_ns = began_ns
+    off = [role for role in context.plan.station.safe_order if goes_off(type(context.instruments.get(role)))]
+    driven = _still_driven(context, off, step)
+    armed = False
+    while not armed:
+        _until_nothing_holds(context, driven, step, began_ns)
+        driven = []
+        context.look_again()
+        armed = not context.stop.holds.reasons and arm(context, step, first)
+    held_ns = context.clock.now_ns() - began_ns
+    context.event(Release(step=step, seconds=held_ns / NS))
+    return held_ns
+
+
+def _until_nothing_holds(context: RunContext, driven: list[str], step: int, began_ns: int) -> None:
+    """Wait until there is no reason to hold and nothing is driven any more.
+
+    Args: driven: instruments of the stimulus that are not confirmed safe yet.   began_ns: when the run stopped.
+    """
+    tried_s, alarmed, asked_ns = 0.0, False, began_ns
     while (reasons := context.stop.holds.reasons) or driven:
         context.stop.check_stop()
         held_s = (context.clock.now_ns() - began_ns) / NS
@@ -91,9 +107,6 @@ def stand_still(context: RunContext, wish: Wish, step: int) -> int:
             ask_again(context)
             asked_ns = context.clock.now_ns()
         context.clock.sleep(POLL_S)
-    held_ns = context.clock.now_ns() - began_ns
-    context.event(Release(step=step, seconds=held_ns / NS))
-    return held_ns
 
 
 def _still_driven(context: RunContext, roles: list[str], step: int) -> list[str]:
@@ -116,12 +129,3 @@ def _too_long(by: str, reason: str, limit_s: float) -> RunError:
         where=by,
         next_step="remove the cause, then 'bench resume SESSION'",
     )
-
-
-def _goes_off(driver: type) -> bool:
-    return drives(driver) or can_move(actions_of(driver))
-
-
-def drives(driver: type) -> bool:
-    """Return True for an instrument that drives a stimulus or leads it to the unit."""
-    return any(action.effect in _STIMULUS for action in actions_of(driver).values())

@@ -56,7 +56,7 @@ def _settle(context: RunContext, step: PlannedSettle) -> None:
 
 def _prompt(context: RunContext, step: PlannedPrompt) -> None:
     """Ask the operator; the answer is recorded and judged, and a simulated bench is changed as the person did it."""
-    question = Question(step.text, step.confirm, step.unit, step.low, step.high, step.quantity)
+    question = Question(step.text, step.confirm, step.unit, step.low, step.high, step.quantity, step.presence)
     asked_ns = context.clock.now_ns()
     with context.stop.at_once():
         answer = context.operator.ask(question)

@@ -29,6 +29,7 @@ _OFF = ("output_off", "standby", "stop", "open_all")
 _SWITCHES = (*_ON, *_OFF, "route")  # of two of one instrument the later counts
 
 Readings = dict[str, dict[str, Any]]
+_STIMULUS = (Effect.STIMULUS_ON, Effect.ROUTE)
 _MOVE, _TURN, _SPIN = "move", "turn", "spin"
 _STOP = "stop"
 
@@ -177,6 +178,16 @@ def _settles(steps: Sequence[Step], at: int) -> list[Step]:
 def can_move(actions: Mapping[str, Action]) -> bool:
     """Return whether an instrument with these actions is a table."""
     return any(action.effect is Effect.MOTION_ON for action in actions.values())
+
+
+def goes_off(driver: type) -> bool:
+    """Return True for an instrument that a hold makes safe: it drives a stimulus or leads it to the unit, or moves."""
+    return drives(driver) or can_move(actions_of(driver))
+
+
+def drives(driver: type) -> bool:
+    """Return True for an instrument that drives a stimulus or leads it to the unit."""
+    return any(action.effect in _STIMULUS for action in actions_of(driver).values())
 
 
 def is_motion(step: Step) -> bool:

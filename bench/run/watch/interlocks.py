@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Literal
@@ -18,6 +19,7 @@ from bench.run.stop import Wish, guarded
 from bench.run.watch.signals import RateStep, WatchedSignals, leaves_the_bus
 
 Change = Literal["tripped", "stale", "released", "lasting"]
+RATE_STEP = "rate_step"
 LASTING_S = 2.0  # a glitch is over by then
 LOOK_WALL_S, LOOK_VIRTUAL_S = 1.0, 30.0
 ASK_WALL_S, ASK_VIRTUAL_S = 60.0, 300.0  # a rehearsal of 38 hours must not spend its time on these
@@ -56,14 +58,14 @@ class InterlockState:
         if stale_s is None or self.tripped or t_ns - self._read_ns <= stale_s * NS:
             return self._lasting(t_ns) if self.tripped else None
         self.value = math.nan
-        return self._trip(t_ns, "stale")
+        return self.trip(t_ns, "stale")
 
     def _while_well(self, t_ns: int, value: float) -> Change | None:
         if not self.rule.beyond(value):
             self._beyond_ns = None
             return None
         self._beyond_ns = t_ns if self._beyond_ns is None else self._beyond_ns
-        return self._trip(t_ns, "tripped") if t_ns - self._beyond_ns >= self.rule.dwell_s * NS else None
+        return self.trip(t_ns, "tripped") if t_ns - self._beyond_ns >= self.rule.dwell_s * NS else None
 
     def _while_tripped(self, t_ns: int, value: float) -> Change | None:
         if not self.rule.back(value):
@@ -75,7 +77,8 @@ class InterlockState:
         self.tripped, self._beyond_ns, self._back_ns = False, None, None
         return "released"
 
-    def _trip(self, t_ns: int, change: Change) -> Change:
+    def trip(self, t_ns: int, change: Change) -> Change:
+        """Trip now, dwell or not; returns ``change``."""
         self.tripped, self._back_ns = True, None
         self._lasting_ns = t_ns + round(max(self.rule.dwell_s, LASTING_S) * NS)
         return change
@@ -103,22 +106,41 @@ class InterlockWatch:
         self.signals = WatchedSignals(context, rules)
         self._context = context
         self._states = [InterlockState(rule, now_ns) for rule in rules]
+        self._asking, self._judging = threading.Lock(), threading.Lock()  # a slow instrument delays no judgement
 
     @property
     def tripped(self) -> dict[str, str]:
         """Sentences on all that is beyond its limit now, by name of the interlock."""
         return {state.rule.name: _sentence(state) for state in self._states if state.tripped}
 
+    def in_the_way(self) -> dict[str, str]:
+        """Return sentences on what is beyond its limit by its newest reading, dwell or not, but for mere warnings."""
+        kept = (state for state in self._states if state.rule.action != "warn")
+        return {state.rule.name: _sentence(state) for state in kept if state.tripped or _is_beyond(state)}
+
+    def look_again(self) -> None:
+        """Read the instruments anew; what is beyond its limit holds the run at once, until its value is back."""
+        with self._asking:
+            self.signals.ask()
+        with self._judging:
+            self._judge()
+            for state in self._states:
+                if state.rule.action not in ("warn", "abort") and not state.tripped and _is_beyond(state):
+                    self._changed(state, state.trip(self._context.clock.now_ns(), "tripped"), "hold")
+
     def take(self) -> None:
         """Look at the streams and judge every interlock; nothing is judged any more once the bench is made safe."""
-        if self._context.stop.over:
-            return
+        if not self._context.stop.over:
+            with self._judging:
+                self._judge()
+
+    def _judge(self) -> None:
         self.signals.look()
         now_ns = self._context.clock.now_ns()
         for state in self._states:
             change = state.take(now_ns, self.signals.value(state.rule))
             if change is not None:
-                self._changed(state, change)
+                self._changed(state, change, state.rule.action)
 
     def ask(self) -> None:
         """Read the instruments that interlocks need, when it is time and the steps leave the bus alone for a while."""
@@ -127,10 +149,10 @@ class InterlockWatch:
         free = overdue > self._period_ns or leaves_the_bus(self._context, self._following)
         if overdue >= 0 and not self._context.stop.over and free:
             self._ask_ns = now_ns + self._period_ns
-            self.signals.ask()
+            with self._asking:
+                self.signals.ask()
 
-    def _changed(self, state: InterlockState, change: Change) -> None:
-        action = state.rule.action
+    def _changed(self, state: InterlockState, change: Change, action: Action) -> None:
         if change == "lasting":
             if action not in ("retake", "skip"):
                 return
@@ -165,6 +187,11 @@ class InterlockWatch:
         )
 
 
+def _is_beyond(state: InterlockState) -> bool:
+    """Return whether the newest reading is; that of a record says nothing of a run that stands still."""
+    return state.rule.signal != RATE_STEP and state.rule.beyond(state.value)
+
+
 def _sentence(state: InterlockState) -> str:
     rule = state.rule
     name = f"{rule.signal} of {rule.of}" if rule.of else rule.signal
@@ -178,7 +205,8 @@ def _sentence(state: InterlockState) -> str:
 def interlocks(context: RunContext, rules: Sequence[InterlockRule], following: Following) -> Iterator[InterlockWatch]:
     """Watch the interlocks while the run goes on, under either clock."""
     watch = InterlockWatch(rules, context, following)
-    if any(rule.signal == "rate_step" for rule in rules):
+    context.in_the_way, context.look_again = watch.in_the_way, watch.look_again
+    if any(rule.signal == RATE_STEP for rule in rules):
         _watch_records(watch, context)
     look_s = LOOK_VIRTUAL_S if context.clock.virtual else LOOK_WALL_S
     running = [
@@ -209,4 +237,4 @@ class _RateOfRecords(Observer):
         self._watch, self._steps = watch, steps
 
     def record(self, row: RecordRow) -> None:
-        self._watch.signals.put("rate_step", self._steps.of(row))
+        self._watch.signals.put(RATE_STEP, self._steps.of(row))

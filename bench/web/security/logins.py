@@ -18,7 +18,7 @@ from starlette.requests import cookie_parser
 
 from bench.model.clock import NS, Clock
 from bench.model.posix import NO_LINK
-from bench.web.security.tokens import OPERATOR, VIEWER, Tokens
+from bench.web.security.tokens import BENCH, ROLES, VIEWER, Tokens
 
 VALID_S = 7 * 86_400  # longer than any run
 AHEAD_S = 86_400  # a cookie may come from the future, because clocks are set back, but not from afar
@@ -29,7 +29,8 @@ LOGOUTS = "serve.logouts"
 
 @dataclass(frozen=True)
 class Login:
-    """One login of a person: ``id`` differs from login to login, ``role`` is viewer or operator."""
+    """One login of a person: ``id`` differs from login to login, ``role`` is viewer, operator, or bench: an operator
+    whose page was opened at the bench."""
 
     name: str
     role: str
@@ -37,7 +38,12 @@ class Login:
 
     @property
     def may_command(self) -> bool:
-        return self.role == OPERATOR
+        return self.role != VIEWER
+
+    @property
+    def place(self) -> str:
+        """Return where commands of this login come from, by its token alone: "bench" or "afar"."""
+        return "bench" if self.role == BENCH else "afar"
 
 
 class LoggedOut:
@@ -109,7 +115,7 @@ class Cookies:
         except (BadData, ValueError, TypeError):
             return None
         age_s = self._clock.utc_ns() // NS - signed.timestamp()
-        if not -AHEAD_S <= age_s <= VALID_S or role not in (VIEWER, OPERATOR) or login_id in self._logged_out:
+        if not -AHEAD_S <= age_s <= VALID_S or role not in ROLES or login_id in self._logged_out:
             return None
         return Login(name, role, login_id)
 

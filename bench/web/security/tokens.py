@@ -22,7 +22,8 @@ from bench.model.clock import NS, Clock
 from bench.model.errors import InputError
 from bench.model.posix import NO_LINK, is_own
 
-VIEWER, OPERATOR = "viewer", "operator"
+VIEWER, OPERATOR, BENCH = "viewer", "operator", "bench"
+ROLES = (VIEWER, OPERATOR, BENCH)
 FILE = "serve.json"
 TOKEN_BYTES = 24
 _OTHERS_USE = stat.S_IRWXG | stat.S_IRWXO
@@ -38,13 +39,14 @@ class Tokens:
     salt: str
     viewer: str
     operator: str
+    bench: str
     cookie_key: str
 
     def role_of(self, token: str) -> str | None:
         """Return role that a token opens, None for a wrong one; takes as long whatever the token is."""
         given = _hash(self.salt, token)
-        is_viewer, is_operator = (hmac.compare_digest(given, kept) for kept in (self.viewer, self.operator))
-        return OPERATOR if is_operator else VIEWER if is_viewer else None
+        fits = {role: hmac.compare_digest(given, getattr(self, role)) for role in ROLES}
+        return next((role for role in ROLES if fits[role]), None)
 
 
 def private_folder() -> Path:
@@ -70,12 +72,12 @@ def obtain_tokens(folder: Path, rotate: bool = False) -> tuple[Tokens, dict[str,
             place.mkdir(mode=0o700, parents=True, exist_ok=True)
         _refuse_open_folder(folder)
         if not rotate and os.path.lexists(path):
-            return _read(path), {}
-        clear = {role: secrets.token_urlsafe(TOKEN_BYTES) for role in (VIEWER, OPERATOR)}
+            return _kept(path)
+        clear = {role: secrets.token_urlsafe(TOKEN_BYTES) for role in ROLES}
         salt = secrets.token_hex(16)
         hashes = {role: _hash(salt, token) for role, token in clear.items()}
-        made = Tokens(salt, hashes[VIEWER], hashes[OPERATOR], secrets.token_hex(32))
-        return (made, clear) if _write(path, made, rotate) else (_read(path), {})
+        made = Tokens(salt=salt, cookie_key=secrets.token_hex(32), **hashes)
+        return (made, clear) if _write(path, made, rotate) else _kept(path)
     except OSError as error:
         raise _unusable(path, error.strerror or str(error)) from error
 
@@ -105,7 +107,18 @@ def _write(path: Path, tokens: Tokens, replace: bool) -> bool:
         draft.unlink(missing_ok=True)
 
 
-def _read(path: Path) -> Tokens:
+def _kept(path: Path) -> tuple[Tokens, dict[str, str]]:
+    """Return the tokens of a file; one of an earlier version, without the bench's, gets it, which is told in clear."""
+    clear = {BENCH: secrets.token_urlsafe(TOKEN_BYTES)}
+    tokens, is_whole = _read(path, clear[BENCH])
+    if is_whole:
+        return tokens, {}
+    _write(path, tokens, replace=True)
+    return tokens, clear
+
+
+def _read(path: Path, bench_token: str) -> tuple[Tokens, bool]:
+    """Return the tokens of a file, and whether that of the bench, else ``bench_token``, is among them."""
     with os.fdopen(os.open(path, os.O_RDONLY | NO_LINK), encoding="utf-8") as file:
         status = os.fstat(file.fileno())
         if not is_own(status, _OTHERS_USE):
@@ -115,8 +128,11 @@ def _read(path: Path) -> Tokens:
             advice = "'chmod 600' it if nobody has read it, else 'bench serve --rotate' makes new tokens"
             raise InputError("B-WEB-006", message, where=str(path), next_step=advice)
         try:
-            kept = json.load(file)
-            return Tokens(**{name: _hexadecimal(kept[name]) for name in Tokens.__dataclass_fields__})
+            kept = {**json.load(file)}
+            is_whole = BENCH in kept
+            if not is_whole:
+                kept[BENCH] = _hash(kept["salt"], bench_token)
+            return Tokens(**{name: _hexadecimal(kept[name]) for name in Tokens.__dataclass_fields__}), is_whole
         except (ValueError, KeyError, TypeError) as error:
             raise _unusable(path, f"not what 'bench serve' wrote ({error})") from error
 

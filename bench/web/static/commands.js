@@ -1,7 +1,7 @@
 // Commands of an operator, the lease, and the answer of the run. What is not answered is said to be unknown.
 import { byId, say } from "./dom.js";
 import { person, post } from "./post.js";
-import { ended, freshness, holdsLease, isReplay, mayCommand, page } from "./state.js";
+import { ended, freshness, holdsLease, isOperator, isReplay, mayCommand, page } from "./state.js";
 import { t } from "./texts.js";
 
 const listeners = [];
@@ -24,7 +24,8 @@ export async function command(words) {
   return reply;
 }
 
-async function lease(take) {
+/** Takes the command, or gives it up. */
+export async function lease(take) {
   const reply = await post("/api/v1/operator", { take });
   showReply(reply);
   if (reply.ok) { page.state = { ...page.state, operator: reply.said.operator ?? null }; await ask(); }
@@ -47,7 +48,7 @@ async function ask() {
 
 /** What can be asked for now; buttons that would be refused are dead. */
 export function showCommands() {
-  const operator = page.person.role === "operator";
+  const operator = isOperator();
   byId("commands").hidden = isReplay() || ended() || !page.everConnected;
   for (const id of ["pause", "resume", "abort"]) { byId(id).hidden = !operator; byId(id).disabled = !mayCommand(); }
   byId("pause").disabled ||= page.state.state === "holding";

@@ -1,7 +1,7 @@
 // Questions of the run: a dialog beside the page, not in front of it. Closing it answers nothing and stops nothing.
 import { byId, say } from "./dom.js";
-import { command, onMayCommand } from "./commands.js";
-import { isReplay, mayCommand, page } from "./state.js";
+import { command, lease, onMayCommand } from "./commands.js";
+import { holdsLease, isOperator, isReplay, mayCommand, page } from "./state.js";
 import { t } from "./texts.js";
 
 let shown = null; // id of the question the dialog is about
@@ -21,20 +21,34 @@ function asked() {
   return { ...prompt, unit: "%", low: percent(prompt.low), high: percent(prompt.high) };
 }
 
+/** Whether this is answered at the bench, and this page was not opened there. The run decides; this only says so. */
+const isElsewhere = ({ presence }) => presence === "bench" && page.person.role !== "bench";
+
+/** What keeps this person from answering, and what they can do about it: nothing at all, or take the command. */
+function showMay(prompt) {
+  const elsewhere = isElsewhere(prompt), may = !elsewhere && mayCommand();
+  say(byId("prompt-cannot"), elsewhere ? t("prompt.at-bench") : may ? "" : t("prompt.not-operator"));
+  byId("prompt-cannot").hidden = may;
+  byId("prompt-field").hidden = !prompt.unit || elsewhere;
+  byId("prompt-go").hidden = elsewhere;
+  byId("prompt-go").disabled = !may;
+  byId("prompt-take").hidden = elsewhere || may || !isOperator() || holdsLease();
+}
+
 export function showPrompt() {
   const prompt = asked();
   const open = Boolean(prompt) && !isReplay();
   byId("show-prompt").hidden = !open;
   if (!open) { shown = null; byId("prompt").close(); return; }
+  say(byId("prompt-title"), t(prompt.arms ? "prompt.arm-title" : "prompt.title"));
   say(byId("prompt-text"), prompt.text);
   say(byId("prompt-limits"), prompt.unit ? limits(prompt) : "");
-  byId("prompt-field").hidden = !prompt.unit;
-  byId("prompt-form").querySelector(".main").disabled = !mayCommand();
-  if (!mayCommand()) say(byId("prompt-trouble"), t("prompt.not-operator"));
-  else if (byId("prompt-trouble").textContent === t("prompt.not-operator")) say(byId("prompt-trouble"), "");
+  say(byId("prompt-go"), t(prompt.arms ? "prompt.arm" : "prompt.answer"));
+  showMay(prompt);
   if (shown !== prompt.id) {
     shown = prompt.id;
     byId("prompt-value").value = "";
+    say(byId("prompt-trouble"), "");
     byId("prompt").show();
   }
 }
@@ -51,6 +65,7 @@ function answer({ unit, low, high }) {
 
 export function wirePrompt() {
   byId("prompt-close").addEventListener("click", () => byId("prompt").close());
+  byId("prompt-take").addEventListener("click", () => lease(true));
   byId("show-prompt").addEventListener("click", () => { byId("prompt").close(); byId("prompt").show(); byId("prompt-value").focus(); });
   byId("prompt-form").addEventListener("submit", async (event) => {
     event.preventDefault();

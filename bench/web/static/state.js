@@ -42,9 +42,12 @@ export function freshness() {
   return age_s() > OLD_AFTER_s ? "old" : "fresh";
 }
 
+/** True for a person with a token that commands: an operator, or whoever is at the bench. */
+export const isOperator = () => page.person.role !== "viewer";
+
 /** True if this person may command now: operator, holding the command, at a living run that answers. */
 export function mayCommand() {
-  return page.person.role === "operator" && !isReplay() && !ended() && freshness() === "fresh" && holdsLease();
+  return isOperator() && !isReplay() && !ended() && freshness() === "fresh" && holdsLease();
 }
 
 export function holdsLease() {

@@ -68,7 +68,7 @@ class PageServer:
         )
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            for role in ("viewer", "operator"):
+            for role in ("viewer", "operator", "bench"):
                 if line.startswith(f"{role} token:"):
                     self.tokens[role] = line.partition(": ")[2].strip()
             if line.startswith("Ctrl-C"):

@@ -16,7 +16,16 @@ from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import InputError
 from bench.web.security.audit import Audit
 from bench.web.security.logins import LOGOUTS, VALID_S, Cookies, LoggedOut, Login, clean_name
-from bench.web.security.tokens import FILE, MOST_IN_ALL, OPERATOR, VIEWER, LoginLimit, obtain_tokens, private_folder
+from bench.web.security.tokens import (
+    BENCH,
+    FILE,
+    MOST_IN_ALL,
+    OPERATOR,
+    VIEWER,
+    LoginLimit,
+    obtain_tokens,
+    private_folder,
+)
 
 KIM = Login("kim", OPERATOR, "0123456789abcdef")
 
@@ -211,7 +220,7 @@ def mode(path: Path) -> int:
 def test_made_once_and_kept_hashed(tmp_path: Path) -> None:
     folder = tmp_path / "a" / "inertial-bench"
     tokens, clear = obtain_tokens(folder)
-    assert set(clear) == {VIEWER, OPERATOR}
+    assert set(clear) == {VIEWER, OPERATOR, BENCH}
     assert all(len(token) >= 32 for token in clear.values())
     assert (mode(folder), mode(folder / FILE)) == (0o700, 0o600)
     kept = (folder / FILE).read_text()
@@ -225,6 +234,7 @@ def test_a_token_opens_its_role_and_nothing_else_does(tmp_path: Path) -> None:
     tokens, clear = obtain_tokens(tmp_path / "a")
     assert tokens.role_of(clear[VIEWER]) == VIEWER
     assert tokens.role_of(clear[OPERATOR]) == OPERATOR
+    assert tokens.role_of(clear[BENCH]) == BENCH
     for wrong in ("", clear[VIEWER][:-1], clear[VIEWER] + "x", tokens.viewer, tokens.operator, "\ud800", "0" * 100_000):
         assert tokens.role_of(wrong) is None
 
@@ -278,6 +288,21 @@ def test_a_file_that_is_none_of_ours_b_web_007(tmp_path: Path, content: str) -> 
         obtain_tokens(tmp_path / "a")
     assert raised.value.code == "B-WEB-007"
     assert "--rotate" in raised.value.next_step
+
+
+def test_a_file_of_before_gets_a_token_of_the_bench_and_keeps_the_others(tmp_path: Path) -> None:
+    tokens, clear = obtain_tokens(tmp_path / "a")
+    path = tmp_path / "a" / FILE
+    kept = json.loads(path.read_text())
+    del kept["bench"]
+    path.write_text(json.dumps(kept))
+    found, new = obtain_tokens(tmp_path / "a")
+    assert [found.role_of(clear[role]) for role in (VIEWER, OPERATOR, BENCH)] == [VIEWER, OPERATOR, None]
+    assert list(new) == [BENCH]
+    assert found.role_of(new[BENCH]) == BENCH
+    assert found.cookie_key == tokens.cookie_key  # nobody is logged out
+    assert mode(path) == 0o600
+    assert obtain_tokens(tmp_path / "a") == (found, {})
 
 
 def test_an_emptied_hash_opens_nothing(tmp_path: Path) -> None:

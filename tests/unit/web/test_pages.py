@@ -53,7 +53,7 @@ FAMILIES = {
     "link.state": {"waiting", "streaming", "stale", "silent", "lost"},
     "verdict": {"pass", "fail", "conditional_pass", "conditional_fail", "indeterminate", "none"},
     "quality": {"doubtful", "refused"},
-    "role": {"viewer", "operator"},
+    "role": {"viewer", "operator", "bench"},
 }
 GRAPHS = [{"title": "Gyros", "unit": "pulse", "signals": [f"port_a.npp[{n}]" for n in range(1, 11)], "window_s": 60}]
 

@@ -101,7 +101,7 @@ def test_tokens_are_printed_once_and_the_end_is_quiet(tmp_path: Path) -> None:
     assert not [token for token in re.findall(r"token: (\S+)", said) if token in kept]
     with started(tmp_path, "--rotate") as (_, rotated):
         new = re.findall(r"token: (\S+)", rotated)
-        assert len(new) == 2
+        assert len(new) == 3
         assert set(new).isdisjoint(re.findall(r"token: (\S+)", said))
 
 

@@ -14,7 +14,7 @@ from bench.model.clock import VirtualClock, WallClock
 from bench.run.control.local_socket import ControlServer, socket_path
 from bench.web.command_request import MOST_KEPT
 from bench.web.security.logins import AWAY_S, Lease, Login
-from bench.web.security.tokens import OPERATOR, VIEWER
+from bench.web.security.tokens import BENCH, OPERATOR, VIEWER
 
 KIM, LEE = Login("kim", OPERATOR, "1"), Login("lee", OPERATOR, "2")
 
@@ -75,7 +75,9 @@ def test_a_command_reaches_the_run_with_who_and_why(page: Page, run: Run) -> Non
     take(page)
     answer = send(page, "pause", reason=" door opened ")
     assert (answer.status, answer.json) == (200, {"id": "1", "ok": True, "text": "the run holds"})
-    assert run.asked == [{"command": "pause", "reason": "door opened", "by": "kim, operator, 127.0.0.1"}]
+    assert run.asked == [
+        {"command": "pause", "reason": "door opened", "by": "kim, operator, 127.0.0.1", "place": "afar"}
+    ]
     line = page.audit()[-1]
     del line["t_utc"]
     assert line == {
@@ -100,7 +102,7 @@ def test_every_command_has_its_words(page: Page, run: Run) -> None:
     send(page, "answer", "4", prompt="7", value=23.5)
     send(page, "answer", "5", prompt="7", value=None)
     for one in run.asked:
-        del one["by"]
+        del one["by"], one["place"]
     assert run.asked == [
         {"command": "resume", "reason": ""},
         {"command": "abort", "reason": "unit needed"},
@@ -115,6 +117,19 @@ def test_a_long_reason_in_any_script_fits_into_a_line_of_the_run(page: Page, run
     for number, letter in enumerate(("a", "é", "문", "𝔄", '"')):
         assert send(page, "pause", str(number), reason=letter * 500).json["ok"]
         assert run.asked[-1]["reason"] == letter * 500
+
+
+def test_only_the_token_says_who_is_at_the_bench(page: Page, run: Run) -> None:
+    take(page)
+    send(page, "answer", "1", prompt="7", value=True, place="bench")  # a browser may say what it wants
+    take(page, "lee", BENCH)
+    document = {"id": "2", "run": RUN, "command": "answer", "prompt": "7", "value": True}
+    assert page.post("/api/v1/commands", BENCH, document, name="lee").status == 200
+    assert [(one["by"], one["place"]) for one in run.asked] == [
+        ("kim, operator, 127.0.0.1", "afar"), ("lee, bench, 127.0.0.1", "bench"),
+    ]  # fmt: skip
+    assert page.audit()[-1]["role"] == "bench"
+    assert page.ask("GET", "/api/v1/session", page.cookie(BENCH, "lee")).json["role"] == "bench"
 
 
 def test_what_the_run_refuses_is_passed_on(page: Page, run: Run) -> None:

@@ -19,9 +19,9 @@ from bench.commands.conducting import Aside, StdinTerminal, terminal_here
 from bench.model import posix
 from bench.model.clock import WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError, OperatorStop, RunError
-from bench.run.control.asking import Refused, WaitingOperator
+from bench.run.control.asking import AT_BENCH, Refused, WaitingOperator
 from bench.run.control.channel import control
-from bench.run.control.operator import Answer, Question, limits_of
+from bench.run.control.operator import AFAR, BENCH, Answer, Question, limits_of
 from bench.run.observers import Following
 
 OHMS = Question("resistance?", unit="ohm", high=0.5)
@@ -73,11 +73,11 @@ def test_the_terminal_may_answer_again_until_it_counts(tmp_path: Path) -> None:
 def test_another_one_answers_first_and_the_terminal_is_told(tmp_path: Path) -> None:
     typist = Typist()
     _, _, operator = waiting(tmp_path, typist)
-    typist.act = lambda: operator.propose("1", 0.25, "kim via root (process 1)")
+    typist.act = lambda: operator.propose("1", 0.25, "kim via root (process 1)", BENCH)
     assert operator.ask(OHMS) == Answer("kim via root (process 1)", 0.25)
     assert typist.said == ["resistance?", "answered by kim via root (process 1)"]
     with pytest.raises(Refused, match="not asked"):
-        operator.propose("1", 0.25, "lee")
+        operator.propose("1", 0.25, "lee", BENCH)
 
 
 def test_only_the_first_answer_counts_and_a_wrong_one_changes_nothing(tmp_path: Path) -> None:
@@ -88,21 +88,38 @@ def test_only_the_first_answer_counts_and_a_wrong_one_changes_nothing(tmp_path: 
         for prompt, value in (("2", 0.1), (None, 0.6), (None, "0.6 ohm"), (None, ""), (None, True), (None, None),
                               (None, float("nan")), (None, [1]), (None, 10**400), (None, float("-inf"))):  # fmt: skip
             with pytest.raises(Refused) as why:
-                operator.propose(prompt, value, "kim")
+                operator.propose(prompt, value, "kim", BENCH)
             refused.append(str(why.value))
         assert operator.document(lambda t_ns: 5.0) == {
             "id": "1", "text": "resistance?", "confirm": "operator", "unit": "ohm", "low": None, "high": 0.5,
-            "since_utc_s": 5.0,
+            "presence": "bench", "arms": False, "since_utc_s": 5.0,
         }  # fmt: skip
-        assert operator.propose(None, "0.1 ohm", "kim") == "answered with 0.1 ohm"
+        assert operator.propose(None, "0.1 ohm", "kim", BENCH) == "answered with 0.1 ohm"
         assert operator.document(lambda t_ns: 5.0) is None
         with pytest.raises(Refused, match="answered already by kim"):
-            operator.propose("1", 0.2, "lee")
+            operator.propose("1", 0.2, "lee", BENCH)
 
     typist.act = act
     assert operator.ask(OHMS) == Answer("kim", 0.1)
     assert len(refused) == 10
     assert refused[-1] == refused[-2] == "a finite number is due"
+
+
+@pytest.mark.parametrize("presence", ["bench", "anywhere"])
+def test_hands_are_needed_at_the_bench(tmp_path: Path, presence: str) -> None:
+    typist, replies = Typist(), []
+    _, _, operator = waiting(tmp_path, typist)
+
+    def act() -> None:
+        try:
+            replies.append(operator.propose("1", True, "kim", AFAR))
+        except Refused as why:
+            replies.append(str(why))
+            operator.propose("1", True, "lee", BENCH)
+
+    typist.act = act
+    answer = operator.ask(Question("clear to go on?", presence=presence))
+    assert (answer.by, replies) == {"bench": ("lee", [AT_BENCH]), "anywhere": ("kim", ["confirmed"])}[presence]
 
 
 @pytest.mark.parametrize("value", [None, True, "yes", " Y "])
@@ -113,8 +130,8 @@ def test_a_confirmation_from_elsewhere(tmp_path: Path, value: object) -> None:
     def act() -> None:
         for wrong in (False, "no", 3, ""):
             with pytest.raises(Refused, match="a confirmation is 'yes'"):
-                operator.propose("1", wrong, "kim")
-        assert operator.propose("1", value, "kim") == "confirmed"
+                operator.propose("1", wrong, "kim", BENCH)
+        assert operator.propose("1", value, "kim", BENCH) == "confirmed"
 
     typist.act = act
     assert operator.ask(DOOR) == Answer("kim")
@@ -144,7 +161,7 @@ def test_nobody_can_ever_answer(tmp_path: Path) -> None:
 def test_without_a_terminal_it_says_how_to_answer_tells_people_and_waits(tmp_path: Path) -> None:
     rig, context, operator = waiting(tmp_path, None)
     operator.reachable = True
-    rig.at(3.0, lambda: operator.propose("1", 0.5, "kim"))
+    rig.at(3.0, lambda: operator.propose("1", 0.5, "kim", BENCH))
     assert operator.ask(OHMS) == Answer("kim", 0.5)
     assert rig.clock.now_ns() >= 3_000_000_000
     (message,) = rig.listener.messages
@@ -157,7 +174,7 @@ def test_without_a_terminal_it_says_how_to_answer_tells_people_and_waits(tmp_pat
 def test_a_terminal_that_hangs_up_leaves_it_to_the_others(tmp_path: Path) -> None:
     rig, _, operator = waiting(tmp_path, Typist(OSError(5, "hung up")))
     operator.reachable = True
-    rig.at(3.0, lambda: operator.propose("1", None, "kim"))
+    rig.at(3.0, lambda: operator.propose("1", None, "kim", BENCH))
     assert operator.ask(DOOR) == Answer("kim")
 
 
@@ -168,7 +185,7 @@ def test_a_terminal_that_has_gone_before_the_question_is_not_missed(tmp_path: Pa
 
     rig, context, operator = waiting(tmp_path, Gone())
     operator.reachable = True
-    rig.at(3.0, lambda: operator.propose("1", None, "kim"))
+    rig.at(3.0, lambda: operator.propose("1", None, "kim", BENCH))
     assert operator.ask(DOOR) == Answer("kim")
     assert len(rig.events("alarm")) == 1  # told to the others instead
     assert context is not None
@@ -187,6 +204,24 @@ def test_the_end_of_a_terminal_is_not_its_refusal(monkeypatch: pytest.MonkeyPatc
         os.close(ours)
         with pytest.raises(OSError, match=r"hung up|Input/output error"):
             terminal.line(5.0)
+
+
+def test_bench_answer_through_ssh_is_from_afar(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig, context, operator = waiting(tmp_path, None)
+    context.plan.duration_s = context.plan.prepare_s = context.plan.finally_s = 0.0
+    context.plan.record_count = 0
+    context.clock = WallClock()
+    with control(context, Following(context.observers), dict, None, operator):
+        thread = threading.Thread(target=lambda: operator.ask(DOOR))
+        thread.start()
+        monkeypatch.setenv("SSH_CONNECTION", "192.0.2.7 51000 192.0.2.1 22")
+        with pytest.raises(InputError, match="answered at the bench") as caught:
+            answered(tmp_path, "door closed?", "")
+        monkeypatch.delenv("SSH_CONNECTION")
+        assert answered(tmp_path, "door closed?", "") == ExitStatus.PASS
+        thread.join(20.0)
+    assert caught.value.code == "B-CTRL-002"
+    assert [event["place"] for event in rig.events("control")] == ["afar", "bench"]
 
 
 def test_bench_answer(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

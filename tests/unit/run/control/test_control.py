@@ -338,6 +338,7 @@ def test_who_speaks_through_another_process_is_journaled_and_acknowledges_an_ala
     (done,) = [event for event in rig.events("control") if event["ok"]]
     assert done == {
         "what": "acknowledge", "by": f"{by} via {peer}", "reason": "seen", "alarm": "1", "ok": True,
+        "place": "afar",
         "text": "alarm 1 is acknowledged",
     }  # fmt: skip
     count = len(rig.events("control"))

@@ -14,9 +14,8 @@ from table_rig import TableRig, open_table
 from bench.model.drivers import driver_class
 from bench.model.ports import actions_of
 from bench.plan import Step
-from bench.run.hold.standing import _goes_off
 from bench.run.steps.position import point_start
-from bench.run.steps.setpoints import can_move, motion_again, steps_again
+from bench.run.steps.setpoints import can_move, goes_off, motion_again, steps_again
 
 DRIVERS = {"turntable": actions_of(driver_class("acutrol_3000")), "supply": actions_of(driver_class("hp_6632b"))}
 
@@ -111,8 +110,8 @@ def test_raw_text_to_a_table_is_not_sent_again() -> None:
 
 def test_a_table_goes_off_in_a_hold_and_a_supply_does_not() -> None:
     assert can_move(DRIVERS["turntable"])
-    assert _goes_off(driver_class("acutrol_3000"))
-    assert not _goes_off(driver_class("hp_6632b"))
+    assert goes_off(driver_class("acutrol_3000"))
+    assert not goes_off(driver_class("hp_6632b"))
 
 
 def do(rig: TableRig, steps: Sequence[Step]) -> None:
