@@ -17,7 +17,7 @@ from bench.run.control.local_socket import LONGEST_LINE, find_socket
 ANSWER_S = 5.0
 LONGEST_REPLY = 1_000_000
 ADVICE = {
-    "answer": "'bench answer SESSION VALUE' again, the value with its unit; the run goes on waiting",
+    "answer": "'bench answer SESSION VALUE' again at the bench, the value with its unit; the run goes on waiting",
     "pause": "give a short --reason, one line; 'bench abort SESSION' ends the run",
     "shelve": "'bench top SESSION' shows the alarms with their numbers",
     "resume": "'bench top SESSION' shows what the run does",

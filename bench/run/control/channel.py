@@ -117,7 +117,9 @@ class Control:
         still = holds.reasons
         if not released and not still:
             raise Refusal("the run is not holding")
-        return f"still holding: {'; '.join(still.values())}" if still else "the run goes on"
+        if still:
+            return f"still holding: {'; '.join(still.values())}"
+        return "the run goes on" if at_bench else "the run goes on, once the bench is armed where that is due"
 
     def _abort(self, _: Mapping[str, Any], __: str, ___: str) -> str:
         return "the run ends at its next check, with the outputs off"

@@ -42,7 +42,7 @@ def arm(context: RunContext, step: int, first: int) -> bool:
 
 def _asked(context: RunContext, roles: Iterable[str]) -> str:
     """Return who has armed the bench, which is asked of a person."""
-    text = f"Waits to be armed at the bench: the run switches on or moves {', '.join(roles)} again."
+    text = f"Waits to be armed at the bench; energised or moved again: {', '.join(roles)}"
     question = Question(text, arms=True, limit_s=LIMIT_S)
     with context.stop.deferring(), context.stop.at_once():  # another reason to hold is looked at behind it
         by = context.operator.ask(question).by

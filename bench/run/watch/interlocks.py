@@ -121,7 +121,7 @@ class InterlockWatch:
     def look_again(self) -> None:
         """Read the instruments anew; what is beyond its limit holds the run at once, until its value is back."""
         with self._asking:
-            self.signals.ask()
+            self.signals.ask(all_of_them=True)
         with self._judging:
             self._judge()
             for state in self._states:

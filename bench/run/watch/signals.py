@@ -167,12 +167,12 @@ class WatchedSignals:
             free = shutil.disk_usage(self._context.folder).free
             self.put("disk_time", free / (OVERHEAD * (self._context.plan.link_bytes_s or SECOND_BYTES)))
 
-    def ask(self) -> None:
-        """Read the instruments that are idle."""
+    def ask(self, *, all_of_them: bool = False) -> None:
+        """Read the instruments that are idle; a logger, which is slow, each fifth time or with ``all_of_them``."""
         chamber = self._context.instruments.get(CHAMBER)
         if chamber is not None and self._wanted & {"chamber_air", "chamber_slope"}:
             self._air(chamber)
-        if self._asked % LOGGER_EACH == 0:
+        if all_of_them or self._asked % LOGGER_EACH == 0:
             for role in sorted({role for _, role, _ in self._channels}):
                 self._scan(role, self._context.instruments[role])
         self._asked += 1

@@ -30,8 +30,7 @@ function showMay(prompt) {
   say(byId("prompt-cannot"), elsewhere ? t("prompt.at-bench") : may ? "" : t("prompt.not-operator"));
   byId("prompt-cannot").hidden = may;
   byId("prompt-field").hidden = !prompt.unit || elsewhere;
-  byId("prompt-go").hidden = elsewhere;
-  byId("prompt-go").disabled = !may;
+  byId("prompt-go").hidden = byId("prompt-go").disabled = !may; // a dead one is not sent by Enter either
   byId("prompt-take").hidden = elsewhere || may || !isOperator() || holdsLease();
 }
 

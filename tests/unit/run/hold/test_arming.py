@@ -81,8 +81,7 @@ def test_a_hold_that_ends_by_itself_waits_to_be_armed_at_the_bench(tmp_path: Pat
     assert rig.energised_s()[0] == pytest.approx(300.0, abs=1.0)
     (question,) = asked
     assert (question["presence"], question["arms"]) == ("bench", True)
-    assert question["text"].startswith("Waits to be armed at the bench: ")
-    assert "source" in question["text"]
+    assert question["text"] == "Waits to be armed at the bench; energised or moved again: source"
     assert [reply["ok"] for reply in rig.replies] == [True, True, False, False, True]
     assert {reply["error"] for reply in rig.replies if not reply["ok"]} == {AT_BENCH}
     told = [(event["what"], event["place"], event["ok"]) for event in rig.events("control")]
