@@ -18,7 +18,7 @@ from bench.web.hub import Hub
 from bench.web.recorded.listing import FILES, run_folder
 from bench.web.security import login
 from bench.web.security.gate import Gate
-from bench.web.security.refusal import Refusal, on_bench_error
+from bench.web.security.refusal import Refusal, refusal_of
 from bench.web.serving import Serving
 from bench.web.socket import socket
 
@@ -42,7 +42,7 @@ def create_app(serving: Serving) -> Starlette:
     app = Starlette(
         routes=_routes(),
         middleware=[Middleware(Gate, serving=serving)],
-        exception_handlers={BenchError: on_bench_error, HTTPException: _on_http_error},
+        exception_handlers={BenchError: _on_bench_error, HTTPException: _on_http_error},
         lifespan=lifespan,
     )
     app.router.redirect_slashes = False  # a redirect would name the path again
@@ -51,11 +51,14 @@ def create_app(serving: Serving) -> Starlette:
     return app
 
 
+async def _on_bench_error(request: Request, error: Exception) -> Response:
+    return pages.refused(request, refusal_of(error))
+
+
 async def _on_http_error(request: Request, error: Exception) -> Response:
     """No route, or not with this method."""
-    del request
     assert isinstance(error, HTTPException)
-    return Refusal(error.status_code, "B-WEB-013", "there is no such page").response()
+    return pages.refused(request, Refusal(error.status_code, "B-WEB-013", "there is no such page"))
 
 
 def _routes() -> list[BaseRoute]:

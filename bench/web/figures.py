@@ -47,7 +47,8 @@ class Palette:
     hues: tuple[str, ...]
 
 
-# Blue, green, pink and plum after Okabe and Ito, and Tol. No amber and no red: these call for a person.
+# Blue, orange, green, purple and yellow after Okabe and Ito, moved in lightness until each stands out from its card and
+# any two are told apart by people who do not see red, green or blue (tests/unit/web/test_colours.py has the rule).
 PALETTES = {
     "dark": Palette(
         card="#171d24",
@@ -55,7 +56,7 @@ PALETTES = {
         soft="#a3b0bd",
         grid="#2b343e",
         now="#ff6b6b",
-        hues=("#56b4e9", "#b5d94c", "#2fc59b", "#e58fc3", "#b9a6ff"),
+        hues=("#3f93dd", "#e08214", "#2fe39a", "#d49bc0", "#fff26a"),
     ),
     "light": Palette(
         card="#ffffff",
@@ -63,7 +64,7 @@ PALETTES = {
         soft="#55606b",
         grid="#dfe4e8",
         now="#c1121f",
-        hues=("#0072b2", "#6f7d00", "#00795a", "#882255", "#5b4fc4"),
+        hues=("#0b78b8", "#cf5a10", "#015a3c", "#8a1a66", "#4f4801"),
     ),
 }
 

@@ -55,26 +55,28 @@ def _modules(first: str) -> tuple[str, ...]:
     return tuple(names)
 
 
-def _page(request: Request, template: str, script: str, **values: object) -> Response:
+def _page(request: Request, template: str, *, status: int = 200, **values: object) -> Response:
     language = language_of(request)
     page = _templates().get_template(template)
-    known: dict[str, object] = {
-        "t": Texts(_HERE, language),
-        "language": language,
-        "languages": languages(_HERE),
-        "modules": _modules(script),
-    }
-    return HTMLResponse(page.render(**known, **values))
+    known: dict[str, object] = {"t": Texts(_HERE, language), "language": language, "languages": languages(_HERE)}
+    return HTMLResponse(page.render(**known, **values), status)
 
 
 async def index(request: Request) -> Response:
     """``GET /``: living runs, sessions, calibration history; the page asks for them itself."""
-    return _page(request, "index.html.j2", "start.js")
+    return _page(request, "index.html.j2", modules=_modules("start.js"))
 
 
 async def run_page(request: Request) -> Response:
     """``GET /runs/{run}``: the live or replay page of one run."""
-    return _page(request, "run.html.j2", "page.js", run=request.path_params["run"])
+    return _page(request, "run.html.j2", modules=_modules("page.js"), run=request.path_params["run"])
+
+
+def refused(request: Request, refusal: Refusal) -> Response:
+    """Return what was not done: a page for who opened an address in a browser, JSON for a script."""
+    if "text/html" not in request.headers.get("accept", ""):
+        return refusal.response()
+    return _page(request, "refused.html.j2", status=refusal.status, code=refusal.code, text=refusal.text)
 
 
 async def texts(request: Request) -> Response:

@@ -10,6 +10,7 @@ import pytest
 from browser_rig import PageServer, chromium
 from playwright.sync_api import Browser
 from shown_run import ShownRun
+from situations import stage_living, stage_over
 
 
 @pytest.fixture(scope="module")  # Playwright keeps an event loop running, which tests of other folders start themselves
@@ -30,6 +31,21 @@ def shown(server: PageServer, request: pytest.FixtureRequest) -> Iterator[ShownR
     run = ShownRun(server.out, f"20260101T000000Z_{request.node.name.replace('[', '_').replace(']', '')[:60]}_7")
     yield run
     run.close()
+
+
+@pytest.fixture(scope="session")
+def living(server: PageServer) -> Iterator[dict[str, ShownRun]]:
+    """Runs in the situations of tests/support/page/situations.py, by the name of the situation."""
+    runs = stage_living(server.out)
+    yield runs
+    for run in runs.values():
+        run.close()
+
+
+@pytest.fixture(scope="session")
+def over(server: PageServer, golden: Path) -> dict[str, str]:
+    """Names of sessions that are over, by how they ended."""
+    return stage_over(server.out, golden)
 
 
 @pytest.fixture(scope="session")

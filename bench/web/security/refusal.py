@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from bench.model.errors import BenchError, InputError
@@ -16,21 +15,18 @@ class Refusal(InputError):
         self.status = status
         self.wait_s = wait_s
 
+    @property
+    def text(self) -> str:
+        """What is wrong and what to do."""
+        return f"{self.message}.{f' Next: {self.next_step}' if self.next_step else ''}"
+
     def response(self) -> Response:
-        return answer(self, self.status, self.wait_s)
+        """Return ``{"error": code, "text": what is wrong and what to do}``."""
+        headers = {"Retry-After": str(self.wait_s)} if self.wait_s else {}
+        return JSONResponse({"error": self.code, "text": self.text}, self.status, headers)
 
 
-def answer(error: BenchError, status: int, wait_s: int = 0) -> Response:
-    """Return ``{"error": code, "text": what is wrong and what to do}``."""
-    advice = f" Next: {error.next_step}" if error.next_step else ""
-    headers = {"Retry-After": str(wait_s)} if wait_s else {}
-    return JSONResponse({"error": error.code, "text": f"{error.message}.{advice}"}, status, headers)
-
-
-async def on_bench_error(request: Request, error: Exception) -> Response:
-    """Errors that handlers raise on purpose; where they happened on the disk is nobody's business."""
-    del request
-    if isinstance(error, Refusal):
-        return error.response()
+def refusal_of(error: Exception) -> Refusal:
+    """Return an error raised on purpose as a refusal, without the place on the disk, which is nobody's business."""
     assert isinstance(error, BenchError)
-    return answer(error, 400)
+    return error if isinstance(error, Refusal) else Refusal(400, error.code, error.message, next_step=error.next_step)

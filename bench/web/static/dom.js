@@ -38,18 +38,20 @@ export function setIcon(svg, name) {
  */
 export function fillTable(table, columns, rows, empty) {
   if (!table.tHead || table.tHead.rows[0].cells.length !== columns.length) {
-    table.replaceChildren(make("thead", {}, make("tr", {}, ...columns.map((column) => make("th", { scope: "col", class: column.class ?? "" })))),
-      make("tbody"));
+    table.setAttribute("role", "table"); // roles by name: on a phone rows are shown one under the other, and a browser may forget that this is a table
+    table.replaceChildren(make("thead", { role: "rowgroup" }, make("tr", { role: "row" },
+      ...columns.map((column) => make("th", { scope: "col", role: "columnheader", class: column.class ?? "" })))), make("tbody", { role: "rowgroup" }));
   }
   columns.forEach((column, index) => say(table.tHead.rows[0].cells[index], column.head));
   const body = table.tBodies[0];
   if (!rows.length) {
-    body.replaceChildren(make("tr", {}, make("td", { colspan: columns.length, class: "empty" }, empty)));
+    body.replaceChildren(make("tr", { role: "row" }, make("td", { role: "cell", colspan: columns.length, class: "empty" }, empty)));
     return;
   }
   const known = new Map([...body.rows].map((row) => [row.dataset.key, row]));
   const wanted = rows.map((row) => {
-    const element = known.get(String(row.key)) ?? make("tr", { "data-key": row.key }, ...columns.map((column) => make("td", { class: column.class ?? "" })));
+    const element = known.get(String(row.key)) ?? make("tr", { role: "row", "data-key": row.key },
+      ...columns.map((column) => make("td", { role: "cell", class: column.class ?? "", "data-head": column.head })));
     if (element.className !== (row.class ?? "")) element.className = row.class ?? "";
     row.cells.forEach((cell, index) => {
       if (cell instanceof Node) { if (element.cells[index].firstChild !== cell) element.cells[index].replaceChildren(cell); }

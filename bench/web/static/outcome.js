@@ -1,5 +1,5 @@
 // A run that is over: how it ended, what it is worth, and what was written of it.
-import { byId, make } from "./dom.js";
+import { byId, icon, make } from "./dom.js";
 import { page } from "./state.js";
 import { t } from "./texts.js";
 import { duration } from "./time.js";
@@ -22,6 +22,6 @@ export function showOutcome() {
   element.dataset.outcome = session.outcome.word;
   const links = FILES.filter((name) => session.files[name]).map((name) => make("a", { class: "button", id: name,
     href: `/api/v1/runs/${encodeURIComponent(page.run)}/${name}` }, t(`outcome.${name}`)));
-  element.replaceChildren(make("h2", { class: "unseen" }, t("outcome.title")), make("strong", { class: "outcome-word" }, t(`outcome.${session.outcome.word}`)),
+  element.replaceChildren(make("h2", { class: "unseen" }, t("outcome.title")), make("strong", { class: "outcome-word" }, icon(`outcome-${session.outcome.word}`), t(`outcome.${session.outcome.word}`)),
     make("div", {}, ...lines(session).map((line) => make("p", {}, line))), make("p", { class: "buttons" }, ...links));
 }

@@ -72,7 +72,7 @@ function filters(over) {
 function outcome(run) {
   const { word: name, why, off } = run.outcome ?? {};
   if (!name) return "";
-  return make("span", { class: "outcome", "data-outcome": name, title: why ?? "" }, make("strong", {}, t(`outcome.${name}`)),
+  return make("span", { class: "outcome", "data-outcome": name, title: why ?? "" }, make("strong", {}, icon(`outcome-${name}`), t(`outcome.${name}`)),
     off === false ? make("strong", { class: "not-off" }, ` ${t("start.not-off")}`) : null,
     why ? make("span", { class: "soft" }, ` ${why.slice(0, 120)}`) : null);
 }

@@ -1,4 +1,4 @@
-"""Pages, texts and colours of the browser side: nothing missing, nothing unused, nothing too pale."""
+"""Pages and texts of the browser side: nothing missing, nothing unused."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from starlette.routing import Route
 
 import bench.web
 from bench.model.texts import languages
-from bench.web import figures, pages, runs
+from bench.web import pages, runs
 
 HERE = Path(bench.web.__file__).parent
 ENGLISH = json.loads((HERE / "texts" / "en.json").read_text(encoding="utf-8"))
@@ -69,49 +69,6 @@ def used_keys() -> set[str]:
     found |= {f"{family}.{name}" for family in ("link", "record", "instrument", "log") for name in names}
     found |= {f"{family}.{name}" for family, members in FAMILIES.items() for name in members}
     return literal | found
-
-
-def contrast(one: str, other: str) -> float:
-    """Contrast ratio of two colours. Source: WCAG 2.2, relative luminance and contrast ratio."""
-
-    def luminance(colour: str) -> float:
-        shares = [int(colour[index : index + 2], 16) / 255 for index in (1, 3, 5)]
-        linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in shares]
-        return 0.2126 * linear[0] + 0.7152 * linear[1] + 0.0722 * linear[2]
-
-    bright, dark = sorted((luminance(one), luminance(other)), reverse=True)
-    return (bright + 0.05) / (dark + 0.05)
-
-
-def test_contrast_is_that_of_the_recommendation() -> None:
-    """Two pairs whose ratio is published with the recommendation: black on white, and #777 on white."""
-    assert contrast("#000000", "#ffffff") == pytest.approx(21.0)
-    assert contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.005)
-
-
-@pytest.mark.parametrize("theme", ["dark", "light"])
-def test_every_curve_stands_out_from_its_card(theme: str) -> None:
-    palette = figures.PALETTES[theme]
-    looks = figures.looks()
-    assert len({(look["hue"], tuple(look["dash"])) for look in looks}) == len(looks) >= 10
-    ratios = {palette.hues[look["hue"]]: contrast(palette.hues[look["hue"]], palette.card) for look in looks}
-    assert {hue: ratio for hue, ratio in ratios.items() if ratio < 3.0} == {}
-    assert contrast(palette.now, palette.card) >= 3.0
-    assert min(contrast(palette.ink, palette.card), contrast(palette.soft, palette.card)) >= 4.5
-
-
-@pytest.mark.parametrize("theme", ["dark", "light"])
-def test_texts_stand_out_and_cards_are_those_of_the_figures(theme: str) -> None:
-    css = (HERE / "static" / "page.css").read_text(encoding="utf-8")
-    block = css.split(':root[data-theme="light"]')[theme == "light"].split("}")[0]
-    colours = dict(re.findall(r"--([a-z-]+): (#[0-9a-f]{6})", block))
-    assert colours["card"] == figures.PALETTES[theme].card
-    for name in ("ink", "soft", "link", "good", "warn", "bad"):
-        assert contrast(colours[name], colours["card"]) >= 4.5, name
-        assert contrast(colours[name], colours["ground"]) >= 4.5, name
-    for state in ("good", "warn", "bad"):
-        assert contrast(colours[state], colours[f"{state}-fill"]) >= 4.5, state
-    assert contrast(colours["edge"], colours["card"]) >= 3.0
 
 
 def test_every_text_that_is_asked_for_is_there() -> None:

@@ -1,0 +1,139 @@
+"""axe-core finds nothing on any page that people see, in either theme, at a desk and on a phone.
+
+Its script goes in by the debugger of the browser, which no content policy stops: that of the pages stays as it is.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from axe_playwright_python.base import AXE_SCRIPT
+from batch_sample import calibrations
+from browser_rig import PageServer, visiting
+from playwright.sync_api import Browser, Page
+from shown_run import ShownRun
+
+from bench.report.batch.document import batch_html
+from bench.report.batch.model import Batch
+
+pytestmark = pytest.mark.waits
+
+DESK, PHONE = {"width": 1280, "height": 800}, {"width": 390, "height": 844}
+RUN = """(only) => axe.run(only.length ? { runOnly: only } : {}).then(({ violations }) => violations.flatMap(
+  ({ id, impact, nodes }) => nodes.map((node) => `${impact}: ${id}: ${node.target}: ${node.failureSummary}`)))"""
+THEME = "() => document.documentElement.dataset.theme"
+CONTRAST = "color-contrast"
+PALE = """() => { document.querySelector("main").insertAdjacentHTML("beforeend",
+  "<p style='color: #777; background: #888'>Outputs are on</p>"); }"""
+
+
+def found(page: Page, *only: str) -> list[str]:
+    """What axe finds on a page as it is shown now; ``only``: names of its rules, none for all."""
+    if not page.evaluate("() => 'axe' in window"):
+        page.evaluate(AXE_SCRIPT)
+    return list(page.evaluate(RUN, list(only)))
+
+
+def show(page: Page, size: dict[str, int], theme: str) -> None:
+    page.set_viewport_size({"width": size["width"], "height": size["height"]})
+    page.emulate_media(color_scheme=theme)  # type: ignore[arg-type]
+    if page.evaluate(THEME) not in (None, theme):
+        page.evaluate("(theme) => { document.documentElement.dataset.theme = theme; }", theme)
+    page.wait_for_timeout(500)  # sizes and colours are those of the new look
+
+
+def nothing_is_wrong(page: Page, *, crossed: bool = False) -> None:
+    """Every rule at a desk in the dark and on a phone in the light; ``crossed``: contrast the other way round too."""
+    looks: list[tuple[dict[str, int], str, tuple[str, ...]]] = [(DESK, "dark", ()), (PHONE, "light", ())]
+    if crossed:
+        looks += [(PHONE, "dark", (CONTRAST,)), (DESK, "light", (CONTRAST,))]
+    wrong = []
+    for size, theme, only in looks:
+        show(page, size, theme)
+        wrong += [f"{size['width']} {theme} {line}" for line in found(page, *only)]
+    assert wrong == []
+
+
+def test_the_first_page_the_login_and_a_page_that_is_not_there(
+    browser: Browser, server: PageServer, living: dict[str, ShownRun], over: dict[str, str]
+) -> None:
+    del living, over  # on the first page
+    with visiting(browser, server, None, may_fail=True) as visitor:  # 401 at first
+        visitor.page.goto(f"{server.origin}/")
+        nothing_is_wrong(visitor.page)
+        visitor.login("viewer")
+        visitor.page.goto(f"{server.origin}/")
+        visitor.page.wait_for_selector("#sessions tbody tr")
+        visitor.page.wait_for_selector(".run-card")
+        nothing_is_wrong(visitor.page, crossed=True)
+        assert visitor.page.goto(f"{server.origin}/runs/nothing").status == 404  # type: ignore[union-attr]
+        assert "no such run" in visitor.page.inner_text("h1")
+        nothing_is_wrong(visitor.page)
+
+
+def test_what_is_too_pale_is_found(browser: Browser, server: PageServer) -> None:
+    with visiting(browser, server, "viewer") as visitor:
+        visitor.page.goto(f"{server.origin}/")
+        visitor.page.wait_for_selector("#sessions tbody tr")
+        visitor.page.evaluate(PALE)
+        (said,) = found(visitor.page, CONTRAST)
+        assert said.startswith("serious: color-contrast")
+
+
+def asking_why(page: Page) -> None:
+    page.click("#take")
+    page.click("#abort:enabled")
+    page.wait_for_selector("#reason[open]")
+
+
+@pytest.mark.parametrize("name", ["running", "prompt", "door"])
+def test_the_page_of_a_run_that_lives(
+    browser: Browser, server: PageServer, living: dict[str, ShownRun], name: str
+) -> None:
+    with visiting(browser, server, "operator") as visitor:
+        page = visitor.open_run(living[name].name)
+        page.wait_for_selector("#operator:not(:empty)")
+        nothing_is_wrong(page, crossed=name == "running")
+        if name == "running":
+            asking_why(page)
+            nothing_is_wrong(page)
+
+
+def test_the_page_of_a_run_that_is_not_heard(browser: Browser, server: PageServer) -> None:
+    run = ShownRun(server.out, "20260304T000000Z_unheard_7")
+    with visiting(browser, server, "viewer", may_fail=True) as visitor:
+        page = visitor.open_run(run.name)
+        run.close()
+        page.wait_for_selector("body[data-fresh=old]")
+        nothing_is_wrong(page)
+
+
+@pytest.mark.parametrize("what", ["pass", "damaged"])
+def test_the_page_of_a_session_that_is_over(
+    browser: Browser, server: PageServer, over: dict[str, str], what: str
+) -> None:
+    with visiting(browser, server, "viewer") as visitor:
+        visitor.page.goto(f"{server.origin}/runs/{over[what]}")
+        visitor.page.wait_for_selector("#session-outcome:not([hidden])")
+        nothing_is_wrong(visitor.page)
+
+
+@pytest.fixture(scope="module")
+def documents(golden: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
+    """The report of a session, and that of a batch."""
+    batch = Batch()
+    for document in calibrations(12):
+        batch.add(document, str(document["session"]))
+    path = tmp_path_factory.mktemp("batch") / "batch.html"
+    path.write_text(batch_html(batch, "test 0"), encoding="utf-8")
+    return {"report": golden / "report.html", "batch": path}
+
+
+@pytest.mark.parametrize("name", ["report", "batch"])
+def test_a_report(browser: Browser, documents: dict[str, Path], name: str) -> None:
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(documents[name].as_uri())
+    nothing_is_wrong(page)
+    context.close()
