@@ -118,7 +118,7 @@ function link(run) {
 
 function history() {
   byId("no-calibrations").hidden = calibrations.length > 0;
-  byId("calibrations").hidden = !calibrations.length;
+  byId("calibrations").parentElement.hidden = !calibrations.length; // nothing to stop at with Tab
   if (!calibrations.length) return;
   const columns = ["started", "unit", "campaign", "session", "method", "verdict", "estimates", "revision", "approved"]
     .map((name) => ({ head: t(`calibration.${name}`), class: ["estimates", "revision"].includes(name) ? "number" : name === "session" ? "" : "fixed" }));

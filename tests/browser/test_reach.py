@@ -1,0 +1,165 @@
+"""Who has no mouse, sees with other colours, reads in twice the size or on a phone reaches and reads the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from browser_rig import PageServer, until, visiting
+from playwright.sync_api import Browser, Page
+from shown_run import ShownRun
+
+pytestmark = pytest.mark.waits
+
+TOUCH_PX = 44  # WCAG 2.2, success criterion 2.5.5
+MOST_TABS = 150
+SMALL = {"width": 1000, "height": 700}
+# Controls that can be seen and used, each with a mark of its own.
+CONTROLS = """() => {
+  const all = [...document.querySelectorAll("a[href], button:enabled, select, input, summary, [tabindex='0']")];
+  const seen = all.filter((one) => one.checkVisibility({ checkVisibilityCSS: true }));
+  seen.forEach((one, number) => { one.dataset.control = number; });
+  return seen.length;
+}"""
+# The control that has the focus: its mark, its outline in px, and whether something lies upon it.
+FOCUSED = """() => {
+  const one = document.activeElement;
+  const { outlineStyle, outlineWidth } = getComputedStyle(one);
+  const { left, top, width, height } = one.getBoundingClientRect();
+  const middle = left + Math.min(width, innerWidth - left) / 2;
+  const above = document.elementFromPoint(middle, top + Math.min(height, 20) / 2);
+  return { control: one.dataset.control ?? null, name: one.id || one.className || one.tagName,
+    outline: outlineStyle === "none" ? 0 : parseFloat(outlineWidth), hidden: !one.contains(above) };
+}"""
+MOVES = """() => {
+  const moves = (one) => {
+    const { transitionDuration, animationName, animationDuration } = getComputedStyle(one);
+    return parseFloat(transitionDuration) > 0 || (animationName !== "none" && parseFloat(animationDuration) > 0);
+  };
+  return [...document.querySelectorAll("*")].filter(moves).map((one) => one.id || one.parentElement.id);
+}"""
+# What is wider than its place: the page, a table, a cell.
+WIDER = """() => [document.documentElement, ...document.querySelectorAll(".scroll, td, .card")]
+  .filter((one) => one.checkVisibility() && one.scrollWidth > one.clientWidth + 1)
+  .map((one) => `${one.tagName} ${one.className} ${one.textContent.slice(0, 40)}`)"""
+# Controls that are smaller than this many px; a box to tick is as large as its label.
+SMALLER = """(least) => [...document.querySelectorAll("a[href]:not(.skip), button, select, input, summary")]
+  .filter((one) => one.checkVisibility())
+  .filter((one) => {
+    const { width, height } = (one.closest("label.tick") ?? one).getBoundingClientRect();
+    return width < least || height < least;
+  }).map((one) => one.id || one.textContent)"""
+FILLS = """() => ["#progress i", "#progress", ".choices [aria-pressed=true]", ".choices [aria-pressed=false]"].map(
+  (selector) => getComputedStyle(document.querySelector(selector)).backgroundColor)"""
+
+
+def walk(page: Page) -> list[dict[str, object]]:
+    """Where Tab leads from the top of the page until it has been everywhere."""
+    count = page.evaluate(CONTROLS)
+    assert count > 0
+    met: dict[object, dict[str, object]] = {}
+    for _ in range(MOST_TABS):
+        page.keyboard.press("Tab")
+        stop = page.evaluate(FOCUSED)
+        if stop["control"] in met:
+            break
+        if stop["control"] is not None:
+            met[stop["control"]] = stop
+    assert set(met) == {str(number) for number in range(count)}
+    return list(met.values())
+
+
+def well_led(page: Page) -> None:
+    """Tab leads to every control; whoever has the focus shows it, and nothing lies upon it."""
+    stops = walk(page)
+    assert stops[0]["name"] == "skip"
+    assert [stop for stop in stops if stop["outline"] < 2 or stop["hidden"]] == []  # type: ignore[operator]
+
+
+def test_tab_leads_everywhere_on_the_first_page(
+    browser: Browser, server: PageServer, living: dict[str, ShownRun], over: dict[str, str]
+) -> None:
+    del living, over
+    with visiting(browser, server, "viewer", viewport=SMALL) as visitor:
+        page = visitor.page
+        page.goto(f"{server.origin}/")
+        page.wait_for_selector("#sessions tbody tr a")
+        page.wait_for_selector(".run-card")
+        well_led(page)
+
+
+def test_tab_leads_everywhere_on_the_page_of_a_run_and_comes_back_from_a_dialog(
+    browser: Browser, server: PageServer, living: dict[str, ShownRun]
+) -> None:
+    with visiting(browser, server, "operator", viewport=SMALL) as visitor:
+        page = visitor.open_run(living["door"].name)
+        page.wait_for_selector("#operator:not(:empty)")
+        page.click("#take")
+        page.wait_for_selector("#abort:enabled")
+        page.reload()  # Tab begins at the top again; who has the command keeps it
+        page.wait_for_selector("#graphs figure .ends button")
+        page.wait_for_selector("#abort:enabled")
+        well_led(page)
+        page.focus("a.skip")
+        page.keyboard.press("Enter")
+        assert page.evaluate("() => document.activeElement.id") == "main"
+        page.focus("#abort")
+        page.keyboard.press("Enter")
+        page.wait_for_selector("#reason[open]")
+        for _ in range(8):
+            page.keyboard.press("Tab")
+            assert page.evaluate("() => document.activeElement.matches('#reason *, body')"), (
+                "Tab leads out of the dialog"
+            )
+        page.keyboard.press("Escape")
+        assert page.evaluate("() => document.activeElement.id") == "abort"
+
+
+def test_nothing_moves_by_itself_for_who_does_not_want_it(
+    browser: Browser, server: PageServer, living: dict[str, ShownRun]
+) -> None:
+    found = {}
+    for wish in ("reduce", "no-preference"):
+        with visiting(
+            browser, server, "viewer", reduced_motion=wish, viewport={"width": 700, "height": 500}
+        ) as visitor:
+            found[wish] = visitor.open_run(living["running"].name).evaluate(MOVES)
+    assert found == {"reduce": [], "no-preference": ["progress"]}
+
+
+def test_with_the_colours_of_the_system_nothing_is_lost(
+    browser: Browser, server: PageServer, living: dict[str, ShownRun], screenshots: Path
+) -> None:
+    with visiting(
+        browser, server, "viewer", forced_colors="active", viewport={"width": 1280, "height": 800}
+    ) as visitor:
+        page = visitor.open_run(living["running"].name)
+        assert page.is_hidden("#watermark")
+        assert page.is_visible("#simulated")
+        done, track, pressed, other = page.evaluate(FILLS)
+        assert done != track
+        assert pressed != other
+        page.screenshot(path=screenshots / "forced-colors.png")
+
+
+@pytest.mark.parametrize(("width", "height"), [(640, 400), (390, 844), (320, 640)])
+def test_in_twice_the_size_and_on_a_phone_nothing_is_cut(
+    browser: Browser, server: PageServer, living: dict[str, ShownRun], over: dict[str, str], width: int, height: int
+) -> None:
+    """640 px are what is left of 1280 at 200 %, 320 px at 400 % (WCAG 2.2, 1.4.4 and 1.4.10)."""
+    viewport = {"width": width, "height": height}
+    with visiting(browser, server, "operator", has_touch=True, viewport=viewport) as visitor:
+        page = visitor.page
+        page.goto(f"{server.origin}/")
+        page.wait_for_selector("#sessions tbody tr a")
+        page.wait_for_selector(".run-card")
+        assert page.evaluate(WIDER) == []
+        assert page.evaluate(SMALLER, TOUCH_PX) == []
+        page.goto(f"{server.origin}/runs/{over['pass']}")
+        page.wait_for_selector("#estimates tbody tr")
+        page.wait_for_selector("#graphs figure .ends button")
+        until(page, lambda: page.evaluate(WIDER) == [], "figures that fit")  # drawn once before they know their place
+        visitor.open_run(living["door"].name)
+        page.wait_for_selector("#alarms li")
+        until(page, lambda: page.evaluate(WIDER) == [], "figures that fit")
+        assert page.evaluate(SMALLER, TOUCH_PX) == []
