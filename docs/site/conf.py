@@ -15,3 +15,16 @@ html_show_sourcelink = False
 html_show_copyright = False
 html_static_path = ["static"]
 html_css_files = ["site.css"]
+
+
+def _reachable(app, pagename, templatename, context, doctree):
+    """Let blocks of code that scroll sideways be reached by keyboard, and give headings of the menu their level."""
+    del app, pagename, templatename, doctree
+    for part in ("body", "furo_navigation_tree"):
+        text = context.get(part, "").replace("<pre>", '<pre tabindex="0">')
+        context[part] = text.replace('role="heading"', 'role="heading" aria-level="2"')
+
+
+def setup(app):
+    """Change pages behind the theme, which makes the menu with priority 500."""
+    app.connect("html-page-context", _reachable, priority=900)
