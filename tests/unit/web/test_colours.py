@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 import bench.web
+from bench.report.plots.style import PALETTE as REPORT_PALETTE
 from bench.web import figures
 
 STATIC = Path(bench.web.__file__).parent / "static"
@@ -113,9 +114,10 @@ def test_states_are_told_apart_whatever_somebody_sees(theme: str) -> None:
     assert {sight: pair for sight, pair in found.items() if pair[0] < FAR} == {}
 
 
-@pytest.mark.parametrize("theme", THEMES)
-def test_curves_are_told_apart_whatever_somebody_sees(theme: str) -> None:
-    found = nearest({str(number): hue for number, hue in enumerate(figures.PALETTES[theme].hues)})
+@pytest.mark.parametrize("where", [*THEMES, "report"])
+def test_curves_are_told_apart_whatever_somebody_sees(where: str) -> None:
+    hues = REPORT_PALETTE if where == "report" else figures.PALETTES[where].hues
+    found = nearest({str(number): hue for number, hue in enumerate(hues)})
     assert {sight: pair for sight, pair in found.items() if pair[0] < FAR} == {}
 
 
