@@ -11,6 +11,7 @@ import asyncio
 import logging
 import re
 from collections import Counter
+from contextlib import suppress
 from typing import Any
 
 from starlette.datastructures import Headers, MutableHeaders
@@ -30,6 +31,7 @@ MOST_OF_ADDRESS = 60  # of them
 KEPT_FOR_OPERATORS = 20  # of them: whoever commands must not be shut out by those who look
 LARGEST_BODY = 65_536
 BODY_S = 10.0
+LONGEST_CLOSE_S = 0.1  # for a WebSocket to take the word that it is closed
 READING = ("GET", "HEAD")
 _ELSEWHERE = re.compile(rb"%2f|%5c|%00|\\|//|(^|/)\.\.?(/|$)|%2e", re.IGNORECASE)
 _CLOSE = {401: 4401, 403: 4403, 404: 4404, 429: 4429}
@@ -89,11 +91,28 @@ class Gate:
         self._sockets[address] += 1
         try:
             with self._serving.lease.present(login):
-                await self._app(scope, receive, send)
+                await self._until_logged_out(login, scope, receive, send)
         finally:
             self._sockets[address] -= 1
             if not self._sockets[address]:
                 del self._sockets[address]
+
+    async def _until_logged_out(self, login: Login, scope: Scope, receive: Receive, send: Send) -> None:
+        """Serve a WebSocket until it ends; a logout of its login, in whatever window, closes it at once."""
+        served = asyncio.ensure_future(self._app(scope, receive, send))
+        ended = asyncio.create_task(self._serving.logged_out.ended(login))
+        try:
+            await asyncio.wait((served, ended), return_when=asyncio.FIRST_COMPLETED)
+            if served.done():
+                served.result()
+                return
+        finally:
+            for task in (served, ended):
+                task.cancel()
+            await asyncio.gather(served, ended, return_exceptions=True)
+        with suppress(OSError, RuntimeError, TimeoutError):  # it went away by itself, or does not read
+            async with asyncio.timeout(LONGEST_CLOSE_S):
+                await send({"type": "websocket.close", "code": _CLOSE[LOGIN_STATUS], "reason": "B-WEB-008"})
 
     async def _http(self, scope: Scope, receive: Receive, send: Send) -> None:
         started = False

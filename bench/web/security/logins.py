@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import json
 import os
 import re
@@ -54,13 +55,14 @@ class LoggedOut:
 
     def __init__(self, folder: Path, clock: Clock) -> None:
         self._path, self._clock = folder / LOGOUTS, clock
+        self._next = asyncio.Event()  # set by the next logout, which leaves another one
         self._until_s: dict[str, int] = {}
         with suppress(OSError, ValueError, TypeError):
             kept = json.loads(self._path.read_text(encoding="utf-8"))
             self._until_s = {str(login): int(until_s) for login, until_s in kept.items()}
 
     def add(self, login: Login) -> None:
-        """End a login."""
+        """End a login, and wake whoever waits for that."""
         now_s = self._clock.utc_ns() // NS
         kept = {name: until_s for name, until_s in self._until_s.items() if until_s >= now_s}
         self._until_s = {**kept, login.id: now_s + VALID_S + AHEAD_S}
@@ -70,6 +72,13 @@ class LoggedOut:
             with os.fdopen(descriptor, "w", encoding="utf-8") as file:
                 json.dump(self._until_s, file)
             draft.replace(self._path)
+        self._next.set()
+        self._next = asyncio.Event()
+
+    async def ended(self, login: Login) -> None:
+        """Return when a login has been ended; for the event loop on which ``add`` is called."""
+        while login.id not in self:
+            await self._next.wait()
 
     def __contains__(self, login_id: object) -> bool:
         return login_id in self._until_s
