@@ -21,14 +21,16 @@ from bench.web.security.gate import Gate
 from bench.web.security.refusal import Refusal, refusal_of
 from bench.web.serving import Serving
 from bench.web.socket import socket
+from bench.web.telemetry import Lookout, Scrapes
 
 _Handler = Callable[[Request], Awaitable[Response]]
 
 
 def create_app(serving: Serving) -> Starlette:
-    """Return the application of one server; ``app.state`` holds ``serving`` and ``hub``."""
+    """Return the application of one server; ``app.state`` holds ``serving``, ``hub`` and ``lookout``."""
     hub = Hub(serving)
     hub.lease = serving.lease.document
+    lookout = Lookout(hub)
 
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
@@ -37,10 +39,11 @@ def create_app(serving: Serving) -> Starlette:
         try:
             yield
         finally:
+            await lookout.stop()
             await hub.stop()
 
     app = Starlette(
-        routes=_routes(),
+        routes=_routes(Scrapes(lookout)),
         middleware=[Middleware(Gate, serving=serving)],
         exception_handlers={BenchError: _on_bench_error, HTTPException: _on_http_error},
         lifespan=lifespan,
@@ -48,6 +51,7 @@ def create_app(serving: Serving) -> Starlette:
     app.router.redirect_slashes = False  # a redirect would name the path again
     app.state.serving = serving
     app.state.hub = hub
+    app.state.lookout = lookout
     return app
 
 
@@ -61,13 +65,14 @@ async def _on_http_error(request: Request, error: Exception) -> Response:
     return pages.refused(request, Refusal(error.status_code, "B-WEB-013", "there is no such page"))
 
 
-def _routes() -> list[BaseRoute]:
+def _routes(scrapes: Scrapes) -> list[BaseRoute]:
     """Return paths, methods and who answers; docs/live-protocol.md."""
     return [
         Route("/", pages.index),
         Route("/runs/{run}", _of_a_run(pages.run_page)),
         Route("/login", login.login, methods=["GET", "POST"]),
         Route("/logout", login.logout, methods=["POST"]),
+        Route("/metrics", scrapes.answer),
         Route("/static/{file}", pages.static),
         Route("/bokeh/{file}", pages.bokeh),
         Route("/api/v1/session", login.session),

@@ -15,7 +15,7 @@ from bench.model.clock import Clock, pause
 from bench.model.errors import BenchError
 from bench.record import OPEN_MARKER, TrendWindow
 from bench.run.feed.client import FeedReply
-from bench.web.live import FeedLine, LiveRun, listens, state_of
+from bench.web.live import FeedLine, LiveRun, listens, reply_of
 from bench.web.now import now_of, silent_row
 from bench.web.partial import PartialFits
 from bench.web.points import Points
@@ -113,7 +113,7 @@ class Hub:
             return self._live[run].room.state
         state = await self._state_of(folder)
         if state is not None:
-            return {**state, **self._extra(run)}
+            return {**state, **self.added(run)}
         return {**await self.work(self.past.final, folder), "operator": self.lease()}
 
     async def outline(self, run: str) -> tuple[dict[str, Any], bool]:
@@ -154,17 +154,26 @@ class Hub:
         counted = {key: records.get(key) for key in _COUNTED}
         return {**row, "state": state["state"], "live": True, "records": counted, "now": now_of(state)}
 
-    async def _state_of(self, folder: Path) -> dict[str, Any] | None:
-        """Return what the run itself says; None if nobody answers in time."""
+    async def reply(self, folder: Path, since: int) -> FeedReply | None:
+        """Return what the run itself says, with its points from a number on; None if nobody answers in time."""
         try:
-            return await asyncio.wait_for(self._feed(state_of, folder), LISTED_S)
+            return await asyncio.wait_for(self._feed(reply_of, folder, since), LISTED_S)
         except TimeoutError:
             return None
+
+    async def fit(self, folder: Path) -> None:
+        """Fit a living run, unless it was fitted a short while ago; its estimates stand in ``added`` from then on."""
+        await self._fits.once(folder)
+
+    async def _state_of(self, folder: Path) -> dict[str, Any] | None:
+        reply = await self.reply(folder, 0)
+        return None if reply is None else reply.header["state"]
 
     async def _feed(self, ask: Callable[..., _Result], *arguments: Any) -> _Result:
         return await asyncio.get_running_loop().run_in_executor(self._feeds, partial(ask, *arguments))
 
-    def _extra(self, run: str) -> dict[str, Any]:
+    def added(self, run: str) -> dict[str, Any]:
+        """Return what the page server adds to the state document of a living run."""
         return {"operator": self.lease(), "estimates": self._fits.of(run)}
 
     @asynccontextmanager
@@ -192,7 +201,7 @@ class Hub:
                 self._feeds.submit(line.close)
 
         final = partial(self.work, self.past.final, folder)
-        live = LiveRun(folder, ask, self.serving.clock, partial(self._extra, run), final)
+        live = LiveRun(folder, ask, self.serving.clock, partial(self.added, run), final)
         self._live[run] = live
         coroutines = (follow(), live.beat(), self._fits.keep(folder))
         self._tasks[run] = [asyncio.create_task(coroutine) for coroutine in coroutines]

@@ -157,16 +157,15 @@ def listens(folder: Path) -> bool:
     return True
 
 
-def state_of(folder: Path) -> dict[str, Any] | None:
-    """Return the state document as the run itself gives it; None if nobody answers within the time of a feed."""
+def reply_of(folder: Path, since: int = 0) -> FeedReply | None:
+    """Return state document and points as the run itself gives them; None if nobody answers in the time of a feed."""
     client = FeedClient(folder)
     try:
-        state: dict[str, Any] = client.poll(0).header["state"]
+        return client.poll(since)
     except FeedGone:
         return None
     finally:
         client.close()
-    return state
 
 
 def _points(reply: FeedReply) -> Points:

@@ -47,12 +47,15 @@ class PartialFits:
 
     async def keep(self, folder: Path) -> None:
         """Fit a run again and again, for as long as it is not cancelled."""
-        run = folder.name
         while True:
-            async with self._one:
-                if self._clock.now_ns() >= self._not_before_ns.get(run, 0):
-                    await self._fit(folder)
+            await self.once(folder)
             await pause(_LOOK_S)
+
+    async def once(self, folder: Path) -> None:
+        """Fit a run if its last fit is long enough ago."""
+        async with self._one:
+            if self._clock.now_ns() >= self._not_before_ns.get(folder.name, 0):
+                await self._fit(folder)
 
     async def _fit(self, folder: Path) -> None:
         before_s = spent_by_children_s()  # a fit on a busy machine costs the same

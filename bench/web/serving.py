@@ -60,6 +60,7 @@ class Serving:
     logged_out: LoggedOut = field(init=False)
     lease: Lease = field(init=False)
     limit: LoginLimit = field(init=False)
+    scrape_limit: LoginLimit = field(init=False)  # its own: a scraper with an old token keeps nobody from logging in
     sent: SentCommands = field(init=False)
 
     def __post_init__(self) -> None:
@@ -68,6 +69,7 @@ class Serving:
         self.cookies = Cookies(self.tokens, self.clock, self.port, self.secure, self.logged_out)
         self.lease = Lease(self.clock)
         self.limit = LoginLimit(self.clock)
+        self.scrape_limit = LoginLimit(self.clock)
         self.sent = SentCommands()
 
     def is_host(self, host: str, arrived_at: tuple[str, int] | None) -> bool:

@@ -22,9 +22,11 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from bench.web.security.login import login_page
 from bench.web.security.logins import Login
 from bench.web.security.refusal import Refusal
+from bench.web.security.tokens import VIEWER
 from bench.web.serving import Serving
 
 LOGIN = "/login"
+METRICS = "/metrics"
 HEADER, HEADER_VALUE = "x-bench-command", "1"
 MOST_SOCKETS = 120  # WebSockets that are open at once; the limit of the server's connections does not count them
 MOST_OF_ADDRESS = 60  # of them
@@ -33,6 +35,7 @@ LARGEST_BODY = 65_536
 BODY_S = 10.0
 LONGEST_CLOSE_S = 0.1  # for a WebSocket to take the word that it is closed
 READING = ("GET", "HEAD")
+_BEARER = "send the viewer's token: 'Authorization: Bearer TOKEN'"
 _ELSEWHERE = re.compile(rb"%2f|%5c|%00|\\|//|(^|/)\.\.?(/|$)|%2e", re.IGNORECASE)
 _CLOSE = {401: 4401, 403: 4403, 404: 4404, 429: 4429}
 
@@ -78,6 +81,7 @@ class Gate:
         try:
             headers = Headers(scope=scope)
             self._check_host(headers, scope)
+            scope["address"] = self._address(headers, scope)
             login = self._admit(headers, scope)
             self._check_origin(headers, scope)
             _check_path(scope)
@@ -140,9 +144,9 @@ class Gate:
         headers = Headers(scope=scope)
         self._check_host(headers, scope)
         is_login = scope["path"] == LOGIN and scope["method"] == "POST"
+        scope["address"] = self._address(headers, scope)
         if not is_login:
             self._admit(headers, scope)
-        scope["address"] = self._address(headers, scope)
         if scope["method"] not in READING:
             self._check_origin(headers, scope)
             _check_form(headers, is_login)
@@ -152,11 +156,23 @@ class Gate:
 
     def _admit(self, headers: Headers, scope: Scope) -> Login:
         login = self._serving.cookies.read("; ".join(headers.getlist("cookie")))
+        if login is None and scope["path"] == METRICS and (given := headers.getlist("authorization")):
+            login = self._scraper(given, scope["address"])
         if login is None:
             raise Refusal(401, "B-WEB-008", "nobody is logged in", next_step="open the page and log in")
         scope["user"] = login
-        scope["address"] = self._address(headers, scope)
         return login
+
+    def _scraper(self, given: list[str], address: str) -> Login:
+        """Return a viewer for the viewer's token as bearer: a scraper has no cookie, and no use for more."""
+        limit = self._serving.scrape_limit
+        if wait_s := limit.wait_s(address):
+            raise Refusal(429, "B-WEB-024", "too many wrong tokens", next_step=_BEARER, wait_s=wait_s)
+        scheme, _, token = given[0].partition(" ")
+        if len(given) != 1 or scheme.lower() != "bearer" or self._serving.tokens.role_of(token.strip()) != VIEWER:
+            limit.failed(address)
+            raise Refusal(401, "B-WEB-024", "this is not the viewer's token", next_step=_BEARER)
+        return Login("metrics", VIEWER, METRICS)
 
     def _check_host(self, headers: Headers, scope: Scope) -> None:
         hosts = headers.getlist("host")
@@ -183,7 +199,7 @@ class Gate:
         return str(client[0]) if client else ""
 
     def _refused(self, scope: Scope, refusal: Refusal) -> Response:
-        is_page = scope["method"] in READING and not scope["path"].startswith(("/api/", "/static/", "/bokeh/"))
+        is_page = scope["method"] in READING and not scope["path"].startswith(("/api/", "/static/", "/bokeh/", METRICS))
         if refusal.status == 401 and is_page:
             return login_page(Request(scope), 401, back_to=scope["path"])
         return refusal.response()

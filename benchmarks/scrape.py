@@ -1,0 +1,66 @@
+"""What a scraper costs the page server: processor for ten scrapes a second of one living run, and for none.
+
+The run, its 20 signals and the server (``bench serve``, a process of its own) are those of ``benchmarks.page``; nobody
+looks at a page. Processor is that of /proc/<pid>/stat of the server alone: a connection that is kept, as Prometheus
+keeps it, asked each 0.1 s by the clock.
+
+Run: python -m benchmarks.scrape [SECONDS [SCRAPES A SECOND]]
+"""
+
+from __future__ import annotations
+
+import sys
+from http.client import HTTPConnection
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from bench.model.clock import NS, Clock, WallClock
+from bench.record import SessionWriter
+from bench.run.feed.server import FeedServer
+from benchmarks.page import RUN, SIGNALS, Feed, Server
+
+ACCEPT = "application/openmetrics-text;version=1.0.0;q=0.5,text/plain;version=0.0.4;q=0.2,*/*;q=0.1"
+
+
+def share(server: Server, clock: Clock, seconds: float, rate_Hz: float) -> str:
+    """Return the processor share of the server while it is asked so often."""
+    connection = HTTPConnection("127.0.0.1", server.port)
+    before_s, begun_ns, answers, size = server.cpu_s(), clock.now_ns(), 0, 0
+    while (clock.now_ns() - begun_ns) / NS < seconds:
+        if rate_Hz:
+            connection.request("GET", "/metrics", headers={**server.headers, "Accept": ACCEPT})
+            answers, size = answers + 1, len(connection.getresponse().read())
+        due_s = answers / rate_Hz if rate_Hz else seconds
+        clock.sleep(max(0.0, due_s - (clock.now_ns() - begun_ns) / NS))
+    lasted_s = (clock.now_ns() - begun_ns) / NS
+    connection.close()
+    used = 100 * (server.cpu_s() - before_s) / lasted_s
+    return f"{answers / lasted_s:.1f} scrapes/s of {size} bytes: {used:.2f} % of a core over {lasted_s:.0f} s"
+
+
+def main(words: list[str]) -> int:
+    """Print the figures."""
+    seconds = float(words[0]) if words else 30.0
+    rate_Hz = float(words[1]) if len(words) > 1 else 10.0
+    clock = WallClock()
+    with TemporaryDirectory() as top:
+        out = Path(top) / "sessions"
+        session = SessionWriter.create(out / RUN, {"session": RUN}, {}, t_mono_ns=0)
+        feed = Feed(clock)
+        head = {"proto": 1, "boot_id": "0" * 16, "signals": SIGNALS}
+        feed_server = FeedServer(out / RUN / "live.sock", head, feed.state, feed.points)
+        server = Server(out, Path(top), clock)
+        try:
+            clock.sleep(5.0)  # it loads what the first page will need
+            for asked_Hz in (0.0, rate_Hz):
+                sys.stdout.write(share(server, clock, seconds, asked_Hz) + "\n")
+        finally:
+            server.process.terminate()
+            server.process.wait()
+            feed_server.close()
+            session.close("done")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
