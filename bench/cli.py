@@ -115,9 +115,7 @@ def run(
     truth: Annotated[bool, typer.Option("--truth", help="write the simulated truth beside the session")] = False,
     history: Annotated[
         str | None,
-        typer.Option(
-            "--history", metavar="URL", help="URL of the calibration history; default: history.sqlite in --out"
-        ),
+        typer.Option("--history", metavar="URL", help="calibration history; default: history.sqlite in --out"),
     ] = None,
     json: AsJson = False,
     ask: Annotated[bool, typer.Option("--ask", help="put the prompts to a person on a simulated station too")] = False,
@@ -314,11 +312,14 @@ def serve(
             "--history", metavar="URL", help="URL of the calibration history; default: history.sqlite in --out"
         ),
     ] = None,
+    mqtt: Annotated[
+        str | None, typer.Option("--mqtt", metavar="URL", help="tell a broker of every run: mqtts://USER@HOST/PREFIX")
+    ] = None,
 ) -> None:
     """Serve the live page: runs, sessions and calibrations of a folder; a process of its own that no run waits for."""
     from bench.commands import serve as serve_command
 
-    request = serve_command.Request(out, host, port, cert, key, behind_proxy, rotate, history)
+    request = serve_command.Request(out, host, port, cert, key, behind_proxy, rotate, history, mqtt)
     raise typer.Exit(serve_command.serve(request))
 
 

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ipaddress
+import os
 import socket
 import ssl
+from collections.abc import Awaitable, Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -18,6 +21,7 @@ from bench.web.app import create_app
 from bench.web.security.audit import Audit
 from bench.web.security.tokens import FILE, Tokens, obtain_tokens, private_folder
 from bench.web.serving import Serving, serve_until_told, server_of, written
+from bench.web.telemetry import Lookout
 
 BACKLOG = 128
 LOOPBACK_NAMES = {"localhost", "127.0.0.1", "::1"}
@@ -35,10 +39,14 @@ class Request:
     behind_proxy: str | None = None
     rotate: bool = False
     history: str | None = None
+    mqtt: str | None = None
 
 
 def serve(request: Request) -> int:
-    """Serve until Ctrl-C or SIGTERM. Raises: InputError B-WEB-001 to B-WEB-007, before anything is served."""
+    """Serve until Ctrl-C or SIGTERM.
+
+    Raises: InputError B-WEB-001 to B-WEB-007, B-WEB-025, B-WEB-026, before anything is served.
+    """
     _check_reach(request)
     proxy = _proxy(request.behind_proxy)
     _check_certificate(request.cert, request.key)
@@ -46,12 +54,28 @@ def serve(request: Request) -> int:
         advice = "name the folder of the sessions with --out; 'bench run' makes one"
         raise InputError("B-WEB-005", "there is no such folder", where=str(request.out), next_step=advice)
     clock, folder = WallClock(), private_folder()
-    with _listen(request.host, request.port) as listener:
+    with _broker(request.mqtt) as tell, _listen(request.host, request.port) as listener:
         tokens, clear = obtain_tokens(folder, request.rotate)
         serving = _serving(request, listener, tokens, Audit(folder, clock), clock, proxy)
-        server = server_of(create_app(serving), request.cert, request.key)
+        server = server_of(create_app(serving, tell), request.cert, request.key)
         serve_until_told(server, listener, partial(_announce, serving, listener, clear, proxy))
     return ExitStatus.PASS
+
+
+@contextmanager
+def _broker(url: str | None) -> Iterator[Callable[[Lookout], Awaitable[None]] | None]:
+    """Keep the connection to a broker; yields what tells it of the runs, None without a broker."""
+    if url is None:
+        yield None
+        return
+    from bench.web.telemetry.broker import PASSWORD, Broker, address_of  # an extra
+
+    broker = Broker(address_of(url), os.environ.get(PASSWORD))
+    typer.echo(broker.start())
+    try:
+        yield broker.tell
+    finally:
+        broker.stop()
 
 
 def _check_reach(request: Request) -> None:

@@ -20,6 +20,7 @@ REPORT = Extra("report", "drawing a report or a figure")
 PAGE = Extra("page", "the live page")
 TERMINAL = Extra("terminal", "the terminal view")
 HISTORY = Extra("history", "the calibration history")
+MQTT = Extra("mqtt", "telling a broker of MQTT")
 EXTRAS = {
     "matplotlib": REPORT,
     "jinja2": REPORT,
@@ -28,6 +29,8 @@ EXTRAS = {
     "websockets": PAGE,
     "itsdangerous": PAGE,
     "bokeh": PAGE,
+    "prometheus_client": PAGE,
+    "paho": MQTT,
     "textual": TERMINAL,
     "sqlalchemy": HISTORY,
 }

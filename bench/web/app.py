@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 
@@ -26,8 +27,11 @@ from bench.web.telemetry import Lookout, Scrapes
 _Handler = Callable[[Request], Awaitable[Response]]
 
 
-def create_app(serving: Serving) -> Starlette:
-    """Return the application of one server; ``app.state`` holds ``serving``, ``hub`` and ``lookout``."""
+def create_app(serving: Serving, tell: Callable[[Lookout], Awaitable[None]] | None = None) -> Starlette:
+    """Return the application of one server; ``app.state`` holds ``serving``, ``hub`` and ``lookout``.
+
+    Args: tell: tells others of the runs for as long as the server serves.
+    """
     hub = Hub(serving)
     hub.lease = serving.lease.document
     lookout = Lookout(hub)
@@ -36,9 +40,13 @@ def create_app(serving: Serving) -> Starlette:
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         del app
         await hub.start()
+        telling = None if tell is None else asyncio.ensure_future(tell(lookout))
         try:
             yield
         finally:
+            if telling is not None:
+                telling.cancel()
+                await asyncio.gather(telling, return_exceptions=True)
             await lookout.stop()
             await hub.stop()
 

@@ -1,0 +1,232 @@
+"""A broker of another project receives what the page server tells; one that dies or refuses harms nobody."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from http.client import HTTPConnection
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+from mqtt_broker import SECRET, USER, MqttBroker, Subscriber
+from shown_run import ShownRun
+
+from bench.model.errors import InputError
+from bench.web.telemetry import SeenRun
+from bench.web.telemetry.broker import LONG, PASSWORD, Address, Broker, address_of, document_of
+
+RUN = "20260101T000000Z_shown_7"
+STATE = f"lab/one/runs/{RUN}/state"
+END_S = 30.0
+
+
+def free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port: int = free.getsockname()[1]
+        return port
+
+
+@pytest.fixture
+def broker(tmp_path: Path) -> Iterator[MqttBroker]:
+    found = MqttBroker(tmp_path, free_port())
+    yield found
+    found.kill()
+
+
+@pytest.fixture
+def shown(tmp_path: Path) -> Iterator[ShownRun]:
+    (tmp_path / "sessions").mkdir()
+    run = ShownRun(tmp_path / "sessions", RUN)
+    yield run
+    run.close()
+
+
+@contextmanager
+def serving(top: Path, port: int, password: str = SECRET) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
+    """``bench serve --mqtt``, and what it has printed until it serves or ends."""
+    (top / "sessions").mkdir(exist_ok=True)
+    environment = {**os.environ, "XDG_CONFIG_HOME": str(top / "config"), PASSWORD: password}
+    words = [sys.executable, "-m", "bench", "serve", "--out", str(top / "sessions"), "--port", "0"]
+    words += ["--mqtt", f"mqtt://{USER}@127.0.0.1:{port}/lab/one"]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    with subprocess.Popen(words, env={**environment, "PYTHONUNBUFFERED": "1"}, **pipes) as process:  # type: ignore[call-overload]
+        try:
+            said: list[str] = []
+            for line in process.stdout:
+                said.append(line.strip())
+                if line.startswith("Ctrl-C"):
+                    break
+            yield process, said
+        finally:
+            process.kill()
+
+
+def test_a_broker_is_told_of_a_run_and_of_the_end_of_the_server(
+    tmp_path: Path, broker: MqttBroker, shown: ShownRun
+) -> None:
+    with Subscriber(broker.port, "lab/one") as heard, serving(tmp_path, broker.port) as (process, said):
+        assert f"broker 127.0.0.1 port {broker.port} is told of every run below lab/one" in said
+        assert SECRET not in "".join(said)
+        assert heard.until("lab/one/status") == "online"
+        state = json.loads(heard.until(STATE))
+        assert set(state) == set(shown.state) - set(LONG) | {"estimates", "operator", "temperatures_degC", "age_s"}
+        assert state["links"] == shown.state["links"]
+        assert (state["state"], state["progress"], state["records"]["done"]) == ("running", 0.38, 3)
+        assert state["temperatures_degC"]["bench.air"] == pytest.approx(54.8, abs=0.03)
+        shown.state["state"] = "holding"
+        with Subscriber(broker.port, "lab/one") as late:  # retained: whoever comes later knows at once
+            assert json.loads(late.until(STATE))["run"] == RUN
+        shown.close()
+        lost = json.loads(heard.until(STATE, lambda text: json.loads(text)["state"] not in ("running", "holding")))
+        assert (lost["state"], lost["bench"]["state"], lost["temperatures_degC"]) == ("stopped", "unknown", {})
+        assert "links" not in lost
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(END_S) == 0
+        assert heard.until("lab/one/status", lambda text: text != "online") == "offline"
+
+
+def test_the_broker_itself_says_that_a_server_was_killed_and_one_that_comes_clears_what_is_left(
+    tmp_path: Path, broker: MqttBroker, shown: ShownRun
+) -> None:
+    with Subscriber(broker.port, "lab/one") as heard:
+        with serving(tmp_path, broker.port) as (process, _):
+            heard.until(STATE)
+            process.kill()
+            assert heard.until("lab/one/status", lambda text: text != "online") == "offline"
+        assert heard.told[STATE].startswith("{")
+        shown.close()
+        (shown.folder / "session.open").unlink()
+        with serving(tmp_path, broker.port):
+            assert heard.until("lab/one/status", lambda text: text != "offline") == "online"
+            assert heard.until(STATE, lambda text: not text) == ""
+
+
+def test_a_broker_that_dies_is_told_again_when_it_is_back(tmp_path: Path, broker: MqttBroker, shown: ShownRun) -> None:
+    with serving(tmp_path, broker.port) as (process, said):
+        with Subscriber(broker.port, "lab/one") as heard:
+            heard.until(STATE)
+        broker.kill()
+        shown.state["progress"] = 0.5
+        page = HTTPConnection("127.0.0.1", int(said[1].rsplit(":", 1)[1].strip("/")), timeout=END_S)
+        page.request("GET", "/")
+        assert page.getresponse().status == 401  # the page goes on
+        page.close()
+        broker.start()
+        with Subscriber(broker.port, "lab/one") as again:
+            assert again.until("lab/one/status") == "online"
+            assert json.loads(again.until(STATE))["progress"] == 0.5
+        assert process.poll() is None
+
+
+def test_a_wrong_password_is_one_line_before_anything_is_served(tmp_path: Path, broker: MqttBroker) -> None:
+    with serving(tmp_path, broker.port, "not it") as (process, said):
+        assert process.wait(END_S) == 2
+    assert len(said) == 1
+    assert said[0].startswith("error B-WEB-026: ")
+    assert "not it" not in said[0]
+    assert PASSWORD in said[0]
+
+
+def test_a_broker_that_is_not_there_keeps_no_page_from_beginning(tmp_path: Path) -> None:
+    port = free_port()
+    with serving(tmp_path, port) as (process, said):
+        assert said[0].startswith(f"broker 127.0.0.1 port {port} is not reached yet (")
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        assert process.wait(END_S) == 0
+
+
+# paho leaves the socket of a handshake that failed to the garbage collector
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning", "ignore::ResourceWarning")
+def test_one_that_is_no_broker_of_tls_is_refused() -> None:
+    """A server that answers in clear to a client that begins with TLS."""
+    with socket.create_server(("127.0.0.1", 0)) as listener:
+
+        def answer() -> None:
+            connection, _ = listener.accept()
+            with connection:
+                connection.recv(65_536)
+                connection.sendall(b"no TLS is spoken here\r\n")
+
+        thread = threading.Thread(target=answer)
+        thread.start()
+        port = listener.getsockname()[1]
+        with pytest.raises(InputError) as refused:
+            Broker(Address("127.0.0.1", port, "bench", tls=True), None).start()
+        thread.join()
+    assert refused.value.code == "B-WEB-026"
+
+
+def test_what_a_broker_does_not_take_is_not_queued() -> None:
+    sent: list[str] = []
+    away = {"is_connected": lambda: True, "want_write": lambda: True}
+    client = SimpleNamespace(**away, publish=lambda topic, text, retain: sent.append(topic))
+    broker = Broker(address_of("mqtt://here/p"), None)
+    broker._client = client  # type: ignore[assignment]
+    run = SeenRun({"run": RUN, "state": "running"})
+
+    class Looked:
+        async def runs(self) -> tuple[SeenRun, ...]:
+            return (run,)
+
+    async def tell(seconds: float) -> None:
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(broker.tell(Looked()), seconds)  # type: ignore[arg-type]
+
+    asyncio.run(tell(0.2))
+    assert sent == []
+    client.want_write = lambda: False
+    asyncio.run(tell(0.2))
+    asyncio.run(tell(0.2))  # nothing is new
+    assert sent == [f"p/runs/{RUN}/state"]
+
+
+def test_a_message_leaves_out_what_is_long_and_is_json() -> None:
+    rows: list[dict[str, Any]] = [{"quantity": "bias", "value": 1.0, "history": [[1, 1.0, 0.1]]}]
+    state = {
+        "run": RUN,
+        "title": 'a"\n\udc80',
+        "log": [1],
+        "instruments": {},
+        "estimates": {"rows": rows, "records": 3},
+    }
+    text = document_of(SeenRun(state, {"bench.air": 20.0}, 0.5))
+    text.encode("ascii")
+    assert json.loads(text) == {
+        "run": RUN, "title": 'a"\n\udc80', "estimates": {"rows": [{"quantity": "bias", "value": 1.0}], "records": 3},
+        "temperatures_degC": {"bench.air": 20.0}, "age_s": 0.5,
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("url", "due"),
+    [
+        ("mqtt://b.example.org", Address("b.example.org", 1883, f"bench/{socket.gethostname()}")),
+        ("mqtts://kim@b.example.org/lab/1/", Address("b.example.org", 8883, "lab/1", True, "kim")),
+        ("mqtt://k%40im@[::1]:99/a%20b", Address("::1", 99, "a b", False, "k@im")),
+    ],
+)
+def test_an_address(url: str, due: Address) -> None:
+    assert address_of(url) == due
+
+
+@pytest.mark.parametrize(
+    "url",
+    ["", "broker", "http://b/", "mqtt://", "mqtt://b:port/", "mqtt://b:99999", "mqtt://[::1", "mqtt://b/a#b",
+     "mqtt://b/a%23", "mqtt://b/+/x", "mqtt://b/$SYS", "mqtt://b/x?y=1", "mqtt://kim:hidden@b/x"],
+)  # fmt: skip
+def test_what_is_no_address(url: str) -> None:
+    with pytest.raises(InputError) as refused:
+        address_of(url)
+    assert refused.value.code == "B-WEB-025"
+    assert "hidden" not in str(refused.value)
