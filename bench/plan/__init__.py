@@ -22,7 +22,7 @@ from bench.plan.language.mapping import (
     load_mapping,
     mapping_model,
 )
-from bench.plan.language.notices import Mail, Notify, Webhook, web_address
+from bench.plan.language.notices import Apprise, Mail, Notify, Webhook, web_address
 from bench.plan.language.sequence import Early
 from bench.plan.language.standards import Date, Stated
 from bench.plan.plan import Phase, Plan, SetPoint, Step, steps_sha256
@@ -61,6 +61,7 @@ __all__ = [
     "UNIX",
     "WIRING",
     "Action",
+    "Apprise",
     "Date",
     "Early",
     "FileForm",

@@ -52,6 +52,14 @@ class Mail(StrictModel):
     password_env: EnvironmentName | None = Field(None, description="environment variable that holds the password")
 
 
+class Apprise(StrictModel):
+    """A program of the extra ``messages`` tells services such as Teams, Slack or ntfy."""
+
+    urls_env: EnvironmentName = Field(
+        description="environment variable that holds their addresses, with blanks between"
+    )
+
+
 class Notify(StrictModel):
     """The section ``notify`` of a station."""
 
@@ -59,14 +67,15 @@ class Notify(StrictModel):
     command: list[Words] | None = Field(None, min_length=1, max_length=20, description="gets a JSON document on stdin")
     email: Mail | None = None
     webhook: Webhook | None = None
+    apprise: Apprise | None = None
     heartbeat: Annotated[float, *quantity("s", 10.0, 86_400.0)] | None = Field(
         None, description="a sign of life each, by command and webhook, so that silence is an alarm"
     )
 
     @model_validator(mode="after")
     def _somebody_is_told(self) -> Notify:
-        if self.command is None and self.email is None and self.webhook is None:
-            raise ValueError("nobody is told: give 'command', 'email' or 'webhook'")
+        if self.command is None and self.email is None and self.webhook is None and self.apprise is None:
+            raise ValueError("nobody is told: give 'command', 'email', 'webhook' or 'apprise'")
         if self.heartbeat is not None and self.command is None and self.webhook is None:
             raise ValueError("'heartbeat' goes out by 'command' or 'webhook'; give one of them")
         return self

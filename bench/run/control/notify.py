@@ -26,6 +26,7 @@ LONGEST_QUEUE = 100
 PAUSE_S = 5.0
 LAST_WORDS_S = 20.0  # what is still in the queue at the end of a run has this long
 HEARTBEAT = "heartbeat"
+READ_BY_PEOPLE = ("email", "apprise")  # who would not want a sign of life each ten minutes
 
 
 Shelved = Callable[[Event, float], bool]
@@ -122,7 +123,7 @@ class Notifier(Observer):
                 message |= {"left_out": self._dropped} if self._dropped else {}
                 self._dropped = 0
             for name, send in ways_of(self._notify):
-                if name != "email" or message["kind"] != HEARTBEAT:
+                if name not in READ_BY_PEOPLE or message["kind"] != HEARTBEAT:
                     self._send(name, send, message)
 
     def _send(self, name: str, send: Callable[[Message], None], message: Message) -> None:

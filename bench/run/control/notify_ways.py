@@ -1,25 +1,29 @@
-"""The ways a message leaves the bench: a command, a mail, a web address. Each one ends within its time-out.
+"""The ways a message leaves the bench: a command, a mail, a web address, Apprise. Each ends within its time-out.
 
 Secrets are read from the environment when a message is sent; they are in no file and in no session.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import os
 import smtplib
 import ssl
 import subprocess
+import sys
 import urllib.request
 from collections.abc import Callable, Mapping
 from email.message import EmailMessage
 from functools import partial
 from typing import Any
 
-from bench.plan import Mail, Notify, Webhook, web_address
+from bench.plan import Apprise, Mail, Notify, Webhook, web_address
 
 TIMEOUT_S = 10.0
 ATTEMPTS = 3
+_APPRISE = "import sys; from apprise.cli import main; sys.exit(main())"
+_APPRISE_TYPES = {"hold": "warning", "alarm": "warning", "error": "failure"}
 Message = dict[str, Any]
 
 
@@ -36,6 +40,8 @@ def ways_of(notify: Notify) -> list[tuple[str, Callable[[Message], None]]]:
         ways.append(("webhook", partial(by_webhook, notify.webhook)))
     if notify.email is not None:
         ways.append(("email", partial(by_mail, notify.email)))
+    if notify.apprise is not None:
+        ways.append(("apprise", partial(by_apprise, notify.apprise)))
     return ways
 
 
@@ -76,9 +82,9 @@ class _NoRedirect(urllib.request.HTTPRedirectHandler):
 def by_mail(mail: Mail, message: Mapping[str, Any]) -> None:
     """Hand a mail to the server. Raises: NotSent."""
     letter = EmailMessage()
-    letter["Subject"] = f"[bench] {message['kind']}: {message['session']}"
+    letter["Subject"] = _title(message)
     letter["From"], letter["To"] = mail.sender, ", ".join(mail.to)
-    letter.set_content("\n".join(f"{name}: {value}" for name, value in message.items()))
+    letter.set_content(_lines(message))
     trusted = ssl.create_default_context()
     try:
         with (
@@ -93,6 +99,32 @@ def by_mail(mail: Mail, message: Mapping[str, Any]) -> None:
             server.send_message(letter)
     except (OSError, smtplib.SMTPException) as error:
         raise NotSent(f"mail: {type(error).__name__}") from error
+
+
+def by_apprise(apprise: Apprise, message: Mapping[str, Any]) -> None:
+    """Hand the message to Apprise in a process of its own, its addresses by environment. Raises: NotSent."""
+    if importlib.util.find_spec("apprise") is None:
+        raise NotSent("apprise is not installed: pip install 'inertial-bench[messages]'")
+    words = [sys.executable, "-P", "-c", _APPRISE, "--storage-mode", "memory", "--title", _title(message)]
+    words += ["--notification-type", _APPRISE_TYPES.get(str(message["kind"]), "info")]
+    secret = {**os.environ, "APPRISE_URLS": _secret(apprise.urls_env)}
+    try:
+        done = subprocess.run(
+            words, input=_lines(message).encode(), env=secret, timeout=TIMEOUT_S, check=False, start_new_session=True,
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+        )  # fmt: skip
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise NotSent(f"apprise: {type(error).__name__}") from error
+    if done.returncode:
+        raise NotSent(f"apprise: exit status {done.returncode}")
+
+
+def _title(message: Mapping[str, Any]) -> str:
+    return f"[bench] {message['kind']}: {message['session']}"
+
+
+def _lines(message: Mapping[str, Any]) -> str:
+    return "\n".join(f"{name}: {value}" for name, value in message.items())
 
 
 def _secret(name: str | None) -> str:

@@ -19,10 +19,10 @@ from hold_rig import HoldRig
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputErrors
 from bench.model.events import End, Error, Hold, Interlock, Phase, Verdict, event_of
-from bench.plan.language.notices import Mail, Notify, Webhook
+from bench.plan.language.notices import Apprise, Mail, Notify, Webhook
 from bench.run.context import RunContext
 from bench.run.control.notify import LONGEST_QUEUE, Notifier, notifications, occasion, user_notify
-from bench.run.control.notify_ways import NotSent, by_command, by_mail, by_webhook
+from bench.run.control.notify_ways import NotSent, by_apprise, by_command, by_mail, by_webhook
 
 HOLD = Hold(step=3, by="door", reason="open")
 TRIPPED = Interlock(
@@ -185,6 +185,26 @@ def test_secrets_and_addresses_from_the_environment_are_checked(monkeypatch: pyt
     with pytest.raises(NotSent) as caught:
         by_webhook(Webhook(url_env="PLAIN"), MESSAGE)  # type: ignore[call-arg]
     assert "secret" not in str(caught.value)
+
+
+def test_apprise_gets_its_addresses_by_the_environment_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    way = Apprise(urls_env="MESSAGES")
+    with running(Web()) as web:
+        address = web.url.replace("http", "json").replace("127", "me:secret@127")
+        monkeypatch.setenv("MESSAGES", f"{address} json://me:secret@127.0.0.1:{web.server_port}/second")
+        monkeypatch.setattr("bench.run.control.notify_ways.TIMEOUT_S", 60.0)  # a busy machine
+        by_apprise(way, {**MESSAGE, "kind": "error", "code": "B-RUN-021"})
+        assert [(body["title"], body["type"]) for body, _ in web.got] == [("[bench] error: a", "failure")] * 2
+        assert web.got[0][0]["message"].splitlines()[:2] == ["kind: error", "session: a"]
+        web.statuses = [500] * 2
+        with pytest.raises(NotSent, match=r"^apprise: exit status \d$"):
+            by_apprise(way, MESSAGE)
+    monkeypatch.delenv("MESSAGES")
+    with pytest.raises(NotSent, match="MESSAGES is not set"):
+        by_apprise(way, MESSAGE)
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    with pytest.raises(NotSent, match=r"inertial-bench\[messages\]"):
+        by_apprise(way, MESSAGE)
 
 
 @pytest.mark.parametrize("text", ["raise SystemExit(3)", "import time; time.sleep(60)", None])
