@@ -84,7 +84,8 @@ def test_toml_is_that_of_the_example(block: Block) -> None:
 
 
 def test_every_block_with_a_language_is_looked_at() -> None:
-    """JSON is the manifests of the session format, from which tests/unit/record writes sessions."""
-    known = {"sh", "yaml", "python", "toml", "text", "nginx"}
+    """JSON is the manifests of the session format, from which tests/unit/record writes sessions; what is written for
+    Prometheus is read by tests/unit/web/telemetry."""
+    known = {"sh", "yaml", "python", "toml", "text", "nginx", "prometheus"}
     found = [block for page in PAGES for block in blocks_of(page) if block.language not in known]
     assert {(block.language, block.page) for block in found} == {("json", "docs/session-format.md")}

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage
+from paho.mqtt.client import Client, ConnectFlags, DisconnectFlags, MQTTMessage, topic_matches_sub
 from paho.mqtt.enums import CallbackAPIVersion
 from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
@@ -35,6 +35,7 @@ RETRY_S = (1, 60)  # the first and the longest pause before the next attempt
 MOST_LEFT = 10_000  # topics of earlier runs that are taken away
 PASSWORD = "BENCH_MQTT_PASSWORD"
 PORTS = {"mqtt": 1883, "mqtts": 8883}
+RUNS = "runs/+/state"
 LONG = ("log", "signals", "graphs", "timetable", "instruments")
 _PREFIX = re.compile(r"[^\s+#$\x00-\x1f/][^+#\x00-\x1f]{0,199}")
 _REFUSED = ("Bad user name or password", "Not authorized")
@@ -172,7 +173,7 @@ class Broker:
         self._answered.set()
         if not refusal:
             self._told = {}  # one that was started afresh holds nothing
-            client.subscribe(self._topic("runs/+/state"))
+            client.subscribe(self._topic(RUNS))
             client.publish(self._topic("status"), "online", retain=True)
 
     def _on_disconnect(
@@ -184,7 +185,8 @@ class Broker:
 
     def _on_message(self, client: Client, userdata: object, message: MQTTMessage) -> None:
         del client, userdata
-        if message.retain and message.payload and len(self._left) < MOST_LEFT:  # what it held; else it is our own
+        is_held = bool(message.retain and message.payload)  # else it is our own, of now
+        if is_held and topic_matches_sub(self._topic(RUNS), message.topic) and len(self._left) < MOST_LEFT:
             self._left = self._left | {message.topic}
 
 
