@@ -115,7 +115,7 @@ class Page:
 
 @contextmanager
 def served(top: Path, **options: Any) -> Iterator[Page]:
-    """A server for the sessions in ``top/sessions``, where one is, without a run."""
+    """A server for the sessions in ``top/sessions``, where one is, without a run. ``tell``: as of ``create_app``."""
     out, folder = top / "sessions", top / "private"
     (out / RUN).mkdir(parents=True)
     (out / RUN / "session.0001.mcap").touch()
@@ -124,8 +124,9 @@ def served(top: Path, **options: Any) -> Iterator[Page]:
     with socket.create_server(("127.0.0.1", 0)) as listener:
         place = listener.getsockname()
         hosts = options.pop("hosts", written(place, secure=False))
+        tell = options.pop("tell", None)
         serving = Serving(out, tokens, Audit(folder, clock), clock, hosts, place[1], **options)
-        app = create_app(serving)
+        app = create_app(serving, tell)
         server = server_of(app)
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()

@@ -6,14 +6,12 @@ import asyncio
 import gc
 import json
 import os
-import signal
 import socket
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from http.client import HTTPConnection
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,6 +19,7 @@ from typing import Any
 import pytest
 from mqtt_broker import SECRET, USER, MqttBroker, Subscriber
 from shown_run import ShownRun
+from web_rig import Page, served
 
 from bench.model.errors import InputError
 from bench.web.telemetry import SeenRun
@@ -44,14 +43,6 @@ def broker(tmp_path: Path) -> Iterator[MqttBroker]:
     found.kill()
 
 
-@pytest.fixture
-def shown(tmp_path: Path) -> Iterator[ShownRun]:
-    (tmp_path / "sessions").mkdir()
-    run = ShownRun(tmp_path / "sessions", RUN)
-    yield run
-    run.close()
-
-
 @contextmanager
 def serving(top: Path, port: int, password: str = SECRET) -> Iterator[tuple[subprocess.Popen[str], list[str]]]:
     """``bench serve --mqtt``, and what it has printed until it serves or ends."""
@@ -72,35 +63,56 @@ def serving(top: Path, port: int, password: str = SECRET) -> Iterator[tuple[subp
             process.kill()
 
 
-def test_a_broker_is_told_of_a_run_and_of_the_end_of_the_server(
-    tmp_path: Path, broker: MqttBroker, shown: ShownRun
-) -> None:
-    with Subscriber(broker.port, "lab/one") as heard, serving(tmp_path, broker.port) as (process, said):
-        assert f"broker 127.0.0.1 port {broker.port} is told of every run below lab/one" in said
-        assert SECRET not in "".join(said)
-        assert heard.until("lab/one/status") == "online"
-        state = json.loads(heard.until(STATE))
-        assert set(state) == set(shown.state) - set(LONG) | {"estimates", "operator", "temperatures_degC", "age_s"}
-        assert state["links"] == shown.state["links"]
-        assert (state["state"], state["progress"], state["records"]["done"]) == ("running", 0.38, 3)
-        assert state["temperatures_degC"]["bench.air"] == pytest.approx(54.8, abs=0.03)
-        shown.state["state"] = "holding"
-        with Subscriber(broker.port, "lab/one") as late:  # retained: whoever comes later knows at once
-            assert json.loads(late.until(STATE))["run"] == RUN
-        shown.close()
-        lost = json.loads(heard.until(STATE, lambda text: json.loads(text)["state"] not in ("running", "holding")))
-        assert (lost["state"], lost["bench"]["state"], lost["temperatures_degC"]) == ("stopped", "unknown", {})
-        assert "links" not in lost
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(END_S) == 0
+@contextmanager
+def telling(top: Path, port: int) -> Iterator[Page]:
+    """A page server in this process that tells a broker, and fits nothing."""
+    broker = Broker(Address("127.0.0.1", port, "lab/one", user=USER), SECRET)
+    assert broker.start() == f"broker 127.0.0.1 port {port} is told of every run below lab/one"
+    try:
+        with served(top, tell=broker.tell) as page:
+            page.app.state.hub.fit = fit_nothing
+            yield page
+    finally:
+        broker.stop()
+
+
+def is_running(text: str) -> bool:
+    """Return whether a message is one of a run that answers; the first look may come before its socket is there."""
+    return bool(json.loads(text)["state"] == "running")
+
+
+async def fit_nothing(folder: Path) -> None:
+    del folder
+
+
+def test_a_broker_is_told_of_a_run_and_of_the_end_of_the_server(tmp_path: Path, broker: MqttBroker) -> None:
+    with Subscriber(broker.port, "lab/one") as heard:
+        with telling(tmp_path, broker.port) as page:
+            shown = ShownRun(page.serving.out, RUN)
+            assert heard.until("lab/one/status") == "online"
+            state = json.loads(heard.until(STATE, is_running))
+            assert set(state) == set(shown.state) - set(LONG) | {"estimates", "operator", "temperatures_degC", "age_s"}
+            assert state["links"] == shown.state["links"]
+            assert (state["state"], state["progress"], state["records"]["done"]) == ("running", 0.38, 3)
+            assert state["temperatures_degC"]["bench.air"] == pytest.approx(54.8, abs=0.03)
+            with Subscriber(broker.port, "lab/one") as late:  # retained: whoever comes later knows at once
+                assert json.loads(late.until(STATE))["run"] == RUN
+            shown.close()
+            lost = json.loads(heard.until(STATE, lambda text: not is_running(text)))
+            assert (lost["state"], lost["bench"]["state"], lost["temperatures_degC"]) == ("stopped", "unknown", {})
+            assert "links" not in lost
         assert heard.until("lab/one/status", lambda text: text != "online") == "offline"
 
 
 def test_the_broker_itself_says_that_a_server_was_killed_and_one_that_comes_clears_what_is_left(
-    tmp_path: Path, broker: MqttBroker, shown: ShownRun
+    tmp_path: Path, broker: MqttBroker
 ) -> None:
+    (tmp_path / "sessions").mkdir()
+    shown = ShownRun(tmp_path / "sessions", RUN)
     with Subscriber(broker.port, "lab/one") as heard:
-        with serving(tmp_path, broker.port) as (process, _):
+        with serving(tmp_path, broker.port) as (process, said):
+            assert f"broker 127.0.0.1 port {broker.port} is told of every run below lab/one" in said
+            assert SECRET not in "".join(said)
             heard.until(STATE)
             process.kill()
             assert heard.until("lab/one/status", lambda text: text != "online") == "offline"
@@ -112,21 +124,19 @@ def test_the_broker_itself_says_that_a_server_was_killed_and_one_that_comes_clea
             assert heard.until(STATE, lambda text: not text) == ""
 
 
-def test_a_broker_that_dies_is_told_again_when_it_is_back(tmp_path: Path, broker: MqttBroker, shown: ShownRun) -> None:
-    with serving(tmp_path, broker.port) as (process, said):
+def test_a_broker_that_dies_is_told_again_when_it_is_back(tmp_path: Path, broker: MqttBroker) -> None:
+    with telling(tmp_path, broker.port) as page:
+        shown = ShownRun(page.serving.out, RUN)
         with Subscriber(broker.port, "lab/one") as heard:
-            heard.until(STATE)
+            heard.until(STATE, is_running)
         broker.kill()
         shown.state["progress"] = 0.5
-        page = HTTPConnection("127.0.0.1", int(said[1].rsplit(":", 1)[1].strip("/")), timeout=END_S)
-        page.request("GET", "/")
-        assert page.getresponse().status == 401  # the page goes on
-        page.close()
+        assert page.ask("GET", "/").status == 401  # the page goes on
         broker.start()
         with Subscriber(broker.port, "lab/one") as again:
             assert again.until("lab/one/status") == "online"
-            assert json.loads(again.until(STATE))["progress"] == 0.5
-        assert process.poll() is None
+            assert json.loads(again.until(STATE, is_running))["progress"] == 0.5
+        shown.close()
 
 
 def test_a_wrong_password_is_one_line_before_anything_is_served(tmp_path: Path, broker: MqttBroker) -> None:
@@ -138,13 +148,18 @@ def test_a_wrong_password_is_one_line_before_anything_is_served(tmp_path: Path, 
     assert PASSWORD in said[0]
 
 
-def test_a_broker_that_is_not_there_keeps_no_page_from_beginning(tmp_path: Path) -> None:
+def test_a_broker_that_is_not_there_is_tried_again(tmp_path: Path) -> None:
     port = free_port()
-    with serving(tmp_path, port) as (process, said):
-        assert said[0].startswith(f"broker 127.0.0.1 port {port} is not reached yet (")
-        assert process.poll() is None
-        process.send_signal(signal.SIGINT)
-        assert process.wait(END_S) == 0
+    broker = Broker(Address("127.0.0.1", port, "lab/one", user=USER), SECRET)
+    assert broker.start().startswith(f"broker 127.0.0.1 port {port} is not reached yet (")
+    late = MqttBroker(tmp_path, port)
+    try:
+        with Subscriber(port, "lab/one") as heard:
+            assert heard.until("lab/one/status") == "online"
+            broker.stop()
+            assert heard.until("lab/one/status", lambda text: text != "online") == "offline"
+    finally:
+        late.kill()
 
 
 # paho leaves the socket of a handshake that failed to the garbage collector
