@@ -23,8 +23,8 @@ from bench.report import Surrounding
 
 E = TypeVar("E", bound=Event)
 KINDS = (
-    "late", "slip", "overrun", "retake", "hold", "release", "skip", "control", "interlock", "alarm", "verdict", "link",
-    "guard", "clock_step", "config", "error",
+    "late", "slip", "overrun", "retake", "hold", "release", "armed", "skip", "control", "interlock", "alarm",
+    "verdict", "link", "guard", "clock_step", "config", "error",
 )  # fmt: skip
 _ALARMS = ("alarm", "interlock")
 _OF_COMMAND = ("what", "by", "reason")

@@ -57,8 +57,8 @@ E = TypeVar("E", bound=Event)
 SOFTWARE = f"inertial-bench {__version__}"
 KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "settled", "retake", "skip", "error", "end", "reading",
-    "hold", "release", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict", "config",
-    "clock_step", "control", "surroundings", "exchange", "decision",
+    "hold", "release", "armed", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict",
+    "config", "clock_step", "control", "surroundings", "exchange", "decision",
 )  # fmt: skip
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 

@@ -50,6 +50,7 @@ EVENTS: dict[str, tuple[dict[str, Any], str]] = {
         {"what": "stimulus", "step": 3, "role": "calibrator", "code": "B-INST-001", "text": "no answer"},
         "calibrator is not confirmed safe at step 3: B-INST-001: no answer",
     ),
+    "armed": ({"step": 3, "reason": "locked cage"}, "nobody is asked to arm the bench: locked cage"),
     "link": (
         {"link": "port_a", "state": "back", "seconds": 19.27, "how": "port opened again"},
         "link port_a is back after 19.3 s: port opened again",
