@@ -22,7 +22,7 @@ demo: $(VENV)/.kernel
 
 # Four workers on two cores: two begin with the tests that wait for real time, of terminals, browsers and killed
 # processes, two with those that compute (tests/support/two_ends.py).
-test: $(VENV)/.dev
+test: $(VENV)/.dev $(VENV)/.broker
 	$(PY) -m pytest -n 4 --dist loadfile -m "not sweep"
 
 # Pages of docs/instruments from the tables beside the drivers.
@@ -115,6 +115,7 @@ RUN = --extra report --extra history --extra page --extra terminal
 lock: $(PY)
 	$(PIP_INSTALL) pip-tools
 	$(COMPILE) --output-file requirements/build.txt requirements/build.in
+	$(COMPILE) --output-file requirements/broker.txt requirements/broker.in
 	$(COMPILE) $(RUN) --output-file requirements/run.txt pyproject.toml
 	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra fast --output-file requirements/fast.txt pyproject.toml
 	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra dev --output-file requirements/dev.txt pyproject.toml
@@ -142,6 +143,11 @@ $(VENV)/.kernel: requirements/fast.txt $(wildcard bench/frame/kernel/*.py) $(VEN
 
 $(VENV)/.dev: requirements/dev.txt $(VENV)/.kernel
 	$(PIP_INSTALL) --require-hashes -r requirements/dev.txt
+	@touch $@
+
+$(VENV)/.broker: requirements/broker.txt | $(PY)
+	$(PYTHON) -m venv $(VENV)/broker
+	$(VENV)/broker/bin/python -m pip install --quiet --disable-pip-version-check --no-input --require-hashes -r requirements/broker.txt
 	@touch $@
 
 $(VENV)/.docs: requirements/docs.txt $(VENV)/.dev
