@@ -16,6 +16,9 @@ PARTIAL_RESULTS = "bench.session.partial"  # fits a session that is still being 
 TREND = "bench.replay.build_trend"  # builds the trend file of a session that has none
 STARTED = (GUARD, NOTICE, DRILL_CONTROLLER, EARLY_VERDICT, PARTIAL_RESULTS, TREND)
 
+APPRISE = (sys.executable, "-P", "-c", "import sys; from apprise.cli import main; sys.exit(main())")
+"""The program of the extra ``messages``, which is no module of ours."""
+
 
 def own_process(module: str, *words: str) -> list[str]:
     """Return the command that starts one of the modules in ``STARTED`` with its arguments."""

@@ -11,18 +11,17 @@ import os
 import smtplib
 import ssl
 import subprocess
-import sys
 import urllib.request
 from collections.abc import Callable, Mapping
 from email.message import EmailMessage
 from functools import partial
 from typing import Any
 
+from bench.model.processes import APPRISE
 from bench.plan import Apprise, Mail, Notify, Webhook, web_address
 
 TIMEOUT_S = 10.0
 ATTEMPTS = 3
-_APPRISE = "import sys; from apprise.cli import main; sys.exit(main())"
 _APPRISE_TYPES = {"hold": "warning", "alarm": "warning", "error": "failure"}
 Message = dict[str, Any]
 
@@ -105,7 +104,7 @@ def by_apprise(apprise: Apprise, message: Mapping[str, Any]) -> None:
     """Hand the message to Apprise in a process of its own, its addresses by environment. Raises: NotSent."""
     if importlib.util.find_spec("apprise") is None:
         raise NotSent("apprise is not installed: pip install 'inertial-bench[messages]'")
-    words = [sys.executable, "-P", "-c", _APPRISE, "--storage-mode", "memory", "--title", _title(message)]
+    words = [*APPRISE, "--storage-mode", "memory", "--title", _title(message)]
     words += ["--notification-type", _APPRISE_TYPES.get(str(message["kind"]), "info")]
     secret = {**os.environ, "APPRISE_URLS": _secret(apprise.urls_env)}
     try:

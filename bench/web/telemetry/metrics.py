@@ -70,7 +70,7 @@ class _Scraped:
 def families(runs: Iterable[SeenRun]) -> list[Metric]:
     """Return the metric families of runs, each with the samples of all of them; no two samples of the same labels."""
     table = _Table()
-    table.info("bench_server", "The page server that tells this.", {}, {"version": __version__})
+    table.words("bench_server", "The page server that tells this.", {}, {"version": __version__})
     for run in runs:
         name = _label(run.state.get("run"))
         _add_run(table, {"run": name}, run)
@@ -86,7 +86,7 @@ def _add_run(table: _Table, of: dict[str, str], run: SeenRun) -> None:
     named = {key: _label(state.get(key)) for key in ("title", "sequence", "station", "clock")}
     named |= {key: _label(uut.get(key)) for key in ("model", "serial")}
     named["simulated"] = _label(state.get("simulated")).lower()
-    table.info("bench_run", "What runs where, on which unit.", of, named)
+    table.words("bench_run", "What runs where, on which unit.", of, named)
     table.states("bench_run_state", "What the run is doing.", of, RUN_STATES, state.get("state"))
     table.states("bench_run_attention", "How much somebody is needed.", of, ATTENTION, state.get("attention"))
     outcome = _mapping(_mapping(state.get("session")).get("outcome")).get("word")
@@ -181,7 +181,7 @@ class _Table:
             said = {state: state == now for state in states}
             self._family(StateSetMetricFamily, name, text, labels).add_metric(list(labels.values()), said)
 
-    def info(self, name: str, text: str, labels: dict[str, str], values: dict[str, str]) -> None:
+    def words(self, name: str, text: str, labels: dict[str, str], values: dict[str, str]) -> None:
         """Add words that belong to the labels."""
         if self._is_new(name, labels):
             self._family(InfoMetricFamily, name, text, labels).add_metric(list(labels.values()), values)

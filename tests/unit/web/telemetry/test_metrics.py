@@ -84,16 +84,6 @@ def now(read: Samples, name: str, run: str = LIVE, **labels: str) -> list[str]:
 
 
 def test_every_figure_is_that_of_the_state_document(page: Page, shown: ShownRun) -> None:
-    estimate = {"quantity": "dsf_n", "unit": "ppm", "value": 412.31, "expanded_uncertainty": 19.9, "limit": 500.0,
-                "conditions": {"channel": 1, "kind": "gyro"}, "quality": "sound"}  # fmt: skip
-    one_sided = {**estimate, "quantity": "bias", "limit": None, "limits": {"low": None, "high": 2e-9}}
-    page.app.state.hub.added = lambda run: {"estimates": {"rows": [estimate, one_sided]}, "operator": None}
-    alarm = {"id": "1", "severity": "alarm", "code": None, "t_utc_s": 0.0, "text": "x", "active": True,
-             "acknowledged": None, "shelved": None}  # fmt: skip
-    shown.state["alarms"] = [
-        alarm, {**alarm, "active": False}, {**alarm, "severity": "warning"},
-        {**alarm, "severity": "fault", "shelved": {"by": "kim", "reason": "known", "until_utc_s": 9e9}},
-    ]  # fmt: skip
     bench = {"state": "energised", "confirmed_utc_s": shown.state["t_utc_s"] - 30.0}
     shown.state.update(bench=bench, attention="much")
     shown.state["links"]["port_a"]["bad"] = 3
@@ -114,6 +104,23 @@ def test_every_figure_is_that_of_the_state_document(page: Page, shown: ShownRun)
     assert counts == {"good": 360_000, "bad": 3, "lost": 2}
     records = {what: value(read, "bench_records", what=what) for what in ("done", "planned", "retaken", "flagged")}
     assert records == {"done": 3, "planned": 9, "retaken": 1, "flagged": 0}
+    info = {"title": document["title"], "sequence": "scale_factor", "station": "af_bench", "clock": "wall",
+            "model": "NGU", "serial": "7", "simulated": "true"}  # fmt: skip
+    assert value(read, "bench_run_info", **info) == 1.0
+
+
+def test_alarms_temperatures_and_estimates(page: Page, shown: ShownRun) -> None:
+    estimate = {"quantity": "dsf_n", "unit": "ppm", "value": 412.31, "expanded_uncertainty": 19.9, "limit": 500.0,
+                "conditions": {"channel": 1, "kind": "gyro"}, "quality": "sound"}  # fmt: skip
+    one_sided = {**estimate, "quantity": "bias", "limit": None, "limits": {"low": None, "high": 2e-9}}
+    page.app.state.hub.added = lambda run: {"estimates": {"rows": [estimate, one_sided]}, "operator": None}
+    alarm = {"id": "1", "severity": "alarm", "code": None, "t_utc_s": 0.0, "text": "x", "active": True,
+             "acknowledged": None, "shelved": None}  # fmt: skip
+    shown.state["alarms"] = [
+        alarm, {**alarm, "active": False}, {**alarm, "severity": "warning"},
+        {**alarm, "severity": "fault", "shelved": {"by": "kim", "reason": "known", "until_utc_s": 9e9}},
+    ]  # fmt: skip
+    read = samples(page)
     assert {word: value(read, "bench_alarms", severity=word) for word in ("warning", "alarm", "fault")} == {
         "warning": 1, "alarm": 1, "fault": 0,
     }  # fmt: skip
@@ -129,9 +136,6 @@ def test_every_figure_is_that_of_the_state_document(page: Page, shown: ShownRun)
         dict(key[1])["side"] for key in read if ("quantity", "bias") in key[1] and key[0] == "bench_estimate_limit"
     }
     assert sides == {"high"}
-    info = {"title": document["title"], "sequence": "scale_factor", "station": "af_bench", "clock": "wall",
-            "model": "NGU", "serial": "7", "simulated": "true"}  # fmt: skip
-    assert value(read, "bench_run_info", **info) == 1.0
 
 
 def test_both_formats_say_the_same(page: Page, shown: ShownRun) -> None:
