@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from datetime import date, datetime, timedelta
 
 from bench.model.texts import Texts
-from bench.report.first.results import Block, result_blocks
+from bench.report.first.results import Block, shown_results
 from bench.report.first.statements import Statement, mark_refused, statements
 from bench.report.laboratory import Contact, Laboratory
 from bench.report.model import ReportModel
@@ -25,7 +25,8 @@ class FirstPage:
     """``number`` stands on every page, ``end`` behind the last; ``entries`` are pairs of name and value.
 
     ``not_accredited``: why no mark of the accreditation that the laboratory states stands on it.
-    ``results``: small tables.   ``statements``: pairs of head and text.   ``signatures``: who signs, "" for anybody.
+    ``results``: small tables, ``notes`` below them.   ``statements``: pairs of head and text.
+    ``signing``: what a signature means.   ``signatures``: who signs, "" for anybody.
     """
 
     title: str
@@ -35,7 +36,9 @@ class FirstPage:
     entries: tuple[tuple[str, str], ...]
     doubt: tuple[str, ...]
     results: tuple[Block, ...]
+    notes: tuple[str, ...]
     statements: tuple[Statement, ...]
+    signing: str
     signatures: tuple[tuple[str, str], ...]
     not_accredited: tuple[str, ...] = ()
 
@@ -44,8 +47,8 @@ def first_page(model: ReportModel, laboratory: Laboratory | None, words: Texts) 
     """Return the first page of a report; without a laboratory it says what nobody stated."""
     session = str(model.results.get("session", ""))
     number = session if laboratory is None else laboratory.number_of(session)
-    blocks, shown = result_blocks(model, words)
-    refused = [] if laboratory is None else mark_refused(model, laboratory, shown, words)
+    shown = shown_results(model, words)
+    refused = [] if laboratory is None else mark_refused(model, laboratory, shown.rows, words)
     return FirstPage(
         title=_title(model, laboratory, words),
         subject=model.title,
@@ -53,8 +56,10 @@ def first_page(model: ReportModel, laboratory: Laboratory | None, words: Texts) 
         end=words("first.end", number=number),
         entries=tuple(_entries(model, laboratory, words)),
         doubt=doubt_paragraphs(model, words),
-        results=tuple(blocks),
+        results=shown.blocks,
+        notes=shown.notes,
         statements=tuple(statements(model, laboratory, refused, words)),
+        signing=words("signature.watermarked" if model.simulated else "signature.table"),
         signatures=_signatures(laboratory, words),
         not_accredited=tuple(refused),
     )

@@ -6,7 +6,7 @@ Channels go down and temperatures across, several quantities side by side; what 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from bench.analysis import cell, decimals_for, is_sound, number, unit_text, with_uncertainty
@@ -48,6 +48,7 @@ class _Grid:
     names: tuple[str, ...]
     across: str | None
     rows: Mapping[tuple[Key, Any], Row]
+    cut: bool = False
 
     @property
     def down(self) -> list[Key]:
@@ -64,7 +65,7 @@ class _Grid:
             return self
         kept = {columns[round(place * (len(columns) - 1) / (most - 1))] for place in range(most)}
         rows = {key: row for key, row in self.rows.items() if key[1] in kept}
-        return _Grid(self.heading, self.scale, self.names, self.across, rows)
+        return replace(self, rows=rows, cut=True)
 
 
 def main_rows(model: ReportModel) -> list[Row]:
@@ -74,8 +75,17 @@ def main_rows(model: ReportModel) -> list[Row]:
     return declared or [row for row in entries if row.get("expanded_uncertainty") or not is_sound(row)]
 
 
-def result_blocks(model: ReportModel, words: Texts) -> tuple[list[Block], list[Row]]:
-    """Return tables of the main results, and the estimates that are in them."""
+@dataclass(frozen=True)
+class Shown:
+    """The main results as the page has room for them; ``rows``: the estimates that are in the tables."""
+
+    blocks: tuple[Block, ...]
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+
+
+def shown_results(model: ReportModel, words: Texts) -> Shown:
+    """Return tables of the main results, and what a reader must know of them."""
     by_quantity: dict[str, list[Row]] = {}
     for row in main_rows(model):
         by_quantity.setdefault(str(row["quantity"]), []).append(row)
@@ -84,14 +94,21 @@ def result_blocks(model: ReportModel, words: Texts) -> tuple[list[Block], list[R
     blocks: list[Block] = []
     shown: list[Row] = []
     lines = 0
-    for alike in _alike(grids):
-        for made, rows in _made(alike, words):
-            if lines + len(made.rows) > MOST_LINES:
-                return blocks, shown
-            lines += len(made.rows) + len(made.foot) + 3
+    for made, rows in (part for alike in _alike(grids) for part in _made(alike, words)):
+        lines += len(made.rows) + len(made.foot) + 3
+        if lines <= MOST_LINES:
             blocks.append(made)
             shown += rows
-    return blocks, shown
+    return Shown(tuple(blocks), tuple(shown), tuple(_notes(words, shown, lines > MOST_LINES)))
+
+
+def _notes(words: Texts, shown: Sequence[Row], cut: bool) -> Iterator[str]:
+    if not shown:
+        yield words("first.results.none")
+    if not all(map(is_sound, shown)):
+        yield words("first.results.unsound")
+    if cut:
+        yield words("first.results.further")
 
 
 def _of_the_method(model: ReportModel, row: Row) -> bool:
@@ -201,8 +218,11 @@ def _table(grids: Sequence[_Grid], words: Texts, text: Any) -> Block:
         foot.append((words("first.results.verdict"), *(_verdict(words, rows) for rows in below)))
     groups = (("", 1), *((grid.heading, len(grid.columns)) for grid in grids))
     more = words("first.results.more", shown=MOST_ROWS, all=len(keys)) if len(keys) > MOST_ROWS else ""
+    some = words("first.results.columns") if any(grid.cut for grid in grids) else ""
     caption = words("first.results.short" if text is _short else "first.results.full")
-    return Block(f"{caption} {more}".strip(), groups, tuple(headers), tuple(body), tuple(foot))
+    return Block(
+        " ".join(part for part in (caption, some, more) if part), groups, tuple(headers), tuple(body), tuple(foot)
+    )
 
 
 def _below(words: Texts, grids: Sequence[_Grid], below: Sequence[Sequence[Row]]) -> list[tuple[str, ...]]:

@@ -189,6 +189,29 @@ def test_doubtful_values_are_marked_and_say_so_above(model: ReportModel) -> None
     shown = first_page(replace(model, results={**model.results, "estimates": [doubtful, *others]}), None, WORDS)
     assert shown.doubt[0].startswith("DOUBTFUL, 1 estimate: It is odd.")
     assert shown.results[0].rows[0][1] == "41 †"
+    assert shown.notes == (WORDS("first.results.unsound"),)
+
+
+def test_more_than_the_page_has_room_for_is_thinned_and_told(model: ReportModel) -> None:
+    """Of 13 temperatures five are shown, both ends among them; of 14 channels twelve; what is left out is said."""
+    where = [(channel, float(degC)) for channel in range(1, 15) for degC in range(-60, 70, 10)]
+    many = [estimate("dsf_n", "ppm", 1.0, 0.1, channel=channel, temperature_degC=degC) for channel, degC in where]
+    many += [estimate(f"x{index}", "ppm", 1.0, 0.1) for index in range(30)]
+    names = ("dsf_n", *(f"x{index}" for index in range(30)))
+    shown = first_page(replace(model, main=names, results={**model.results, "estimates": many}), None, WORDS)
+    table = shown.results[0]
+    assert [number(text) for text in table.headers[1:]] == [-60.0, -30.0, 0.0, 30.0, 60.0]
+    assert len(table.rows) == 12
+    assert "Not all temperatures" in table.caption
+    assert "The first 12 of 14 rows" in table.caption
+    assert shown.notes == (WORDS("first.results.further"),)
+    assert len(png_pages(model, [], WORDS, 20.0, shown)) == 2
+
+
+def test_a_campaign_without_results_says_so(model: ReportModel) -> None:
+    bare = first_page(replace(model, results={**model.results, "estimates": []}), laboratory(), WORDS)
+    assert (bare.results, bare.notes) == ((), (WORDS("first.results.none"),))
+    assert bare.not_accredited == (WORDS("first.accreditation.nothing"),)
 
 
 def test_what_is_measured_outside_of_what_the_laboratory_states_is_told(model: ReportModel) -> None:
