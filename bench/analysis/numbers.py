@@ -10,6 +10,7 @@ from typing import Any
 _SIGNIFICANT = 2
 _MOST_DECIMALS = 7  # of a value with its uncertainty; what needs more is printed with a power of ten
 _LONG, _ENDLESS = 1e6, 1e15  # from here on numbers without decimals; beyond, powers of ten
+_RESOLUTION = 1e-13  # of a value
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _ROOT, _TIMES = re.compile(r"([a-zA-Z]+)\^0\.5"), re.compile(r"(?<=\w)\*(?=\w)")
 _UNIT_TEXT = {
@@ -22,8 +23,12 @@ def decimals_for(uncertainty: float) -> int:
     """Return decimals that show an uncertainty with two significant digits, 12 at most; -1 means tens, -2 hundreds."""
     if not math.isfinite(uncertainty) or uncertainty <= 0:
         return 3
-    exponent = int(f"{uncertainty:.{_SIGNIFICANT - 1}e}".partition("e")[2])  # after rounding: 0.996 is 1.0
-    return min(12, _SIGNIFICANT - 1 - exponent)
+    return min(12, _SIGNIFICANT - 1 - _exponent(uncertainty))
+
+
+def _exponent(size: float) -> int:
+    """Return the power of ten of the first of two significant digits, after rounding: 0.996 is 1.0."""
+    return int(f"{size:.{_SIGNIFICANT - 1}e}".partition("e")[2])
 
 
 def number(value: object, decimals: int | None = None) -> str:
@@ -59,11 +64,13 @@ def with_uncertainty(value: float, expanded: float | None) -> str:
 
     What would be mostly zeros has a power of ten: ``(0.0 ± 1.7)·10⁵``.
     An uncertainty of zero is that of a count, or one that nobody stated: "± 0.000" would claim a perfect measurement.
+    One below the resolution of the value is none either.
     """
-    if expanded is None or not math.isfinite(expanded) or expanded == 0.0:
+    if expanded is None or not (math.isfinite(expanded) and math.isfinite(value)):
         return number(value)
-    places = decimals_for(expanded)
-    power = int(f"{max(abs(value), expanded):.{_SIGNIFICANT - 1}e}".partition("e")[2])
+    if expanded <= _RESOLUTION * abs(value):
+        return number(value)
+    places, power = _SIGNIFICANT - 1 - _exponent(expanded), _exponent(max(abs(value), expanded))
     if -4 < places <= _MOST_DECIMALS or (places > 0 and power > -3):
         return f"{number(value, places)} ± {number(expanded, places)}"
     scaled = (f"{Decimal(part).scaleb(-power):z.{places + power}f}" for part in (value, expanded))

@@ -7,7 +7,7 @@ import re
 from decimal import ROUND_HALF_EVEN, Decimal, getcontext
 
 import pytest
-from hypothesis import given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from bench.analysis import cell, decimals_for, header, number, unit_text, with_uncertainty
@@ -39,6 +39,9 @@ def test_value_and_uncertainty_end_at_the_same_digit(value: float, expanded: flo
         (-19.1, 165001.0, "(0.0 ± 1.7)·10⁵"),
         (572803.0, 453627.0, "(5.7 ± 4.5)·10⁵"),
         (9e-8, 1e-7, "(0.9 ± 1.0)·10⁻⁷"),
+        (0.0, 3e-15, "(0.0 ± 3.0)·10⁻¹⁵"),
+        (18.4, 1e-15, "18.4"),
+        (math.nan, 1.0, "–"),
         (1.0000000123, 1.6e-9, "1.0000000123 ± 0.0000000016"),
     ],
 )
@@ -48,10 +51,11 @@ def test_a_power_of_ten_stands_for_zeros(value: float, expanded: float, text: st
 
 @given(
     st.floats(-1e9, 1e9, allow_nan=False).filter(lambda value: value == 0.0 or abs(value) > 1e-12),
-    st.floats(1e-9, 1e9),
+    st.floats(1e-15, 1e9),
 )
 def test_digits_follow_the_uncertainty(value: float, expanded: float) -> None:
     """Two significant digits of U, the value to the same place, nothing minus zero; by exact decimal arithmetic."""
+    assume(expanded > 1e-13 * abs(value))
     text = with_uncertainty(value, expanded).replace("\u202f", "").replace("−", "-")
     match = re.fullmatch(r"\(?([^()·]+)\)?(?:·10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+))?", text)
     assert match
