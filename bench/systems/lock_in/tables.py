@@ -81,7 +81,11 @@ def _bounded(measured: Measured | None, factor: float = 1.0) -> str:
     """As ``_text``; of a value that cannot be told from 0, what it does not exceed."""
     if measured is None or measured.value > coverage_factor() * measured.std:
         return _text(measured, factor)
-    return f"< {float(f'{factor * (measured.value + coverage_factor() * measured.std):.2g}'):g}"
+    return _below(factor * (measured.value + coverage_factor() * measured.std))
+
+
+def _below(limit: float) -> str:
+    return f"< {float(f'{limit:.2g}'):g}"
 
 
 def _alignment(results: Sequence[LaserResult], requirement: Requirement, method: str) -> Table:
@@ -110,7 +114,7 @@ def _by_bias(laser: LaserResult, method: str, requirement: Requirement) -> str:
         return "no result"
     of_one = bias_alignment_error_deg(1.0, requirement.latitude_deg) / NATO_MIL_DEG
     if not bias.shown:
-        return f"< {of_one * bias.upper_deg_h:.2g}"
+        return _below(of_one * bias.upper_deg_h)
     return _text(Measured(bias.value_deg_h, bias.std_deg_h), of_one)
 
 
