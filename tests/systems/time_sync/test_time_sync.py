@@ -177,7 +177,10 @@ def test_what_the_motion_does_not_show_is_no_result(sequence: str, time: str, tm
     _, found = run(tmp_path, sequence, "warm_up=1 s", f"time={time}")
     for one in offsets(found).values():
         assert one["conditions"]["observable"] is False
-        assert one["std_uncertainty"] >= 0.03
+        assert (one["value"], one["quality"]) == (None, "refused")
+        assert [reason["code"] for reason in one["reasons"]] == ["not_observable"]
+    intervals_s = [one["value"] for one in found if one["quantity"] == "time_offset_uncertainty"]
+    assert min(intervals_s) >= 1.96 * 0.03  # what was assumed beforehand
 
 
 @pytest.mark.slow
