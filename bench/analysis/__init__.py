@@ -77,7 +77,7 @@ from bench.analysis.results import (
     validate_results,
 )
 from bench.analysis.specification import Specification, outlived, outlived_text
-from bench.analysis.values import Value, place_of, values_of
+from bench.analysis.values import Value, place_of, placed, values_of
 
 __all__ = [
     "CONTINUES",
@@ -149,6 +149,7 @@ __all__ = [
     "outlived_text",
     "picture",
     "place_of",
+    "placed",
     "results_json",
     "results_schema",
     "rule_of",

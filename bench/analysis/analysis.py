@@ -17,6 +17,7 @@ from bench.analysis.expected import judged_values
 from bench.analysis.figures import Figure, Table
 from bench.analysis.material import Material
 from bench.analysis.values import EXPECTED
+from bench.analysis.wording import say
 from bench.model.declaration import AnalysisDeclaration
 from bench.model.errors import BenchError, FitError
 from bench.model.lab_code import failed, own_code
@@ -55,7 +56,7 @@ class Analysis:
 
 def no_result(missing: Iterable[str]) -> list[str]:
     """Return the notes that name what a campaign promises and has no result, a sentence each."""
-    return [f"No result: {sentence}." for sentence in missing]
+    return [say("no_result", what=sentence) for sentence in missing]
 
 
 def check_method(method: str, methods: Sequence[str]) -> None:

@@ -17,6 +17,7 @@ from typing import Any
 
 from bench.analysis.estimates import Estimate
 from bench.analysis.numbers import with_uncertainty
+from bench.analysis.wording import say
 from bench.maths.verdict import INDETERMINATE
 
 SOUND, DOUBTFUL, REFUSED = "sound", "doubtful", "refused"
@@ -151,14 +152,14 @@ def doubt_lines(entries: Iterable[Mapping[str, Any]]) -> list[str]:
         for reason in entry.get("reasons", ()):
             kind = (str(entry["quality"]), str(reason["code"]))
             taken_in[kind] += 1
-            by_kind.setdefault(kind, {})[str(reason["sentence"])] = abs(reason["figure"] or 0.0)
-    lines = []
+            by_kind.setdefault(kind, {})[reason["sentence"]] = abs(reason["figure"] or 0.0)
+    lines: list[str] = []
     for quality, code in sorted(by_kind, key=lambda kind: kind[0] != REFUSED):
         sentences = by_kind[quality, code]
         others = len(sentences) - 1
-        more = f" So at {others} more {'place' if others == 1 else 'places'}." if others else ""
+        more = say("doubt.more", count=others) if others > 1 else say("doubt.more_one") if others else ""
         count = taken_in[quality, code]
-        estimates = "estimate" if count == 1 else "estimates"
         worst = max(sentences, key=sentences.__getitem__)
-        lines.append(f"{quality.upper()}, {count} {estimates}: {worst}{more} [{code}]")
+        key = f"doubt.{quality}" if count > 1 else f"doubt.{quality}_one"
+        lines.append(say(key, count=count, worst=worst, more=more, code=code))
     return lines

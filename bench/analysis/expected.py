@@ -14,15 +14,12 @@ from bench.analysis.estimates import Estimates, estimate
 from bench.analysis.figures import Table
 from bench.analysis.material import Material
 from bench.analysis.numbers import limits_text, number
-from bench.analysis.values import Value, absent, conditions_text, place_of, values_of
+from bench.analysis.values import Value, absent, conditions_text, placed, values_of
+from bench.analysis.wording import say
 from bench.maths.repeats import odd_one, trend
 
 SPAN = "span"
-_HEADERS = ("quantity", "conditions", "mean", "unit", "n", "scatter", "u by scatter", "u by specification", "expected")
-_CAPTION = (
-    "Scatter: standard deviation of one reading. u: standard uncertainty of the mean, by the scatter (type A) and by "
-    "the specification of the instrument in the register of standards (type B), which is one error of all readings"
-)
+_HEADERS = ("quantity", "conditions", "mean", "unit", "n", "scatter", "u_scatter", "u_specification", "expected")
 
 
 @dataclass(frozen=True)
@@ -61,41 +58,42 @@ def _estimates(value: Value) -> Estimates:
 
 def _evidence(value: Value, material: Material) -> Iterable[Evidence]:
     """Yield what speaks against a value, and so against every fit through it: no specification, a drift, an odd one."""
-    where = f"{value.quantity}{place_of(value.conditions)}"
+    where = placed(value.quantity, value.conditions)
     bears_on = [value.quantity, f"{value.quantity}_{SPAN}"]
     for fit in material.campaign.get("fits", ()):
         if value.quantity in (fit["of"], fit["against"].get("quantity")):
             bears_on += [f"{fit['name']}_{result}" for result in fit["units"]]
             bears_on += [asked["quantity"] for asked in fit.get("read_back", ())]
     if value.unstated:
-        sentence = f"{where}: {value.unstated}"
+        sentence = say("value.unstated", where=where, why=value.unstated)
         yield Evidence("no_specification", sentence, None, CERTAIN, quantities=bears_on, conditions=value.conditions)
         return
     expanded = 2.0 * value.std
     t_s, readings = value.blocks
     if (drift := trend(t_s, readings)) is not None:
-        sentence = f"{where}: its readings drift by {drift.size:.3g} {value.unit} from the first to the last"
+        sentence = say("value.drifts", where=where, size=drift.size, unit=value.unit)
         move = abs(drift.size) / 2.0 / expanded if expanded else math.inf
         yield Evidence(
             "drifts", sentence, drift.size, drift.probability, move, quantities=bears_on, conditions=value.conditions
         )
     if (odd := odd_one(readings)) is not None:
-        sentence = f"{where}: one of its {readings.size} readings is far from the others; without it the mean moves by "
+        sentence = say("value.odd", where=where, count=readings.size, size=odd.size, unit=value.unit)
         move = abs(odd.size) / expanded if expanded else math.inf
         yield Evidence(
-            "odd_reading", f"{sentence}{odd.size:.3g} {value.unit}", odd.size, odd.probability, move,
+            "odd_reading", sentence, odd.size, odd.probability, move,
             quantities=bears_on, conditions=value.conditions,
         )  # fmt: skip
 
 
 def value_table(values: Sequence[Value]) -> Table:
     """Return all values with their scatter and both kinds of uncertainty."""
-    return Table("Values", _CAPTION, _HEADERS, [_row(value) for value in values])
+    headers = [say(f"values.{name}") for name in _HEADERS]
+    return Table(say("values.title"), say("values.caption"), headers, [_row(value) for value in values])
 
 
 def _row(value: Value) -> list[object]:
     conditions = conditions_text(value.conditions)
-    std_b = "not stated" if value.unstated else f"{value.std_b:.2g}"
+    std_b = say("value.not_stated") if value.unstated else f"{value.std_b:.2g}"
     scatter = (value.scatter, value.std_a) if value.n > 1 else (None, None)
     told = ["–" if figure is None else f"{figure:.2g}" for figure in scatter]
     expected = limits_text(value.limits)

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from bench.analysis.wording import say
 from bench.model.quality import Quality
 
 if TYPE_CHECKING:
@@ -36,9 +37,9 @@ def count_problem(row: RecordRow) -> str:
     if problem := flag_problem(row):
         return problem
     if row.lost > _MOST_LOST * row.window.frames:
-        return "frames lost"
+        return say("problem.frames_lost")
     complete = all(_counted(row.sums.get(name, 0)) for name in _NEEDED_CLOCKS) and row.sums.keys() >= _COUNTS
-    return "" if complete else "without clock counts"
+    return "" if complete else say("problem.no_clock_counts")
 
 
 def _counted(value: Any) -> bool:

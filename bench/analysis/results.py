@@ -14,11 +14,12 @@ from bench.analysis.analysis import Analysis
 from bench.analysis.doubt import stated, weigh
 from bench.analysis.estimates import judged, rule_of
 from bench.analysis.form import Closed, check_form, schema_of
+from bench.analysis.wording import say
 from bench.maths.verdict import Rule, Verdict
 from bench.model.assumptions import Assumption
 
 SCHEMA = 2
-INCOMPLETE = "Incomplete: the run has not ended. These are the records so far; nothing is judged."
+INCOMPLETE = say("incomplete")
 _Count = Annotated[int, Field(ge=0)]
 _Plain = str | bool | int | float | None
 

@@ -12,6 +12,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from bench.analysis.material import Reading
+from bench.analysis.wording import say
 from bench.model.units import format_quantity
 
 _EXPANDED = 2.0  # the register states 95 %
@@ -64,11 +65,9 @@ def age_s(standards: Mapping[str, Mapping[str, Any]], role: str, utc_s: float | 
 
 def age_text(seconds: float | None) -> str:
     """Return an age in words."""
-    return (
-        "of unknown age"
-        if seconds is None or math.isinf(seconds)
-        else f"{seconds / _DAY_S:.0f} days after its calibration"
-    )
+    if seconds is None or math.isinf(seconds):
+        return say("age.unknown")
+    return say("age.known", days=seconds / _DAY_S)
 
 
 @dataclass(frozen=True)
@@ -84,11 +83,15 @@ class Outlived:
 def outlived_text(ranges: Sequence[Outlived]) -> str:
     """Return what is wrong with one or more ranges of a standard, for a person."""
     first, more = ranges[0], len(ranges) - 1
-    others = f", as {more} more {'range' if more == 1 else 'ranges'}," if more else ""
-    return (
-        f"{first.role}: the specification of its range {format_quantity(first.range_A, 'A')}{others} holds "
-        f"{first.age_s / _DAY_S:g} days after its calibration, and the measurement ended {age_text(first.had_s)}"
-    )
+    told = {
+        "role": first.role,
+        "range": format_quantity(first.range_A, "A"),
+        "days": first.age_s / _DAY_S,
+        "age": age_text(first.had_s),
+    }
+    if more > 1:
+        return say("outlived.more", count=more, **told)
+    return say("outlived.one_more" if more else "outlived", **told)
 
 
 def outlived(standards: Mapping[str, Mapping[str, Any]], role: str, end_utc_s: float) -> list[Outlived]:

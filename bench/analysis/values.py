@@ -14,6 +14,7 @@ from bench.analysis.material import Floats, GivenValue, Material, Reading
 from bench.analysis.problems import flag_problem
 from bench.analysis.replies import number_of
 from bench.analysis.specification import Specification, age_s, age_text, specification_of
+from bench.analysis.wording import say
 from bench.maths.budget import effective_dof
 from bench.maths.correlated import independent_count
 from bench.model.clock import NS
@@ -149,7 +150,7 @@ def absent(material: Material, values: Iterable[Value]) -> list[str]:
     found = {_key(value.quantity, value.conditions) for value in values}
     entries = material.campaign.get(EXPECTED, ())
     return [
-        f"{entry['quantity']}{place_of(entry['conditions'])} was not read"
+        say("value.absent", where=placed(entry["quantity"], entry["conditions"]))
         for entry in entries
         if _key(entry["quantity"], entry["conditions"]) not in found
     ]
@@ -166,6 +167,11 @@ def conditions_text(conditions: Mapping[str, Any]) -> str:
 def place_of(conditions: Mapping[str, Any]) -> str:
     """Return conditions as words behind a quantity, "" for none."""
     return f" at {conditions_text(conditions)}" if conditions else ""
+
+
+def placed(name: str, conditions: Mapping[str, Any]) -> str:
+    """Return a name with the conditions it holds under, in words."""
+    return say("place", name=name, conditions=conditions_text(conditions)) if conditions else name
 
 
 def _key(quantity: str, conditions: Mapping[str, Any]) -> str:
@@ -190,9 +196,12 @@ def _read_value(entry: Mapping[str, Any], readings: Sequence[Reading], dropped: 
     utc_s = None if material.utc_offset_s is None else material.utc_offset_s + first.t_s
     age = age_s(material.standards, first.role, utc_s)
     specification = specification_of(material.standards, first, mean, age)
-    unstated = (
-        f"the register of standards states no specification of {first.role}.{first.name} for {mean:.6g} "
-        f"{entry['unit']} {age_text(age)}, so the interval would lack the error of the instrument"
+    unstated = say(
+        "value.unstated.register",
+        reading=f"{first.role}.{first.name}",
+        mean=mean,
+        unit=entry["unit"],
+        age=age_text(age),
     )
     return Value(
         quantity=entry["quantity"],
@@ -248,7 +257,7 @@ def _reply_value(entry: Mapping[str, Any], replies: Sequence[Reading]) -> Iterat
         return
     t_s, readings, steps = (np.array(column) for column in zip(*numbers, strict=True))
     stated = uncertainty is not None or read.get("of_unit") or read.get("unit") is None
-    unstated = f"'uncertainty' of what {replies[0].role} replies is not stated, so the interval would lack its error"
+    unstated = say("value.unstated.reply", role=replies[0].role)
     yield Value(
         quantity=entry["quantity"],
         unit=entry["unit"],
@@ -268,7 +277,7 @@ def _reply_value(entry: Mapping[str, Any], replies: Sequence[Reading]) -> Iterat
 
 def _given_value(entry: Mapping[str, Any], given: GivenValue) -> Value:
     uncertainty = entry.get("uncertainty")
-    unstated = "the prompt states no 'uncertainty' of the gauge, so the interval would lack its error"
+    unstated = say("value.unstated.gauge")
     return Value(
         quantity=entry["quantity"],
         unit=entry["unit"],

@@ -10,6 +10,8 @@ from bench.analysis import results_json
 from bench.commands.console import console
 from bench.commands.tables import print_results, verdict_status
 from bench.model.errors import ExitStatus
+from bench.model.texts import ENGLISH, check_language
+from bench.report import FOLDER
 from bench.session.fitted import FROM_CACHE, Fitted, Shown
 from bench.session.output import write_file
 
@@ -33,20 +35,30 @@ def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path]
     return _status(shown) or _judged(shown)
 
 
-def report(folder: Path, pdf: bool = False, fresh: bool = False, laboratory: Path | None = None) -> int:
+def report(
+    folder: Path,
+    pdf: bool = False,
+    fresh: bool = False,
+    laboratory: Path | None = None,
+    language: str = ENGLISH,
+) -> int:
     """Write report.html again, and report.pdf if asked for; ``fresh``: compute what it shows though that is kept.
 
     ``laboratory``: a file that the session keeps from now on; what keeps the page from standing under the accreditation
-    that it states is told.
+    that it states is told. In another language than English they are report.<language>.html and .pdf, beside those
+    that are verified.
+    Raises: InputError B-TXT-001 for a language that the report does not have, B-REP-001 and B-TXT-002 for paper.
     """
-    fitted = Fitted(folder, fresh=fresh)
+    check_language(language, FOLDER)
+    fitted = Fitted(folder, fresh=fresh, language=language)
     if laboratory is not None:
         fitted.keep_laboratory(laboratory)
-    path = folder / "report.html"
+    name = "report" if language == ENGLISH else f"report.{language}"
+    path = folder / f"{name}.html"
     write_file(path, fitted.report.html())
     console().print(f"report   {path}")
     if pdf:
-        paper = folder / "report.pdf"
+        paper = folder / f"{name}.pdf"
         write_file(paper, fitted.paper())
         console().print(f"report   {paper}")
     for reason in fitted.report.not_accredited:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bench.commands.session_app import SessionFolder
+from bench.commands.session_app import Language, SessionFolder
 
 
 def pause(
@@ -59,8 +59,9 @@ def top(
         Path | None, typer.Argument(help="the folder of a living run; default: the newest one in --out")
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="folder of the sessions")] = Path("sessions"),
+    lang: Language = "en",
 ) -> None:
     """Watch a living run in the terminal, over ssh too; leaving it changes nothing."""
     from bench.commands import top as top_command
 
-    raise typer.Exit(top_command.top(session, out))
+    raise typer.Exit(top_command.top(session, out, lang))

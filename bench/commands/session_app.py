@@ -21,6 +21,7 @@ Accept = Annotated[
 ]
 By = Annotated[str, typer.Option("--by", metavar="NAME", help="who accepts")]
 Reason = Annotated[str, typer.Option("--reason", metavar="TEXT", help="why it is accepted")]
+Language = Annotated[str, typer.Option("--lang", metavar="LANGUAGE", help="en or ko")]
 Method = Annotated[str | None, typer.Option("--method", help="a method of the analysis; a wrong one lists them")]
 
 
@@ -65,6 +66,7 @@ def report(
         Path | None,
         typer.Option("--laboratory", help="a laboratory file for the first page; the session keeps a copy of it"),
     ] = None,
+    lang: Language = "en",
     json: AsJson = False,
     fresh: Fresh = False,
     accept: Accept = None,
@@ -83,7 +85,7 @@ def report(
     accepted = accept_command.Acceptance.asked(accept, by, reason)
     if accepted is not None:
         accept_command.accept(session, accepted)
-    raise typer.Exit(fit_command.report(session, pdf, fresh, laboratory))
+    raise typer.Exit(fit_command.report(session, pdf, fresh, laboratory, lang))
 
 
 def export(

@@ -10,9 +10,10 @@ from pathlib import Path
 from bench.commands.console import console
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
+from bench.model.texts import ENGLISH, check_language
 from bench.run.feed.client import FeedClient, FeedGone
 from bench.tui.app import TopApp
-from bench.tui.look import Look, catalogue, glyphs_for
+from bench.tui.look import ASCII, FOLDER, Look, catalogue, glyphs_for
 from bench.tui.page import page_of
 from bench.tui.watch import Seen, Watch, ending, remember_earlier
 
@@ -20,11 +21,13 @@ SOCKETS = ("live.sock", "live.path")
 AGAIN_S = 1.0
 
 
-def top(session: Path | None, out: Path) -> int:
+def top(session: Path | None, out: Path, language: str = ENGLISH) -> int:
     """Watch the run of a session, or the newest run that answers in ``out``; without a terminal print its state once.
 
-    On a terminal it waits for a run to appear in ``out``. Raises: InputError B-TUI-001 if no run answers.
+    On a terminal it waits for a run to appear in ``out``; one that draws ASCII only is shown English.
+    Raises: InputError B-TUI-001 if no run answers, B-TXT-001 for a language that the view does not have.
     """
+    check_language(language, FOLDER)
     on_terminal = sys.stdout.isatty() and sys.stdin.isatty() and os.environ.get("TERM", "dumb") != "dumb"
     watch = _watched([session] if session is not None else _candidates(out))
     if watch is None and session is None and on_terminal:
@@ -32,7 +35,8 @@ def top(session: Path | None, out: Path) -> int:
     if watch is None:
         advice = "name the folder of a living run, or its --out; 'bench serve' shows finished sessions too"
         raise InputError("B-TUI-001", "no run answers here", where=str(session or out), next_step=advice)
-    look = Look(catalogue(), glyphs_for(os.environ, sys.stdout.encoding or ""))
+    glyphs = glyphs_for(os.environ, sys.stdout.encoding or "")
+    look = Look(catalogue(ENGLISH if glyphs == ASCII else language), glyphs)
     if not on_terminal:
         _print(watch.seen, look)
         return ExitStatus.PASS

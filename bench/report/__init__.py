@@ -20,10 +20,11 @@ from bench.report.document import Report, study_html
 from bench.report.first import days_of
 from bench.report.laboratory import LABORATORY_FILE, Laboratory, laboratory_of, load_laboratory
 from bench.report.model import ReportModel, RunStory, Surrounding, TemperatureTrace
-from bench.report.tables import Table, analysis_tables
+from bench.report.tables import FOLDER, Table, analysis_tables
 
 __all__ = [
     "DCC",
+    "FOLDER",
     "LABORATORY_FILE",
     "Batch",
     "Calibration",

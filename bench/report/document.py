@@ -16,12 +16,13 @@ from typing import Any
 
 from bench.analysis import Chapter
 from bench.model.errors import InputError
-from bench.model.texts import ENGLISH, Texts
+from bench.model.texts import ENGLISH, Texts, told
 from bench.report.first import FirstPage, first_page
+from bench.report.fonts import check_font, families, folders
 from bench.report.laboratory import Laboratory
 from bench.report.model import Picture, ReportModel
 from bench.report.sections import Section, sections_of
-from bench.report.sheet import FAMILY, ROOM_pt, Sheet, folder, legible, page_parts, sheets
+from bench.report.sheet import ROOM_pt, Sheet, legible, page_parts, sheets
 from bench.report.tables import Table, analysis_tables, sentence, words_of
 from bench.report.verdict_tables import overall_verdict
 
@@ -31,7 +32,7 @@ _NO_DATE = datetime(1980, 1, 1, tzinfo=UTC)
 
 
 class Report:
-    """The sections of a model with their figures; ``html`` and ``pdf`` write the same content.
+    """The sections of a model with their figures, in one language; ``html`` and ``pdf`` write the same content.
 
     ``sections``: those of this model and language, if they are drawn already.   ``laboratory``: what its first page
     states beside the session.
@@ -139,15 +140,17 @@ def _sections(name: str, chapters: Sequence[Chapter], words: Texts) -> list[Sect
     from bench.report import plots  # with matplotlib
 
     figures = [(chapter.name, figure) for chapter in chapters for figure in chapter.figures]
-    pictures = plots.analysis_pictures([figure for _, figure in figures])  # all at once: each gets a name of its own
+    pictures = plots.analysis_pictures(
+        told([figure for _, figure in figures], words.language)
+    )  # all at once: each gets a name of its own
     groups = dict.fromkeys((place, figure.group) for place, figure in figures)
     placed = list(zip(groups, pictures, strict=True))
     return [
         Section(
             chapter.name,
             words(f"study.{name}.{chapter.name}"),
-            tuple(map(sentence, chapter.paragraphs)),
-            tuple(analysis_tables(chapter.tables)),
+            tuple(map(sentence, told(tuple(chapter.paragraphs), words.language))),
+            tuple(analysis_tables(chapter.tables, words.language)),
             tuple(drawn for (place, _), drawn in placed if place == chapter.name),
         )
         for chapter in chapters
@@ -157,8 +160,9 @@ def _sections(name: str, chapters: Sequence[Chapter], words: Texts) -> list[Sect
 def pdf_pages(model: ReportModel, sections: list[Section], words: Texts, first: FirstPage | None = None) -> bytes:
     """Return the report as a PDF of A4 pages; no date and no random id enters, the fonts are inside.
 
-    Raises: InputError B-REP-001 if typst, the extra 'pdf', is not installed.
+    Raises: InputError B-REP-001 if typst, the extra 'pdf', is not installed, B-TXT-002 without a font for the language.
     """
+    check_font(words.language)
     return bytes(_typeset(document_files(model, sections, words, first), "pdf", None))
 
 
@@ -176,7 +180,12 @@ def png_pages(
 
 def _typeset(files: dict[str, bytes], form: str, dots_per_inch: float | None) -> Any:
     return _typst()(
-        files, format=form, ppi=dots_per_inch, font_paths=[str(folder())], ignore_system_fonts=True, timestamp=_NO_DATE
+        files,
+        format=form,
+        ppi=dots_per_inch,
+        font_paths=list(map(str, folders())),
+        ignore_system_fonts=True,
+        timestamp=_NO_DATE,
     )
 
 
@@ -213,7 +222,7 @@ def _frame(model: ReportModel, first: FirstPage, words: Texts) -> dict[str, Any]
     kind, verdict = overall_verdict(model, words)
     sha256 = str(model.results.get("provenance", {}).get("session_sha256", ""))
     return {
-        "font": FAMILY,
+        "font": families(),
         "language": words.language,
         "title": model.title,
         "first": asdict(first),

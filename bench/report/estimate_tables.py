@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 from bench.analysis import cell, decimals_for, is_sound, number, significant, stated_value, unit_text
-from bench.model.texts import Texts
+from bench.model.texts import Texts, told
 from bench.model.units import read_quantity
 from bench.report.model import ReportModel
 from bench.report.tables import Table, channel_title, documents_table, kind_of, named, spaced
@@ -300,7 +300,7 @@ def components_table(model: ReportModel, words: Texts) -> Table | None:
     rounded = [
         {name: _component_text(value, title) for name, value in component.items()} for component in model.components
     ]
-    return documents_table(words, words("components.table"), rounded)
+    return documents_table(words, words("components.table"), told(rounded, words.language))
 
 
 def _component_text(value: Any, title: Callable[[str], str]) -> Any:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from string import ascii_uppercase
 
-from bench.model.texts import Texts
+from bench.model.texts import Texts, told
 from bench.report.estimate_tables import (
     across_tables,
     channel_table,
@@ -77,12 +77,12 @@ def _on_results(model: ReportModel, words: Texts) -> Iterator[Section]:
 
     chapter, title = partial(_chapter, words), partial(model.title_of, language=words.language)
     yield chapter("summary", summary_table(model, words))
-    yield chapter("results", *analysis_tables([table for table in model.tables if table.lead], title))
+    yield chapter("results", *analysis_tables([table for table in model.tables if table.lead], words.language, title))
     yield chapter("verdicts", verdict_table(model, words))
     pictures = [draw(model, words) for draw in (plots.dsf_picture, plots.asymmetry_picture, plots.current_picture)]
     yield chapter("scale-factor", *pictures, *scale_factor_tables(model, words))
     yield chapter("coefficients", coefficient_table(model, words))
-    yield chapter("figures", *plots.analysis_pictures(model.figures, title))
+    yield chapter("figures", *plots.analysis_pictures(told(model.figures, words.language), title))
     tables = (*pivot_tables(model, words), channel_table(model, words), *across_tables(model, words))
     yield chapter("others", plots.bias_picture(model, words), *tables, other_table(model, words))
     yield chapter("uncertainty", coverage_table(model, words))
@@ -97,8 +97,8 @@ def _annex(model: ReportModel, words: Texts) -> Iterator[Section]:
     budgets = [table for table in model.tables if on_uncertainty(table) and not table.lead]
     others = [table for table in model.tables if not on_uncertainty(table) and not table.lead]
     yield chapter("residuals", plots.residual_picture(model, words), *pivot_tables(model, words, residuals=True))
-    yield chapter("budgets", components_table(model, words), *analysis_tables(budgets, title))
-    yield chapter("explanations", *analysis_tables(others, title))
+    yield chapter("budgets", components_table(model, words), *analysis_tables(budgets, words.language, title))
+    yield chapter("explanations", *analysis_tables(others, words.language, title))
     heads = (words("column.item"), words("column.value"))
     computed = pairs_table(words("provenance.results"), heads, model.results.get("provenance", {}))
     origin = pairs_table(words("provenance.origin"), heads, model.origin)
@@ -115,8 +115,8 @@ def _on_the_run(model: ReportModel, words: Texts) -> Iterator[Section]:
     yield chapter("environment", *pictures, environment_table(model, words))
     yield chapter("quality", quality_table(model, words), channel_quality_table(model, words))
     said, tables = command_parts(model, words)
-    yield chapter("run", *analysis_tables(model.run.tables), *tables, paragraphs=said)
+    yield chapter("run", *analysis_tables(model.run.tables, words.language), *tables, paragraphs=said)
     yield chapter("prompts", prompt_table(model, words))
     yield chapter("standards", standards_table(model, words))
     title = partial(model.title_of, language=words.language)
-    yield chapter("notes", paragraphs=tuple(sentence(note, title) for note in model.notes))
+    yield chapter("notes", paragraphs=tuple(sentence(note, title) for note in told(model.notes, words.language)))

@@ -1,6 +1,6 @@
 """Tables on paper and page: the widths of their columns, the size of their type, and what becomes of one too wide.
 
-The font of printed reports, DejaVu Sans, comes with matplotlib, which measures the same font when it places the texts
+Widths are those of the fonts that print (``bench.report.fonts``); matplotlib measures the same when it places the texts
 of a figure.
 """
 
@@ -10,9 +10,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from pathlib import Path
 from typing import TYPE_CHECKING
 
+from bench.report.fonts import font_files
 from bench.report.tables import Table
 
 if TYPE_CHECKING:
@@ -30,8 +30,7 @@ _PIECE = 8
 _BREAK, _HOLD, _JOIN = "\u200b", "\u00a0", "\u2060"
 _TIGHT = re.compile(r"/(?=\S)")
 _WORD = re.compile(rf"[^\s{_BREAK}]+")
-FAMILY = "DejaVu Sans"
-_FILES = {False: "DejaVuSans.ttf", True: "DejaVuSans-Bold.ttf"}
+_WEIGHTS = (False, True)  # bold or not
 
 
 @dataclass(frozen=True)
@@ -152,29 +151,22 @@ def _shared(least: Sequence[float], natural: Sequence[float], room_pt: float) ->
     return tuple(low + share * (high - low) for low, high in zip(least, natural, strict=True))
 
 
-def folder() -> Path:
-    """Return the folder of the font files."""
-    import matplotlib as mpl
-
-    return Path(mpl.get_data_path()) / "fonts" / "ttf"
-
-
 def width_pt(text: str, size_pt: float, bold: bool = False) -> float:
-    """Return width of a text on one line without kerning, point; a character the font lacks is as wide as its M."""
+    """Return width of a text on one line without kerning, point; a character no font has is as wide as an M."""
     return size_pt * sum(_advance(letter, bold) for letter in text)
 
 
 def missing(text: str) -> set[str]:
-    """Return the characters of a text that the font has no glyph for; line ends are none."""
+    """Return the characters of a text that no font has a glyph for in both weights; line ends are none."""
     return {
         letter
         for letter in set(text)
-        if letter != "\n" and not all(ord(letter) in _characters(bold) for bold in _FILES)
+        if letter != "\n" and not all(_font_of(letter, bold) is not None for bold in _WEIGHTS)
     }
 
 
 def legible(text: str) -> str:
-    """Return the text with every character that the font lacks written as its code point: nothing is lost in print."""
+    """Return the text with every character that no font has written as its code point: nothing is lost in print."""
     lacking = missing(text)
     return "".join(f"[U+{ord(letter):04X}]" if letter in lacking else letter for letter in text) if lacking else text
 
@@ -184,18 +176,21 @@ def _advance(character: str, bold: bool) -> float:
     """Return how far a character moves the pen, in parts of the size."""
     from matplotlib.ft2font import LoadFlags
 
-    font = _font(bold)
-    code = ord(character if ord(character) in _characters(bold) else "M")
+    font = _font_of(character, bold)
+    code = ord(character if font is not None else "M")
+    font = font or _fonts(bold)[0][0]
     return float(font.load_char(code, flags=LoadFlags.NO_SCALE).horiAdvance / font.units_per_EM)
 
 
-@cache
-def _characters(bold: bool) -> frozenset[int]:
-    return frozenset(_font(bold).get_charmap())
+def _font_of(character: str, bold: bool) -> FT2Font | None:
+    """Return the first font that has a character."""
+    return next((font for font, characters in _fonts(bold) if ord(character) in characters), None)
 
 
 @cache
-def _font(bold: bool) -> FT2Font:
+def _fonts(bold: bool) -> list[tuple[FT2Font, frozenset[int]]]:
+    """Return the fonts of one weight with their characters."""
     from matplotlib.ft2font import FT2Font
 
-    return FT2Font(str(folder() / _FILES[bold]))
+    fonts = [FT2Font(str(path)) for path in font_files(bold)]
+    return [(font, frozenset(font.get_charmap())) for font in fonts]

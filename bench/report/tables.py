@@ -11,7 +11,7 @@ from typing import Any
 
 from bench import analysis
 from bench.analysis import cell, header, number, unit_text
-from bench.model.texts import Texts
+from bench.model.texts import ENGLISH, Texts, told
 
 _COLUMNS = (
     *("time", "role", "manufacturer", "model", "serial", "firmware"),
@@ -64,13 +64,16 @@ def named(text: str, title: Title = spaced) -> str:
     return _CODE_NAME.sub(shown, text)
 
 
-def analysis_tables(tables: Sequence[analysis.Table], title: Title = spaced) -> list[Table]:
-    """Return the tables of an analysis as text; ``title``: of quantities that it names."""
+def analysis_tables(tables: Sequence[analysis.Table], language: str = ENGLISH, title: Title = spaced) -> list[Table]:
+    """Return the tables of an analysis as text, laid out alike in every language; ``title``: of quantities it names."""
     return [
         Table(
-            named(". ".join(unit_text(text) for text in (table.title, table.caption) if text), title),
-            tuple(label(named(text, title)) for text in table.headers),
-            tuple(tuple(named(_plain(value, on_uncertainty(table)), title) for value in row) for row in table.rows),
+            named(". ".join(unit_text(text) for text in told((table.title, table.caption), language) if text), title),
+            tuple(label(named(text, title)) for text in told(tuple(table.headers), language)),
+            tuple(
+                tuple(named(_plain(value, on_uncertainty(table)), title) for value in told(tuple(row), language))
+                for row in table.rows
+            ),
             stub=_stub(table.rows),
             prose=_is_prose(table),
         )

@@ -10,7 +10,7 @@ from typing import Any
 
 from bench.analysis import doubt_lines, is_sound, limits_of, limits_text, number, unit_text, use_of
 from bench.maths.verdict import passed
-from bench.model.texts import Texts
+from bench.model.texts import Texts, told
 from bench.report.estimate_tables import readable, value_text
 from bench.report.model import ReportModel
 from bench.report.tables import Table, sentence
@@ -32,7 +32,7 @@ def overall_verdict(model: ReportModel, words: Texts) -> tuple[str, str]:
     counts = verdict_counts(model)
     if not counts:
         return "none", words("verdicts.none")
-    listed = ", ".join(f"{number(counts[name])} {words(f'verdict.{name}')}" for name in sorted(counts))
+    listed = ", ".join(_counted(words, name, counts[name]) for name in sorted(counts))
     return ("pass" if passed(counts) else "fail"), words("verdicts.overall", counts=listed)
 
 
@@ -40,14 +40,14 @@ def doubt_paragraphs(model: ReportModel, words: Texts) -> tuple[str, ...]:
     """Return what is not sound and why, and what that means for the numbers; () without doubt."""
     lines = doubt_lines(model.results.get("estimates", ()))
     title = partial(model.title_of, language=words.language)
-    return (*(sentence(line, title) for line in lines), words("doubt.means")) if lines else ()
+    return (*(sentence(line, title) for line in told(lines, words.language)), words("doubt.means")) if lines else ()
 
 
 def assumption_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what the data cannot show: each assumption with the size that passes unseen; None if none is named."""
     taken = model.results.get("assumptions", ())
     title = partial(model.title_of, language=words.language)
-    rows = tuple(tuple(sentence(entry[name], title) for name in _ASSUMED) for entry in taken)
+    rows = tuple(tuple(sentence(told(entry[name], words.language), title) for name in _ASSUMED) for entry in taken)
     headers = tuple(words(f"column.{name}") for name in _ASSUMED)
     return Table(words("assumptions.table"), headers, rows, prose=True) if rows else None
 
@@ -95,8 +95,12 @@ def _row(words: Texts, channel: Any, group: Sequence[Mapping[str, Any]]) -> tupl
         limits_text(limits_of(worst), scale),
         unit_text(unit),
         "–" if probability is None else percent(probability),
-        ", ".join(f"{count} {words(f'verdict.{name}')}" for name, count in sorted(counted.items())),
+        ", ".join(_counted(words, name, count) for name, count in sorted(counted.items())),
     )
+
+
+def _counted(words: Texts, verdict: str, count: int) -> str:
+    return words("verdict.counted", count=number(count), verdict=words(f"verdict.{verdict}"))
 
 
 def percent(probability: float) -> str:

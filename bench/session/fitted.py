@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bench.analysis import INCOMPLETE, Analysis
+from bench.model.texts import ENGLISH
 from bench.session.output import write_file
 from bench.session.shelf import Shelf, key_of
 
@@ -36,10 +37,20 @@ class Fitted:
     """Results and report of a session.
 
     Args:   folder, method, make_up: as for ``analysed``.   fresh: compute everything, and keep that.
+            language: of the report.
     Raises: those of ``analysed``, by every method.
     """
 
-    def __init__(self, folder: Path, method: str | None = None, make_up: Sequence[Path] = (), *, fresh: bool = False):
+    def __init__(
+        self,
+        folder: Path,
+        method: str | None = None,
+        make_up: Sequence[Path] = (),
+        *,
+        fresh: bool = False,
+        language: str = ENGLISH,
+    ) -> None:
+        self._language = language
         self._asked = (folder, method, tuple(make_up))
         self._shelf = Shelf(key_of([folder, *make_up], {"method": method}))
         self._shown: Shown | None = None if fresh else self._shelf.get(SHOWN)
@@ -61,10 +72,11 @@ class Fitted:
         """
         from bench.report import Report, laboratory_of
 
-        sections = self._shelf.get(SECTIONS) if self.from_cache else None
-        report = Report(self._model, sections=sections, laboratory=laboratory_of(self._asked[0]))
+        sections = self._shelf.get(self._kind(SECTIONS)) if self.from_cache else None
+        laboratory = laboratory_of(self._asked[0])
+        report = Report(self._model, self._language, sections, laboratory)
         if sections is None:
-            self._shelf.put(SECTIONS, report.sections)
+            self._shelf.put(self._kind(SECTIONS), report.sections)
         return report
 
     def keep_laboratory(self, path: Path) -> None:
@@ -80,17 +92,24 @@ class Fitted:
         write_file(self._asked[0] / LABORATORY_FILE, path.read_bytes())
 
     def paper(self) -> bytes:
-        """Return the report as PDF; one with a laboratory is set anew. Raises: InputError B-REP-001 without 'pdf'."""
+        """Return the report as PDF; one with a laboratory is set anew.
+
+        Raises: InputError B-REP-001 without the extra 'pdf', B-TXT-002 without a font.
+        """
         from bench.report import LABORATORY_FILE
 
         if (self._asked[0] / LABORATORY_FILE).is_file():
             return self.report.pdf()
-        kept = self._shelf.get(PAPER) if self.from_cache else None
+        kept = self._shelf.get(self._kind(PAPER)) if self.from_cache else None
         if isinstance(kept, bytes):
             return kept
         drawn = self.report.pdf()
-        self._shelf.put(PAPER, drawn)
+        self._shelf.put(self._kind(PAPER), drawn)
         return drawn
+
+    def _kind(self, kind: str) -> str:
+        """Return under what a report in this language is kept."""
+        return kind if self._language == ENGLISH else f"{kind}-{self._language}"
 
     @cached_property
     def _model(self) -> ReportModel:

@@ -20,6 +20,7 @@ from bench.model.yamlio import parse_yaml
 from bench.plan import StationFile
 from bench.replay import Splice
 from bench.report import Surrounding
+from bench.session.wording import say
 
 E = TypeVar("E", bound=Event)
 KINDS = (
@@ -30,7 +31,8 @@ _ALARMS = ("alarm", "interlock")
 _OF_COMMAND = ("what", "by", "reason")
 _LABORATORY = "lab_air"
 _PLAN = "plan.json"
-_HEADERS = ["stopped (UTC)", "gone on (UTC)", "away", "at step", "reason", "unit's temperature meanwhile", "then"]
+_SPLICE = ("stopped", "started", "away", "step", "reason", "drift", "then")
+_SETTLING = ("time", "set", "samples", "mean", "slope", "spread", "chance", "found")
 
 
 class Events(Protocol):
@@ -60,9 +62,9 @@ def happening_tables(view: Events) -> list[Table]:
     start_ns = _start_ns(view)
     return [
         Table(
-            "What happened during the run",
-            "Everything that did not go to plan; time since the run began.",
-            ["time", "what", "in words"],
+            say("happening.title"),
+            say("happening.caption"),
+            [say("happening.time"), say("happening.what"), say("happening.text")],
             [[_since(t_ns, start_ns), kind, text] for t_ns, kind, text in troubles],
             prose=True,
         )
@@ -77,10 +79,9 @@ def settling_tables(view: Events) -> list[Table]:
     start_ns = _start_ns(view)
     return [
         Table(
-            "Settling",
-            "Every sample of the time for which the temperature must be stable; chance that it leaves its band again "
-            "within as long, as these samples have it. Time since the run began.",
-            ["time", "set", "samples", "mean, degC", "slope, degC/min", "spread, degC", "chance to leave", "found"],
+            say("settling.title"),
+            say("settling.caption"),
+            [say(f"settling.{head}") for head in _SETTLING],
             [[_since(t_ns, start_ns), *_settled_cells(event)] for t_ns, event in found],
         )
     ]
@@ -93,10 +94,8 @@ def decision_tables(view: Events) -> list[Table]:
         return []
     start_ns = _start_ns(view)
     rows = [[_since(t_ns, start_ns), event.step, event.word, event.by, event.outcome] for t_ns, event in found]
-    headers = ["time", "step", "decision", "by", "went on with"]
-    return [
-        Table("Decisions", "What the sequence decided, by what was read last. Time since the run began.", headers, rows)
-    ]
+    headers = [say(f"decision.{head}") for head in ("time", "step", "word", "by", "outcome")]
+    return [Table(say("decision.title"), say("decision.caption"), headers, rows)]
 
 
 def _settled_cells(event: Settled) -> list[Any]:
@@ -104,27 +103,25 @@ def _settled_cells(event: Settled) -> list[Any]:
         "–" if value is None else format(value, form)
         for value, form in ((event.mean_degC, ".3f"), (event.slope_degC_min, "+.4f"), (event.spread_degC, ".3f"))
     )
-    chance = "not known" if event.chance is None else f"{100.0 * event.chance:.1f} %"
-    set_to = f"{event.target_degC:g} degC within {event.within_degC:g} degC for {event.for_s:g} s"
-    return [set_to, event.samples, *numbers, chance, "stable" if event.stable else "NOT stable"]
+    chance = say("settling.unknown") if event.chance is None else f"{100.0 * event.chance:.1f} %"
+    set_to = say("settling.target", target=event.target_degC, within=event.within_degC, seconds=event.for_s)
+    found = say("settling.stable" if event.stable else "settling.not_stable")
+    return [set_to, event.samples, *numbers, chance, found]
 
 
 def preflight_table(event: Preflight) -> Table:
     """Return the event "preflight" of a session as a table of its report."""
-    rows = [[str(row[key]) for key in ("name", "status", "value", "limit", "text")] for row in event.findings]
-    headers = ["looked at", "status", "found", "due", "remark"]
-    return Table("Pre-flight", "What was looked at before the run began.", headers, rows)
+    keys = ("name", "status", "value", "limit", "text")
+    rows = [[str(row[key]) for key in keys] for row in event.findings]
+    return Table(say("preflight.title"), say("preflight.caption"), [say(f"preflight.{key}") for key in keys], rows)
 
 
 def punctuality(view: Events) -> Iterator[str]:
     """Return how late the timed waits ended."""
     for _, end in view.events_of(End):
         median, p99, worst = end.lateness_ms
-        yield (
-            f"Timer: {end.steps} steps; timed waits ended {median:.3g} ms late in the median, "
-            f"{p99:.3g} ms at the 99th percentile, {worst:.3g} ms at worst; "
-            f"slip {end.slip_s:.3g} s, {end.overruns} overruns."
-        )
+        late = {"median": median, "p99": p99, "worst": worst}
+        yield say("timer", steps=end.steps, slip=end.slip_s, overruns=end.overruns, **late)
 
 
 def _start_ns(view: Events) -> int:
@@ -224,21 +221,18 @@ def splice_tables(splices: Sequence[Splice]) -> list[Table]:
         return []
     rows = [
         [
-            _utc(splice.stopped_utc_ns) or "unknown",
-            _utc(splice.started_utc_ns) or "unknown",
-            "unknown" if splice.away_s is None else f"{splice.away_s:.0f} s",
+            _utc(splice.stopped_utc_ns) or say("splice.unknown"),
+            _utc(splice.started_utc_ns) or say("splice.unknown"),
+            say("splice.unknown") if splice.away_s is None else f"{splice.away_s:.0f} s",
             str(splice.step),
             splice.reason,
-            "unknown" if splice.drift_degC is None else f"{splice.drift_degC:+.2f} degC",
-            "soaked again" if splice.soaked else "went on at once",
+            say("splice.unknown") if splice.drift_degC is None else f"{splice.drift_degC:+.2f} degC",
+            say("splice.soaked" if splice.soaked else "splice.at_once"),
         ]
         for splice in splices
     ]
-    caption = (
-        "The run was stopped and gone on with here. Records from before and after stand in one result; times behind a "
-        "splice are placed by UTC, and the lines of the temperatures are broken there."
-    )
-    return [Table("Splices", caption, _HEADERS, rows, prose=True)]
+    headers = [say(f"splice.{head}") for head in _SPLICE]
+    return [Table(say("splice.title"), say("splice.caption"), headers, rows, prose=True)]
 
 
 def _utc(t_ns: int | None) -> str | None:

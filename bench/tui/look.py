@@ -24,7 +24,7 @@ _STANDS_FOR = {
 }  # fmt: skip
 HOUR_S = 3600.0
 MINUTE_S = 60.0
-_FOLDER = Path(__file__).parent
+FOLDER = Path(__file__).parent
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def _drawn(character: str, unicode: bool) -> str:
 
 def catalogue(language: str = "en") -> Texts:
     """Return texts of the terminal view."""
-    return Texts(_FOLDER, language)
+    return Texts(FOLDER, language)
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from rich.cells import cell_len
 from rich.text import Text
 
 from bench.model.units import plain_quantity, plain_unit
@@ -107,7 +108,8 @@ def _guard(seen: Seen, look: Look) -> list[Text]:
 
 
 def _band(look: Look) -> Text:
-    return Text(cut(look.texts("band.simulated"), look.width).center(look.width), style=BAND)
+    text = cut(look.texts("band.simulated"), look.width)
+    return Text(text.center(look.width - cell_len(text) + len(text)), style=BAND)  # a wide letter takes two columns
 
 
 def _what(document: Mapping[str, Any], look: Look, width: int) -> str:

@@ -58,7 +58,11 @@ def _modules(first: str) -> tuple[str, ...]:
 def _page(request: Request, template: str, *, status: int = 200, **values: object) -> Response:
     language = language_of(request)
     page = _templates().get_template(template)
-    known: dict[str, object] = {"t": Texts(_HERE, language), "language": language, "languages": languages(_HERE)}
+    known: dict[str, object] = {
+        "t": Texts(_HERE, language),
+        "language": language,
+        "languages": {code: Texts(_HERE, code)("language.name") for code in languages(_HERE)},
+    }
     return HTMLResponse(page.render(**known, **values), status)
 
 

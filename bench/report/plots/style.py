@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal
@@ -13,6 +14,9 @@ import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
+from matplotlib.font_manager import fontManager
+
+from bench.report.fonts import families, korean_files
 
 # Five hues of Okabe-Ito and Tol with a contrast of at least 3:1 on white; markers carry the same meaning.
 INK = "#1a1a1a"
@@ -22,7 +26,7 @@ MARKERS = ("o", "s", "^", "D", "v")
 GREY = "#767676"
 
 _RC: Any = {
-    "font.family": "sans-serif",
+    "font.family": ["sans-serif", *families()[1:]],
     "font.sans-serif": ["DejaVu Sans", "Verdana", "sans-serif"],
     "font.size": 8.0,
     "axes.titlesize": 8.5,
@@ -59,10 +63,16 @@ _LEGEND_in, _LEGEND_ROW_in = 0.3, 0.18  # a legend of one row, and each row more
 _LABEL_in = 0.62  # from the panel to its label; numbers of eight characters fit between
 
 
+for _file in korean_files():
+    fontManager.addfont(_file)
+
+
 @contextmanager
 def drawing() -> Iterator[None]:
     """Matplotlib with the defaults of the report only, whatever the settings of the machine."""
-    with mpl.rc_context():
+    with mpl.rc_context(), warnings.catch_warnings():
+        # a figure keeps its texts as texts: who reads it has the letters, though this machine cannot measure them
+        warnings.filterwarnings("ignore", "Glyph .* missing from font", UserWarning)
         mpl.rcdefaults()
         mpl.rcParams.update(_RC)
         yield

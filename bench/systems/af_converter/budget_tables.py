@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bench.analysis import Table, number, significant, with_uncertainty
 from bench.maths.budget import Budget
+from bench.systems.af_converter.wording import say
 
 _HEADERS = ("component", "u", "unit", "sensitivity", "contribution", "share", "dof", "type", "distribution", "source")
 
@@ -26,19 +27,18 @@ def budget_table(title: str, unit: str, value: float, budget: Budget) -> Table:
             f"{100.0 * budget.share(component):.2f} %",
             dof_text(component.dof),
             component.evaluation,
-            component.distribution,
+            say(f"budget.{component.distribution}"),
             component.source,
         ]
         for component in budget.components
         if component.contribution
     ]
-    rows.append(["combined", "", unit, "", figures(budget.std_uncertainty), "", dof_text(budget.dof), "", "", ""])
-    caption = (
-        f"Value {with_uncertainty(value, budget.expanded_uncertainty)} {unit} "
-        f"(k = {budget.coverage_factor:.2f}, 95 %). Sensitivity and contribution in {unit} per unit and in {unit}; "
-        "degrees of freedom by Welch-Satterthwaite"
+    rows.append(
+        [say("component.combined"), "", unit, "", figures(budget.std_uncertainty), "", dof_text(budget.dof), "", "", ""]
     )
-    return Table(title, caption, list(_HEADERS), rows)
+    stated = with_uncertainty(value, budget.expanded_uncertainty)
+    caption = say("budget.caption", value=stated, unit=unit, k=f"{budget.coverage_factor:.2f}")
+    return Table(title, caption, [say(f"budget.head.{head}") for head in _HEADERS], rows)
 
 
 def correlation_table(title: str, caption: str, names: Sequence[str], matrix: NDArray[np.float64]) -> Table:
@@ -65,8 +65,8 @@ def summary_table(title: str, unit: str, budgets: Mapping[str, Budget], kinds: M
         ends = [significant(budget.std_uncertainty), dof_text(budget.dof), f"{budget.coverage_factor:.2f}"]
         parts = [significant(math.sqrt(sums[column])) for column in columns]
         rows.append([name, *parts, *ends, significant(budget.expanded_uncertainty)])
-    caption = f"Standard contributions, combined u and U (95 %), all in {unit}"
-    return Table(title, caption, ["", *columns, "u", "dof", "k", "U"], rows)
+    headers = ["", *columns, "u", say("budget.head.dof"), "k", "U"]
+    return Table(title, say("summary.caption", unit=unit), headers, rows)
 
 
 def figures(value: float, digits: int = 3) -> str:

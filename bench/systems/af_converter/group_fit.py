@@ -27,6 +27,7 @@ from bench.systems.af_converter.estimators.scale_factor import Referral, ScaleFa
 from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial, fit_temperature
 from bench.systems.af_converter.groups import Group, Place, place_name, place_of
 from bench.systems.af_converter.register import Standards
+from bench.systems.af_converter.wording import say
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
@@ -287,10 +288,14 @@ def missing_groups(
             (channel.number, temperature_degC, 0): None for channel in campaign.channels if channel.number in recorded
         }
     missing = [
-        f"{place_name(place)}: {reason.get(place, 'no record')}" for place in sorted(places) if place not in done
+        say("missing", place=place_name(place), reason=reason.get(place, say("missing.no_record")))
+        for place in sorted(places)
+        if place not in done
     ]
     return missing + [
-        f"channel {channel.number}: no record" for channel in campaign.channels if channel.number not in recorded
+        say("missing.channel", channel=channel.number)
+        for channel in campaign.channels
+        if channel.number not in recorded
     ]
 
 

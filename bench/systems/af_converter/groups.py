@@ -16,6 +16,7 @@ from bench.analysis import count_problem
 from bench.model.errors import FitError
 from bench.record import UNIT_TEMPERATURE, is_off_target
 from bench.systems.af_converter.estimators.readings import Readings
+from bench.systems.af_converter.wording import say
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
@@ -67,7 +68,9 @@ class Group:
 def place_name(place: Place) -> str:
     """Return name of a group in messages and notes."""
     channel, temperature_degC, repeat = place
-    return f"channel {channel} at {temperature_degC:g} degC" + (f", repeat {repeat}" if repeat else "")
+    if repeat:
+        return say("place.repeat", channel=channel, degC=temperature_degC, repeat=repeat)
+    return say("place", channel=channel, degC=temperature_degC)
 
 
 def place_of(conditions: Mapping[str, Any]) -> Place:
@@ -98,7 +101,7 @@ def row_problem(row: RecordRow, temperature: UnitTemperature | None) -> str:
     """Return why a record may not enter a group at one temperature, "" if it may."""
     problem = count_problem(row)
     if problem or temperature is None:
-        return problem or "without a unit temperature"
+        return problem or say("reason.no_temperature")
     return _NOT_SETTLED if is_off_target(row.window.conditions, temperature.value_degC) else ""
 
 

@@ -19,6 +19,7 @@ from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.readings import pulse_currents_A
 from bench.systems.af_converter.group_fit import SCALE_FACTORS, clock_spread
 from bench.systems.af_converter.groups import Group, place_name
+from bench.systems.af_converter.wording import say
 
 Array = NDArray[np.float64]
 _FOLLOWS = 0.5  # of the level: a counter that moves less does not follow the stimulus
@@ -40,22 +41,13 @@ def plausible(group: Group, dsf_ppm: Array, campaign: Campaign) -> Iterator[Evid
     follows = _followed(group, campaign)
     against, beside = float(np.mean(follows < -_FOLLOWS)), float(np.mean(follows <= _FOLLOWS))
     if against > _NEARLY_ALL:
-        sentence = (
-            f"The leads of {where} are swapped: {100 * against:.0f} % of the levels drive the counter of the other "
-            "polarity. Check the wiring of the channel and take it again."
-        )
+        sentence = say("evidence.swapped", place=where, share=100 * against)
         yield _refusal("swapped_leads", sentence, against, group)
     elif beside > 0.0:
-        sentence = (
-            f"The counters of {where} do not follow the stimulus at {100 * beside:.0f} % of the levels. Check the "
-            "route and the counters of the channel and take it again."
-        )
+        sentence = say("evidence.not_followed", place=where, share=100 * beside)
         yield _refusal("stimulus_not_followed", sentence, beside, group)
     elif (spread := clock_spread(group, campaign)) > CLOCK_STEADY:
-        sentence = (
-            f"The clocks of {where} change by {_PPM * spread:.3g} ppm against each other between records, as no clock "
-            "does. Check the AF clock and the master clock of the unit and take the channel again."
-        )
+        sentence = say("evidence.clocks", place=where, spread=_PPM * spread)
         yield Evidence(
             "clock_unsteady", sentence, _PPM * spread, 0.0, math.inf, (*SCALE_FACTORS, "dsf_mean"), about(group)
         )
@@ -63,10 +55,7 @@ def plausible(group: Group, dsf_ppm: Array, campaign: Campaign) -> Iterator[Evid
         bound_ppm = _PPM * campaign.channel(group.channel).plausible_error
         worst_ppm = float(np.abs(dsf_ppm).max())
         if worst_ppm > bound_ppm:
-            sentence = (
-                f"A scale-factor error of {worst_ppm:,.0f} ppm at {where} is beyond what is plausible "
-                f"({bound_ppm:,.0f} ppm). Check charge per pulse, full scale and route of the channel."
-            )
+            sentence = say("evidence.implausible", place=where, worst=worst_ppm, bound=bound_ppm)
             yield _refusal("implausible_scale_factor", sentence, worst_ppm, group)
 
 

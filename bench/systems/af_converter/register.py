@@ -14,16 +14,15 @@ from typing import Any
 from bench.analysis import Common, Evidence, Material, outlived, outlived_text
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.readings import GAIN, RangeSpecification, RelativeError
+from bench.systems.af_converter.wording import say
 
 Register = Mapping[str, Mapping[str, Any]]
 CALIBRATOR = "calibrator"
 FUNCTION_GENERATOR = "function_generator"
 METER = "dmm"
 FREQUENCY = "frequency"  # error of the function generator
-DRIFT_UNKNOWN = (
-    "The uncertainty of the calibrator is for 24 hours; a drift over the campaign is not included, "
-    "so the temperature coefficients (tc1, tc2) and the drift of channels are stated without it."
-)
+DRIFT_UNKNOWN = say("standard.no_drift")
+REGISTER = say("source.register")
 _ALL_RANGES = "calibration of all ranges"  # where the register states it for the standard as a whole
 _FG_RECTANGULAR_LIMIT = 3e-6  # paper section 4.1: stability of the function generator below 3 ppm
 
@@ -40,7 +39,7 @@ class Standards:
     drift: float | None
     function_generator: float
     notes: tuple[str, ...] = field(default=())
-    drift_source: str = "standards register"
+    drift_source: str = REGISTER
     calibrator_dof: float = math.inf
     generator_dof: float = math.inf
     register: Register = field(default_factory=dict)
@@ -117,14 +116,13 @@ def read_standards(standards: Register) -> Standards:
     if drift is None:
         notes.append(DRIFT_UNKNOWN)
     degrees = read_dof(standards, CALIBRATOR), read_dof(standards, FUNCTION_GENERATOR)
-    return Standards(ranges, drift, generator, tuple(notes), "standards register", *degrees, standards)
+    return Standards(ranges, drift, generator, tuple(notes), REGISTER, *degrees, standards)
 
 
 def untraced(ranges: Mapping[float, RangeSpecification], role: str) -> list[str]:
     """Return a note if the uncertainty of a standard does not hold that of its own calibration."""
-    name = "meter" if role == METER else role
-    said = f"The uncertainty of the {name} is relative to its own calibration; that one is not included."
-    return [] if all(entry.traced for entry in ranges.values()) else [said]
+    name = say("name.meter") if role == METER else say("name.calibrator") if role == CALIBRATOR else role
+    return [] if all(entry.traced for entry in ranges.values()) else [say("standard.untraced", name=name)]
 
 
 def read_generator(standards: Register) -> float:
@@ -205,5 +203,5 @@ def expired(material: Material, role: str, ranges_A: Collection[float], quantiti
     if not gone:
         return []
     days = gone[0].had_s / 86_400.0 if math.isfinite(gone[0].had_s) else None
-    sentence = f"{outlived_text(gone)}. Have it calibrated and measure again."
+    sentence = say("standard.expired", what=outlived_text(gone))
     return [Evidence("specification_expired", sentence, days, 0.0, quantities=quantities)]  # no chance makes a date

@@ -16,6 +16,7 @@ from bench.analysis import Analysis, Estimates, Material, Value, check_method, e
 from bench.model.errors import FitError
 from bench.systems.readings.fits import estimates_of, evidence_of, fits_of
 from bench.systems.readings.report import fit_figures, fit_table
+from bench.systems.readings.wording import say
 
 METHODS: tuple[str, ...] = ("polynomial",)
 
@@ -37,7 +38,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         uut=dict(material.campaign.get("uut", {"model": "", "serial": ""})),
         estimates=[*repeatabilities(values), *(entry for fit in fits for entry in estimates_of(fit))],
         evidence=[check for fit in fits for check in evidence_of(fit)],
-        missing=[f"{fit.title}: {fit.refused}" for fit in fits if fit.refused],
+        missing=[say("fit.refused", title=fit.title, why=fit.refused) for fit in fits if fit.refused],
         figures=[figure for fit in fits for figure in fit_figures(fit)],
         tables=[fit_table(fit) for fit in fits],
     )

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Estimates, Evidence, Floats, Specification, Value, estimate, place_of
+from bench.analysis import Estimates, Evidence, Floats, Specification, Value, estimate, placed
 from bench.model.errors import FitError
 from bench.systems.readings.estimators.functions import Function, function_of
 from bench.systems.readings.estimators.polynomial import Curve, Points, fit_polynomial
+from bench.systems.readings.wording import say
 
 NONLINEARITY = "nonlinearity"
 Asked = Mapping[str, Any]
@@ -41,7 +42,7 @@ class Fitted:
     @property
     def title(self) -> str:
         """Name and conditions."""
-        return f"{self.asked['name'].replace('_', ' ')}{place_of(self.conditions)}"
+        return placed(self.asked["name"].replace("_", " "), self.conditions)
 
     def values_at(self, x: Floats) -> tuple[Floats, Floats]:
         """Return the curve at some x, and its standard uncertainty, read back as the quantity y itself, (k,)."""
@@ -91,7 +92,7 @@ def _fitted(asked: Asked, conditions: Mapping[str, Any], of: Sequence[Value], va
     with np.errstate(all="ignore"):
         fitted_x, fitted_y = of_x.points(x), of_y.points(y)
     if not (np.isfinite(fitted_x.mean).all() and np.isfinite(fitted_y.mean).all()):
-        return Fitted(asked, conditions, x, y, None, "a value has no logarithm or no reciprocal")
+        return Fitted(asked, conditions, x, y, None, say("fit.no_function"))
     try:
         curve = fit_polynomial(fitted_x, fitted_y, powers_of(asked))
         return Fitted(asked, conditions, x, y, curve, unstated=unstated)
@@ -109,8 +110,7 @@ def _beside(against: Asked, value: Value, of: Sequence[Value], values: Sequence[
         return _exact(value, float(value.t_s.mean()) - first, "time", 0.0, "")
     name = against["condition"]
     stated = against.get("uncertainty")
-    missing = f"{name} is a set-point, and 'against_uncertainty' is not stated, so the interval would lack its error"
-    unstated = "" if stated is not None else missing
+    unstated = "" if stated is not None else say("fit.set_point", name=name)
     known = value.conditions.get(name)
     return None if known is None else _exact(value, float(known), name, float(stated or 0.0), unstated)
 
@@ -182,15 +182,12 @@ def evidence_of(fit: Fitted) -> Iterator[Evidence]:
     of_curve = [f"{name}_c{order}" for order in fit.curve.powers]
     of_curve += [asked["quantity"] for asked in fit.asked.get("read_back", ())]
     if fit.unstated:
-        sentence = f"{fit.title}: {fit.unstated}"
+        sentence = say("fit.refused", title=fit.title, why=fit.unstated)
         every = [*of_curve, f"{name}_{NONLINEARITY}"]
         yield Evidence("no_specification", sentence, None, 0.0, quantities=every, conditions=fit.conditions)
     if not math.isnan(fit.curve.lack) and NONLINEARITY not in fit.asked["expected"]:
         move = math.inf if math.isnan(fit.curve.rival) else fit.curve.rival
-        sentence = (
-            f"{fit.title}: the points leave a polynomial {powers_text(fit.curve.powers)} by more than their scatter; "
-            f"one power more moves the curve by {move:.2g} of its expanded uncertainty"
-        )
+        sentence = say("fit.lack", title=fit.title, powers=powers_text(fit.curve.powers), move=move)
         yield Evidence(
             "lack_of_fit", sentence, move, fit.curve.lack, move, quantities=of_curve, conditions=fit.conditions
         )
@@ -199,5 +196,5 @@ def evidence_of(fit: Fitted) -> Iterator[Evidence]:
 def powers_text(powers: Sequence[int]) -> str:
     """Return the powers of a polynomial as words."""
     if tuple(powers) == tuple(range(len(powers))):
-        return f"of degree {len(powers) - 1}"
-    return f"with the powers {', '.join(map(str, powers))}"
+        return say("powers.degree", degree=len(powers) - 1)
+    return say("powers.list", powers=", ".join(map(str, powers)))

@@ -6,29 +6,36 @@ import numpy as np
 
 from bench.analysis import Figure, Table, number, series, unit_text
 from bench.systems.readings.fits import NONLINEARITY, Fitted, powers_text
+from bench.systems.readings.wording import say
 
 _CURVE_POINTS = 121
-_HEADERS = ("against", "measured", "fitted", "departure", "u of the departure", "n")
+_HEADERS = ("against", "measured", "fitted", "departure", "u_departure", "n")
 
 
 def fit_table(fit: Fitted) -> Table:
     """Return the points of a fit, and by how much each departs from the polynomial."""
     curve, asked = fit.curve, fit.asked
+    headers = [say(f"fit.head.{name}") for name in _HEADERS]
     if curve is None:
-        return Table(fit.title, f"No fit: {fit.refused}", _HEADERS, [])
+        return Table(fit.title, say("fit.none", why=fit.refused), headers, [])
     departure, departure_std = fit.departures
     columns = (fit.x.mean, fit.y.mean, fit.y.mean - departure, departure, departure_std, fit.y.n)
     rows = [
         [*(number(float(cell)) for cell in row[:4]), f"{row[4]:.2g}", int(row[5])] for row in zip(*columns, strict=True)
     ]
-    against, name = asked["against"], _name_of_x(fit)
-    lack = "" if np.isnan(curve.lack) else f", by the scatter of the readings alone as probable as {curve.lack:.2g}"
-    caption = (
-        f"{asked['of']} in {unit_text(asked['units'][NONLINEARITY])} against {name} in {unit_text(against['unit'])}; "
-        f"{_polynomial_text(fit, name)}. Departures: chi-square {curve.chi2:.3g} at {curve.dof} degrees of "
-        f"freedom by scatter and floors of the instruments{lack}"
-    )
-    return Table(fit.title, caption, _HEADERS, rows)
+    name = _name_of_x(fit)
+    told = {
+        "of": asked["of"],
+        "unit": unit_text(asked["units"][NONLINEARITY]),
+        "against": name,
+        "against_unit": unit_text(asked["against"]["unit"]),
+        "polynomial": _polynomial_text(fit, name),
+        "chi2": curve.chi2,
+        "dof": curve.dof,
+    }
+    lack = not np.isnan(curve.lack)
+    caption = say("fit.caption_lack", lack=curve.lack, **told) if lack else say("fit.caption", **told)
+    return Table(fit.title, caption, headers, rows)
 
 
 def fit_figures(fit: Fitted) -> list[Figure]:
@@ -36,24 +43,24 @@ def fit_figures(fit: Fitted) -> list[Figure]:
     if fit.curve is None:
         return []
     asked, x = fit.asked, fit.x.mean
-    x_label = f"{_name_of_x(fit)} / {unit_text(asked['against']['unit'])}"
+    x_label = say("fit.axis", name=_name_of_x(fit), unit=unit_text(asked["against"]["unit"]))
     unit = unit_text(asked["units"][NONLINEARITY])
     dense = np.linspace(float(x.min()), float(x.max()), _CURVE_POINTS)
     drawn, _ = fit.values_at(dense)
-    lines = [series("polynomial", dense, drawn), series("measured", x, fit.y.mean, "points")]
+    lines = [series(say("polynomial.series"), dense, drawn), series(say("fit.head.measured"), x, fit.y.mean, "points")]
     off, std = fit.departures
     reach = 2.0 * std
-    left = series("departure", x, off, "points", low=off - reach, high=off + reach)
+    left = series(say("fit.head.departure"), x, off, "points", low=off - reach, high=off + reach)
     return [
-        Figure(fit.title, "Measured points and the polynomial.", x_label, f"{asked['of']} / {unit}", lines, fit.title),
-        Figure(f"Departure: {fit.title}", "What the polynomial leaves, with 95 % intervals.", x_label,
-               f"departure / {unit}", [left], fit.title),
+        Figure(fit.title, say("fit.measured"), x_label, f"{asked['of']} / {unit}", lines, fit.title),
+        Figure(say("fit.departure_title", title=fit.title), say("fit.departure"), x_label,
+               say("fit.departure_axis", unit=unit), [left], fit.title),
     ]  # fmt: skip
 
 
 def _name_of_x(fit: Fitted) -> str:
     against = fit.asked["against"]
-    return str(against.get("quantity") or against.get("condition") or "time")
+    return against.get("quantity") or against.get("condition") or say("fit.time")
 
 
 def _polynomial_text(fit: Fitted, name: str) -> str:
@@ -62,5 +69,5 @@ def _polynomial_text(fit: Fitted, name: str) -> str:
     words = {"": "{}", "log": "log({})", "reciprocal": "1/{}"}
     functions = fit.asked.get("function", ""), fit.asked["against"].get("function", "")
     y, x = (words[function].format(of) for function, of in zip(functions, (fit.asked["of"], name), strict=True))
-    of = f" of {y} in {x}" if any(functions) else ""
-    return f"polynomial{of} {powers_text(fit.curve.powers)}"
+    powers = powers_text(fit.curve.powers)
+    return say("polynomial.of", y=y, x=x, powers=powers) if any(functions) else say("polynomial", powers=powers)

@@ -19,8 +19,9 @@ from bench import analysis
 from bench.model.errors import InputError
 from bench.report import Report
 from bench.report.document import document_files, png_pages
+from bench.report.fonts import folders
 from bench.report.model import ReportModel
-from bench.report.sheet import ROOM_pt, SIZES_pt, folder, legible, missing, sheets, width_pt
+from bench.report.sheet import ROOM_pt, SIZES_pt, legible, missing, sheets, width_pt
 from bench.report.tables import Table, words_of
 
 MM_PER_INCH = 25.4
@@ -132,7 +133,7 @@ def test_every_text_has_its_glyphs(report: Report) -> None:
     }
 
 
-def test_what_a_person_wrote_is_no_markup_and_loses_no_character() -> None:
+def test_what_a_person_wrote_is_no_markup_and_loses_no_character(no_korean_font: None) -> None:
     results = sample_results() | {"estimates": [], "session": "20000101T000000Z_#panic_한"}
     model = ReportModel(title='*x* $y$ #import "no" \\', results=results, notes=("= not a heading @ref <tag>",))
     report = Report(model)
@@ -160,7 +161,7 @@ def test_page_and_paper_have_the_same_sections(report: Report) -> None:
 
 def test_widths_and_glyphs_are_those_of_another_reader_of_the_font() -> None:
     for bold, file in ((False, "DejaVuSans.ttf"), (True, "DejaVuSans-Bold.ttf")):
-        with TTFont(folder() / file) as font:
+        with TTFont(folders()[0] / file) as font:
             charmap, advances, units = font.getBestCmap(), font["hmtx"], font["head"].unitsPerEm
         for text in ("Scale-factor error / ppm", "−12\u202f345.678 ± 0.012", "µΩ°C²∞√·…–—"):
             expected = 10.0 * sum(advances[charmap[ord(one)]][0] for one in text) / units
@@ -168,7 +169,7 @@ def test_widths_and_glyphs_are_those_of_another_reader_of_the_font() -> None:
         assert ord("한") not in charmap
 
 
-def test_a_character_without_a_glyph_is_written_as_its_code() -> None:
+def test_a_character_without_a_glyph_is_written_as_its_code(no_korean_font: None) -> None:
     assert missing("−°µ±∞²³√·…–—\u202f\u2060\u200b\n") == set()
     assert missing("A한") == {"한"}
     assert legible("한 A") == "[U+D55C] A"

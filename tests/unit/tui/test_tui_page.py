@@ -12,6 +12,7 @@ import pytest
 from rich.cells import cell_len
 from top_sample import ALARM, NOW_S, PROMPT, SEEN_AND_OVER, START_S, FakeFeed, Gone, SetClock, document
 
+from bench.model.texts import Texts
 from bench.tui.folding import cut, folded, joined
 from bench.tui.look import ASCII, UNICODE, Glyphs, Look, catalogue, duration, glyphs_for
 from bench.tui.page import STYLES, page_of
@@ -45,8 +46,10 @@ def seen(**changes: Any) -> Seen:
     return Watch(Path("/data/s/run"), FakeFeed(document(**changes)), SetClock(), lambda: None, Gone).seen
 
 
-def lines(what: Seen, glyphs: Glyphs = UNICODE, width: int = 80, local: bool = False) -> list[str]:
-    page = page_of(what, Look(TEXTS, glyphs, width, local))
+def lines(
+    what: Seen, glyphs: Glyphs = UNICODE, width: int = 80, local: bool = False, texts: Texts = TEXTS
+) -> list[str]:
+    page = page_of(what, Look(texts, glyphs, width, local))
     return [line.plain for line in (*page.head, *page.body)]
 
 
@@ -62,6 +65,15 @@ def test_every_line_fits_and_holds_nothing_of_ambiguous_width(state: str, width:
             assert line.isprintable(), line
             assert not [one for one in line if unicodedata.east_asian_width(one) == "A"], line
             assert glyphs.braille or line.isascii(), line
+
+
+@pytest.mark.parametrize("width", [40, 80])
+@pytest.mark.parametrize("state", STATES)
+def test_korean_lines_fit_with_letters_of_two_columns(state: str, width: int) -> None:
+    for line in (shown := lines(seen(**STATES[state]), UNICODE, width, texts=catalogue("ko"))):
+        assert cell_len(line) <= width, line
+        assert not [one for one in line if unicodedata.east_asian_width(one) == "A"], line
+    assert any("\uac00" <= letter <= "\ud7a3" for letter in "".join(shown))
 
 
 @pytest.mark.parametrize("state", ["starting", "running", "holding", "ending", "ended", "failed", "stopped"])

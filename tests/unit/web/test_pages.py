@@ -81,7 +81,7 @@ def test_every_text_that_is_asked_for_is_there() -> None:
 
 
 def test_no_text_is_left_over() -> None:
-    assert {key for key in ENGLISH if not key.startswith("login.")} - used_keys() == set()
+    assert {key for key in ENGLISH if not key.startswith(("login.", "language."))} - used_keys() == set()
 
 
 @pytest.mark.parametrize("language", languages(HERE))
@@ -160,7 +160,6 @@ def test_every_element_that_a_script_looks_for_is_on_its_page(client: Client) ->
         html = client.get(path).text
         scripts = "".join(SCRIPTS[module] for module in pages._modules(first))
         wanted = set(re.findall(r'byId\("([a-z-]+)"\)(?!\?)', scripts))
-        wanted -= {"language"}  # only where there is more than one
         assert {name for name in wanted if f'id="{name}"' not in html} == set(), path
 
 
@@ -176,6 +175,11 @@ def test_the_name_of_a_run_is_never_markup(client: Client) -> None:
 
 def test_the_language_is_the_chosen_one_or_english(client: Client) -> None:
     assert client.get("/texts", accept_language="xx-YY, de;q=0.5").json() == ENGLISH
+    assert client.get("/texts", accept_language="ko-KR,ko;q=0.9,en;q=0.8").json()["state.running"] == "실행 중"
+    page = client.get("/", accept_language="ko-KR").text
+    assert '<html lang="ko">' in page
+    assert '<option value="ko" lang="ko" selected>한국어</option>' in page
+    assert '<option value="en" lang="en">English</option>' in page
 
 
 def test_figures_have_no_code_and_leave_no_reading_out(client: Client) -> None:

@@ -39,9 +39,9 @@ from bench.systems.af_converter.estimators.hysteresis.fit import LAG
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.oscillator import OscillatorFit
 from bench.systems.af_converter.estimators.thermal_lag import Drive
+from bench.systems.af_converter.wording import say
 
 METHODS: tuple[str, ...] = FIT_METHODS
-_NO_LOOP = "; hysteresis width, play half-width and thermal lag are not stated without it"
 _CHI2_PROBABILITY = 1e-4
 
 
@@ -76,7 +76,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         estimates=entries,
         components=components(fits, campaign),
         groups=_quality_of_fit(fits, records),
-        notes=[*(f"No result: {sentence}" for sentence in missing), *notes(fits, records, campaign, method)],
+        notes=[
+            *(say("note.no_result", what=sentence) for sentence in missing),
+            *notes(fits, records, campaign, method),
+        ],
         missing=missing,
         figures=figures(fits) + noise_figures(noise) + _clock_figures(clock, records),
         tables=[*tables(fits, campaign), *bias_budgets(fits, campaign), noise_table(noise)],
@@ -105,10 +108,12 @@ def _fit_all(
     """Fits of the channels that are determined, and one sentence for every other one."""
     readings = channel_readings(records, campaign)
     missing = [
-        f"channel {channel.number}: no record" for channel in campaign.channels if channel.number not in readings
+        say("missing.channel", channel=channel.number)
+        for channel in campaign.channels
+        if channel.number not in readings
     ]
     lost = [name for name in (RISING, FALLING) if name not in records.branch]
-    missing += [f"branch {name}: no usable record{_NO_LOOP}" for name in lost]
+    missing += [say("missing.branch", name=name) for name in lost]
     fits: list[ChannelFit] = []
     refused: list[FitError] = []
     for number, channel_windows in readings.items():
@@ -116,7 +121,7 @@ def _fit_all(
             fits.append(fit_channel(channel_windows, records, material.trace, drive, campaign, method))
         except FitError as error:
             refused.append(error)
-            missing.append(f"channel {number}: {error.message} ({error.code})")
+            missing.append(say("missing.refused", channel=number, why=error.message, code=error.code))
     missing += _without_sensor(fits)
     if not fits:
         raise (
@@ -138,8 +143,7 @@ def _without_sensor(fits: list[ChannelFit]) -> list[str]:
         if channel.sensor_problem:
             by_problem.setdefault(channel.sensor_problem, []).append(str(channel.readings.channel.number))
     return [
-        f"compensation of the bias, channel {', '.join(numbers)}: the unit's own sensor {problem}; temperatures of the "
-        "results are the lagged ones of the fit"
+        say("missing.compensation", channels=", ".join(numbers), problem=problem)
         for problem, numbers in by_problem.items()
     ]
 
@@ -148,12 +152,12 @@ def _master_clock(
     material: Material, records: RampRecords, campaign: Campaign, fits: list[ChannelFit], missing: list[str]
 ) -> OscillatorFit | None:
     if any(channel.sensor_problem and np.isfinite(records.unit_degC).any() for channel in fits):
-        missing.append("master oscillator: the unit's own sensor, over which it is stated, does not follow the unit")
+        missing.append(say("missing.oscillator_sensor"))
         return None
     try:
         return fit_master_clock(records, campaign, material.standards)
     except FitError as error:
-        missing.append(f"master oscillator: {error.message} ({error.code})")
+        missing.append(say("missing.oscillator", why=error.message, code=error.code))
         return None
 
 
@@ -167,25 +171,16 @@ def _limits(campaign: Mapping[str, Any]) -> dict[int, float | None]:
 
 def notes(fits: Sequence[ChannelFit], records: RampRecords, campaign: Campaign, method: str) -> list[str]:
     """Notes on windows left out, estimators, what was not determined, and what the uncertainties do not hold."""
-    driver = "the chamber's air" if method == JOINT else "the unit's own sensor"
-    notes = [f"{count} windows left out of the fits: {reason}." for reason, count in sorted(records.left_out.items())]
-    notes.append(
-        f"Hysteresis, thermal lag and the polynomial were fitted together, the unit driven by {driver}. The bias is "
-        "that in the middle of the loop, its random walk averaged over the campaign"
-        + (
-            "."
-            if any(channel.sensor_problem for channel in fits)
-            else "; temperatures are those of the unit's own sensor."
-        )
-    )
+    driver = say("ramp.driver.air" if method == JOINT else "ramp.driver.sensor")
+    notes = [say("ramp.left_out", count=count, reason=reason) for reason, count in sorted(records.left_out.items())]
+    without_sensor = any(channel.sensor_problem for channel in fits)
+    notes.append(say("ramp.joint" if without_sensor else "ramp.joint_sensor", driver=driver))
     notes += _estimators(fits) + _naive(fits, campaign, method)
     for channel in fits:
         notes += _undetermined(channel) + _chi_square(channel)
-    notes.append(
-        f"The scale factors are taken as nominal: {DSF_STD * 1e6:g} ppm of every bias and width is in its uncertainty."
-    )
+    notes.append(say("ramp.nominal", ppm=DSF_STD * 1e6))
     if campaign.temperature_sensor_u95_degC is None:
-        notes.append("The uncertainty of the unit's temperature sensor is not stated; it is not included.")
+        notes.append(say("note.sensor_not_stated"))
     return notes
 
 
@@ -194,43 +189,35 @@ def _estimators(fits: Sequence[ChannelFit]) -> list[str]:
     for channel in fits:
         use = ", ".join(f"{name} {count}" for name, count in channel.readings.estimators.items())
         by_use.setdefault(use, []).append(channel.readings.channel.number)
-    return [f"Windows by estimator, channel {', '.join(map(str, numbers))}: {use}." for use, numbers in by_use.items()]
+    return [say("ramp.estimators", channels=", ".join(map(str, numbers)), use=use) for use, numbers in by_use.items()]
 
 
 def _naive(fits: Sequence[ChannelFit], campaign: Campaign, method: str) -> list[str]:
     """Say what separate polynomials make of the lag, where it matters most, and how much they leave out."""
     at = np.array([campaign.reference_temperature_degC])
-    notes = []
+    notes: list[str] = []
     apart = [(channel, float(channel.naive(channel.air_degC, at)[0])) for channel in fits]
     known = [(channel, value) for channel, value in apart if np.isfinite(value)]
     if known:
         channel, value = max(known, key=lambda pair: abs(pair[1] - pair[0].fit.value(WIDTH)))
-        lag = f": the unit lags the air by {channel.fit.value(LAG) / 60:.0f} min" if method == JOINT else ""
-        notes.append(
-            f"Separate polynomials of the branches against the chamber's temperature would give a hysteresis width of "
-            f"{value * 1e9:.1f} nA for channel {channel.readings.channel.number} at {at[0]:g} degC instead of "
-            f"{channel.fit.value(WIDTH) * 1e9:.1f} nA{lag}."
-        )
+        told = {"naive": value * 1e9, "channel": channel.readings.channel.number, "degC": at[0],
+                "width": channel.fit.value(WIDTH) * 1e9}  # fmt: skip
+        lag_min = channel.fit.value(LAG) / 60
+        notes.append(say("ramp.naive_lag", lag=lag_min, **told) if method == JOINT else say("ramp.naive", **told))
         masked = sorted({channel.masked for channel in fits})
-        span = f"{masked[0]}" if len(masked) == 1 else f"{masked[0]} to {masked[-1]}"
-        notes.append(f"{span} windows per channel, in which the play crosses after a reversal, are masked there.")
+        span = say("ramp.masked_span", low=masked[0], high=masked[-1])
+        notes.append(span if len(masked) > 1 else say("ramp.masked", count=masked[0]))
     return notes
 
 
 def _undetermined(channel: ChannelFit) -> list[str]:
     number, fit = channel.readings.channel.number, channel.fit
-    notes = []
+    notes: list[str] = []
     if not fit.half_width_determined:
-        notes.append(
-            f"Channel {number}: no play half-width. A hysteresis width of {fit.value(WIDTH) * 1e9:.2f} nA with a "
-            f"standard uncertainty of {fit.std(WIDTH) * 1e9:.2f} nA does not tell it; width and bias are averages over "
-            "all half-widths possible."
-        )
+        width_nA, u_nA = fit.value(WIDTH) * 1e9, fit.std(WIDTH) * 1e9
+        notes.append(say("ramp.no_half_width", channel=number, width=width_nA, u=u_nA))
     if not fit.lag_determined:
-        notes.append(
-            f"Channel {number}: no thermal lag. {fit.value(LAG) / 60:.1f} min with a standard uncertainty of "
-            f"{fit.std(LAG) / 60:.1f} min is not apart from the limits of the search."
-        )
+        notes.append(say("ramp.no_lag", channel=number, lag=fit.value(LAG) / 60, u=fit.std(LAG) / 60))
     return notes
 
 
@@ -238,7 +225,4 @@ def _chi_square(channel: ChannelFit) -> list[str]:
     fit = channel.fit
     if special.chdtrc(fit.dof, fit.chi2) >= _CHI2_PROBABILITY:
         return []
-    return [
-        f"Channel {channel.readings.channel.number}: reduced chi-square {fit.reduced_chi2:.2f}; the residuals exceed "
-        "the declared noise."
-    ]
+    return [say("ramp.chi2", channel=channel.readings.channel.number, chi2=fit.reduced_chi2)]

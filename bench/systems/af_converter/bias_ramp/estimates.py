@@ -19,6 +19,7 @@ from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, width_at
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.oscillator import GENERATOR, OscillatorFit
+from bench.systems.af_converter.wording import say
 
 STEP_degC = 15.0  # between the temperatures of the estimates, counted from the reference temperature
 DSF_STD = 400e-6  # of a converter whose scale factor is not calibrated (design: drawn with 400 ppm)
@@ -59,9 +60,9 @@ def bias_parts(channel: ChannelFit, weights: Floats, campaign: Campaign) -> dict
     coefficients, covariance = on_sensor(channel)
     moves = np.arange(1, weights.size) * coefficients[1:]  # d c_k for a sensor that is off by 1 degC
     return {
-        "readings, random walk and fit": float(np.sqrt(weights @ covariance @ weights)),
-        "scale factor taken as nominal": abs(float(weights @ coefficients)) * DSF_STD,
-        "temperature sensor of the unit": abs(float(weights[:-1] @ moves)) * campaign.sensor_std_degC,
+        say("component.readings"): float(np.sqrt(weights @ covariance @ weights)),
+        say("component.nominal"): abs(float(weights @ coefficients)) * DSF_STD,
+        say("component.sensor"): abs(float(weights[:-1] @ moves)) * campaign.sensor_std_degC,
     }
 
 

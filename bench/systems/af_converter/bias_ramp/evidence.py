@@ -21,6 +21,7 @@ from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, HysteresisModel, ModelShape
 from bench.systems.af_converter.estimators.hysteresis.search import Problem
 from bench.systems.af_converter.estimators.thermal_lag import Drive
+from bench.systems.af_converter.wording import say
 
 _BLOCKS = 12  # of an influence
 _SMALLEST = 1e-300
@@ -75,11 +76,7 @@ def _misfit(channel: ChannelFit, base: rivals.Base) -> Evidence:
     fit = channel.fit
     probability = float(special.chdtrc(fit.dof, fit.chi2))
     worst = _carried(channel, base)
-    sentence = (
-        f"The windows of channel {channel.readings.channel.number} lie farther from the fit than their noise lets "
-        f"them (reduced chi-square {fit.reduced_chi2:.3g}). Look at the residuals, the declared noise and the "
-        "temperatures."
-    )
+    sentence = say("evidence.misfit", channel=channel.readings.channel.number, chi2=fit.reduced_chi2)
     return Evidence(
         "lack_of_fit", sentence, fit.reduced_chi2, max(probability, _SMALLEST), max(worst.values()),
         _bearing(worst, everything=True), _about(channel),
@@ -111,18 +108,15 @@ def _bearing(moved: dict[str, float], *, everything: bool = False) -> tuple[str,
 
 def _rival(channel: ChannelFit, outcome: rivals.Outcome) -> Evidence:
     moved = moves(channel, outcome.shift)
-    at = {
-        rivals.STEP: f" at {outcome.place:.1f} h",
-        rivals.SECOND_LAG: f" of {outcome.place:.0f} min",
-    }.get(outcome.name, "")
-    width_nA = _nA * (channel.fit.value(WIDTH) + outcome.shift[WIDTH])
-    verb = "describe" if outcome.name == rivals.PLAYS else "describes"
-    sentence = (
-        f"{outcome.name.capitalize()}{at} {verb} channel {channel.readings.channel.number} better by "
-        f"{outcome.gain:.0f} in chi-square; the hysteresis width would be about {width_nA:.1f} nA. Look at the "
-        "residuals and take the ramp again."
+    code, width_nA = rivals.code_of(outcome.name), _nA * (channel.fit.value(WIDTH) + outcome.shift[WIDTH])
+    sentence = say(
+        "evidence.rival",
+        name=say(code, place=outcome.place),
+        channel=channel.readings.channel.number,
+        gain=outcome.gain,
+        width=width_nA,
     )
     return Evidence(
-        rivals.code_of(outcome.name), sentence, outcome.gain,
+        code, sentence, outcome.gain,
         max(outcome.probability, _SMALLEST), max(moved.values()), _bearing(moved), _about(channel),
     )  # fmt: skip

@@ -28,6 +28,7 @@ from bench.systems.af_converter.estimators.hysteresis.search import Bounds
 from bench.systems.af_converter.estimators.oscillator import OscillatorFit, OscillatorWindows, fit_oscillator
 from bench.systems.af_converter.estimators.thermal_lag import Drive, require_known, usable_drive
 from bench.systems.af_converter.register import FUNCTION_GENERATOR, read_dof, read_generator
+from bench.systems.af_converter.wording import say
 
 JOINT, JOINT_UNIT_SENSOR = "joint", "joint_unit_sensor"
 METHODS = (JOINT, JOINT_UNIT_SENSOR)
@@ -168,12 +169,12 @@ def _usable_sensor(sensor_degC: Floats, fit: HysteresisFit) -> tuple[Floats, str
     """The unit's sensor in each window, all NaN and the reason if it does not show the temperature of the unit."""
     known = np.isfinite(sensor_degC)
     if not known.any():
-        return sensor_degC, "gave no reading"
+        return sensor_degC, say("sensor.silent")
     apart_degC = float(np.std((sensor_degC - fit.unit_degC)[known]))
     if apart_degC <= _FOLLOWS_degC:
         return sensor_degC, ""
     nothing = np.full(sensor_degC.shape, np.nan)
-    return nothing, f"does not follow the unit (root mean square {apart_degC:.1f} degC from the lagged temperature)"
+    return nothing, say("sensor.apart", apart=apart_degC)
 
 
 def _widest(drive: Drive) -> float:

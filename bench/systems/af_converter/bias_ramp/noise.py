@@ -18,6 +18,7 @@ from bench.maths.allan_terms import TERMS, UNITS, NoiseTerm, NoiseTerms, fit_noi
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
 from bench.systems.af_converter.bias_ramp.records import RampRecords
+from bench.systems.af_converter.wording import say
 
 _nA = 1e9
 _FITTED = ("white_noise", "bias_instability", "random_walk")
@@ -93,16 +94,18 @@ def noise_table(noises: Sequence[ChannelNoise]) -> Table:
         number = noise.one.readings.channel.number
         for term in map(noise.term, TERMS):
             seen = [f"{term.coefficient * _nA:.3g}", f"{term.std_uncertainty * _nA:.2g}"]
-            shown = seen if term.name in _FITTED and _clear(term) else ["not seen", ""]
+            shown = seen if term.name in _FITTED and _clear(term) else [say("noise.not_seen"), ""]
             rows.append(
-                [number, term.name.replace("_", " "), f"nA{UNITS[term.name]}", *shown, f"{term.upper_limit * _nA:.3g}"]
+                [
+                    number,
+                    say(f"noise.term.{term.name}"),
+                    f"nA{UNITS[term.name]}",
+                    *shown,
+                    f"{term.upper_limit * _nA:.3g}",
+                ]
             )
-    caption = (
-        "IEEE Std 952 coefficients fitted to the Allan deviation of what the joint fit leaves; "
-        "upper limit with 95 % confidence"
-    )
-    headers = ["channel", "term", "unit", "coefficient", "u", "upper limit"]
-    return Table("Noise terms of the bias", caption, headers, rows)
+    headers = [say(f"noise.head.{head}") for head in ("channel", "term", "unit", "coefficient", "u", "upper")]
+    return Table(say("noise.title"), say("noise.caption"), headers, rows)
 
 
 def noise_figures(noises: Sequence[ChannelNoise]) -> list[Figure]:
@@ -114,13 +117,13 @@ def _figure(noise: ChannelNoise) -> Figure:
     curve = noise.curve
     deviation, low, high = (_nA * ends for ends in (curve.deviation, curve.low, curve.high))
     return Figure(
-        f"channel {noise.one.readings.channel.number}",
-        "Overlapping Allan deviation of what the joint fit leaves, 95 % intervals, and the fitted terms.",
-        "averaging time, s",
-        "Allan deviation, nA",
+        say("channel", channel=noise.one.readings.channel.number),
+        say("noise.figure"),
+        say("noise.x"),
+        say("noise.y"),
         [
-            series("measured", curve.tau_s, deviation, "points", low=low, high=high),
-            series("noise terms", curve.tau_s, _nA * noise.terms.fitted),
+            series(say("noise.measured"), curve.tau_s, deviation, "points", low=low, high=high),
+            series(say("noise.fitted"), curve.tau_s, _nA * noise.terms.fitted),
         ],
         x_log=True,
         y_log=True,

@@ -21,10 +21,12 @@ from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, branch_curves, width_at
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.oscillator import OscillatorFit
+from bench.systems.af_converter.wording import kind_name, say
 
-_nA = 1e9
 _nA, _PPM = 1e9, 1e6
 _POINTS = 121
+_COMBINED = say("component.combined")
+_JOINT = ("channel", "windows", "lag", "U", "half_width", "U", "width", "U", "sensor", "crossing", "chi2")
 
 
 def tables(fits: Sequence[ChannelFit], campaign: Campaign) -> list[Table]:
@@ -43,7 +45,7 @@ def _fits(fits: Iterable[ChannelFit]) -> Table:
                 ", ".join(f"{name} {count}" for name, count in channel.readings.estimators.items()),
                 _text(fit.value(LAG) / 60.0, 2),
                 _text(k * fit.std(LAG) / 60.0, 2),
-                *(half if fit.half_width_determined else ["not determined", ""]),
+                *(half if fit.half_width_determined else [say("joint.undetermined"), ""]),
                 _text(fit.value(WIDTH) * _nA, 2),
                 _text(k * fit.std(WIDTH) * _nA, 2),
                 _text(channel.offset_degC, 3),
@@ -51,15 +53,8 @@ def _fits(fits: Iterable[ChannelFit]) -> Table:
                 _text(fit.reduced_chi2, 3),
             ]
         )
-    caption = (
-        "U at 95 %. Sensor: mean of the unit's own sensor minus the lagged temperature of the fit. Crossing: "
-        "windows of the ramps after a reversal in which the play has not been crossed yet"
-    )
-    headers = [
-        "channel", "windows by estimator", "lag, min", "U", "half-width r, degC", "U", "width, nA", "U",
-        "sensor, degC", "crossing", "reduced chi-square",
-    ]  # fmt: skip
-    return Table("Joint fit of bias, hysteresis and thermal lag", caption, headers, rows)
+    headers = [say(f"joint.head.{head}") for head in _JOINT]
+    return Table(say("joint.title"), say("joint.caption"), headers, rows)
 
 
 def _widths(fits: Iterable[ChannelFit]) -> Table:
@@ -71,14 +66,8 @@ def _widths(fits: Iterable[ChannelFit]) -> Table:
             value, std = width_at(channel.fit, at - channel.offset_degC)
             numbers = (value * _nA, coverage_factor() * std * _nA, air[index] * _nA, sensor[index] * _nA)
             rows.append([channel.readings.channel.number, at, *(_text(number, 2) for number in numbers)])
-    return Table(
-        "Hysteresis width: joint fit beside separate polynomials of the branches",
-        "Falling minus rising, nA. A cubic for each branch against the chamber's air takes the lag of the unit for "
-        "hysteresis, 2 x rate x lag x slope of the bias; against the unit's own sensor little of that is left. "
-        "Windows in which the play still crosses are masked there. The loop closes at its ends",
-        ["channel", "degC", "joint fit", "U", "cubics against the air", "cubics against the sensor"],
-        rows,
-    )
+    headers = [say(f"widths.head.{head}") for head in ("channel", "degC", "joint", "U", "air", "sensor")]
+    return Table(say("widths.title"), say("widths.caption"), headers, rows)
 
 
 def _budget(fits: Iterable[ChannelFit], campaign: Campaign) -> Table:
@@ -88,9 +77,8 @@ def _budget(fits: Iterable[ChannelFit], campaign: Campaign) -> Table:
         parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
         rows += [[channel.readings.channel.number, name, f"{value * _nA:.3g}"] for name, value in parts.items()]
     reference = campaign.reference_temperature_degC
-    title = f"Components of the bias at {reference:g} degC"
-    caption = "Standard uncertainty, nA. The bias is the mean over the campaign of what walks at random"
-    return Table(title, caption, ["channel", "component", "u, nA"], rows)
+    headers = [say(f"bias.head.{head}") for head in ("channel", "component", "u")]
+    return Table(say("bias.components_title", degC=reference), say("bias.components_caption"), headers, rows)
 
 
 def components(fits: Iterable[ChannelFit], campaign: Campaign) -> list[dict[str, Any]]:
@@ -99,17 +87,17 @@ def components(fits: Iterable[ChannelFit], campaign: Campaign) -> list[dict[str,
     for channel in fits:
         coefficients, _ = on_sensor(channel)
         parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
-        parts["combined"] = float(np.linalg.norm(list(parts.values())))
+        parts[_COMBINED] = float(np.linalg.norm(list(parts.values())))
         for name, value in parts.items():
             place = channel.readings.channel.kind, name
             largest[place] = max(largest.get(place, 0.0), value)
     return [
         {
-            "kind": kind,
+            "kind": kind_name(kind),
             "quantity": "bias",
             "component": name,
-            "evaluation": "" if name == "combined" else "B",
-            "distribution": "normal",
+            "evaluation": "" if name == _COMBINED else "B",
+            "distribution": say("budget.normal"),
             "std_uncertainty_nA": value * _nA,
         }
         for (kind, name), value in largest.items()
@@ -129,18 +117,17 @@ def bias_budgets(fits: Sequence[ChannelFit], campaign: Campaign) -> list[Table]:
         return []
     combined = combine_all({_number(channel): bias_components(channel, campaign) for channel in fits})
     first = {channel.readings.channel.kind: channel for channel in reversed(fits)}
-    at = f"{campaign.reference_temperature_degC:g} degC"
+    at = campaign.reference_temperature_degC
     tables = [
         budget_table(
-            f"Uncertainty budget of the bias at {at}, channel {_number(channel)} ({kind})",
+            say("bias.budget_title", degC=at, channel=_number(channel), kind=kind_name(kind)),
             "nA",
             float(on_sensor(channel)[0][0]) * _nA,
             combined.budgets[_number(channel)],
         )
         for kind, channel in sorted(first.items())
     ]
-    caption = "Caused by the temperature sensor of the unit, which all channels share"
-    title = f"Correlation of the bias at {at} between channels"
+    title, caption = say("bias.correlation_title", degC=at), say("bias.correlation_caption")
     return [*tables, correlation_table(title, caption, list(combined.budgets), combined.correlation)]
 
 
@@ -150,16 +137,14 @@ def bias_components(channel: ChannelFit, campaign: Campaign) -> list[Component]:
     parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
     fit, nominal, sensor = parts
     return [
-        Component(fit, parts[fit] * _nA, "nA", source="declared noise, through the fit"),
-        Component(
-            nominal, DSF_STD * _PPM, "ppm", float(coefficients[0]) * _nA / _PPM, source="design of the converter"
-        ),
+        Component(fit, parts[fit] * _nA, "nA", source=say("source.noise")),
+        Component(nominal, DSF_STD * _PPM, "ppm", float(coefficients[0]) * _nA / _PPM, source=say("source.design")),
         Component(
             sensor,
             campaign.sensor_std_degC,
             "degC",
             float(coefficients[1]) * _nA,
-            source="campaign file",
+            source=say("source.campaign"),
             common=sensor,
         ),
     ]
@@ -175,7 +160,7 @@ def figures(fits: Sequence[ChannelFit]) -> list[Figure]:
 
 
 def _name(channel: ChannelFit) -> str:
-    return f"channel {channel.readings.channel.number}"
+    return say("channel", channel=channel.readings.channel.number)
 
 
 def _loop(channel: ChannelFit) -> Figure:
@@ -183,46 +168,47 @@ def _loop(channel: ChannelFit) -> Figure:
     rising, falling = branch_curves(channel.fit, at)
     measured = [
         _points(
-            f"measured, {name}",
+            say(f"loop.measured_{name}"),
             channel.fit.unit_degC[channel.branch == name],
             channel.readings.bias_A[channel.branch == name],
         )
         for name in (RISING, FALLING)
     ]
-    caption = "Bias (correction added to the reading) over the lagged temperature, with the joint fit."
-    parts = [*measured, _line("fit, rising", at, rising), _line("fit, falling", at, falling)]
-    return Figure(_name(channel), caption, "lagged temperature, degC", "bias, nA", parts, group="bias over temperature")
+    parts = [*measured, _line(say("loop.fit_up"), at, rising), _line(say("loop.fit_down"), at, falling)]
+    x, y = say("loop.x"), say("loop.y")
+    return Figure(_name(channel), say("loop.caption"), x, y, parts, group="bias over temperature")
 
 
 def _residual(channel: ChannelFit) -> Figure:
     hours = (channel.readings.gates.middle_s - channel.readings.gates.start_s[0]) / 3600.0
-    caption = "What the joint fit leaves: noise of the windows and the random walk of the bias."
-    parts = [_points("residual", hours, channel.fit.residual)]
-    return Figure(_name(channel), caption, "time, h", "residual, nA", parts, group="residuals of the joint fit")
+    parts = [_points(say("left.series"), hours, channel.fit.residual)]
+    x, y = say("left.x"), say("left.y")
+    return Figure(_name(channel), say("left.caption"), x, y, parts, group="residuals of the joint fit")
 
 
 def _width(channel: ChannelFit) -> Figure:
     at = np.linspace(*channel.fit.loop_degC, _POINTS)
     width, std = (np.array(column) for column in zip(*(width_at(channel.fit, float(x)) for x in at), strict=True))
     reach = coverage_factor() * std
-    naive = {"against the air": channel.air_degC, "against the sensor": channel.sensor_degC}
-    lines = [_line(f"cubics {name}", at, channel.naive(temperature, at)) for name, temperature in naive.items()]
-    caption = "Hysteresis width (falling minus rising): joint fit, and separate polynomials of the branches."
+    naive = {"air": channel.air_degC, "sensor": channel.sensor_degC}
+    lines = [
+        _line(say(f"widths.head.{name}"), at, channel.naive(temperature, at)) for name, temperature in naive.items()
+    ]
     parts = [
         band("95 %", at, (width - reach) * _nA, (width + reach) * _nA),
-        _line("joint fit", at, width),
+        _line(say("widths.head.joint"), at, width),
         *(line for line in lines if line.x),
     ]
-    return Figure(_name(channel), caption, "temperature, degC", "width, nA", parts, group="hysteresis width")
+    x, y = say("width.x"), say("width.y")
+    return Figure(_name(channel), say("width.caption"), x, y, parts, group="hysteresis width")
 
 
 def master_clock_figure(fit: OscillatorFit, unit_degC: Floats) -> Figure:
     """Error of the master oscillator over temperature: what the cubic leaves."""
     known = np.isfinite(fit.residual_ppm)
-    title = "Master oscillator: residual of the cubic"
-    caption = f"Root mean square {fit.rms_ppm:.2g} ppm; the generator's own error is common to all windows."
-    parts = [series("windows", unit_degC[known], fit.residual_ppm[known], "points")]
-    return Figure(title, caption, "temperature of the unit, degC", "residual, ppm", parts)
+    title, caption = say("oscillator.title"), say("oscillator.caption", rms=fit.rms_ppm)
+    parts = [series(say("oscillator.windows"), unit_degC[known], fit.residual_ppm[known], "points")]
+    return Figure(title, caption, say("oscillator.x"), say("oscillator.y"), parts)
 
 
 def _points(label: str, x: Floats, y_A: Floats) -> Series:

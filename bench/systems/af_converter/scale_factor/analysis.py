@@ -33,6 +33,7 @@ from bench.systems.af_converter.scale_factor.estimates import (
 )
 from bench.systems.af_converter.scale_factor.evidence import evidence
 from bench.systems.af_converter.scale_factor.notes import notes, zero_gain_notes, zero_gain_table
+from bench.systems.af_converter.wording import say
 
 METHODS: tuple[str, ...] = FIT_METHODS
 
@@ -75,7 +76,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
         components=components(fitted, constants, register),
         groups=_quality_of_fit(fitted, constants),
         notes=[
-            *(f"No result: {sentence}" for sentence in missing),
+            *(say("note.no_result", what=sentence) for sentence in missing),
             *notes(fitted, constants, register, chosen),
             *drift.notes,
             *zero_gain_notes(zero_gain),

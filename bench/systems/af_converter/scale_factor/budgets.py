@@ -20,7 +20,7 @@ from bench.systems.af_converter.budget_tables import budget_table, correlation_t
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.readings import (
     GAIN,
-    QUANTISATION,
+    Readings,
     calibrator_effects,
     count_noise,
     relative_errors,
@@ -28,31 +28,32 @@ from bench.systems.af_converter.estimators.readings import (
 from bench.systems.af_converter.estimators.scale_factor import Referral
 from bench.systems.af_converter.estimators.scale_factor_trials import TrialModel
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit
-from bench.systems.af_converter.register import Standards
+from bench.systems.af_converter.register import REGISTER, Standards
 from bench.systems.af_converter.scale_factor.estimates import scale_factor_std_ppm, sensor_effect_ppm
+from bench.systems.af_converter.wording import kind_name, say
 
 _PPM, _nA = 1e6, 1e9
-_REGISTER = "standards register"
-_DECLARED = "campaign file"
-_COUNTING = "fractions of a pulse at the ends of a gate"
+_DECLARED = say("source.campaign")
+_COUNTING = say("source.counting")
+_DRIFT, _SENSOR, _COMBINED = (say(f"component.{name}") for name in ("drift", "sensor", "combined"))
+_NOISE = tuple(say(f"component.{name}") for name in ("quantisation", "clock", "white", "walk", "interpolated"))
 _COLUMNS = {  # of the table of all channels, by the beginning of a component's name
-    "quantisation": "quantisation",
-    "white noise": "noise",
-    "random walk": "noise",
-    "calibrator offset": "range offsets",
-    "calibrator linearity": "linearity",
-    "calibrator gain": "gain",
-    "calibrator traceability": "traceability",
-    "calibrator drift": "drift",
-    "interpolated": "temperature",
-    "temperature sensor": "temperature",
+    "quantisation": say("summary.quantisation"),
+    "white noise": say("summary.noise"),
+    "random walk": say("summary.noise"),
+    "calibrator offset": say("summary.offsets"),
+    "calibrator linearity": say("summary.linearity"),
+    "calibrator gain": say("summary.gain"),
+    "calibrator traceability": say("summary.traceability"),
+    "calibrator drift": say("summary.drift"),
+    "interpolated": say("summary.temperature"),
+    "temperature sensor": say("summary.temperature"),
 }
 TRIALS = 100_000
 _SEED = 1  # any will do; the same numbers must come out tomorrow
 _HEADERS = (
-    "channel", "kind", "unit degC", "u budget", "u trials", "budget 95 %", "shortest 95 % of the trials",
-    "ends differ by", "tolerance", "statement",
-)  # fmt: skip
+    *("channel", "kind", "unit", "u_budget", "u_trials", "budget", "shortest", "differ", "tolerance", "statement"),
+)
 
 
 def budget_tables(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[Table]:
@@ -72,13 +73,12 @@ def budget_tables(fitted: Fitted, campaign: Campaign, standards: Standards, meth
         combined = combine_all(by_channel)
         for kind, visit in sorted(examples.items()):
             budget = combined.budgets[str(visit.group.channel)]
-            at = f"channel {visit.group.channel} ({kind}) at {visit.fit.unit_temperature_degC:.2f} degC"
-            value_ppm = float(visit.fit.dsf_ppm[index])
-            tables.append(budget_table(f"Uncertainty budget of {quantity}, {at}", "ppm", value_ppm, budget))
+            at = {"channel": visit.group.channel, "kind": kind_name(kind), "degC": visit.fit.unit_temperature_degC}
+            title = say("budget.title", quantity=quantity, **at)
+            tables.append(budget_table(title, "ppm", float(visit.fit.dsf_ppm[index]), budget))
             to_check += [(visit, budget)] if index == 0 else []
         tables.append(_side_by_side(quantity, combined.budgets))
-        title = f"Correlation of {quantity} between channels"
-        caption = "Caused by the calibrator and the temperature sensor, which all channels share"
+        title, caption = say("correlation.title", quantity=quantity), say("correlation.caption")
         tables.append(correlation_table(title, caption, list(by_channel), combined.correlation))
     return [*tables, check_table(to_check, fitted, campaign, standards, method)]
 
@@ -108,10 +108,10 @@ def components_of(
         *_range_errors(visit, index, standards),
         *_gains(visit, index, standards),
         _effect(
-            "calibrator drift over the campaign", drift_ppm, "ppm", drift_ppm, standards.drift_source, common="drift"
+            _DRIFT, drift_ppm, "ppm", drift_ppm, standards.drift_source, common="drift"
         ),
         _effect(
-            "temperature sensor of the unit", sensor_degC, "degC", slopes[index] * sensor_degC, _DECLARED,
+            _SENSOR, sensor_degC, "degC", slopes[index] * sensor_degC, _DECLARED,
             common="temperature sensor",
         ),
     ]  # fmt: skip
@@ -121,12 +121,13 @@ def _noise(visit: GroupFit, index: int, campaign: Campaign) -> list[Component]:
     rows, converter = visit.group.closed, campaign.converter(visit.group.channel)
     gate_s = float(np.median(rows.gate_s))
     clock_ppm = float(np.median(count_noise(rows.af_count))) * _PPM
+    counts, clock, white, walk, interpolated = _NOISE
     of_one_row = {
-        QUANTISATION: (converter.k0_C / gate_s / np.sqrt(6.0) * _nA, "nA", _COUNTING),
-        "quantisation of the AF clock count": (clock_ppm, "ppm", _COUNTING),
-        "white noise of the converter": (converter.white_A_rtHz / np.sqrt(2.0 * gate_s) * _nA, "nA", _DECLARED),
-        "random walk of the bias": (converter.walk_A_rth * _nA, "nA", f"{_DECLARED}; after 1 h"),
-        "interpolated unit temperature": (float(np.max(rows.temperature_std_degC)), "degC", "neighbouring records"),
+        counts: (converter.k0_C / gate_s / np.sqrt(6.0) * _nA, "nA", _COUNTING),
+        clock: (clock_ppm, "ppm", _COUNTING),
+        white: (converter.white_A_rtHz / np.sqrt(2.0 * gate_s) * _nA, "nA", _DECLARED),
+        walk: (converter.walk_A_rth * _nA, "nA", say("source.campaign_1h")),
+        interpolated: (float(np.max(rows.temperature_std_degC)), "degC", say("source.neighbours")),
     }
     return [
         _effect(
@@ -142,7 +143,7 @@ def _gains(visit: GroupFit, index: int, standards: Standards) -> list[Component]
     relative = relative_errors(visit.group.closed.range_A, standards.ranges)
     return [
         _effect(
-            _name_of_gain(label), float(relative[label].max()) * _PPM, "ppm", float(effect_ppm[index]), _REGISTER,
+            _name_of_gain(label), float(relative[label].max()) * _PPM, "ppm", float(effect_ppm[index]), REGISTER,
             common=label, dof=standards.dof_of(label),
         )
         for label, effect_ppm in visit.fit.gains_ppm.items()
@@ -150,25 +151,34 @@ def _gains(visit: GroupFit, index: int, standards: Standards) -> list[Component]
 
 
 def _name_of_gain(label: str) -> str:
-    return "calibrator gain, common to all rows" if label == GAIN else f"calibrator traceability, {label}"
+    return say("component.gain") if label == GAIN else say("component.traceability", label=label)
 
 
 def _range_errors(visit: GroupFit, index: int, standards: Standards) -> list[Component]:
     """Return offsets of the calibrator's ranges and linearity errors of its levels."""
     effects = calibrator_effects(visit.group.closed, standards.ranges)
+    labels = _labels(visit.group.closed)
     u_A = dict(zip(effects.labels, np.abs(effects.matrix).max(axis=0), strict=True))
     return [
         _effect(
-            f"calibrator {label}",
+            say("component.calibrator", label=labels[label]),
             float(u_A[label]) * _nA,
             "nA",
             float(effect_ppm[index]),
-            _REGISTER,
+            REGISTER,
             common=label,
             dof=standards.calibrator_dof,
         )
         for label, effect_ppm in visit.fit.shared_ppm.items()
     ]
+
+
+def _labels(rows: Readings) -> dict[str, str]:
+    """Return the labels of ``calibrator_effects`` as sentences, by themselves."""
+    places = set(zip(rows.range_A.tolist(), rows.level_A.tolist(), strict=True))
+    labels = [say("label.offset", range=range_A) for range_A, _ in places]
+    labels += [say("label.linearity", range=range_A, level=level_A) for range_A, level_A in places]
+    return {str(label): label for label in labels}
 
 
 def _effect(
@@ -183,19 +193,16 @@ def _effect(
 def _side_by_side(quantity: str, budgets: Mapping[str, Budget]) -> Table:
     names = dict.fromkeys(part.name for budget in budgets.values() for part in budget.components if part.contribution)
     columns = {name: next(column for start, column in _COLUMNS.items() if name.startswith(start)) for name in names}
-    return summary_table(f"Uncertainty of {quantity} by channel", "ppm", budgets, columns)
+    return summary_table(say("summary.title", quantity=quantity), "ppm", budgets, columns)
 
 
 def check_table(
     checked: Sequence[tuple[GroupFit, Budget]], fitted: Fitted, campaign: Campaign, standards: Standards, method: str
 ) -> Table:
     """The budgets of dsf_n beside the shortest intervals of the trials, with the test of JCGM 101:2008 clause 8.1."""
-    caption = (
-        f"{TRIALS} trials each, every input drawn from its distribution, every draw fitted again; ppm. Tolerance: "
-        "half a unit in the second digit of u. 'Not resolved': the scatter of the trials is too large to tell"
-    )
+    caption = say("trials.caption", trials=TRIALS)
     rows = [_check_row(visit, budget, fitted, campaign, standards, method) for visit, budget in checked]
-    return Table("Monte Carlo check of dsf_n", caption, list(_HEADERS), rows)
+    return Table(say("trials.title"), caption, [say(f"trials.{head}") for head in _HEADERS], rows)
 
 
 def trials_of(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> Distribution:
@@ -222,7 +229,7 @@ def _check_row(
     check = check_interval(value_ppm, budget.std_uncertainty, expanded_ppm, drawn)
     return [
         visit.group.channel,
-        campaign.channel(visit.group.channel).kind,
+        kind_name(campaign.channel(visit.group.channel).kind),
         f"{visit.fit.unit_temperature_degC:.2f}",
         figures(budget.std_uncertainty),
         figures(drawn.std),
@@ -230,7 +237,7 @@ def _check_row(
         _interval(drawn.low, drawn.high),
         f"{check.low_difference:.2f}, {check.high_difference:.2f}",
         f"{check.tolerance:g}",
-        check.statement,
+        say(f"trials.statement.{check.statement.replace(' ', '_')}"),
     ]
 
 
@@ -246,20 +253,21 @@ def components(fitted: Fitted, campaign: Campaign, standards: Standards) -> list
         sensor_ppm = sensor_effect_ppm(visit, fitted, campaign)
         parts = {name: float(np.max(values)) for name, values in visit.fit.parts_ppm.items()}
         parts |= {_name_of_gain(label): float(np.max(np.abs(part))) for label, part in visit.fit.gains_ppm.items()}
-        parts["calibrator drift over the campaign"] = standards.drift_ppm
-        parts["temperature sensor of the unit"] = float(np.max(np.abs(sensor_ppm)))
+        parts[_DRIFT] = standards.drift_ppm
+        parts[_SENSOR] = float(np.max(np.abs(sensor_ppm)))
         std_ppm = [scale_factor_std_ppm(visit, standards, index) for index in (0, 1)]
-        parts["combined"] = float(np.max(np.hypot(std_ppm, sensor_ppm)))
+        parts[_COMBINED] = float(np.max(np.hypot(std_ppm, sensor_ppm)))
         for name, value in parts.items():
             largest[kind, name] = max(largest.get((kind, name), 0.0), value)
+    said = {str(name): name for name in _NOISE}
     stated = {name for (_, name), value in largest.items() if value > 0}
     return [
         {
-            "kind": kind,
+            "kind": kind_name(kind),
             "quantity": "dsf_n, dsf_p",
-            "component": name,
-            "evaluation": "" if name == "combined" else "B",
-            "distribution": "triangular" if name.startswith("quantisation") else "normal",
+            "component": said.get(name, name),
+            "evaluation": "" if name == _COMBINED else "B",
+            "distribution": say("budget.triangular" if name.startswith("quantisation") else "budget.normal"),
             "std_uncertainty_ppm": value,
         }
         for (kind, name), value in largest.items()

@@ -19,6 +19,7 @@ from bench.systems.af_converter.dmm_method.readings import CHECK, ReadingSet, re
 from bench.systems.af_converter.estimators.readings import Readings
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, conditions_of, refit
 from bench.systems.af_converter.register import DRIFT_UNKNOWN, Standards
+from bench.systems.af_converter.wording import say
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 _HOUR_S = 3600.0
 _PPM = 1e6
 _IN_THE_LOOP = 1e-3  # a meter that reads further from the level is not in the loop, or on the wrong range
-METER_CHECK, CLOSING_REPEAT = "check by the meter", "closing repeat"
+METER_CHECK, CLOSING_REPEAT = say("source.meter_check"), say("source.closing_repeat")
 Array = NDArray[np.float64]
 Pair = tuple[GroupFit, GroupFit]
 
@@ -64,7 +65,7 @@ def calibrator_drift(
     seen = [check for check in checks if abs(check.mean_A - _level(check)) <= _IN_THE_LOOP * _level(check)]
     by_meter = _by_meter(seen, begin_s, end_s)
     if len(seen) < len(checks):
-        said = f"{len(checks) - len(seen)} of {len(checks)} checks by the meter left out: it did not see the current."
+        said = say("drift.not_seen", count=len(checks) - len(seen), of=len(checks))
         by_meter = replace(by_meter, notes=[said, *by_meter.notes])
     by_repeat = _by_repeat(pairs, fitted, end_s - begin_s)
     if by_meter.bound_ppm is None:
@@ -85,14 +86,11 @@ def _by_meter(checks: Sequence[ReadingSet], begin_s: float, end_s: float) -> Cal
         counted = len(first.values_A) + len(last.values_A)
         entries.append(estimate("calibrator_drift", "ppm", value_ppm, std_ppm, conditions, n=counted))
     if not entries:
-        said = "The calibrator was checked by the meter on one side of the campaign only; that tells no drift."
-        return CalibratorDrift(notes=[said] if checks else [])
+        return CalibratorDrift(notes=[say("drift.one_side")] if checks else [])
     widest = max(entries, key=_bound_ppm)
-    note = (
-        f"Drift of the calibrator by the meter before and after, {widest['conditions']['hours']:.1f} h apart: at most "
-        f"{widest['value']:+.2f} ppm with an expanded uncertainty of {widest['expanded_uncertainty']:.2f} ppm (at "
-        f"{1e3 * widest['conditions']['current_A']:g} mA); the meter is taken to be steady meanwhile."
-    )
+    where, U_ppm = widest["conditions"], widest["expanded_uncertainty"]
+    level_mA = 1e3 * where["current_A"]
+    note = say("drift.by_meter", hours=where["hours"], value=widest["value"], U=U_ppm, level=level_mA)
     return CalibratorDrift(_bound_ppm(widest), METER_CHECK, entries, [note])
 
 
@@ -132,32 +130,22 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
 
 def _repeat_note(entry: Estimate, scale: float, campaign_s: float, seen: bool) -> str:
     where, value_ppm = entry["conditions"], entry["value"]
-    what = (
-        f"Closing repeat of channel {where['channel']}: calibrator and unit changed by {value_ppm:+.2f} ppm in "
-        f"{where['hours']:.1f} h, expanded uncertainty {entry['expanded_uncertainty']:.2f} ppm"
-    )
-    hours = campaign_s / _HOUR_S
+    U_ppm, hours = entry["expanded_uncertainty"], campaign_s / _HOUR_S
+    what = say("drift.repeat", channel=where["channel"], value=value_ppm, hours=where["hours"], U=U_ppm)
     if seen:
-        return f"{what}; carried on to {hours:.1f} h, this is the drift of the calibrator in the budget."
-    unseen_ppm = scale * entry["expanded_uncertainty"]
-    return (
-        f"{what}; none is seen. A steady drift of less than {unseen_ppm:.1f} ppm in {hours:.1f} h would not be, and is "
-        "in the uncertainties."
-    )
+        return say("drift.seen", what=what, hours=hours)
+    return say("drift.unseen", what=what, unseen=scale * U_ppm, hours=hours)
 
 
 def _compared(by_meter: CalibratorDrift, by_repeat: CalibratorDrift) -> list[str]:
     """Return whether the closing repeat shows more than the meter did: then it is the unit that changed."""
     hours = by_meter.estimates[0]["conditions"]["hours"]
     mean_ppm = float(np.mean([entry["value"] for entry in by_meter.estimates]))
-    notes = []
+    notes: list[str] = []
     for entry in by_repeat.estimates:
         rest_ppm = entry["value"] - mean_ppm * entry["conditions"]["hours"] / hours
         if abs(rest_ppm) > entry["expanded_uncertainty"]:
-            notes.append(
-                f"Closing repeat of channel {entry['conditions']['channel']}: {rest_ppm:+.2f} ppm are not explained by "
-                "the calibrator as the meter saw it; the unit itself has changed."
-            )
+            notes.append(say("drift.of_unit", channel=entry["conditions"]["channel"], rest=rest_ppm))
     return notes
 
 

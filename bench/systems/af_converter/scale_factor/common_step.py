@@ -17,6 +17,7 @@ from scipy import special
 
 from bench.analysis import Estimates, Evidence
 from bench.systems.af_converter.group_fit import QUANTITIES, SCALE_FACTORS, Fitted
+from bench.systems.af_converter.wording import say
 
 Array = NDArray[np.float64]
 COEFFICIENTS = {quantity: (f"{quantity}_tc1", f"{quantity}_tc2") for quantity in QUANTITIES}
@@ -78,16 +79,16 @@ def common_step(fitted: Fitted, entries: Estimates) -> list[Evidence]:
     of_values = max((abs(step_ppm) / U_ppm for U_ppm in _stated(entries, QUANTITIES)), default=0.0)
     of_slopes = max((entry.move(at_s, step_ppm, entries) for entry in series), default=0.0)
     return [
-        Evidence("common_step", _sentence(step_ppm, hours, move), step_ppm, probability, move, quantities)
+        Evidence(
+            "common_step",
+            say("evidence.common_step", step=step_ppm, hours=hours, move=move),
+            step_ppm,
+            probability,
+            move,
+            quantities,
+        )
         for quantities, move in ((SCALE_FACTORS, of_values), (tuple(chain(*COEFFICIENTS.values())), of_slopes))
     ]
-
-
-def _sentence(step_ppm: float, hours: float, move: float) -> str:
-    return (
-        f"All counters step together by {step_ppm:+.3g} ppm {hours:.1f} h after the first visit, {move:.3g} times the "
-        "expanded uncertainty of what it moves. Check the calibrator, then repeat the campaign."
-    )
 
 
 def _stated(entries: Estimates, quantities: Collection[str], channel: int | None = None) -> list[float]:

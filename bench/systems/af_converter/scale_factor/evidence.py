@@ -26,6 +26,7 @@ from bench.systems.af_converter.groups import place_name
 from bench.systems.af_converter.plausible import about, plausible
 from bench.systems.af_converter.register import CALIBRATOR, Standards, expired
 from bench.systems.af_converter.scale_factor.common_step import common_step
+from bench.systems.af_converter.wording import say
 
 Array = NDArray[np.float64]
 _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the refits cost nothing in a right world
@@ -55,11 +56,8 @@ def _straight(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: St
     fit = visit.fit
     probability = probability_of(fit)
     level_A, move = _carried(visit, fitted, campaign, standards, method) if probability < _LOOKED_AT else (0.0, 0.0)
-    sentence = (
-        f"The levels of {place_name(visit.group.place)} are not on a straight line (reduced chi-square "
-        f"{fit.reduced_chi2:.3g}): without {1e3 * level_A:g} mA the result moves by {move:.3g} times its expanded "
-        "uncertainty. Look for saturation, a bad reading or an understated standard there."
-    )
+    place = place_name(visit.group.place)
+    sentence = say("evidence.not_straight", place=place, chi2=fit.reduced_chi2, level=1e3 * level_A, move=move)
     return Evidence(
         "lack_of_fit", sentence, fit.reduced_chi2, max(probability, _SMALLEST), move, SCALE_FACTORS, _about(visit)
     )
@@ -76,10 +74,7 @@ def _whole_counts(visit: GroupFit) -> Evidence:
     std_ppm = np.sqrt([*np.diag(fit.covariance_ppm2), contrast @ fit.covariance_ppm2 @ contrast])
     of_one_ppm = fit.parts_ppm[QUANTISATION] * np.sqrt(6.0 / 12.0)
     move = step * float(np.max([*of_one_ppm, np.hypot(*of_one_ppm)] / std_ppm))
-    sentence = (
-        f"The counts of {place_name(visit.group.place)} go in steps of {step} pulses, so that the result may be "
-        f"{move:.3g} times its expanded uncertainty off. Check the counters and the frame of the unit."
-    )
+    sentence = say("evidence.steps", place=place_name(visit.group.place), step=step, move=move)
     return Evidence("counts_in_steps", sentence, float(step), probability, move, SCALE_FACTORS, _about(visit))
 
 

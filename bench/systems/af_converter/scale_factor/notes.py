@@ -20,6 +20,7 @@ from bench.systems.af_converter.estimators.scale_factor import ScaleFactor
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, refit
 from bench.systems.af_converter.groups import Group, LONGEST_REACH_s, place_name
 from bench.systems.af_converter.register import Standards
+from bench.systems.af_converter.wording import kind_name, say
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
@@ -31,67 +32,56 @@ def notes(fitted: Fitted, campaign: Campaign, standards: Standards, rows: Sequen
     """All notes but those on missing groups: records left out, and what the uncertainties do not hold."""
     notes = list(standards.notes) + _extrapolation(fitted, campaign)
     notes += _records(fitted, rows) + _temperature(fitted, campaign) + _short_soak(fitted)
-    notes.append("The bias is diagnostic: it comes from one open record and never enters the compensation.")
+    notes.append(say("note.bias_is_diagnostic"))
     return notes
 
 
 def _extrapolation(fitted: Fitted, campaign: Campaign) -> list[str]:
-    notes = []
+    notes: list[str] = []
     for kind in dict.fromkeys(campaign.channel(visit.group.channel).kind for visit in fitted.groups):
         members = [visit.group for visit in fitted.groups if campaign.channel(visit.group.channel).kind == kind]
         share = min(
             float(group.closed.level_A.max()) / campaign.channel(group.channel).full_scale_A for group in members
         )
         if share < 0.999:
-            notes.append(f"{kind}: levels reach {100 * share:.0f} % of full scale; values beyond are extrapolated.")
+            notes.append(say("note.extrapolated", kind=kind_name(kind), share=100 * share))
     return notes
 
 
 def _records(fitted: Fitted, rows: Sequence[RecordRow]) -> list[str]:
-    notes = []
+    notes: list[str] = []
     groups = [visit.group for visit in fitted.groups] + [group for group, _ in fitted.refused]
     left_out: Counter[str] = Counter()
     for group in groups:
         left_out.update(group.left_out)
-    notes += [f"{count} records left out of the fits: {reason}." for reason, count in sorted(left_out.items())]
+    notes += [say("note.left_out", count=count, reason=reason) for reason, count in sorted(left_out.items())]
     interpolated = sum(
         int(np.count_nonzero(readings.temperature_std_degC))
         for group in groups
         for readings in (group.closed, group.opened)
     )
     if interpolated:
-        notes.append(
-            f"{interpolated} records without housekeeping: their unit temperature is interpolated between records "
-            f"within {LONGEST_REACH_s / 60:g} min on both sides, with an uncertainty of its own."
-        )
+        notes.append(say("note.interpolated", count=interpolated, reach=LONGEST_REACH_s / 60))
     without_fg = sum(int(row.sums.get("fg_count", 0)) == 0 for row in rows)
     if without_fg:
-        notes.append(f"{without_fg} records without function-generator pulses: no master clock error there.")
+        notes.append(say("note.without_generator", count=without_fg))
     for visit in fitted.groups:
         if visit.group.open_planned and visit.bias is None:
-            notes.append(f"No bias of {place_name(visit.group.place)}: its open record is not usable.")
+            notes.append(say("note.no_bias", place=place_name(visit.group.place)))
     return notes
 
 
 def _temperature(fitted: Fitted, campaign: Campaign) -> list[str]:
-    notes = []
+    notes: list[str] = []
     known = [key for key in fitted.polynomials if key[0] in QUANTITIES]
     if campaign.temperature_sensor_u95_degC is None:
-        notes.append("The uncertainty of the unit's temperature sensor is not stated; it is not included.")
+        notes.append(say("note.sensor_not_stated"))
     elif known:
-        notes.append(
-            "The temperature sensor of the unit is taken to be off by the same at all temperatures; an error of its "
-            "gain, which would change tc1 by as many per cent, is not included."
-        )
+        notes.append(say("note.sensor_gain"))
     if not known:
-        notes.append(
-            "One temperature only: no temperature coefficients, rows not referred to a common temperature, and the "
-            "uncertainty of the unit's temperature not included."
-        )
+        notes.append(say("note.one_temperature"))
     elif any(len(fitted.visits(key[1])) <= fitted.polynomials[key].coefficients.size for key in known):
-        notes.append(
-            "No verdict where there are no more temperatures than coefficients: nothing is left over to judge."
-        )
+        notes.append(say("note.no_verdict"))
     return notes
 
 
@@ -100,7 +90,8 @@ def _short_soak(fitted: Fitted) -> list[str]:
 
     Of a temperature coefficient the part counts that is beyond its own uncertainty.
     """
-    worst, note = LEAST_MOVE, ""
+    worst = LEAST_MOVE
+    notes: list[str] = []
     for visit in fitted.groups:
         change_degC, at_degC = _warming_degC(visit.group), visit.group.unit_temperature_degC
         for index, quantity in enumerate(QUANTITIES):
@@ -112,12 +103,9 @@ def _short_soak(fitted: Fitted) -> list[str]:
             share = moved_ppm / (coverage_factor() * float(np.sqrt(visit.fit.covariance_ppm2[index, index])))
             if share > worst:
                 worst = share
-                note = (
-                    f"A soak was short: the unit's temperature changes by {change_degC:+.2g} degC while "
-                    f"{place_name(visit.group.place)} is measured. Rows are referred by the sensor; a converter that "
-                    f"lags behind it by as much is off by {moved_ppm:.2g} ppm, {share:.2g} times its uncertainty."
-                )
-    return [note] if note else []
+                place = place_name(visit.group.place)
+                notes = [say("note.short_soak", change=change_degC, place=place, moved=moved_ppm, share=share)]
+    return notes
 
 
 def _warming_degC(group: Group) -> float:
@@ -143,23 +131,23 @@ def zero_gain_table(fitted: Fitted, campaign: Campaign, standards: Standards, me
         if alone is not None:
             kind = campaign.channel(visit.group.channel).kind
             pairs.setdefault(kind, []).append((_largest_ppm(visit.fit), _largest_ppm(alone)))
-    rows = [[kind, *(float(np.sqrt(np.mean(np.square(side)))) for side in zip(*differences, strict=True))]
+    rows = [[kind_name(kind), *(float(np.sqrt(np.mean(np.square(side)))) for side in zip(*differences, strict=True))]
             for kind, differences in pairs.items()]  # fmt: skip
     if not rows:
         return []
-    title = "Zeros in every range of the calibrator"
-    caption = (
-        "Standard uncertainty of the fit of dsf_n and dsf_p before the calibrator's gain is added, root "
-        "mean square over channels and temperatures: as measured, and with the zeros of the lowest range only."
-    )
-    headers = ["kind", "zeros in every range, ppm", "one pair of zeros, ppm"]
-    return [Table(title, caption, headers, rows)]
+    headers = [say(f"zeros.{head}") for head in ("kind", "every", "pair")]
+    return [Table(say("zeros.title"), say("zeros.caption"), headers, rows)]
 
 
 def zero_gain_notes(tables: list[Table]) -> list[str]:
     """Return the table in a sentence."""
-    said = [f"{kind} {every:.2f} ppm instead of {pair:.2f} ppm" for table in tables for kind, every, pair in table.rows]
-    return [f"Zeros in every range: standard uncertainty of the fit {', '.join(said)} with one pair."] if said else []
+    said = [
+        say("zeros.said", kind=kind, every=every, pair=pair) for table in tables for kind, every, pair in table.rows
+    ]
+    together = said[0] if said else ""
+    for more in said[1:]:
+        together = say("list", first=together, rest=more)
+    return [say("note.zeros", said=together)] if said else []
 
 
 def one_zero_pair(rows: Readings) -> NDArray[np.bool_]:
