@@ -6,7 +6,19 @@ import subprocess
 import sys
 
 NAMES = (
-    *("decoder", "step_cost", "replay", "campaign", "memory", "history", "batch", "latency", "page", "tagger"),
+    *(
+        "decoder",
+        "step_cost",
+        "replay",
+        "campaign",
+        "memory",
+        "history",
+        "batch",
+        "latency",
+        "page",
+        "scrape",
+        "tagger",
+    ),
     "formats",
     "time_sync",
 )

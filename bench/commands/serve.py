@@ -68,9 +68,9 @@ def _broker(url: str | None) -> Iterator[Callable[[Lookout], Awaitable[None]] | 
     if url is None:
         yield None
         return
-    from bench.web.telemetry.broker import PASSWORD, Broker, address_of  # an extra
+    from bench.web.telemetry import broker as mqtt  # an extra
 
-    broker = Broker(address_of(url), os.environ.get(PASSWORD))
+    broker = mqtt.Broker(mqtt.address_of(url), os.environ.get(mqtt.PASSWORD))
     typer.echo(broker.start())
     try:
         yield broker.tell
