@@ -71,9 +71,10 @@ def for_this_test(line: str, session: str) -> list[str]:
 
 @pytest.fixture
 def lab(golden: Path, tmp_path: Path) -> Path:
-    """Return a folder with what a reader has: a session and its history, a capture, a log."""
+    """Return a folder with what a reader has: a session and its history, a laboratory file, a capture, a log."""
     place = tmp_path / "lab"
     writable_copy(golden.parent, place / "sessions")
+    shutil.copy(ROOT / "docs" / "laboratory.yaml", place)
     frame = bytes.fromhex((ROOT / "tests" / "golden" / "ngu_a.hex").read_text())
     (place / "capture.bin").write_bytes(frame * 20)
     rows = "".join(f"{0.01 * row:.2f},{0.1 * (row % 7):.1f}\n" for row in range(200))
