@@ -105,7 +105,9 @@ function limitLines(limits) {
 function nearby(limits, values) {
   const [low, high] = [Math.min(...values), Math.max(...values)];
   const reach = Math.max(NEAR_degC, 0.75 * (high - low));
-  return [low, high, ...limits.map((one) => one.y).filter((y) => y > low - reach && y < high + reach)].filter(Number.isFinite);
+  const kept = [low, high, ...limits.map((one) => one.y).filter((y) => y > low - reach && y < high + reach)].filter(Number.isFinite);
+  const top = Math.max(...kept);
+  return top > high ? [...kept, top + 0.08 * (top - Math.min(...kept))] : kept; // room for the name of the highest
 }
 
 /** The part of a polyline between two instants, its ends on them, times in ms. */
