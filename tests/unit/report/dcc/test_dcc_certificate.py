@@ -260,7 +260,7 @@ def test_surroundings_in_their_units() -> None:
 def test_notes_and_statements_of_the_laboratory_are_in_it() -> None:
     found = texts_of(xml_of(calibration()), ".//dcc:statement/dcc:declaration/dcc:content")
     assert "A restriction of the results." in found
-    assert any(text.startswith("This certificate may not be reproduced") for text in found)
+    assert any(text.startswith("This document may not be reproduced") for text in found)
     assert any("8 frames received whole, 7 damaged, 6 lost; records taken again: 4" in text for text in found)
 
 
