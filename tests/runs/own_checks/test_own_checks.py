@@ -12,6 +12,7 @@ import pytest
 from typer.testing import CliRunner, Result
 
 from bench.cli import app
+from bench.model.titles import quantity_title
 from sim_instruments.worlds.readings.options import PlainOptions
 
 LAB = Path(__file__).resolve().parents[3] / "examples/own_checks"
@@ -64,7 +65,7 @@ def test_verdicts_report_certificate_and_history(check: str, lab: Path) -> None:
     assert set(verdicts) <= {"pass", "none"}
     assert all(entry["quality"] == "sound" for entry in estimates)
     page = (folder / "report.html").read_text()
-    assert all(name in page for name in {entry["quantity"] for entry in estimates})
+    assert all(quantity_title("readings", name) in page for name in {entry["quantity"] for entry in estimates})
     specimen = command("certificate", folder, "--specimen", "--laboratory", "laboratory.yaml")
     assert specimen.exit_code == 0, specimen.output
     assert "toleranceLimitUpper" in (folder / "certificate.specimen.xml").read_text()

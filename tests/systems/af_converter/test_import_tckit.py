@@ -117,5 +117,5 @@ def test_replay_fit_and_report_work_from_the_session_alone(session: Path) -> Non
     (session / "report.html").unlink()
     assert bench("report", str(session)).returncode == 0
     page = (session / "report.html").read_text(encoding="utf-8")
-    assert "hp34420a_5 up minus down" in page
+    assert "hp34420a 5 up minus down" in page
     assert "hold overload sentinels" in page
