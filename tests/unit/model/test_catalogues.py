@@ -26,9 +26,9 @@ SAME = {
     "A", "AF", "B", "C", "CAN", "CRC", "Clopper", "D", "DMM", "EGI", "GNSS", "Hz", "IDN", "IMU", "JavaScript", "MHz",
     "N", "P", "PDF", "Pearson", "SHA-256", "SPI", "U", "UTC", "V", "Welch-Satterthwaite", "answer", "batch.json",
     "bench", "d", "deg", "degC", "degC2", "h", "k", "log", "mA", "min", "ms", "n", "nA", "ppm", "q", "results.json",
-    "IEEE", "Std", "r", "s", "tc1", "tc2", "u", "x", "y",
+    "GUM", "IEEE", "JCGM", "Std", "r", "s", "tc1", "tc2", "u", "x", "y",
 }  # fmt: skip
-CODE = re.compile(r"\{[^}]*\}|'[^']*'|[a-z]+(?:_[a-z0-9]+)+")  # fields, commands and names of columns
+CODE = re.compile(r"\{[^}]*\}|--[a-z]+|'[^']*'|[a-z]+(?:_[a-z0-9]+)+")  # fields, commands, options, names of columns
 WORD = re.compile(r"[A-Za-z][A-Za-z0-9.-]*")
 PARTICLE = re.compile(r"\}(?:은|는|이|가|을|를|와|과|로|으로)(?![가-힣(])")  # which one depends on what the field is
 EITHER = re.compile(r"\}(?:은\(는\)|이\(가\)|을\(를\)|와\(과\)|\(으\)로)")
