@@ -6,6 +6,7 @@ settings of matplotlib for everybody.
 
 from __future__ import annotations
 
+import re
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -16,6 +17,7 @@ _FILES = {False: "DejaVuSans.ttf", True: "DejaVuSans-Bold.ttf"}
 _KOREAN_FILES = {False: "NanumGothic.ttf", True: "NanumGothicBold.ttf"}
 _FAMILY, _KOREAN_FAMILY = "DejaVu Sans", "NanumGothic"
 _KOREAN_PACKAGE = "koreanize_matplotlib"
+_EAST_ASIA = re.compile("[\u1100-\u11ff\u3000-\ud7ff]")
 _WITH_FONT = ("ko",)  # languages that need the second font
 
 
@@ -30,6 +32,11 @@ def folders() -> list[Path]:
 def families() -> list[str]:
     """Return the families; a character is drawn by the first one that has it."""
     return [_FAMILY, *(_KOREAN_FAMILY for _ in korean_files())]
+
+
+def in_first_font(text: str) -> bool:
+    """Return whether a text has no letter of East Asia, so that the first family draws all that any of them can."""
+    return _EAST_ASIA.search(text) is None
 
 
 def font_files(bold: bool) -> list[Path]:

@@ -18,9 +18,9 @@ FIGURES = {"scale_factor": 7, "bias_ramp": 8}
 
 
 def code_names(page: str) -> set[str]:
-    """Words with underscores that a reader sees, but for the chapter on software and hashes, which names files."""
+    """Words with underscores that a reader sees, but for what names files: the sequence, and software and hashes."""
     seen = re.sub(r"<(style|section id=\"provenance\").*?</(style|section)>", "", page, flags=re.DOTALL)
-    return set(CODE_NAME.findall(re.sub(r"<[^>]*>", " ", seen)))
+    return set(CODE_NAME.findall(re.sub(r"<[^>]*>|Sequence \w+,", " ", seen)))
 
 
 @pytest.mark.slow

@@ -17,6 +17,7 @@ from bench.report.estimate_tables import conditions_text, readable
 from bench.report.first.results import MEASURED
 from bench.report.laboratory import Laboratory
 from bench.report.model import ReportModel
+from bench.report.tables import named
 from bench.report.verdict_tables import percent
 
 _ACCEPTED = ("pass", "conditional_pass")
@@ -117,7 +118,7 @@ def _risk_text(risk: float) -> str:
 
 def _method(model: ReportModel, words: Texts) -> str:
     method = method_of(model.results)
-    parts = [method.description]
+    parts = [named(method.description)]
     parts += [words("first.method.reference", reference=method.reference)] if method.reference else []
     quality = model.results.get("quality", {})
     counts = {name: number(quality.get(name, 0)) for name in ("splices", "retaken")}

@@ -16,7 +16,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 
-from bench.report.fonts import families, korean_files
+from bench.report.fonts import families, in_first_font, korean_files
 
 # Five hues of Okabe-Ito and Tol with a contrast of at least 3:1 on white; markers carry the same meaning.
 INK = "#1a1a1a"
@@ -94,6 +94,9 @@ def svg_text(figure: Figure, name: str) -> str:
         sheet = io.StringIO()
         figure.savefig(sheet, format="svg", metadata={"Date": None, "Creator": None})
     text = sheet.getvalue()
+    if in_first_font(text):  # the same bytes whether or not another font is installed
+        for family in families()[1:]:
+            text = text.replace(f", '{family}'", "")
     text = _ID.sub(lambda match: f'id="{name}-{match[1]}"', text)
     return _REFERENCE.sub(lambda match: f"{match[1]}{name}-{match[2]}", text)
 

@@ -24,6 +24,7 @@ CAMPAIGNS = {
     },
     "rlg_lock_in": {"warm_up": "5 s", "record_time": "2 s", "paths": "15 cm", "clocks": "20 MHz,100 MHz"},
 }  # fmt: skip
+WHERE_SHOWN = ("quantisation_noise", "bias_instability", "bias_alignment_error")  # where they stand out of the walk
 KILLED_AT = {"fog_north": (5,), "rlg_lock_in": (1,)}  # indexes of records
 
 
@@ -44,7 +45,7 @@ def names_of(folder: Path) -> dict[str, float]:
     return {
         f"{one['quantity']} {json.dumps(one['conditions'], sort_keys=True)}": one["value"]
         for one in results["estimates"]
-        if one["quantity"] != "quantisation_noise"  # stated where it can be told from the random walk
+        if one["quantity"] not in WHERE_SHOWN
     }
 
 

@@ -108,13 +108,13 @@ def test_a_simulated_run_is_marked_on_every_page_and_a_real_one_on_none(
 
 
 def _heads(title: str) -> list[bytes]:
-    """What stands above the rows of a table over pages, on each page but the first; ink as bytes."""
+    """What stands above the rows of a table over pages, on pages behind its first; ink as bytes."""
     rows = [[number, 0] for number in range(400)]
     table = analysis.Table(title, "", ["n", "value"], rows)
     results = {"session": "s", "campaign": "c", "uut": {}, "estimates": [], "quality": {}, "provenance": {}}
     pages = Report(ReportModel(title="Long", results=results, tables=(table,))).pages(DPI)
     heads = [imread(io.BytesIO(page))[int(19.0 / MM_PER_INCH * DPI) : int(26.0 / MM_PER_INCH * DPI)] for page in pages]
-    return [(head[..., :3].mean(axis=2) < 0.7).tobytes() for head in heads[2:5]]
+    return [(head[..., :3].mean(axis=2) < 0.7).tobytes() for head in heads[3:6]]
 
 
 def test_a_caption_is_repeated_with_the_headings_of_a_table_that_goes_on() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -28,11 +29,12 @@ def page(tmp_path: Path) -> Iterator[Page]:
             feed.close()
 
 
-def opened(page: Page, role: str, login_id: str) -> ClientConnection:
-    """Return a WebSocket that has had its snapshot."""
+def opened(until: ExitStack, page: Page, role: str, login_id: str) -> ClientConnection:
+    """Return a WebSocket that has had its snapshot; it stays open ``until``."""
     headers = page.cookie(role, login_id=login_id)
     url = f"ws://127.0.0.1:{page.port}/ws?run={RUN}"
-    socket = connect(url, origin=page.origin, additional_headers=headers, proxy=None)  # type: ignore[arg-type]
+    connecting = connect(url, origin=page.origin, additional_headers=headers, proxy=None)  # type: ignore[arg-type]
+    socket = until.enter_context(connecting)
     assert json.loads(socket.recv(timeout=AT_ONCE_S))["type"] == "snapshot"
     return socket
 
@@ -52,18 +54,20 @@ def closed_with(socket: ClientConnection) -> tuple[int, str]:
 
 @pytest.mark.parametrize("role", [VIEWER, OPERATOR])
 def test_a_logout_closes_every_socket_of_its_login(page: Page, role: str) -> None:
-    own = [opened(page, role, "own") for _ in range(2)]
-    others = opened(page, role, "another")
-    assert page.post("/logout", role, {}, login_id="own").status == 200
-    assert [closed_with(socket) for socket in own] == [(4401, "B-WEB-008")] * 2
-    others.send(json.dumps({"type": "snapshot"}))
-    while (
-        json.loads(text if isinstance(text := others.recv(timeout=AT_ONCE_S), str) else "{}").get("type") != "snapshot"
-    ):
-        pass
-    assert page.close_code(page.cookie(role, login_id="own"), RUN, page.origin) == 4401
-    assert page.post("/logout", role, {}, login_id="another").status == 200
-    assert closed_with(others) == (4401, "B-WEB-008")
+    with ExitStack() as until:
+        own = [opened(until, page, role, "own") for _ in range(2)]
+        others = opened(until, page, role, "another")
+        assert page.post("/logout", role, {}, login_id="own").status == 200
+        assert [closed_with(socket) for socket in own] == [(4401, "B-WEB-008")] * 2
+        others.send(json.dumps({"type": "snapshot"}))
+        while (
+            json.loads(text if isinstance(text := others.recv(timeout=AT_ONCE_S), str) else "{}").get("type")
+            != "snapshot"
+        ):
+            pass
+        assert page.close_code(page.cookie(role, login_id="own"), RUN, page.origin) == 4401
+        assert page.post("/logout", role, {}, login_id="another").status == 200
+        assert closed_with(others) == (4401, "B-WEB-008")
 
 
 def test_whoever_logs_out_while_a_page_opens_sees_nothing(page: Page) -> None:
