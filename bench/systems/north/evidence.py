@@ -21,6 +21,7 @@ from bench.systems.north.raw_evidence import raw_evidence
 from bench.systems.north.rivals import OF_ALL, best_step, rivals
 from bench.systems.north.sets import CALIBRATION
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, LITERAL, QUADRANT, Solution
+from bench.systems.north.wording import say
 
 _AZIMUTHS = ("azimuth", "azimuth_error", "azimuth_rms_error")
 _BY_LOCK_INS = (LEAST_SQUARES, QUADRANT, LITERAL)
@@ -67,10 +68,7 @@ def _for_each(seen: Iterable[Evidence], methods: Iterable[str], widths_deg: Mapp
 
 def _signal(method: str, errors: Errors) -> Iterator[Evidence]:
     if errors.noise_deg > _NO_SIGNAL_deg:
-        sentence = (
-            f"By {method} one set is uncertain by {errors.noise_deg:.3g} deg (limit {_NO_SIGNAL_deg:g} deg): there is "
-            "no signal of the Earth's rotation. Look at the gyroscope, its cable and the rotation of the table."
-        )
+        sentence = say("evidence.no_signal", method=method, noise=errors.noise_deg, limit=_NO_SIGNAL_deg)
         yield Evidence("no_signal", sentence, errors.noise_deg, 0.0, refuses=True)
 
 
@@ -82,10 +80,7 @@ def _repeats(method: str, errors: Errors) -> Iterator[Evidence]:
     due = errors.noise_deg**2 + errors.start_deg**2
     ratio, probability = f_test(squares, dof, due, errors.noise_dof)
     beyond_deg = math.sqrt(max(0.0, squares / dof - due))
-    sentence = (
-        f"Repeats by {method} scatter by {math.sqrt(squares / dof):.3g} deg, their noise by {math.sqrt(due):.3g} deg: "
-        "north is not the same in every set. Look at the mounting, at the level and at the times of the sets."
-    )
+    sentence = say("evidence.repeats_apart", method=method, scatter=math.sqrt(squares / dof), noise=math.sqrt(due))
     yield Evidence("repeats_apart", sentence, math.sqrt(ratio), probability, beyond_deg / math.sqrt(errors.most))
 
 
@@ -98,18 +93,12 @@ def _known(method: str, errors: Errors) -> Iterator[Evidence]:
     if dof:
         ratio, probability = f_test(float(np.sum(left**2 * errors.weights)), dof, 1.0, errors.noise_dof)
         beyond_deg = math.sqrt(max(0.0, float(np.mean(left**2)) - dof / float(np.sum(errors.weights))))
-        sentence = (
-            f"Errors by {method} differ between the known azimuths by {math.sqrt(ratio):.3g} times what their noise "
-            f"explains ({float(np.abs(left).max()):.3g} deg at most). Look for a magnet or a motor near the gyroscope, "
-            "unlike gains, a dividing head or a level that is off, and for a bench that moved."
-        )
+        most_deg = float(np.abs(left).max())
+        sentence = say("evidence.known_azimuths_apart", method=method, ratio=math.sqrt(ratio), most=most_deg)
         yield Evidence("known_azimuths_apart", sentence, math.sqrt(ratio), probability, beyond_deg, OF_ALL)
     due_deg = errors.common_std_deg()
     score, probability = t_test(mean_deg, due_deg, errors.common_dof)
-    sentence = (
-        f"Azimuths by {method} are all {mean_deg:+.3g} deg beside those stated, {due_deg:.3g} deg are due: stated "
-        "azimuth, zero of the table, tilt or calibration are not as stated."
-    )
+    sentence = say("evidence.all_azimuths_off", method=method, mean=mean_deg, due=due_deg)
     yield Evidence("all_azimuths_off", sentence, score, probability, abs(mean_deg), OF_ALL)
 
 
@@ -125,10 +114,7 @@ def _two_methods(solution: Solution) -> Iterator[Evidence]:
     mean_deg = float(np.mean(apart_deg))
     due_deg = math.hypot(noise_deg / math.sqrt(apart_deg.size), by_samples.common_deg, solution.placed_deg)
     score, probability = t_test(mean_deg, due_deg, min(by_samples.dof, by_samples.common_dof))
-    sentence = (
-        f"{LEAST_SQUARES} finds azimuths {mean_deg:+.3g} deg beside those of {LIKELIHOOD}, {due_deg:.3g} deg are due: "
-        "azimuth or head of the calibration, zero of the encoder or a delay of the lock-ins are not as stated."
-    )
+    sentence = say("evidence.methods_apart", one=LEAST_SQUARES, mean=mean_deg, other=LIKELIHOOD, due=due_deg)
     yield Evidence("methods_apart", sentence, score, probability, abs(mean_deg), ("index_placement",))
     if apart_deg.size >= _FEWEST_DIFFERENCES:
         yield _methods_step(apart_deg, math.hypot(math.sqrt(2.0) * solution.swing_deg, LEAST_deg))
@@ -140,9 +126,13 @@ def _methods_step(apart_deg: Floats, start_deg: float) -> Evidence:
     dof = apart_deg.size - 2.0
     rest = max(0.0, float(np.var(apart_deg)) * apart_deg.size - gain) / dof + start_deg**2
     probability = float(special.fdtrc(1.0, dof, gain / rest)) * (apart_deg.size - 1)
-    sentence = (
-        f"From set {where + 1} of {apart_deg.size} on (calibration not counted), {LEAST_SQUARES} finds north "
-        f"{step_deg:+.3g} deg further from {LIKELIHOOD} than before: reference or delay of a lock-in has changed."
+    sentence = say(
+        "evidence.methods_step",
+        first=where + 1,
+        count=apart_deg.size,
+        one=LEAST_SQUARES,
+        step=step_deg,
+        other=LIKELIHOOD,
     )
     return Evidence("methods_step", sentence, abs(step_deg), _chance(probability), abs(step_deg))
 

@@ -14,6 +14,7 @@ from bench.systems.north.estimators.eight_samples import IndexCalibration
 from bench.systems.north.estimators.phasors import heading_deg, phase_deg, wrapped_deg
 from bench.systems.north.sets import POSITIONS, TEST, Waveform, waveform_of
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, LITERAL, METHODS, Solution
+from bench.systems.north.wording import say
 
 _BINS = 72  # of a turn, 5 degrees each
 _TURN_deg = np.linspace(0.0, 360.0, 181)
@@ -53,7 +54,7 @@ def _first(solution: Solution, kind: str) -> tuple[int, Waveform] | None:
 
 
 def _with(title: str, kind: str) -> str:
-    return f"{title}, {kind}" if kind else title
+    return say("figure.with", title=title, kind=kind) if kind else title
 
 
 def _earth_signal(solution: Solution, kind: str) -> list[Figure]:
@@ -63,13 +64,14 @@ def _earth_signal(solution: Solution, kind: str) -> list[Figure]:
     k, waveform = first
     fit, azimuth_deg = solution.raw[k], solution.by_method[LIKELIHOOD].azimuth_deg[k] - solution.tilt_deg[k]
     at_deg, mean_V, scatter_V, _ = _folded(azimuth_deg - waveform.theta_deg, waveform.u_V)
-    parts = [series("mean of 5 deg", at_deg, mean_V, "points")]
+    parts = [series(say("signal.mean"), at_deg, mean_V, "points")]
     if fit is not None:
         curve_V = float(fit.offset_V) + float(fit.amplitude) * np.cos(np.deg2rad(_TURN_deg))
-        parts.append(series("fit", _TURN_deg, curve_V, "line"))
-    parts.append(band("scatter of single samples", at_deg, mean_V - scatter_V, mean_V + scatter_V))
-    caption = f"Earth signal: {waveform.seconds:.1f} s of the {solution.sets[k].name}, folded into one turn."
-    return [Figure(_with("Earth signal", kind), caption, "heading of the axis, deg", "output, V", parts, group=_GROUP)]
+        parts.append(series(say("signal.fit"), _TURN_deg, curve_V, "line"))
+    parts.append(band(say("signal.scatter"), at_deg, mean_V - scatter_V, mean_V + scatter_V))
+    caption = say("signal.caption", seconds=waveform.seconds, name=solution.sets[k].name)
+    title = _with(say("signal.title"), kind)
+    return [Figure(title, caption, say("axis.heading"), say("axis.output"), parts, group=_GROUP)]
 
 
 def _lock_in(solution: Solution, number: int, kind: str) -> list[Figure]:
@@ -84,13 +86,13 @@ def _lock_in(solution: Solution, number: int, kind: str) -> list[Figure]:
             azimuth_deg = (solution.by_method[LEAST_SQUARES].azimuth_deg - solution.tilt_deg)[use]
             phi_deg = phase_deg(azimuth_deg, sense)[:, None] + 90.0 * np.arange(POSITIONS)
             at_deg = np.remainder(heading_deg(phi_deg, sense), 360.0)
-            parts.append(series("read", at_deg.ravel(), readings[use].ravel(), "points"))
+            parts.append(series(say("lock_in.read"), at_deg.ravel(), readings[use].ravel(), "points"))
         if use.any() and sense in solution.calibrations:
             curve_V = _curve_V(solution.calibrations[sense], number, phase_deg(_TURN_deg, sense))
-            parts.append(series("calibration", _TURN_deg, curve_V, "line"))
-    caption = "Lock-ins: every reading; a later index position counts as an azimuth that is 90 deg off for each step."
-    title = _with(f"Lock-in {number}, reference: index {letter}", kind)
-    return [Figure(title, caption, "azimuth, deg", "X, V RMS", parts, group=_GROUP)] if parts else []
+            parts.append(series(say("lock_in.calibration"), _TURN_deg, curve_V, "line"))
+    title = _with(say("lock_in.title", number=number, letter=letter), kind)
+    labels = say("axis.azimuth"), say("axis.x")
+    return [Figure(title, say("lock_in.caption"), *labels, parts, group=_GROUP)] if parts else []
 
 
 def _curve_V(index: IndexCalibration, number: int, phi_deg: Floats) -> Floats:
@@ -107,11 +109,13 @@ def _phasors(solution: Solution) -> list[Figure]:
     u1_V = solution.u1_V[use] - solution.u1_V[use].mean(axis=1, keepdims=True)
     u2_V = solution.u2_V[use] - solution.u2_V[use].mean(axis=1, keepdims=True)
     z_V = (u2_V + 1j * u1_V) * (-1j) ** np.arange(POSITIONS)
-    parts = [series(f"k = {k + 1}", z_V[:, k].real, z_V[:, k].imag, "points") for k in range(POSITIONS)]
+    parts = [
+        series(say("phasors.position", k=k + 1), z_V[:, k].real, z_V[:, k].imag, "points") for k in range(POSITIONS)
+    ]
     mean_V = z_V.mean(axis=1)
-    parts.append(series("mean of the four", mean_V.real, mean_V.imag, "points"))
-    caption = "Tests: (U2 + i U1)(-i)^(k-1) without the offsets; the angle of each point is the phase at the index."
-    return [Figure("Phasors", caption, "cosine part, V RMS", "sine part, V RMS", parts, equal=True)]
+    parts.append(series(say("phasors.mean"), mean_V.real, mean_V.imag, "points"))
+    labels = say("axis.cosine"), say("axis.sine")
+    return [Figure(say("phasors.title"), say("phasors.caption"), *labels, parts, equal=True)]
 
 
 def _residual(solution: Solution) -> list[Figure]:
@@ -129,12 +133,10 @@ def _residual(solution: Solution) -> list[Figure]:
         return []
     at_deg, mean_V, scatter_V, count = _folded(np.concatenate(angle_deg), np.concatenate(left_V))
     reach_V = 1.96 * scatter_V / np.sqrt(count)
-    parts = [series("mean of 5 deg", at_deg, 1e3 * mean_V, "points")]
-    parts.append(band("95 % of the noise", at_deg, -1e3 * reach_V, 1e3 * reach_V))
-    caption = (
-        f"Residual of {len(left_V)} waveforms without offset and fundamental: a harmonic of the turn would stand out."
-    )
-    return [Figure("Residual of the waveform", caption, "table angle, deg", "residual, mV", parts)]
+    parts = [series(say("signal.mean"), at_deg, 1e3 * mean_V, "points")]
+    parts.append(band(say("residual.noise"), at_deg, -1e3 * reach_V, 1e3 * reach_V))
+    caption = say("residual.caption", count=len(left_V))
+    return [Figure(say("residual.title"), caption, say("axis.table_angle"), say("axis.residual"), parts)]
 
 
 def error_figures(solution: Solution, method: str, limit_deg: float) -> list[Figure]:
@@ -156,16 +158,15 @@ def _against_azimuth(solution: Solution, kind: str) -> list[Figure]:
         return []
     literal = points.pop(LITERAL, None)
     parts = list(points.values())
-    caption = "Error of each set against its stated azimuth, folded into one turn; Cramer-Rao bound."
     if bound_deg.size:
         reach_deg = COVERAGE * float(np.sqrt(np.mean(bound_deg**2)))
-        parts.append(band("95 % at the bound", [0.0, 360.0], [-reach_deg] * 2, [reach_deg] * 2))
-    labels = "azimuth, deg", "azimuth error, deg"
+        parts.append(band(say("against.bound"), [0.0, 360.0], [-reach_deg] * 2, [reach_deg] * 2))
+    labels = say("axis.azimuth"), say("axis.azimuth_error")
     group = "errors" if kind else ""  # side by side, as in figure 6 of the paper
-    drawn = [Figure(_with("Errors", kind), caption, *labels, parts, group=group)] if points else []
+    title = _with(say("against.title"), kind)
+    drawn = [Figure(title, say("against.caption"), *labels, parts, group=group)] if points else []
     if literal is not None:
-        caption = "The paper's formulas as printed: errors of half a turn where an arctangent has left its branch."
-        title = _with("Error of the literal formulas", kind)
+        title, caption = _with(say("against.literal_title"), kind), say("against.literal_caption")
         drawn.append(Figure(title, caption, *labels, [literal], group=f"literal {group}" if kind else ""))
     return drawn
 
@@ -177,8 +178,8 @@ def _histogram(solution: Solution, method: str) -> list[Figure]:
         seen = error_deg[np.isfinite(error_deg)]
         if seen.size >= _FEWEST:
             parts.append(_steps(name, seen))
-    caption = "Number of sets by error; the whole range is drawn, folded into one turn."
-    return [Figure("Histogram of the errors", caption, "azimuth error, deg", "sets", parts)] if parts else []
+    title, caption = say("histogram.title"), say("histogram.caption")
+    return [Figure(title, caption, say("axis.azimuth_error"), say("axis.sets"), parts)] if parts else []
 
 
 def _steps(name: str, error_deg: Floats) -> Series:
@@ -209,14 +210,11 @@ def _against_time(solution: Solution, method: str, limit_deg: float) -> list[Fig
     bound_deg = solution.bound_deg[np.isfinite(solution.bound_deg)]
     if bound_deg.size:
         bound = float(np.sqrt(np.mean(bound_deg**2)))
-        parts.append(series("bound", line_s, bound * np.sqrt(measured_s(solution) / line_s), "line"))
-    parts.append(series("limit / 1.96", line_s, np.full(line_s.shape, limit_deg / COVERAGE), "line"))
-    caption = (
-        f"RMS error at the known azimuths against measuring time, without the settling: {LIKELIHOOD} by pieces of the "
-        "waveform, the other by means of repeats; the bound falls as 1/sqrt(T)."
-    )
-    labels = ("measuring time, s", "RMS error, deg")
-    return [Figure("Errors over time", caption, *labels, parts, x_log=True, y_log=True)]
+        parts.append(series(say("over_time.bound"), line_s, bound * np.sqrt(measured_s(solution) / line_s), "line"))
+    parts.append(series(say("over_time.limit"), line_s, np.full(line_s.shape, limit_deg / COVERAGE), "line"))
+    caption = say("over_time.caption", method=LIKELIHOOD)
+    labels = say("axis.measuring_time"), say("axis.rms_error")
+    return [Figure(say("over_time.title"), caption, *labels, parts, x_log=True, y_log=True)]
 
 
 def _repeats(solution: Solution, method: str) -> tuple[Floats, Floats]:

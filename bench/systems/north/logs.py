@@ -18,6 +18,7 @@ from bench.model.errors import FitError
 from bench.systems.north.estimators.eight_samples import eight_sample_north
 from bench.systems.north.estimators.likelihood import likelihood_north
 from bench.systems.north.estimators.phasors import POSITIONS, heading_deg, oriented, wrapped_deg
+from bench.systems.north.wording import say, sense_name
 
 METHODS: tuple[str, ...] = ("as_mapped",)
 _HARMONICS = (2, 3, 4, 5)
@@ -57,11 +58,11 @@ def _of_samples(material: Material, columns: dict[str, Any]) -> Analysis:
         estimate("amplitude", unit, float(found.amplitude), amplitude_std, place, **counted),
     ]
     notes = [
-        f"{int(found.turns)} turns; the table's angle counts counter-clockwise from above, headings clockwise.",
-        "The tilt of the rotation axis is not in the interval: 1 arcmin about north is tan(latitude) arcmin.",
+        say("log.turns", turns=int(found.turns)),
+        say("log.tilt"),
     ]
     if bool(found.widened):
-        notes.append("Turns scatter more than white noise lets them: the interval comes from their scatter.")
+        notes.append(say("log.widened"))
     return _analysis(
         material, entries, _doubt(float(found.half_width_deg())), notes, [_samples(output, theta_deg, unit)]
     )
@@ -87,13 +88,10 @@ def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
     place = {"kind": "gyro", "method": "least_squares"}
     entries = [estimate("azimuth", "deg", north_deg, std_deg, place, n=sets, dof=dof)]
     figure = Figure(
-        "Azimuth of each set about their mean", "", "set", "deg",
-        [curve("set", np.arange(1.0, sets + 1.0), each_deg, "points")],
+        say("log.each_title"), "", say("axis.set"), "deg",
+        [curve(say("axis.set"), np.arange(1.0, sets + 1.0), each_deg, "points")],
     )  # fmt: skip
-    notes = [
-        f"{sets} sets, turntable {str(material.campaign['turntable']).replace('_', '-')}; gains of the lock-ins and "
-        "places of the index pulses are taken as ideal: what they are off, the azimuth is off.",
-    ]
+    notes = [say("log.ideal", sets=sets, sense=sense_name(sense))]
     return _analysis(material, entries, _doubt(coverage_factor(dof) * std_deg), notes, [figure])
 
 
@@ -101,11 +99,7 @@ def _doubt(half_deg: float) -> list[Evidence]:
     """Return a refusal where the interval leaves north open."""
     if half_deg <= _LARGEST_deg:
         return []
-    text = (
-        f"The azimuth is uncertain by {half_deg:.0f} deg, {_LARGEST_deg:g} deg is the most: no signal of the Earth's "
-        "rate stands out. Look at the column of the output, and turn longer."
-    )
-    return [Evidence("no_signal", text, half_deg, 0.0, refuses=True)]
+    return [Evidence("no_signal", say("log.no_signal", half=half_deg, most=_LARGEST_deg), half_deg, 0.0, refuses=True)]
 
 
 def _analysis(
@@ -115,8 +109,7 @@ def _analysis(
         [entry["quantity"], entry["unit"], f"{entry['value']:.5g}", f"{entry['expanded_uncertainty']:.2g}"]
         for entry in entries
     ]
-    headers = ["quantity", "unit", "value", "expanded uncertainty"]
-    caption = "Heading of the sensing axis at encoder zero, clockwise from north."
+    headers = [say(f"head.{name}") for name in ("quantity", "unit", "value", "expanded")]
     return Analysis(
         campaign="north_log",
         method=METHODS[0],
@@ -124,7 +117,7 @@ def _analysis(
         estimates=entries,
         evidence=evidence,
         notes=notes,
-        tables=[Table("North", caption, headers, rows, lead=True)],
+        tables=[Table(say("result.title"), say("log.caption"), headers, rows, lead=True)],
         figures=figures,
     )
 
@@ -135,5 +128,5 @@ def _samples(output: Floats, theta_deg: Floats, unit: str) -> Figure:
     good = np.isfinite(output) & np.isfinite(part)
     place, count = np.unique(part[good].astype(np.int64), return_counts=True)
     means = np.bincount(part[good].astype(np.int64), output[good])[place] / count
-    parts = [curve("mean over 5 deg", 5.0 * place + 2.5, means, "points")]
-    return Figure("Output against the encoder", "", "table angle, deg", f"output, {unit}", parts)
+    parts = [curve(say("log.mean"), 5.0 * place + 2.5, means, "points")]
+    return Figure(say("log.samples_title"), "", say("axis.table_angle"), say("axis.output_unit", unit=unit), parts)

@@ -8,8 +8,9 @@ import numpy as np
 
 from bench.systems.north.accuracy import Accuracy
 from bench.systems.north.estimators.phasors import TURNS
-from bench.systems.north.sets import CALIBRATION, SENSES
+from bench.systems.north.sets import CALIBRATION
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, LITERAL, QUADRANT, Solution
+from bench.systems.north.wording import say, sense_name
 
 _MOST_CHI = 2.0  # RMS error over its standard uncertainty from which the uncertainty is in doubt
 _MOST_APART = 4.0  # standard uncertainties between two methods
@@ -26,45 +27,36 @@ def north_notes(solution: Solution, method: str, accuracy: list[Accuracy]) -> li
         *_bounded(solution), *_uncertainty(solution, method, accuracy), *_doubts(solution, method),
         *_formulas(accuracy), *_whiteness(solution), *_left_out(solution),
     ]  # fmt: skip
-    return notes + [f"Missing: {sentence}." for sentence in solution.missing]
+    return notes + [say("note.missing", what=sentence) for sentence in solution.missing]
 
 
 def _bounded(solution: Solution) -> list[str]:
     if not np.isfinite(solution.bound_deg).any():
-        return ["No raw samples: no maximum likelihood and no bound."]
-    return [
-        "The bound is that of the samples of the four records. A lock-in averages over the time its filters are made "
-        "for, so its azimuth may be a little better than the bound of the records, or worse."
-    ]
+        return [say("note.no_samples")]
+    return [say("note.bound")]
 
 
 def _uncertainty(solution: Solution, method: str, accuracy: list[Accuracy]) -> list[str]:
     notes = []
     if not any(north_set.tilt_mrad for north_set in solution.sets):
-        notes.append("The tilt of the rotation axis was not measured: it is neither corrected nor in the uncertainty.")
+        notes.append(say("note.no_tilt"))
     elif not solution.site.tilt_std_deg:
-        notes.append("The uncertainty of the level is not stated (site: tilt); it is not included.")
+        notes.append(say("note.level_not_stated"))
     if not solution.site.azimuth_std_deg:
-        notes.append("The uncertainty of the stated azimuth is not stated; it is not included.")
+        notes.append(say("note.azimuth_not_stated"))
     notes += [
-        f"No calibration for a table that turns {SENSES[sense]}: nominal index placement there."
+        say("note.no_calibration", sense=sense_name(sense))
         for sense in sorted({north_set.sense for north_set in solution.sets})
         if solution.calibrations and sense not in solution.calibrations
     ]
     share_deg = solution.by_method[method].common_deg
     if share_deg > solution.by_method[method].noise_deg / math.sqrt(_MOST_REPEATS):
-        notes.append(
-            f"The calibration alone is uncertain by {share_deg:.3g} deg: no number of repeats goes below that, more "
-            "sets at the known azimuth do."
-        )
+        notes.append(say("note.calibration_share", share=share_deg))
     by_name = {errors.method: errors for errors in accuracy}
     chosen, noise_deg = by_name[method], solution.by_method[method].noise_deg
     due_deg = math.hypot(noise_deg, share_deg, 0.0 if method == LIKELIHOOD else math.sqrt(2.0) * solution.swing_deg)
     if chosen.used >= _FEWEST and chosen.rms_deg > _MOST_CHI * due_deg > 0.0:
-        notes.append(
-            f"Errors at the known azimuths are {chosen.rms_deg:.3g} deg RMS, their uncertainty says {due_deg:.3g} deg: "
-            "something acts that is neither noise nor calibration."
-        )
+        notes.append(say("note.errors_beyond", rms=chosen.rms_deg, due=due_deg))
     return notes
 
 
@@ -73,18 +65,12 @@ def _doubts(solution: Solution, method: str) -> list[str]:
     notes = _unsteady(solution) if method != LIKELIHOOD else []
     one_deg = math.hypot(solution.by_method[method].noise_deg, solution.by_method[method].common_deg)
     if one_deg > _MOST_NOISE_deg:
-        notes.append(
-            f"One set is uncertain by {one_deg:.3g} deg: the signal is hardly stronger than its noise, and the "
-            "intervals are too short."
-        )
+        notes.append(say("note.weak_signal", noise=one_deg))
     if 0 < (count := sum(north_set.tilt_mrad is None for north_set in solution.sets)) < len(solution.sets):
-        notes.append(f"{count} of {len(solution.sets)} sets have no reading of the level: their tilt is not corrected.")
+        notes.append(say("note.no_level", count=count, of=len(solution.sets)))
     rates = {round(abs(north_set.rate_deg_s), 1) for north_set in solution.sets if math.isfinite(north_set.rate_deg_s)}
     if len(rates) > 1 and solution.calibrations:
-        notes.append(
-            f"The table turned at {', '.join(f'{rate:g}' for rate in sorted(rates))} deg/s: a delay of the signal is "
-            "another angle at another rate, so a calibration holds for its own only."
-        )
+        notes.append(say("note.two_rates", rates=", ".join(f"{rate:g}" for rate in sorted(rates))))
     return notes + _contradiction(solution)
 
 
@@ -99,15 +85,8 @@ def _unsteady(solution: Solution) -> list[str]:
     ratio = float(np.sum(along**2) / np.sum(across**2)) if np.any(across) else math.inf
     if not ratio > _MOST_UNSTEADY:
         return []
-    of_noise = (
-        "its uncertainty is that of the noise across the signal"
-        if solution.unsteady
-        else "its uncertainty takes it for noise, for there are too few sets to tell them apart"
-    )
-    return [
-        f"The amplitude changes between index positions ({math.sqrt(ratio):.2g} times as much as its noise): "
-        f"{LEAST_SQUARES} is not touched by that; {of_noise}."
-    ]
+    key = "note.unsteady" if solution.unsteady else "note.unsteady_few"
+    return [say(key, ratio=math.sqrt(ratio), method=LEAST_SQUARES)]
 
 
 def _contradiction(solution: Solution) -> list[str]:
@@ -122,15 +101,12 @@ def _contradiction(solution: Solution) -> list[str]:
     due_deg = math.hypot(noise_deg, by_samples.common_deg, solution.placed_deg, solution.swing_deg, _LEAST_APART_deg)
     if abs(mean_deg) <= _MOST_APART * due_deg:
         return []
-    return [
-        f"{LEAST_SQUARES} finds azimuths {mean_deg:+.3g} deg beside those of {LIKELIHOOD}, {due_deg:.3g} deg are due: "
-        "azimuth or head of the calibration, zero of the encoder or lock-ins (delay, harmonics) are not as stated."
-    ]
+    return [say("note.contradiction", one=LEAST_SQUARES, mean=mean_deg, other=LIKELIHOOD, due=due_deg)]
 
 
 def _formulas(accuracy: list[Accuracy]) -> list[str]:
     return [
-        f"{errors.method}: {errors.gross} of {errors.used} tests are more than 90 deg off."
+        say("note.gross", method=errors.method, gross=errors.gross, used=errors.used)
         for errors in accuracy
         if errors.method in (LITERAL, QUADRANT) and errors.gross
     ]
@@ -140,16 +116,12 @@ def _whiteness(solution: Solution) -> list[str]:
     widened = sum(bool(waveform.widened) for waveform in solution.raw if waveform is not None)
     if not widened:
         return []
-    return [
-        f"The noise of {widened} of {len(solution.sets)} waveforms is not white: the uncertainty by {LIKELIHOOD} is "
-        "widened, the bound is not."
-    ]
+    return [say("note.not_white", count=widened, of=len(solution.sets), method=LIKELIHOOD)]
 
 
 def _left_out(solution: Solution) -> list[str]:
     return [
-        f"{north_set.name}: {int(north_set.left_out.sum())} of {north_set.left_out.size} samples are unlike all others "
-        "and left out."
+        say("note.left_out", name=north_set.name, count=int(north_set.left_out.sum()), of=north_set.left_out.size)
         for north_set in solution.sets
         if north_set.left_out is not None
     ]

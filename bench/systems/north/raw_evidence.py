@@ -14,6 +14,7 @@ from bench.systems.north.errors_at_known import t_test
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
 from bench.systems.north.sets import SEARCH, TEST, NorthSet
 from bench.systems.north.solution import LEAST_SQUARES, LITERAL, QUADRANT, Solution
+from bench.systems.north.wording import item_name, say
 
 _FEWEST = 4
 _MOST_RATE = 0.05  # of the stated rate; a serial line hands samples over in blocks
@@ -50,10 +51,7 @@ def _noise(pairs: Pairs) -> Iterator[Evidence]:
             pooled = math.sqrt(here / float(np.average(variance, weights=dof)))
             worst = min(worst, (chance, pooled, place))
     chance, pooled, (item, place_name, head_deg, parameters) = worst
-    sentence = (
-        f"The noise at {item}, head {head_deg:g} deg, is {pooled:.3g} times that of which the intervals are made. Look "
-        "for vibration, a motor or a bad contact there."
-    )
+    sentence = say("evidence.noise_changes", item=item_name(item), head=head_deg, ratio=pooled)
     about = {"item": item, "head_deg": head_deg} | ({"place": place_name} if place_name else {})
     about |= {"parameters": parameters} if parameters else {}
     probability = min(1.0, max(chance * len(places), 1e-300))
@@ -74,10 +72,7 @@ def _amplitude(pairs: Pairs, solution: Solution, width_deg: float) -> Iterator[E
     beyond = max(0.0, abs(share) - leaning)
     due = scatter / float(at_mark.mean()) * math.sqrt(1.0 / at_mark.size + 1.0 / there.size)
     score, probability = t_test(beyond, due, at_mark.size - 1.0)
-    sentence = (
-        f"The signal at the place to be found is {100.0 * share:+.3g} % larger than at the mark ({score:.3g} standard "
-        "uncertainties): something beside the Earth's rotation turns with the table there, and turns north as well."
-    )
+    sentence = say("evidence.amplitude_at_place", share=100.0 * share, score=score)
     move = math.degrees(beyond) / width_deg
     yield Evidence(
         "amplitude_at_place",
@@ -96,10 +91,7 @@ def _rate(solution: Solution) -> Iterator[Evidence]:
         turned = own.turned_deg_s()
         if not math.isfinite(turned) or abs(turned - own.rate_deg_s) <= _MOST_RATE * abs(own.rate_deg_s):
             continue
-        sentence = (
-            f"By encoder and clock the table turned at {turned:.4g} deg/s in {own.name}, stated are "
-            f"{own.rate_deg_s:.4g} deg/s. Correct rate and sense of the sequence, or look at the encoder."
-        )
+        sentence = say("evidence.rate_not_as_stated", turned=turned, name=own.name, stated=own.rate_deg_s)
         for method in _LOCK_INS:
             yield Evidence(
                 "rate_not_as_stated", sentence, turned, 0.0, quantities=_BY_LOCK_INS, conditions={"method": method},

@@ -15,6 +15,7 @@ import numpy as np
 
 from bench.analysis import Evidence, Floats
 from bench.systems.north.errors_at_known import Errors, f_test
+from bench.systems.north.wording import say
 
 OF_ALL = ("index_placement", "scale", "azimuth_bound")  # what hangs on the azimuths as well
 _LIST = 4
@@ -25,29 +26,28 @@ def rivals(method: str, errors: Errors) -> Iterator[Evidence]:
     """Yield each rival that the known azimuths can tell from a common error; moves in degrees."""
     time = errors.times_s - errors.times_s.mean() if len(errors.times_s) else errors.times_s
     turned = np.deg2rad(errors.heads_deg)
-    for code, words, columns in (
-        ("north_drifts", "drift in time", time[:, None]),
-        ("once_per_turn", "go once per turn of the dividing head", np.column_stack((np.cos(turned), np.sin(turned)))),
-        ("twice_per_turn", "go twice per turn of the dividing head",
-         np.column_stack((np.cos(2.0 * turned), np.sin(2.0 * turned)))),
-    ):  # fmt: skip
+    for code, columns in (
+        ("north_drifts", time[:, None]),
+        ("once_per_turn", np.column_stack((np.cos(turned), np.sin(turned)))),
+        ("twice_per_turn", np.column_stack((np.cos(2.0 * turned), np.sin(2.0 * turned)))),
+    ):
         if len(time) < columns.shape[1] + 2:
             continue
         gain, size_deg, rank = _gain(errors, columns)
         if rank == columns.shape[1]:
             ratio, probability = f_test(gain, rank, 1.0, errors.noise_dof)
-            yield _rival(code, f"Errors by {method} {words}", size_deg, probability, ratio)
+            yield _rival(code, size_deg, probability, ratio, method=method)
     if len(time) >= _FEWEST_TO_STEP:
         order = np.argsort(errors.times_s)
         step_deg, gain, where = best_step(errors.mean_deg[order], errors.weights[order])
         ratio, probability = f_test(gain, 1, 1.0, errors.noise_dof)
         head_deg = errors.heads_deg[order][where]
-        words = f"Errors by {method} change at once from head {head_deg:g} deg on"
-        yield _rival("north_steps", words, abs(step_deg), probability * (len(time) - 1), ratio)
+        chance = probability * (len(time) - 1)
+        yield _rival("north_steps", abs(step_deg), chance, ratio, method=method, head=head_deg)
 
 
-def _rival(code: str, words: str, size_deg: float, probability: float, ratio: float) -> Evidence:
-    sentence = f"{words}, by {size_deg:.3g} deg ({math.sqrt(ratio):.3g} times what noise explains)."
+def _rival(code: str, size_deg: float, probability: float, ratio: float, **values: object) -> Evidence:
+    sentence = say(f"rival.{code}", **values, size=size_deg, ratio=math.sqrt(ratio))
     return Evidence(code, sentence, size_deg, min(1.0, probability * _LIST), size_deg, OF_ALL)
 
 

@@ -19,6 +19,7 @@ from scipy import special
 from bench.analysis import Floats
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
 from bench.systems.north.sets import SINE, NorthSet, Waveform, waveform_of
+from bench.systems.north.wording import say
 
 _SIGNS = np.array([1.0, -1.0, 1.0, -1.0])
 _ODD = 1e-3  # chance that a right campaign loses a set
@@ -34,7 +35,7 @@ def screen(sets: Sequence[NorthSet]) -> None:
     """Name what stands still, is pinned or contradicts itself as a fault of its set."""
     for north_set in sets:
         north_set.faults += [
-            f"{role} handed over the same value three times in a row"
+            say("fault.same_value", role=role)
             for role, read_V in ((SINE, north_set.u1_V), ("lock_in_2", north_set.u2_V))
             if (read_V[1:3] == read_V[:2]).all() or (read_V[2:] == read_V[1:3]).all()
         ]
@@ -61,8 +62,7 @@ def _unlike(sets: Sequence[NorthSet]) -> None:
     own = good[int(which)]
     if chance < _ODD and Counter((each.item, each.sense) for each in good)[own.item, own.sense] > 1:
         own.faults.append(
-            f"lock_in_{int(role) + 1} reads {worst_V:+.3g} V beside its other three positions, "
-            f"{abs(worst_V) / rest_V2**0.5:.3g} times what all other sets show"
+            say("fault.contradicts", number=int(role) + 1, value=worst_V, ratio=abs(worst_V) / rest_V2**0.5)
         )
 
 
@@ -73,10 +73,10 @@ def _still_or_pinned(waveform: Waveform) -> list[str]:
         least = max(_STILL, int(per_turn * _STILL_deg / 360.0))
         for what, column, few in (("output", u_V, least), ("encoder", theta_deg, _STILL)):
             if (still := _longest_still(column)) > few:
-                faults.append(f"{what} stands still for {still} samples at index position {record}")
+                faults.append(say(f"fault.{what}_still", count=still, index=record))
         for level_V, end in ((float(u_V.max()), u_V), (float(u_V.min()), -u_V)):
             if (pinned := _pinned(end)) > max(_PINNED, _PINNED_SHARE * len(u_V)):
-                faults.append(f"{pinned} samples are pinned at {level_V:.4g} V at index position {record}")
+                faults.append(say("fault.pinned", count=pinned, level=level_V, index=record))
     return faults
 
 

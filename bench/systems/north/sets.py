@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from bench.analysis import Floats, Material, Reading, flag_problem
 from bench.model.errors import FitError
 from bench.model.quality import Quality
+from bench.systems.north.wording import item_name, say
 
 if TYPE_CHECKING:
     from bench.record import RecordRow, Samples
@@ -80,8 +81,10 @@ class NorthSet:
     @property
     def name(self) -> str:
         """How a sentence speaks of it."""
-        kind = f", {self.parameters}" if self.parameters else ""
-        return f"{self.item} at head {self.head_deg:g} deg{kind}, repeat {self.repeat}"
+        words = {"item": item_name(self.item), "head": self.head_deg, "repeat": self.repeat}
+        return (
+            say("set.name_with", **words, parameters=self.parameters) if self.parameters else say("set.name", **words)
+        )
 
     @property
     def group(self) -> tuple[str, str, float, str]:
@@ -117,7 +120,7 @@ def north_sets(material: Material) -> list[NorthSet]:
         _fill(north_set, {key[1:]: reading for key, reading in samples.items() if key[0] == id(north_set)})
         north_set.tilt_mrad = _tilt(north_set, material.readings)
         if math.isnan(north_set.rate_deg_s):
-            north_set.faults.append("no record says at which rate and in which sense the table turned")
+            north_set.faults.append(say("fault.no_rate"))
     return sorted(sets.values(), key=lambda north_set: north_set.begin_s)
 
 
@@ -156,24 +159,23 @@ def _fill(north_set: NorthSet, samples: Mapping[tuple[int, str], Reading]) -> No
         for role, into in ((SINE, north_set.u1_V), (COSINE, north_set.u2_V)):
             value = samples[k, role].value if (k, role) in samples else None
             if not isinstance(value, Mapping):
-                north_set.faults.append(f"no reading of {role} at index position {k}")
+                north_set.faults.append(say("fault.no_reading", role=role, index=k))
                 continue
             into[k - 1] = _stated(value, role, "x_V")
             north_set.faults += [
-                f"{role} at index position {k}: {fault}" for fault in _wrong(value, north_set.rate_deg_s)
+                say("fault.at_index", role=role, index=k, fault=fault) for fault in _wrong(value, north_set.rate_deg_s)
             ]
         row = north_set.rows.get(k)
         if row is not None and (flags := flag_problem(row)):
             into_both = row.quality & _OF_THE_SIGNAL
             for told in (north_set.faults, north_set.raw_faults) if into_both else (north_set.raw_faults,):
-                told.append(f"record at index position {k} flagged {flags}")
+                told.append(say("fault.flagged", index=k, flags=flags))
         if row is None or row.samples is None or len(row.samples) < 2:
-            north_set.raw_faults.append(f"no samples at index position {k}")
+            north_set.raw_faults.append(say("fault.no_samples", index=k))
         elif row.lost:
-            north_set.raw_faults.append(f"{row.lost} samples lost at index position {k}")
+            north_set.raw_faults.append(say("fault.samples_lost", count=row.lost, index=k))
             if (lost_s := _lost_s(row)) > MOST_LOST_s:
-                lost = f"{lost_s:.2f} s of samples lost at index position {k}"
-                north_set.faults.append(f"{lost} (the gyroscope may have been off)")
+                north_set.faults.append(say("fault.gyroscope_off", seconds=lost_s, index=k))
 
 
 def _stated(value: Mapping[str, Any], role: str, name: str) -> float:
@@ -195,12 +197,12 @@ def _lost_s(row: RecordRow) -> float:
 
 
 def _wrong(value: Mapping[str, Any], rate_deg_s: float) -> list[str]:
-    faults = [word for word in ("overload", "unlocked") if value.get(word)]
+    faults = [say(f"fault.{word}") for word in ("overload", "unlocked") if value.get(word)]
     if not math.isfinite(float(value["x_V"])):
-        faults.append("no number")
+        faults.append(say("fault.no_number"))
     frequency_Hz, due_Hz = float(value.get("frequency_Hz", math.nan)), abs(rate_deg_s) / 360.0
     if math.isfinite(frequency_Hz) and abs(frequency_Hz - due_Hz) > MOST_OFF * due_Hz:
-        faults.append(f"reference at {frequency_Hz:.4f} Hz, the table turns at {due_Hz:.4f} Hz")
+        faults.append(say("fault.reference", frequency=frequency_Hz, due=due_Hz))
     return faults
 
 

@@ -35,6 +35,7 @@ from bench.systems.north.solution import (
     Site,
     Solution,
 )
+from bench.systems.north.wording import listed, say
 
 Found = tuple[Floats, Floats, float]  # apparent azimuth (n,), standard uncertainty (n,), degrees of freedom of one
 HARMONICS = (2, 3, 4, 5)
@@ -111,9 +112,9 @@ def _raw(north_set: NorthSet) -> LikelihoodNorth | None:
             u_V = np.where(north_set.left_out, math.nan, waveform.u_V)
             likelihood = likelihood_north(u_V, waveform.theta_deg, harmonics=HARMONICS)
     except FitError as error:
-        north_set.raw_faults.append(f"{error.message} ({error.code})")
+        north_set.raw_faults.append(say("fault.error", why=error.message, code=error.code))
         return None
-    north_set.raw_faults += [f"the table stopped at index position {k}" for k in waveform.standing()]
+    north_set.raw_faults += [say("fault.stopped", index=k) for k in waveform.standing()]
     return None if north_set.raw_faults else likelihood
 
 
@@ -147,7 +148,7 @@ def _calibrate(solution: Solution) -> None:
                 solution.u1_V[use], solution.u2_V[use], phase_deg(apparent_deg, sense)
             )
         except FitError as error:
-            _refuse_samples(solution, sense, f"calibration: {error.message} ({error.code})")
+            _refuse_samples(solution, sense, say("fault.calibration", why=error.message, code=error.code))
     solution.calibrations = calibrations
 
 
@@ -286,15 +287,19 @@ def _widened(solution: Solution, method: str) -> Azimuths:
 
 def _missing(solution: Solution) -> list[str]:
     """One sentence for each set that cannot be used and for each part of the campaign without any."""
-    missing = [f"{north_set.name}: {'; '.join(north_set.faults)}" for north_set in solution.sets if north_set.faults]
+    missing = [
+        say("missing.set", name=north_set.name, faults=listed(north_set.faults))
+        for north_set in solution.sets
+        if north_set.faults
+    ]
     missing += [
-        f"{north_set.name}, raw waveform: {'; '.join(north_set.raw_faults)}"
+        say("missing.waveform", name=north_set.name, faults=listed(north_set.raw_faults))
         for north_set in solution.sets
         if north_set.raw_faults
     ]
     counts = Counter(north_set.item for north_set, good in zip(solution.sets, solution.good, strict=True) if good)
     if not counts[CALIBRATION] and solution.good.any():
-        missing.append("calibration at a known azimuth: none; the index pulses are taken to stand where they should")
+        missing.append(say("missing.calibration"))
     if not any(np.isfinite(solution.error_deg(method)).any() for method in METHODS):
-        missing.append("test at known azimuths: none, so that no error can be judged")
+        missing.append(say("missing.test"))
     return missing

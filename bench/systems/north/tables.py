@@ -13,19 +13,12 @@ from bench.maths.verdict import coverage_factor
 from bench.systems.north.accuracy import COVERAGE, Accuracy, QUARTER_TURN_deg, bench_s, measured_s
 from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, LikelihoodNorth
 from bench.systems.north.estimators.phasors import INDEX_TO_NORTH
-from bench.systems.north.sets import SEARCH, SENSES, TEST
+from bench.systems.north.sets import SEARCH, TEST
 from bench.systems.north.solution import LITERAL, METHODS, Solution
 from bench.systems.north.solve import HARMONICS
+from bench.systems.north.wording import item_name, say, sense_name
 
 FALSE_CLAIM = 0.01  # of tables of noise alone, in which a harmonic is claimed
-_NAMES = {
-    "half_turn": "result half a turn off",
-    "flipped_17": "terms of (17) on another branch",
-    "flipped_18": "terms of (18) on another branch",
-    "amplitude_19": "(19) is 0/0 or more than 10 % off",
-    "amplitude_20": "(20) is 0/0 or more than 10 % off",
-    "u2_zero": "U2 = 0 in (21)",
-}
 
 
 def result_table(solution: Solution, method: str, limit_deg: float) -> Table:
@@ -36,59 +29,66 @@ def result_table(solution: Solution, method: str, limit_deg: float) -> Table:
         factor = coverage_factor(mean.dof)
         azimuth = with_uncertainty(mean.azimuth_deg % 360.0, factor * mean.std_deg)
         error = with_uncertainty(mean.error_deg, factor * mean.error_std_deg) if mean.item == TEST else "–"
-        stated = number((solution.site.azimuth_deg + mean.head_deg) % 360.0, 3) if mean.item == TEST else "not known"
+        stated = (
+            number((solution.site.azimuth_deg + mean.head_deg) % 360.0, 3)
+            if mean.item == TEST
+            else say("result.not_known")
+        )
         kind = [mean.parameters or "–"] if several else []
-        rows.append([mean.item, mean.place or "–", *kind, number(mean.head_deg), stated, azimuth, error, mean.n])
+        rows.append(
+            [item_name(mean.item), mean.place or "–", *kind, number(mean.head_deg), stated, azimuth, error, mean.n]
+        )
     tested = any(mean.item == TEST for mean in solution.means(method))
     caption = (
-        f"Heading of the sensing axis at encoder zero, clockwise from north, by {method}; intervals of 95 %: noise, "
-        f"calibration, tilt and stated azimuth. {f'Limit of the error: {limit_deg:g} deg.' if tested else ''}"
+        say("result.caption_limit", method=method, limit=limit_deg) if tested else say("result.caption", method=method)
     )
     kinds = ["parameters"] if several else []
-    headers = ["what", "place", *kinds, "head, deg", "stated, deg", "azimuth, deg", "error, deg", "repeats"]
+    headers = _heads("what", "place", *kinds, "head", "stated", "azimuth", "error", "repeats")
     found_north = any(mean.item == SEARCH for mean in solution.means(method))
-    title = "North" if found_north else "North at known azimuths"
-    return Table(title, caption.strip(), headers, rows, lead=True)
+    title = say("result.title") if found_north else say("result.title_known")
+    return Table(title, caption, headers, rows, lead=True)
+
+
+def _heads(*names: str) -> list[str]:
+    return [say(f"head.{name}") for name in names]
 
 
 def convention_table(solution: Solution) -> Table:
     """Return how a phase at the index becomes a heading."""
     rows: list[list[Any]] = [
-        ["heading", "of the sensing axis at encoder zero, clockwise from north, deg"],
-        ["table angle", "counter-clockwise from above, deg; the axis points to heading - angle"],
-        ["phi", "phase of the earth signal at index A, taken as a sine"],
+        [say(f"convention.{name}"), say(f"convention.{name}_means")] for name in ("heading", "angle", "phi")
     ]
     senses = {north_set.sense for north_set in solution.sets if math.isfinite(north_set.rate_deg_s)}
-    rows += [[f"table {SENSES[sense]}", INDEX_TO_NORTH[sense]] for sense in sorted(senses, reverse=True)]
-    rows.append(["tilt", "what the level says of the rotation axis, times tan(latitude), is added to the heading"])
-    caption = "The phase itself is no heading, and its sign depends on the sense of rotation."
-    title = "From index to north: convention index_to_north"
-    return Table(title, caption, ["quantity", "meaning"], rows, prose=True, lead=True)  # fmt: skip
+    rows += [
+        [say("convention.sense", sense=sense_name(sense)), INDEX_TO_NORTH[sense]]
+        for sense in sorted(senses, reverse=True)
+    ]
+    rows.append([say("convention.tilt"), say("convention.tilt_means")])
+    title, caption = say("convention.title"), say("convention.caption")
+    return Table(title, caption, _heads("quantity", "meaning"), rows, prose=True, lead=True)
 
 
 def method_table(accuracy: list[Accuracy], solution: Solution, limit_deg: float) -> Table:
     """Return every method at the known azimuths."""
     bound_deg = solution.bound_deg[np.isfinite(solution.bound_deg)]
-    bound = f"{np.sqrt(np.mean(bound_deg**2)):.3f} deg" if bound_deg.size else "not known without raw samples"
+    bound = say("methods.no_bound")
+    if bound_deg.size:
+        bound = say("methods.bound", bound=float(np.sqrt(np.mean(bound_deg**2))))
     rows = [
         [errors.method, errors.used, number(errors.rms_deg, 3), number(errors.mean_deg, 3),
          number(errors.scatter_deg, 3), number(errors.ratio, 2), errors.gross, _seconds(errors.time_s)]
         for errors in accuracy
     ]  # fmt: skip
-    caption = (
-        f"Errors of single sets at the known azimuths, folded into one turn. Scatter is about the mean error, which "
-        f"comes from the calibration; where a method mistakes half a turn, both "
-        f"are taken without regard to it. Bound by {measured_s(solution):.1f} s of samples: {bound}; with "
-        f"a square reference {SQUARE_PENALTY:.3f} times as much. Time: measuring time until {COVERAGE:g} standard "
-        f"uncertainties are within {limit_deg:g} deg; one set takes {bench_s(solution):.0f} s of the bench."
-    )
-    headers = ["method", "sets", "RMS, deg", "mean, deg", "scatter, deg", "scatter / bound",
-               "more than 90 deg off", "time, s"]  # fmt: skip
-    return Table("Methods", caption, headers, rows, lead=True)
+    caption = say(
+        "methods.caption", measured=measured_s(solution), bound=bound, penalty=SQUARE_PENALTY, coverage=COVERAGE,
+        limit=limit_deg, bench=bench_s(solution),
+    )  # fmt: skip
+    headers = _heads("method", "sets", "rms", "mean", "scatter", "scatter_over_bound", "gross", "time")
+    return Table(say("methods.title"), caption, headers, rows, lead=True)
 
 
 def _seconds(time_s: float) -> str:
-    return "never" if math.isinf(time_s) else number(time_s, 1)
+    return say("methods.never") if math.isinf(time_s) else number(time_s, 1)
 
 
 def error_table(solution: Solution) -> list[Table]:
@@ -104,9 +104,8 @@ def error_table(solution: Solution) -> list[Table]:
         + [number(means[place].error_deg, 3) if place in means else "–" for means in by_method.values()]
         for place in places
     ]
-    caption = "Errors of the means of all repeats, deg, folded into one turn."
-    headers = ["head, deg", *(["parameters"] if several else []), "stated, deg", *METHODS]
-    return [Table("Errors by method", caption, headers, rows)] if rows else []
+    headers = [*_heads("head", *(["parameters"] if several else []), "stated"), *METHODS]
+    return [Table(say("errors.title"), say("errors.caption"), headers, rows)] if rows else []
 
 
 def parameter_table(solution: Solution) -> list[Table]:
@@ -122,28 +121,20 @@ def parameter_table(solution: Solution) -> list[Table]:
             off = int(np.sum(np.abs(error_deg[seen]) > QUARTER_TURN_deg))
             cells += [int(seen.sum()), number(rms_deg, 3), off]
         rows.append([method, *cells])
-    caption = (
-        "Errors of single sets at the known azimuths, folded into one turn. TIP: time-invariant parameters, TVP: "
-        "amplitude and swing of the table vary in time (paper figure 6)."
-    )
-    headers = [f"{kind}: {what}" for kind in solution.kinds for what in ("sets", "RMS, deg", "more than 90 deg off")]
-    return [Table("Constant and varying parameters", caption, ["method", *headers], rows, lead=True)]
+    headers = [
+        say("head.of_kind", kind=kind, what=what) for kind in solution.kinds for what in _heads("sets", "rms", "gross")
+    ]
+    title, caption = say("parameters.title"), say("parameters.caption")
+    return [Table(title, caption, [*_heads("method"), *headers], rows, lead=True)]
 
 
 def failure_table(solution: Solution) -> Table:
     """Return what goes wrong in the paper's formulas as they are printed."""
     seen = np.isfinite(solution.u1_V).all(axis=1) & np.isfinite(solution.u2_V).all(axis=1)
     count = int(seen.sum())
-    rows = [
-        [_NAMES.get(name, name.replace("_", " ")), int(np.sum(flags[seen] > 0)), count]
-        for name, flags in solution.failures.items()
-    ]
-    caption = (
-        f"Equations (15) to (21) as printed ({LITERAL}): an arctangent of a ratio knows half a turn only, its terms "
-        "change branch one by one, and the amplitudes are 0/0 where the phase is a multiple of 90 deg."
-    )
-    headers = ["what fails", "sets", "of"]
-    return Table("Failures of the literal formulas", caption, headers, rows)
+    rows = [[say(f"failures.{name}"), int(np.sum(flags[seen] > 0)), count] for name, flags in solution.failures.items()]
+    caption = say("failures.caption", method=LITERAL)
+    return Table(say("failures.title"), caption, _heads("fails", "sets", "of"), rows)
 
 
 def calibration_table(solution: Solution) -> list[Table]:
@@ -153,20 +144,16 @@ def calibration_table(solution: Solution) -> list[Table]:
         std = np.sqrt(np.diag(index.covariance))
         factor = coverage_factor(index.dof)
         for letter, gain, gain_std, at_deg, deg_std, offset in (
-            ("B, lock-in 1", index.f1, std[0], index.f2_deg, std[1], sense * index.f3),  # oriented: its sign turned
-            ("A, lock-in 2", index.f4, std[2], index.f5_deg, std[3], index.f6),
+            (say("index.b"), index.f1, std[0], index.f2_deg, std[1], sense * index.f3),  # oriented: its sign turned
+            (say("index.a"), index.f4, std[2], index.f5_deg, std[3], index.f6),
         ):
             placement = with_uncertainty(sense * float(at_deg), factor * float(deg_std))
-            row = [SENSES[sense], letter, placement, with_uncertainty(float(gain), factor * float(gain_std))]
+            row = [sense_name(sense), letter, placement, with_uncertainty(float(gain), factor * float(gain_std))]
             rows.append([*row, number(1e3 * float(offset), 3), index.sets])
     if not rows:
         return []
-    caption = (
-        "At the stated azimuth. The eight samples know the sum of phase and placement only, so placement comes from "
-        "here: with it any constant delay between the gyro and the lock-in."
-    )
-    headers = ["rotation", "index", "placement, deg", "gain, V RMS", "offset, mV", "sets"]
-    return [Table("Calibration of the index", caption, headers, rows)]
+    headers = _heads("rotation", "index", "placement", "gain", "offset", "sets")
+    return [Table(say("index.title"), say("index.caption"), headers, rows)]
 
 
 def tilt_table(solution: Solution) -> list[Table]:
@@ -175,16 +162,18 @@ def tilt_table(solution: Solution) -> list[Table]:
     for north_set, tilt_deg in zip(solution.sets, solution.tilt_deg, strict=True):
         if north_set.tilt_mrad is not None:
             x, y = north_set.tilt_mrad
-            row = [north_set.item, number(north_set.head_deg), number(x, 3), number(y, 3), number(float(tilt_deg), 4)]
+            row = [
+                item_name(north_set.item),
+                number(north_set.head_deg),
+                number(x, 3),
+                number(y, 3),
+                number(float(tilt_deg), 4),
+            ]
             rows.setdefault(north_set.group, row)
     if not rows:
         return []
-    caption = (
-        "Tilt of the rotation axis about the sensing axis at encoder zero (x) and about the direction 90 deg clockwise "
-        "of it (y). Only the part about north turns the apparent north, by tan(latitude)."
-    )
-    headers = ["what", "head, deg", "x, mrad", "y, mrad", "correction, deg"]
-    return [Table("Tilt", caption, headers, list(rows.values()))]
+    headers = _heads("what", "head", "x_tilt", "y_tilt", "correction")
+    return [Table(say("tilt.title"), say("tilt.caption"), headers, list(rows.values()))]
 
 
 def harmonic_table(solution: Solution) -> list[Table]:
@@ -202,16 +191,12 @@ def harmonic_table(solution: Solution) -> list[Table]:
         apparent = 100.0 * math.sqrt(power) / amplitude_V
         share = 100.0 * math.sqrt(max(power - noise_V2, 0.0)) / amplitude_V
         square_deg = math.degrees(share / 100.0 / order) if order % 2 else 0.0
-        rows.append(
-            [order, f"below {floor:.2g}", "–"] if apparent <= floor else [order, f"{share:.3f}", f"{square_deg:.3f}"]
+        shown = (
+            [f"{share:.3f}", f"{square_deg:.3f}"] if apparent > floor else [say("harmonics.below", floor=floor), "–"]
         )
-    caption = (
-        f"RMS over {len(raw)} waveforms less what noise makes of it; below the limit nothing is claimed: noise alone "
-        f"is above it in {100.0 * FALSE_CLAIM:g} % of such tables. A sine as the reference lets none of them in; a "
-        "square one, as the paper has it, the odd ones."
-    )
-    headers = ["harmonic", "part of the amplitude, %", "azimuth error by a square reference, at most, deg"]
-    return [Table("Harmonics of the waveform", caption, headers, rows)]
+        rows.append([order, *shown])
+    caption = say("harmonics.caption", count=len(raw), chance=100.0 * FALSE_CLAIM)
+    return [Table(say("harmonics.title"), caption, _heads("harmonic", "share", "square"), rows)]
 
 
 def _harmonic_noise_V2(waveform: LikelihoodNorth) -> float:

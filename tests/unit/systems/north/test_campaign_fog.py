@@ -10,10 +10,12 @@ import numpy as np
 import pytest
 from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
 from scipy import stats
+from spoken import english_left
 
 from bench.analysis import Analysis, Series, with_uncertainty
 from bench.model.errors import FitError
 from bench.model.quality import Quality
+from bench.model.texts import told
 from bench.systems.north.accuracy import accuracies
 from bench.systems.north.analysis import AZIMUTH_ERROR, analyse
 from bench.systems.north.declaration import DECLARATION
@@ -149,6 +151,11 @@ def test_nothing_is_claimed_of_harmonics_that_noise_explains(clockwise: Analysis
         assert error == "–"
     (literal,) = (row for row in table(clockwise, "Methods") if row[0] == "literal")
     assert literal[-1] == "never"
+
+
+def test_all_that_is_composed_is_said_in_korean(clockwise: Analysis) -> None:
+    assert english_left(clockwise) == set()
+    assert told(clockwise.tables[0].title, "ko") == "진북"
 
 
 def test_the_lead_table_has_intervals_of_95_per_cent(clockwise: Analysis) -> None:

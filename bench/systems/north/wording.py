@@ -1,0 +1,30 @@
+"""The sentences on north finders, by key (texts/en.json)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from functools import reduce
+from pathlib import Path
+
+from bench.model.texts import Sayings
+
+_ITEMS = ("calibration", "test", "search")
+_SENSES = {1: "counter_clockwise", -1: "clockwise"}
+
+say = Sayings(Path(__file__).parent)
+
+
+def item_name(item: str) -> str:
+    """Return the word for what a set is of; one that the catalogue does not have stands as it is."""
+    return say(f"item.{item}") if item in _ITEMS else item
+
+
+def sense_name(sense: int) -> str:
+    """Return the word for a sense of rotation seen from above: +1 counter-clockwise, -1 clockwise."""
+    return say(f"sense.{_SENSES[sense]}")
+
+
+def listed(sentences: Iterable[str]) -> str:
+    """Return sentences as one, "" for none."""
+    parts = list(sentences)
+    return reduce(lambda first, rest: say("list", first=first, rest=rest), parts) if parts else ""
