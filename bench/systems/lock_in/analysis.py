@@ -17,8 +17,9 @@ from bench.systems.lock_in.figures import campaign_figures
 from bench.systems.lock_in.notes import notes
 from bench.systems.lock_in.records import flagged, laser_records, none_usable, not_recorded
 from bench.systems.lock_in.result import LaserResult, laser_result
-from bench.systems.lock_in.tables import LABELS, tables
+from bench.systems.lock_in.tables import tables
 from bench.systems.lock_in.turnaround_figures import turnaround_figures
+from bench.systems.lock_in.wording import label, say
 
 METHODS: tuple[str, ...] = COMPENSATORS
 
@@ -35,7 +36,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     missing, bad = not_recorded(records), flagged(records)
     results: list[LaserResult] = []
     refused: list[FitError] = []
-    missing += [f"record {number}: flagged {flags}" for number, flags in bad.items()]
+    missing += [say("missing.flagged", number=number, flags=flags) for number, flags in bad.items()]
     for record in records:  # one at a time: the edges of a record take hundreds of megabytes while it is analysed
         if record.number in bad:
             continue
@@ -43,7 +44,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             results.append(laser_result(record))
         except FitError as error:
             refused.append(error)
-            missing.append(f"record {record.number}: {error.message} ({error.code})")
+            missing.append(say("missing.record", number=record.number, why=error.message, code=error.code))
     if not results:
         raise refused[0] if refused else none_usable(bad)
     return analysis_of("rlg_lock_in", material, results, missing, requirement, method)
@@ -60,8 +61,9 @@ def analysis_of(
     """Return estimates, evidence, tables and figures of lasers; ``missing``: what has no result already."""
     estimates = [entry for laser in results for entry in record_estimates(laser, requirement, method)]
     told = [entry["conditions"] for entry in estimates if entry["quantity"] == "angle_random_walk"]
+    no_walk = say("missing.no_walk")
     missing = missing + [
-        f"{laser.name}: {LABELS[method]}: {laser.missing.get(method, 'no random walk could be told from quantisation')}"
+        say("missing.method", name=laser.name, method=label(method), why=laser.missing.get(method, no_walk))
         for laser in results
         if laser.record.place(laser.clock_Hz) | {"method": method} not in told
     ]

@@ -25,6 +25,7 @@ from bench.systems.lock_in.estimators.random_walk import (
 from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, turnarounds
 from bench.systems.lock_in.records import Bools, Events, Int64, Stretch
+from bench.systems.lock_in.wording import say
 
 Compensator = Callable[[Turnarounds], Jumps]
 RAW, GLOBAL = "raw", "global_constants"
@@ -191,12 +192,12 @@ def _all_jumps(turns: Turnarounds) -> tuple[dict[str, Jumps], GlobalConstants | 
         constants = global_constants(turns)
         jumps[GLOBAL] = constants.jumps
     except FitError as error:
-        refused[GLOBAL] = f"{error.message} ({error.code})"
+        refused[GLOBAL] = say("error", why=error.message, code=error.code)
     for name, compensator in _LOCAL.items():
         try:
             jumps[name] = compensator(turns)
         except FitError as error:
-            refused[name] = f"{error.message} ({error.code})"
+            refused[name] = say("error", why=error.message, code=error.code)
     return jumps, constants, refused
 
 

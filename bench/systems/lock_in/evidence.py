@@ -25,7 +25,7 @@ from bench.systems.lock_in.estimators.random_walk import RandomWalk, random_walk
 from bench.systems.lock_in.estimators.steadiness import change, enough, line, wander
 from bench.systems.lock_in.plausibility import CONSTANTS, RATIOS, WALKS, implausible
 from bench.systems.lock_in.result import LaserResult, walk_dof, walk_std_deg_rth
-from bench.systems.lock_in.tables import LABELS
+from bench.systems.lock_in.wording import label, say
 
 _TIMES, _SWINGS, _PHASES = 4, 4, 8  # groups of turnarounds
 _FIRST_ORDER = 0.1  # of the largest jump squared: of the rate, relative, and of the phase, rad
@@ -53,22 +53,16 @@ def _constants(laser: LaserResult) -> Iterator[Evidence]:
     place = _place(laser)
     for fit in laser.found.constants:
         groups = _groups(fit)
-        for name, words in _GROUPS.items():
+        for name in _GROUPS:
             seen = constancy(fit, groups[name])
             moves = _beyond_first_order(laser, seen)
-            sentence = (
-                f"The lock-in of {laser.name} differs {words} (F {seen.figure:.3g}): rate or phase is not one "
-                "constant, or the crossings hold something else. Look at dither, comparators and temperature."
-            )
+            sentence = say(f"evidence.lock_in_by_{name}", name=laser.name, figure=seen.figure)
             yield Evidence(
                 f"lock_in_by_{name}", sentence, seen.figure, max(seen.probability, _SMALLEST), _in_U(laser, moves),
                 CONSTANTS, place,
             )  # fmt: skip
         probability, factor = runs(fit)
-        sentence = (
-            f"What the turnarounds of {laser.name} leave follows in runs: the uncertainty of the constants would be "
-            f"{factor:.2g} times as large."
-        )
+        sentence = say("evidence.lock_in_in_runs", name=laser.name, factor=factor)
         yield Evidence(
             "lock_in_in_runs",
             sentence,
@@ -80,12 +74,7 @@ def _constants(laser: LaserResult) -> Iterator[Evidence]:
         )
 
 
-_GROUPS = {
-    "time": "from one part of the record to the next",
-    "sense": "between maxima and minima of the angle",
-    "phase": "with the phase at which the angle turns",
-    "swing": "with the amplitude of the dither",
-}
+_GROUPS = ("time", "sense", "phase", "swing")
 
 
 def _groups(fit: GlobalConstants) -> dict[str, Any]:
@@ -121,24 +110,20 @@ def _output(laser: LaserResult, method: str, walk: RandomWalk) -> Iterator[Evide
     increment = laser.found.increments[method]
     if not enough(increment):
         return
-    of_it = f"The output of {laser.name} ({LABELS[method]})"
+    of_it = say("evidence.output", name=laser.name, method=label(method))
     ticks = laser.found.interval_s * laser.clock_Hz
-    checks: tuple[tuple[str, Callable[[Floats], Any], str], ...] = (
-        ("rate_wanders", wander, "wanders slowly, {figure:.3g} times as much as its random walk: the rate drifted or "
-         "stepped. Keep the base still and the temperature steady."),
-        ("line_in_rate", lambda values: line(values, ticks), "swings at one frequency, {figure:.3g} times above its "
-         "noise. Look for vibration of the base."),
-    )  # fmt: skip
-    for code, check, words in checks:
+    checks: tuple[tuple[str, Callable[[Floats], Any]], ...] = (
+        ("rate_wanders", wander),
+        ("line_in_rate", lambda values: line(values, ticks)),
+    )
+    for code, check in checks:
         seen = check(increment)
         move = _move(laser, walk, seen.left) if seen.probability < _LOOKED_AT else 0.0
-        sentence = f"{of_it} {words.format(figure=seen.figure)}"
+        sentence = say(f"evidence.{code}", output=of_it, figure=seen.figure)
         yield from _of_walk(laser, method, code, sentence, seen.figure, seen.probability, move)
     probability, ratio = change(increment)
     move = abs((1.0 + ratio) / math.sqrt(2.0 * (1.0 + ratio**2)) - 1.0) * walk.n_deg_rth / _U(walk)
-    sentence = (
-        f"{of_it} scatters {ratio:.2f} times as much in the second half as in the first: it is not one random walk."
-    )
+    sentence = say("evidence.walk_changes", output=of_it, ratio=ratio)
     yield from _of_walk(laser, method, "walk_changes", sentence, ratio, probability, move)
     yield from _misfit(laser, method, walk, of_it)
 
@@ -149,10 +134,7 @@ def _misfit(laser: LaserResult, method: str, walk: RandomWalk, of_it: str) -> It
     move = 0.0
     if probability < _LOOKED_AT:
         move = _move(laser, walk, laser.found.increments[method], TERMS)
-    sentence = (
-        f"{of_it} has an Allan deviation that is not that of random walk and quantisation (chi-squared {walk.chi2:.3g} "
-        f"for {walk.dof}): with bias instability, rate random walk and a ramp the random walk is another one."
-    )
+    sentence = say("evidence.allan_misfit", output=of_it, chi2=walk.chi2, dof=walk.dof)
     yield from _of_walk(laser, method, "allan_misfit", sentence, walk.chi2 / max(walk.dof, 1), probability, move)
 
 
@@ -189,10 +171,7 @@ def _against_theory(laser: LaserResult) -> Iterator[Evidence]:
     dof = walk_dof(walk)
     square = dof * (walk.n_deg_rth / theory) ** 2
     probability = min(1.0, 2.0 * float(min(special.chdtr(dof, square), special.chdtrc(dof, square))))
-    sentence = (
-        f"The random walk of {laser.name} before compensation is {walk.n_deg_rth / theory:.3g} times the one that its "
-        "lock-in makes by equation (6): something else adds to it, or the jumps are not independent."
-    )
+    sentence = say("evidence.walk_unlike_lock_in", name=laser.name, ratio=walk.n_deg_rth / theory)
     yield from _of_walk(
         laser, RAW, "walk_unlike_lock_in", sentence, walk.n_deg_rth / theory, probability,
         abs(walk.n_deg_rth - theory) / _U(walk),

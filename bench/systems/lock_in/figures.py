@@ -15,7 +15,7 @@ from bench.systems.lock_in.compensation import COMPENSATORS, RAW
 from bench.systems.lock_in.estimates import NATO_MIL_DEG, Requirement, alignment_s
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, alignment_time_s
 from bench.systems.lock_in.result import LaserResult, walk_std_deg_rth
-from bench.systems.lock_in.tables import LABELS
+from bench.systems.lock_in.wording import label, say
 
 _TIMES_s = np.geomspace(1.0, 3600.0, 61)
 _WALKS = (0.001, 0.002, 0.005, 0.01)  # deg/sqrt(h), of figure 1
@@ -58,15 +58,12 @@ def _alignment(results: Sequence[LaserResult], requirement: Requirement, method:
             measured = laser.walks.get(name)
             if measured is not None and measured.n_deg_rth > 0.0:
                 points = slice(0, None, 6)
-                label = f"{100 * laser.record.path_length_m:g} cm, {LABELS[name]}"
+                words = say("figure1.measured", path=100 * laser.record.path_length_m, method=label(name))
                 error = error_mil(alignment_s(measured, one_mil).value)
-                parts.append(curve(label, _TIMES_s[points], error[points], "points"))
-    title = "Figure 1: alignment error against alignment time"
-    caption = (
-        f"Equation (2) at latitude {requirement.latitude_deg:g} deg: lines for given random walks, points for "
-        "those measured here at the fastest clock; one standard deviation, 1 mil = 360/6400 deg."
-    )
-    return Figure(title, caption, "alignment time, s", "alignment error, mil", parts, x_log=True, y_log=True)
+                parts.append(curve(words, _TIMES_s[points], error[points], "points"))
+    caption = say("figure1.caption", latitude=requirement.latitude_deg)
+    axes = say("axis.alignment_time"), say("axis.alignment_error")
+    return Figure(say("figure1.title"), caption, *axes, parts, x_log=True, y_log=True)
 
 
 def _path_length(results: Sequence[LaserResult], method: str) -> Figure:
@@ -80,21 +77,17 @@ def _path_length(results: Sequence[LaserResult], method: str) -> Figure:
     ]
     for name in (RAW, method):
         chosen = [laser for laser in best_by_path(results) if name in laser.walks]
-        parts.append(_points(LABELS[name], [100 * laser.record.path_length_m for laser in chosen],
+        parts.append(_points(label(name), [100 * laser.record.path_length_m for laser in chosen],
                               [laser.walks[name] for laser in chosen]))  # fmt: skip
-    title = "Figure 2: random walk against path length"
-    caption = (
-        "Lines: equations (4) and (6), for mirrors of this scattering, set to the paper's example of 0.001 "
-        "deg/h^0.5 at 30 cm and 10 ppm. Points: measured, fastest clock, with 95 % intervals."
-    )
-    return Figure(title, caption, "optical path, cm", "random walk, deg/h^0.5", parts, y_log=True)
+    axes = say("axis.path"), say("axis.random_walk")
+    return Figure(say("figure2.title"), say("figure2.caption"), *axes, parts, y_log=True)
 
 
-def _points(label: str, x: Sequence[float], walks: Sequence[RandomWalk]) -> Series:
+def _points(name: str, x: Sequence[float], walks: Sequence[RandomWalk]) -> Series:
     value = np.array([walk.n_deg_rth for walk in walks])
     reach = coverage_factor() * np.array([walk_std_deg_rth(walk) for walk in walks])
     low = np.maximum(value - reach, 1e-3 * value)  # the axis is logarithmic
-    return series(label, x, value, "points", low=low, high=value + reach)
+    return series(name, x, value, "points", low=low, high=value + reach)
 
 
 def _ratios(results: Sequence[LaserResult]) -> list[Figure]:
@@ -106,11 +99,10 @@ def _ratios(results: Sequence[LaserResult]) -> list[Figure]:
             x = [100 * laser.record.path_length_m for laser in chosen]
             figures.append(
                 Figure(
-                    f"{clock_Hz / 1e6:g} MHz",
-                    "Figure 12: random walk behind each compensator over that before it, with 95 % intervals; "
-                    "above 1 it does harm.",
-                    "optical path, cm",
-                    "ratio of random walks",
+                    say("figure.clock", clock=clock_Hz / 1e6),
+                    say("figure12.caption"),
+                    say("axis.path"),
+                    say("axis.ratio"),
                     [_ratio_points(method, chosen, x) for method in COMPENSATORS],
                     y_log=True,
                     group="Random walk behind over before",
@@ -124,7 +116,7 @@ def _ratio_points(method: str, results: Sequence[LaserResult], x: Sequence[float
     seen = [(at, ratio) for at, ratio in seen if ratio.value > 0.0 and np.isfinite(ratio.std)]
     reach = coverage_factor()
     return series(
-        LABELS[method],
+        label(method),
         [at for at, _ in seen],
         [ratio.value for _, ratio in seen],
         "points",
@@ -143,12 +135,10 @@ def _backscatter(results: Sequence[LaserResult]) -> list[Figure]:
     x = [laser.backscatter_deg.value for laser in chosen if laser.backscatter_deg is not None]
     return [
         Figure(
-            "Ratio against backscatter phase",
-            "Random walk behind each compensator over that before it, against the phase that the global fit found. "
-            "A fit of the crossings on each side alone works near ±90 deg only: elsewhere the ripple of the "
-            "beat's phase sits on the crossings next to the turnaround.",
-            "backscatter phase, deg",
-            "ratio of random walks",
+            say("backscatter.title"),
+            say("backscatter.caption"),
+            say("axis.backscatter"),
+            say("axis.ratio"),
             [_ratio_points(method, chosen, x) for method in COMPENSATORS],
             y_log=True,
         )
@@ -165,17 +155,16 @@ def _allan(results: Sequence[LaserResult], method: str) -> list[Figure]:
             if walk is None:
                 continue
             parts.append(
-                series(LABELS[name], walk.tau_s, walk.deviation_deg_h, "points",
+                series(label(name), walk.tau_s, walk.deviation_deg_h, "points",
                        low=walk.low_deg_h, high=walk.high_deg_h)
             )  # fmt: skip
-            parts.append(curve(f"{LABELS[name]}, fit", walk.tau_s, walk.fitted_deg_h, "line"))
+            parts.append(curve(say("figure.fit", method=label(name)), walk.tau_s, walk.fitted_deg_h, "line"))
         figures.append(
             Figure(
                 laser.name,
-                "Overlapping Allan deviation of the latched counts before and after compensation, 95 % intervals, "
-                "and random walk with quantisation noise fitted together.",
-                "averaging time, s",
-                "Allan deviation, deg/h",
+                say("allan.caption"),
+                say("axis.averaging_time"),
+                say("axis.allan"),
                 parts,
                 x_log=True,
                 y_log=True,

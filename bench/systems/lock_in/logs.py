@@ -28,6 +28,7 @@ from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import GYRO_TERMS, NoiseTerms, allan_variance_of, fit_noise_terms
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.bias import bias_alignment_error_deg
+from bench.systems.lock_in.wording import say
 
 METHODS: tuple[str, ...] = ("allan",)
 _TERMS = ("quantisation_noise", "white_noise", "bias_instability", "random_walk")
@@ -52,8 +53,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         uut=dict(material.campaign["uut"]),
         estimates=entries,
         notes=[
-            f"{rate_deg_h.size} intervals of {interval_s:.6g} s; the Earth's rate is part of the mean rate.",
-            "Counts that are not latched in step with the dither hold its angle as noise.",
+            say("log.intervals", count=rate_deg_h.size, seconds=interval_s),
+            say("log.latched"),
         ],
         tables=[_table(entries)],
         figures=[_figure(deviation, terms)],
@@ -118,23 +119,22 @@ def _alignment(terms: NoiseTerms, laser: Mapping[str, Any] | None, n: int) -> Es
 def _table(entries: Estimates) -> Table:
     rows = [
         [
-            entry["quantity"].replace("_", " "),
+            say(f"term.{entry['quantity']}"),
             entry["unit"],
             with_uncertainty(entry["value"], entry["expanded_uncertainty"]),
         ]
         for entry in entries
     ]
-    return Table(
-        "Ring laser at rest", "Noise terms that the log shows.", ["quantity", "unit", "value"], rows, lead=True
-    )
+    headers = [say(f"head.{name}") for name in ("quantity", "unit", "value")]
+    return Table(say("log.title"), say("log.caption"), headers, rows, lead=True)
 
 
 def _figure(deviation: AllanDeviation, terms: NoiseTerms) -> Figure:
     parts = [
-        curve("measured", deviation.tau_s, deviation.deviation, "points"),
-        curve("fit", deviation.tau_s, terms.fitted),
+        curve(say("log.measured"), deviation.tau_s, deviation.deviation, "points"),
+        curve(say("log.fit"), deviation.tau_s, terms.fitted),
     ]
-    return Figure("Allan deviation of the rate", "", "averaging time, s", "deg/h", parts, x_log=True, y_log=True)
+    return Figure(say("log.figure"), "", say("axis.averaging_time"), "deg/h", parts, x_log=True, y_log=True)
 
 
 def _unusable(why: str) -> FitError:

@@ -11,7 +11,7 @@ from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL
 from bench.systems.lock_in.estimates import Requirement
 from bench.systems.lock_in.result import LaserResult, misfit
-from bench.systems.lock_in.tables import LABELS
+from bench.systems.lock_in.wording import label, listed, say
 
 _NEAR_90_DEG = 10.0
 _SENSOR_OFF = 0.03  # of the dither amplitude; its sensor is good to 1 %
@@ -40,11 +40,11 @@ def _harm(results: Sequence[LaserResult]) -> list[str]:
         worse = [laser for laser in results if laser.is_worse(method)]
         if worse:
             ratios = [ratio.value for ratio in (laser.ratio(method) for laser in worse) if ratio is not None]
-            span = f"{min(ratios):.2f} to {max(ratios):.2f}" if len(ratios) > 1 else f"{ratios[0]:.2f}"
-            notes.append(
-                f"Compensation by {LABELS[method]} makes the gyroscope WORSE: random walk times {span} at "
-                f"{'; '.join(laser.name for laser in worse)}. Without it the output is better there."
-            )
+            about = {"method": label(method), "names": listed(laser.name for laser in worse)}
+            if len(ratios) > 1:
+                notes.append(say("note.harm_span", **about, low=min(ratios), high=max(ratios)))
+            else:
+                notes.append(say("note.harm", **about, ratio=ratios[0]))
     return notes
 
 
@@ -58,26 +58,23 @@ def _better(results: Sequence[LaserResult], judged: str) -> list[str]:
             if mine is None or other is None:
                 continue
             if mine.value - other.value > coverage_factor() * float(np.hypot(mine.std, other.std)):
-                notes.append(
-                    f"{laser.name}: {LABELS[method]} leaves less random walk than {LABELS[judged]}: {other.value:.3f} "
-                    f"against {mine.value:.3f} of that before."
-                )
+                about = {"name": laser.name, "other": label(method), "judged": label(judged)}
+                notes.append(say("note.better", **about, ratio=other.value, of_judged=mine.value))
     return notes
 
 
 def _condition(results: Sequence[LaserResult]) -> list[str]:
-    text = (
-        "The paper's reduction of the random walk to a half or a third by crossings next to the turnaround holds for a "
-        "backscatter phase near ±90 deg; elsewhere the ripple of the beat's phase biases every extrapolation."
-    )
+    condition = say("note.condition")
     phases = [laser.backscatter_deg.value for laser in results if laser.backscatter_deg is not None]
     if not phases:
-        return [text]
+        return [condition]
     off = float(np.max(np.abs(np.abs(phases) - 90.0)))
     if off <= _NEAR_90_DEG:
-        return [f"{text} Here it is within {off:.1f} deg of that, so these ratios are not those of any other laser."]
+        return [say("note.condition_near", condition=condition, off=off)]
     span = sorted({f"{phase:.0f}" for phase in (min(phases), max(phases))}, key=float)
-    return [f"{text} Found here: {' to '.join(span)} deg."]
+    if len(span) == 1:
+        return [say("note.condition_found", condition=condition, phase=span[0])]
+    return [say("note.condition_span", condition=condition, low=span[0], high=span[-1])]
 
 
 def _model(results: Sequence[LaserResult]) -> list[str]:
@@ -85,17 +82,10 @@ def _model(results: Sequence[LaserResult]) -> list[str]:
     for laser in results:
         share = laser.systematic_share
         if share is not None and share > _MODEL_OFF:
-            notes.append(
-                f"{laser.name}: {100 * share:.0f} % of the RMS jump is left behind the global fit as a function of the "
-                "phase: the lock-in is not of one constant size and phase (second harmonic, drift), and the fit takes "
-                "off less than its own uncertainty says."
-            )
+            notes.append(say("note.model", name=laser.name, share=100 * share))
         moved = _moved(laser)
         if moved:
-            notes.append(
-                f"{laser.name}: {moved} between blocks of the record by more than the uncertainties explain; each "
-                "block is compensated with its own constants."
-            )
+            notes.append(say("note.moved", name=laser.name, moved=moved))
     return notes
 
 
@@ -103,15 +93,11 @@ def _off(results: Sequence[LaserResult]) -> list[str]:
     """Outputs that random walk and quantisation do not describe, in one sentence."""
     off = []
     for laser in results:
-        methods = [LABELS[name] for name, walk in laser.walks.items() if misfit(walk) > 1.0]
-        off += [f"{laser.name} ({'; '.join(methods)})"] if methods else []
+        methods = listed(label(name) for name, walk in laser.walks.items() if misfit(walk) > 1.0)
+        off += [say("off.output", name=laser.name, methods=methods)] if methods else []
     if not off:
         return []
-    return [
-        f"Random walk and quantisation do not describe the Allan deviation of {', '.join(off)}: the uncertainty is "
-        "widened by as much as it is off. A period of the dither that stays in step with the clock of the tagger is "
-        "one cause: the quantisation of the pick-off is then a slow beat and not noise."
-    ]
+    return [say("note.off", outputs=listed(off, "list.comma"))]
 
 
 def _moved(laser: LaserResult) -> str:
@@ -119,25 +105,21 @@ def _moved(laser: LaserResult) -> str:
     moved = []
     for fit in laser.found.constants:
         blocks = (
-            ("the lock-in rate moves", fit.block_kappa_rad_s, fit.block_kappa_std_rad_s),
-            ("the backscatter phase moves", np.unwrap(fit.block_beta_rad), fit.block_beta_std_rad),
+            ("moved.rate", fit.block_kappa_rad_s, fit.block_kappa_std_rad_s),
+            ("moved.phase", np.unwrap(fit.block_beta_rad), fit.block_beta_std_rad),
         )
-        for words, value, std in blocks:
+        for key, value, std in blocks:
             chi2 = float(np.sum(((value - np.average(value, weights=std**-2.0)) / std) ** 2))
             if value.size > 1 and special.chdtrc(value.size - 1, chi2) < _PROBABILITY:
-                moved.append(words)
-    return " and ".join(dict.fromkeys(moved))
+                moved.append(say(key))
+    return listed(dict.fromkeys(moved), "list.and")
 
 
 def _standing(requirement: Requirement) -> list[str]:
     return [
-        f"Alignment times are those of equation (2) to {requirement.error_deg:.5g} deg, one standard deviation, from "
-        "random walk alone: bias, accelerometers and motion of the base come on top.",
-        "There is no true angle in a record: ratios are of Allan deviations of the latched counts, and the reference "
-        "of the figures is the global fit. It assumes the equation that simulated lasers obey, so its ratio on a "
-        "simulated bench is a best case.",
-        "Ratios are given as if both random walks were independent; a compensator that does little leaves them alike, "
-        "so that their ratio is better known than stated.",
+        say("note.alignment", error=requirement.error_deg),
+        say("note.no_truth"),
+        say("note.independent"),
     ]
 
 
@@ -146,38 +128,30 @@ def _losses(results: Sequence[LaserResult]) -> list[str]:
     for laser in results:
         events, stretches = laser.events, laser.found.stretches
         if events.lost_blocks or events.lost_edges or events.torn:
-            notes.append(
-                f"{laser.name}: {events.lost_blocks} blocks lost, {events.lost_edges} edges dropped by the tagger; the "
-                f"record was analysed in {'1 stretch' if stretches == 1 else f'{stretches} stretches'} of "
-                f"{laser.found.seconds:.2f} s in all, nothing was bridged."
-            )
+            lost = {"blocks": events.lost_blocks, "edges": events.lost_edges, "seconds": laser.found.seconds}
+            if stretches == 1:
+                notes.append(say("note.losses_one", name=laser.name, **lost))
+            else:
+                notes.append(say("note.losses", name=laser.name, **lost, stretches=stretches))
         if events.dark:
-            notes.append(
-                f"{laser.name}: {events.dark} blocks of 10 ms without any edge: the laser was dark, or its beat did "
-                "not reach the tagger. What comes behind is a stretch of its own; a laser that was started anew is "
-                "cold."
-            )
+            notes.append(say("note.dark", name=laser.name, count=events.dark))
         used = max(laser.found.used.values(), default=0)
         if used < (1.0 - _MOST_UNUSED) * laser.found.turnarounds:
-            notes.append(
-                f"{laser.name}: only {used} of {laser.found.turnarounds} turnarounds could be compensated; the others "
-                "stay as they are, so the ratios say little about the compensators."
-            )
-        sensed = laser.record.dither_deg_s
-        if sensed is None:
-            notes.append(
-                f"{laser.name}: no housekeeping with the dither amplitude: the levels counted cannot be held against "
-                "it."
-            )
-        elif abs(laser.counted_dither_deg_s / sensed - 1.0) > _SENSOR_OFF:
-            notes.append(
-                f"{laser.name}: the sensor says {sensed:.2f} deg/s of dither, the counted levels "
-                f"{laser.counted_dither_deg_s:.2f}: the path length stated, or the sensor, is wrong."
-            )
-        refused = ", ".join(LABELS.get(name, name) for name in laser.missing if name != GLOBAL)
+            notes.append(say("note.unused", name=laser.name, used=used, of=laser.found.turnarounds))
+        notes += _dither(laser)
+        refused = listed((label(name) for name in laser.missing if name != GLOBAL), "list.comma")
         if refused:
-            notes.append(f"{laser.name}: no result by {refused}.")
+            notes.append(say("note.no_result", name=laser.name, methods=refused))
     return notes
+
+
+def _dither(laser: LaserResult) -> list[str]:
+    sensed, counted = laser.record.dither_deg_s, laser.counted_dither_deg_s
+    if sensed is None:
+        return [say("note.no_sensor", name=laser.name)]
+    if abs(counted / sensed - 1.0) > _SENSOR_OFF:
+        return [say("note.sensor_off", name=laser.name, sensed=sensed, counted=counted)]
+    return []
 
 
 def _left_out(results: Sequence[LaserResult]) -> list[str]:
@@ -187,10 +161,7 @@ def _left_out(results: Sequence[LaserResult]) -> list[str]:
         odd_s, repeated = laser.found.odd_s, laser.events.repeated
         if odd_s and laser.found.odd_left_out:
             times = ", ".join(f"{time_s:.3f} s" for time_s in odd_s[:5])
-            notes.append(
-                f"{laser.name}: left out, as the count is unlike all others round it: {len(odd_s)} half periods of the "
-                f"dither (at {times})."
-            )
+            notes.append(say("note.odd", name=laser.name, count=len(odd_s), times=times))
         if repeated:
-            notes.append(f"{laser.name}: left out, as they repeat an earlier one edge by edge: {repeated} blocks.")
+            notes.append(say("note.repeated", name=laser.name, count=repeated))
     return notes

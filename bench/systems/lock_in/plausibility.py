@@ -13,6 +13,7 @@ import numpy as np
 
 from bench.analysis import Evidence
 from bench.systems.lock_in.result import LaserResult
+from bench.systems.lock_in.wording import say
 
 CONSTANTS = ("lock_in_rate", "backscatter_phase")
 RATIOS = ("random_walk_ratio", "alignment_time_ratio")
@@ -40,33 +41,21 @@ def _certain(code: str, sentence: str, figure: float, laser: LaserResult, quanti
 def _counts(laser: LaserResult) -> Iterator[Evidence]:
     odd, repeated, blocks = len(laser.found.odd_s), laser.events.repeated, laser.record.blocks
     if not laser.found.odd_left_out:
-        sentence = (
-            f"The count of {laser.name} is odd at {odd} half periods of the dither, as where edges are lost without a "
-            "trace. Check comparators and tagger and take the record again."
-        )
+        sentence = say("evidence.count_odd", name=laser.name, count=odd)
         yield _certain("count_odd", sentence, float(odd), laser, WALKS)
     if repeated > max(1.0, _MOST_REPEATED * blocks):
-        sentence = (
-            f"{repeated} of {blocks} blocks of {laser.name} repeat an earlier one edge by edge. Check the tagger and "
-            "its link and take the record again."
-        )
+        sentence = say("evidence.repeated_blocks", repeated=repeated, blocks=blocks, name=laser.name)
         yield _certain("repeated_blocks", sentence, float(repeated), laser)
 
 
 def _dither(laser: LaserResult) -> Iterator[Evidence]:
     sensed, counted, scatter = laser.record.dither_deg_s, laser.counted_dither_deg_s, laser.found.dither_scatter
     if sensed is not None and abs(counted / sensed - 1.0) > _SENSOR_OFF:
-        sentence = (
-            f"The levels counted of {laser.name} make {counted:.2f} deg/s of dither, its sensor says {sensed:.2f}: "
-            "path length, clock or sensor is not what was stated, and all angles go with the first two. See all three."
-        )
+        sentence = say("evidence.dither_disagrees", name=laser.name, counted=counted, sensed=sensed)
         yield _certain("dither_disagrees", sentence, counted / sensed - 1.0, laser)
     if scatter is not None and scatter < _LEAST_SCATTER:
-        sentence = (
-            f"The dither's amplitude of {laser.name} scatters by {100 * scatter:.2f} %. Below {100 * _LEAST_SCATTER:g} "
-            "% the errors of turnarounds follow one another (dynamic lock-in): they are no random walk, equation (6) "
-            "does not hold, and part of the input rate may be lost. Put more noise on the dither."
-        )
+        percent = {"scatter": 100 * scatter, "least": 100 * _LEAST_SCATTER}
+        sentence = say("evidence.dither_too_regular", name=laser.name, **percent)
         yield _certain("dither_too_regular", sentence, scatter, laser, (*WALKS, *CONSTANTS))
 
 
@@ -74,10 +63,7 @@ def _stamps(laser: LaserResult) -> Iterator[Evidence]:
     step = laser.events.step_ticks
     turned = laser.found.swing_rad * laser.found.omega_rad_s / 2.0 * step / laser.clock_Hz
     if turned > _MOST_STEP_rad:
-        sentence = (
-            f"The time stamps of {laser.name} are multiples of {step} ticks, in which the phase turns by {turned:.2g} "
-            "rad: too coarse for any of these fits. Check the tagger."
-        )
+        sentence = say("evidence.coarse_time_stamps", name=laser.name, step=step, turned=turned)
         yield _certain("coarse_time_stamps", sentence, turned, laser)
 
 
@@ -85,9 +71,6 @@ def _lock_in(laser: LaserResult) -> Iterator[Evidence]:
     squares = [2.0 * float(np.nanmean(np.square(fit.jumps.dpsi_rad))) for fit in laser.found.constants]
     largest = math.sqrt(max(squares, default=0.0))
     if largest > _MOST_JUMP_rad:
-        sentence = (
-            f"The lock-in of {laser.name} makes jumps of {largest:.2g} rad; its equations hold to {_MOST_JUMP_rad:g} "
-            "rad. Check path length, dither and comparators."
-        )
+        sentence = say("evidence.implausible_lock_in", name=laser.name, largest=largest, most=_MOST_JUMP_rad)
         place = laser.record.place(laser.clock_Hz)
         yield Evidence("implausible_lock_in", sentence, largest, 0.0, math.inf, CONSTANTS, place, refuses=True)

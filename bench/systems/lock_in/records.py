@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from bench.analysis import Material
 from bench.model.errors import FitError
 from bench.model.quality import Quality
+from bench.systems.lock_in.wording import say
 
 if TYPE_CHECKING:
     from bench.record import RecordRow, Samples
@@ -111,7 +112,7 @@ def not_recorded(records: Sequence[LaserRecord]) -> list[str]:
     }
     paths, clocks = ([*dict.fromkeys(column)] for column in zip(*sorted(there, key=str), strict=True))
     return [
-        f"path {100 * path:g} cm with the clock of {float(clock) / 1e6:g} MHz: no record"
+        say("missing.no_record", path=100 * path, clock=float(clock) / 1e6)
         for path, clock in product(paths, clocks)
         if (path, clock) not in there and clock is not None
     ]

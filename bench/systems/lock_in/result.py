@@ -21,6 +21,7 @@ from bench.systems.lock_in.estimators.random_walk import (
     random_walk,
 )
 from bench.systems.lock_in.records import Events, LaserRecord
+from bench.systems.lock_in.wording import say
 
 _ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
 _FEWEST_DOF = 4.0  # of a walk that quantisation hides
@@ -89,9 +90,11 @@ class LaserResult:
     def name(self) -> str:
         """As notes and figures call it."""
         record = self.record
-        phase = "" if record.phase_setting_deg is None else f", set to {record.phase_setting_deg:g} deg"
-        number = f", record {record.number}" if record.several else ""
-        return f"{100 * record.path_length_m:g} cm, {self.clock_Hz / 1e6:g} MHz{phase}{number}"
+        place = {"path": 100 * record.path_length_m, "clock": self.clock_Hz / 1e6}
+        name = say("name", **place)
+        if record.phase_setting_deg is not None:
+            name = say("name.phase", **place, phase=record.phase_setting_deg)
+        return say("name.record", name=name, number=record.number) if record.several else name
 
     @property
     def gain(self) -> float:
@@ -194,13 +197,13 @@ def laser_result(record: LaserRecord) -> LaserResult:
     missing = dict(compensation.refused)
     for method in (RAW, *COMPENSATORS):
         if method != RAW and not compensation.used.get(method):
-            missing.setdefault(method, "no turnaround could be compensated")
+            missing.setdefault(method, say("missing.no_turnaround"))
             continue
         try:
             of_output = compensation.increments[method], compensation.interval_s, record.path_length_m
             walks[method], biases[method] = random_walk(*of_output), bias_instability(output_deviation(*of_output))
         except FitError as error:
-            missing[method] = f"{error.message} ({error.code})"
+            missing[method] = say("error", why=error.message, code=error.code)
     return LaserResult(record, events.clock_Hz, events, compensation, walks, missing, biases)
 
 

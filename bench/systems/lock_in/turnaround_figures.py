@@ -14,7 +14,7 @@ import numpy as np
 from bench.analysis import Figure, Floats, Series, Style, curve
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW
 from bench.systems.lock_in.result import LaserResult
-from bench.systems.lock_in.tables import LABELS
+from bench.systems.lock_in.wording import label, say
 
 _PAPER_PATH_M = 0.28  # the laser of the paper's figures 7 to 11
 _TURNAROUNDS = 80  # of figures that show single ones
@@ -56,27 +56,23 @@ def _beat(chosen: Sequence[LaserResult]) -> list[Figure]:
     curved = np.polynomial.Polynomial.fit(time_s, phase_rad, 2)
     at_s = np.linspace(-_WAVE_s, _WAVE_s, 481)
     near = time_s[np.abs(time_s) <= _WAVE_s]
-    title = f"Beat round a turnaround, {chosen[-1].name}"
-    caption = (
-        "Figure 7: measured crossings of the beat round one turnaround, the wave through them as a parabola of the "
-        "phase gives it, and one crossing among the ticks of each clock."
-    )
+    title, axes = say("beat.title", name=chosen[-1].name), (say("axis.time_us"), say("axis.beat"))
     parts = [
-        curve("beat", 1e6 * at_s, np.sin(curved(at_s)), "line"),
-        curve("crossings", 1e6 * near, np.zeros(near.size), "points"),
+        curve(say("beat.beat"), 1e6 * at_s, np.sin(curved(at_s)), "line"),
+        curve(say("beat.crossings"), 1e6 * near, np.zeros(near.size), "points"),
     ]
-    wave = Figure(title, caption, "time, µs", "beat", parts, group="Beat and crossings")
+    wave = Figure(title, say("beat.caption"), *axes, parts, group="Beat and crossings")
     rate_rad_s = float((phase_rad[side + 2] - phase_rad[side]) / (time_s[side + 2] - time_s[side]))
     zoom_s = np.linspace(-_ZOOM_s, _ZOOM_s, 101)
-    series = [curve("beat", 1e9 * zoom_s, np.sin(rate_rad_s * zoom_s), "line")]
+    series = [curve(say("beat.beat"), 1e9 * zoom_s, np.sin(rate_rad_s * zoom_s), "line")]
     for laser in reversed(chosen):
         ticks = (
             np.arange(-math.floor(_ZOOM_s * laser.clock_Hz), math.floor(_ZOOM_s * laser.clock_Hz) + 1) / laser.clock_Hz
         )
         series.append(
-            curve(f"ticks of {laser.clock_Hz / 1e6:g} MHz", 1e9 * ticks, np.sin(rate_rad_s * ticks), "points")
+            curve(say("beat.ticks", clock=laser.clock_Hz / 1e6), 1e9 * ticks, np.sin(rate_rad_s * ticks), "points")
         )
-    zoom = replace(wave, title="One crossing and the ticks of the clocks", x_label="time, ns", series=series)
+    zoom = replace(wave, title=say("beat.zoom"), x_label=say("axis.time_ns"), series=series)
     return [wave, zoom]
 
 
@@ -86,12 +82,11 @@ def _periods(laser: LaserResult) -> Figure:
     side = time_s.shape[1] // 2
     before, after = time_s[:, side - 1] - time_s[:, side - 3], time_s[:, side + 2] - time_s[:, side]
     return Figure(
-        f"{laser.clock_Hz / 1e6:g} MHz",
-        "Figure 8: period of the beat next to the turnaround, after it minus before it; the differences are whole "
-        "ticks of the clock.",
-        "turnaround",
-        "difference of periods, ns",
-        [_known("after minus before", np.arange(1.0, len(time_s) + 1), 1e9 * (after - before))],
+        say("figure.clock", clock=laser.clock_Hz / 1e6),
+        say("periods.caption"),
+        say("axis.turnaround"),
+        say("axis.periods"),
+        [_known(say("periods.series"), np.arange(1.0, len(time_s) + 1), 1e9 * (after - before))],
         group="Differences of beat periods",
     )
 
@@ -103,17 +98,16 @@ def _estimated(laser: LaserResult) -> Figure:
     series = []
     if GLOBAL in jumps:
         known = jumps[GLOBAL][:_TURNAROUNDS]
-        series.append(_known(LABELS[GLOBAL], place[: known.size], 1e3 * known, "line"))
+        series.append(_known(label(GLOBAL), place[: known.size], 1e3 * known, "line"))
     for method in COMPENSATORS[1:]:
         if method in jumps:
             known = jumps[method][:_TURNAROUNDS]
-            series.append(_known(LABELS[method], place[: known.size], 1e3 * known))
+            series.append(_known(label(method), place[: known.size], 1e3 * known))
     return Figure(
-        f"{laser.clock_Hz / 1e6:g} MHz",
-        "Figure 9: error estimated at single turnarounds. Nobody knows the true one: the line is the global fit, "
-        "which the others are compared with.",
-        "turnaround",
-        "phase jump, mrad",
+        say("figure.clock", clock=laser.clock_Hz / 1e6),
+        say("estimated.caption"),
+        say("axis.turnaround"),
+        say("axis.phase_jump"),
         series,
         group="Estimated error at the turnarounds",
     )
@@ -127,12 +121,9 @@ def _integrated(laser: LaserResult) -> Figure:
         if method in laser.walks:
             off = raw - _cycles(laser, method)[1]
             style: Style = "line" if method == GLOBAL else "points"
-            series.append(_known(LABELS[method], time_s, _detrended(_added(off)) / laser.gain * _ARCSEC, style))
-    caption = (
-        "Figure 10: estimated errors added up, as an angle, without its linear trend. Line: global fit, the "
-        "reference; points: the other methods."
-    )
-    return Figure(f"Integrated error, {laser.name}", caption, "time, s", "integrated error, arcsec", series)
+            series.append(_known(label(method), time_s, _detrended(_added(off)) / laser.gain * _ARCSEC, style))
+    title, axes = say("integrated.title", name=laser.name), (say("axis.time"), say("axis.integrated"))
+    return Figure(title, say("integrated.caption"), *axes, series)
 
 
 def _angle(laser: LaserResult) -> Figure:
@@ -142,10 +133,9 @@ def _angle(laser: LaserResult) -> Figure:
         if method in laser.walks and method in (RAW, GLOBAL, "fresnel", "dither_shape"):
             time_s, increment = _cycles(laser, method)
             angle = _detrended(_added(increment)) / laser.gain * _ARCSEC
-            series.append(_known(LABELS[method], time_s, angle, "line"))
-    title = f"Angle before and after compensation, {laser.name}"
-    caption = "Figure 11: net angle by the latched counts at the dither's zeros, without its linear trend."
-    return Figure(title, caption, "time, s", "angle, arcsec", series)
+            series.append(_known(label(method), time_s, angle, "line"))
+    title, caption = say("angle.title", name=laser.name), say("angle.caption")
+    return Figure(title, caption, say("axis.time"), say("axis.angle"), series)
 
 
 def _left(laser: LaserResult) -> list[Figure]:
@@ -154,18 +144,14 @@ def _left(laser: LaserResult) -> list[Figure]:
     turn = np.mod(shown.psi0_rad, math.tau) / math.pi
     if not np.isfinite(shown.left_rad).any():
         return []
-    parts = [_known("behind the global fit", turn, 1e3 * shown.left_rad)]
+    parts = [_known(say("left.behind"), turn, 1e3 * shown.left_rad)]
     reference = shown.jumps.get(GLOBAL)
     for method in ("dither_shape", "fresnel"):
         if method in shown.jumps and reference is not None:
             wrong = 1e3 * (shown.jumps[method] - reference)
-            parts.append(_known(f"{LABELS[method]}, less global", turn[: wrong.size], wrong))
-    title = f"Residual against the phase at the turnaround, {laser.name}"
-    caption = (
-        "Jump that the crossings still show behind the global fit, and by how much single-turnaround "
-        "methods differ from it. A pattern is an error of the model or of the method; noise has none."
-    )
-    return [Figure(title, caption, "phase at the turnaround, pi", "jump, mrad", parts)]
+            parts.append(_known(say("left.less", method=label(method)), turn[: wrong.size], wrong))
+    title, caption = say("left.title", name=laser.name), say("left.caption")
+    return [Figure(title, caption, say("axis.phase"), say("axis.jump"), parts)]
 
 
 def _cycles(laser: LaserResult, method: str) -> tuple[Floats, Floats]:
@@ -187,6 +173,6 @@ def _detrended(values: Floats) -> Floats:
     return np.asarray(values - trend(place))
 
 
-def _known(label: str, x: Floats, y: Floats, style: Style = "points") -> Series:
+def _known(name: str, x: Floats, y: Floats, style: Style = "points") -> Series:
     good = np.isfinite(x) & np.isfinite(y)
-    return curve(label, x[good], y[good], style)
+    return curve(name, x[good], y[good], style)

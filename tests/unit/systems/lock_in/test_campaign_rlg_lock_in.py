@@ -11,10 +11,12 @@ import numpy as np
 import pytest
 from laser_edges import simulated_edges
 from rlg_rig import SITE, laser, material, row_of, without
+from spoken import english_left
 
 from bench.analysis import build_results
 from bench.model.errors import FitError
 from bench.model.quality import Quality
+from bench.model.texts import told
 from bench.systems.lock_in.analysis import METHODS, analyse
 from bench.systems.lock_in.compensation import COMPENSATORS
 from bench.systems.lock_in.estimates import requirement_of
@@ -168,6 +170,11 @@ def test_gaps_are_not_bridged(rows: list[Any], alone: Any) -> None:
         assert after["value"] == pytest.approx(before["value"], abs=4.0 * before["std_uncertainty"])
 
 
+def test_all_that_is_composed_is_said_in_korean(whole: Any) -> None:
+    assert english_left(whole) == set()
+    assert told(whole.tables[1].title, "ko") == "정렬 시간"
+
+
 def test_harm_is_said_aloud() -> None:
     """Backscatter phase 20 deg: parabolas make it worse, and the first note and the lead table say so."""
     edges = simulated_edges(laser(0.28, 20.0), SECONDS, np.random.default_rng(SEED + 1))
@@ -175,6 +182,10 @@ def test_harm_is_said_aloud() -> None:
     assert of(analysis, "random_walk_ratio", method="parabolas")["value"] > 1.3
     assert "parabolas, 4 a side makes the gyroscope WORSE" in analysis.notes[0]
     assert "WORSE" in analysis.tables[0].rows[0][-1]
+    assert told(analysis.tables[0].rows[0][-1], "ko").endswith(" 악화")
+    assert told(analysis.notes[0], "ko").startswith(
+        "포물선, 한쪽 4개 보상으로 자이로스코프가 악화됩니다: 28 cm, 20 MHz"
+    )
     assert any("Found here: 20 deg" in one for one in analysis.notes)
     assert any("equation that simulated lasers obey" in one for one in analysis.notes)
 
