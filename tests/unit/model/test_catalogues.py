@@ -23,7 +23,7 @@ FOLDERS = sorted(
 )
 # Symbols, units, names of files and products, and letters of the formulae: the same in both languages.
 SAME = {
-    "F", "K", "L", "NATO", "arcsec", "cm", "cos", "e-3", "e-4", "lambda", "mdeg", "mil", "nm", "ns", "pi", "rad",
+    "E", "F", "K", "L", "NATO", "arcsec", "cm", "cos", "e-3", "e-4", "lambda", "mdeg", "mil", "nm", "ns", "pi", "rad",
     "TIP", "TVP", "U1", "U2", "X", "i", "k-1", "likelihood", "mV", "mrad", "phi",
     "A", "AF", "B", "C", "CAN", "CRC", "Clopper", "D", "DMM", "EGI", "GNSS", "Hz", "IDN", "IMU", "JavaScript", "MHz",
     "N", "P", "PDF", "Pearson", "SHA-256", "SPI", "U", "UTC", "V", "Welch-Satterthwaite", "answer", "batch.json",

@@ -21,11 +21,9 @@ from bench.systems.af_converter.estimators.readings import noise_parts
 from bench.systems.af_converter.estimators.scale_factor import ScaleFactor, fit_scale_factor, usable_rows
 from bench.systems.af_converter.group_fit import QUANTITIES
 from bench.systems.af_converter.register import CALIBRATOR, Standards, common_errors, read_standards
+from bench.systems.af_converter.wording import say
 
-_HEADERS = (
-    "channel", "degC", "quantity", "DMM method, ppm", "calibrator method, ppm", "difference, ppm",
-    "U of the difference, ppm", "E_n",
-)  # fmt: skip
+_HEADS = ("channel", "degC", "quantity", "dmm", "calibrator", "difference", "U", "E_n")
 
 
 def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campaign) -> list[Table]:
@@ -52,8 +50,8 @@ def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campai
     if not rows:
         return []
     largest = max(abs(row[-1]) for row in rows)
-    caption = f"The same records against both standards. They agree where |E_n| <= 1; the largest is {largest:.2f}."
-    return [Table("DMM method and calibrator method", caption, list(_HEADERS), rows)]
+    headers = [say(f"agreement.head.{head}") for head in _HEADS]
+    return [Table(say("agreement.title"), say("agreement.caption", largest=largest), headers, rows)]
 
 
 def difference_std_ppm(

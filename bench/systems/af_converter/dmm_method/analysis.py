@@ -31,12 +31,13 @@ from bench.systems.af_converter.estimators.readings import RangeSpecification
 from bench.systems.af_converter.group_fit import conditions_of, missing_groups, require_closed
 from bench.systems.af_converter.groups import Group, campaign_rows, group_rows, place_name
 from bench.systems.af_converter.register import METER, expired, read_ranges, untraced
+from bench.systems.af_converter.wording import listed, say
 
 METHODS: tuple[str, ...] = FIT_METHODS
 _OF_ONE_GROUP = ("B-FIT-001", "B-FIT-005", "B-FIT-012", "B-FIT-050")
 Refused = list[tuple[Group, FitError]]
 STEADY_degC = 0.05  # at 8 ppm/degC less than half a ppm between the first record of a channel and its last
-_TESTS = {"repeat_shift": "points taken again", "switch_leakage": "zeros against the open input"}
+_TESTS = ("repeat_shift", "switch_leakage")
 
 
 def analyse(material: Material, method: str = "joint") -> Analysis:
@@ -75,7 +76,7 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
         components=budget(fits, constants),
         groups=[_quality(fitted, constants) for fitted in fits],
         notes=[
-            *(f"No result: {sentence}" for sentence in missing),
+            *(say("note.no_result", what=sentence) for sentence in missing),
             *notes(fits, groups, entries, constants),
             *untraced(register, METER),
         ],
@@ -134,27 +135,16 @@ def notes(
     fitted_groups = {fitted.group.place: fitted.group for fitted in fits}
     for group in groups:
         left_out.update(fitted_groups.get(group.place, group).left_out)
-    sentences += [f"{count} records left out of the fits: {reason}." for reason, count in sorted(left_out.items())]
+    sentences += [say("note.left_out", count=count, reason=reason) for reason, count in sorted(left_out.items())]
     without = sum(int(np.count_nonzero(np.isnan(fitted.meter.current_A))) for fitted in fits)
     if without:
-        sentences.append(f"{without} records without a reading of the meter are left out of the fits.")
+        sentences.append(say("meter.no_reading", count=without))
     if any(np.any(np.isnan(fitted.meter.zero_std_A[np.isfinite(fitted.meter.current_A)])) for fitted in fits):
-        sentences.append(
-            "The zero of the meter was not measured on every range; its specification stands in for it there."
-        )
+        sentences.append(say("meter.no_zero"))
     moved_degC = max(float(np.ptp(fitted.group.closed.unit_temperature_degC)) for fitted in fits)
     if moved_degC > STEADY_degC:
-        sentences.append(
-            f"The unit's temperature moved by up to {moved_degC:.2f} degC during the records of a channel; the method "
-            "has no temperature coefficients that would refer them to one temperature."
-        )
-    sentences += [
-        "The gains of the meter's ranges are added as if they were fully correlated, because nothing says how far they "
-        "are; the stated uncertainty is the largest that this can make.",
-        "The uncertainty of the unit's temperature is not included: the method has no temperature coefficients.",
-        "The bias is diagnostic: it comes from one open record and never enters the compensation.",
-    ]
-    return sentences
+        sentences.append(say("meter.moved", degC=moved_degC))
+    return [*sentences, say("meter.gains"), say("meter.no_temperature"), say("note.bias_is_diagnostic")]
 
 
 def _refusal(fits: Sequence[DmmFit]) -> list[str]:
@@ -163,31 +153,34 @@ def _refusal(fits: Sequence[DmmFit]) -> list[str]:
         return []
     reason = refused[0].fit.refusal
     conditions = sorted(fitted.fit.condition for fitted in refused)
-    means = ", ".join(
-        f"channel {fitted.group.channel} {fitted.fit.value_ppm['dsf_mean']:+.1f} "
-        f"({1.96 * fitted.fit.std_ppm['dsf_mean']:.1f})"
+    means = listed(
+        say(
+            "meter.mean",
+            channel=fitted.group.channel,
+            value=fitted.fit.value_ppm["dsf_mean"],
+            U=1.96 * fitted.fit.std_ppm["dsf_mean"],
+        )
         for fitted in refused
     )
     return [
-        f"K_N and K_P are refused, only their mean (dsf_mean) is stated: {reason}. Over all channels the condition "
-        f"number is {conditions[0]:.0f} to {conditions[-1]:.0f}.",
-        f"Mean of both in ppm, with its expanded uncertainty: {means}.",
+        say("meter.refused", reason=reason, low=conditions[0], high=conditions[-1]),
+        say("meter.means", means=means),
     ]
 
 
 def _assumption(quantity: str, estimates: Sequence[Mapping[str, Any]]) -> str:
     tested = [estimate for estimate in estimates if estimate["quantity"] == quantity]
-    what = _TESTS[quantity]
+    what = say(f"meter.by.{quantity}")
     if not tested:
-        return f"Assumption 2 of the DMM method is not tested by {what}: the session holds none."
+        return say("meter.not_tested", what=what)
     seen = [estimate for estimate in tested if abs(estimate["value"]) > estimate["expanded_uncertainty"]]
     largest = max(tested, key=lambda estimate: abs(estimate["value"]))
     (value, expanded), unit = _shown(largest)
-    verdict = "no more than chance explains" if _chance(len(seen), len(tested)) else "more than chance explains"
-    return (
-        f"Assumption 2, tested by {what} ({quantity}): {len(seen)} of {len(tested)} are outside of their 95 % "
-        f"interval, {verdict}; the largest is {value:.3g} {unit} with an expanded uncertainty of {expanded:.2g} {unit}."
-    )
+    verdict = say("meter.by_chance") if _chance(len(seen), len(tested)) else say("meter.beyond_chance")
+    return say(
+        "meter.tested", what=what, quantity=quantity, outside=len(seen), of=len(tested), verdict=verdict, value=value,
+        unit=unit, U=expanded,
+    )  # fmt: skip
 
 
 def _shown(estimate: Mapping[str, Any]) -> tuple[tuple[float, float], str]:
@@ -205,6 +198,5 @@ def zero_table(log: MeterLog) -> list[Table]:
     rows = [[1e3 * range_A, 1e9 * zero_A, 1e9 * std_A] for range_A, (zero_A, std_A) in sorted(log.zeros_A.items())]
     if not rows:
         return []
-    headers = ["range, mA", "zero, nA", "standard uncertainty, nA"]
-    caption = "Measured with nothing connected, and subtracted: the meter sees one polarity, so no zero cancels."
-    return [Table("Zeros of the meter", caption, headers, rows)]
+    headers = [say(f"meter.zeros.{head}") for head in ("range", "zero", "u")]
+    return [Table(say("meter.zeros.title"), say("meter.zeros.caption"), headers, rows)]

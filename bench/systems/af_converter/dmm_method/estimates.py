@@ -13,6 +13,7 @@ from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.dmm_method.readings import MeterLog
 from bench.systems.af_converter.estimators.dmm_method import DmmScaleFactor, Meter
 from bench.systems.af_converter.estimators.readings import (
+    QUANTISATION,
     Converter,
     RangeSpecification,
     Readings,
@@ -25,8 +26,21 @@ from bench.systems.af_converter.estimators.readings import (
 from bench.systems.af_converter.group_fit import conditions_of
 from bench.systems.af_converter.groups import Group
 from bench.systems.af_converter.register import METER, Register, common_errors
+from bench.systems.af_converter.wording import kind_name, say
 
 _PPM = 1e6
+_COMPONENTS = {
+    "noise of the meter": "meter_noise",
+    "zero of the meter": "meter_zero",
+    "linearity of the meter": "meter_linearity",
+    "gain of the meter's ranges": "meter_gain",
+    "traceability of the meter": "meter_traceability",
+    QUANTISATION: "quantisation",
+    "quantisation of the AF clock count": "clock",
+    "white noise of the converter": "white",
+    "random walk of the bias": "walk",
+    "combined": "combined",
+}
 
 
 @dataclass(frozen=True)
@@ -161,11 +175,11 @@ def budget(fits: Iterable[DmmFit], campaign: Campaign) -> list[dict[str, Any]]:
             largest[place] = max(largest.get(place, 0.0), value)
     return [
         {
-            "kind": kind,
+            "kind": kind_name(kind),
             "quantity": quantity,
-            "component": name,
+            "component": say(f"component.{_COMPONENTS[name]}"),
             "evaluation": {"combined": "", "noise of the meter": "A", "zero of the meter": "A"}.get(name, "B"),
-            "distribution": "triangular" if name.startswith("quantisation") else "normal",
+            "distribution": say("budget.triangular" if name.startswith("quantisation") else "budget.normal"),
             "std_uncertainty_ppm": value,
         }
         for (kind, quantity, name), value in largest.items()

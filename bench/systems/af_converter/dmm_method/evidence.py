@@ -26,6 +26,7 @@ from bench.systems.af_converter.estimators.readings import Converter, RangeSpeci
 from bench.systems.af_converter.group_fit import ODD, SCALE_FACTORS
 from bench.systems.af_converter.groups import Group, place_name
 from bench.systems.af_converter.plausible import about, plausible
+from bench.systems.af_converter.wording import say
 
 Array = NDArray[np.float64]
 Register = Mapping[float, RangeSpecification]
@@ -95,13 +96,10 @@ def _straight(fitted: DmmFit, campaign: Campaign, register: Register, method: st
     """Return whether the levels lie on a straight line, and how far one level carries the result."""
     fit, probability = fitted.fit, probability_of(fitted.fit)
     looked_at = method == "joint" and probability < _LOOKED_AT
-    without, move = _carried(fitted, campaign, register) if looked_at else ("any level", 0.0)
+    without, move = _carried(fitted, campaign, register) if looked_at else (say("without.any"), 0.0)
     reduced = fit.chi2 / fit.dof if fit.dof else math.nan
-    sentence = (
-        f"The levels of {place_name(fitted.group.place)} are not on a straight line (reduced chi-square "
-        f"{reduced:.3g}): without {without} the result moves by {move:.3g} times its expanded uncertainty. "
-        "Look for saturation, a bad reading or a range of the meter that is off."
-    )
+    where = place_name(fitted.group.place)
+    sentence = say("evidence.meter_not_straight", place=where, chi2=reduced, without=without, move=move)
     figure = reduced if math.isfinite(reduced) else None
     return Evidence("lack_of_fit", sentence, figure, max(probability, _SMALLEST), move, QUANTITIES, about(fitted.group))
 
@@ -116,12 +114,12 @@ def _carried(fitted: DmmFit, campaign: Campaign, register: Register) -> tuple[st
     for level_A in np.unique(group.closed.level_A[group.closed.level_A > 0]):
         other = _refit(group, fitted.meter, group.closed.level_A != level_A, converter, register)
         if other is not None:
-            moves.append((f"{1e3 * level_A:g} mA", _moved(fitted, other)))
+            moves.append((say("without.level", level=1e3 * level_A), _moved(fitted, other)))
     for range_A in np.unique(fitted.meter.range_A):
         gained, moved = _without_gain(fitted, float(range_A), campaign, register)
         if gained > _GAINED:
-            moves.append((f"the gain of the range of {1e3 * range_A:g} mA", moved))
-    return max(moves, key=lambda pair: pair[1], default=("any level", math.inf))
+            moves.append((say("without.gain", range=1e3 * range_A), moved))
+    return max(moves, key=lambda pair: pair[1], default=(say("without.any"), math.inf))
 
 
 def _without_gain(fitted: DmmFit, range_A: float, campaign: Campaign, register: Register) -> tuple[float, float]:
@@ -144,11 +142,7 @@ def _range_off(fits: Sequence[DmmFit], campaign: Campaign, register: Register) -
         several = sum(gain > _GAINED for gain in gained) > 1
         # the gain of a range is the same in all channels: their gains of chi-square are not independent
         probability = min(1.0, len(fits) * float(special.chdtrc(1, max(gained)))) if several else 1.0
-        sentence = (
-            f"All channels say that the range of {1e3 * range_A:g} mA of the meter is off by more than its "
-            f"specification: without its gain results move by up to {max(moves):.3g} times their expanded uncertainty. "
-            "Have the meter calibrated."
-        )
+        sentence = say("evidence.meter_range_off", range=1e3 * range_A, move=max(moves))
         yield Evidence("meter_range_off", sentence, 1e3 * range_A, max(probability, _SMALLEST), max(moves), QUANTITIES)
 
 
@@ -185,10 +179,7 @@ def _taken_again(fits: Sequence[DmmFit], repeats: Sequence[Group], entries: Esti
             continue
         weights = 2.0 / pairs[:, 1] ** 2
         shift_ppm, std_ppm = float(np.average(pairs[:, 0], weights=weights)), float(np.sum(weights) ** -0.5)
-        sentence = (
-            f"{place_name(fitted.group.place)} has changed by {shift_ppm:+.3g} ppm against the meter when it was taken "
-            "again. Look at the temperatures of both, let the meter warm up, and repeat the campaign."
-        )
+        sentence = say("evidence.not_repeated", place=place_name(fitted.group.place), shift=shift_ppm)
         probability = max(2.0 * float(special.ndtr(-abs(shift_ppm) / std_ppm)), _SMALLEST)
         for quantities, moved_ppm in (
             (("dsf_n", "dsf_p", "dsf_mean"), abs(shift_ppm)),

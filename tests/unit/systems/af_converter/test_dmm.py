@@ -26,9 +26,11 @@ from dmm_simulation import (
     simulate,
     standards,
 )
+from spoken import english_left
 
 from bench.analysis import Analysis, Material, Reading
 from bench.model.errors import FitError
+from bench.model.texts import told
 from bench.systems.af_converter.constants import read_campaign
 from bench.systems.af_converter.dmm_method import analysis as dmm_method
 from bench.systems.af_converter.dmm_method.readings import MeterLog, reading_sets
@@ -84,6 +86,12 @@ def test_intervals_cover_with_one_cause_for_all_gains(
 @pytest.fixture(scope="module")
 def found() -> tuple[Analysis, sim.SimulatedCampaign]:
     return analysed(5)
+
+
+def test_all_that_is_composed_is_said_in_korean(found: tuple[Analysis, sim.SimulatedCampaign]) -> None:
+    assert english_left(found[0]) == set()
+    components = {told(one["component"], "ko") for one in found[0].components}
+    assert {"측정기의 잡음", "측정기의 영점", "측정기 범위의 이득", "합성"} <= components
 
 
 def test_complete_and_within_its_uncertainty(found: tuple[Analysis, sim.SimulatedCampaign]) -> None:
