@@ -21,6 +21,7 @@ from bench.systems.af_converter.temperature_ramp.fits import (
     ramp_columns,
 )
 from bench.systems.af_converter.temperature_ramp.report import figures, tables
+from bench.systems.af_converter.wording import say
 
 METHODS: tuple[str, ...] = ("joint", "drift")
 MOST_BLOCKS = 240
@@ -94,22 +95,18 @@ def _joint_estimates(fit: ReadingFit, unit: str) -> Iterator[tuple[str, str, tup
 
 
 def _not_joint(fit: ReadingFit) -> str:
-    what = "" if fit.joint is None else fit.joint.fit.beyond
-    return f"{fit.name}: no hysteresis width, half-width and lag; the log asks for a {what} beyond what a ramp can show"
+    lag = fit.joint is not None and fit.joint.fit.beyond == LAG
+    return say("log.not_joint", name=fit.name, what=say("log.beyond.lag" if lag else "log.beyond.half_width"))
 
 
 def _notes(columns: RampColumns, blocks: Blocks, fits: list[ReadingFit]) -> list[str]:
-    source = "set-point" if columns.has_set_point else "measured temperature (the log maps no set-point)"
+    source = say("log.source.set_point" if columns.has_set_point else "log.source.measured")
     sentences = [
-        f"{columns.overloaded} of {columns.t_s.size + columns.dropped} rows are left out: an overload in one of their "
-        "columns.",
+        say("log.overload", count=columns.overloaded, of=columns.t_s.size + columns.dropped),
         *columns.row_notes,
-        f"Ramps and holds are found in the {source}; {blocks.count.size} block means enter the fits.",
-        "up_minus_down is read off at equal temperature; up_minus_down_after_drift is the up/down term beside a cubic "
-        "in temperature and a quadratic in time; hysteresis_width (falling minus rising, the opposite sign) is what "
-        "is left when a thermal lag behind the sensor is fitted as well.",
-        "Intervals hold the correlation of the residuals: white noise and noise that decays exponentially in time, "
-        "sizes and decay by restricted likelihood.",
+        say("log.ramps", source=source, blocks=blocks.count.size),
+        say("log.quantities"),
+        say("log.correlation"),
     ]
     for fit in fits:
         if fit.joint is None:
@@ -119,10 +116,7 @@ def _notes(columns: RampColumns, blocks: Blocks, fits: list[ReadingFit]) -> list
             continue
         width, std = fit.joint.width
         if not fit.joint.fit.half_width_determined:
-            sentences.append(
-                f"{fit.name}: no play half-width: the width does not stand out enough from its interval "
-                f"({abs(width) / std:.1f} standard uncertainties) to tell how far the temperature must turn back."
-            )
+            sentences.append(say("log.no_half_width", name=fit.name, ratio=abs(width) / std))
         if not fit.joint.fit.lag_determined:
-            sentences.append(f"{fit.name}: the log leaves the thermal lag open.")
+            sentences.append(say("log.no_lag", name=fit.name))
     return sentences

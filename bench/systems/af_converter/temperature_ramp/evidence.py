@@ -32,6 +32,7 @@ from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates,
 from bench.systems.af_converter.estimators.hysteresis.search import Bounds, Problem, descend
 from bench.systems.af_converter.estimators.thermal_lag import usable_drive
 from bench.systems.af_converter.temperature_ramp.fits import RampColumns, ReadingFit, minute_means
+from bench.systems.af_converter.wording import say
 
 _SHARES = (1e-4, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6, 0.9)  # of the white part in the variance
 _TIMES = 13  # correlation times, from a third of a step to the whole record
@@ -86,7 +87,7 @@ def _of_joint(
         }
         shift[WIDTH] += outcome.shift[_RATCHET] + outcome.shift[_FROM_ABOVE]  # plays too, of the same width
         width = joint.fit.value(WIDTH) + shift[WIDTH]
-        would_be = f"the hysteresis width would be about {width:.3g} {columns.unit}"
+        would_be = say("would_be.width", width=width, unit=columns.unit)
         yield _seen(fit.name, outcome, _joint_moves(joint, shift), would_be)
 
 
@@ -168,7 +169,7 @@ def _of_drift(fit: ReadingFit, columns: RampColumns, blocks: Blocks, reference_d
     listed = [rivals.steps(blocks.middle_s), rivals.finer(temperature, branch)]
     for outcome in rivals.compare(base, listed, _noises(blocks, fit.drift.noise)):
         left = fit.drift.estimate(BRANCH)[0] + outcome.shift[BRANCH]
-        would_be = f"up minus down after drift would be about {left:.3g} {columns.unit}"
+        would_be = say("would_be.branches", left=left, unit=columns.unit)
         yield _seen(fit.name, outcome, _drift_moves(fit, outcome.shift), would_be)
 
 
@@ -182,16 +183,11 @@ def _drift_moves(fit: ReadingFit, shift: Mapping[str, float]) -> Moves:
 
 
 def _seen(reading: str, outcome: rivals.Outcome, moves: Moves, would_be: str) -> Evidence:
-    at = {
-        rivals.STEP: f" at {outcome.place:.1f} h",
-        rivals.SECOND_LAG: f" of {outcome.place:.0f} min",
-    }.get(outcome.name, "")
-    sentence = (
-        f"{outcome.name.capitalize()}{at} describes {reading} better ({outcome.gain:.0f} in twice the log-likelihood): "
-        f"{would_be}. Look at the residuals and take the ramp again."
-    )
+    code = rivals.code_of(outcome.name)
+    name = say(code, place=outcome.place)
+    sentence = say("evidence.log_rival", name=name, reading=reading, gain=outcome.gain, would_be=would_be)
     enough = tuple(name for name, move in moves.items() if move > LEAST_MOVE)
     return Evidence(
-        rivals.code_of(outcome.name), sentence, outcome.gain, max(outcome.probability, _SMALLEST),
+        code, sentence, outcome.gain, max(outcome.probability, _SMALLEST),
         max(moves.values()), enough or tuple(moves), {"reading": reading},
     )  # fmt: skip

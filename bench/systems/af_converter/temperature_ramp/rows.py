@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis import Evidence, Floats
+from bench.systems.af_converter.wording import say
 
 Mask = NDArray[np.bool_]
 _BESIDE = 3  # rows on either side that a row is held against
@@ -50,17 +51,13 @@ def row_notes(t_s: Floats, bad: Floats) -> list[str]:
     notes = []
     if bad.size:
         named = ", ".join(f"{time_s / 3600.0:.3f} h" for time_s in bad[:5]) + (" ..." if bad.size > 5 else "")
-        notes.append(
-            f"Left out as unlike their neighbours or with a stamp that does not rise, {bad.size} of the rows: {named}."
-        )
+        notes.append(say("log.left_out", count=bad.size, times=named))
     step_s = np.diff(t_s)
     gaps = np.flatnonzero(step_s > _GAP * float(np.median(step_s)))
     if gaps.size:
         longest = gaps[int(np.argmax(step_s[gaps]))]
-        notes.append(
-            f"The log has {gaps.size} gaps of more than {_GAP:g} times its usual step, {step_s[gaps].sum() / 60:.1f} "
-            f"min in all; the longest, {step_s[longest] / 60:.1f} min, begins at {t_s[longest] / 3600:.2f} h."
-        )
+        minutes = {"whole": float(step_s[gaps].sum()) / 60, "longest": float(step_s[longest]) / 60}
+        notes.append(say("log.gaps", count=gaps.size, gap=_GAP, **minutes, begin=float(t_s[longest]) / 3600))
     return notes
 
 
@@ -77,12 +74,9 @@ def still_evidence(t_s: Floats, columns: Mapping[str, Floats], programme: Sequen
             continue
         others = [other for key, other in columns.items() if key != name]
         if _noisy(np.delete(values, slice(first, last))) or _moved(others, values, first, last):
-            hours = (t_s[last - 1] - t_s[first]) / 3600.0
-            sentence = (
-                f"{name} stands still for {hours:.2f} h from {t_s[first] / 3600.0:.2f} h on, longer than its noise or "
-                "the temperatures beside it let it. Check the sensor and import the log without that stretch."
-            )
-            yield Evidence("stands_still", sentence, float(hours), 0.0)
+            hours = float(t_s[last - 1] - t_s[first]) / 3600.0
+            sentence = say("evidence.stands_still", name=name, hours=hours, begin=float(t_s[first]) / 3600.0)
+            yield Evidence("stands_still", sentence, hours, 0.0)
 
 
 def _longest_still(values: Floats) -> tuple[int, int]:

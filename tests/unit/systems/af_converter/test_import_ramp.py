@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from import_sample import RAMP, HOLD_s, LAG_s, RAMP_s, programme, ramp_rows
 from import_sample import lagging as lagging_by
+from spoken import english_left
 
 from bench.analysis import Analysis, Material
 from bench.model.errors import FitError
+from bench.model.texts import told
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
 from bench.systems.af_converter.estimators.drift_ramp import block_means, drift_columns, fit_drift, fit_ramp_hysteresis
@@ -50,6 +52,11 @@ def lagging() -> Analysis:
     given.series["standard"][0] = np.nan
     given.series["meter"][:3] = np.nan
     return analyse(given)
+
+
+def test_all_that_is_composed_is_said_in_korean(lagging: Analysis) -> None:
+    assert english_left(lagging) == set()
+    assert [told(row[0], "ko") for row in lagging.tables[1].rows] == ["상승", "유지", "하강"]
 
 
 def test_the_drift_model_equals_lstsq_on_the_same_means() -> None:
