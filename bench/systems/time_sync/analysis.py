@@ -20,6 +20,7 @@ from bench.systems.time_sync.records import Recording, clocks_of, recording
 from bench.systems.time_sync.samples import prepared
 from bench.systems.time_sync.tables import tables
 from bench.systems.time_sync.trajectory import trajectory_figures
+from bench.systems.time_sync.wording import say
 
 METHODS: tuple[str, ...] = _METHODS
 
@@ -68,4 +69,4 @@ def _image(taken: Recording, filtering: Filtered) -> tuple[Image | None, list[st
     try:
         return image_of(taken.radar, filtering), []
     except FitError as error:
-        return None, [f"radar image: {error.message} ({error.code})"]
+        return None, [say("missing.image", why=error.message, code=error.code)]

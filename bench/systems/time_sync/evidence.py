@@ -27,6 +27,7 @@ from bench.systems.time_sync.estimators.port_clocks import LEAST_FRAMES, PortClo
 from bench.systems.time_sync.estimators.rivals import OneMotion, Rival, one_motion
 from bench.systems.time_sync.filtering import GROUPS, METHODS, OFFSET_STD_s
 from bench.systems.time_sync.records import Recording, Stream
+from bench.systems.time_sync.wording import say
 
 Array = NDArray[np.float64]
 OFFSETS = ("time_offset", "time_offset_uncertainty")
@@ -36,15 +37,6 @@ _PLAUSIBLE_s = 4.0 * OFFSET_STD_s  # of what is left for the filter: more is not
 _PARTS = 8  # of a recording, in which the delays of a port must be alike
 _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 DRIFTS = "offset_drifts"
-_NAMES = {
-    "lever_arm": "the units are not at one place (lever arm)",
-    "axes_turned": "the axes of both units are turned against each other",
-    "ages_differ": "position, velocity and attitude of a solution are of different age",
-    DRIFTS: "the offset drifts otherwise than the receive stamps say",
-    "gyro_scale": "the gyros of the inertial unit have another scale",
-    "accelerometer_scale": "the accelerometers of the inertial unit have another scale",
-    "offset_steps": "the offset steps",
-}
 
 
 @dataclass(frozen=True)
@@ -104,9 +96,7 @@ def _not_observable(result: SyncResult) -> Iterator[Evidence]:
         if not offset.seen:
             yield Evidence(
                 "not_observable",
-                f"The motion does not show the time offset: its variance is still {offset.normalised:.2f} of what was "
-                f"assumed beforehand ({1e3 * OFFSET_STD_s:g} ms, standard deviation). Fly a turn or an "
-                "acceleration, or turn the table while both units stand on it.",
+                say("evidence.not_observable", share=offset.normalised, std=1e3 * OFFSET_STD_s),
                 offset.normalised, 0.0, quantities=("time_offset",), refuses=True, conditions={"method": name},
             )  # fmt: skip
 
@@ -118,8 +108,7 @@ def _plausible(result: SyncResult) -> Iterator[Evidence]:
         if abs(left_s) > _PLAUSIBLE_s:
             yield Evidence(
                 "implausible_offset",
-                f"An offset of {1e3 * left_s:+.1f} ms beyond the receive stamps is not plausible "
-                f"({1e3 * _PLAUSIBLE_s:g} ms). Look at the axes, the frames and the tags of both units.",
+                say("evidence.implausible", offset=1e3 * left_s, bound=1e3 * _PLAUSIBLE_s),
                 1e3 * left_s, 0.0, quantities=OF_FILTER, refuses=True,
                 conditions={"method": name},
             )  # fmt: skip
@@ -130,8 +119,7 @@ def _stuck(result: SyncResult) -> Iterator[Evidence]:
     if stuck > max(1.0, MOST * result.found.samples):
         yield Evidence(
             "stuck_solutions",
-            f"{stuck} solutions of the EGI repeat the one before although the vehicle moves. Look at the EGI and its "
-            "link, then take the recording again.",
+            say("evidence.stuck", count=stuck),
             float(stuck), 0.0, quantities=OF_FILTER,
         )  # fmt: skip
 
@@ -141,20 +129,13 @@ def _misfit(result: SyncResult, seen: Held) -> Evidence:
     fit = seen.fit
     ratio = fit.chi2 / fit.dof
     move = max(_move(result, seen.offset_s(fit.offset_s)), math.sqrt(ratio) - 1.0)
-    sentence = (
-        f"Solutions of the EGI and motion by the inertial unit differ by more than their stated errors (reduced "
-        f"chi-square {ratio:.3g}). Look for bad or frozen solutions, vibration and mounting, and at the errors that "
-        "the sequence states."
-    )
+    sentence = say("evidence.misfit", chi2=ratio)
     return Evidence("misfit", sentence, ratio, max(fit.probability, _SMALLEST), move, OF_FILTER)
 
 
 def _rival(result: SyncResult, seen: Held, rival: Rival) -> Iterator[Evidence]:
     offset_s, probability = seen.offset_s(rival.offset_s), max(rival.probability, _SMALLEST)
-    sentence = (
-        f"The recording says that {_NAMES[rival.name]}: the time offset would then be {1e3 * offset_s:.3f} ms. Look "
-        "for that in both units and their mounting."
-    )
+    sentence = say("evidence.rival", what=say(f"rival.{rival.name}"), offset=1e3 * offset_s)
     move = max(_move(result, offset_s), abs(rival.offset_s - seen.fit.offset_s) / _smallest(result))
     yield Evidence(rival.name, sentence, 1e3 * offset_s, probability, move, OF_FILTER)
     if rival.name == DRIFTS:
@@ -178,11 +159,7 @@ def _against_stamps(result: SyncResult) -> Iterator[Evidence]:
         if not offset.seen:
             continue
         apart_s, std_s = offset.offset_s - clocks.offset_s, math.hypot(offset.std_s, clocks.difference.std_s)
-        sentence = (
-            f"Filter and receive stamps say offsets {1e3 * apart_s:+.3f} ms apart, "
-            f"{1e3 * coverage_factor() * std_s:.3f} ms are due: a latency is not as stated, or the solutions "
-            "are older than their tags."
-        )
+        sentence = say("evidence.stamps", apart=1e3 * apart_s, due=1e3 * coverage_factor() * std_s)
         probability = max(2.0 * float(special.ndtr(-abs(apart_s) / std_s)), _SMALLEST)
         interval_s = coverage_factor() * offset.std_s
         yield Evidence("stamps_disagree", sentence, 1e3 * apart_s, probability, abs(apart_s) / interval_s, OFFSETS,
@@ -201,10 +178,7 @@ def _steady_clocks(result: SyncResult, taken: Recording) -> Iterator[Evidence]:
     ):  # fmt: skip
         apart_s, probability = _halves(port, stream, at_s) if port.grid_s > 0.0 else _spread(port)
         apart_rate = 2.0 * apart_s / float(np.ptp(at_s))
-        sentence = (
-            f"The delays of the link {name!r} do not stay alike: the least ones are {1e3 * apart_s:.3f} ms apart "
-            "within the recording. Look for other traffic on the line, and at the clock of the unit."
-        )
+        sentence = say("evidence.delays", link=name, apart=1e3 * apart_s)
         of_stamps = max(apart_rate / port.rate_std, apart_s / port.std_s(port.at_s)) / coverage_factor()
         of_offset = lever_s * apart_rate / _smallest(result)
         for quantities, move in ((OF_STAMPS, of_stamps), (OFFSETS, of_offset)):

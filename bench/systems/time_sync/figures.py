@@ -10,10 +10,9 @@ from bench.systems.time_sync.estimates import SyncResult
 from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE
 from bench.systems.time_sync.image import Image
-from bench.systems.time_sync.tables import LABELS
+from bench.systems.time_sync.wording import filter_name, say
 
 _MOST_POINTS = 1200
-_TIME = "time of the inertial unit, s"
 _FLOOR_dB = -40.0
 _LEAST = 1e-9
 
@@ -30,14 +29,16 @@ def _offsets(result: SyncResult) -> list[Figure]:
         offset_s, std_s = result.found.history_s(name)
         t_s, offset_ms, reach_ms = _thin(result.found.run.t_s, 1e3 * offset_s, 1e3 * coverage_factor() * std_s)
         parts = [
-            series("offset", t_s, offset_ms, "line"),
-            band("95 % by the filter", t_s, offset_ms - reach_ms, offset_ms + reach_ms),
+            series(say("offset.series"), t_s, offset_ms, "line"),
+            band(say("offset.band"), t_s, offset_ms - reach_ms, offset_ms + reach_ms),
         ]
         if result.clocks.offset_s is not None:
             stamps_ms = 1e3 * result.clocks.offset_s
-            parts.append(series("receive stamps", [float(t_s[0]), float(t_s[-1])], [stamps_ms, stamps_ms], "line"))
-        caption = "Offset while the filter learns it, the drift of the clocks taken out."
-        drawn.append(Figure(f"Filter {LABELS[name]}", caption, _TIME, "offset, ms", parts, group="time offset"))
+            ends_s = [float(t_s[0]), float(t_s[-1])]
+            parts.append(series(say("result.stamps"), ends_s, [stamps_ms, stamps_ms], "line"))
+        title = say("offset.title", name=filter_name(name))
+        labels = say("offset.caption"), say("time"), say("result.head.offset")
+        drawn.append(Figure(title, *labels, parts, group=say("offset.group")))
     return drawn
 
 
@@ -48,14 +49,10 @@ def _seen(result: SyncResult) -> list[Figure]:
         t_s, variance, value = _thin(
             result.found.run.t_s, result.seen.offset_variance[:, group], result.seen.associated[:, group]
         )
-        short = LABELS[name].removeprefix("augmented, ")
-        parts.append(series(f"variance, {short}", t_s, np.maximum(variance, _LEAST), "line"))
-        parts.append(series(f"eigenvalue, {short}", t_s, np.maximum(value, _LEAST), "line"))
-    caption = (
-        "Observability: variance of the offset over that at first, and the eigenvalue of the normalised covariance "
-        "that belongs to it. At 1 nothing is learnt."
-    )
-    return [Figure("Observability of the offset", caption, _TIME, "normalised, 1", parts, y_log=True)]
+        short = say(f"seen.{name}")
+        parts.append(series(say("seen.variance", name=short), t_s, np.maximum(variance, _LEAST), "line"))
+        parts.append(series(say("seen.eigenvalue", name=short), t_s, np.maximum(value, _LEAST), "line"))
+    return [Figure(say("seen.title"), say("seen.caption"), say("time"), say("seen.y"), parts, y_log=True)]
 
 
 def _innovations(result: SyncResult) -> list[Figure]:
@@ -65,20 +62,19 @@ def _innovations(result: SyncResult) -> list[Figure]:
         use = np.isfinite(ratio) & (ratio > 0.0)
         if use.any():
             t_s, value = _thin(run.t_s[use], ratio[use])
-            parts.append(series(LABELS[name], t_s, value, "points"))
-    caption = "Normalised innovations squared over their degrees of freedom; far below 1 the filter is careful."
-    return [Figure("Innovations", caption, _TIME, "NIS / degrees of freedom", parts, y_log=True)] if parts else []
+            parts.append(series(filter_name(name), t_s, value, "points"))
+    labels = say("innovations.title"), say("innovations.caption"), say("time"), say("innovations.y")
+    return [Figure(*labels, parts, y_log=True)] if parts else []
 
 
 def _stamps(result: SyncResult) -> list[Figure]:
     clocks, drawn = result.clocks, []
-    for title, at_s, port in (("inertial unit", clocks.imu_s, clocks.imu), ("EGI", clocks.egi_s, clocks.egi)):
+    for unit, at_s, port in ((say("imu"), clocks.imu_s, clocks.imu), ("EGI", clocks.egi_s, clocks.egi)):
         every = max(1, at_s.size // _MOST_POINTS)
         x, y = at_s[::every], 1e3 * port.above_s[::every]
-        caption = "Delay of the frames above the line of the least delay, which tells rate and offset of the clock."
-        axes = "time of the unit, s", "delay above the line, ms"
-        drawn.append(Figure(f"Receive stamps, {title}", caption, *axes, [series("frames", x, y, "points")],
-                            group="receive stamps"))  # fmt: skip
+        labels = say("stamps.title", unit=unit), say("stamps.caption"), say("stamps.x"), say("stamps.y")
+        frames = series(say("clocks.head.frames"), x, y, "points")
+        drawn.append(Figure(*labels, [frames], group=say("result.stamps")))
     return drawn
 
 
@@ -87,10 +83,9 @@ def _chips(image: Image) -> list[Figure]:
     drawn = []
     for name, chip in zip((COMPENSATED, NONE), image.chips, strict=True):
         level_dB = np.round(levels_dB(chip.value, np.abs(chip.value).max(), _FLOOR_dB).T, 1)
-        caption = "Radar image about the strongest target, 0 dB (black) to -40 dB (white)."
         parts = [picture(chip.azimuth_m, chip.range_m, level_dB)]
-        title = LABELS[name].capitalize()
-        drawn.append(Figure(title, caption, "azimuth, m", "range, m", parts, group="radar image"))
+        labels = say(f"chip.{name}"), say("chip.caption"), say("cut.azimuth.x"), say("cut.range.x")
+        drawn.append(Figure(*labels, parts, group=say("path.image")))
     return drawn
 
 
@@ -98,18 +93,17 @@ def _responses(image: Image) -> list[Figure]:
     """Cuts through the strongest target, each about its own peak; the shift stands in the label of the second."""
     drawn = []
     compensated, plain = image.compensated[0], image.plain[0]
-    for title, cut, second, shift_m in (
-        ("Azimuth", compensated.azimuth_cut, plain.azimuth_cut, float(image.shifts_m[0])),
-        ("Range", compensated.range_cut, plain.range_cut, plain.range_shift_m - compensated.range_shift_m),
+    for name, cut, second, shift_m in (
+        ("azimuth", compensated.azimuth_cut, plain.azimuth_cut, float(image.shifts_m[0])),
+        ("range", compensated.range_cut, plain.range_cut, plain.range_shift_m - compensated.range_shift_m),
     ):  # fmt: skip
         top = float(np.max(np.abs(cut.value)))
         parts = [
-            series(LABELS[COMPENSATED], cut.offset_m, levels_dB(cut.value, top, _FLOOR_dB), "line"),
-            series(LABELS[NONE], second.offset_m + shift_m, levels_dB(second.value, top, _FLOOR_dB), "line"),
+            series(filter_name(COMPENSATED), cut.offset_m, levels_dB(cut.value, top, _FLOOR_dB), "line"),
+            series(filter_name(NONE), second.offset_m + shift_m, levels_dB(second.value, top, _FLOOR_dB), "line"),
         ]
-        caption = "Response of the strongest target, from the place of its compensated image."
-        labels = f"{title.lower()}, m", "power, dB"
-        drawn.append(Figure(f"{title} cut", caption, *labels, parts, group="impulse response"))
+        labels = say(f"cut.{name}"), say("cut.caption"), say(f"cut.{name}.x"), say("cut.y")
+        drawn.append(Figure(*labels, parts, group=say("cut.group")))
     return drawn
 
 

@@ -14,6 +14,7 @@ from bench.analysis import Analysis, Evidence, Figure, Material, Table, check_me
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.common_motion import CommonMotion, common_motion
+from bench.systems.time_sync.wording import headers_of, say
 
 Array = NDArray[np.float64]
 METHODS: tuple[str, ...] = ("common_motion",)
@@ -42,11 +43,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         uut=dict(material.campaign["uut"]),
         estimates=entries,
         evidence=_evidence(found),
-        notes=[
-            "Positive: the clock of the stream 'one' is ahead of that of 'other'. The offset is that of the whole log; "
-            "what both units delay alike does not show.",
-            "The interval comes from blocks of the recording, a twentieth of it each.",
-        ],
+        notes=[say("note.streams"), say("note.blocks")],
         tables=[_table(found, coarse_s)],
         figures=_figures(found),
     )
@@ -81,38 +78,40 @@ def _evidence(found: CommonMotion) -> list[Evidence]:
     """Return what speaks against one offset: another shift that fits as well, halves that differ."""
     seen = []
     if found.rival > _RIVAL:
-        text = (
-            f"Shifted by {found.rival_s:.3f} s the signals are {100 * found.rival:.0f} % as much alike as at the "
-            "offset: the motion repeats itself. Record one that does not, such as a single turn."
-        )
+        text = say("evidence.repeats", shift=found.rival_s, share=100 * found.rival)
         seen.append(Evidence("motion_repeats", text, found.rival, 0.0))
     step_s = float(found.halves_s[1] - found.halves_s[0])
     std_s = math.hypot(*found.halves_std_s.tolist())
     score = abs(step_s) / max(std_s, np.finfo(float).tiny)
     probability = 2.0 * float(special.stdtr(found.dof, -score))
     move = 0.5 * abs(step_s) / max(coverage_factor(found.dof) * found.std_s, np.finfo(float).tiny)
-    text = (
-        f"The second half of the log has an offset that is {1e3 * step_s:+.3g} ms from that of the first, "
-        f"{score:.1f} standard uncertainties: a clock drifts or was set. Cut the log, or free the clocks."
-    )
+    text = say("evidence.changes", step=1e3 * step_s, score=score)
     return [*seen, Evidence("offset_changes", text, score, probability, move, ("time_offset",))]
 
 
 def _table(found: CommonMotion, coarse_s: float) -> Table:
     factor = coverage_factor(found.dof)
-    parts = [("whole log", found.offset_s, found.std_s)]
-    parts += zip(("first half", "second half"), found.halves_s.tolist(), found.halves_std_s.tolist(), strict=True)
+    parts = [(say("streams.whole"), found.offset_s, found.std_s)]
+    parts += zip(
+        (say("streams.first_half"), say("streams.second_half")),
+        found.halves_s.tolist(),
+        found.halves_std_s.tolist(),
+        strict=True,
+    )
     rows: list[list[Any]] = [[name, f"{coarse_s + value:.6f}", f"{factor * std:.6f}"] for name, value, std in parts]
-    caption = f"Clock of 'one' minus clock of 'other'; correlation {found.correlation:.4f}."
-    return Table("Time offset", caption, ["part", "offset, s", "expanded uncertainty, s"], rows, lead=True)
+    caption = say("streams.caption", correlation=found.correlation)
+    return Table(say("result.title"), caption, headers_of("streams", "part", "offset", "U"), rows, lead=True)
 
 
 def _figures(found: CommonMotion) -> list[Figure]:
     since_s = found.t_s - found.t_s[0]
-    parts = [curve("other", since_s, found.motion_other[:, 0]), curve("one, shifted", since_s, found.motion_one[:, 0])]
-    left = [curve("left", since_s, found.left[:, 0])]
-    title, unit = "The first signal of both streams, over each other", "signal, base unit"
+    parts = [
+        curve(say("motion.other"), since_s, found.motion_other[:, 0]),
+        curve(say("motion.one"), since_s, found.motion_one[:, 0]),
+    ]
+    left = [curve(say("motion.left"), since_s, found.left[:, 0])]
+    axes = say("motion.x"), say("motion.y")
     return [
-        Figure(title, "The first stream shifted by the offset and scaled.", "time, s", unit, parts),
-        Figure("What the common motion leaves", "", "time, s", unit, left),
+        Figure(say("motion.title"), say("motion.caption"), *axes, parts),
+        Figure(say("motion.left_title"), "", *axes, left),
     ]

@@ -7,6 +7,7 @@ import math
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
 from bench.systems.time_sync.filtering import GROUPS, ratio_of
+from bench.systems.time_sync.wording import say
 
 _MOST_RATIO = 1.5
 
@@ -18,37 +19,23 @@ def notes(result: SyncResult) -> list[str]:
 
 def _against_stamps(result: SyncResult) -> list[str]:
     if result.clocks.offset_s is None:
-        return [
-            "No latencies are stated (uut: latency): receive stamps tell the drift of both clocks, not their offset."
-        ]
+        return [say("note.no_latencies")]
     if result.difference_s is None:
         return []
     apart_s, std_s = result.difference_s
     if abs(apart_s) <= coverage_factor() * std_s:
         return []
-    return [
-        f"Filter and receive stamps are {1e3 * apart_s:+.3f} ms apart, {1e3 * coverage_factor() * std_s:.3f} ms are "
-        "due: a latency is not as stated, or the filter is led astray."
-    ]
+    return [say("note.apart", apart=1e3 * apart_s, due=1e3 * coverage_factor() * std_s)]
 
 
 def _clocks(result: SyncResult) -> list[str]:
     clocks, notes = result.clocks, []
     if clocks.coarse_s:
-        notes.append(
-            f"The clocks began {clocks.coarse_s:.2f} s apart: that was taken out of the tags beforehand, by the "
-            "receive stamps, and is part of the offset. What is not compensated has it taken out, too."
-        )
+        notes.append(say("note.coarse", apart=clocks.coarse_s))
     if clocks.imu.grid_s > 0.0:
-        notes.append(
-            f"The bench reads its ports each {1e3 * clocks.imu.grid_s:g} ms: the place within such a step is told by "
-            "the jitter of the frames, taken as exponential."
-        )
+        notes.append(say("note.grid", step=1e3 * clocks.imu.grid_s))
     if result.chosen.drift_std_s > 0.5 * result.chosen.error_std_s:
-        notes.append(
-            "Much of the interval is that of the drift between both clocks, which short recordings tell badly: record "
-            "longer, or nearer to the manoeuvre."
-        )
+        notes.append(say("note.drift"))
     return notes
 
 
@@ -56,8 +43,5 @@ def _filter(result: SyncResult) -> list[str]:
     notes = []
     ratio = ratio_of(result.found.run, GROUPS.index(result.method))
     if math.isfinite(ratio) and ratio > _MOST_RATIO:
-        notes.append(
-            f"Innovations are {math.sqrt(ratio):.1f} times as large as the filter believes: the interval is widened by "
-            "that. Look at the data sheet of the inertial unit (uut: inertial), at vibration and at mounting."
-        )
+        notes.append(say("note.innovations", times=math.sqrt(ratio)))
     return notes

@@ -28,6 +28,7 @@ from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.sar.image import Complex128, levels_dB
 from bench.systems.time_sync.estimators.sar.phase_history import Scene, compressed, scene_of
 from bench.systems.time_sync.estimators.sar.response import Response
+from bench.systems.time_sync.wording import headers_of, say
 
 METHODS: tuple[str, ...] = ("backprojection",)
 _FLOOR_dB = -40.0
@@ -63,10 +64,16 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         estimates=_estimates(scene, strongest, len(samples), dropped),
         evidence=_evidence(scene, strongest),
         notes=[
-            f"{len(samples)} pulses over {scene.angle_deg:.3f} deg; {samples.shape[1]} frequencies over "
-            f"{1e-6 * pulses.bandwidth_Hz:.1f} MHz about {1e-9 * (sent['first_Hz'] + sent['last_Hz']) / 2:.4f} GHz.",
-            "Nothing is weighted or focused by itself: widths and side lobes are those of the pulses and positions.",
-            "Intervals hold what else the scene sends back at the target's place, not errors of the positions.",
+            say(
+                "note.pulses",
+                count=len(samples),
+                angle=scene.angle_deg,
+                frequencies=samples.shape[1],
+                bandwidth=1e-6 * pulses.bandwidth_Hz,
+                middle=1e-9 * (sent["first_Hz"] + sent["last_Hz"]) / 2,
+            ),
+            say("note.unweighted"),
+            say("note.intervals"),
         ],
         tables=[_table(scene)],
         figures=[_image(scene), *_cuts(strongest)],
@@ -122,11 +129,9 @@ def _evidence(scene: Scene, target: Response) -> list[Evidence]:
     ratio = target.azimuth_resolution_m / scene.cells_m[0]
     if ratio < _WIDE:
         return []
-    text = (
-        f"The strongest target is {ratio:.2f} times as wide in azimuth as a point: the positions of the antenna are "
-        "off by a part of a wavelength along the track, or it is no point. Look at the navigation solution."
-    )
-    return [Evidence("not_focused", text, ratio, 0.0, quantities=("place_x", "place_y"))]
+    return [
+        Evidence("not_focused", say("evidence.not_focused", ratio=ratio), ratio, 0.0, quantities=("place_x", "place_y"))
+    ]
 
 
 def _table(scene: Scene) -> Table:
@@ -135,38 +140,36 @@ def _table(scene: Scene) -> Table:
         at_m = place_m[:2] if response is None else _place_m(scene, place_m, response)
         at = [f"{value_m:+.2f}" for value_m in at_m]
         if response is None:
-            rows.append([len(rows) + 1, *at, *["no point"] * 6])
+            rows.append([len(rows) + 1, *at, *[say("places.no_point")] * 6])
             continue
         figures = [
             (response.azimuth_resolution_m, 4), (response.range_resolution_m, 4), (response.pslr_dB, 2),
             (response.range_pslr_dB, 2), (response.islr_dB, 2), (response.range_islr_dB, 2),
         ]  # fmt: skip
         rows.append([len(rows) + 1, *at, *(f"{value:.{digits}f}" for value, digits in figures)])
-    headers = [
-        "target", "x, m", "y, m", "azimuth width, m", "range width, m", "azimuth PSLR, dB", "range PSLR, dB",
-        "azimuth ISLR, dB", "range ISLR, dB",
-    ]  # fmt: skip
-    ideal = f"{scene.cells_m[0]:.4f} m in azimuth and {scene.cells_m[1]:.4f} m in range"
-    caption = f"Strongest places of the image on level ground. Widths at -3 dB; a point in focus has {ideal}."
-    return Table("Radar image", caption, headers, rows, lead=True)
+    headers = headers_of(
+        "places", "target", "x", "y", "azimuth_width", "range_width", "azimuth_pslr", "range_pslr", "azimuth_islr",
+        "range_islr",
+    )  # fmt: skip
+    caption = say("places.caption", azimuth=scene.cells_m[0], range=scene.cells_m[1])
+    return Table(say("image.title"), caption, headers, rows, lead=True)
 
 
 def _image(scene: Scene) -> Figure:
     level_dB = np.round(levels_dB(scene.chip.value, np.abs(scene.chip.value).max(), _FLOOR_dB).T, 1)
-    caption = "About the origin on level ground, 0 dB (black) to -40 dB (white)."
     parts = [picture(scene.chip.azimuth_m, scene.chip.range_m, level_dB)]
-    return Figure("Radar image", caption, "along the track, m", "away from the radar, m", parts)
+    return Figure(say("image.title"), say("ground.caption"), say("ground.x"), say("ground.y"), parts)
 
 
 def _cuts(target: Response) -> list[Figure]:
     return [
         Figure(
-            f"{title} cut",
-            "Response of the strongest target.",
-            f"{title.lower()}, m",
-            "power, dB",
-            [series("target", cut.offset_m, levels_dB(cut.value, target.peak, _FLOOR_dB), "line")],
-            group="impulse response",
+            say(f"cut.{name}"),
+            say("cut.strongest"),
+            say(f"cut.{name}.x"),
+            say("cut.y"),
+            [series(say("places.head.target"), cut.offset_m, levels_dB(cut.value, target.peak, _FLOOR_dB), "line")],
+            group=say("cut.group"),
         )
-        for title, cut in (("Azimuth", target.azimuth_cut), ("Range", target.range_cut))
+        for name, cut in (("azimuth", target.azimuth_cut), ("range", target.range_cut))
     ]

@@ -13,6 +13,7 @@ from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.setup import ImuSamples
 from bench.systems.time_sync.estimators.odd_readings import odd_readings
 from bench.systems.time_sync.records import Recording, Stream
+from bench.systems.time_sync.wording import say
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
@@ -134,7 +135,7 @@ def _longest_piece(imu: Stream, notes: list[str]) -> Stream:
     piece_s = float(imu.tick_s[end - 1] - imu.tick_s[begin]) if end > begin else 0.0
     if cuts.size:
         at_s = float(imu.tick_s[cuts[0] - 1] - imu.tick_s[0])
-        gap = f"{int(steps[cuts[0] - 1]) - 1} samples of the inertial unit are missing {at_s:.3f} s after the first"
+        gap = say("gap", count=int(steps[cuts[0] - 1]) - 1, at=at_s)
         if piece_s < max(_LEAST_SHARE * whole_s, LEAST_s):
             raise FitError(
                 "B-SYNC-007",
@@ -143,7 +144,7 @@ def _longest_piece(imu: Stream, notes: list[str]) -> Stream:
                 next_step="records of one motion must follow each other ('follows: true'); look at the link of the "
                 "inertial unit: baud rate, cable, load; record again",
             )
-        notes.append(f"{gap}: only the longest piece of {piece_s:.1f} s of {whole_s:.1f} s is analysed.")
+        notes.append(say("note.piece", gap=gap, piece=piece_s, whole=whole_s))
     if piece_s < LEAST_s:
         raise FitError(
             "B-SYNC-003",
@@ -177,7 +178,7 @@ def _without_odd_increments(imu: Stream, notes: list[str]) -> Stream:
     odd = odd_readings(values, imu.counter)
     if not odd.size:
         return imu
-    notes.append(_left_out(odd.size, "samples of the inertial unit", float(imu.tick_s[odd[0]] - imu.tick_s[0])))
+    notes.append(_left_out("imu", odd.size, float(imu.tick_s[odd[0]] - imu.tick_s[0])))
     keep = np.ones(len(imu), bool)
     keep[odd] = False
     return imu.part(keep)
@@ -189,14 +190,14 @@ def _without_odd_solutions(egi: EgiSamples, stream: Stream, notes: list[str]) ->
     odd = odd_readings(np.concatenate((egi.p, egi.v, egi.C.reshape(-1, 9)), axis=1), counter)
     if not odd.size:
         return egi, 0
-    notes.append(_left_out(odd.size, "solutions of the EGI", float(egi.t_s[odd[0]] - egi.t_s[0])))
+    notes.append(_left_out("egi", odd.size, float(egi.t_s[odd[0]] - egi.t_s[0])))
     keep = np.ones(egi.t_s.size, bool)
     keep[odd] = False
     return replace(egi, t_s=egi.t_s[keep], p=egi.p[keep], v=egi.v[keep], C=egi.C[keep]), int(odd.size)
 
 
-def _left_out(count: int, kind: str, after_s: float) -> str:
-    return f"Left out as unlike their neighbours: {count} {kind}, the first {after_s:.3f} s after the first one."
+def _left_out(link: str, count: int, after_s: float) -> str:
+    return say(f"note.odd_{link}", count=count, after=after_s)
 
 
 def _stuck(egi: EgiSamples) -> int:

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from bench.analysis import Figure, series
 from bench.systems.time_sync.records import Stream
 from bench.systems.time_sync.samples import EgiSamples
+from bench.systems.time_sync.wording import say
 
 _LEAST_m = 50.0  # a table in a laboratory does not go as far, whatever the noise of its GPS
 _MOST_POINTS, _MOST_MARKS = 1200, 10
@@ -28,21 +29,21 @@ def trajectory_figures(egi: EgiSamples, radar: Stream | None) -> list[Figure]:
     marks = np.searchsorted(flown_s, np.arange(step_s, flown_s[-1], step_s))
     height_m = egi.frame.heights_m(egi.p)
     track = [
-        series("track", east_km[drawn], north_km[drawn], "line"),
-        series(f"each {step_s:g} s", east_km[marks], north_km[marks], "points"),
-        series("start", east_km[:1], north_km[:1], "points"),
-        series("end", east_km[-1:], north_km[-1:], "points"),
+        series(say("path.track"), east_km[drawn], north_km[drawn], "line"),
+        series(say("path.each", step=step_s), east_km[marks], north_km[marks], "points"),
+        series(say("path.start"), east_km[:1], north_km[:1], "points"),
+        series(say("path.end"), east_km[-1:], north_km[-1:], "points"),
     ]
-    heights = [series("height", flown_s[drawn], height_m[drawn], "line")]
-    caption = "By the solutions of the EGI: from where it began, over the plane that touches the ellipsoid there."
+    heights = [series(say("path.height"), flown_s[drawn], height_m[drawn], "line")]
+    caption = say("path.caption")
     if radar is not None and len(radar):
         seen = (egi.t_s >= radar.tick_s[0]) & (egi.t_s <= radar.tick_s[-1])
-        track.append(series("radar image", east_km[seen], north_km[seen], "line"))
-        heights.append(series("radar image", flown_s[seen], height_m[seen], "line"))
-        caption += f" The image is taken from {float(radar.tick_s[0] - egi.t_s[0]):.0f} s on."
+        track.append(series(say("path.image"), east_km[seen], north_km[seen], "line"))
+        heights.append(series(say("path.image"), flown_s[seen], height_m[seen], "line"))
+        caption = say("path.caption_image", start=float(radar.tick_s[0] - egi.t_s[0]))
     return [
-        Figure("Flight path", caption, "east, km", "north, km", track, equal=True),
-        Figure("Height", "Above the ellipsoid.", "time from the first solution, s", "height, m", heights),
+        Figure(say("path.title"), caption, say("path.east"), say("path.north"), track, equal=True),
+        Figure(say("height.title"), say("height.caption"), say("height.x"), say("height.y"), heights),
     ]
 
 
