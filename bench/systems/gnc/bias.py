@@ -28,6 +28,7 @@ from bench.systems.gnc.estimators.earth_rate import body_to_table, earth_rate_bo
 from bench.systems.gnc.limits import Limits, limits_of, table_3
 from bench.systems.gnc.rest_evidence import evidence
 from bench.systems.gnc.rows import AXES, SampledRow, check_notes, check_table, checked, sampled_rows, site_of, usable
+from bench.systems.gnc.wording import channel_name, refused, say
 
 METHODS: tuple[str, ...] = ("ten_second_means",)
 ITEMS = ("bias", "flip", "stability", "repeatability")
@@ -35,22 +36,9 @@ _OF_ONE_PART = ("B-FIT-092", "B-FIT-093", "B-FIT-094")
 # kind, prefix, unit of the stability, and the factor from deg/s or g to it
 _KINDS = (("gyro", "gyro", "deg/h", 3600.0), ("accelerometer", "accel", "mg", 1e3))
 _INDICATED = {"output": "indicated"}  # not the bias of a calibration, which stands behind the matrix
-_NOTES = (
-    "Bias and stability are those of the indicated values, before compensation: they differ from the bias of a "
-    "calibration by the scale-factor error and coupling, and 1 % of scale-factor error leaves 1 % of the Earth's rate "
-    "in the bias of a gyro (0.15 deg/h).",
-    "Stability is the standard deviation of 360 means of 10 s: of a gyro it is mostly its angle random walk (19 deg/h "
-    "per deg/sqrt(h)), not the lowest Allan deviation.",
-    "Bias repeatability has no limit in the specification: it is reported, not judged.",
-    "Latitude, azimuth and angles of the table are taken as stated: their uncertainty is not included.",
-)
+_NOTES = ("indicated", "stability", "repeatability", "as_stated")
 _ALONG = 0.999  # cosine
-_ROWS = (
-    ("gyro bias stability, deg/h", "gyro_bias_stability"),
-    ("accelerometer bias stability, mg", "accel_bias_stability"),
-    ("gyro bias repeatability, deg/h", "gyro_bias_repeatability"),
-    ("accelerometer bias repeatability, mg", "accel_bias_repeatability"),
-)
+_ROWS = ("gyro_bias_stability", "accel_bias_stability", "gyro_bias_repeatability", "accel_bias_repeatability")
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -61,12 +49,12 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     check_method(method, METHODS)
     rows, missing = sampled_rows(material, ITEMS)
     looked_at = checked(rows, ("gyro", "accelerometer"), material.campaign)
-    good, refused = usable(looked_at)
+    good, bad = usable(looked_at)
     by_item = {item: [row for row in good if row.item == item] for item in ITEMS}
-    missing += refused + [f"{item}: no record" for item in ITEMS if not by_item[item]]
+    missing += bad + [say("missing.item", item=item) for item in ITEMS if not by_item[item]]
     limits = limits_of(material.campaign)
     stabilities, entries = _stability(by_item["stability"], limits, missing)
-    notes = list(_NOTES)
+    notes = [say(f"bias.note.{name}") for name in _NOTES]
     estimates = _bias(by_item["bias"], material, missing) + _flip(by_item["flip"], material, missing, notes) + entries
     estimates += _repeatability(by_item["repeatability"], missing)
     return Analysis(
@@ -104,16 +92,13 @@ def _flip(rows: list[SampledRow], material: Material, missing: list[str], notes:
     try:
         flip = _flip_of(rows, _resolution(material, "accel_resolution_g"))
     except FitError as error:
-        missing.append(_sentence("bias of the accelerometers", error))
+        missing.append(_sentence(say("bias.accelerometers"), error))
         return []
     if flip is None:
         if rows:
-            missing.append("bias of the accelerometers: no two records are half a turn about a body axis apart")
+            missing.append(say("missing.no_flip"))
         return []
-    notes.append(
-        f"The flip was about {flip.about}: it does not reverse accelerometer {flip.about}, whose bias is not separated "
-        "from the tilt of the table."
-    )
+    notes.append(say("bias.note.flip", axis=flip.about))
     return [
         estimate("accel_bias", "g", -mean.value, mean.std, {"kind": "accelerometer", "axis": axis, **_INDICATED},
                  n=mean.samples, dropped=mean.missing, dof=mean.dof)
@@ -125,7 +110,7 @@ def _window(row: SampledRow, kind: str, resolution: float, missing: list[str]) -
     try:
         return _window_of(row, kind, resolution)
     except FitError as error:
-        missing.append(_sentence(f"record {row.number}", error))
+        missing.append(_sentence(say("record", number=row.number), error))
         return None
 
 
@@ -145,7 +130,7 @@ def _stability(
             try:
                 stability = bias_stability(placed[:, k], 1.0 / rows[0].rate_Hz)
             except FitError as error:
-                missing.append(_sentence(f"stability of {kind} {axis}", error))
+                missing.append(_sentence(say("bias.stability", sensor=channel_name(f"{kind} {axis}")), error))
                 continue
             stabilities[kind, axis] = stability
             place = {"kind": kind, "axis": axis}
@@ -166,7 +151,7 @@ def _repeatability(rows: list[SampledRow], missing: list[str]) -> Estimates:
             try:
                 scatter = bias_repeatability(means, stds, starts, lengths)
             except FitError as error:
-                missing.append(_sentence(f"repeatability of {kind} {axis}", error))
+                missing.append(_sentence(say("bias.repeatability", sensor=channel_name(f"{kind} {axis}")), error))
                 continue
             place = {"kind": kind, "axis": axis}
             entries.append(
@@ -179,7 +164,7 @@ def _repeatability(rows: list[SampledRow], missing: list[str]) -> Estimates:
 def _sentence(what: str, error: FitError) -> str:
     if error.code not in _OF_ONE_PART:
         raise error
-    return f"{what}: {error.message} ({error.code})"
+    return refused(what, error.message, error.code)
 
 
 @dataclass(frozen=True)
@@ -237,20 +222,15 @@ def _about(first: SampledRow, second: SampledRow) -> str | None:
 
 def _tables(estimates: Sequence[Mapping[str, Any]]) -> list[Table]:
     """Bias of each axis, and table 2 of the paper for all axes (it prints X only): value and expanded uncertainty."""
-    names = (("gyro bias, deg/h", "gyro_bias", 1.0), ("accelerometer bias, mg", "accel_bias", 1e3))
-    biases = [[text, *(_cell(estimates, quantity, axis, factor) for axis in AXES)] for text, quantity, factor in names]
-    rows = [[text, *(_cell(estimates, quantity, axis, 1.0) for axis in AXES)] for text, quantity in _ROWS]
-    of_biases = (
-        "Gyro: 3 min at rest, the Earth's rate taken off, w = K N - bias. Accelerometer: by a flip, a = K N + bias."
-    )
-    caption = (
-        "Standard deviation of 360 means of 10 s in 1 h; of the means of six windows of 10 min. The repeatability has "
-        "no limit and is not judged."
-    )
-    headers = ["quantity", *AXES]
+    factors = {"gyro_bias": 1.0, "accel_bias": 1e3} | dict.fromkeys(_ROWS, 1.0)
+    rows = [
+        [say(f"bias.row.{quantity}"), *(_cell(estimates, quantity, axis, factor) for axis in AXES)]
+        for quantity, factor in factors.items()
+    ]
+    headers = [say("bias.head.quantity"), *AXES]
     return [
-        Table("Bias", of_biases, headers, biases, lead=True),
-        Table("Table 2: stability and repeatability", caption, headers, rows, lead=True),
+        Table(say("bias.title"), say("bias.caption"), headers, rows[:2], lead=True),
+        Table(say("table2.title"), say("table2.caption"), headers, rows[2:], lead=True),
     ]
 
 
@@ -260,7 +240,7 @@ def _cell(estimates: Sequence[Mapping[str, Any]], quantity: str, axis: str, fact
             value, wide = factor * entry["value"], factor * entry["expanded_uncertainty"]
             places = max(0, min(9, 1 - int(np.floor(np.log10(wide))))) if wide > 0 else 4
             return f"{value:.{places}f} ± {wide:.{places}f}"
-    return "not tested"
+    return say("verdict.not_tested")
 
 
 def _figures(stabilities: Mapping[tuple[str, str], BiasStability]) -> list[Figure]:
@@ -283,8 +263,8 @@ def _means(kind: str, factor: float, unit: str, by_axis: Mapping[str, BiasStabil
         )
         for axis, stability in by_axis.items()
     ]
-    title = f"{kind.capitalize()}: means of 10 s"
-    return Figure(title, "About the mean of the hour.", "time, min", f"mean, {unit}", series)
+    labels = say("means.caption"), say("means.x"), say("means.y", unit=unit)
+    return Figure(say(f"means.title.{kind}"), *labels, series)
 
 
 def _allan(kind: str, factor: float, unit: str, by_axis: Mapping[str, BiasStability]) -> Figure:
@@ -292,7 +272,5 @@ def _allan(kind: str, factor: float, unit: str, by_axis: Mapping[str, BiasStabil
     for axis, stability in by_axis.items():
         curve_of = allan_deviation(factor * stability.averages, AVERAGE_s)
         series.append(curve(axis, curve_of.tau_s, curve_of.deviation, "line"))
-    title = f"{kind.capitalize()}: Allan deviation"
-    return Figure(
-        title, "Of the means of 10 s.", "averaging time, s", f"Allan deviation, {unit}", series, x_log=True, y_log=True
-    )
+    labels = say("allan.caption"), say("allan.x"), say("allan.y", unit=unit)
+    return Figure(say(f"allan.title.{kind}"), *labels, series, x_log=True, y_log=True)

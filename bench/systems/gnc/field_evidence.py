@@ -21,6 +21,7 @@ from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit
 from bench.systems.gnc.estimators.magnetometer.misshape import misshape
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric
 from bench.systems.gnc.estimators.magnetometer.section import section_of
+from bench.systems.gnc.wording import say
 
 PLANE = ("mag_offset", "mag_gain", "mag_angle", "mag_radius", "mag_roll_error")
 SPHERE = ("mag_hard_iron", "mag_soft_iron")
@@ -41,22 +42,14 @@ def surface_evidence(
 ) -> list[Evidence]:
     """Return what the residuals of a curve or surface say: noise longer than the record tells, another shape.
 
-    ``points``: those of the fit, in ``unit``.   ``what``: the readings in words.   ``about``: conditions of its
-    estimates.
+    ``points``: those of the fit, in ``unit``.   ``what``: where the readings are from, in words.   ``about``:
+    conditions of its estimates.
     """
     factor, name = shown_unit(unit)
     quantities = PLANE if points.shape[1] == 2 else SPHERE
     wander, bent = quadric.wander, misshape(quadric, points, begins)
-    longer = (
-        f"The noise of {what} lasts longer than the readings can tell: blocks of a seventh and a fourteenth of them "
-        f"still pull like their neighbours ({wander.together:.1f} standard deviations). Look for a field that "
-        "changes (steel, motors, currents near the table), and read longer."
-    )
-    shape = (
-        f"{what[0].upper()}{what[1:]} do not lie on an ellipse or ellipsoid: they leave it by {factor * bent.size:.3g} "
-        f"{name} (RMS, third and fourth order), which moves the result by {bent.move:.3g} times its expanded "
-        "uncertainty. Look for an axis that saturates or is not linear, and for steel that turns with the unit."
-    )
+    longer = say("evidence.wanders", what=what, together=wander.together)
+    shape = say("evidence.shape", what=what, size=factor * bent.size, unit=name, move=bent.move)
     return [
         Evidence(
             "field_wanders",
@@ -99,30 +92,22 @@ def plausible_sphere(fit: EllipsoidFit, unit: str = "gauss") -> list[Evidence]:
 def _field(size_gauss: float, least_gauss: float) -> list[tuple[str, str, float]]:
     if least_gauss <= size_gauss <= _FIELD_gauss[1]:
         return []
-    text = (
-        f"A field of {size_gauss:.3g} gauss is not the Earth's ({_FIELD_gauss[0]:g} to {_FIELD_gauss[1]:g} gauss). "
-        "Check the scale of the sensor in the frame and what is magnetic near the table."
-    )
+    low, high = _FIELD_gauss
+    text = say("evidence.field", size=size_gauss, low=low, high=high)
     return [("implausible_field", text, size_gauss)]
 
 
 def _iron(iron_gauss: float, field_gauss: float) -> list[tuple[str, str, float]]:
     if iron_gauss <= _LARGEST_IRON * field_gauss:
         return []
-    text = (
-        f"A hard iron of {iron_gauss:.3g} gauss is more than {_LARGEST_IRON:g} times the field. Demagnetise the unit "
-        "or check the sensor."
-    )
+    text = say("evidence.iron", iron=iron_gauss, times=_LARGEST_IRON)
     return [("implausible_iron", text, iron_gauss)]
 
 
 def _distortion(part: float) -> list[tuple[str, str, float]]:
     if part <= _LARGEST_DISTORTION:
         return []
-    text = (
-        f"Axes that differ by {100 * part:.0f} % are beyond what scale and soft iron do ({100 * _LARGEST_DISTORTION:g} "
-        "%). Check the scale of each axis and whether one of them answers at all."
-    )
+    text = say("evidence.distortion", part=100 * part, bound=100 * _LARGEST_DISTORTION)
     return [("implausible_soft_iron", text, 100 * part)]
 
 
@@ -142,11 +127,7 @@ def section_evidence(plane: EllipseFit, sphere: EllipsoidFit, turn: Floats, abou
     move = float(
         np.nan_to_num(np.abs(apart) / (coverage_factor() * np.sqrt(np.maximum(least, _ROUNDING))), nan=np.inf).max()
     )
-    text = (
-        f"The turn about z and the attitudes do not agree on offset, gain and angle: they are {score.max():.1f} "
-        f"standard uncertainties apart, {move:.3g} times an expanded uncertainty. The field or the unit changed "
-        "between the records; take all of them again in one go."
-    )
+    text = say("evidence.section", score=float(score.max()), move=move)
     return Evidence(
         "turn_against_attitudes", text, float(score.max()), max(probability, _SMALLEST), move, (*PLANE, *SPHERE), about
     )

@@ -17,6 +17,7 @@ from typing import Any
 from bench import analysis
 from bench.analysis import Estimate, Estimates, Table, judged, rule_of, stated_limits, use_of, with_uncertainty
 from bench.systems.gnc.declaration import DECLARATION
+from bench.systems.gnc.wording import headers_of, say
 
 # in the base unit of the dimension that the declaration states
 SPECIFIED: Mapping[str, float] = {
@@ -50,7 +51,7 @@ SPECIFIED: Mapping[str, float] = {
 }
 
 Limits = Mapping[str, float]
-NOT_TESTED = "not tested"
+NOT_TESTED = say("verdict.not_tested")
 _ORDER = ("fail", "conditional_fail", "conditional_pass", "pass", "none")  # the worst axis speaks for the row
 
 
@@ -77,35 +78,35 @@ class Row:
 
 ROWS: tuple[Row, ...] = (
     Row(
-        "size of the module, beyond its limits",
+        say("spec.size"),
         "26 mm x 26 mm x 32 mm",
         ("width_beyond_limits", "depth_beyond_limits", "height_beyond_limits"),
         unit="m",
     ),
-    Row("supply voltage, deviation from 5 V", "5 %", ("supply_voltage_deviation",), "supply_voltage_deviation"),
-    Row("supply current, deviation from 0.49 A", "5 %", ("supply_current_deviation",), "supply_current_deviation"),
-    Row("position, 1 sigma", "10 m horizontal, 15 m vertical"),
-    Row("velocity, 1 sigma", "0.1 m/s horizontal, 0.2 m/s vertical"),
-    Row("pulse per second", "10 ns"),
-    Row("overload", "at least 20 000 g"),
-    Row("acceleration range", "40 g"),
-    Row("accelerometer: range", "50 g"),
-    Row("accelerometer: resolution", "1 mg"),
-    Row("accelerometer: bias stability, 1 sigma", "", ("accel_bias_stability",), "accel_bias_stability", "mg", 1e3),
+    Row(say("spec.supply_voltage"), "5 %", ("supply_voltage_deviation",), "supply_voltage_deviation"),
+    Row(say("spec.supply_current"), "5 %", ("supply_current_deviation",), "supply_current_deviation"),
+    Row(say("spec.position"), say("spec.position.limit")),
+    Row(say("spec.velocity"), say("spec.velocity.limit")),
+    Row(say("spec.pulse"), "10 ns"),
+    Row(say("spec.overload"), say("spec.overload.limit")),
+    Row(say("spec.acceleration"), "40 g"),
+    Row(say("spec.accel_range"), "50 g"),
+    Row(say("spec.accel_resolution"), "1 mg"),
+    Row(say("spec.accel_stability"), "", ("accel_bias_stability",), "accel_bias_stability", "mg", 1e3),
     Row(
-        "accelerometer: scale-factor repeatability, 1 sigma",
+        say("spec.accel_repeatability"),
         "",
         ("accel_scale_repeatability",),
         "accel_scale_repeatability",
     ),
-    Row("accelerometer: coupling after compensation", "", ("accel_coupling_compensated",), "accel_cross_coupling"),
-    Row("gyro: range", "400 deg/s"),
-    Row("gyro: resolution", "0.005 deg/s"),
-    Row("gyro: bias stability, 1 sigma", "", ("gyro_bias_stability",), "gyro_bias_stability", "deg/h", 3600.0),
-    Row("gyro: scale-factor repeatability, 1 sigma", "", ("gyro_scale_repeatability",), "gyro_scale_repeatability"),
-    Row("gyro: coupling after compensation", "", ("gyro_coupling_compensated",), "gyro_cross_coupling"),
-    Row("magnetometer: range", "6 gauss"),
-    Row("magnetometer: resolution", "120 ugauss"),
+    Row(say("spec.accel_coupling"), "", ("accel_coupling_compensated",), "accel_cross_coupling"),
+    Row(say("spec.gyro_range"), "400 deg/s"),
+    Row(say("spec.gyro_resolution"), "0.005 deg/s"),
+    Row(say("spec.gyro_stability"), "", ("gyro_bias_stability",), "gyro_bias_stability", "deg/h", 3600.0),
+    Row(say("spec.gyro_repeatability"), "", ("gyro_scale_repeatability",), "gyro_scale_repeatability"),
+    Row(say("spec.gyro_coupling"), "", ("gyro_coupling_compensated",), "gyro_cross_coupling"),
+    Row(say("spec.mag_range"), "6 gauss"),
+    Row(say("spec.mag_resolution"), "120 ugauss"),
 )
 
 
@@ -119,9 +120,8 @@ def table_3(estimates: Estimates, campaign: Mapping[str, Any]) -> Table:
         _row(promised, [entry for entry in estimates if entry["quantity"] in promised.quantities], limits, rule)
         for promised in ROWS
     ]
-    title = "Table 3: specification of the module"
-    caption = "Worst axis with its expanded uncertainty; what this session does not measure is not tested."
-    headers = ["parameter", "unit", "measured ± U", "limit", "of", "verdict"]
+    title, caption = say("table3.title"), say("table3.caption")
+    headers = headers_of("table3", "parameter", "unit", "measured", "limit", "of", "verdict")
     tested = any(row[-1] != NOT_TESTED for row in rows)  # of nothing but "not tested" nobody reads first
     return Table(title, caption, headers, rows, lead=tested)
 
@@ -134,7 +134,7 @@ def _row(row: Row, entries: Estimates, limits: Limits, rule: str) -> list[Any]:
     worst = min(
         (judged(entry, rule) for entry in entries), key=lambda entry: (_ORDER.index(entry["verdict"]), -_use(entry))
     )
-    verdict = NOT_TESTED if worst["verdict"] == "none" else str(worst["verdict"]).upper().replace("_", " ")
+    verdict = NOT_TESTED if worst["verdict"] == "none" else say(f"verdict.{worst['verdict']}")
     place = " ".join(str(value) for name, value in worst["conditions"].items() if name != "kind")
     measured = with_uncertainty(worst["value"], worst["expanded_uncertainty"])
     return [row.text, unit, measured, limit, place or "–", verdict]

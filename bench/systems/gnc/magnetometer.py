@@ -50,13 +50,13 @@ from bench.systems.gnc.rows import (
     usable,
 )
 from bench.systems.gnc.sphere import Sphere, noise_notes, sphere_of
+from bench.systems.gnc.wording import headers_of, refused, say
 
 METHODS: tuple[str, ...] = (ELLIPSE, EXTREMES)
 NON_MAGNETIC = "non_magnetic"
 _PARAMETERS = (("mag_offset", "gauss", "x"), ("mag_offset", "gauss", "y"), ("mag_gain", "1", None),
                ("mag_angle", "deg", None), ("mag_radius", "gauss", None))  # fmt: skip
 _ATTITUDES = "attitudes"
-_NO_ATTITUDES = "A turn about Z determines X and Y only; offset and gain of Z need records in many attitudes."
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -71,7 +71,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     missing += bad
     turns = _turns(good, missing)
     attitudes = [row.values("magnetometer") for row in good if row.item == _ATTITUDES]
-    sphere = sphere_of(attitudes) if attitudes else Sphere(notes=[_NO_ATTITUDES])
+    sphere = sphere_of(attitudes) if attitudes else Sphere(notes=[say("note.no_attitudes")])
     missing += sphere.missing
     fits = [(row, widened(fit, sphere.wander, sphere.wander_dof)) for row, fit in turns]
     parameters = fits[0][1].by_method[method]
@@ -103,16 +103,16 @@ def _turns(rows: Sequence[SampledRow], missing: list[str]) -> list[tuple[Sampled
     Raises: FitError of the first turn if none does, B-GNC-003 if there is none.
     """
     fits: list[tuple[SampledRow, PlaneComparison]] = []
-    refused: list[FitError] = []
+    errors: list[FitError] = []
     for row in (row for row in rows if row.item != _ATTITUDES):
         field = row.values("magnetometer")
         try:
             fits.append((row, compare_methods(field[:, 0], field[:, 1])))
         except FitError as error:
-            refused.append(error)
-            missing.append(f"record {row.number}: {error.message} ({error.code})")
+            errors.append(error)
+            missing.append(refused(say("record", number=row.number), error.message, error.code))
     if not fits:
-        raise refused[0] if refused else no_records(("magnetometer",))
+        raise errors[0] if errors else no_records(("magnetometer",))
     return fits
 
 
@@ -135,7 +135,7 @@ def _evidence(fits: Sequence[tuple[SampledRow, PlaneComparison]], sphere: Sphere
         about = {"record": row.number} if len(fits) > 1 else {}
         turn = row.values("magnetometer")
         kept = turn[~fit.ellipse.odd, :2]
-        found += surface_evidence(fit.ellipse.quadric, kept, (), f"the readings of record {row.number}", about)
+        found += surface_evidence(fit.ellipse.quadric, kept, (), say("record", number=row.number), about)
         found += plausible_plane(fit.ellipse, about)
         if sphere.fit is not None:
             found.append(section_evidence(fit.ellipse, sphere.fit, turn, {}))
@@ -143,7 +143,7 @@ def _evidence(fits: Sequence[tuple[SampledRow, PlaneComparison]], sphere: Sphere
 
 
 def _table(fit: PlaneComparison) -> Table:
-    names = ["offset x, mgauss", "offset y, mgauss", "gain K_y", "angle, deg", "field in the plane, mgauss"]
+    names = [say(f"plane.row.{name}") for name in ("offset_x", "offset_y", "gain", "angle", "field")]
     factors = (1e3, 1e3, 1.0, 1.0, 1e3)
     extremes, ellipse = fit.by_method[EXTREMES], fit.by_method[ELLIPSE]
     rows = [
@@ -155,15 +155,13 @@ def _table(fit: PlaneComparison) -> Table:
         for k, (name, factor) in enumerate(zip(names, factors, strict=True))
     ]
     rolls = [f"{fit.roll[method].rms_deg:.2g}" for method in (EXTREMES, ELLIPSE)]
-    rows.append(["roll angle, RMS error over a turn, deg", *rolls, "–"])
+    rows.append([say("plane.row.roll"), *rolls, "–"])
     rms, largest = fit.roll_difference_deg
-    caption = (
-        f"Intervals of 95 %. Roll by the two methods differs by {rms:.3g} deg RMS, {largest:.3g} deg at most. "
-        + _coverage(fit.extremes.phases)
-    )
-    headers = ["parameter", "extremes (paper)", "ellipse (least squares)", "difference / std"]
-    title = "Magnetometer by two methods"
-    return Table(title, caption, headers, rows, prose=True, lead=True)
+    phases = fit.extremes.phases
+    key = "plane.caption_phases" if phases else "plane.caption"
+    caption = say(key, rms=rms, largest=largest, phases=phases)
+    headers = headers_of("plane", "parameter", "extremes", "ellipse", "difference")
+    return Table(say("plane.title"), caption, headers, rows, prose=True, lead=True)
 
 
 def _interval(parameters: PlaneParameters, k: int, factor: float) -> str:
@@ -171,24 +169,18 @@ def _interval(parameters: PlaneParameters, k: int, factor: float) -> str:
     return with_uncertainty(factor * parameters.values[k], reach)
 
 
-def _coverage(phases: int) -> str:
-    if not phases:
-        return "The turn was read without a gap."
-    return f"Phases of the turn that were read: {phases}; extremes of few phases miss the true ones."
-
-
 def _figures(row: SampledRow, parameters: PlaneParameters) -> list[Figure]:
     """X against Y as read and corrected, and both components against time."""
     field = 1e3 * row.values("magnetometer")
     x, y = parameters.corrected(field[:, 0] / 1e3, field[:, 1] / 1e3)
-    caption = f"As read and after compensation; circle about the origin of {1e3 * parameters.radius:.1f} mgauss."
-    parts = [curve("before", field[:, 0], field[:, 1], "points"), curve("after", 1e3 * x, 1e3 * y, "points")]
-    plane = Figure("Magnetometer, X against Y", caption, "X, mgauss", "Y, mgauss", parts, equal=True)
+    caption = say("circle.caption", radius=1e3 * parameters.radius)
+    parts = [curve(say("before"), field[:, 0], field[:, 1], "points"), curve(say("after"), 1e3 * x, 1e3 * y, "points")]
+    plane = Figure(say("circle.title"), caption, "X, mgauss", "Y, mgauss", parts, equal=True)
     turn = slice(0, max(2, int(60.0 * row.rate_Hz)))
     time_s = row.time_s[turn]
     parts = [curve(axis, time_s, field[turn, k], "line") for k, axis in enumerate(AXES)]
-    components = Figure("Magnetometer against time", "The first minute.", "time, s", "field, mgauss", parts)
-    return [plane, components]
+    labels = say("minute.title"), say("minute.caption"), say("time"), say("size.y", unit="mgauss")
+    return [plane, Figure(*labels, parts)]
 
 
 def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Material) -> list[str]:
@@ -196,18 +188,19 @@ def _notes(fits: Sequence[tuple[SampledRow, PlaneComparison]], material: Materia
     for row, fit in fits:
         table = row.conditions.get("table", material.campaign.get("table"))
         if table != NON_MAGNETIC:
-            stated = "does not say which table was used" if table is None else f"names the table {table!r}"
-            sentences.append(
-                f"Record {row.number} {stated}: only a non-magnetic table keeps its own field out of offset, gain and "
-                "angle."
-            )
+            key = "note.table_unknown" if table is None else "note.table"
+            sentences.append(say(key, number=row.number, table=table))
         ellipse = fit.ellipse
-        phases = ellipse.phases or "no gap between"
         sentences.append(
-            f"Record {row.number}: {phases} phases, largest part of the turn without a reading "
-            f"{ellipse.largest_gap_deg:.1f} deg, noise {1e3 * ellipse.noise:.3f} mgauss."
+            say(
+                "note.turn" if ellipse.phases else "note.turn_whole",
+                number=row.number,
+                phases=ellipse.phases,
+                gap=ellipse.largest_gap_deg,
+                noise=1e3 * ellipse.noise,
+            )
         )
         sentences += noise_notes(
-            f"Record {row.number}", ellipse.quadric.wander, int(ellipse.odd.sum()), ellipse.odd.size
+            say("of.record", number=row.number), ellipse.quadric.wander, int(ellipse.odd.sum()), ellipse.odd.size
         )
     return sentences

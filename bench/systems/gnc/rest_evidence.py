@@ -13,6 +13,7 @@ from bench.analysis import Evidence, Floats
 from bench.systems.gnc.estimators.earth_rate import up_in_body
 from bench.systems.gnc.limits import Limits
 from bench.systems.gnc.rows import AXES, SENSORS, SampledRow
+from bench.systems.gnc.wording import channel_name, say
 
 _PLAUSIBLE_g = 0.1  # bias and scale-factor error of an accelerometer together
 _TIMES_STABILITY = 5.0  # a bias that wanders as specified changes less within a record
@@ -37,9 +38,8 @@ def _other_pose(row: SampledRow) -> list[Evidence]:
     worst = int(np.argmax(np.abs(off)))
     if abs(off[worst]) <= _PLAUSIBLE_g:
         return []
-    text = (
-        f"Record {row.number} ({row.item}): accelerometer {AXES[worst]} is {off[worst]:+.2f} g off what gravity makes "
-        f"in the pose that is named (plausible: {_PLAUSIBLE_g:g} g). Check mounting, axes, signs and angles."
+    text = say(
+        "evidence.pose", number=row.number, item=row.item, axis=AXES[worst], off=float(off[worst]), bound=_PLAUSIBLE_g
     )
     return [Evidence("implausible_pose", text, float(off[worst]), 0.0, quantities=_QUANTITIES[row.item], refuses=True)]
 
@@ -61,10 +61,14 @@ def _moves(row: SampledRow, limits: Limits) -> list[Evidence]:
         far = np.abs(change) / np.maximum(_TIMES_STABILITY * limits[f"{prefix}_bias_stability"], _SURE * noise)
         worst = int(np.argmax(far))
         if far[worst] > 1.0:
-            text = (
-                f"Record {row.number} ({row.item}): the {kind} {AXES[worst]} changes by {change[worst]:+.3g} "
-                f"{_UNITS[kind]} from the first to the last quarter, more than {_TIMES_STABILITY:g} times the bias "
-                "stability of the specification: the unit moved or warmed up. Take the record again."
+            text = say(
+                "evidence.moves",
+                number=row.number,
+                item=row.item,
+                sensor=channel_name(f"{kind} {AXES[worst]}"),
+                change=float(change[worst]),
+                unit=_UNITS[kind],
+                times=_TIMES_STABILITY,
             )
             found.append(Evidence("not_at_rest", text, float(change[worst]), 0.0, quantities=_QUANTITIES[row.item]))
     return found
@@ -81,10 +85,7 @@ def _stands_still(rows: Sequence[SampledRow]) -> list[Evidence]:
     for kind in ("accelerometer", "gyro"):
         still = np.array([np.ptp(row.samples.columns[SENSORS[kind]], axis=0) == 0 for row in rows]).all(axis=0)
         for k in np.flatnonzero(still) if rows and not still.all() else ():
-            text = (
-                f"The {kind} {AXES[k]} has the same value in every sample of every record and its neighbours have "
-                "noise: it does not measure."
-            )
+            text = say("evidence.silent", sensor=channel_name(f"{kind} {AXES[k]}"))
             place = {"kind": kind, "axis": AXES[k]}
             found.append(Evidence("stands_still", text, float(len(rows)), 0.0, conditions=place, refuses=True))
     return found

@@ -19,6 +19,7 @@ from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock
 from bench.systems.gnc.estimators.earth_rate import Pose, Site
 from bench.systems.gnc.estimators.records import tick_seconds
 from bench.systems.gnc.estimators.sample_checks import FROZEN, SATURATED, SampleChecks, check_samples
+from bench.systems.gnc.wording import channel_name, headers_of, listed, say
 
 if TYPE_CHECKING:
     from bench.record import RecordRow, Samples
@@ -98,9 +99,9 @@ def sampled_rows(material: Material, items: Sequence[str]) -> tuple[list[Sampled
         if item not in items:
             continue
         if row.samples is None or len(row.samples) < 2:
-            empty.append(f"record {row.window.number} ({item}): no samples")
+            empty.append(say("missing.no_samples", number=row.window.number, item=item))
         elif CONTINUES in row.window.conditions:
-            empty.append(f"record {row.window.number} ({item}): it does not follow the record that it continues")
+            empty.append(say("missing.not_following", number=row.window.number, item=item))
         else:
             sampled.append(_sampled(row, row.samples))
     if not sampled:
@@ -201,7 +202,11 @@ def checked(rows: Sequence[SampledRow], kinds: Sequence[str], campaign: Mapping[
 
 def usable(rows: Sequence[CheckedRow]) -> tuple[list[SampledRow], list[str]]:
     """Return the records that may be used, and a sentence for each that may not."""
-    refused = [f"record {seen.row.number} ({seen.row.item}): {seen.reason}" for seen in rows if seen.reason]
+    refused = [
+        say("missing.record", number=seen.row.number, item=seen.row.item, why=seen.reason)
+        for seen in rows
+        if seen.reason
+    ]
     return [seen.row for seen in rows if not seen.reason], refused
 
 
@@ -217,9 +222,15 @@ def without_bad_samples(rows: Sequence[SampledRow], kinds: Sequence[str]) -> tup
             bridge = bridged(values, bad)
             columns[SENSORS[kind]] = np.rint(bridge).astype(raw.dtype)
             notes += [
-                f"Record {row.number} ({row.item}): {kind} {AXES[axis]}, sample {place}, stands alone by "
-                f"{step * (values[place, axis] - bridge[place, axis]):+.4g} {unit}; the mean of its neighbours "
-                "was taken."
+                say(
+                    "note.alone",
+                    number=row.number,
+                    item=row.item,
+                    sensor=channel_name(f"{kind} {AXES[axis]}"),
+                    sample=int(place),
+                    step=float(step * (values[place, axis] - bridge[place, axis])),
+                    unit=unit,
+                )
                 for place, axis in zip(*np.nonzero(bad), strict=True)
             ]
         mended.append(replace(row, samples=replace(row.samples, columns=columns)))
@@ -253,7 +264,11 @@ def _limits(kinds: Sequence[str], imu: Mapping[str, Any]) -> dict[str, float]:
 
 def check_notes(rows: Sequence[CheckedRow]) -> list[str]:
     """Return what was found, one sentence per record and fault."""
-    return [f"Record {seen.row.number} ({seen.row.item}): {text}." for seen in rows for text in seen.checks.sentences]
+    return [
+        say("note.of_record", number=seen.row.number, item=seen.row.item, text=text)
+        for seen in rows
+        for text in seen.checks.sentences
+    ]
 
 
 def check_table(checked_rows: Sequence[CheckedRow]) -> Table:
@@ -262,14 +277,11 @@ def check_table(checked_rows: Sequence[CheckedRow]) -> Table:
     for seen in checked_rows:
         ticks, checks = seen.checks.ticks, seen.checks
         jitter_us = number(1e6 * ticks.worst_jitter_s, 0) if ticks else "–"
-        what = ", ".join(dict.fromkeys(finding.kind for finding in checks.findings)) or "nothing"
+        kinds = dict.fromkeys(finding.kind for finding in checks.findings)
+        what = listed([say(f"found.{kind}") for kind in kinds or ("nothing",)])
         rows.append([seen.row.number, seen.row.item, checks.samples, checks.missing, jitter_us, _clock(checks), what])
-    headers = ["record", "item", "samples", "missing", "largest jitter, us", "unit's clock, ppm", "found"]
-    caption = (
-        "Jitter: of the time stamps, in steps of 1 us. Clock: of the unit against that of the bench, with the error "
-        "that the delays of the link can make; a dash where that is more than a crystal is off."
-    )
-    return Table("Samples", caption, headers, rows)
+    headers = headers_of("samples", "record", "item", "samples", "missing", "jitter", "clock", "found")
+    return Table(say("samples.title"), say("samples.caption"), headers, rows)
 
 
 def _clock(checks: SampleChecks) -> str:

@@ -17,6 +17,7 @@ from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit, fi
 from bench.systems.gnc.estimators.magnetometer.wander import Wander
 from bench.systems.gnc.field_evidence import plausible_sphere, shown_unit, surface_evidence
 from bench.systems.gnc.rows import AXES
+from bench.systems.gnc.wording import refused, say
 
 _MOST_SAMPLES = 20_000  # an even choice of more says nothing that these do not
 _CIRCLE_SAMPLES = 2_000
@@ -61,16 +62,16 @@ def sphere_of(records: Sequence[Floats], unit: str = "gauss") -> Sphere:
     try:
         fit = fit_ellipsoid(chosen, begins=begins)
     except FitError as error:
-        return Sphere(missing=[f"hard and soft iron of the magnetometer: {error.message} ({error.code})"])
-    notes = [f"Hard and soft iron: {sentence}." for sentence in fit.coverage.sentences]
-    notes += noise_notes("The attitudes", fit.quadric.wander, int(fit.odd.sum()), fit.odd.size)
+        return Sphere(missing=[refused(say("iron"), error.message, error.code)])
+    notes = [say("note.iron", text=sentence) for sentence in fit.coverage.sentences]
+    notes += noise_notes(say("of.attitudes"), fit.quadric.wander, int(fit.odd.sum()), fit.odd.size)
     places = np.searchsorted(np.flatnonzero(~fit.odd), begins).tolist()
     return Sphere(
         fit=fit,
         every=every,
         estimates=_sphere_estimates(fit, unit),
         evidence=[
-            *surface_evidence(fit.quadric, chosen[~fit.odd], places, "the readings of the attitudes", {}, unit),
+            *surface_evidence(fit.quadric, chosen[~fit.odd], places, say("attitudes"), {}, unit),
             *plausible_sphere(fit, unit),
         ],
         notes=notes,
@@ -92,13 +93,9 @@ def noise_notes(what: str, wander: Wander, odd: int, count: int) -> list[str]:
     """Return what was left out, and what noise that wanders did to the intervals."""
     notes = []
     if odd:
-        notes.append(f"{what}: {odd} of {count} readings lie off the surface of all others and were left out.")
+        notes.append(say("note.odd", what=what, odd=odd, count=count))
     if wander.blocks:
-        notes.append(
-            f"{what}: noise is not independent from reading to reading; the intervals come from the scatter of "
-            f"{wander.blocks} blocks of readings and are {wander.factor:.2g} times as wide as independent noise would "
-            "make them."
-        )
+        notes.append(say("note.wander", what=what, blocks=wander.blocks, times=wander.factor))
     return notes
 
 
@@ -128,7 +125,6 @@ def _sphere_figure(fit: EllipsoidFit, readings: Floats, unit: str) -> Figure:
     before = factor * np.linalg.norm(shown, axis=1)
     after = factor * np.linalg.norm(fit.corrected(shown), axis=1)
     number = np.arange(len(shown), dtype=np.float64)
-    title = "Size of the field in all attitudes"
-    caption = f"As read and without hard and soft iron; {factor * fit.noise:.2f} {name} of noise are left."
-    parts = [curve("before", number, before, "points"), curve("after", number, after, "points")]
-    return Figure(title, caption, "reading, in the order of the records", f"field, {name}", parts)
+    caption = say("size.caption", noise=factor * fit.noise, unit=name)
+    parts = [curve(say("before"), number, before, "points"), curve(say("after"), number, after, "points")]
+    return Figure(say("size.title"), caption, say("size.x"), say("size.y", unit=name), parts)

@@ -43,6 +43,7 @@ from bench.systems.gnc.rows import (
     usable,
     without_bad_samples,
 )
+from bench.systems.gnc.wording import refused, say
 
 METHODS: tuple[str, ...] = ("least_squares",)
 _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
@@ -56,7 +57,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     check_method(method, METHODS)
     rows, empty = sampled_rows(material, ("position", "rotation"))
     looked_at = checked(rows, ("gyro", "accelerometer"), material.campaign)
-    good, refused = usable(looked_at)
+    good, bad = usable(looked_at)
     good, odd = without_bad_samples(good, ("gyro", "accelerometer"))
     parts = calibrate(Calibration(sets_of(good), clock_of(good), power_on_of(good)), material)
     if parts.accelerometer is None and parts.gyro is None and parts.refused:
@@ -70,7 +71,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         estimates=estimates,
         evidence=evidence(parts, looked_at, limits),
         notes=[*calibration_notes(parts), *odd, *check_notes(looked_at)],
-        missing=[*empty, *refused, *parts.missing],
+        missing=[*empty, *bad, *parts.missing],
         figures=[*position_figure(parts), *rotation_figures(parts)],
         tables=[*matrix_table(parts), table_3(estimates, material.campaign), check_table(looked_at)],
         compensation=_compensation(parts),
@@ -86,13 +87,13 @@ def calibrate(parts: Calibration, material: Material) -> Calibration:
     parts.tilt_deg = site.tilt_std_deg
     _name_missing(parts)
     if sets.positions:
-        with _Part(parts, "accelerometers"):
+        with _Part(parts, say("triad.accel")):
             rows = list(sets.positions.values())
             parts.accelerometer = position_fit(
                 rows, gravity, resolution, tilt_std_deg=parts.tilt_deg, one_power_on=parts.one_power_on(rows)
             )
     if parts.accelerometer is not None and sets.check_positions:
-        with _Part(parts, "check of the accelerometers"):
+        with _Part(parts, say("triad.check", triad=say("triad.accel"))):
             rows = list(sets.check_positions.values())
             parts.accelerometer_check = position_fit(
                 rows, gravity, resolution, parts.accelerometer, tilt_std_deg=parts.tilt_deg,
@@ -107,11 +108,11 @@ def _turns(parts: Calibration, site: Site, resolution_deg_s: float) -> None:
     declared = Declared(tilt_std_deg=site.tilt_std_deg, resolution_deg_s=resolution_deg_s, time_std=parts.clock.std)
     clock_error = parts.clock.error
     if sets.rotations:
-        with _Part(parts, "gyros"):
+        with _Part(parts, say("triad.gyro")):
             records = [rotation_record(row, clock_error) for row in sets.rotations.values()]
             parts.gyro = fit_rotations(records, site, declared)
     if parts.gyro is not None and sets.check_rotations:
-        with _Part(parts, "check of the gyros"):
+        with _Part(parts, say("triad.check", triad=say("triad.gyro"))):
             triad = parts.gyro.triad
             again = [
                 rotation_record(row, clock_error, compensated(triad, row.values("gyro")))
@@ -138,22 +139,22 @@ class _Part:
         if not isinstance(error, FitError) or error.code not in _OF_ONE_PART:
             return False
         self._parts.refused.append(error)
-        self._parts.missing.append(f"{self._what}: {error.message} ({error.code})")
+        self._parts.missing.append(refused(self._what, error.message, error.code))
         return True
 
 
 def _name_missing(parts: Calibration) -> None:
     sets = parts.sets
-    parts.missing += [f"position {up} up: no record" for up in UPS if up not in sets.positions]
+    parts.missing += [say("missing.position", up=up) for up in UPS if up not in sets.positions]
     parts.missing += [
-        f"rotation {axis.upper()}{'+' if sign > 0 else '-'}: no record"
+        say("missing.rotation", axis=axis.upper(), sign="+" if sign > 0 else "-")
         for axis, sign in TURNS
         if (axis, sign) not in sets.rotations
     ]
     if not sets.check_positions:
-        parts.missing.append("coupling of the accelerometers after compensation: no second set of positions")
+        parts.missing.append(say("missing.check_positions"))
     if not sets.check_rotations:
-        parts.missing.append("coupling of the gyros after compensation: no second set of rotations")
+        parts.missing.append(say("missing.check_rotations"))
 
 
 def _estimates(parts: Calibration, limits: Limits) -> Estimates:

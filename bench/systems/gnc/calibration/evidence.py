@@ -20,12 +20,12 @@ from bench.systems.gnc.estimators.sample_checks import FROZEN
 from bench.systems.gnc.estimators.triad import AXES, TriadFit
 from bench.systems.gnc.limits import Limits
 from bench.systems.gnc.rows import CheckedRow
+from bench.systems.gnc.wording import channel_name, say
 
 _PLAUSIBLE = 0.1  # scale-factor error and coupling
 _NOISE_DOF = 15.0  # of noise inside of and between the records, at least
 _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 _UNITS = {"accel": "g", "gyro": "deg/s"}
-_NAMES = {"accel": "accelerometers", "gyro": "gyros"}
 
 
 def evidence(parts: Calibration, checked: Sequence[CheckedRow], limits: Limits) -> list[Evidence]:
@@ -38,10 +38,10 @@ def evidence(parts: Calibration, checked: Sequence[CheckedRow], limits: Limits) 
         ("gyro", gyro, gyro_check),
     ):
         if fit is not None:
-            found += [*_plausible(prefix, fit), *_lack_of_fit(prefix, fit, limits[f"{prefix}_bias_stability"], "")]
+            found += [*_plausible(prefix, fit), *_lack_of_fit(prefix, fit, limits[f"{prefix}_bias_stability"])]
         if fit is not None and check is not None:
             found += [
-                *_lack_of_fit(prefix, check, limits[f"{prefix}_bias_stability"], "second set of "),
+                *_lack_of_fit(prefix, check, limits[f"{prefix}_bias_stability"], second=True),
                 _repeats(prefix, fit, check),
             ]
     return [*found, *_stands_still(checked)]
@@ -66,15 +66,20 @@ def _plausible(prefix: str, fit: TriadFit) -> list[Evidence]:
     if worst <= _PLAUSIBLE:
         return []
     row, column = np.unravel_index(int(np.argmax(off)), off.shape)
-    text = (
-        f"Sensor {AXES[row]} of the {_NAMES[prefix]} answers to axis {AXES[column]} with "
-        f"{fit.sensitivity[row, column]:.3g} instead of {float(row == column):g}, {100 * worst:.0f} % off (plausible: "
-        f"{100 * _PLAUSIBLE:g} %). Check axes, signs, mounting and the poses that the records name."
+    text = say(
+        "evidence.axis",
+        sensor=AXES[row],
+        triad=say(f"triad.{prefix}"),
+        axis=AXES[column],
+        answer=float(fit.sensitivity[row, column]),
+        due=float(row == column),
+        off=100 * worst,
+        bound=100 * _PLAUSIBLE,
     )
     return [Evidence("implausible_axis", text, worst, 0.0, quantities=_all_of(prefix), refuses=True)]
 
 
-def _lack_of_fit(prefix: str, fit: TriadFit, stability: float, which: str) -> list[Evidence]:
+def _lack_of_fit(prefix: str, fit: TriadFit, stability: float, *, second: bool = False) -> list[Evidence]:
     """Return whether the equations beyond those needed hold within the noise and what the bias may wander.
 
     From pose to pose a bias wanders more than the noise inside of the records tells; the intervals are widened for it.
@@ -87,13 +92,15 @@ def _lack_of_fit(prefix: str, fit: TriadFit, stability: float, which: str) -> li
     probability = max(
         float(special.fdtrc(fit.residual_dof, _NOISE_DOF, ratio)), float(special.chdtrc(fit.residual_dof, wander))
     )
-    text = (
-        f"The {which}{_NAMES[prefix]} do not obey their equations: residuals of "
-        f"{float(np.sqrt(np.mean(fit.residual**2))):.3g} {_UNITS[prefix]} (RMS; bias stability {stability:.3g} "
-        f"{_UNITS[prefix]}). Look for a pose or a turn that is not the one named, a sensor that is not linear, and a "
-        "unit that moved or warmed up."
+    triad = say(f"triad.{prefix}")
+    text = say(
+        "evidence.equations",
+        triad=say("triad.second", triad=triad) if second else triad,
+        rms=float(np.sqrt(np.mean(fit.residual**2))),
+        unit=_UNITS[prefix],
+        stability=stability,
     )
-    quantities = _of_both_sets(prefix) if which else (*_of(prefix), f"{prefix}_scale_repeatability")
+    quantities = _of_both_sets(prefix) if second else (*_of(prefix), f"{prefix}_scale_repeatability")
     return [Evidence("lack_of_fit", text, ratio, max(probability, _SMALLEST), math.inf, quantities)]
 
 
@@ -104,10 +111,13 @@ def _repeats(prefix: str, fit: TriadFit, check: TriadFit) -> Evidence:
     probability = 2.0 * score.size * float(special.stdtr(min(fit.dof, check.dof), -score.max()))
     move = float(np.max(np.abs(left) / np.maximum(coverage_factor() * fit.matrix_std, _SMALLEST)))
     row, column = np.unravel_index(int(np.argmax(score)), score.shape)
-    text = (
-        f"Both sets of the {_NAMES[prefix]} do not agree: sensor {AXES[row]}, axis {AXES[column]} differs by "
-        f"{1e6 * left[row, column]:+.0f} ppm, {score.max():.1f} standard uncertainties. The unit or its mounting "
-        "changed between the sets; look at its temperature and take both again."
+    text = say(
+        "evidence.sets",
+        triad=say(f"triad.{prefix}"),
+        sensor=AXES[row],
+        axis=AXES[column],
+        apart=float(1e6 * left[row, column]),
+        score=float(score.max()),
     )
     bounded = min(1.0, max(probability, _SMALLEST))
     return Evidence("sets_differ", text, float(score.max()), bounded, move, _of(prefix))
@@ -122,10 +132,7 @@ def _stands_still(checked: Sequence[CheckedRow]) -> list[Evidence]:
             channel = f"{'accelerometer' if prefix == 'accel' else 'gyro'} {axis}"
             still = [seen.row.number for seen in rows if _frozen(seen, channel)]
             if 0 < len(still) < len(rows):
-                text = (
-                    f"The {channel} stands still through record {', '.join(map(str, still))} and has noise in the "
-                    "others: it hung. Take these records again."
-                )
+                text = say("evidence.still", sensor=channel_name(channel), records=", ".join(map(str, still)))
                 found.append(Evidence("stands_still", text, float(len(still)), 0.0, quantities=_all_of(prefix)))
     return found
 

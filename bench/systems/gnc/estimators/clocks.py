@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.records import tick_seconds
+from bench.systems.gnc.wording import say
 
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -102,7 +103,7 @@ def _backwards(increments: Array, counted: NDArray[np.bool_]) -> list[tuple[str,
     if not bad.any():
         return []
     count, first = int(bad.sum()), int(np.argmax(bad)) + 1
-    return [(BACKWARDS, count, first, f"{count} time stamps do not go forward, first at sample {first}")]
+    return [(BACKWARDS, count, first, say("check.backwards", count=count, first=first))]
 
 
 def _uneven(
@@ -114,21 +115,19 @@ def _uneven(
     if not bad.any():
         return []
     count, first = int(bad.sum()), int(np.argmax(bad)) + 1
-    text = (
-        f"{count} time stamps are more than {limit_s * 1e3:.3g} ms beside their place, first at sample {first}, "
-        f"the worst by {float(np.abs(off_s[bad]).max()) * 1e3:.3g} ms"
-    )
+    worst_ms = float(np.abs(off_s[bad]).max()) * 1e3
+    text = say("check.irregular", count=count, limit=limit_s * 1e3, first=first, worst=worst_ms)
     faults = [(IRREGULAR, count, first, text)]
     crowded = bad & (increments < 0.5 * median_s)
     if crowded.any():
         count, first = int(crowded.sum()), int(np.argmax(crowded)) + 1
-        text = f"{count} samples come in bursts, stamped less than half an interval apart, first at {first}"
+        text = say("check.burst", count=count, first=first)
         faults.append((BURST, count, first, text))
     return faults
 
 
 def _rate(rate_error: float, interval_s: float, median_s: float) -> list[tuple[str, int, int, str]]:
-    text = f"samples come every {median_s * 1e3:.4g} ms by their time stamps, {interval_s * 1e3:.4g} ms are nominal"
+    text = say("check.rate", every=median_s * 1e3, nominal=interval_s * 1e3)
     return [(RATE, 1, 0, text)] if abs(rate_error) > RATE_OFF else []
 
 
@@ -150,7 +149,7 @@ def _clock(tick_s: Array, received_s: Array | None) -> tuple[float, float]:
 def _against_the_bench(clock_error: float, clock_bound: float) -> list[tuple[str, int, int, str]]:
     if not abs(clock_error) > max(CLOCKS_APART, 3.0 * clock_bound):
         return []
-    text = f"the unit's clock is off by {clock_error:.2e} against the bench clock (limit {CLOCKS_APART:g})"
+    text = say("check.clock", error=clock_error, limit=CLOCKS_APART)
     return [(CLOCK, 1, 0, text)]
 
 

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.systems.gnc.estimators.clocks import TickFindings, check_ticks
+from bench.systems.gnc.wording import channel_name, say
 
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -175,9 +176,13 @@ def _gaps(counter: Int64) -> list[Finding]:
         return []
     missing = int((steps[places] - 1).sum())
     first = int(places[0]) + 1
-    text = (
-        f"{missing} of {int(counter[-1] - counter[0]) + 1} samples are missing in {places.size} gaps, the first before "
-        f"counter {int(counter[first])}, the longest of {int(steps.max()) - 1}"
+    text = say(
+        "check.gaps",
+        missing=missing,
+        of=int(counter[-1] - counter[0]) + 1,
+        gaps=places.size,
+        first=int(counter[first]),
+        longest=int(steps.max()) - 1,
     )
     return [Finding(GAP, "", missing, first, text)]
 
@@ -188,9 +193,8 @@ def _saturated(name: str, values: Column, limit: float) -> list[Finding]:
     if at_limit.any():
         first = int(np.argmax(at_limit))
         count = int(at_limit.sum())
-        return [
-            Finding(SATURATED, name, count, first, f"{name}: {count} samples at the end of the range, first at {first}")
-        ]
+        text = say("check.saturated", name=channel_name(name), count=count, first=first)
+        return [Finding(SATURATED, name, count, first, text)]
     return []
 
 
@@ -209,7 +213,8 @@ def _piled_up(name: str, values: Column) -> list[Finding]:
         count, before = int((turned == top).sum()), int(((turned < top) & (turned >= top - 1)).sum())
         if count >= _PILE and count > _TIMES_BEFORE * before:
             first = int(np.argmax(turned == top))
-            text = f"{name}: {count} samples held at their extreme {sign * top:g}, first at {first}"
+            extreme = float(sign * top)
+            text = say("check.held", name=channel_name(name), count=count, extreme=extreme, first=first)
             findings.append(Finding(SATURATED, name, count, first, text))
     return findings
 
@@ -222,16 +227,21 @@ def frozen_runs(name: str, values: Column) -> list[Finding]:
     Source:  see the head of this file.
     """
     if values.size > 2 and (values == values[0]).all():
-        return [Finding(FROZEN, name, values.size, 0, f"{name}: all {values.size} samples are the same")]
+        text = say("check.frozen", name=channel_name(name), count=values.size)
+        return [Finding(FROZEN, name, values.size, 0, text)]
     longest = longest_equal_run([value_likelihood(values)], values.size)
     starts, pairs = _runs(np.diff(values) == 0)
     bad = pairs > longest
     if not bad.any():
         return []
     count, first = int(pairs[bad].sum()), int(starts[bad][0])
-    text = (
-        f"{name}: {int(bad.sum())} runs of equal values, the longest of {int(pairs.max()) + 1} samples, first at "
-        f"{first}; noise explains runs of {longest + 1}"
+    text = say(
+        "check.runs",
+        name=channel_name(name),
+        runs=int(bad.sum()),
+        longest=int(pairs.max()) + 1,
+        first=first,
+        noise=longest + 1,
     )
     return [Finding(FROZEN, name, count, first, text)]
 
@@ -251,7 +261,7 @@ def _repeated(columns: Mapping[str, Column], counter: Int64) -> list[Finding]:
     if not marked.any():
         return []
     count, first = int(marked.sum()), int(np.argmax(marked)) + 1
-    text = f"{count} samples repeat the one before, first at {first}; {int(same_number.sum())} of them with its counter"
+    text = say("check.repeated", count=count, first=first, same=int(same_number.sum()))
     return [Finding(REPEATED, "", count, first, text)]
 
 

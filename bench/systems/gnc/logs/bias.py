@@ -39,6 +39,7 @@ from bench.systems.gnc.estimators.bias_stability import (
 )
 from bench.systems.gnc.estimators.clocks import SampleStamps, sample_stamps
 from bench.systems.gnc.estimators.sample_checks import frozen_runs
+from bench.systems.gnc.wording import channel_name, headers_of, kind_name, listed, quantity_word, say
 
 METHODS: tuple[str, ...] = ("allan",)
 _FEWEST_MEANS = 30  # of 10 s, for their scatter to be stated
@@ -62,6 +63,11 @@ class Resting:
     def place(self) -> dict[str, Any]:
         """Conditions of its estimates."""
         return {"kind": self.kind, "axis": self.axis}
+
+    @property
+    def name(self) -> str:
+        """Return kind and axis for people."""
+        return channel_name(f"{self.kind} {self.axis}")
 
     @property
     def length_s(self) -> float:
@@ -163,19 +169,13 @@ def _evidence(sensor: Resting) -> list[Evidence]:
     """Return what says that the sensor was not at rest, or did not answer."""
     found = []
     if frozen_runs(sensor.axis, sensor.samples[np.isfinite(sensor.samples)]):
-        text = (
-            f"The {sensor.kind} {sensor.axis} stands still longer than its noise leaves it: it hung, or samples were "
-            "repeated. Take these parts out of the log, or record it again."
-        )
+        text = say("evidence.hung", sensor=sensor.name)
         found.append(Evidence("stands_still", text, None, 0.0, conditions=sensor.place))
     scatter = _scatter(sensor)
     usual = float(np.median(scatter)) if scatter.size else 0.0
     worst = int(np.argmax(scatter)) if scatter.size else 0
     if usual > 0.0 and scatter[worst] > _MOVED * usual:
-        text = (
-            f"The {sensor.kind} {sensor.axis} scatters {scatter[worst] / usual:.1f} times as much as usual in second "
-            f"{worst} of the log: the unit was moved. Cut the log to the part at rest."
-        )
+        text = say("evidence.moved", sensor=sensor.name, times=float(scatter[worst] / usual), second=worst)
         found.append(Evidence("not_at_rest", text, float(scatter[worst] / usual), 0.0, conditions=sensor.place))
     return found
 
@@ -190,20 +190,20 @@ def _scatter(sensor: Resting) -> Floats:
 
 
 def _notes(sensors: Sequence[Resting], stamps: SampleStamps) -> list[str]:
-    notes = [f"Samples are counted, at {stamps.rate_Hz:.6g} a second by the time column."]
+    notes = [say("log.counted", rate=stamps.rate_Hz)]
     if len(stamps.breaks):
-        notes.append(f"{stamps.missing} samples are missing in {len(stamps.breaks)} gaps; nothing is filled in.")
+        notes.append(say("log.not_filled", missing=stamps.missing, gaps=len(stamps.breaks)))
     if any(sensor.kind == "gyro" for sensor in sensors):
-        notes.append("The Earth's rate, up to 15 deg/h on an axis, is part of the mean output of a gyroscope.")
+        notes.append(say("log.earth_rate"))
     for sensor in sensors:
         absent = [
-            f"{_named(sensor, term.name)[0].replace('_', ' ')} below {factor * term.upper_limit:.3g} {unit}"
+            say("log.below", quantity=quantity_word(name), limit=factor * term.upper_limit, unit=unit)
             for term in sensor.terms.terms
             if not (term.coefficient > 0.0 and term.significant) and math.isfinite(term.upper_limit)
-            for _, unit, factor in (_named(sensor, term.name),)
+            for name, unit, factor in (_named(sensor, term.name),)
         ]
         if absent:
-            notes.append(f"{sensor.kind} {sensor.axis}: the log does not show {', '.join(absent)} (95 %).")
+            notes.append(say("log.absent", sensor=sensor.name, terms=listed(absent)))
     return notes
 
 
@@ -217,10 +217,10 @@ def _table(sensors: Sequence[Resting], entries: Estimates) -> Table:
             if sensor.place.items() <= entry["conditions"].items()
         }
         scatter = f"{np.nanstd(sensor.samples, ddof=1):.4g} {sensor.unit}"
-        rows.append([f"{sensor.kind} {sensor.axis}", scatter, *(own.get(name, "–") for name in names)])
-    headers = ["sensor", "one sample", *(f"{quantity.replace('_', ' ')}, {unit}" for quantity, unit in names)]
-    caption = "One sample: its standard deviation. Mean, noise terms and scatter of means of 10 s with their intervals."
-    return Table("Sensors at rest", caption, headers, rows, lead=True)
+        rows.append([sensor.name, scatter, *(own.get(name, "–") for name in names)])
+    of_quantities = [say("in_unit", quantity=quantity_word(quantity), unit=unit) for quantity, unit in names]
+    headers = [*headers_of("resting", "sensor", "sample"), *of_quantities]
+    return Table(say("resting.title"), say("resting.caption"), headers, rows, lead=True)
 
 
 def _figures(sensors: Sequence[Resting]) -> list[Figure]:
@@ -228,7 +228,7 @@ def _figures(sensors: Sequence[Resting]) -> list[Figure]:
     for kind in dict.fromkeys(sensor.kind for sensor in sensors):
         of_kind = [sensor for sensor in sensors if sensor.kind == kind]
         parts = [curve(s.axis, s.deviation.tau_s, s.deviation.deviation, "points") for s in of_kind]
-        parts += [curve(f"{s.axis}, fit", s.deviation.tau_s, s.terms.fitted) for s in of_kind]
-        title, unit = f"Allan deviation of the {kind}", of_kind[0].unit
-        figures.append(Figure(title, "", "averaging time, s", unit, parts, x_log=True, y_log=True))
+        parts += [curve(say("log.fit", axis=s.axis), s.deviation.tau_s, s.terms.fitted) for s in of_kind]
+        title = say("log.allan", kind=kind_name(kind))
+        figures.append(Figure(title, "", say("allan.x"), of_kind[0].unit, parts, x_log=True, y_log=True))
     return figures

@@ -18,6 +18,7 @@ from bench.systems.gnc.estimators.multi_position import NormFit
 from bench.systems.gnc.estimators.sample_checks import frozen_runs
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.rows import AXES
+from bench.systems.gnc.wording import channel_name, quantity_word, say
 
 MOTION_ERRORS = ("level_error", "velocity_error")
 _PLAUSIBLE = 0.1  # of an axis's own sensitivity, from the two others
@@ -35,11 +36,8 @@ def stuck_sensors(stretches: Mapping[str, Sequence[Floats]], quantities: Mapping
         for k, axis in enumerate(AXES):
             hung = [place for place, part in enumerate(parts, 1) if frozen_runs(axis, part[:, k])]
             if hung:
-                which = "through the log" if len(parts) == 1 else f"in stretch {', '.join(map(str, hung))}"
-                text = (
-                    f"The {kind} {axis} stands still {which}, longer than its noise leaves it: it hung, or samples "
-                    "were repeated. Take these parts out of the log, or record it again."
-                )
+                key = "evidence.hung_log" if len(parts) == 1 else "evidence.hung_stretch"
+                text = say(key, sensor=channel_name(f"{kind} {axis}"), stretches=", ".join(map(str, hung)))
                 found.append(Evidence("stands_still", text, float(len(hung)), 0.0, quantities=quantities[kind]))
     return found
 
@@ -53,16 +51,19 @@ def wide_sizes(entries: Sequence[Estimate]) -> list[Evidence]:
     for entry in entries:
         name, value, wide = entry["quantity"], entry["value"], entry["expanded_uncertainty"]
         if name in MOTION_ERRORS and wide > value:
-            text = (
-                f"The {name.replace('_', ' ')} of {entry['n']} motions is {value:.3g} {entry['unit']} with an expanded "
-                f"uncertainty of {wide:.3g} {entry['unit']}, which says nothing of its size. Record at least four "
-                "motions between rests."
+            text = say(
+                "evidence.few_motions",
+                quantity=quantity_word(name),
+                motions=entry["n"],
+                value=value,
+                wide=wide,
+                unit=entry["unit"],
             )
             found.append(Evidence("too_few_motions", text, wide / value if value else None, 0.0, quantities=(name,)))
     return found
 
 
-def own_axes(prefix: str, name: str, fit: TriadFit) -> list[Evidence]:
+def own_axes(prefix: str, fit: TriadFit) -> list[Evidence]:
     """Return a refusal where a sensor does not answer mainly to its own axis; sensors may count in any unit."""
     own = fit.sensitivity.diagonal()
     cross = np.abs(fit.sensitivity - np.diag(own)) / np.maximum(np.abs(own), _SMALLEST)[:, None]
@@ -70,10 +71,13 @@ def own_axes(prefix: str, name: str, fit: TriadFit) -> list[Evidence]:
     if worst <= _PLAUSIBLE and bool(np.all(own > 0.0)):
         return []
     row, column = np.unravel_index(int(np.argmax(cross)), cross.shape)
-    signs = "" if np.all(own > 0.0) else " An axis answers with the wrong sign."
-    text = (
-        f"Sensor {AXES[row]} of the {name} answers to axis {AXES[column]} with {100 * worst:.3g} % of what it answers "
-        f"to its own (plausible: {100 * _PLAUSIBLE:g} %).{signs} Check columns, signs and the names of the stretches."
+    text = say(
+        "evidence.other_axis" if np.all(own > 0.0) else "evidence.wrong_sign",
+        sensor=AXES[row],
+        triad=say(f"triad.{prefix}"),
+        axis=AXES[column],
+        share=100 * worst,
+        bound=100 * _PLAUSIBLE,
     )
     return [
         Evidence("implausible_axis", text, worst, 0.0, quantities=(f"{prefix}_matrix", f"{prefix}_bias"), refuses=True)
@@ -92,14 +96,14 @@ def of_rests(fit: NormFit, mean: Floats, time_s: Floats) -> list[Evidence]:
     height = (mean - fit.zero) * fit.matrix.diagonal() / fit.gravity
     since = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), _SMALLEST)
     rivals = (
-        ("zeros_drift", "the zeros of the sensors drift with time", by_axis * since[:, None]),
-        ("sensors_bend", "the sensors answer to the cube of their input", by_axis * height**3),
+        ("zeros_drift", by_axis * since[:, None]),
+        ("sensors_bend", by_axis * height**3),
     )
-    found = [_rival(code, what, fit, jacobian, columns) for code, what, columns in rivals]
+    found = [_rival(code, fit, jacobian, columns) for code, columns in rivals]
     return [seen for seen in (*found, _odd_rest(fit, jacobian)) if seen is not None]
 
 
-def _rival(code: str, what: str, fit: NormFit, jacobian: Floats, columns: Floats) -> Evidence | None:
+def _rival(code: str, fit: NormFit, jacobian: Floats, columns: Floats) -> Evidence | None:
     """Return how odd the lengths are if nothing of a rival is in them, and what it would move."""
     both = np.column_stack([jacobian, columns])
     scale = np.linalg.norm(both, axis=0)
@@ -112,11 +116,8 @@ def _rival(code: str, what: str, fit: NormFit, jacobian: Floats, columns: Floats
     ratio = gained / columns.shape[1] / max(left / dof, _SMALLEST)
     probability = float(special.fdtrc(columns.shape[1], dof, ratio))
     move = float(np.max(np.abs(solution[:9] / scale[:9]) / _expanded(fit)))
-    text = (
-        f"The rests are better explained if {what}: of their residuals {fit.residual_rms:.3g} RMS, "
-        f"{math.sqrt(left / len(fit.residual)):.3g} would be left, and the numbers would move by up to {move:.2g} of "
-        "their intervals. Let the unit warm up, take each pose twice, early and late."
-    )
+    remains = math.sqrt(left / len(fit.residual))
+    text = say("evidence.rival", what=say(f"rival.{code}"), rms=fit.residual_rms, left=remains, move=move)
     return Evidence(code, text, ratio, max(probability, _SMALLEST), move)
 
 
@@ -134,11 +135,8 @@ def _odd_rest(fit: NormFit, jacobian: Floats) -> Evidence | None:
     probability = min(1.0, 2.0 * count * float(special.stdtr(dof, -score[worst])))
     step = np.linalg.pinv(jacobian)[:, worst] * fit.residual[worst] / free[worst]
     move = float(np.max(np.abs(step) / _expanded(fit)))
-    text = (
-        f"Rest {worst + 1} of {count} is off by {fit.residual[worst]:+.3g}, {score[worst]:.1f} times what the others "
-        f"scatter, and moves the numbers by up to {move:.2g} of their intervals. Look whether the unit was at rest; "
-        "leave it out, or hold the pose again."
-    )
+    off, times = float(fit.residual[worst]), float(score[worst])
+    text = say("evidence.odd_rest", rest=worst + 1, count=count, off=off, times=times, move=move)
     return Evidence("odd_rest", text, float(score[worst]), max(probability, _SMALLEST), move)
 
 

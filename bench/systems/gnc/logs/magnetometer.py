@@ -14,6 +14,7 @@ from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneCompar
 from bench.systems.gnc.field_evidence import shown_unit, surface_evidence
 from bench.systems.gnc.rows import AXES
 from bench.systems.gnc.sphere import Sphere, noise_notes, sphere_of
+from bench.systems.gnc.wording import headers_of, say
 
 METHODS: tuple[str, ...] = ("ellipsoid", "turn_about_z")
 _FLAT = 0.5  # of the smaller width of x and y: readings of z that are wider are no turn about z
@@ -42,7 +43,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         evidence=sphere.evidence,
         notes=[
             *sphere.notes,
-            "Without the size of the field only ratios of sensitivities are determined; the correction keeps volumes.",
+            say("log.no_size"),
         ],
         tables=[_table(sphere, unit)],
         figures=sphere.figures,
@@ -87,9 +88,9 @@ def _turn(material: Material, field: Floats, unit: str, sphere: Sphere) -> Analy
         estimates=entries,
         evidence=_turn_evidence(fit, field, unit),
         notes=[
-            *(f"The log gives no {text}." for text in sphere.missing),
-            "The readings are taken as a turn about z: offset and gain of z are not determined.",
-            *noise_notes("The turn", fit.ellipse.quadric.wander, int(odd.sum()), odd.size),
+            *(say("log.gives_no", what=text) for text in sphere.missing),
+            say("log.turn"),
+            *noise_notes(say("of.turn"), fit.ellipse.quadric.wander, int(odd.sum()), odd.size),
         ],
         tables=[_turn_table(fit, unit)],
     )
@@ -97,19 +98,20 @@ def _turn(material: Material, field: Floats, unit: str, sphere: Sphere) -> Analy
 
 def _turn_evidence(fit: PlaneComparison, field: Floats, unit: str) -> list[Evidence]:
     kept = field[~fit.ellipse.odd, :2]
-    return surface_evidence(fit.ellipse.quadric, kept, (), "the readings of the turn", {}, unit)
+    return surface_evidence(fit.ellipse.quadric, kept, (), say("turn"), {}, unit)
 
 
 def _turn_table(fit: PlaneComparison, unit: str) -> Table:
     factor, name = shown_unit(unit)
-    names = (f"offset x, {name}", f"offset y, {name}", "gain of y", "angle, deg", f"field in the plane, {name}")
+    names = [say(f"log.turn.{row}", unit=name) for row in ("offset_x", "offset_y", "gain", "angle", "field")]
     found = fit.by_method[ELLIPSE]
     factors = (factor, factor, 1.0, 1.0, factor)
     rows = [
         [text, f"{by * value:.6g}", f"{by * coverage_factor(dof) * std:.2g}"]
         for text, by, value, std, dof in zip(names, factors, found.values, found.std, found.dof, strict=True)
     ]
-    return Table("Magnetometer in a turn about z", "", ["parameter", "value", "expanded uncertainty"], rows, lead=True)
+    headers = headers_of("log.turn", "parameter", "value", "U")
+    return Table(say("log.turn.title"), "", headers, rows, lead=True)
 
 
 def _table(sphere: Sphere, unit: str) -> Table:
@@ -125,6 +127,7 @@ def _table(sphere: Sphere, unit: str) -> Table:
         ]
         for k, axis in enumerate(AXES)
     ]
-    caption = f"Correction: soft iron times (reading minus hard iron); {factor * fit.noise:.3g} {name} are left."
-    headers = ["axis", f"hard iron, {name}", *(f"soft iron {axis}" for axis in AXES)]
-    return Table("Hard and soft iron", caption, headers, rows, lead=True)
+    caption = say("log.iron.caption", noise=factor * fit.noise, unit=name)
+    soft = [say("log.iron.soft", axis=axis) for axis in AXES]
+    headers = [say("matrix.head.axis"), say("log.iron.hard", unit=name), *soft]
+    return Table(say("log.iron.title"), caption, headers, rows, lead=True)

@@ -17,6 +17,7 @@ from bench.systems.gnc.estimators.static_intervals import StaticIntervals, stati
 from bench.systems.gnc.logs.evidence import of_rests, stuck_sensors
 from bench.systems.gnc.logs.log import ImuLog, imu_log
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
+from bench.systems.gnc.wording import headers_of, say
 
 METHODS: tuple[str, ...] = ("norm",)
 INITIAL_s = 30.0  # of rest at the begin of a log; the public method asks for 30 s to 50 s
@@ -91,20 +92,22 @@ def _estimates(fit: NormFit, unit: str, log: ImuLog, held_out: float | None) -> 
 
 def _notes(log: ImuLog, rests: StaticIntervals) -> list[str]:
     sentences = [
-        f"{len(rests.begin)} intervals at rest were found; rest is a variance below {rests.threshold:.4g} "
-        f"({rests.threshold / rests.initial:g} times that of the first {INITIAL_s:g} s).",
-        "The frame is that of the sensors themselves: the third one measures along z, the second in the plane of y "
-        "and z.",
+        say(
+            "log.rests",
+            count=len(rests.begin),
+            threshold=rests.threshold,
+            times=rests.threshold / rests.initial,
+            first=INITIAL_s,
+        ),
+        say("log.frame"),
     ]
     if log.gyro is not None:
-        sentences.append("The gyros of the log are not calibrated by this analysis.")
+        sentences.append(say("log.gyros_left"))
     counter = np.arange(len(log.t_s), dtype=np.int64)
     faults = check_ticks(log.t_s, counter, 1.0 / log.rate_Hz).faults
-    sentences += [f"Log: {sentence}." for *_, sentence in faults]
+    sentences += [say("log.fault", text=sentence) for *_, sentence in faults]
     if faults:
-        sentences.append(
-            "Samples are counted, not timed: the time stamps serve the mean rate and the length of intervals."
-        )
+        sentences.append(say("log.not_timed"))
     return sentences
 
 
@@ -114,29 +117,24 @@ def _table(fit: NormFit, unit: str) -> Table:
          2 * float(fit.zero_std[k]), *(float(value) for value in fit.matrix[k])]
         for k, axis in enumerate(AXES)
     ]  # fmt: skip
-    rests = len(fit.residual)
-    caption = (
-        f"a = U (N - zero), U upper triangular. Residual {fit.residual_rms:.5f} {unit} RMS over {rests} rests; "
-        f"in the direction that is seen worst the length is uncertain by {fit.amplification:.2f} times the scatter of "
-        "one rest. "
-        "Intervals of two standard uncertainties."
-    )
-    headers = ["axis", f"output per {unit}", "± output", "zero", "± zero", *(f"U {axis}" for axis in AXES)]
-    title = "Accelerometers from many poses"
-    return Table(title, caption, headers, rows, lead=True)
+    caption = say("poses.caption", rms=fit.residual_rms, unit=unit, rests=len(fit.residual), times=fit.amplification)
+    zero = headers_of("poses", "output_wide", "zero", "zero_wide")
+    headers = [say("matrix.head.axis"), say("poses.head.output", unit=unit), *zero, *(f"U {axis}" for axis in AXES)]
+    return Table(say("poses.title"), caption, headers, rows, lead=True)
 
 
 def _rest_table(rests: StaticIntervals, log: ImuLog) -> Table:
     lengths = (rests.end - rests.begin) / log.rate_Hz
     row = [len(lengths), float(lengths.min()), float(np.median(lengths)), float(lengths.max())]
-    headers = ["intervals", "shortest, s", "median, s", "longest, s"]
-    return Table("Rests found", "", headers, [row])
+    headers = headers_of("rests", "intervals", "shortest", "median", "longest")
+    return Table(say("rests.title"), "", headers, [row])
 
 
 def _residual_figure(fit: NormFit, unit: str) -> Figure:
     places = np.arange(1, len(fit.residual) + 1, dtype=np.float64)
-    parts = [curve("residual", places, fit.residual, "points")]
-    return Figure("Length of gravity, residual", "One point per rest.", "rest", f"residual, {unit}", parts)
+    parts = [curve(say("length.series"), places, fit.residual, "points")]
+    labels = say("length.title"), say("length.caption"), say("length.x"), say("length.y", unit=unit)
+    return Figure(*labels, parts)
 
 
 def _rest_figure(rests: StaticIntervals, log: ImuLog) -> Figure:
@@ -144,4 +142,4 @@ def _rest_figure(rests: StaticIntervals, log: ImuLog) -> Figure:
     middle_s = (rests.begin + rests.end).astype(np.float64) / (2.0 * log.rate_Hz)
     means = rests.means(log.accel)
     parts = [curve(axis, middle_s, means[:, k], "points") for k, axis in enumerate(AXES)]
-    return Figure("Mean readings of the rests", "", "time, s", "reading", parts)
+    return Figure(say("rests.means"), "", say("time"), say("rests.y"), parts)

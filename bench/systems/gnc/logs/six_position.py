@@ -32,6 +32,7 @@ from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.logs.evidence import own_axes, stuck_sensors
 from bench.systems.gnc.logs.log import ImuLog, imu_log
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
+from bench.systems.gnc.wording import refused, say
 
 METHODS: tuple[str, ...] = ("least_squares",)
 _OF_ONE_PART = ("B-FIT-001", "B-FIT-080", "B-FIT-081", "B-FIT-082", "B-FIT-083")
@@ -53,7 +54,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
             next_step="name them under 'segments' (docs/importing.md)",
         )
     accelerometer = _accelerometer(log, positions)
-    missing = [f"position {up} up: no stretch" for up in UPS if up not in {stretch["up"] for stretch in positions}]
+    missing = [say("missing.stretch", up=up) for up in UPS if up not in {stretch["up"] for stretch in positions}]
     gyro = _gyro(log, positions, rotations, missing) if rotations else None
     unit = _force_unit(log)
     estimates = _estimates(accelerometer, "accel", "accelerometer", unit, log.accel_unit)
@@ -66,8 +67,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         estimates=estimates,
         notes=[
             *no_result(missing),
-            "The uncertainty of the accelerometers comes from the residuals of the positions, which hold their tilt.",
-            "The angles of the turns are taken as stated; the Earth's rate is left in the bias of the gyros.",
+            say("log.six_uncertainty"),
+            say("log.six_turns"),
         ],
         missing=missing,
         tables=_tables(accelerometer, gyro, unit),
@@ -83,10 +84,10 @@ def _evidence(
     gyro: TriadFit | None,
 ) -> list[Evidence]:
     stretches = {"accelerometer": [log.accel[log.rows(stretch)] for stretch in positions]}
-    found = own_axes("accel", "accelerometers", accelerometer)
+    found = own_axes("accel", accelerometer)
     if gyro is not None and log.gyro is not None:
         stretches["gyro"] = [log.gyro[log.rows(stretch)] for stretch in (*positions, *rotations)]
-        found += own_axes("gyro", "gyros", gyro)
+        found += own_axes("gyro", gyro)
     quantities = {"accelerometer": ("accel_matrix", "accel_bias"), "gyro": ("gyro_matrix", "gyro_bias")}
     return [*found, *stuck_sensors(stretches, quantities)]
 
@@ -112,7 +113,7 @@ def _gyro(
     log: ImuLog, positions: list[Mapping[str, Any]], rotations: list[Mapping[str, Any]], missing: list[str]
 ) -> TriadFit | None:
     if log.gyro is None:
-        missing.append("gyros: the log has turns, but no gyros of three axes")
+        missing.append(say("missing.no_gyros"))
         return None
     rest = [log.gyro[log.rows(stretch)] for stretch in positions]
     try:
@@ -127,7 +128,7 @@ def _gyro(
     except FitError as error:
         if error.code not in _OF_ONE_PART:
             raise
-        missing.append(f"gyros: {error.message} ({error.code})")
+        missing.append(refused(say("triad.gyro"), error.message, error.code))
         return None
 
 
@@ -156,8 +157,8 @@ def _estimates(fit: TriadFit, prefix: str, kind: str, unit: str, read: str) -> E
 def _tables(accelerometer: TriadFit, gyro: TriadFit | None, unit: str) -> list[Table]:
     tables = []
     for title, fit, bias_unit in (
-        ("Accelerometers: a = K N + bias", accelerometer, unit),
-        ("Gyros: w = K N - bias", gyro, "deg/s"),
+        (say("matrix.accel"), accelerometer, unit),
+        (say("matrix.gyro"), gyro, "deg/s"),
     ):
         if fit is not None:
             rows = [
@@ -165,7 +166,8 @@ def _tables(accelerometer: TriadFit, gyro: TriadFit | None, unit: str) -> list[T
                 for k, axis in enumerate(AXES)
             ]
             rms = float(np.sqrt(np.mean(fit.residual**2)))
-            caption = f"Residual {rms:.5f} {bias_unit} RMS." if fit.residual_dof else "No residual is left over."
-            headers = ["axis", *(f"K {axis}" for axis in AXES), f"bias, {bias_unit}"]
+            caption = say("log.six.residual" if fit.residual_dof else "log.six.no_residual", rms=rms, unit=bias_unit)
+            bias = say("matrix.head.bias", unit=bias_unit)
+            headers = [say("matrix.head.axis"), *(f"K {axis}" for axis in AXES), bias]
             tables.append(Table(title, caption, headers, rows, lead=True))
     return tables

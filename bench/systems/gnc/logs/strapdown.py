@@ -20,6 +20,7 @@ from bench.systems.gnc.estimators.static_intervals import StaticIntervals, STEAD
 from bench.systems.gnc.logs.evidence import stuck_sensors, wide_sizes
 from bench.systems.gnc.logs.log import ImuLog, imu_log
 from bench.systems.gnc.logs.strapdown_report import Found, estimates_of, figures_of, notes_of, tables_of
+from bench.systems.gnc.wording import refused, say
 
 INDICATED, CALIBRATED = "indicated", "calibrated"
 METHODS: tuple[str, ...] = (INDICATED, CALIBRATED)
@@ -75,10 +76,10 @@ def _found(log: ImuLog, gyro: Floats, method: str, latitude_deg: float) -> Found
         if error.code != "B-FIT-140":
             raise
         drifts = []
-        missing.append(f"drift over rests: {error.message} ({error.code})")
+        missing.append(refused(say("missing.over_rests"), error.message, error.code))
     between = drift_between_rests(triads.accel, rates, rests, stamps.rate_Hz, stamps.breaks, latitude_deg)
     if between is None and len(rests.begin) > 1:
-        missing.append("drift between rests: samples are missing in every motion")
+        missing.append(say("missing.between_rests"))
     return Found(
         method=CALIBRATED if counts else method,
         counts=counts,

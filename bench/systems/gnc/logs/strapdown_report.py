@@ -15,6 +15,7 @@ from bench.systems.gnc.estimators.rest_drift import CLASSES, HORIZONS_s, RandomW
 from bench.systems.gnc.estimators.static_intervals import MULTIPLE, StaticIntervals
 from bench.systems.gnc.logs.log import ImuLog
 from bench.systems.gnc.rows import STANDARD_GRAVITY_M_S2
+from bench.systems.gnc.wording import headers_of, listed, quantity_word, say
 
 _WALK = math.degrees(1.0) * 60.0  # rad/sqrt(s) in deg/sqrt(h)
 _CLASS_OF = {"gyro_drift": "gyro_deg_h", "angle_random_walk": "walk_deg_rt_h", "accelerometer_drift": "accel_mg"}
@@ -104,55 +105,46 @@ def notes_of(result: Found) -> list[str]:
     """Return what a reader has to know about rests, time and method."""
     lengths = (result.rests.end - result.rests.begin) / result.stamps.rate_Hz
     notes = [
-        f"{len(lengths)} rests were found, {lengths.min():.3g} to {lengths.max():.3g} s long: stretches in which no "
-        f"triad scatters with more than {MULTIPLE:g} times the variance of the quietest stretches of this log.",
-        "Over rests: bias, level and size of gravity from one stretch, drift over the next one of the same length.",
+        say(
+            "drift.rests",
+            count=len(lengths),
+            shortest=float(lengths.min()),
+            longest=float(lengths.max()),
+            times=MULTIPLE,
+        ),
+        say("drift.over_rests"),
         _class_note(result),
     ]
     if result.drifts and len(result.drifts) < len(HORIZONS_s):
         longer = ", ".join(f"{horizon_s:g}" for horizon_s in HORIZONS_s[len(result.drifts) :])
-        notes.append(f"No rest is twice as long as {longer} s: nothing is said of such horizons.")
+        notes.append(say("drift.longer", horizons=longer))
     if result.between is not None:
-        notes.append(
-            "Between rests: the level is compared with that of the next rest, the velocity with zero; a turn about the "
-            "vertical is not seen. The Earth's rate counts as bias: up to 15 deg/h once the unit is turned."
-        )
+        notes.append(say("drift.between_rests"))
     if result.method == "calibrated":
-        notes.append(
-            "Accelerometers and gyroscopes were fitted to the rests of this log first, so errors between rests are "
-            "those left after the fit; drift over rests hardly depends on it."
-        )
+        notes.append(say("drift.calibrated"))
     elif result.between is not None:
-        notes.append("Readings are taken as indicated: errors of scale and alignment are part of those between rests.")
+        notes.append(say("drift.indicated"))
     return [*no_result(result.missing), *notes, *_stamp_notes(result.stamps)]
 
 
 def _class_note(result: Found) -> str:
     names = [str(rate["conditions"]["sensor_class"]) for rate in _rates(result)]
     if not names:
-        return "No class of sensors can be told."
-    return (
-        f"The drift left after bias and level were taken at rest is that of the class {worst_class(names)} (worst of "
-        f"{', '.join(names)}; bounds of El-Sheimy and Youssef 2020, table 1, industrial: geometric mean of its "
-        "neighbours). The bias at switch-on is not part of it."
-    )
+        return say("drift.no_class")
+    return say("drift.class", worst=_class_name(worst_class(names)), classes=listed([*map(_class_name, names)]))
+
+
+def _class_name(name: str) -> str:
+    return say(f"class.{name.replace(' ', '_')}")
 
 
 def _stamp_notes(stamps: SampleStamps) -> list[str]:
-    rate = f"{stamps.rate_Hz:.6g} samples a second"
     if stamps.bursty:
-        return [
-            f"The time stamps come in bursts: {100 * stamps.crowded:.3g} % lie closer than half an interval, the worst "
-            f"{stamps.worst_s:.3g} s beside even spacing. Samples are counted, at the mean of {rate}; lost ones "
-            "would not show."
-        ]
-    notes = [
-        f"Samples are counted, at {rate} by the time column; the worst stamp is {1e3 * stamps.worst_s:.3g} ms off."
-    ]
+        share, worst_s = 100 * stamps.crowded, stamps.worst_s
+        return [say("drift.bursts", share=share, worst=worst_s, rate=stamps.rate_Hz)]
+    notes = [say("drift.counted", rate=stamps.rate_Hz, worst=1e3 * stamps.worst_s)]
     if len(stamps.breaks):
-        notes.append(
-            f"{stamps.missing} samples are missing in {len(stamps.breaks)} gaps; nothing is integrated across."
-        )
+        notes.append(say("drift.gaps", missing=stamps.missing, gaps=len(stamps.breaks)))
     return notes
 
 
@@ -178,12 +170,8 @@ def _rest_table(drifts: list[RestDrift]) -> Table:
         ]
         for d in drifts
     ]
-    headers = ["over, s", "stretches", "attitude, deg", "by random walk, deg", "velocity, m/s", "distance, m"]
-    caption = (
-        "Root mean squares, ± two standard uncertainties: attitude per axis, velocity per level axis, distance in the "
-        "level plane. By random walk: attitude that the angle random walk alone gives, bias from as long a stretch."
-    )
-    return Table("Drift at rest", caption, headers, rows, lead=True)
+    headers = headers_of("drift", "over", "stretches", "attitude", "walk", "velocity", "distance")
+    return Table(say("drift.title"), say("drift.caption"), headers, rows, lead=True)
 
 
 def _class_table(rates: Estimates) -> Table:
@@ -194,22 +182,20 @@ def _class_table(rates: Estimates) -> Table:
         ]
         shown = with_uncertainty(rate["value"], 2.0 * rate["std_uncertainty"])
         rows.append(
-            [rate["quantity"].replace("_", " "), rate["unit"], shown, rate["conditions"]["sensor_class"], *bounds]
-        )
-    headers = ["figure", "unit", "found", "class", *(f"{sensor_class.name} up to" for sensor_class in CLASSES)]
-    caption = (
-        "Drift over the longest horizon per unit of time, ± two standard uncertainties; the class is that of the value."
-    )
-    return Table("Class of the sensors", caption, headers, rows, lead=True)
+            [quantity_word(rate["quantity"]), rate["unit"], shown,
+             _class_name(str(rate["conditions"]["sensor_class"])), *bounds]
+        )  # fmt: skip
+    reach = [say("class.up_to", name=_class_name(sensor_class.name)) for sensor_class in CLASSES]
+    headers = [*headers_of("class", "figure", "unit", "found", "class"), *reach]
+    return Table(say("class.title"), say("class.caption"), headers, rows, lead=True)
 
 
 def _between_table(between: BetweenRests) -> Table:
     speed = np.linalg.norm(between.velocity_error_m_s, axis=1)
     columns = (between.bias_s, between.motion_s, between.tilted_deg, between.level_error_deg, speed)
     rows = [[int(rest) + 1, *(float(column[k]) for column in columns)] for k, rest in enumerate(between.rest)]
-    headers = ["from rest", "its length, s", "motion, s", "tipped by, deg", "level error, deg", "velocity error, m/s"]
-    caption = "Bias and level from one rest, strapdown through the motion, compared with the next rest."
-    return Table("From rest to rest", caption, headers, rows)
+    headers = headers_of("between", "rest", "length", "motion", "tipped", "level", "velocity")
+    return Table(say("between.title"), say("between.caption"), headers, rows)
 
 
 def figures_of(result: Found) -> list[Figure]:
@@ -218,14 +204,15 @@ def figures_of(result: Found) -> list[Figure]:
     if len(result.drifts) > 1:
         horizon = np.array([drift.horizon_s for drift in result.drifts])
         series = [
-            curve("measured", horizon, np.array([drift.attitude_rms_deg for drift in result.drifts]), "points"),
-            curve("angle random walk alone", horizon, np.array([drift.white_deg for drift in result.drifts]), "line"),
+            curve(
+                say("drift.measured"), horizon, np.array([drift.attitude_rms_deg for drift in result.drifts]), "points"
+            ),
+            curve(say("drift.walk"), horizon, np.array([drift.white_deg for drift in result.drifts]), "line"),
         ]
-        figures.append(
-            Figure("Attitude drift at rest", "", "horizon, s", "deg per axis", series, x_log=True, y_log=True)
-        )
+        labels = say("drift.figure"), "", say("drift.x"), say("drift.y")
+        figures.append(Figure(*labels, series, x_log=True, y_log=True))
     if result.between is not None and len(result.between.rest) > 1:
         place = result.between.rest.astype(np.float64) + 1.0
-        series = [curve("level error", place, result.between.level_error_deg, "points")]
-        figures.append(Figure("Level error from rest to rest", "", "rest before", "deg", series))
+        series = [curve(quantity_word("level_error"), place, result.between.level_error_deg, "points")]
+        figures.append(Figure(say("between.figure"), "", say("between.x"), "deg", series))
     return figures

@@ -133,8 +133,8 @@ def test_a_log_whose_sensor_hangs_is_doubted() -> None:
     "wrong", [np.eye(3)[[1, 0, 2]], np.diag([1.0, -1.0, 1.0]), np.eye(3) + 0.2 * np.eye(3)[[1, 2, 0]]]
 )
 def test_columns_or_signs_that_were_mixed_up_are_refused(wrong: Any) -> None:
-    assert own_axes("accel", "accelerometers", triad(300.0 * np.eye(3))) == []
-    (seen,) = own_axes("accel", "accelerometers", triad(300.0 * wrong))
+    assert own_axes("accel", triad(300.0 * np.eye(3))) == []
+    (seen,) = own_axes("accel", triad(300.0 * wrong))
     assert seen.refuses
 
 

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.odd_readings import odd_readings
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric, fit_quadric
+from bench.systems.gnc.wording import say
 
 Array = NDArray[np.float64]
 LARGEST_STD = 0.01  # standard uncertainty of the size of the corrected field in the worst direction, relative
@@ -193,10 +194,8 @@ class SphereCoverage:
         """Sentences a reader needs about a coverage that determines the ellipsoid but is not complete."""
         if self.complete:
             return ()
-        return (
-            f"no reading within {self.hole_deg:.0f} degrees of {_direction_name(self.hole)} "
-            f"(limit {LARGEST_HOLE_deg:.0f}): the correction is extrapolated there",
-        )
+        numbers, nearest = _direction(self.hole)
+        return (say("check.hole", hole=self.hole_deg, direction=numbers, nearest=nearest, limit=LARGEST_HOLE_deg),)
 
 
 def sphere_coverage(field: Array) -> SphereCoverage:
@@ -255,10 +254,16 @@ _SCATTERED = (
 
 
 def _direction_name(direction: Array) -> str:
-    """Unit vector with the sensor axis that is nearest: "(0.00, 0.00, 1.00), nearest +z"."""
+    """Return a unit vector with the sensor axis that is nearest: "(0.00, 0.00, 1.00), nearest +z"."""
+    numbers, nearest = _direction(direction)
+    return f"({numbers}), nearest {nearest}"
+
+
+def _direction(direction: Array) -> tuple[str, str]:
+    """Return the numbers of a unit vector, and the sensor axis that is nearest."""
     axis = int(np.argmax(np.abs(direction)))
     numbers = ", ".join(f"{0.0 + round(float(part), 2):.2f}" for part in direction)
-    return f"({numbers}), nearest {'+' if direction[axis] > 0 else '-'}{'xyz'[axis]}"
+    return numbers, f"{'+' if direction[axis] > 0 else '-'}{'xyz'[axis]}"
 
 
 def _from_the_middle(field: Array) -> Array:

@@ -1,0 +1,49 @@
+"""The sentences on GNC modules and inertial units, by key (texts/en.json)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from bench.model.texts import Said, Sayings
+
+_FOLDER = Path(__file__).parent
+_KINDS = ("gyro", "accelerometer", "magnetometer")
+_ENDINGS = ("beyond_limits", "deviation")
+
+say = Sayings(_FOLDER)
+
+
+def kind_name(kind: str) -> str:
+    """Return the word for a kind of sensor; one that the catalogue does not have stands as it is."""
+    return say(f"kind.{kind}") if kind in _KINDS else kind
+
+
+def channel_name(name: str) -> str:
+    """Return the name of a channel, such as "gyro x", for people."""
+    kind, _, axis = name.partition(" ")
+    return say("sensor", kind=kind_name(kind), axis=axis) if axis else kind_name(kind)
+
+
+def quantity_word(name: str) -> str:
+    """Return the name of a quantity within a sentence or a table; one that the catalogue does not have in English."""
+    for ending in _ENDINGS:
+        if name.endswith(f"_{ending}"):
+            quantity = quantity_word(name.removesuffix(f"_{ending}"))
+            return Said(name.replace("_", " "), str(_FOLDER), f"ending.{ending}", {"quantity": quantity})
+    return Said(name.replace("_", " "), str(_FOLDER), f"quantity.{name}", {})
+
+
+def refused(what: str, why: str, code: str) -> str:
+    """Return what has no result, and the error that is the reason."""
+    return say("missing.refused", what=what, why=why, code=code)
+
+
+def headers_of(table: str, *names: str) -> list[str]:
+    """Return the heads of a table."""
+    return [say(f"{table}.head.{name}") for name in names]
+
+
+def listed(words: Sequence[str]) -> str:
+    """Return words with commas between; one at least."""
+    return say("list", first=words[0], rest=listed(words[1:])) if len(words) > 1 else words[0]
