@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from bench.analysis import Analysis
 from bench.model.texts import Said
 
-_WORDS = re.compile(r"[a-z]{4,}")  # units and names of axes are shorter
+_WORDS = re.compile(r"\b(?!m?gauss\b)[A-Za-z]?[a-z]{4,}")  # other units and names of axes are shorter
 
 
 def without_a_key(found: Analysis) -> list[str]:

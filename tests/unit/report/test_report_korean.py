@@ -78,8 +78,9 @@ def test_a_character_that_neither_font_has_is_written_as_its_code() -> None:
 
 
 def test_numbers_and_dates_are_the_same_in_both_languages(report: Report) -> None:
-    english = Report(sample_model()).html()
-    numbers = [set(re.findall(r"<td[^>]*>([−0-9.\u202f± ]+)</td>", page)) for page in (english, report.html())]
+    """Behind the first page, which shows as much as it has room for."""
+    behind = [page.partition('id="summary"')[2] for page in (Report(sample_model()).html(), report.html())]
+    numbers = [set(re.findall(r"<td[^>]*>([−0-9.\u202f± ]+)</td>", page)) for page in behind]
     assert len(numbers[0]) > 50
     assert numbers[0] == numbers[1]  # how often one stands there depends on the parts of a wide table
 

@@ -14,10 +14,9 @@ from bench.model.errors import FitError
 from bench.systems.gnc.limits import table_3
 from bench.systems.gnc.unit_test.report import folders_of, item_table, measured_table, title_of, unit_table, wrong_table
 from bench.systems.gnc.unit_test.units import NOT_TESTED, STATIC, SUPPLY, ItemResult, UnitResult, unit_results
+from bench.systems.gnc.wording import say
 
 METHODS: tuple[str, ...] = ("exchanges",)
-_NO_METER = "The uncertainty of the supply readings is not included: the standards register states none for them."
-_NO_GAUGE = "The uncertainty of sizes and resistances that a person measured is not included: nothing states one."
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -87,7 +86,7 @@ def _values(item: ItemResult, place: dict[str, Any]) -> Estimates:
 
 def _missing(units: Sequence[UnitResult]) -> list[str]:
     return [
-        f"unit {unit.unit}: {title_of(item.item)} was not tested"
+        say("missing.untested", unit=unit.unit, item=title_of(item.item))
         for unit in units
         for item in unit.all
         if item.judged and item.verdict == NOT_TESTED
@@ -95,16 +94,18 @@ def _missing(units: Sequence[UnitResult]) -> list[str]:
 
 
 def _notes(units: Sequence[UnitResult]) -> list[str]:
-    notes = [f"Unit {unit.unit}, {title_of(item.item)}: {remark}."
-             for unit in units for item in unit.items for remark in dict.fromkeys(item.findings.remarks)]  # fmt: skip
+    notes = [
+        say("note.remark", unit=unit.unit, item=title_of(item.item), remark=remark)
+        for unit in units
+        for item in unit.items
+        for remark in dict.fromkeys(item.findings.remarks)
+    ]
     again = Counter[str]()
     for unit in units:
         again.update({unit.unit: sum(item.retries for item in unit.items)})
-    notes += [
-        f"Unit {name}: {count} commands had to be repeated on the link." for name, count in again.items() if count
-    ]
+    notes += [say("note.repeated", unit=name, count=count) for name, count in again.items() if count]
     if any(item.runs for unit in units for item in unit.all if item.item == SUPPLY):
-        notes.append(_NO_METER)
+        notes.append(say("note.no_meter"))
     if any(item.runs for unit in units for item in unit.all if item.item == STATIC):
-        notes.append(_NO_GAUGE)
+        notes.append(say("note.no_gauge"))
     return notes

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from bench.model.errors import BenchError
+from bench.systems.gnc.wording import say
 
 if TYPE_CHECKING:
     from bench.analysis import Exchange
@@ -65,11 +66,13 @@ class Findings:
         """Note a wrong result unless ``ok``."""
         if not ok:
             sent = answer.exchange.sent.hex(" ")
-            self.wrong.append(Wrong(answer.exchange.begin_s, what, sent, str(expected), str(received)))
+            self.wrong.append(Wrong(answer.exchange.begin_s, what, sent, _text(expected), _text(received)))
 
     def missing(self, at_s: float, what: str) -> None:
         """Note a piece of the item that was never asked for: the item cannot pass without it."""
-        self.wrong.append(Wrong(at_s, f"{what} was not tested", "nothing", "a test of it", "nothing"))
+        self.wrong.append(
+            Wrong(at_s, say("wrong.untested", what=what), say("nothing"), say("wrong.a_test"), say("nothing"))
+        )
 
 
 @dataclass(frozen=True)
@@ -82,6 +85,10 @@ class Answer:
     trouble: str = ""
 
 
+def _text(value: object) -> str:
+    return value if isinstance(value, str) else str(value)  # str() of a sentence forgets its key
+
+
 def answers_of(exchanges: Iterable[Exchange], layouts: Mapping[str, Any]) -> list[Answer]:
     """Return every exchange, decoded by the layout of its command."""
     return [_answer(exchange, layouts) for exchange in exchanges]
@@ -91,8 +98,8 @@ def whole(answers: Sequence[Answer], findings: Findings) -> list[Answer]:
     """The answers that can be judged; the others go into ``findings`` with their reason."""
     for answer in answers:
         if answer.trouble:
-            received = answer.exchange.received.hex(" ") or "nothing"
-            findings.expect(False, answer, answer.trouble, "an answer with status PASS", received)
+            received = answer.exchange.received.hex(" ") or say("nothing")
+            findings.expect(False, answer, answer.trouble, say("wrong.an_answer"), received)
     return [answer for answer in answers if answer.fields or not answer.trouble]
 
 
@@ -103,7 +110,7 @@ def _answer(exchange: Exchange, layouts: Mapping[str, Any]) -> Answer:
         return Answer(exchange, asked, {}, trouble)
     layout = layouts.get(exchange.name)
     if layout is None:
-        return Answer(exchange, asked, {}, f"the frame file has no command {exchange.name!r}")
+        return Answer(exchange, asked, {}, say("wrong.no_command", name=exchange.name))
     try:
         return Answer(exchange, asked, layout.decode(exchange.received), trouble)
     except BenchError as error:
@@ -112,11 +119,11 @@ def _answer(exchange: Exchange, layouts: Mapping[str, Any]) -> Answer:
 
 def _trouble(exchange: Exchange) -> str:
     if exchange.status is None:
-        return f"nobody answered ({exchange.attempts} attempts)"
+        return say("wrong.no_answer", attempts=exchange.attempts)
     status = STATUS[exchange.status] if exchange.status < len(STATUS) else str(exchange.status)
     if exchange.refused:
-        return f"the board refused the command: {status}"
-    return "" if exchange.status == _PASS else f"the board answered with status {status}"
+        return say("wrong.refused", status=status)
+    return "" if exchange.status == _PASS else say("wrong.status", status=status)
 
 
 def _asked(exchange: Exchange) -> dict[str, Any]:

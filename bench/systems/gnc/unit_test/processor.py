@@ -11,6 +11,7 @@ from itertools import pairwise, permutations
 
 from bench.systems.gnc.limits import Limits
 from bench.systems.gnc.unit_test.answers import Answer, Findings, Measured, whole
+from bench.systems.gnc.wording import say
 
 OPERATIONS = ("addition", "subtraction", "multiplication", "division")
 SETTINGS_us = (500, 1000, 2000, 5000)
@@ -19,7 +20,7 @@ PATTERNS = ("0x55", "0xAA", "address")
 _FLASH = (2, 3)
 _WRITE_READ, _ERASE, _BLANK, _PROGRAM, _VERIFY = range(5)
 _FLASH_ORDER = (_ERASE, _BLANK, _PROGRAM, _VERIFY)
-_STEPS = ("write and read", "erase", "blank check", "program", "verify")
+_STEPS = ("write_read", "erase", "blank_check", "program", "verify")
 _WORD = 4  # bytes
 _TICK_STD_us = 12.0**-0.5  # intervals are whole microseconds
 LINES = (1, 2, 3, 4)
@@ -32,12 +33,12 @@ def judge_cpu(answers: Sequence[Answer], limits: Limits) -> Findings:
     for answer in whole(answers, findings):
         fields = answer.fields
         for name, done, wrong in zip(OPERATIONS, fields["operations"], fields["wrong"], strict=True):
-            first = f"{fields['first_expected']} was due, {fields['first_received']} came first"
-            findings.expect(done > 0, answer, f"{name}: not done", "more than 0 operations", done)
-            findings.expect(wrong == 0, answer, f"{name}: {wrong} of {done} results are wrong", 0, f"{wrong} ({first})")
-        findings.expect(
-            fields["memory_wrong"] == 0, answer, "registers and memory: read back wrong", 0, fields["memory_wrong"]
-        )
+            operation = say(f"cpu.{name}")
+            first = say("cpu.first", count=wrong, due=fields["first_expected"], came=fields["first_received"])
+            findings.expect(done > 0, answer, say("cpu.not_done", operation=operation), say("cpu.some"), done)
+            what = say("cpu.wrong", operation=operation, wrong=wrong, done=done)
+            findings.expect(wrong == 0, answer, what, 0, first)
+        findings.expect(fields["memory_wrong"] == 0, answer, say("cpu.memory"), 0, fields["memory_wrong"])
     return findings
 
 
@@ -50,14 +51,14 @@ def judge_timer(answers: Sequence[Answer], limits: Limits) -> Findings:
             continue
         intervals = answer.fields["intervals_us"][:ticks]
         due = max(ticks, least)
-        findings.expect(len(intervals) >= due, answer, f"{setting} us: too few intervals", due, len(intervals))
+        findings.expect(len(intervals) >= due, answer, say("timer.few", setting=setting), due, len(intervals))
         heard = answer.fields["interrupts"]
-        findings.expect(heard == ticks and heard >= least, answer, f"{setting} us: interrupts", due, heard)
+        findings.expect(heard == ticks and heard >= least, answer, say("timer.interrupts", setting=setting), due, heard)
         errors = [value / setting - 1.0 for value in intervals]
         outside = sum(abs(error) > most for error in errors)
         worst = max(errors, key=abs, default=0.0)
-        what = f"{setting} us: {outside} of {len(errors)} intervals off by more than {100 * most:g} %"
-        findings.expect(not outside, answer, what, setting, f"{setting * (1 + worst):.0f} at worst")
+        what = say("timer.outside", setting=setting, outside=outside, count=len(errors), most=100 * most)
+        findings.expect(not outside, answer, what, setting, say("timer.worst", worst=setting * (1 + worst)))
         if errors:
             place = {"setting_ms": setting / 1000.0}
             std = _TICK_STD_us / setting
@@ -65,7 +66,7 @@ def judge_timer(answers: Sequence[Answer], limits: Limits) -> Findings:
     asked = {answer.asked.get("setting_us") for answer in answers}
     for setting in SETTINGS_us:
         if setting not in asked:
-            findings.missing(answers[-1].exchange.begin_s, f"setting {setting} us")
+            findings.missing(answers[-1].exchange.begin_s, say("timer.setting", setting=setting))
     return findings
 
 
@@ -76,11 +77,17 @@ def judge_memory(answers: Sequence[Answer], limits: Limits) -> Findings:
         asked, fields = answer.asked, answer.fields
         if not asked:
             continue
-        what = f"{_place(answer)}: {fields['wrong']} of {fields['checked']} words are wrong"
-        first = f"at {fields['address']:#x} {fields['received']:#010x} in place of {fields['expected']:#010x}"
-        findings.expect(fields["wrong"] == 0, answer, what, 0, f"{fields['wrong']} ({first})")
+        what = say("memory.wrong", place=_place(answer), wrong=fields["wrong"], checked=fields["checked"])
+        first = say(
+            "memory.first",
+            count=fields["wrong"],
+            address=fields["address"],
+            came=fields["received"],
+            due=fields["expected"],
+        )
+        findings.expect(fields["wrong"] == 0, answer, what, 0, first)
         due = asked["length"] // _WORD
-        text = f"{_place(answer)}: words that were checked"
+        text = say("memory.checked", place=_place(answer))
         findings.expect(0 < due == fields["checked"], answer, text, max(due, 1), fields["checked"])
     _complete_memory(answers, findings)
     for region in _FLASH:
@@ -89,11 +96,11 @@ def judge_memory(answers: Sequence[Answer], limits: Limits) -> Findings:
 
 
 def _place(answer: Answer) -> str:
-    step = (
-        _STEPS[answer.asked["operation"]] if answer.asked["operation"] < len(_STEPS) else str(answer.asked["operation"])
-    )
-    pattern = f" {PATTERNS[answer.asked['pattern']]}" if answer.asked["operation"] == _WRITE_READ else ""
-    return f"{REGIONS[answer.asked['region']]} {step}{pattern}"
+    operation, region = answer.asked["operation"], REGIONS[answer.asked["region"]]
+    if operation == _WRITE_READ:
+        return say("memory.write_read", region=region, pattern=PATTERNS[answer.asked["pattern"]])
+    step = say(f"memory.{_STEPS[operation]}") if operation < len(_STEPS) else str(operation)
+    return say("memory.step", region=region, step=step)
 
 
 def _complete_memory(answers: Sequence[Answer], findings: Findings) -> None:
@@ -103,12 +110,12 @@ def _complete_memory(answers: Sequence[Answer], findings: Findings) -> None:
         if region in _FLASH:
             steps = [asked["operation"] for asked in mine]
             if not _in_order(steps):
-                findings.missing(at_s, f"{name}: erase, blank check, program and verify in this order")
+                findings.missing(at_s, say("memory.cycle", region=name))
             continue
         patterns = {asked["pattern"] for asked in mine if asked["operation"] == _WRITE_READ}
         for number, pattern in enumerate(PATTERNS):
             if number not in patterns:
-                findings.missing(at_s, f"{name} with pattern {pattern}")
+                findings.missing(at_s, say("memory.pattern", region=name, pattern=pattern))
 
 
 def _in_order(steps: Sequence[int]) -> bool:
@@ -122,7 +129,7 @@ def _erases(answers: Sequence[Answer], findings: Findings) -> None:
     for before, after in pairwise(answers):
         due = before.fields["erases"] + (after.asked["operation"] == _ERASE)
         findings.expect(
-            after.fields["erases"] == due, after, f"{_place(after)}: count of erases", due, after.fields["erases"]
+            after.fields["erases"] == due, after, say("memory.erases", place=_place(after)), due, after.fields["erases"]
         )
 
 
@@ -131,17 +138,18 @@ def judge_io(answers: Sequence[Answer], limits: Limits) -> Findings:
     findings = Findings()
     for answer in whole(answers, findings):
         if answer.asked:
-            line = f"IO {answer.asked['output']} to IO {answer.asked['input']}"
+            line = say("io.line", output=answer.asked["output"], input=answer.asked["input"])
             level, read = answer.asked["level"], answer.fields["read"]
-            findings.expect(read == level, answer, f"{line}: level", level, read)
+            findings.expect(read == level, answer, say("io.level", line=line), level, read)
             findings.expect(
-                answer.fields["others"] == 0, answer, f"{line}: lines that must rest", 0, bin(answer.fields["others"])
+                answer.fields["others"] == 0, answer, say("io.others", line=line), 0, bin(answer.fields["others"])
             )
     asked = {(answer.asked.get("output"), answer.asked.get("input"), answer.asked.get("level")) for answer in answers}
     for output, source in permutations(LINES, 2):
         for level in (0, 1):
             if (output, source, level) not in asked:
-                findings.missing(answers[-1].exchange.begin_s, f"IO {output} to IO {source} at level {level}")
+                line = say("io.line", output=output, input=source)
+                findings.missing(answers[-1].exchange.begin_s, say("io.at_level", line=line, level=level))
     return findings
 
 
@@ -150,9 +158,9 @@ def judge_spi(answers: Sequence[Answer], limits: Limits) -> Findings:
     findings = Findings()
     for answer in whole(answers, findings):
         word = answer.asked.get("word")
-        for name, what in (("received", "word that came back"), ("observed", "word on the IO lines")):
+        for name in ("received", "observed"):
             value = answer.fields[name]
-            findings.expect(value == word, answer, what, _word(word), _word(value))
+            findings.expect(value == word, answer, say(f"spi.{name}"), _word(word), _word(value))
     return findings
 
 
@@ -161,8 +169,8 @@ def judge_sci(answers: Sequence[Answer], limits: Limits) -> Findings:
     findings = Findings()
     for answer in whole(answers, findings):
         sent, echo = str(answer.asked.get("pattern", "")), str(answer.fields["echo"])
-        findings.expect(bool(sent), answer, "nothing was sent", "a pattern", "none")
-        findings.expect(echo == sent, answer, "echo", sent, echo)
+        findings.expect(bool(sent), answer, say("sci.nothing"), say("sci.pattern"), say("sci.none"))
+        findings.expect(echo == sent, answer, say("sci.echo"), sent, echo)
     return findings
 
 
@@ -172,7 +180,7 @@ def judge_can(answers: Sequence[Answer], limits: Limits) -> Findings:
     for answer in answers:
         if answer.fields:
             sent, received = answer.asked.get("identifier"), answer.fields["identifier"]
-            findings.expect(received == sent, answer, "identifier", sent, received)
+            findings.expect(received == sent, answer, say("can.identifier"), sent, received)
     return findings
 
 
@@ -182,9 +190,9 @@ def judge_identity(answers: Sequence[Answer], limits: Limits) -> Findings:
     for answer in whole(answers, findings):
         unit = str(answer.exchange.conditions.get("unit", ""))[:_SERIAL_BYTES]
         told = bytes.fromhex(answer.fields["unit_serial"]).decode("ascii", "replace").strip(" \0")
-        findings.expect(not unit or told == unit, answer, "serial number", unit, told)
+        findings.expect(not unit or told == unit, answer, say("identify.serial"), unit, told)
     return findings
 
 
 def _word(value: int | None) -> str:
-    return "unknown" if value is None else f"{value:#06x}"
+    return say("unknown") if value is None else f"{value:#06x}"

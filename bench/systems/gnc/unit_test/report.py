@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.analysis import Table
 from bench.systems.gnc.unit_test.units import IDENTITY, ITEMS, STATIC, SUPPLY, UnitResult
+from bench.systems.gnc.wording import headers_of, listed, quantity_word, say
 
 if TYPE_CHECKING:
     from bench.analysis import Material
@@ -24,7 +25,7 @@ _MOST_WRONG = 200  # rows that are printed; the folders of the units hold all
 
 def title_of(item: str) -> str:
     """Return name of an item as people read it."""
-    return {STATIC: "static check", SUPPLY: "supply", IDENTITY: "identity"}.get(item, ITEMS.get(item, item))
+    return say(f"item.{item}") if item in (STATIC, SUPPLY, IDENTITY, *ITEMS) else item
 
 
 def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Table:
@@ -35,12 +36,13 @@ def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Table:
         times: list[Any] = ["–", "–", "–"]
         if span_s is not None:
             times = [_moment(span_s[0], offset_s), f"{span_s[1] - span_s[0]:.3f}", _moment(span_s[1], offset_s)]
-        failed = ", ".join(title_of(item.item) for item in unit.all if item.verdict == "fail") or "–"
-        rows.append([unit.unit, *times, len(unit.wrong), failed, _verdict(unit.verdict)])
+        failed = [title_of(item.item) for item in unit.all if item.verdict == "fail"]
+        rows.append([unit.unit, *times, len(unit.wrong), listed(failed or ["–"]), _verdict(unit.verdict)])
     clock = "s" if offset_s is None else "UTC"
-    headers = ["unit", f"start / {clock}", "elapsed / s", f"end / {clock}", "wrong results", "failed", "verdict"]
-    caption = "Times from the first to the last test; PASS only if everything was tested."
-    return Table("Units tested", caption, headers, rows, prose=True, lead=True)
+    begin, end = (say(f"units.head.{name}", clock=clock) for name in ("start", "end"))
+    elapsed, *others = headers_of("units", "elapsed", "wrong", "failed", "verdict")
+    headers = [say("units.head.unit"), begin, elapsed, end, *others]
+    return Table(say("units.title"), say("units.caption"), headers, rows, prose=True, lead=True)
 
 
 def _moment(at_s: float, offset_s: float | None) -> str:
@@ -57,14 +59,8 @@ def item_table(units: Sequence[UnitResult]) -> Table:
     for unit in units:
         by_item = {item.item: _verdict(item.verdict) for item in unit.all}
         rows.append([unit.unit, *(by_item.get(name, _verdict("not tested")) for name in names)])
-    caption = (
-        "The six rows of table 1 of the GNC-module paper, IO, SPI, SCI and CAN of its section 3 (2), the supply of its "
-        "table 3, and what was measured before power. Position, velocity and timing accuracy of the receiver are not "
-        "tested here."
-    )
-    headers = ["unit", *map(title_of, names)]
-    title = "Table 1: unit tests"
-    return Table(title, caption, headers, rows, prose=True, lead=True)
+    headers = [say("units.head.unit"), *map(title_of, names)]
+    return Table(say("table1.title"), say("table1.caption"), headers, rows, prose=True, lead=True)
 
 
 def measured_table(units: Sequence[UnitResult]) -> list[Table]:
@@ -79,7 +75,7 @@ def measured_table(units: Sequence[UnitResult]) -> list[Table]:
                 limits[key] = measured.limit
     rows = [
         [
-            quantity.replace("_", " "),
+            quantity_word(quantity),
             place,
             len(members),
             min(members),
@@ -89,15 +85,14 @@ def measured_table(units: Sequence[UnitResult]) -> list[Table]:
         ]
         for (quantity, place, unit), members in values.items()
     ]
-    headers = ["quantity", "of", "values", "lowest", "highest", "unit", "limit"]
-    caption = "Over all units and repeats; without a limit: reported, not judged."
-    return [Table("Measured in the unit tests", caption, headers, rows)] if rows else []
+    headers = headers_of("measured", "quantity", "of", "values", "lowest", "highest", "unit", "limit")
+    return [Table(say("measured.title"), say("measured.caption"), headers, rows)] if rows else []
 
 
 def wrong_table(units: Sequence[UnitResult]) -> list[Table]:
     """Return every wrong result: what was sent, expected, received."""
     rows = [
-        [unit.unit, title_of(item.item), wrong.what, wrong.sent or "nothing", wrong.expected, wrong.received]
+        [unit.unit, title_of(item.item), wrong.what, wrong.sent or say("nothing"), wrong.expected, wrong.received]
         for unit in units
         for item in unit.all
         for wrong in item.findings.wrong
@@ -105,13 +100,13 @@ def wrong_table(units: Sequence[UnitResult]) -> list[Table]:
     if not rows:
         return []
     more = len(rows) - _MOST_WRONG
-    caption = f"{more} more are in the folders of the units." if more > 0 else "All of them; payloads as hex bytes."
-    headers = ["unit", "item", "what", "sent", "expected", "received"]
-    return [Table("Wrong results", caption, headers, rows[:_MOST_WRONG], prose=True, lead=True)]
+    caption = say("wrong.caption_more", more=more) if more > 0 else say("wrong.caption")
+    headers = headers_of("wrong", "unit", "item", "what", "sent", "expected", "received")
+    return [Table(say("wrong.title"), caption, headers, rows[:_MOST_WRONG], prose=True, lead=True)]
 
 
 def _verdict(text: str) -> str:
-    return text.upper() if text in ("pass", "fail") else text
+    return say(f"verdict.{text.replace(' ', '_')}")
 
 
 def _place(conditions: Mapping[str, Any]) -> str:

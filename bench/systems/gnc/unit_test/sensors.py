@@ -13,6 +13,7 @@ from typing import Any
 from bench.analysis import Reading
 from bench.systems.gnc.limits import Limits
 from bench.systems.gnc.unit_test.answers import Answer, Findings, Measured, Wrong, whole
+from bench.systems.gnc.wording import quantity_word, say
 
 AXES = ("x", "y", "z")
 SOURCES_V: Mapping[int, tuple[str, float]] = {1: ("5 V", 5.0), 2: ("3.3 V", 3.3), 3: ("1.2 V", 1.2), 4: ("GND", 0.0)}
@@ -38,14 +39,14 @@ def judge_imu(answers: Sequence[Answer], limits: Limits, imu: Mapping[str, Any])
         noise = {kind: _noise(fields, kind) for kind in ranges}
         for k, (axis, rate) in enumerate(zip(AXES, fields["gyro"], strict=True)):
             most = limits["gyro_at_rest"]
-            findings.expect(abs(rate) <= most, answer, f"rate {axis} at rest", f"within {most:g} deg/s", f"{rate:.4f}")
+            due = say("within.unit", most=most, unit="deg/s")
+            findings.expect(abs(rate) <= most, answer, say("imu.rate", axis=axis), due, f"{rate:.4f}")
             findings.measured.append(Measured("imu_rate", "deg/s", rate, noise["gyro"][k], {"axis": axis}))
         for k, (axis, force) in enumerate(zip(AXES, fields["accel"], strict=True)):
             findings.measured.append(Measured("imu_acceleration", "g", force, noise["accel"][k], {"axis": axis}))
         size, most = math.hypot(*fields["accel"]), limits["acceleration_error"]
-        findings.expect(
-            abs(size - 1.0) <= most, answer, "specific force at rest", f"1 g within {most:g} g", f"{size:.4f} g"
-        )
+        due = say("within.of", due=1.0, most=most, unit="g")
+        findings.expect(abs(size - 1.0) <= most, answer, say("imu.force"), due, f"{size:.4f} g")
         _temperatures(answer, limits, findings)
         for kind, reach in ranges.items():
             _alive(answer, kind, reach, findings)
@@ -62,23 +63,24 @@ def _temperatures(answer: Answer, limits: Limits, findings: Findings) -> None:
     low, high = limits["imu_temperature_low"], limits["imu_temperature_high"]
     for kind in ("gyro", "accel"):
         value = answer.fields[f"{kind}_temperature"]
-        due = f"{low:g} to {high:g} degC"
-        findings.expect(low <= value <= high, answer, f"{kind} temperature", due, f"{value:.2f} degC")
+        due = say("between.unit", low=low, high=high, unit="degC")
+        findings.expect(low <= value <= high, answer, say(f"imu.temperature.{kind}"), due, f"{value:.2f} degC")
         findings.measured.append(Measured("imu_temperature", "degC", value, 0.0, {"kind": kind}))
 
 
 def _alive(answer: Answer, kind: str, reach: float, findings: Findings) -> None:
     taken, due = answer.fields["samples"], answer.asked.get("samples", 0)
     if kind == "gyro":
-        findings.expect(taken == due, answer, "samples taken", due, taken)
+        findings.expect(taken == due, answer, say("imu.samples"), due, taken)
     lows, highs = answer.fields[f"{kind}_low"], answer.fields[f"{kind}_high"]
     for axis, low, high in zip(AXES, lows, highs, strict=True):
         frozen = low == high and taken >= _ENOUGH[kind]
-        findings.expect(not frozen, answer, f"{kind} {axis} is frozen", "values that differ", f"{taken} times {low:g}")
+        sensor = say(f"imu.sensor.{kind}", axis=axis)
+        times = say("imu.times", count=taken, value=low)
+        findings.expect(not frozen, answer, say("imu.frozen", sensor=sensor), say("imu.differ"), times)
         saturated = max(abs(low), abs(high)) >= reach
-        findings.expect(
-            not saturated, answer, f"{kind} {axis} is at its limit", f"within {reach:g}", f"{low:g} to {high:g}"
-        )
+        due_text, span = say("within", most=reach), say("between", low=low, high=high)
+        findings.expect(not saturated, answer, say("imu.saturated", sensor=sensor), due_text, span)
 
 
 def judge_gps(answers: Sequence[Answer], limits: Limits, site: Mapping[str, Any]) -> Findings:
@@ -90,9 +92,10 @@ def judge_gps(answers: Sequence[Answer], limits: Limits, site: Mapping[str, Any]
     findings = Findings()
     for answer in whole(answers, findings):
         fields = answer.fields
-        findings.expect(fields["fix"] == _FIX_3D, answer, "fix", "3 (three dimensions)", fields["fix"])
+        findings.expect(fields["fix"] == _FIX_3D, answer, say("gps.fix"), say("gps.three"), fields["fix"])
         least = int(limits["gps_satellites"])
-        findings.expect(fields["satellites"] >= least, answer, "satellites", f"{least} or more", fields["satellites"])
+        due = say("gps.or_more", least=least)
+        findings.expect(fields["satellites"] >= least, answer, say("gps.satellites"), due, fields["satellites"])
         _place(answer, limits, site, findings)
         findings.measured.append(Measured("gps_satellites", "1", float(fields["satellites"])))
         for name in ("latitude", "longitude"):
@@ -111,12 +114,20 @@ def _place(answer: Answer, limits: Limits, site: Mapping[str, Any], findings: Fi
         due, most = site.get(f"{name}_deg"), _COORDINATES_deg[name]
         away = 0.0 if due is None else (value - float(due) + 180.0) % 360.0 - 180.0  # 180 East is 180 West
         ok = abs(value) <= most if due is None else abs(away) * scale_m[name] <= reach_m
-        text = f"-{most:g} to {most:g} deg" if due is None else f"{float(due):.5f} deg within {reach_m:g} m"
-        findings.expect(ok, answer, name, text, f"{value:.6f} deg")
+        text = (
+            say("between.unit", low=-most, high=most, unit="deg")
+            if due is None
+            else say("gps.near", due=float(due), reach=reach_m)
+        )
+        findings.expect(ok, answer, say(f"gps.{name}"), text, f"{value:.6f} deg")
     due, height, reach_m = site.get("height_m"), answer.fields["height"], _SIGMAS * limits["height_error"]
     ok = _HEIGHTS_m[0] <= height <= _HEIGHTS_m[1] if due is None else abs(height - float(due)) <= reach_m
-    text = f"{_HEIGHTS_m[0]:g} to {_HEIGHTS_m[1]:g} m" if due is None else f"{float(due):g} m within {reach_m:g} m"
-    findings.expect(ok, answer, "height", text, f"{height:.1f} m")
+    text = (
+        say("between.unit", low=_HEIGHTS_m[0], high=_HEIGHTS_m[1], unit="m")
+        if due is None
+        else say("within.of", due=float(due), most=reach_m, unit="m")
+    )
+    findings.expect(ok, answer, say("gps.height"), text, f"{height:.1f} m")
 
 
 def judge_ad(answers: Sequence[Answer], limits: Limits) -> Findings:
@@ -129,18 +140,17 @@ def judge_ad(answers: Sequence[Answer], limits: Limits) -> Findings:
             value = volts[_MAGNETIC + switch - 1]
             due = source_V if switch == dip else 0.0
             most = max(limits["ad_ground"], limits["ad_tolerance"] * due)
-            state = "on" if switch == dip else "off"
-            due_text = f"{due:g} V within {most:g} V"
-            findings.expect(abs(value - due) <= most, answer, f"{name}, its switch {state}", due_text, f"{value:.3f} V")
+            what = say("ad.on" if switch == dip else "ad.off", source=name)
+            due_text = say("within.of", due=due, most=most, unit="V")
+            findings.expect(abs(value - due) <= most, answer, what, due_text, f"{value:.3f} V")
             if switch == dip:
                 findings.measured.append(Measured("ad_volts", "V", value, 0.0, {"source": name}))
         if dip == _FLOATING_DIP:
-            text = f"floating channel: {volts[_MAGNETIC + _FLOATING_DIP - 1]:.3f} V (reported, not judged)"
-            findings.remarks.append(text)
+            findings.remarks.append(say("ad.floating", value=volts[_MAGNETIC + _FLOATING_DIP - 1]))
     asked = {answer.asked.get("dip") for answer in answers}
     for switch, (name, _) in SOURCES_V.items():
         if switch not in asked:
-            findings.missing(answers[-1].exchange.begin_s, f"DIP switch {switch} ({name})")
+            findings.missing(answers[-1].exchange.begin_s, say("ad.switch", switch=switch, source=name))
     return findings
 
 
@@ -150,7 +160,8 @@ def _field(answer: Answer, volts: Sequence[float], limits: Limits, findings: Fin
     low, high = limits["ad_field_low"], limits["ad_field_high"]
     size = math.hypot(*gauss)
     received = f"{size:.3f} gauss ({', '.join(f'{value:.3f} V' for value in volts)})"
-    findings.expect(low <= size <= high, answer, "field of the magnetometer", f"{low:g} to {high:g} gauss", received)
+    due = say("between.unit", low=low, high=high, unit="gauss")
+    findings.expect(low <= size <= high, answer, say("ad.field"), due, received)
 
 
 def judge_supply(readings: Sequence[Reading], limits: Limits) -> tuple[Findings, list[Reading]]:
@@ -162,19 +173,22 @@ def judge_supply(readings: Sequence[Reading], limits: Limits) -> tuple[Findings,
         used.append(reading)
         quantity, unit = _MEASURED[reading.name]
         due, most = limits[quantity], limits[f"{quantity}_deviation"]
-        sent, due_text = f"{reading.role} {reading.name}", f"{due:g} {unit} within {100 * most:g} %"
+        sent = f"{reading.role} {reading.name}"
+        due_text = say("within.percent", due=due, unit=unit, most=100 * most)
         if not isinstance(reading.value, int | float):
-            findings.wrong.append(Wrong(reading.t_s, f"{quantity}: no reading", sent, due_text, "nothing"))
+            findings.wrong.append(
+                Wrong(reading.t_s, say("supply.no_reading", quantity=quantity), sent, due_text, say("nothing"))
+            )
             continue
         value, place = float(reading.value), {"role": reading.role}
         deviation = value / due - 1.0
         findings.measured.append(Measured(quantity, unit, value, 0.0, place))
         findings.measured.append(Measured(f"{quantity}_deviation", "1", deviation, 0.0, place, most))
         if not abs(deviation) <= most:
-            findings.wrong.append(Wrong(reading.t_s, quantity.replace("_", " "), sent, due_text, f"{value:.4f} {unit}"))
+            findings.wrong.append(Wrong(reading.t_s, quantity_word(quantity), sent, due_text, f"{value:.4f} {unit}"))
     taken = {reading.name for reading in used}
     for name, (quantity, _) in _MEASURED.items():
         if used and name not in taken:
-            text = f"{quantity.replace('_', ' ')} was not measured"
-            findings.wrong.append(Wrong(used[-1].t_s, text, "nothing", "a reading of it", "nothing"))
+            text, nothing = say("supply.unmeasured", quantity=quantity_word(quantity)), say("nothing")
+            findings.wrong.append(Wrong(used[-1].t_s, text, nothing, say("supply.a_reading"), nothing))
     return findings, used

@@ -12,8 +12,9 @@ from bench.analysis import GivenValue
 from bench.model.units import plain_quantity
 from bench.systems.gnc.limits import Limits
 from bench.systems.gnc.unit_test.answers import Findings, Measured, Wrong
+from bench.systems.gnc.wording import quantity_word, say
 
-_SENT = "a question to the operator"
+_SENT = say("static.question")
 
 
 def judge_static(given: Sequence[GivenValue], limits: Limits) -> Findings:
@@ -27,18 +28,23 @@ def judge_static(given: Sequence[GivenValue], limits: Limits) -> Findings:
         high = min(math.inf if check.high is None else check.high, limits.get(check.quantity, math.inf))
         due = _due(low, high, check.unit)
         if check.value is None or not math.isfinite(check.value):
-            findings.wrong.append(Wrong(check.t_s, f"{check.quantity}: no value", _SENT, due, "nothing"))
+            findings.wrong.append(
+                Wrong(check.t_s, say("static.no_value", quantity=check.quantity), _SENT, due, say("nothing"))
+            )
             continue
         beyond = max(low - check.value, check.value - high, 0.0)
         findings.measured.append(Measured(check.quantity, check.unit, check.value))
         findings.measured.append(Measured(f"{check.quantity}_beyond_limits", check.unit, beyond, limit=0.0))
         if beyond > 0.0:
             received = plain_quantity(check.value, check.unit)
-            findings.wrong.append(Wrong(check.t_s, check.quantity.replace("_", " "), _SENT, due, received))
+            findings.wrong.append(Wrong(check.t_s, quantity_word(check.quantity), _SENT, due, received))
     return findings
 
 
 def _due(low: float, high: float, unit: str) -> str:
-    parts = [f"at least {plain_quantity(low, unit)}"] if math.isfinite(low) else []
-    parts += [f"at most {plain_quantity(high, unit)}"] if math.isfinite(high) else []
-    return " and ".join(parts)
+    least, most = plain_quantity(low, unit), plain_quantity(high, unit)
+    if math.isfinite(low) and math.isfinite(high):
+        return say("static.between", least=least, most=most)
+    if math.isfinite(low):
+        return say("static.least", least=least)
+    return say("static.most", most=most) if math.isfinite(high) else ""

@@ -21,6 +21,7 @@ from bench.systems.gnc.unit_test.processor import (
 )
 from bench.systems.gnc.unit_test.sensors import judge_ad, judge_gps, judge_imu, judge_supply
 from bench.systems.gnc.unit_test.static_checks import judge_static
+from bench.systems.gnc.wording import say
 
 if TYPE_CHECKING:
     from bench.analysis import Exchange, GivenValue
@@ -182,7 +183,7 @@ def _item(
     if not exchanges:
         return ItemResult(item, Findings(), 0)
     answers = answers_of(exchanges, material.layouts)
-    findings = Findings(remarks=["nobody judges this item"]) if judge is None else _judged(item, answers, judge, limits)
+    findings = Findings(remarks=[say("remark.unjudged")]) if judge is None else _judged(item, answers, judge, limits)
     retries = sum(exchange.attempts - 1 for exchange in exchanges)
     times_s = exchanges[0].begin_s, exchanges[-1].end_s
     return ItemResult(item, findings, len(exchanges), *times_s, retries, judged=judge is not None)
@@ -196,5 +197,5 @@ def _judged(
     findings = judge(own, limits) if own else Findings()
     for answer in answers:
         name = answer.exchange.name
-        findings.expect(name == item, answer, f"command {name} is no test of this item", f"command {item}", name)
+        findings.expect(name == item, answer, say("wrong.other_item", name=name), say("wrong.command", item=item), name)
     return findings

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from said import without_a_key
 from time_sync_material import Pair
 
 from bench.analysis import Analysis, analyse, with_uncertainty
@@ -225,6 +226,7 @@ def test_the_same_recording_gives_the_same_bytes(monkeypatch: pytest.MonkeyPatch
 
 def test_report_draws_everything() -> None:
     found = analysed()
+    assert without_a_key(found) == []
     pictures = analysis_pictures(found.figures)
     assert len(pictures) == 6
     assert all("nan" not in picture.svg.lower() for picture in pictures)
