@@ -65,7 +65,6 @@ FORMATS = {
     "bench/model/yamlio.py": "pydantic begins its messages so",
     "bench/replay/delimited.py": "the text of a delimited file",
     "bench/report/batch/model.py": "what an analysis calls missing begins with its unit",
-    "bench/systems/time_sync/figures.py": "the short form of a label",
     "bench/tui/page.py": "the text of an error begins with its code (docs/errors.md)",
     "bench/web/serving.py": "a message of uvicorn",
 }
