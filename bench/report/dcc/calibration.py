@@ -11,7 +11,8 @@ from typing import Any
 from bench.model.texts import Texts
 from bench.report.laboratory import Laboratory
 
-TEXTS = Texts(Path(__file__).parent)
+FOLDER = Path(__file__).parent
+TEXTS = Texts(FOLDER)
 SPECIMEN = "SPECIMEN"
 ITEM_ID = "item_1"
 

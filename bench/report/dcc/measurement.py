@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from datetime import date
 from typing import Any
 
-from bench.report.dcc.calibration import ITEM_ID, TEXTS, Calibration, Span
+from bench.model.texts import ENGLISH, Texts
+from bench.report.dcc.calibration import FOLDER, ITEM_ID, TEXTS, Calibration, Span
 from bench.report.dcc.dsi import CELSIUS, ONE, si_number
 from bench.report.dcc.elements import Element, dcc, leaf, number_list, si, words
 from bench.report.dcc.results import results
@@ -49,11 +50,15 @@ class Method:
     norms: tuple[str, ...]
 
 
-def method_of(document: Mapping[str, Any]) -> Method:
-    """Return the method that the results of a session were obtained by; ``document``: of results.json."""
+def method_of(document: Mapping[str, Any], language: str = ENGLISH) -> Method:
+    """Return the method that the results of a session were obtained by; ``document``: of results.json.
+
+    ``language``: of its description; a certificate is in English.
+    """
     campaign, known = str(document.get("campaign", "")), TEXTS.all
     own = campaign if f"method.{campaign}" in known else "other"
-    description = TEXTS(f"method.{own}.description", campaign=campaign, method=document.get("method", "–"))
+    told = Texts(FOLDER, language)
+    description = told(f"method.{own}.description", campaign=campaign, method=document.get("method", "–"))
     norms = known.get(f"method.{own}.norms", "").split("; ")
     return Method(TEXTS(f"method.{own}"), description, known.get(f"method.{own}.reference", ""), tuple(norms))
 

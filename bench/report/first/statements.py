@@ -117,7 +117,7 @@ def _risk_text(risk: float) -> str:
 
 
 def _method(model: ReportModel, words: Texts) -> str:
-    method = method_of(model.results)
+    method = method_of(model.results, words.language)
     parts = [named(method.description)]
     parts += [words("first.method.reference", reference=method.reference)] if method.reference else []
     quality = model.results.get("quality", {})

@@ -56,6 +56,14 @@ def test_the_catalogues_are_those_that_people_read() -> None:
     assert {"report", "tui", "web"} <= set(FOLDERS)
 
 
+def test_the_methods_that_a_report_describes_are_described_in_korean() -> None:
+    english, korean = texts("report/dcc", ENGLISH), texts("report/dcc", KOREAN)
+    assert korean.keys() == {key for key in english if key.startswith("method.") and key.endswith(".description")} - {
+        "method.uncertainty.description"
+    }
+    assert all(fields(text) == fields(english[key]) and left_over(text) <= {"AF"} for key, text in korean.items())
+
+
 @pytest.mark.parametrize("folder", FOLDERS)
 def test_korean_has_every_text_with_the_same_fields(folder: str) -> None:
     english, korean = texts(folder, ENGLISH), texts(folder, KOREAN)
