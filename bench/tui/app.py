@@ -63,6 +63,8 @@ class TopApp(App[None]):
     async def _follow(self) -> None:
         while True:
             self._seen = await asyncio.to_thread(self._again)
+            if not self.query("#head"):  # the screen is being taken down
+                return
             self._draw()
             await pause(LOOK_EVERY_S)
 
