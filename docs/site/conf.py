@@ -1,5 +1,7 @@
 """Configuration of Sphinx for the pages that docs/site/build.py gathers; every warning is an error there."""
 
+from pygments.lexers.data import YamlLexer
+
 project = "inertial-bench"
 extensions = ["myst_nb"]
 myst_heading_anchors = 4  # links to headings, as the pages write them
@@ -26,5 +28,6 @@ def _reachable(app, pagename, templatename, context, doctree):
 
 
 def setup(app):
-    """Change pages behind the theme, which makes the menu with priority 500."""
+    """Know the language of a block; change pages behind the theme, which makes the menu with priority 500."""
+    app.add_lexer("prometheus", YamlLexer)  # its configuration is YAML, and none of ours
     app.connect("html-page-context", _reachable, priority=900)
