@@ -8,7 +8,7 @@ Source: docs/decisions/0025-doubt.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +29,31 @@ class Assumption:
     effect: str
     shown_by: str
     quantities: tuple[str, ...] = ()
+
+
+def assumed(
+    say: Callable[[str], str],
+    code: str,
+    quantities: tuple[str, ...] = (),
+    *,
+    key: str = "",
+    taken: str = "",
+    unseen: str = "",
+    effect: str = "",
+) -> Assumption:
+    """Return an assumption in the words of a catalogue, under ``key`` or its code.
+
+    ``taken``, ``unseen``, ``effect``: given where these depend on the campaign.
+    """
+    entry = f"assumption.{key or code}"
+    return Assumption(
+        code,
+        taken or say(f"{entry}.taken"),
+        unseen or say(f"{entry}.unseen"),
+        effect or say(f"{entry}.effect"),
+        say(f"{entry}.shown"),
+        quantities,
+    )
 
 
 def assumptions_of(campaign: Mapping[str, Any]) -> list[Assumption]:

@@ -7,9 +7,9 @@ it to a reader of another language asks for it in that language.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass, replace
-from functools import cache
+from functools import cache, reduce
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -81,6 +81,11 @@ class Sayings:
     def __call__(self, key: str, /, **values: object) -> str:
         text = _catalogue(self._folder / "texts" / f"{ENGLISH}.json")[key]
         return Said(text.format(**values) if values else text, str(self._folder), key, values)
+
+    def listed(self, parts: Iterable[str], key: str = "list") -> str:
+        """Return parts as one, "" for none; ``key``: of the text that joins {first} and {rest}."""
+        each = list(parts)
+        return reduce(lambda first, rest: self(key, first=first, rest=rest), each) if each else ""
 
 
 def told(value: T, language: str) -> T:

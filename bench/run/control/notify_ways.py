@@ -46,15 +46,20 @@ def ways_of(notify: Notify) -> list[tuple[str, Callable[[Message], None]]]:
 
 def by_command(words: list[str], message: Mapping[str, Any]) -> None:
     """Start a program with the message as JSON on its standard input. Raises: NotSent."""
+    _give(words[0], words, json.dumps(message))
+
+
+def _give(name: str, words: list[str], text: str, environment: Mapping[str, str] | None = None) -> None:
+    """Start a program with a text on its standard input and wait for its end. Raises: NotSent, with its ``name``."""
     try:
         done = subprocess.run(
-            words, input=json.dumps(message).encode(), timeout=TIMEOUT_S, check=False, start_new_session=True,
+            words, input=text.encode(), env=environment, timeout=TIMEOUT_S, check=False, start_new_session=True,
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
         )  # fmt: skip
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise NotSent(f"{words[0]}: {type(error).__name__}") from error
+        raise NotSent(f"{name}: {type(error).__name__}") from error
     if done.returncode:
-        raise NotSent(f"{words[0]}: exit status {done.returncode}")
+        raise NotSent(f"{name}: exit status {done.returncode}")
 
 
 def by_webhook(webhook: Webhook, message: Mapping[str, Any]) -> None:
@@ -107,15 +112,7 @@ def by_apprise(apprise: Apprise, message: Mapping[str, Any]) -> None:
     words = [*APPRISE, "--storage-mode", "memory", "--title", _title(message)]
     words += ["--notification-type", _APPRISE_TYPES.get(str(message["kind"]), "info")]
     secret = {**os.environ, "APPRISE_URLS": _secret(apprise.urls_env)}
-    try:
-        done = subprocess.run(
-            words, input=_lines(message).encode(), env=secret, timeout=TIMEOUT_S, check=False, start_new_session=True,
-            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
-        )  # fmt: skip
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise NotSent(f"apprise: {type(error).__name__}") from error
-    if done.returncode:
-        raise NotSent(f"apprise: exit status {done.returncode}")
+    _give("apprise", words, _lines(message), secret)
 
 
 def _title(message: Mapping[str, Any]) -> str:

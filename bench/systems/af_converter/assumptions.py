@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.assumptions import Assumption
+from bench.model.assumptions import Assumption, assumed
 from bench.systems.af_converter.wording import say
 
 CLOCK_STEADY = 5e-6  # relative, within a visit of half an hour: a bad oscillator moves less
@@ -23,35 +23,36 @@ def of_levels(campaign: Mapping[str, Any]) -> list[Assumption]:
     """Return what the scale factors of a campaign take for granted, from the section "campaign" of its plan."""
     return [
         _gain(campaign),
-        assumed("calibrator_drift", (*_SCALE_FACTORS, *_COEFFICIENTS)),
+        assumed(say, "calibrator_drift", (*_SCALE_FACTORS, *_COEFFICIENTS)),
         _sensor(campaign),
-        assumed("converter_linearity", _SCALE_FACTORS),
-        assumed("clock_counts", _SCALE_FACTORS, unseen=_say("clock_counts.unseen", ppm=_PPM * CLOCK_STEADY)),
+        assumed(say, "converter_linearity", _SCALE_FACTORS),
+        assumed(say, "clock_counts", _SCALE_FACTORS, unseen=_say("clock_counts.unseen", ppm=_PPM * CLOCK_STEADY)),
         *_bias(campaign),
     ]
 
 
 def of_bias_ramp(campaign: Mapping[str, Any]) -> list[Assumption]:
     """Return what the biases of a ramp take for granted, from the section "campaign" of its plan."""
-    sensor = assumed("temperature_sensor_gain", ("bias", "play_half_width"), key="ramp_sensor")
-    shape = assumed("shape_of_the_bias", ("bias", "hysteresis_width", "play_half_width", "thermal_lag"))
+    sensor = assumed(say, "temperature_sensor_gain", ("bias", "play_half_width"), key="ramp_sensor")
+    shape = assumed(say, "shape_of_the_bias", ("bias", "hysteresis_width", "play_half_width", "thermal_lag"))
     return [sensor, shape, *_bias(campaign)]
 
 
 def of_log(campaign: Mapping[str, Any]) -> list[Assumption]:
     """Return what a temperature ramp that another program recorded takes for granted."""
-    return [assumed("temperature_sensor_gain", key="log_sensor"), assumed("steady_stimulus")]
+    return [assumed(say, "temperature_sensor_gain", key="log_sensor"), assumed(say, "steady_stimulus")]
 
 
 def _gain(campaign: Mapping[str, Any]) -> Assumption:
     levels_A = {level_A for channel in campaign.get("channels", ()) for level_A in channel.get("levels_A", ())}
     unseen = _say("calibrator_gain.unseen_levels", count=len(levels_A)) if levels_A else ""
-    return assumed("calibrator_gain", ("dsf_n", "dsf_p"), unseen=unseen)
+    return assumed(say, "calibrator_gain", ("dsf_n", "dsf_p"), unseen=unseen)
 
 
 def _sensor(campaign: Mapping[str, Any]) -> Assumption:
     u95_degC, reference_degC = campaign.get("temperature_sensor_u95_degC"), campaign.get("reference_temperature_degC")
     return assumed(
+        say,
         "temperature_sensor_gain",
         (*_SCALE_FACTORS, *_COEFFICIENTS),
         unseen="" if u95_degC is None else _say("temperature_sensor_gain.unseen_stated", u95=u95_degC),
@@ -63,24 +64,9 @@ def _bias(campaign: Mapping[str, Any]) -> list[Assumption]:
     """Return what the bias and the clock errors take for granted."""
     unseen = _say("generator_frequency.unseen", MHz=campaign.get("fg_Hz", 1e7) / 1e6)
     return [
-        assumed("open_route_leakage", ("bias", "bias_residual")),
-        assumed("generator_frequency", ("master_clock_error",), unseen=unseen),
+        assumed(say, "open_route_leakage", ("bias", "bias_residual")),
+        assumed(say, "generator_frequency", ("master_clock_error",), unseen=unseen),
     ]
-
-
-def assumed(
-    code: str, quantities: tuple[str, ...] = (), *, key: str = "", unseen: str = "", effect: str = ""
-) -> Assumption:
-    """Return an assumption in the words of the catalogue; ``unseen`` and ``effect`` where these depend on the plan."""
-    key = key or code
-    return Assumption(
-        code,
-        _say(f"{key}.taken"),
-        unseen or _say(f"{key}.unseen"),
-        effect or _say(f"{key}.effect"),
-        _say(f"{key}.shown"),
-        quantities,
-    )
 
 
 def _say(key: str, **values: float) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from functools import reduce
 from pathlib import Path
 
 from bench.model.texts import Sayings
@@ -16,9 +14,3 @@ say = Sayings(Path(__file__).parent)
 def kind_name(kind: str) -> str:
     """Return the word for a kind of channel; one that the catalogue does not have stands as it is."""
     return say(f"kind.{kind}") if kind in _KINDS else kind
-
-
-def listed(parts: Iterable[str]) -> str:
-    """Return parts as one, with commas; "" for none."""
-    told = list(parts)
-    return reduce(lambda first, rest: say("list", first=first, rest=rest), told) if told else ""

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.assumptions import Assumption
+from bench.model.assumptions import Assumption, assumed
 from bench.systems.gnc.wording import say
 
 _TURN_deg = 1080.0  # of the published sequences
@@ -26,64 +26,50 @@ def of_calibration(campaign: Mapping[str, Any]) -> list[Assumption]:
         _gravity(campaign),
         _table_angle(),
         _mounting(campaign),
-        _assumed("temperature_sensor"),
+        assumed(say, "temperature_sensor"),
         _latitude(campaign),
     ]
 
 
 def of_bias(campaign: Mapping[str, Any]) -> list[Assumption]:
     """Return what a measurement of bias and its stability takes for granted."""
-    return [_assumed("temperature_sensor"), _assumed("table_at_rest")]
+    return [assumed(say, "temperature_sensor"), assumed(say, "table_at_rest")]
 
 
 def of_magnetometer(campaign: Mapping[str, Any]) -> list[Assumption]:
     """Return what a calibration of the magnetometer takes for granted."""
     return [
-        _assumed("magnetic_surroundings", (*_PLANE, *_SPHERE)),
-        _assumed("field_strength", ("mag_radius", "mag_soft_iron")),
-        _assumed("axes_of_the_correction", ("mag_soft_iron", "mag_angle")),
-        _assumed("temperature_sensor"),
+        assumed(say, "magnetic_surroundings", (*_PLANE, *_SPHERE)),
+        assumed(say, "field_strength", ("mag_radius", "mag_soft_iron")),
+        assumed(say, "axes_of_the_correction", ("mag_soft_iron", "mag_angle")),
+        assumed(say, "temperature_sensor"),
     ]
 
 
 def _gravity(campaign: Mapping[str, Any]) -> Assumption:
     gravity = (campaign.get("site") or {}).get("gravity_m_s2")
     taken = "" if gravity is None else _say("local_gravity.taken_stated", gravity=float(gravity))
-    return _assumed("local_gravity", _ACCEL, taken=taken)
+    return assumed(say, "local_gravity", _ACCEL, taken=taken)
 
 
 def _table_angle() -> Assumption:
-    return _assumed("table_angle", _GYRO, unseen=_say("table_angle.unseen", turn=_TURN_deg))
+    return assumed(say, "table_angle", _GYRO, unseen=_say("table_angle.unseen", turn=_TURN_deg))
 
 
 def _mounting(campaign: Mapping[str, Any]) -> Assumption:
     tilt_deg = float((campaign.get("site") or {}).get("tilt_std_deg", 0.0))
     effect = _say("mounting.effect", arcmin=1e6 * math.radians(1.0 / 60.0))
     if not tilt_deg:
-        return _assumed("mounting", (*_ACCEL, *_GYRO), effect=effect)
+        return assumed(say, "mounting", (*_ACCEL, *_GYRO), effect=effect)
     taken = _say("mounting.taken_stated", tilt=60.0 * tilt_deg)
     unseen = _say("mounting.unseen_stated", wide=120.0 * tilt_deg)
-    return _assumed("mounting", (*_ACCEL, *_GYRO), taken=taken, unseen=unseen, effect=effect)
+    return assumed(say, "mounting", (*_ACCEL, *_GYRO), taken=taken, unseen=unseen, effect=effect)
 
 
 def _latitude(campaign: Mapping[str, Any]) -> Assumption:
     latitude = (campaign.get("site") or {}).get("latitude_deg")
     taken = "" if latitude is None else _say("earth_rate.taken_stated", latitude=float(latitude))
-    return _assumed("earth_rate", ("gyro_bias",), taken=taken)
-
-
-def _assumed(
-    code: str, quantities: tuple[str, ...] = (), *, taken: str = "", unseen: str = "", effect: str = ""
-) -> Assumption:
-    """Return an assumption in the words of the catalogue; what depends on the sequence is given."""
-    return Assumption(
-        code,
-        taken or _say(f"{code}.taken"),
-        unseen or _say(f"{code}.unseen"),
-        effect or _say(f"{code}.effect"),
-        _say(f"{code}.shown"),
-        quantities,
-    )
+    return assumed(say, "earth_rate", ("gyro_bias",), taken=taken)
 
 
 def _say(key: str, **values: float) -> str:

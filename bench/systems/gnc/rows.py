@@ -19,7 +19,7 @@ from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock
 from bench.systems.gnc.estimators.earth_rate import Pose, Site
 from bench.systems.gnc.estimators.records import tick_seconds
 from bench.systems.gnc.estimators.sample_checks import FROZEN, SATURATED, SampleChecks, check_samples
-from bench.systems.gnc.wording import channel_name, headers_of, listed, say
+from bench.systems.gnc.wording import channel_name, headers_of, say
 
 if TYPE_CHECKING:
     from bench.record import RecordRow, Samples
@@ -278,7 +278,7 @@ def check_table(checked_rows: Sequence[CheckedRow]) -> Table:
         ticks, checks = seen.checks.ticks, seen.checks
         jitter_us = number(1e6 * ticks.worst_jitter_s, 0) if ticks else "–"
         kinds = dict.fromkeys(finding.kind for finding in checks.findings)
-        what = listed([say(f"found.{kind}") for kind in kinds or ("nothing",)])
+        what = say.listed([say(f"found.{kind}") for kind in kinds or ("nothing",)])
         rows.append([seen.row.number, seen.row.item, checks.samples, checks.missing, jitter_us, _clock(checks), what])
     headers = headers_of("samples", "record", "item", "samples", "missing", "jitter", "clock", "found")
     return Table(say("samples.title"), say("samples.caption"), headers, rows)

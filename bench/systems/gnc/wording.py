@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 from bench.model.texts import Said, Sayings
@@ -42,8 +41,3 @@ def refused(what: str, why: str, code: str) -> str:
 def headers_of(table: str, *names: str) -> list[str]:
     """Return the heads of a table."""
     return [say(f"{table}.head.{name}") for name in names]
-
-
-def listed(words: Sequence[str]) -> str:
-    """Return words with commas between; one at least."""
-    return say("list", first=words[0], rest=listed(words[1:])) if len(words) > 1 else words[0]

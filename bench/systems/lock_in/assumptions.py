@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.assumptions import Assumption
+from bench.model.assumptions import Assumption, assumed
 from bench.systems.lock_in.wording import say
 
 _OUTPUTS = ("angle_random_walk", "quantisation_noise", "alignment_time")
@@ -18,25 +18,21 @@ _OUTPUTS = ("angle_random_walk", "quantisation_noise", "alignment_time")
 def assumptions(campaign: Mapping[str, Any]) -> list[Assumption]:
     """Return what a campaign takes for granted; ``campaign``: that section of a plan or manifest."""
     return [
-        _assumed("path_length", ("lock_in_rate", *_OUTPUTS)),
-        _assumed("tagger_clock", ("lock_in_rate", *_OUTPUTS)),
+        assumed(say, "path_length", ("lock_in_rate", *_OUTPUTS)),
+        assumed(say, "tagger_clock", ("lock_in_rate", *_OUTPUTS)),
         _latitude(campaign),
-        _assumed("still_base", ("angle_random_walk", "alignment_time", "random_walk_ratio", "alignment_time_ratio")),
-        _assumed("longer_than_the_record", ("alignment_time",)),
-        _assumed("phase_of_the_beat", ("backscatter_phase",)),
+        assumed(
+            say, "still_base", ("angle_random_walk", "alignment_time", "random_walk_ratio", "alignment_time_ratio")
+        ),
+        assumed(say, "longer_than_the_record", ("alignment_time",)),
+        assumed(say, "phase_of_the_beat", ("backscatter_phase",)),
     ]
 
 
 def _latitude(campaign: Mapping[str, Any]) -> Assumption:
     latitude_deg = (campaign.get("site") or {}).get("latitude_deg")
     if latitude_deg is None:
-        return _assumed("latitude", ("alignment_time",))
+        return assumed(say, "latitude", ("alignment_time",))
     share = 2.0 * math.radians(1.0) * abs(math.tan(math.radians(float(latitude_deg))))
     effect = say("assumption.latitude.effect_stated", latitude=float(latitude_deg), share=100.0 * share)
-    return _assumed("latitude", ("alignment_time",), effect)
-
-
-def _assumed(code: str, quantities: tuple[str, ...], effect: str = "") -> Assumption:
-    """Return an assumption in the words of the catalogue; ``effect`` where it depends on the campaign."""
-    taken, unseen, size, shown = (say(f"assumption.{code}.{part}") for part in ("taken", "unseen", "effect", "shown"))
-    return Assumption(code, taken, unseen, effect or size, shown, quantities)
+    return assumed(say, "latitude", ("alignment_time",), effect=effect)

@@ -11,7 +11,7 @@ from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL
 from bench.systems.lock_in.estimates import Requirement
 from bench.systems.lock_in.result import LaserResult, misfit
-from bench.systems.lock_in.wording import label, listed, say
+from bench.systems.lock_in.wording import label, say
 
 _NEAR_90_DEG = 10.0
 _SENSOR_OFF = 0.03  # of the dither amplitude; its sensor is good to 1 %
@@ -40,7 +40,7 @@ def _harm(results: Sequence[LaserResult]) -> list[str]:
         worse = [laser for laser in results if laser.is_worse(method)]
         if worse:
             ratios = [ratio.value for ratio in (laser.ratio(method) for laser in worse) if ratio is not None]
-            about = {"method": label(method), "names": listed(laser.name for laser in worse)}
+            about = {"method": label(method), "names": say.listed(laser.name for laser in worse)}
             if len(ratios) > 1:
                 notes.append(say("note.harm_span", **about, low=min(ratios), high=max(ratios)))
             else:
@@ -93,11 +93,11 @@ def _off(results: Sequence[LaserResult]) -> list[str]:
     """Outputs that random walk and quantisation do not describe, in one sentence."""
     off = []
     for laser in results:
-        methods = listed(label(name) for name, walk in laser.walks.items() if misfit(walk) > 1.0)
+        methods = say.listed(label(name) for name, walk in laser.walks.items() if misfit(walk) > 1.0)
         off += [say("off.output", name=laser.name, methods=methods)] if methods else []
     if not off:
         return []
-    return [say("note.off", outputs=listed(off, "list.comma"))]
+    return [say("note.off", outputs=say.listed(off, "list.comma"))]
 
 
 def _moved(laser: LaserResult) -> str:
@@ -112,7 +112,7 @@ def _moved(laser: LaserResult) -> str:
             chi2 = float(np.sum(((value - np.average(value, weights=std**-2.0)) / std) ** 2))
             if value.size > 1 and special.chdtrc(value.size - 1, chi2) < _PROBABILITY:
                 moved.append(say(key))
-    return listed(dict.fromkeys(moved), "list.and")
+    return say.listed(dict.fromkeys(moved), "list.and")
 
 
 def _standing(requirement: Requirement) -> list[str]:
@@ -139,7 +139,7 @@ def _losses(results: Sequence[LaserResult]) -> list[str]:
         if used < (1.0 - _MOST_UNUSED) * laser.found.turnarounds:
             notes.append(say("note.unused", name=laser.name, used=used, of=laser.found.turnarounds))
         notes += _dither(laser)
-        refused = listed((label(name) for name in laser.missing if name != GLOBAL), "list.comma")
+        refused = say.listed((label(name) for name in laser.missing if name != GLOBAL), "list.comma")
         if refused:
             notes.append(say("note.no_result", name=laser.name, methods=refused))
     return notes

@@ -11,7 +11,7 @@ from bench.systems.lock_in.compensation import COMPENSATORS, RAW
 from bench.systems.lock_in.estimates import ARCSEC, NATO_MIL_DEG, Requirement, alignment_s
 from bench.systems.lock_in.estimators.bias import bias_alignment_error_deg
 from bench.systems.lock_in.result import LaserResult, Measured, squared, walk_std_deg_rth
-from bench.systems.lock_in.wording import label, listed, say
+from bench.systems.lock_in.wording import label, say
 
 
 def tables(results: Sequence[LaserResult], requirement: Requirement, method: str) -> list[Table]:
@@ -136,7 +136,7 @@ def _material(results: Sequence[LaserResult]) -> Table:
     for laser in results:
         sums, events = laser.found, laser.events
         unused = (say(f"unused.{name}", count=count) for name, count in sorted(sums.counts.items()) if count)
-        why = listed(unused, "list.comma")
+        why = say.listed(unused, "list.comma")
         cells = [f"{sums.seconds:.2f}", sums.edges, sums.turnarounds, sums.grazing, why or "–"]
         lost = [sums.stretches, events.lost_blocks, events.lost_edges, sums.breaks + sums.repaired]
         rows.append([[*cells, *lost]])

@@ -10,7 +10,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.assumptions import Assumption
+from bench.model.assumptions import Assumption, assumed
 from bench.systems.north.wording import say
 
 _EARTH_DEG_H = 15.041  # rate of the Earth's rotation
@@ -25,10 +25,12 @@ def assumptions(campaign: Mapping[str, Any]) -> list[Assumption]:
     return [
         _magnetic(latitude_deg),
         *_poses(latitude_deg, mark_deg, float(site.get("tilt_std_deg", 0.0))),
-        _assumed("zero_of_table", (*_AZIMUTHS, "index_placement")),
-        _assumed("dividing_head", (*_AZIMUTHS, "index_placement", "scale")),
-        _assumed("delay_of_lock_ins", _AZIMUTHS),
-        _assumed("scale_factor", ("scale",), effect=_say("scale_factor.effect", rate=_horizontal_deg_h(latitude_deg))),
+        assumed(say, "zero_of_table", (*_AZIMUTHS, "index_placement")),
+        assumed(say, "dividing_head", (*_AZIMUTHS, "index_placement", "scale")),
+        assumed(say, "delay_of_lock_ins", _AZIMUTHS),
+        assumed(
+            say, "scale_factor", ("scale",), effect=_say("scale_factor.effect", rate=_horizontal_deg_h(latitude_deg))
+        ),
     ]
 
 
@@ -38,7 +40,7 @@ def _horizontal_deg_h(latitude_deg: float) -> float:
 
 def _magnetic(latitude_deg: float) -> Assumption:
     unseen = _say("magnetic_effect.unseen", rate=0.01 * _horizontal_deg_h(latitude_deg))
-    return _assumed("magnetic_effect", (*_AZIMUTHS, "index_placement", "scale"), unseen=unseen)
+    return assumed(say, "magnetic_effect", (*_AZIMUTHS, "index_placement", "scale"), unseen=unseen)
 
 
 def _poses(latitude_deg: float, mark_deg: float, tilt_deg: float) -> list[Assumption]:
@@ -46,36 +48,24 @@ def _poses(latitude_deg: float, mark_deg: float, tilt_deg: float) -> list[Assump
     stated = say("stated.angle", angle=mark_deg) if mark_deg else say("stated.not")
     change_deg = math.degrees(1e-3 * math.radians(1.0)) * (1.0 + tangent**2)
     return [
-        _assumed(
-            "azimuth_of_mark", (*_AZIMUTHS, "index_placement"), taken=_say("azimuth_of_mark.taken", stated=stated)
+        assumed(
+            say, "azimuth_of_mark", (*_AZIMUTHS, "index_placement"), taken=_say("azimuth_of_mark.taken", stated=stated)
         ),
-        _assumed(
+        assumed(
+            say,
             "latitude",
             _AZIMUTHS,
             taken=_say("latitude.taken", latitude=latitude_deg),
             effect=_say("latitude.effect", turn=math.degrees(1e-3 * tangent), change=change_deg),
         ),
-        _assumed(
+        assumed(
+            say,
             "axis_of_table",
             _AZIMUTHS,
             taken=_say("axis_of_table.taken", tilt=tilt_deg) if tilt_deg else _say("axis_of_table.taken_unstated"),
             effect=_say("axis_of_table.effect", turn=math.degrees(1e-4 * tangent)),
         ),
     ]
-
-
-def _assumed(
-    code: str, quantities: tuple[str, ...], *, taken: str = "", unseen: str = "", effect: str = ""
-) -> Assumption:
-    """Return an assumption in the words of the catalogue; those given depend on the campaign."""
-    return Assumption(
-        code,
-        taken or _say(f"{code}.taken"),
-        unseen or _say(f"{code}.unseen"),
-        effect or _say(f"{code}.effect"),
-        _say(f"{code}.shown"),
-        quantities,
-    )
 
 
 def _say(key: str, **values: object) -> str:

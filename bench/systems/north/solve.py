@@ -35,7 +35,7 @@ from bench.systems.north.solution import (
     Site,
     Solution,
 )
-from bench.systems.north.wording import listed, say
+from bench.systems.north.wording import say
 
 Found = tuple[Floats, Floats, float]  # apparent azimuth (n,), standard uncertainty (n,), degrees of freedom of one
 HARMONICS = (2, 3, 4, 5)
@@ -288,12 +288,12 @@ def _widened(solution: Solution, method: str) -> Azimuths:
 def _missing(solution: Solution) -> list[str]:
     """One sentence for each set that cannot be used and for each part of the campaign without any."""
     missing = [
-        say("missing.set", name=north_set.name, faults=listed(north_set.faults))
+        say("missing.set", name=north_set.name, faults=say.listed(north_set.faults))
         for north_set in solution.sets
         if north_set.faults
     ]
     missing += [
-        say("missing.waveform", name=north_set.name, faults=listed(north_set.raw_faults))
+        say("missing.waveform", name=north_set.name, faults=say.listed(north_set.raw_faults))
         for north_set in solution.sets
         if north_set.raw_faults
     ]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from functools import reduce
 from pathlib import Path
 
 from bench.model.texts import Sayings
@@ -22,9 +20,3 @@ def item_name(item: str) -> str:
 def sense_name(sense: int) -> str:
     """Return the word for a sense of rotation seen from above: +1 counter-clockwise, -1 clockwise."""
     return say(f"sense.{_SENSES[sense]}")
-
-
-def listed(sentences: Iterable[str]) -> str:
-    """Return sentences as one, "" for none."""
-    parts = list(sentences)
-    return reduce(lambda first, rest: say("list", first=first, rest=rest), parts) if parts else ""

@@ -31,7 +31,7 @@ from bench.systems.af_converter.estimators.readings import RangeSpecification
 from bench.systems.af_converter.group_fit import conditions_of, missing_groups, require_closed
 from bench.systems.af_converter.groups import Group, campaign_rows, group_rows, place_name
 from bench.systems.af_converter.register import METER, expired, read_ranges, untraced
-from bench.systems.af_converter.wording import listed, say
+from bench.systems.af_converter.wording import say
 
 METHODS: tuple[str, ...] = FIT_METHODS
 _OF_ONE_GROUP = ("B-FIT-001", "B-FIT-005", "B-FIT-012", "B-FIT-050")
@@ -153,7 +153,7 @@ def _refusal(fits: Sequence[DmmFit]) -> list[str]:
         return []
     reason = refused[0].fit.refusal
     conditions = sorted(fitted.fit.condition for fitted in refused)
-    means = listed(
+    means = say.listed(
         say(
             "meter.mean",
             channel=fitted.group.channel,

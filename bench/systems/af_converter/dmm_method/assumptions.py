@@ -9,8 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.assumptions import Assumption
-from bench.systems.af_converter.assumptions import assumed
+from bench.model.assumptions import Assumption, assumed
 from bench.systems.af_converter.wording import say
 
 _SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_mean")
@@ -21,9 +20,9 @@ def assumptions(campaign: Mapping[str, Any]) -> list[Assumption]:
     bound = min((float(channel.get("plausible_error", 0.05)) for channel in campaign.get("channels", ())), default=0.05)
     leakage = "all_current_through_the_unit"
     return [
-        assumed("meter_gain", _SCALE_FACTORS, unseen=say("assumption.meter_gain.unseen", percent=100.0 * bound)),
-        assumed("steady_meter", _SCALE_FACTORS),
-        assumed(leakage, _SCALE_FACTORS, unseen=say(f"assumption.{leakage}.unseen", percent=100.0 * bound)),
-        assumed("linear_at_full_scale", (*_SCALE_FACTORS, "dsf_asymmetry")),
-        assumed("clock_of_polarity", ("dsf_asymmetry",)),
+        assumed(say, "meter_gain", _SCALE_FACTORS, unseen=say("assumption.meter_gain.unseen", percent=100.0 * bound)),
+        assumed(say, "steady_meter", _SCALE_FACTORS),
+        assumed(say, leakage, _SCALE_FACTORS, unseen=say(f"assumption.{leakage}.unseen", percent=100.0 * bound)),
+        assumed(say, "linear_at_full_scale", (*_SCALE_FACTORS, "dsf_asymmetry")),
+        assumed(say, "clock_of_polarity", ("dsf_asymmetry",)),
     ]

@@ -39,7 +39,7 @@ from bench.systems.gnc.estimators.bias_stability import (
 )
 from bench.systems.gnc.estimators.clocks import SampleStamps, sample_stamps
 from bench.systems.gnc.estimators.sample_checks import frozen_runs
-from bench.systems.gnc.wording import channel_name, headers_of, kind_name, listed, quantity_word, say
+from bench.systems.gnc.wording import channel_name, headers_of, kind_name, quantity_word, say
 
 METHODS: tuple[str, ...] = ("allan",)
 _FEWEST_MEANS = 30  # of 10 s, for their scatter to be stated
@@ -203,7 +203,7 @@ def _notes(sensors: Sequence[Resting], stamps: SampleStamps) -> list[str]:
             for name, unit, factor in (_named(sensor, term.name),)
         ]
         if absent:
-            notes.append(say("log.absent", sensor=sensor.name, terms=listed(absent)))
+            notes.append(say("log.absent", sensor=sensor.name, terms=say.listed(absent)))
     return notes
 
 

@@ -15,7 +15,7 @@ from bench.systems.gnc.estimators.rest_drift import CLASSES, HORIZONS_s, RandomW
 from bench.systems.gnc.estimators.static_intervals import MULTIPLE, StaticIntervals
 from bench.systems.gnc.logs.log import ImuLog
 from bench.systems.gnc.rows import STANDARD_GRAVITY_M_S2
-from bench.systems.gnc.wording import headers_of, listed, quantity_word, say
+from bench.systems.gnc.wording import headers_of, quantity_word, say
 
 _WALK = math.degrees(1.0) * 60.0  # rad/sqrt(s) in deg/sqrt(h)
 _CLASS_OF = {"gyro_drift": "gyro_deg_h", "angle_random_walk": "walk_deg_rt_h", "accelerometer_drift": "accel_mg"}
@@ -131,7 +131,7 @@ def _class_note(result: Found) -> str:
     names = [str(rate["conditions"]["sensor_class"]) for rate in _rates(result)]
     if not names:
         return say("drift.no_class")
-    return say("drift.class", worst=_class_name(worst_class(names)), classes=listed([*map(_class_name, names)]))
+    return say("drift.class", worst=_class_name(worst_class(names)), classes=say.listed([*map(_class_name, names)]))
 
 
 def _class_name(name: str) -> str:

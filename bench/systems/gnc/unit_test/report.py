@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.analysis import Table
 from bench.systems.gnc.unit_test.units import IDENTITY, ITEMS, STATIC, SUPPLY, UnitResult
-from bench.systems.gnc.wording import headers_of, listed, quantity_word, say
+from bench.systems.gnc.wording import headers_of, quantity_word, say
 
 if TYPE_CHECKING:
     from bench.analysis import Material
@@ -37,7 +37,7 @@ def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Table:
         if span_s is not None:
             times = [_moment(span_s[0], offset_s), f"{span_s[1] - span_s[0]:.3f}", _moment(span_s[1], offset_s)]
         failed = [title_of(item.item) for item in unit.all if item.verdict == "fail"]
-        rows.append([unit.unit, *times, len(unit.wrong), listed(failed or ["–"]), _verdict(unit.verdict)])
+        rows.append([unit.unit, *times, len(unit.wrong), say.listed(failed or ["–"]), _verdict(unit.verdict)])
     clock = "s" if offset_s is None else "UTC"
     begin, end = (say(f"units.head.{name}", clock=clock) for name in ("start", "end"))
     elapsed, *others = headers_of("units", "elapsed", "wrong", "failed", "verdict")
