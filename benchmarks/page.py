@@ -44,6 +44,7 @@ TICKS = os.sysconf("SC_CLK_TCK")
 PAGE = os.sysconf("SC_PAGE_SIZE")
 RUN = "20260101T000000Z_page_1"
 T0 = 1_767_225_600.0
+WARM_S = 8.0  # it loads what the first page will need, once, and that is not what a viewer costs
 
 
 class Feed:
@@ -198,31 +199,39 @@ def first_history(server: Server, clock: WallClock, run: str) -> list[str]:
     return lines
 
 
-def main(words: list[str]) -> int:
-    """Print the figures."""
-    seconds = float(words[0]) if words else 20.0
-    clock = WallClock()
+@contextmanager
+def serving(clock: WallClock, recorded: Path | None = None) -> Iterator[Server]:
+    """A server that has begun with a living run, and with a recorded one if given, as ``recorded``."""
     with TemporaryDirectory() as top:
         out = Path(top) / "sessions"
         session = SessionWriter.create(out / RUN, {"session": RUN}, {}, t_mono_ns=0)
         feed = Feed(clock)
         head = {"proto": 1, "boot_id": "0" * 16, "signals": SIGNALS}
         feed_server = FeedServer(out / RUN / "live.sock", head, feed.state, feed.points)
-        if len(words) > 1:
+        if recorded is not None:
             (out / "recorded").mkdir()
-            for path in Path(words[1]).resolve().iterdir():
+            for path in recorded.resolve().iterdir():
                 (out / "recorded" / path.name).symlink_to(path)
         server = Server(out, Path(top), clock)
         try:
-            lines = [viewers(server, clock, count, seconds) for count in (1, 3)]
-            lines.append(frozen(server, clock, seconds))
-            lines += first_history(server, clock, "recorded") if len(words) > 1 else []
-            sys.stdout.write("\n".join(lines) + "\n")
+            clock.sleep(WARM_S)
+            yield server
         finally:
             server.process.terminate()
             server.process.wait()
             feed_server.close()
             session.close("done")
+
+
+def main(words: list[str]) -> int:
+    """Print the figures."""
+    seconds = float(words[0]) if words else 20.0
+    clock = WallClock()
+    with serving(clock, Path(words[1]) if len(words) > 1 else None) as server:
+        lines = [viewers(server, clock, count, seconds) for count in (1, 3)]
+        lines.append(frozen(server, clock, seconds))
+        lines += first_history(server, clock, "recorded") if len(words) > 1 else []
+        sys.stdout.write("\n".join(lines) + "\n")
     return 0
 
 

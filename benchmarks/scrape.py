@@ -13,13 +13,9 @@ from __future__ import annotations
 
 import sys
 from http.client import HTTPConnection
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from bench.model.clock import NS, Clock, WallClock
-from bench.record import SessionWriter
-from bench.run.feed.server import FeedServer
-from benchmarks.page import RUN, SIGNALS, Feed, Server
+from benchmarks.page import Server, serving
 
 ACCEPT = "application/openmetrics-text;version=1.0.0;q=0.5,text/plain;version=0.0.4;q=0.2,*/*;q=0.1"
 
@@ -45,22 +41,9 @@ def main(words: list[str]) -> int:
     seconds = float(words[0]) if words else 30.0
     rate_Hz = float(words[1]) if len(words) > 1 else 10.0
     clock = WallClock()
-    with TemporaryDirectory() as top:
-        out = Path(top) / "sessions"
-        session = SessionWriter.create(out / RUN, {"session": RUN}, {}, t_mono_ns=0)
-        feed = Feed(clock)
-        head = {"proto": 1, "boot_id": "0" * 16, "signals": SIGNALS}
-        feed_server = FeedServer(out / RUN / "live.sock", head, feed.state, feed.points)
-        server = Server(out, Path(top), clock)
-        try:
-            clock.sleep(5.0)  # it loads what the first page will need
-            for asked_Hz in (0.0, rate_Hz):
-                sys.stdout.write(share(server, clock, seconds, asked_Hz) + "\n")
-        finally:
-            server.process.terminate()
-            server.process.wait()
-            feed_server.close()
-            session.close("done")
+    with serving(clock) as server:
+        for asked_Hz in (0.0, rate_Hz):
+            sys.stdout.write(share(server, clock, seconds, asked_Hz) + "\n")
     return 0
 
 

@@ -26,6 +26,7 @@ EXTRAS = {
     "jinja2": REPORT,
     "starlette": PAGE,
     "uvicorn": PAGE,
+    "httptools": PAGE,
     "websockets": PAGE,
     "itsdangerous": PAGE,
     "bokeh": PAGE,

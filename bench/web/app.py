@@ -76,11 +76,11 @@ async def _on_http_error(request: Request, error: Exception) -> Response:
 def _routes(scrapes: Scrapes) -> list[BaseRoute]:
     """Return paths, methods and who answers; docs/live-protocol.md."""
     return [
+        Route("/metrics", scrapes.answer),
         Route("/", pages.index),
         Route("/runs/{run}", _of_a_run(pages.run_page)),
         Route("/login", login.login, methods=["GET", "POST"]),
         Route("/logout", login.logout, methods=["POST"]),
-        Route("/metrics", scrapes.answer),
         Route("/static/{file}", pages.static),
         Route("/bokeh/{file}", pages.bokeh),
         Route("/api/v1/session", login.session),

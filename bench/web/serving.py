@@ -19,7 +19,7 @@ from types import FrameType
 
 import uvicorn
 from starlette.applications import Starlette
-from uvicorn.protocols.http.h11_impl import H11Protocol
+from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol
 from uvicorn.protocols.websockets.websockets_sansio_impl import WebSocketsSansIOProtocol
 
 from bench.model.clock import Clock
@@ -31,6 +31,7 @@ from bench.web.security.tokens import LoginLimit, Tokens
 MOST_CONNECTIONS = 256
 MOST_OF_ADDRESS = 96  # of them: one address does not shut out the others
 LARGEST_MESSAGE = 65_536  # bytes of a WebSocket message from a page
+LARGEST_HEAD = 65_536  # bytes of a request before its body
 HEAD_S = 10.0  # for the head of a request, however it drips
 UNREAD_S = 120.0  # for an answer to be taken
 
@@ -146,22 +147,35 @@ class _Quiet(logging.Filter):
         return not str(record.msg).startswith("Cancel ")
 
 
-class PatientHttp(H11Protocol):
-    """HTTP/1.1 that is cut when no whole request has come within ``HEAD_S``, or an answer is not read in time."""
+class PatientHttp(HttpToolsProtocol):
+    """HTTP/1.1 that is cut when no whole request has come within ``HEAD_S``, or an answer is not read in time; a head
+    of more than ``LARGEST_HEAD`` is refused."""
 
     _timer: asyncio.TimerHandle | None = None
+    _in_head, _head = True, 0  # bytes that came since it began
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         super().connection_made(transport)
         self._cut_after(HEAD_S)
 
     def data_received(self, data: bytes) -> None:
+        self._head += len(data)
         super().data_received(data)
         upgraded = self.transport.get_protocol() is not self
+        if self._in_head and self._head > LARGEST_HEAD and not upgraded:
+            self.send_400_response("The head of the request is too large.")
         if upgraded or (self.cycle is not None and not self.cycle.response_complete):
             self._leave()
         else:
             self._cut_after(HEAD_S)
+
+    def on_message_begin(self) -> None:
+        self._in_head, self._head = True, 0
+        super().on_message_begin()
+
+    def on_headers_complete(self) -> None:
+        self._in_head = False
+        super().on_headers_complete()
 
     def on_response_complete(self) -> None:
         super().on_response_complete()

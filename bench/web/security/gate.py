@@ -14,7 +14,7 @@ from collections import Counter
 from contextlib import suppress
 from typing import Any
 
-from starlette.datastructures import Headers, MutableHeaders
+from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
@@ -41,23 +41,23 @@ _CLOSE = {401: 4401, 403: 4403, 404: 4404, 429: 4429}
 
 log = logging.getLogger(__name__)
 PAGE_CSP = (
-    "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
-    "connect-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
+    b"default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; img-src 'self' data:; "
+    b"connect-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
 # a report comes from a folder that may have come from elsewhere: it is shown, and can do nothing
 REPORT_CSP = (
-    "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; base-uri 'none'; "
-    "form-action 'none'; frame-ancestors 'none'"
+    b"sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; font-src data:; base-uri 'none'; "
+    b"form-action 'none'; frame-ancestors 'none'"
 )
 REPORT = re.compile(r"/api/v1/runs/[^/]*/report")
 ASSETS = ("/static/", "/bokeh/")
 LOGIN_STATUS = 401
 _ALWAYS = {
-    "X-Content-Type-Options": "nosniff",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "X-Frame-Options": "DENY",
-    "Permissions-Policy": "camera=(), geolocation=(), microphone=(), payment=(), usb=(), serial=()",
+    b"x-content-type-options": b"nosniff",
+    b"cross-origin-opener-policy": b"same-origin",
+    b"cross-origin-resource-policy": b"same-origin",
+    b"x-frame-options": b"DENY",
+    b"permissions-policy": b"camera=(), geolocation=(), microphone=(), payment=(), usb=(), serial=()",
 }
 
 
@@ -258,13 +258,13 @@ def _replay(body: bytes) -> Receive:
 
 def rules_for(path: str, start: Message) -> list[tuple[bytes, bytes]]:
     """Return headers of the ``http.response.start`` message of an answer to ``path``, with the rules put in."""
-    headers = MutableHeaders(raw=list(start["headers"]))
-    for name, value in _ALWAYS.items():
-        headers[name] = value
-    headers["Content-Security-Policy"] = REPORT_CSP if REPORT.fullmatch(path) else PAGE_CSP
+    headers = Headers(raw=list(start["headers"]))
     # with "no-referrer" a browser sends the login form with "Origin: null", which is refused
     is_form = start["status"] == LOGIN_STATUS and headers.get("content-type", "").startswith("text/html")
-    headers["Referrer-Policy"] = "same-origin" if is_form else "no-referrer"
+    rules = _ALWAYS | {
+        b"content-security-policy": REPORT_CSP if REPORT.fullmatch(path) else PAGE_CSP,
+        b"referrer-policy": b"same-origin" if is_form else b"no-referrer",
+    }
     if not (path.startswith(ASSETS) and start["status"] in (200, 304)):
-        headers["Cache-Control"] = "no-store"
-    return headers.raw
+        rules[b"cache-control"] = b"no-store"
+    return [header for header in headers.raw if header[0] not in rules] + list(rules.items())
