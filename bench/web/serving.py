@@ -144,7 +144,8 @@ class _Quiet(logging.Filter):
     """Connections that are cut at the end are no error: pages come back by themselves."""
 
     def filter(self, record: logging.LogRecord) -> bool:
-        return not str(record.msg).startswith("Cancel ")
+        cut = record.exc_info is not None and isinstance(record.exc_info[1], asyncio.CancelledError)
+        return not cut and not str(record.msg).startswith("Cancel ")
 
 
 class PatientHttp(HttpToolsProtocol):

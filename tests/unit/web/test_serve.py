@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import os
 import re
 import shutil
@@ -258,6 +259,13 @@ def test_a_request_that_drips_is_cut_and_one_that_is_whole_is_answered(
             pass
         assert 0 < sent < CUT_S / 0.05, "a byte now and then keeps no connection"
     assert page.ask("GET", "/").status == 401
+
+
+def test_a_page_that_is_cut_at_the_end_leaves_no_traceback(page: Page, caplog: pytest.LogCaptureFixture) -> None:
+    uvicorn = logging.getLogger("uvicorn.error")
+    for error in (asyncio.CancelledError(), OSError("something else")):
+        uvicorn.error("Exception in ASGI application", exc_info=error)
+    assert [str(record.exc_info[1]) for record in caplog.records if record.exc_info] == ["something else"]
 
 
 def test_a_head_without_end_is_refused(page: Page) -> None:
