@@ -17,11 +17,12 @@ from typing import Any
 
 from bench.analysis import Analysis, results_json
 from bench.model.extras import missing_extra
-from bench.report import laboratory_of
+from bench.report import Report, laboratory_of
 from bench.session.coefficients import write_coefficients
+from bench.session.fitted import keep, shown_of
 from bench.session.history import enter_history
 from bench.session.output import write_attachments, write_file
-from bench.session.view import SessionView, analyse_view, report_html
+from bench.session.view import SessionView, analyse_view, model_of
 
 
 @dataclass
@@ -55,7 +56,10 @@ def finish(folder: Path, view: SessionView, history: str) -> Finished:
         results, analysis = analyse_view(view)
         files.append(("results", "results.json", results_json(results)))
         try:
-            files.append(("report", "report.html", report_html(view, results, analysis, laboratory_of(folder))))
+            model = model_of(view, results, analysis)
+            report = Report(model, laboratory=laboratory_of(folder))
+            files.append(("report", "report.html", report.html()))
+            keep(folder, shown_of(view, results, analysis), model, report)
         except ModuleNotFoundError as error:
             trouble.append(f"{missing_extra(error)}; 'bench report {folder}' writes it later")
     done = Finished(results, analysis, [("session", str(folder))], trouble)

@@ -18,6 +18,7 @@ from bench.session.shelf import Shelf, key_of
 
 if TYPE_CHECKING:
     from bench.report import Report, ReportModel
+    from bench.session.view import SessionView
 
 SHOWN, MODEL, SECTIONS, PAPER = "shown", "model", "sections", "paper"
 FROM_CACHE = "from cache: the same session, software and method as before; --fresh computes it again"
@@ -31,6 +32,22 @@ class Shown:
     analysis: Analysis
     remarks: Sequence[str]
     damaged: bool = False
+
+
+def shown_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> Shown:
+    """Return what a person is shown of the results of a session."""
+    remarks = [*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *view.remarks]
+    told = replace(analysis, estimates=[], residuals=[], components=[], groups=[], figures=[], compensation=[],
+                   attachments={})  # fmt: skip
+    return Shown(results, told, remarks, view.damaged)
+
+
+def keep(folder: Path, shown: Shown, model: ReportModel, report: Report) -> None:
+    """Keep results and report of a session that was just recorded, as ``Fitted`` would have without a method."""
+    if not shown.damaged:
+        shelf = Shelf(key_of([folder], {"method": None}))
+        for kind, value in ((MODEL, model), (SECTIONS, report.sections), (SHOWN, shown)):
+            shelf.put(kind, value)
 
 
 class Fitted:
@@ -123,10 +140,7 @@ class Fitted:
         folder, method, make_up = self._asked
         results, analysis, view = analysed(folder, method, make_up=make_up)
         model = model_of(view, results, analysis)
-        remarks = [*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *view.remarks]
-        told = replace(analysis, estimates=[], residuals=[], components=[], groups=[], figures=[], compensation=[],
-                       attachments={})  # fmt: skip
-        self._shown = Shown(results, told, remarks, view.damaged)
+        self._shown = shown_of(view, results, analysis)
         self.from_cache = False
         if view.damaged:
             self._shelf = Shelf(None)

@@ -23,7 +23,7 @@ from bench.commands import conducting
 from bench.commands.tables import verdict_status
 from bench.model.errors import ExitStatus
 from bench.session.service import read_view
-from bench.session.view import analyse_view
+from bench.session.view import analyse_view, model_of
 
 Short = tuple[Path, CompletedProcess[str]]
 
@@ -64,7 +64,8 @@ def test_1_a_verdict_fails(golden: Path, monkeypatch: pytest.MonkeyPatch, tmp_pa
     assert verdict_status(results, ["channel 2 at 25 degC"]) == ExitStatus.VERDICT_FAIL
     results["estimates"][3]["verdict"] = "fail"
     monkeypatch.setattr(finish_command, "analyse_view", lambda view: (results, analysis))
-    monkeypatch.setattr(finish_command, "report_html", lambda *_: "")
+    model = model_of(view, results, analysis)
+    monkeypatch.setattr(finish_command, "model_of", lambda *_: model)
     monkeypatch.setattr(finish_command, "write_coefficients", lambda *_: [])
     monkeypatch.setattr(run_command.SessionView, "has_analysis", True)
     assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.VERDICT_FAIL

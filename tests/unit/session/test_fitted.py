@@ -8,8 +8,9 @@ import shutil
 from pathlib import Path
 
 import pytest
-from rehearsal import Inside
+from rehearsal import Inside, record_golden
 
+from bench.analysis import results_json
 from bench.model.events import Resume
 from bench.model.folders import cache_folder
 from bench.record import resume_session
@@ -65,6 +66,19 @@ def test_a_report_after_a_fit_is_the_one_drawn_at_once(session: Path, inside: In
         assert FROM_CACHE in inside("report", str(session)).stdout
         assert (session / "report.html").read_bytes() == page
     assert {path.suffix for path in cache.iterdir()} == {".shown", ".model", ".sections"}
+
+
+def test_the_end_of_a_run_keeps_what_it_computed(tmp_path: Path, inside: Inside, cache: Path) -> None:
+    record_golden(tmp_path / "out")
+    session = next(path.parent for path in (tmp_path / "out").glob("*/results.json"))
+    page, results = (session / "report.html").read_bytes(), (session / "results.json").read_text()
+    assert FROM_CACHE in inside("report", str(session)).stdout
+    assert (session / "report.html").read_bytes() == page
+    again = Fitted(session, fresh=True)
+    shown = Fitted(session).shown
+    assert results_json(shown.results) == results_json(again.shown.results) == results
+    assert shown.remarks == again.shown.remarks
+    assert again.report.html().encode() == page
 
 
 def test_figures_and_paper_are_drawn_once(session: Path, inside: Inside, monkeypatch: pytest.MonkeyPatch) -> None:
