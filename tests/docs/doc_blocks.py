@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import re
 import shlex
 from collections.abc import Iterator
@@ -65,6 +66,12 @@ def blocks_of(page: Path) -> Iterator[Block]:
             yield Block(name, token.map[0] + 1, tuple(token.info.split()), token.content)
 
 
+@functools.cache  # parsed once by each worker, not once for each language
+def all_blocks() -> tuple[Block, ...]:
+    """Return the blocks of all pages."""
+    return tuple(block for page in PAGES for block in blocks_of(page))
+
+
 def blocks(language: str) -> list[Block]:
     """Return all blocks of a language, of all pages."""
-    return [block for page in PAGES for block in blocks_of(page) if block.language == language]
+    return [block for block in all_blocks() if block.language == language]

@@ -2,34 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from subprocess import CompletedProcess
 
 import pytest
 import report_boxes
+from report_words import code_names
 
 from bench.session.service import read_view
 from bench.session.view import analyse_view, report_of
 
-GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "sessions"
-CODE_NAME = re.compile(r"(?<![\w/.])[a-z][a-z0-9]*(?:_[a-z0-9]+)+(?![\w/.])")
 FIGURES = {"scale_factor": 7, "bias_ramp": 8}
-
-
-def code_names(page: str) -> set[str]:
-    """Words with underscores that a reader sees, but for what names files: the sequence, and software and hashes."""
-    seen = re.sub(r"<(style|section id=\"provenance\").*?</(style|section)>", "", page, flags=re.DOTALL)
-    return set(CODE_NAME.findall(re.sub(r"<[^>]*>|Sequence \w+,", " ", seen)))
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    "folder", sorted(path.parent for path in GOLDEN.glob("*/*/session.0001.mcap")), ids=lambda path: path.name
-)
-def test_no_report_shows_the_name_of_a_quantity_in_the_code(folder: Path) -> None:
-    view = read_view(folder)
-    assert code_names(report_of(view, *analyse_view(view)).html()) == set()
 
 
 @pytest.mark.slow

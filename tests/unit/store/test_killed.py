@@ -17,7 +17,7 @@ from bench.store import Filters, StoreError, list_calibrations, record_calibrati
 from bench.store.database import reading
 from bench.store.tables import calibrations, estimates, quality_counts, report_revisions, result_sets
 
-SEED, COUNT = 5, 9
+SEED, COUNT = 5, 5
 LONGEST_s = 0.5
 STATEMENTS = (3, 20, 33, 38, 44, 61, 70)  # of the creation, of the first session, of later ones
 

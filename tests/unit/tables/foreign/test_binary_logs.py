@@ -21,7 +21,7 @@ from bench.record import SessionReader
 from bench.replay.series import ImportedSeries, replay_series
 from bench.tables.foreign import kind_of
 
-ROWS = 25_000  # more than two blocks
+BLOCK_ROWS, ROWS = 1000, 2500  # more than two blocks
 T_s = np.arange(ROWS) / 100.0
 RATE = np.random.default_rng(21).normal(0.0, 1.0, (ROWS, 3))
 MAPPING = """\
@@ -34,6 +34,11 @@ columns:
 """
 STAMPED = MAPPING.replace("format: elapsed, unit: s, start: 2024-01-01T00:00:00Z", "format: unix, unit: ns")
 START_ns = 1_704_067_200_000_000_000
+
+
+@pytest.fixture(autouse=True)
+def _small_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("bench.tables.foreign.arrays.BLOCK_ROWS", BLOCK_ROWS)
 
 
 def npy(path: Path) -> None:
@@ -159,7 +164,7 @@ def test_rows_need_no_column_of_time(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("write", "change", "said"),
     [
-        (hdf5, ("imu/t", "imu/short"), "B-IMP-010: .*differ in length: imu/short 9, imu/gyro.0. 25000"),
+        (hdf5, ("imu/t", "imu/short"), "B-IMP-010: .*differ in length: imu/short 9, imu/gyro.0. 2500"),
         (hdf5, ("imu/t", "imu/time"), "B-IMP-003: .*no column 'imu/time'.*--guess"),
         (hdf5, ("columns:", "file: {delimiter: ';'}\ncolumns:"), "B-IMP-009: .*'delimiter' under 'file'"),
         (mcap, ("imu/t", "log_time"), "B-IMP-011: .*holds 2 topics: /imu, /other.*topic"),
