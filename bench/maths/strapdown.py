@@ -223,8 +223,9 @@ def navigate(
     ins.v[...] = np.moveaxis(np.broadcast_to(v0, (*lanes, 3)), -1, 0)
     ins.C[...] = np.moveaxis(np.broadcast_to(C0, (*lanes, 3, 3)), (-2, -1), (0, 1))
     p, v, C = np.empty(dv.shape), np.empty(dv.shape), np.empty((*dv.shape, 3))
-    for k, dt in enumerate(steps):
-        ins.step(np.moveaxis(dv[k], -1, 0), np.moveaxis(dtheta[k], -1, 0), float(dt))
-        p[k], v[k] = np.moveaxis(ins.p, 0, -1), np.moveaxis(ins.v, 0, -1)
-        C[k] = np.moveaxis(ins.C, (0, 1), (-2, -1))
+    rows_p, rows_v, rows_dv, rows_dtheta = (np.moveaxis(x, -1, 1) for x in (p, v, dv, dtheta))
+    rows_C = np.moveaxis(C, (-2, -1), (1, 2))
+    for k, dt in enumerate(steps.tolist()):
+        ins.step(rows_dv[k], rows_dtheta[k], dt)
+        rows_p[k], rows_v[k], rows_C[k] = ins.p, ins.v, ins.C
     return Track(t_s, p, v, C)

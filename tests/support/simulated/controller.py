@@ -1,6 +1,7 @@
 """Conducts one sequence on a served bench with a guard: station, sequence, folder, and what to do at the first mark.
 
-Acts: "none"; "hang": the sequencer's thread blocks for a minute; "blind": it never reads the chamber's air itself.
+Acts: "none"; "slow": who is asked answers after a while; "hang": the sequencer's thread blocks for a minute; "blind":
+it never reads the chamber's air itself.
 """
 
 from __future__ import annotations
@@ -41,12 +42,16 @@ class Listener:
         print(text, flush=True)
 
 
-class SlowOperator:
-    """Answers after a while."""
+class Operator:
+    """Answers at once or, if slow, after a while."""
+
+    def __init__(self, slow: bool) -> None:
+        self._slow = slow
 
     def ask(self, question: Question) -> Answer:
         print("asked", flush=True)
-        time.sleep(ANSWER_S)
+        if self._slow:
+            time.sleep(ANSWER_S)
         return Answer("somebody")
 
 
@@ -56,7 +61,7 @@ def main(station: str, sequence: str, out: str, act: str = "none") -> int:
     plan = compile_sequence(Path(sequence), load_station(Path(station)), {})
     assert not (findings := check_plan(plan)), findings
     run = conduct(
-        plan, clock=WallClock(), seed=1, out=Path(out), operator=SlowOperator(), listener=Listener(act),
+        plan, clock=WallClock(), seed=1, out=Path(out), operator=Operator(act == "slow"), listener=Listener(act),
         beside=[guard_beside(plan.station)],
     )  # fmt: skip
     error = run.outcome.error

@@ -10,17 +10,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
+from scipy.linalg import lapack
 
 Array = NDArray[np.float64]
 _STEP = 5e-2  # of the numeric derivatives, in logarithms
 _SHARES = (1e-4, 0.01, 0.1, 0.3, 0.6, 0.9)  # of the white part in the variance, where the search begins
 _TIMES = 9  # correlation times where the search begins, from a third of a step to the whole record
-_MANY = 20  # columns, from which on arrays are quicker
 _FEWEST_DOF, _MOST_DOF = 1.0, 1e4
 
 
@@ -47,9 +48,13 @@ class CorrelatedNoise:
         square, lags_s = np.outer(weights, weights), np.abs(t_s[:, None] - t_s)
         diagonal = float(np.trace(square))
 
+        @cache  # two of the three logarithms leave it as it is
+        def alike(time_s: float) -> float:
+            return float(np.sum(square * np.exp(-lags_s / time_s)))
+
         def at(point: Array) -> float:
             white, slow, time_s = np.exp(point)
-            return float(white * diagonal + slow * np.sum(square * np.exp(-lags_s / time_s)))
+            return float(white * diagonal + slow * alike(float(time_s)))
 
         value = at(place)
         slope = np.array([(at(place + step) - at(place - step)) / (2 * _STEP) for step in np.eye(3) * _STEP])
@@ -57,59 +62,54 @@ class CorrelatedNoise:
         dof = 2.0 * value**2 / spread if spread > 0 else _MOST_DOF
         return value, float(np.clip(dof, _FEWEST_DOF, _MOST_DOF))
 
-    def whiten(self, t_s: Array, columns: Array) -> Array:
+    def whitening(self, t_s: Array) -> Whitening:
+        """Return V^-1/2 of readings at these times, (m,), in order."""
+        return whitening(t_s, (self.white, self.slow, self.time_s))
+
+
+@dataclass(frozen=True)
+class Whitening:
+    """V^-1/2 by a filter: of what is expected of a reading ``stays`` goes into the next, ``learnt`` of what it read.
+
+    ``std`` (m,): of what each reading says beyond those before it.   ``log_volume``: log|V| / 2.
+    """
+
+    stays: Array
+    learnt: Array
+    std: Array
+    log_volume: float
+
+    def of(self, columns: Array) -> Array:
         """V^-1/2 applied to (m,) or (m, p): what each reading says beyond those before it, in standard deviations.
 
-        Args:    t_s: (m,), in order.   columns: (m,) or (m, p).
-        Source:  prediction error decomposition; see ``whitened``.
+        Source:  prediction error decomposition. What is expected of all readings is a triangular system of two bands.
         """
-        return whitened(t_s, columns, (self.white, self.slow, self.time_s))[0]
+        table = columns.reshape(self.std.size, -1)
+        bands = np.ones((2, self.std.size))
+        bands[1] = np.append(-self.stays, 0.0)
+        expected = np.zeros(table.shape, order="F")
+        np.multiply(self.learnt[:, None], table[:-1], out=expected[1:])
+        expected = lapack.dtbtrs(bands, expected, uplo="L", diag="U", overwrite_b=True)[0]
+        return np.asarray((table - expected) / self.std[:, None]).reshape(columns.shape)
 
 
-def whitened(t_s: Array, columns: Array, noise: tuple[float, float, float]) -> tuple[Array, float]:
-    """Return columns without the correlation of their noise, and log|V| / 2; takes m steps, not m^3.
+def whitening(t_s: Array, noise: tuple[float, float, float]) -> Whitening:
+    """Return what takes the correlation out of columns; takes m steps, not m^3.
 
     The slow part is a Markov process, so a Kalman filter of one state predicts each reading from all before it.
 
-    Args:    t_s: (m,), in order.   columns: (m,) or (m, p).   noise: variance of the white part, of the slow part,
-             correlation time in s.
-    Returns: V^-1/2 columns, the shape of ``columns``; half the logarithm of the determinant of V.
+    Args:    t_s: (m,), in order.   noise: variance of the white part, of the slow part, correlation time in s.
     Source:  Kalman, J. Basic Eng. 82 (1960) 35; Schweppe, IEEE Trans. Inf. Theory 11 (1965) 61 (likelihood).
     """
     white, slow, time_s = (float(value) for value in noise)
-    kept = [*np.exp(-np.diff(t_s) / time_s).tolist(), 0.0]  # nothing follows the last reading
-    variance, totals, gains = slow, [], []
-    for share in kept:
-        total = variance + white
-        totals.append(total)
-        gains.append(variance / total)
-        variance = share**2 * variance * white / total + slow * (1.0 - share**2)
-    std = [total**0.5 for total in totals]
-    log_volume = float(np.cumsum(np.log(totals) / 2.0)[-1])
-    table = columns.reshape(len(kept), -1)
-    if table.shape[1] > _MANY:
-        return _surprises_by_row(table, kept, gains, std).reshape(columns.shape), log_volume
-    out = [_surprises(column, kept, gains, std) for column in table.T.tolist()]
-    return np.array(out).T.reshape(columns.shape), log_volume
-
-
-def _surprises_by_row(table: Array, kept: list[float], gains: list[float], std: list[float]) -> Array:
-    """The same as ``_surprises`` for many columns at once."""
-    out, state = np.empty_like(table), np.zeros(table.shape[1])
-    for row, (share, gain) in enumerate(zip(kept, gains, strict=True)):
-        surprise = np.subtract(table[row], state, out=out[row])
-        state = share * (state + surprise * gain)
-    return np.asarray(out / np.array(std)[:, None])
-
-
-def _surprises(column: list[float], kept: list[float], gains: list[float], std: list[float]) -> list[float]:
-    """What each reading says beyond those before it; in plain numbers, which are quicker than arrays of a few."""
-    state, out = 0.0, []
-    for value, share, gain, scale in zip(column, kept, gains, std, strict=True):
-        surprise = value - state
-        out.append(surprise / scale)
-        state = share * (state + surprise * gain)
-    return out
+    kept = np.exp(-np.diff(t_s) / time_s)
+    variances = [slow]  # of the state, before each reading
+    for square, fresh in zip((kept**2).tolist(), (slow * (1.0 - kept**2)).tolist(), strict=True):
+        variances.append(square * variances[-1] * white / (variances[-1] + white) + fresh)
+    predicted = np.array(variances)
+    total = predicted + white
+    log_volume = float(np.cumsum(np.log(total) / 2.0)[-1])
+    return Whitening(kept * (white / total)[:-1], kept * (predicted / total)[:-1], np.sqrt(total), log_volume)
 
 
 def fit_noise(t_s: Array, readings: Array, design: Array) -> CorrelatedNoise:
@@ -162,10 +162,11 @@ def _restricted(t_s: Array, columns: Array, place: Array) -> float:
 
 def _volume_and_square(t_s: Array, columns: Array, noise: tuple[float, float, float]) -> tuple[float, float]:
     """log|V|/2 + log|X'V^-1 X|/2, and the square of the whitened residual; columns: readings, then X."""
-    white, log_volume = whitened(t_s, columns, noise)
+    filtered = whitening(t_s, noise)
+    white = filtered.of(columns)
     turned, triangle = np.linalg.qr(white[:, 1:])
     left = white[:, 0] - turned @ (turned.T @ white[:, 0])
-    return log_volume + float(np.sum(np.log(np.abs(np.diag(triangle))))), float(left @ left)
+    return filtered.log_volume + float(np.sum(np.log(np.abs(np.diag(triangle))))), float(left @ left)
 
 
 def _spread(cost: Callable[[Array], float], place: Array) -> Array:

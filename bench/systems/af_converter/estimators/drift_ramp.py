@@ -8,7 +8,7 @@ Source: ordinary least squares with a cubic in temperature, a quadratic in time 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -221,7 +221,7 @@ def fit_ramp_hysteresis(
     model = HysteresisModel(gates, drive, shape)
     for _ in range(_PASSES):
         used = noise
-        fit = fit_hysteresis(readings, gates, drive, _whitener(used, blocks), shape=shape, bounds=bounds)
+        fit = fit_hysteresis(readings, gates, drive, used.whitening(blocks.middle_s).of, shape=shape, bounds=bounds)
         noise = fit_noise(blocks.middle_s, readings, model.columns(fit.value(LAG), fit.value(HALF_WIDTH)))
     widths = [
         _width_from(HysteresisModel(gates, drive, replace(shape, play_start=start)), fit, readings, used, blocks)
@@ -230,16 +230,13 @@ def fit_ramp_hysteresis(
     return RampHysteresis(fit, used, abs(widths[1] - widths[0]) / float(np.sqrt(12.0)))
 
 
-def _whitener(noise: CorrelatedNoise, blocks: Blocks) -> Callable[[Array], Array]:
-    return lambda columns: noise.whiten(blocks.middle_s, columns)
-
-
 def _width_from(
     model: HysteresisModel, fit: HysteresisFit, readings: Array, noise: CorrelatedNoise, blocks: Blocks
 ) -> float:
     """Width for another start of the play, lag and half-width as found; rectangular between the two extremes."""
-    columns = noise.whiten(blocks.middle_s, model.columns(fit.value(LAG), fit.value(HALF_WIDTH)))
+    whiten = noise.whitening(blocks.middle_s).of
+    columns = whiten(model.columns(fit.value(LAG), fit.value(HALF_WIDTH)))
     basis, triangle = np.linalg.qr(columns)
-    white = noise.whiten(blocks.middle_s, readings)
+    white = whiten(readings)
     linear = solve(triangle, basis.T @ white, np.eye(triangle.shape[0]), model.names).parameters
     return float(linear[model.names.index(WIDTH)])

@@ -14,7 +14,7 @@ import numpy as np
 
 from bench.analysis import LEAST_MOVE, Evidence, Floats
 from bench.maths.verdict import coverage_factor
-from bench.systems.af_converter.estimators.correlated_noise import CorrelatedNoise, whitened
+from bench.systems.af_converter.estimators.correlated_noise import CorrelatedNoise, whitening
 from bench.systems.af_converter.estimators.drift_ramp import (
     BRANCH,
     DRIFT_NAMES,
@@ -74,8 +74,8 @@ def _noises(blocks: Blocks, fitted: CorrelatedNoise) -> list[rivals.Noise]:
 
 
 def _noise(t_s: Floats, place: tuple[float, float, float]) -> rivals.Noise:
-    volume = whitened(t_s, np.zeros(t_s.size), place)[1]
-    return rivals.Noise(lambda columns: whitened(t_s, columns, place)[0], volume, known=False)
+    filtered = whitening(t_s, place)
+    return rivals.Noise(filtered.of, filtered.log_volume, known=False)
 
 
 def _of_joint(
@@ -109,7 +109,7 @@ def _joint_rivals(
     }
     bounds, noises = search_bounds(blocks, drive), _noises(blocks, joint.noise)
     place = joint.fit.value(LAG), joint.fit.value(HALF_WIDTH)
-    problem = Problem(model, fit.readings, lambda values: joint.noise.whiten(blocks.middle_s, values))
+    problem = Problem(model, fit.readings, joint.noise.whitening(blocks.middle_s).of)
     outcomes, base = _compared(problem, others, place, blocks, bounds, noises)
     for _ in range(_POLISHED):
         if min(outcome.probability for outcome in outcomes) > _LOOKED_AT:

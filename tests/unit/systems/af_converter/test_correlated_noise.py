@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench.systems.af_converter.estimators.correlated_noise import fit_noise, whitened
+from bench.systems.af_converter.estimators.correlated_noise import fit_noise, whitening
 from bench.systems.af_converter.estimators.drift_ramp import block_means, fit_drift
 
 M, STEP_s = 150, 600.0
@@ -28,11 +28,12 @@ def test_whitening_equals_the_cholesky_factor_of_the_matrix(record_property: Cal
     t_s = np.sort(rng.uniform(0.0, 1e5, 120))
     columns = rng.normal(size=(120, 4))
     factor = np.linalg.cholesky(dense(t_s, 0.5, 2.0, 3000.0))
-    found, log_volume = whitened(t_s, columns, (0.5, 2.0, 3000.0))
+    filtered = whitening(t_s, (0.5, 2.0, 3000.0))
+    found = filtered.of(columns)
     record_property("obtained", f"{np.abs(found - np.linalg.solve(factor, columns)).max():.0e}, limit 1e-12")
     np.testing.assert_allclose(found, np.linalg.solve(factor, columns), atol=1e-12)
-    assert log_volume == pytest.approx(float(np.sum(np.log(np.diag(factor)))), rel=1e-12)
-    np.testing.assert_allclose(whitened(t_s, columns[:, 0], (0.5, 2.0, 3000.0))[0], found[:, 0], atol=1e-13)
+    assert filtered.log_volume == pytest.approx(float(np.sum(np.log(np.diag(factor)))), rel=1e-12)
+    np.testing.assert_allclose(filtered.of(columns[:, 0]), found[:, 0], atol=1e-13)
 
 
 def test_white_noise_is_found_white() -> None:

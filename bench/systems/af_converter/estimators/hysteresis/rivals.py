@@ -37,6 +37,7 @@ _LAGS = 8
 _PLAYS = (0.01, 0.03, 0.08, 0.15, 0.25)  # half-widths, in parts of the span of the temperature
 _HIGHER = (4, 5, 6)
 _RANK = 1e-9
+_TINY = float(np.finfo(np.float64).tiny)
 
 
 @dataclass(frozen=True)
@@ -126,7 +127,7 @@ def likeliest(base: Base, noises: Sequence[Noise]) -> Noise:
     Source:  maximum likelihood.
     """
     states = [_State.under(noise, base) for noise in noises]
-    return min(states, key=lambda state: state.cost(state.square)).noise
+    return min(states, key=lambda state: state.cost).noise
 
 
 def steps(middle_s: Array) -> Rival:
@@ -192,7 +193,7 @@ def compare(base: Base, rivals: Iterable[Rival], noises: Sequence[Noise]) -> lis
     """
     listed = list(rivals)
     states = [_State.under(noise, base) for noise in noises]
-    best = min(state.cost(state.square) for state in states)
+    best = min(state.cost for state in states)
     return [_outcome(rival, base, states, best) for rival in listed]
 
 
@@ -213,11 +214,16 @@ class _State:
         rest = white[:, 0] - basis @ (basis.T @ white[:, 0])
         return cls(noise, basis, rest, float(rest @ rest), rest.size - basis.shape[1])
 
-    def cost(self, square: float) -> float:
-        """Twice minus the log-likelihood."""
+    @property
+    def cost(self) -> float:
+        """Twice minus the log-likelihood of the base itself."""
+        return float(self.costs(np.array(self.square)))
+
+    def costs(self, squares: Array) -> Array:
+        """Twice minus the log-likelihood, for each square of what is left."""
         if self.noise.known:
-            return square
-        return 2.0 * self.noise.log_volume + self.dof * float(np.log(max(square, np.finfo(np.float64).tiny)))
+            return squares
+        return np.asarray(2.0 * self.noise.log_volume + self.dof * np.log(np.maximum(squares, _TINY)))
 
     def squares(self, stacked: Array, width: int) -> tuple[Array, Array]:
         """Squares of what every candidate leaves, (k,), and how many columns each adds."""
@@ -252,9 +258,9 @@ def _outcome(rival: Rival, base: Base, states: Sequence[_State], best: float) ->
     found: list[tuple[float, int, int, int]] = []  # cost, state, candidate, columns added
     for index, state in enumerate(states):
         left, added = state.squares(stacked, width)
-        costs = [state.cost(float(square)) for square in left]
+        costs = state.costs(left)
         at = int(np.argmin(costs))
-        found.append((costs[at], index, at, int(added[at])))
+        found.append((float(costs[at]), index, at, int(added[at])))
     cost, index, at, added_columns = min(found)
     state, gain = states[index], max(best - cost, 0.0)
     chance = _chance(gain, added_columns, state) * len(rival.candidates)

@@ -73,7 +73,7 @@ def filled_noise(imu: ImuSource) -> Array:
 
 def lanes_first(rows: Array) -> Array:
     """(3, G, R) or (3, 3, G, R) with the axes of space last."""
-    return np.moveaxis(rows, (-2, -1), (0, 1))
+    return rows.transpose(-2, -1, *range(rows.ndim - 2))
 
 
 class Keeping:
