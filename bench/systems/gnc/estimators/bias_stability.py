@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from bench.model.errors import FitError
 
@@ -129,7 +129,7 @@ def bias_stability(
     noise = mean_noise(means)
     value = float(np.std(means, ddof=1))
     dof = noise.dof_of_variance
-    tails = stats.chi2.ppf([0.5 + _PROBABILITY / 2.0, 0.5 - _PROBABILITY / 2.0], dof)
+    tails = special.chdtri(dof, [0.5 - _PROBABILITY / 2.0, 0.5 + _PROBABILITY / 2.0])
     low, high = value * np.sqrt(dof / tails)
     used = samples[: round(averages * average_s / interval_s)]
     return BiasStability(
@@ -243,7 +243,7 @@ def bias_repeatability(
     _require(starts, lengths)
     values = np.asarray(means, np.float64)[order]
     value, dof = float(np.std(values, ddof=1)), values.size - 1
-    tails = stats.chi2.ppf([0.5 + _PROBABILITY / 2.0, 0.5 - _PROBABILITY / 2.0], dof)
+    tails = special.chdtri(dof, [0.5 - _PROBABILITY / 2.0, 0.5 + _PROBABILITY / 2.0])
     low, high = value * np.sqrt(dof / tails)
     noise_std = float(np.sqrt(np.mean(np.square(stds))))
     return BiasRepeatability(value, float(low), float(high), dof, values, noise_std)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 from bench.maths.least_squares import solve
 from bench.model.errors import FitError
@@ -167,8 +167,8 @@ def _lack_of_fit(x: Points, y: Points, powers: Sequence[int], slope: Array) -> f
     if variance == 0.0:
         return math.nan
     less = squares - _squares(x.mean, y.mean, y.n, _one_more(powers))
-    whole = float(stats.f.sf(squares / free / variance, free, pure))
-    power = float(stats.f.sf(max(less, 0.0) / variance, 1, pure))
+    whole = float(special.fdtrc(free, pure, squares / free / variance))
+    power = float(special.fdtrc(1, pure, max(less, 0.0) / variance))
     return min(1.0, 2.0 * min(whole, power))
 
 

@@ -20,7 +20,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import stats
+from scipy import special
 
 Array = NDArray[np.float64]
 FEWEST_BLOCKS = 7
@@ -88,9 +88,9 @@ class _Blocks:
         total = squares.sum(axis=0)
         cubes = float(np.einsum("gij,gji->", squares, self.share))
         variance = 2.0 * (float(np.trace(total)) - 2.0 * cubes + float(np.sum(total**2)))
-        of_all = stats.chi2.sf(self.scatter * 2.0 * self.expected**2 / variance, 2.0 * self.expected**2 / variance)
+        of_all = special.chdtrc(2.0 * self.expected**2 / variance, self.scatter * 2.0 * self.expected**2 / variance)
         dof = self.dof(np.eye(self.pull.shape[1]))
-        of_one = stats.chi2.sf(np.diag(self.covariance) * dof, dof).min() * dof.size
+        of_one = special.chdtrc(dof, np.diag(self.covariance) * dof).min() * dof.size
         return float(min(2.0 * min(of_all, of_one), 1.0))
 
     def together(self) -> float:
