@@ -14,6 +14,7 @@ import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import accumulate
 from typing import Any, Protocol
 
 import crcmod.crcmod
@@ -62,12 +63,8 @@ class Checksum:
 
 
 def _fletcher(message: bytes, word: int, modulus: int) -> int:
-    low = high = 0
-    padded = message + bytes(-len(message) % word)
-    for at in range(0, len(padded), word):
-        low = (low + int.from_bytes(padded[at : at + word], "little")) % modulus
-        high = (high + low) % modulus
-    return high << 8 * word | low
+    words = np.frombuffer(message + bytes(-len(message) % word), f"<u{word}").tolist()
+    return sum(accumulate(words)) % modulus << 8 * word | sum(words) % modulus
 
 
 def _xor8(message: bytes) -> int:

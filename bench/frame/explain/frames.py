@@ -267,7 +267,10 @@ def _shorter(guess: Guess, frames: Sequence[bytes]) -> Guess:
 def _ends_in(check: Check, frame: bytes, start: int) -> str:
     """Return the order of bytes in which a frame ends with its check, "" if it does not."""
     value, stored = check.of(frame[start : -check.size]), frame[-check.size :]
-    return next((order for order in _ORDERS if stored == value.to_bytes(check.size, order)), "")
+    for order in _ORDERS:
+        if int.from_bytes(stored, order) == value:
+            return order
+    return ""
 
 
 def _some(frames: Sequence[bytes], most: int) -> list[bytes]:
@@ -299,8 +302,11 @@ def _right_in(frame: bytes) -> Iterator[FoundCheck]:
         size = check.size
         for trailer in range(_TRAILERS + 1):
             end = len(frame) - trailer - size
+            stored = frame[end : end + size] if end > 0 else b""
+            values = [int.from_bytes(stored, order) for order in _ORDERS]
             for start in range(min(_STARTS, end)):
-                yield from _stored(check, frame[start:end], frame[end : end + size], start, trailer, None)
+                if check.of(frame[start:end]) in values:  # hardly ever: looked at closely only then
+                    yield from _stored(check, frame[start:end], stored, start, trailer, None)
         for at in range(1, min(_STARTS, len(frame) - size - 1)):
             yield from _stored(check, frame[at + size :], frame[at : at + size], at + size, 0, at)
 
