@@ -63,7 +63,7 @@ class Checksum:
 
 
 def _fletcher(message: bytes, word: int, modulus: int) -> int:
-    words = np.frombuffer(message + bytes(-len(message) % word), f"<u{word}").tolist()
+    words: list[int] = np.frombuffer(message + bytes(-len(message) % word), f"<u{word}").tolist()
     return sum(accumulate(words)) % modulus << 8 * word | sum(words) % modulus
 
 
