@@ -50,7 +50,7 @@ def over(server: PageServer, golden: Path) -> dict[str, str]:
 
 @pytest.fixture(scope="session")
 def screenshots(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Where pictures go for a person to look at: $BENCH_SCREENSHOTS, or the folder of the test run, kept if one fails."""
+    """Where pictures go for a person to look at: $BENCH_SCREENSHOTS, or that of the run, kept if a test fails."""
     wanted = os.environ.get("BENCH_SCREENSHOTS")
     folder = Path(wanted) if wanted else tmp_path_factory.mktemp("screenshots")
     folder.mkdir(parents=True, exist_ok=True)
