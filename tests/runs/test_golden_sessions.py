@@ -13,10 +13,11 @@ from typing import Any
 
 import pytest
 from jsonschema import Draft202012Validator
-from report_words import code_names
+from report_words import code_names, intervals_of_tables_alone
 from typer.testing import CliRunner
 
 from bench.cli import app
+from bench.session.fitted import Fitted
 
 GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 SESSIONS = sorted(path.parent for path in GOLDEN.glob("sessions/*/*/session.0001.mcap"))
@@ -89,6 +90,7 @@ def test_an_earlier_release_stays_readable(folder: Path, tmp_path: Path, schema:
     page = (copy / "report.html").read_text(encoding="utf-8")
     assert "<html" in page
     assert code_names(page) == set()  # no reader sees the name of a quantity in the code
+    assert intervals_of_tables_alone(Fitted(copy).shown) == set()
 
 
 @pytest.mark.parametrize("folder", STOPPED, ids=release_and_name)

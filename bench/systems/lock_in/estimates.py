@@ -86,11 +86,11 @@ def _of_method(
     place = laser.record.place(laser.clock_Hz) | {"method": method}
     used = laser.found.turnarounds if method == RAW else laser.found.used[method]
     counted = {"n": used, "dropped": laser.found.turnarounds - used}
-    time, dof = alignment_s(walk, requirement), walk_dof(walk)
+    time = alignment_s(walk, requirement)
     entries = [
-        estimate("angle_random_walk", ARW_UNIT, walk.n_deg_rth, walk_std_deg_rth(walk), place, dof=dof, **counted),
+        estimate("angle_random_walk", ARW_UNIT, walk.n_deg_rth, walk_std_deg_rth(walk), place, dof=time.dof, **counted),
         estimate("quantisation_noise", "arcsec", ARCSEC * walk.q_deg, ARCSEC * walk.q_std_deg, place, **counted),
-        estimate("alignment_time", "s", time.value, time.std, place, limit=limit_s, dof=dof, **counted),
+        estimate("alignment_time", "s", time.value, time.std, place, limit=limit_s, dof=time.dof, **counted),
     ]
     ratio = None if method == RAW else laser.ratio(method)
     if ratio is not None:
@@ -104,7 +104,7 @@ def alignment_s(walk: RandomWalk, requirement: Requirement) -> Measured:
     """Time until the random walk lets the azimuth be known to the required error: it goes with the walk's square."""
     square = squared(Measured(walk.n_deg_rth, walk_std_deg_rth(walk)))
     of_one_s = alignment_time_s(1.0, requirement.latitude_deg, requirement.error_deg)
-    return Measured(of_one_s * square.value, of_one_s * square.std)
+    return Measured(of_one_s * square.value, of_one_s * square.std, walk_dof(walk))
 
 
 def _constants(laser: LaserResult, place: dict[str, Any]) -> Estimates:

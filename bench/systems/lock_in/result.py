@@ -36,10 +36,16 @@ _PARTS = 24  # of a turn of the phase, in which what is left is averaged
 
 @dataclass(frozen=True)
 class Measured:
-    """A value and its standard uncertainty."""
+    """A value and its standard uncertainty, with its degrees of freedom."""
 
     value: float
     std: float
+    dof: float = math.inf
+
+    @property
+    def expanded(self) -> float:
+        """Expanded uncertainty (95 %), as the estimates state it."""
+        return coverage_factor(self.dof) * self.std
 
 
 def squared(measured: Measured) -> Measured:

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from bench.analysis import Table, with_uncertainty
-from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, RAW
 from bench.systems.lock_in.estimates import ARCSEC, NATO_MIL_DEG, Requirement, alignment_s
 from bench.systems.lock_in.estimators.bias import bias_alignment_error_deg
-from bench.systems.lock_in.result import LaserResult, Measured, squared, walk_std_deg_rth
+from bench.systems.lock_in.result import LaserResult, Measured, squared, walk_dof, walk_std_deg_rth
 from bench.systems.lock_in.wording import label, say
 
 
@@ -64,14 +63,14 @@ def _ratio(laser: LaserResult, method: str) -> str:
 def _text(measured: Measured | None, factor: float = 1.0) -> str:
     if measured is None:
         return say("cell.no_result")
-    return with_uncertainty(factor * measured.value, factor * coverage_factor() * measured.std)
+    return with_uncertainty(factor * measured.value, factor * measured.expanded)
 
 
 def _bounded(measured: Measured | None, factor: float = 1.0) -> str:
     """As ``_text``; of a value that cannot be told from 0, what it does not exceed."""
-    if measured is None or measured.value > coverage_factor() * measured.std:
+    if measured is None or measured.value > measured.expanded:
         return _text(measured, factor)
-    return _below(factor * (measured.value + coverage_factor() * measured.std))
+    return _below(factor * (measured.value + measured.expanded))
 
 
 def _below(limit: float) -> str:
@@ -124,7 +123,7 @@ def _walks(results: Sequence[LaserResult]) -> Table:
 
 def _walk_row(laser: LaserResult, method: str) -> list[str]:
     walk = laser.walks[method]
-    cells = [_bounded(Measured(walk.n_deg_rth, walk_std_deg_rth(walk)), 1e3)]
+    cells = [_bounded(Measured(walk.n_deg_rth, walk_std_deg_rth(walk), walk_dof(walk)), 1e3)]
     cells.append(_text(Measured(walk.q_deg, walk.q_std_deg), 1e3 * ARCSEC) if walk.q_deg > 0.0 else "–")
     expected = laser.expected_deg_rth if method == RAW else None
     theory = "" if expected is None else f"{1e3 * expected:.3g}"

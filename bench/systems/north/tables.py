@@ -147,7 +147,7 @@ def calibration_table(solution: Solution) -> list[Table]:
             (say("index.b"), index.f1, std[0], index.f2_deg, std[1], sense * index.f3),  # oriented: its sign turned
             (say("index.a"), index.f4, std[2], index.f5_deg, std[3], index.f6),
         ):
-            placement = with_uncertainty(sense * float(at_deg), factor * float(deg_std))
+            placement = with_uncertainty(sense * float(at_deg), factor * math.hypot(deg_std, solution.placed_deg))
             row = [sense_name(sense), letter, placement, with_uncertainty(float(gain), factor * float(gain_std))]
             rows.append([*row, number(1e3 * float(offset), 3), index.sets])
     if not rows:

@@ -22,6 +22,7 @@ from bench.analysis import (
     no_result,
     with_uncertainty,
 )
+from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.calibration.sets import UPS
 from bench.systems.gnc.estimators.records import RotationRecord, static_means
@@ -161,8 +162,9 @@ def _tables(accelerometer: TriadFit, gyro: TriadFit | None, unit: str) -> list[T
         (say("matrix.gyro"), gyro, "deg/s"),
     ):
         if fit is not None:
+            reach = coverage_factor(fit.dof) * fit.bias_std
             rows = [
-                [axis, *(f"{value:.6f}" for value in fit.matrix[k]), with_uncertainty(fit.bias[k], 2 * fit.bias_std[k])]
+                [axis, *(f"{value:.6f}" for value in fit.matrix[k]), with_uncertainty(fit.bias[k], reach[k])]
                 for k, axis in enumerate(AXES)
             ]
             rms = float(np.sqrt(np.mean(fit.residual**2)))

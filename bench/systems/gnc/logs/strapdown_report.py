@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Estimates, Figure, Table, curve, estimate, no_result, number, with_uncertainty
+from bench.maths.verdict import coverage_factor
 from bench.systems.gnc.estimators.between_rests import BetweenRests, TurnScale
 from bench.systems.gnc.estimators.clocks import SampleStamps
 from bench.systems.gnc.estimators.rest_drift import CLASSES, HORIZONS_s, RandomWalk, RestDrift, class_of, worst_class
@@ -163,15 +164,19 @@ def _rest_table(drifts: list[RestDrift]) -> Table:
         [
             f"{d.horizon_s:.3g}",
             d.windows,
-            with_uncertainty(d.attitude_rms_deg, 2.0 * d.std(d.attitude_rms_deg)),
+            _rms_text(d, d.attitude_rms_deg),
             number(d.white_deg, 4),
-            with_uncertainty(d.velocity_rms_m_s, 2.0 * d.std(d.velocity_rms_m_s)),
-            with_uncertainty(d.horizontal_rms_m, 2.0 * d.std(d.horizontal_rms_m)),
+            _rms_text(d, d.velocity_rms_m_s),
+            _rms_text(d, d.horizontal_rms_m),
         ]
         for d in drifts
     ]
     headers = headers_of("drift", "over", "stretches", "attitude", "walk", "velocity", "distance")
     return Table(say("drift.title"), say("drift.caption"), headers, rows, lead=True)
+
+
+def _rms_text(drift: RestDrift, value: float) -> str:
+    return with_uncertainty(value, coverage_factor(drift.windows) * drift.std(value))
 
 
 def _class_table(rates: Estimates) -> Table:
@@ -180,7 +185,7 @@ def _class_table(rates: Estimates) -> Table:
         bounds = [
             number(float(f"{getattr(sensor_class, _CLASS_OF[rate['quantity']]):.3g}")) for sensor_class in CLASSES
         ]
-        shown = with_uncertainty(rate["value"], 2.0 * rate["std_uncertainty"])
+        shown = with_uncertainty(rate["value"], rate["expanded_uncertainty"])
         rows.append(
             [quantity_word(rate["quantity"]), rate["unit"], shown,
              _class_name(str(rate["conditions"]["sensor_class"])), *bounds]

@@ -74,7 +74,7 @@ def test_a_long_rest_gives_every_horizon_and_nothing_between() -> None:
     (table,) = (one for one in analysis.tables if one.title == "Class of the sensors")
     drift = next(one for one in analysis.estimates if one["quantity"] == "gyro_drift")
     (shown,) = (row[2] for row in table.rows if row[0] == "gyro drift")
-    assert shown == with_uncertainty(drift["value"], 2.0 * drift["std_uncertainty"])
+    assert shown == with_uncertainty(drift["value"], drift["expanded_uncertainty"])
     assert {one["quantity"] for one in analysis.estimates}.isdisjoint({"level_error", "turn_scale"})
 
 
