@@ -65,6 +65,7 @@ from bench.analysis.numbers import (
     number,
     significant,
     unit_text,
+    value_and_uncertainty,
     with_uncertainty,
 )
 from bench.analysis.problems import Check, count_problem, flag_problem, link_checks
@@ -167,6 +168,7 @@ __all__ = [
     "use_of",
     "validate_coefficients",
     "validate_results",
+    "value_and_uncertainty",
     "values_of",
     "with_uncertainty",
     "without_check_standard",

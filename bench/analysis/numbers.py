@@ -12,7 +12,10 @@ _MOST_DECIMALS = 7  # of a value with its uncertainty; what needs more is printe
 _LONG, _ENDLESS = 1e6, 1e15  # from here on numbers without decimals; beyond, powers of ten
 _RESOLUTION = 1e-13  # of a value
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_ROOT, _TIMES = re.compile(r"([a-zA-Z]+)\^0\.5"), re.compile(r"(?<=\w)\*(?=\w)")
+_ROOT, _TIMES = re.compile(r"([a-zA-Z]+)\^0\.5|sqrt\((\w+)\)"), re.compile(r"(?<=\w)\*(?=\w)")
+_MICRO = re.compile(r"(?<![^\s,/])(?<![a-z] )u(?=(?:g|s|m|A|V|gauss)\b)")  # "us" between words is none
+_OHM = re.compile(r"\b([mkMG]?)ohm\b")
+_POWER = re.compile(r"(?<![\w.])([0-9](?:\.[0-9]+)?)e([+-]?[0-9]{1,2})(?![\w.])")
 _UNIT_TEXT = {
     unit: unit for unit in ("ppm", "ppb", "A", "nA", "V", "mV", "Hz", "s", "ms", "min", "h", "m", "deg", "ohm")
 }
@@ -77,6 +80,11 @@ def with_uncertainty(value: float, expanded: float | None) -> str:
     return f"({' ± '.join(scaled).replace('-', '−')})·10{str(power).translate(_RAISED)}"
 
 
+def value_and_uncertainty(value: float, expanded: float) -> tuple[str, str]:
+    """Return both for columns of their own: the uncertainty with two significant digits, the value to its last one."""
+    return number(value, decimals_for(expanded)), significant(expanded)
+
+
 def limits_text(limits: tuple[float, float] | None, scale: float = 1.0) -> str:
     """Return limits times ``scale`` as they are printed: ``± 5``, ``4.9 to 5.1``, ``≥ 4.9``; a dash where are none."""
     if limits is None:
@@ -90,9 +98,15 @@ def limits_text(limits: tuple[float, float] | None, scale: float = 1.0) -> str:
 
 
 def unit_text(unit: str) -> str:
-    """Return a unit as it is printed: degC becomes °C, 1e-6 notation stays."""
-    text = _ROOT.sub(r"√\1", _TIMES.sub("·", unit))
+    """Return a unit, or a text with units, as it is printed: degC becomes °C, ug µg, 3e-05 a power of ten."""
+    text = _ROOT.sub(lambda match: f"√{match[1] or match[2]}", _TIMES.sub("·", unit))
+    text = _OHM.sub(r"\1Ω", _POWER.sub(_ten, _MICRO.sub("µ", text)).replace("m/s2", "m/s²"))
     return text.replace("degC3", "°C³").replace("degC2", "°C²").replace("degC^2", "°C²").replace("degC", "°C")
+
+
+def _ten(match: re.Match[str]) -> str:
+    power = f"10{str(int(match[2])).translate(_RAISED)}"
+    return power if match[1] == "1" else f"{match[1]}·{power}"
 
 
 def header(key: str) -> str:

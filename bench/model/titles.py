@@ -1,4 +1,4 @@
-"""Names of quantities for people: from the catalogue of the system whose analysis made them."""
+"""Names of quantities and conditions for people: from the catalogue of the system whose analysis made them."""
 
 from __future__ import annotations
 
@@ -28,6 +28,16 @@ def quantity_title(analysis: str, quantity: str, language: str = ENGLISH) -> str
         if key.startswith(_ENDING) and base != quantity:
             return text.format(quantity=quantity_title(analysis, base, language))
     return quantity.replace("_", " ")
+
+
+def condition_title(analysis: str, name: str, language: str = ENGLISH) -> str | None:
+    """Return the name of a condition for people, ``condition.<name>`` of the system; None if it has none."""
+    return _texts(analysis, language).get(f"condition.{name}")
+
+
+def value_title(analysis: str, name: str, value: str, language: str = ENGLISH) -> str:
+    """Return the word that is the value of a condition for people, ``<name>.<word>``; else itself, with blanks."""
+    return _texts(analysis, language).get(f"{name}.{value.replace(' ', '_')}", value.replace("_", " "))
 
 
 @cache

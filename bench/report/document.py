@@ -112,7 +112,9 @@ def page(
 
 
 def _continued(table: Table, words: Texts) -> str:
-    return words("table.continued", caption=table.caption) if table.caption else ""
+    if not table.caption or table.goes_on:
+        return table.caption
+    return words("table.continued", caption=table.caption)
 
 
 def study_html(document: Mapping[str, Any], chapters: Sequence[Chapter], software: str, language: str = ENGLISH) -> str:

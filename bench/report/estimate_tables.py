@@ -7,14 +7,16 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
 from bench.analysis import cell, decimals_for, is_sound, number, significant, stated_value, unit_text
 from bench.model.texts import Texts, told
+from bench.model.titles import condition_title, value_title
 from bench.model.units import read_quantity
 from bench.report.model import ReportModel
-from bench.report.tables import Table, channel_title, documents_table, kind_of, named, spaced
+from bench.report.tables import Table, channel_title, column, documents_table, kind_of, named
 
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
@@ -173,7 +175,7 @@ def readable(rows: Sequence[Row]) -> tuple[float, str]:
     """
     unit = str(rows[0]["unit"])
     match = _PREFIXED.match(unit)
-    largest = max(abs(row["value"] or row.get("expanded_uncertainty") or 0.0) for row in rows)
+    largest = max(max(abs(row["value"] or 0.0), row.get("expanded_uncertainty") or 0.0) for row in rows)
     if match is None or not 0.0 < largest < math.inf:
         return 1.0, unit
     least, most = _WITHIN.get(match[1], (-12, 9))
@@ -212,7 +214,7 @@ def other_table(model: ReportModel, words: Texts) -> Table | None:
     for row in without_channel(model):
         if pivot_of(row) is None:
             scale, unit = readable([row])
-            where = conditions_text(words, row["conditions"])
+            where = conditions_text(words, row["conditions"], _campaign(model))
             title = model.title_of(row["quantity"], words.language)
             rows.append((title, where or "–", value_text(row, scale), unit_text(unit)))
     headers = (
@@ -232,32 +234,53 @@ def pivot_of(row: Row) -> str | None:
     return next((name for name in PIVOTS if name in row["conditions"]), None)
 
 
-def conditions_text(words: Texts, conditions: Row) -> str:
-    """Return conditions in words: ``channel 1, gyro, set temperature −10 °C``."""
+def conditions_text(words: Texts, conditions: Row, campaign: str = "") -> str:
+    """Return conditions in words: ``channel 1, gyro, set temperature −10 °C``; ``campaign``: whose system has words."""
     parts = []
     for name, value in conditions.items():
         if name == "channel":
             parts.append(channel_title(words, value, conditions.get("kind")))
         elif name != "kind" or "channel" not in conditions:
-            parts.append(_condition(words, name, value))
+            parts.append(_condition(words, name, value, campaign))
     return ", ".join(parts)
 
 
-def _condition(words: Texts, name: str, value: Any) -> str:
+def _condition(words: Texts, name: str, value: Any, campaign: str) -> str:
     if name == "kind":
-        return kind_of(words, value)
-    match = _LAST_UNIT.match(name)
-    unit = match[2].replace("_", "/") if match else ""
-    known = f"condition.{name}" in words.all
-    label = words(f"condition.{name}") if known else spaced(match[1] if match and _is_unit(unit) else name)
-    if match is None or not _is_unit(unit) or not isinstance(value, int | float) or isinstance(value, bool):
-        return f"{label} {spaced(cell(value))}"
+        return condition_value(words, name, value, campaign)
+    label, unit = _label_and_unit(words, name, campaign)
+    if not unit or not isinstance(value, int | float) or isinstance(value, bool):
+        return f"{label} {condition_value(words, name, value, campaign)}"
     scale, shown = readable([{"unit": unit, "value": value}])
     return f"{label} {number(scale * value) if unit != 'degC' else number(round(value, 2))} {unit_text(shown)}"
 
 
-def _is_unit(text: str) -> bool:
-    return read_quantity(f"1 {text}") is not None
+def condition_value(words: Texts, name: str, value: Any, campaign: str) -> str:
+    """Return the value of a condition as text: a word of the system's, yes or no, a number."""
+    if isinstance(value, bool):
+        return words("yes" if value else "no")
+    word = value_title(campaign, name, value, words.language) if isinstance(value, str) else cell(value)
+    return kind_of(words, value) if name == "kind" and word == value else word
+
+
+def condition_head(words: Texts, name: str, campaign: str) -> str:
+    """Return the heading of a condition with its unit."""
+    if condition_title(campaign, name, words.language) is None and f"condition.{name}" not in words.all:
+        return column(words, name)
+    label, unit = _label_and_unit(words, name, campaign)
+    return f"{label} / {unit_text(unit)}" if unit else label
+
+
+def _label_and_unit(words: Texts, name: str, campaign: str) -> tuple[str, str]:
+    match = _LAST_UNIT.match(name)
+    unit = match[2].replace("_", "/") if match else ""
+    unit = unit if read_quantity(f"1 {unit}") is not None else ""
+    own = condition_title(campaign, name, words.language) or words.all.get(f"condition.{name}")
+    return own or (match[1] if match and unit else name).replace("_", " "), unit
+
+
+def _campaign(model: ReportModel) -> str:
+    return str(model.results.get("campaign", ""))
 
 
 def coverage_table(model: ReportModel, words: Texts) -> Table | None:
@@ -323,8 +346,8 @@ def _tables(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row])
     parts = [names[start : start + _MOST_ACROSS] for start in range(0, len(names), _MOST_ACROSS)]
     captions = [words(caption), *(words("table.continued", caption=words(caption)) for _ in parts[1:])]
     return [
-        _table(model, words, text, [row for row in rows if _across(row) in part], part)
-        for text, part in zip(captions, parts, strict=True)
+        replace(_table(model, words, text, [row for row in rows if _across(row) in part], part), goes_on=index > 0)
+        for index, (text, part) in enumerate(zip(captions, parts, strict=True))
     ]
 
 
@@ -332,14 +355,16 @@ def _table(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row], 
     lines: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         rest = {name: value for name, value in row["conditions"].items() if name != pivot_of(row)}
-        lines.setdefault((row["quantity"], conditions_text(words, rest)), []).append(row)
+        lines.setdefault((row["quantity"], conditions_text(words, rest, _campaign(model))), []).append(row)
     body = []
     for (quantity, where), group in lines.items():
         scale, unit = readable(group)
         by_name = {_across(row): value_text(row, scale) for row in group}
         title = model.title_of(quantity, words.language)
         body.append((title, where or "–", unit_text(unit), *(by_name.get(name, "–") for name in names)))
-    headers = (words("column.quantity"), words("column.conditions"), words("column.unit"), *names)
+    across, campaign = str(pivot_of(rows[0])), _campaign(model)
+    shown = (condition_value(words, across, name, campaign) for name in names)
+    headers = (words("column.quantity"), words("column.conditions"), words("column.unit"), *shown)
     return Table(caption, headers, tuple(body), stub=3)
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Floats, cell, number
+from bench.analysis import Floats, cell, number, unit_text
 from bench.model.texts import Texts
 from bench.report.model import ReportModel
 from bench.report.tables import Table, documents_table, pairs_table, rank, spaced
@@ -98,7 +98,7 @@ def prompt_table(model: ReportModel, words: Texts) -> Table | None:
             cell(prompt.get("step")),
             cell(prompt.get("text")),
             _allowed(prompt),
-            f"{_whole(prompt.get('value'))} {prompt.get('unit') or ''}".strip(),
+            f"{_whole(prompt.get('value'))} {unit_text(prompt.get('unit') or '')}".strip(),
             cell(prompt.get("by")),
         )
         for prompt in model.prompts
@@ -108,7 +108,7 @@ def prompt_table(model: ReportModel, words: Texts) -> Table | None:
 
 
 def _allowed(prompt: Mapping[str, Any]) -> str:
-    low, high, unit = prompt.get("low"), prompt.get("high"), prompt.get("unit") or ""
+    low, high, unit = prompt.get("low"), prompt.get("high"), unit_text(prompt.get("unit") or "")
     bounds = [f"≥ {_whole(low)}"] if low is not None else []
     bounds += [f"≤ {_whole(high)}"] if high is not None else []
     return f"{', '.join(bounds)} {unit}".strip() if bounds else "–"

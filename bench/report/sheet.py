@@ -29,6 +29,7 @@ _LONGEST = 40  # characters of a word; what is longer may be broken
 _PIECE = 8
 _BREAK, _HOLD, _JOIN = "\u200b", "\u00a0", "\u2060"
 _TIGHT = re.compile(r"/(?=\S)")
+_SYLLABLES = re.compile("[가-힣](?=[가-힣])")
 _WORD = re.compile(rf"[^\s{_BREAK}]+")
 _WEIGHTS = (False, True)  # bold or not
 
@@ -104,14 +105,19 @@ def _parts(table: Table, least: Sequence[float], room_pt: float) -> list[list[in
 
 def _columns(table: Table, chosen: Sequence[int]) -> Table:
     rows = tuple(tuple(row[index] for index in chosen) for row in table.rows)
-    return Table(table.caption, tuple(table.headers[index] for index in chosen), rows, table.stub, table.prose)
+    return replace(table, headers=tuple(table.headers[index] for index in chosen), rows=rows)
 
 
 def _broken(table: Table) -> Table:
     """Long words get places to break at; cells of numbers get none, whatever spaces they hold."""
-    headers = tuple(_TIGHT.sub(f"/{_JOIN}", text.replace(" / ", f"{_HOLD}/ ")) for text in table.headers)
-    rows = tuple(tuple(_cell(text) for text in row) for row in table.rows)
-    return Table(table.caption, headers, rows, table.stub, table.prose, table.to_fill)
+    headers = tuple(_whole(text.replace(" / ", f"{_HOLD}/ ")) for text in table.headers)
+    rows = tuple(tuple(_whole(_cell(text)) for text in row) for row in table.rows)
+    return replace(table, headers=headers, rows=rows)
+
+
+def _whole(text: str) -> str:
+    """Hold units and Korean words together: typst would break the one behind a stroke, the other anywhere."""
+    return _SYLLABLES.sub(f"\\g<0>{_JOIN}", _TIGHT.sub(f"/{_JOIN}", text))
 
 
 def _cell(text: str) -> str:

@@ -24,7 +24,10 @@ _PROSE = 40  # characters of a cell that is a sentence rather than a value
 _NUMERAL = re.compile(r"-(?=[0-9])")
 _NEGATIVE = re.compile(r"(?<![\w-])-(?=[0-9])")
 _NO_SIZE = re.compile(r"-(0(?:\.0+)?)$")
-_COMMA_UNIT = re.compile(r", (?=(?:°C|nA|ppm|ppb|min|ms|h|s|A|%|deg|deg/s|deg/h|m/s2|g|mg|ug|gauss|mgauss)$)")
+_COMMA_UNIT = re.compile(
+    r", (?=(?:°C|ppm|ppb|min|h|%|1|m?deg(?:/s|/h|/√h)?|deg/√h|arcsec|mil|mrad|π|m/s²|[mµn]?[AVsg]|[kcm]?m|[kMG]?Hz|dB|"
+    r"[mµ]?gauss|10⁻³(?: arcsec| deg/√h)?)$)"
+)
 _PER_CENT = re.compile(r"(?<=[0-9]) %")
 _CODE_NAME = re.compile(r"(?<![\w/.])[a-z][a-z0-9]*(?:_[A-Za-z0-9]+)+(?![\w/]|\.\w)")
 _BUDGET, _TOTALS = {"contribution", "sensitivity"}, {"u", "k", "U"}
@@ -35,7 +38,8 @@ FOLDER = Path(__file__).parent
 class Table:
     """A captioned table; the first ``stub`` columns head their row and are set flush left, all of them if ``prose``.
 
-    ``to_fill``: the empty cells are for ink and are as high as handwriting needs.
+    ``to_fill``: the empty cells are for ink and are as high as handwriting needs.   ``goes_on``: it continues one with
+    other columns, and its caption says so.
     """
 
     caption: str
@@ -44,6 +48,7 @@ class Table:
     stub: int = 1
     prose: bool = False
     to_fill: bool = False
+    goes_on: bool = False
 
 
 Title = Callable[[str], str]
@@ -68,7 +73,7 @@ def analysis_tables(tables: Sequence[analysis.Table], language: str = ENGLISH, t
     """Return the tables of an analysis as text, laid out alike in every language; ``title``: of quantities it names."""
     return [
         Table(
-            named(". ".join(unit_text(text) for text in told((table.title, table.caption), language) if text), title),
+            sentence(". ".join(text for text in told((table.title, table.caption), language) if text), title),
             tuple(label(named(text, title)) for text in told(tuple(table.headers), language)),
             tuple(
                 tuple(named(_plain(value, on_uncertainty(table)), title) for value in told(tuple(row), language))

@@ -64,7 +64,7 @@ def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     )
     rule = model.results.get("decision_rule")
     sentences = [words("verdicts.table")]
-    sentences += [words("verdicts.rule", rule=str(rule).replace("_", " "))] if rule else []
+    sentences += [words("verdicts.rule", rule=words(f"rule.{rule}"))] if rule else []
     caption = " ".join([*sentences, words("verdicts.conformance")])
     if not rows:
         return None
@@ -94,7 +94,7 @@ def _row(words: Texts, channel: Any, group: Sequence[Mapping[str, Any]]) -> tupl
         value_text(worst, scale),
         limits_text(limits_of(worst), scale),
         unit_text(unit),
-        "–" if probability is None else percent(probability),
+        "–" if probability is None or not worst["expanded_uncertainty"] else percent(probability),
         ", ".join(_counted(words, name, count) for name, count in sorted(counted.items())),
     )
 

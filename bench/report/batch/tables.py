@@ -87,7 +87,7 @@ def _spread_row(spread: Spread, words: Texts) -> tuple[str, ...]:
     worst = spread.worst
     return (
         spread.quantity.name,
-        conditions_text(words, spread.quantity.where),
+        conditions_text(words, spread.quantity.where, spread.quantity.campaign),
         unit_text(unit),
         number(len(spread.members)),
         number(scale * spread.mean, places),
@@ -126,7 +126,7 @@ def _worst_row(quantity: Quantity, member: Member, words: Texts) -> tuple[str, .
     return (
         unit_name(member.unit),
         quantity.name,
-        conditions_text(words, quantity.where),
+        conditions_text(words, quantity.where, quantity.campaign),
         _value(member, scale),
         limits_text(member.limits, scale),
         unit_text(unit),

@@ -71,7 +71,7 @@ def _methods(document: Mapping[str, Any]) -> list[Element]:
             words("name", method.name),
             words("description", method.description),
             *(leaf("norm", norm) for norm in method.norms),
-            leaf("reference", method.reference),
+            leaf("reference", method.reference and TEXTS("reference", path=method.reference)),
             id=METHOD_ID,
         ),
         dcc(

@@ -13,9 +13,9 @@ from bench.analysis import cell, decimals_for, is_sound, number, unit_text, with
 from bench.maths.verdict import worst
 from bench.model.texts import Texts
 from bench.model.titles import quantity_title
-from bench.report.estimate_tables import readable
+from bench.report.estimate_tables import condition_head, condition_value, readable
 from bench.report.model import ReportModel
-from bench.report.tables import column, kind_of
+from bench.report.tables import kind_of
 
 ROOM_pt = 493.0  # the width of an A4 page inside its margins
 _LETTER_pt, _GAP_pt = 4.15, 4.6  # of the type of 6.5 pt that the tables are set in
@@ -43,6 +43,7 @@ class Block:
 class _Grid:
     """One quantity: its estimates by what goes down and what goes across; () and None where nothing varies."""
 
+    campaign: str
     heading: str
     scale: float
     names: tuple[str, ...]
@@ -69,8 +70,14 @@ class _Grid:
 
 
 def main_rows(model: ReportModel) -> list[Row]:
-    """Return the estimates that the first page shows: of the declared quantities, else all with an uncertainty."""
-    entries = [row for row in model.results.get("estimates", ()) if _of_the_method(model, row)]
+    """Return the estimates that the first page shows: of the declared quantities, else all with an uncertainty.
+
+    What another method gives is there to compare with, and stands behind.
+    """
+    found = model.results.get("estimates", ())
+    method = model.results.get("method")
+    named = any(row["conditions"].get("method") == method for row in found)  # else a way of the analysis, not of one
+    entries = [row for row in found if not named or row["conditions"].get("method", method) == method]
     declared = [row for name in model.main for row in entries if row["quantity"] == name]
     return declared or [row for row in entries if row.get("expanded_uncertainty") or not is_sound(row)]
 
@@ -90,7 +97,9 @@ def shown_results(model: ReportModel, words: Texts) -> Shown:
     for row in main_rows(model):
         by_quantity.setdefault(str(row["quantity"]), []).append(row)
     analysis = str(model.results.get("campaign", ""))
-    grids = [_grid(quantity_title(analysis, name, words.language), rows) for name, rows in by_quantity.items()]
+    grids = [
+        _grid(analysis, quantity_title(analysis, name, words.language), rows) for name, rows in by_quantity.items()
+    ]
     blocks: list[Block] = []
     shown: list[Row] = []
     lines = 0
@@ -111,12 +120,7 @@ def _notes(words: Texts, shown: Sequence[Row], cut: bool) -> Iterator[str]:
         yield words("first.results.further")
 
 
-def _of_the_method(model: ReportModel, row: Row) -> bool:
-    """Return False for what another method gives that is there to compare with."""
-    return bool(row["conditions"].get("method", model.results.get("method")) == model.results.get("method"))
-
-
-def _grid(title: str, rows: Sequence[Row]) -> _Grid:
+def _grid(campaign: str, title: str, rows: Sequence[Row]) -> _Grid:
     shapes: dict[frozenset[str], list[Row]] = {}
     for row in rows:
         shapes.setdefault(frozenset(row["conditions"]), []).append(row)
@@ -129,7 +133,9 @@ def _grid(title: str, rows: Sequence[Row]) -> _Grid:
     down = tuple(name for name in varying if name != across)
     scale, unit = readable(chosen)
     heading = title + (f" / {unit_text(unit)}" if unit != "1" else "")
-    return _Grid(heading, scale, down, across, {_place(row["conditions"], down, across): row for row in chosen})
+    return _Grid(
+        campaign, heading, scale, down, across, {_place(row["conditions"], down, across): row for row in chosen}
+    )
 
 
 def _place(conditions: Row, down: Sequence[str], across: str | None) -> tuple[Key, Any]:
@@ -198,7 +204,7 @@ def _list(grids: Sequence[_Grid], words: Texts) -> Block:
         known = [row for row in found if row is not None]
         last = (_verdict(words, known),) if judged else ()
         rows.append((grid.heading, *(_full(row, grid.scale) for row in found), _factors(known), *last))
-    headers = (column(words, "quantity"), *values, "k", *((words("first.results.verdict"),) if judged else ()))
+    headers = (words("column.quantity"), *values, "k", *((words("first.results.verdict"),) if judged else ()))
     return Block(words("first.results.list"), (), headers, tuple(rows))
 
 
@@ -284,15 +290,18 @@ def _verdict(words: Texts, rows: Sequence[Row]) -> str:
 def _across(words: Texts, grid: _Grid, value: Any) -> str:
     if grid.across == _TEMPERATURE:
         return number(value)
-    return f"{column(words, str(grid.across))} {cell(value)}" if isinstance(value, int | float) else str(value)
+    if isinstance(value, int | float):
+        return f"{condition_head(words, str(grid.across), grid.campaign)} {cell(value)}"
+    return condition_value(words, str(grid.across), value, grid.campaign)
 
 
 def _down(words: Texts, grid: _Grid) -> str:
-    names = ", ".join(column(words, name) for name in grid.names)
+    names = ", ".join(condition_head(words, name, grid.campaign) for name in grid.names)
     return words("first.results.at", names=names) if grid.across == _TEMPERATURE else names
 
 
 def _label(words: Texts, grid: _Grid, key: Key) -> str:
     if grid.names == ("channel",):
         return f"{key[0]} {kind_of(words, key[1])}" if key[1] else str(key[0])
-    return ", ".join(cell(value) for value in key)
+    values = zip(grid.names, key, strict=True)
+    return ", ".join(condition_value(words, name, value, grid.campaign) for name, value in values)

@@ -10,7 +10,7 @@ import numpy as np
 from bench.analysis import is_sound, limits_of, limits_text, number, unit_text, use_of, with_uncertainty
 from bench.maths.verdict import NON_BINARY
 from bench.model.texts import Texts
-from bench.model.titles import quantity_title
+from bench.model.titles import quantity_title, value_title
 from bench.report.accreditation import not_covered
 from bench.report.dcc import method_of
 from bench.report.estimate_tables import conditions_text, readable
@@ -60,7 +60,8 @@ def _nearest(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
     expanded = row.get("expanded_uncertainty") or 0.0
     left = min(row["value"] - limits[0], limits[1] - row["value"]) - expanded
     probability = row.get("conformance_probability")
-    where, campaign = _where(words, row), str(model.results.get("campaign", ""))
+    campaign = str(model.results.get("campaign", ""))
+    where = conditions_text(words, {key: of for key, of in row["conditions"].items() if key != MEASURED}, campaign)
     suffix = "" if unit == "1" else f" {unit_text(unit)}"
     return words(
         "first.nearest.text" if expanded else "first.nearest.plain",
@@ -74,10 +75,6 @@ def _nearest(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
     )
 
 
-def _where(words: Texts, row: Row) -> str:
-    return conditions_text(words, {name: value for name, value in row["conditions"].items() if name != MEASURED})
-
-
 def _use(row: Row) -> float:
     limits = limits_of(row)
     assert limits is not None
@@ -89,9 +86,12 @@ def decision(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
 
     Of an accepted value it is the probability that the true value is outside its limits; of a refused one, inside.
     """
-    if not judged:
+    limited = any(limits_of(row) is not None for row in model.results.get("estimates", ()))
+    if not judged and not limited:
         return words("first.rule.none")
     said = [words(f"first.rule.{model.results.get('decision_rule') or NON_BINARY}")]
+    if not judged:
+        return " ".join([*said, words("first.rule.unsound")])
     with_U = [row for row in judged if row.get("expanded_uncertainty")]
     accepted = [row for row in with_U if row["verdict"] in _ACCEPTED]
     refused = [row for row in with_U if row["verdict"] not in _ACCEPTED]
@@ -117,7 +117,9 @@ def _risk_text(risk: float) -> str:
 
 
 def _method(model: ReportModel, words: Texts) -> str:
-    method = method_of(model.results, words.language)
+    campaign, by = str(model.results.get("campaign", "")), str(model.results.get("method", "–"))
+    told = {**model.results, "method": value_title(campaign, "method", by, words.language)}
+    method = method_of(told, words.language)
     parts = [named(method.description)]
     parts += [words("first.method.reference", reference=method.reference)] if method.reference else []
     quality = model.results.get("quality", {})

@@ -263,12 +263,16 @@ def _limits(kinds: Sequence[str], imu: Mapping[str, Any]) -> dict[str, float]:
 
 
 def check_notes(rows: Sequence[CheckedRow]) -> list[str]:
-    """Return what was found, one sentence per record and fault."""
-    return [
+    """Return the temperature the records hold for, and what was found, one sentence per record and fault."""
+    if not rows:
+        return []
+    low, high = temperature_span([seen.row for seen in rows])
+    faults = [
         say("note.of_record", number=seen.row.number, item=seen.row.item, text=text)
         for seen in rows
         for text in seen.checks.sentences
     ]
+    return [say("note.temperature", low=low, high=high), *faults]
 
 
 def check_table(checked_rows: Sequence[CheckedRow]) -> Table:

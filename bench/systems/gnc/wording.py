@@ -7,7 +7,7 @@ from pathlib import Path
 from bench.model.texts import Said, Sayings
 
 _FOLDER = Path(__file__).parent
-_KINDS = ("gyro", "accelerometer", "magnetometer")
+_KINDS = ("gyro", "accelerometer", "accel", "magnetometer")
 _ENDINGS = ("beyond_limits", "deviation")
 
 say = Sayings(_FOLDER)
@@ -31,6 +31,14 @@ def quantity_word(name: str) -> str:
             quantity = quantity_word(name.removesuffix(f"_{ending}"))
             return Said(name.replace("_", " "), str(_FOLDER), f"ending.{ending}", {"quantity": quantity})
     return Said(name.replace("_", " "), str(_FOLDER), f"quantity.{name}", {})
+
+
+def quantity_name(name: str) -> str:
+    """Return the name of a quantity as reports head their rows with it."""
+    for ending in _ENDINGS:
+        if name.endswith(f"_{ending}"):
+            return say(f"ending.{ending}", quantity=quantity_name(name.removesuffix(f"_{ending}")))
+    return say(f"quantity.{name}")
 
 
 def refused(what: str, why: str, code: str) -> str:

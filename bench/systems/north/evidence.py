@@ -21,7 +21,7 @@ from bench.systems.north.raw_evidence import raw_evidence
 from bench.systems.north.rivals import OF_ALL, best_step, rivals
 from bench.systems.north.sets import CALIBRATION
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, LITERAL, QUADRANT, Solution
-from bench.systems.north.wording import say
+from bench.systems.north.wording import method_name, say
 
 _AZIMUTHS = ("azimuth", "azimuth_error", "azimuth_rms_error")
 _BY_LOCK_INS = (LEAST_SQUARES, QUADRANT, LITERAL)
@@ -68,7 +68,7 @@ def _for_each(seen: Iterable[Evidence], methods: Iterable[str], widths_deg: Mapp
 
 def _signal(method: str, errors: Errors) -> Iterator[Evidence]:
     if errors.noise_deg > _NO_SIGNAL_deg:
-        sentence = say("evidence.no_signal", method=method, noise=errors.noise_deg, limit=_NO_SIGNAL_deg)
+        sentence = say("evidence.no_signal", method=method_name(method), noise=errors.noise_deg, limit=_NO_SIGNAL_deg)
         yield Evidence("no_signal", sentence, errors.noise_deg, 0.0, refuses=True)
 
 
@@ -80,7 +80,9 @@ def _repeats(method: str, errors: Errors) -> Iterator[Evidence]:
     due = errors.noise_deg**2 + errors.start_deg**2
     ratio, probability = f_test(squares, dof, due, errors.noise_dof)
     beyond_deg = math.sqrt(max(0.0, squares / dof - due))
-    sentence = say("evidence.repeats_apart", method=method, scatter=math.sqrt(squares / dof), noise=math.sqrt(due))
+    sentence = say(
+        "evidence.repeats_apart", method=method_name(method), scatter=math.sqrt(squares / dof), noise=math.sqrt(due)
+    )
     yield Evidence("repeats_apart", sentence, math.sqrt(ratio), probability, beyond_deg / math.sqrt(errors.most))
 
 
@@ -94,11 +96,13 @@ def _known(method: str, errors: Errors) -> Iterator[Evidence]:
         ratio, probability = f_test(float(np.sum(left**2 * errors.weights)), dof, 1.0, errors.noise_dof)
         beyond_deg = math.sqrt(max(0.0, float(np.mean(left**2)) - dof / float(np.sum(errors.weights))))
         most_deg = float(np.abs(left).max())
-        sentence = say("evidence.known_azimuths_apart", method=method, ratio=math.sqrt(ratio), most=most_deg)
+        sentence = say(
+            "evidence.known_azimuths_apart", method=method_name(method), ratio=math.sqrt(ratio), most=most_deg
+        )
         yield Evidence("known_azimuths_apart", sentence, math.sqrt(ratio), probability, beyond_deg, OF_ALL)
     due_deg = errors.common_std_deg()
     score, probability = t_test(mean_deg, due_deg, errors.common_dof)
-    sentence = say("evidence.all_azimuths_off", method=method, mean=mean_deg, due=due_deg)
+    sentence = say("evidence.all_azimuths_off", method=method_name(method), mean=mean_deg, due=due_deg)
     yield Evidence("all_azimuths_off", sentence, score, probability, abs(mean_deg), OF_ALL)
 
 

@@ -14,7 +14,7 @@ from bench.systems.north.estimators.eight_samples import IndexCalibration
 from bench.systems.north.estimators.phasors import heading_deg, phase_deg, wrapped_deg
 from bench.systems.north.sets import POSITIONS, TEST, Waveform, waveform_of
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, LITERAL, METHODS, Solution
-from bench.systems.north.wording import say
+from bench.systems.north.wording import method_name, say
 
 _BINS = 72  # of a turn, 5 degrees each
 _TURN_deg = np.linspace(0.0, 360.0, 181)
@@ -153,7 +153,7 @@ def _against_azimuth(solution: Solution, kind: str) -> list[Figure]:
         error_deg = solution.error_deg(method)
         seen = np.isfinite(error_deg) & solution.with_parameters(kind)
         if seen.any():
-            points[method] = series(method, at_deg[seen], error_deg[seen], "points")
+            points[method] = series(method_name(method), at_deg[seen], error_deg[seen], "points")
     if not points:
         return []
     literal = points.pop(LITERAL, None)
@@ -201,7 +201,7 @@ def _against_time(solution: Solution, method: str, limit_deg: float) -> list[Fig
     if method != LIKELIHOOD:
         times_s, means_deg = _repeats(solution, method)
         if times_s.size:
-            parts.append(series(method, times_s, means_deg, "points"))
+            parts.append(series(method_name(method), times_s, means_deg, "points"))
     if not parts:
         return []
     shortest_s = min(min(part.x) for part in parts)
@@ -212,7 +212,7 @@ def _against_time(solution: Solution, method: str, limit_deg: float) -> list[Fig
         bound = float(np.sqrt(np.mean(bound_deg**2)))
         parts.append(series(say("over_time.bound"), line_s, bound * np.sqrt(measured_s(solution) / line_s), "line"))
     parts.append(series(say("over_time.limit"), line_s, np.full(line_s.shape, limit_deg / COVERAGE), "line"))
-    caption = say("over_time.caption", method=LIKELIHOOD)
+    caption = say("over_time.caption", method=method_name(LIKELIHOOD))
     labels = say("axis.measuring_time"), say("axis.rms_error")
     return [Figure(say("over_time.title"), caption, *labels, parts, x_log=True, y_log=True)]
 

@@ -12,7 +12,19 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Estimates, Evidence, Figure, Floats, Material, Table, check_method, curve, estimate
+from bench.analysis import (
+    Analysis,
+    Estimates,
+    Evidence,
+    Figure,
+    Floats,
+    Material,
+    Table,
+    check_method,
+    curve,
+    estimate,
+    value_and_uncertainty,
+)
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.north.estimators.eight_samples import eight_sample_north
@@ -106,7 +118,11 @@ def _analysis(
     material: Material, entries: Estimates, evidence: list[Evidence], notes: list[str], figures: list[Figure]
 ) -> Analysis:
     rows: list[list[Any]] = [
-        [entry["quantity"], entry["unit"], f"{entry['value']:.5g}", f"{entry['expanded_uncertainty']:.2g}"]
+        [
+            say(f"quantity.{entry['quantity']}"),
+            entry["unit"],
+            *value_and_uncertainty(entry["value"], entry["expanded_uncertainty"]),
+        ]
         for entry in entries
     ]
     headers = [say(f"head.{name}") for name in ("quantity", "unit", "value", "expanded")]

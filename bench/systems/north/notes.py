@@ -10,7 +10,7 @@ from bench.systems.north.accuracy import Accuracy
 from bench.systems.north.estimators.phasors import TURNS
 from bench.systems.north.sets import CALIBRATION
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, LITERAL, QUADRANT, Solution
-from bench.systems.north.wording import say, sense_name
+from bench.systems.north.wording import method_name, say, sense_name
 
 _MOST_CHI = 2.0  # RMS error over its standard uncertainty from which the uncertainty is in doubt
 _MOST_APART = 4.0  # standard uncertainties between two methods
@@ -86,7 +86,7 @@ def _unsteady(solution: Solution) -> list[str]:
     if not ratio > _MOST_UNSTEADY:
         return []
     key = "note.unsteady" if solution.unsteady else "note.unsteady_few"
-    return [say(key, ratio=math.sqrt(ratio), method=LEAST_SQUARES)]
+    return [say(key, ratio=math.sqrt(ratio), method=method_name(LEAST_SQUARES))]
 
 
 def _contradiction(solution: Solution) -> list[str]:
@@ -106,7 +106,7 @@ def _contradiction(solution: Solution) -> list[str]:
 
 def _formulas(accuracy: list[Accuracy]) -> list[str]:
     return [
-        say("note.gross", method=errors.method, gross=errors.gross, used=errors.used)
+        say("note.gross", method=method_name(errors.method), gross=errors.gross, used=errors.used)
         for errors in accuracy
         if errors.method in (LITERAL, QUADRANT) and errors.gross
     ]
@@ -116,7 +116,7 @@ def _whiteness(solution: Solution) -> list[str]:
     widened = sum(bool(waveform.widened) for waveform in solution.raw if waveform is not None)
     if not widened:
         return []
-    return [say("note.not_white", count=widened, of=len(solution.sets), method=LIKELIHOOD)]
+    return [say("note.not_white", count=widened, of=len(solution.sets), method=method_name(LIKELIHOOD))]
 
 
 def _left_out(solution: Solution) -> list[str]:

@@ -15,7 +15,7 @@ import numpy as np
 
 from bench.analysis import Evidence, Floats
 from bench.systems.north.errors_at_known import Errors, f_test
-from bench.systems.north.wording import say
+from bench.systems.north.wording import method_name, say
 
 OF_ALL = ("index_placement", "scale", "azimuth_bound")  # what hangs on the azimuths as well
 _LIST = 4
@@ -36,14 +36,14 @@ def rivals(method: str, errors: Errors) -> Iterator[Evidence]:
         gain, size_deg, rank = _gain(errors, columns)
         if rank == columns.shape[1]:
             ratio, probability = f_test(gain, rank, 1.0, errors.noise_dof)
-            yield _rival(code, size_deg, probability, ratio, method=method)
+            yield _rival(code, size_deg, probability, ratio, method=method_name(method))
     if len(time) >= _FEWEST_TO_STEP:
         order = np.argsort(errors.times_s)
         step_deg, gain, where = best_step(errors.mean_deg[order], errors.weights[order])
         ratio, probability = f_test(gain, 1, 1.0, errors.noise_dof)
         head_deg = errors.heads_deg[order][where]
         chance = probability * (len(time) - 1)
-        yield _rival("north_steps", abs(step_deg), chance, ratio, method=method, head=head_deg)
+        yield _rival("north_steps", abs(step_deg), chance, ratio, method=method_name(method), head=head_deg)
 
 
 def _rival(code: str, size_deg: float, probability: float, ratio: float, **values: object) -> Evidence:

@@ -16,7 +16,7 @@ from bench.systems.north.estimators.phasors import INDEX_TO_NORTH
 from bench.systems.north.sets import SEARCH, TEST
 from bench.systems.north.solution import LITERAL, METHODS, Solution
 from bench.systems.north.solve import HARMONICS
-from bench.systems.north.wording import item_name, say, sense_name
+from bench.systems.north.wording import item_name, method_name, place_name, say, sense_name
 
 FALSE_CLAIM = 0.01  # of tables of noise alone, in which a harmonic is claimed
 
@@ -36,11 +36,13 @@ def result_table(solution: Solution, method: str, limit_deg: float) -> Table:
         )
         kind = [mean.parameters or "–"] if several else []
         rows.append(
-            [item_name(mean.item), mean.place or "–", *kind, number(mean.head_deg), stated, azimuth, error, mean.n]
+            [item_name(mean.item), place_name(mean.place), *kind, number(mean.head_deg), stated, azimuth, error, mean.n]
         )
     tested = any(mean.item == TEST for mean in solution.means(method))
     caption = (
-        say("result.caption_limit", method=method, limit=limit_deg) if tested else say("result.caption", method=method)
+        say("result.caption_limit", method=method_name(method), limit=limit_deg)
+        if tested
+        else say("result.caption", method=method_name(method))
     )
     kinds = ["parameters"] if several else []
     headers = _heads("what", "place", *kinds, "head", "stated", "azimuth", "error", "repeats")
@@ -75,7 +77,7 @@ def method_table(accuracy: list[Accuracy], solution: Solution, limit_deg: float)
     if bound_deg.size:
         bound = say("methods.bound", bound=float(np.sqrt(np.mean(bound_deg**2))))
     rows = [
-        [errors.method, errors.used, number(errors.rms_deg, 3), number(errors.mean_deg, 3),
+        [method_name(errors.method), errors.used, number(errors.rms_deg, 3), number(errors.mean_deg, 3),
          number(errors.scatter_deg, 3), number(errors.ratio, 2), errors.gross, _seconds(errors.time_s)]
         for errors in accuracy
     ]  # fmt: skip
@@ -104,7 +106,7 @@ def error_table(solution: Solution) -> list[Table]:
         + [number(means[place].error_deg, 3) if place in means else "–" for means in by_method.values()]
         for place in places
     ]
-    headers = [*_heads("head", *(["parameters"] if several else []), "stated"), *METHODS]
+    headers = [*_heads("head", *(["parameters"] if several else []), "stated"), *map(method_name, METHODS)]
     return [Table(say("errors.title"), say("errors.caption"), headers, rows)] if rows else []
 
 
@@ -120,7 +122,7 @@ def parameter_table(solution: Solution) -> list[Table]:
             rms_deg = float(np.sqrt(np.mean(error_deg[seen] ** 2))) if seen.any() else math.nan
             off = int(np.sum(np.abs(error_deg[seen]) > QUARTER_TURN_deg))
             cells += [int(seen.sum()), number(rms_deg, 3), off]
-        rows.append([method, *cells])
+        rows.append([method_name(method), *cells])
     headers = [
         say("head.of_kind", kind=kind, what=what) for kind in solution.kinds for what in _heads("sets", "rms", "gross")
     ]
@@ -133,7 +135,7 @@ def failure_table(solution: Solution) -> Table:
     seen = np.isfinite(solution.u1_V).all(axis=1) & np.isfinite(solution.u2_V).all(axis=1)
     count = int(seen.sum())
     rows = [[say(f"failures.{name}"), int(np.sum(flags[seen] > 0)), count] for name, flags in solution.failures.items()]
-    caption = say("failures.caption", method=LITERAL)
+    caption = say("failures.caption", method=method_name(LITERAL))
     return Table(say("failures.title"), caption, _heads("fails", "sets", "of"), rows)
 
 

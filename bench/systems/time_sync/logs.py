@@ -10,7 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from bench.analysis import Analysis, Evidence, Figure, Material, Table, check_method, curve, estimate
+from bench.analysis import (
+    Analysis,
+    Evidence,
+    Figure,
+    Material,
+    Table,
+    check_method,
+    curve,
+    estimate,
+    value_and_uncertainty,
+)
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.common_motion import CommonMotion, common_motion
@@ -98,7 +108,9 @@ def _table(found: CommonMotion, coarse_s: float) -> Table:
         found.halves_std_s.tolist(),
         strict=True,
     )
-    rows: list[list[Any]] = [[name, f"{coarse_s + value:.6f}", f"{factor * std:.6f}"] for name, value, std in parts]
+    rows: list[list[Any]] = [
+        [name, *value_and_uncertainty(coarse_s + value, factor * std)] for name, value, std in parts
+    ]
     caption = say("streams.caption", correlation=found.correlation)
     return Table(say("result.title"), caption, headers_of("streams", "part", "offset", "U"), rows, lead=True)
 

@@ -13,7 +13,7 @@ from bench.systems.time_sync.estimates import SyncResult
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, TIGHT, STANDARD_GRAVITY_m_s2
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, ratio_of
 from bench.systems.time_sync.image import Image
-from bench.systems.time_sync.wording import filter_name, headers_of, say
+from bench.systems.time_sync.wording import filter_name, headers_of, manoeuvre_name, say
 
 _MS = 1e3
 
@@ -150,5 +150,5 @@ def _received(result: SyncResult) -> Table:
         [say("received.odd_solutions"), ready.odd_egi],
         [say("received.odd_samples"), ready.odd_imu],
     ]
-    caption = say("received.caption", name=result.manoeuvre or say("received.not_stated"))
+    caption = say("received.caption", name=manoeuvre_name(result.manoeuvre))
     return Table(say("received.title"), caption, headers_of("received", "what", "number"), rows)

@@ -6,12 +6,19 @@ from pathlib import Path
 
 from bench.model.texts import Sayings
 
+_MANOEUVRES = ("acceleration", "linear", "sar", "stationary", "turn")
+
 say = Sayings(Path(__file__).parent)
 
 
 def filter_name(name: str) -> str:
     """Return the name of a filter for people."""
-    return say(f"filter.{name}")
+    return say(f"method.{name}")
+
+
+def manoeuvre_name(name: str) -> str:
+    """Return the word for a manoeuvre; one that the catalogue does not have stands as it is."""
+    return say(f"manoeuvre.{name}") if name in _MANOEUVRES else name or say("received.not_stated")
 
 
 def headers_of(table: str, *names: str) -> list[str]:

@@ -52,7 +52,7 @@ def test_the_unit_that_failed_stands_for_its_item_where_nothing_may_be_wrong() -
     assert table is not None
     row = dict(zip(table.headers, table.rows[0], strict=True))
     assert row["worst: value ± U"] == "2"
-    assert row["conformance"] == "0.00 %"
+    assert row["conformance"] == "–"  # no uncertainty, no probability
     assert row["verdicts"] == "2 fail, 1 pass"
 
 

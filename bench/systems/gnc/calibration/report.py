@@ -55,7 +55,7 @@ def position_figure(calibration: Calibration) -> list[Figure]:
         return []
     places = np.arange(1, len(fit.residual) + 1, dtype=np.float64)
     series = [curve(axis, places, 1e6 * fit.residual[:, number], "points") for number, axis in enumerate(AXES)]
-    order = ", ".join(calibration.sets.positions)
+    order = ", ".join(calibration.sets.positions).replace("-", "−")
     labels = say("positions.title"), say("positions.caption", order=order), say("positions.x"), say("positions.y")
     return [Figure(*labels, series)]
 

@@ -7,7 +7,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.analysis import Analysis, Evidence, Floats, Material, Table, check_method, estimate
+from bench.analysis import (
+    Analysis,
+    Evidence,
+    Floats,
+    Material,
+    Table,
+    check_method,
+    estimate,
+    value_and_uncertainty,
+    with_uncertainty,
+)
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneComparison, compare_methods
@@ -107,7 +117,7 @@ def _turn_table(fit: PlaneComparison, unit: str) -> Table:
     found = fit.by_method[ELLIPSE]
     factors = (factor, factor, 1.0, 1.0, factor)
     rows = [
-        [text, f"{by * value:.6g}", f"{by * coverage_factor(dof) * std:.2g}"]
+        [text, *value_and_uncertainty(by * value, by * coverage_factor(dof) * std)]
         for text, by, value, std, dof in zip(names, factors, found.values, found.std, found.dof, strict=True)
     ]
     headers = headers_of("log.turn", "parameter", "value", "U")
@@ -122,7 +132,7 @@ def _table(sphere: Sphere, unit: str) -> Table:
     rows = [
         [
             axis,
-            f"{factor * fit.hard_iron[k]:.6g} ± {factor * coverage_factor(fit.hard_iron_dof[k]) * std[k]:.2g}",
+            with_uncertainty(factor * fit.hard_iron[k], factor * coverage_factor(fit.hard_iron_dof[k]) * std[k]),
             *(f"{fit.symmetric[k, column]:.5f}" for column in range(3)),
         ]
         for k, axis in enumerate(AXES)

@@ -9,7 +9,18 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Estimates, Figure, Material, Table, check_method, curve, estimate
+from bench.analysis import (
+    Analysis,
+    Estimates,
+    Figure,
+    Material,
+    Table,
+    check_method,
+    curve,
+    estimate,
+    value_and_uncertainty,
+)
+from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import check_ticks
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
@@ -112,14 +123,14 @@ def _notes(log: ImuLog, rests: StaticIntervals) -> list[str]:
 
 
 def _table(fit: NormFit, unit: str) -> Table:
-    rows = [
-        [axis, float(fit.counts_per_unit[k]), 2 * float(fit.counts_per_unit_std[k]), float(fit.zero[k]),
-         2 * float(fit.zero_std[k]), *(float(value) for value in fit.matrix[k])]
-        for k, axis in enumerate(AXES)
-    ]  # fmt: skip
+    factor, rows = coverage_factor(fit.dof), []
+    for k, axis in enumerate(AXES):
+        output = value_and_uncertainty(fit.counts_per_unit[k], factor * fit.counts_per_unit_std[k])
+        zero = value_and_uncertainty(fit.zero[k], factor * fit.zero_std[k])
+        rows.append([axis, *output, *zero, *(float(value) for value in fit.matrix[k])])
     caption = say("poses.caption", rms=fit.residual_rms, unit=unit, rests=len(fit.residual), times=fit.amplification)
-    zero = headers_of("poses", "output_wide", "zero", "zero_wide")
-    headers = [say("matrix.head.axis"), say("poses.head.output", unit=unit), *zero, *(f"U {axis}" for axis in AXES)]
+    heads = headers_of("poses", "output_wide", "zero", "zero_wide")
+    headers = [say("matrix.head.axis"), say("poses.head.output", unit=unit), *heads, *(f"U {axis}" for axis in AXES)]
     return Table(say("poses.title"), caption, headers, rows, lead=True)
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from bench.analysis import Table
 from bench.systems.gnc.unit_test.units import IDENTITY, ITEMS, STATIC, SUPPLY, UnitResult
-from bench.systems.gnc.wording import headers_of, quantity_word, say
+from bench.systems.gnc.wording import headers_of, kind_name, quantity_name, say
 
 if TYPE_CHECKING:
     from bench.analysis import Material
@@ -75,7 +75,7 @@ def measured_table(units: Sequence[UnitResult]) -> list[Table]:
                 limits[key] = measured.limit
     rows = [
         [
-            quantity_word(quantity),
+            quantity_name(quantity),
             place,
             len(members),
             min(members),
@@ -110,11 +110,12 @@ def _verdict(text: str) -> str:
 
 
 def _place(conditions: Mapping[str, Any]) -> str:
-    """Words as they are, numbers with their name: ``supply``, ``setting ms 0.5``."""
+    """Return conditions as people say them: ``supply``, ``accelerometer``, ``0.5 ms``; a dash for none."""
     said = (
-        value if isinstance(value, str) else f"{name.replace('_', ' ')} {value:g}" for name, value in conditions.items()
+        kind_name(value) if isinstance(value, str) else say(f"measured.{name}", value=value)
+        for name, value in conditions.items()
     )
-    return ", ".join(said) or "–"
+    return say.listed(list(said) or ["–"])
 
 
 def _limit(value: float | None) -> Any:

@@ -35,7 +35,7 @@ POSITIONS = 4
 PARAMETERS = 4  # of eight samples: two components of the signal, two offsets
 DOF = 2.0 * POSITIONS - PARAMETERS
 TURNS = np.array([1.0, -1.0j, -1.0, 1.0j])  # (-i)^(k-1): turns every position back to the first
-INDEX_TO_NORTH = {1: "H0 = 90 deg - phi", -1: "H0 = phi - 90 deg"}
+INDEX_TO_NORTH = {1: "H0 = 90 deg − φ", -1: "H0 = φ − 90 deg"}
 LARGEST_LATITUDE_deg = 89.0
 
 

@@ -170,7 +170,7 @@ def test_the_lead_table_has_intervals_of_95_per_cent(clockwise: Analysis) -> Non
         assert row[5] == with_uncertainty(error["value"], factor * error["std_uncertainty"])
         assert 0.0 <= azimuth["value"] < 360.0
     rows = dict(table(clockwise, "From index to north: convention index_to_north"))
-    assert rows["table clockwise"] == "H0 = phi - 90 deg"
+    assert rows["table clockwise"] == "H0 = φ − 90 deg"
 
 
 def test_readings_lie_on_the_curves_that_are_drawn_through_them(clockwise: Analysis) -> None:

@@ -120,7 +120,7 @@ def test_the_report_has_the_figures_of_the_paper_and_says_the_convention(noisy) 
     slope = np.polyfit(np.log(times.x), np.log(times.y), 1)[0]
     assert slope == pytest.approx(-0.5, abs=0.25)
     rows = dict(table(noisy, "From index to north: convention index_to_north").rows)
-    assert rows["table counter-clockwise"] == "H0 = 90 deg - phi"
+    assert rows["table counter-clockwise"] == "H0 = 90 deg − φ"
     assert {one.title for one in noisy.tables if one.lead} == FULL_NAMES
 
 
