@@ -85,8 +85,11 @@ def value_and_uncertainty(value: float, expanded: float) -> tuple[str, str]:
     return number(value, decimals_for(expanded)), significant(expanded)
 
 
-def limits_text(limits: tuple[float, float] | None, scale: float = 1.0) -> str:
-    """Return limits times ``scale`` as they are printed: ``± 5``, ``4.9 to 5.1``, ``≥ 4.9``; a dash where are none."""
+def limits_text(limits: tuple[float, float] | None, scale: float = 1.0, span: str = "{low} to {high}") -> str:
+    """Return limits times ``scale`` as they are printed: ``± 5``, ``4.9 to 5.1``, ``≥ 4.9``; a dash where are none.
+
+    ``span``: how the reader's language says the second.
+    """
     if limits is None:
         return number(None)
     low, high = (scale * limit for limit in limits)
@@ -94,7 +97,7 @@ def limits_text(limits: tuple[float, float] | None, scale: float = 1.0) -> str:
         return f"± {number(high)}" if high else "0"
     if math.isinf(low):
         return f"≤ {number(high)}"
-    return f"≥ {number(low)}" if math.isinf(high) else f"{number(low)} to {number(high)}"
+    return f"≥ {number(low)}" if math.isinf(high) else span.format(low=number(low), high=number(high))
 
 
 def unit_text(unit: str) -> str:

@@ -16,6 +16,7 @@ from bench.model.texts import Texts
 from bench.report.model import ReportModel
 from bench.report.tables import Table, documents_table, pairs_table, rank, spaced
 
+_HOLD = "\u00a0"  # between a number and its unit
 _COUNTS = ("records", "flagged", "frames", "bad", "lost")
 _HEADERS = ("role", "model", "serial", "certificate", "calibrated", "due", "days_left", "corrections")
 
@@ -98,7 +99,7 @@ def prompt_table(model: ReportModel, words: Texts) -> Table | None:
             cell(prompt.get("step")),
             cell(prompt.get("text")),
             _allowed(prompt),
-            f"{_whole(prompt.get('value'))} {unit_text(prompt.get('unit') or '')}".strip(),
+            f"{_whole(prompt.get('value'))}{_HOLD}{unit_text(prompt.get('unit') or '')}".strip(),
             cell(prompt.get("by")),
         )
         for prompt in model.prompts
@@ -111,7 +112,7 @@ def _allowed(prompt: Mapping[str, Any]) -> str:
     low, high, unit = prompt.get("low"), prompt.get("high"), unit_text(prompt.get("unit") or "")
     bounds = [f"≥ {_whole(low)}"] if low is not None else []
     bounds += [f"≤ {_whole(high)}"] if high is not None else []
-    return f"{', '.join(bounds)} {unit}".strip() if bounds else "–"
+    return f"{', '.join(bounds)}{_HOLD}{unit}".strip() if bounds else "–"
 
 
 def _whole(value: Any) -> str:

@@ -25,8 +25,8 @@ _NUMERAL = re.compile(r"-(?=[0-9])")
 _NEGATIVE = re.compile(r"(?<![\w-])-(?=[0-9])")
 _NO_SIZE = re.compile(r"-(0(?:\.0+)?)$")
 _COMMA_UNIT = re.compile(
-    r", (?=(?:°C|ppm|ppb|min|h|%|1|m?deg(?:/s|/h|/√h)?|deg/√h|arcsec|mil|mrad|π|m/s²|[mµn]?[AVsg]|[kcm]?m|[kMG]?Hz|dB|"
-    r"[mµ]?gauss|10⁻³(?: arcsec| deg/√h)?)$)"
+    r", (?=(?:°C(?:/min)?|ppm|ppb|min|h|%|1|m?deg(?:/s|/h|/√h)?|deg/√h|arcsec|mil|mrad|π|m/s²|"
+    r"[mµn]?[AVsg]|[kcm]?m|[kMG]?Hz|dB|[mµ]?gauss|10⁻³(?: arcsec| deg/√h)?)$)"
 )
 _PER_CENT = re.compile(r"(?<=[0-9]) %")
 _CODE_NAME = re.compile(r"(?<![\w/.])[a-z][a-z0-9]*(?:_[A-Za-z0-9]+)+(?![\w/]|\.\w)")

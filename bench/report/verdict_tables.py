@@ -92,7 +92,7 @@ def _row(words: Texts, channel: Any, group: Sequence[Mapping[str, Any]]) -> tupl
         str(channel),
         str(len(group)),
         value_text(worst, scale),
-        limits_text(limits_of(worst), scale),
+        limits_text(limits_of(worst), scale, words.all["coverage.span"]),
         unit_text(unit),
         "–" if probability is None or not worst["expanded_uncertainty"] else percent(probability),
         ", ".join(_counted(words, name, count) for name, count in sorted(counted.items())),

@@ -96,7 +96,7 @@ def _spread_row(spread: Spread, words: Texts) -> tuple[str, ...]:
         unit_name(spread.least.unit),
         number(scale * spread.greatest.value, places),
         unit_name(spread.greatest.unit),
-        limits_text(spread.limits, scale),
+        limits_text(spread.limits, scale, words.all["coverage.span"]),
         number(spread.failed) if worst is not None else "–",
         "–" if worst is None else f"{_value(worst, scale)}, {unit_name(worst.unit)}",
     )
@@ -128,7 +128,7 @@ def _worst_row(quantity: Quantity, member: Member, words: Texts) -> tuple[str, .
         quantity.name,
         conditions_text(words, quantity.where, quantity.campaign),
         _value(member, scale),
-        limits_text(member.limits, scale),
+        limits_text(member.limits, scale, words.all["coverage.span"]),
         unit_text(unit),
         "–" if member.probability is None else percent(member.probability),
         words(f"verdict.{member.verdict}"),

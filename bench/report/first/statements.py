@@ -68,7 +68,7 @@ def _nearest(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
         quantity=quantity_title(campaign, row["quantity"], words.language) + (f" ({where})" if where else ""),
         value=with_uncertainty(row["value"] * scale, expanded * scale) + suffix,
         k=f"{row['coverage_factor']:.2f}",
-        limits=limits_text(limits, scale) + suffix,
+        limits=limits_text(limits, scale, words.all["coverage.span"]) + suffix,
         left=number(float(f"{left * scale:.3g}")) + suffix,
         inside="–" if probability is None else percent(probability),
         verdict=words(f"verdict.{row['verdict']}"),

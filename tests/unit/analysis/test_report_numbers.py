@@ -117,3 +117,21 @@ def test_cells_of_documents() -> None:
     assert cell([1, 2.5]) == "1, 2.5"
     assert cell({"range_A": 0.22, "gain": 1e-6}) == "range / A 0.22, gain 1·10⁻⁶"
     assert unit_text("ppm/degC^2") == "ppm/°C²"
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [
+        ("ug", "µg"),
+        ("by 120 ugauss, 22 us.", "by 120 µgauss, 22 µs."),
+        ("it tells us nothing", "it tells us nothing"),
+        ("10 Mohm", "10 MΩ"),
+        ("9.8 m/s2", "9.8 m/s²"),
+        ("1e-3 deg/h^0.5", "10⁻³ deg/√h"),
+        ("deg/sqrt(h)", "deg/√h"),
+        ("3.6e-05", "3.6·10⁻⁵"),
+        ("sha256 1e4f", "sha256 1e4f"),
+    ],
+)
+def test_units_and_powers_are_printed_as_the_field_writes_them(text: str, shown: str) -> None:
+    assert unit_text(text) == shown

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 from collections.abc import Iterator
 from dataclasses import replace
@@ -16,12 +17,14 @@ from report_sample import estimate, small_model
 import bench.report
 from bench.analysis import Figure, Table, series
 from bench.model.texts import Texts, languages
-from bench.report import Report, TemperatureTrace
-from bench.report.estimate_tables import across_tables, coverage_table, other_table
+from bench.report import Report, TemperatureTrace, tables
+from bench.report.document import document_files
+from bench.report.estimate_tables import across_tables, conditions_text, coverage_table, other_table
 from bench.report.model import Bar, ReportModel, Timetable
 from bench.report.plots.figures import timetable_picture
 from bench.report.plots.graphs import analysis_pictures
 from bench.report.sections import sections_of
+from bench.report.sheet import ROOM_pt, sheets
 from bench.report.tables import FOLDER, words_of
 from bench.report.verdict_tables import verdict_table
 
@@ -93,6 +96,46 @@ def test_a_matrix_is_set_as_one_and_the_kind_of_a_sensor_is_said() -> None:
     assert table.headers[3:] == ("x", "y", "z")
     assert [row[1] for row in table.rows] == [f"accelerometer, row {row}" for row in "xyz"]
     assert table.rows[2][3:] == ("20.00 ± 0.10", "21.00 ± 0.10", "22.00 ± 0.10")
+
+
+@pytest.mark.parametrize(
+    ("campaign", "conditions", "said"),
+    [
+        (
+            "magnetometer",
+            {"kind": "magnetometer", "method": "ellipse", "roll_deg": 45.0},
+            "자력계, 방법 타원, 롤 45 deg",
+        ),
+        ("fog_north", {"item": "test", "head_deg": 30.0, "place": "mark"}, "항목 시험, 분할대 30 deg, 장소 표점"),
+        ("time_sync", {"of": "variance of the offset", "observable": True}, "대상 시각 차의 분산, 관측 가능 예"),
+        ("rlg_lock_in", {"clock_Hz": 1e8, "method": "raw"}, "시계 100 MHz, 방법 보상 없음"),
+        ("gnc_unit_test", {"unit": "GNC-01", "kind": "accel"}, "장치 GNC-01, 가속도계"),
+        ("of_a_lab", {"level_V": 8.0, "kind": "gyro"}, "level 8 V, 자이로스코프"),
+    ],
+)
+def test_conditions_are_in_words_of_the_system_and_the_language(
+    campaign: str, conditions: dict[str, Any], said: str
+) -> None:
+    assert conditions_text(words_of("ko"), conditions, campaign) == said
+
+
+def test_units_of_a_second_table_are_not_continued_twice() -> None:
+    units = [of_unit("supply_voltage", "V", 5.0, 0.001, f"U-{number}") for number in range(4)]
+    _, second = across_tables(model_of(*units), WORDS)
+    assert second.caption.count("(continued)") == 1
+    model = model_of(*units)
+    (chapter,) = [
+        each
+        for each in json.loads(document_files(model, sections_of(model, WORDS), WORDS)["report.json"])["chapters"]
+        if each["title"] == "Other results"
+    ]
+    assert [table["continued"].count("(continued)") for table in chapter["tables"]] == [1, 1]
+
+
+def test_a_korean_word_and_a_unit_stay_whole_in_a_cell() -> None:
+    (sheet,) = sheets(tables.Table("", ("랜덤 워크", "deg/h"), (("1.91 ± 0.20 악화", "3 deg/h"),)), ROOM_pt)
+    assert sheet.table.rows[0][0].endswith("악\u2060화")
+    assert sheet.table.rows[0][1].endswith("deg/\u2060h")
 
 
 def test_what_has_no_uncertainty_has_no_row_of_zeros_under_uncertainty() -> None:

@@ -192,6 +192,22 @@ def test_doubtful_values_are_marked_and_say_so_above(model: ReportModel) -> None
     assert shown.notes == (WORDS("first.results.unsound"),)
 
 
+def test_where_nothing_is_sound_the_rule_is_stated_and_that_nothing_is_judged(model: ReportModel) -> None:
+    doubtful = {**estimate("bias", "A", 1e-9, 1e-10, channel=1), "quality": "doubtful", "limit": 1e-8}
+    results = {**model.results, "estimates": [{**doubtful, "verdict": "indeterminate"}], "decision_rule": "guard_band"}
+    rule = on(first_page(replace(model, results=results), None, words_of("en")))["Decision rule"]
+    assert rule.startswith("Guarded acceptance")
+    assert rule.endswith("No value is judged: none that has a limit is sound.")
+
+
+def test_results_of_an_analysis_with_another_way_than_their_own_are_shown(model: ReportModel) -> None:
+    """A log in a turn about z is fitted by the ellipse: the method of the results names the way, not the fit."""
+    found = estimate("mag_gain", "1", 1.01, 0.01, kind="magnetometer", method="ellipse")
+    results = {**model.results, "estimates": [found], "method": "turn_about_z"}
+    page = first_page(replace(model, results=results, main=()), None, words_of("en"))
+    assert any("1.010 ± 0.010" in row for block in page.results for row in block.rows)
+
+
 def test_more_than_the_page_has_room_for_is_thinned_and_told(model: ReportModel) -> None:
     """Of 13 temperatures five are shown, both ends among them; of 14 channels twelve; what is left out is said."""
     where = [(channel, float(degC)) for channel in range(1, 15) for degC in range(-60, 70, 10)]

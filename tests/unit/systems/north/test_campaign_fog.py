@@ -169,7 +169,7 @@ def test_the_lead_table_has_intervals_of_95_per_cent(clockwise: Analysis) -> Non
         assert row[4] == with_uncertainty(azimuth["value"], factor * azimuth["std_uncertainty"])
         assert row[5] == with_uncertainty(error["value"], factor * error["std_uncertainty"])
         assert 0.0 <= azimuth["value"] < 360.0
-    rows = dict(table(clockwise, "From index to north: convention index_to_north"))
+    rows = dict(table(clockwise, "From index to north"))
     assert rows["table clockwise"] == "H0 = φ − 90 deg"
 
 
@@ -199,10 +199,10 @@ def test_errors_over_time_and_their_lines(clockwise: Analysis) -> None:
     x, y = np.array(parts["bound"].x), np.array(parts["bound"].y)
     np.testing.assert_allclose(y, bound_deg * np.sqrt(20.0 / x), rtol=1e-3)
     np.testing.assert_allclose(parts["limit / 1.96"].y, 0.5 / 1.96)
-    assert parts["least_squares"].x == pytest.approx([20.0, 40.0], rel=1e-3)
-    assert parts["least_squares"].y[0] != parts["least_squares"].y[1]
+    assert parts["least squares"].x == pytest.approx([20.0, 40.0], rel=1e-3)
+    assert parts["least squares"].y[0] != parts["least_squares"].y[1]
     means_deg = [one["value"] for one in of(clockwise, "azimuth_error")]
-    assert parts["least_squares"].y[1] == pytest.approx(np.sqrt(np.mean(np.square(means_deg))), rel=1e-6)
+    assert parts["least squares"].y[1] == pytest.approx(np.sqrt(np.mean(np.square(means_deg))), rel=1e-6)
     band = drawn(clockwise, "Errors")["95 % at the bound"]
     assert band.high[0] == pytest.approx(1.96 * bound_deg, rel=1e-6)
 

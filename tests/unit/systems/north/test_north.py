@@ -19,7 +19,7 @@ SEED = 702
 CARDINAL = tuple((azimuth - AZIMUTH_DEG) % 360.0 for azimuth in (0.0, 90.0, 180.0, 270.0))
 NOISY = Gyro(noise_V=np.sqrt(0.5))
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "x 1"}
-FULL_NAMES = {"North", "From index to north: convention index_to_north", "Methods"}
+FULL_NAMES = {"North", "From index to north", "Methods"}
 
 
 def of(analysis, quantity: str, **conditions):
@@ -119,7 +119,7 @@ def test_the_report_has_the_figures_of_the_paper_and_says_the_convention(noisy) 
     assert times.x == pytest.approx([1.25, 2.5, 5.0, 20.0], rel=1e-3)
     slope = np.polyfit(np.log(times.x), np.log(times.y), 1)[0]
     assert slope == pytest.approx(-0.5, abs=0.25)
-    rows = dict(table(noisy, "From index to north: convention index_to_north").rows)
+    rows = dict(table(noisy, "From index to north").rows)
     assert rows["table counter-clockwise"] == "H0 = 90 deg − φ"
     assert {one.title for one in noisy.tables if one.lead} == FULL_NAMES
 
