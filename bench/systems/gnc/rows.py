@@ -19,7 +19,7 @@ from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock
 from bench.systems.gnc.estimators.earth_rate import Pose, Site
 from bench.systems.gnc.estimators.records import tick_seconds
 from bench.systems.gnc.estimators.sample_checks import FROZEN, SATURATED, SampleChecks, check_samples
-from bench.systems.gnc.wording import channel_name, headers_of, say
+from bench.systems.gnc.wording import channel_name, headers_of, record_name, say
 
 if TYPE_CHECKING:
     from bench.record import RecordRow, Samples
@@ -283,7 +283,17 @@ def check_table(checked_rows: Sequence[CheckedRow]) -> Table:
         jitter_us = number(1e6 * ticks.worst_jitter_s, 0) if ticks else "–"
         kinds = dict.fromkeys(finding.kind for finding in checks.findings)
         what = say.listed([say(f"found.{kind}") for kind in kinds or ("nothing",)])
-        rows.append([seen.row.number, seen.row.item, checks.samples, checks.missing, jitter_us, _clock(checks), what])
+        rows.append(
+            [
+                seen.row.number,
+                record_name(seen.row.item),
+                checks.samples,
+                checks.missing,
+                jitter_us,
+                _clock(checks),
+                what,
+            ]
+        )
     headers = headers_of("samples", "record", "item", "samples", "missing", "jitter", "clock", "found")
     return Table(say("samples.title"), say("samples.caption"), headers, rows)
 

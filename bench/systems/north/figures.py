@@ -177,7 +177,7 @@ def _histogram(solution: Solution, method: str) -> list[Figure]:
         error_deg = solution.error_deg(name)
         seen = error_deg[np.isfinite(error_deg)]
         if seen.size >= _FEWEST:
-            parts.append(_steps(name, seen))
+            parts.append(_steps(method_name(name), seen))
     title, caption = say("histogram.title"), say("histogram.caption")
     return [Figure(title, caption, say("axis.azimuth_error"), say("axis.sets"), parts)] if parts else []
 
@@ -189,7 +189,7 @@ def _steps(name: str, error_deg: Floats) -> Series:
     count, edges = np.histogram(error_deg, bins=bins, range=(-reach, reach))
     x = np.repeat(edges, 2)
     y = np.concatenate([[0.0], np.repeat(count, 2).astype(np.float64), [0.0]])
-    return series(name, x, y, "line")
+    return series(method_name(name), x, y, "line")
 
 
 def _against_time(solution: Solution, method: str, limit_deg: float) -> list[Figure]:

@@ -14,7 +14,7 @@ import allantools
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from said import without_a_key
+from spoken import english_left
 
 from bench.analysis import Analysis, Material
 from bench.analysis.doubt import weigh
@@ -54,7 +54,7 @@ def entry(analysis: Analysis, quantity: str) -> tuple[float, float, str]:
 def test_white_noise_is_the_angle_random_walk_it_was_made_of() -> None:
     t_s, values = noise()
     analysis = bias.analyse(material(values, t_s))
-    assert without_a_key(analysis) == []
+    assert english_left(analysis) == set()
     value, wide, unit = entry(analysis, "angle_random_walk")
     assert unit == "deg/sqrt(h)"
     assert value == pytest.approx(60.0 * WALK, abs=1.5 * wide)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from gnc_exchanges import FRAME, exchange
 from imu_material import Rig
-from said import without_a_key
+from spoken import english_left
 
 from bench.analysis import build_results
 from bench.frame import load_frame
@@ -117,7 +117,7 @@ def test_the_table_must_be_declared_non_magnetic(found) -> None:
 
 
 def test_figures_before_and_after(found) -> None:
-    assert without_a_key(found) == []
+    assert english_left(found) == set()
     plane = found.figures[0]
     before, after = plane.series
     assert (before.label, after.label) == ("before", "after")

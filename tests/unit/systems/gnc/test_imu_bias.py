@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from imu_material import SITE, Rig, Unit, earth_rate, to_local, values
-from said import without_a_key
+from spoken import english_left
 
 from bench.analysis import build_results
 from bench.systems.gnc.bias import analyse
@@ -65,7 +65,7 @@ def test_repeatability_is_reported_and_never_judged(whole) -> None:
 
 
 def test_tables_2_and_3(whole) -> None:
-    assert without_a_key(whole) == []
+    assert english_left(whole) == set()
     titles = [one.title for one in whole.tables]
     table_2 = whole.tables[titles.index("Table 2: stability and repeatability")]
     assert table_2.headers == ["quantity", "x", "y", "z"]

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from imu_material import POSES, SITE, Rig, Unit, calibration, values
-from said import without_a_key
+from spoken import english_left
 
 from bench.analysis import build_results
 from bench.model.errors import FitError
@@ -39,7 +39,7 @@ def test_matrices_and_biases_are_those_of_the_unit(twice) -> None:
 
 
 def test_coupling_is_judged_after_compensation_by_the_second_set(twice) -> None:
-    assert without_a_key(twice) == []
+    assert english_left(twice) == set()
     for kind in ("accel", "gyro"):
         raw = [one for one in twice.estimates if one["quantity"] == f"{kind}_cross_coupling"]
         left = [one for one in twice.estimates if one["quantity"] == f"{kind}_coupling_compensated"]

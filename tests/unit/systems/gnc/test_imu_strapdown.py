@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from said import without_a_key
+from spoken import english_left
 from test_imu_logs import log
 from test_rest_drift import GYRO_NOISE, RATE, TURNS, noisy, poses
 
@@ -50,7 +50,7 @@ def code(material: Material, method: str = "indicated") -> str:
 def test_a_turned_log_gives_drift_class_and_errors_between_rests() -> None:
     analysis = imu_strapdown.analyse(turned_log())
     assert analysis.missing == []
-    assert without_a_key(analysis) == []
+    assert english_left(analysis) == set()
     walk = np.degrees(GYRO_NOISE / np.sqrt(RATE))  # deg/sqrt(s)
     assert value(analysis, "angle_random_walk") == pytest.approx(60.0 * walk, rel=0.25)
     assert value(analysis, "rest_drift_attitude", horizon_s=3.0) == pytest.approx(walk * np.sqrt(6.0), rel=0.5)

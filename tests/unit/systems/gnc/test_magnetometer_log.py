@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from said import without_a_key
 from scipy.optimize import least_squares
+from spoken import english_left
 
 from bench.analysis import Analysis, Material
 from bench.analysis.doubt import weigh
@@ -52,7 +52,7 @@ def values(analysis: Analysis, quantity: str) -> list[tuple[float, float]]:
 def test_the_iron_that_readings_were_distorted_by_is_found() -> None:
     for factor, unit in ((1.0, "gauss"), (400.0, "1")):
         analysis = magnetometer.analyse(material(factor * attitudes(), unit))
-        assert without_a_key(analysis) == []
+        assert english_left(analysis) == set()
         for (value, wide), true in zip(values(analysis, "mag_hard_iron"), HARD, strict=True):
             assert value == pytest.approx(factor * true, abs=1.5 * wide)
         shape = SOFT / np.linalg.det(SOFT) ** (1.0 / 3.0)  # the correction keeps volumes
@@ -67,7 +67,7 @@ def test_the_iron_that_readings_were_distorted_by_is_found() -> None:
 
 def test_a_turn_about_z_gives_its_ellipse() -> None:
     analysis = magnetometer.analyse(material(attitudes(flat=True)))
-    assert without_a_key(analysis) == []
+    assert english_left(analysis) == set()
     assert analysis.method == "turn_about_z"
     for (value, wide), true in zip(values(analysis, "mag_offset"), HARD[:2], strict=True):
         assert value == pytest.approx(true, abs=1.5 * wide)

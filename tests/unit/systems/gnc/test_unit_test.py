@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 from gnc_exchanges import PATTERN, ad, exchange, exchanges, imu, material, sound_items, supply
-from said import without_a_key
+from spoken import english_left
 
 from bench.analysis import Exchange, build_results
 from bench.model.errors import FitError
@@ -41,7 +41,7 @@ def test_a_sound_unit_passes_everything() -> None:
     assert set(verdicts(exchanges())) == {*ITEMS, "supply"}
     assert failed(exchanges()) == set()
     assert analysis.missing == []
-    assert without_a_key(analysis) == []
+    assert english_left(analysis) == set()
     assert {one["verdict"] for one in analysis.estimates} == {"pass", "none"}
     document = build_results("one", analysis, {}, PROVENANCE)
     assert len(document["estimates"]) == len(analysis.estimates)

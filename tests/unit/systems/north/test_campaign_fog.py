@@ -200,7 +200,7 @@ def test_errors_over_time_and_their_lines(clockwise: Analysis) -> None:
     np.testing.assert_allclose(y, bound_deg * np.sqrt(20.0 / x), rtol=1e-3)
     np.testing.assert_allclose(parts["limit / 1.96"].y, 0.5 / 1.96)
     assert parts["least squares"].x == pytest.approx([20.0, 40.0], rel=1e-3)
-    assert parts["least squares"].y[0] != parts["least_squares"].y[1]
+    assert parts["least squares"].y[0] != parts["least squares"].y[1]
     means_deg = [one["value"] for one in of(clockwise, "azimuth_error")]
     assert parts["least squares"].y[1] == pytest.approx(np.sqrt(np.mean(np.square(means_deg))), rel=1e-6)
     band = drawn(clockwise, "Errors")["95 % at the bound"]
