@@ -189,7 +189,7 @@ def _steps(name: str, error_deg: Floats) -> Series:
     count, edges = np.histogram(error_deg, bins=bins, range=(-reach, reach))
     x = np.repeat(edges, 2)
     y = np.concatenate([[0.0], np.repeat(count, 2).astype(np.float64), [0.0]])
-    return series(method_name(name), x, y, "line")
+    return series(name, x, y, "line")
 
 
 def _against_time(solution: Solution, method: str, limit_deg: float) -> list[Figure]:
