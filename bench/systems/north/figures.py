@@ -197,7 +197,7 @@ def _against_time(solution: Solution, method: str, limit_deg: float) -> list[Fig
     parts: list[Series] = []
     lengths_s, rms_deg = scatter_over_time(solution)
     if lengths_s.size:
-        parts.append(series(LIKELIHOOD, lengths_s, rms_deg, "points"))
+        parts.append(series(method_name(LIKELIHOOD), lengths_s, rms_deg, "points"))
     if method != LIKELIHOOD:
         times_s, means_deg = _repeats(solution, method)
         if times_s.size:
