@@ -33,7 +33,14 @@ from bench.systems.af_converter.bias_ramp.fit import (
 from bench.systems.af_converter.bias_ramp.fit import METHODS as FIT_METHODS
 from bench.systems.af_converter.bias_ramp.noise import channel_noise, noise_estimates, noise_figures, noise_table
 from bench.systems.af_converter.bias_ramp.records import RampRecords, channel_readings, ramp_records
-from bench.systems.af_converter.bias_ramp.report import bias_budgets, components, figures, master_clock_figure, tables
+from bench.systems.af_converter.bias_ramp.report import (
+    bias_budgets,
+    components,
+    estimators_of,
+    figures,
+    master_clock_figure,
+    tables,
+)
 from bench.systems.af_converter.constants import Campaign, read_campaign
 from bench.systems.af_converter.estimators.hysteresis.fit import LAG
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
@@ -187,7 +194,7 @@ def notes(fits: Sequence[ChannelFit], records: RampRecords, campaign: Campaign, 
 def _estimators(fits: Sequence[ChannelFit]) -> list[str]:
     by_use: dict[str, list[int]] = {}
     for channel in fits:
-        use = ", ".join(f"{name} {count}" for name, count in channel.readings.estimators.items())
+        use = estimators_of(channel)
         by_use.setdefault(use, []).append(channel.readings.channel.number)
     return [say("ramp.estimators", channels=", ".join(map(str, numbers)), use=use) for use, numbers in by_use.items()]
 

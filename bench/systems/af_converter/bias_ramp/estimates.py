@@ -146,7 +146,7 @@ def _residual(
     noise = np.sqrt(np.bincount(hour, (channel.readings.white_A * gate_s) ** 2)[full]) / length_s[full]
     worst = int(np.argmax(np.abs(means)))
     std = float(np.hypot(noise[worst], means[worst] * DSF_STD))
-    conditions = {**about, "averaging_h": HOUR_s / 3600.0, "compensation": "polynomial against the unit's sensor"}
+    conditions = {**about, "averaging_h": HOUR_s / 3600.0, "compensation": say("compensation.sensor")}
     return estimate("bias_residual", "A", float(means[worst]), std, conditions, **counts, limit=limit_A)
 
 

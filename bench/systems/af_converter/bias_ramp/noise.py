@@ -12,12 +12,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.analysis import Estimates, Figure, Floats, Table, estimate, series
+from bench.analysis import Estimates, Figure, Floats, Table, estimate, series, significant
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import TERMS, UNITS, NoiseTerm, NoiseTerms, fit_noise_terms
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
 from bench.systems.af_converter.bias_ramp.records import RampRecords
+from bench.systems.af_converter.budget_tables import figures
 from bench.systems.af_converter.wording import say
 
 _nA = 1e9
@@ -93,7 +94,7 @@ def noise_table(noises: Sequence[ChannelNoise]) -> Table:
     for noise in noises:
         number = noise.one.readings.channel.number
         for term in map(noise.term, TERMS):
-            seen = [f"{term.coefficient * _nA:.3g}", f"{term.std_uncertainty * _nA:.2g}"]
+            seen = [figures(term.coefficient * _nA), significant(term.std_uncertainty * _nA)]
             shown = seen if term.name in _FITTED and _clear(term) else [say("noise.not_seen"), ""]
             rows.append(
                 [
@@ -101,7 +102,7 @@ def noise_table(noises: Sequence[ChannelNoise]) -> Table:
                     say(f"noise.term.{term.name}"),
                     f"nA{UNITS[term.name]}",
                     *shown,
-                    f"{term.upper_limit * _nA:.3g}",
+                    figures(term.upper_limit * _nA),
                 ]
             )
     headers = [say(f"noise.head.{head}") for head in ("channel", "term", "unit", "coefficient", "u", "upper")]

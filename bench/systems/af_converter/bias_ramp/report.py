@@ -42,7 +42,7 @@ def _fits(fits: Iterable[ChannelFit]) -> Table:
         rows.append(
             [
                 channel.readings.channel.number,
-                ", ".join(f"{name} {count}" for name, count in channel.readings.estimators.items()),
+                estimators_of(channel),
                 _text(fit.value(LAG) / 60.0, 2),
                 _text(k * fit.std(LAG) / 60.0, 2),
                 *(half if fit.half_width_determined else [say("joint.undetermined"), ""]),
@@ -57,6 +57,11 @@ def _fits(fits: Iterable[ChannelFit]) -> Table:
     return Table(say("joint.title"), say("joint.caption"), headers, rows)
 
 
+def estimators_of(channel: ChannelFit) -> str:
+    """Return how many windows each estimator of the current gave."""
+    return say.listed(say(f"estimator.{name}", count=count) for name, count in channel.readings.estimators.items())
+
+
 def _widths(fits: Iterable[ChannelFit]) -> Table:
     rows = []
     for channel in (channel for channel in fits if channel.there_and_back):
@@ -65,7 +70,7 @@ def _widths(fits: Iterable[ChannelFit]) -> Table:
         for index, at in enumerate(at_degC.tolist()):
             value, std = width_at(channel.fit, at - channel.offset_degC)
             numbers = (value * _nA, coverage_factor() * std * _nA, air[index] * _nA, sensor[index] * _nA)
-            rows.append([channel.readings.channel.number, at, *(_text(number, 2) for number in numbers)])
+            rows.append([channel.readings.channel.number, f"{at:g}", *(_text(number, 2) for number in numbers)])
     headers = [say(f"widths.head.{head}") for head in ("channel", "degC", "joint", "U", "air", "sensor")]
     return Table(say("widths.title"), say("widths.caption"), headers, rows)
 

@@ -23,7 +23,7 @@ from bench.systems.af_converter.group_fit import QUANTITIES
 from bench.systems.af_converter.register import CALIBRATOR, Standards, common_errors, read_standards
 from bench.systems.af_converter.wording import say
 
-_HEADS = ("channel", "degC", "quantity", "dmm", "calibrator", "difference", "U", "E_n")
+_HEADS = ("channel", "quantity", "degC", "dmm", "calibrator", "difference", "U", "E_n")
 
 
 def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campaign) -> list[Table]:
@@ -44,7 +44,7 @@ def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campai
             value_ppm, other_ppm = fitted.fit.value_ppm[name], float(other.dsf_ppm[index])
             std_ppm = difference_std_ppm(fitted, other, index, campaign, standards)
             expanded = coverage_factor() * std_ppm
-            place = [fitted.group.channel, fitted.group.temperature_degC, name]
+            place = [fitted.group.channel, name, fitted.group.temperature_degC]
             difference = value_ppm - other_ppm
             rows.append([*place, value_ppm, other_ppm, difference, expanded, difference / expanded])
     if not rows:

@@ -213,12 +213,21 @@ def calibrator_effects(rows: Readings, standard: Mapping[float, RangeSpecificati
     for range_A in sorted(set(rows.range_A.tolist())):
         sigma_A = specification(standard, range_A).floor_A / 2.0
         inside = rows.range_A == range_A
-        columns[f"offset of the range {range_A:g} A"] = sigma_A * rows.polarity * inside
+        columns[offset_label(range_A)] = sigma_A * rows.polarity * inside
         for level_A in sorted(set(rows.level_A[inside & (rows.level_A > 0)].tolist())):
             at_level = inside & (rows.level_A == level_A)
-            label = f"linearity of the range {range_A:g} A at {level_A:g} A"
-            columns[label] = sigma_A * rows.polarity * at_level
+            columns[linearity_label(range_A, level_A)] = sigma_A * rows.polarity * at_level
     return Effects(tuple(columns), np.column_stack(list(columns.values())))
+
+
+def offset_label(range_A: float) -> str:
+    """Return the name of the offset of a range of the calibrator."""
+    return f"offset of the range {range_A:g} A"
+
+
+def linearity_label(range_A: float, level_A: float) -> str:
+    """Return the name of the linearity error of a level of the calibrator."""
+    return f"linearity of the range {range_A:g} A at {level_A:g} A"
 
 
 def relative_errors(range_A: Array, standard: Mapping[float, RangeSpecification]) -> dict[str, Array]:

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Table
+from bench.analysis import Table, number
 from bench.maths.budget import Budget, Component, combine_all
 from bench.maths.monte_carlo import Distribution, check_interval, propagate
 from bench.systems.af_converter.budget_tables import budget_table, correlation_table, figures, summary_table
@@ -23,6 +23,8 @@ from bench.systems.af_converter.estimators.readings import (
     Readings,
     calibrator_effects,
     count_noise,
+    linearity_label,
+    offset_label,
     relative_errors,
 )
 from bench.systems.af_converter.estimators.scale_factor import Referral
@@ -37,6 +39,7 @@ _DECLARED = say("source.campaign")
 _COUNTING = say("source.counting")
 _DRIFT, _SENSOR, _COMBINED = (say(f"component.{name}") for name in ("drift", "sensor", "combined"))
 _NOISE = tuple(say(f"component.{name}") for name in ("quantisation", "clock", "white", "walk", "interpolated"))
+_OF_RANGES = say("component.offset"), say("component.linearity")
 _COLUMNS = {  # of the table of all channels, by the beginning of a component's name
     "quantisation": say("summary.quantisation"),
     "white noise": say("summary.noise"),
@@ -49,6 +52,7 @@ _COLUMNS = {  # of the table of all channels, by the beginning of a component's 
     "interpolated": say("summary.temperature"),
     "temperature sensor": say("summary.temperature"),
 }
+_PREFIXES = {0: "", -1: "m", -2: "µ"}
 TRIALS = 100_000
 _SEED = 1  # any will do; the same numbers must come out tomorrow
 _HEADERS = (
@@ -174,11 +178,19 @@ def _range_errors(visit: GroupFit, index: int, standards: Standards) -> list[Com
 
 
 def _labels(rows: Readings) -> dict[str, str]:
-    """Return the labels of ``calibrator_effects`` as sentences, by themselves."""
+    """Return sentences by the labels of ``calibrator_effects``."""
     places = set(zip(rows.range_A.tolist(), rows.level_A.tolist(), strict=True))
-    labels = [say("label.offset", range=range_A) for range_A, _ in places]
-    labels += [say("label.linearity", range=range_A, level=level_A) for range_A, level_A in places]
-    return {str(label): label for label in labels}
+    said = {offset_label(range_A): say("label.offset", range=_current(range_A)) for range_A, _ in places}
+    return said | {
+        linearity_label(range_A, level_A): say("label.linearity", range=_current(range_A), level=_current(level_A))
+        for range_A, level_A in places
+    }
+
+
+def _current(value_A: float) -> str:
+    """Return a current with the prefix that people give it: 30 µA."""
+    power = max(-2, math.floor(math.log10(value_A) / 3.0 + 1e-9)) if value_A > 0.0 else 0
+    return f"{value_A * 10.0 ** (-3 * power):g}\u00a0{_PREFIXES[power]}A"
 
 
 def _effect(
@@ -200,7 +212,7 @@ def check_table(
     checked: Sequence[tuple[GroupFit, Budget]], fitted: Fitted, campaign: Campaign, standards: Standards, method: str
 ) -> Table:
     """The budgets of dsf_n beside the shortest intervals of the trials, with the test of JCGM 101:2008 clause 8.1."""
-    caption = say("trials.caption", trials=TRIALS)
+    caption = say("trials.caption", trials=number(TRIALS))
     rows = [_check_row(visit, budget, fitted, campaign, standards, method) for visit, budget in checked]
     return Table(say("trials.title"), caption, [say(f"trials.{head}") for head in _HEADERS], rows)
 
@@ -259,7 +271,7 @@ def components(fitted: Fitted, campaign: Campaign, standards: Standards) -> list
         parts[_COMBINED] = float(np.max(np.hypot(std_ppm, sensor_ppm)))
         for name, value in parts.items():
             largest[kind, name] = max(largest.get((kind, name), 0.0), value)
-    said = {str(name): name for name in _NOISE}
+    said = {str(name): name for name in (*_NOISE, *_OF_RANGES)}
     stated = {name for (_, name), value in largest.items() if value > 0}
     return [
         {
