@@ -16,6 +16,7 @@ _ROOT, _TIMES = re.compile(r"([a-zA-Z]+)\^0\.5|sqrt\((\w+)\)"), re.compile(r"(?<
 _MICRO = re.compile(r"(?<![^\s,/])(?<![a-z] )u(?=(?:g|s|m|A|V|gauss)\b)")  # "us" between words is none
 _OHM = re.compile(r"\b([mkMG]?)ohm\b")
 _POWER = re.compile(r"(?<![\w.])([0-9](?:\.[0-9]+)?)e([+-]?[0-9]{1,2})(?![\w.])")
+_PER_HOUR2 = re.compile(r"/h2\b")
 _UNIT_TEXT = {
     unit: unit for unit in ("ppm", "ppb", "A", "nA", "V", "mV", "Hz", "s", "ms", "min", "h", "m", "deg", "ohm")
 }
@@ -102,7 +103,7 @@ def limits_text(limits: tuple[float, float] | None, scale: float = 1.0, span: st
 
 def unit_text(unit: str) -> str:
     """Return a unit, or a text with units, as it is printed: degC becomes °C, ug µg, 3e-05 a power of ten."""
-    text = _ROOT.sub(lambda match: f"√{match[1] or match[2]}", _TIMES.sub("·", unit))
+    text = _ROOT.sub(lambda match: f"√{match[1] or match[2]}", _TIMES.sub("·", _PER_HOUR2.sub("/h²", unit)))
     text = _OHM.sub(r"\1Ω", _POWER.sub(_ten, _MICRO.sub("µ", text)).replace("m/s2", "m/s²"))
     return text.replace("degC3", "°C³").replace("degC2", "°C²").replace("degC^2", "°C²").replace("degC", "°C")
 

@@ -27,6 +27,7 @@ from bench.report.tables import Table, analysis_tables, sentence, words_of
 from bench.report.verdict_tables import overall_verdict
 
 TEMPLATES = Path(__file__).parent / "templates"
+MOST_WHOLE = 12  # rows of a table that is not broken over pages
 _SHORT = 12  # digits of a hash that stand in the footer
 _NO_DATE = datetime(1980, 1, 1, tzinfo=UTC)
 
@@ -264,6 +265,7 @@ def _table(sheet: Sheet, table: Table, continued: str, *, first: bool) -> dict[s
         "size": sheet.size_pt,
         "left": len(sheet.widths_pt) if table.prose else table.stub,
         "to_fill": table.to_fill,
+        "whole": len(sheet.table.rows) <= MOST_WHOLE and not table.prose,
     }
 
 

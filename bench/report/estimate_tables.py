@@ -111,9 +111,10 @@ def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
     conditions = next(iter(next(iter(entries.values())).values()))["conditions"]
     reference = conditions.get("reference_temperature_degC", model.campaign.get("reference_temperature_degC"))
     at = words("coefficients.at", degC=cell(reference))
-    heads = dict(zip(_COEFFICIENTS, (at, "per °C", "per °C²", "per °C³"), strict=True))
+    heads = {order: at if order == "tc0" else words(f"coefficients.{order}") for order in _COEFFICIENTS}
     headers = (words("column.channel"), words("column.quantity"), *(heads[order] for order in orders))
-    return Table(words("coefficients.table", degC=cell(reference)), headers, tuple(lines), stub=2)
+    caption = words("coefficients.table" if "tc0" in orders else "coefficients.alone", degC=cell(reference))
+    return Table(caption, headers, tuple(lines), stub=2)
 
 
 def _add_reference_values(model: ReportModel, entries: dict[tuple[str, str], dict[str, Row]]) -> None:
@@ -252,7 +253,7 @@ def _condition(words: Texts, name: str, value: Any, campaign: str) -> str:
     if not unit or not isinstance(value, int | float) or isinstance(value, bool):
         return f"{label} {condition_value(words, name, value, campaign)}"
     scale, shown = readable([{"unit": unit, "value": value}])
-    return f"{label} {number(scale * value) if unit != 'degC' else number(round(value, 2))} {unit_text(shown)}"
+    return f"{label} {number(scale * value) if unit != 'degC' else number(round(value, 2))}\u00a0{unit_text(shown)}"
 
 
 def condition_value(words: Texts, name: str, value: Any, campaign: str) -> str:
@@ -321,12 +322,15 @@ def components_table(model: ReportModel, words: Texts) -> Table | None:
     """Return components with two significant digits: more of an uncertainty says nothing."""
     title = partial(model.title_of, language=words.language)
     rounded = [
-        {name: _component_text(value, title) for name, value in component.items()} for component in model.components
+        {name: _component_text(name, value, title) for name, value in component.items()}
+        for component in told(list(model.components), words.language)
     ]
-    return documents_table(words, words("components.table"), told(rounded, words.language))
+    return documents_table(words, words("components.table"), rounded)
 
 
-def _component_text(value: Any, title: Callable[[str], str]) -> Any:
+def _component_text(name: str, value: Any, title: Callable[[str], str]) -> Any:
+    if name == "quantity":
+        return ", ".join(map(title, value.split(", ")))
     if isinstance(value, float) and math.isfinite(value):
         return significant(value) if value else "0"
     return named(value, title) if isinstance(value, str) else value

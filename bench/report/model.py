@@ -143,8 +143,8 @@ class RecordCounts:
 class RunStory:
     """The happenings of a run. ``commands``, ``alarms``: a document for each, ``time`` since the run began.
 
-    ``length_s``: from start to end, NaN if unknown.   ``hashes``:
-    SHA-256 of the texts the run was made from, by name.
+    ``length_s``: from start to end, NaN if unknown; ``log_s``: of a log of another system.   ``hashes``:
+    SHA-256 of the texts the run was made from, by name.   ``damage``: places at which the recording is damaged.
     """
 
     tables: tuple[Table, ...] = ()
@@ -152,7 +152,9 @@ class RunStory:
     alarms: tuple[Mapping[str, Any], ...] = ()
     surroundings: tuple[Surrounding, ...] = ()
     length_s: float = float("nan")
+    log_s: float = float("nan")
     hashes: Mapping[str, str] = field(default_factory=dict)
+    damage: int = 0
 
 
 @dataclass(frozen=True)

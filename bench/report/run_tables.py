@@ -13,11 +13,12 @@ import numpy as np
 
 from bench.analysis import Floats, cell, number, unit_text
 from bench.model.texts import Texts
+from bench.report.estimate_tables import readable
 from bench.report.model import ReportModel
-from bench.report.tables import Table, documents_table, pairs_table, rank, spaced
+from bench.report.tables import Table, documents_table, pairs_table, place_of, rank, role_of
 
-_HOLD = "\u00a0"  # between a number and its unit
 _COUNTS = ("records", "flagged", "frames", "bad", "lost")
+_HOUR_s, _LARGE = 3600.0, 1e6
 _HEADERS = ("role", "model", "serial", "certificate", "calibrated", "due", "days_left", "corrections")
 
 
@@ -28,7 +29,7 @@ def summary_table(model: ReportModel, words: Texts) -> Table | None:
     estimates = results.get("estimates", ())
     lines = {
         "session": results.get("session", ""),
-        "campaign": spaced(str(results.get("campaign", ""))),
+        "campaign": str(results.get("campaign", "")),
         "uut": words("summary.unit", model=uut.get("model", ""), serial=uut.get("serial", "")),
         "started": model.started_utc.replace("T", " ").replace("Z", " UTC"),
         "length": duration(model.run.length_s),
@@ -67,7 +68,8 @@ def environment_table(model: ReportModel, words: Texts) -> Table | None:
 
 
 def _place(name: str, laboratory: bool, words: Texts) -> str:
-    return words("environment.laboratory", channel=name) if laboratory else name
+    place = place_of(words, name)
+    return words("environment.laboratory", channel=place) if laboratory else place
 
 
 def _span(values: Floats) -> tuple[str, ...]:
@@ -79,6 +81,8 @@ def quality_table(model: ReportModel, words: Texts) -> Table | None:
     """Return records and frames of the session; flagged readings stay recorded."""
     counts = model.counts
     quality: Mapping[str, Any] = model.results.get("quality", {})
+    if not any(quality.values()) and not counts.records:
+        return None  # a log of another system has no frames
     lines: dict[str, Any] = {words.all.get(f"quality.{name}", name): value for name, value in quality.items()}
     lines[words("quality.flagged")] = counts.flagged
     lines |= {words("quality.flag", flag=name.replace("_", " ")): value for name, value in counts.by_flag.items()}
@@ -97,10 +101,10 @@ def prompt_table(model: ReportModel, words: Texts) -> Table | None:
     rows = tuple(
         (
             cell(prompt.get("step")),
-            cell(prompt.get("text")),
+            unit_text(cell(prompt.get("text"))),
             _allowed(prompt),
-            f"{_whole(prompt.get('value'))}{_HOLD}{unit_text(prompt.get('unit') or '')}".strip(),
-            cell(prompt.get("by")),
+            _amount(prompt.get("value"), prompt.get("unit")),
+            words.all.get(f"by.{prompt.get('by')}") or cell(prompt.get("by")),
         )
         for prompt in model.prompts
     )
@@ -109,15 +113,24 @@ def prompt_table(model: ReportModel, words: Texts) -> Table | None:
 
 
 def _allowed(prompt: Mapping[str, Any]) -> str:
-    low, high, unit = prompt.get("low"), prompt.get("high"), unit_text(prompt.get("unit") or "")
-    bounds = [f"≥ {_whole(low)}"] if low is not None else []
-    bounds += [f"≤ {_whole(high)}"] if high is not None else []
-    return f"{', '.join(bounds)}{_HOLD}{unit}".strip() if bounds else "–"
+    low, high, unit = prompt.get("low"), prompt.get("high"), prompt.get("unit")
+    bounds = [f"≥\u00a0{_amount(low, unit)}"] if low is not None else []
+    bounds += [f"≤\u00a0{_amount(high, unit)}"] if high is not None else []
+    return ", ".join(bounds) or "–"
 
 
-def _whole(value: Any) -> str:
-    """Return a whole number to its last digit, whatever its size."""
-    return number(value, 0) if isinstance(value, float) and value.is_integer() else cell(value)
+def _amount(value: Any, unit: str | None) -> str:
+    """Return a value with its unit as people write it: megohms, and hours from one hour on."""
+    if not isinstance(value, int | float) or isinstance(value, bool):
+        return cell(value)
+    scale, shown = 1.0, unit or ""
+    if shown == "s" and abs(value) >= _HOUR_s:
+        scale, shown = 1.0 / _HOUR_s, "h"
+    elif abs(value) >= _LARGE:
+        scale, shown = readable([{"unit": shown, "value": value}])
+    scaled = scale * value
+    text = number(scaled, 0) if float(scaled).is_integer() else number(scaled)
+    return f"{text}\u00a0{unit_text(shown)}".rstrip("\u00a0")
 
 
 def command_parts(model: ReportModel, words: Texts) -> tuple[tuple[str, ...], tuple[Table, ...]]:
@@ -141,11 +154,22 @@ def hash_table(model: ReportModel, words: Texts) -> Table | None:
     return Table(words("provenance.hashes"), heads, rows, prose=True) if rows else None
 
 
+def provenance(pairs: Mapping[str, Any], words: Texts) -> dict[str, Any]:
+    """Return the names and answers of a document on where something comes from in words."""
+    said = {True: words("yes"), False: words("no")}
+    nested = {name: value for name, value in pairs.items() if isinstance(value, Mapping)}
+    return {
+        words.all.get(f"provenance.of.{name}") or name: said[value] if isinstance(value, bool) else value
+        for name, value in pairs.items()
+        if name not in nested
+    } | nested
+
+
 def standards_table(model: ReportModel, words: Texts) -> Table | None:
     """Return the standards register: which instrument, which certificate, until when, applied corrections."""
     rows = tuple(
         (
-            spaced(role),
+            role_of(words, role),
             cell(entry.get("model", entry.get("driver"))),
             cell(entry.get("serial")),
             cell(entry.get("certificate")),
@@ -182,5 +206,5 @@ def _corrections(words: Texts, corrections: Iterable[Mapping[str, Any]]) -> str:
 
 def identities_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what the instruments answered to the question who they are."""
-    documents = [{"role": spaced(role), **identity} for role, identity in sorted(model.identities.items())]
+    documents = [{"role": role_of(words, role), **identity} for role, identity in sorted(model.identities.items())]
     return documents_table(words, words("identities.table"), documents)

@@ -29,6 +29,7 @@ from bench.report.run_tables import (
     hash_table,
     identities_table,
     prompt_table,
+    provenance,
     quality_table,
     standards_table,
     summary_table,
@@ -100,8 +101,8 @@ def _annex(model: ReportModel, words: Texts) -> Iterator[Section]:
     yield chapter("budgets", components_table(model, words), *analysis_tables(budgets, words.language, title))
     yield chapter("explanations", *analysis_tables(others, words.language, title))
     heads = (words("column.item"), words("column.value"))
-    computed = pairs_table(words("provenance.results"), heads, model.results.get("provenance", {}))
-    origin = pairs_table(words("provenance.origin"), heads, model.origin)
+    computed = pairs_table(words("provenance.results"), heads, provenance(model.results.get("provenance", {}), words))
+    origin = pairs_table(words("provenance.origin"), heads, provenance(model.origin, words))
     yield chapter("provenance", identities_table(model, words), computed, hash_table(model, words), origin)
 
 

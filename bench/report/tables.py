@@ -29,7 +29,7 @@ _COMMA_UNIT = re.compile(
     r"[mµn]?[AVsg]|[kcm]?m|[kMG]?Hz|dB|[mµ]?gauss|10⁻³(?: arcsec| deg/√h)?)$)"
 )
 _PER_CENT = re.compile(r"(?<=[0-9]) %")
-_CODE_NAME = re.compile(r"(?<![\w/.])[a-z][a-z0-9]*(?:_[A-Za-z0-9]+)+(?![\w/]|\.\w)")
+_CODE_NAME = re.compile(r"(?<![\w/.])(?:[a-z][a-z0-9]*(?:_[A-Za-z0-9]+)+|tc[12])(?![\w/]|\.\w)", re.ASCII)
 _BUDGET, _TOTALS = {"contribution", "sensitivity"}, {"u", "k", "U"}
 FOLDER = Path(__file__).parent
 
@@ -144,7 +144,7 @@ def rank(key: str) -> tuple[int, str]:
 
 
 def pairs_table(caption: str, headers: tuple[str, str], pairs: Mapping[str, Any], prose: bool = True) -> Table | None:
-    """Return a two-column table of names and values; nested documents become dotted names."""
+    """Return a two-column table of names and values; nested documents become dotted code names."""
     rows = tuple(_flat("", pairs))
     return Table(caption, headers, rows, prose=prose) if rows else None
 
@@ -154,7 +154,7 @@ def _flat(prefix: str, pairs: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
         if isinstance(value, Mapping):
             yield from _flat(f"{prefix}{name}.", dict(sorted(value.items())))
         else:
-            yield f"{prefix}{name}".replace("_", " "), cell(value)
+            yield f"{prefix}{name}" if prefix else spaced(name), cell(value)
 
 
 def words_of(language: str) -> Texts:
@@ -170,6 +170,17 @@ def column(words: Texts, key: str) -> str:
 def kind_of(words: Texts, kind: object) -> str:
     """Return the word for a kind of channel; a kind that the catalogue does not have stands as it is."""
     return words.all.get(f"kind.{kind}", str(kind))
+
+
+def role_of(words: Texts, role: str) -> str:
+    """Return the word for a role of a station; one that the catalogue does not have stands as it is."""
+    return words.all.get(f"role.{role}") or spaced(role)
+
+
+def place_of(words: Texts, name: str) -> str:
+    """Return the name of a place that is measured, ``logger 101``, with the word for the role in it."""
+    role, blank, channel = name.partition(" ")
+    return role_of(words, role) + blank + channel
 
 
 def channel_title(words: Texts, number: object, kind: object) -> str:

@@ -31,16 +31,19 @@ def overall_verdict(model: ReportModel, words: Texts) -> tuple[str, str]:
     """Return class (none, pass, fail) and words of the overall verdict."""
     counts = verdict_counts(model)
     if not counts:
-        return "none", words("verdicts.none")
+        return "none", words("verdicts.incomplete" if model.results.get("incomplete") else "verdicts.none")
     listed = ", ".join(_counted(words, name, counts[name]) for name in sorted(counts))
     return ("pass" if passed(counts) else "fail"), words("verdicts.overall", counts=listed)
 
 
 def doubt_paragraphs(model: ReportModel, words: Texts) -> tuple[str, ...]:
-    """Return what is not sound and why, and what that means for the numbers; () without doubt."""
+    """Return what casts doubt on all of it, what is not sound and why, and what that means; () without doubt."""
+    said = [words("doubt.incomplete")] if model.results.get("incomplete") else []
+    said += [words("doubt.damaged", count=number(model.run.damage))] if model.run.damage else []
     lines = doubt_lines(model.results.get("estimates", ()))
     title = partial(model.title_of, language=words.language)
-    return (*(sentence(line, title) for line in told(lines, words.language)), words("doubt.means")) if lines else ()
+    said += [sentence(line, title) for line in told(lines, words.language)]
+    return (*said, words("doubt.means")) if lines else tuple(said)
 
 
 def assumption_table(model: ReportModel, words: Texts) -> Table | None:

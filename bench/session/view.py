@@ -262,13 +262,16 @@ def _main(view: SessionView) -> tuple[str, ...]:
 
 
 def _story(view: SessionView) -> RunStory:
+    logged_s = np.asarray(view.series.get("t_s", ()), dtype=np.float64)
     return RunStory(
         tables=tuple(_about_the_run(view)),
         commands=tuple(commands_given(view)),
         alarms=tuple(alarms_raised(view)),
         surroundings=tuple(surroundings(view, view.texts, _campaign_ns(view))),
         length_s=length_s(view),
+        log_s=float(np.ptp(logged_s)) if logged_s.size else math.nan,
         hashes=hashes_of(view.texts),
+        damage=len(view.damage),
     )
 
 

@@ -109,11 +109,11 @@ def _contact(contact: Contact) -> str:
 
 
 def days_of(model: ReportModel) -> tuple[date, date] | None:
-    """Return first and last day (UTC) of the measurement, by the name of the session and the length of the run."""
+    """Return first and last day (UTC) of the measurement: by the name of the session, and how long was recorded."""
     if not model.started_utc:
         return None
     began = datetime.fromisoformat(model.started_utc)
-    length_s = model.run.length_s if math.isfinite(model.run.length_s) else 0.0
+    length_s = next(filter(math.isfinite, (model.run.length_s, model.run.log_s)), 0.0)
     return began.date(), (began + timedelta(seconds=length_s)).date()
 
 

@@ -17,7 +17,7 @@ from bench.report.estimate_tables import conditions_text, readable
 from bench.report.first.results import MEASURED
 from bench.report.laboratory import Laboratory
 from bench.report.model import ReportModel
-from bench.report.tables import named
+from bench.report.tables import named, role_of
 from bench.report.verdict_tables import percent
 
 _ACCEPTED = ("pass", "conditional_pass")
@@ -112,8 +112,8 @@ def _risk(row: Row) -> float:
 def _risk_text(risk: float) -> str:
     """Per cent, never rounded down to certainty."""
     if risk < 1e-4:
-        return "< 0.01 %"
-    return f"{100.0 * risk:.2f} %"
+        return "<\u00a00.01\u00a0%"
+    return f"{100.0 * risk:.2f}\u00a0%"
 
 
 def _method(model: ReportModel, words: Texts) -> str:
@@ -138,10 +138,11 @@ def environment(model: ReportModel, laboratory: Laboratory | None, words: Texts)
     if laboratory is None:
         return " ".join(said) or words("first.environment.none")
     stated = laboratory.surroundings
-    said.append(words("first.environment.stated", span=_degC(stated.temperature, words)))
+    humidity = ""
     if stated.humidity is not None:
         low, high = (number(100.0 * value) for value in stated.humidity)
-        said.append(words("first.environment.humidity", low=low, high=high))
+        humidity = words("first.environment.humidity", low=low, high=high)
+    said.append(words("first.environment.stated", span=_degC(stated.temperature, words), humidity=humidity))
     measured = spans[0][1]
     if measured is not None and not stated.temperature[0] <= measured[0] <= measured[1] <= stated.temperature[1]:
         said.append(words("first.environment.outside"))
@@ -172,7 +173,7 @@ def _standard(words: Texts, role: str, entry: Row) -> str:
     by = entry.get("laboratory")
     return words(
         "first.traceability.by" if by else "first.traceability.standard",
-        role=role.replace("_", " "),
+        role=role_of(words, role),
         model=entry.get("model", "–"),
         serial=entry.get("serial", "–"),
         certificate=entry.get("certificate", "–"),

@@ -25,7 +25,7 @@ from bench.report.plots.style import (
     look,
     panels_of,
 )
-from bench.report.tables import channel_title
+from bench.report.tables import channel_title, place_of
 
 _APART = 0.008  # of the span of temperatures, to each side
 _LEAST_SPAN_degC = 1.0  # of the axis: a campaign at one temperature differs by hundredths between its records
@@ -122,9 +122,8 @@ def surroundings_picture(model: ReportModel, words: Texts) -> Picture | None:
         axes = figure.subplots()
         for index, surrounding in enumerate(shown):
             t_s, degC = thin(surrounding.t_s, surrounding.degC)
-            axes.plot(
-                t_s / 3600.0, degC, label=words("environment.laboratory", channel=surrounding.name), **look(index)
-            )
+            place = place_of(words, surrounding.name)
+            axes.plot(t_s / 3600.0, degC, label=words("environment.laboratory", channel=place), **look(index))
         low, high = axes.get_ylim()
         short = max(0.0, _LEAST_AIR_SPAN_degC - (high - low)) / 2.0
         axes.set_ylim(low - short, high + short)

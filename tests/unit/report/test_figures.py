@@ -224,7 +224,7 @@ def test_a_probability_is_never_rounded_up_to_certainty(probability: float) -> N
     assert "&gt; 99.99 %" in page
     assert "−5.00 ± 0.20" in page  # the one nearer to the limit stands for the channel
     assert "2 pass" in page
-    assert "Decision rule: four statements with a guard band of U" in page
+    assert "Decision rule: four statements, as on page 1" in page
 
 
 def test_a_coefficient_without_constant_shows_the_value_at_its_reference_temperature() -> None:
