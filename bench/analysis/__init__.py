@@ -39,6 +39,7 @@ from bench.analysis.doubt import (
     doubt_lines,
     is_sound,
     stated_value,
+    weigh,
 )
 from bench.analysis.estimates import (
     UNIT,
@@ -170,6 +171,7 @@ __all__ = [
     "validate_results",
     "value_and_uncertainty",
     "values_of",
+    "weigh",
     "with_uncertainty",
     "without_check_standard",
 ]

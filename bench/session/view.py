@@ -24,6 +24,7 @@ from bench.analysis import (
     analyse,
     build_results,
     joined,
+    weigh,
 )
 from bench.frame import CommandLayout, parse_frame
 from bench.model import events
@@ -237,6 +238,7 @@ def report_of(
 
 def model_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) -> ReportModel:
     """Return everything that the report shows, before any drawing."""
+    noted = [seen.sentence for seen in weigh(analysis.evidence).noted]
     return report_model(
         results,
         view.rows,
@@ -249,7 +251,7 @@ def model_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) 
         prompts=[prompt.document() for _, prompt in view.events_of(Prompt)],
         figures=analysis.figures,
         tables=analysis.tables,
-        notes=[*([INCOMPLETE] if view.incomplete else []), *analysis.notes, *punctuality(view), *view.remarks],
+        notes=[*([INCOMPLETE] if view.incomplete else []), *noted, *analysis.notes, *punctuality(view), *view.remarks],
         run=_story(view),
         main=_main(view),
     )

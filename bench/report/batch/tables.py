@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
-from bench.analysis import cell, decimals_for, limits_text, number, unit_text, with_uncertainty
+from bench.analysis import decimals_for, limits_text, number, unit_text, with_uncertainty
 from bench.model.texts import Texts
+from bench.model.titles import quantity_title
 from bench.report.batch.model import Batch, Member, Outcome, Quantity, Spread, Unit, Yield
-from bench.report.estimate_tables import readable
-from bench.report.tables import Table, column
+from bench.report.estimate_tables import conditions_text, readable
+from bench.report.tables import Table
 from bench.report.verdict_tables import percent
 
 _MOST_ROWS = 400
@@ -86,8 +84,8 @@ def _spread_row(spread: Spread, words: Texts) -> tuple[str, ...]:
     places = decimals_for(scale * (spread.std or spread.least.expanded))
     worst = spread.worst
     return (
-        spread.quantity.name,
-        conditions_text(words, spread.quantity.where, spread.quantity.campaign),
+        quantity_title(spread.quantity.campaign, spread.quantity.name, words.language),
+        conditions_text(words, spread.quantity.where, spread.quantity.campaign) or "–",
         unit_text(unit),
         number(len(spread.members)),
         number(scale * spread.mean, places),
@@ -125,8 +123,8 @@ def _worst_row(quantity: Quantity, member: Member, words: Texts) -> tuple[str, .
     scale, unit = readable([{"unit": quantity.unit, "value": member.value}])
     return (
         unit_name(member.unit),
-        quantity.name,
-        conditions_text(words, quantity.where, quantity.campaign),
+        quantity_title(quantity.campaign, quantity.name, words.language),
+        conditions_text(words, quantity.where, quantity.campaign) or "–",
         _value(member, scale),
         limits_text(member.limits, scale, words.all["coverage.span"]),
         unit_text(unit),
@@ -141,9 +139,3 @@ def left_out_table(batch: Batch, words: Texts) -> Table | None:
     rows = tuple((left_out.session, left_out.code, left_out.text) for left_out in batch.left_out)
     heads = ("batch.session", "batch.code", "batch.why")
     return Table(words("batch.left_out_table"), tuple(words(key) for key in heads), rows, prose=True) if rows else None
-
-
-def conditions_text(words: Texts, conditions: Mapping[str, Any], names: Sequence[str] = ()) -> str:
-    """Return conditions in words; only those named, if any are."""
-    chosen = {name: value for name, value in conditions.items() if not names or name in names}
-    return ", ".join(f"{column(words, name)} {cell(value)}" for name, value in chosen.items()) or "–"

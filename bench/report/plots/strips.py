@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from bench.analysis import limits_text, number, unit_text
 from bench.model.texts import Texts
+from bench.model.titles import quantity_title
 from bench.report.batch.model import Batch, Spread
 from bench.report.estimate_tables import readable
 from bench.report.model import Picture
@@ -23,6 +24,7 @@ MOST_PANELS = 24  # of a campaign; judged quantities come first
 _PER_PICTURE = 8
 _MOST_STRIPS = 9
 _LONGEST = 14  # characters of a strip's label
+_LONGEST_TITLE = 44
 _BINS = 24
 _FEW = 30  # values whose dashes can be told apart
 _FAR = 20.0  # means this many times farther apart than the widest strip is wide: each strip about its own mean
@@ -38,10 +40,17 @@ def strip_pictures(batch: Batch, words: Texts) -> list[Picture]:
         groups = sorted(groups, key=lambda group: group[0].worst is None)[:MOST_PANELS]
         for at in range(0, len(groups), _PER_PICTURE):
             shown, name = groups[at : at + _PER_PICTURE], f"strips{len(pictures) + 1}"
-            titles = ", ".join(group[0].quantity.name.replace("_", " ") for group in shown)
+            titles = ", ".join(_title(group, words) for group in shown)
             told = words("batch.strips_of", campaign=campaign.replace("_", " "), quantities=titles)
             pictures.append(Picture(name, _drawn(shown, name, words), words("batch.strips"), told))
     return pictures
+
+
+def _title(group: Sequence[Spread], words: Texts) -> str:
+    """Return the name of a quantity; one that would run into the next panel stays as in results.json."""
+    quantity = group[0].quantity
+    title = quantity_title(quantity.campaign, quantity.name, words.language)
+    return title if len(title) <= _LONGEST_TITLE else quantity.name
 
 
 def _by_name(batch: Batch, campaign: str) -> list[list[Spread]]:
@@ -54,7 +63,7 @@ def _by_name(batch: Batch, campaign: str) -> list[list[Spread]]:
 
 def _drawn(groups: Sequence[Sequence[Spread]], name: str, words: Texts) -> str:
     with drawing():
-        figure, panels = panels_of([group[0].quantity.name.replace("_", " ") for group in groups], legend_rows=0)
+        figure, panels = panels_of([_title(group, words) for group in groups], legend_rows=0)
         for axes, group in zip(panels, groups, strict=True):
             _draw(axes, group, words)
         return inline_svg(figure, name)

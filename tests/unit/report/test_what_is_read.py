@@ -25,6 +25,7 @@ from bench.report.run_tables import environment_table, prompt_table, provenance,
 from bench.report.sections import Section
 from bench.report.tables import Table, named, pairs_table, words_of
 from bench.report.verdict_tables import overall_verdict, verdict_table
+from bench.session.view import SessionView, model_of
 from bench.systems.af_converter.wording import kind_name, say
 
 ENGLISH, KOREAN = words_of("en"), words_of("ko")
@@ -134,3 +135,11 @@ def test_no_page_is_for_the_end_alone(rows: int) -> None:
     readings = analysis.Table("Readings", "", ["n", "value"], [[number, 0] for number in range(rows)])
     pages = Report(ReportModel(title="T", results={**PLAIN, "estimates": []}, tables=(readings,))).pages(40.0)
     assert body_of(pages[-1]).any(axis=1).sum() > 5
+
+
+def test_what_is_odd_and_moves_nothing_is_a_note_of_the_report_as_of_the_results() -> None:
+    seen = analysis.Evidence("odd", "It is odd.", 1.0, 1e-9, move=0.0)
+    found = analysis.Analysis("scale_factor", "gls", {}, [], evidence=[seen], notes=["A note."])
+    manifest = {"session": "s", "planned": {"prepare_s": 0.0}, "campaign": {"analysis": "scale_factor"}}
+    made = model_of(SessionView(manifest, [], {}, ""), PLAIN, found)
+    assert list(made.notes[:2]) == ["It is odd.", "A note."]

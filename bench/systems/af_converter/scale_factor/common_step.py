@@ -73,7 +73,9 @@ def common_step(fitted: Fitted, entries: Estimates) -> list[Evidence]:
     series = _all_series(fitted)
     times_s = np.unique(np.concatenate([np.zeros(1), *(entry.time_s for entry in series)]))[1:]
     found = [(at_s, *_judged(series, at_s)) for at_s in (times_s[1:] + times_s[:-1]) / 2.0]
-    at_s, step_ppm, chance = min(found, key=lambda each: each[2], default=(0.0, 0.0, 1.0))
+    if not found:
+        return []
+    at_s, step_ppm, chance = min(found, key=lambda each: each[2])
     probability = min(1.0, max(chance * len(found), _SMALLEST))
     hours = (at_s - times_s.min(initial=at_s)) / _HOUR_S
     of_values = max((abs(step_ppm) / U_ppm for U_ppm in _stated(entries, QUANTITIES)), default=0.0)

@@ -229,6 +229,7 @@ def test_one_temperature_gives_no_coefficients() -> None:
     analysis = run(sim.simulate(SEED, sim.Switches(), temperatures=(20.0,)))
     assert not [one for one in analysis.estimates if "_tc" in one["quantity"]]
     assert any(note.startswith("One temperature only") for note in analysis.notes)
+    assert "common_step" not in {seen.code for seen in analysis.evidence}  # nothing tells a step in time
 
 
 def test_same_rows_in_another_order_give_the_same_numbers(campaign: sim.SimulatedCampaign) -> None:
