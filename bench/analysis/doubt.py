@@ -137,9 +137,11 @@ def stated_value(entry: Mapping[str, Any], scale: float = 1.0) -> str:
     """Return value and expanded uncertainty of an entry of results.json times ``scale``, or what is left of them."""
     value, expanded = entry["value"], entry.get("expanded_uncertainty")
     if value is None:
-        return REFUSED
+        return say("stated.refused")
     text = with_uncertainty(value * scale, None if expanded is None else expanded * scale)
-    return text if is_sound(entry) else f"{text} ({'accepted' if 'acceptance' in entry else DOUBTFUL})"
+    if is_sound(entry):
+        return text
+    return say("stated.accepted" if "acceptance" in entry else "stated.doubtful", value=text)
 
 
 def doubt_lines(entries: Iterable[Mapping[str, Any]]) -> list[str]:

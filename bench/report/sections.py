@@ -67,7 +67,7 @@ def _lettered(sections: Sequence[Section], words: Texts) -> list[Section]:
 
 
 def _chapter(words: Texts, name: str, *parts: Table | Picture | None, paragraphs: tuple[str, ...] = ()) -> Section:
-    tables = tuple(part for part in parts if isinstance(part, Table))
+    tables = tuple(told(part, words.language) for part in parts if isinstance(part, Table))
     pictures = tuple(part for part in parts if isinstance(part, Picture))
     return Section(name, words(f"section.{name}"), paragraphs, tables, pictures)
 

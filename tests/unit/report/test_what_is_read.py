@@ -143,3 +143,12 @@ def test_what_is_odd_and_moves_nothing_is_a_note_of_the_report_as_of_the_results
     manifest = {"session": "s", "planned": {"prepare_s": 0.0}, "campaign": {"analysis": "scale_factor"}}
     made = model_of(SessionView(manifest, [], {}, ""), PLAIN, found)
     assert list(made.notes[:2]) == ["It is odd.", "A note."]
+
+
+def test_what_is_not_sound_is_said_in_the_language_of_the_reader() -> None:
+    unsound = {"quality": "doubtful", "reasons": [], "expanded_uncertainty": None, "std_uncertainty": None}
+    doubtful = estimate("bias", "nA", 3.0, 1.0, item="x") | unsound
+    refused = estimate("random_walk", "nA", 3.0, 1.0, item="x") | unsound | {"quality": "refused", "value": None}
+    page = Report(model(doubtful, refused), "ko").html()
+    assert "<td>3 (의심)</td>" in page
+    assert "<td>기각</td>" in page

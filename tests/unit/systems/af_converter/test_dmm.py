@@ -359,7 +359,7 @@ def test_both_standards_count_in_full_in_the_agreement() -> None:
     (table,) = [one for one in analysis.tables if one.title.startswith("DMM method and")]
     by_place = {(one["conditions"]["channel"], one["quantity"]): one for one in of(analysis, *QUANTITIES)}
     for row in table.rows:
-        own_ppm = by_place[row[0], row[2]]["std_uncertainty"]
+        own_ppm = by_place[row[0], row[1]]["std_uncertainty"]
         assert row[6] == pytest.approx(1.96 * np.sqrt(own_ppm**2 + 10.0**2 + 20.0**2), rel=0.02)
 
 

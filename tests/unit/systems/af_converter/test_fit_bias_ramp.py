@@ -124,7 +124,7 @@ def test_lag_is_shown_beside_the_joint_fit(
     """Against the chamber's air separate cubics add 2 x rate x lag x slope, here of 25 min at 0.1 degC/min."""
     table = next(one for one in analysis.tables if "separate polynomials" in one.title)
     for number, one in ramps.items():
-        (row,) = [row for row in table.rows if row[0] == number and row[1] == 20.0]
+        (row,) = [row for row in table.rows if row[0] == number and float(row[1]) == 20.0]
         joint, against_air, against_sensor = float(row[2]), float(row[4]), float(row[5])
         excess = 2 * 0.1 * 25.0 * one.unit.polynomial[1] * 1e9
         record_property("obtained", f"channel {number}: {against_air - joint:.1f} of {excess:.1f} nA")
