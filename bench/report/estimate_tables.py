@@ -21,6 +21,7 @@ from bench.report.tables import Table, channel_title, column, documents_table, k
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
 _PIVOT = {"channel", "temperature_degC"}
+_COMMON = {*_PIVOT, "kind", "unit_temperature_degC"}  # told by the row and the column
 _RESIDUAL = "residual"
 PIVOTS = ("unit", "column", "axis")
 _PREFIXED = re.compile(r"(A|V|s|m|ohm|Hz)(?![A-Za-z0-9])")
@@ -139,11 +140,12 @@ def pivot_tables(model: ReportModel, words: Texts, *, residuals: bool = False) -
     ``residuals``: those that a fit left, in place of all others.
     """
     tables = []
-    by_quantity: dict[str, list[Row]] = {}
-    for row in _further(model):
-        if _pivots(row) and (row["quantity"].rpartition("_")[2] == _RESIDUAL) == residuals:
-            by_quantity.setdefault(row["quantity"], []).append(row)
-    for quantity, rows in by_quantity.items():
+    chosen = [
+        row
+        for row in _further(model)
+        if _pivots(row) and (row["quantity"].rpartition("_")[2] == _RESIDUAL) == residuals
+    ]
+    for title, rows in _by_title(model, words, chosen):
         scale, unit = readable(rows)
         temperatures = sorted({row["conditions"]["temperature_degC"] for row in rows})
         cells: dict[Any, dict[Any, str]] = {}
@@ -151,9 +153,25 @@ def pivot_tables(model: ReportModel, words: Texts, *, residuals: bool = False) -
             where = row["conditions"]
             cells.setdefault(where["channel"], {})[where["temperature_degC"]] = value_text(row, scale)
         body = tuple((str(key), *(line.get(t, "–") for t in temperatures)) for key, line in sorted(cells.items()))
-        caption = words("others.pivot", quantity=model.title_of(quantity, words.language), unit=unit_text(unit))
+        caption = words("others.pivot", quantity=title, unit=unit_text(unit))
         tables.append(Table(caption, (words("column.channel"), *(f"{number(t, 1)} °C" for t in temperatures)), body))
     return tables
+
+
+def _by_title(model: ReportModel, words: Texts, rows: Sequence[Row]) -> list[tuple[str, list[Row]]]:
+    """Return rows by quantity; where a further condition tells several apart, such as the polarity, by that too."""
+    values: dict[tuple[str, str], set[str]] = {}
+    for row in rows:
+        for name, value in row["conditions"].items():
+            if name not in _COMMON:
+                values.setdefault((row["quantity"], name), set()).add(str(value))
+    titled: dict[str, list[Row]] = {}
+    for row in rows:
+        quantity, conditions = row["quantity"], row["conditions"]
+        apart = {name: value for name, value in conditions.items() if len(values.get((quantity, name), ())) > 1}
+        parts = (model.title_of(quantity, words.language), conditions_text(words, apart))
+        titled.setdefault(", ".join(filter(None, parts)), []).append(row)
+    return list(titled.items())
 
 
 def _further(model: ReportModel) -> list[Row]:
@@ -186,21 +204,19 @@ def readable(rows: Sequence[Row]) -> tuple[float, str]:
 
 def channel_table(model: ReportModel, words: Texts) -> Table | None:
     """Return quantities known once per channel: channels down, quantities across."""
-    by_quantity: dict[str, dict[Any, Row]] = {}
-    for row in _further(model):
-        if _once_per_channel(row):
-            by_quantity.setdefault(row["quantity"], {})[row["conditions"]["channel"]] = row
-    if not by_quantity:
+    chosen = [row for row in _further(model) if _once_per_channel(row)]
+    if not chosen:
         return None
-    scales = {quantity: readable(list(rows.values())) for quantity, rows in by_quantity.items()}
-    channels = sorted({channel for rows in by_quantity.values() for channel in rows})
+    by_title = {
+        title: {row["conditions"]["channel"]: row for row in rows} for title, rows in _by_title(model, words, chosen)
+    }
+    scales = {title: readable(list(rows.values())) for title, rows in by_title.items()}
+    channels = sorted({channel for rows in by_title.values() for channel in rows})
     body = tuple(
-        (str(channel), *(value_text(rows.get(channel), scales[quantity][0]) for quantity, rows in by_quantity.items()))
+        (str(channel), *(value_text(rows.get(channel), scales[title][0]) for title, rows in by_title.items()))
         for channel in channels
     )
-    headers = (
-        f"{model.title_of(quantity, words.language)} / {unit_text(scales[quantity][1])}" for quantity in by_quantity
-    )
+    headers = (f"{title} / {unit_text(scales[title][1])}" for title in by_title)
     return Table(words("others.by_channel"), (words("column.channel"), *headers), body)
 
 

@@ -18,7 +18,7 @@ from bench import analysis
 from bench.model.titles import quantity_title
 from bench.report import Report, RunStory
 from bench.report.document import MOST_WHOLE, document_files
-from bench.report.estimate_tables import components_table, conditions_text
+from bench.report.estimate_tables import channel_table, components_table, conditions_text, pivot_tables
 from bench.report.first import first_page
 from bench.report.model import ReportModel, Surrounding
 from bench.report.run_tables import environment_table, prompt_table, provenance, standards_table
@@ -152,3 +152,36 @@ def test_what_is_not_sound_is_said_in_the_language_of_the_reader() -> None:
     page = Report(model(doubtful, refused), "ko").html()
     assert "<td>3 (의심)</td>" in page
     assert "<td>기각</td>" in page
+
+
+def test_values_that_a_further_condition_tells_apart_all_stand_in_the_tables() -> None:
+    """The leakage of a switch is known for both polarities; of equal channel and temperature none may hide another."""
+    at = [(channel, polarity) for channel in (1, 2) for polarity in (1, -1)]
+    leaks = [
+        estimate(
+            "switch_leakage",
+            "nA",
+            10.0 * channel + polarity,
+            1.0,
+            channel=channel,
+            temperature_degC=20.0,
+            polarity=polarity,
+        )
+        for channel, polarity in at
+    ]
+    once = [
+        estimate("thermal_lag", "min", 5.0 * channel + polarity, 1.0, channel=channel, polarity=polarity)
+        for channel, polarity in at
+    ]
+    told = model(*leaks, *once)
+    tables = pivot_tables(told, ENGLISH)
+    assert [table.caption.partition(":")[0] for table in tables] == [
+        f"Leakage current of the open switch, polarity {sign}1 / nA" for sign in ("", "−")
+    ]
+    assert [table.rows for table in tables] == [
+        (("1", "11.0 ± 1.0"), ("2", "21.0 ± 1.0")),
+        (("1", "9.0 ± 1.0"), ("2", "19.0 ± 1.0")),
+    ]
+    by_channel = channel_table(told, ENGLISH)
+    assert by_channel is not None
+    assert by_channel.rows == (("1", "6.0 ± 1.0", "4.0 ± 1.0"), ("2", "11.0 ± 1.0", "9.0 ± 1.0"))
