@@ -276,6 +276,7 @@ def condition_value(words: Texts, name: str, value: Any, campaign: str) -> str:
     """Return the value of a condition as text: a word of the system's, yes or no, a number."""
     if isinstance(value, bool):
         return words("yes" if value else "no")
+    value = told(value, words.language)
     word = value_title(campaign, name, value, words.language) if isinstance(value, str) else cell(value)
     return kind_of(words, value) if name == "kind" and word == value else word
 

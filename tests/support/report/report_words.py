@@ -19,7 +19,7 @@ def code_names(page: str) -> set[str]:
 
 
 def intervals_of_tables_alone(shown: Shown) -> set[str]:
-    """Return what the tables of an analysis state as value ± U without being an estimate and its expanded uncertainty."""
+    """Return what tables of an analysis state as value ± U that is no estimate with its expanded uncertainty."""
     stated = {
         with_uncertainty(unit * entry["value"], unit * entry["expanded_uncertainty"])
         for entry in shown.results["estimates"]
