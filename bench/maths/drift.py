@@ -25,6 +25,7 @@ _RANGE_LIMIT = 3.267  # upper limit of the moving range over its mean (D4)
 class DriftLine:
     """Straight line through the calibrations of one parameter, ``value = mean + rate (t - t_mean)``.
 
+    A unit that was adjusted has another mean since; the line is that since the last adjustment, the rate is of all.
     ``chi2`` is that of the calibrations as they stand: it says whether they scatter more than they state.
     ``between_std``: what each calibration then has beside its own uncertainty, 0 if they do not. ``covariance`` of
     (mean, rate) holds that too.
@@ -65,7 +66,9 @@ class DriftLine:
         return np.asarray(np.sqrt(variance))
 
 
-def fit_drift_line(t: Array, value: Array, std: Array, shared: Array, standard: Labels) -> DriftLine:
+def fit_drift_line(
+    t: Array, value: Array, std: Array, shared: Array, standard: Labels, level: Labels | None = None
+) -> DriftLine:
     """Fit a drift line by generalised least squares, the error of a shared standard being common to its calibrations.
 
     Two calibrations with the same certificate have the covariance ``shared_i shared_j``; all else is independent. Where
@@ -74,8 +77,10 @@ def fit_drift_line(t: Array, value: Array, std: Array, shared: Array, standard: 
     Args:    t: (m,), years.   value, std: (m,) and standard uncertainties, > 0.
              shared: (m,) standard uncertainty that comes from the standard, part of ``std``.
              standard: (m,) label of the standard's certificate, NO_STANDARD where nothing is shared.
+             level: (m,) labels in order of time, another one after each adjustment of the unit; None: there was none.
     Returns: DriftLine in the unit of ``value`` and years.
-    Raises:  FitError B-FIT-001 if all calibrations were made at one time; B-FIT-002 if an uncertainty is not positive.
+    Raises:  FitError B-FIT-001 if all calibrations of each level were made at one time; B-FIT-002 if an uncertainty is
+             not positive.
     Source:  Golub and Van Loan, Matrix Computations, section 6.1; R. C. Paule, J. Mandel, J. Res. NBS 87 (1982) 377,
              for the random effect, by Newton's method: 1 / chi-square is all but straight in its variance.
     """
@@ -86,8 +91,9 @@ def fit_drift_line(t: Array, value: Array, std: Array, shared: Array, standard: 
             next_step="check the uncertainties of these estimates with 'bench history show'",
         )
     own2 = np.maximum(std**2 - shared**2, _LEAST_OWN * std**2)
-    t_mean, dof = float(np.average(t, weights=std**-2.0)), t.size - 2
-    readings = np.column_stack([np.ones_like(t), t - t_mean, value])
+    t_mean = float(np.average(t, weights=std**-2.0))
+    levels = np.ones((t.size, 1)) if level is None else (level[:, None] == np.unique(level)).astype(np.float64)
+    readings, dof = np.column_stack([levels, t - t_mean, value]), t.size - levels.shape[1] - 1
     between2, chi2 = 0.0, float("nan")
     for _ in range(_MOST_STEPS):
         own = np.sqrt(own2 + between2)
@@ -100,10 +106,10 @@ def fit_drift_line(t: Array, value: Array, std: Array, shared: Array, standard: 
         between2 += (excess + dof) / dof * excess / float(pull @ pull)
     return DriftLine(
         t_mean=t_mean,
-        mean=float(fitted.parameters[0]),
-        rate=float(fitted.parameters[1]),
-        covariance=fitted.covariance,
-        residual=value - fitted.parameters[0] - fitted.parameters[1] * (t - t_mean),
+        mean=float(fitted.parameters[-2]),
+        rate=float(fitted.parameters[-1]),
+        covariance=fitted.covariance[-2:, -2:],
+        residual=value - levels @ fitted.parameters[:-1] - fitted.parameters[-1] * (t - t_mean),
         chi2=chi2,
         dof=dof,
         between_std=float(np.sqrt(between2)),
@@ -111,11 +117,12 @@ def fit_drift_line(t: Array, value: Array, std: Array, shared: Array, standard: 
 
 
 def _line(readings: Array, own: Array, shared: Array, standard: Labels) -> tuple[LinearFit, Array]:
-    """Return value and rate of columns (1, t, value), and the residual made white."""
+    """Return levels and rate of columns (level ..., t, value), and the residual made white."""
     white = _whitened(readings / own[:, None], shared / own, standard)
-    turned, triangle = np.linalg.qr(white[:, :2])
-    fitted = solve(triangle, turned.T @ white[:, 2], np.eye(2), ["value", "rate"])
-    return fitted, white[:, 2] - white[:, :2] @ fitted.parameters
+    turned, triangle = np.linalg.qr(white[:, :-1])
+    names = [*["value"] * (triangle.shape[0] - 1), "rate"]
+    fitted = solve(triangle, turned.T @ white[:, -1], np.eye(len(names)), names)
+    return fitted, white[:, -1] - white[:, :-1] @ fitted.parameters
 
 
 def _whitened(rows: Array, shared: Array, standard: Labels) -> Array:

@@ -1,5 +1,6 @@
 """The calibration history, an SQL database of results, reports and approvals."""
 
+from bench.store.adjustments import state_calibration
 from bench.store.comparison import LEAST_FOR_CONTROL, Comparison, ParameterHistory, compare_pair, compare_unit
 from bench.store.contents import digest_of_file, started_utc_ns
 from bench.store.database import history_address
@@ -32,5 +33,6 @@ __all__ = [
     "record_calibration",
     "show_calibration",
     "started_utc_ns",
+    "state_calibration",
     "units_of",
 ]

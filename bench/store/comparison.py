@@ -13,6 +13,7 @@ from bench.store.errors import StoreError
 from bench.store.selection import Filters
 from bench.store.series import Array, Parameter, Series, read_pair, read_series
 
+Labels = NDArray[np.int64]
 LEAST_FOR_CONTROL = 8  # calibrations; fewer moving ranges say too little about the scatter
 
 
@@ -26,12 +27,18 @@ class ParameterHistory:
     value: Array
     std: Array
     factor: Array
-    en: Array  # against the calibration before; NaN for the first
-    line: DriftLine | None  # None if all calibrations were made at one time
+    en: Array  # against the calibration before; NaN for the first, and for the first after an adjustment
+    line: DriftLine | None  # since the last adjustment; None if no two between adjustments are at different times
     chart: IndividualsChart | None  # of the residuals about the line
     low: float  # limits of the value; infinite where there is none
     high: float
     change_limit: float  # of the change since the last calibration; NaN if there is none
+    level: NDArray[np.int64]  # another label after each adjustment
+
+    @property
+    def compared(self) -> bool:
+        """The last calibration has one before it, and no adjustment lies between them."""
+        return self.value.size > 1 and bool(self.level[-1] == self.level[-2])
 
     @property
     def outside(self) -> NDArray[np.int64]:
@@ -50,7 +57,7 @@ class ParameterHistory:
             "calibrations": int(self.value.size),
             "value": float(self.value[-1]),
             "expanded_uncertainty": float(self.factor[-1] * self.std[-1]),
-            "change": float(self.value[-1] - self.value[-2]) if self.value.size > 1 else None,
+            "change": float(self.value[-1] - self.value[-2]) if self.compared else None,
             "en": float(en[-1]) if en.size else None,
             "en_worst": float(en[np.abs(en).argmax()]) if en.size else None,
             "en_above_1": int((np.abs(en) > 1.0).sum()),
@@ -96,9 +103,10 @@ def _history(series: Series, column: int) -> ParameterHistory:
     t = series.t_year[rows]
     value, std, factor = (grid[rows, column] for grid in (series.value, series.std, series.factor))
     shared, standard = np.minimum(series.shared[rows, column], std), series.standard[rows, column]
+    level = series.level[rows]
     line = None
-    if np.unique(t).size > 1 and (std > 0.0).all():
-        line = fit_drift_line(t, value, std, shared, standard)
+    if ((np.diff(t) > 0.0) & (np.diff(level) == 0)).any() and (std > 0.0).all():
+        line = fit_drift_line(t, value, std, shared, standard, level)
     chart = individuals_chart(line.residual) if line and value.size >= LEAST_FOR_CONTROL else None
     return ParameterHistory(
         parameter=series.parameters[column],
@@ -107,21 +115,22 @@ def _history(series: Series, column: int) -> ParameterHistory:
         value=value,
         std=std,
         factor=factor,
-        en=_en_of_each(value, std * factor, shared * factor, standard),
+        en=_en_of_each(value, std * factor, shared * factor, standard, level),
         line=line,
         chart=chart,
         low=float(series.low[column]),
         high=float(series.high[column]),
         change_limit=float(series.change_limit[column]),
+        level=level,
     )
 
 
-def _en_of_each(value: Array, expanded: Array, shared: Array, standard: NDArray[np.int64]) -> Array:
-    """Return E_n of each calibration against the one before, (m,), NaN for the first."""
+def _en_of_each(value: Array, expanded: Array, shared: Array, standard: Labels, level: Labels) -> Array:
+    """Return E_n of each calibration against the one before, (m,), NaN for the first and across an adjustment."""
     same = (standard[1:] == standard[:-1]) & (standard[1:] != NO_STANDARD)
     parts = np.where(same, shared[:-1], 0.0), np.where(same, shared[1:], 0.0)
     scores = en_scores(np.diff(value), (expanded[:-1], expanded[1:]), parts)
-    return np.concatenate([[np.nan], scores])
+    return np.concatenate([[np.nan], np.where(np.diff(level) == 0, scores, np.nan)])
 
 
 def compare_pair(url: str, first: str, second: str) -> dict[str, Any]:

@@ -17,6 +17,7 @@ from sqlalchemy.exc import ArgumentError
 from sqlalchemy.pool import NullPool
 
 from bench.store.errors import StoreError, explained, masked
+from bench.store.stated_tables import add_stated_tables
 from bench.store.tables import METADATA, VERSION, doubts, history
 
 WAIT_S = 3
@@ -31,7 +32,7 @@ _DEAD_NETWORK = {
 _LOCK = 0x62656E6368  # any number, the same for every writer of this software
 
 # From a version of the tables to the next one; a history is brought up to date when it is opened.
-UPGRADES: Mapping[int, Callable[[Connection], None]] = {1: doubts.create}
+UPGRADES: Mapping[int, Callable[[Connection], None]] = {1: doubts.create, 2: add_stated_tables}
 _EXAMPLES = "use sqlite:///folder/history.sqlite or postgresql://user@host/database"
 
 

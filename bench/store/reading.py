@@ -14,6 +14,7 @@ from sqlalchemy import Connection, Table, select
 from bench.analysis import DOUBTFUL, REFUSED
 from bench.maths.verdict import worst
 from bench.model.clock import NS
+from bench.store.adjustments import states_of
 from bench.store.database import reading
 from bench.store.selection import Filters, find_calibration, selected, units
 from bench.store.tables import (
@@ -47,12 +48,14 @@ def list_calibrations(url: str, filters: Filters) -> list[Row]:
         verdicts = _verdicts(connection, kept)
         unsound = _unsound(connection)
         approved = _approvals(connection, [row["revision_id"] for row in rows])
+        stated = states_of(connection)
     return [
         {
             "started_utc": utc_text(row["started_utc_ns"]),
             **{name: row[name] for name in ("session", "session_sha256", "campaign", "uut_model", "uut_serial")},
             **{name: row[name] for name in ("simulated", "method", "software", "estimates", "revision")},
             **{quality: unsound[row["result_set_id"], quality] for quality in (DOUBTFUL, REFUSED)},
+            "state": stated.get(row["id"], {}).get("state"),
             "verdict": worst(verdicts.get(row["result_set_id"], ())),
             "approved_by": [approval["approved_by"] for approval in approved.get(row["revision_id"], [])],
         }
@@ -103,6 +106,7 @@ class Shown:
     quality: dict[str, int]
     estimates: list[Row]  # of the newest revision, as in results.json
     notes: list[str]
+    adjustment: Row | None  # state "as_found" or "as_left", what was adjusted and who says so
 
     def as_json(self) -> Row:
         """Return one JSON document."""
@@ -127,7 +131,15 @@ def show_calibration(url: str, name: str) -> Shown:
             quality={row["name"]: row["count"] for row in counts.mappings()},
             estimates=stored_estimates(connection, result_set),
             notes=json.loads(connection.execute(stated).scalar_one()),
+            adjustment=_adjustment(states_of(connection).get(number)),
         )
+
+
+def _adjustment(stated: Row | None) -> Row | None:
+    if stated is None:
+        return None
+    names = ("state", "what", "stated_by")
+    return {**{name: stated[name] for name in names}, "stated_utc": utc_text(stated["stated_utc_ns"])}
 
 
 def stored_estimates(connection: Connection, result_set: int) -> list[Row]:

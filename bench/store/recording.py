@@ -12,6 +12,7 @@ from sqlalchemy import Connection, Table, select
 
 from bench.model.clock import Clock, WallClock
 from bench.store import tables
+from bench.store.adjustments import add_state
 from bench.store.contents import Contents, Row, contents_of
 from bench.store.database import reading, writing
 from bench.store.errors import StoreError
@@ -38,6 +39,7 @@ def record_calibration(
     *,
     reason: str = "",
     started_utc_ns: int | None = None,
+    adjustment: tuple[str, str, str] | None = None,
     clock: Clock | None = None,
 ) -> Recorded:
     """Add a session to the history, or a revision of it if its results or its report have changed.
@@ -48,6 +50,7 @@ def record_calibration(
             manifest: of the session.   report_sha256: of report.html, None if there is none.
             reason: why there is a new revision; by default what has changed.
             started_utc_ns: when the session began, if its name does not say it.   clock: labels the revision.
+            adjustment: "as_found" or "as_left", what was adjusted and who says so, of the unit of the session.
     Raises: StoreError B-STORE-001 to B-STORE-006 (the history), B-STORE-008 (the documents), B-STORE-014 (anything
             else: a run that has its results must not end here). Nothing is half written.
     """
@@ -56,6 +59,8 @@ def record_calibration(
         now_ns = (clock or WallClock()).utc_ns()
         with writing(url, str(document["provenance"]["software"])) as connection:
             done = [_record(connection, content, report_sha256, reason, now_ns) for content in contents]
+            if adjustment is not None:
+                _state(connection, str(document["provenance"]["session_sha256"]), adjustment, now_ns)
         outcome = next(outcome for outcome in OUTCOMES if any(each.outcome == outcome for each in done))
         return Recorded(outcome, str(document["session"]), max(entry.revision for entry in done))
     except StoreError:
@@ -93,6 +98,13 @@ def _record(
     }
     connection.execute(tables.report_revisions.insert(), revision)
     return Recorded("new" if known is None else "revised", session, revision["number"])
+
+
+def _state(connection: Connection, session_sha256: str, adjustment: tuple[str, str, str], now_ns: int) -> None:
+    """State the unit of a session as found or as left; in a session of several units nobody knows which is meant."""
+    calibration = _id(connection, tables.calibrations, session_sha256=session_sha256)
+    if calibration is not None:
+        add_state(connection, calibration, *adjustment, now_ns)
 
 
 def _id(connection: Connection, table: Table, **keys: Any) -> int | None:

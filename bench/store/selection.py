@@ -108,8 +108,9 @@ def find_calibration(connection: Connection, name: str) -> dict[str, Any]:
     if len(wanted) >= _LEAST_HASH:
         rule = or_(rule, calibrations.c.session_sha256.startswith(wanted.lower(), autoescape=True))
     rows = [dict(row) for row in connection.execute(latest_revisions().where(rule)).mappings()]
-    if len(rows) == 1:
-        return rows[0]
+    exact = [row for row in rows if wanted in (row["session"], row["session_sha256"])]  # not its check standard
+    if len(rows) == 1 or len(exact) == 1:
+        return (exact or rows)[0]
     if rows:
         raise unknown("session", name, [_told_apart(row) for row in rows], several=True)
     sessions = connection.execute(select(calibrations.c.session).distinct()).scalars().all()

@@ -15,6 +15,7 @@ from sqlalchemy import Connection, Select, select
 from bench.analysis import covariance_by_standards, limits_of
 from bench.maths.drift import NO_STANDARD
 from bench.model.clock import NS
+from bench.store.adjustments import levels_of
 from bench.store.contents import canonical
 from bench.store.database import reading
 from bench.store.errors import StoreError
@@ -77,6 +78,8 @@ class Series:
     low: Array  # (p,) limits of the newest calibration of the campaign; infinite where there is none
     high: Array  # (p,)
     change_limit: Array  # (p,) the same, of the change since that calibration; NaN if there is none
+    level: NDArray[np.int64]  # (c,) another label after each adjustment of the unit
+    certificates: list[str]  # what the labels in ``standard`` mean
     notes: list[str] = field(default_factory=list)
 
 
@@ -123,6 +126,8 @@ def read_pair(url: str, first: str, second: str) -> tuple[Series, Array]:
                 next_step="compare two calibrations of one unit by the same campaign",
             )
         series = _series(connection, units[0], rows, None, [])
+        if series.level[0] != series.level[1]:
+            series.notes.append("the unit was adjusted between them: the change is no drift")
         return series, _covariance(connection, rows, series.parameters)
 
 
@@ -157,11 +162,14 @@ def _series(
     grids = np.full((len(_NUMBERS), len(rows), len(column_of)), np.nan)
     grids[:, places, columns] = table[:, 2:].T
     parameters = [Parameter(name, *described[number]) for name, number in column_of]
-    shared, standard = _shared(connection, rows, parameters)
+    shared, standard, certificates = _shared(connection, rows, parameters)
     t_year = np.array([row["started_utc_ns"] / NS / YEAR_S for row in rows])
     value, std, factor = grids
     limits = _limits(connection, rows, column_of)
-    return Series(uut, rows, parameters, t_year, value, std, factor, shared, standard, *limits, notes)
+    level = levels_of(connection, uut, rows)
+    return Series(
+        uut, rows, parameters, t_year, value, std, factor, shared, standard, *limits, level, certificates, notes
+    )
 
 
 def _unsound(connection: Connection, rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -229,8 +237,8 @@ def _limits(
 
 def _shared(
     connection: Connection, rows: list[dict[str, Any]], parameters: list[Parameter]
-) -> tuple[Array, NDArray[np.int64]]:
-    """Return shared standard uncertainty and the label of its standard, (c, p) each."""
+) -> tuple[Array, NDArray[np.int64], list[str]]:
+    """Return shared standard uncertainty and the label of its standard, (c, p) each, and what the labels mean."""
     ids = {row["id"]: number for number, row in enumerate(rows)}
     shared = np.zeros((len(rows), len(parameters)))
     standard = np.full(shared.shape, NO_STANDARD)
@@ -244,4 +252,4 @@ def _shared(
         if place is not None and touched:
             shared[place, touched] = row["std_uncertainty"]
             standard[place, touched] = labels.setdefault(row["standard"], len(labels))
-    return shared, standard
+    return shared, standard, list(labels)

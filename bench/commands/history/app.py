@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -12,6 +13,7 @@ from bench.commands.usage import App
 app = App(help="Earlier calibrations: drift, agreement, due dates, approvals, export.")
 
 _LONGEST_DAYS = 365
+_DAY = ["%Y-%m-%d"]
 
 History = Annotated[
     str | None,
@@ -136,3 +138,79 @@ def approve(
     from bench.commands.history import show as work
 
     raise typer.Exit(work.approve_session(work.Place(history, out), session, by, statement, json))
+
+
+@app.command(epilog="Example: bench history charts --uut SIM-1 --plot charts.svg")
+def charts(
+    uut: Unit = None,
+    certificates: Annotated[bool, typer.Option("--certificates", help="those of all standards, by all units")] = False,
+    bench: Annotated[
+        str | None, typer.Option("--bench", metavar="STATION", help="all calibrations on a station")
+    ] = None,
+    campaign: Campaign = None,
+    quantity: Quantity = None,
+    run_length: Annotated[
+        float | None,
+        typer.Option("--run-length", min=2.0, help="points to the first false signal; default: as frozen, or 200"),
+    ] = None,
+    plot: Annotated[Path | None, typer.Option("--plot", help="draw the charts as .svg or .png")] = None,
+    history: History = None,
+    out: Out = None,
+    json: AsJson = False,
+) -> None:
+    """Control charts: Shewhart, EWMA and CUSUM; exit status 1 if a real one signals."""
+    from bench.commands.history import charts as work
+    from bench.commands.history.show import Place
+    from bench.store import Filters
+
+    done = work.charts(
+        Place(history, out),
+        Filters(uut, campaign, quantity),
+        certificates=certificates,
+        station=bench,
+        run_length=run_length,
+        plot=plot,
+        as_json=json,
+    )
+    raise typer.Exit(done)
+
+
+@app.command(
+    epilog='Example: bench history freeze --uut SIM-1 --until 2026-03-31 --by "A. Meyer" --reason "first year"'
+)
+def freeze(
+    until: Annotated[datetime, typer.Option("--until", formats=_DAY, help="last day of the first phase")],
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="who states it")],
+    reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="why this phase, or why a new one")],
+    since: Annotated[datetime | None, typer.Option("--from", formats=_DAY, help="first day; default: all")] = None,
+    uut: Unit = None,
+    bench: Annotated[str | None, typer.Option("--bench", metavar="STATION", help="a station instead of a unit")] = None,
+    run_length: Annotated[float, typer.Option("--run-length", help="points to the first false signal")] = 200.0,
+    history: History = None,
+    out: Out = None,
+    json: AsJson = False,
+) -> None:
+    """State the first phase of control charts; another statement begins a new one."""
+    from bench.commands.history import charts as work
+    from bench.commands.history.show import Place
+
+    subject = ("unit", uut) if bench is None else ("station", bench)
+    days = None if since is None else since.date(), until.date()
+    raise typer.Exit(work.freeze_phase(Place(history, out), subject, days, run_length, by, reason, json))
+
+
+@app.command(epilog='Example: bench history adjusted SESSION as_left --what "gain of channel 3" --by "A. Meyer"')
+def adjusted(
+    session: Session,
+    state: Annotated[str, typer.Argument(help="as_found (before an adjustment) or as_left (after it)")],
+    what: Annotated[str, typer.Option("--what", metavar="TEXT", help="what was adjusted or repaired")],
+    by: Annotated[str, typer.Option("--by", metavar="NAME", help="who says so")],
+    history: History = None,
+    out: Out = None,
+    json: AsJson = False,
+) -> None:
+    """Mark a calibration as found or as left; drift never crosses an adjustment."""
+    from bench.commands.history import charts as work
+    from bench.commands.history.show import Place
+
+    raise typer.Exit(work.adjusted(Place(history, out), session, state, what, by, json))

@@ -13,9 +13,16 @@ from bench.commands.console import console
 from bench.commands.history.show import Place
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.record import SessionReader
+from bench.report import Laboratory, laboratory_of
 from bench.session.service import read_view
 from bench.session.view import analyse_view
-from bench.store import Recorded, StoreError, digest_of_file, record_calibration, started_utc_ns
+from bench.store import (
+    Recorded,
+    StoreError,
+    digest_of_file,
+    record_calibration,
+    started_utc_ns,
+)
 
 NO_ANALYSIS = "none"
 _CLOCK = frozenset({"/clock"})
@@ -73,6 +80,7 @@ def import_session(url: str, folder: Path, reason: str = "") -> Recorded:
             where=str(folder),
             next_step="'bench recover' says whether the recording is whole; without results.json they are computed",
         )
+    laboratory = laboratory_of(folder)
     return record_calibration(
         url,
         document,
@@ -80,6 +88,7 @@ def import_session(url: str, folder: Path, reason: str = "") -> Recorded:
         digest_of_file(report) if report.is_file() else None,
         reason=reason,
         started_utc_ns=started_utc_ns(str(document["session"])) or _first_label(reader),
+        adjustment=None if laboratory is None else _adjustment(laboratory),
     )
 
 
@@ -111,6 +120,14 @@ def _computed(reader: SessionReader) -> Mapping[str, Any]:
     if not view.has_analysis:
         raise InputError("B-CLI-008", "the sequence of this session asks for no analysis", where=str(reader.folder))
     return analyse_view(view)[0]
+
+
+def _adjustment(laboratory: Laboratory) -> tuple[str, str, str] | None:
+    """Return what the laboratory says of the unit around an adjustment, and who signs for it."""
+    if laboratory.adjustment is None:
+        return None
+    signs = next(person.name for person in laboratory.responsible if person.signs)
+    return laboratory.adjustment.results, laboratory.adjustment.what, signs
 
 
 def _first_label(reader: SessionReader) -> int | None:

@@ -1,4 +1,4 @@
-"""The panels of ``bench history compare --plot``."""
+"""The panels of ``bench history compare --plot`` and ``bench history charts --plot``."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ from bench.model.errors import InputError
 from bench.report import plots
 from bench.session.output import writing
 from bench.store import Comparison, ParameterHistory
+from bench.store.charts import ChartedSeries, ChartedSubject
 
 _EPOCH_YEAR = 1970.0
 
 
 def draw(comparison: Comparison, path: Path) -> None:
     """Draw the parameters with the clearest drift. Raises: InputError B-CLI-007 if the file cannot be written."""
-    if path.suffix not in plots.FORMATS:
-        raise InputError("B-CLI-007", "is neither .svg nor .png", where=str(path), next_step="name such a file")
+    _require_format(path)
     histories = sorted(comparison.parameters, key=_clearest)[: plots.MOST_PANELS]
     series = comparison.series
     left = len(comparison.parameters) - len(histories)
@@ -31,6 +31,38 @@ def draw(comparison: Comparison, path: Path) -> None:
         )
 
 
+def draw_charts(subject: ChartedSubject, path: Path) -> None:
+    """Draw the charts with signals first. Raises: InputError B-CLI-007 if the file cannot be written."""
+    _require_format(path)
+    shown = sorted(subject.shown, key=lambda series: not series.signals)[: plots.MOST_PANELS]
+    left = len(subject.shown) - len(shown)
+    more = f", {left} more series not drawn" if left > 0 else ""
+    title = f"{subject.name}: run length {subject.run_length:g} for {len(subject.series)} series together{more}"
+    with writing(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        plots.plot_control([_control(series) for series in shown], title, subject.simulated, path)
+
+
+def _control(series: ChartedSeries) -> plots.ControlPanel:
+    unjudged, limits, charts = np.full(series.first, np.nan), series.limits, series.charts
+    places = np.arange(series.score.size)
+    return plots.ControlPanel(
+        title=series.label,
+        year=series.t_year + _EPOCH_YEAR,
+        score=series.score / limits.shewhart,
+        ewma=np.append(unjudged, charts.ewma / limits.ewma),
+        cusum_up=np.append(unjudged, charts.cusum_up / limits.cusum),
+        cusum_down=np.append(unjudged, charts.cusum_down / limits.cusum),
+        judged=places >= series.first,
+        signals=np.isin(places, [place for _, place, _ in series.signals]),
+    )
+
+
+def _require_format(path: Path) -> None:
+    if path.suffix not in plots.FORMATS:
+        raise InputError("B-CLI-007", "is neither .svg nor .png", where=str(path), next_step="name such a file")
+
+
 def _clearest(history: ParameterHistory) -> float:
     """Return drift over its standard uncertainty, the largest first; what has no line comes last."""
     return 0.0 if history.line is None else -abs(history.line.rate) / history.line.rate_std
@@ -38,7 +70,8 @@ def _clearest(history: ParameterHistory) -> float:
 
 def _panel(history: ParameterHistory) -> plots.Panel:
     empty = np.empty(0)
-    at = plots.line_years(history.t_year[0], history.t_year[-1]) if history.line else empty
+    since = history.t_year[history.level == history.level[-1]]  # the line is that since the last adjustment
+    at = plots.line_years(since[0], since[-1]) if history.line else empty
     unit = history.parameter.unit
     nano = unit == "A" or unit.startswith("A/")
     scale = 1e9 if nano else 1.0

@@ -25,6 +25,9 @@ _LEFT = {
     "parameter",
     "governed by",
     "statement",
+    "point",
+    "rule",
+    "since",
 }
 _WHOLE = {"sha-256", "campaign", "revision", "value", "first", "second", "change", "U 95 %", "E_n", "verdict"}
 _LONGEST = "longest interval"
@@ -36,7 +39,7 @@ def print_listing(out: Console, rows: Sequence[Row]) -> None:
     table = _table(f"{len(rows)} calibrations", heads)
     for row in rows:
         table.add_row(
-            row["session"] + _mark(row["simulated"]),
+            row["session"] + _mark(row["simulated"]) + _state(row["state"]),
             row["session_sha256"][:8],
             f"{row['uut_model']} {row['uut_serial']}",
             row["campaign"],
@@ -55,6 +58,10 @@ def print_shown(out: Console, shown: Shown) -> None:
     for name in ("campaign", "started_utc", "imported_utc", "sequence", "station", "session_sha256", "plan_sha256"):
         out.print(f"  {name.replace('_', ' '):<16} {head[name]}")
     out.print(f"  {'unit under test':<16} {head['uut_model']} {head['uut_serial']}")
+    if shown.adjustment is not None:
+        stated = shown.adjustment
+        text = f"{stated['state'].replace('_', ' ')}: {stated['what']} ({stated['stated_by']})"
+        out.print(f"  {'adjustment':<16} {text}", markup=False)
     out.print("  " + ", ".join(f"{count} {name.replace('_', ' ')}" for name, count in shown.quality.items()))
     for standard in shown.standards:
         out.print(
@@ -111,6 +118,7 @@ def comparison_document(comparison: Comparison, due: Sequence[Due], now_utc_ns: 
         "uut_model": series.uut[0],
         "uut_serial": series.uut[1],
         "sessions": [row["session"] for row in series.calibrations],
+        "levels": series.level.tolist(),
         "parameters": [history.as_json(series) for history in comparison.parameters],
         "due": [entry.as_json(now_utc_ns) for entry in due],
         "notes": list(series.notes),
@@ -131,6 +139,9 @@ def print_comparison(out: Console, comparison: Comparison, due: Sequence[Due]) -
             str(document["en_above_1"]), "-" if history.chart is None else str(len(document["out_of_control"])),
         )  # fmt: skip
     out.print(table)
+    adjustments = int(series.level[-1] - series.level[0]) if series.level.size else 0
+    if adjustments:
+        out.print(f"The unit was adjusted {adjustments} times; no drift and no E_n is taken across an adjustment")
     for note in series.notes:
         out.print(note)
     if all(history.line is None for history in comparison.parameters):
@@ -161,6 +172,14 @@ def _table(title: str, heads: Sequence[str]) -> Table:
     return table
 
 
+def rows_table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """Return a table of texts in the form of all tables of ``bench history``."""
+    table = _table(title, heads)
+    for row in rows:
+        table.add_row(*row)
+    return table
+
+
 def _overall(verdict: str) -> str:
     return "not judged" if verdict == "none" else verdict.replace("_", " ")
 
@@ -173,6 +192,10 @@ def _doubts(row: Row) -> str:
 
 def _quality(estimate: Row) -> str:
     return "accepted" if "acceptance" in estimate else str(estimate["quality"])
+
+
+def _state(state: str | None) -> str:
+    return "" if state is None else f" ({state.replace('_', ' ')})"
 
 
 def _mark(simulated: bool) -> str:

@@ -1,5 +1,6 @@
 """Pictures of a report; importing this loads matplotlib, which takes longer than most commands take to run."""
 
+from bench.report.plots.control import ControlPanel, plot_control
 from bench.report.plots.currents import current_picture, residual_picture
 from bench.report.plots.figures import plot_timetable, timetable_picture
 from bench.report.plots.graphs import analysis_pictures
@@ -10,6 +11,7 @@ from bench.report.plots.temperatures import asymmetry_picture, bias_picture, dsf
 __all__ = [
     "FORMATS",
     "MOST_PANELS",
+    "ControlPanel",
     "Panel",
     "analysis_pictures",
     "asymmetry_picture",
@@ -17,6 +19,7 @@ __all__ = [
     "current_picture",
     "dsf_picture",
     "line_years",
+    "plot_control",
     "plot_history",
     "plot_timetable",
     "residual_picture",

@@ -60,13 +60,18 @@ def plot_history(panels: Sequence[Panel], title: str, simulated: bool, path: Pat
         for axes in list(grid)[len(shown) :]:
             axes.set_axis_off()
         figure.suptitle(title, fontsize=9.5)
-        if simulated:
-            figure.text(0.5, 0.5, _WATERMARK, rotation=25, ha="center", va="center", fontsize=26, color=GREY, alpha=0.4)
-        if path.suffix == ".svg":
-            path.write_text(svg_text(figure, "history"), encoding="utf-8")
-        else:
-            FigureCanvasAgg(figure)
-            figure.savefig(path, dpi=150, metadata={"Software": None})
+        save_history(figure, simulated, path)
+
+
+def save_history(figure: Figure, simulated: bool, path: Path) -> None:
+    """Write a figure of the history as .svg or .png, marked where it shows simulated calibrations."""
+    if simulated:
+        figure.text(0.5, 0.5, _WATERMARK, rotation=25, ha="center", va="center", fontsize=26, color=GREY, alpha=0.4)
+    if path.suffix == ".svg":
+        path.write_text(svg_text(figure, "history"), encoding="utf-8")
+    else:
+        FigureCanvasAgg(figure)
+        figure.savefig(path, dpi=150, metadata={"Software": None})
 
 
 def _draw(axes: Axes, panel: Panel) -> None:

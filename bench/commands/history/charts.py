@@ -1,0 +1,123 @@
+"""``bench history charts``, ``freeze`` and ``adjusted``: whether units, certificates and benches are in control."""
+
+from __future__ import annotations
+
+import json
+import sys
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+
+from bench.commands.console import console
+from bench.commands.history.show import Place, named
+from bench.commands.history.tables import rows_table
+from bench.maths.control.limits import KINDS
+from bench.model.errors import ExitStatus, InputError
+from bench.store import Filters, state_calibration
+from bench.store.charts import ChartedSeries, ChartedSubject, chart_certificates, chart_station, chart_unit, freeze
+
+_HEADS = ("parameter", "point", "rule", "statistic", "limit", "since", "size", "U 95 %", "unit")
+
+
+def charts(
+    place: Place,
+    filters: Filters,
+    *,
+    certificates: bool,
+    station: str | None,
+    run_length: float | None,
+    plot: Path | None,
+    as_json: bool,
+) -> int:
+    """Chart a unit, a station or all certificates; exit status 1 if a real one gives a signal."""
+    if certificates + (station is not None) + (filters.uut is not None) > 1:
+        raise InputError(
+            "B-CLI-011",
+            "charts are of one unit, of one bench, or of the certificates",
+            where="bench history charts",
+            next_step="give one of --uut SERIAL, --bench STATION and --certificates",
+        )
+    url = place.of()
+    if certificates:
+        subject = chart_certificates(url, filters, run_length)
+    elif station is not None:
+        subject = chart_station(url, station, filters, run_length)
+    else:
+        subject = chart_unit(url, filters, run_length)
+    if plot is not None:
+        from bench.commands.history.plots import draw_charts  # matplotlib takes longer to load than the charts
+
+        draw_charts(subject, plot)
+    if as_json:
+        _json(subject.as_json())
+    else:
+        _print(console(), subject)
+    signalled = any(series.signals for series in subject.shown)
+    return ExitStatus.VERDICT_FAIL if signalled and not subject.simulated else ExitStatus.PASS
+
+
+def freeze_phase(
+    place: Place,
+    subject: tuple[str, str | None],
+    days: tuple[date | None, date],
+    run_length: float,
+    by: str,
+    reason: str,
+    as_json: bool,
+) -> int:
+    """State the first phase of a unit or a station."""
+    done = freeze(place.of(), subject, days, run_length, by, reason)
+    if as_json:
+        return _json(done)
+    console().print(f"{done['name']}: {done['calibrations']} calibrations until {done['until_utc'][:10]}, by {by}")
+    return ExitStatus.PASS
+
+
+def adjusted(place: Place, session: str, state: str, what: str, by: str, as_json: bool) -> int:
+    """State that a calibration shows its unit before or after an adjustment."""
+    done = state_calibration(place.of([session]), named(session), state, what, by)
+    if as_json:
+        return _json({"session": done["session"], "state": state, "what": what, "stated_by": by})
+    console().print(f"{done['session']}: {state.replace('_', ' ')}, {what}")
+    return ExitStatus.PASS
+
+
+def _print(out: Console, subject: ChartedSubject) -> None:
+    together = len(KINDS) * len(subject.series)
+    mark = " (SIMULATED)" if subject.simulated else ""
+    out.print(
+        f"{subject.name}{mark}: {together} charts, one false signal in {subject.run_length:g} points of all together"
+    )
+    if subject.phase is not None:
+        phase = subject.phase
+        out.print(
+            f"  first phase {phase['from_utc'][:10]} to {phase['until_utc'][:10]}, stated by {phase['stated_by']}: "
+            f"{phase['reason']}",
+            markup=False,
+        )
+    rows = [row for series in subject.shown for row in _rows(series)]
+    if rows:
+        out.print(rows_table(f"{len(rows)} signals", _HEADS, rows))
+    else:
+        judged = sum(len(series.names) - series.first for series in subject.shown)
+        out.print(f"no signal: {judged} points on {len(subject.shown)} series judged")
+    for note in subject.notes:
+        out.print(note)
+
+
+def _rows(series: ChartedSeries) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    for signal, point, change in series.signals:
+        since = ("-", "-", "-")
+        if change is not None:
+            since = (series.names[change.since], f"{change.size:+.3g}", f"{change.expanded:.2g}")
+        figures = (f"{signal.statistic:+.2f}", f"{signal.limit:.2f}")
+        rows.append((series.label, series.names[point], signal.kind, *figures, *since, series.parameter.unit))
+    return rows
+
+
+def _json(document: Any) -> int:
+    sys.stdout.write(json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False) + "\n")
+    return ExitStatus.PASS
