@@ -7,13 +7,14 @@ from bench.store.database import history_address
 from bench.store.due import Due, dues_of
 from bench.store.errors import StoreError
 from bench.store.export import export_history
-from bench.store.reading import Shown, list_calibrations, show_calibration, units_of
+from bench.store.reading import Shown, list_calibrations, show_calibration, units_of, utc_text
 from bench.store.recording import Recorded, approve, record_calibration
 from bench.store.selection import Filters
-from bench.store.series import conditions_text
+from bench.store.series import YEAR_S, conditions_text
 
 __all__ = [
     "LEAST_FOR_CONTROL",
+    "YEAR_S",
     "Comparison",
     "Due",
     "Filters",
@@ -35,4 +36,5 @@ __all__ = [
     "started_utc_ns",
     "state_calibration",
     "units_of",
+    "utc_text",
 ]

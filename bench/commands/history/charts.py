@@ -14,11 +14,12 @@ from bench.commands.console import console
 from bench.commands.history.show import Place, named
 from bench.commands.history.tables import rows_table
 from bench.maths.control.limits import KINDS
+from bench.model.clock import NS
 from bench.model.errors import ExitStatus, InputError
-from bench.store import Filters, state_calibration
+from bench.store import YEAR_S, Filters, state_calibration, utc_text
 from bench.store.charts import ChartedSeries, ChartedSubject, chart_certificates, chart_station, chart_unit, freeze
 
-_HEADS = ("parameter", "point", "rule", "statistic", "limit", "since", "size", "U 95 %", "unit")
+_HEADS = ("parameter", "point", "rules", "since", "size", "U 95 %", "unit")
 
 
 def charts(
@@ -99,7 +100,7 @@ def _print(out: Console, subject: ChartedSubject) -> None:
         )
     rows = [row for series in subject.shown for row in _rows(series)]
     if rows:
-        out.print(rows_table(f"{len(rows)} signals", _HEADS, rows))
+        out.print(rows_table(f"{len(rows)} points with signals", _HEADS, rows))
     else:
         judged = sum(len(series.names) - series.first for series in subject.shown)
         out.print(f"no signal: {judged} points on {len(subject.shown)} series judged")
@@ -108,13 +109,19 @@ def _print(out: Console, subject: ChartedSubject) -> None:
 
 
 def _rows(series: ChartedSeries) -> list[tuple[str, ...]]:
-    rows: list[tuple[str, ...]] = []
+    """Return a line for each point with signals: which rules, since when and how large."""
+    rules: dict[int, list[str]] = {}
+    changes = {}
     for signal, point, change in series.signals:
-        since = ("-", "-", "-")
+        rules.setdefault(point, []).append(signal.kind)
+        changes[point] = change
+    rows: list[tuple[str, ...]] = []
+    for point, kinds in rules.items():
+        change, since = changes[point], ("-", "-", "-")
         if change is not None:
-            since = (series.names[change.since], f"{change.size:+.3g}", f"{change.expanded:.2g}")
-        figures = (f"{signal.statistic:+.2f}", f"{signal.limit:.2f}")
-        rows.append((series.label, series.names[point], signal.kind, *figures, *since, series.parameter.unit))
+            day = utc_text(round(series.t_year[change.since] * YEAR_S * NS))[:10]
+            since = (day, f"{change.size:+.3g}", f"{change.expanded:.2g}")
+        rows.append((series.label, series.names[point], ", ".join(kinds), *since, series.parameter.unit))
     return rows
 
 

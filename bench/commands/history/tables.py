@@ -26,10 +26,23 @@ _LEFT = {
     "governed by",
     "statement",
     "point",
-    "rule",
+    "rules",
     "since",
 }
-_WHOLE = {"sha-256", "campaign", "revision", "value", "first", "second", "change", "U 95 %", "E_n", "verdict"}
+_WHOLE = {
+    "sha-256",
+    "point",
+    "since",
+    "campaign",
+    "revision",
+    "value",
+    "first",
+    "second",
+    "change",
+    "U 95 %",
+    "E_n",
+    "verdict",
+}
 _LONGEST = "longest interval"
 
 

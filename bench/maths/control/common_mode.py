@@ -113,7 +113,7 @@ def certificate_steps(units: Sequence[Readings], stated: Array, limit: float) ->
     steps = Steps(*(np.full(stated.size, np.nan) for _ in range(4)))
     weight = stated**-2.0
     for newest in range(1, stated.size):
-        until = [_until(unit, newest) for unit in units]
+        until = [unit.of(unit.standard <= newest) for unit in units]
         known = population(until, newest + 1)
         if known.freedom < LEAST_FREEDOM or known.normal[newest, newest] <= _LEAST * np.trace(known.normal):
             continue
@@ -127,8 +127,3 @@ def certificate_steps(units: Sequence[Readings], stated: Array, limit: float) ->
         steps.score[newest] = normal_scores(np.array(steps.moved[newest] / total**0.5), dof)
         weight[newest] *= abs(steps.score[newest]) <= limit
     return steps
-
-
-def _until(unit: Readings, newest: int) -> Readings:
-    rows = unit.standard <= newest
-    return Readings(*(column[rows] for column in vars(unit).values()))

@@ -24,9 +24,9 @@ Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 _LEAST_SCATTER = 1e-4  # of the smallest variance stated: where readings do not scatter at all, no change is nothing
 _STEP = 1e-3  # relative, of a derivative
-_UNDETERMINED = 1e-6  # part of a row that the rows before it do not hold
+_UNDETERMINED = 1e-4  # part of a row that the rows before it do not hold; of a drift: an hour of a year
 _RANK = 1e-10
-_DAYS = 365.25
+_NOTHING = 1e-12  # of the largest eigenvalue
 _LIKELY = 3.84  # chi-square of one degree of freedom, 95 %
 
 
@@ -35,7 +35,7 @@ class Readings:
     """Calibrations of one parameter in order of time, (n,) each, in its unit.
 
     ``std`` is what a calibration states, ``shared`` its part from the certificate labelled ``standard`` (NO_STANDARD:
-    none); ``level``: a label that changes where the unit was adjusted.
+    none); ``level``: a label that changes where the unit was adjusted; ``owner``: which unit, None for a single one.
     """
 
     t: Array  # years
@@ -44,10 +44,13 @@ class Readings:
     shared: Array
     standard: Labels
     level: Labels
+    owner: Labels | None = None
 
-    def first(self, count: int) -> Readings:
-        """Return the first ``count`` of them."""
-        return Readings(*(column[:count] for column in vars(self).values()))
+    def of(self, rows: slice | NDArray[np.bool_] | Labels) -> Readings:
+        """Return some of them."""
+        owner = None if self.owner is None else self.owner[rows]
+        readings = (self.t[rows], self.value[rows], self.std[rows], self.shared[rows])
+        return Readings(*readings, self.standard[rows], self.level[rows], owner)
 
 
 @dataclass(frozen=True)
@@ -87,7 +90,7 @@ def first_phase(readings: Readings, count: int) -> Scatter:
     Source:  R. C. Paule, J. Mandel, J. Res. NBS 87 (1982) 377; degrees of freedom: F. E. Satterthwaite, Biometrics
              Bulletin 2 (1946) 110.
     """
-    phase = readings.first(count)
+    phase = readings.of(slice(count))
     design, shared = level_and_drift(phase), _shared(phase)
     freedom = count - int(np.linalg.matrix_rank(design))
     if freedom < 1:
@@ -119,7 +122,7 @@ def predictions(readings: Readings, scatter: Scatter) -> Predictions:
     Args:    readings: (n,).   scatter: of the first phase.
     Returns: Predictions in the unit of the readings.
     Raises:  nothing.
-    Source:  R. L. Brown, J. Durbin, J. M. Evans, J. R. Stat. Soc. B 37 (1975) 149 (recursive residuals), of readings
+    Source:  R. L. Brown, J. Durbin, J. M. Evans, J. R. Stat. Soc. B 37 (1975) 149 (recursive residuals) of readings
              made white by the Cholesky factor of their covariance; degrees of freedom as in ``first_phase``.
     """
     expected, std = _sequential(readings, scatter, scatter.variance)
@@ -149,12 +152,12 @@ class Change:
         return coverage_factor(self.dof) * self.std
 
 
-def step_until(error: Array, std: Array, last: int) -> Change | None:
+def step_until(error: Array, std: Array, last: int, dof: float) -> Change | None:
     """Estimate the likeliest step in errors of predictions up to ``last`` that are independent of each other.
 
     Args:    error, std: (n,) value minus prediction with its standard deviation; NaN where there is none.
-             last: index of the error that gave a signal.
-    Returns: Change, of known standard deviations; None without any error.
+             last: index of the error that gave a signal.   dof: degrees of freedom of the standard deviations.
+    Returns: Change; None without any error.
     Raises:  nothing.
     Source:  T. R. Samuel, J. J. Pignatiello, J. A. Calvin, Quality Engineering 10 (1998) 521.
     """
@@ -163,7 +166,7 @@ def step_until(error: Array, std: Array, last: int) -> Change | None:
     total = np.cumsum(np.nan_to_num(weight * error[: last + 1])[::-1])[::-1]
     with np.errstate(divide="ignore", invalid="ignore"):
         gain = np.where(weight > 0.0, total**2 / power, -np.inf)
-    return _likeliest(total / np.maximum(power, 1e-300), power, gain, np.inf)
+    return _likeliest(total / np.maximum(power, 1e-300), power, gain, dof)
 
 
 def change_until(readings: Readings, scatter: Scatter, last: int) -> Change | None:
@@ -177,7 +180,7 @@ def change_until(readings: Readings, scatter: Scatter, last: int) -> Change | No
     Source:  T. R. Samuel, J. J. Pignatiello, J. A. Calvin, Quality Engineering 10 (1998) 521 (step change of a mean),
              with level, drift and certificates beside the step.
     """
-    seen = readings.first(last + 1)
+    seen = readings.of(slice(last + 1))
     white = _whitener(seen, scatter, scatter.variance)
     steps = np.tril(np.ones((last + 1, last + 1)))  # a step before reading 0 (no more than a level), 1, 2, ... last
     turned, value, steps = (
@@ -201,9 +204,14 @@ def _likeliest(size: Array, power: Array, gain: Array, dof: float) -> Change | N
 
 
 def level_and_drift(readings: Readings) -> Array:
-    """Return columns of the levels and of the drift, (n, k), days from the first calibration on. Raises: nothing."""
-    levels = readings.level[:, None] == np.unique(readings.level)[None, :]
-    return np.column_stack([levels.astype(np.float64), _DAYS * (readings.t - readings.t[0])])
+    """Return columns of the levels and of the drift of each unit, (n, k), years from its first calibration on."""
+    owner = np.zeros_like(readings.level) if readings.owner is None else readings.owner
+    columns = []
+    for unit in np.unique(owner):
+        own = owner == unit
+        columns += [own & (readings.level == level) for level in np.unique(readings.level[own])]
+        columns.append(np.where(own, readings.t - readings.t[own][0], 0.0))
+    return np.column_stack(columns).astype(np.float64)
 
 
 def _shared(readings: Readings) -> Array:
@@ -238,14 +246,13 @@ def _sequential(readings: Readings, scatter: Scatter, variance: float) -> tuple[
     error, std = np.full(white.size, np.nan), np.full(white.size, np.nan)
     for place, (row, value) in enumerate(zip(design, white, strict=True)):
         gain = inverse @ row
-        known = 1.0 + float(row @ gain)
-        told = np.abs(row - normal @ gain).max() <= _UNDETERMINED * np.abs(row).max()
+        known, new = 1.0 + float(row @ gain), row - normal @ gain
         normal += np.outer(row, row)
-        if told:
+        if np.abs(new).max() <= _UNDETERMINED * np.abs(row).max():
             std[place] = factor[place, place] * np.sqrt(known)
             error[place] = factor[place, place] * (value - gain @ moment)
             inverse -= np.outer(gain, gain) / known
         else:  # one more of the unknowns is determined
-            inverse = np.linalg.pinv(normal, rcond=1e-12, hermitian=True)
+            inverse = np.linalg.pinv(normal, rcond=_NOTHING, hermitian=True)
         moment += row * value
     return readings.value - error, std

@@ -80,9 +80,10 @@ def ewma_run_length(limit: float, scores: Scores | None = None, weight: float = 
     Source:  J. M. Lucas, M. S. Saccucci, Technometrics 32 (1990) 1, appendix (Markov chain).
     """
     half = limit * ewma_std(weight)
-    edges = np.linspace(-half, half, _STATES + 1, dtype=np.float64)
+    edges = np.linspace(-half, half, _STATES + 1)
     centres = 0.5 * (edges[1:] + edges[:-1])
-    below = (scores or Scores()).below((edges[None, :] - (1.0 - weight) * centres[:, None]) / weight)
+    moves = np.asarray((edges[None, :] - (1.0 - weight) * centres[:, None]) / weight, dtype=np.float64)
+    below = (scores or Scores()).below(moves)
     return _steps_to_leave(np.diff(below, axis=1))[_STATES // 2]
 
 

@@ -47,7 +47,7 @@ def plot_control(panels: Sequence[ControlPanel], title: str, simulated: bool, pa
             axes.set_axis_off()
         figure.suptitle(title, fontsize=9.5)
         if shown:
-            handles, labels = next(iter(grid)).get_legend_handles_labels()
+            handles, labels = figure.axes[0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
         save_history(figure, simulated, path)
 

@@ -18,6 +18,7 @@ from bench.store.tables import calibrations
 LEAST = 8  # calibrations of a first phase; fewer say too little about the scatter
 BY_DEFAULT = 12  # calibrations, where nobody has stated a first phase
 _DAY_NS = 86_400 * NS
+_LAST_NS = 2**63 - 1  # that a database holds
 
 
 def freeze(
@@ -42,7 +43,7 @@ def freeze(
     """
     now_ns = (clock or WallClock()).utc_ns()
     from_ns = 0 if days[0] is None else _midnight_ns(days[0])
-    until_ns = _midnight_ns(days[1]) + _DAY_NS - 1
+    until_ns = min(_midnight_ns(days[1]) + _DAY_NS - 1, _LAST_NS)
     with reading(url) as connection:
         kind, name = subject[0], _name(connection, *subject)
         count = _count(connection, kind, name, from_ns, until_ns)

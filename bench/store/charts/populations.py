@@ -69,6 +69,7 @@ def _certificates(quantity: Quantity, run_length: float, together: int) -> Chart
     limits = limits_for(run_length, together)
     everyone = [unit.readings for unit in quantity.units]
     steps = certificate_steps(everyone, quantity.stated, limits.shewhart)
+    everything = population(everyone, len(quantity.certificates))
     charts = judged(steps.score, 0, limits)
     label = np.concatenate([unit.standard for unit in everyone])
     t_year = np.concatenate([unit.t for unit in everyone])
@@ -81,10 +82,10 @@ def _certificates(quantity: Quantity, run_length: float, together: int) -> Chart
         std=steps.expected_std,
         score=steps.score,
         first=0,
-        scatter_std=float(np.sqrt(population(everyone, len(quantity.certificates)).variance)),
+        scatter_std=float(np.sqrt(everything.variance)),
         limits=limits,
         charts=charts,
-        changes=[step_until(steps.moved, steps.std, signal.point) for signal in charts.signals],
+        changes=[step_until(steps.moved, steps.std, signal.point, everything.freedom) for signal in charts.signals],
     )
 
 
@@ -142,29 +143,26 @@ def _end_of_first(quantity: Quantity, station: str, phase: dict[str, Any] | None
 
 
 def _known_until(quantity: Quantity, until: float) -> Population:
-    return population(
-        [_part(unit.readings, unit.readings.t <= until) for unit in quantity.units], len(quantity.certificates)
-    )
+    known = [unit.readings.of(unit.readings.t <= until) for unit in quantity.units]
+    return population(known, len(quantity.certificates))
 
 
 def _station(quantity: Quantity, station: str, until: float, run_length: float, together: int) -> ChartedSeries:
+    """Predict each calibration from all before it, of every unit: they share the errors of certificates."""
     scatter = _known_until(quantity, until).scatter
-    points = []
-    for unit in quantity.units:
-        predicted = predictions(unit.readings, scatter)
-        columns = (unit.readings.t, unit.readings.value, predicted.expected, predicted.std, predicted.score)
-        rows = zip(*columns, unit.names, unit.stations, strict=True)
-        points += [row[:6] for row in rows if row[6] == station]
-    points.sort(key=lambda point: (point[0], point[5]))
-    t, value, expected, std, score = (np.array([point[place] for point in points]) for place in range(5))
-    first, limits = int(np.count_nonzero(t <= until)), limits_for(run_length, together, scatter.dof)
+    together_readings, names, stations = _stacked(quantity)
+    predicted = predictions(together_readings, scatter)
+    there = np.array([place == station for place in stations])
+    readings = together_readings.of(there)
+    expected, std, score = predicted.expected[there], predicted.std[there], predicted.score[there]
+    first, limits = int(np.count_nonzero(readings.t <= until)), limits_for(run_length, together, scatter.dof)
     charts = judged(score, first, limits)
-    judged_error = np.where(t > until, value - expected, np.nan)
+    error = np.where(readings.t > until, readings.value - expected, np.nan)
     return ChartedSeries(
         parameter=quantity.parameter,
-        names=[point[5] for point in points],
-        t_year=t,
-        value=value,
+        names=[name for name, here in zip(names, there, strict=True) if here],
+        t_year=readings.t,
+        value=readings.value,
         expected=expected,
         std=std,
         score=score,
@@ -172,8 +170,20 @@ def _station(quantity: Quantity, station: str, until: float, run_length: float, 
         scatter_std=float(np.sqrt(scatter.variance)),
         limits=limits,
         charts=charts,
-        changes=[step_until(judged_error, std, first + signal.point) for signal in charts.signals],
+        changes=[step_until(error, std, first + signal.point, scatter.dof) for signal in charts.signals],
     )
+
+
+def _stacked(quantity: Quantity) -> tuple[Readings, list[str], list[str]]:
+    """Return the calibrations of all units in order of time, with their sessions and stations."""
+    parts = [vars(unit.readings) for unit in quantity.units]
+    owner = np.repeat(np.arange(len(parts)), [part["t"].size for part in parts])
+    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0] if name != "owner"}
+    names = [name for unit in quantity.units for name in unit.names]
+    stations = [station for unit in quantity.units for station in unit.stations]
+    order = np.lexsort((owner, columns["t"]))
+    readings = Readings(**columns, owner=owner).of(order)
+    return readings, [names[row] for row in order], [stations[row] for row in order]
 
 
 def _histories(url: str) -> tuple[list[Series], bool, list[str]]:
@@ -234,10 +244,6 @@ def _unit_series(series: Series, rows: Labels, table: Array, column: int, place:
     return UnitSeries(
         readings, [str(row["session"]) for row in calibrations], [str(row["station"]) for row in calibrations]
     )
-
-
-def _part(readings: Readings, rows: NDArray[np.bool_]) -> Readings:
-    return Readings(*(column[rows] for column in vars(readings).values()))
 
 
 def _wanted(charted: Sequence[ChartedSeries], filters: Filters) -> list[ChartedSeries]:

@@ -44,9 +44,7 @@ def test_certificates_by_the_whole_mixed_model() -> None:
     value = np.concatenate([unit.value[row] for unit, row in zip(everyone, rows, strict=True)])
     label = np.concatenate([unit.standard[row] for unit, row in zip(everyone, rows, strict=True)])
     owner = np.repeat(np.arange(len(everyone)), [int(row.sum()) for row in rows])
-    known = [
-        Readings(*(column[row] for column in vars(unit).values())) for unit, row in zip(everyone, rows, strict=True)
-    ]
+    known = [unit.of(row) for unit, row in zip(everyone, rows, strict=True)]
     variance = population(known, newest + 1).variance
     same_unit = np.equal.outer(owner, owner)
     covariance = variance * np.eye(t.size) + 1e7 * same_unit * (1.0 + np.outer(t, t))
@@ -66,17 +64,17 @@ def test_the_scatter_of_units_does_not_hold_the_error_of_a_certificate() -> None
     assert good.freedom == 8 * 9 - 8 * 2 - (
         CERTIFICATES - 1
     )  # what all certificates have in common is a level of the units
-    found = [population(units(np.random.default_rng(seed)), CERTIFICATES).variance for seed in range(30)]
-    assert np.mean(found) == pytest.approx(OWN**2, rel=0.08)
+    found = [population(units(np.random.default_rng(seed)), CERTIFICATES).variance for seed in range(20)]
+    assert np.mean(found) == pytest.approx(OWN**2, rel=0.1)
 
 
 def test_scores_are_standard_normal_while_certificates_hold_what_they_state() -> None:
     stated = np.full(CERTIFICATES, STATED)
-    scores = np.array([certificate_steps(units(np.random.default_rng(seed)), stated, 5.0).score for seed in range(150)])
+    scores = np.array([certificate_steps(units(np.random.default_rng(seed)), stated, 5.0).score for seed in range(100)])
     assert np.isnan(scores[:, 0]).all()
-    known = scores[:, 2:]
+    known = scores[:, 3:]  # before that some histories leave too little
     print(f"means {known.mean(axis=0)}, standard deviations {known.std(axis=0)}")
-    assert np.abs(known.mean(axis=0)).max() < 4.0 / 150**0.5
+    assert np.abs(known.mean(axis=0)).max() < 4.0 / 100**0.5
     assert np.abs(known.std(axis=0) - 1.0).max() < 0.25
 
 

@@ -77,9 +77,9 @@ def test_without_certificates_it_is_the_residual_variance_of_the_line() -> None:
 def test_a_later_calibration_changes_nothing_before_it() -> None:
     readings = history(np.random.default_rng(SEED), 24, 5)
     scatter = first_phase(readings, FIRST)
-    whole, part = predictions(readings, scatter), predictions(readings.first(17), scatter)
+    whole, part = predictions(readings, scatter), predictions(readings.of(slice(17)), scatter)
     np.testing.assert_allclose(whole.score[:17], part.score, rtol=1e-9)
-    assert first_phase(readings.first(17), FIRST) == scatter
+    assert first_phase(readings.of(slice(17)), FIRST) == scatter
 
 
 def test_a_new_certificate_is_less_of_a_surprise_than_the_same_change_without_one() -> None:
@@ -132,7 +132,7 @@ def test_a_step_is_found_with_its_date_and_size(size: float) -> None:
 
 def test_a_step_in_independent_errors_is_their_weighted_mean() -> None:
     error, std = np.array([0.1, np.nan, 5.0, 7.0]), np.array([1.0, np.nan, 1.0, 2.0])
-    change = step_until(error, std, 3)
+    change = step_until(error, std, 3, np.inf)
     assert change is not None
     assert (change.since, change.size) == (2, pytest.approx((5.0 + 7.0 / 4.0) / 1.25))
     assert change.std == pytest.approx(1.25**-0.5)

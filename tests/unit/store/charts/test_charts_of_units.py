@@ -43,7 +43,7 @@ def test_a_unit_in_control_gives_no_signal_and_a_new_certificate_none_either(url
     charts_sample.written(url, stepped(0.0))
     subject = chart_unit(url, Filters())
     assert (subject.kind, subject.name, subject.simulated, subject.run_length) == ("unit", "NGU A1", False, 200.0)
-    assert [series.parameter.quantity for series in subject.series] == ["bias", "dsf_n", "dsf_p"]
+    assert [series.parameter.quantity for series in subject.series] == ["dsf_n", "dsf_p", "bias"]
     assert {series.limits.run_length for series in subject.series} == {200.0 * 9}
     assert signalled(subject) == set()
     (bias,) = (series for series in subject.series if series.parameter.quantity == "bias")
