@@ -17,7 +17,7 @@ from bench.maths.control.limits import KINDS
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, InputError
 from bench.store import YEAR_S, Filters, state_calibration, utc_text
-from bench.store.charts import ChartedSeries, ChartedSubject, chart_certificates, chart_station, chart_unit, freeze
+from bench.store import charts as control
 
 _HEADS = ("parameter", "point", "rules", "since", "size", "U 95 %", "unit")
 
@@ -42,11 +42,11 @@ def charts(
         )
     url = place.of()
     if certificates:
-        subject = chart_certificates(url, filters, run_length)
+        subject = control.chart_certificates(url, filters, run_length)
     elif station is not None:
-        subject = chart_station(url, station, filters, run_length)
+        subject = control.chart_station(url, station, filters, run_length)
     else:
-        subject = chart_unit(url, filters, run_length)
+        subject = control.chart_unit(url, filters, run_length)
     if plot is not None:
         from bench.commands.history.plots import draw_charts  # matplotlib takes longer to load than the charts
 
@@ -69,7 +69,7 @@ def freeze_phase(
     as_json: bool,
 ) -> int:
     """State the first phase of a unit or a station."""
-    done = freeze(place.of(), subject, days, run_length, by, reason)
+    done = control.freeze(place.of(), subject, days, run_length, by, reason)
     if as_json:
         return _json(done)
     console().print(f"{done['name']}: {done['calibrations']} calibrations until {done['until_utc'][:10]}, by {by}")
@@ -85,7 +85,7 @@ def adjusted(place: Place, session: str, state: str, what: str, by: str, as_json
     return ExitStatus.PASS
 
 
-def _print(out: Console, subject: ChartedSubject) -> None:
+def _print(out: Console, subject: control.ChartedSubject) -> None:
     together = len(KINDS) * len(subject.series)
     mark = " (SIMULATED)" if subject.simulated else ""
     out.print(
@@ -108,7 +108,7 @@ def _print(out: Console, subject: ChartedSubject) -> None:
         out.print(note)
 
 
-def _rows(series: ChartedSeries) -> list[tuple[str, ...]]:
+def _rows(series: control.ChartedSeries) -> list[tuple[str, ...]]:
     """Return a line for each point with signals: which rules, since when and how large."""
     rules: dict[int, list[str]] = {}
     changes = {}

@@ -10,8 +10,7 @@ import numpy as np
 from bench.model.errors import InputError
 from bench.report import plots
 from bench.session.output import writing
-from bench.store import Comparison, ParameterHistory
-from bench.store.charts import ChartedSeries, ChartedSubject
+from bench.store import Comparison, ParameterHistory, charts
 
 _EPOCH_YEAR = 1970.0
 
@@ -31,7 +30,7 @@ def draw(comparison: Comparison, path: Path) -> None:
         )
 
 
-def draw_charts(subject: ChartedSubject, path: Path) -> None:
+def draw_charts(subject: charts.ChartedSubject, path: Path) -> None:
     """Draw the charts with signals first. Raises: InputError B-CLI-007 if the file cannot be written."""
     _require_format(path)
     shown = sorted(subject.shown, key=lambda series: not series.signals)[: plots.MOST_PANELS]
@@ -43,16 +42,16 @@ def draw_charts(subject: ChartedSubject, path: Path) -> None:
         plots.plot_control([_control(series) for series in shown], title, subject.simulated, path)
 
 
-def _control(series: ChartedSeries) -> plots.ControlPanel:
-    unjudged, limits, charts = np.full(series.first, np.nan), series.limits, series.charts
+def _control(series: charts.ChartedSeries) -> plots.ControlPanel:
+    unjudged, limits, lines = np.full(series.first, np.nan), series.limits, series.charts
     places = np.arange(series.score.size)
     return plots.ControlPanel(
         title=series.label,
         year=series.t_year + _EPOCH_YEAR,
         score=series.score / limits.shewhart,
-        ewma=np.append(unjudged, charts.ewma / limits.ewma),
-        cusum_up=np.append(unjudged, charts.cusum_up / limits.cusum),
-        cusum_down=np.append(unjudged, charts.cusum_down / limits.cusum),
+        ewma=np.append(unjudged, lines.ewma / limits.ewma),
+        cusum_up=np.append(unjudged, lines.cusum_up / limits.cusum),
+        cusum_down=np.append(unjudged, lines.cusum_down / limits.cusum),
         judged=places >= series.first,
         signals=np.isin(places, [place for _, place, _ in series.signals]),
     )

@@ -82,8 +82,7 @@ def ewma_run_length(limit: float, scores: Scores | None = None, weight: float = 
     half = limit * ewma_std(weight)
     edges = np.linspace(-half, half, _STATES + 1)
     centres = 0.5 * (edges[1:] + edges[:-1])
-    moves = np.asarray((edges[None, :] - (1.0 - weight) * centres[:, None]) / weight, dtype=np.float64)
-    below = (scores or Scores()).below(moves)
+    below = (scores or Scores()).below((edges[None, :] - (1.0 - weight) * centres[:, None]) / weight)
     return _steps_to_leave(np.diff(below, axis=1))[_STATES // 2]
 
 
@@ -110,7 +109,7 @@ def cusum_run_length(limit: float, scores: Scores | None = None, reference: floa
 
 def _one_sided(limit: float, scores: Scores, reference: float) -> float:
     width = 2.0 * limit / (2 * _STATES - 1)
-    steps = np.arange(1 - _STATES, _STATES + 1) - 0.5  # edges of the states, seen from each other
+    steps = np.arange(1 - _STATES, _STATES + 1, dtype=np.float64) - 0.5  # edges of the states, seen from each other
     below = scores.below(steps * width + reference)
     place = np.arange(_STATES)[None, :] - np.arange(_STATES)[:, None] + _STATES - 1
     moves = below[place + 1] - below[place]
