@@ -10,7 +10,7 @@ import typer
 
 from bench.commands.usage import App
 
-app = App(help="Earlier calibrations: drift, agreement, due dates, approvals, export.")
+app = App(help="Earlier calibrations: drift, agreement, control charts, due dates, approvals, export.")
 
 _LONGEST_DAYS = 365
 _DAY = ["%Y-%m-%d"]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import linalg
+from scipy import linalg, special
 from scipy.optimize import brentq
 
 from bench.maths.control.run_lengths import normal_scores
@@ -111,6 +111,27 @@ def first_phase(readings: Readings, count: int) -> Scatter:
     known = Scatter(variance, float(np.sqrt(2.0 * freedom)) / slope, own, count, float(freedom))
     dof = predictions(phase, known).dof
     return Scatter(known.variance, known.variance_std, own, count, float(np.nanmin(dof, initial=freedom)))
+
+
+def odd_one_of_first_phase(readings: Readings, scatter: Scatter) -> tuple[int, float]:
+    """Test whether the calibration of the first phase that is farthest from the others belongs to them.
+
+    Args:    readings: (n,).   scatter: of their first phase.
+    Returns: its index, and the probability of one at least as far by chance (at most, by the union bound).
+    Raises:  nothing.
+    Source:  F. E. Grubbs, Technometrics 11 (1969) 1, for residuals of a fit: Cook and Weisberg, Residuals and Influence
+             in Regression, section 2.2.2 (deleted residuals).
+    """
+    phase = readings.of(slice(scatter.count))
+    factor = np.linalg.inv(np.linalg.cholesky(_shared(phase) + scatter.variance * np.eye(scatter.count)))
+    basis = linalg.orth(factor @ level_and_drift(phase), rcond=_RANK)
+    rows = factor - basis @ (basis.T @ factor)
+    freedom, alone = scatter.count - basis.shape[1], np.einsum("ij,ij->j", rows, rows)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        square = np.nan_to_num((rows.T @ (rows @ phase.value)) ** 2 / alone)
+        quotient = np.sqrt(square * (freedom - 1) / np.maximum(freedom - square, 1e-12))
+    worst = int(quotient.argmax())
+    return worst, min(1.0, 2.0 * scatter.count * float(special.stdtr(freedom - 1, -quotient[worst])))
 
 
 def predictions(readings: Readings, scatter: Scatter) -> Predictions:

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.maths.control.limits import limits_for
-from bench.maths.control.predictions import Readings, Scatter, change_until, first_phase, predictions
+from bench.maths.control.predictions import (
+    Readings,
+    Scatter,
+    change_until,
+    first_phase,
+    odd_one_of_first_phase,
+    predictions,
+)
 from bench.model.errors import FitError
 from bench.store.charts.chart import RUN_LENGTH, ChartedSeries, ChartedSubject, judged
 from bench.store.charts.phases import BY_DEFAULT, LEAST, phase_document, phase_of
@@ -17,6 +25,7 @@ from bench.store.selection import Filters
 from bench.store.series import YEAR_S, Series, read_series
 
 LEAST_DOF = 4.0  # of the scatter, for limits that still find anything
+_ODD = 0.01  # probability of any odd calibration in the first phases of a unit
 _NS_PER_YEAR = YEAR_S * 1e9
 
 
@@ -47,9 +56,24 @@ def chart_unit(url: str, filters: Filters, run_length: float | None = None) -> C
             f"{len(columns) - len(begun)} of {len(columns)} parameters have no chart: too few calibrations for a first "
             f"phase ({BY_DEFAULT}, or {LEAST} that somebody states), or they do not tell how much they scatter"
         )
+    notes += _odd_ones(series, begun)
     simulated = bool(series.calibrations and series.calibrations[-1]["simulated"])
     said = None if phase is None else phase_document(phase)
     return ChartedSubject("unit", " ".join(series.uut), simulated, declared, said, charted, wanted, notes)
+
+
+def _odd_ones(series: Series, begun: Sequence[tuple[int, NDArray[np.int64], int, Scatter]]) -> list[str]:
+    """Return a sentence for each first phase with a calibration that does not belong to the others."""
+    sentences = []
+    for column, rows, _, scatter in begun:
+        worst, probability = odd_one_of_first_phase(readings_of(series, column, rows), scatter)
+        if probability < _ODD / len(begun):
+            session = series.calibrations[rows[worst]]["session"]
+            sentences.append(
+                f"{series.parameters[column].label}: {session} does not belong to the rest of the first phase, which "
+                "makes its limits wide; another first phase can be stated with 'bench history freeze'"
+            )
+    return sentences
 
 
 def readings_of(series: Series, column: int, rows: NDArray[np.int64]) -> Readings:

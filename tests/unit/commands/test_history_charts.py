@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +16,10 @@ from store_database import new_history
 
 from bench import cli
 from bench.model.errors import ExitStatus
+from bench.report import LABORATORY_FILE
 
+ROOT = Path(__file__).resolve().parents[3]
+GOLDEN = ROOT / "tests" / "golden" / "sessions" / "0.1.0" / "20000101T000000Z_golden_GOLDEN"
 SEED = 23
 Say = Callable[..., tuple[int, str, str]]
 
@@ -90,6 +94,18 @@ def test_freeze_and_adjusted(say: Say, url: str) -> None:
         json.loads(say("freeze", "--until", "2015-01-31", "--by", "B", "--reason", "r", "--json")[1])["calibrations"]
         == 9
     )
+
+
+def test_the_laboratory_file_of_a_session_says_it_at_import(say: Say, url: str, tmp_path: Path) -> None:
+    session = tmp_path / GOLDEN.name
+    shutil.copytree(GOLDEN, session)
+    text = (ROOT / "docs" / "laboratory.yaml").read_text(encoding="utf-8")
+    adjustment = 'adjustment: {what: "Resistor R12 of channel 3 was exchanged.", results: as_left, other: EX-1}\n'
+    (session / LABORATORY_FILE).write_text(text + adjustment, encoding="utf-8")
+    assert say("import", str(session))[0] == 0
+    told = json.loads(say("show", GOLDEN.name, "--json")[1])["adjustment"]
+    assert (told["state"], told["stated_by"]) == ("as_left", "A. Example")
+    assert told["what"] == "Resistor R12 of channel 3 was exchanged."
 
 
 def test_certificates_and_a_bench(say: Say, url: str) -> None:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from control_simulation import FIRST, OWN, SHARED, history
+from scipy import stats
 
 from bench.maths.control.charts import chart
 from bench.maths.control.limits import limits_for
@@ -16,6 +17,7 @@ from bench.maths.control.predictions import (
     change_until,
     first_phase,
     level_and_drift,
+    odd_one_of_first_phase,
     predictions,
     step_until,
 )
@@ -128,6 +130,22 @@ def test_a_step_is_found_with_its_date_and_size(size: float) -> None:
     print(f"seed {SEED}, step {size}: date within its range {right}, size within its interval {inside} of {trials}")
     assert right >= 36
     assert inside >= 34
+
+
+def test_an_odd_calibration_of_the_first_phase_by_leaving_it_out() -> None:
+    """Its residual against the line of the others, over its standard deviation by their scatter, by Student's t."""
+    readings = history(np.random.default_rng(SEED), FIRST, FIRST)
+    value = readings.value.copy()
+    value[7] += 6.0 * OWN
+    alone = Readings(readings.t, value, readings.std, 0.0 * value, np.full(FIRST, NO_STANDARD), readings.level)
+    worst, probability = odd_one_of_first_phase(alone, first_phase(alone, FIRST))
+    others = np.arange(FIRST) != 7
+    design = np.column_stack([np.ones(FIRST), readings.t])
+    fitted, squares, *_ = np.linalg.lstsq(design[others], value[others])
+    leverage = design[7] @ np.linalg.inv(design[others].T @ design[others]) @ design[7]
+    by_hand = (value[7] - design[7] @ fitted) / math.sqrt(squares[0] / (FIRST - 3) * (1.0 + leverage))
+    assert worst == 7
+    assert probability == pytest.approx(2.0 * FIRST * stats.t.sf(abs(by_hand), FIRST - 3), rel=1e-4)
 
 
 def test_a_step_in_independent_errors_is_their_weighted_mean() -> None:

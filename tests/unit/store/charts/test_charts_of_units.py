@@ -10,6 +10,7 @@ import charts_sample
 import numpy as np
 import pytest
 from charts_sample import Documents
+from sqlalchemy import create_engine
 from store_database import BACKENDS, new_history
 from store_sample import OWN_ppm
 
@@ -140,6 +141,25 @@ def test_doubtful_estimates_and_simulated_calibrations_never_enter(url: str) -> 
     assert sizes == {"dsf_n": 21, "dsf_p": 22, "bias": 22}
     assert signalled(subject) == set()
     assert any("simulated" in note for note in subject.notes)
+
+
+def test_an_odd_calibration_in_the_first_phase_is_named(url: str) -> None:
+    history = stepped(0.0)
+    history[7][0]["estimates"][0]["value"] += 100.0 * OWN_ppm
+    charts_sample.written(url, history)
+    (note,) = chart_unit(url, Filters()).notes
+    assert note.startswith(f"dsf_n (channel 1, 20 degC): {history[7][0]['session']} does not belong")
+
+
+def test_a_history_of_the_version_before_is_brought_up_to_date(url: str) -> None:
+    charts_sample.written(url, stepped(0.0)[:8])
+    engine = create_engine(url)
+    with engine.begin() as connection:
+        for statement in ("DROP TABLE states", "DROP TABLE phases", "UPDATE history SET version = 2"):
+            connection.exec_driver_sql(statement)
+    engine.dispose()
+    assert [row["state"] for row in list_calibrations(url, Filters())] == [None] * 8
+    assert freeze(url, ("unit", None), (None, date(2015, 1, 1)), 50.0, "A. Meyer", "all of it")["calibrations"] == 8
 
 
 def test_too_few_calibrations_have_no_chart_and_it_is_said(url: str) -> None:
