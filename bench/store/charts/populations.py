@@ -21,6 +21,7 @@ from bench.store.series import YEAR_S, Parameter, Series, read_series
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
+_ENOUGH = 30  # degrees of freedom that end the first phase of a station, where nobody has stated one
 _NS_PER_YEAR = YEAR_S * 1e9
 
 
@@ -92,7 +93,7 @@ def _certificates(quantity: Quantity, run_length: float, together: int) -> Chart
 def chart_station(url: str, station: str, filters: Filters, run_length: float | None = None) -> ChartedSubject:
     """Chart a bench: every calibration on it against what the unit's earlier ones, on any bench, let one expect.
 
-    The first phase ends when all units together have eight degrees of freedom of their scatter, unless one is stated.
+    The first phase ends when all units together have 30 degrees of freedom of their scatter, unless one is stated.
 
     Args:    url: of the history.   station: the bench.   filters: campaign and quantity choose what is shown.
              run_length: calibrations until the first false signal of any quantity; None: as stated, else 200.
@@ -111,8 +112,8 @@ def chart_station(url: str, station: str, filters: Filters, run_length: float | 
     charted = [_station(quantity, station, until, declared, len(begun)) for quantity, until in begun]
     if len(begun) < len(there):
         notes.append(
-            f"{len(there) - len(begun)} of {len(there)} quantities have no chart: their first phase leaves fewer than "
-            f"{LEAST_FREEDOM} degrees of freedom"
+            f"{len(there) - len(begun)} of {len(there)} quantities have no chart: units show their scatter with fewer "
+            f"than {_ENOUGH} degrees of freedom ({LEAST_FREEDOM} in a first phase that somebody states)"
         )
     said = None if phase is None else phase_document(phase)
     shown = _wanted(charted, filters)
@@ -135,7 +136,7 @@ def _end_of_first(quantity: Quantity, station: str, phase: dict[str, Any] | None
     low, high = 0, len(times)
     while low < high:  # the freedom never falls with time
         middle = (low + high) // 2
-        if _known_until(quantity, times[middle]).freedom >= LEAST_FREEDOM:
+        if _known_until(quantity, times[middle]).freedom >= _ENOUGH:
             high = middle
         else:
             low = middle + 1

@@ -132,6 +132,27 @@ def test_a_step_is_found_with_its_date_and_size(size: float) -> None:
     assert inside >= 34
 
 
+def test_units_with_the_same_certificates_are_predicted_together() -> None:
+    """Eight units by turns, known scatter: scores are standard normal and the next one knows nothing of the last."""
+    rng, scores = np.random.default_rng(SEED), []
+    for _ in range(30):
+        errors, parts = rng.normal(0.0, SHARED, 5), []
+        for _ in range(8):
+            t = np.sort(rng.uniform(0.0, 5.0, 10))
+            label = np.floor(t).astype(np.int64)
+            value = rng.normal(0.0, 300.0) + rng.normal(0.0, 10.0) * t + errors[label] + rng.normal(0.0, OWN, 10)
+            parts.append((t, value, label))
+        t, value, label = (np.concatenate(column) for column in zip(*parts, strict=True))
+        order, shared, level = np.argsort(t), np.full(80, SHARED), np.zeros(80, dtype=np.int64)
+        together = Readings(t, value, shared, shared, label, level, np.repeat(np.arange(8), 10)).of(order)
+        score = predictions(together, Scatter(OWN**2, 1e-9, np.inf, 0, np.inf)).score
+        scores.append(score[np.isfinite(score)])
+    assert all(score.size == 80 - 2 * 8 for score in scores)  # a level and a drift each
+    print(f"seed {SEED}: standard deviation {np.concatenate(scores).std():.3f}")
+    assert np.concatenate(scores).std() == pytest.approx(1.0, abs=4.0 / (2 * 1920) ** 0.5)
+    assert abs(np.mean([np.mean(score[1:] * score[:-1]) for score in scores])) < 4.0 / 1890**0.5
+
+
 def test_an_odd_calibration_of_the_first_phase_by_leaving_it_out() -> None:
     """Its residual against the line of the others, over its standard deviation by their scatter, by Student's t."""
     readings = history(np.random.default_rng(SEED), FIRST, FIRST)

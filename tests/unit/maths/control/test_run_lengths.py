@@ -100,7 +100,7 @@ def test_limits_give_each_chart_its_part_of_the_run_length(dof: float) -> None:
 
 def test_known_scatter_counted() -> None:
     """20,000 points in control on three charts of 100 points each: within 3 standard deviations of a count."""
-    scores = np.random.default_rng(SEED).normal(size=(20_000, 1))
+    scores = np.random.default_rng(SEED).normal(size=(1000, 20))
     counts = signals_begun_again(scores, limits_for(100.0 / 3.0, 1))
     for kind in KINDS:
         assert abs(counts[kind] - 200) < 3.0 * 200**0.5
