@@ -102,7 +102,7 @@ def _print(out: Console, subject: control.ChartedSubject) -> None:
     if rows:
         out.print(rows_table(f"{len(rows)} points with signals", _HEADS, rows))
     else:
-        judged = sum(len(series.names) - series.first for series in subject.shown)
+        judged = sum(series.judged for series in subject.shown)
         out.print(f"no signal: {judged} points on {len(subject.shown)} series judged")
     for note in subject.notes:
         out.print(note)

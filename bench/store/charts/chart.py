@@ -44,6 +44,11 @@ class ChartedSeries:
         return self.parameter.label
 
     @property
+    def judged(self) -> int:
+        """How many points are judged: those behind the first phase of which something could be expected."""
+        return int(np.isfinite(self.score[self.first :]).sum())
+
+    @property
     def signals(self) -> list[tuple[Signal, int, Change | None]]:
         """Signals with the place of their point in the series, and the change that they show."""
         pairs = zip(self.charts.signals, self.changes, strict=True)
@@ -59,7 +64,7 @@ class ChartedSeries:
         return {
             **vars(self.parameter),
             "first_phase": self.first,
-            "scatter_std": self.scatter_std,
+            "scatter_std": self.scatter_std if np.isfinite(self.scatter_std) else None,
             "degrees_of_freedom": self.limits.dof if np.isfinite(self.limits.dof) else None,
             "run_length_of_each": self.limits.run_length,
             "limits": {name: getattr(self.limits, name) for name in KINDS},

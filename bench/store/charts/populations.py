@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -105,9 +105,9 @@ def chart_station(url: str, station: str, filters: Filters, run_length: float | 
         phase = phase_of(connection, "station", station)
     histories, simulated, notes = _histories(url)
     declared = run_length or (RUN_LENGTH if phase is None else phase["run_length"])
-    there = [
-        quantity for quantity in _quantities(histories) if any(station in unit.stations for unit in quantity.units)
-    ]
+    since = -np.inf if phase is None else float(phase["from_utc_ns"] / _NS_PER_YEAR)
+    quantities = [_since(quantity, since) for quantity in _quantities(histories)]
+    there = [quantity for quantity in quantities if any(station in unit.stations for unit in quantity.units)]
     begun = [(quantity, until) for quantity in there if (until := _end_of_first(quantity, station, phase)) is not None]
     charted = [_station(quantity, station, until, declared, len(begun)) for quantity, until in begun]
     if len(begun) < len(there):
@@ -118,6 +118,18 @@ def chart_station(url: str, station: str, filters: Filters, run_length: float | 
     said = None if phase is None else phase_document(phase)
     shown = _wanted(charted, filters)
     return ChartedSubject("station", station, simulated, declared, said, charted, shown, notes)
+
+
+def _since(quantity: Quantity, year: float) -> Quantity:
+    """Return a quantity without its calibrations before a year: what a bench did then is no evidence any more."""
+    units = []
+    for unit in quantity.units:
+        kept = unit.readings.t >= year
+        names, stations = (
+            [text for text, keep in zip(texts, kept, strict=True) if keep] for texts in (unit.names, unit.stations)
+        )
+        units += [UnitSeries(unit.readings.of(kept), names, stations)] if names else []
+    return replace(quantity, units=units)
 
 
 def _end_of_first(quantity: Quantity, station: str, phase: dict[str, Any] | None) -> float | None:
@@ -151,10 +163,10 @@ def _known_until(quantity: Quantity, until: float) -> Population:
 def _station(quantity: Quantity, station: str, until: float, run_length: float, together: int) -> ChartedSeries:
     """Predict each calibration from all before it, of every unit: they share the errors of certificates."""
     scatter = _known_until(quantity, until).scatter
-    together_readings, names, stations = _stacked(quantity)
-    predicted = predictions(together_readings, scatter)
+    everyone, names, stations = _stacked(quantity)
+    predicted = predictions(everyone, scatter)
     there = np.array([place == station for place in stations])
-    readings = together_readings.of(there)
+    readings = everyone.of(there)
     expected, std, score = predicted.expected[there], predicted.std[there], predicted.score[there]
     first, limits = int(np.count_nonzero(readings.t <= until)), limits_for(run_length, together, scatter.dof)
     charts = judged(score, first, limits)

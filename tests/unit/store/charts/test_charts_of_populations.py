@@ -76,6 +76,7 @@ def test_one_unit_with_one_certificate_judges_nothing_and_says_so(tmp_path: Path
     subject = chart_certificates(url, Filters())
     assert not any(np.isfinite(series.score).any() for series in subject.series)
     assert "2 of 2 quantities judge no certificate" in subject.notes[-1]
+    assert [entry["scatter_std"] for entry in subject.as_json()["series"]] == [None, None]
 
 
 def test_a_bench_that_is_off_is_found_by_all_units_on_it(tmp_path: Path) -> None:
@@ -116,3 +117,7 @@ def test_a_bench_with_few_calibrations_has_no_chart_unless_its_first_phase_is_st
     subject = chart_station(url, "bench_1", Filters())
     assert (subject.run_length, {series.first for series in subject.series}) == (50.0, {14})
     assert not any(series.signals for series in subject.series)
+    freeze(url, ("station", "bench_1"), (date(2014, 8, 1), date(2015, 10, 1)), 50.0, "A. Meyer", "after the repair")
+    later = chart_station(url, "bench_1", Filters())
+    assert {len(series.names) for series in subject.series} == {20}
+    assert {len(series.names) for series in later.series} == {17}  # three were before August
