@@ -297,7 +297,7 @@ app.command(epilog="Example: bench top")(top)
 
 @app.command(epilog="Example: bench serve --out sessions")
 def serve(
-    out: Annotated[Path, typer.Option("--out", help="folder of the sessions to show")] = Path("sessions"),
+    out: Annotated[Path | None, typer.Option("--out", help="folder of the sessions to show; default: sessions")] = None,
     host: Annotated[str, typer.Option("--host", help="address to listen on")] = "127.0.0.1",
     port: Annotated[int, typer.Option("--port", help="0: any free one", min=0, max=65535)] = 8321,
     cert: Annotated[Path | None, typer.Option("--cert", help="TLS certificate, PEM")] = None,
@@ -307,19 +307,17 @@ def serve(
     ] = None,
     rotate: Annotated[bool, typer.Option("--rotate", help="new tokens and a new key: logs everybody out")] = False,
     history: Annotated[
-        str | None,
-        typer.Option(
-            "--history", metavar="URL", help="URL of the calibration history; default: history.sqlite in --out"
-        ),
+        str | None, typer.Option("--history", metavar="URL", help="of calibrations; default: history.sqlite in --out")
     ] = None,
     mqtt: Annotated[
         str | None, typer.Option("--mqtt", metavar="URL", help="tell a broker of every run: mqtts://USER@HOST/PREFIX")
     ] = None,
+    fleet: Annotated[Path | None, typer.Option("--fleet", metavar="FILE", help="YAML: show many benches")] = None,
 ) -> None:
     """Serve the live page: runs, sessions and calibrations of a folder; a process of its own that no run waits for."""
     from bench.commands import serve as serve_command
 
-    request = serve_command.Request(out, host, port, cert, key, behind_proxy, rotate, history, mqtt)
+    request = serve_command.Request(out, host, port, cert, key, behind_proxy, rotate, history, mqtt, fleet)
     raise typer.Exit(serve_command.serve(request))
 
 

@@ -1,4 +1,4 @@
-"""``bench serve``: the live page, as a process that no run waits for."""
+"""``bench serve``: the live page of one bench, or of many, as a process that no run waits for."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ import typer
 
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
+from bench.session.history import VARIABLE
 from bench.web.app import create_app
+from bench.web.fleet.app import create_fleet_app
+from bench.web.fleet.fleet_file import FleetBench, load_fleet
 from bench.web.security.audit import Audit
 from bench.web.security.tokens import FILE, Tokens, obtain_tokens, private_folder
 from bench.web.serving import Serving, serve_until_told, server_of, written
@@ -29,9 +32,9 @@ LOOPBACK_NAMES = {"localhost", "127.0.0.1", "::1"}
 
 @dataclass(frozen=True)
 class Request:
-    """The page server as the command line asks for it."""
+    """The page server as the command line asks for it; ``out`` None: the folder ``sessions``."""
 
-    out: Path
+    out: Path | None = None
     host: str = "127.0.0.1"
     port: int = 8321
     cert: Path | None = None
@@ -40,26 +43,43 @@ class Request:
     rotate: bool = False
     history: str | None = None
     mqtt: str | None = None
+    fleet: Path | None = None
 
 
 def serve(request: Request) -> int:
     """Serve until Ctrl-C or SIGTERM.
 
-    Raises: InputError B-WEB-001 to B-WEB-007, B-WEB-025, B-WEB-026, before anything is served.
+    Raises: InputError B-WEB-001 to B-WEB-007, B-WEB-025, B-WEB-026, B-FLEET-001 to B-FLEET-005, before anything is
+    served.
     """
     _check_reach(request)
     proxy = _proxy(request.behind_proxy)
     _check_certificate(request.cert, request.key)
-    if not request.out.is_dir():
-        advice = "name the folder of the sessions with --out; 'bench run' makes one"
-        raise InputError("B-WEB-005", "there is no such folder", where=str(request.out), next_step=advice)
+    shown, benches = _shown(request)
     clock, folder = WallClock(), private_folder()
     with _broker(request.mqtt) as tell, _listen(request.host, request.port) as listener:
         tokens, clear = obtain_tokens(folder, request.rotate)
-        serving = _serving(request, listener, tokens, Audit(folder, clock), clock, proxy)
-        server = server_of(create_app(serving, tell), request.cert, request.key)
-        serve_until_told(server, listener, partial(_announce, serving, listener, clear, proxy))
+        serving = _serving(request, shown, listener, tokens, Audit(folder, clock), clock, proxy)
+        app = create_app(serving, tell) if benches is None else create_fleet_app(serving, benches)
+        announce = partial(_announce, serving, listener, clear, proxy)
+        serve_until_told(server_of(app, request.cert, request.key), listener, announce)
     return ExitStatus.PASS
+
+
+def _shown(request: Request) -> tuple[Path, tuple[FleetBench, ...] | None]:
+    """Return the folder of the sessions to show; or ``fleet.yaml`` and its benches."""
+    if request.fleet is not None:
+        for option, value in (("--out", request.out), ("--mqtt", request.mqtt)):
+            if value is not None:
+                message = f"{option} belongs to the server of one bench, --fleet shows many"
+                advice = f"leave {option} out, or give it to the 'bench serve' of that bench"
+                raise InputError("B-FLEET-005", message, where=option, next_step=advice)
+        return request.fleet, load_fleet(request.fleet, os.environ)
+    out = request.out or Path("sessions")
+    if not out.is_dir():
+        advice = "name the folder of the sessions with --out; 'bench run' makes one"
+        raise InputError("B-WEB-005", "there is no such folder", where=str(out), next_step=advice)
+    return out, None
 
 
 @contextmanager
@@ -147,7 +167,13 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 def _serving(
-    request: Request, listener: socket.socket, tokens: Tokens, audit: Audit, clock: WallClock, proxy: str | None
+    request: Request,
+    shown: Path,
+    listener: socket.socket,
+    tokens: Tokens,
+    audit: Audit,
+    clock: WallClock,
+    proxy: str | None,
 ) -> Serving:
     place = listener.getsockname()[:2]
     secure = request.cert is not None or proxy is not None
@@ -159,7 +185,7 @@ def _serving(
         names |= {socket.gethostname(), socket.getfqdn()}
     hosts = frozenset({proxy}) if proxy else frozenset().union(*(written((name, place[1]), secure) for name in names))
     return Serving(
-        request.out.absolute(),
+        shown.absolute(),
         tokens,
         audit,
         clock,
@@ -167,7 +193,7 @@ def _serving(
         place[1],
         secure=secure,
         behind_proxy=proxy is not None,
-        history=request.history,
+        history=request.history if request.fleet is None else request.history or os.environ.get(VARIABLE),
         any_address=any_address and proxy is None,
     )
 

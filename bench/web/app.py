@@ -15,10 +15,11 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 
 from bench.model.errors import BenchError
 from bench.web import commands, pages, runs
+from bench.web.fleet.overview import Overview
 from bench.web.hub import Hub
 from bench.web.recorded.listing import FILES, run_folder
 from bench.web.security import login
-from bench.web.security.gate import Gate
+from bench.web.security.gate import OVERVIEW, Gate
 from bench.web.security.refusal import Refusal, refusal_of
 from bench.web.serving import Serving
 from bench.web.socket import socket
@@ -51,9 +52,9 @@ def create_app(serving: Serving, tell: Callable[[Lookout], Awaitable[None]] | No
             await hub.stop()
 
     app = Starlette(
-        routes=_routes(Scrapes(lookout)),
+        routes=_routes(Scrapes(lookout), Overview(hub, lookout)),
         middleware=[Middleware(Gate, serving=serving)],
-        exception_handlers={BenchError: _on_bench_error, HTTPException: _on_http_error},
+        exception_handlers={BenchError: on_bench_error, HTTPException: on_http_error},
         lifespan=lifespan,
     )
     app.router.redirect_slashes = False  # a redirect would name the path again
@@ -63,17 +64,18 @@ def create_app(serving: Serving, tell: Callable[[Lookout], Awaitable[None]] | No
     return app
 
 
-async def _on_bench_error(request: Request, error: Exception) -> Response:
+async def on_bench_error(request: Request, error: Exception) -> Response:
+    """Answer what a route refused."""
     return pages.refused(request, refusal_of(error))
 
 
-async def _on_http_error(request: Request, error: Exception) -> Response:
-    """No route, or not with this method."""
+async def on_http_error(request: Request, error: Exception) -> Response:
+    """Answer where there is no route, or not with this method."""
     assert isinstance(error, HTTPException)
     return pages.refused(request, Refusal(error.status_code, "B-WEB-013", "there is no such page"))
 
 
-def _routes(scrapes: Scrapes) -> list[BaseRoute]:
+def _routes(scrapes: Scrapes, overview: Overview) -> list[BaseRoute]:
     """Return paths, methods and who answers; docs/live-protocol.md."""
     return [
         Route("/metrics", scrapes.answer),
@@ -94,6 +96,7 @@ def _routes(scrapes: Scrapes) -> list[BaseRoute]:
         Route("/api/v1/commands", commands.commands, methods=["POST"]),
         Route("/api/v1/operator", commands.operator, methods=["POST"]),
         WebSocketRoute("/ws", socket),
+        WebSocketRoute(OVERVIEW, overview.socket),
     ]
 
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Mapping
 from contextlib import suppress
-from typing import Any
+from typing import Any, Protocol
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from bench.model.errors import BenchError
-from bench.web.hub import Hub, Watched
-from bench.web.room import Viewer
+from bench.web.hub import Hub
+from bench.web.room import Room, Viewer
 
 NO_SUCH_RUN = 4404
 TOO_SLOW = 4408  # has not taken a single message for so long that nobody can be there
@@ -26,13 +27,24 @@ async def socket(websocket: WebSocket) -> None:
     viewer = Viewer(websocket.scope["user"].role)
     try:
         async with hub.watching(websocket.query_params.get("run", ""), viewer) as watched:
-            await _serve(websocket, viewer, watched)
+            await serve_viewer(websocket, viewer, watched)
     except BenchError as error:
         with suppress(*GONE):
             await websocket.close(NO_SUCH_RUN, error.code)
 
 
-async def _serve(websocket: WebSocket, viewer: Viewer, watched: Watched) -> None:
+class Shown(Protocol):
+    """What a page looks at."""
+
+    @property
+    def room(self) -> Room:
+        """Where it is shown."""
+
+    async def move(self, said: Mapping[str, Any]) -> None:
+        """Take what a viewer of a recording says."""
+
+
+async def serve_viewer(websocket: WebSocket, viewer: Viewer, watched: Shown) -> None:
     """Until one of both ends: what the page says, and what it is sent."""
     tasks = [
         asyncio.create_task(_listen(websocket, viewer, watched)),
@@ -48,7 +60,7 @@ async def _serve(websocket: WebSocket, viewer: Viewer, watched: Watched) -> None
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _send(websocket: WebSocket, viewer: Viewer, watched: Watched) -> None:
+async def _send(websocket: WebSocket, viewer: Viewer, watched: Shown) -> None:
     while True:
         await viewer.wait()
         if viewer.stale:
@@ -67,7 +79,7 @@ async def _send(websocket: WebSocket, viewer: Viewer, watched: Watched) -> None:
             return
 
 
-async def _listen(websocket: WebSocket, viewer: Viewer, watched: Watched) -> None:
+async def _listen(websocket: WebSocket, viewer: Viewer, watched: Shown) -> None:
     with suppress(WebSocketDisconnect):
         while True:
             try:

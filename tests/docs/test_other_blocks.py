@@ -15,8 +15,14 @@ from pydantic import RootModel
 from bench.model.manual import Manual
 from bench.model.yamlio import parse_yaml
 from bench.plan import json_schemas, mapping_schema
+from bench.web.fleet.fleet_file import FleetFile
 
-SCHEMAS = {**json_schemas(), "mapping": mapping_schema(), "manual of an instrument": Manual.model_json_schema()}
+SCHEMAS = {
+    **json_schemas(),
+    "mapping": mapping_schema(),
+    "manual of an instrument": Manual.model_json_schema(),
+    "fleet": FleetFile.model_json_schema(),
+}
 NAMES = {  # what a piece of a module stands in
     "docs/adding-a-system.md": """
 from types import SimpleNamespace

@@ -27,6 +27,8 @@ from bench.web.serving import Serving
 
 LOGIN = "/login"
 METRICS = "/metrics"
+OVERVIEW = "/ws/runs"
+BY_TOKEN = (METRICS, OVERVIEW)  # for programs, which have no cookie
 HEADER, HEADER_VALUE = "x-bench-command", "1"
 MOST_SOCKETS = 120  # WebSockets that are open at once; the limit of the server's connections does not count them
 MOST_OF_ADDRESS = 60  # of them
@@ -156,15 +158,15 @@ class Gate:
 
     def _admit(self, headers: Headers, scope: Scope) -> Login:
         login = self._serving.cookies.read("; ".join(headers.getlist("cookie")))
-        if login is None and scope["path"] == METRICS and (given := headers.getlist("authorization")):
-            login = self._scraper(given, scope["address"])
+        if login is None and scope["path"] in BY_TOKEN and (given := headers.getlist("authorization")):
+            login = self._program(given, scope["address"])
         if login is None:
             raise Refusal(401, "B-WEB-008", "nobody is logged in", next_step="open the page and log in")
         scope["user"] = login
         return login
 
-    def _scraper(self, given: list[str], address: str) -> Login:
-        """Return a viewer for the viewer's token as bearer: a scraper has no cookie, and no use for more."""
+    def _program(self, given: list[str], address: str) -> Login:
+        """Return a viewer for the viewer's token as bearer: a program has no use for more."""
         limit = self._serving.scrape_limit
         if wait_s := limit.wait_s(address):
             raise Refusal(429, "B-WEB-024", "too many wrong tokens", next_step=_BEARER, wait_s=wait_s)

@@ -9,8 +9,9 @@ const SILENCE_ms = 10_000; // a socket that says nothing for so long is dead, wh
 const REFUSED = { 4401: "trouble.login", 4403: "trouble.origin", 4404: "trouble.unknown-run" };
 
 export class Connection {
-  constructor(run, ring) {
-    this.address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}/ws?run=${encodeURIComponent(run)}`;
+  /** path: of the socket with its query; ring: takes the points, null where none are shown. */
+  constructor(path, ring) {
+    this.address = `${location.protocol === "https:" ? "wss" : "ws"}://${location.host}${path}`;
     this.ring = ring;
     this.wait_ms = FIRST_WAIT_ms;
     this.timer = null;
@@ -88,7 +89,7 @@ export class Connection {
     page.state = snapshot.state;
     page.age_s = 0;
     page.connected = page.everConnected = true;
-    this.ring.begin((snapshot.state.signals ?? []).length);
+    this.ring?.begin((snapshot.state.signals ?? []).length);
     tell("connection", { trouble: null });
     tell("snapshot", page.state);
     tell("state", page.state);
@@ -103,7 +104,7 @@ export class Connection {
   }
 
   #points(buffer) {
-    if (this.patches === null) return;
+    if (this.patches === null || !this.ring) return;
     if (!this.ring.add(readBatch(buffer))) { this.#snapshot(); return; }
     tell("points", this.ring);
   }

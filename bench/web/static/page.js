@@ -144,7 +144,7 @@ async function begin() {
   wirePrompt();
   byId("log-filter").addEventListener("input", showLog);
   byId("log-severity").addEventListener("change", showLog);
-  const connection = new Connection(page.run, ring);
+  const connection = new Connection(`/ws?run=${encodeURIComponent(page.run)}`, ring);
   wireReplay(connection);
   wireKeys({
     0: () => page.history?.showAll(), "+": () => page.history?.zoom(0.5), "-": () => page.history?.zoom(2) });

@@ -71,12 +71,14 @@ class Lookout:
         self._due_ns: int | None = None
         self._fitting: asyncio.Task[None] | None = None
 
-    async def runs(self) -> tuple[SeenRun, ...]:
-        """Return all runs by name, as they were at most ``FRESH_S`` ago."""
+    async def runs(self, *, fitted: bool = True) -> tuple[SeenRun, ...]:
+        """Return all runs by name, as they were at most ``FRESH_S`` ago; ``fitted``: estimates are told too."""
         async with self._one:
             if self._due_ns is None or self._clock.now_ns() >= self._due_ns:
                 self._seen = await self._look()
                 self._due_ns = self._clock.now_ns() + to_ns(FRESH_S)
+            if fitted:
+                self._fit()
         return self._seen
 
     async def stop(self) -> None:
@@ -92,9 +94,6 @@ class Lookout:
         names = {folder.name for folder in going_on}
         seen = await asyncio.gather(*(self._seen_or_lost(known, name in names) for name, known in self._known.items()))
         self._forget()
-        self._fit(
-            [known.folder for known in self._known.values() if known.seen is not None and known.seen.age_s == 0.0]
-        )
         return tuple(sorted((run for run in seen if run is not None), key=lambda run: str(run.state.get("run"))))
 
     async def _seen_or_lost(self, known: _Known, is_open: bool) -> SeenRun | None:
@@ -149,8 +148,10 @@ class Lookout:
             if is_old or place >= MOST_ENDED or self._known[name].seen is None:
                 del self._known[name]
 
-    def _fit(self, folders: list[Path]) -> None:
+    def _fit(self) -> None:
         """Let the fits go on that are due, as for a page that is open; nobody waits for them here."""
+        known_runs = self._known.values()
+        folders = [known.folder for known in known_runs if known.seen is not None and known.seen.age_s == 0.0]
 
         async def fit_each() -> None:
             for folder in folders:

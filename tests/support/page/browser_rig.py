@@ -44,10 +44,10 @@ def chromium() -> Iterator[Browser]:
 
 
 class PageServer:
-    """``bench serve`` on one port, which it keeps when it is started again."""
+    """``bench serve`` on one port, which it keeps when it is started again; ``shown`` in place of ``--out``."""
 
-    def __init__(self, top: Path, program: Sequence[str] = ("-m", "bench")) -> None:
-        self._program = program
+    def __init__(self, top: Path, program: Sequence[str] = ("-m", "bench"), shown: Sequence[str] = ()) -> None:
+        self._program, self._shown = program, shown
         self.out, self._private = top / "sessions", top / "private"
         self.out.mkdir()
         self._private.mkdir()
@@ -61,7 +61,8 @@ class PageServer:
         return f"http://127.0.0.1:{self.port}"
 
     def start(self) -> None:
-        command = [sys.executable, *self._program, "serve", "--out", str(self.out), "--port", str(self.port)]
+        shown = self._shown or ("--out", str(self.out))
+        command = [sys.executable, *self._program, "serve", *shown, "--port", str(self.port)]
         environment = {**os.environ, "XDG_CONFIG_HOME": str(self._private)}
         self.process = subprocess.Popen(
             command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True

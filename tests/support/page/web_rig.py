@@ -115,7 +115,8 @@ class Page:
 
 @contextmanager
 def served(top: Path, **options: Any) -> Iterator[Page]:
-    """A server for the sessions in ``top/sessions``, where one is, without a run. ``tell``: as of ``create_app``."""
+    """A server for the sessions in ``top/sessions``, where one is, without a run. ``tell``: as of ``create_app``;
+    ``make``: of another application. ``tls``: certificate and key."""
     out, folder = top / "sessions", top / "private"
     (out / RUN).mkdir(parents=True)
     (out / RUN / "session.0001.mcap").touch()
@@ -123,11 +124,11 @@ def served(top: Path, **options: Any) -> Iterator[Page]:
     clock = WallClock()
     with socket.create_server(("127.0.0.1", 0)) as listener:
         place = listener.getsockname()
-        hosts = options.pop("hosts", written(place, secure=False))
-        tell = options.pop("tell", None)
+        hosts = options.pop("hosts", written(place, secure=options.get("secure", False)))
+        tell, make, tls = (options.pop(name, None) for name in ("tell", "make", "tls"))
         serving = Serving(out, tokens, Audit(folder, clock), clock, hosts, place[1], **options)
-        app = create_app(serving, tell)
-        server = server_of(app)
+        app = create_app(serving, tell) if make is None else make(serving)
+        server = server_of(app, *(tls or ()))
         thread = threading.Thread(target=server.run, kwargs={"sockets": [listener]})
         thread.start()
         try:

@@ -46,7 +46,7 @@ def everything(page: Page) -> list[tuple[str, str]]:
 
 
 def test_the_routes_are_those_of_the_protocol(page: Page) -> None:
-    assert len(page.app.routes) == 21
+    assert len(page.app.routes) == 22
     assert all(isinstance(route, Route | WebSocketRoute) for route in page.app.routes)
     assert set(paths(page, "POST")) == {"/login", "/logout", "/api/v1/commands", "/api/v1/operator"}
     named = re.findall(r"`?(?:GET |POST |, )`?(/api/v1/[a-z/{}]+)", Path("docs/live-protocol.md").read_text())

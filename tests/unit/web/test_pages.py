@@ -47,7 +47,20 @@ FAMILIES = {
     },
     "start.counts": {"pass", "fail", "doubtful", "none"},
     "log.severity": {"none", "warning", "alarm", "fault"},
-    "state": {"starting", "running", "waiting", "holding", "ending", "ended", "stopped", "lost", "connecting"},
+    "state": {
+        "starting",
+        "running",
+        "waiting",
+        "holding",
+        "ending",
+        "ended",
+        "stopped",
+        "lost",
+        "connecting",
+        "idle",
+        "unknown",
+    },
+    "fleet.why": {"connecting", "unreached", "silent", "refused", "untrusted", "misnamed", "foreign", "server"},
     "alarm": {"warning", "alarm", "fault"},
     "instrument.state": {"ok", "away", "error"},
     "link.state": {"waiting", "streaming", "stale", "silent", "lost"},
@@ -133,14 +146,15 @@ def client() -> Client:
     async def work(task: Callable[..., Any], *arguments: Any) -> Any:
         return task(*arguments)
 
-    routes = [Route("/", pages.index), Route("/runs/{run}", pages.run_page), Route("/texts", pages.texts),
+    routes = [Route("/", pages.index), Route("/fleet", pages.fleet), Route("/runs/{run}", pages.run_page),
+              Route("/texts", pages.texts),
               Route("/figures/{run}", runs.figures)]  # fmt: skip
     app = Starlette(routes=routes)
     app.state.hub = SimpleNamespace(outline=outline, work=work)
     return Client(app)
 
 
-@pytest.mark.parametrize("path", ["/", "/runs/20260101T000000Z_x_7"])
+@pytest.mark.parametrize("path", ["/", "/fleet", "/runs/20260101T000000Z_x_7"])
 def test_a_page_has_no_inline_script_and_every_file_it_names(client: Client, path: str) -> None:
     reply = client.get(path)
     parser = _Elements()
@@ -156,7 +170,7 @@ def test_a_page_has_no_inline_script_and_every_file_it_names(client: Client, pat
 
 
 def test_every_element_that_a_script_looks_for_is_on_its_page(client: Client) -> None:
-    for path, first in (("/", "start.js"), ("/runs/x", "page.js")):
+    for path, first in (("/", "start.js"), ("/fleet", "fleet.js"), ("/runs/x", "page.js")):
         html = client.get(path).text
         scripts = "".join(SCRIPTS[module] for module in pages._modules(first))
         wanted = set(re.findall(r'byId\("([a-z-]+)"\)(?!\?)', scripts))
@@ -164,7 +178,7 @@ def test_every_element_that_a_script_looks_for_is_on_its_page(client: Client) ->
 
 
 def test_every_script_is_part_of_a_page() -> None:
-    used = {"theme.js", *pages._modules("start.js"), *pages._modules("page.js")}
+    used = {"theme.js"}.union(*(pages._modules(first) for first in ("start.js", "fleet.js", "page.js")))
     assert set(SCRIPTS) == used
     assert {name: len(text.splitlines()) for name, text in SCRIPTS.items() if len(text.splitlines()) >= 250} == {}
 

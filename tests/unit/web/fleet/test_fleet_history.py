@@ -1,0 +1,57 @@
+"""What stands below the benches is what ``bench history`` prints."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import store_sample
+from web_rig import Page, served
+
+from bench.commands.history import show
+from bench.store import Filters, record_calibration
+from bench.web.fleet.app import create_fleet_app
+from bench.web.fleet.calibrated import LONGEST_DAYS
+from bench.web.security.tokens import VIEWER
+
+
+@pytest.fixture(scope="module")
+def url(tmp_path_factory: pytest.TempPathFactory) -> str:
+    url = f"sqlite:///{tmp_path_factory.mktemp('history') / 'history.sqlite'}"
+    for number, (document, manifest) in enumerate(store_sample.calibrations(4, 200.0, 17)):
+        other = {**document, "uut": {"model": "NGU", "serial": "B2"}} if number == 3 else document
+        record_calibration(url, other, manifest, None)
+    return url
+
+
+@pytest.fixture(scope="module")
+def page(url: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    top = tmp_path_factory.mktemp("fleet")
+    with served(top, make=lambda serving: create_fleet_app(serving, ()), history=url) as server:
+        yield server
+
+
+def test_who_is_due_is_what_the_command_says(page: Page, url: str, capsys: pytest.CaptureFixture[str]) -> None:
+    answer = page.ask("GET", "/api/v1/due", page.cookie(VIEWER)).json
+    assert show.due(show.Place(url, None), Filters(), LONGEST_DAYS, True) == 1
+    said = json.loads(capsys.readouterr().out)["due"]
+    assert len(said) == 2
+    assert answer["due"] == sorted(said, key=lambda due: due["due_utc"])
+    assert answer["named"] is True
+
+
+def test_sessions_over_all_are_the_history_newest_first(
+    page: Page, url: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = page.ask("GET", "/api/v1/calibrations", page.cookie(VIEWER)).json
+    show.list_all(show.Place(url, None), Filters(), True)
+    assert answer["calibrations"] == json.loads(capsys.readouterr().out)["calibrations"][::-1]
+    assert [row["uut_serial"] for row in answer["calibrations"]] == ["B2", "A1", "A1", "A1"]
+
+
+def test_without_a_history_nothing_is_said(tmp_path: Path) -> None:
+    with served(tmp_path, make=lambda serving: create_fleet_app(serving, ())) as page:
+        assert page.ask("GET", "/api/v1/due", page.cookie(VIEWER)).json == {"due": [], "named": False}
+        assert page.ask("GET", "/api/v1/calibrations", page.cookie(VIEWER)).json["calibrations"] == []
