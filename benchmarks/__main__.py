@@ -16,6 +16,7 @@ NAMES = (
         "batch",
         "latency",
         "page",
+        "fleet",
         "scrape",
         "tagger",
     ),
