@@ -73,8 +73,8 @@ class FleetBench:
 def load_fleet(path: Path, environment: Mapping[str, str]) -> tuple[FleetBench, ...]:
     """Return the benches in the order of the file; files it names are relative to its own folder.
 
-    Raises: InputErrors with every mistake: B-YAML-001 to B-YAML-017, B-FLEET-001 (an address), B-FLEET-002 (twice),
-    B-FLEET-003 (a token), B-FLEET-004 (a folder).
+    Raises: InputErrors with one mistake of each bench: B-YAML-001 to B-YAML-017, B-FLEET-001 (an address), B-FLEET-002
+    (twice), B-FLEET-003 (a token), B-FLEET-004 (a folder).
     """
     document = load_yaml(path, FleetFile)
     benches, wrong = [], list(_doubles(document))

@@ -28,6 +28,7 @@ from bench.web.telemetry import Lookout, SeenRun
 PROTO = 1
 LOOK_S = 1.0
 BEAT_S = 2.0
+BEGIN_S = 5.0  # a run writes its folder some moments before it answers for the first time
 END_STEP_S = 60  # an end that moves from second to second is no news
 PROGRESS_DIGITS = 3
 _GRAVE = ("fault", "damaged", "stopped")
@@ -52,6 +53,7 @@ class Overview:
         self._following: asyncio.Task[None] | None = None
         self._last: Card | None = None  # of the newest session that is over
         self._begun = self._failed = False
+        self._unheard: dict[str, int] = {}  # runs that have never answered, since when they are seen
 
     async def socket(self, websocket: WebSocket) -> None:
         """Serve one who looks at many benches; the gate has let it in."""
@@ -86,7 +88,13 @@ class Overview:
         over = [run for run in runs if is_over(run)]
         if over:
             self._last = over_card(over[-1].state)
-        cards = {str(run.state["run"]): run_card(run) for run in runs if not is_over(run)}
+        living = {str(run.state["run"]): run for run in runs if not is_over(run)}
+        now_ns, before = self._clock.now_ns(), self._unheard
+        self._unheard = {name: before.get(name, now_ns) for name, run in living.items() if is_unheard(run)}
+        cards = {name: run_card(run) for name, run in living.items()}
+        for name, since_ns in self._unheard.items():
+            if now_ns - since_ns <= to_ns(BEGIN_S):
+                cards[name] |= {"state": "connecting", "attention": "none"}
         return {"proto": PROTO, "runs": cards, "last": self._last}
 
     @asynccontextmanager
@@ -122,6 +130,11 @@ class Overview:
 def is_over(run: SeenRun) -> bool:
     """Return whether a recording is closed; one that was left open is told of until somebody resumes or ends it."""
     return run.state.get("state") == "ended" or run.state.get("session") is not None
+
+
+def is_unheard(run: SeenRun) -> bool:
+    """Return whether a run has never answered, though its process is there."""
+    return run.age_s is None and run.state.get("state") == "lost"
 
 
 def run_card(run: SeenRun) -> Card:

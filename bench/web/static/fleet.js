@@ -10,7 +10,7 @@ import { stamp } from "./time.js";
 import { inUnits } from "./units.js";
 
 const ATTENTION = ["much", "some", "none"];
-const STATES = ["unknown", "lost", "stopped", "holding", "waiting", "starting", "running", "ending", "idle"];
+const STATES = ["unknown", "lost", "stopped", "holding", "waiting", "connecting", "starting", "running", "ending", "idle"];
 const COLUMNS = ["bench", "state", "run", "now", "progress", "outputs"];
 const LOOK_ms = 250;
 let chosen = ""; // "", "need", or the state that the table is filtered by

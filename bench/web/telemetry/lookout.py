@@ -27,6 +27,7 @@ from bench.web.recorded.listing import run_folder, session_row
 FRESH_S = 1.0
 ENDED_S = 600.0  # so long a run is told of behind its end: a scraper that comes seldom learns how it ended
 MOST_ENDED = 16  # rehearsals end every few seconds
+READ_S = 1.0  # a look waits no longer for the end of a recording to be read: the other runs are told meanwhile
 RECENT = 50  # points, 5 s: what a temperature was before is not told as if it were now
 _NAMED = ("run", "title", "sequence", "station", "uut", "simulated", "clock")
 
@@ -57,6 +58,7 @@ class _Known:
     seen: SeenRun | None = None
     ended_ns: int | None = None
     stamp: tuple[int, ...] = ()
+    reading: asyncio.Task[tuple[tuple[int, ...], SeenRun]] | None = None
 
 
 class Lookout:
@@ -82,10 +84,11 @@ class Lookout:
         return self._seen
 
     async def stop(self) -> None:
-        """Give up the fit that is under way."""
-        if self._fitting is not None:
-            self._fitting.cancel()
-            await asyncio.gather(self._fitting, return_exceptions=True)
+        """Give up the fit that is under way, and the recordings that are read."""
+        tasks = [task for task in (self._fitting, *(known.reading for known in self._known.values())) if task]
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _look(self) -> tuple[SeenRun, ...]:
         going_on = await self._hub.work(open_runs, self._hub.serving.out)
@@ -136,9 +139,18 @@ class Lookout:
         known.ended_ns = self._clock.now_ns() if known.ended_ns is None else known.ended_ns
         if not stamp:
             known.seen = None
-        elif stamp != known.stamp:
-            final = await self._hub.work(self._hub.past.final, known.folder)
-            known.stamp, known.seen = stamp, SeenRun({**final, "run": known.folder.name})
+            return
+        if not known.stamp:  # until its recording is read
+            known.seen = SeenRun({**(known.named or {}), "run": known.folder.name, "state": "ended"})
+        if known.reading is None and stamp != known.stamp:
+            known.reading = asyncio.create_task(self._read(known.folder, stamp))
+        if known.reading is not None and (await asyncio.wait({known.reading}, timeout=READ_S))[0]:
+            reading, known.reading = known.reading, None
+            known.stamp, known.seen = reading.result()
+
+    async def _read(self, folder: Path, stamp: tuple[int, ...]) -> tuple[tuple[int, ...], SeenRun]:
+        final = await self._hub.work(self._hub.past.final, folder)
+        return stamp, SeenRun({**final, "run": folder.name})
 
     def _forget(self) -> None:
         now_ns = self._clock.now_ns()

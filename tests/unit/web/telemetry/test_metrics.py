@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import shutil
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -286,3 +287,27 @@ def test_asked_a_hundred_times_a_second_it_looks_once(tmp_path: Path) -> None:
 def test_no_family_is_empty_and_all_have_a_name_of_the_bench() -> None:
     found = families([SeenRun({"run": "r"})])
     assert [family.name for family in found if not family.name.startswith("bench_") or not family.samples] == []
+
+
+def test_the_end_of_a_recording_that_takes_long_to_read_holds_nobody_up(
+    page: Page, shown: ShownRun, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(lookout, "READ_S", 0.05)
+    read, final = threading.Event(), page.app.state.hub.past.final
+
+    def slow(folder: Path) -> Any:
+        assert read.wait(20.0)
+        return final(folder)
+
+    monkeypatch.setattr(page.app.state.hub.past, "final", slow)
+    assert now(samples(page), "bench_run_state") == ["running"]
+    (shown.folder / OPEN_MARKER).unlink()
+    shown.close()
+    found = samples(page)
+    assert now(found, "bench_run_state") == ["ended"]
+    assert now(found, "bench_outputs_state") == ["unknown"]
+    assert not [name for name, _ in found if name in ("bench_run_progress_ratio", "bench_temperature_celsius")]
+    read.set()
+    while now(samples(page), "bench_run_state") == ["ended"]:
+        pass
+    assert now(samples(page), "bench_run_outcome") == ["damaged"]
