@@ -17,7 +17,7 @@ import typer
 
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
-from bench.session.history import VARIABLE
+from bench.session.history import VARIABLE, check_history_url
 from bench.web.app import create_app
 from bench.web.fleet.app import create_fleet_app
 from bench.web.fleet.fleet_file import FleetBench, load_fleet
@@ -49,8 +49,8 @@ class Request:
 def serve(request: Request) -> int:
     """Serve until Ctrl-C or SIGTERM.
 
-    Raises: InputError B-WEB-001 to B-WEB-007, B-WEB-025, B-WEB-026, B-FLEET-001 to B-FLEET-005, before anything is
-    served.
+    Raises: InputError B-WEB-001 to B-WEB-007, B-WEB-025, B-WEB-026, B-FLEET-001 to B-FLEET-005, StoreError
+    B-STORE-001, before anything is served.
     """
     _check_reach(request)
     proxy = _proxy(request.behind_proxy)
@@ -74,6 +74,8 @@ def _shown(request: Request) -> tuple[Path, tuple[FleetBench, ...] | None]:
                 message = f"{option} belongs to the server of one bench, --fleet shows many"
                 advice = f"leave {option} out, or give it to the 'bench serve' of that bench"
                 raise InputError("B-FLEET-005", message, where=option, next_step=advice)
+        if history := request.history or os.environ.get(VARIABLE):
+            check_history_url(history)
         return request.fleet, load_fleet(request.fleet, os.environ)
     out = request.out or Path("sessions")
     if not out.is_dir():

@@ -11,9 +11,12 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
 from bench.model.clock import Clock, to_ns
+from bench.model.errors import BenchError
 
 LONGEST_DAYS = 365  # between two calibrations, as 'bench history due' has it
 KEPT_S = 60.0  # drifts of hundreds of units take a while: asked by many, computed once
+
+_NO_HISTORY = "B-STORE-007"  # nobody has calibrated yet
 
 Row = dict[str, Any]
 
@@ -53,9 +56,18 @@ class Calibrated:
         async with self._one:
             until_ns, rows = self._kept.get(what, (0, []))
             if self._clock.now_ns() >= until_ns:
-                rows = await asyncio.get_running_loop().run_in_executor(self._worker, read, self._url)
+                rows = await asyncio.get_running_loop().run_in_executor(self._worker, _read, read, self._url)
                 self._kept[what] = (self._clock.now_ns() + to_ns(KEPT_S), rows)
         return rows
+
+
+def _read(read: Callable[[str], list[Row]], url: str) -> list[Row]:
+    try:
+        return read(url)
+    except BenchError as error:
+        if error.code == _NO_HISTORY:
+            return []
+        raise
 
 
 def calibration_rows(url: str) -> list[Row]:

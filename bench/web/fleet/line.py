@@ -40,7 +40,7 @@ OPEN_S = 4.0
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.5, 15.0
 REFUSED_RETRY_S = 60.0  # a wrong token is not tried as often: its bench would shut this address out
 LARGEST_MESSAGE = 262_144
-MOST_WAITING = 8  # messages
+MOST_WAITING = 2  # messages
 _CLOSED = {4401: REFUSED, 4403: MISNAMED}
 _ADVICE = {
     REFUSED: "its server refuses the token; it wants its viewer's token, as 'bench serve' of that bench printed it",

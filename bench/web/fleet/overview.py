@@ -31,6 +31,8 @@ BEAT_S = 2.0
 BEGIN_S = 5.0  # a run writes its folder some moments before it answers for the first time
 END_STEP_S = 60  # an end that moves from second to second is no news
 PROGRESS_DIGITS = 3
+MOST_RUNS = 32  # that are told, with those that need somebody first
+ATTENTION = ("much", "some", "none")
 _GRAVE = ("fault", "damaged", "stopped")
 
 Card = dict[str, Any]
@@ -95,7 +97,8 @@ class Overview:
         for name, since_ns in self._unheard.items():
             if now_ns - since_ns <= to_ns(BEGIN_S):
                 cards[name] |= {"state": "connecting", "attention": "none"}
-        return {"proto": PROTO, "runs": cards, "last": self._last}
+        told = sorted(sorted(cards, reverse=True), key=lambda name: ATTENTION.index(cards[name]["attention"]))
+        return {"proto": PROTO, "runs": {name: cards[name] for name in told[:MOST_RUNS]}, "last": self._last}
 
     @asynccontextmanager
     async def _in_room(self, viewer: Viewer) -> AsyncIterator[None]:
@@ -144,7 +147,8 @@ def run_card(run: SeenRun) -> Card:
     progress, guard = now["progress"], run.state.get("guard") or {}
     return {
         **{key: run.state.get(key) for key in ("title", "uut", "simulated", "state")},
-        **{key: now[key] for key in ("attention", "what", "alarm_count", "alarms")},
+        **{key: now[key] for key in ("what", "alarm_count", "alarms")},
+        "attention": now["attention"] if now["attention"] in ATTENTION else "much",
         "outputs": now["bench"]["state"],
         "waits": (now["wait"] or {}).get("reason"),
         "asks": now["prompt"],

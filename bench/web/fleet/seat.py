@@ -12,18 +12,16 @@ from typing import Any
 
 from bench.model.clock import NS, Clock
 from bench.web.fleet.fleet_file import FleetBench
-from bench.web.fleet.overview import PROTO
+from bench.web.fleet.overview import ATTENTION, MOST_RUNS, PROTO
 from bench.web.recorded.listing import RUN_NAME
 
 SILENT_S = 3.5
-ATTENTION = ("much", "some", "none")
 UNKNOWN, IDLE = "unknown", "idle"
 CONNECTING, UNREACHED, SILENT, REFUSED, UNTRUSTED, MISNAMED, FOREIGN = (
     "connecting", "unreached", "silent", "refused", "untrusted", "misnamed", "foreign",
 )  # fmt: skip
 LONGEST_TEXT = 300
 MOST_ALARMS = 3
-MOST_RUNS = 64
 _TEXTS = ("title", "state", "what", "waits", "asks", "guard", "outputs", "outcome")
 _NUMBERS = ("progress", "end_utc_s", "alarm_count")
 

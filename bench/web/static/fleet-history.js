@@ -1,5 +1,5 @@
 // Below the benches: who is due, and the calibrations of all of them, from the history that the server was given.
-import { byId, fillTable, icon, make } from "./dom.js";
+import { byId, fillTable, icon, make, say } from "./dom.js";
 import { onSettings } from "./settings.js";
 import { t, word } from "./texts.js";
 import { stamp } from "./time.js";
@@ -38,16 +38,21 @@ function show() {
 
 async function ask(path, name) {
   const reply = await fetch(path);
-  if (!reply.ok) throw new Error(`HTTP ${reply.status}`);
-  return (await reply.json())[name];
+  const said = await reply.json().catch(() => ({}));
+  if (!reply.ok) throw new Error(said.text ?? `HTTP ${reply.status}`);
+  return said[name];
 }
 
 async function refresh() {
   if (document.hidden) return;
   try {
     [dues, sessions] = await Promise.all([ask("/api/v1/due", "due"), ask("/api/v1/calibrations", "calibrations")]);
+    say(byId("no-history"), "");
     show();
-  } catch { /* they change from day to day: what stands there stays, and is asked for again */ }
+  } catch (error) { // they change from day to day: what stands there stays, and is asked for again
+    say(byId("no-history"), t("fleet.no-history", { why: error.message }));
+  }
+  byId("no-history").hidden = !byId("no-history").textContent;
 }
 
 export function showCalibrated() {

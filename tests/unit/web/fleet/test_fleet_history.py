@@ -11,6 +11,8 @@ import store_sample
 from web_rig import Page, served
 
 from bench.commands.history import show
+from bench.commands.serve import Request, serve
+from bench.model.errors import BenchError
 from bench.store import Filters, record_calibration
 from bench.web.fleet.app import create_fleet_app
 from bench.web.fleet.calibrated import LONGEST_DAYS
@@ -55,3 +57,24 @@ def test_without_a_history_nothing_is_said(tmp_path: Path) -> None:
     with served(tmp_path, make=lambda serving: create_fleet_app(serving, ())) as page:
         assert page.ask("GET", "/api/v1/due", page.cookie(VIEWER)).json == {"due": [], "named": False}
         assert page.ask("GET", "/api/v1/calibrations", page.cookie(VIEWER)).json["calibrations"] == []
+
+
+@pytest.mark.parametrize(("file", "status"), [("nothing.sqlite", 200), ("text.sqlite", 400)])
+def test_a_history_that_is_not_there_is_empty_and_one_that_cannot_be_read_says_why(
+    tmp_path: Path, file: str, status: int
+) -> None:
+    (tmp_path / "text.sqlite").write_text("no database " * 100)
+    url = f"sqlite:///{tmp_path / file}"
+    with served(tmp_path, make=lambda serving: create_fleet_app(serving, ()), history=url) as page:
+        answer = page.ask("GET", "/api/v1/due", page.cookie(VIEWER))
+        assert answer.status == status
+        assert answer.json.get("due", []) == []
+        assert answer.json.get("error", "").startswith("B-STORE") is (status == 400)
+
+
+def test_an_address_that_can_never_be_opened_is_refused_before_anything_is_served(tmp_path: Path) -> None:
+    fleet = tmp_path / "fleet.yaml"
+    fleet.write_text(f"benches:\n  - {{name: here, folder: '{tmp_path}'}}\n")
+    with pytest.raises(BenchError) as raised:
+        serve(Request(fleet=fleet, history="nonsense"))
+    assert raised.value.code == "B-STORE-001"

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from top_sample import SetClock
 
-from bench.web.fleet.overview import BEGIN_S, Overview, newest_over, over_card
+from bench.web.fleet.overview import BEGIN_S, MOST_RUNS, Overview, newest_over, over_card
 from bench.web.recorded.listing import session_row
 from bench.web.telemetry import SeenRun
 
@@ -67,6 +67,18 @@ def test_a_run_that_begins_is_no_alarm_for_a_moment(make: Callable[..., Any], cl
     assert look(overview)["runs"][NAME]["state"] == "lost"
     lookout.seen = (SeenRun({**LOST, "state": "stopped"}),)  # its process is gone
     assert look(overview)["runs"][NAME]["state"] == "stopped"
+
+
+def test_of_many_runs_those_that_need_somebody_are_told(make: Callable[..., Any]) -> None:
+    seen = [
+        SeenRun({**LOST, "run": f"r{number:03}", "state": "running", "attention": "none"}, age_s=0.0)
+        for number in range(99)
+    ]
+    seen[0] = SeenRun({**LOST, "run": "r000", "state": "stopped"})
+    assert list(look(make(*seen)[0])["runs"]) == [
+        "r000",
+        *(f"r{number:03}" for number in range(98, 98 - MOST_RUNS + 1, -1)),
+    ]
 
 
 def test_time_that_goes_on_is_no_news(make: Callable[..., Any]) -> None:
