@@ -39,7 +39,7 @@ function benchCell(card) {
 
 function stateCell(card) {
   const since = card.state === "unknown" && card.heard_utc_s ? t("fleet.heard", { time: stamp(card.heard_utc_s) }) : "";
-  return make("span", { class: "fleet-state", "data-state": card.state, "data-attention": card.attention }, icon(card.state), make("strong", {}, word("state", card.state)),
+  return make("span", { class: "fleet-state", "data-state": card.state, "data-attention": card.attention }, make("strong", {}, icon(card.state), word("state", card.state)),
     card.simulated ? make("span", { class: "tag" }, t("page.simulated")) : null,
     card.why ? make("span", { class: "soft fleet-line" }, [word("fleet.why", card.why), since].filter(Boolean).join("; ")) : null);
 }
