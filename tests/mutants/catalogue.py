@@ -365,16 +365,6 @@ MUTANTS = [
         ["tests/unit/web/test_gate.py::test_every_route_without_a_login_is_401"],
     ),
     Mutant(
-        "bench that is silent and shown as it was",
-        "bench/web/fleet/seat.py",
-        "is_known = self.age_s <= SILENT_S",
-        "is_known = self._heard_ns is not None",
-        [
-            "tests/unit/web/fleet/test_fleet_seat.py"
-            "::test_it_is_unknown_until_it_is_heard_and_when_it_is_not_heard_any_more"
-        ],
-    ),
-    Mutant(
         "record with losses taken as it is",
         "bench/run/steps/recording.py",
         "if lost / due <= step.max_lost or attempt == attempts - 1:",
