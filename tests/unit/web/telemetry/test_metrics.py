@@ -34,6 +34,7 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Page]:
     """A server that is looked at afresh by each request, and fits nothing."""
     monkeypatch.setattr(lookout, "FRESH_S", 0.0)
     monkeypatch.setattr(lookout, "LOST_S", 0.0)
+    monkeypatch.setattr(lookout, "READ_S", 60.0)
     with served(tmp_path) as server:
 
         async def fit(folder: Path) -> None:
