@@ -15,7 +15,7 @@ from bench.analysis import Floats, cell, number, unit_text
 from bench.model.texts import Texts
 from bench.report.estimate_tables import readable
 from bench.report.model import ReportModel
-from bench.report.tables import Table, documents_table, pairs_table, place_of, rank, role_of
+from bench.report.tables import Table, documents_table, pairs_table, place_of, rank, role_of, spaced
 
 _COUNTS = ("records", "flagged", "frames", "bad", "lost")
 _HOUR_s, _LARGE = 3600.0, 1e6
@@ -29,7 +29,7 @@ def summary_table(model: ReportModel, words: Texts) -> Table | None:
     estimates = results.get("estimates", ())
     lines = {
         "session": results.get("session", ""),
-        "campaign": str(results.get("campaign", "")),
+        "campaign": spaced(str(results.get("campaign", ""))),
         "uut": words("summary.unit", model=uut.get("model", ""), serial=uut.get("serial", "")),
         "started": model.started_utc.replace("T", " ").replace("Z", " UTC"),
         "length": duration(model.run.length_s),

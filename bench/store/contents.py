@@ -123,7 +123,7 @@ def _contents(document: Mapping[str, Any], manifest: Mapping[str, Any], started_
         shared=shared_components(manifest.get("standards", {}), str(document["campaign"])),
         result_set=result_set,
         quality=[{"name": name, "count": int(count)} for name, count in sorted(document["quality"].items())],
-        parameters=[_parameter(estimate) for estimate in document["estimates"]],
+        parameters=[parameter_row(estimate) for estimate in document["estimates"]],
         estimates=[_estimate(number, entry, limits) for number, entry in numbered if is_sound(entry)],
         doubts=[_doubt(number, entry) for number, entry in numbered if not is_sound(entry)],
     )
@@ -139,7 +139,8 @@ def _standard(role: str, entry: Mapping[str, Any]) -> Row:
     return {"role": role, **texts, "traceability_relative": None if traceability is None else float(traceability)}
 
 
-def _parameter(estimate: Mapping[str, Any]) -> Row:
+def parameter_row(estimate: Mapping[str, Any]) -> Row:
+    """Return the parameter that an estimate is a value of, with its hash; what was measured does not belong to it."""
     conditions = {name: value for name, value in estimate["conditions"].items() if name not in MEASURED}
     row = {"quantity": str(estimate["quantity"]), "unit": str(estimate["unit"]), "conditions": canonical(conditions)}
     return {**row, "sha256": digest(canonical(row))}

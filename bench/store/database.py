@@ -18,7 +18,7 @@ from sqlalchemy.pool import NullPool
 
 from bench.store.errors import StoreError, explained, masked
 from bench.store.stated_tables import add_stated_tables
-from bench.store.tables import METADATA, VERSION, doubts, history
+from bench.store.tables import ARCHIVE, METADATA, VERSION, doubts, history
 
 WAIT_S = 3
 _WRITE_LIMIT_MS = 10_000
@@ -32,7 +32,11 @@ _DEAD_NETWORK = {
 _LOCK = 0x62656E6368  # any number, the same for every writer of this software
 
 # From a version of the tables to the next one; a history is brought up to date when it is opened.
-UPGRADES: Mapping[int, Callable[[Connection], None]] = {1: doubts.create, 2: add_stated_tables}
+UPGRADES: Mapping[int, Callable[[Connection], None]] = {
+    1: doubts.create,
+    2: add_stated_tables,
+    3: lambda connection: METADATA.create_all(connection, ARCHIVE),
+}
 _EXAMPLES = "use sqlite:///folder/history.sqlite or postgresql://user@host/database"
 
 

@@ -135,7 +135,7 @@ def _new_calibration(connection: Connection, contents: Contents, now_ns: int) ->
 def _new_results(connection: Connection, contents: Contents, calibration: int) -> int:
     row = {**contents.result_set, "calibration_id": calibration}
     result_set = _add(connection, tables.result_sets, row)
-    known = _parameters(connection, contents.parameters)
+    known = parameter_keys(connection, contents.parameters)
     for table, entries in ((tables.estimates, contents.estimates), (tables.doubts, contents.doubts)):
         rows = [{"parameter_id": known[contents.parameters[entry["position"]]["sha256"]], **entry} for entry in entries]
         _insert(connection, table, rows, result_set_id=result_set)
@@ -143,7 +143,7 @@ def _new_results(connection: Connection, contents: Contents, calibration: int) -
     return result_set
 
 
-def _parameters(connection: Connection, wanted: Sequence[Row]) -> dict[str, int]:
+def parameter_keys(connection: Connection, wanted: Sequence[Row]) -> dict[str, int]:
     """Return keys of the parameters by their hash; those that no calibration had yet are added."""
     by_hash = {row["sha256"]: row for row in wanted}
     query = select(tables.parameters.c.sha256, tables.parameters.c.id).where(tables.parameters.c.sha256.in_(by_hash))

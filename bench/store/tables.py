@@ -20,7 +20,7 @@ from sqlalchemy import (
     UniqueConstraint,
 )
 
-VERSION = 3
+VERSION = 4
 METADATA = MetaData()
 
 
@@ -171,3 +171,132 @@ approvals = Table(
     Column("statement", Text, nullable=False),
     Column("approved_utc_ns", BigInteger, nullable=False),
 )
+
+# The archive: where the recorded sessions are, and what they say of themselves (docs/decisions/0042-archive.md).
+archived_sessions = Table(
+    "archived_sessions",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("location", Text, nullable=False, unique=True),  # URL of the folder
+    Column("fingerprint", Text, nullable=False),  # of names, sizes and times of its files: unchanged, it is passed over
+    Column("bytes", BigInteger, nullable=False),
+    Column("session", Text, nullable=False),
+    Column("session_sha256", Text),  # null if it was never read whole
+    Column("campaign", Text, nullable=False),
+    Column("station", Text, nullable=False),
+    Column("started_utc_ns", BigInteger),
+    Column("simulated", Boolean, nullable=False),
+    Column("plan_sha256", Text, nullable=False),
+    Column("frame_sha256", Text, nullable=False),
+    Column("software", Text, nullable=False),  # of the released results, as the method and what follows
+    Column("method", Text, nullable=False),
+    Column("verdict", Text, nullable=False),  # the worst
+    Column("quality", Text, nullable=False),  # the worst; "" without results
+    Column("code", Text, nullable=False),  # of the error, "" for a whole session
+    Column("fault", Text, nullable=False),
+    Column("verified_utc_ns", BigInteger, nullable=False),
+    Index("archived_by_hash", "session_sha256"),
+    Index("archived_by_time", "campaign", "station", "verdict", "started_utc_ns"),
+)
+
+archived_units = Table(
+    "archived_units",
+    METADATA,
+    _key("archived_id", "archived_sessions.id"),
+    Column("check_standard", Boolean, nullable=False),  # beside the unit under test, to watch the bench
+    Column("model", Text, nullable=False),
+    Column("serial", Text, nullable=False),
+    UniqueConstraint("archived_id", "model", "serial"),
+    Index("archived_of_unit", "serial", "archived_id"),
+)
+
+archived_standards = Table(
+    "archived_standards",
+    METADATA,
+    _key("archived_id", "archived_sessions.id"),
+    Column("role", Text, nullable=False),
+    Column("model", Text, nullable=False),
+    Column("serial", Text, nullable=False),
+    Column("certificate", Text, nullable=False),
+    UniqueConstraint("archived_id", "role"),
+    Index("archived_of_standard", "serial", "archived_id"),
+    Index("archived_of_certificate", "certificate", "archived_id"),
+)
+
+certificates = Table(
+    "certificates",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("number", Text, nullable=False),
+    Column("certificate_sha256", Text, nullable=False, unique=True),
+    Column("session", Text, nullable=False),
+    Column("session_sha256", Text, nullable=False),
+    Column("results_sha256", Text, nullable=False),
+    Column("report_sha256", Text),
+    Column("uut_model", Text, nullable=False),
+    Column("uut_serial", Text, nullable=False),
+    Column("customer", Text, nullable=False),
+    Column("issued", Text, nullable=False),  # day, "" for a specimen
+    Column("specimen", Boolean, nullable=False),
+    Column("replaces", Text),  # number of the certificate that it stands for
+    Column("software", Text, nullable=False),
+    Column("method", Text, nullable=False),
+    Column("entered_utc_ns", BigInteger, nullable=False),
+    Index("certificates_of_session", "session_sha256"),
+    Index("certificates_by_number", "number"),
+)
+
+certified_standards = Table(
+    "certified_standards",
+    METADATA,
+    _key("certificate_id", "certificates.id"),
+    Column("role", Text, nullable=False),
+    Column("model", Text, nullable=False),
+    Column("serial", Text, nullable=False),
+    Column("certificate", Text, nullable=False),
+    UniqueConstraint("certificate_id", "role"),
+)
+
+# A trial says what archived sessions would give; nothing in it is released, and nothing released is changed by it.
+trials = Table(
+    "trials",
+    METADATA,
+    Column("id", Integer, primary_key=True),
+    Column("name", Text, nullable=False, unique=True),  # digest of all that its numbers depend on
+    Column("software", Text, nullable=False),
+    Column("method", Text, nullable=False),  # "" for the one of each campaign
+    Column("register", Text, nullable=False),  # JSON: the standards in place of recorded certificates
+    Column("selection", Text, nullable=False),  # JSON
+    Column("sessions", Integer, nullable=False),
+    Column("started_utc_ns", BigInteger, nullable=False),
+    Column("state", Text, nullable=False),  # running, done
+)
+
+trial_rows = Table(
+    "trial_rows",
+    METADATA,
+    _key("trial_id", "trials.id"),
+    Column("session_sha256", Text, nullable=False),
+    Column("position", Integer, nullable=False),
+    Column("parameter_id", Integer, ForeignKey("parameters.id")),  # null for a session that gave nothing
+    Column("uut_model", Text, nullable=False),
+    Column("uut_serial", Text, nullable=False),
+    Column("value", Double),  # null if it is refused, or there is none any more
+    Column("expanded_uncertainty", Double),
+    Column("verdict", Text, nullable=False),
+    Column("quality", Text, nullable=False),  # "" where there is no such estimate
+    Column("method", Text, nullable=False),
+    Column("released_value", Double),
+    Column("released_expanded_uncertainty", Double),
+    Column("released_verdict", Text, nullable=False),
+    Column("released_quality", Text, nullable=False),
+    Column("released_method", Text, nullable=False),
+    Column("released_software", Text, nullable=False),
+    Column("code", Text, nullable=False),  # of the error that kept the session from giving results, else ""
+    Column("fault", Text, nullable=False),
+    UniqueConstraint("trial_id", "session_sha256", "position"),
+)
+
+ARCHIVE = (
+    archived_sessions, archived_units, archived_standards, certificates, certified_standards, trials, trial_rows,
+)  # fmt: skip

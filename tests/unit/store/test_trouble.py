@@ -214,7 +214,7 @@ def test_an_empty_history_has_nothing_to_compare(tmp_path: Path) -> None:
 def test_exports_that_are_not_possible(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     url = f"sqlite:///{tmp_path / 'history.sqlite'}"
     assert record(url) == ""
-    monkeypatch.setattr("bench.store.export.find_spec", lambda name: None)
+    monkeypatch.setattr("bench.store.rows.find_spec", lambda name: None)
     for name, said in (("x.parquet", r"inertial-bench\[parquet\]"), ("x.xlsx", "neither .csv nor .parquet")):
         with pytest.raises(StoreError, match=said) as caught:
             export_history(url, Filters(), tmp_path / name)
