@@ -22,7 +22,16 @@ from bench.frame import BENCH
 from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
 from bench.record import FOLDER, HEAD, LEVELS_S, OPEN_MARKER, read_head
 from bench.replay import build_trend
-from bench.report import DCC, Calibration, certificate_text, laboratory_of, nobody, session_of
+from bench.report import (
+    CERTIFICATE_FILE,
+    DCC,
+    SPECIMEN_FILE,
+    Calibration,
+    certificate_text,
+    laboratory_of,
+    nobody,
+    session_of,
+)
 from bench.session.service import read_view
 from bench.session.verification import (
     REPORT,
@@ -35,7 +44,6 @@ from bench.session.verification import (
 )
 from bench.session.view import SessionView, analyse_view
 
-NAMES = ("certificate.xml", "certificate.specimen.xml")
 FILES = {"results": RESULTS, "report": REPORT}
 _RESULTS = f".//{{{DCC}}}results"
 _ANY_DAY = date(2000, 1, 1)  # stands nowhere in what is compared
@@ -138,7 +146,7 @@ def check_certificates(
 ) -> None:
     """Compare the certificates that are in the session's folder; what a laboratory says of itself is not compared."""
     results = json.loads(results_json(results))  # as a certificate reads them: conditions in the order of the file
-    for name in NAMES:
+    for name in (CERTIFICATE_FILE, SPECIMEN_FILE):
         content = verification.content(folder / name) if (folder / name).exists() else None
         if content is None:
             continue

@@ -24,7 +24,7 @@ from bench.plan.language.mapping import (
 )
 from bench.plan.language.notices import Apprise, Mail, Notify, Webhook, web_address
 from bench.plan.language.sequence import Early
-from bench.plan.language.standards import Date, Stated
+from bench.plan.language.standards import Date, Standard, Stated, Words, told_standard
 from bench.plan.plan import Phase, Plan, SetPoint, Step, steps_sha256
 from bench.plan.readings import is_answered, is_reading, roles_of, round_count
 from bench.plan.schemas import json_schemas, mapping_schema, vscode_settings
@@ -85,6 +85,7 @@ __all__ = [
     "PlannedSoak",
     "PlannedVerify",
     "SetPoint",
+    "Standard",
     "Stated",
     "Station",
     "StationFile",
@@ -92,6 +93,7 @@ __all__ = [
     "Summary",
     "TimeColumn",
     "Webhook",
+    "Words",
     "check_plan",
     "check_station",
     "compile_sequence",
@@ -118,6 +120,7 @@ __all__ = [
     "steps_sha256",
     "suggestion",
     "summarise",
+    "told_standard",
     "unwatched",
     "vscode_settings",
     "web_address",

@@ -6,7 +6,9 @@ from bench.report.batch.document import batch_html, batch_json
 from bench.report.batch.model import Batch, LeftOut, Outcome
 from bench.report.batch.tables import unit_name
 from bench.report.dcc import (
+    CERTIFICATE_FILE,
     DCC,
+    SPECIMEN_FILE,
     Calibration,
     CertificateSchema,
     Span,
@@ -16,16 +18,19 @@ from bench.report.dcc import (
     overdue,
     session_of,
 )
-from bench.report.document import Report, study_html
+from bench.report.document import Report, page, study_html
 from bench.report.first import days_of
 from bench.report.laboratory import LABORATORY_FILE, Laboratory, laboratory_of, load_laboratory
 from bench.report.model import ReportModel, RunStory, Surrounding, TemperatureTrace
-from bench.report.tables import FOLDER, Table, analysis_tables
+from bench.report.sections import Section
+from bench.report.tables import FOLDER, Table, analysis_tables, words_of
 
 __all__ = [
+    "CERTIFICATE_FILE",
     "DCC",
     "FOLDER",
     "LABORATORY_FILE",
+    "SPECIMEN_FILE",
     "Batch",
     "Calibration",
     "CertificateSchema",
@@ -35,6 +40,7 @@ __all__ = [
     "Report",
     "ReportModel",
     "RunStory",
+    "Section",
     "Span",
     "Surrounding",
     "Table",
@@ -50,8 +56,10 @@ __all__ = [
     "nobody",
     "not_valid",
     "overdue",
+    "page",
     "report_model",
     "session_of",
     "study_html",
     "unit_name",
+    "words_of",
 ]

@@ -23,6 +23,7 @@ from bench.replay import IMPORT, Replayed, moved_rows, replay_rows, replay_serie
 from bench.session.acceptances import known_acceptances
 from bench.session.complete import check_complete
 from bench.session.record_states import condition_key, measuring, row_problem
+from bench.session.register import Register, with_register
 from bench.session.view import SessionView, analyse_view, happened
 
 _OF_STANDARD = ("model", "serial", "certificate", "uncertainty", "corrections", "stated")
@@ -30,14 +31,19 @@ _SAME = ("analysis", "channels", "uut", "rate_Hz", "af_clock_Hz", "master_Hz", "
 
 
 def analysed(
-    folder: Path, method: str | None, strict: bool = False, make_up: Sequence[Path] = ()
+    folder: Path,
+    method: str | None,
+    strict: bool = False,
+    make_up: Sequence[Path] = (),
+    register: Register | None = None,
 ) -> tuple[dict[str, Any], Analysis, SessionView]:
     """Return results, analysis and view of a session, together with the sessions that make up for it.
 
+    ``register``: standards in place of recorded certificates.
     Raises: InputError B-CLI-008 if the sequence of the session asks for no analysis; those of ``read_view`` and
             ``check_complete``.
     """
-    view = read_view(folder, strict=strict)
+    view = with_register(read_view(folder, strict=strict), register or {})
     if make_up:
         view = merged(view, [read_view(other) for other in make_up])
     if not view.has_analysis:

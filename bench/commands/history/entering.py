@@ -8,24 +8,17 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import validate_results
 from bench.commands.console import console
 from bench.commands.history.show import Place
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.record import SessionReader
 from bench.report import Laboratory, laboratory_of
+from bench.session.released import began_utc_ns, check_same_recording, released_results
 from bench.session.service import read_view
 from bench.session.view import analyse_view
-from bench.store import (
-    Recorded,
-    StoreError,
-    digest_of_file,
-    record_calibration,
-    started_utc_ns,
-)
+from bench.store import Recorded, StoreError, digest_of_file, record_calibration
 
 NO_ANALYSIS = "none"
-_CLOCK = frozenset({"/clock"})
 
 
 def import_sessions(place: Place, folders: list[Path], reason: str, as_json: bool) -> int:
@@ -70,16 +63,9 @@ def import_session(url: str, folder: Path, reason: str = "") -> Recorded:
             SessionDamaged B-REC-011, B-REC-012.
     """
     reader = SessionReader(folder)
-    manifest, results, report = reader.manifest, folder / "results.json", folder / "report.html"
-    document = _stored(results) if results.exists() else _computed(reader)
-    computed_from = document["provenance"]["session_sha256"]
-    if computed_from != reader.sha256:
-        raise StoreError(
-            "B-STORE-013",
-            f"results.json was computed from another recording ({computed_from[:12]}, this is {reader.sha256[:12]})",
-            where=str(folder),
-            next_step="'bench recover' says whether the recording is whole; without results.json they are computed",
-        )
+    manifest, report = reader.manifest, folder / "report.html"
+    document = released_results(folder) or _computed(reader)
+    check_same_recording(document, reader.sha256, str(folder))
     laboratory = laboratory_of(folder)
     return record_calibration(
         url,
@@ -87,24 +73,9 @@ def import_session(url: str, folder: Path, reason: str = "") -> Recorded:
         manifest,
         digest_of_file(report) if report.is_file() else None,
         reason=reason,
-        started_utc_ns=started_utc_ns(str(document["session"])) or _first_label(reader),
+        started_utc_ns=began_utc_ns(reader, str(document["session"])),
         adjustment=None if laboratory is None else _adjustment(laboratory),
     )
-
-
-def _stored(path: Path) -> Mapping[str, Any]:
-    try:
-        document: Any = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise InputError(
-            "B-FIT-010",
-            f"cannot be read ({error})",
-            where=str(path),
-            next_step="remove it to have the results computed again",
-        ) from error
-    validate_results(document, str(path))
-    results: Mapping[str, Any] = document
-    return results
 
 
 def _computed(reader: SessionReader) -> Mapping[str, Any]:
@@ -128,9 +99,3 @@ def _adjustment(laboratory: Laboratory) -> tuple[str, str, str] | None:
         return None
     signs = next(person.name for person in laboratory.responsible if person.signs)
     return laboratory.adjustment.results, laboratory.adjustment.what, signs
-
-
-def _first_label(reader: SessionReader) -> int | None:
-    """Return UTC of the first clock pair of a session whose name does not say when it began."""
-    message = next(reader.select(_CLOCK), None)
-    return None if message is None else int(message.document()["t_utc_ns"])

@@ -13,8 +13,14 @@ from bench.report.dcc.elements import DCC, VERSION, XSI, dcc, document_text
 from bench.report.dcc.measurement import measurement
 
 _LOCATION = f"{DCC} https://ptb.de/dcc/v{VERSION}/dcc.xsd"
-_IDENTIFICATION = f"{{{DCC}}}administrativeData/{{{DCC}}}coreData/{{{DCC}}}identifications/{{{DCC}}}identification"
-_IDENTIFIER = f"{{{DCC}}}administrativeData/{{{DCC}}}coreData/{{{DCC}}}uniqueIdentifier"
+CERTIFICATE_FILE, SPECIMEN_FILE = "certificate.xml", "certificate.specimen.xml"  # in the folder of the session
+_DATA = f"{{{DCC}}}administrativeData"
+_CORE = f"{_DATA}/{{{DCC}}}coreData"
+_IDENTIFICATION = f"{_CORE}/{{{DCC}}}identifications/{{{DCC}}}identification"
+_ITEM = f"{_DATA}/{{{DCC}}}items/{{{DCC}}}item"
+_SERIAL = f"{_ITEM}/{{{DCC}}}identifications/{{{DCC}}}identification[@refType='basic_serialNumber']/{{{DCC}}}value"
+_CUSTOMER = f"{_DATA}/{{{DCC}}}customer/{{{DCC}}}name/{{{DCC}}}content"
+_REPLACED = f"{_CORE}/{{{DCC}}}reportAmendedSubstituted/{{{DCC}}}replacedUniqueIdentifier"
 _HASHES = ("session", "results", "report")
 
 
@@ -22,13 +28,18 @@ _HASHES = ("session", "results", "report")
 class CertifiedSession:
     """The session a certificate is of: its name and the SHA-256 of recording, results.json and report.html.
 
-    ``hashes`` has "session", "results" and, if there was one, "report".
+    ``hashes`` has "session", "results" and, if there was one, "report".   ``issued``: day, "" if it does not say.
+    ``replaces``: number of the certificate that it stands for.
     """
 
     unique_identifier: str
     session: str
     specimen: bool
     hashes: Mapping[str, str]
+    uut: tuple[str, str]  # model and serial number
+    customer: str
+    issued: str
+    replaces: str | None
 
 
 def certificate_text(calibration: Calibration) -> str:
@@ -55,8 +66,17 @@ def session_of(certificate: bytes) -> CertifiedSession:
     hashes = {name: values[ref] for name in _HASHES if (ref := HASH_REF.format(name)) in values}
     if "bench_session" not in values or not {"session", "results"} <= hashes.keys():
         raise _not_ours("is not a certificate that this software wrote")
-    identifier = root.findtext(_IDENTIFIER, "")
-    return CertifiedSession(identifier, values["bench_session"], identifier.startswith(f"{SPECIMEN}-"), hashes)
+    identifier = root.findtext(f"{_CORE}/{{{DCC}}}uniqueIdentifier", "")
+    return CertifiedSession(
+        identifier,
+        values["bench_session"],
+        identifier.startswith(f"{SPECIMEN}-"),
+        hashes,
+        (root.findtext(f"{_ITEM}/{{{DCC}}}model", ""), root.findtext(_SERIAL, "")),
+        root.findtext(_CUSTOMER, ""),
+        root.findtext(f"{_CORE}/{{{DCC}}}issueDate", ""),
+        root.findtext(_REPLACED),
+    )
 
 
 def _not_ours(message: str) -> InputError:
