@@ -1,4 +1,4 @@
-"""The tasks of a study on a Dask cluster: one that runs already, or processes of this machine.
+"""Tasks of a study or of the archive on a Dask cluster: one that runs already, or processes of this machine.
 
 A task computes the same on any worker with the same software, and its results are put together in the order of the
 tasks: which worker took which task, or died over it, changes no byte.
@@ -49,6 +49,32 @@ def run_on_cluster(where: str, tasks: Sequence[Task], run_task: Callable[[Any], 
              worker does not answer, B-STUDY-006 if a worker has other software or more threads; RunError B-STUDY-007
              if a task fails there, or is lost with its workers more often than Dask allows.
     """
+    results: dict[int, Any] = {}
+    wrong: dict[int, str] = {}
+    for number, result, text in _completed(where, tasks, run_task):
+        listener.done(tasks[number], None)
+        results[number] = result
+        if text:
+            wrong[number] = text
+    if wrong:
+        first = min(wrong)
+        raise failed(tasks[first], wrong[first])
+    return [results[number] for number in range(len(tasks))]
+
+
+def completed_on_cluster(
+    where: str, tasks: Sequence[Task], run_task: Callable[[Any], Any]
+) -> Iterator[tuple[Any, Any, str]]:
+    """Yield each task as it is done, with its result, or with what went wrong; in any order.
+
+    Raises: as ``run_on_cluster``, but for a task that fails.
+    """
+    for number, result, wrong in _completed(where, tasks, run_task):
+        yield tasks[number], result, wrong
+
+
+def _completed(where: str, tasks: Sequence[Task], run_task: Callable[[Any], Any]) -> Iterator[tuple[int, Any, str]]:
+    """Yield number, result and error of each task as it is done."""
     if not _LOCAL.fullmatch(where) and not _ADDRESS.fullmatch(where):
         raise InputError("B-STUDY-003", f"{where!r} is no place to compute at", where="--dask", next_step=_HELP)
     try:
@@ -59,13 +85,25 @@ def run_on_cluster(where: str, tasks: Sequence[Task], run_task: Callable[[Any], 
         raise InputError("B-STUDY-004", text, where="--dask", next_step=step) from error
     with _connected(distributed, where) as client:
         _check(where, client)
-        return _shared_out(distributed, client, tasks, run_task, listener)
+        yield from _as_done(distributed, client, tasks, run_task)
+
+
+def _as_done(
+    distributed: Any, client: Any, tasks: Sequence[Task], run_task: Callable[[Any], Any]
+) -> Iterator[tuple[int, Any, str]]:
+    futures = [client.submit(run_there, run_task, task, pure=False) for task in tasks]
+    numbers = {future.key: number for number, future in enumerate(futures)}
+    left = distributed.as_completed(futures)
+    del futures  # a result is let go once it was handed on
+    for future in left:
+        yield numbers[future.key], *outcome_of(future)
 
 
 @contextmanager
 def _connected(distributed: Any, where: str) -> Iterator[Any]:
     """A client of the cluster; a local one lives as long as this does."""
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # a worker that dies is told of by what it did
+    for name in ("distributed", "distributed.client"):  # Dask gives the second a level of its own
+        logging.getLogger(name).setLevel(logging.CRITICAL)  # a worker that dies is told of by what it did
     local = _LOCAL.fullmatch(where)
     cluster = None
     try:
@@ -154,22 +192,16 @@ def run_there(run_task: Callable[[Any], Any], task: Task) -> tuple[Any, str]:
         return None, str(error)
 
 
-def _shared_out(
-    distributed: Any, client: Any, tasks: Sequence[Task], run_task: Callable[[Any], Any], listener: Listener
-) -> list[Any]:
-    futures = [client.submit(run_there, run_task, task, pure=False) for task in tasks]
-    by_key = {future.key: task for future, task in zip(futures, tasks, strict=True)}
-    for future in distributed.as_completed(futures):
-        listener.done(by_key[future.key], None)
-    return [_result(future, task) for future, task in zip(futures, tasks, strict=True)]
-
-
-def _result(future: Any, task: Task) -> Any:
+def outcome_of(future: Any) -> tuple[Any, str]:
+    """Return the result of a future, or what went wrong in words."""
     try:
         result, wrong = future.result()
     except (Exception, asyncio.CancelledError) as error:
-        wrong = f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
-    if wrong:
-        step = "look at the workers' own logs (memory?), then start again; on one machine leave --dask out"
-        raise RunError("B-STUDY-007", f"{task.name} failed on the cluster: {wrong}", next_step=step)
-    return result
+        return None, f"{type(error).__name__}: {' '.join(str(error).split())[:300]}"
+    return result, wrong
+
+
+def failed(task: Task, wrong: str) -> RunError:
+    """Return the error for a task that the cluster could not do."""
+    step = "look at the workers' own logs (memory?), then start again; on one machine leave --dask out"
+    return RunError("B-STUDY-007", f"{task.name} failed on the cluster: {wrong}", next_step=step)
