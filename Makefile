@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak deviations compare notebooks pictures situations site structure ways validate bench lint wheel lock
+.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak archive-drill deviations compare notebooks pictures situations site structure ways validate bench lint wheel lock
 
 demo: $(VENV)/.kernel
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -59,6 +59,11 @@ coverage: $(VENV)/.dev
 # not done again, so it can be stopped at any time.
 soak: $(VENV)/.dev
 	$(PY) tests/soak/run.py $(N) $(CAMPAIGN)
+
+# N sessions of years (docs/archive.md), refitted here, on one worker and on two: the same bytes, and exactly the
+# certificates that a wrong standard concerns. What is recorded in build/archive-drill is not recorded again.
+archive-drill: $(VENV)/.dev
+	$(PY) -m benchmarks.archive $(N)
 
 # 500 hours of chambers that overshoot, cycle and have their doors opened: at most one false warning (docs/unattended.md).
 deviations: $(VENV)/.dev

@@ -13,12 +13,13 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 import bench
+from bench.commands.archive.app import app as archive_app
 from bench.commands.frame.app import app as frame_app
 from bench.commands.hand.app import commission, drill, talk
 from bench.commands.history.app import app as history_app
 from bench.commands.lab.app import init, list_all
 from bench.commands.living_app import abort, answer, pause, shelve, top
-from bench.commands.session_app import AsJson, SessionFolder, batch, export, fit, replay, report, study
+from bench.commands.session_app import AsJson, SessionFolder, batch, certificate, export, fit, replay, report, study
 from bench.commands.usage import App, completing
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.extras import extras_named
@@ -34,6 +35,7 @@ app = App(
     "operator, 5 session damaged, 70 internal error.",
 )
 app.add_typer(history_app, name="history")
+app.add_typer(archive_app, name="archive")
 app.add_typer(frame_app, name="frame")
 
 Sequence = Annotated[
@@ -157,25 +159,9 @@ app.command(epilog="Example: bench fit sessions/20000101T000000Z_scale_factor_38
 app.command(epilog="Example: bench report sessions/20000101T000000Z_scale_factor_38h_SIM-1 --pdf")(report)
 
 
-@app.command(epilog="Example: bench certificate sessions/20260101T180000Z_scale_factor_38h_17 --schema dcc.xsd")
-def certificate(
-    session: SessionFolder,
-    laboratory: Annotated[
-        Path | None, typer.Option("--laboratory", metavar="FILE", help="YAML: laboratory, customer, who signs")
-    ] = None,
-    out: Annotated[Path | None, typer.Option("--out", help="default: certificate.xml in the session's folder")] = None,
-    schema: Annotated[
-        Path | None, typer.Option("--schema", metavar="XSD", help="validate against this dcc.xsd (extra 'certificate')")
-    ] = None,
-    specimen: Annotated[
-        bool, typer.Option("--specimen", help="a marked specimen; the only one a simulated session gets")
-    ] = False,
-) -> None:
-    """Write a Digital Calibration Certificate (PTB DCC 3.2.1, D-SI units) of a session."""
-    from bench.commands import certificate as certificate_command
-
-    request = certificate_command.Request(session, laboratory, out, schema, specimen)
-    raise typer.Exit(certificate_command.certificate(request))
+app.command(epilog="Example: bench certificate sessions/20260101T180000Z_scale_factor_38h_17 --schema dcc.xsd")(
+    certificate
+)
 
 
 @app.command(epilog="Example: bench decode vn100_binary F00379 --csv vn100.csv")

@@ -14,6 +14,7 @@ NAMES = (
         "memory",
         "history",
         "batch",
+        "archive",
         "latency",
         "page",
         "fleet",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
@@ -22,12 +23,15 @@ from bench.analysis import (
 )
 from bench.commands.console import console
 from bench.model.clock import NS, WallClock
-from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
 from bench.model.events import Environment
+from bench.model.extras import missing_extra
 from bench.record import SessionReader, layout
 from bench.replay import ABSENT, Difference, compare
 from bench.report import (
+    CERTIFICATE_FILE,
     LABORATORY_FILE,
+    SPECIMEN_FILE,
     Calibration,
     CertificateSchema,
     Laboratory,
@@ -40,11 +44,12 @@ from bench.report import (
     not_valid,
     overdue,
 )
+from bench.session.history import VARIABLE, chosen_url
 from bench.session.output import write_file
 from bench.session.service import read_view
 from bench.session.view import SessionView, analyse_view
 
-NAME, SPECIMEN_NAME = "certificate.xml", "certificate.specimen.xml"
+NO_HISTORY = "B-STORE-007"
 SOFTWARE_PATH = "provenance.software"  # another version may give the same numbers
 REL_TOL = 1e-9  # in another environment floats agree to this, and no better
 
@@ -58,6 +63,7 @@ class Request:
     out: Path | None
     schema: Path | None
     specimen: bool
+    history: str | None = None
 
 
 def certificate(request: Request) -> int:
@@ -77,15 +83,33 @@ def certificate(request: Request) -> int:
     laboratory = _laboratory(request)
     schema = None if request.schema is None else CertificateSchema(request.schema)
     calibration = _calibration(request, laboratory)
-    path = request.out or request.session / (SPECIMEN_NAME if request.specimen else NAME)
+    path = request.out or request.session / (SPECIMEN_FILE if request.specimen else CERTIFICATE_FILE)
     text = certificate_text(calibration)
     if schema is not None:
         _validate(schema, text, path)
     _refuse_to_replace(path, text, request.specimen)
     write_file(path, text)
+    untold = _entered(request, text, calibration)
     held = "" if schema is None else f", holds {schema.path.name}"
     console().print(f"wrote    {path}{held}")
+    if untold is not None:
+        console(stderr=True).print(f"{untold}; the certificate is written, the same command enters it later")
     return ExitStatus.PASS
+
+
+def _entered(request: Request, text: str, calibration: Calibration) -> BenchError | None:
+    """Enter the certificate into the archive; returns why it is not there, None too where nobody keeps a history."""
+    named = request.history or os.environ.get(VARIABLE)
+    try:
+        from bench.archive.issued import enter_issued
+
+        url = chosen_url(request.history, request.session.resolve().parent, os.environ)
+        enter_issued(url, text.encode(), calibration.results, calibration.manifest)
+    except ModuleNotFoundError as error:
+        return missing_extra(error) if named else None
+    except BenchError as error:
+        return None if error.code == NO_HISTORY and not named else error
+    return None
 
 
 def _laboratory(request: Request) -> Laboratory:

@@ -88,6 +88,31 @@ def report(
     raise typer.Exit(fit_command.report(session, pdf, fresh, laboratory, lang))
 
 
+def certificate(
+    session: SessionFolder,
+    laboratory: Annotated[
+        Path | None, typer.Option("--laboratory", metavar="FILE", help="YAML: laboratory, customer, who signs")
+    ] = None,
+    out: Annotated[Path | None, typer.Option("--out", help="default: certificate.xml in the session's folder")] = None,
+    schema: Annotated[
+        Path | None, typer.Option("--schema", metavar="XSD", help="validate against this dcc.xsd (extra 'certificate')")
+    ] = None,
+    specimen: Annotated[
+        bool, typer.Option("--specimen", help="a marked specimen; the only one a simulated session gets")
+    ] = False,
+    history: Annotated[
+        str | None,
+        typer.Option("--history", metavar="URL", help="where it is entered; default: beside the session"),
+    ] = None,
+) -> None:
+    """Write a Digital Calibration Certificate (PTB DCC 3.2.1, D-SI units) of a session."""
+    session_segments(session)
+    from bench.commands import certificate as certificate_command
+
+    request = certificate_command.Request(session, laboratory, out, schema, specimen, history)
+    raise typer.Exit(certificate_command.certificate(request))
+
+
 def export(
     session: SessionFolder,
     form: Annotated[str, typer.Option("--to", metavar="FORMAT", help="csv, parquet, hdf5, mat or mcap")],

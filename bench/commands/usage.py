@@ -33,6 +33,7 @@ GROUPS: dict[str, dict[str, str]] = {
         "export": "tables of a session for other tools",
         "batch": "fit many sessions and compare their units",
         "history": "earlier calibrations: drift, due dates, approvals",
+        "archive": "all sessions: whole? what would they give today?",
         "study": "repeat a published simulation study",
     },
     "Files of others": {

@@ -20,6 +20,7 @@ REPORT = Extra("report", "drawing a report or a figure")
 PAGE = Extra("page", "the live page")
 TERMINAL = Extra("terminal", "the terminal view")
 HISTORY = Extra("history", "the calibration history")
+ARCHIVE = Extra("archive", "the archive of sessions")
 MQTT = Extra("mqtt", "telling a broker of MQTT")
 EXTRAS = {
     "matplotlib": REPORT,
@@ -34,6 +35,7 @@ EXTRAS = {
     "paho": MQTT,
     "textual": TERMINAL,
     "sqlalchemy": HISTORY,
+    "fsspec": ARCHIVE,
 }
 
 

@@ -74,7 +74,8 @@ def lab(golden: Path, tmp_path: Path) -> Path:
     """Return a folder with what a reader has: a session and its history, a laboratory file, a capture, a log."""
     place = tmp_path / "lab"
     writable_copy(golden.parent, place / "sessions")
-    shutil.copy(ROOT / "docs" / "laboratory.yaml", place)
+    for name in ("laboratory.yaml", "corrected.yaml"):
+        shutil.copy(ROOT / "docs" / name, place)
     frame = bytes.fromhex((ROOT / "tests" / "golden" / "ngu_a.hex").read_text())
     (place / "capture.bin").write_bytes(frame * 20)
     rows = "".join(f"{0.01 * row:.2f},{0.1 * (row % 7):.1f}\n" for row in range(200))

@@ -38,6 +38,7 @@ PLANTED = {
     "a-run-does-not-die-of-a-fit": ("bench.run.watch.trend", "scipy"),
     "the-guard-needs-nothing-that-can-fail": ("bench.run.guard.decision", "bench.frame.batch"),
     "clusters-in-one-place": ("bench.commands.study", "distributed"),
+    "storage-in-one-place": ("bench.archive.index", "fsspec"),
 }
 MOST_FILES = 30
 SIBLINGS = {"instruments", "sim_instruments", "tests/protocol"}  # one model each

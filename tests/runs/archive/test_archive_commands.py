@@ -1,0 +1,181 @@
+"""``bench archive`` from the command line: what it enters, finds, computes again, and says would change."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import archive_sample
+import pyarrow.parquet
+import pytest
+from rehearsal import Inside
+
+from bench.archive.evidence import NO_CHECK, evidence_of
+from bench.model.errors import ExitStatus
+from bench.store import Filters, Selection, list_calibrations, list_sessions
+
+ROOT = Path(__file__).resolve().parents[3]
+GOLDEN = ROOT / "tests" / "golden" / "sessions" / "0.1.0"
+LABORATORY = str(ROOT / "docs" / "laboratory.yaml")
+SMALL = archive_sample.small()
+Say = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def say(inside: Inside, archive: Path, monkeypatch: pytest.MonkeyPatch) -> Say:
+    """Run ``bench archive`` on the archive of the test: exit status, standard output and error."""
+    monkeypatch.setenv("BENCH_HISTORY", f"sqlite:///{archive / 'history.sqlite'}")
+
+    def run(*words: str) -> tuple[int, str, str]:
+        done = inside("archive", *words)
+        return done.returncode, done.stdout, done.stderr
+
+    return run
+
+
+def digests(folder: Path) -> dict[str, str]:
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != "history.sqlite")
+    return {str(path): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+def document(said: tuple[int, str, str]) -> Any:
+    return json.loads(said[1])
+
+
+def test_what_has_not_changed_is_passed_over(say: Say, archive: Path) -> None:
+    status, text, _ = say("add", str(archive))
+    assert (status, text) == (0, "0 sessions entered (0.0 MB), 0 damaged, 0 not read, 11 unchanged\n")
+    folder = archive / SMALL[0].name
+    segment = folder / "session.0001.mcap"
+    segment.write_bytes(segment.read_bytes()[:-3000])
+    status, text, complaint = say("add", str(archive), str(GOLDEN))
+    assert status == ExitStatus.SESSION_DAMAGED
+    assert f"B-REC-011    {folder}" in text
+    assert "6 sessions entered" in text
+    assert "1 damaged, 0 not read, 10 unchanged" in text
+    assert len(complaint.splitlines()) == 6
+    rows = document(say("list", "--json"))["sessions"]
+    assert len(rows) == 16
+    assert [row["session"] for row in rows if row["code"]] == [SMALL[0].name]
+
+
+def test_list_and_its_files(say: Say, tmp_path: Path) -> None:
+    rows = document(say("list", "--select", "standard=CAL-b", "--json"))["sessions"]
+    assert [row["session"] for row in rows] == [SMALL[-1].name]
+    assert "U-3" in say("list", "--select", "station=bench_b")[1]
+    written = document(say("list", "--to", str(tmp_path / "x.parquet"), "--json"))
+    assert written["rows"] == len(SMALL) == pyarrow.parquet.read_table(tmp_path / "x.parquet").num_rows
+    assert say("list", "--to", str(tmp_path / "x.csv"))[0] == 0
+    assert (tmp_path / "x.csv").read_text().count("CAL-a C-a-2001") == 3 - 1
+    assert "B-STORE-012" in say("list", "--to", "x.doc")[2]
+    assert "B-STORE-009" in say("list", "--select", "uut=nobody")[2]
+
+
+def test_verify_names_what_is_damaged_changed_or_gone(say: Say, archive: Path) -> None:
+    assert say("verify", "--select", "since=2001-01-01")[0] == 0
+    gone, changed = archive / SMALL[-1].name, archive / SMALL[-2].name
+    shutil.rmtree(gone)
+    for name in ("session.0001.mcap", "results.json"):
+        shutil.copy(archive / SMALL[0].name / name, changed / name)
+    status, text, _ = say("verify", "--select", "since=2001-01-01", "--json")
+    assert status == ExitStatus.SESSION_DAMAGED
+    said = {(entry["location"], entry["code"]) for entry in json.loads(text)["damaged"]}
+    assert said == {(str(gone), "B-ARC-003"), (str(changed), "B-ARC-004")}
+    rows = document(say("list", "--select", "standard=CAL-b", "--json"))["sessions"]  # still known by its standards
+    assert rows[0]["code"] == "B-ARC-003"
+    assert rows[0]["session_sha256"]
+
+
+def test_a_wrong_certificate_is_recalled_and_no_other(say: Say, archive: Path, inside: Inside, tmp_path: Path) -> None:
+    """The whole way: certificates, another register, what changes. Nothing released is touched."""
+    for campaign in (SMALL[0], *SMALL[-3:]):
+        done = inside("certificate", str(archive / campaign.name), "--specimen", "--laboratory", LABORATORY)
+        assert (done.returncode, done.stderr) == (0, "")
+    url = f"sqlite:///{archive / 'history.sqlite'}"
+    before, history = digests(archive), list_calibrations(url, Filters())
+    register, trial = archive_sample.corrected(tmp_path / "corrected.yaml"), tmp_path / "trial"
+    status, text, progress = say("refit", "--with-standards", str(register), "--to", str(trial))
+    assert status == 0, progress
+    assert "11/11" in progress
+    assert (digests(archive), list_calibrations(url, Filters())) == (before, history)
+    report = document(say("changes", str(trial), "--json"))
+    assert {entry["session"] for entry in report["certificates"]} == archive_sample.concerned(SMALL)
+    assert {entry["customer"] for entry in report["certificates"]} == {"Example Navigation Systems"}
+    for entry in report["certificates"]:
+        assert entry["largest"] == pytest.approx(-archive_sample.WRONG_ppm / 24.8, rel=0.05)  # ppm over U of dsf_n
+        assert entry["specimen"]
+    dsf_n = next(entry for entry in report["quantities"] if entry["quantity"] == "dsf_n")
+    assert (dsf_n["compared"], dsf_n["changed"], dsf_n["above_one"]) == (22, 4, 4)
+    (evidence,) = report["standards"]
+    assert (evidence["serial"], evidence["certificate"]) == (archive_sample.CALIBRATOR, archive_sample.WRONG)
+    assert evidence["session"] == SMALL[7].name  # the last before, with its check standard in control
+    status, text, _ = say("changes", report["trial"][:6], "--html", str(tmp_path / "c.html"))
+    assert (tmp_path / "c.html").read_text(encoding="utf-8").count("SPECIMEN-EX") >= 2
+    assert "B-TXT-001" in say("changes", str(trial), "--lang", "xx")[2]
+    assert "2 certificates are concerned" in text
+    assert "last good evidence" in text
+    assert "decided by people" in text
+    assert say("where", archive_sample.WRONG)[1].count("SPECIMEN-EX") == 2
+
+
+def test_the_corrected_register_gives_what_a_true_one_would_have(say: Say, archive: Path, tmp_path: Path) -> None:
+    """Every changed value moves by the wrong gain, against the formula: dsf is relative to the current."""
+    register, trial = archive_sample.corrected(tmp_path / "corrected.yaml"), tmp_path / "trial"
+    say("refit", "--with-standards", str(register), "--select", "certificate=C-a-2001", "--to", str(trial))
+    rows = pyarrow.parquet.read_table(trial / "refit.parquet").to_pylist()
+    moved = [row["value"] - row["released_value"] for row in rows if row["quantity"] in ("dsf_n", "dsf_p")]
+    assert len(moved) == 8
+    # (1 + dsf') (1 + 60e-6) = 1 + dsf; gain 60 ppm too high a current made every dsf 60 ppm too low or high
+    assert [abs(move) for move in moved] == pytest.approx([archive_sample.WRONG_ppm] * 8, rel=2e-3)
+    assert len({move > 0 for move in moved}) == 1
+
+
+def test_a_failure_is_a_row_with_its_code(say: Say, tmp_path: Path) -> None:
+    """A method that one campaign has and four have not; a certificate that nobody used; nothing selected."""
+    say("add", str(GOLDEN))
+    status, text, _ = say("refit", "--method", "paper", "--select", "station=af_bench_sim", "--to", str(tmp_path / "a"))
+    assert status == 0, text
+    status, text, _ = say("refit", "--method", "paper", "--select", "uut=GNC-01", "--to", str(tmp_path / "b"))
+    assert status == ExitStatus.VERDICT_FAIL
+    (row,) = pyarrow.parquet.read_table(tmp_path / "b" / "refit.parquet").to_pylist()
+    assert row["code"].startswith("B-")
+    assert row["code"] in text
+    assert row["quantity"] == ""
+    register = tmp_path / "other.yaml"
+    register.write_text(archive_sample.corrected(tmp_path / "c.yaml").read_text().replace("  C-a-2001:", "  C-x:"))
+    refused = say("refit", "--with-standards", str(register), "--to", str(tmp_path / "d"))
+    assert refused[0] == 2
+    assert "B-ARC-005" in refused[2]
+    nothing = say("refit", "--select", "uut=U-1", "--select", "station=bench_b", "--to", str(tmp_path / "e"))
+    assert "B-ARC-001" in nothing[2]
+    assert not (tmp_path / "e").exists()
+
+
+def test_a_history_that_cannot_be_written_costs_no_certificate(archive: Path, inside: Inside, tmp_path: Path) -> None:
+    (tmp_path / "bad.sqlite").write_bytes(b"no database" * 1000)
+    session = archive / SMALL[0].name
+    done = inside("certificate", str(session), "--specimen", "--history", f"sqlite:///{tmp_path / 'bad.sqlite'}")
+    assert done.returncode == 0
+    assert (session / "certificate.specimen.xml").is_file()
+    assert "B-STORE-004" in done.stderr
+    assert "the same command enters it later" in done.stderr
+
+
+def test_where_there_is_no_good_evidence_it_says_why(archive: Path) -> None:
+    """A standard that nobody used before, and one that nobody used at all."""
+    url = f"sqlite:///{archive / 'history.sqlite'}"
+    register = {number: {"model": "5720A", "serial": "CAL-b"} for number in ("C-b-2001", "C-b-1999")}
+    never, first = evidence_of(url, list_sessions(url, Selection()), register)
+    assert (never.since_utc, never.session, never.why) == ("", "", NO_CHECK)
+    assert (first.since_utc, first.session, first.why) == ("2001-02-21T00:00:00Z", "", NO_CHECK)
+
+
+@pytest.mark.parametrize("command", ["add", "list", "verify", "where", "refit", "changes"])
+def test_every_archive_help_shows_an_example(command: str, inside: Inside) -> None:
+    done = inside("archive", command, "--help")
+    assert done.returncode == 0
+    assert f"bench archive {command}" in done.stdout.split("Example")[1]

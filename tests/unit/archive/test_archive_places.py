@@ -1,0 +1,138 @@
+"""Sessions are found on any file system, looked at byte by byte, and told apart from what is not theirs."""
+
+from __future__ import annotations
+
+import os
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import fsspec
+import pytest
+from recorded import writable_copy
+
+from bench.archive.examination import examined, reexamined
+from bench.archive.places import Place, brought_here, sessions_at
+from bench.model.errors import ExitStatus, InputError
+from bench.record import SessionReader
+from bench.store import Unit
+
+GOLDEN = Path(__file__).resolve().parents[2] / "golden" / "sessions" / "0.1.0"
+AF, RLG = GOLDEN / "20000101T000000Z_golden_GOLDEN", GOLDEN / "20000101T000000Z_golden_rlg_GOLDEN"
+
+
+@pytest.fixture
+def memory() -> Iterator[str]:
+    """The golden sessions in a store that is no file system of this machine; URL of its folder."""
+    storage = fsspec.filesystem("memory")
+    storage.put(str(GOLDEN), "/lab/2000", recursive=True)
+    yield "memory://lab"
+    storage.rm("/lab", recursive=True)
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    return writable_copy(AF, tmp_path / "sessions" / AF.name)
+
+
+def only(folder: Path) -> Place:
+    (place,) = sessions_at(str(folder))
+    return place
+
+
+def test_sessions_of_a_store_are_those_of_the_folder(memory: str) -> None:
+    here, there = sessions_at(str(GOLDEN)), sessions_at(memory)
+    assert [place.name for place in here] == sorted(path.name for path in GOLDEN.iterdir())
+    assert [place.name for place in there] == [place.name for place in here]
+    assert [place.bytes for place in there] == [place.bytes for place in here]
+    assert there[0].location == f"memory://lab/2000/{here[0].name}".replace("memory://", "memory:///")
+
+
+def test_a_session_of_a_store_is_copied_here_and_gone_afterwards(memory: str) -> None:
+    place = next(place for place in sessions_at(memory) if place.name == AF.name)
+    with brought_here(place.location) as (folder, now):
+        assert now == place
+        assert SessionReader(folder, strict=True).sha256 == SessionReader(AF).sha256
+        assert (folder / "results.json").read_bytes() == (AF / "results.json").read_bytes()
+    assert not folder.exists()
+
+
+def test_a_session_of_this_machine_is_read_where_it_is(session: Path) -> None:
+    with brought_here(str(session)) as (folder, _):
+        assert folder == session
+    assert session.is_dir()
+
+
+def test_one_that_is_being_recorded_is_left_out(session: Path) -> None:
+    assert only(session.parent) == only(session)
+    (session / "session.open").touch()
+    with pytest.raises(InputError, match="no session that has ended"):
+        sessions_at(str(session))
+
+
+@pytest.mark.parametrize("url", ["/no/such/folder", "nothing://x/y", "memory://empty"])
+def test_what_cannot_be_listed_b_arc_002(url: str) -> None:
+    with pytest.raises(InputError) as caught:
+        sessions_at(url)
+    assert (caught.value.code, caught.value.exit_status) == ("B-ARC-002", ExitStatus.BAD_INPUT)
+    assert caught.value.where == url
+    assert caught.value.next_step
+
+
+def test_the_fingerprint_is_that_of_what_is_read(session: Path) -> None:
+    before = only(session).fingerprint
+    (session / "report.html").write_text("no number comes from it")
+    assert only(session).fingerprint == before
+    os.utime(session / "results.json", (1, 1))
+    assert only(session).fingerprint != before
+
+
+def test_what_a_session_says_of_itself(session: Path) -> None:
+    seen = examined(only(session))
+    assert (seen.code, seen.fault) == ("", "")
+    assert seen.session_sha256 == SessionReader(AF).sha256
+    assert (seen.campaign, seen.station, seen.method) == ("scale_factor", "af_bench_sim", "gls")
+    assert (seen.simulated, seen.quality, seen.verdict) == (True, "sound", "none")
+    assert seen.units == (Unit("NGU", "GOLDEN"),)
+    assert seen.started_utc_ns == 946_684_800 * 10**9
+    assert ("calibrator", "5720A", "SIM5720", "SIM-0001") in [tuple(vars(used).values()) for used in seen.standards]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "code"),
+    [
+        (lambda folder: _cut(folder / "session.0001.mcap", -4000), "B-REC-011"),
+        (lambda folder: _cut(folder / "session.0001.mcap", 60_000), "B-STORE-013"),  # as after a loss of power
+        (lambda folder: (folder / "results.json").write_text("{"), "B-FIT-010"),
+        (lambda folder: shutil.copy(RLG / "results.json", folder), "B-STORE-013"),
+    ],
+)  # fmt: skip
+def test_damage_is_a_code(session: Path, spoil: object, code: str) -> None:
+    spoil(session)  # type: ignore[operator]
+    seen = examined(only(session))
+    assert (seen.code, seen.session_sha256) == (code, None)
+    assert seen.fault
+    assert (seen.session, seen.campaign) == (AF.name, "scale_factor")  # what could be read
+
+
+def _cut(path: Path, length: int) -> None:
+    raw = path.read_bytes()
+    path.write_bytes(raw[:length])
+
+
+def test_one_without_results_is_whole(session: Path) -> None:
+    (session / "results.json").unlink()
+    seen = examined(only(session))
+    assert (seen.code, seen.quality, seen.software) == ("", "", "")
+
+
+def test_gone_or_another_recording(session: Path, tmp_path: Path) -> None:
+    place = only(session)
+    known = vars(examined(place))
+    for name in ("session.0001.mcap", "results.json"):
+        shutil.copy(RLG / name, session / name)
+    again = reexamined(known)
+    assert (again.code, again.session_sha256) == ("B-ARC-004", None)
+    assert str(known["session_sha256"])[:12] in again.fault
+    shutil.rmtree(session)
+    assert reexamined(known).code == examined(place).code == "B-ARC-003"
