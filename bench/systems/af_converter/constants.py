@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -49,7 +50,8 @@ class Campaign(_Tolerant):
     """Constants of the campaign.
 
     ``previous``: estimates of an earlier calibration in contract form; ``temperature_sensor_u95_degC``: expanded
-    uncertainty (95 %, k = 2) of the unit's own temperature sensor, None if not stated.
+    uncertainty (95 %, k = 2) of the unit's own temperature sensor, None if not stated; ``gradient_degC``: how far the
+    converters of one of several units in a chamber may be from what its sensor says (95 %, k = 2), None if it is alone.
     """
 
     analysis: str
@@ -60,6 +62,7 @@ class Campaign(_Tolerant):
     uut: Mapping[str, Any] = Field(default_factory=dict)
     channels: tuple[Channel, ...]
     temperature_sensor_u95_degC: _NotNegative | None = None
+    gradient_degC: _NotNegative | None = None
     previous: tuple[Mapping[str, Any], ...] = ()
 
     def channel(self, number: int) -> Channel:
@@ -82,6 +85,16 @@ class Campaign(_Tolerant):
     def sensor_std_degC(self) -> float:
         """Standard uncertainty of the unit's temperature sensor; 0 if not stated."""
         return (self.temperature_sensor_u95_degC or 0.0) / 2.0
+
+    @property
+    def gradient_std_degC(self) -> float:
+        """Standard uncertainty by the chamber's gradient and the heat of neighbours; 0 for a unit that is alone."""
+        return (self.gradient_degC or 0.0) / 2.0
+
+    @property
+    def thermal_std_degC(self) -> float:
+        """Standard uncertainty of the temperature that a result holds at: sensor and gradient, the same in all rows."""
+        return math.hypot(self.sensor_std_degC, self.gradient_std_degC)
 
 
 def read_campaign(campaign: Mapping[str, Any]) -> Campaign:

@@ -59,10 +59,13 @@ def bias_parts(channel: ChannelFit, weights: Floats, campaign: Campaign) -> dict
     """Independent parts of the standard uncertainty of ``weights @ coefficients`` of the centre curve, by name."""
     coefficients, covariance = on_sensor(channel)
     moves = np.arange(1, weights.size) * coefficients[1:]  # d c_k for a sensor that is off by 1 degC
+    per_degC = abs(float(weights[:-1] @ moves))
+    of_slot = {say("component.gradient"): per_degC * campaign.gradient_std_degC} if campaign.gradient_std_degC else {}
     return {
         say("component.readings"): float(np.sqrt(weights @ covariance @ weights)),
         say("component.nominal"): abs(float(weights @ coefficients)) * DSF_STD,
-        say("component.sensor"): abs(float(weights[:-1] @ moves)) * campaign.sensor_std_degC,
+        say("component.sensor"): per_degC * campaign.sensor_std_degC,
+        **of_slot,
     }
 
 

@@ -199,6 +199,6 @@ def fit_master_clock(
         order=_CLOCK_ORDER,
         reference_degC=campaign.reference_temperature_degC,
         generator_std=read_generator(standards),
-        sensor_std_degC=campaign.sensor_std_degC,
+        sensor_std_degC=campaign.thermal_std_degC,
     )
     return replace(fit, generator_dof=read_dof(standards, FUNCTION_GENERATOR))

@@ -140,7 +140,7 @@ def bias_components(channel: ChannelFit, campaign: Campaign) -> list[Component]:
     """Return components of the bias of one channel at the reference temperature, in nA."""
     coefficients, _ = on_sensor(channel)
     parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
-    fit, nominal, sensor = parts
+    fit, nominal, sensor, *gradient = parts
     return [
         Component(fit, parts[fit] * _nA, "nA", source=say("source.noise")),
         Component(nominal, DSF_STD * _PPM, "ppm", float(coefficients[0]) * _nA / _PPM, source=say("source.design")),
@@ -151,6 +151,17 @@ def bias_components(channel: ChannelFit, campaign: Campaign) -> list[Component]:
             float(coefficients[1]) * _nA,
             source=say("source.campaign"),
             common=sensor,
+        ),
+        *(
+            Component(
+                name,
+                campaign.gradient_std_degC,
+                "degC",
+                float(coefficients[1]) * _nA,
+                source=say("source.slot"),
+                common=name,
+            )
+            for name in gradient
         ),
     ]
 

@@ -37,7 +37,9 @@ from bench.systems.af_converter.wording import kind_name, say
 _PPM, _nA = 1e6, 1e9
 _DECLARED = say("source.campaign")
 _COUNTING = say("source.counting")
-_DRIFT, _SENSOR, _COMBINED = (say(f"component.{name}") for name in ("drift", "sensor", "combined"))
+_DRIFT, _SENSOR, _GRADIENT, _COMBINED = (
+    say(f"component.{name}") for name in ("drift", "sensor", "gradient", "combined")
+)
 _NOISE = tuple(say(f"component.{name}") for name in ("quantisation", "clock", "white", "walk", "interpolated"))
 _OF_RANGES = say("component.offset"), say("component.linearity")
 _COLUMNS = {  # of the table of all channels, by the beginning of a component's name
@@ -51,6 +53,7 @@ _COLUMNS = {  # of the table of all channels, by the beginning of a component's 
     "calibrator drift": say("summary.drift"),
     "interpolated": say("summary.temperature"),
     "temperature sensor": say("summary.temperature"),
+    "chamber's gradient": say("summary.temperature"),
 }
 _PREFIXES = {0: "", -1: "m", -2: "µ"}
 TRIALS = 100_000
@@ -118,7 +121,17 @@ def components_of(
             _SENSOR, sensor_degC, "degC", slopes[index] * sensor_degC, _DECLARED,
             common="temperature sensor",
         ),
+        *_gradient(slopes[index], campaign),
     ]  # fmt: skip
+
+
+def _gradient(slope_ppm_degC: float, campaign: Campaign) -> list[Component]:
+    """Return what gradient and neighbours bring to a unit that shares a chamber; nothing for one that is alone."""
+    gradient_degC = campaign.gradient_std_degC
+    if not gradient_degC:
+        return []
+    source = say("source.slot")
+    return [_effect(_GRADIENT, gradient_degC, "degC", slope_ppm_degC * gradient_degC, source, common="gradient")]
 
 
 def _noise(visit: GroupFit, index: int, campaign: Campaign) -> list[Component]:
@@ -227,7 +240,7 @@ def trials_of(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: St
         referral=Referral(at_degC, fitted.slopes_ppm_degC(visit.group.channel, at_degC)),
         method=method,
         drift=standards.drift or 0.0,
-        sensor_std_degC=campaign.sensor_std_degC,
+        sensor_std_degC=campaign.thermal_std_degC,
         standard_dof=standards.calibrator_dof,
     )
     return propagate(lambda generator, trials: model.draw(generator, trials)[:, 0], _SEED, TRIALS)
@@ -266,7 +279,12 @@ def components(fitted: Fitted, campaign: Campaign, standards: Standards) -> list
         parts = {name: float(np.max(values)) for name, values in visit.fit.parts_ppm.items()}
         parts |= {_name_of_gain(label): float(np.max(np.abs(part))) for label, part in visit.fit.gains_ppm.items()}
         parts[_DRIFT] = standards.drift_ppm
-        parts[_SENSOR] = float(np.max(np.abs(sensor_ppm)))
+        slope_ppm_degC = float(
+            np.max(np.abs(fitted.slopes_ppm_degC(visit.group.channel, visit.fit.unit_temperature_degC)))
+        )
+        parts[_SENSOR] = slope_ppm_degC * campaign.sensor_std_degC
+        if campaign.gradient_std_degC:
+            parts[_GRADIENT] = slope_ppm_degC * campaign.gradient_std_degC
         std_ppm = [scale_factor_std_ppm(visit, standards, index) for index in (0, 1)]
         parts[_COMBINED] = float(np.max(np.hypot(std_ppm, sensor_ppm)))
         for name, value in parts.items():

@@ -40,13 +40,13 @@ _STEADY_DRIFT = "steady drift of the calibrator, by the times of the records"
 
 
 def sensor_effect_ppm(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> Array:
-    """Signed effect (2,) on DSF_N, DSF_P of one standard deviation of the unit's temperature sensor, ppm.
+    """Signed effect (2,) on DSF_N, DSF_P of one standard deviation of the unit's temperature, ppm: sensor and gradient.
 
     A result says at which unit temperature it holds; a wrong thermometer makes it the result of another temperature.
     Zero while the coefficients of the channel or the uncertainty of the sensor are not known; a note says so.
     """
     slopes = fitted.slopes_ppm_degC(visit.group.channel, visit.fit.unit_temperature_degC)
-    return np.array(slopes) * campaign.sensor_std_degC
+    return np.array(slopes) * campaign.thermal_std_degC
 
 
 def calibrator_parts(visit: GroupFit, contrast: Array) -> dict[str, float]:
@@ -103,7 +103,7 @@ def bias_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> Estim
     at_degC = visit.bias.unit_temperature_degC
     polynomial = fitted.polynomials.get(("bias", visit.group.channel))
     slope_A_degC = polynomial.slope(at_degC) if polynomial else 0.0
-    thermal_degC = np.hypot(campaign.sensor_std_degC, np.max(visit.group.opened.temperature_std_degC))
+    thermal_degC = np.hypot(campaign.thermal_std_degC, np.max(visit.group.opened.temperature_std_degC))
     std_A = float(np.hypot(visit.bias.std_uncertainty_A, slope_A_degC * thermal_degC))
     conditions = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign) | {
         "unit_temperature_degC": at_degC
@@ -248,7 +248,7 @@ def _sensor_effect(polynomial: TemperaturePolynomial, order: int, campaign: Camp
     tc1 by as much, and is left to the sensor's own certificate.
     """
     later = polynomial.coefficients[order + 1 :]
-    return float((order + 1) * later[0] * campaign.sensor_std_degC) if later.size else 0.0
+    return float((order + 1) * later[0] * campaign.thermal_std_degC) if later.size else 0.0
 
 
 def _drift_ppm(
