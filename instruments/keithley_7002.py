@@ -1,4 +1,6 @@
-"""Keithley 7002 switch system with one 7012 4x10 matrix card: column = channel, row 1 = direct, row 2 = reversed.
+"""Keithley 7002 switch system with 7012 4x10 matrix cards: column = channel, row 1 = direct, row 2 = reversed.
+
+One card leads to one unit; the rows of several are joined over the backplane, so that one source reaches all of them.
 
 ``:CLOS`` only adds crosspoints, so nothing in the instrument keeps two routes apart; this driver does: it opens all,
 verifies, closes one crosspoint and verifies that exactly that one is closed.
@@ -33,6 +35,12 @@ def read_closed(reply: str) -> tuple[str, ...]:
     return tuple(item for item in compact[2:-1].split(",") if item)
 
 
+def cards_of(options: Mapping[str, Any]) -> tuple[int, ...]:
+    """Return the slots of the cards: the option ``slot`` is one of them, or a list."""
+    slots = options["slot"]
+    return tuple(slots) if isinstance(slots, list) else (slots,)
+
+
 class Keithley7002(ScpiInstrument):
     """Control of the relay matrix; at most one route is closed at any time."""
 
@@ -48,17 +56,24 @@ class Keithley7002(ScpiInstrument):
     @action(
         Parameter("channel", choices=tuple(range(1, 11))),
         Parameter("polarity", choices=(1, -1)),
+        Parameter("card", choices=tuple(range(1, _SLOTS + 1)), required=False),
         effect=Effect.ROUTE,
         bus_s=0.9,
     )
-    def route(self, channel: int, polarity: int) -> None:
+    def route(self, channel: int, polarity: int, card: int | None = None) -> None:
         """Set the one closed route: current into ``channel``, reversed by the wiring of row 2 for polarity -1.
 
-        Raises: InstrumentError B-INST-008, B-INST-015 if the relays do not read back as meant (all are opened then).
+        ``card``: the slot of one of several cards; the only one if left out.
+        Raises: InstrumentError B-INST-008 (also a card that is not there), B-INST-015 if the relays do not read back as
+                meant (all are opened then).
         """
-        channel, polarity = self.checked("route", channel=channel, polarity=polarity)
+        cards = cards_of(self.options)
+        only = cards[0] if card is None and len(cards) == 1 else card
+        channel, polarity, card = self.checked("route", channel=channel, polarity=polarity, card=only)
+        if card not in cards:
+            raise self.error("B-INST-008", f"route: card {card} is none of {cards}; nothing was sent")
         self.open_all()
-        crosspoint = f"{self.options['slot']}!{_DIRECT_ROW if polarity == 1 else _REVERSED_ROW}!{channel}"
+        crosspoint = f"{card}!{_DIRECT_ROW if polarity == 1 else _REVERSED_ROW}!{channel}"
         self.routed = None
         self.set(f":CLOS (@{crosspoint})", ReadBack(self.closed, (crosspoint,).__eq__, ().__eq__))
         self.clock.sleep(_RELAYS_S)
@@ -87,9 +102,9 @@ class Keithley7002(ScpiInstrument):
 
     @classmethod
     def wrong_option(cls, options: Mapping[str, Any]) -> tuple[str, str] | None:
-        slot = options["slot"]
-        valid = type(slot) is int and 1 <= slot <= _SLOTS
-        return None if valid else ("slot", f"slot {slot!r} is no whole number from 1 to {_SLOTS}")
+        slots = cards_of(options)
+        valid = bool(slots) and all(type(slot) is int and 1 <= slot <= _SLOTS for slot in slots)
+        return None if valid else ("slot", f"slot {options['slot']!r} is no whole number from 1 to {_SLOTS}")
 
     def _prepare(self) -> None:
         self.set(":INIT:CONT OFF")

@@ -116,17 +116,17 @@ class Hp6632B(ScpiDevice):
         supplied_V = voltage_V if voltage_V >= start_V else 0.0
         if supplied_V != self.supplied_V:
             self.supplied_V = supplied_V
-            self.world.supply(supplied_V)
+            self.world.supply(supplied_V, self.role)
 
     def restart_unit(self) -> None:
         """Fault: the unit loses its supply for ``RESTART_S``, if it has one."""
         if self.is_first and self.supplied_V > 0.0:
-            self.world.unit.set_power(False, self.now_ns, 0.0)
+            self.world.fed_by(self.role).set_power(False, self.now_ns, 0.0)
             self.world.after(RESTART_S, self._back)
 
     def _back(self) -> None:
         if self.supplied_V > 0.0:
-            self.world.unit.set_power(True, self.now_ns, self.supplied_V)
+            self.world.fed_by(self.role).set_power(True, self.now_ns, self.supplied_V)
 
     named_faults: ClassVar[Mapping[str, Fault]] = {
         "unit_restart": Fault(

@@ -25,7 +25,10 @@ Point = tuple[int, int, int]
 
 
 class Keithley7002(ScpiDevice):
-    """Relay matrix; slot ``options["slot"]`` (1 by default) is the card that is wired to the bench."""
+    """Relay matrix; slot ``options["slot"]`` (1 by default) is the card that is wired to the bench, or several are.
+
+    The columns of a further card are wired behind those of the cards before it.
+    """
 
     identity = "KEITHLEY INSTRUMENTS INC.,MODEL 7002,SIM7002,A03 /A02"
     no_error = '0,"No error"'
@@ -36,7 +39,8 @@ class Keithley7002(ScpiDevice):
         self._closed: set[Point] = set()
         self._scanning = self._continuous = False
         super().__init__(*arguments)
-        self._slot = int(self.options.get("slot", 1))
+        slots = self.options.get("slot", 1)
+        self._slots = [int(slot) for slot in (slots if isinstance(slots, list) else [slots])]
 
     def reset(self) -> None:
         self._scanning = self._continuous = False
@@ -45,14 +49,16 @@ class Keithley7002(ScpiDevice):
 
     def left_by_another(self, draw: np.random.Generator) -> None:
         super().left_by_another(draw)
-        points = {(self._slot, int(draw.integers(1, ROWS + 1)), int(draw.integers(1, COLUMNS + 1))) for _ in range(5)}
+        points = {
+            (self._slots[0], int(draw.integers(1, ROWS + 1)), int(draw.integers(1, COLUMNS + 1))) for _ in range(5)
+        }
         self._move(set(list(points)[: int(draw.integers(5))]))
         self._scanning = self._continuous = bool(draw.integers(2))
         self._scan(1)
 
     def _scan(self, column: int) -> None:
         if self._scanning:
-            self._move({(self._slot, 1, column)})
+            self._move({(self._slots[0], 1, column)})
             self.world.after(SCAN_S, lambda: self._scan(column % COLUMNS + 1))
 
     def outputs(self) -> dict[str, Any]:
@@ -60,7 +66,8 @@ class Keithley7002(ScpiDevice):
 
     def _move(self, closed: set[Point]) -> None:
         self._closed = closed
-        wired = frozenset((row, column) for slot, row, column in closed if slot == self._slot)
+        places = {slot: COLUMNS * place for place, slot in enumerate(self._slots)}
+        wired = frozenset((row, places[slot] + column) for slot, row, column in closed)
         self.world.wiring.switch(wired, self.now_ns)
         self.busy(RELAY_S)
 
@@ -86,7 +93,7 @@ class Keithley7002(ScpiDevice):
         if match is None:
             raise ScpiError(-102, "Syntax error")
         slot, row, column = (int(part) for part in match.groups())
-        if slot != self._slot or not 1 <= row <= ROWS or not 1 <= column <= COLUMNS:
+        if slot not in self._slots or not 1 <= row <= ROWS or not 1 <= column <= COLUMNS:
             raise ScpiError(-222, "Parameter data out of range")
         return slot, row, column
 

@@ -90,6 +90,8 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
     out.print(f"{plan.name}: {plan.title}")
     out.print(f"  station      {plan.station_name}{' (simulated)' if plan.station.simulated else ''}")
     out.print(f"  steps        {summary.steps}, {summary.records} records")
+    for unit in plan.units:
+        out.print(f"  unit         {unit.serial} in slot {unit.slot}")
     out.print(f"  preparation  {hours(summary.prepare_s)}")
     out.print(f"  campaign     {hours(summary.duration_s)} = {summary.duration_s:.0f} s")
     out.print(f"  afterwards   {hours(summary.finally_s)}")

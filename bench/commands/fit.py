@@ -11,9 +11,12 @@ from bench.commands.console import console
 from bench.commands.tables import print_results, verdict_status
 from bench.model.errors import ExitStatus
 from bench.model.texts import ENGLISH, check_language
+from bench.record import SessionReader
 from bench.report import FOLDER
 from bench.session.fitted import FROM_CACHE, Fitted, Shown
+from bench.session.one_unit import serials_of
 from bench.session.output import write_file
+from bench.session.units import in_each_unit
 
 
 def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path] = (), fresh: bool = False) -> int:
@@ -22,6 +25,8 @@ def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path]
     ``fresh``: compute them though they are kept. Nothing is written into the session. The exit status is that of the
     run: 1 if a verdict fails or is indeterminate, or a result is missing.
     """
+    if not as_json and serials_of(SessionReader(folder).manifest):
+        return in_each_unit(folder, lambda home: fit(home, method, False, make_up, fresh))
     fitted = Fitted(folder, method, make_up, fresh=fresh)
     shown = fitted.shown
     if as_json:
@@ -50,6 +55,8 @@ def report(
     Raises: InputError B-TXT-001 for a language that the report does not have, B-REP-001 and B-TXT-002 for paper.
     """
     check_language(language, FOLDER)
+    if serials_of(SessionReader(folder).manifest):
+        return in_each_unit(folder, lambda home: report(home, pdf, fresh, laboratory, language))
     fitted = Fitted(folder, fresh=fresh, language=language)
     if laboratory is not None:
         fitted.keep_laboratory(laboratory)

@@ -14,16 +14,19 @@ from bench.commands.conducting import conduct_watched, wall_clock
 from bench.commands.console import console
 from bench.commands.control import release
 from bench.commands.origin import named_file
-from bench.commands.tables import print_results, print_without_results, print_written, verdict_status
+from bench.commands.tables import print_results, print_units, print_without_results, print_written, verdict_status
 from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.plan import Plan, compile_sequence
+from bench.record import SessionReader
 from bench.run.resume import Stopped, changed_files, read_stopped, resumption, same_plan
 from bench.run.session import Conducted
 from bench.session.finish import finish
 from bench.session.happenings import happenings
 from bench.session.history import check_history_url, chosen_url
+from bench.session.one_unit import serials_of
 from bench.session.service import read_view
+from bench.session.units import finish_units
 
 ENDED = "B-RES-001"
 BEGUN = "the run that is gone on with had begun so"
@@ -43,7 +46,7 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
     except InputError as error:
         if error.code != ENDED or all((folder / name).is_file() for name in RESULTS):
             raise
-        return _results(folder, url, as_json)
+        return _of_all_units(folder, url, as_json)
     plan = stopped.plan if sequence is None else _given(stopped, sequence)
     clock = _clock(stopped)
     resumed = resumption(stopped, clock.utc_ns())
@@ -90,12 +93,22 @@ def _ended(done: Conducted, url: str, as_json: bool) -> int:
     error = done.outcome.error
     if error is not None:
         return _stopped_again(error, done, out)
-    status = _results(done.folder, url, as_json)
+    status = _of_all_units(done.folder, url, as_json)
     return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else status
 
 
+def _of_all_units(folder: Path, url: str, as_json: bool) -> int:
+    """Results and report of a session whose every step was done, of each unit where several share it."""
+    if not serials_of(SessionReader(folder).manifest):
+        return _results(folder, url, as_json)
+    outcomes = finish_units(folder, url)
+    if as_json:
+        sys.stdout.write((folder / "results.json").read_text(encoding="utf-8"))
+    return print_units(outcomes, console(stderr=as_json), console(stderr=True))
+
+
 def _results(folder: Path, url: str, as_json: bool) -> int:
-    """Results and report of a session whose every step was done."""
+    """Results and report of a session of one unit."""
     out = console(stderr=as_json)
     view = read_view(folder)
     for line in happenings(view):

@@ -14,7 +14,7 @@ from bench.analysis import results_json
 from bench.commands.check import checked_plan
 from bench.commands.conducting import conduct_watched, wall_clock
 from bench.commands.console import console
-from bench.commands.tables import print_results, print_without_results, print_written, verdict_status
+from bench.commands.tables import print_results, print_units, print_without_results, print_written, verdict_status
 from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.events import event_of
@@ -24,6 +24,7 @@ from bench.session.finish import finish
 from bench.session.happenings import happenings
 from bench.session.history import check_history_url, chosen_url
 from bench.session.output import make_folder, write_file
+from bench.session.units import RESULTS, finish_units
 from bench.session.view import SessionView
 
 
@@ -85,11 +86,21 @@ def _finish(plan: Plan, done: Conducted, request: Request) -> int:
         left = "NOT confirmed safe" if done.outcome.unsafe else "safe"
         out.print(f"The bench is {left}; {len(view.rows)} of {plan.record_count} records are in {done.folder}")
         return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status
-    status = _results(view, done, request, out) if view.has_analysis else ExitStatus.PASS
+    told = _units if plan.units else _results
+    status = told(view, done, request, out) if view.has_analysis else ExitStatus.PASS
     if not view.has_analysis:
         _say_happenings(view, out)
         out.print(f"{len(view.rows)} records in {done.folder}; the sequence asks for no analysis")
     return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else status
+
+
+def _units(view: SessionView, done: Conducted, request: Request, out: Console) -> int:
+    """As ``_results``, of each unit of a campaign that several share."""
+    outcomes = finish_units(done.folder, chosen_url(request.history, request.out, os.environ))
+    _say_happenings(view, out)
+    if request.json:
+        sys.stdout.write((done.folder / RESULTS).read_text(encoding="utf-8"))
+    return print_units(outcomes, out, console(stderr=True))
 
 
 def _results(view: SessionView, done: Conducted, request: Request, out: Console) -> int:

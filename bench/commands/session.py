@@ -12,9 +12,12 @@ from bench.analysis import results_json
 from bench.commands.console import console
 from bench.commands.tables import print_results
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
+from bench.record import SessionReader
 from bench.replay import ABSENT, Difference, compare
 from bench.session.coefficients import Coefficients, coefficients_of_session, merged_coefficients
+from bench.session.one_unit import serials_of
 from bench.session.service import analysed, read_view
+from bench.session.units import in_each_unit
 from bench.session.verification import SOFTWARE_PATH, software_of
 from bench.session.view import analyse_view
 
@@ -23,6 +26,8 @@ SHOWN_DIFFERENCES = 20
 
 def replay(folder: Path, as_json: bool) -> int:
     """Decode the raw bytes again and compare every number with results.json; exit 5 if one differs."""
+    if serials_of(SessionReader(folder).manifest):
+        return in_each_unit(folder, lambda home: replay(home, as_json))
     results, analysis, view = analysed(folder, None, strict=True)
     stored = _stored_results(folder)
     differences, added = _differences(stored, json.loads(results_json(results)))

@@ -115,14 +115,20 @@ def certificate(
 
 def export(
     session: SessionFolder,
-    form: Annotated[str, typer.Option("--to", metavar="FORMAT", help="csv, parquet, hdf5, mat or mcap")],
+    form: Annotated[str, typer.Option("--to", metavar="FORMAT", help="csv, parquet, hdf5, mat, mcap; session")],
     out: Annotated[Path | None, typer.Option("--out", help="a new folder; default: SESSION-FORMAT here")] = None,
+    unit: Annotated[
+        str | None, typer.Option("--unit", metavar="SERIAL", help="with '--to session': which of several units")
+    ] = None,
 ) -> None:
-    """Write events, readings, records, estimates and decoded frames as tables for other tools (extra 'python')."""
+    """Write events, readings, records, estimates and decoded frames as tables for other tools (extra 'python').
+
+    With '--unit SERIAL --to session': the session of one unit out of one that several share, for its customer.
+    """
     session_segments(session)
     from bench.commands import export as export_command
 
-    raise typer.Exit(export_command.export(session, form, out))
+    raise typer.Exit(export_command.export(session, form, out, unit))
 
 
 def batch(

@@ -25,6 +25,7 @@ from bench.model.errors import ExitStatus, FitError
 if TYPE_CHECKING:
     from bench.report import Table
     from bench.session.finish import Finished
+from bench.session.units import UnitFinished
 
 WIDTH = 110
 _COLUMNS = (
@@ -94,6 +95,25 @@ def print_without_results(error: FitError, folder: Path, out: Console, errors: C
         f"'bench recover {folder}' says which records are not valid and can write a sequence for them"
     )
     return ExitStatus.VERDICT_FAIL
+
+
+def print_units(outcomes: Sequence[UnitFinished], out: Console, errors: Console) -> int:
+    """Tell what came of each unit of a session that several share; returns the worst exit status."""
+    statuses = [int(ExitStatus.PASS)]
+    for done in outcomes:
+        out.print()
+        if done.finished is None:
+            errors.print(f"unit {done.serial}: {done.error}")
+            statuses.append(ExitStatus.VERDICT_FAIL)
+            continue
+        print_results(out, done.finished.results, done.finished.analysis)
+        print_written(done.finished, out, errors)
+        if done.finished.results.get("incomplete"):
+            out.print(f"unit {done.serial} was left out: its report says why and what there is of it")
+            statuses.append(ExitStatus.VERDICT_FAIL)
+        statuses.append(verdict_status(done.finished.results, done.finished.analysis.missing))
+    out.print(f"session  {outcomes[0].folder.parents[1]}")
+    return max(statuses)
 
 
 def verdict_status(results: Mapping[str, Any], missing: Sequence[str]) -> int:

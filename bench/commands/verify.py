@@ -20,7 +20,7 @@ from bench.analysis import results_json, without_check_standard
 from bench.commands.console import console
 from bench.frame import BENCH
 from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
-from bench.record import FOLDER, HEAD, LEVELS_S, OPEN_MARKER, read_head
+from bench.record import FOLDER, HEAD, LEVELS_S, OPEN_MARKER, SessionReader, read_head
 from bench.replay import build_trend
 from bench.report import (
     CERTIFICATE_FILE,
@@ -32,7 +32,9 @@ from bench.report import (
     nobody,
     session_of,
 )
+from bench.session.one_unit import serials_of
 from bench.session.service import read_view
+from bench.session.units import in_each_unit
 from bench.session.verification import (
     REPORT,
     RESULTS,
@@ -56,6 +58,8 @@ def verify(folder: Path, as_json: bool) -> int:
     Raises: SessionDamaged B-CLI-012 if a segment is damaged or a file is not what the session gives; InputError
     B-CLI-010 if there are no results to compare with, B-REC-010 if there is no session; BenchError of the analysis.
     """
+    if serials_of(SessionReader(folder).manifest):
+        return in_each_unit(folder, lambda home: verify(home, as_json))
     verification = Verification()
     view = read_view(folder)
     _segments(verification, folder, view)

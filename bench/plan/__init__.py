@@ -25,7 +25,7 @@ from bench.plan.language.mapping import (
 from bench.plan.language.notices import Apprise, Mail, Notify, Webhook, web_address
 from bench.plan.language.sequence import Early
 from bench.plan.language.standards import Date, Standard, Stated, Words, told_standard
-from bench.plan.plan import Phase, Plan, SetPoint, Step, steps_sha256
+from bench.plan.plan import Phase, Plan, PlannedUnit, SetPoint, Step, steps_sha256
 from bench.plan.readings import is_answered, is_reading, roles_of, round_count
 from bench.plan.schemas import json_schemas, mapping_schema, vscode_settings
 from bench.plan.served import served_station
@@ -46,6 +46,7 @@ from bench.plan.step_kinds import (
     steps_of,
 )
 from bench.plan.summary import SECOND_BYTES, Summary, summarise, unwatched
+from bench.plan.values import UNIT
 
 __all__ = [
     "CHAMBER",
@@ -58,6 +59,7 @@ __all__ = [
     "ROWS",
     "SAMPLES",
     "SECOND_BYTES",
+    "UNIT",
     "UNIX",
     "WIRING",
     "Action",
@@ -83,6 +85,7 @@ __all__ = [
     "PlannedSend",
     "PlannedSettle",
     "PlannedSoak",
+    "PlannedUnit",
     "PlannedVerify",
     "SetPoint",
     "Standard",

@@ -25,6 +25,7 @@ from bench.plan.language.sequence import Sequence
 from bench.plan.language.steps import Step_
 from bench.plan.loading import apply_parameters, load_both, split_overrides
 from bench.plan.plan import Phase, Plan, Step, steps_sha256
+from bench.plan.slots import planned_units, rules_of_units
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedRecord
 from bench.plan.unroll import Unroller
@@ -81,10 +82,12 @@ class _Compiler:
         expander = Expander(document, self.station, channels, rate_Hz, frames, findings)
         scope = Scope(self._variables(expander), expander.role_attribute, {})
         serial = self._serial(expander, scope)
+        expander.units = planned_units(expander, scope)
         lengths = self._expand(expander, scope)
         campaign = self._campaign(constants, rate_Hz, serial) | self._values(expander, scope)
-        rules = plan_rules(document.model.interlocks, document, self.station, findings)
-        plan = replace(self._assembled(expander, lengths, frames, link, campaign), interlocks=rules)
+        plan = self._assembled(expander, lengths, frames, link, campaign)
+        rules = plan_rules(document.model.interlocks, document, self.station, plan.frames, findings)
+        plan = replace(plan, interlocks=rules_of_units(rules, plan.units))
         if findings:
             self._check_draft(plan, expander.doubtful)
             raise InputErrors(findings.sorted())
@@ -105,7 +108,9 @@ class _Compiler:
         campaign: Mapping[str, Any],
     ) -> Plan:  # fmt: skip
         model = self.document.model
-        steps = with_bus_time(expander.steps, self.station)
+        steps, units = with_bus_time(expander.steps, self.station), expander.units
+        of_units = {unit.links[name]: frame for unit in units for name, frame in model.frame.items()}
+        of_all = sum(_bytes_s(definition) for definition in frames.values()) * max(1, len(units))
         return Plan(
             name=model.sequence,
             title=model.title,
@@ -118,14 +123,15 @@ class _Compiler:
             files=self._files(),
             campaign=campaign,
             station=self.station,
-            frames=dict(model.frame),
-            measurement_link=link,
-            link_bytes_s=sum(_bytes_s(definition) for definition in frames.values()),
+            frames=of_units or dict(model.frame),
+            measurement_link=next(iter(of_units), link),
+            link_bytes_s=of_all,
             dimensions=tuple(expander.dimensions),
             origins=tuple(expander.origins),
             declared=tuple(expander.declared),
             remarks=self._promised(lengths.get("campaign", 0.0), _records(steps)),
             early=model.early,
+            units=units,
         )
 
     def _frames(self) -> dict[str, FrameDefinition]:
@@ -133,7 +139,7 @@ class _Compiler:
         frames = {}
         for link, name in self.document.model.frame.items():
             where = self.document.where(("frame", link))
-            if link not in self.station.links:
+            if self.document.model.units is None and link not in self.station.links:
                 known = suggestion(link, self.station.links)
                 self.findings.add("B-PLAN-046", where, f"station {self.station.name} has no link {link!r}{known}")
             try:

@@ -12,8 +12,9 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Self
 
-from bench.model.events import Decision, Event
+from bench.model.events import Decision, Event, UnitLeftOut
 from bench.plan.plan import Place, Step, StepKind
+from bench.plan.values import UNIT
 
 IF, WHILE, CHOOSE = "if", "while", "choose"
 HOLD, FAIL, GO_ON = "hold", "fail", "go_on"
@@ -107,9 +108,15 @@ def decisions_of(steps: Iterable[Step]) -> list[PlannedDecision]:
 
 
 def left_out_by(steps: Sequence[Step], events: Iterable[Event]) -> list[range]:
-    """Return the steps that the decisions among the events of a session leave out; ``steps``: those of its plan."""
+    """Return the steps that the decisions among the events of a session leave out; ``steps``: those of its plan.
+
+    Of a unit that was left out these are all of its steps: those that were done are not done again either.
+    """
     stretches: list[range] = []
     for event in events:
+        if isinstance(event, UnitLeftOut):
+            own = [step.number for step in steps if step.conditions.get(UNIT) == event.uut]
+            stretches += [range(number, number + 1) for number in own]
         step = steps[event.step] if isinstance(event, Decision) and 0 <= event.step < len(steps) else None
         if isinstance(event, Decision) and isinstance(step, PlannedDecision):
             stretches += step.left_out(event.outcome)

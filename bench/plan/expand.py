@@ -14,7 +14,7 @@ from bench.plan.drivers import range_after
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language import sequence as language
 from bench.plan.named_values import NamedValues
-from bench.plan.plan import Phase, Step, StepKind
+from bench.plan.plan import Phase, PlannedUnit, Step, StepKind
 from bench.plan.station import Station
 from bench.plan.step_kinds import KINDS
 from bench.plan.values import Channel, Quantity, Scope, UnknownVariable, plain
@@ -68,6 +68,8 @@ class Expander:
         self.doubtful: set[int] = set()
         self.retry_step: int | None = None
         self.expected = NamedValues()
+        self.units: tuple[PlannedUnit, ...] = ()
+        self.unit: PlannedUnit | None = None  # of the loop over the units that is expanded
         self._short = PurePath(document.name).name
 
     def add(
@@ -91,6 +93,7 @@ class Expander:
         numbers = {key: unread if value is None else plain(value) for key, value in arguments.items()}
         where = self._short + self.document.where(path).removeprefix(self.document.name)
         known = scope.context if conditions is None else conditions
+        role = self.place(role, path)
         place = len(self.steps), self.phase, self.at_s, duration_s, role, name, known, where
         self.steps.append(KINDS[kind].read(place, numbers))
         quantities = {k: v for k, v in arguments.items() if isinstance(v, Quantity)}
@@ -102,6 +105,15 @@ class Expander:
         channels = {k: v for k, v in arguments.items() if isinstance(v, Channel)}
         self.declared.append({k: self.document.where(("channels", v.group, "numbers")) for k, v in channels.items()})
         self.at_s = round(self.at_s + duration_s, 9)
+
+    def place(self, name: str, path: Path) -> str:
+        """Return the station's name of a link or role: inside a loop over the units that of the unit's slot."""
+        if self.unit is not None:
+            return self.unit.links.get(name) or self.unit.roles.get(name, name)
+        if any(name in unit.links or name in unit.roles for unit in self.units):
+            message = f"{name} is there once for each unit, and the step does not say for which"
+            self.fail("B-PLAN-141", path, message, "put the step inside 'for: unit', 'in: units'")
+        return name
 
     def keep_dimensions(self, quantities: Mapping[str, Quantity], steps: int) -> None:
         """Keep the dimensions of quantities that stand inside other arguments of the newest steps."""

@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from bench.model.ports import Effect
 from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.drivers import declared_action, no_instrument
-from bench.plan.expand import TIMED, Expander, Path
+from bench.plan.expand import NO_TIME, TIMED, Expander, Path
 from bench.plan.expected import keep_given, keep_signals, named_conditions, reply_conditions
 from bench.plan.language.expect import Expect
 from bench.plan.language.steps import (
@@ -31,8 +31,9 @@ from bench.plan.language.steps import (
     VerifyStep,
 )
 from bench.plan.readings import expand_readings
+from bench.plan.step_kinds import WIRING
 from bench.plan.unit_commands import expand_test, expand_unit
-from bench.plan.values import REFERENCE, Quantity, Scope, named, plain
+from bench.plan.values import REFERENCE, UNIT, Quantity, Scope, named, plain
 
 MOST_SAMPLES = 2_000_000  # of one record: it is held in memory until the analysis
 MOST_TIMED_FRAMES = 100_000  # the square of the frame's number times its pulses still sums up exactly
@@ -57,9 +58,12 @@ def _values(plan: Expander, arguments: Mapping[str, Any], path: Path, scope: Sco
     return {name: plan.resolve(raw, scope, (*path, name)) for name, raw in arguments.items()}
 
 
-def _role(plan: Expander, role: str, path: Path) -> None:
-    if role not in plan.station.instruments:
+def _role(plan: Expander, role: str, path: Path) -> str:
+    """Return the station's name of a role; one that it does not have is noted (B-PLAN-040)."""
+    placed = plan.unit.roles.get(role, role) if plan.unit is not None else role
+    if placed not in plan.station.instruments and not any(role in unit.roles for unit in plan.units):
         plan.fail("B-PLAN-040", path, no_instrument(plan.station, role))
+    return placed
 
 
 def _duration(plan: Expander, raw: Any, scope: Scope, path: Path) -> Quantity | None:
@@ -77,11 +81,11 @@ def _read(plan: Expander, step: ReadStep, path: Path, scope: Scope) -> None:
 def _call(plan: Expander, step: CallStep, path: Path, scope: Scope, expect: Expect | None = None) -> None:
     called, arguments = next(iter(step.root.items()))
     role, name = called.split(".")
-    _role(plan, role, path)
+    placed = _role(plan, role, path)
     values = _values(plan, arguments or {}, (*path, called), scope)
     if "current" in values:
         plan.programmed(role, values["current"], values.get("range") == "locked")
-    declared = declared_action(plan.station, role, name)
+    declared = declared_action(plan.station, placed, name)
     if declared is not None and declared.effect is Effect.THERMAL:
         plan.settle_band_degC = None  # the temperature moves on: the band of the soak before says nothing any more
     conditions = named_conditions(plan, (role, name), expect, scope.context, path, scope)
@@ -149,13 +153,39 @@ def _windows(
     scope: Scope, seconds: Quantity | None,
 ) -> None:  # fmt: skip
     link = next(iter(plan.document.model.frame), "")
+    name = record.label or record.purpose
     for index in range(record.windows or 1):
         follows = {"follows": True} if record.follows or index else {}
         numbered = {} if record.windows is None else {"window_index": index}
-        plan.add(
-            "record", link, record.label or record.purpose, {**arguments, **follows}, scope, path, seconds,
-            {**conditions, **numbered},
-        )  # fmt: skip
+        own, known = {**arguments, **follows}, {**conditions, **numbered}
+        if plan.units:
+            _of_units(plan, name, own, known, path, scope, seconds)
+        else:
+            plan.add("record", link, name, own, scope, path, seconds, known)
+
+
+def _of_units(
+    plan: Expander, name: str, arguments: Mapping[str, Any], conditions: Mapping[str, Any], path: Path, scope: Scope,
+    seconds: Quantity | None,
+) -> None:  # fmt: skip
+    """Append a record of the unit of the loop, or one of each unit at once where there is no loop over them.
+
+    A wiring record of one unit comes with one of every other, which nothing may move; that of the unit itself is the
+    last of them, so that a current which moves another unit is named as such. Planned time passes in the first.
+    """
+    link, within = next(iter(plan.document.model.frame)), plan.unit
+    others = [unit for unit in plan.units if unit is not within] if within is None or name == WIRING else []
+    told = {key: value for key, value in conditions.items() if key != UNIT}
+    beside = {} if within is None else {"purpose": WIRING, "beside": within.slot}
+    beside |= {"current_A": told["current_A"]} if "current_A" in told else {}
+    records = [(unit, told if within is None else beside) for unit in others]
+    records += [] if within is None else [(within, told)]
+    for index, (unit, known) in enumerate(records):
+        plan.unit = unit
+        more = {"together": True} if index else {}
+        length = NO_TIME if index and seconds is not None else seconds
+        plan.add("record", link, name, {**arguments, **more}, scope, path, length, {**known, UNIT: unit.serial})
+    plan.unit = within
 
 
 @dataclass(frozen=True)

@@ -90,6 +90,27 @@ _FIELDS = {key: name for name, key in _KEYS.items()}
 
 
 @dataclass(frozen=True)
+class PlannedUnit:
+    """One unit of a campaign that several share, in its slot of the station.
+
+    ``links`` and ``roles``: what a sequence calls them, and what they are called for this slot; ``card`` of the switch
+    matrix that leads to it; ``gradient_degC``: how far the unit may be from what its sensor says, 95 %.
+    """
+
+    slot: str
+    serial: str
+    links: Mapping[str, str]
+    roles: Mapping[str, str]
+    card: int | None = None
+    gradient_degC: float | None = None
+
+    @property
+    def names(self) -> frozenset[str]:
+        """Return the serial number, and the links and instruments that are the unit's alone."""
+        return frozenset((self.serial, *self.links.values(), *self.roles.values()))
+
+
+@dataclass(frozen=True)
 class Plan:
     """A compiled sequence.
 
@@ -103,7 +124,8 @@ class Plan:
     the plan from being made; the static check reports them with its own. ``interlocks`` are those of the station and
     of the sequence;
     ``early`` says when early verdicts are given, None for none. ``files`` says where the texts were read, by their
-    names; ``settings`` are the ``--set`` values it was compiled with.
+    names; ``settings`` are the ``--set`` values it was compiled with. ``units`` are those that share the campaign, ()
+    where there is one: then ``frames`` has the links of all of them, and ``measurement_link`` is that of the first.
     """
 
     name: str
@@ -127,6 +149,11 @@ class Plan:
     early: Early | None = None
     files: Mapping[str, str] = field(default_factory=dict, repr=False)
     settings: Mapping[str, str] = field(default_factory=dict)
+    units: tuple[PlannedUnit, ...] = ()
+
+    def unit_of(self, name: object) -> PlannedUnit | None:
+        """Return the unit that a link, a role or a serial number belongs to, None if it is nobody's alone."""
+        return next((unit for unit in self.units if name in unit.names), None)
 
     @property
     def finally_s(self) -> float:

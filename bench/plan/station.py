@@ -25,6 +25,7 @@ NUMBERS = (
     "_ppm", "_A", "_V", "_s", "_Hz", "_degC", "_arcmin", "_deg", "_deg_h", "time_constants",
 )  # how options that are numbers end  # fmt: skip
 TEXTS = ("faults", "parameters")  # options that are neither numbers nor on or off; the world judges them
+SlotName = Annotated[str, StringConstraints(pattern=r"^[A-H]$")]
 CHAMBER_MARGIN_DEGC, UNIT_MARGIN_DEGC = 5.0, 10.0  # hard limits above the highest set-point; the unit warms itself
 
 
@@ -80,6 +81,19 @@ class LinkEntry(StrictModel):
         return self
 
 
+class Slot(StrictModel):
+    """A place in the chamber for a unit under test, with what belongs to it alone."""
+
+    links: dict[Name, Name] = Field(min_length=1, description="what a sequence calls a link: the link of this slot")
+    roles: dict[Name, Name] = Field(
+        min_length=1, description="what a sequence calls an instrument, such as supply: the instrument of this slot"
+    )
+    card: int | None = Field(None, ge=1, le=10, description="of the switch matrix, that leads to the unit")
+    gradient: Annotated[float, *quantity("degC", 0.0, 20.0)] | None = Field(
+        None, description="95 %: how far the unit may be from its own sensor, by gradients and the heat of neighbours"
+    )
+
+
 class World(StrictModel):
     """The simulated wiring and physics. An option set to null is known and left to the world."""
 
@@ -133,6 +147,7 @@ class StationFile(StrictModel):
         default_factory=dict, description="standards without an interface, such as a reference probe"
     )
     links: dict[Name, LinkEntry]
+    slots: dict[SlotName, Slot] = Field({}, description="places for several units under test, A to H")
     interlocks: dict[Name, Interlock] = Field(default_factory=dict)
     guard: Guard = Guard()
     arm_after_hold: ArmAfterHold | None = None
@@ -167,9 +182,21 @@ class StationFile(StrictModel):
                 f"guard: the hard limit chamber_air of {hard:g} degC is not above the chamber's own limit of "
                 f"{highest_degC:g} degC; raise it, or lower 'limits: {{temperature: [...]}}' of the chamber"
             )
+        _check_slots(self)
         if self.bus_time_factor != 1.0 and not self.simulated:
             raise ValueError("'bus_time_factor' is for simulated stations: a real bus takes its time")
         return self
+
+
+def _check_slots(station: StationFile) -> None:
+    """Refuse a slot with links or instruments that the station does not have, or that another slot has, too."""
+    taken: dict[str, str] = {}
+    for letter, slot in station.slots.items():
+        for own in (*slot.links.values(), *slot.roles.values()):
+            if own not in (*station.links, *station.instruments):
+                raise ValueError(f"slot {letter}: the station has no link or instrument {own!r}")
+            if taken.setdefault(own, letter) != letter:
+                raise ValueError(f"slots {taken[own]} and {letter} both have {own!r}")
 
 
 @dataclass(frozen=True)
@@ -250,6 +277,7 @@ class Station:
                 for role, entry in self.instruments.items()
             },
             "links": {name: link.model_dump(mode="json") for name, link in self.links.items()},
+            "slots": {letter: slot.model_dump(mode="json") for letter, slot in sorted(self.file.slots.items())},
         }
 
     def standards(self) -> dict[str, dict[str, Any]]:

@@ -103,7 +103,8 @@ class PlannedRecord(Step):
     """Take a record of frames, or of ``readings``, one round of them each ``every_s``.
 
     ``retry``: how often it may be taken again, from step ``retry_step`` on; ``max_lost``: share of frames or readings
-    that may be lost. ``follows``: there is no gap between it and the record before. ``signals``: quantity and name of
+    that may be lost. ``follows``: there is no gap between it and the record before of its link. ``together``: it begins
+    with the record before it, which is of another unit. ``signals``: quantity and name of
     each signal that is kept.
     """
 
@@ -119,6 +120,7 @@ class PlannedRecord(Step):
     pulse_timing: bool = False
     samples: bool = False
     follows: bool = False
+    together: bool = False
     signals: tuple[tuple[str, str], ...] = ()
 
     @classmethod

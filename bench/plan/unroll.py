@@ -22,7 +22,8 @@ from bench.plan.language.steps import (
     TimelineEntry,
     WhileStep,
 )
-from bench.plan.values import Channel, Quantity, Scope, named, plain, traced
+from bench.plan.slots import UNITS, in_slot
+from bench.plan.values import UNIT, Channel, Quantity, Scope, UnitInSlot, named, plain, traced
 
 MAX_CALLS = 20
 REQUIRED = "required"
@@ -56,6 +57,9 @@ class Unroller:
                 self._loop(step, here, scope)
             elif isinstance(step, ProcedureStep):
                 self._procedure(step, here, scope)
+            elif self._plan.units and isinstance(step, IfStep | WhileStep | ChooseStep):
+                message = "a decision goes by what one unit or the bench says, and several units are measured"
+                self._plan.fail("B-PLAN-141", here, message, "take it out, or measure one unit")
             elif isinstance(step, IfStep):
                 expand_if(self._plan, step, here, scope, self.run)
             elif isinstance(step, WhileStep):
@@ -87,17 +91,33 @@ class Unroller:
                 self._plan.too_many(path)
             if value is None:
                 continue
-            context = {named(step.for_, value): plain(value)}
+            unit = isinstance(value, UnitInSlot)
+            context = {UNIT if unit else named(step.for_, value): plain(value)}
             inner = scope.extended({step.for_: value, f"{step.for_}_index": index}, context)
+            self._enter(value, path)
             self.run(step.do, (*path, "do"), inner)
+            self._plan.unit = None if unit else self._plan.unit
+
+    def _enter(self, value: Any, path: Path) -> None:
+        """Begin a turn of a loop: one over the units says whose links and instruments are meant."""
+        if isinstance(value, UnitInSlot):
+            if self._plan.unit is not None:
+                self._plan.fail("B-PLAN-141", path, "a loop over the units stands inside another one", "take one out")
+            self._plan.unit = next(unit for unit in self._plan.units if unit.slot == value.slot)
 
     def _values(self, raw: Any, path: Path, scope: Scope) -> Sequence[Any]:
         if isinstance(raw, ChannelPick):
             return self._pick(raw, (*path, "channels"))
         if isinstance(raw, list):
             return [self._item(item, (*path, index), scope) for index, item in enumerate(raw)]
+        if raw == UNITS and self._document.model.units is not None:
+            return [in_slot(unit) for unit in self._plan.units]
         if raw == "channels":
             return [self._plan.channels[number] for number in sorted(self._plan.channels)]
+        return self._named(raw, path, scope)
+
+    def _named(self, raw: Any, path: Path, scope: Scope) -> Sequence[Any]:
+        """Return a table, or the list that a reference stands for."""
         if raw in self._document.model.tables:
             table = self._document.model.tables[raw]
             return [self._entry(raw, index, item, scope) for index, item in enumerate(table)]

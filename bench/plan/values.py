@@ -21,6 +21,7 @@ REFERENCE = re.compile(r"\{(" + NAME_PATTERN + r")(?:\.(" + NAME_PATTERN + r"))?
 SUFFIX = {"A": "A", "V": "V", "Hz": "Hz", "s": "s", "C": "C", "ohm": "ohm", "W": "W", "F": "F", "degC": "degC"}
 SUFFIX |= {"degC/min": "degC_min", "deg/s": "deg_s", "g": "g", "1": "", "1/degC": "per_degC"}
 SUFFIX |= {"deg": "deg", "deg/s2": "deg_s2", "m/s": "m_s", "m/s2": "m_s2", "gauss": "gauss", "m": "m"}
+UNIT = "unit"  # condition of what is done for one of several units: its serial number
 _SIGNS = {"+": 1, "-": -1}
 
 
@@ -95,6 +96,19 @@ class Channel:
         return {"number": self.number, "kind": self.kind, "levels": self.levels}[name]
 
 
+@dataclass(frozen=True, slots=True)
+class UnitInSlot:
+    """A unit under test in its slot of the station; ``card`` of the switch matrix leads to it."""
+
+    serial: str
+    slot: str
+    card: int | None
+
+    def attribute(self, name: str) -> Any:
+        """Return value of ``{unit.name}``; KeyError if there is none."""
+        return {"serial": self.serial, "slot": self.slot, "card": self.card}[name]
+
+
 class UnknownVariable(Exception):
     """A reference to a variable that is not in scope; the message says which ones are."""
 
@@ -137,23 +151,32 @@ class Scope:
             value = self.variables[reference.name]
             if not reference.attribute or value is None:  # None: its mistake is noted already
                 return value
-            if isinstance(value, Channel):
+            if isinstance(value, Channel | UnitInSlot):
                 try:
                     return value.attribute(reference.attribute)
                 except KeyError:
-                    known = suggestion(reference.attribute, ("number", "kind", "levels"))
-                    raise UnknownVariable(f"{reference}: a channel has no {reference.attribute!r}{known}") from None
+                    noun, names = _ATTRIBUTES[type(value)]
+                    known = suggestion(reference.attribute, names)
+                    raise UnknownVariable(f"{reference}: a {noun} has no {reference.attribute!r}{known}") from None
         elif reference.attribute:
             return self._role_attribute(reference.name, reference.attribute)
         raise UnknownVariable(f"{reference} is not a variable here{suggestion(reference.name, self.variables)}")
 
 
+_ATTRIBUTES = {
+    Channel: ("channel", ("number", "kind", "levels")),
+    UnitInSlot: ("unit", ("serial", "slot", "card")),
+}
+
+
 def plain(value: Any) -> Any:
-    """Return a resolved value as a JSON value: quantities in base units, channels by number."""
+    """Return a resolved value as a JSON value: quantities in base units, channels by number, units by serial number."""
     if isinstance(value, Quantity):
         return value.value
     if isinstance(value, Channel):
         return value.number
+    if isinstance(value, UnitInSlot):
+        return value.serial
     return [plain(item) for item in value] if isinstance(value, tuple) else value
 
 

@@ -45,7 +45,7 @@ class BenchRows:
 
     def event(self, event: Event, t_utc_ns: int) -> TrendRows | None:
         """Something happened; rows that are complete before it."""
-        if isinstance(event, Environment):
+        if isinstance(event, Environment) and event.uut is None:
             readings = {_AIR: event.air_degC, _UNIT: event.unit_degC}
             known = {column: value for column, value in readings.items() if value is not None}
             return self._set(t_utc_ns, known, HELD_S) if known else None

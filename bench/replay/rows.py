@@ -63,12 +63,14 @@ def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
     """Decode a session again.
 
     Args:   folder: the session. strict: refuse a damaged one instead of using what is whole.
-    Raises: InputError B-REC-010 (no session), B-RPL-001 (a record on a link without a frame definition);
+    Raises: InputError B-REC-010 (no session), B-RPL-001 (a record on a link without a frame definition),
+            B-RPL-007 (several units share it);
             SessionDamaged B-REC-011 (strict and damaged), B-REC-012 (no manifest), B-RPL-002 (frame text missing),
             B-RPL-003 (incomplete record event).
     """
     reader = SessionReader(folder, strict=strict)
     manifest, texts = reader.manifest, reader.texts
+    refuse_several(manifest, folder)
     definitions = _definitions(folder, manifest, texts)
     windows = recorded_windows(reader.select(frozenset({"/event"})))
     for item in windows:
@@ -91,6 +93,18 @@ def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
         reader.sha256, tuple(reader.damage), tuple(reader.unfinished), tuple(_notes(manifest, definitions)),
         splices_of(events), replay.parts[0].offset_ns,
     )  # fmt: skip
+
+
+def refuse_several(manifest: Mapping[str, Any], folder: Path) -> None:
+    """Raise InputError B-RPL-007 for a session that several units share: whatever is computed is of one unit."""
+    serials = [str(unit["serial"]) for unit in manifest.get("units", ())]
+    if serials:
+        raise InputError(
+            "B-RPL-007",
+            f"the session is of {len(serials)} units ({', '.join(serials)}), and this is done for one",
+            where=str(folder),
+            next_step=f"'bench export {folder} --unit {serials[0]} --to session' writes the session of one unit",
+        )
 
 
 def _definitions(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str]) -> dict[str, FrameDefinition]:

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
@@ -14,7 +15,7 @@ from typing import Any
 from bench.model.clock import Clock
 from bench.model.events import Event
 from bench.model.ports import Instrument, RecordWindow
-from bench.plan import Plan
+from bench.plan import Plan, PlannedUnit
 from bench.record import PackedRows, RecordCutter
 from bench.run.control.operator import Operator
 from bench.run.guard.health import SEQUENCER, Health
@@ -54,11 +55,17 @@ class InUse:
         return self._users[role] > 0
 
 
+def hottest_degC(temperatures_degC: Sequence[float]) -> float:
+    """Return the highest of the known temperatures, NaN if none is known."""
+    return max((degC for degC in temperatures_degC if not math.isnan(degC)), default=math.nan)
+
+
 @dataclass
 class RunContext:
     """State of one run; the flat plan plus these few values are the whole position.
 
-    ``cutter`` cuts the records out of the frames of ``measurement_link``; None and "" where a plan names no link.
+    ``cutters`` cut the records out of the frames of ``measurement_link``, by link; of several units each has one. Empty
+    and "" where a plan names no link.
     ``settled`` is False from a soak that was left before the temperature was stable (policy skip) to the next soak.
     ``folder`` is the session's.
     ``unit_answer`` is who the unit said it was before a run that is gone on with was stopped.
@@ -76,7 +83,7 @@ class RunContext:
     plan: Plan
     instruments: dict[str, Instrument]
     acquisition: Acquisition
-    cutter: RecordCutter | None
+    cutters: Mapping[str, RecordCutter]
     clock: Clock
     observers: Observers
     operator: Operator
@@ -111,16 +118,10 @@ class RunContext:
 
     def drop_open_records(self, count: int) -> None:
         """Forget the windows that are open, and every number given since ``count`` records were taken."""
-        if self.cutter is not None:
-            self.cutter.close_all()
+        for cutter in self.cutters.values():
+            cutter.close_all()
         self.ahead.clear()
         self.record_count = count
-
-    @property
-    def frames_cutter(self) -> RecordCutter:
-        """The cutter, for a record that is made of frames."""
-        assert self.cutter is not None, "a plan without a link has no record of frames"
-        return self.cutter
 
     def event(self, event: Event) -> None:
         """Write an event with the time of now, then tell everybody. Raises: RecordError."""
@@ -136,6 +137,16 @@ class RunContext:
         self.observers.message(text)
 
     @property
+    def units(self) -> tuple[PlannedUnit, ...]:
+        """The units that share the campaign and are not left out; () where there is one."""
+        return tuple(unit for unit in self.plan.units if unit.serial not in self.decided.units_out)
+
+    @property
+    def unit_temperatures_degC(self) -> list[float]:
+        """Newest temperatures the units reported, degC; NaN if there is none of the last seconds."""
+        return [self.acquisition.unit_temperature_degC(unit) for unit in self.units or (None,)]
+
+    @property
     def unit_temperature_degC(self) -> float:
-        """Newest temperature the unit reported, degC; NaN if there is none of the last seconds."""
-        return self.acquisition.unit_temperature_degC()
+        """Newest temperature the unit reported, degC, of several that of the hottest; NaN if there is none."""
+        return hottest_degC(self.unit_temperatures_degC)

@@ -10,7 +10,19 @@ from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 from bench.model.errors import InputError, InstrumentError, SessionDamaged
-from bench.model.events import Answer, Decision, End, Environment, Event, Late, Prompt, Reading, Resume, event_of
+from bench.model.events import (
+    Answer,
+    Decision,
+    End,
+    Environment,
+    Event,
+    Late,
+    Prompt,
+    Reading,
+    Resume,
+    UnitLeftOut,
+    event_of,
+)
 from bench.model.lab_code import demand, recorded_code, refuse_others, require_code
 from bench.model.shipped import shipped_folder
 from bench.plan import Plan, PlannedSoak, compile_sequence, left_out_by, load_station, steps_of, steps_sha256
@@ -187,14 +199,16 @@ def resumption(stopped: Stopped, utc_ns: int) -> Resumption:
     )
     return Resumption(
         stopped.folder, stopped.manifest, position.start, event, position.records, position.withdrawn,
-        expected_of(stopped.entries), _unit_answer(stopped.events), _was_settled(stopped, position.start),
-        tuple(event for event in stopped.events if isinstance(event, Decision | Prompt | Reading)),
+        expected_of(stopped.entries), _unit_answer(stopped), _was_settled(stopped, position.start),
+        tuple(event for event in stopped.events if isinstance(event, Decision | Prompt | Reading | UnitLeftOut)),
     )  # fmt: skip
 
 
-def _unit_answer(events: list[Event]) -> bytes | None:
-    """Return the first answer of the unit that says who it is; None if it was never asked."""
-    answers = (event for event in events if isinstance(event, Answer) and event.name == IDENTIFY)
+def _unit_answer(stopped: Stopped) -> bytes | None:
+    """Return the first answer of the unit that says who it is; None if it was never asked, and of several units."""
+    if stopped.plan.units:
+        return None  # each must say the serial number of its slot
+    answers = (event for event in stopped.events if isinstance(event, Answer) and event.name == IDENTIFY)
     return next((bytes.fromhex(answer.payload) for answer in answers if answer.status == DONE), None)
 
 

@@ -7,14 +7,15 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 
 from bench.model.clock import NS, to_ns
-from bench.model.errors import BenchError, InstrumentError, OperatorStop, RunError
-from bench.model.events import DECISION, End, Error, Phase, Retake, Safe, Skip
+from bench.model.errors import BenchError, InstrumentError, LinkError, OperatorStop, RunError
+from bench.model.events import DECISION, LEFT_OUT, End, Error, Phase, Retake, Safe, Skip
 from bench.model.ports import actions_of
 from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step
 from bench.plan import Phase as PhaseName
 from bench.record import Journal, RecordRow
 from bench.run.bench.safety import heat_off, make_safe
 from bench.run.context import RunContext
+from bench.run.hold.leaving_out import leave_unit_out, to_blame
 from bench.run.hold.standing import stand_still, wish_to_wait
 from bench.run.observers import patient
 from bench.run.steps.dispatch import execute
@@ -126,22 +127,44 @@ class Sequencer:
             while (position := self._passed_over(steps, position)) < len(steps):
                 count = context.record_count
                 try:
-                    self._execute(steps[position])
-                except Interruption as interruption:
+                    position = self._stepped(steps, position, attempts, holds)
+                except (RunError, LinkError) as error:
                     context.drop_open_records(count)
-                    position = self._interrupted(interruption.wish, steps, position, holds)
-                except RunError as error:
-                    position = self._again(error, steps, position, attempts)
-                except InstrumentError as error:
-                    role = steps[position].role or context.in_use.newest  # a record of readings has several
-                    wish = self._waited_for(error, role, steps[position], holds)
-                    context.drop_open_records(count)
-                    position = self._interrupted(wish, steps, position, holds)
-                else:
-                    position = self._behind(steps, position)
+                    position = self._without_unit(error, steps, position, holds)
         finally:
             self._slip_ns += context.timeline.slip_ns
             self._lateness_ns += context.timeline.lateness_ns
+
+    def _stepped(self, steps: Sequence[Step], position: int, attempts: dict[int, int], holds: dict[int, int]) -> int:
+        """Do one step; returns where to go on. Raises: what keeps the run from going on."""
+        context, count = self._context, self._context.record_count
+        try:
+            self._execute(steps[position])
+        except Interruption as interruption:
+            context.drop_open_records(count)
+            return self._interrupted(interruption.wish, steps, position, holds)
+        except RunError as error:
+            return self._again(error, steps, position, attempts)
+        except InstrumentError as error:
+            role = steps[position].role or context.in_use.newest  # a record of readings has several
+            wish = self._waited_for(error, role, steps[position], holds)
+            context.drop_open_records(count)
+            return self._interrupted(wish, steps, position, holds)
+        return self._behind(steps, position)
+
+    def _without_unit(self, error: BenchError, steps: Sequence[Step], position: int, holds: dict[int, int]) -> int:
+        """Return where the others go on after an error that concerns one unit of several, armed as after any hold.
+
+        Raises: any other error; RunError B-RUN-053 if the unit is not confirmed off.
+        """
+        context = self._context
+        unit = to_blame(context, error, steps[position])
+        if unit is None:
+            raise error
+        context.stop.survive(error)
+        leave_unit_out(context, unit, error, steps[position])
+        wish = Wish("hold", f"unit {unit.serial}", f"left out: {error.message}")
+        return self._interrupted(wish, steps, position, holds)
 
     def _passed_over(self, steps: Sequence[Step], position: int) -> int:
         """Return the first position from one on that no decision has left out; what is passed over is noted."""
@@ -150,8 +173,10 @@ class Sequencer:
             position += 1
         if position > first:
             stop = self._done = steps[position - 1].number + 1
-            why = "the decision before does not take them"
-            self._context.event(Skip(by=DECISION, reason=why, first=steps[first].number, stop=stop))
+            by, why = (DECISION, "the decision before does not take them")
+            if self._context.plan.units:
+                by, why = (LEFT_OUT, "their unit is left out")
+            self._context.event(Skip(by=by, reason=why, first=steps[first].number, stop=stop))
         return position
 
     def _behind(self, steps: Sequence[Step], position: int) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 from bench.frame import FrameDefinition
 from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError, InputError, RunError
-from bench.model.events import Config, Error, Preflight, Retake
+from bench.model.events import Config, Error, Preflight, Retake, UnitLeftOut
 from bench.model.lab_code import code_texts, recorded_code
 from bench.plan import Plan, plan_json
 from bench.record import Journal, RecordCutter, RecordError, SessionWriter, resume_session
@@ -102,6 +102,7 @@ def manifest_of(
         },
         "software": software(str(plan.campaign["analysis"]), {entry.driver for entry in station.instruments.values()}),
         **lab_of(station, str(plan.campaign["analysis"])),
+        **({"units": [asdict(unit) for unit in plan.units]} if plan.units else {}),
     }
 
 
@@ -134,7 +135,7 @@ def conduct(
     check_space(plan, out)
     with StopSwitch() as stop, station_lock(plan.station, "run", clock) as lock:
         transcript = HeldTranscript()
-        bench = open_bench(plan.station, clock, transcript, seed=seed)
+        bench = open_bench(plan.station, clock, transcript, seed=seed, links=_links_of(plan, resumed))
         try:
             resumed, identities = _identified(bench, clock, resumed)
             judged = None if preflight is None else preflight(plan, bench, clock, out)
@@ -201,6 +202,20 @@ def _closed(writer: SessionWriter, outcome: Outcome) -> Outcome:
     return outcome
 
 
+def _links_of(plan: Plan, resumed: Resumption | None) -> bool | list[str]:
+    """Return the links of the units that share a campaign and are not left out; all where there is one."""
+    read = () if resumed is None else resumed.read
+    out = {event.uut for event in read if isinstance(event, UnitLeftOut)}
+    kept = [unit for unit in plan.units if unit.serial not in out]
+    return [link for unit in kept for link in unit.links.values()] if plan.units else True
+
+
+def _counted_by(plan: Plan) -> dict[str, str]:
+    """Return of each link the one whose frames are cut into records: the measurement link of its unit."""
+    of_units = {link: next(iter(unit.links.values())) for unit in plan.units for link in unit.links.values()}
+    return {link: of_units.get(link, plan.measurement_link) for link in plan.frames}
+
+
 def _check_links(plan: Plan) -> None:
     for link in plan.frames:
         if link not in plan.station.links:
@@ -224,8 +239,8 @@ class _Run:
 
     def __post_init__(self) -> None:
         self.utc_offset_ns: int | None = None
-        link = self.plan.measurement_link
-        self.cutter = RecordCutter(self.frames[link]) if link else None
+        links = _counted_by(self.plan)
+        self.cutters = {counted: RecordCutter(self.frames[counted]) for counted in dict.fromkeys(links.values())}
         self.readers = self._readers()
 
     def sequence(self, operator: Operator) -> Outcome:
@@ -264,7 +279,7 @@ class _Run:
         acquisition.on_passed = self.writer.close_chunk
         timeline = Timeline(clock, stop, clock.now_ns())
         context = RunContext(
-            self.plan, self.bench.instruments, acquisition, self.cutter, clock, self.observers, operator, stop,
+            self.plan, self.bench.instruments, acquisition, self.cutters, clock, self.observers, operator, stop,
             timeline, self.plan.measurement_link, folder=self.writer.folder, manifest=self.manifest,
             earlier=self.earlier,
         )  # fmt: skip
@@ -313,13 +328,12 @@ class _Run:
 
     def _readers(self) -> dict[str, LinkReader]:
         readers: dict[str, LinkReader] = {}
-        cutter, measured = self.cutter, self.plan.measurement_link
-        if cutter is None:
-            return readers
+        counted = {link: of for link, of in _counted_by(self.plan).items() if link in self.bench.links}
         for slow in dict.fromkeys(frame.why_no_kernel for frame in self.frames.values() if frame.why_no_kernel):
             self.observers.message(slow)
-        for link in sorted(self.plan.frames, key=lambda name: name == measured):
-            feed = cutter.feed if link == measured else partial(cutter.feed_context, link=link)
+        for link in sorted(counted, key=lambda name: name == counted[name]):
+            cutter = self.cutters[counted[link]]
+            feed = cutter.feed if link == counted[link] else partial(cutter.feed_context, link=link)
             readers[link] = LinkReader(
                 link, self.bench.links[link], self.frames[link], self.clock, self.writer, [feed],
                 poll_s=self.plan.station.links[link].poll,

@@ -187,6 +187,10 @@ class StopSwitch:
         self.fault = self.fault or error
         self._nudge()
 
+    def survive(self, error: BenchError) -> None:
+        """Go on in spite of the fault of another thread; nothing if it is another one."""
+        self.fault = None if self.fault is error else self.fault
+
     def shield(self) -> None:
         """From now on signals are noted and raise nothing."""
         self._shielded = True

@@ -66,6 +66,8 @@ def finish(folder: Path, view: SessionView, history: str) -> Finished:
     for kind, name, text in files:
         write_file(folder / name, text)
         done.written.append((kind, str(folder / name)))
+    if view.incomplete:  # a unit that was left out: nothing of it is released
+        return done
     for path in write_coefficients(folder, analysis, results, view.manifest["campaign"]):
         done.written.append(("coeffs", str(path)))
     if analysis.attachments:

@@ -14,7 +14,20 @@ from bench.analysis import Table
 from bench.model import events
 from bench.model.clock import NS
 from bench.model.errors import InputError
-from bench.model.events import DECISION, Control, Decision, End, Event, Guard, Link, Phase, Preflight, Settled, Skip
+from bench.model.events import (
+    DECISION,
+    LEFT_OUT,
+    Control,
+    Decision,
+    End,
+    Event,
+    Guard,
+    Link,
+    Phase,
+    Preflight,
+    Settled,
+    Skip,
+)
 from bench.model.units import hours
 from bench.model.yamlio import parse_yaml
 from bench.plan import StationFile
@@ -25,7 +38,7 @@ from bench.session.wording import say
 E = TypeVar("E", bound=Event)
 KINDS = (
     "late", "slip", "overrun", "retake", "hold", "release", "armed", "skip", "control", "interlock", "alarm",
-    "verdict", "link", "guard", "clock_step", "config", "error",
+    "verdict", "link", "guard", "clock_step", "config", "error", "unit_left_out",
 )  # fmt: skip
 _ALARMS = ("alarm", "interlock")
 _OF_COMMAND = ("what", "by", "reason")
@@ -136,7 +149,7 @@ def _since(t_ns: int, start_ns: int) -> str:
 def _troubles(view: Events) -> Iterator[tuple[int, Event]]:
     for t_ns, event in view.events:
         as_it_should_be = isinstance(event, Link | Guard) and event.state in ("open", "ready")
-        as_it_should_be |= isinstance(event, Skip) and event.by == DECISION
+        as_it_should_be |= isinstance(event, Skip) and event.by in (DECISION, LEFT_OUT)
         if event.kind in KINDS and not as_it_should_be:
             yield t_ns, event
 

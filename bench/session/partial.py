@@ -17,6 +17,8 @@ from bench.model.errors import BenchError
 from bench.model.posix import give_way
 from bench.model.systems import analysis_declaration
 from bench.model.titles import quantity_title
+from bench.record import SessionReader
+from bench.session.one_unit import serials_of
 from bench.session.service import read_view
 from bench.session.view import material_of
 
@@ -33,6 +35,8 @@ def partial(folder: Path) -> dict[str, Any]:
 
     Raises: InputError B-REC-010 (no session); SessionDamaged B-REC-012 (no manifest).
     """
+    if serials_of(SessionReader(folder).manifest):
+        return {"records": 0, "rows": [], "why": "results of several units are made when the run has ended"}
     view = read_view(folder)
     document: dict[str, Any] = {"records": len(view.rows), "rows": []}
     if not view.has_analysis:

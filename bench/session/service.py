@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bench.analysis import Analysis
 from bench.model.errors import InputError
-from bench.model.events import End, Resume
+from bench.model.events import End, Resume, UnitLeftOut
 from bench.model.lab_code import differing, recorded_code
 from bench.plan import steps_of
 from bench.record import OPEN_MARKER, RecordRow
@@ -64,6 +64,8 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
     acceptances, not_of_it = known_acceptances(folder, replayed.session_sha256)
     notes += not_of_it
     notes += _other_code(replayed.manifest)
+    out = [event.sentence for _, event in replayed.events if isinstance(event, UnitLeftOut)]
+    notes += out
     series: Mapping[str, NDArray[np.float64]] = {}
     if replayed.manifest.get("kind") == IMPORT:
         imported = replay_series(folder)
@@ -80,7 +82,7 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
         damage=replayed.damage,
         series=series,
         splices=replayed.splices,
-        incomplete=_is_incomplete(folder, replayed),
+        incomplete=bool(out) or _is_incomplete(folder, replayed),
         utc_offset_ns=replayed.utc_offset_ns,
         texts=replayed.texts,
         acceptances=acceptances,

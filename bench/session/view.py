@@ -30,8 +30,8 @@ from bench.frame import CommandLayout, parse_frame
 from bench.model import events
 from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS
-from bench.model.errors import InputError
-from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake
+from bench.model.errors import FitError, InputError
+from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake, UnitLeftOut
 from bench.model.lab_code import sha256_of
 from bench.model.systems import analysis_declaration
 from bench.model.yamlio import parse_yaml
@@ -59,7 +59,7 @@ SOFTWARE = f"inertial-bench {__version__}"
 KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "settled", "retake", "skip", "error", "end", "reading",
     "hold", "release", "armed", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict",
-    "config", "clock_step", "control", "surroundings", "exchange", "decision",
+    "config", "clock_step", "control", "surroundings", "exchange", "decision", "unit_left_out",
 )  # fmt: skip
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 
@@ -118,7 +118,7 @@ class SessionView:
 def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str, Any], Analysis]:
     """Return estimates of a session and the document results.json."""
     manifest = view.manifest
-    analysis = analyse(material_of(view), method)
+    analysis = _analysed(view, method)
     counts = {
         **view.counts,
         "records": len(view.rows),
@@ -143,6 +143,19 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
         splices=splice_documents(view.splices), incomplete=view.incomplete, acceptances=view.acceptances,
     )  # fmt: skip
     return document, analysis
+
+
+def _analysed(view: SessionView, method: str | None) -> Analysis:
+    """Return the analysis; a unit that was left out before anything was determined has one without estimates."""
+    try:
+        return analyse(material_of(view), method)
+    except FitError as error:
+        if not view.events_of(UnitLeftOut):
+            raise
+        campaign = view.manifest["campaign"]
+        return Analysis(
+            str(campaign["analysis"]), "none", campaign["uut"], [], notes=[error.message], missing=[error.message]
+        )
 
 
 def material_of(view: SessionView) -> Material:

@@ -43,7 +43,7 @@ def open_world(
         unit_factory: makes another unit under test than the world's own, where the world lets it be exchanged.
     Raises:
         InputError: B-SIM-001 unknown world, B-SIM-002 bad option, B-SIM-003 no simulator of that driver,
-            B-SIM-004 bad or doubled VISA address.
+            B-SIM-004 bad or doubled VISA address, B-SIM-020 slots in a world of one unit.
     """
     worlds = offers("worlds")
     if name not in worlds:
@@ -51,7 +51,9 @@ def open_world(
         raise InputError("B-SIM-001", f"no simulated world is called {name!r}", next_step=f"use one of: {known}")
     make: Any = world_class(name)
     exchanged = {} if unit_factory is None else {"unit_factory": unit_factory}
-    world: World = make(clock=clock, seed=seed, options=checked_options(name, options or {}), **exchanged)
+    made = {"clock": clock, "seed": seed, "options": checked_options(name, options or {}), **exchanged}
+    slots = station.get("slots", {})
+    world: World = make.in_slots(slots, **made) if slots else make(**made)
     try:
         for role, entry in station.get("instruments", {}).items():
             _connect(world, role, entry)

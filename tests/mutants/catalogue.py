@@ -374,8 +374,8 @@ MUTANTS = [
     Mutant(
         "soak that is never late",
         "bench/run/steps/soak.py",
-        "        if not stable:\n            stable, window = _late",
-        "        if window is None:\n            stable, window = _late",
+        "        if not _is_stable(found):\n            found = _late",
+        "        if found[0][1] is None:\n            found = _late",
         ["tests/runs/test_campaign_faults.py::test_a_chamber_that_never_settles_is_held_for_and_then_given_up"],
     ),
     Mutant(

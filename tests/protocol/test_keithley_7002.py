@@ -23,6 +23,16 @@ def test_route(channel: int, polarity: int, slot: int, crosspoint: str) -> None:
         assert switch.test_clock.now_ns() == 500_000_000  # twice 250 ms for the relays
 
 
+def test_a_card_is_one_of_those_that_are_wired() -> None:
+    listed = b"(@3!1!2)\n"
+    script = [*START, *OPENED, *after(b":CLOS " + listed), (b":CLOS:STAT?\n", listed)]
+    with scripted("keithley_7002", script, slot=[1, 3]) as switch:
+        switch.route(2, 1, card=3)
+    for card in (2, None):
+        with scripted("keithley_7002", [], slot=[1, 3]) as switch, refused("B-INST-008"):
+            switch.route(2, 1, card=card)
+
+
 def test_a_relay_that_stays_closed_stops_the_second_route() -> None:
     script = [*START, *after(b":OPEN ALL\n"), (b":CLOS:STAT?\n", b"(@1!2!7)\n")]
     with scripted("keithley_7002", script) as switch, refused("B-INST-015", "1!2!7"):

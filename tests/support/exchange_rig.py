@@ -157,10 +157,11 @@ def context_of(clock: Clock, link: ByteLink, steps: tuple[Step, ...] = ()) -> Ru
     sink, stop = Sink(), StopSwitch()
     reader = LinkReader("rs422", link, load_frame(FRAMES / "gnc_422.yaml"), clock, sink)
     acquisition = Acquisition({"rs422": reader}, clock, lambda t_ns: None, stop)
-    plan: Any = SimpleNamespace(steps=steps, campaign={}, station=SimpleNamespace(safe_order=()))
-    cutter: Any = None
+    plan: Any = SimpleNamespace(
+        steps=steps, campaign={}, station=SimpleNamespace(safe_order=()), units=(), unit_of=lambda name: None
+    )
     return RunContext(
-        plan, {}, acquisition, cutter, clock, Observers(clock, Recorder(sink), AtTerminal(Listener())), Operator(),
+        plan, {}, acquisition, {}, clock, Observers(clock, Recorder(sink), AtTerminal(Listener())), Operator(),
         stop, Timeline(clock, stop, clock.now_ns()), "rs422",
     )  # fmt: skip
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,7 @@ from bench import cli
 from bench.model.clock import VirtualClock
 from bench.plan import Plan, Step, check_plan, compile_sequence
 from bench.run.control.operator import SimulatedOperator
-from bench.run.session import Conducted, conduct
+from bench.run.session import Beside, Conducted, conduct
 from sim_instruments.worlds import simulation
 from sim_instruments.worlds.common.world import World
 
@@ -110,8 +110,9 @@ class Rehearsal:
 
 
 def rehearsed(
-    out: Path, plan: Plan, arrange: Callable[[World], None] | None = None, act: Act | None = None
-) -> Rehearsal:
+    out: Path, plan: Plan, arrange: Callable[[World], None] | None = None, act: Act | None = None, seed: int = SEED,
+    beside: Sequence[Beside] = (),
+) -> Rehearsal:  # fmt: skip
     """Run a plan; ``arrange`` changes the world before anything is opened, ``act`` at each step."""
     watched = Watched(act or (lambda world, step: None))
     plain = simulation.open_world
@@ -127,8 +128,8 @@ def rehearsed(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(simulation, "open_world", open_world)
         run = conduct(
-            plan, clock=VirtualClock(), seed=SEED, out=out, operator=SimulatedOperator(), listener=watched,
-            keep_events=kinds,
+            plan, clock=VirtualClock(), seed=seed, out=out, operator=SimulatedOperator(), listener=watched,
+            keep_events=kinds, beside=beside,
         )  # fmt: skip
     return Rehearsal(run, watched)
 

@@ -305,6 +305,8 @@ class Rig:
             phase=lambda phase: tuple(step for step in self.steps if step.phase == phase),
             measurement_link="port_a",
             interlocks=(),
+            units=(),
+            unit_of=lambda name: None,
             station=SimpleNamespace(safe_order=self.safe_order, never_armed=""),
             campaign={"rate_Hz": 100.0, "channels": [{"number": n, "k0_C": K0_C} for n in range(1, 11)]},
         )
@@ -319,8 +321,8 @@ class Rig:
         acquisition = Acquisition(readers, self.clock, tick, self.stop)
         observers = Observers(self.clock, Recorder(self.sink), AtTerminal(self.listener))
         return RunContext(
-            plan, dict(self.instruments), acquisition, cutter, self.clock, observers, self.operator, self.stop,
-            Timeline(self.clock, self.stop, self.clock.now_ns()), "port_a",
+            plan, dict(self.instruments), acquisition, {"port_a": cutter}, self.clock, observers, self.operator,
+            self.stop, Timeline(self.clock, self.stop, self.clock.now_ns()), "port_a",
         )  # fmt: skip
 
     def run(self, safe_order: tuple[str, ...] = (), operate: Callable[[str, Any], None] | None = None) -> Outcome:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from bench.model.events.course import (
     DECISION,
+    LEFT_OUT,
     OPERATOR,
     Armed,
     Closed,
@@ -23,6 +24,7 @@ from bench.model.events.course import (
     Settled,
     Skip,
     Slip,
+    UnitLeftOut,
     by_instrument,
 )
 from bench.model.events.event import Event, Severity
@@ -56,9 +58,9 @@ from bench.model.events.trouble import (
 )
 
 __all__ = [
-    "DECISION", "OPERATOR", "Alarm", "Answer", "Armed", "ClockStep", "Closed", "Config", "Control", "Decision",
-    "Deviation", "Disk", "End", "Environment", "Error", "Event", "Exchange", "Gap", "Guard", "Hold", "HoldAlarm",
-    "Inhibit", "Interlock", "Late", "Link", "Notify", "Overrun", "Phase", "Preflight", "Prompt", "PromptAlarm",
-    "Reading", "Record", "Reentry", "Release", "Resume", "Retake", "Safe", "Settled", "Severity", "Skip", "Slip",
-    "StimulusAlarm", "Surroundings", "Verdict", "by_instrument", "event_of",
+    "DECISION", "LEFT_OUT", "OPERATOR", "Alarm", "Answer", "Armed", "ClockStep", "Closed", "Config", "Control",
+    "Decision", "Deviation", "Disk", "End", "Environment", "Error", "Event", "Exchange", "Gap", "Guard", "Hold",
+    "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify", "Overrun", "Phase", "Preflight", "Prompt",
+    "PromptAlarm", "Reading", "Record", "Reentry", "Release", "Resume", "Retake", "Safe", "Settled", "Severity",
+    "Skip", "Slip", "StimulusAlarm", "Surroundings", "UnitLeftOut", "Verdict", "by_instrument", "event_of",
 ]  # fmt: skip

@@ -9,6 +9,7 @@ from typing import Any, ClassVar
 from bench.model.events.event import Event, Severity, left_out, number
 
 OPERATOR = "operator"  # who holds a run by a pause
+LEFT_OUT = "unit left out"  # who leaves out the steps of a unit
 DECISION = "decision"  # who leaves out steps of a branch, or holds a run that has nothing to decide by
 
 
@@ -114,10 +115,35 @@ class Skip(Event):
 
     @property
     def told(self) -> bool:
-        return self.by != DECISION  # the decision has been told
+        return self.by not in (DECISION, LEFT_OUT)  # the decision, or that the unit is left out, has been told
 
     def _words(self) -> str:
         return f"steps {self.first} to {self.stop - 1} left out: {self.reason} ({self.by})"
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnitLeftOut(Event):
+    """A unit of several is left out from ``step`` on; ``confirmed``: the instruments that were confirmed off for it."""
+
+    kind: ClassVar[str] = "unit_left_out"
+    at_terminal: ClassVar[bool] = True
+    slot: str
+    step: int
+    code: str
+    reason: str
+    confirmed: Sequence[str]
+
+    @property
+    def severity(self) -> Severity:
+        return "alarm"
+
+    @property
+    def error_code(self) -> str | None:
+        return self.code
+
+    def _words(self) -> str:
+        unit, off = f"unit {self.uut} in slot {self.slot}", ", ".join(self.confirmed)
+        return f"{unit} is left out from step {self.step} on: {self.reason}; confirmed off: {off}"
 
 
 @dataclass(frozen=True, kw_only=True)

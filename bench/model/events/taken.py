@@ -144,7 +144,10 @@ def _read(reading: Mapping[str, Any]) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class Environment(Event):
-    """True temperatures of the chamber's air and of the unit, once a minute."""
+    """True temperatures of the chamber's air and of the unit, once a minute.
+
+    Where several units share a campaign there is one without ``uut``, of the hottest of them, and one of each unit.
+    """
 
     kind: ClassVar[str] = "environment"
     air_degC: float | None

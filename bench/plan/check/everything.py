@@ -25,6 +25,7 @@ from bench.plan.check.motion import check_poses
 from bench.plan.check.records import check_record, check_windows
 from bench.plan.check.state import BenchState
 from bench.plan.check.stations import SIMULATION, check_station, check_used_ranges
+from bench.plan.check.units import check_units
 from bench.plan.drivers import bus_s
 from bench.plan.expand import DURATION
 from bench.plan.findings import Findings
@@ -56,6 +57,7 @@ def check_plan(plan: Plan, station: Station | None = None, start_utc_ns: int | N
     check_station(station, findings)
     check_used_ranges(station, state.used_A, findings)
     _due_dates(plan, station, start_utc_ns, findings)
+    check_units(plan, station, findings)
     for remark in plan.remarks:
         findings.extend(remark)
     if not findings:  # a condition may be missing because of one of those

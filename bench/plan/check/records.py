@@ -19,6 +19,7 @@ from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedCall, PlannedPrompt, PlannedRecord, PlannedVerify
+from bench.plan.values import UNIT
 from bench.plan.ways import Followed, walk
 
 
@@ -28,7 +29,7 @@ def check_record(plan: Plan, step: Step, state: BenchState, findings: Findings) 
     wrong = list(_temperature(declared, state))
     if not state.untrusted:
         if _is_closed(plan, declared, state):
-            wrong += [*_route(declared, state), *_stimulus(declared, state)]
+            wrong += [*_route(plan, declared, state), *_stimulus(declared, state)]
         else:
             wrong += _open(declared, state)
     if wrong:
@@ -49,7 +50,7 @@ def _temperature(declared: Mapping[str, Any], state: BenchState) -> Iterator[str
         yield from _differs("temperature", declared["temperature_degC"], state.target_degC, "degC", "the chamber is at")
 
 
-def _route(declared: Mapping[str, Any], state: BenchState) -> Iterator[str]:
+def _route(plan: Plan, declared: Mapping[str, Any], state: BenchState) -> Iterator[str]:
     if not state.closed:
         if state.switches:
             yield "its route is closed, but no route is (write 'route: open' if that is meant)"
@@ -58,6 +59,9 @@ def _route(declared: Mapping[str, Any], state: BenchState) -> Iterator[str]:
     for key in ("channel", "polarity"):
         if key in declared and key in route:
             yield from _differs(key, declared[key], route[key], "", "the route has")
+    unit = plan.unit_of(declared.get(UNIT))
+    if unit is not None and "channel" in declared:
+        yield from _differs("card", unit.card, route.get("card"), "", "the route has")
 
 
 def _stimulus(declared: Mapping[str, Any], state: BenchState) -> Iterator[str]:

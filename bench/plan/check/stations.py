@@ -240,15 +240,16 @@ def station_rules(station: Station, findings: Findings) -> dict[str, InterlockRu
 
 
 def plan_rules(
-    entries: Mapping[str, Interlock], document: Document[Any], station: Station, findings: Findings
-) -> tuple[InterlockRule, ...]:
+    entries: Mapping[str, Interlock], document: Document[Any], station: Station, links: Collection[str],
+    findings: Findings,
+) -> tuple[InterlockRule, ...]:  # fmt: skip
     """Return rules of a sequence on its station, in order of names. Mistakes of the station are noted by its own check.
 
     A rule of the station for what the sequence's links do not tell is left out; one of the sequence is a mistake.
     Args:      entries: the section ``interlocks`` of the sequence.   document: where it was read from.
+               links: of the units that the sequence measures.
     Findings:  B-PLAN-097 (a signal that comes over a link which the sequence does not name).
     """
-    links = document.model.frame
     own = _rules(entries, document, station, findings)
     for rule in own.values():
         if not _is_told(rule, links):
@@ -258,10 +259,10 @@ def plan_rules(
     return tuple(rules[name] for name in sorted(rules) if _is_told(rules[name], links))
 
 
-def recorded_rules(text: str, name: str, station: Station) -> tuple[InterlockRule, ...]:
-    """Return rules of a sequence that a session holds. Args: name: of the text. Raises: InputError."""
+def recorded_rules(text: str, name: str, station: Station, links: Collection[str]) -> tuple[InterlockRule, ...]:
+    """Return rules of a sequence that a session with these links holds. Args: name: of the text. Raises: InputError."""
     document = parse_yaml(text, name, sequence_model())
-    return plan_rules(document.model.interlocks, document, station, Findings())
+    return plan_rules(document.model.interlocks, document, station, links, Findings())
 
 
 def _is_told(rule: InterlockRule, links: Collection[str]) -> bool:

@@ -123,6 +123,9 @@ class Sequence(StrictModel):
     duration: Annotated[float, *quantity("s", 0.0)] | None = Field(None, description="the plan must last exactly this")
     records: int | None = Field(None, ge=0, description="the campaign must hold exactly this many records")
     uut: UnitUnderTest | None = None
+    units: list[Title] | Title | None = Field(
+        None, description="serial numbers of the units in the station's slots A, B ..., '' for an empty slot"
+    )
     check_standard: CheckStandard | None = Field(None, description="measured in every campaign beside the unit")
     site: Site | None = Field(None, description="where the bench stands, for the analyses of inertial sensors")
     unit_commands: dict[Name, UnitCommand] = Field(default_factory=dict)

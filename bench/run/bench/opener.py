@@ -8,7 +8,7 @@ from __future__ import annotations
 import importlib
 import re
 import socket
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -95,11 +95,13 @@ class OpenBench:
 
 
 def open_bench(
-    station: Station, clock: Clock, transcript: Transcript, *, seed: int, links: bool = True, roles: Sequence[str] = ()
-) -> OpenBench:
+    station: Station, clock: Clock, transcript: Transcript, *, seed: int, links: bool | Collection[str] = True,
+    roles: Sequence[str] = (),
+) -> OpenBench:  # fmt: skip
     """Open the instruments and links of a station; nothing is sent yet.
 
-    Args:   seed: of the simulated world.   links: open the serial links too.   roles: only these (default: all).
+    Args:   seed: of the simulated world.   links: open the serial links too, all or these.
+            roles: only these (default: all).
     Raises: InputError B-RUN-001 (virtual clock with a real station), InstrumentError B-RUN-002 (resource does not
             open), LinkError B-RUN-003 (port does not open).
     """
@@ -121,7 +123,8 @@ def open_bench(
             if not roles or role in roles:
                 bench.instruments[role] = open_instrument(visa, role, entry, clock, transcript, used=world is None)
         if links:
-            bench.links.update(_open_links(station, world, bench.instruments))
+            wanted = [name for name in station.links if isinstance(links, bool) or name in links]
+            bench.links.update(_open_links(station, wanted, world, bench.instruments))
     except Exception:
         bench.close()
         raise
@@ -266,12 +269,14 @@ def _open_resource(visa: pyvisa.ResourceManager, role: str, resource: str) -> Me
         ) from error
 
 
-def _open_links(station: Station, world: World | None, instruments: Mapping[str, Instrument]) -> Mapping[str, ByteLink]:
+def _open_links(
+    station: Station, names: Sequence[str], world: World | None, instruments: Mapping[str, Instrument]
+) -> Mapping[str, ByteLink]:
     if world is not None and SERIAL_HANDLERS not in serial.protocol_handler_packages:
         serial.protocol_handler_packages.append(SERIAL_HANDLERS)
     opened: dict[str, ByteLink] = {}
     try:
-        for name, entry in station.links.items():
+        for name, entry in ((name, station.links[name]) for name in names):
             if entry.instrument is not None:
                 opened[name] = InstrumentLink(name, instruments[entry.instrument])
                 continue

@@ -75,7 +75,7 @@ class LiveFeed(Observer):
 
     def event(self, event: Event, t_mono_ns: int) -> None:
         self.state.on_event(event, self._utc_s(t_mono_ns))
-        if isinstance(event, Environment):
+        if isinstance(event, Environment) and event.uut is None:
             readings = {"air": event.air_degC, "unit": event.unit_degC}
             self.points.on_reading(t_mono_ns, {name: value for name, value in readings.items() if value is not None})
         elif isinstance(event, Reentry) and event.target_degC is not None:

@@ -202,7 +202,7 @@ class RunState:
                 self._prompt = {**{key: getattr(event, key) for key in keys}, "since_utc_s": t}
             case Prompt() | Armed():
                 self._prompt = None
-            case Environment():
+            case Environment(uut=None):
                 self._on_environment(event, t)
             case Control(what="abort") if event.ok is not False:
                 self._stopping = True

@@ -18,10 +18,11 @@ from operator import lt
 from typing import Protocol
 
 from bench.model.clock import NS, Clock, Periodic, VirtualClock, to_ns
+from bench.plan import PlannedUnit
 from bench.run.links.port import InstrumentLink, PortThread, descriptor_of
 from bench.run.links.reader import LinkReader
 from bench.run.links.status import LinkStatus, status_of
-from bench.run.links.thermometer import TEMPERATURE, thermometer
+from bench.run.links.thermometer import TEMPERATURE, of_unit, thermometer
 from bench.run.stop import StopSwitch, guarded, unforeseen
 
 VIRTUAL_POLL_S = 1.0
@@ -340,12 +341,12 @@ class Acquisition:
         now_ns = self._clock.now_ns()
         return {name: status_of(reader, now_ns) for name, reader in self.readers.items()}
 
-    def unit_temperature_degC(self) -> float:
+    def unit_temperature_degC(self, unit: PlannedUnit | None = None) -> float:
         """Return mean of the unit's temperature sensors in its newest housekeeping frame, degC.
 
-        NaN before the first frame and when the newest is older than ``STALE_S``.
+        NaN before the first frame and when the newest is older than ``STALE_S``. ``unit``: which one of several.
         """
-        reader, message = thermometer(self.readers)
+        reader, message = thermometer(of_unit(self.readers, unit))
         return math.nan if reader is None else self._newest_degC(reader, message)
 
     def _newest_degC(self, reader: LinkReader, message: str) -> float:

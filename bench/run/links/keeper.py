@@ -35,12 +35,16 @@ ACT_NS = NS // 2  # how long what a person has switched off may still send
 
 @dataclass
 class Kept:
-    """One link. ``trouble`` began at ``since_ns`` behind ``mark`` and ``frames`` good frames; ``held_ns``: since when
-    the run stands still for it, 0 if it does not. ``switched``: it sent nothing before an act of a person, so another
-    act may end it. ``how`` it comes back, in words; ``compared``: its counter was; ``commanded``: what the unit was
-    told again."""
+    """One link of ``unit``, by its ``serial`` number where several share a campaign.
+
+    ``trouble`` began at ``since_ns`` behind ``mark`` and ``frames`` good frames; ``held_ns``: since when the run stands
+    still for it, 0 if it does not. ``switched``: it sent nothing before an act of a person, so another act may end it.
+    ``how`` it comes back, in words; ``compared``: its counter was; ``commanded``: what the unit was told again.
+    """
 
     reader: LinkReader
+    unit: Unit
+    serial: str = ""
     trouble: Literal["", "lost", "silent"] = ""
     reason: str = ""
     since_ns: int = 0
@@ -77,8 +81,12 @@ class LinkKeeper(Observer):
 
     def __init__(self, context: RunContext) -> None:
         self._context = context
-        self._links = [Kept(reader) for reader in context.acquisition.readers.values()]
-        self._unit = Unit(context)
+        of_plan = {unit.serial: Unit(context, unit) for unit in context.plan.units} or {"": Unit(context)}
+        owners = {link: unit.serial for unit in context.plan.units for link in unit.links.values()}
+        self._kept = [
+            Kept(reader, of_plan[owners.get(name, "")], owners.get(name, ""))
+            for name, reader in context.acquisition.readers.items()
+        ]
         self._step = 0
         self._needed = False
         self._commanded = ""  # the link that the step under way sends a command over
@@ -92,6 +100,12 @@ class LinkKeeper(Observer):
             if not context.clock.virtual:
                 counts = kept.counted is not None
                 context.event(Link(link=kept.reader.name, state="open", kernel_counts=counts))
+
+    @property
+    def _links(self) -> list[Kept]:
+        """The links that are looked after; not those of a unit that was left out."""
+        out = self._context.decided.units_out
+        return [kept for kept in self._kept if kept.serial not in out] if out else self._kept
 
     def step(self, step: Step, at_s: float) -> None:
         self._step = step.number
@@ -215,15 +229,15 @@ class LinkKeeper(Observer):
             return
         if not kept.compared:
             self._compare(kept)
-        verdict = self._unit.verdict() if kept.asked_ns else "pending"
+        verdict = kept.unit.verdict() if kept.asked_ns else "pending"
         if verdict == "pending" and (not kept.asked_ns or now_ns - kept.asked_ns > ASK_NS):
-            self._unit.ask()
+            kept.unit.ask()
             kept.asked_ns = now_ns
-            verdict = self._unit.verdict()
+            verdict = kept.unit.verdict()
         if verdict == "other":
-            self._context.stop.fail(self._unit.other("after the link came back", kept.reader.name))
+            self._context.stop.fail(kept.unit.other("after the link came back", kept.reader.name))
         elif verdict != "pending":
-            kept.how.append(f"unit answers {self._unit.answer!r}" if verdict == "same" else "identity not asked")
+            kept.how.append(f"unit answers {kept.unit.answer!r}" if verdict == "same" else "identity not asked")
             self._end(kept, now_ns)
 
     def _compare(self, kept: Kept) -> None:
@@ -244,7 +258,7 @@ class LinkKeeper(Observer):
             self._command_again(kept)
 
     def _command_again(self, kept: Kept) -> None:
-        name = self._unit.again(self._step)
+        name = kept.unit.again(self._step)
         if name and name not in kept.commanded:
             kept.commanded.append(name)
             kept.how.append(f"{name!r} sent again")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame import LinkBatch
+from bench.plan import PlannedUnit
 from bench.run.links.reader import LinkReader
 
 TEMPERATURE = "unit_temperature"
@@ -36,12 +37,19 @@ def thermometer(readers: Mapping[str, LinkReader]) -> tuple[LinkReader | None, s
     return None, ""
 
 
+def of_unit(readers: Mapping[str, LinkReader], unit: PlannedUnit | None) -> Mapping[str, LinkReader]:
+    """Return the links of a unit, all of them for None."""
+    return readers if unit is None else {name: readers[name] for name in readers if name in unit.names}
+
+
 @contextmanager
-def hearing(links: Links, heard: Callable[[NDArray[np.int64], NDArray[np.float64]], None]) -> Iterator[None]:
+def hearing(
+    links: Links, heard: Callable[[NDArray[np.int64], NDArray[np.float64]], None], of: PlannedUnit | None = None
+) -> Iterator[None]:
     """Hand over every temperature that the unit reports meanwhile, on the thread that decodes: receive stamps, ns, and
-    means of its sensors, degC, (n,) each.
+    means of its sensors, degC, (n,) each. ``of``: which unit, where several share a campaign.
     """
-    reader, message = thermometer(links.readers)
+    reader, message = thermometer(of_unit(links.readers, of))
 
     def listen(batch: LinkBatch) -> None:
         frames = batch.messages.get(message)

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import Any, Literal
 
 from bench.frame import LinkBatch
 from bench.model.clock import NS
 from bench.model.errors import LinkError, RunError
-from bench.plan import PlannedCommand
+from bench.plan import PlannedCommand, PlannedUnit
 from bench.run.context import RunContext
 from bench.run.links.reader import ANSWER, LinkReader, UnitAnswer, answers_of
+from bench.run.steps.proof import names
 
 IDENTIFY = "identify"  # name of the unit command, under unit_commands, whose answer tells who the unit is
 DONE = 0  # status of an answer
@@ -54,15 +54,16 @@ def went_on(
 
 
 class Unit:
-    """What the plan says to the unit, and who the unit said it is.
+    """What the plan says to the unit, and who the unit said it is; ``of``: which one, where several share a campaign.
 
     The answer to the step ``identify`` of the plan is kept; a plan without this step has no way to ask. Tests of the
     unit are neither asked nor sent again: the units of one session are several, and a FLASH is erased once.
     """
 
-    def __init__(self, context: RunContext) -> None:
-        self._context = context
-        self._steps = [step for step in context.plan.steps if isinstance(step, PlannedCommand) and not step.item]
+    def __init__(self, context: RunContext, of: PlannedUnit | None = None) -> None:
+        self._context, self._of = context, of
+        steps = (step for step in context.plan.steps if isinstance(step, PlannedCommand) and not step.item)
+        self._steps = [step for step in steps if of is None or step.role in of.names]
         self._identify = next((step for step in self._steps if step.name == IDENTIFY), None)
         self._known: bytes | None = context.unit_answer
         self._asked = False
@@ -115,6 +116,8 @@ class Unit:
 
     @property
     def _serial(self) -> str:
+        if self._of is not None:
+            return self._of.serial
         uut: Any = self._context.plan.campaign.get("uut", {})
         return str(uut.get("serial", ""))
 
@@ -122,7 +125,7 @@ class Unit:
         """Return the answer of before; if it was never asked, the serial number of the campaign is a word of it."""
         if self._known is not None:
             return answer == self._known
-        return not self._serial or self._serial in re.split(r"[\s,;]+", answer.decode("ascii", "replace"))
+        return not self._serial or names(answer, self._serial)
 
     def _hear(self, batch: LinkBatch) -> None:
         frames = batch.messages.get(ANSWER)

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.model.events import Decision, Event, Prompt, Reading
+from bench.model.events import Decision, Event, Prompt, Reading, UnitLeftOut
 from bench.plan import PlannedCall, PlannedDecision, Step, is_answered, left_out_by
 
 
@@ -31,9 +31,13 @@ class Decided:
         self._newest: dict[tuple[str, str, str], tuple[Mapping[str, Any], Read]] = {}  # oldest first
         self.outcomes: dict[int, str] = {}
         self.left_out: set[int] = set()
+        self.units_out: set[str] = set()  # serial numbers of units that are left out
 
     def take(self, event: Event) -> None:
-        """Take what an event says of it; a plan without decisions needs nothing of that."""
+        """Take what an event says of it; a plan without decisions needs to know of units that are left out alone."""
+        if isinstance(event, UnitLeftOut):
+            self.units_out.add(str(event.uut))
+            self.left_out.update(*left_out_by(self._steps, [event]))
         if not self._follows:
             return
         if isinstance(event, Reading):

@@ -21,8 +21,10 @@ from bench.plan import (
 from bench.run.context import RunContext
 from bench.run.control.operator import Question, answered, judge, within
 from bench.run.links.reader import LinkReader, UnitAnswer
+from bench.run.links.unit import IDENTIFY
 from bench.run.steps.deciding import decide
 from bench.run.steps.exchange import ATTEMPTS, exchange, timeout_of
+from bench.run.steps.proof import check_identity
 from bench.run.steps.recording import act, call_or_flag, take_record
 from bench.run.steps.soak import soak
 
@@ -115,6 +117,8 @@ def _command(context: RunContext, step: PlannedCommand) -> None:
             where=step.role,
             next_step=f"check its code {step.code} and payload in the sequence against the unit's manual",
         )
+    if step.name == IDENTIFY:
+        check_identity(context.plan, step, answer.payload)
     _keep_reply(context, step, answer.payload.decode("ascii", "replace"))
 
 

@@ -9,21 +9,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import numpy as np
-
 from bench.model.clock import to_ns
-from bench.model.errors import InstrumentError, RunError
+from bench.model.errors import InstrumentError
 from bench.model.events import Reading, Record, Retake
 from bench.model.ports import Instrument, RecordWindow, actions_of
 from bench.model.quality import Quality
 from bench.plan import MEASUREMENT, WIRING, PlannedCall, PlannedRecord, PlannedVerify, is_reading, round_count
 from bench.record import RecordRow, row_of_readings
 from bench.run.context import RunContext
+from bench.run.steps.proof import check_wiring
 from bench.run.steps.windows import begin_window, is_chained, patience_s, silent
 
 OVERLOAD = "B-INST-007"
 NO_READING = (OVERLOAD, "B-INST-001", "B-INST-004")  # overload, silence, a reply that is not understood
-TOLERANCE = 0.1
 
 
 def take_record(context: RunContext, step: PlannedRecord) -> None:
@@ -35,7 +33,7 @@ def take_record(context: RunContext, step: PlannedRecord) -> None:
     number = context.record_count
     attempts = 1 + step.retry
     for attempt in range(attempts):
-        row = _take(context, step, number) if context.measurement_link else _read(context, step, number)
+        row = _take(context, step, number) if step.role else _read(context, step, number)
         lost, due, what = _losses(row)
         if lost / due <= step.max_lost or attempt == attempts - 1:
             break
@@ -43,11 +41,11 @@ def take_record(context: RunContext, step: PlannedRecord) -> None:
         context.retaken += 1
         context.timeline.add_slip(to_ns(step.seconds))
     if row.window.link and row.frames == 0 and not (is_chained(context, step) and _goes_on(context, row)):
-        raise silent(context, f"no good frame during record {number}")
+        raise silent(step.role, f"no good frame during record {number}")
     context.rows[number] = row
     context.observers.record(row)
     if step.purpose == WIRING:
-        check_wiring(row, context.plan.campaign, step.where)
+        check_wiring(row, context.plan, step.where)
 
 
 def _losses(row: RecordRow) -> tuple[int, int, str]:
@@ -65,12 +63,12 @@ def _read(context: RunContext, step: PlannedRecord, number: int) -> RecordRow:
 
 def _goes_on(context: RunContext, row: RecordRow) -> bool:
     """Return frames came behind the record: the unit is not silent, and a window that is lost costs no other one."""
-    reader = context.acquisition.readers[context.measurement_link]
+    reader = context.acquisition.readers[row.window.link]
     return reader.last_counter >= row.window.first_counter + row.window.frames
 
 
 def _take(context: RunContext, step: PlannedRecord, number: int) -> RecordRow:
-    reader = context.acquisition.readers[context.measurement_link]
+    reader = context.acquisition.readers[step.role]
     window = begin_window(context, step, number)
     context.timeline.wait_until_ns(window.t_end_ns)
     last = window.first_counter + window.frames - 1
@@ -80,7 +78,7 @@ def _take(context: RunContext, step: PlannedRecord, number: int) -> RecordRow:
         context.acquisition.catch_up()
         signals = tuple(signal for _, signal in step.signals)
         context.event(_event_of(window, pulse_timing=step.pulse_timing, samples=step.samples, signals=signals))
-        return context.frames_cutter.close(number)
+        return context.cutters[step.role].close(number)
 
 
 def _event_of(window: RecordWindow, **more: Any) -> Record:
@@ -152,60 +150,3 @@ def take_readings(context: RunContext, step: PlannedRecord, number: int) -> Reco
 def _only_measures(instrument: Instrument, name: str) -> bool:
     declared = actions_of(type(instrument)).get(name)
     return declared is not None and is_reading(declared)
-
-
-def check_wiring(row: RecordRow, campaign: Mapping[str, Any], where: str) -> None:
-    """Judge one wiring record.
-
-    No other channel may count more than a tenth of what the current would give it; the channel under current must
-    count within 10 % of current x time / charge per pulse on NPP (positive current) or PPP (negative current) and
-    almost nothing on the other.
-
-    Raises: RunError B-RUN-051 (current reached another channel), B-RUN-050 (wrong counter, polarity or amount).
-    """
-    _check_others(row, campaign, where)
-    _check_own(row, campaign, where)
-
-
-def _check_own(row: RecordRow, campaign: Mapping[str, Any], where: str) -> None:
-    conditions = row.window.conditions
-    channel, polarity = int(conditions["channel"]), int(conditions["polarity"])
-    charges = _charges_C(campaign)
-    seconds = row.frames / float(campaign["rate_Hz"])
-    expected = float(conditions["current_A"]) * seconds / charges[channel]
-    moved, still = ("npp", "ppp") if polarity > 0 else ("ppp", "npp")
-    right, wrong = int(row.sums[moved][channel - 1]), int(row.sums[still][channel - 1])
-    level = f"{'+' if polarity > 0 else '-'}{conditions['current_A']:g} A"
-    if abs(right - expected) > TOLERANCE * expected or wrong > TOLERANCE * expected:
-        raise RunError(
-            "B-RUN-050",
-            f"channel {channel}, {level}: counted {right} {moved} and {wrong} {still}, "
-            f"expected {expected:.0f} {moved} within {TOLERANCE:.0%}",
-            where=where,
-            next_step="check polarity and channel of the cable between switch and unit, then start again",
-        )
-
-
-def _check_others(row: RecordRow, campaign: Mapping[str, Any], where: str) -> None:
-    conditions = row.window.conditions
-    channel = int(conditions["channel"])
-    charges = _charges_C(campaign)
-    charge_C = float(conditions["current_A"]) * row.frames / float(campaign["rate_Hz"])
-    counts = row.sums["npp"] + row.sums["ppp"]
-    limits = [TOLERANCE * charge_C / charges.get(number, charges[channel]) for number in range(1, len(counts) + 1)]
-    excess = counts - np.array(limits)
-    excess[channel - 1] = 0.0
-    if (excess > 0).any():
-        guilty = int(np.argmax(excess)) + 1
-        raise RunError(
-            "B-RUN-051",
-            f"the current of channel {channel} moves channel {guilty}: counted {counts[guilty - 1]} there and "
-            f"{counts[channel - 1]} on channel {channel}",
-            where=where,
-            next_step="check the cable and the crosspoints, then start again",
-        )
-
-
-def _charges_C(campaign: Mapping[str, Any]) -> dict[int, float]:
-    """Return charge per pulse by channel, coulomb."""
-    return {int(entry["number"]): float(entry["k0_C"]) for entry in campaign["channels"]}

@@ -116,9 +116,10 @@ def _to_temperature(context: RunContext, number: int, *, stopped: bool) -> None:
     if not thermal:
         return
     began_ns, (newest, asked) = context.clock.now_ns(), thermal[-1]
-    unit_degC = _unit_degC(context, newest)
+    found_degC = _units_degC(context, newest)
+    unit_degC = max(found_degC)
     if isinstance(newest, PlannedSoak):
-        soaked = not abs(unit_degC - newest.temperature_degC) <= newest.within_degC
+        soaked = not all(abs(degC - newest.temperature_degC) <= newest.within_degC for degC in found_degC)
         _back_to_soak(context, newest, soaked=soaked, stopped=stopped)
     else:
         soaked = True
@@ -175,11 +176,11 @@ def _soak_again(context: RunContext, step: PlannedSoak) -> None:
         context.timeline = outer
 
 
-def _unit_degC(context: RunContext, step: Step) -> float:
-    """Return the temperature a soak is judged by, degC; NaN if the unit says nothing for ``UNIT_SPEAKS_S``."""
+def _units_degC(context: RunContext, step: Step) -> list[float]:
+    """Return the temperatures a soak is judged by, degC, of every unit; NaN of one that is silent ``UNIT_SPEAKS_S``."""
     if isinstance(step, PlannedSoak) and step.sensor == "air":
         with context.in_use.take(step.role):
-            return float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]
+            return [float(context.instruments[step.role].measure_air())]  # type: ignore[attr-defined]
     deadline_ns = context.clock.now_ns() + to_ns(UNIT_SPEAKS_S)
-    context.acquisition.wait_until(lambda: not math.isnan(context.unit_temperature_degC), deadline_ns, 0.2)
-    return context.unit_temperature_degC
+    context.acquisition.wait_until(lambda: not any(map(math.isnan, context.unit_temperatures_degC)), deadline_ns, 0.2)
+    return context.unit_temperatures_degC

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from contextlib import nullcontext
+from collections.abc import Sequence
+from contextlib import ExitStack
 from typing import TypeAlias
 
 import numpy as np
@@ -13,7 +14,7 @@ from bench.maths.settling import Window, window_of
 from bench.model.clock import NS, to_ns
 from bench.model.errors import InstrumentError, RunError
 from bench.model.events import Error, Late, Settled, Slip
-from bench.plan import PlannedSoak
+from bench.plan import PlannedSoak, PlannedUnit
 from bench.run.context import RunContext
 from bench.run.links.thermometer import hearing
 
@@ -24,6 +25,7 @@ MOST_CHANCE = 0.05  # of leaving the band again within as long as it was watched
 _LONGEST_GAP = 0.25  # of the window, without a sample
 Times: TypeAlias = NDArray[np.int64]
 Temperatures: TypeAlias = NDArray[np.float64]
+Judged: TypeAlias = tuple[bool, Window | None]
 
 
 class Stability:
@@ -82,19 +84,37 @@ def soak(context: RunContext, step: PlannedSoak) -> None:
         chamber.set_temperature(step.temperature_degC, step.ramp_degC_min)  # type: ignore[attr-defined]
         chamber.run()  # type: ignore[attr-defined]
     context.observers.set_point(step.set_point)
-    watch = Stability(step.temperature_degC, step.within_degC, step.for_s)
-    of_unit = step.sensor == "unit"
-    with hearing(context.acquisition, watch.add) if of_unit else nullcontext():
-        end_s = step.at_s + step.duration_s
-        _wait_out(context, step, watch, end_s)
-        stable, window = watch.judged(context.clock.now_ns())
-        if not stable:
-            stable, window = _late(context, step, watch, window)
-    context.settled = stable
-    context.event(_settled(step, stable, window))
+    units: Sequence[PlannedUnit | None] = (context.units or (None,)) if step.sensor == "unit" else (None,)
+    watches = [Stability(step.temperature_degC, step.within_degC, step.for_s) for _ in units]
+    with ExitStack() as heard:
+        for unit, watch in zip(units, watches, strict=True) if step.sensor == "unit" else ():
+            heard.enter_context(hearing(context.acquisition, watch.add, unit))
+        _wait_out(context, step, watches, step.at_s + step.duration_s)
+        found = _judged(context, watches)
+        if not _is_stable(found):
+            found = _late(context, step, watches, found)
+    context.settled = _is_stable(found)
+    for unit, (stable, window) in zip(units, found, strict=True):
+        context.event(_settled(step, stable, window, None if unit is None else unit.serial))
 
 
-def _wait_out(context: RunContext, step: PlannedSoak, watch: Stability, end_s: float) -> None:
+def _judged(context: RunContext, watches: Sequence[Stability]) -> list[Judged]:
+    now_ns = context.clock.now_ns()
+    return [watch.judged(now_ns) for watch in watches]
+
+
+def _is_stable(found: Sequence[Judged]) -> bool:
+    """Return whether every unit has settled."""
+    return all(stable for stable, _ in found)
+
+
+def _slowest(watches: Sequence[Stability], found: Sequence[Judged]) -> tuple[Stability, Window | None]:
+    """Return the first that has not settled, and what its samples say."""
+    each = [(watch, window) for watch, (stable, window) in zip(watches, found, strict=True) if not stable]
+    return each[0]
+
+
+def _wait_out(context: RunContext, step: PlannedSoak, watches: Sequence[Stability], end_s: float) -> None:
     """Wait until the end of the slot; look as often as the window needs once it has begun."""
     moment_s, window_s = step.at_s, end_s - step.for_s
     looked = False
@@ -102,7 +122,7 @@ def _wait_out(context: RunContext, step: PlannedSoak, watch: Stability, end_s: f
         poll_s = POLL_S if moment_s + POLL_S < window_s else _poll_s(step)
         moment_s = min(end_s, moment_s + poll_s)
         context.timeline.wait_until(moment_s)
-        _look(context, step, watch)
+        _look(context, step, watches)
         looked = True
 
 
@@ -113,10 +133,10 @@ def _poll_s(step: PlannedSoak) -> float:
     return min(AIR_POLL_S, max(LEAST_POLL_S, step.for_s / AIR_READINGS))
 
 
-def _look(context: RunContext, step: PlannedSoak, watch: Stability) -> None:
-    """Take in what the unit has said until now, or ask the chamber."""
+def _look(context: RunContext, step: PlannedSoak, watches: Sequence[Stability]) -> None:
+    """Take in what the units have said until now, or ask the chamber."""
     if step.sensor == "unit":
-        context.acquisition.unit_temperature_degC()
+        _ = context.unit_temperatures_degC
         return
     try:
         with context.in_use.take(step.role):
@@ -124,13 +144,13 @@ def _look(context: RunContext, step: PlannedSoak, watch: Stability) -> None:
     except InstrumentError as error:  # no reading is not a stable temperature, and no reason to end a run
         context.event(Error(code=error.code, text=str(error), where=error.where, step=step.number))
         return
-    watch.add(np.array([context.clock.now_ns()]), np.array([degC]))
+    for watch in watches:
+        watch.add(np.array([context.clock.now_ns()]), np.array([degC]))
 
 
-def _late(
-    context: RunContext, step: PlannedSoak, watch: Stability, window: Window | None
-) -> tuple[bool, Window | None]:
+def _late(context: RunContext, step: PlannedSoak, watches: Sequence[Stability], found: list[Judged]) -> list[Judged]:
     """Say so, and wait on if the step says so; return what was found then. Raises: RunError B-RUN-031."""
+    watch, window = _slowest(watches, found)
     context.event(
         Late(
             step=step.number,
@@ -141,16 +161,17 @@ def _late(
             target_degC=watch.target_degC,
         )
     )
-    stable, waited_s, poll_s = False, 0.0, _poll_s(step)
-    while step.late == "hold" and waited_s < step.hold_limit_s and not stable:
+    waited_s, poll_s = 0.0, _poll_s(step)
+    while step.late == "hold" and waited_s < step.hold_limit_s and not _is_stable(found):
         context.timeline.add_slip(to_ns(poll_s))
         context.timeline.wait_until(step.at_s + step.duration_s)
         waited_s += poll_s
-        _look(context, step, watch)
-        stable, window = watch.judged(context.clock.now_ns())
-    if stable:
+        _look(context, step, watches)
+        found = _judged(context, watches)
+    if _is_stable(found):
         context.event(Slip(step=step.number, seconds=waited_s, reason="soak"))
     elif step.late != "skip":
+        watch, window = _slowest(watches, found)
         raise RunError(
             "B-RUN-031",
             f"{watch.target_degC:g} degC not reached within {watch.within_degC:g} degC in "
@@ -158,7 +179,7 @@ def _late(
             where=step.role,
             next_step="the outputs are off; check the chamber, then start again",
         )
-    return stable, window
+    return found
 
 
 def _found(watch: Stability, window: Window | None) -> str:
@@ -173,11 +194,12 @@ def _found(watch: Stability, window: Window | None) -> str:
     )
 
 
-def _settled(step: PlannedSoak, stable: bool, window: Window | None) -> Settled:
+def _settled(step: PlannedSoak, stable: bool, window: Window | None, uut: str | None) -> Settled:
     def known(value: float) -> float | None:
         return value if math.isfinite(value) else None
 
     return Settled(
+        uut=uut,
         step=step.number,
         role=step.role,
         target_degC=step.temperature_degC,

@@ -6,14 +6,14 @@ still being decoded, and while calls between the two keep the bus busy. No frame
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
 from bench.frame import signal_of
 from bench.model.clock import NS, to_ns
 from bench.model.errors import RunError
 from bench.model.events import Gap
 from bench.model.ports import RecordWindow
-from bench.plan import PlannedCall, PlannedPrompt, PlannedRecord, PlannedVerify, Step
+from bench.plan import PlannedCall, PlannedPrompt, PlannedRecord, PlannedVerify
 from bench.run.context import RunContext
 
 BEHIND_FRAMES = 2  # the newest frame is older than this many periods: the link is behind
@@ -25,7 +25,8 @@ AHEAD_S = 100.0  # how late a step between two records may be (a bus that asks a
 def begin_window(context: RunContext, step: PlannedRecord, number: int) -> RecordWindow:
     """Return the window of a record step, open, and with it those that follow it without a gap.
 
-    A step that follows another one begins anew if its first frames have gone by already.
+    Those that are taken together with it, of other units, are opened at the same moment. A step that follows another
+    one begins anew if its first frames have gone by already.
     Raises: RunError B-RUN-021 if the unit is silent where a window begins anew.
     """
     with context.acquisition.lock:
@@ -33,12 +34,30 @@ def begin_window(context: RunContext, step: PlannedRecord, number: int) -> Recor
         context.acquisition.refresh()
         window = context.ahead.pop(step.number, None)
         if window is None:
-            window = _anew(context, step, number, start_ns)
-            _open(context, step, window)
-            if step.follows:
-                context.event(Gap(step=step.number, record=number, first_counter=window.first_counter))
+            window = _begin_anew(context, step, number, start_ns)
+            for place, later in enumerate(_together(context, step), 1):
+                begun = context.ahead[later.number] = _begin_anew(context, later, number + place, start_ns)
+                _open_followers(context, later, begun)
         _open_followers(context, step, window)
     return window
+
+
+def _begin_anew(context: RunContext, step: PlannedRecord, number: int, start_ns: int) -> RecordWindow:
+    window = _anew(context, step, number, start_ns)
+    _open(context, step, window)
+    if step.follows:
+        context.event(Gap(step=step.number, record=number, first_counter=window.first_counter))
+    return window
+
+
+def _together(context: RunContext, step: PlannedRecord) -> list[PlannedRecord]:
+    """Return the records right behind a step that are taken together with it, without those that are left out."""
+    steps, number = context.plan.steps, step.number + 1
+    together = []
+    while number < len(steps) and isinstance(later := steps[number], PlannedRecord) and later.together:
+        together += [] if number in context.decided.left_out else [later]
+        number += 1
+    return together
 
 
 def patience_s(context: RunContext, step: PlannedRecord) -> float:
@@ -48,15 +67,15 @@ def patience_s(context: RunContext, step: PlannedRecord) -> float:
 
 def is_chained(context: RunContext, step: PlannedRecord) -> bool:
     """Return whether a record follows another one without a gap, or is followed by one."""
-    return step.follows or next(_followers(context.plan.steps, step), None) is not None
+    return step.follows or next(_followers(context, step), None) is not None
 
 
-def silent(context: RunContext, message: str) -> RunError:
+def silent(link: str, message: str) -> RunError:
     """The unit sends nothing."""
     return RunError(
         "B-RUN-021",
         message,
-        where=context.measurement_link,
+        where=link,
         next_step="check supply, cable and stream mode of the unit, then start again",
     )
 
@@ -68,16 +87,16 @@ def _anew(context: RunContext, step: PlannedRecord, number: int, start_ns: int) 
     that much too early; the settle time before a record is a thousand times longer. When frames are overdue, on a
     machine or an adapter that stalls, those that must be on their way are reckoned with: they belong to the settling.
     """
-    reader = context.acquisition.readers[context.measurement_link]
+    reader = context.acquisition.readers[step.role]
     rate = float(context.plan.campaign["rate_Hz"])
     if reader.last_counter < 0 or start_ns - reader.last_frame_ns > to_ns(SILENCE_S + 2.0 / rate):
-        raise silent(context, f"no good frame for {SILENCE_S:g} s before record {number}")
+        raise silent(step.role, f"no good frame for {SILENCE_S:g} s before record {number}")
     overdue = int((start_ns - reader.last_frame_ns) * rate // NS)
     coming = overdue + 1 if overdue >= BEHIND_FRAMES else int(reader.mid_frame)
     first = reader.last_counter + coming + OPEN_GATE + 1
     end_ns = start_ns + to_ns(step.seconds)
     if is_chained(context, step):
-        end_ns = _due_ns(context, first + _frames(context, step))
+        end_ns = _due_ns(context, step.role, first + _frames(context, step))
     return _window(context, step, number, first, start_ns, end_ns)
 
 
@@ -86,16 +105,17 @@ def _open_followers(context: RunContext, step: PlannedRecord, window: RecordWind
 
     Never one that has begun: what was received since is counted already.
     """
-    reader, now_ns = context.acquisition.readers[context.measurement_link], context.clock.now_ns()
+    reader, now_ns = context.acquisition.readers[step.role], context.clock.now_ns()
     enough_ns = window.t_end_ns + to_ns(patience_s(context, step) + AHEAD_S)
-    for later in _followers(context.plan.steps, step):
+    number = window.number
+    for place, later in _followers(context, step):
         stop = window.first_counter + window.frames
         known = context.ahead.get(later.number)
         if known is None and (reader.last_counter >= stop or window.t_end_ns < now_ns):
             return
         if known is None:
-            end_ns = _due_ns(context, stop + _frames(context, later))
-            known = _window(context, later, window.number + 1, stop, window.t_end_ns, end_ns)
+            end_ns = _due_ns(context, step.role, stop + _frames(context, later))
+            known = _window(context, later, number + place, stop, window.t_end_ns, end_ns)
             context.ahead[later.number] = known
             _open(context, later, known, chained=True)
         window = known
@@ -103,19 +123,22 @@ def _open_followers(context: RunContext, step: PlannedRecord, window: RecordWind
             return
 
 
-def _followers(steps: Sequence[Step], step: PlannedRecord) -> Iterator[PlannedRecord]:
-    """Yield record steps that follow ``step`` without a gap, in order."""
+def _followers(context: RunContext, step: PlannedRecord) -> Iterator[tuple[int, PlannedRecord]]:
+    """Yield the record steps of a link that follow ``step`` without a gap, each with how many records later it is."""
+    steps, place = context.plan.steps, 0
     for number in range(step.number + 1, len(steps)):
         later = steps[number]
-        if isinstance(later, PlannedRecord) and later.follows and later.phase == step.phase:
-            yield later
+        if isinstance(later, PlannedRecord) and later.phase == step.phase and (later.follows or later.together):
+            place += number not in context.decided.left_out
+            if later.role == step.role and number not in context.decided.left_out:
+                yield place, later
         elif not isinstance(later, PlannedCall | PlannedVerify | PlannedPrompt):  # nothing else may stand between
             return
 
 
 def _open(context: RunContext, step: PlannedRecord, window: RecordWindow, chained: bool = False) -> None:
     definitions = {link: reader.definition for link, reader in context.acquisition.readers.items()}
-    context.frames_cutter.open(
+    context.cutters[step.role].open(
         window, timed=step.pulse_timing, sampled=step.samples, chained=chained,
         signals=[signal_of(signal, definitions) for _, signal in step.signals],
     )  # fmt: skip
@@ -125,9 +148,9 @@ def _frames(context: RunContext, step: PlannedRecord) -> int:
     return round(step.seconds * float(context.plan.campaign["rate_Hz"]))
 
 
-def _due_ns(context: RunContext, stop: int) -> int:
+def _due_ns(context: RunContext, link: str, stop: int) -> int:
     """Return when the frame before counter ``stop`` is due, by the newest frame: the unit's clock is not ours."""
-    reader = context.acquisition.readers[context.measurement_link]
+    reader = context.acquisition.readers[link]
     rate = float(context.plan.campaign["rate_Hz"])
     return reader.last_frame_ns + round((stop - 1 - reader.last_counter) / rate * NS)
 
@@ -137,7 +160,7 @@ def _window(
 ) -> RecordWindow:
     return RecordWindow(
         number=number,
-        link=context.measurement_link,
+        link=step.role,
         first_counter=first,
         frames=_frames(context, step),
         t_start_ns=start_ns,

@@ -8,14 +8,16 @@ from bench.model.errors import InstrumentError
 from bench.model.events import Environment, Error
 from bench.plan import CHAMBER
 from bench.run.bench.safety import QUICK_S, hurried
-from bench.run.context import RunContext
+from bench.run.context import RunContext, hottest_degC
 from bench.run.stop import guarded
 
 PERIOD_S = 60.0
 
 
 class EnvironmentLog:
-    """Writes an "environment" event each minute; a reading that fails is recorded as missing, never raised.
+    """Writes an "environment" event each minute; of several units one with the hottest, and one of each unit.
+
+    A reading that fails is recorded as missing, never raised.
 
     The chamber is not asked while a step talks to it: some chambers miss what comes between their commands.
     """
@@ -37,5 +39,11 @@ class EnvironmentLog:
                     air = float(chamber.measure_air())  # type: ignore[attr-defined]
             except InstrumentError as error:
                 context.event(Error(code=error.code, text=str(error), where=error.where))
-        unit = context.unit_temperature_degC
-        context.event(Environment(air_degC=air, unit_degC=None if math.isnan(unit) else unit))
+        temperatures_degC = context.unit_temperatures_degC
+        context.event(Environment(air_degC=air, unit_degC=_known(hottest_degC(temperatures_degC))))
+        for unit, degC in zip(context.units, temperatures_degC, strict=False):
+            context.event(Environment(air_degC=air, unit_degC=_known(degC), uut=unit.serial))
+
+
+def _known(degC: float) -> float | None:
+    return None if math.isnan(degC) else degC

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Literal
 
@@ -15,13 +15,14 @@ from bench.plan import Action, InterlockRule
 from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.observers import Following, Observer, Order
-from bench.run.stop import Wish, guarded
+from bench.run.stop import HOLD_LIMIT_S, Wish, guarded
 from bench.run.watch.signals import RateStep, WatchedSignals, leaves_the_bus
 
 Change = Literal["tripped", "stale", "released", "lasting"]
 RATE_STEP = "rate_step"
 LASTING_S = 2.0  # a glitch is over by then
 LOOK_WALL_S, LOOK_VIRTUAL_S = 1.0, 30.0
+UNIT_LIMIT_S = 600.0  # what one of several units holds the others up with
 ASK_WALL_S, ASK_VIRTUAL_S = 60.0, 300.0  # a rehearsal of 38 hours must not spend its time on these
 
 
@@ -105,8 +106,15 @@ class InterlockWatch:
         self._ask_ns = now_ns + min(self._period_ns, round(ASK_WALL_S * NS))
         self.signals = WatchedSignals(context, rules)
         self._context = context
-        self._states = [InterlockState(rule, now_ns) for rule in rules]
+        self._all = [InterlockState(rule, now_ns) for rule in rules]
         self._asking, self._judging = threading.Lock(), threading.Lock()  # a slow instrument delays no judgement
+
+    @property
+    def _states(self) -> list[InterlockState]:
+        """The interlocks that count; not those of a unit that was left out: it is off."""
+        out = self._context.decided.units_out
+        of = {name for unit in self._context.plan.units if unit.serial in out for name in unit.names} if out else ()
+        return [state for state in self._all if state.rule.of not in of] if out else self._all
 
     @property
     def tripped(self) -> dict[str, str]:
@@ -162,7 +170,8 @@ class InterlockWatch:
         if change == "released":
             stop.holds.release(by)
         elif action == "hold":
-            stop.holds.hold(by, reason)
+            of_unit = self._context.plan.unit_of(state.rule.of) is not None
+            stop.holds.hold(by, reason, UNIT_LIMIT_S if of_unit else HOLD_LIMIT_S)
         elif action in ("retake", "skip"):
             stop.holds.wish(Wish(action, by, reason))
         elif action == "abort":
@@ -221,10 +230,12 @@ def interlocks(context: RunContext, rules: Sequence[InterlockRule], following: F
 
 
 def _watch_records(watch: InterlockWatch, context: RunContext) -> None:
-    reader = context.acquisition.readers[context.measurement_link]
-    steps = RateStep(reader.definition.rate_Hz or math.nan)
-    reader.listeners.insert(0, steps.feed)  # before the cutter, which may end the record with this batch
-    context.observers.add(_RateOfRecords(watch, steps))
+    steps = {}
+    for link in context.cutters.keys() & context.acquisition.readers.keys():
+        reader = context.acquisition.readers[link]
+        steps[link] = RateStep(reader.definition.rate_Hz or math.nan)
+        reader.listeners.insert(0, steps[link].feed)  # before the cutter, which may end the record with this batch
+    context.observers.add(_RateOfRecords(watch, steps, of_units=bool(context.plan.units)))
 
 
 class _RateOfRecords(Observer):
@@ -233,8 +244,9 @@ class _RateOfRecords(Observer):
     order = Order.SAFETY
     vital = True
 
-    def __init__(self, watch: InterlockWatch, steps: RateStep) -> None:
-        self._watch, self._steps = watch, steps
+    def __init__(self, watch: InterlockWatch, steps: Mapping[str, RateStep], *, of_units: bool) -> None:
+        self._watch, self._steps, self._of_units = watch, steps, of_units
 
     def record(self, row: RecordRow) -> None:
-        self._watch.signals.put(RATE_STEP, self._steps.of(row))
+        link = row.window.link
+        self._watch.signals.put(RATE_STEP, self._steps[link].of(row), link if self._of_units else "")

@@ -22,7 +22,7 @@ from bench.model.clock import NS
 from bench.model.errors import InstrumentError
 from bench.model.events import Error, Surroundings
 from bench.model.ports import Instrument
-from bench.plan import CHAMBER, SECOND_BYTES, InterlockRule
+from bench.plan import CHAMBER, SECOND_BYTES, InterlockRule, PlannedUnit
 from bench.record import RecordRow
 from bench.run.bench.safety import hurried
 from bench.run.context import RunContext
@@ -30,7 +30,7 @@ from bench.run.guard.health import CHAMBER_AIR
 from bench.run.links.acquisition import STALE_S
 from bench.run.links.reader import LinkReader
 from bench.run.links.status import age_s
-from bench.run.links.thermometer import TEMPERATURE
+from bench.run.links.thermometer import TEMPERATURE, of_unit
 from bench.run.observers import Following
 
 KEPT_FRAMES = 200_000  # of the newest frames: more than any record that pulses are timed in has
@@ -137,11 +137,12 @@ class WatchedSignals:
         self._context = context
         self._wanted = {rule.signal for rule in rules}
         self._channels = {(rule.signal, rule.of, rule.channel) for rule in rules if rule.signal in SCANNED}
-        self._links = {rule.of for rule in rules if rule.signal.startswith("link_")}
+        linked = {rule.of for rule in rules if rule.signal.startswith("link_")}
+        self._links = linked & context.acquisition.readers.keys()  # of a unit that was left out there is none
         self._values: dict[tuple[str, str, int | None], tuple[int, float]] = {}
         self._fetched: dict[str, int] = {}  # by rule: number of the reading it was given last
         self._readings = 0
-        self._slopes = {"chamber_slope": _Slope(), "unit_slope": _Slope()}
+        self._slopes: dict[tuple[str, str], _Slope] = {}  # by signal and what it is of
         self._shares = {link: _Share() for link in self._links}
         self._asked = 0
 
@@ -196,28 +197,31 @@ class WatchedSignals:
 
         read_idle(self._context, role, scan)
 
-    def _temperature(self, name: str, slope: str, value_degC: float) -> None:
+    def _temperature(self, name: str, slope: str, value_degC: float, of: str = "") -> None:
         if not math.isfinite(value_degC):
             return
-        self.put(name, value_degC)
-        self._slopes[slope].add(self._context.clock.now_ns(), value_degC)
-        self.put(slope, self._slopes[slope].per_min())
+        self.put(name, value_degC, of)
+        kept = self._slopes.setdefault((slope, of), _Slope())
+        kept.add(self._context.clock.now_ns(), value_degC)
+        self.put(slope, kept.per_min(), of)
 
     def _housekeeping(self) -> None:
         """Take what the unit says of itself, as far as it is decoded: decoding it for this would cost most of all."""
-        for name, signals in HOUSEKEEPING.items():
-            if self._wanted.intersection(signals) and not math.isnan(value := self._newest(name)):
-                if name == TEMPERATURE:
-                    self._temperature("unit_temperature", "unit_slope", value)
-                else:
-                    self.put(name, value)
+        for unit in self._context.units or (None,):
+            of = "" if unit is None else next(iter(unit.links.values()))
+            for name, signals in HOUSEKEEPING.items():
+                if self._wanted.intersection(signals) and not math.isnan(value := self._newest(name, unit)):
+                    if name == TEMPERATURE:
+                        self._temperature("unit_temperature", "unit_slope", value, of)
+                    else:
+                        self.put(name, value, of)
 
-    def _newest(self, name: str) -> float:
+    def _newest(self, name: str, unit: PlannedUnit | None) -> float:
         """Return newest value of a housekeeping field, the mean of an array; NaN if it is old or nobody sends it."""
         acquisition, now_ns = self._context.acquisition, self._context.clock.now_ns()
         fresh_ns = round((FRESH_VIRTUAL_S if self._context.clock.virtual else STALE_S) * NS)
         with acquisition.lock:
-            for reader in acquisition.readers.values():
+            for reader in of_unit(acquisition.readers, unit).values():
                 for frames in reader.newest.values():
                     if name in frames.message.by_name and frames.t_ns is not None:
                         fresh = now_ns - int(frames.t_ns[-1]) <= fresh_ns

@@ -104,7 +104,7 @@ def scenery_of(recording: Recording) -> Scenery:
         steps=_steps(recording),
         places={role: (entry.driver, entry.resource) for role, entry in instruments.items()},
         **_drawn(manifest, recording.texts, station),
-        limits=[] if station is None else limit_rows(_rules(recording.texts, station), station.guard_limits_degC),
+        limits=[] if station is None else limit_rows(_rules(recording, station), station.guard_limits_degC),
         boot_id=hashlib.sha256(recording.folder.name.encode()).hexdigest()[:16],
     )
 
@@ -193,9 +193,10 @@ def _station(texts: Mapping[str, str]) -> Station | None:
         return None
 
 
-def _rules(texts: Mapping[str, str], station: Station) -> tuple[InterlockRule, ...]:
+def _rules(recording: Recording, station: Station) -> tuple[InterlockRule, ...]:
+    texts, links = recording.texts, recording.manifest.get("links", {})
     name = next((name for name in texts if name.startswith(_SEQUENCES)), None)
     try:
-        return () if name is None else recorded_rules(texts[name], name, station)
+        return () if name is None else recorded_rules(texts[name], name, station, links)
     except BenchError:
         return ()

@@ -16,6 +16,7 @@ GATE_S = 0.01
 GATE_MASTER_PULSES = round(MASTER_HZ * GATE_S)
 INTEGRATED_GATES = 10_000
 REFERENCE_DEGC = 20.0
+START_V, CURRENT_A = 12.0, 1.25  # of its supply: what it starts at, what it draws
 
 
 @dataclass(frozen=True)

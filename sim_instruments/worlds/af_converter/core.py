@@ -25,7 +25,7 @@ from sim_instruments.worlds.common.thermal import TemperatureFunction
 
 BOOT_NS = NS  # from power on to the start of the first gate
 AHEAD_NS = 100 * NS  # generated at once at most
-IDENTITY = b"NGU SIM-1 1.0"  # model, serial number, firmware
+IDENTITY = b"NGU SIM-1 1.0"  # model, serial number, firmware; of a unit that is given no serial number
 
 
 @dataclass(frozen=True)
@@ -53,19 +53,26 @@ class _Situation:
 class UnitCore:
     """Generates the frames of both ports in order of time.
 
+    Args: sensed: what its sensors have of the temperature, where that is another one.   serial: its serial number.
     Attributes:
         generated_ns: bench time up to which all frames are made.
         given_ns: bench time up to which somebody may have seen them; nothing changes before it any more.
     """
 
-    def __init__(self, truth: NguTruth, thermal: TemperatureFunction, ports: Mapping[str, Port], start_ns: int) -> None:
+    def __init__(
+        self, truth: NguTruth, thermal: TemperatureFunction, ports: Mapping[str, Port], start_ns: int,
+        sensed: TemperatureFunction | None = None, serial: str = "",
+    ) -> None:  # fmt: skip
         gates, integrated = (load_frame(find_shipped("frames", name)) for name in ("ngu_a", "ngu_a_100s"))
         self.definition_b = load_frame(find_shipped("frames", "ngu_b"))
         self._truth = truth
         self._thermal = thermal
         self._ports = ports
         self._framer = Framer(ports["port_a"], gates, integrated)
-        self._housekeeping = Housekeeping(ports["port_b"], self.definition_b, thermal, truth.seed, noise=truth.noise)
+        self._identity = f"NGU {serial} 1.0".encode() if serial else b""
+        self._housekeeping = Housekeeping(
+            ports["port_b"], self.definition_b, sensed or thermal, truth.seed, noise=truth.noise
+        )
         self._drive = Drive()
         self._machine: GateMachine | None = None
         self._period = 0
@@ -123,7 +130,7 @@ class UnitCore:
 
     def _execute(self, request: Request, gate: int) -> bytes:
         if request.command == Command.IDENTIFY:
-            return IDENTITY
+            return self._identity or IDENTITY
         if request.command == Command.START_STREAM:
             self._framer.start(START_MODES[request.payload])
         elif request.command == Command.STOP_STREAM:
@@ -210,7 +217,7 @@ class UnitCore:
 class Command(IntEnum):
     """Command numbers of the unit."""
 
-    IDENTIFY = 1  # answer: IDENTITY
+    IDENTIFY = 1  # answer: model, serial number, firmware
     START_STREAM = 2  # payload: one byte of START_MODES, none means 100 Hz
     STOP_STREAM = 3
     ZERO_COUNTERS = 4  # frame counters of both ports start again at 0

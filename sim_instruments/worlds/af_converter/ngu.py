@@ -29,18 +29,20 @@ class Ngu:
         thermal: unit temperature, degC, at bench times in nanoseconds, (n,) to (n,); a ``UnitTemperature`` also
             tells where it has turned, a plain function has no past and shows no hysteresis.
         options: see NguTruth.
+        sensed: temperature at its sensors, where that is another one.   serial: serial number that it answers.
     Raises:
         InputError: B-NGU-001, an option cannot be read.
     """
 
     def __init__(
-        self, clock: Clock, seed: int, thermal: TemperatureFunction, options: Mapping[str, str] | None = None
-    ) -> None:
+        self, clock: Clock, seed: int, thermal: TemperatureFunction, options: Mapping[str, str] | None = None,
+        *, sensed: TemperatureFunction | None = None, serial: str = "",
+    ) -> None:  # fmt: skip
         self.truth = NguTruth(seed, options)
         self._ports = {"port_a": Port(), "port_b": Port()}
         self._clock = clock
         self._lock = threading.RLock()
-        self._core = UnitCore(self.truth, thermal, self._ports, clock.now_ns())
+        self._core = UnitCore(self.truth, thermal, self._ports, clock.now_ns(), sensed, serial)
         self._commands = CommandReader(self._core.definition_b)
 
     # --- the bench ---------------------------------------------------------------------------------------------

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
-from sim_instruments.worlds.common.thermal import Thermal
 from sim_instruments.worlds.common.world import entry
 
 REFERENCE_TEMPERATURE_DEGC = 20.0
@@ -50,6 +49,20 @@ class UnitTruth(Protocol):
         """Return coefficient of (T - 20 degC)^order of that error, ppm/degC^order."""
 
 
+class UnitThermal(Protocol):
+    """True temperatures of the unit under test at bench times, ns."""
+
+    @property
+    def unit_lag_s(self) -> float:
+        """Return how far the unit lags behind the air, second."""
+
+    def unit_degC(self, t_ns: Any) -> Any:
+        """Return its temperature, degC."""
+
+    def play_offset_degC(self, t_ns: Any, half_width_degC: Any) -> Any:
+        """Return the play operator of its temperature minus that, degC."""
+
+
 def per_degC(unit: str, order: int) -> str:
     """Return unit of the coefficient of (T - T_ref)^order."""
     return unit if order == 0 else f"{unit}/degC{order if order > 1 else ''}"
@@ -60,7 +73,7 @@ def times_ns(windows: Sequence[RecordWindow]) -> NDArray[np.int64]:
     return np.concatenate([np.linspace(w.t_start_ns, w.t_end_ns, _POINTS_PER_WINDOW).astype(np.int64) for w in windows])
 
 
-def estimates(truth: UnitTruth, thermal: Thermal, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
+def estimates(truth: UnitTruth, thermal: UnitThermal, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
     """Return true values in the contract's form, one block per channel and temperature of the measuring windows.
 
     Scale factors are those at the unit's true temperature averaged over the windows of that channel and temperature
@@ -96,7 +109,7 @@ def _groups(windows: Sequence[RecordWindow]) -> dict[tuple[int, str, float], lis
 
 
 def _at_temperature(
-    truth: UnitTruth, thermal: Thermal, windows: Sequence[RecordWindow], conditions: dict[str, Any]
+    truth: UnitTruth, thermal: UnitThermal, windows: Sequence[RecordWindow], conditions: dict[str, Any]
 ) -> list[dict[str, Any]]:
     channel = conditions["channel"]
     unit_degC = float(thermal.unit_degC(times_ns(windows)).mean())

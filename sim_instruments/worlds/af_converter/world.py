@@ -7,13 +7,13 @@ from typing import Any, ClassVar, Protocol
 
 from bench.model.clock import Clock
 from bench.model.ports import RecordWindow
+from sim_instruments.worlds.af_converter.constants import CURRENT_A, START_V
 from sim_instruments.worlds.af_converter.ngu import Ngu
 from sim_instruments.worlds.af_converter.options import OPTIONS, TEXTS
+from sim_instruments.worlds.af_converter.slots import AfSlots
 from sim_instruments.worlds.af_converter.truth import UnitTruth, estimates
 from sim_instruments.worlds.common.thermal import TemperatureFunction, Thermal
 from sim_instruments.worlds.common.world import Unit, World
-
-START_V, CURRENT_A = 12.0, 1.25
 
 
 class AfUnit(Unit, Protocol):
@@ -40,6 +40,10 @@ class AfWorld(World):
         texts = {key: value for key, value in options.items() if key in TEXTS}
         self.converters = unit_factory(clock, seed, thermal.unit, texts)
         super().__init__(clock=clock, seed=seed, unit=self.converters, thermal=thermal, options=own)
+
+    @classmethod
+    def in_slots(cls, slots: Mapping[str, Any], **made: Any) -> World:
+        return AfSlots(slots, **made)
 
     @property
     def load(self) -> tuple[float, float]:

@@ -130,11 +130,11 @@ class Thermal:
     """Chamber air and unit temperature as functions of time; commands may only be given in order of time.
 
     ``time_constants`` divides all lags, so that a short campaign can wait for a temperature; ``unit_lag_s`` is what is
-    left of the unit's.
+    left of the unit's, which is ``unit_lag`` times the usual one.
     """
 
-    def __init__(self, time_constants: float = 1.0) -> None:
-        self.unit_lag_s = UNIT_LAG_S / time_constants
+    def __init__(self, time_constants: float = 1.0, unit_lag: float = 1.0) -> None:
+        self.unit_lag_s = UNIT_LAG_S * unit_lag / time_constants
         self._air_lag_s, self._idle_lag_s = AIR_LAG_S / time_constants, IDLE_LAG_S / time_constants
         self._segments = [_Segment(0, START_DEGC, 0.0, self._air_lag_s, self.unit_lag_s, START_DEGC, START_DEGC)]
         self._lock = threading.Lock()
@@ -259,6 +259,55 @@ class Thermal:
         if index.size > 1 and index.min() == (last := index.max()):
             return (t_ns - starts[last]) / NS, columns[:, last]
         return (t_ns - starts[index]) / NS, columns[:, index]
+
+
+class PlaceInAir:
+    """The temperature of a unit at its place in the chamber: ``share`` times that of ``thermal``, and an offset."""
+
+    def __init__(self, thermal: Thermal, share: float, offset_degC: float) -> None:
+        self._thermal, self._share, self._offset_degC = thermal, share, offset_degC
+
+    @property
+    def unit_lag_s(self) -> float:
+        """Return how far the unit lags behind the air, second."""
+        return self._thermal.unit_lag_s
+
+    def unit_degC(self, t_ns: int | np.ndarray) -> np.ndarray:
+        """Return temperature at bench times, degC."""
+        return self._share * self._thermal.unit_degC(t_ns) + self._offset_degC
+
+    def play_offset_degC(self, t_ns: NDArray[np.int64], half_width_degC: ArrayLike) -> NDArray[np.float64]:
+        """Return play operator minus the temperature, degC; a scaled input has a play of scaled width."""
+        own = np.asarray(half_width_degC, float) / self._share
+        return self._share * self._thermal.play_offset_degC(t_ns, own)
+
+    @property
+    def unit(self) -> UnitTemperature:
+        """Temperatures as the unit under test knows them."""
+        return UnitTemperature(self.unit_degC, self._moment, self._turns_degC)
+
+    def _moment(self, t_ns: int) -> tuple[float, float]:
+        degC, rate_degC_s = self._thermal.unit_moment(t_ns)
+        return self._share * degC + self._offset_degC, self._share * rate_degC_s
+
+    def _turns_degC(self, t_ns: int) -> tuple[float, ...]:
+        return tuple(self._share * degC + self._offset_degC for degC in self._thermal.turns_degC(t_ns))
+
+
+class SharedAir(Thermal):
+    """The chamber of several units: what it is told moves the air of all of them.
+
+    Args: time_constants: as of ``Thermal``.   places: of the units.
+    """
+
+    def __init__(self, time_constants: float, places: Sequence[Thermal]) -> None:
+        self._places = places
+        super().__init__(time_constants)
+
+    def _begin(self, t_ns: int, setpoint_degC: float, slope_degC_s: float, air_lag_s: float) -> None:
+        super()._begin(t_ns, setpoint_degC, slope_degC_s, air_lag_s)
+        for place in self._places:
+            place._begin(t_ns, setpoint_degC, slope_degC_s, air_lag_s)
 
 
 def play_after(turns_degC: Sequence[float], half_width_degC: ArrayLike) -> Float:

@@ -1,7 +1,8 @@
 """The wires of a bench: calibrator, relay matrix, channels of the unit.
 
 The matrix is a two-pole 4 x 10 card: column = channel, row 1 joins the calibrator's HI and LO to the channel
-directly, row 2 crossed. Rows 3 and 4 go nowhere. Every current is piecewise constant between switching events.
+directly, row 2 crossed. Rows 3 and 4 go nowhere. Columns of further cards, each of a unit, are counted on. Every
+current is piecewise constant between switching events.
 """
 
 from __future__ import annotations
@@ -34,12 +35,12 @@ class UnitInputs(Protocol):
 class Wiring:
     """Closed crosspoints and the current the calibrator drives; keeps the unit's inputs up to date."""
 
-    def __init__(self, unit: UnitInputs, seed: int) -> None:
-        self._unit = unit
+    def __init__(self, unit: UnitInputs, seed: int, channels: int = CHANNELS) -> None:
+        self._unit, self._channels = unit, range(1, channels + 1)
         self._closed: frozenset[Crosspoint] = frozenset()
         self._source_A: float | None = None
-        self._applied: dict[int, float | None] = dict.fromkeys(range(1, CHANNELS + 1))
-        draws = generator(seed, "switch leakage").uniform(-LEAKAGE_A, LEAKAGE_A, (2, CHANNELS))
+        self._applied: dict[int, float | None] = dict.fromkeys(self._channels)
+        draws = generator(seed, "switch leakage").uniform(-LEAKAGE_A, LEAKAGE_A, (2, channels))
         self.leakage_A: np.ndarray = draws  # (row - 1, channel - 1)
         self.on_lost_path: Callable[[], None] = lambda: None
 
@@ -77,7 +78,7 @@ class Wiring:
         Parallel columns share the current evenly (equal input resistances); a column with both rows closed shorts
         HI to LO, so no channel gets the calibrator's current then.
         """
-        rows = {channel: self._rows(channel) for channel in range(1, CHANNELS + 1)}
+        rows = {channel: self._rows(channel) for channel in self._channels}
         joined = [channel for channel, closed in rows.items() if closed]
         shorted = any(len(closed) == 2 for closed in rows.values())
         share_A = 0.0 if shorted or self._source_A is None else self._source_A / max(1, len(joined))

@@ -171,10 +171,24 @@ class World:
         """Voltage at the multimeter's leads on a bench without an auxiliary supply, volt."""
         return 0.0
 
-    def supply(self, voltage_V: float) -> None:
-        """Supply the unit with a voltage from now on, 0 = off."""
+    def fed_by(self, role: str) -> Unit:
+        """Return the unit that a supply feeds."""
+        del role
+        return self.unit
+
+    def supply(self, voltage_V: float, role: str = "") -> None:
+        """Supply the unit of a supply with a voltage from now on, 0 = off."""
         self.supplied_V = voltage_V
-        self.unit.set_power(voltage_V > 0.0, self.clock.now_ns(), voltage_V)
+        self.fed_by(role).set_power(voltage_V > 0.0, self.clock.now_ns(), voltage_V)
+
+    @classmethod
+    def in_slots(cls, slots: Mapping[str, Any], **made: Any) -> World:
+        """Return a world with a unit in each slot of the station. Raises: InputError B-SIM-020, it knows one unit."""
+        del made
+        message = f"this simulated bench has one unit, and the station has {len(slots)} slots"
+        raise InputError(
+            "B-SIM-020", message, where="slots", next_step="take the slots out, or use the world af_converter"
+        )
 
     def close(self) -> None:
         """Forget the world: its id opens nothing any more and pending events do nothing."""

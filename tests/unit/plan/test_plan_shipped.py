@@ -23,6 +23,8 @@ PLANS = {
     "bias_ramp_25h": (900 * 100.0, 900),
     "bias_ramp_25h_integrated": (900 * 100.0, 900),
     "bias_ramp_short": (540 * 20.0, 540),
+    "bias_ramp_units": (90_000.0, 3600),
+    "scale_factor_units": (412_200.0, 3060),
     "dmm_method": (SOAK_s + 100.0 + 10 * 17 * 135.0, 10 * 17),  # 15 points of the table and one level again
     "fog_north": (40.0 + 4 * 4 * 80.0 + 12 * (55.0 + 2 * 4 * 80.0) + 55.0 + 3 * 4 * 80.0, 4 * (4 + 12 * 2 + 3)),
     "fog_north_parameters": (40.0 + 4 * 4 * 80.0 + 2 * (15.0 + 12 * (55.0 + 4 * 80.0)), 4 * (4 + 2 * 12)),
