@@ -29,8 +29,6 @@ def verdict_counts(model: ReportModel) -> Counter[str]:
 
 def overall_verdict(model: ReportModel, words: Texts) -> tuple[str, str]:
     """Return class (none, pass, fail) and words of the overall verdict."""
-    if model.results.get("incomplete"):
-        return "fail", words("verdicts.incomplete")
     counts = verdict_counts(model)
     if not counts:
         return "none", words("verdicts.incomplete" if model.results.get("incomplete") else "verdicts.none")
