@@ -5,14 +5,21 @@ from __future__ import annotations
 import asyncio
 import logging
 import socket
+from collections.abc import Iterator
 from contextlib import suppress
 
 import pytest
-from web_rig import Page
+from web_rig import Page, served
 
 from bench.web import serving
 
 CUT_S = 30.0  # the test waits no longer
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
+    with served(tmp_path_factory.mktemp("page")) as found:
+        yield found
 
 
 def test_a_page_that_is_cut_at_the_end_leaves_no_traceback(page: Page, caplog: pytest.LogCaptureFixture) -> None:
