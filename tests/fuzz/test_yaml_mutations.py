@@ -20,7 +20,7 @@ FOLDERS = ("sequences", "stations", "frames")
 FILES = sorted(path.relative_to(ROOT) for folder in FOLDERS for path in (ROOT / folder).glob("*.yaml"))
 SEQUENCES = {
     "gnc_bench_sim": "gnc_magnetometer", "fog_bench_sim": "fog_north", "rlg_bench_sim": "rlg_lock_in",
-    "time_sync_bench_sim": "time_sync_turn",
+    "time_sync_bench_sim": "time_sync_turn", "af_four_units_sim": "bias_ramp_units",
 }  # fmt: skip  # what a station is checked with, if not with the shortest one
 SEED = 20_000_101
 LARGE_BYTES, LARGE_COUNT = 20_000, 50
