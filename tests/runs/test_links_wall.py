@@ -128,7 +128,7 @@ class Bench:
         self.context: Any = SimpleNamespace(
             acquisition=self.acquisition, clock=self.clock, stop=self.stop, health=self.health, instruments={},
             unit_answer=None,
-            plan=SimpleNamespace(steps=(), campaign={}), event=self._event, observers=Observers(self.clock),
+            plan=SimpleNamespace(steps=(), campaign={}, units=()), event=self._event, observers=Observers(self.clock),
         )  # fmt: skip
 
     def _event(self, event: Event) -> None:
