@@ -13,7 +13,7 @@ from bench.analysis.doubt import CERTAIN, Evidence
 from bench.analysis.estimates import Estimates, estimate
 from bench.analysis.figures import Table
 from bench.analysis.material import Material
-from bench.analysis.numbers import limits_text, number
+from bench.analysis.numbers import limits_text, number, significant, value_and_uncertainty
 from bench.analysis.values import Value, absent, conditions_text, placed, values_of
 from bench.analysis.wording import say
 from bench.maths.repeats import odd_one, trend
@@ -93,9 +93,10 @@ def value_table(values: Sequence[Value]) -> Table:
 
 def _row(value: Value) -> list[object]:
     conditions = conditions_text(value.conditions)
-    std_b = say("value.not_stated") if value.unstated else f"{value.std_b:.2g}"
+    std_b = say("value.not_stated") if value.unstated else significant(value.std_b)
     scatter = (value.scatter, value.std_a) if value.n > 1 else (None, None)
-    told = ["–" if figure is None else f"{figure:.2g}" for figure in scatter]
+    told = ["–" if figure is None else significant(figure) for figure in scatter]
     expected = limits_text(value.limits)
-    mean = f"{number(value.mean)} ({value.told})" if value.told else number(value.mean)
+    mean = number(value.mean) if value.unstated else value_and_uncertainty(value.mean, value.std)[0]
+    mean = f"{mean} ({value.told})" if value.told else mean
     return [value.quantity, conditions, mean, value.unit, value.n, *told, std_b, expected]

@@ -60,7 +60,10 @@ def significant(value: float) -> str:
     if not value:
         return "0"
     places = decimals_for(abs(value))
-    return number(value, places) if places <= _MOST_DECIMALS else number(float(f"{value:.{_SIGNIFICANT - 1}e}"))
+    if places <= _MOST_DECIMALS:
+        return number(value, places)
+    figures, _, exponent = f"{value:.{_SIGNIFICANT - 1}e}".partition("e")
+    return f"{figures.replace('-', '−')}·10{str(int(exponent)).translate(_RAISED)}"
 
 
 def with_uncertainty(value: float, expanded: float | None) -> str:
@@ -82,8 +85,11 @@ def with_uncertainty(value: float, expanded: float | None) -> str:
 
 
 def value_and_uncertainty(value: float, expanded: float) -> tuple[str, str]:
-    """Return both for columns of their own: the uncertainty with two significant digits, the value to its last one."""
-    return number(value, decimals_for(expanded)), significant(expanded)
+    """Return both for columns of their own: the uncertainty with two significant digits, the value to its last one.
+
+    Without an uncertainty (zero) the value has the digits of a number alone.
+    """
+    return number(value, decimals_for(expanded) if expanded > 0 else None), significant(expanded)
 
 
 def limits_text(limits: tuple[float, float] | None, scale: float = 1.0, span: str = "{low} to {high}") -> str:

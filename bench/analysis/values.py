@@ -19,6 +19,7 @@ from bench.maths.budget import effective_dof
 from bench.maths.correlated import independent_count
 from bench.model.clock import NS
 from bench.model.quantities import QUANTITY, conditions_of_value
+from bench.model.units import read_quantity
 
 EXPECTED = "expected"  # entry of the manifest's section "campaign"
 _RECTANGLE = math.sqrt(12.0)  # from the step of a number to the standard uncertainty of what is rounded to it
@@ -158,10 +159,16 @@ def absent(material: Material, values: Iterable[Value]) -> list[str]:
 
 def conditions_text(conditions: Mapping[str, Any]) -> str:
     """Return conditions as words, "" for none."""
-    told = (
-        f"{name} {value:g}" if isinstance(value, float) else f"{name} {value}" for name, value in conditions.items()
-    )
-    return ", ".join(told)
+    return ", ".join(_condition(name, value) for name, value in conditions.items())
+
+
+def _condition(name: str, value: Any) -> str:
+    """Return a condition with its unit, which its name ends in, behind the number: ``temperature 20 degC``."""
+    what, _, unit = name.rpartition("_")
+    if not what or not isinstance(value, int | float) or read_quantity(f"1 {unit}") is None:
+        what, unit = name, ""
+    shown = f"{value:g}" if isinstance(value, float) else str(value)
+    return f"{what.replace('_', ' ')} {shown} {unit}".rstrip()
 
 
 def place_of(conditions: Mapping[str, Any]) -> str:

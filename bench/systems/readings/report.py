@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.analysis import Figure, Table, number, series, unit_text
+from bench.analysis import Figure, Table, number, series, significant, unit_text, value_and_uncertainty
 from bench.systems.readings.fits import NONLINEARITY, Fitted, powers_text
 from bench.systems.readings.wording import say
 
@@ -20,9 +20,7 @@ def fit_table(fit: Fitted) -> Table:
         return Table(fit.title, say("fit.none", why=fit.refused), headers, [])
     departure, departure_std = fit.departures
     columns = (fit.x.mean, fit.y.mean, fit.y.mean - departure, departure, departure_std, fit.y.n)
-    rows = [
-        [*(number(float(cell)) for cell in row[:4]), f"{row[4]:.2g}", int(row[5])] for row in zip(*columns, strict=True)
-    ]
+    rows = [_row(*row) for row in zip(*columns, strict=True)]
     name = _name_of_x(fit)
     told = {
         "of": asked["of"],
@@ -36,6 +34,12 @@ def fit_table(fit: Fitted) -> Table:
     lack = not np.isnan(curve.lack)
     caption = say("fit.caption_lack", lack=curve.lack, **told) if lack else say("fit.caption", **told)
     return Table(fit.title, caption, headers, rows)
+
+
+def _row(against: float, measured: float, fitted: float, departure: float, std: float, n: int) -> list[object]:
+    """Return a point: what it departs by and what it is of have the digits that the uncertainty has."""
+    shown = [value_and_uncertainty(float(value), float(std))[0] for value in (measured, fitted, departure)]
+    return [number(float(against)), *shown, significant(float(std)), int(n)]
 
 
 def fit_figures(fit: Fitted) -> list[Figure]:

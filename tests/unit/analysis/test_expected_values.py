@@ -121,7 +121,7 @@ def test_what_was_not_read_is_missing() -> None:
     analysis = with_expected(
         Analysis("readings", "m", {"model": "SC", "serial": "1"}, []), material([None, None], expected={"low": 4.9})
     )
-    assert analysis.missing == ["rail at level_V 5 was not read"]
+    assert analysis.missing == ["rail at level 5 V was not read"]
     (found,) = results(material([5.0, None, 5.0], expected={}))
     assert (found["n"], found["dropped"]) == (2, 1)
 
