@@ -22,6 +22,7 @@ from bench.report.model import (
 from bench.report.timetable import timetable
 
 _ORIGIN = ("sequence", "station", "clock", "seed", "links", "settings", "software")
+_NO_YEAR = "1970"
 _STARTED = re.compile(r"(\d{4})(\d\d)(\d\d)T(\d\d)(\d\d)(\d\d)Z")
 
 
@@ -105,8 +106,13 @@ def _by_channel(rows: Sequence[Record]) -> dict[int, tuple[int, int, int, int, i
 
 
 def started_utc(session: str) -> str:
-    """Return the start of a session by its name, to the second, ISO 8601; empty if the name does not say."""
+    """Return the start of a session by its name, to the second, ISO 8601; empty if the name does not say.
+
+    A log without a date counts from 1970, which is no day of a measurement.
+    """
     match = _STARTED.match(session)
+    if match and match[1] == _NO_YEAR:
+        return ""
     return "{}-{}-{}T{}:{}:{}Z".format(*match.groups()) if match else ""
 
 

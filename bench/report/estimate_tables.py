@@ -16,7 +16,7 @@ from bench.model.texts import Texts, told
 from bench.model.titles import condition_title, value_title
 from bench.model.units import read_quantity
 from bench.report.model import ReportModel
-from bench.report.tables import Table, channel_title, column, documents_table, kind_of, named
+from bench.report.tables import Table, channel_title, documents_table, kind_of, named
 
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
@@ -281,12 +281,17 @@ def condition_value(words: Texts, name: str, value: Any, campaign: str) -> str:
     return kind_of(words, value) if name == "kind" and word == value else word
 
 
-def condition_head(words: Texts, name: str, campaign: str) -> str:
-    """Return the heading of a condition with its unit."""
-    if condition_title(campaign, name, words.language) is None and f"condition.{name}" not in words.all:
-        return column(words, name)
-    label, unit = _label_and_unit(words, name, campaign)
-    return f"{label} / {unit_text(unit)}" if unit else label
+def condition_scale(words: Texts, name: str, values: Sequence[Any], campaign: str) -> tuple[float, str]:
+    """Return factor and unit for printing all values of a condition: hertz in megahertz; 1 and "" for words."""
+    unit = _label_and_unit(words, name, campaign)[1]
+    known = bool(unit) and all(isinstance(value, int | float) for value in values)
+    return readable([{"unit": unit, "value": max(values, key=abs)}]) if known else (1.0, unit)
+
+
+def condition_head(words: Texts, name: str, campaign: str, unit: str = "") -> str:
+    """Return the heading of a condition with its unit; ``unit``: the one its values are printed in."""
+    label, own = _label_and_unit(words, name, campaign)
+    return f"{label} / {unit_text(unit or own)}" if own else label
 
 
 def _label_and_unit(words: Texts, name: str, campaign: str) -> tuple[str, str]:
@@ -294,6 +299,7 @@ def _label_and_unit(words: Texts, name: str, campaign: str) -> tuple[str, str]:
     unit = match[2].replace("_", "/") if match else ""
     unit = unit if read_quantity(f"1 {unit}") is not None else ""
     own = condition_title(campaign, name, words.language) or words.all.get(f"condition.{name}")
+    own = own or ("" if unit else words.all.get(f"column.{name}"))
     return own or (match[1] if match and unit else name).replace("_", " "), unit
 
 

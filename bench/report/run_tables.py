@@ -18,6 +18,7 @@ from bench.report.model import ReportModel
 from bench.report.tables import Table, documents_table, pairs_table, place_of, rank, role_of, spaced
 
 _COUNTS = ("records", "flagged", "frames", "bad", "lost")
+_OF_FRAMES = ("frames", "lost", "bad")
 _HOUR_s, _LARGE = 3600.0, 1e6
 _HEADERS = ("role", "model", "serial", "certificate", "calibrated", "due", "days_left", "corrections")
 
@@ -39,12 +40,21 @@ def summary_table(model: ReportModel, words: Texts) -> Table | None:
         "bad": quality.get("frames_bad", model.counts.bad),
         "dropped": max((int(row.get("dropped") or 0) for row in estimates), default=0),
     }
+    for name in _not_counted(model):
+        lines.pop(name)
     check = model.campaign.get("check_standard")
     if check is not None:
         lines["check_standard"] = words("summary.of_check", **check)
     lines |= {name: quality[name] for name in ("retaken", "splices") if quality.get(name)}
     named = {words(f"summary.{name}"): value for name, value in lines.items() if value != ""}
     return pairs_table(words("summary.table"), (words("column.item"), words("column.value")), named)
+
+
+def _not_counted(model: ReportModel) -> tuple[str, ...]:
+    """Return the counts that a session cannot have: a log has no records, a bench without a link no frames."""
+    if not model.counts.records and not any(model.results.get("quality", {}).values()):
+        return ("records", *_OF_FRAMES)
+    return () if model.results.get("provenance", {}).get("frame_sha256", "–") else _OF_FRAMES
 
 
 def duration(seconds: float) -> str:
@@ -83,7 +93,12 @@ def quality_table(model: ReportModel, words: Texts) -> Table | None:
     quality: Mapping[str, Any] = model.results.get("quality", {})
     if not any(quality.values()) and not counts.records:
         return None  # a log of another system has no frames
-    lines: dict[str, Any] = {words.all.get(f"quality.{name}", name): value for name, value in quality.items()}
+    of_frames = "frames" in _not_counted(model)
+    lines: dict[str, Any] = {
+        words.all.get(f"quality.{name}", name): value
+        for name, value in quality.items()
+        if not (of_frames and name.startswith("frames"))
+    }
     lines[words("quality.flagged")] = counts.flagged
     lines |= {words("quality.flag", flag=name.replace("_", " ")): value for name, value in counts.by_flag.items()}
     return pairs_table(words("quality.table"), (words("column.item"), words("column.count")), lines, prose=False)
@@ -161,7 +176,7 @@ def provenance(pairs: Mapping[str, Any], words: Texts) -> dict[str, Any]:
     return {
         words.all.get(f"provenance.of.{name}") or name: said[value] if isinstance(value, bool) else value
         for name, value in pairs.items()
-        if name not in nested
+        if name not in nested and value != ""
     } | nested
 
 
@@ -206,5 +221,8 @@ def _corrections(words: Texts, corrections: Iterable[Mapping[str, Any]]) -> str:
 
 def identities_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what the instruments answered to the question who they are."""
-    documents = [{"role": role_of(words, role), **identity} for role, identity in sorted(model.identities.items())]
+    documents = [
+        {"role": role_of(words, role), **{key: value or None for key, value in identity.items()}}
+        for role, identity in sorted(model.identities.items())
+    ]
     return documents_table(words, words("identities.table"), documents)

@@ -25,7 +25,7 @@ _NUMERAL = re.compile(r"-(?=[0-9])")
 _NEGATIVE = re.compile(r"(?<![\w-])-(?=[0-9])")
 _NO_SIZE = re.compile(r"-(0(?:\.0+)?)$")
 _COMMA_UNIT = re.compile(
-    r", (?=(?:°C(?:/min)?|ppm|ppb|min|h|%|1|m?deg(?:/s|/h|/√h)?|deg/√h|arcsec|mil|mrad|π|m/s²|"
+    r", (?=(?:°C(?:/min)?|ppm|ppb|min|h|%|1|m?deg(?:/s|/h|/√h)?|deg/√h|arcsec|mil|mrad|π|V RMS|m/s²|"
     r"[mµn]?[AVsg]|[kcm]?m|[kMG]?Hz|dB|[mµ]?gauss|10⁻³(?: arcsec| deg/√h)?)$)"
 )
 _PER_CENT = re.compile(r"(?<=[0-9]) %")
@@ -112,7 +112,7 @@ def label(text: str) -> str:
 
 def sentence(text: str, title: Title = spaced) -> str:
     """Return a sentence of an analysis as the page prints it: with degrees, minus signs before numbers, and titles."""
-    return named(_NEGATIVE.sub("−", unit_text(text)), title)
+    return named(_PER_CENT.sub("\u00a0%", _NEGATIVE.sub("−", unit_text(text))), title)
 
 
 def _plain(value: Any, budget: bool) -> str:

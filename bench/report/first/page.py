@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
 
+from bench.model.systems import analysis_declaration
 from bench.model.texts import Texts
 from bench.report.first.results import Block, shown_results
 from bench.report.first.statements import Statement, mark_refused, statements
@@ -68,7 +69,14 @@ def first_page(model: ReportModel, laboratory: Laboratory | None, words: Texts) 
 def _title(model: ReportModel, laboratory: Laboratory | None, words: Texts) -> str:
     if laboratory is None:
         return words("first.title.report")
-    return words("first.title.specimen" if model.simulated else "first.title.calibration")
+    kind = "test" if _is_test(model) else "calibration"
+    return words(f"first.title.{kind}.specimen" if model.simulated else f"first.title.{kind}")
+
+
+def _is_test(model: ReportModel) -> bool:
+    """Return True for a test (ISO/IEC 17025 7.8.3): items that pass or fail, where a calibration gives values."""
+    declared = analysis_declaration(str(model.results.get("campaign", "")))
+    return declared is not None and declared.made_of == "tests"
 
 
 def _entries(model: ReportModel, laboratory: Laboratory | None, words: Texts) -> Iterator[tuple[str, str]]:
@@ -77,10 +85,11 @@ def _entries(model: ReportModel, laboratory: Laboratory | None, words: Texts) ->
     unit = words("summary.unit", model=uut.get("model", "–"), serial=uut.get("serial", "–"))
     values = dict.fromkeys(("customer", "state", "place", "received", "issued", "order"), words("first.not_stated"))
     values |= {"laboratory": words("first.give_laboratory"), "item": unit}
-    values["performed"] = _days(model, words)
+    performed = "tested" if _is_test(model) else "performed"
+    values[performed] = _days(model, words)
     if laboratory is not None:
         values |= {name: value for name, value in _stated(laboratory, unit, words).items() if value}
-    for name in ("laboratory", "customer", "item", "state", "place", "order", "received", "performed", "issued"):
+    for name in ("laboratory", "customer", "item", "state", "place", "order", "received", performed, "issued"):
         yield words(f"first.{name}"), values[name]
     yield words("first.recording"), str(model.results.get("session", ""))
 

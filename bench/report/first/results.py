@@ -13,7 +13,7 @@ from bench.analysis import cell, decimals_for, is_sound, number, unit_text, with
 from bench.maths.verdict import worst
 from bench.model.texts import Texts
 from bench.model.titles import quantity_title
-from bench.report.estimate_tables import condition_head, condition_value, readable
+from bench.report.estimate_tables import condition_head, condition_scale, condition_value, readable
 from bench.report.model import ReportModel
 from bench.report.tables import kind_of
 
@@ -296,12 +296,26 @@ def _across(words: Texts, grid: _Grid, value: Any) -> str:
 
 
 def _down(words: Texts, grid: _Grid) -> str:
-    names = ", ".join(condition_head(words, name, grid.campaign) for name in grid.names)
+    names = ", ".join(
+        condition_head(words, name, grid.campaign, _scale(words, grid, place)[1])
+        for place, name in enumerate(grid.names)
+    )
     return words("first.results.at", names=names) if grid.across == _TEMPERATURE else names
 
 
 def _label(words: Texts, grid: _Grid, key: Key) -> str:
     if grid.names == ("channel",):
         return f"{key[0]} {kind_of(words, key[1])}" if key[1] else str(key[0])
-    values = zip(grid.names, key, strict=True)
-    return ", ".join(condition_value(words, name, value, grid.campaign) for name, value in values)
+    return ", ".join(
+        condition_value(words, name, _scaled(key[place], _scale(words, grid, place)[0]), grid.campaign)
+        for place, name in enumerate(grid.names)
+    )
+
+
+def _scale(words: Texts, grid: _Grid, place: int) -> tuple[float, str]:
+    """Return factor and unit of what goes down at a place of the key."""
+    return condition_scale(words, grid.names[place], [key[place] for key in grid.down], grid.campaign)
+
+
+def _scaled(value: Any, scale: float) -> Any:
+    return value if scale == 1.0 else scale * value

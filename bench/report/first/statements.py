@@ -22,6 +22,7 @@ from bench.report.verdict_tables import percent
 
 _ACCEPTED = ("pass", "conditional_pass")
 _MOST_STANDARDS = 12
+_CLOCK_OF_A_LOG = "log"  # in the manifest of what was imported
 Row = Mapping[str, Any]
 Statement = tuple[str, str]
 
@@ -69,10 +70,16 @@ def _nearest(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
         value=with_uncertainty(row["value"] * scale, expanded * scale) + suffix,
         k=f"{row['coverage_factor']:.2f}",
         limits=limits_text(limits, scale, words.all["coverage.span"]) + suffix,
-        left=number(float(f"{left * scale:.3g}")) + suffix,
+        room=words(
+            "first.nearest.beyond" if left < 0.0 else "first.nearest.left", size=_rounded(left * scale) + suffix
+        ),
         inside="–" if probability is None else percent(probability),
         verdict=words(f"verdict.{row['verdict']}"),
     )
+
+
+def _rounded(size: float) -> str:
+    return number(float(f"{abs(size):.3g}"))
 
 
 def _use(row: Row) -> float:
@@ -125,7 +132,9 @@ def _method(model: ReportModel, words: Texts) -> str:
     quality = model.results.get("quality", {})
     counts = {name: number(quality.get(name, 0)) for name in ("splices", "retaken")}
     software = model.results.get("provenance", {}).get("software", "–")
-    parts.append(words("first.method.text", sequence=model.origin.get("sequence", "–"), software=software, **counts))
+    origin = {"sequence": model.origin.get("sequence", "–"), "software": software}
+    log = model.origin.get("clock") == _CLOCK_OF_A_LOG
+    parts.append(words("first.method.log", **origin) if log else words("first.method.text", **origin, **counts))
     return " ".join(parts)
 
 

@@ -28,7 +28,7 @@ from bench.report.plots.style import (
 from bench.report.tables import channel_title, place_of
 
 _APART = 0.008  # of the span of temperatures, to each side
-_LEAST_SPAN_degC = 1.0  # of the axis: a campaign at one temperature differs by hundredths between its records
+_LEAST_SPAN_degC = 1.0  # a campaign at one temperature differs by hundredths between its records
 _LEAST_AIR_SPAN_degC = 2.0  # of the axis of the laboratory
 Row = Mapping[str, Any]
 
@@ -42,7 +42,10 @@ class _Series:
 
 
 def dsf_picture(model: ReportModel, words: Texts) -> Picture | None:
-    """Return scale-factor error N and P of every channel against temperature, with expanded-uncertainty bars."""
+    """Return scale-factor error N and P of every channel against temperature, with expanded-uncertainty bars.
+
+    None at one temperature: single dots say no more than their table.
+    """
     series = (_Series("dsf_n", BLUE, "o-", -1.0), _Series("dsf_p", VERMILION, "s--", 1.0))
     return _picture(model, words, "dsf", series)
 
@@ -70,7 +73,9 @@ def _picture(model: ReportModel, words: Texts, name: str, series: Sequence[_Seri
     if not channels:
         return None
     warmth = [unit_temperature_degC(row["conditions"]) for row in everything]
-    span_degC = max(max(warmth) - min(warmth), _LEAST_SPAN_degC)
+    span_degC = max(warmth) - min(warmth)
+    if span_degC < _LEAST_SPAN_degC:
+        return None
     middle_degC = (max(warmth) + min(warmth)) / 2.0
     scale, unit = readable(everything)
     with drawing():

@@ -10,7 +10,16 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from bench.analysis import cell, decimals_for, header, number, unit_text, with_uncertainty
+from bench.analysis import (
+    cell,
+    decimals_for,
+    header,
+    number,
+    significant,
+    unit_text,
+    value_and_uncertainty,
+    with_uncertainty,
+)
 
 getcontext().prec = 60  # doubles as they are, rounded once
 
@@ -135,3 +144,16 @@ def test_cells_of_documents() -> None:
 )
 def test_units_and_powers_are_printed_as_the_field_writes_them(text: str, shown: str) -> None:
     assert unit_text(text) == shown
+
+
+@pytest.mark.parametrize(
+    ("uncertainty", "text"),
+    [(1e-7, "1.0·10⁻⁷"), (9.96e-8, "1.0·10⁻⁷"), (5.21e-8, "5.2·10⁻⁸"), (0.0007, "0.00070"), (0.0, "0")],
+)
+def test_an_uncertainty_alone_has_two_digits(uncertainty: float, text: str) -> None:
+    assert significant(uncertainty) == text
+
+
+def test_a_value_in_a_column_of_its_own_has_the_digits_of_its_uncertainty() -> None:
+    assert value_and_uncertainty(-5.99994e-5, 0.14) == ("0.00", "0.14")
+    assert value_and_uncertainty(59.8, 0.0) == ("59.8", "0")

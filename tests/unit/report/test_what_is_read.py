@@ -21,7 +21,7 @@ from bench.report.document import MOST_WHOLE, document_files
 from bench.report.estimate_tables import channel_table, components_table, conditions_text, pivot_tables
 from bench.report.first import first_page
 from bench.report.model import ReportModel, Surrounding
-from bench.report.run_tables import environment_table, prompt_table, provenance, standards_table
+from bench.report.run_tables import environment_table, prompt_table, provenance, standards_table, summary_table
 from bench.report.sections import Section
 from bench.report.tables import Table, named, pairs_table, words_of
 from bench.report.verdict_tables import overall_verdict, verdict_table
@@ -185,3 +185,19 @@ def test_values_that_a_further_condition_tells_apart_all_stand_in_the_tables() -
     by_channel = channel_table(told, ENGLISH)
     assert by_channel is not None
     assert by_channel.rows == (("1", "6.0 ± 1.0", "4.0 ± 1.0"), ("2", "11.0 ± 1.0", "9.0 ± 1.0"))
+
+
+def counted(quality: dict[str, int], frame_sha256: str) -> set[str]:
+    told = model(estimate("bias", "A", 1.0, 0.1))
+    results = {**told.results, "quality": quality, "provenance": {"frame_sha256": frame_sha256}}
+    table = summary_table(replace(told, results=results), ENGLISH)
+    assert table is not None
+    return {"records", "frames", "frames lost", "frames bad"} & {row[0] for row in table.rows}
+
+
+def test_nothing_is_counted_that_cannot_be() -> None:
+    """A log has neither records nor frames, a bench without a link no frames; those that are due are counted at 0."""
+    none = {"records": 0, "frames": 0, "frames_bad": 0, "frames_lost": 0}
+    assert counted(none, "abc") == set()
+    assert counted({**none, "records": 7}, "") == {"records"}
+    assert counted({**none, "records": 7}, "abc") == {"records", "frames", "frames lost", "frames bad"}

@@ -15,6 +15,7 @@ from pydantic import ValidationError
 from report_sample import estimate, sample_model, small_model
 
 from bench.report import Report
+from bench.report.assemble import started_utc
 from bench.report.document import document_files, png_pages
 from bench.report.first import FirstPage, days_of, first_page
 from bench.report.laboratory import Laboratory
@@ -119,7 +120,10 @@ def test_the_value_nearest_to_its_limit_and_the_risk_of_the_rule(model: ReportMo
     """A conditional pass at 95 of 100 ppm, u = 10 / 1.96 ppm, is wrong with 16 %; the fail at 120 ppm with 0.004 %."""
     said = on(page)
     assert re.search(r"channel:? 3\b", said["Nearest to its limit"])
-    assert "120 ± 10 ppm (k = 1.96), limit ± 100 ppm; the interval leaves −30 ppm" in said["Nearest to its limit"]
+    assert (
+        "120 ± 10 ppm (k = 1.96), limit ± 100 ppm; the interval goes 30 ppm beyond the limit"
+        in said["Nearest to its limit"]
+    )
     risk = 100.0 * (1.0 - inside(95.0, 10.0 / 1.96, 100.0))
     assert 16.0 < risk < 17.0
     assert f"Largest risk among the 2 accepted here: {risk:.2f}\u00a0%." in said["Decision rule"]
@@ -282,3 +286,31 @@ def test_every_clause_has_its_place_in_the_docs(page: FirstPage) -> None:
     assert places >= {"Laboratory", "Customer", "Item", "Decision rule", "Environment", "Traceability"}
     titles = {text for key, text in WORDS.all.items() if key.startswith("section.")}
     assert places <= {*on(page), *titles}
+
+
+@pytest.mark.parametrize(
+    ("language", "of_test", "of_calibration"), [("en", "Tested", "Calibrated"), ("ko", "시험일", "교정일")]
+)
+def test_a_test_is_called_one(model: ReportModel, language: str, of_test: str, of_calibration: str) -> None:
+    """ISO/IEC 17025 7.8.3: an analysis of items that pass or fail."""
+    words = words_of(language)
+    tested = replace(model, results={**model.results, "campaign": "gnc_unit_test"})
+    assert f"{of_test} (UTC)" in on(first_page(tested, None, words))
+    assert f"{of_calibration} (UTC)" in on(first_page(model, None, words))
+    assert first_page(tested, laboratory(), words).title == words("first.title.test")
+
+
+def test_a_log_without_a_date_states_none_and_no_sequence(model: ReportModel) -> None:
+    name = "19700101T000000Z_log_unknown"
+    log = replace(model, started_utc=started_utc(name), origin={"sequence": "my_map", "clock": "log"})
+    shown = on(first_page(log, None, WORDS))
+    assert shown["Calibrated (UTC)"] == "unknown"
+    assert "by the mapping my_map" in shown["Method"]
+    assert "Records taken again" not in shown["Method"]
+
+
+def test_a_condition_down_the_side_has_a_prefix(model: ReportModel) -> None:
+    rows = [estimate("rate", "deg/s", 0.1, 0.01, clock_Hz=hertz) for hertz in (20e6, 100e6)]
+    (block,) = first_page(replace(model, main=(), results={**model.results, "estimates": rows}), None, WORDS).results
+    assert block.headers[0] == "clock / MHz"
+    assert [row[0] for row in block.rows] == ["20", "100"]
