@@ -25,6 +25,7 @@ from bench.session.complete import check_complete
 from bench.session.record_states import condition_key, measuring, row_problem
 from bench.session.register import Register, with_register
 from bench.session.view import SessionView, analyse_view, happened
+from bench.session.wording import say
 
 _OF_STANDARD = ("model", "serial", "certificate", "uncertainty", "corrections", "stated")
 _SAME = ("analysis", "channels", "uut", "rate_Hz", "af_clock_Hz", "master_Hz", "fg_Hz")
@@ -60,7 +61,7 @@ def read_view(folder: Path, strict: bool = False) -> SessionView:
     """
     replayed = replay_rows(folder, strict=strict)
     notes = [*replayed.notes]
-    notes += [f"{name} has no end: the run stopped there, or goes on" for name in replayed.unfinished]
+    notes += [say("segment.no_end", name=name) for name in replayed.unfinished]
     acceptances, not_of_it = known_acceptances(folder, replayed.session_sha256)
     notes += not_of_it
     notes += _other_code(replayed.manifest)

@@ -15,6 +15,7 @@ from matplotlib.image import imread
 from report_sample import estimate, small_model
 
 from bench import analysis
+from bench.model.texts import told
 from bench.model.titles import quantity_title
 from bench.report import Report, RunStory
 from bench.report.document import MOST_WHOLE, document_files
@@ -23,9 +24,10 @@ from bench.report.first import first_page
 from bench.report.model import ReportModel, Surrounding
 from bench.report.run_tables import environment_table, prompt_table, provenance, standards_table, summary_table
 from bench.report.sections import Section
-from bench.report.tables import Table, named, pairs_table, words_of
+from bench.report.tables import Table, named, pairs_table, role_of, words_of
 from bench.report.verdict_tables import overall_verdict, verdict_table
 from bench.session.view import SessionView, model_of
+from bench.session.wording import say as of_session
 from bench.systems.af_converter.wording import kind_name, say
 
 ENGLISH, KOREAN = words_of("en"), words_of("ko")
@@ -201,3 +203,9 @@ def test_nothing_is_counted_that_cannot_be() -> None:
     assert counted(none, "abc") == set()
     assert counted({**none, "records": 7}, "") == {"records"}
     assert counted({**none, "records": 7}, "abc") == {"records", "frames", "frames lost", "frames bad"}
+
+
+def test_what_a_stopped_run_left_is_said_in_korean() -> None:
+    said = told(of_session("segment.no_end", name="session.0001.mcap"), "ko")
+    assert said.startswith("session.0001.mcap의 끝")
+    assert [role_of(KOREAN, f"lock_in_{number}") for number in (1, 2)] == ["록인 증폭기 1", "록인 증폭기 2"]
