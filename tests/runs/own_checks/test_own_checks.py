@@ -131,7 +131,7 @@ def test_limits_of_a_loop_are_told_from_the_first_to_the_last(lab: Path) -> None
     levels = 'expect: {name: input, equals: "{level}", tolerance: 1 %}'
     sequence.write_text(sequence.read_text().replace("expect: {name: input}", levels))
     said = " ".join(command("check", "linearity").output.split())
-    assert "input: 7.92 to 8.08 V at level_V 8, to 18.81 to 19.19 V at level_V 19; 0:00:10" in said
+    assert "input: 7.92 to 8.08 V at level 8 V, to 18.81 to 19.19 V at level 19 V; 0:00:10" in said
 
 
 def test_a_line_through_a_bent_unit_is_doubted_unless_its_departure_is_judged(lab: Path) -> None:
