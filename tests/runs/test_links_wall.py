@@ -30,6 +30,7 @@ from bench.run.links.port import PortLink
 from bench.run.links.reader import LinkReader
 from bench.run.links.status import SILENCE_S
 from bench.run.observers import Observers
+from bench.run.steps.decided import Decided
 from bench.run.stop import StopSwitch
 
 pytestmark = pytest.mark.waits
@@ -129,6 +130,7 @@ class Bench:
             acquisition=self.acquisition, clock=self.clock, stop=self.stop, health=self.health, instruments={},
             unit_answer=None,
             plan=SimpleNamespace(steps=(), campaign={}, units=()), event=self._event, observers=Observers(self.clock),
+            decided=Decided(()),
         )  # fmt: skip
 
     def _event(self, event: Event) -> None:
