@@ -12,9 +12,10 @@ from north_coverage import eight_of, rows_of, waveform_of
 from bench.model.clock import NS, VirtualClock
 from bench.systems.north.figures import error_figures, signal_figures
 from bench.systems.north.sets import NorthSet
-from bench.systems.north.solution import Site, Solution
+from bench.systems.north.solution import METHODS, Site, Solution
 from bench.systems.north.solve import solve
 from bench.systems.north.tables import error_table, parameter_table, result_table
+from bench.systems.north.wording import method_name
 from sim_instruments.worlds.north.world import FogWorld
 
 HEADS_deg = tuple(float(head) for head in range(10, 370, 45))
@@ -43,7 +44,8 @@ def test_each_kind_has_its_own_errors_and_no_mean_of_both(both: Solution) -> Non
     """Without noise constant parameters leave nothing; varying ones turn the paper's formulas by degrees, and least
     squares by a sixth of one (prototypes of the design: 3.6 and 0.16 deg RMS)."""
     (table,) = parameter_table(both)
-    rows = {row[0]: dict(zip(table.headers, row, strict=True)) for row in table.rows}
+    names = {method_name(method): method for method in (*METHODS, "literal")}
+    rows = {names[row[0]]: dict(zip(table.headers, row, strict=True)) for row in table.rows}
     constant, varying = ({name: float(row[f"{kind}: RMS, deg"]) for name, row in rows.items()} for kind in KINDS)
     assert constant["least_squares"] == constant["likelihood"] == constant["quadrant"] == 0.0
     assert varying["quadrant"] > 1.0
