@@ -40,6 +40,7 @@ class Crowd:
         self.seen: list[dict[str, Any]] = []
         self.points = 0
         self.pictures: list[bytes] = []
+        self.looked = threading.Event()  # the notebook, whose libraries take their time, has its first picture
         self._out, self._ended = out, threading.Event()
         self._threads = [threading.Thread(target=one) for one in (self._poll, self._ask_and_never_read, self._watch)]
 
@@ -81,7 +82,11 @@ class Crowd:
 
     def DisplayHandle(self) -> Any:
         """Stand in for IPython.display, whose handle shows a picture and replaces it."""
-        return SimpleNamespace(display=self.pictures.append, update=self.pictures.append)
+        return SimpleNamespace(display=self._show, update=self._show)
+
+    def _show(self, picture: bytes) -> None:
+        self.pictures.append(picture)
+        self.looked.set()
 
     def Image(self, data: bytes) -> bytes:
         return data
@@ -99,10 +104,10 @@ class Crowd:
                 self._ended.wait(20.0)
 
 
-def conducted(plan: Plan, out: Path) -> Conducted:
+def conducted(plan: Plan, out: Path, act: Callable[[], object] = lambda: None) -> Conducted:
     return conduct(
         plan, clock=VirtualClock(), seed=SEED, out=out, operator=SimulatedOperator(),
-        listener=Watched(lambda world, step: None, [None]),  # type: ignore[list-item]
+        listener=Watched(lambda world, step: act(), [None]),  # type: ignore[list-item]
         beside=besides(plan, {}, virtual=True),
     )  # fmt: skip
 
@@ -120,7 +125,7 @@ def test_a_watched_run_writes_the_same_bytes_and_tells_the_truth(
     alone = conducted(plan, tmp_path / "alone")
     with Crowd(tmp_path / "watched") as crowd:
         monkeypatch.setitem(sys.modules, "IPython.display", crowd)  # type: ignore[arg-type]
-        watched = conducted(plan, tmp_path / "watched")
+        watched = conducted(plan, tmp_path / "watched", lambda: crowd.looked.wait(20.0))
     assert hashes(watched.folder) == hashes(alone.folder)
     assert not list(watched.folder.glob("live*"))
     assert len(crowd.seen) > 5

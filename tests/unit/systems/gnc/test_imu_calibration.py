@@ -99,7 +99,7 @@ def test_a_fast_crystal_of_the_unit_makes_no_scale_error() -> None:
     analysis = analyse(rig.material("imu_calibration"))
     off_ppm = values(analysis.estimates, "gyro_scale_error") - 1e6 * (np.diag(Unit().gyro_S) - 1.0)
     assert abs(np.mean(off_ppm)) < 25.0
-    assert any("clock is +100.0 ±" in note for note in analysis.notes)
+    assert any("by +100.0 ±" in note for note in analysis.notes)
 
 
 def switched_off(rig: Rig) -> None:
