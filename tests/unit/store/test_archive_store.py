@@ -176,14 +176,14 @@ def test_a_trial_is_whole_and_never_doubled(backend: str, tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize("backend", BACKENDS)
-def test_a_history_of_version_2_gets_the_tables(backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_history_of_version_3_gets_the_tables(backend: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     url = new_history(backend, tmp_path)
     document, manifest = calibrations(1, 30.0, 1)[0]
     record_calibration(url, document, manifest, None)
     with opened.writing(url, "") as connection:  # as the release before left it
         for table in reversed(ARCHIVE):
             table.drop(connection)
-        connection.exec_driver_sql("UPDATE history SET version = 2")
+        connection.exec_driver_sql("UPDATE history SET version = 3")
     assert fingerprints(url) == {}
     assert len(list_calibrations(url, Filters())) == 1
     with opened.reading(url) as connection:

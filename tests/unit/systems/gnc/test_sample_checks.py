@@ -269,7 +269,8 @@ def rows() -> list[SampledRow]:
 @pytest.mark.parametrize(("due_Hz", "found"), [(RATE_Hz, False), (2 * RATE_Hz, True), (RATE_Hz / 2, True)])
 def test_a_unit_that_samples_at_another_rate_is_named(due_Hz: float, found: bool) -> None:
     notes = check_notes(checked_rows(rows(), ("gyro", "accelerometer"), {"imu": IMU, "rate_Hz": due_Hz}))
-    assert bool(notes) is found, notes
+    assert [note for note in notes if "own sensor" not in note] == notes[1:]
+    assert bool(notes[1:]) is found, notes
 
 
 def stamps(begin_s: float, length_s: float, error: float, rng: np.random.Generator, switched_on_s: float = 0.0):
