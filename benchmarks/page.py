@@ -4,9 +4,9 @@ A feed in this process gives 20 signals, 10 points a second and a state that is 
 server is ``bench serve``, a process of its own; viewers are clients of the websockets library in threads of this one.
 Processor and memory of the server are those of /proc/<pid>; the history is asked over HTTP, of a session that is named.
 
-Measured (python -m benchmarks.page 60) on two cores that other programs used too:
+Measured behind the loading of what the first page needs, on two cores:
 
-    1 viewer: 0.9 % of a core, 9.9 batches/s        3 viewers: 1.0 % of a core, 10.0 batches/s each (10 s)
+    quiet: 1 viewer 1.7 % of a core, 9.9 batches/s        other programs beside it: 1 viewer 1.1 %, 3 viewers 1.2 %
     a viewer that does not read for 60 s: 95.4 MB at its start and at its end
 
 and of a session of 38 h without a trend of its own (python -m benchmarks.page 12 SESSION): history of 25 h, 10 channels

@@ -4,7 +4,7 @@ The run, its 20 signals and the server (``bench serve``, a process of its own) a
 looks at a page. Processor is that of /proc/<pid>/stat of the server alone: a connection that is kept, as Prometheus
 keeps it, asked each 0.1 s by the clock.
 
-Measured on two cores with a load of 8 by other programs: none 0.20 % of a core, ten a second 1.60 %, over 30 s each.
+Measured on a quiet machine (python -m benchmarks.scrape 20): none 0.25 % of a core, ten a second 1.55 %.
 
 Run: python -m benchmarks.scrape [SECONDS [SCRAPES A SECOND]]
 """
