@@ -188,6 +188,7 @@ def test_4_the_operator_refuses_a_prompt(
 
 
 @pytest.mark.slow
+@pytest.mark.waits
 def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path, inside: Inside) -> None:
     command = [sys.executable, "-m", "bench", "run", "timeline_example", "--clock", "wall", "--out", str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
