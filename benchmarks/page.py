@@ -37,7 +37,7 @@ from bench.record import SessionWriter
 from bench.run.feed.points import PointBatch
 from bench.run.feed.server import FeedServer
 from bench.web.security.logins import Cookies, Login
-from bench.web.security.tokens import obtain_tokens
+from bench.web.security.tokens import VIEWER, obtain_tokens
 
 SIGNALS, POINTS_HZ, KEPT = 20, 10, 600
 TICKS = os.sysconf("SC_CLK_TCK")
@@ -99,11 +99,12 @@ class Server:
         with socket.create_server(("127.0.0.1", 0)) as probe:
             self.port = probe.getsockname()[1]
         environment = {**os.environ, "XDG_CONFIG_HOME": str(private)}
+        tokens, clear = obtain_tokens(private / "inertial-bench")
+        self.bearer = {"Authorization": f"Bearer {clear[VIEWER]}"}
         words = [sys.executable, "-m", "bench", "serve", "--out", str(out), "--port", str(self.port)]
         self.process = subprocess.Popen(words, env=environment, stdout=subprocess.PIPE, text=True)
         assert self.process.stdout is not None
         self.process.stdout.readline()  # the address: it listens
-        tokens, _ = obtain_tokens(private / "inertial-bench")
         cookies = Cookies(tokens, clock, self.port, secure=False)
         self.headers = {"Cookie": cookies.header(Login("page", "viewer", "0")).partition(";")[0]}
 

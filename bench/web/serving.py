@@ -13,6 +13,7 @@ import signal
 import socket
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import FrameType
@@ -34,6 +35,7 @@ LARGEST_MESSAGE = 65_536  # bytes of a WebSocket message from a page
 LARGEST_HEAD = 65_536  # bytes of a request before its body
 HEAD_S = 10.0  # for the head of a request, however it drips
 UNREAD_S = 120.0  # for an answer to be taken
+DATE_S = 1.0  # between two dates that answers say
 
 
 @dataclass
@@ -100,7 +102,29 @@ def written(place: tuple[str, int] | None, secure: bool) -> frozenset[str]:
     return frozenset({f"{name}:{port}"} | ({name} if port == usual else set()))
 
 
-def server_of(app: Starlette, cert: Path | None = None, key: Path | None = None) -> uvicorn.Server:
+class Server(uvicorn.Server):
+    """Sleeps until it is told to end, but for the date of its answers; uvicorn would wake ten times a second."""
+
+    _loop: asyncio.AbstractEventLoop | None = None
+
+    def stop(self) -> None:
+        """End soon; from a signal handler or another thread too."""
+        self.should_exit = True
+        if self._loop is not None:
+            self._loop.call_soon_threadsafe(self._told.set)
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        super().handle_exit(sig, frame)
+        self.stop()
+
+    async def main_loop(self) -> None:
+        self._told, self._loop = asyncio.Event(), asyncio.get_running_loop()
+        while not await self.on_tick(0):
+            with suppress(TimeoutError):
+                await asyncio.wait_for(self._told.wait(), DATE_S)
+
+
+def server_of(app: Starlette, cert: Path | None = None, key: Path | None = None) -> Server:
     """Return the server of ``app``, not started: plain HTTP without ``cert``, bounded in everything."""
     serving: Serving = app.state.serving
     config = uvicorn.Config(
@@ -120,15 +144,15 @@ def server_of(app: Starlette, cert: Path | None = None, key: Path | None = None)
         ssl_keyfile=key,
     )
     logging.getLogger("uvicorn.error").addFilter(_Quiet())
-    return uvicorn.Server(config)
+    return Server(config)
 
 
-def serve_until_told(server: uvicorn.Server, listener: socket.socket, announce: Callable[[], None]) -> None:
+def serve_until_told(server: Server, listener: socket.socket, announce: Callable[[], None]) -> None:
     """Announce it and serve on a listening socket, until SIGINT or SIGTERM; then nobody is waited for."""
 
     def stop(number: int, frame: FrameType | None) -> None:
         del number, frame
-        server.should_exit = True
+        server.stop()
 
     # uvicorn has handlers of its own while it serves and raises the signal again at the end: these make it exit 0
     before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}

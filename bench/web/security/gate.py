@@ -157,7 +157,8 @@ class Gate:
         return receive
 
     def _admit(self, headers: Headers, scope: Scope) -> Login:
-        login = self._serving.cookies.read("; ".join(headers.getlist("cookie")))
+        cookie = "; ".join(headers.getlist("cookie"))
+        login = self._serving.cookies.read(cookie) if cookie else None
         if login is None and scope["path"] in BY_TOKEN and (given := headers.getlist("authorization")):
             login = self._program(given, scope["address"])
         if login is None:

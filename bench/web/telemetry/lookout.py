@@ -70,17 +70,19 @@ class Lookout:
         self._known: dict[str, _Known] = {}
         self._one = asyncio.Lock()
         self._seen: tuple[SeenRun, ...] = ()
-        self._due_ns: int | None = None
+        self._due_ns = self._fit_due_ns = 0
         self._fitting: asyncio.Task[None] | None = None
 
     async def runs(self, *, fitted: bool = True) -> tuple[SeenRun, ...]:
         """Return all runs by name, as they were at most ``FRESH_S`` ago; ``fitted``: estimates are told too."""
         async with self._one:
-            if self._due_ns is None or self._clock.now_ns() >= self._due_ns:
+            now_ns = self._clock.now_ns()
+            if now_ns >= self._due_ns:
                 self._seen = await self._look()
                 self._due_ns = self._clock.now_ns() + to_ns(FRESH_S)
-            if fitted:
+            if fitted and now_ns >= self._fit_due_ns:
                 self._fit()
+                self._fit_due_ns = now_ns + to_ns(FRESH_S)
         return self._seen
 
     async def stop(self) -> None:

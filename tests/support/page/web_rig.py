@@ -134,5 +134,5 @@ def served(top: Path, **options: Any) -> Iterator[Page]:
         try:
             yield Page(serving, clear, folder, app)
         finally:
-            server.should_exit = True
+            server.stop()
             thread.join()
