@@ -18,7 +18,7 @@ from scipy import special
 Array = NDArray[np.float64]
 EWMA_WEIGHT = 0.2  # of the newest score
 CUSUM_REFERENCE = 0.5  # half the shift, in standard deviations, that a CUSUM is quickest for
-_STATES = 81
+_STATES, _COARSE = 81, 41  # of a chain; odd: the middle one is zero
 _FARTHEST = 8.2  # scores beyond it have no place in the normal distribution of doubles
 _GRID = 4001
 
@@ -73,17 +73,24 @@ def shewhart_run_length(limit: float, scores: Scores | None = None) -> float:
 def ewma_run_length(limit: float, scores: Scores | None = None, weight: float = EWMA_WEIGHT) -> float:
     """Return the average run length of ``e = (1 - weight) e + weight score`` from e = 0, two-sided, by a Markov chain.
 
+    Two chains of different width, extrapolated: one alone gives up to 1 % less where the weight is small.
+
     Args:    limit: in standard deviations of e after many points, ``sqrt(weight / (2 - weight))``.
              scores: their distribution, standard normal without it.   weight: of the newest score, 0 to 1.
     Returns: points until the first signal, on average.
     Raises:  nothing.
     Source:  J. M. Lucas, M. S. Saccucci, Technometrics 32 (1990) 1, appendix (Markov chain).
     """
+    coarse, fine = (_ewma_chain(limit, scores or Scores(), weight, states) for states in (_COARSE, _STATES))
+    return fine + (fine - coarse) / ((_STATES / _COARSE) ** 2 - 1.0)  # its error goes with the width squared
+
+
+def _ewma_chain(limit: float, scores: Scores, weight: float, states: int) -> float:
     half = limit * ewma_std(weight)
-    edges = np.linspace(-half, half, _STATES + 1)
+    edges = np.linspace(-half, half, states + 1)
     centres = 0.5 * (edges[1:] + edges[:-1])
-    below = (scores or Scores()).below((edges[None, :] - (1.0 - weight) * centres[:, None]) / weight)
-    return _steps_to_leave(np.diff(below, axis=1))[_STATES // 2]
+    below = scores.below((edges[None, :] - (1.0 - weight) * centres[:, None]) / weight)
+    return _steps_to_leave(np.diff(below, axis=1))[states // 2]
 
 
 def ewma_std(weight: float = EWMA_WEIGHT) -> float:
