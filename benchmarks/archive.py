@@ -16,6 +16,8 @@ import resource
 import subprocess
 import sys
 from collections.abc import Sequence
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -67,7 +69,8 @@ def _certify(folders: Sequence[Path]) -> None:
 
     for folder in folders:
         if not (folder / "certificate.specimen.xml").exists():
-            certificate(Request(folder, LABORATORY, None, None, specimen=True))
+            with redirect_stdout(StringIO()):
+                certificate(Request(folder, LABORATORY, None, None, specimen=True))
 
 
 def _measured(*words: str) -> tuple[float, float, float]:

@@ -7,15 +7,19 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from bench.analysis import results_json
 from bench.archive.examination import GONE, OTHER_RECORDING
 from bench.archive.places import brought_here
-from bench.model.errors import BenchError, InputError, SessionDamaged
+from bench.model.errors import BenchError, FitError, InputError, SessionDamaged
+from bench.record import SessionReader
+from bench.session.one_unit import extract, serials_of
 from bench.session.register import Register
 from bench.session.released import released_results
 from bench.session.service import analysed
+from bench.session.units import results_of_all
 from bench.session.view import SOFTWARE
 from bench.store import MEASURED, documents_of_units
 
@@ -90,12 +94,40 @@ def _attempted(task: RefitTask, folder: Path) -> list[Row]:
 
 
 def _computed(task: RefitTask, folder: Path) -> Iterator[Row]:
-    results, _, view = analysed(folder, task.method, strict=True, register=task.register)
-    if view.session_sha256 != task.key:
-        text = f"is not the recording that was archived ({view.session_sha256[:12]})"
-        raise SessionDamaged(OTHER_RECORDING, text, where=task.location)
+    manifest = SessionReader(folder).manifest
+    serials = serials_of(manifest)
+    results = _of_units(task, folder, serials) if serials else _of_one(task, folder)
+    _check_recording(results["provenance"]["session_sha256"], task)
     now = json.loads(results_json(results))  # as the released ones are read: conditions in the order of the file
-    return rows_of(released_results(folder), now, view.manifest)
+    return rows_of(released_results(folder), now, manifest)
+
+
+def _check_recording(sha256: str, task: RefitTask) -> None:
+    if sha256 != task.key:
+        text = f"is not the recording that was archived ({sha256[:12]})"
+        raise SessionDamaged(OTHER_RECORDING, text, where=task.location)
+
+
+def _of_one(task: RefitTask, folder: Path) -> dict[str, Any]:
+    return analysed(folder, task.method, strict=True, register=task.register)[0]
+
+
+def _of_units(task: RefitTask, folder: Path, serials: Sequence[str]) -> dict[str, Any]:
+    """Return results of a session that several units share; a unit that gives none is not in them, as when released.
+
+    Raises: SessionDamaged; FitError if no unit gives any.
+    """
+    _check_recording(SessionReader(folder, strict=True).sha256, task)
+    documents: dict[str, Mapping[str, Any]] = {}
+    for serial in serials:
+        with TemporaryDirectory(prefix="bench-archive-") as home:
+            extract(folder, serial, Path(home, serial))
+            try:
+                documents[serial] = _of_one(task, Path(home, serial))
+            except FitError:
+                if serial == serials[-1] and not documents:
+                    raise
+    return results_of_all(folder, documents)
 
 
 def rows_of(released: Mapping[str, Any] | None, now: Mapping[str, Any], manifest: Mapping[str, Any]) -> Iterator[Row]:

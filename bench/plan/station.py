@@ -24,7 +24,8 @@ OptionName = Annotated[str, StringConstraints(pattern=r"^[a-z][A-Za-z0-9_]{0,39}
 NUMBERS = (
     "_ppm", "_A", "_V", "_s", "_Hz", "_degC", "_arcmin", "_deg", "_deg_h", "time_constants",
 )  # how options that are numbers end  # fmt: skip
-TEXTS = ("faults", "parameters")  # options that are neither numbers nor on or off; the world judges them
+# Options that are neither numbers nor on or off; the world judges them.
+TEXTS = ("faults", "parameters", "unit_seed", "check_standard")
 SlotName = Annotated[str, StringConstraints(pattern=r"^[A-H]$")]
 CHAMBER_MARGIN_DEGC, UNIT_MARGIN_DEGC = 5.0, 10.0  # hard limits above the highest set-point; the unit warms itself
 

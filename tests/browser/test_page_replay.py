@@ -17,7 +17,7 @@ from recorded import writable_copy
 pytestmark = pytest.mark.waits
 
 ZOOM_MS = 300
-FIRST_PLOT_MS = 2000
+FIRST_PLOT_MS = 1500
 ATTEMPTS = 3  # another process of the machine may be in the way once
 SMALL = {"width": 800, "height": 600}
 COMMANDS = ("pause", "resume", "abort", "take", "give")

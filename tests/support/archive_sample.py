@@ -1,7 +1,8 @@
 """Sessions of years for the archive: units that come back, two benches, a check standard on each.
 
-The calibrator of the bench ``a`` has a wrong certificate from 2001 on: its register corrects a gain of 60 ppm that the
-calibrator does not have. Everything else is as it should be. A session takes a third of a second.
+A unit has its constants each time it comes back, and so has the check standard on channel 7 of each bench; noise is
+another one. The calibrator of the bench ``a`` has a wrong certificate from 2001 on: its register corrects a gain of
+60 ppm that the calibrator does not have. Everything else is as it should be. A session takes a third of a second.
 """
 
 from __future__ import annotations
@@ -89,7 +90,11 @@ def _plan(out: Path, bench: str, serial: str, year: int) -> Plan:
     check = f"check_standard: {{model: CS, serial: CS-{bench}, channel: 7}}\n"
     sequence = made / f"golden_{bench}_{serial}.yaml"
     sequence.write_text(check + text)
-    return compile_sequence(sequence, load_station(station), {"world.calibrator_gain": "off"})
+    return compile_sequence(sequence, load_station(station), {"world.unit_seed": str(_number_of(serial))})
+
+
+def _number_of(serial: str) -> int:
+    return int(serial.removeprefix("U-"))
 
 
 def station_text(bench: str, year: int) -> str:
@@ -99,6 +104,8 @@ def station_text(bench: str, year: int) -> str:
     text = text.replace("SIM5720", f"CAL-{bench}").replace("SIM-0001", f"C-{bench}-{year}")
     text = text.replace('"1999-11-01"', f'"{year - 1}-12-31"').replace('"2000-11-01"', f'"{year + 1}-01-31"')
     text = text.replace("age: 2160 h", "age: 9600 h")  # one calibration a year
+    text = text.replace("calibrator_gain: \"on\"", f"calibrator_gain: \"off\"\n    unit_seed: null\n"
+                        f"    check_standard: \"7:{900 + 'ab'.index(bench)}\"")  # fmt: skip
     if bench == "a" and year >= WRONG_YEAR:
         text = text.replace(f"C-a-{year}", WRONG).replace("gain: 0 ppm", f"gain: {WRONG_ppm} ppm")
     return text

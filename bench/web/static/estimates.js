@@ -95,8 +95,10 @@ function large(rows) {
 
 export function showEstimates(everything = false) {
   const { estimates = null } = page.state;
-  if (estimates) large(estimates.rows ?? []); // the width of the page may be another one
-  if (shown !== undefined && estimates === shown && !everything) return;
+  if (shown !== undefined && estimates === shown && !everything) {
+    if (estimates) large(estimates.rows ?? []); // the width of the page may be another one
+    return;
+  }
   shown = estimates ?? null;
   const rows = estimates?.rows ?? [];
   const doubt = estimates?.doubt ?? [];

@@ -14,6 +14,7 @@ const FONT = "system-ui, 'Segoe UI', 'Noto Sans', 'Malgun Gothic', 'Noto Sans KR
 export class Figure {
   /** Args: item: json_item of the server; holder: element it is put into; look: {palettes, looks}. */
   static async embed(item, holder, look) {
+    if (!window.Bokeh) await new Promise((done) => document.addEventListener("DOMContentLoaded", done)); // it is run after this
     const views = await Bokeh.embed.embed_item(item, holder);
     return new Figure([...views].find((view) => view.model.type === "Plot"), holder, look);
   }

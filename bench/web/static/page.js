@@ -22,6 +22,7 @@ import { HistoryGraph, TemperatureGraph } from "./wide-graphs.js";
 const AGE_EVERY_ms = 250;
 const SLOW_EVERY_ms = 1000;
 const BEGIN_AGAIN_ms = 2000;
+const SOON_ms = 800;
 
 let graphs = [];
 let drawn = null; // what the figures were made for
@@ -39,11 +40,13 @@ async function askFigures() {
 }
 let early = askFigures(); // on its way while the rest of the page begins
 early.catch(() => {}); // told when it is needed
+let plotted; // to be called when a recording is drawn, or there is none
+const firstPlot = new Promise((done) => { plotted = done; });
 
 /** A recording is drawn before its state is known: to make that of thousands of messages takes longer. */
 async function drawEarly() {
   const { outline } = await early;
-  if (!outline || page.everConnected) return;
+  if (!outline || page.everConnected) { plotted(); return; }
   Object.assign(page.state, outline);
   page.t_s = outline.replay.last_utc_s;
   drawFigures();
@@ -74,7 +77,8 @@ async function placeFigures(made) {
   graphs = [...live, temperature, history];
   page.history = history;
   byId("graphs").replaceChildren(...graphs.map((graph) => graph.card.element));
-  if (page.state.replay) await history.draw(made.history); // the whole recording is what one looks at first
+  if (page.state.replay) await soon(history.draw(made.history).then(painted)); // what one looks at first
+  plotted();
   await Promise.all(live.map((graph) => graph.draw(made.graphs[graph.number])));
   for (const graph of live) graph.points(ring);
   draw(() => { if (ring.count) document.documentElement.dataset.firstPoints ??= Math.round(performance.now()); }); // ms since the page was asked for
@@ -82,6 +86,12 @@ async function placeFigures(made) {
   await temperature.draw(made.temperature);
   if (!history.card.figure) await history.draw(made.history);
 }
+
+/** When what waits to be drawn is on the screen. */
+const painted = () => new Promise((done) => draw(() => requestAnimationFrame(() => setTimeout(done))));
+
+/** Waits for something, but not for long. */
+const soon = (task) => Promise.race([task, new Promise((done) => setTimeout(done, SOON_ms))]);
 
 function everything() {
   showHead();
@@ -138,12 +148,13 @@ function watchAge() {
 async function begin() {
   wireSettings();
   await loadTexts();
-  drawEarly().catch(() => {}); // told when the state is there
+  drawEarly().catch(plotted); // told when the state is there
   greet().then((found) => { page.person = found; showCommands(); });
   wireCommands();
   wirePrompt();
   byId("log-filter").addEventListener("input", showLog);
   byId("log-severity").addEventListener("change", showLog);
+  await soon(firstPlot); // the state of a recording takes the server longer
   const connection = new Connection(`/ws?run=${encodeURIComponent(page.run)}`, ring);
   wireReplay(connection);
   wireKeys({

@@ -151,14 +151,18 @@ export class HistoryGraph {
     this.card.choices.append(select, closer, wider, this.all);
   }
 
+  /** The whole run is on its way while the figure is made. */
   async draw(item) {
+    const span = runSpan(page.t_s);
+    const rows = this.#rows(span);
     await this.card.draw(item);
     const { figure } = this.card;
     const range = figure.plot.x_range;
     range.min_interval = 1000;
     for (const end of ["start", "end"]) range.properties[end].change.connect(() => this.moved());
     figure.setUnit(this.view.unit);
-    this.showAll();
+    this.#range(span);
+    await this.#show(rows);
   }
 
   choose(index) {
@@ -212,13 +216,22 @@ export class HistoryGraph {
     if (this.whole && performance.now() - this.asked_ms > EVERY_ms && !this.history.busy && page.connected && this.card.figure) this.showAll();
   }
 
-  async ask() {
+  ask() {
+    const { figure } = this.card;
+    if (figure) this.#show(this.#rows(figure));
+  }
+
+  async #rows({ first_s, last_s }) {
+    if (!this.view.signals.length) return null;
+    this.asked_ms = performance.now();
+    return this.history.ask(this.view, first_s, last_s, Math.max(300, this.card.plot.clientWidth - 80));
+  }
+
+  async #show(asked) {
     const { view } = this;
     const { figure } = this.card;
-    if (!view.signals.length || !figure) return;
-    this.asked_ms = performance.now();
     const { first_s, last_s } = figure;
-    const rows = await this.history.ask(view, first_s, last_s, Math.max(300, this.card.plot.clientWidth - 80));
+    const rows = await asked;
     this.card.complain(this.history.trouble);
     if (!rows || view !== this.view) return;
     draw(() => {

@@ -19,4 +19,6 @@ TEXTS = {  # the unit reads them itself
     "hysteresis": ("of its bias over temperature, on or off", any_text),
     "master_error_ppm": ("error of its master oscillator at 20 degC", any_text),
     "af_clock_error_ppm": ("error of its AF clock", any_text),
+    "unit_seed": ("whose constants it has: a unit that comes back; the seed of the run if not given", any_text),
+    "check_standard": ("channel that has the constants of another unit, and its seed: 7:12", any_text),
 }

@@ -87,7 +87,9 @@ class NguTruth:
         seed: seed of the run.
         options: ``master_error_ppm`` and ``af_clock_error_ppm`` replace the drawn clock errors at 20 degC;
             ``noise`` is "on" or "off" (white noise, bias random walk and sensor noise); ``hysteresis`` is "on" or
-            "off". Others are not looked at.
+            "off"; ``unit_seed`` is the seed of the constants, ``seed`` that of noise and walks alone then;
+            ``check_standard``, as "7:12": a channel, and the seed of the unit whose constants it has. Others are not
+            looked at.
     Raises:
         InputError: B-NGU-001, an option cannot be read.
     """
@@ -98,15 +100,21 @@ class NguTruth:
         self.kinds = tuple(kind.name for kind in KINDS)
         self.noise = _switch(options, "noise")
         self.hysteresis = _switch(options, "hysteresis")
-        rng = generator(seed, "ngu truth")
+        own = options.get("unit_seed", str(seed))
+        if not own.isdecimal():
+            raise _unreadable("unit_seed", own, "the seed of a unit, 0 or positive", "12")
+        constants = int(own)
+        rng = generator(constants, "ngu truth")
         self._dsf_ppm = rng.normal(0.0, 400.0, (2, CHANNELS))
         self._dsf_tc1 = _signed(rng, (2, CHANNELS), 8.0, 0.15)
         self._dsf_tc2 = _signed(rng, (2, CHANNELS), 0.03, 0.3)
-        self._bias_A = self._draw_bias(rng)
+        self._bias_A = self._draw_bias(rng, constants)
         tilt, cubic = rng.uniform(-0.02, 0.02), rng.uniform(3e-5, 6e-5)
         self._master = (_number(options, "master_error_ppm", 1.5 + rng.normal(0.0, 0.2)), tilt, 0.0, cubic)
         self.af_clock_error_ppm = _number(options, "af_clock_error_ppm", 20.0 + rng.normal(0.0, 1.0))
-        self.half_width_degC, self.hysteresis_A = self._draw_hysteresis()
+        self.half_width_degC, self.hysteresis_A = self._draw_hysteresis(constants)
+        if "check_standard" in options:
+            self._take_channel(options["check_standard"])
         self._stiffness_A_degC = self.hysteresis_A / (2.0 * self.half_width_degC)  # h of h (P - T)
         self._walk = BiasWalk(seed)
         self._play: tuple[Sequence[float], Float] = ((), np.empty(0))
@@ -182,19 +190,29 @@ class NguTruth:
         """Return coefficient of (T - 20 degC)^order of the master oscillator's error, ppm per degC^order."""
         return float(self._master[order])
 
-    def _draw_bias(self, rng: np.random.Generator) -> Float:
+    def _take_channel(self, text: str) -> None:
+        """Take the constants of a channel from another unit."""
+        channel, _, seed = text.partition(":")
+        number = int(channel) if channel.isdecimal() else 0
+        if not 1 <= number <= CHANNELS or not seed.isdecimal():
+            raise _unreadable("check_standard", text, f"a channel from 1 to {CHANNELS} and a seed", "7:12")
+        other = NguTruth(int(seed), {"hysteresis": "on" if self.hysteresis else "off"})
+        for name in ("_dsf_ppm", "_dsf_tc1", "_dsf_tc2", "_bias_A", "half_width_degC", "hysteresis_A"):
+            getattr(self, name)[..., number - 1] = getattr(other, name)[..., number - 1]
+
+    def _draw_bias(self, rng: np.random.Generator, seed: int) -> Float:
         """Return coefficients of the centre curve, (4, 10), ampere per degC^order."""
         spread = np.clip(rng.standard_normal(CHANNELS), -2.5, 2.5)
         offset = np.array([k.bias_A for k in KINDS]) + spread * [k.bias_spread_A for k in KINDS]
         slope = _signed(rng, (CHANNELS,), 1.0, 0.1) * [k.bias_tc1_A for k in KINDS]
-        curved = generator(self.seed, "ngu bias curve")
+        curved = generator(seed, "ngu bias curve")
         square = _signed(curved, (CHANNELS,), 1.0, 0.5) * [k.bias_tc2_A for k in KINDS]
         cube = _signed(curved, (CHANNELS,), 1.0, 0.5) * [k.bias_tc3_A for k in KINDS]
         return np.array([offset, slope, square, cube])
 
-    def _draw_hysteresis(self) -> tuple[Float, Float]:
+    def _draw_hysteresis(self, seed: int) -> tuple[Float, Float]:
         """Return half-widths of the plays, (10,), degC, and widths of the loops (falling - rising), (10,), ampere."""
-        rng = generator(self.seed, "ngu hysteresis")
+        rng = generator(seed, "ngu hysteresis")
         half_width = rng.uniform(0.8, 1.2, CHANNELS) * [k.half_width_degC for k in KINDS]
         width = _signed(rng, (CHANNELS,), 1.0, 0.2) * [k.hysteresis_A for k in KINDS]
         return half_width, width * float(self.hysteresis)
@@ -227,13 +245,17 @@ def _signed(rng: np.random.Generator, shape: tuple[int, ...], size: float, sprea
 def _switch(options: Mapping[str, str], name: str) -> bool:
     text = options.get(name, "on")
     if text not in ("on", "off"):
-        raise InputError(
-            "B-NGU-001",
-            f"option {name} is {text!r}; it is 'on' or 'off'",
-            where=f"option {name}",
-            next_step=f"write --set {name}=on or --set {name}=off",
-        )
+        raise _unreadable(name, text, "'on' or 'off'", "off")
     return text == "on"
+
+
+def _unreadable(name: str, text: str, due: str, example: str) -> InputError:
+    return InputError(
+        "B-NGU-001",
+        f"option {name} is {text!r}; it is {due}",
+        where=f"option {name}",
+        next_step=f"write for example --set {name}={example}",
+    )
 
 
 def _number(options: Mapping[str, str], name: str, drawn: float) -> float:
@@ -244,10 +266,5 @@ def _number(options: Mapping[str, str], name: str, drawn: float) -> float:
     except ValueError:
         value = float("nan")
     if not -1000.0 <= value <= 1000.0:
-        raise InputError(
-            "B-NGU-001",
-            f"option {name} is {options[name]!r}; it is a number of ppm from -1000 to 1000",
-            where=f"option {name}",
-            next_step=f"write for example --set {name}=50",
-        )
+        raise _unreadable(name, options[name], "a number of ppm from -1000 to 1000", "50")
     return value

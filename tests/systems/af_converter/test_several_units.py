@@ -16,6 +16,8 @@ from rehearsal import SEED, Rehearsal, Watched, main_of, rehearsed
 from scipy.stats import binom
 from units_campaign import ramp_plan, single_plan, units_plan
 
+from bench.archive.examination import OTHER_RECORDING
+from bench.archive.refit import RefitTask, refit
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputError, InstrumentError, OperatorStop
 from bench.model.ports import RecordWindow
@@ -177,6 +179,18 @@ def test_the_list_of_all_has_every_estimate_with_its_unit(campaign: Rehearsal, f
     assert whole["uut"]["serial"] == "LOT-1"
     assert whole["provenance"]["session_sha256"] == campaign.run.session_sha256
     assert sum(len(done.finished.results["estimates"]) for done in finished if done.finished) == len(whole["estimates"])
+
+
+def test_the_archive_refits_each_unit(campaign: Rehearsal, finished: list[UnitFinished], tmp_path: Path) -> None:
+    """The values of each unit again as released, and not from another recording."""
+    released = [entry for done in finished if done.finished for entry in done.finished.results["estimates"]]
+    task = RefitTask(campaign.run.session_sha256, str(campaign.run.folder), "units", "", "", True, None, {})
+    rows = refit(task)
+    assert {row["uut_serial"] for row in rows if row["code"] == ""} == {"SIM-1", "SIM-2", "SIM-3"}
+    assert len(rows) == len(released)
+    assert all(row["value"] == row["released_value"] for row in rows)
+    (other,) = refit(replace(task, key="0" * 64))
+    assert other["code"] == OTHER_RECORDING
 
 
 def test_the_report_of_the_unit_that_failed_says_why(campaign: Rehearsal, finished: list[UnitFinished]) -> None:

@@ -78,10 +78,22 @@ def test_options_replace_the_clock_errors_and_switch_the_noise_off():
     assert truth.bias_A(1, 20.0, 0.0) == truth.bias_A(1, 20.0, 100_000.0)
 
 
+def test_a_unit_comes_back_with_other_noise():
+    first, second = NguTruth(1, {"unit_seed": "5"}), NguTruth(2, {"unit_seed": "5", "check_standard": "7:9"})
+    channels = np.array([1, 2, 3, 4, 5, 6, 8, 9, 10])
+    np.testing.assert_array_equal(first.dsf_n_ppm(channels, 40.0), second.dsf_n_ppm(channels, 40.0))
+    assert first.master_ppm(40.0) == second.master_ppm(40.0) == NguTruth(5).master_ppm(40.0)
+    assert first.bias_A(1, 40.0, 3600.0) != second.bias_A(1, 40.0, 3600.0)
+    assert first.bias_tc_A(1, 0) == second.bias_tc_A(1, 0)
+    assert second.dsf_p_ppm(7, 40.0) == NguTruth(9).dsf_p_ppm(7, 40.0) != first.dsf_p_ppm(7, 40.0)
+    assert second.hysteresis_A[6] == NguTruth(9).hysteresis_A[6]
+
+
 @pytest.mark.parametrize(
     "options",
-    [{"noise": "maybe"}, {"master_error_ppm": "fast"}, {"af_clock_error_ppm": "1e9"}, {"master_error_ppm": "nan"}],
-)
+    [{"noise": "maybe"}, {"master_error_ppm": "fast"}, {"af_clock_error_ppm": "1e9"}, {"master_error_ppm": "nan"},
+     {"unit_seed": "-1"}, {"check_standard": "11:3"}, {"check_standard": "7"}],
+)  # fmt: skip
 def test_a_bad_option_is_refused(options):
     with pytest.raises(InputError) as caught:
         NguTruth(1, options)
