@@ -1,15 +1,23 @@
-"""A campaign of a few minutes that several units share, made of the shipped one."""
+"""A campaign of a few minutes that several units share, made of the shipped one, and its values beside single ones."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
+
+from rehearsal import rehearsed
 
 from bench.plan import Plan, check_plan, compile_sequence
+from bench.record import SessionReader
+from bench.session.service import read_view
+from bench.session.view import analyse_view
 
 ROOT = Path(__file__).resolve().parents[3]
 SERIALS = "SIM-1,SIM-2,SIM-3"
 NAME = "20000101T000000Z_units_tiny_LOT-1"
-
+Errors = dict[str, tuple[float, float]]  # by quantity: error and standard uncertainty, ppm
 
 CUTS = [  # of the shipped campaign: one gyro channel, two levels, one temperature, short slots
     ("{numbers: 1-6, kind: gyro", "{numbers: 2, kind: gyro"),
@@ -75,3 +83,34 @@ def ramp_plan(folder: Path) -> Plan:
         ("slot: 7800 s ", "slot: 100 s "),
     ]  # fmt: skip
     return compiled_text(folder, cut("bias_ramp_units", cuts), {"serials": SERIALS})
+
+
+def events_of(folder: Path, kind: str) -> list[dict[str, Any]]:
+    """Return the fields of all events of a kind."""
+    return [fields for _, _, fields in SessionReader(folder).events(kind)]
+
+
+def compared(found: Mapping[str, Any], truth: list[dict[str, Any]], serial: str | None) -> Errors:
+    """Error and standard uncertainty of each scale-factor value without what calibrations of one bench share."""
+    true = {e["quantity"]: e["value"] for e in truth if e["conditions"].get("unit") == serial}
+    values = {}
+    for entry in found["estimates"]:
+        if entry["quantity"] in ("dsf_n", "dsf_p", "dsf_asymmetry"):
+            shared = sum(part**2 for part in entry["common"]["standards"].values())
+            own = math.sqrt(max(entry["std_uncertainty"] ** 2 - shared, 0.0))
+            values[entry["quantity"]] = entry["value"] - true[entry["quantity"]], own
+    return values
+
+
+def normalised(several: Errors, single: Errors) -> list[float]:
+    """E_n of ISO 13528 for each quantity, coverage factor 2."""
+    return [
+        (error - single[name][0]) / (2.0 * math.hypot(own, single[name][1])) for name, (error, own) in several.items()
+    ]
+
+
+def single_values(folder: Path, seed: int) -> Errors:
+    """The campaign of one unit alone, by its own seed."""
+    run = rehearsed(folder, single_plan(folder), seed=seed).run
+    results, _ = analyse_view(read_view(run.folder))
+    return compared(results, run.truth, None)

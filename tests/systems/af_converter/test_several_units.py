@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
-import shutil
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from rehearsal import SEED, Rehearsal, Watched, main_of, rehearsed
-from scipy.stats import binom
-from units_campaign import ramp_plan, single_plan, units_plan
+from units_campaign import compared, events_of, normalised, ramp_plan, single_values, units_plan
 
 from bench.archive.examination import OTHER_RECORDING
 from bench.archive.refit import RefitTask, refit
@@ -36,7 +32,6 @@ from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.simulation import open_world
 
 OUT_AT_REPEAT = "SIM-3"
-Errors = dict[str, tuple[float, float]]  # by quantity: error and standard uncertainty, ppm
 
 
 @pytest.fixture(scope="module")
@@ -65,10 +60,6 @@ def exported(campaign: Rehearsal, tmp_path_factory: pytest.TempPathFactory) -> P
     folder = tmp_path_factory.mktemp("customer") / "session"
     extract(campaign.run.folder, "SIM-1", folder)
     return folder
-
-
-def events_of(folder: Path, kind: str) -> list[dict[str, Any]]:
-    return [fields for _, _, fields in SessionReader(folder).events(kind)]
 
 
 def test_the_others_finish_once_a_unit_is_confirmed_off(campaign: Rehearsal) -> None:
@@ -114,32 +105,6 @@ def test_each_unit_gets_its_own_numbers(campaign: Rehearsal, finished: list[Unit
             assert abs(error) <= 1.5 * entry["expanded_uncertainty"], (done.serial, entry)
 
 
-def compared(found: Mapping[str, Any], truth: list[dict[str, Any]], serial: str | None) -> Errors:
-    """Error and standard uncertainty of each scale-factor value without what calibrations of one bench share."""
-    true = {e["quantity"]: e["value"] for e in truth if e["conditions"].get("unit") == serial}
-    values = {}
-    for entry in found["estimates"]:
-        if entry["quantity"] in ("dsf_n", "dsf_p", "dsf_asymmetry"):
-            shared = sum(part**2 for part in entry["common"]["standards"].values())
-            own = math.sqrt(max(entry["std_uncertainty"] ** 2 - shared, 0.0))
-            values[entry["quantity"]] = entry["value"] - true[entry["quantity"]], own
-    return values
-
-
-def normalised(several: Errors, single: Errors) -> list[float]:
-    """E_n of ISO 13528 for each quantity, coverage factor 2."""
-    return [
-        (error - single[name][0]) / (2.0 * math.hypot(own, single[name][1])) for name, (error, own) in several.items()
-    ]
-
-
-def single_values(folder: Path, seed: int) -> Errors:
-    """The campaign of one unit alone, by its own seed."""
-    run = rehearsed(folder, single_plan(folder), seed=seed).run
-    results, _ = analyse_view(read_view(run.folder))
-    return compared(results, run.truth, None)
-
-
 def test_a_unit_gives_the_numbers_of_its_own_campaign(
     campaign: Rehearsal, finished: list[UnitFinished], tmp_path: Path
 ) -> None:
@@ -150,27 +115,6 @@ def test_a_unit_gives_the_numbers_of_its_own_campaign(
     print(f"E_n of SIM-2: {found}")
     assert len(found) == 3
     assert all(abs(value) <= 1.0 for value in found)
-
-
-@pytest.mark.sweep
-def test_units_agree_with_single_campaigns_as_often_as_chance_says(tmp_path: Path) -> None:
-    """100 seeds: |E_n| <= 1 in at least as many cases as chance leaves in 99.9 % of such sweeps (95 % each)."""
-    inside: list[bool] = []
-    for seed in range(1, 101):
-        folder = tmp_path / str(seed)
-        folder.mkdir()
-        run = rehearsed(folder, units_plan(folder), seed=seed).run
-        for number, done in enumerate(finish_units(run.folder, f"sqlite:///{folder / 'history.sqlite'}")):
-            alone = folder / done.serial
-            alone.mkdir()
-            assert done.finished is not None
-            several = compared(done.finished.results, run.truth, done.serial)
-            found = normalised(several, single_values(alone, seed + number * SEED_STEP))
-            inside.append(all(abs(value) <= 1.0 for value in found[:2]))
-        shutil.rmtree(folder)
-    least = int(binom.ppf(0.001, len(inside), 0.95**2))
-    print(f"{sum(inside)} of {len(inside)} within 1, at least {least} by chance")
-    assert sum(inside) >= least
 
 
 def test_the_list_of_all_has_every_estimate_with_its_unit(campaign: Rehearsal, finished: list[UnitFinished]) -> None:
