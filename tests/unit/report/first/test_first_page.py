@@ -204,6 +204,14 @@ def test_where_nothing_is_sound_the_rule_is_stated_and_that_nothing_is_judged(mo
     assert rule.endswith("No value is judged: none that has a limit is sound.")
 
 
+def test_a_refused_value_without_a_limit_of_its_own_does_not_say_that_there_are_no_limits(model: ReportModel) -> None:
+    """At rest the sequence states limits of a time offset, but no value is held against them (docs/time-sync.md)."""
+    refused = {**estimate("time_offset", "s", 0.0, 0.03), "value": None, "quality": "refused", "limit": None}
+    results = {**model.results, "estimates": [{**refused, "verdict": "indeterminate"}]}
+    rule = on(first_page(replace(model, results=results), None, words_of("en")))["Decision rule"]
+    assert rule == "No value is judged: none that is stated here is held against a limit."
+
+
 def test_results_of_an_analysis_with_another_way_than_their_own_are_shown(model: ReportModel) -> None:
     """A log in a turn about z is fitted by the ellipse: the method of the results names the way, not the fit."""
     found = estimate("mag_gain", "1", 1.01, 0.01, kind="magnetometer", method="ellipse")
