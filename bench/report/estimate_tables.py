@@ -16,7 +16,7 @@ from bench.model.texts import Texts, told
 from bench.model.titles import condition_title, value_title
 from bench.model.units import read_quantity
 from bench.report.model import ReportModel
-from bench.report.tables import Table, channel_title, documents_table, kind_of, named
+from bench.report.tables import Table, alike_of, channel_title, documents_table, kind_of, named
 
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
@@ -226,19 +226,18 @@ def _once_per_channel(row: Row) -> bool:
 
 
 def other_table(model: ReportModel, words: Texts) -> Table | None:
-    """Return every estimate that has no table of its own, with its conditions."""
-    rows = []
-    for row in without_channel(model):
-        if pivot_of(row) is None:
-            scale, unit = readable([row])
-            where = conditions_text(words, row["conditions"], _campaign(model))
-            title = model.title_of(row["quantity"], words.language)
-            rows.append((title, where or "–", value_text(row, scale), unit_text(unit)))
-    headers = (
-        *(words("column.quantity"), words("column.conditions")),
-        *(words("column.value_expanded"), words("column.unit")),
-    )
-    return Table(words("others.table"), headers, tuple(rows), stub=2) if rows else None
+    """Return every estimate that has no table of its own; conditions that all of them share stand in the caption."""
+    chosen = [row for row in without_channel(model) if pivot_of(row) is None]
+    alike, rows = alike_of([row["conditions"] for row in chosen]), []
+    for row in chosen:
+        scale, unit = readable([row])
+        apart = {name: value for name, value in row["conditions"].items() if name not in alike}
+        where = conditions_text(words, apart, _campaign(model))
+        title = model.title_of(row["quantity"], words.language)
+        rows.append((title, where or "–", value_text(row, scale), unit_text(unit)))
+    headers = map(words, ("column.quantity", "column.conditions", "column.value_expanded", "column.unit"))
+    shared = words("others.alike", conditions=conditions_text(words, alike, _campaign(model))) if alike else ""
+    return Table(f"{words('others.table')} {shared}".rstrip(), tuple(headers), tuple(rows), stub=2) if rows else None
 
 
 def without_channel(model: ReportModel) -> list[Row]:

@@ -186,3 +186,9 @@ def place_of(words: Texts, name: str) -> str:
 def channel_title(words: Texts, number: object, kind: object) -> str:
     """Return ``channel 1, gyro``: the title of a panel."""
     return words("channel.title", number=number, kind=kind_of(words, kind)) if kind else words("channel", number=number)
+
+
+def alike_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the entries that are equal in all of two rows and more; {} of one row or none."""
+    first = rows[0] if len(rows) > 1 else {}
+    return {name: value for name, value in first.items() if all(row.get(name) == value for row in rows)}

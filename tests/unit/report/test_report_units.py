@@ -86,6 +86,18 @@ def test_units_stand_side_by_side_three_to_a_table_with_their_measure() -> None:
     assert other_table(model, WORDS) is None
 
 
+def test_conditions_that_all_other_results_share_are_said_once() -> None:
+    walks = [estimate("angle_random_walk", "deg/√h", 0.1, 0.01, method=name, clock_Hz=20e6) for name in ("a", "b")]
+    table = other_table(model_of(*walks), WORDS)
+    assert table is not None
+    assert table.caption.endswith("In all of them: clock 20\u00a0MHz.")
+    assert [row[1] for row in table.rows] == ["method a", "method b"]
+    table = other_table(model_of(walks[0]), WORDS)
+    assert table is not None
+    assert "In all" not in table.caption
+    assert table.rows[0][1] == "method a, clock 20\u00a0MHz"
+
+
 def test_a_matrix_is_set_as_one_and_the_kind_of_a_sensor_is_said() -> None:
     matrix = [
         estimate("accel_matrix", "1", 10.0 * i + j, 0.1, kind="accelerometer", row=row, column=column)
