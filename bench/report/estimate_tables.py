@@ -16,7 +16,7 @@ from bench.model.texts import Texts, told
 from bench.model.titles import condition_title, value_title
 from bench.model.units import read_quantity
 from bench.report.model import ReportModel
-from bench.report.tables import Table, alike_of, channel_title, documents_table, kind_of, named
+from bench.report.tables import Table, alike_of, brief, channel_title, documents_table, kind_of, named
 
 _SCALE_FACTOR = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _COEFFICIENTS = ("tc0", "tc1", "tc2", "tc3")
@@ -131,7 +131,7 @@ def _add_reference_values(model: ReportModel, entries: dict[tuple[str, str], dic
 
 def value_text(row: Row | None, scale: float = 1.0) -> str:
     """Return a value with its expanded uncertainty, times ``scale``; a dash for none."""
-    return "–" if row is None else stated_value(row, scale)
+    return "–" if row is None else stated_value(brief(row), scale)
 
 
 def pivot_tables(model: ReportModel, words: Texts, *, residuals: bool = False) -> list[Table]:

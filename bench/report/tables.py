@@ -192,3 +192,11 @@ def alike_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     """Return the entries that are equal in all of two rows and more; {} of one row or none."""
     first = rows[0] if len(rows) > 1 else {}
     return {name: value for name, value in first.items() if all(row.get(name) == value for row in rows)}
+
+
+def brief(row: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return an estimate, with 4 digits of its value if it has no uncertainty; whole digits are kept."""
+    value = row["value"]
+    if row.get("expanded_uncertainty") or not isinstance(value, float) or abs(value) >= 1000.0:
+        return row
+    return {**row, "value": float(f"{value:.4g}")}

@@ -19,7 +19,7 @@ from bench.analysis import Figure, Table, series
 from bench.model.texts import Texts, languages
 from bench.report import Report, TemperatureTrace, tables
 from bench.report.document import document_files
-from bench.report.estimate_tables import across_tables, conditions_text, coverage_table, other_table
+from bench.report.estimate_tables import across_tables, conditions_text, coverage_table, other_table, value_text
 from bench.report.model import Bar, ReportModel, Timetable
 from bench.report.plots.figures import timetable_picture
 from bench.report.plots.graphs import analysis_pictures
@@ -266,3 +266,9 @@ def test_another_language_needs_no_code(tmp_path: Path) -> None:
     words = Texts(tmp_path, "ko")
     assert words("section.summary") == "요약"
     assert words("section.quality") == KEYS["section.quality"]
+
+
+def test_a_value_without_uncertainty_has_four_digits_and_whole_numbers_all() -> None:
+    bare = estimate("observability", "1", 0.000388125, 0.1)
+    for value, shown in ((0.000388125, "0.0003881"), (521.454, "521.5"), (12345.0, "12345")):
+        assert value_text(bare | {"value": value, "expanded_uncertainty": None}) == shown
