@@ -148,6 +148,8 @@ def test_the_report_of_the_unit_that_failed_says_why(campaign: Rehearsal, finish
     other = (campaign.run.folder / "units" / "SIM-1" / "report.html").read_text()
     assert "SIM-3" not in other
     assert "SIM-2" not in other
+    assert "by channel. Standard contributions" in other
+    assert "between channels" not in other  # one channel: nothing that it could be correlated with
 
 
 def test_an_export_verifies_without_the_other_units(

@@ -114,7 +114,7 @@ def _text(value: float, digits: int) -> str:
 
 
 def bias_budgets(fits: Sequence[ChannelFit], campaign: Campaign) -> list[Table]:
-    """Budget of the bias at the reference temperature for the first channel of each kind, and the correlations.
+    """Budget of the bias at the reference temperature for the first channel of each kind; correlations, if several.
 
     Source: JCGM 100:2008 sections 5.1 and 5.2; equal labels are one error (bench.maths.budget).
     """
@@ -132,6 +132,8 @@ def bias_budgets(fits: Sequence[ChannelFit], campaign: Campaign) -> list[Table]:
         )
         for kind, channel in sorted(first.items())
     ]
+    if len(fits) == 1:
+        return tables
     title, caption = say("bias.correlation_title", degC=at), say("bias.correlation_caption")
     return [*tables, correlation_table(title, caption, list(combined.budgets), combined.correlation)]
 

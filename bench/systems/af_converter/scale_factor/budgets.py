@@ -67,7 +67,7 @@ def budget_tables(fitted: Fitted, campaign: Campaign, standards: Standards, meth
     """Return tables of the report at the temperature nearest to the reference.
 
     Full budgets of dsf_n and dsf_p for the first channel of each kind, contributions of all channels side by side, the
-    correlation between the channels, and the check of dsf_n by Monte Carlo.
+    correlation between the channels where there are several, and the check of dsf_n by Monte Carlo.
     """
     groups = nearest_to_reference(fitted, campaign)
     examples = {campaign.channel(visit.group.channel).kind: visit for visit in reversed(groups)}
@@ -85,8 +85,9 @@ def budget_tables(fitted: Fitted, campaign: Campaign, standards: Standards, meth
             tables.append(budget_table(title, "ppm", float(visit.fit.dsf_ppm[index]), budget))
             to_check += [(visit, budget)] if index == 0 else []
         tables.append(_side_by_side(quantity, combined.budgets))
-        title, caption = say("correlation.title", quantity=quantity), say("correlation.caption")
-        tables.append(correlation_table(title, caption, list(by_channel), combined.correlation))
+        if len(by_channel) > 1:
+            title, caption = say("correlation.title", quantity=quantity), say("correlation.caption")
+            tables.append(correlation_table(title, caption, list(by_channel), combined.correlation))
     return [*tables, check_table(to_check, fitted, campaign, standards, method)]
 
 
