@@ -91,7 +91,8 @@ class LogCounts:
         texts = []
         if self.overload_rows:
             where = ", ".join(f"{name} {count}" for name, count in self.overloads.items())
-            texts.append(f"{self.overload_rows} of {self.rows} rows of the log hold overload sentinels ({where}).")
+            of = f"{self.overload_rows} of {self.rows} rows of the log"
+            texts.append(f"{of} have no value but what the mapping calls an overload ({where}).")
         if self.bad_rows:
             texts.append(f"{self.bad_rows} rows of the log cannot be read: {listed(self.bad)}.")
         return texts

@@ -93,7 +93,8 @@ def test_overloads_are_left_out_and_counted_never_read_as_numbers() -> None:
     rows, parser = read(text.encode(), mapping)
     assert [math.isnan(row.values[1]) for row in rows] == [False, True, True, True, True, True]
     assert (parser.counts.rows, parser.counts.overload_rows, parser.counts.overloads) == (6, 5, {"voltage": 5})
-    assert parser.counts.sentences() == ["5 of 6 rows of the log hold overload sentinels (voltage 5)."]
+    (said,) = parser.counts.sentences()
+    assert said == "5 of 6 rows of the log have no value but what the mapping calls an overload (voltage 5)."
 
 
 @pytest.mark.parametrize(
