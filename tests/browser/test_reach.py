@@ -13,6 +13,7 @@ pytestmark = pytest.mark.waits
 
 TOUCH_PX = 44  # WCAG 2.2, success criterion 2.5.5
 MOST_TABS = 150
+LATER_ms = 300
 SMALL = {"width": 1000, "height": 700}
 # Controls that can be seen and used, each with a mark of its own.
 CONTROLS = """() => {
@@ -61,6 +62,9 @@ def walk(page: Page) -> list[dict[str, object]]:
     for _ in range(MOST_TABS):
         page.keyboard.press("Tab")
         stop = page.evaluate(FOCUSED)
+        if stop["hidden"]:  # it is not scrolled to yet, or its row was drawn anew at this moment
+            page.wait_for_timeout(LATER_ms)
+            stop = page.evaluate(FOCUSED)
         if stop["control"] in met:
             break
         if stop["control"] is not None:
