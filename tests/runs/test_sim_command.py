@@ -265,11 +265,8 @@ def test_the_calibrator_goes_off_by_itself(served: Served, fault: str, queued: s
     calibrator = served["calibrator"]
     for command in ("*CLS", "OUT 1.0E-03 A, 0 HZ", "OPER"):
         calibrator.write(command)
-    for _ in range(50):
-        state = served.state()
-        if state["instruments"]["calibrator"]["operating"]:
-            break
-        CLOCK.sleep(0.1)
+    served.until(lambda state: state["instruments"]["calibrator"]["operating"], "the calibrator operates")
+    state = served.state()
     assert state["instruments"]["calibrator"] | {"unchanged_s": 0} == {
         "model": "Fluke5720A", "operating": True, "set": 1e-3, "unit": "A", "unchanged_s": 0
     }  # fmt: skip
