@@ -12,7 +12,6 @@ import resource
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,12 +25,14 @@ from bench.archive.journal import JOURNAL
 from bench.archive.trial import OUTCOME
 from bench.archive.work import computed_here
 from bench.commands.cluster import THREADS
+from bench.model.clock import NS, WallClock
 from bench.model.errors import ExitStatus
 from bench.store import read_trial
 
 pytestmark = pytest.mark.sweep
 COUNT, DAMAGED, AT = 200, 77, 60  # sessions; which one is damaged; how many are done when something happens
 LONGEST_S = 600.0
+CLOCK = WallClock()
 
 
 @pytest.fixture(scope="module")
@@ -78,11 +79,11 @@ class Refit:
 
     def wait(self, process: subprocess.Popen[str]) -> None:
         """Wait until ``AT`` sessions are done and the process goes on."""
-        began_s = time.monotonic()
+        began_ns = CLOCK.now_ns()
         while len(self.sessions()) < AT:
             assert process.poll() is None, process.communicate()
-            assert time.monotonic() - began_s < LONGEST_S
-            time.sleep(0.2)
+            assert (CLOCK.now_ns() - began_ns) / NS < LONGEST_S
+            CLOCK.sleep(0.2)
 
 
 @pytest.fixture(scope="module")
@@ -139,7 +140,7 @@ def cluster(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes], list[s
     words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
     scheduler = subprocess.Popen([*words, "--no-dashboard", "--scheduler-file", str(place)], **quiet)
     while not place.exists():
-        time.sleep(0.1)
+        CLOCK.sleep(0.1)
     address = json.loads(place.read_text())["address"]
     words = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard"]
     workers = [subprocess.Popen([*words, "--no-nanny", "--local-directory", str(folder)], **quiet) for _ in range(2)]
@@ -167,9 +168,9 @@ def test_a_killed_scheduler(refit: Refit, whole: bytes, tmp_path: Path) -> None:
         process = refit.start("--dask", address)
         refit.wait(process)
         scheduler.kill()
-        killed_s = time.monotonic()
+        killed_ns = CLOCK.now_ns()
         _, said = process.communicate(timeout=LONGEST_S)
-        print(f"ended {time.monotonic() - killed_s:.0f} s behind it: {said.splitlines()[-1]}")
+        print(f"ended {(CLOCK.now_ns() - killed_ns) / NS:.0f} s behind it: {said.splitlines()[-1]}")
     assert "error B-ARC-007" in said
     assert "Traceback" not in said
     assert AT <= len(refit.sessions()) < COUNT

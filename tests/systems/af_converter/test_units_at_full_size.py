@@ -61,9 +61,10 @@ def test_a_unit_unplugged_in_hour_2_of_the_whole_campaign(tmp_path: Path) -> Non
     assert run.outcome.unsafe == ()
     (out,) = events_of(run.folder, "unit_left_out")
     assert (out["uut"], out["slot"], out["confirmed"]) == ("SIM-3", "C", ["calibrator", "switch", "supply_c"])
-    done = {one.serial: one.finished for one in finish_units(run.folder, f"sqlite:///{tmp_path / 'history.sqlite'}")}
+    history = f"sqlite:///{tmp_path / 'history.sqlite'}"
+    finished_of = {unit.serial: unit.finished for unit in finish_units(run.folder, history)}
     for serial in ("SIM-1", "SIM-2", "SIM-4"):
-        finished = done[serial]
+        finished = finished_of[serial]
         assert finished is not None
         assert (finished.results["quality"]["records"], finished.results.get("incomplete", False)) == (765, False)
         errors = compared(finished.results, run.truth, serial)
