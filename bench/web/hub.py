@@ -14,8 +14,8 @@ from typing import Any, Protocol, TypeVar
 from bench.model.clock import Clock, pause
 from bench.model.errors import BenchError
 from bench.record import OPEN_MARKER, TrendWindow
-from bench.run.feed.client import FeedReply
-from bench.web.live import FeedLine, LiveRun, listens, reply_of
+from bench.run.feed.client import FeedGone, FeedReply
+from bench.web.live import FeedLine, LiveRun, listens
 from bench.web.now import now_of, silent_row
 from bench.web.partial import PartialFits
 from bench.web.points import Points
@@ -25,7 +25,6 @@ from bench.web.recorded.replaying import ReplayRun
 from bench.web.room import Viewer
 from bench.web.security.refusal import Refusal
 
-FEED_THREADS = 8
 WORK_THREADS = 4  # history, recordings, lists; some may wait for a trend that is being made
 LISTED_S = 1.0  # a list of runs waits no longer for any of them
 _WARM_S = 0.05
@@ -62,7 +61,7 @@ class Hub:
         self.runs = RunList(serving.out)
         self.past = Past()
         self.lease: Callable[[], dict[str, Any] | None] = lambda: None
-        self._feeds = ThreadPoolExecutor(FEED_THREADS, "feed")
+        self._lines: dict[str, FeedLine] = {}  # of runs whose state was asked for
         self._work = ThreadPoolExecutor(WORK_THREADS, "work")
         self._live: dict[str, LiveRun] = {}
         self._tasks: dict[str, list[asyncio.Task[None]]] = {}
@@ -81,7 +80,8 @@ class Hub:
             task.cancel()
         await asyncio.gather(*tasks, return_exceptions=True)
         self.past.stop()
-        self._feeds.shutdown(wait=False, cancel_futures=True)
+        for line in self._lines.values():
+            line.close()
         self._work.shutdown(wait=False, cancel_futures=True)
 
     async def work(self, task: Callable[..., _Result], *arguments: Any) -> _Result:
@@ -99,7 +99,7 @@ class Hub:
     async def watching(self, run: str, viewer: Viewer) -> AsyncIterator[Watched]:
         """Open what a viewer looks at: the shared living run, or a replay of its own. Raises: Refusal B-WEB-013."""
         folder = self.folder(run)
-        if run in self._live or await self._feed(listens, folder):
+        if run in self._live or listens(folder):
             async with self._in_room(run, viewer) as live:
                 yield live
         else:
@@ -156,9 +156,11 @@ class Hub:
 
     async def reply(self, folder: Path, since: int) -> FeedReply | None:
         """Return what the run itself says, with its points from a number on; None if nobody answers in time."""
+        line = self._lines.setdefault(folder.name, FeedLine(folder, LISTED_S))
         try:
-            return await asyncio.wait_for(self._feed(reply_of, folder, since), LISTED_S)
-        except TimeoutError:
+            return await line.poll(since)
+        except FeedGone:
+            self._lines.pop(folder.name, None)
             return None
 
     async def fit(self, folder: Path) -> None:
@@ -168,9 +170,6 @@ class Hub:
     async def _state_of(self, folder: Path) -> dict[str, Any] | None:
         reply = await self.reply(folder, 0)
         return None if reply is None else reply.header["state"]
-
-    async def _feed(self, ask: Callable[..., _Result], *arguments: Any) -> _Result:
-        return await asyncio.get_running_loop().run_in_executor(self._feeds, partial(ask, *arguments))
 
     def added(self, run: str) -> dict[str, Any]:
         """Return what the page server adds to the state document of a living run."""
@@ -191,17 +190,14 @@ class Hub:
         folder = self.serving.out / run
         line = FeedLine(folder)
 
-        async def ask(since: int, state: bool) -> FeedReply:
-            return await self._feed(line.poll, since, state)
-
         async def follow() -> None:
             try:
                 await live.follow()
             finally:
-                self._feeds.submit(line.close)
+                line.close()
 
         final = partial(self.work, self.past.final, folder)
-        live = LiveRun(folder, ask, self.serving.clock, partial(self.added, run), final)
+        live = LiveRun(folder, line.poll, self.serving.clock, partial(self.added, run), final)
         self._live[run] = live
         coroutines = (follow(), live.beat(), self._fits.keep(folder))
         self._tasks[run] = [asyncio.create_task(coroutine) for coroutine in coroutines]

@@ -2,18 +2,27 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Awaitable, Callable, Mapping
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import numpy as np
 
 from bench.model.clock import NS, Clock, pause, to_ns
-from bench.model.posix import unix_socket
+from bench.model.posix import unix_connection, unix_socket
 from bench.record import OPEN_MARKER
 from bench.run.control.local_socket import LIVE, find_socket
-from bench.run.feed.client import FeedClient, FeedGone, FeedReply
+from bench.run.feed.client import (
+    ANSWER_S,
+    LENGTHS_BYTES,
+    FeedGone,
+    FeedReply,
+    gone,
+    lengths,
+    request,
+    understood,
+)
 from bench.web.now import silent_row
 from bench.web.points import MISSING_BEFORE, Points
 from bench.web.room import Room
@@ -21,6 +30,7 @@ from bench.web.room import Room
 POLL_S = 0.1
 POLLS_PER_STATE = 5  # the state twice a second
 BEAT_S = 1.0
+BUFFER = 1 << 16  # bytes of an answer that wait to be read
 LOST_S = 3.0  # without an answer: the run is lost, whatever it said last
 FIRST_RETRY_S, LONGEST_RETRY_S = 0.25, 5.0
 
@@ -127,21 +137,50 @@ class LiveRun:
 
 
 class FeedLine:
-    """The connection to one run's feed, asked in worker threads and closed only when none of them uses it."""
+    """Asks the feed of one run on the event loop; keeps its connection and opens it again by itself.
 
-    def __init__(self, folder: Path) -> None:
-        self._client = FeedClient(folder)
-        self._lock = Lock()
+    Args: answer_s: nobody is waited for longer.
+    """
 
-    def poll(self, since: int, state: bool) -> FeedReply:
-        """As FeedClient.poll."""
-        with self._lock:
-            return self._client.poll(since, state)
+    def __init__(self, folder: Path, answer_s: float = ANSWER_S) -> None:
+        self._folder = folder
+        self._answer_s = answer_s
+        self._one = asyncio.Lock()
+        self._ends: tuple[asyncio.StreamReader, asyncio.StreamWriter] | None = None
+
+    async def poll(self, since: int, state: bool = True) -> FeedReply:
+        """Return points from number ``since`` on, and the state document. Raises: FeedGone B-RUN-100, as FeedClient."""
+        try:
+            async with asyncio.timeout(self._answer_s), self._one:
+                try:
+                    return await self._asked(since, state)
+                except BaseException:  # what comes now would be taken for the answer to the next question
+                    self.close()
+                    raise
+        except (OSError, ValueError, RecursionError, asyncio.IncompleteReadError) as error:
+            raise gone(self._folder, error) from error
 
     def close(self) -> None:
-        """Let the connection go; waits for an answer that is still due."""
-        with self._lock:
-            self._client.close()
+        """Let the connection go."""
+        if self._ends is not None:
+            self._ends[1].close()
+            self._ends = None
+
+    async def _asked(self, since: int, state: bool) -> FeedReply:
+        if self._ends is not None:
+            try:
+                return await _exchange(*self._ends, since, state)
+            except (OSError, asyncio.IncompleteReadError):  # let go for being silent, or another run answers by now
+                self.close()
+        place = await asyncio.to_thread(find_socket, self._folder, LIVE)
+        self._ends = await unix_connection(place, BUFFER)
+        return await _exchange(*self._ends, since, state)
+
+
+async def _exchange(reader: asyncio.StreamReader, writer: asyncio.StreamWriter, since: int, state: bool) -> FeedReply:
+    writer.write(request(since, state))
+    header, packed = lengths(await reader.readexactly(LENGTHS_BYTES))
+    return understood(await reader.readexactly(header), await reader.readexactly(packed), state)
 
 
 def listens(folder: Path) -> bool:
@@ -155,17 +194,6 @@ def listens(folder: Path) -> bool:
     except OSError:
         return False
     return True
-
-
-def reply_of(folder: Path, since: int = 0) -> FeedReply | None:
-    """Return state document and points as the run itself gives them; None if nobody answers in the time of a feed."""
-    client = FeedClient(folder)
-    try:
-        return client.poll(since)
-    except FeedGone:
-        return None
-    finally:
-        client.close()
 
 
 def _points(reply: FeedReply) -> Points:

@@ -19,6 +19,7 @@ from bench.run.control.local_socket import LIVE, find_socket
 ANSWER_S = 2.0
 LONGEST_REPLY = 16_000_000
 _LENGTHS = struct.Struct("<II")
+LENGTHS_BYTES = _LENGTHS.size
 
 
 class FeedGone(InputError):
@@ -65,12 +66,7 @@ class FeedClient:
             return self._exchange(self._connection, since, state)
         except (OSError, ValueError, RecursionError) as error:
             self.close()
-            raise FeedGone(
-                "B-RUN-100",
-                f"no run of this session answers ({getattr(error, 'strerror', None) or error})",
-                where=str(self._folder),
-                next_step="its recording can be looked at; 'bench resume SESSION' goes on with one that ended early",
-            ) from error
+            raise gone(self._folder, error) from error
 
     def close(self) -> None:
         """Let the connection go."""
@@ -89,14 +85,9 @@ class FeedClient:
         return connection
 
     def _exchange(self, connection: socket.socket, since: int, state: bool) -> FeedReply:
-        connection.sendall(json.dumps({"since": since, "state": state}).encode() + b"\n")
-        lengths = _LENGTHS.unpack(_exactly(connection, _LENGTHS.size))
-        if sum(lengths) > LONGEST_REPLY:
-            raise ValueError(f"a reply of {sum(lengths)} bytes")
-        reply = _understood(json.loads(_exactly(connection, lengths[0])), _exactly(connection, lengths[1]))
-        if state and not isinstance(reply.header.get("state"), dict):
-            raise ValueError("no reply of the feed")
-        return reply
+        connection.sendall(request(since, state))
+        header, packed = lengths(_exactly(connection, LENGTHS_BYTES))
+        return understood(_exactly(connection, header), _exactly(connection, packed), state)
 
 
 def _exactly(connection: socket.socket, count: int) -> bytes:
@@ -109,11 +100,37 @@ def _exactly(connection: socket.socket, count: int) -> bytes:
     return bytes(received)
 
 
-def _understood(header: Any, packed: bytes) -> FeedReply:
-    """Raises: ValueError for what no run of this protocol says."""
+def gone(folder: Path, error: Exception) -> FeedGone:
+    """Return what is said where the run of a session does not answer."""
+    return FeedGone(
+        "B-RUN-100",
+        f"no run of this session answers ({getattr(error, 'strerror', None) or str(error) or 'timed out'})",
+        where=str(folder),
+        next_step="its recording can be looked at; 'bench resume SESSION' goes on with one that ended early",
+    )
+
+
+def request(since: int, state: bool) -> bytes:
+    """Return the question for points from number ``since`` on, and for the state document."""
+    return json.dumps({"since": since, "state": state}).encode() + b"\n"
+
+
+def lengths(head: bytes) -> tuple[int, int]:
+    """Return how many bytes of header and of points follow the first ``LENGTHS_BYTES``. Raises: ValueError."""
+    header, packed = _LENGTHS.unpack(head)
+    if header + packed > LONGEST_REPLY:
+        raise ValueError(f"a reply of {header + packed} bytes")
+    return header, packed
+
+
+def understood(told: bytes, packed: bytes, state: bool) -> FeedReply:
+    """Return a reply of its two parts. Raises: ValueError for what no run of this protocol says."""
+    header = json.loads(told)
     if not isinstance(header, dict) or not isinstance(header.get("boot_id"), str):
         raise ValueError("no reply of the feed")
     if not all(type(header.get(name)) is int and header[name] >= 0 for name in ("first", "n", "signals", "seq")):
+        raise ValueError("no reply of the feed")
+    if state and not isinstance(header.get("state"), dict):
         raise ValueError("no reply of the feed")
     n, signals = header["n"], header["signals"]
     times = np.frombuffer(packed, "<f8", n)
