@@ -106,7 +106,7 @@ def certificate_steps(units: Sequence[Readings], stated: Array, limit: float) ->
     Args:    units: one series a unit, labels of certificates in order of their first use.
              stated: (c,) standard uncertainty that each certificate states, > 0, in the unit of the readings.
              limit: of a score.
-    Returns: Steps.
+    Returns: Steps; NaN for a certificate that nothing ties to the earlier ones.
     Raises:  nothing.
     Source:  prediction in the mixed linear model, G. K. Robinson, Statistical Science 6 (1991) 15, sections 2 and 5.3.
     """
@@ -119,8 +119,10 @@ def certificate_steps(units: Sequence[Readings], stated: Array, limit: float) ->
             continue
         before = np.append(weight[:newest], 0.0)
         covariance = np.linalg.inv(known.normal / known.variance + np.diag(before))
-        steps.moved[newest] = covariance[newest] @ known.moment / known.variance
         variance = float(covariance[newest, newest])
+        if not 0.0 < variance < (float(stated[newest]) / _LEAST**0.5) ** 2:
+            continue  # nothing ties it to a certificate that holds what it states
+        steps.moved[newest] = covariance[newest] @ known.moment / known.variance
         total = variance + float(stated[newest]) ** 2
         steps.std[newest], steps.expected_std[newest] = variance**0.5, total**0.5
         dof = np.array(known.freedom * (total / variance) ** 2)  # at least: the certificates' part is not estimated

@@ -97,3 +97,15 @@ def test_units_without_a_standard_have_a_scatter_all_the_same() -> None:
     known = population(alone, 0)
     assert known.freedom == 8 * 7
     assert known.variance > OWN**2
+
+
+def test_a_certificate_that_no_unit_met_beside_another_is_not_judged() -> None:
+    """Units that come back to the same bench each time, in its first year: anything may be."""
+    rng = np.random.default_rng(SEED)
+    t, shared = np.linspace(0.1, 0.9, 9), np.full(9, STATED)
+    everyone = [
+        Readings(t, rng.normal(300.0, OWN, 9), shared, shared, np.full(9, number % 2), np.zeros(9, dtype=np.int64))
+        for number in range(8)
+    ]
+    steps = certificate_steps(everyone, np.full(2, STATED), 3.5)
+    assert np.isnan([steps.moved, steps.std, steps.expected_std, steps.score]).all()
