@@ -24,6 +24,7 @@ from bench.model.shipped import find_shipped
 from bench.model.units import hours
 from bench.plan import Plan, Summary, check_plan, compile_sequence, decisions_of, load_station, summarise
 from bench.session.output import writing
+from bench.session.predicted import predicted, predicted_lines
 
 if TYPE_CHECKING:
     from bench.run.preflight import Report
@@ -62,6 +63,8 @@ def check(request: Request) -> int:
         document["decoding"] = {link: asdict(pace) for link, pace in decoding.items()}
         document["assumptions"] = [asdict(taken) for taken in assumptions_of(plan.campaign)]
         document |= {name: plan.campaign[name] for name in ("expected", "fits") if name in plan.campaign}
+        if (prediction := predicted(plan)) is not None:
+            document["predicted"] = asdict(prediction)
         live = {} if report is None else {"preflight": report.event().document()}
         sys.stdout.write(json.dumps({**document, **live}, indent=1) + "\n")
     else:
@@ -111,6 +114,7 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
         out.print(f"  unseen       {taken.taken_for_granted} {taken.unseen} {taken.shown_by}")
     if plan.campaign.get("expected"):
         _print_expected(out, plan)
+    _print_predicted(out, plan)
     out.print("no mistake found")
     if report is not None:
         from bench.commands.doctor import print_preflight
@@ -125,6 +129,13 @@ def _print_expected(out: Console, plan: Plan) -> None:
         out.print(f"  expected     {line}", markup=False)
     if not_judged(plan.campaign):
         out.print("  not judged   no value and no fit has a limit; write 'expect' beside a reading")
+
+
+def _print_predicted(out: Console, plan: Plan) -> None:
+    prediction = predicted(plan)
+    if prediction is not None:
+        for line in predicted_lines(plan, prediction):
+            out.print(f"  predicted    {line}", markup=False, highlight=False)
 
 
 def settings_of(pairs: Sequence[str]) -> dict[str, str]:

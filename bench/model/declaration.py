@@ -52,6 +52,7 @@ class AnalysisDeclaration:
     ``problems``: function that says of each record why the analysis leaves it out; "" for what holds for all records.
     ``assumptions``: function that names what its data cannot show, from the section "campaign" of a plan.
     ``roles``: that columns of a log play for it.
+    ``predicted``: function that gives the estimates of planned records with the uncertainties they will have.
     """
 
     name: str
@@ -75,6 +76,7 @@ class AnalysisDeclaration:
     problems: str = ""
     assumptions: str = ""
     roles: tuple[str, ...] = ()
+    predicted: str = ""
 
 
 class ChannelKind(StrictModel):

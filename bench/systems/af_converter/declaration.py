@@ -120,6 +120,7 @@ DECLARATION = System(
             main=_MAIN,
             standards={"dsf_n": "calibrator", "dsf_p": "calibrator"},
             assumptions=f"{_HERE}.assumptions:of_levels",
+            predicted=f"{_HERE}.scale_factor.predicted:predicted",
             **_AT_ONE_TEMPERATURE,
             **_DATA_SHEET,
         ),

@@ -8,29 +8,18 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from bench.analysis import Analysis, Estimates, Material
+from bench.analysis import Analysis, Material
 from bench.systems.af_converter.coefficients import scale_factor_compensation
-from bench.systems.af_converter.constants import Campaign, read_campaign
+from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.scale_factor import METHODS as FIT_METHODS
 from bench.systems.af_converter.group_fit import (
     Fitted,
     GroupFit,
     conditions_of,
-    fit_groups,
     missing_groups,
 )
-from bench.systems.af_converter.groups import campaign_rows, group_rows
-from bench.systems.af_converter.register import read_standards
 from bench.systems.af_converter.scale_factor.budgets import budget_tables, components
-from bench.systems.af_converter.scale_factor.calibrator_drift import calibrator_drift, drift_estimates, repeats
-from bench.systems.af_converter.scale_factor.estimates import (
-    bias_estimates,
-    change_estimates,
-    clock_estimates,
-    coefficient_estimates,
-    residual_estimates,
-    scale_factor_estimates,
-)
+from bench.systems.af_converter.scale_factor.determined import determine
 from bench.systems.af_converter.scale_factor.evidence import evidence
 from bench.systems.af_converter.scale_factor.notes import notes, zero_gain_notes, zero_gain_table
 from bench.systems.af_converter.wording import say
@@ -47,24 +36,9 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
     Raises:  FitError B-FIT-003 to B-FIT-009; B-FIT-001, -005, -006 or -012 if no group at all is determined.
     Source:  AF-converter paper section 3; docs/decisions/0004.
     """
-    constants, register = read_campaign(material.campaign), read_standards(material.standards)
-    chosen = campaign_rows(material.rows)
-    fitted = fit_groups(group_rows(chosen, constants.master_Hz), constants, register, method)
-    again = repeats(fitted, constants, register, method)
-    drift = calibrator_drift(again, fitted, chosen, material.readings)
-    register = drift.applied_to(register)
-    zero_gain = zero_gain_table(fitted, constants, register, method)
-    entries: Estimates = []
-    for visit in fitted.groups:
-        if visit.group.repeat == 0:
-            entries += scale_factor_estimates(visit, fitted, constants, register) + bias_estimates(
-                visit, fitted, constants
-            )
-    entries += residual_estimates(fitted, constants, register)
-    entries += coefficient_estimates(fitted, constants, register)
-    entries += clock_estimates(chosen, constants, register)
-    entries += drift_estimates(again, fitted, constants) + drift.estimates
-    entries += change_estimates(entries, constants)
+    known = determine(material, method)
+    constants, register, fitted, chosen = known.constants, known.standards, known.fitted, known.rows
+    entries, zero_gain = known.estimates, zero_gain_table(fitted, constants, register, method)
     missing = missing_groups(chosen, {visit.group.place for visit in fitted.groups}, fitted.refused, constants)
     return Analysis(
         campaign=constants.analysis,
@@ -78,7 +52,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
         notes=[
             *(say("note.no_result", what=sentence) for sentence in missing),
             *notes(fitted, constants, register, chosen),
-            *drift.notes,
+            *known.drift.notes,
             *zero_gain_notes(zero_gain),
         ],
         missing=missing,

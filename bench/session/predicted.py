@@ -1,0 +1,60 @@
+"""What a campaign will know, and how well, before anything is switched on: its own fit, of the records it plans."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+
+from bench.analysis import Estimate, Prediction
+from bench.model.clock import NS
+from bench.model.errors import FitError
+from bench.model.ports import RecordWindow
+from bench.model.systems import analysis_declaration, named
+from bench.model.titles import quantity_title
+from bench.model.units import format_quantity
+from bench.plan import Plan, PlannedRecord, decisions_of
+
+
+def predicted(plan: Plan) -> Prediction | None:
+    """Return the estimates of a plan with the uncertainties they will have; their values are those of a nominal unit.
+
+    None where the analysis predicts nothing, where several units share the campaign, or where a decision of the run
+    chooses its records.
+    """
+    declared = analysis_declaration(str(plan.campaign.get("analysis")))
+    if declared is None or not declared.predicted or plan.units or decisions_of(plan.steps):
+        return None
+    predict: Callable[..., Prediction] = named(declared.predicted)
+    try:
+        return predict(list(_windows(plan)), plan.campaign, plan.station.standards())
+    except FitError as error:
+        return Prediction([], [error.message])
+
+
+def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
+    """Yield a line for each quantity: its name, the least and the largest expanded uncertainty, its limit."""
+    by_quantity: dict[str, list[Estimate]] = {}
+    for entry in prediction.estimates:
+        by_quantity.setdefault(entry["quantity"], []).append(entry)
+    for quantity, entries in by_quantity.items():
+        unit, limit = entries[0]["unit"], entries[0]["limit"]
+        known = sorted({_two_digits(U) for entry in entries if (U := entry["expanded_uncertainty"]) is not None})
+        ends = [format_quantity(U, unit) for U in dict.fromkeys((known[0], known[-1]))] if known else ["not known"]
+        allowed = "" if limit is None else f", limit {format_quantity(limit, unit)}"
+        count = f" ({len(entries)} values)" if len(entries) > 1 else ""
+        yield f"{quantity_title(str(plan.campaign['analysis']), quantity)}: U {' to '.join(ends)}{allowed}{count}"
+    for sentence in prediction.missing:
+        yield f"not determined: {sentence}"
+
+
+def _two_digits(value: float) -> float:
+    return float(f"{value:.2g}")
+
+
+def _windows(plan: Plan) -> Iterator[RecordWindow]:
+    records = [step for step in plan.phase("campaign") if isinstance(step, PlannedRecord)]
+    for number, step in enumerate(records, start=1):
+        begin_ns = round((plan.prepare_s + step.at_s) * NS)
+        yield RecordWindow(
+            number=number, link=plan.measurement_link, first_counter=0, frames=0, t_start_ns=begin_ns,
+            t_end_ns=begin_ns + round(step.seconds * NS), conditions=step.conditions, step=step.number,
+        )  # fmt: skip
