@@ -78,6 +78,7 @@ def test_the_offset_of_the_formula_is_found(offset_s: float, epoch_s: float) -> 
     assert entry["value"] - epoch_s == pytest.approx(offset_s, abs=3.0 * entry["std_uncertainty"] + 1e-6)
     assert entry["std_uncertainty"] < 1e-3
     assert weigh(analysis.evidence).against == []
+    assert analysis.tables[0].headers[1] == ("offset, s" if epoch_s else "offset, ms")
 
 
 def test_intervals_hold_the_offset_as_often_as_they_say() -> None:
