@@ -178,6 +178,14 @@ def computed_from(model: ReportModel) -> dict[str, Any]:
     return pairs
 
 
+def written_by(model: ReportModel) -> dict[str, Any]:
+    """Return what wrote the session; a log was written by nothing here, a mapping stands where a sequence would."""
+    pairs = dict(model.origin)
+    if not model.of_a_log:
+        return pairs
+    return {"mapping": pairs.pop("sequence", "–")} | {name: value for name, value in pairs.items() if name != "clock"}
+
+
 def provenance(pairs: Mapping[str, Any], words: Texts) -> dict[str, Any]:
     """Return the names and answers of a document on where something comes from in words."""
     said = {True: words("yes"), False: words("no")}

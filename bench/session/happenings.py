@@ -138,10 +138,10 @@ def punctuality(view: Events) -> Iterator[str]:
 
 
 def _length(seconds: float) -> str:
-    """Return a time with three digits, in the unit that needs no power of ten."""
+    """Return a time with three digits, in the unit that needs no power of ten; they stay on one line."""
     if abs(seconds) < 0.9995:
-        return f"{1e3 * seconds:.3g} ms"
-    return f"{seconds:.3g} s" if abs(seconds) < 999.5 else f"{seconds / 3600:.3g} h"
+        return f"{1e3 * seconds:.3g}\u00a0ms"
+    return f"{seconds:.3g}\u00a0s" if abs(seconds) < 999.5 else f"{seconds / 3600:.3g}\u00a0h"
 
 
 def _start_ns(view: Events) -> int:

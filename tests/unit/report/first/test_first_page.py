@@ -318,6 +318,10 @@ def test_a_log_without_a_date_states_none_and_no_sequence(model: ReportModel) ->
     assert "by the mapping: " in shown["Decision rule"]
     assert "sequence" not in shown["Decision rule"] + shown["Validity"]
     assert "The log" in shown["Validity"]
+    tables = next(section.tables for section in Report(log).sections if section.name == "provenance")
+    pairs = {row[0]: row[1] for table in tables for row in table.rows}
+    assert pairs["mapping"] == "my_map"
+    assert pairs.keys().isdisjoint({"sequence", "clock", "SHA-256 of the plan", "SHA-256 of the frame definition"})
 
 
 @pytest.mark.parametrize(("campaign", "named"), [("time_sync", True), ("scale_factor", False)])
