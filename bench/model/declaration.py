@@ -51,8 +51,8 @@ class AnalysisDeclaration:
     ``standards``: roles of the standards whose relative error enters a quantity one to one, by quantity.
     ``problems``: function that says of each record why the analysis leaves it out; "" for what holds for all records.
     ``assumptions``: function that names what its data cannot show, from the section "campaign" of a plan.
-    ``roles``: that columns of a log play for it.
     ``predicted``: function that gives the estimates of planned records with the uncertainties they will have.
+    ``roles``: that columns of a log play for it.   ``bench_clock``: its results are by the clock of the bench.
     """
 
     name: str
@@ -77,6 +77,7 @@ class AnalysisDeclaration:
     assumptions: str = ""
     roles: tuple[str, ...] = ()
     predicted: str = ""
+    bench_clock: bool = False
 
 
 class ChannelKind(StrictModel):

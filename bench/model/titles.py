@@ -1,4 +1,4 @@
-"""Names of quantities and conditions for people: from the catalogue of the system whose analysis made them."""
+"""Names of quantities, conditions and campaigns for people: from the catalogue of the system that an analysis is of."""
 
 from __future__ import annotations
 
@@ -38,6 +38,20 @@ def condition_title(analysis: str, name: str, language: str = ENGLISH) -> str | 
 def value_title(analysis: str, name: str, value: str, language: str = ENGLISH) -> str:
     """Return the word that is the value of a condition for people, ``<name>.<word>``; else itself, with blanks."""
     return _texts(analysis, language).get(f"{name}.{value.replace(' ', '_')}", value.replace("_", " "))
+
+
+def campaign_title(analysis: str, language: str = ENGLISH) -> str:
+    """Return the name of an analysis for people, ``campaign.<name>`` of its system; else itself, with blanks."""
+    return _texts(analysis, language).get(f"campaign.{analysis}", analysis.replace("_", " "))
+
+
+def sequence_title(analysis: str, sequence: str, title: str, language: str = ENGLISH) -> str:
+    """Return the title of a sequence, of a shipped one in a language: ``sequence.<name>`` of the system.
+
+    ``title``: of its YAML; where it is not what the English catalogue has, it is a laboratory's own and stays.
+    """
+    key = f"sequence.{sequence}"
+    return _texts(analysis, language)[key] if _texts(analysis, ENGLISH).get(key) == title else title
 
 
 @cache

@@ -243,6 +243,14 @@ def prefix_of(value: float) -> tuple[int, str]:
     return next(fitting, (0, ""))
 
 
+def with_prefix(size: float, unit: str) -> tuple[float, str]:
+    """Return factor and unit for printing values of this size; a time is never in more than seconds."""
+    if unit not in _PREFIXED:
+        return 1.0, unit
+    exponent, prefix = prefix_of(size)
+    return (1.0, unit) if unit == "s" and exponent > 0 else (10.0**-exponent, f"{prefix}{unit}")
+
+
 def hours(seconds: float) -> str:
     """Return seconds as ``H:MM:SS``."""
     whole = round(seconds)

@@ -14,6 +14,7 @@ from bench.model.declaration import LogColumn
 from bench.model.errors import InputError
 from bench.model.units import read_quantity
 from bench.plan import ELAPSED, ISO, ROWS, SAMPLES, UNIX, FileForm, LogMapping, Overload, TimeColumn, suggestion
+from bench.replay.wording import say
 
 _EPOCH = datetime(1970, 1, 1, tzinfo=UTC)
 _MICROSECOND = timedelta(microseconds=1)
@@ -47,16 +48,16 @@ class TimeReader:
         try:
             moment = datetime.fromisoformat(text) if self._format == ISO else datetime.strptime(text, self._format)
         except ValueError:
-            raise ValueError(f"{text!r} is no time of the format {self._format!r}") from None
+            raise ValueError(say("bad.no_time", text=text, format=self._format)) from None
         return _utc_ns(moment if moment.tzinfo is not None else moment.replace(tzinfo=self._zone))
 
     def _number_ns(self, text: str) -> int:
         try:
             number = Decimal(text.replace(",", ".") if self._comma else text)
         except InvalidOperation:
-            raise ValueError(f"{text!r} is no time in numbers") from None
+            raise ValueError(say("bad.no_time_in_numbers", text=text)) from None
         if not number.is_finite() or abs(number * self._unit_ns) >= 2**62:
-            raise ValueError(f"{text!r} is no time a log can have")
+            raise ValueError(say("bad.time_out_of_reach", text=text))
         return math.floor(number * self._unit_ns)
 
 
@@ -90,17 +91,16 @@ class LogCounts:
         """Return what a reader of the results must know about rows that do not count."""
         texts = []
         if self.overload_rows:
-            where = ", ".join(f"{name} {count}" for name, count in self.overloads.items())
-            of = f"{self.overload_rows} of {self.rows} rows of the log"
-            texts.append(f"{of} have no value but what the mapping calls an overload ({where}).")
+            cells = ", ".join(f"{name} {count}" for name, count in self.overloads.items())
+            texts.append(say("log.overload", rows=self.overload_rows, all=self.rows, cells=cells))
         if self.bad_rows:
-            texts.append(f"{self.bad_rows} rows of the log cannot be read: {listed(self.bad)}.")
+            texts.append(say("log.bad", rows=self.bad_rows, reasons=listed(self.bad)))
         return texts
 
 
 def listed(bad: Sequence[tuple[int, str]]) -> str:
     """Return the first bad rows with their line numbers."""
-    return "; ".join(f"line {line}: {why}" for line, why in bad)
+    return say.listed(say("bad.line", line=line, why=why) for line, why in bad)
 
 
 class LogParser:
@@ -141,7 +141,7 @@ class LogParser:
         except ValueError as error:
             self.counts.bad_rows += 1
             if len(self.counts.bad) < SHOWN:
-                self.counts.bad.append((self._line, str(error)))
+                self.counts.bad.append((self._line, error.args[0]))
             return None
         return self._in_order(row)
 
@@ -192,7 +192,7 @@ class LogParser:
         try:  # one line at a time: a stray quotation mark must not swallow the rest of the file
             return next(csv.reader([text], delimiter=self._form.delimiter, strict=True))
         except csv.Error as error:
-            raise ValueError(f"quotation marks: {error}") from error
+            raise ValueError(say("bad.quotation", why=error)) from error
 
     def _take_header(self, headers: list[str]) -> None:
         names = [name.strip() for name in headers]
@@ -217,7 +217,7 @@ class LogParser:
 
     def _read(self, fields: list[str]) -> LogRow:
         if len(fields) != self._width:
-            raise ValueError(f"{len(fields)} fields, {self._width} are due")
+            raise ValueError(say("bad.fields", found=len(fields), due=self._width))
         t_ns = self._time.utc_ns(fields[self._time_at].strip())
         values, over = [], []
         for place, column, factor in self._readers:
@@ -229,7 +229,7 @@ class LogParser:
             elif math.isfinite(number):
                 values.append(number * factor)
             else:
-                raise ValueError(f"{column.quantity}: {text!r} is not finite")
+                raise ValueError(say("bad.column_not_finite", column=column.quantity, text=text))
         self._count(over)
         return LogRow(self._line, t_ns, tuple(values))
 
@@ -266,14 +266,14 @@ class _Sentinels:
             return None
         if self._comma:
             if "." in text:
-                raise ValueError(f"{text!r} is no number with a decimal comma")
+                raise ValueError(say("bad.decimal_comma", text=text))
             text = text.replace(",", ".")
         try:
             if "_" in text:
                 raise ValueError(text)
             number = float(text)
         except ValueError:
-            raise ValueError(f"{text!r} is no number") from None
+            raise ValueError(say("bad.no_number", text=text)) from None
         beyond = self._limit is not None and abs(number) >= self._limit
         return None if beyond or number in self._numbers else number
 

@@ -17,6 +17,7 @@ from bench.model.yamlio import parse_yaml
 from bench.plan import LogMapping, mapping_model
 from bench.record import SessionReader
 from bench.replay.delimited import LogCounts, LogParser, lines_of, listed
+from bench.replay.wording import say
 
 READ_BYTES = 1 << 20
 IMPORT = "import"  # ``kind`` in the manifest of an imported session
@@ -149,5 +150,5 @@ def _notes(manifest: Mapping[str, object], parser: LogParser, sha256: str) -> tu
     log = manifest.get("log")
     recorded = log.get("sha256") if isinstance(log, Mapping) else None
     if recorded is not None and recorded != sha256:
-        said.append(f"The log is not the file that was imported: SHA-256 {recorded[:12]} then, {sha256[:12]} now.")
+        said.append(say("log.changed", then=recorded[:12], now=sha256[:12]))
     return tuple(said)

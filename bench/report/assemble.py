@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from bench.analysis import Figure, Table, unit_text
+from bench.analysis import Figure, Table
 from bench.model.quality import Quality
 from bench.plan import Step
 from bench.report.model import (
@@ -57,7 +57,7 @@ def report_model(
     """
     ready_s = _prepare_s(plan_steps) if prepare_s is None else prepare_s
     return ReportModel(
-        title=unit_text(str(manifest.get("title") or results.get("campaign", "Campaign"))),
+        title=str(manifest.get("title") or results.get("campaign", "Campaign")),
         results=results,
         campaign=manifest.get("campaign", {}),
         standards=manifest.get("standards", {}),

@@ -75,7 +75,7 @@ def html_page(model: ReportModel, first: FirstPage, sections: list[Section], wor
     The same model gives the same bytes in the same environment; no date and no random id enters.
     """
     verdict = overall_verdict(model, words)
-    return page(model.title, first.number, sections, words, verdict=verdict, simulated=model.simulated, first=first)
+    return page(first.subject, first.number, sections, words, verdict=verdict, simulated=model.simulated, first=first)
 
 
 def page(
@@ -227,7 +227,7 @@ def _frame(model: ReportModel, first: FirstPage, words: Texts) -> dict[str, Any]
     return {
         "font": families(),
         "language": words.language,
-        "title": model.title,
+        "title": first.subject,
         "first": asdict(first),
         "lines": [words(f"signature.{line}") for line in ("name", "date", "signature")],
         "hash": f"SHA-256 {sha256[:_SHORT]}" if sha256 else "",

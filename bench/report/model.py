@@ -8,10 +8,12 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from bench.analysis import Figure, Floats, Table
+from bench.analysis import Figure, Floats, Table, unit_text
 from bench.model.texts import ENGLISH
-from bench.model.titles import quantity_title
+from bench.model.titles import quantity_title, sequence_title
 from bench.plan import Step
+
+_CLOCK_OF_A_LOG = "log"  # in the manifest of what was imported
 
 
 def _no_floats() -> Floats:
@@ -187,6 +189,16 @@ class ReportModel:
     def simulated(self) -> bool:
         """True unless the provenance says that a real bench was measured; a report never guesses in its favour."""
         return self.results.get("provenance", {}).get("simulated") is not False
+
+    @property
+    def of_a_log(self) -> bool:
+        """True for the log of another system: nothing of it was measured by a bench."""
+        return self.origin.get("clock") == _CLOCK_OF_A_LOG
+
+    def subject(self, language: str = ENGLISH) -> str:
+        """Return the title of the campaign, that of a shipped sequence in a language."""
+        campaign, sequence = str(self.results.get("campaign", "")), str(self.origin.get("sequence", ""))
+        return unit_text(sequence_title(campaign, sequence, self.title, language))
 
     def title_of(self, quantity: str, language: str = ENGLISH) -> str:
         """Return the name of a quantity for people."""

@@ -13,9 +13,10 @@ import numpy as np
 
 from bench.analysis import Floats, cell, number, unit_text
 from bench.model.texts import Texts
+from bench.model.titles import campaign_title
 from bench.report.estimate_tables import readable
 from bench.report.model import ReportModel
-from bench.report.tables import Table, documents_table, pairs_table, place_of, rank, role_of, spaced
+from bench.report.tables import Table, documents_table, pairs_table, place_of, rank, role_of
 
 _COUNTS = ("records", "flagged", "frames", "bad", "lost")
 _OF_FRAMES = ("frames", "lost", "bad")
@@ -30,7 +31,7 @@ def summary_table(model: ReportModel, words: Texts) -> Table | None:
     estimates = results.get("estimates", ())
     lines = {
         "session": results.get("session", ""),
-        "campaign": spaced(str(results.get("campaign", ""))),
+        "campaign": campaign_title(str(results.get("campaign", "")), words.language),
         "uut": words("summary.unit", model=uut.get("model", ""), serial=uut.get("serial", "")),
         "started": model.started_utc.replace("T", " ").replace("Z", " UTC"),
         "length": duration(model.run.length_s),
@@ -167,6 +168,22 @@ def hash_table(model: ReportModel, words: Texts) -> Table | None:
     heads = (words("provenance.file"), "SHA-256")
     rows = tuple(sorted(model.run.hashes.items()))
     return Table(words("provenance.hashes"), heads, rows, prose=True) if rows else None
+
+
+def computed_from(model: ReportModel) -> dict[str, Any]:
+    """Return what the numbers were computed from; a log has neither plan nor frame, its mapping is among the texts."""
+    pairs = dict(model.results.get("provenance", {}))
+    if model.of_a_log:
+        pairs = {name: value for name, value in pairs.items() if name not in ("plan_sha256", "frame_sha256")}
+    return pairs
+
+
+def written_by(model: ReportModel) -> dict[str, Any]:
+    """Return what wrote the session; a log was written by nothing here, a mapping stands where a sequence would."""
+    pairs = dict(model.origin)
+    if not model.of_a_log:
+        return pairs
+    return {"mapping": pairs.pop("sequence", "–")} | {name: value for name, value in pairs.items() if name != "clock"}
 
 
 def provenance(pairs: Mapping[str, Any], words: Texts) -> dict[str, Any]:

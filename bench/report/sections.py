@@ -25,6 +25,7 @@ from bench.report.model import Picture, ReportModel
 from bench.report.run_tables import (
     channel_quality_table,
     command_parts,
+    computed_from,
     environment_table,
     hash_table,
     identities_table,
@@ -33,6 +34,7 @@ from bench.report.run_tables import (
     quality_table,
     standards_table,
     summary_table,
+    written_by,
 )
 from bench.report.tables import Table, analysis_tables, on_uncertainty, pairs_table, sentence
 from bench.report.verdict_tables import assumption_table, verdict_table
@@ -101,8 +103,8 @@ def _annex(model: ReportModel, words: Texts) -> Iterator[Section]:
     yield chapter("budgets", components_table(model, words), *analysis_tables(budgets, words.language, title))
     yield chapter("explanations", *analysis_tables(others, words.language, title))
     heads = (words("column.item"), words("column.value"))
-    computed = pairs_table(words("provenance.results"), heads, provenance(model.results.get("provenance", {}), words))
-    origin = pairs_table(words("provenance.origin"), heads, provenance(model.origin, words))
+    computed = pairs_table(words("provenance.results"), heads, provenance(computed_from(model), words))
+    origin = pairs_table(words("provenance.origin"), heads, provenance(written_by(model), words))
     yield chapter("provenance", identities_table(model, words), computed, hash_table(model, words), origin)
 
 

@@ -29,7 +29,7 @@ _COMMA_UNIT = re.compile(
     r"[mµn]?[AVsg]|[kcm]?m|[kMG]?Hz|dB|[mµ]?gauss|10⁻³(?: arcsec| deg/√h)?)$)"
 )
 _PER_CENT = re.compile(r"(?<=[0-9]) %")
-_CODE_NAME = re.compile(r"(?<![\w/.])(?:[a-z][a-z0-9]*(?:_[A-Za-z0-9]+)+|tc[12])(?![\w/]|\.\w)", re.ASCII)
+_CODE_NAME = re.compile(r"(?<![\w/.[])(?:[a-z][a-z0-9]*(?:_[A-Za-z0-9]+)+|tc[12])(?![\w/]|\.\w)", re.ASCII)
 _BUDGET, _TOTALS = {"contribution", "sensitivity"}, {"u", "k", "U"}
 FOLDER = Path(__file__).parent
 

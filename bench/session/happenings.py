@@ -132,9 +132,16 @@ def preflight_table(event: Preflight) -> Table:
 def punctuality(view: Events) -> Iterator[str]:
     """Return how late the timed waits ended."""
     for _, end in view.events_of(End):
-        median, p99, worst = end.lateness_ms
+        median, p99, worst = (_length(1e-3 * late_ms) for late_ms in end.lateness_ms)
         late = {"median": median, "p99": p99, "worst": worst}
-        yield say("timer", steps=end.steps, slip=end.slip_s, overruns=end.overruns, **late)
+        yield say("timer", steps=end.steps, slip=_length(end.slip_s), overruns=end.overruns, **late)
+
+
+def _length(seconds: float) -> str:
+    """Return a time with three digits, in the unit that needs no power of ten; they stay on one line."""
+    if abs(seconds) < 0.9995:
+        return f"{1e3 * seconds:.3g}\u00a0ms"
+    return f"{seconds:.3g}\u00a0s" if abs(seconds) < 999.5 else f"{seconds / 3600:.3g}\u00a0h"
 
 
 def _start_ns(view: Events) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bench.analysis import decimals_for, limits_text, number, unit_text, with_uncertainty
 from bench.model.texts import Texts
-from bench.model.titles import quantity_title
+from bench.model.titles import campaign_title, quantity_title
 from bench.report.batch.model import Batch, Member, Outcome, Quantity, Spread, Unit, Yield
 from bench.report.estimate_tables import conditions_text, readable
 from bench.report.tables import Table
@@ -73,7 +73,11 @@ def spread_tables(batch: Batch, words: Texts) -> list[Table]:
         spreads = [spread for spread in batch.spreads if spread.quantity.campaign == campaign]
         rows = tuple(_spread_row(spread, words) for spread in spreads[:_MOST_ROWS])
         key = "batch.spread_table" if len(spreads) <= _MOST_ROWS else "batch.spread_table_cut"
-        shown = {"campaign": campaign.replace("_", " "), "shown": number(len(rows)), "all": number(len(spreads))}
+        shown = {
+            "campaign": campaign_title(campaign, words.language),
+            "shown": number(len(rows)),
+            "all": number(len(spreads)),
+        }
         if rows:
             tables.append(Table(words(key, **shown), tuple(words(head) for head in heads), rows, stub=2))
     return tables

@@ -11,6 +11,7 @@ from datetime import date
 from typing import Any
 
 from bench.model.texts import ENGLISH, Texts
+from bench.model.titles import campaign_title
 from bench.report.dcc.calibration import FOLDER, ITEM_ID, TEXTS, Calibration, Span
 from bench.report.dcc.dsi import CELSIUS, ONE, si_number
 from bench.report.dcc.elements import Element, dcc, leaf, number_list, si, words
@@ -58,7 +59,9 @@ def method_of(document: Mapping[str, Any], language: str = ENGLISH) -> Method:
     campaign, known = str(document.get("campaign", "")), TEXTS.all
     own = campaign if f"method.{campaign}" in known else "other"
     told = Texts(FOLDER, language)
-    description = told(f"method.{own}.description", campaign=campaign, method=document.get("method", "–"))
+    description = told(
+        f"method.{own}.description", campaign=campaign_title(campaign, language), method=document.get("method", "–")
+    )
     norms = known.get(f"method.{own}.norms", "").split("; ")
     return Method(TEXTS(f"method.{own}"), description, known.get(f"method.{own}.reference", ""), tuple(norms))
 

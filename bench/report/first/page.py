@@ -52,7 +52,7 @@ def first_page(model: ReportModel, laboratory: Laboratory | None, words: Texts) 
     refused = [] if laboratory is None else mark_refused(model, laboratory, shown.rows, words)
     return FirstPage(
         title=_title(model, laboratory, words),
-        subject=model.title,
+        subject=model.subject(words.language),
         number=number,
         end=words("first.end", number=number),
         entries=tuple(_entries(model, laboratory, words)),

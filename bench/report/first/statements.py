@@ -9,6 +9,7 @@ import numpy as np
 
 from bench.analysis import is_sound, limits_of, limits_text, number, unit_text, use_of, with_uncertainty
 from bench.maths.verdict import NON_BINARY
+from bench.model.systems import analysis_declaration
 from bench.model.texts import Texts
 from bench.model.titles import quantity_title, value_title
 from bench.report.accreditation import not_covered
@@ -22,7 +23,6 @@ from bench.report.verdict_tables import percent
 
 _ACCEPTED = ("pass", "conditional_pass")
 _MOST_STANDARDS = 12
-_CLOCK_OF_A_LOG = "log"  # in the manifest of what was imported
 Row = Mapping[str, Any]
 Statement = tuple[str, str]
 
@@ -41,7 +41,7 @@ def statements(
     yield words("first.traceability"), _traceability(model, laboratory, words)
     if laboratory is not None:
         yield from _of_the_laboratory(laboratory, not_accredited, words)
-    yield words("first.validity"), words("first.validity.text")
+    yield words("first.validity"), words("first.validity.log" if model.of_a_log else "first.validity.text")
 
 
 def _judged(model: ReportModel) -> list[Row]:
@@ -96,7 +96,8 @@ def decision(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
     limited = any(limits_of(row) is not None for row in model.results.get("estimates", ()))
     if not judged and not limited:
         return words("first.rule.none")
-    said = [words(f"first.rule.{model.results.get('decision_rule') or NON_BINARY}")]
+    origin = words("first.rule.by.log" if model.of_a_log else "first.rule.by.sequence")
+    said = [words(f"first.rule.{model.results.get('decision_rule') or NON_BINARY}", origin=origin)]
     if not judged:
         return " ".join([*said, words("first.rule.unsound")])
     with_U = [row for row in judged if row.get("expanded_uncertainty")]
@@ -133,8 +134,8 @@ def _method(model: ReportModel, words: Texts) -> str:
     counts = {name: number(quality.get(name, 0)) for name in ("splices", "retaken")}
     software = model.results.get("provenance", {}).get("software", "–")
     origin = {"sequence": model.origin.get("sequence", "–"), "software": software}
-    log = model.origin.get("clock") == _CLOCK_OF_A_LOG
-    parts.append(words("first.method.log", **origin) if log else words("first.method.text", **origin, **counts))
+    key = "first.method.log" if model.of_a_log else "first.method.text"
+    parts.append(words(key, **origin, **counts))
     return " ".join(parts)
 
 
@@ -170,6 +171,9 @@ def _degC(span: tuple[float, float], words: Texts) -> str:
 
 def _traceability(model: ReportModel, laboratory: Laboratory | None, words: Texts) -> str:
     said = [] if laboratory is None else [laboratory.traceability]
+    declared = analysis_declaration(str(model.results.get("campaign", "")))
+    if declared is not None and declared.bench_clock:
+        said.append(words("first.traceability.bench_clock"))
     listed = [_standard(words, role, entry) for role, entry in sorted(model.standards.items())]
     if not listed:
         return " ".join([*said, words("first.traceability.none")])

@@ -40,6 +40,7 @@ _RC: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.unicode_minus": True,
+    "axes.formatter.useoffset": False,  # a tick is a value, not what is to be added to one above the axis
     "grid.color": "#d9d9d9",
     "grid.linewidth": 0.5,
     "axes.grid": True,

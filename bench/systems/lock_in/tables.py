@@ -126,8 +126,8 @@ def _walk_row(laser: LaserResult, method: str) -> list[str]:
     cells = [_bounded(Measured(walk.n_deg_rth, walk_std_deg_rth(walk), walk_dof(walk)), 1e3)]
     cells.append(_text(Measured(walk.q_deg, walk.q_std_deg), 1e3 * ARCSEC) if walk.q_deg > 0.0 else "–")
     expected = laser.expected_deg_rth if method == RAW else None
-    theory = "" if expected is None else f"{1e3 * expected:.3g}"
-    return [label(method), *cells, theory, f"{walk.chi2:.4g} / {walk.dof}"]
+    theory = "" if expected is None else f"{1e3 * expected:#.3g}"
+    return [label(method), *cells, theory, f"{walk.chi2:.1f} / {walk.dof}"]
 
 
 def _material(results: Sequence[LaserResult]) -> Table:

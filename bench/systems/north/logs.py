@@ -27,6 +27,7 @@ from bench.analysis import (
 )
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
+from bench.model.units import with_prefix
 from bench.systems.north.estimators.eight_samples import eight_sample_north
 from bench.systems.north.estimators.likelihood import likelihood_north
 from bench.systems.north.estimators.phasors import POSITIONS, heading_deg, oriented, wrapped_deg
@@ -75,9 +76,8 @@ def _of_samples(material: Material, columns: dict[str, Any]) -> Analysis:
     ]
     if bool(found.widened):
         notes.append(say("log.widened"))
-    return _analysis(
-        material, entries, _doubt(float(found.half_width_deg())), notes, [_samples(output, theta_deg, unit)]
-    )
+    figure = _samples(output, theta_deg, float(found.amplitude), unit)
+    return _analysis(material, entries, _doubt(float(found.half_width_deg())), notes, [figure])
 
 
 def _of_readings(material: Material, columns: dict[str, Any]) -> Analysis:
@@ -117,14 +117,12 @@ def _doubt(half_deg: float) -> list[Evidence]:
 def _analysis(
     material: Material, entries: Estimates, evidence: list[Evidence], notes: list[str], figures: list[Figure]
 ) -> Analysis:
-    rows: list[list[Any]] = [
-        [
-            say(f"quantity.{entry['quantity']}"),
-            entry["unit"],
-            *value_and_uncertainty(entry["value"], entry["expanded_uncertainty"]),
-        ]
-        for entry in entries
-    ]
+    rows: list[list[Any]] = []
+    for entry in entries:
+        value, expanded = entry["value"], entry["expanded_uncertainty"]
+        factor, unit = with_prefix(max(abs(value), expanded), entry["unit"])
+        cells = value_and_uncertainty(factor * value, factor * expanded)
+        rows.append([say(f"quantity.{entry['quantity']}"), unit, *cells])
     headers = [say(f"head.{name}") for name in ("quantity", "unit", "value", "expanded")]
     return Analysis(
         campaign="north_log",
@@ -138,11 +136,12 @@ def _analysis(
     )
 
 
-def _samples(output: Floats, theta_deg: Floats, unit: str) -> Figure:
+def _samples(output: Floats, theta_deg: Floats, amplitude: float, unit: str) -> Figure:
     """Means of the output over parts of a turn of 5 deg."""
+    factor, shown = with_prefix(amplitude, unit)
     part = np.floor(np.mod(theta_deg, 360.0) / 5.0)
     good = np.isfinite(output) & np.isfinite(part)
     place, count = np.unique(part[good].astype(np.int64), return_counts=True)
-    means = np.bincount(part[good].astype(np.int64), output[good])[place] / count
+    means = np.bincount(part[good].astype(np.int64), factor * output[good])[place] / count
     parts = [curve(say("log.mean"), 5.0 * place + 2.5, means, "points")]
-    return Figure(say("log.samples_title"), "", say("axis.table_angle"), say("axis.output_unit", unit=unit), parts)
+    return Figure(say("log.samples_title"), "", say("axis.table_angle"), say("axis.output_unit", unit=shown), parts)

@@ -244,6 +244,7 @@ DECLARATION = System(
             made_of="samples",
             conditions=("item", "manoeuvre"),
             beside="egi",
+            bench_clock=True,
             main=("time_offset", "time_offset_drift"),
             assumptions="bench.systems.time_sync.assumptions:assumptions",
             limits={

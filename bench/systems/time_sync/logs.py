@@ -23,8 +23,9 @@ from bench.analysis import (
 )
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
+from bench.model.units import with_prefix
 from bench.systems.time_sync.estimators.common_motion import CommonMotion, common_motion
-from bench.systems.time_sync.wording import headers_of, say
+from bench.systems.time_sync.wording import say
 
 Array = NDArray[np.float64]
 METHODS: tuple[str, ...] = ("common_motion",)
@@ -108,11 +109,13 @@ def _table(found: CommonMotion, coarse_s: float) -> Table:
         found.halves_std_s.tolist(),
         strict=True,
     )
+    scale, unit = with_prefix(max(abs(coarse_s + found.offset_s), factor * found.std_s), "s")
     rows: list[list[Any]] = [
-        [name, *value_and_uncertainty(coarse_s + value, factor * std)] for name, value, std in parts
+        [name, *value_and_uncertainty(scale * (coarse_s + value), scale * factor * std)] for name, value, std in parts
     ]
+    headers = [say(f"streams.head.{name}", unit=unit) for name in ("part", "offset", "U")]
     caption = say("streams.caption", correlation=found.correlation)
-    return Table(say("result.title"), caption, headers_of("streams", "part", "offset", "U"), rows, lead=True)
+    return Table(say("result.title"), caption, headers, rows, lead=True)
 
 
 def _figures(found: CommonMotion) -> list[Figure]:

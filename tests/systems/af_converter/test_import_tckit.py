@@ -118,4 +118,4 @@ def test_replay_fit_and_report_work_from_the_session_alone(session: Path) -> Non
     assert bench("report", str(session)).returncode == 0
     page = (session / "report.html").read_text(encoding="utf-8")
     assert "hp34420a 5 up minus down" in page
-    assert "what the mapping calls an overload" in page
+    assert "that the mapping calls an overload" in page

@@ -57,7 +57,8 @@ def test_the_columns_come_back_from_the_session_alone(tmp_path: Path) -> None:
     assert found.columns["t_s"].tolist() == [0.0, 10.0, 20.0]
     assert found.columns["sensor"].tolist() == [20.5, 20.6, 20.7]
     np.testing.assert_allclose(found.columns["voltage"], [1.0, 1.001, np.nan], rtol=1e-15)
-    assert found.notes == ("1 of 3 rows of the log have no value but what the mapping calls an overload (voltage 1).",)
+    said = "1 of 3 rows of the log have a cell that is empty or that the mapping calls an overload (voltage 1)."
+    assert found.notes == (said,)
     replayed = replay_rows(folder)
     assert (replayed.rows, replayed.totals["frames"], replayed.notes) == ((), 0, ())
 

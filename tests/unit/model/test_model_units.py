@@ -12,7 +12,23 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import TypeAdapter, ValidationError
 
-from bench.model.units import format_quantity, likely, parse_quantity, quantity, read_quantity
+from bench.model.units import format_quantity, likely, parse_quantity, quantity, read_quantity, with_prefix
+
+
+@pytest.mark.parametrize(
+    ("size", "unit", "factor", "shown"),
+    [
+        (0.9994, "V", 1e3, "mV"),
+        (3e-5, "A", 1e6, "uA"),
+        (0.0134, "s", 1e3, "ms"),
+        (1.6e9, "s", 1.0, "s"),
+        (0.0, "V", 1.0, "V"),
+        (63.5, "deg", 1.0, "deg"),
+    ],
+)
+def test_a_prefix_leaves_one_to_three_digits(size: float, unit: str, factor: float, shown: str) -> None:
+    found, printed = with_prefix(size, unit)
+    assert (found, printed) == (pytest.approx(factor), shown)
 
 
 @pytest.mark.parametrize(

@@ -10,11 +10,12 @@ import pytest
 
 from bench.model.systems import analyses
 from bench.model.texts import Texts
-from bench.model.titles import quantity_title
+from bench.model.titles import campaign_title, quantity_title, sequence_title
 
 TOP = Path(__file__).resolve().parents[3]
 GOLDEN = sorted((TOP / "tests" / "golden" / "sessions").glob("*/*/results.json"))
 SYSTEMS = TOP / "bench" / "systems"
+HANGUL = re.compile("[가-힣]")
 MADE = re.compile(r"\b(?:estimate|Measured)\(\s*\"([a-z0-9_]+)\"", re.MULTILINE)
 
 
@@ -36,6 +37,27 @@ def test_a_quantity_has_the_name_that_the_field_gives_it(analysis: str, quantity
 
 def test_english_stands_in_for_a_language_without_catalogue() -> None:
     assert quantity_title("scale_factor", "bias", "xx") == "Bias"
+
+
+@pytest.mark.parametrize("analysis", sorted(analyses()))
+def test_every_shipped_analysis_has_a_title_in_both_languages(analysis: str) -> None:
+    assert campaign_title(analysis)[0].isupper()
+    assert HANGUL.search(campaign_title(analysis, "ko"))
+
+
+def test_an_analysis_of_a_lab_keeps_its_name() -> None:
+    assert campaign_title("noise_of_mine", "ko") == "noise of mine"
+
+
+@pytest.mark.parametrize("path", sorted((TOP / "sequences").glob("*.yaml")), ids=lambda path: path.stem)
+def test_a_shipped_sequence_has_its_title_in_korean_and_one_of_a_lab_its_own(path: Path) -> None:
+    stated = dict(re.findall(r"^(sequence|title|analysis): (.*)$", path.read_text("utf-8"), re.MULTILINE))
+    if "analysis" not in stated:
+        pytest.skip("it has no report")
+    where = stated["analysis"], stated["sequence"]
+    assert sequence_title(*where, stated["title"]) == stated["title"]
+    assert HANGUL.search(sequence_title(*where, stated["title"], "ko"))
+    assert sequence_title(*where, "A copy of mine", "ko") == "A copy of mine"
 
 
 @pytest.mark.parametrize("path", GOLDEN, ids=lambda path: path.parent.name)

@@ -21,6 +21,7 @@ from bench.session.happenings import (
     happenings,
     hashes_of,
     length_s,
+    punctuality,
     surroundings,
 )
 
@@ -147,3 +148,17 @@ def test_hashes_are_of_the_yaml_texts() -> None:
     text = "sequence: x # µ\n"
     found = hashes_of({"sequences/x.yaml": text, "plan.json": "{}"})
     assert found == {"sequences/x.yaml": hashlib.sha256(text.encode("utf-8")).hexdigest()}
+
+
+def test_lateness_and_slip_are_told_without_powers_of_ten() -> None:
+    end = {
+        "steps": 138,
+        "records": 7,
+        "slip_s": 4320.0,
+        "overruns": 0,
+        "retaken": 0,
+        "lateness_ms": [0.0, 1904.2, 45e3],
+    }
+    (said,) = punctuality(ran(("end", BOOT_S + 9, end)))
+    plain = said.replace("\u00a0", " ")
+    assert "ended 0 ms late in the median, 1.9 s at the 99th percentile, 45 s at worst; slip 1.2 h" in plain

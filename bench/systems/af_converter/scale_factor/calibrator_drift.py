@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Estimate, Estimates, Reading, estimate
+from bench.analysis import Estimate, Estimates, Reading, estimate, with_uncertainty
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.dmm_method.readings import CHECK, ReadingSet, reading_sets
 from bench.systems.af_converter.estimators.readings import Readings
@@ -129,9 +129,9 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
 
 
 def _repeat_note(entry: Estimate, scale: float, campaign_s: float, seen: bool) -> str:
-    where, value_ppm = entry["conditions"], entry["value"]
-    U_ppm, hours = entry["expanded_uncertainty"], campaign_s / _HOUR_S
-    what = say("drift.repeat", channel=where["channel"], value=value_ppm, hours=where["hours"], U=U_ppm)
+    where, U_ppm, hours = entry["conditions"], entry["expanded_uncertainty"], campaign_s / _HOUR_S
+    change = with_uncertainty(entry["value"], U_ppm)
+    what = say("drift.repeat", channel=where["channel"], change=change, hours=where["hours"])
     if seen:
         return say("drift.seen", what=what, hours=hours)
     return say("drift.unseen", what=what, unseen=scale * U_ppm, hours=hours)

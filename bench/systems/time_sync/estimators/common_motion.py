@@ -3,10 +3,13 @@
 Both signals are laid over each other at the shift of the largest correlation; from there shift, scale and zero of each
 signal follow by least squares, the first stream as a cubic spline. Before, both are smoothed alike, over an eighth of
 the width of the correlation: that moves neither, and keeps noise out of the slope that the shift is found by. What is
-left hangs together in time, so the covariance comes from blocks of the recording that pull by themselves.
+left hangs together in time, so the covariance comes from blocks of the recording that pull by themselves. In half of a
+recording few blocks hold motion, and such a covariance is too small by chance: there what is left of the whole tells it
+too, by its autocovariance, and the larger one counts.
 
 Source: Knapp and Carter, IEEE Trans. ASSP 24 (1976) 320 (delay by the largest correlation); Liang and Zeger, Biometrika
-73 (1986) 13 (covariance by blocks), times B / (B - 1).
+73 (1986) 13 (covariance by blocks), times B / (B - 1); Hannan, Multiple Time Series (1970), ch. VII (of least squares
+with stationary noise).
 """
 
 from __future__ import annotations
@@ -85,19 +88,20 @@ def common_motion(one_s: Array, one: Array, other_s: Array, other: Array) -> Com
     t_s, seen = t_s[inside], b[inside]
     whole = _fit(spline, t_s, seen, peak.shift_s)
     middle = t_s.size // 2
-    halves = [_fit(spline, t_s[part], seen[part], whole[0]) for part in (slice(0, middle), slice(middle, None))]
+    halves = [_fit(spline, t_s[part], seen[part], whole.shift_s) for part in (slice(0, middle), slice(middle, None))]
+    left = seen - whole.scaled
     return CommonMotion(
-        offset_s=whole[0],
-        std_s=whole[1],
+        offset_s=whole.shift_s,
+        std_s=whole.std_s,
         dof=BLOCKS - 1,
         correlation=peak.correlation,
         rival=peak.rival,
         rival_s=peak.rival_s,
-        halves_s=np.array([half[0] for half in halves]),
-        halves_std_s=np.array([half[1] for half in halves]),
+        halves_s=np.array([half.shift_s for half in halves]),
+        halves_std_s=np.array([max(half.std_s, _std_by_noise(half.columns, left)) for half in halves]),
         samples=t_s.size,
         t_s=t_s,
-        motion_one=whole[2],
+        motion_one=whole.scaled,
         motion_other=seen,
     )
 
@@ -154,8 +158,17 @@ def _correlations(a: Array, b: Array, lags: NDArray[np.int64]) -> Array:
     return np.asarray(cross / np.sqrt(np.maximum(squares, np.finfo(float).tiny)))
 
 
-def _fit(spline: interpolate.CubicSpline, t_s: Array, seen: Array, shift_s: float) -> tuple[float, float, Array]:
-    """Return shift, its standard uncertainty, and the first stream scaled to the second one, (n, k)."""
+@dataclass(frozen=True)
+class _Fit:
+    """Shift, its uncertainty by blocks; the first stream scaled to the second one, (n, k); ``columns``: (n k, p)."""
+
+    shift_s: float
+    std_s: float
+    scaled: Array
+    columns: Array
+
+
+def _fit(spline: interpolate.CubicSpline, t_s: Array, seen: Array, shift_s: float) -> _Fit:
     n, k = seen.shape
     slope = spline.derivative()
     settled_s = _SETTLED * float(np.median(np.diff(t_s)))
@@ -175,7 +188,23 @@ def _fit(spline: interpolate.CubicSpline, t_s: Array, seen: Array, shift_s: floa
     pulls = np.stack([columns[block == b].T @ residual[block == b] for b in range(BLOCKS)])
     inverse = np.linalg.pinv(columns.T @ columns)
     covariance = inverse @ (pulls.T @ pulls) @ inverse * BLOCKS / (BLOCKS - 1)
-    return shift_s, float(np.sqrt(covariance[0, 0])), scaled
+    return _Fit(shift_s, float(np.sqrt(covariance[0, 0])), scaled, columns)
+
+
+def _std_by_noise(columns: Array, left: Array) -> float:
+    """Return the standard uncertainty of the shift if what is left, (m, k), hangs together alike at all times.
+
+    ``columns``: derivatives of a fit to n of the m samples, (n k, p), the shift first.
+    """
+    m, k = left.shape
+    size = 1 << int(2 * m).bit_length()
+    spectrum = np.abs(np.fft.rfft(left - left.mean(axis=0), size, axis=0)) ** 2 / m
+    covariance, inverse = np.zeros((columns.shape[1],) * 2), np.linalg.pinv(columns.T @ columns)
+    for i, part in enumerate(np.split(columns, k)):
+        seen = np.fft.rfft(part, size, axis=0)
+        together = np.fft.irfft(spectrum[:, [i]] * seen, size, axis=0)[: len(part)]
+        covariance += part.T @ together
+    return float(np.sqrt((inverse @ covariance @ inverse)[0, 0]))
 
 
 def _columns(model: Array, rate: Array, factor: Array) -> Array:

@@ -315,6 +315,28 @@ def test_a_log_without_a_date_states_none_and_no_sequence(model: ReportModel) ->
     assert shown["Calibrated (UTC)"] == "unknown"
     assert "by the mapping my_map" in shown["Method"]
     assert "Records taken again" not in shown["Method"]
+    assert "by the mapping: " in shown["Decision rule"]
+    assert "sequence" not in shown["Decision rule"] + shown["Validity"]
+    assert "The log" in shown["Validity"]
+    tables = next(section.tables for section in Report(log).sections if section.name == "provenance")
+    pairs = {row[0]: row[1] for table in tables for row in table.rows}
+    assert pairs["mapping"] == "my_map"
+    assert pairs.keys().isdisjoint({"sequence", "clock", "SHA-256 of the plan", "SHA-256 of the frame definition"})
+
+
+@pytest.mark.parametrize(("campaign", "named"), [("time_sync", True), ("scale_factor", False)])
+def test_the_clock_of_the_bench_is_named_where_results_are_by_it(
+    model: ReportModel, campaign: str, named: bool
+) -> None:
+    """ISO/IEC 17025 7.8.4.1 c): what has no certificate is not among those that have one."""
+    timed = replace(model, results={**model.results, "campaign": campaign})
+    assert ("clock of the bench" in on(first_page(timed, None, WORDS))["Traceability"]) == named
+
+
+def test_a_shipped_title_is_told_in_korean(model: ReportModel) -> None:
+    told = replace(model, title="Ring laser lock-in and its compensation", origin={"sequence": "rlg_lock_in"},
+                   results={**model.results, "campaign": "rlg_lock_in"})  # fmt: skip
+    assert first_page(told, None, words_of("ko")).subject == "링 레이저의 록인과 그 보상"
 
 
 def test_a_condition_down_the_side_has_a_prefix(model: ReportModel) -> None:
