@@ -126,8 +126,8 @@ def _walk_row(laser: LaserResult, method: str) -> list[str]:
     cells = [_bounded(Measured(walk.n_deg_rth, walk_std_deg_rth(walk), walk_dof(walk)), 1e3)]
     cells.append(_text(Measured(walk.q_deg, walk.q_std_deg), 1e3 * ARCSEC) if walk.q_deg > 0.0 else "–")
     expected = laser.expected_deg_rth if method == RAW else None
-    theory = "" if expected is None else f"{1e3 * expected:.3g}"
-    return [label(method), *cells, theory, f"{walk.chi2:.4g} / {walk.dof}"]
+    theory = "" if expected is None else f"{1e3 * expected:#.3g}"
+    return [label(method), *cells, theory, f"{walk.chi2:.1f} / {walk.dof}"]
 
 
 def _material(results: Sequence[LaserResult]) -> Table:
@@ -136,7 +136,7 @@ def _material(results: Sequence[LaserResult]) -> Table:
         sums, events = laser.found, laser.events
         unused = (say(f"unused.{name}", count=count) for name, count in sorted(sums.counts.items()) if count)
         why = say.listed(unused, "list.comma")
-        cells = [f"{sums.seconds:.2f}", sums.edges, sums.turnarounds, sums.grazing, why or "–"]
+        cells = [f"{sums.seconds:.2f}", sums.edges, sums.turnarounds, sums.grazing, why or "0"]
         lost = [sums.stretches, events.lost_blocks, events.lost_edges, sums.breaks + sums.repaired]
         rows.append([[*cells, *lost]])
     headers = _heads("time", "edges", "turnarounds", "grazing", "not_used", "stretches", "blocks_lost", "dropped",
