@@ -40,6 +40,7 @@ _RC: Any = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.unicode_minus": True,
+    "axes.formatter.offset_threshold": 6,  # a height of 3000.2 m reads better than 0.2 with "+3e3" above the axis
     "grid.color": "#d9d9d9",
     "grid.linewidth": 0.5,
     "axes.grid": True,

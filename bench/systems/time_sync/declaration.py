@@ -234,6 +234,8 @@ class TimeSyncLog(LogSections):
         return units | {"frequencies": {"first_Hz": self.frequencies.first, "last_Hz": self.frequencies.last}}
 
 
+_SIZES = ("time_offset_uncertainty",)
+
 DECLARATION = System(
     name="time_sync",
     analyses=(
@@ -245,6 +247,7 @@ DECLARATION = System(
             conditions=("item", "manoeuvre"),
             beside="egi",
             main=("time_offset", "time_offset_drift"),
+            sizes=_SIZES,
             assumptions="bench.systems.time_sync.assumptions:assumptions",
             limits={
                 "time_offset_uncertainty": Limit("s", above_zero=True),
@@ -263,6 +266,7 @@ DECLARATION = System(
             "bench.systems.time_sync.egi_log",
             ("augmented_loose", "augmented_tight"),
             "logs",
+            sizes=_SIZES,
             roles=("time", *_OF_UNITS),
         ),
         AnalysisDeclaration(
