@@ -88,8 +88,8 @@ def analysis_tables(tables: Sequence[analysis.Table], language: str = ENGLISH, t
 
 def _caption(table: analysis.Table, language: str) -> str:
     """Return a title, alone or with the caption as sentences behind it; a full stop ends them."""
-    text = ". ".join(text for text in told((table.title, table.caption), language) if text)
-    return f"{text}." if table.caption and not text.endswith((".", ":")) else text
+    heading, caption = told((table.title, table.caption), language)
+    return f"{heading}. {caption.rstrip('.')}." if heading and caption else heading or caption
 
 
 def _stub(rows: Sequence[Sequence[Any]]) -> int:
