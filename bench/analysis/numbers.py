@@ -92,17 +92,19 @@ def value_and_uncertainty(value: float, expanded: float) -> tuple[str, str]:
     return number(value, decimals_for(expanded) if expanded > 0 else None), significant(expanded)
 
 
-def limits_text(limits: tuple[float, float] | None, scale: float = 1.0, span: str = "{low} to {high}") -> str:
+def limits_text(
+    limits: tuple[float, float] | None, scale: float = 1.0, span: str = "{low} to {high}", *, size: bool = False
+) -> str:
     """Return limits times ``scale`` as they are printed: ``± 5``, ``4.9 to 5.1``, ``≥ 4.9``; a dash where are none.
 
-    ``span``: how the reader's language says the second.
+    ``span``: how the reader's language says the second.   ``size``: of what is never negative: the upper one alone.
     """
     if limits is None:
         return number(None)
     low, high = (scale * limit for limit in limits)
-    if low == -high:
+    if low == -high and not (size and high):
         return f"± {number(high)}" if high else "0"
-    if math.isinf(low):
+    if math.isinf(low) or (size and low < 0.0):
         return f"≤ {number(high)}"
     return f"≥ {number(low)}" if math.isinf(high) else span.format(low=number(low), high=number(high))
 

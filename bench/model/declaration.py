@@ -48,6 +48,7 @@ class AnalysisDeclaration:
     ``beside``: link whose samples it needs beside those recorded.   ``of_unit``, ``of_channel``: what the data sheet
     must state of the unit, and of each kind of channel.   ``main``: quantities that are shown while it is recorded and
     on the first page of its report.
+    ``sizes``: quantities that are never negative, such as an uncertainty: a limit of one is its greatest value.
     ``standards``: roles of the standards whose relative error enters a quantity one to one, by quantity.
     ``problems``: function that says of each record why the analysis leaves it out; "" for what holds for all records.
     ``assumptions``: function that names what its data cannot show, from the section "campaign" of a plan.
@@ -72,6 +73,7 @@ class AnalysisDeclaration:
     of_unit: tuple[str, ...] = ()
     of_channel: tuple[str, ...] = ()
     main: tuple[str, ...] = ()
+    sizes: tuple[str, ...] = ()
     standards: Mapping[str, str] = field(default_factory=dict)
     problems: str = ""
     assumptions: str = ""

@@ -70,6 +70,15 @@ def analysis_declaration(name: str) -> AnalysisDeclaration | None:
     return analyses()[name][0] if name in analyses() else None
 
 
+def is_size(analysis: str, quantity: str) -> bool:
+    """Return True for a quantity that its analysis declares as a size, which cannot be negative.
+
+    Raises: as ``analysis_declaration``.
+    """
+    declared = analysis_declaration(analysis)
+    return declared is not None and quantity in declared.sizes
+
+
 def _declaration_of_lab(name: str) -> AnalysisDeclaration:
     if name in analyses():
         raise lab_code.refused_twice("analyses", name, analyses()[name][2].release)

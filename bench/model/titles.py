@@ -35,6 +35,11 @@ def condition_title(analysis: str, name: str, language: str = ENGLISH) -> str | 
     return _texts(analysis, language).get(f"condition.{name}")
 
 
+def sizes_of_assumptions(analysis: str, language: str = ENGLISH) -> str:
+    """Return what the sizes in the assumptions of an analysis hold for, ``assumption.sizes`` of the system, or ""."""
+    return _texts(analysis, language).get("assumption.sizes", "")
+
+
 def value_title(analysis: str, name: str, value: str, language: str = ENGLISH) -> str:
     """Return the word that is the value of a condition for people, ``<name>.<word>``; else itself, with blanks."""
     return _texts(analysis, language).get(f"{name}.{value.replace(' ', '_')}", value.replace("_", " "))

@@ -234,7 +234,8 @@ def other_table(model: ReportModel, words: Texts) -> Table | None:
         apart = {name: value for name, value in row["conditions"].items() if name not in alike}
         where = conditions_text(words, apart, _campaign(model))
         title = model.title_of(row["quantity"], words.language)
-        rows.append((title, where or "–", value_text(row, scale), unit_text(unit)))
+        stated = "–" if row["value"] is None else unit_text(unit)  # of nothing no unit is stated
+        rows.append((title, where or "–", value_text(row, scale), stated))
     headers = map(words, ("column.quantity", "column.conditions", "column.value_expanded", "column.unit"))
     shared = words("others.alike", conditions=conditions_text(words, alike, _campaign(model))) if alike else ""
     return Table(f"{words('others.table')} {shared}".rstrip(), tuple(headers), tuple(rows), stub=2) if rows else None

@@ -147,6 +147,7 @@ class RunStory:
 
     ``length_s``: from start to end, NaN if unknown; ``log_s``: of a log of another system.   ``hashes``:
     SHA-256 of the texts the run was made from, by name.   ``damage``: places at which the recording is damaged.
+    ``left_out``: the run went on without this unit, which several share.
     """
 
     tables: tuple[Table, ...] = ()
@@ -157,6 +158,7 @@ class RunStory:
     log_s: float = float("nan")
     hashes: Mapping[str, str] = field(default_factory=dict)
     damage: int = 0
+    left_out: bool = False
 
 
 @dataclass(frozen=True)

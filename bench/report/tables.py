@@ -73,7 +73,7 @@ def analysis_tables(tables: Sequence[analysis.Table], language: str = ENGLISH, t
     """Return the tables of an analysis as text, laid out alike in every language; ``title``: of quantities it names."""
     return [
         Table(
-            sentence(". ".join(text for text in told((table.title, table.caption), language) if text), title),
+            sentence(_caption(table, language), title),
             tuple(label(named(text, title)) for text in told(tuple(table.headers), language)),
             tuple(
                 tuple(named(_plain(value, on_uncertainty(table)), title) for value in told(tuple(row), language))
@@ -84,6 +84,12 @@ def analysis_tables(tables: Sequence[analysis.Table], language: str = ENGLISH, t
         )
         for table in tables
     ]
+
+
+def _caption(table: analysis.Table, language: str) -> str:
+    """Return a title, alone or with the caption as sentences behind it; a full stop ends them."""
+    heading, caption = told((table.title, table.caption), language)
+    return f"{heading}. {caption.rstrip('.')}." if heading and caption else heading or caption
 
 
 def _stub(rows: Sequence[Sequence[Any]]) -> int:

@@ -10,7 +10,9 @@ from typing import Any
 
 from bench.analysis import doubt_lines, is_sound, limits_of, limits_text, number, unit_text, use_of
 from bench.maths.verdict import passed
+from bench.model.systems import is_size
 from bench.model.texts import Texts, told
+from bench.model.titles import sizes_of_assumptions
 from bench.report.estimate_tables import readable, value_text
 from bench.report.model import ReportModel
 from bench.report.tables import Table, sentence
@@ -31,14 +33,22 @@ def overall_verdict(model: ReportModel, words: Texts) -> tuple[str, str]:
     """Return class (none, pass, fail) and words of the overall verdict."""
     counts = verdict_counts(model)
     if not counts:
-        return "none", words("verdicts.incomplete" if model.results.get("incomplete") else "verdicts.none")
+        return "none", words(f"verdicts.{_lacking(model) or 'none'}")
     listed = ", ".join(_counted(words, name, counts[name]) for name in sorted(counts))
     return ("pass" if passed(counts) else "fail"), words("verdicts.overall", counts=listed)
 
 
+def _lacking(model: ReportModel) -> str:
+    """Return why a report is one of a part of its campaign, as its texts are keyed; "" for one of all of it."""
+    if not model.results.get("incomplete"):
+        return ""
+    return "left_out" if model.run.left_out else "incomplete"
+
+
 def doubt_paragraphs(model: ReportModel, words: Texts) -> tuple[str, ...]:
     """Return what casts doubt on all of it, what is not sound and why, and what that means; () without doubt."""
-    said = [words("doubt.incomplete")] if model.results.get("incomplete") else []
+    lacking = _lacking(model)
+    said = [words(f"doubt.{lacking}")] if lacking else []
     said += [words("doubt.damaged", count=number(model.run.damage))] if model.run.damage else []
     lines = doubt_lines(model.results.get("estimates", ()))
     title = partial(model.title_of, language=words.language)
@@ -52,17 +62,19 @@ def assumption_table(model: ReportModel, words: Texts) -> Table | None:
     title = partial(model.title_of, language=words.language)
     rows = tuple(tuple(sentence(told(entry[name], words.language), title) for name in _ASSUMED) for entry in taken)
     headers = tuple(words(f"column.{name}") for name in _ASSUMED)
-    return Table(words("assumptions.table"), headers, rows, prose=True) if rows else None
+    sizes = sizes_of_assumptions(str(model.results.get("campaign", "")), words.language)
+    return Table(f"{words('assumptions.table')} {sizes}".rstrip(), headers, rows, prose=True) if rows else None
 
 
 def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     """Return verdicts, one row per quantity and channel: the estimate nearest to its limit; None without verdicts."""
+    analysis = str(model.results.get("campaign", ""))
     judged: dict[tuple[str, Any], list[Mapping[str, Any]]] = {}
     for row in model.results.get("estimates", ()):
         if limits_of(row) is not None and row.get("verdict", "none") != "none":
             judged.setdefault((row["quantity"], row["conditions"].get("channel", _NO_CHANNEL)), []).append(row)
     rows = tuple(
-        (model.title_of(quantity, words.language), *_row(words, channel, group))
+        (model.title_of(quantity, words.language), *_row(words, channel, group, size=is_size(analysis, quantity)))
         for (quantity, channel), group in judged.items()
     )
     rule = model.results.get("decision_rule")
@@ -86,7 +98,7 @@ def _use(row: Mapping[str, Any]) -> float:
     return use_of(float(row["value"]), limits, float(row["expanded_uncertainty"]))
 
 
-def _row(words: Texts, channel: Any, group: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+def _row(words: Texts, channel: Any, group: Sequence[Mapping[str, Any]], *, size: bool) -> tuple[str, ...]:
     worst = max(group, key=lambda row: (_use(row), abs(row["value"] or 0.0)))
     scale, unit = readable([worst])
     counted = Counter(str(row["verdict"]) for row in group)
@@ -95,7 +107,7 @@ def _row(words: Texts, channel: Any, group: Sequence[Mapping[str, Any]]) -> tupl
         str(channel),
         str(len(group)),
         value_text(worst, scale),
-        limits_text(limits_of(worst), scale, words.all["coverage.span"]),
+        limits_text(limits_of(worst), scale, words.all["coverage.span"], size=size),
         unit_text(unit),
         "–" if probability is None or not worst["expanded_uncertainty"] else percent(probability),
         ", ".join(_counted(words, name, count) for name, count in sorted(counted.items())),

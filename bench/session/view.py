@@ -287,6 +287,7 @@ def _story(view: SessionView) -> RunStory:
         log_s=float(np.ptp(logged_s)) if logged_s.size else math.nan,
         hashes=hashes_of(view.texts),
         damage=len(view.damage),
+        left_out=bool(view.events_of(UnitLeftOut)),
     )
 
 

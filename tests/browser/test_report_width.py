@@ -48,3 +48,12 @@ def test_on_paper_the_caption_is_part_of_the_headings_that_repeat(browser: Brows
     assert not page.locator("#results caption").first.is_visible()
     assert page.locator("#results thead .again").first.is_visible()
     page.close()
+
+
+def test_on_a_phone_names_wrap_beside_their_values(browser: Browser, report: str) -> None:
+    page = browser.new_page(viewport={"width": 390, "height": 844})
+    page.set_content(report)
+    pairs = page.evaluate("[...document.querySelectorAll('.pairs')].map(table => table.getBoundingClientRect().right)")
+    assert pairs
+    assert max(pairs) <= 390
+    page.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bench.analysis import decimals_for, limits_text, number, unit_text, with_uncertainty
+from bench.model.systems import is_size
 from bench.model.texts import Texts
 from bench.model.titles import campaign_title, quantity_title
 from bench.report.batch.model import Batch, Member, Outcome, Quantity, Spread, Unit, Yield
@@ -98,7 +99,7 @@ def _spread_row(spread: Spread, words: Texts) -> tuple[str, ...]:
         unit_name(spread.least.unit),
         number(scale * spread.greatest.value, places),
         unit_name(spread.greatest.unit),
-        limits_text(spread.limits, scale, words.all["coverage.span"]),
+        _limits(spread.quantity, spread.limits, scale, words),
         number(spread.failed) if worst is not None else "–",
         "–" if worst is None else f"{_value(worst, scale)}, {unit_name(worst.unit)}",
     )
@@ -111,6 +112,10 @@ def _value(member: Member, scale: float) -> str:
         if member.expanded
         else number(scale * member.value)
     )
+
+
+def _limits(quantity: Quantity, limits: tuple[float, float] | None, scale: float, words: Texts) -> str:
+    return limits_text(limits, scale, words.all["coverage.span"], size=is_size(quantity.campaign, quantity.name))
 
 
 def worst_table(batch: Batch, words: Texts) -> Table | None:
@@ -130,7 +135,7 @@ def _worst_row(quantity: Quantity, member: Member, words: Texts) -> tuple[str, .
         quantity_title(quantity.campaign, quantity.name, words.language),
         conditions_text(words, quantity.where, quantity.campaign) or "–",
         _value(member, scale),
-        limits_text(member.limits, scale, words.all["coverage.span"]),
+        _limits(quantity, member.limits, scale, words),
         unit_text(unit),
         "–" if member.probability is None else percent(member.probability),
         words(f"verdict.{member.verdict}"),

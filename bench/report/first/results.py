@@ -72,14 +72,18 @@ class _Grid:
 def main_rows(model: ReportModel) -> list[Row]:
     """Return the estimates that the first page shows: of the declared quantities, else all with an uncertainty.
 
-    What another method gives is there to compare with, and stands behind.
+    What another method gives is there to compare with, and stands behind; but for a quantity that no other gives.
     """
     found = model.results.get("estimates", ())
     method = model.results.get("method")
     named = any(row["conditions"].get("method") == method for row in found)  # else a way of the analysis, not of one
     entries = [row for row in found if not named or row["conditions"].get("method", method) == method]
-    declared = [row for name in model.main for row in entries if row["quantity"] == name]
+    declared = [row for name in model.main for row in _of_quantity(entries, name) or _of_quantity(found, name)]
     return declared or [row for row in entries if row.get("expanded_uncertainty") or not is_sound(row)]
+
+
+def _of_quantity(rows: Sequence[Row], name: str) -> list[Row]:
+    return [row for row in rows if row["quantity"] == name]
 
 
 @dataclass(frozen=True)
@@ -132,7 +136,8 @@ def _grid(campaign: str, title: str, rows: Sequence[Row]) -> _Grid:
     across = next((name for name in _ACROSS if name in varying), _TEMPERATURE if _TEMPERATURE in names else None)
     down = tuple(name for name in varying if name != across)
     scale, unit = readable(chosen)
-    heading = title + (f" / {unit_text(unit)}" if unit != "1" else "")
+    stated = unit != "1" and any(row["value"] is not None for row in chosen)
+    heading = title + (f" / {unit_text(unit)}" if stated else "")
     return _Grid(
         campaign, heading, scale, down, across, {_place(row["conditions"], down, across): row for row in chosen}
     )

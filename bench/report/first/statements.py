@@ -9,7 +9,7 @@ import numpy as np
 
 from bench.analysis import is_sound, limits_of, limits_text, number, unit_text, use_of, with_uncertainty
 from bench.maths.verdict import NON_BINARY
-from bench.model.systems import analysis_declaration
+from bench.model.systems import analysis_declaration, is_size
 from bench.model.texts import Texts
 from bench.model.titles import quantity_title, value_title
 from bench.report.accreditation import not_covered
@@ -69,7 +69,7 @@ def _nearest(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
         quantity=quantity_title(campaign, row["quantity"], words.language) + (f" ({where})" if where else ""),
         value=with_uncertainty(row["value"] * scale, expanded * scale) + suffix,
         k=f"{row['coverage_factor']:.2f}",
-        limits=limits_text(limits, scale, words.all["coverage.span"]) + suffix,
+        limits=limits_text(limits, scale, words.all["coverage.span"], size=is_size(campaign, row["quantity"])) + suffix,
         room=words(
             "first.nearest.beyond" if left < 0.0 else "first.nearest.left", size=_rounded(left * scale) + suffix
         ),
@@ -166,7 +166,7 @@ def _span(values: np.ndarray[Any, np.dtype[np.float64]]) -> tuple[float, float] 
 
 def _degC(span: tuple[float, float], words: Texts) -> str:
     low, high = (number(value, 1) for value in span)
-    return words("first.span", low=low, high=high)
+    return low if low == high else words("first.span", low=low, high=high)
 
 
 def _traceability(model: ReportModel, laboratory: Laboratory | None, words: Texts) -> str:

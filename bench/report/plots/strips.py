@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from bench.analysis import limits_text, number, unit_text
+from bench.model.systems import is_size
 from bench.model.texts import Texts
 from bench.model.titles import quantity_title
 from bench.report.batch.model import Batch, Spread
@@ -86,8 +87,10 @@ def _draw(axes: Axes, group: Sequence[Spread], words: Texts) -> None:
     axes.grid(visible=False, axis="y")
     axes.tick_params(axis="y", length=0)
     axes.locator_params(axis="x", nbins=5)
-    _limits(axes, [scale * limit for limit in limits or ()], members_reach=float(np.abs(edges).max()))
-    axes.set_xlabel(_axis_text(unit, limits_text(limits, scale) if limits else "", about_means, words))
+    size = is_size(group[0].quantity.campaign, group[0].quantity.name)
+    drawn = () if limits is None else limits[size:]  # of a size the upper one alone
+    _limits(axes, [scale * limit for limit in drawn], members_reach=float(np.abs(edges).max()))
+    axes.set_xlabel(_axis_text(unit, limits_text(limits, scale, size=size) if limits else "", about_means, words))
 
 
 def _strips(group: Sequence[Spread], scale: float, words: Texts) -> Strips:

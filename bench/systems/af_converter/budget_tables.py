@@ -51,7 +51,7 @@ def correlation_table(title: str, caption: str, names: Sequence[str], matrix: ND
 
 
 def summary_table(title: str, unit: str, budgets: Mapping[str, Budget], kinds: Mapping[str, str]) -> Table:
-    """Contributions of all budgets side by side, components summed by kind.
+    """Contributions of the budgets of all channels side by side, components summed by kind.
 
     ``kinds``: kind of component by its name, in the order of the columns; all others are left to the combined value.
     """
@@ -65,7 +65,7 @@ def summary_table(title: str, unit: str, budgets: Mapping[str, Budget], kinds: M
         ends = [significant(budget.std_uncertainty), dof_text(budget.dof), f"{budget.coverage_factor:.2f}"]
         parts = [significant(math.sqrt(sums[column])) for column in columns]
         rows.append([name, *parts, *ends, significant(budget.expanded_uncertainty)])
-    headers = ["", *columns, "u", say("budget.head.dof"), "k", "U"]
+    headers = [say("budget.head.channel"), *columns, "u", say("budget.head.dof"), "k", "U"]
     return Table(title, say("summary.caption", unit=unit), headers, rows)
 
 

@@ -71,6 +71,7 @@ DECLARATION = System(
             conditions=_POSE,
             fields=_TRIADS,
             main=("gyro_bias", "accel_bias", "gyro_bias_stability", "accel_bias_stability"),
+            sizes=("gyro_bias_stability", "accel_bias_stability"),
             assumptions=f"{_TAKEN}:of_bias",
         ),
         AnalysisDeclaration(

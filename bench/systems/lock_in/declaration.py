@@ -95,6 +95,7 @@ DECLARATION = System(
             made_of="samples",
             conditions=("path_length_m", "clock_Hz"),
             main=("lock_in_rate", "angle_random_walk", "alignment_time"),
+            sizes=("alignment_time",),
             assumptions="bench.systems.lock_in.assumptions:assumptions",
             limits={"alignment_error": Limit("deg", above_zero=True), "alignment_time": Limit("s", above_zero=True)},
         ),

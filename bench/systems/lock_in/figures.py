@@ -1,6 +1,6 @@
 """Figures of a campaign of ring lasers: alignment, random walk over path length, ratios, Allan deviations.
 
-Numbers of figures are those of paper 004. What single turnarounds show is in ``turnaround_figures``.
+What single turnarounds show is in ``turnaround_figures``.
 """
 
 from __future__ import annotations

@@ -136,7 +136,7 @@ def _material(results: Sequence[LaserResult]) -> Table:
         sums, events = laser.found, laser.events
         unused = (say(f"unused.{name}", count=count) for name, count in sorted(sums.counts.items()) if count)
         why = say.listed(unused, "list.comma")
-        cells = [f"{sums.seconds:.2f}", sums.edges, sums.turnarounds, sums.grazing, why or "–"]
+        cells = [f"{sums.seconds:.2f}", sums.edges, sums.turnarounds, sums.grazing, why or "0"]
         lost = [sums.stretches, events.lost_blocks, events.lost_edges, sums.breaks + sums.repaired]
         rows.append([[*cells, *lost]])
     headers = _heads("time", "edges", "turnarounds", "grazing", "not_used", "stretches", "blocks_lost", "dropped",

@@ -234,6 +234,8 @@ class TimeSyncLog(LogSections):
         return units | {"frequencies": {"first_Hz": self.frequencies.first, "last_Hz": self.frequencies.last}}
 
 
+_SIZES = ("time_offset_uncertainty",)
+
 DECLARATION = System(
     name="time_sync",
     analyses=(
@@ -246,6 +248,7 @@ DECLARATION = System(
             beside="egi",
             bench_clock=True,
             main=("time_offset", "time_offset_drift"),
+            sizes=_SIZES,
             assumptions="bench.systems.time_sync.assumptions:assumptions",
             limits={
                 "time_offset_uncertainty": Limit("s", above_zero=True),
@@ -264,6 +267,7 @@ DECLARATION = System(
             "bench.systems.time_sync.egi_log",
             ("augmented_loose", "augmented_tight"),
             "logs",
+            sizes=_SIZES,
             roles=("time", *_OF_UNITS),
         ),
         AnalysisDeclaration(

@@ -56,7 +56,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
         evidence=_evidence(found),
         notes=[say("note.streams"), say("note.blocks")],
         tables=[_table(found, coarse_s)],
-        figures=_figures(found),
+        figures=_figures(found, material),
     )
 
 
@@ -67,7 +67,7 @@ def _streams(material: Material) -> tuple[Mapping[str, tuple[Array, Array]], flo
     taken, apart_s = {}, []
     for stream in _STREAMS:
         of_it = [column for column in columns if column.get("stream") == stream]
-        signals = sorted((column for column in of_it if column["role"] == "motion"), key=lambda column: column["of"])
+        signals = _signals(material, stream)
         if not signals:
             raise FitError(
                 "B-SYNC-012",
@@ -83,6 +83,12 @@ def _streams(material: Material) -> tuple[Mapping[str, tuple[Array, Array]], flo
     coarse_s = apart_s[0] - apart_s[1]
     coarse_s = float(round(coarse_s)) if abs(coarse_s) > _NEAR_s else 0.0
     return {"one": (taken["one"][0] - coarse_s, taken["one"][1]), "other": taken["other"]}, coarse_s
+
+
+def _signals(material: Material, stream: str) -> list[Mapping[str, Any]]:
+    """Return the columns with motions of a stream, in the order that both streams have them in."""
+    motions = (column for column in material.campaign.get("columns", ()) if column["role"] == "motion")
+    return sorted((column for column in motions if column["stream"] == stream), key=lambda column: column["of"])
 
 
 def _evidence(found: CommonMotion) -> list[Evidence]:
@@ -118,14 +124,14 @@ def _table(found: CommonMotion, coarse_s: float) -> Table:
     return Table(say("result.title"), caption, headers, rows, lead=True)
 
 
-def _figures(found: CommonMotion) -> list[Figure]:
+def _figures(found: CommonMotion, material: Material) -> list[Figure]:
     since_s = found.t_s - found.t_s[0]
     parts = [
         curve(say("motion.other"), since_s, found.motion_other[:, 0]),
         curve(say("motion.one"), since_s, found.motion_one[:, 0]),
     ]
     left = [curve(say("motion.left"), since_s, found.left[:, 0])]
-    axes = say("motion.x"), say("motion.y")
+    axes = say("motion.x"), say("motion.y", unit=_signals(material, "other")[0]["unit"])
     return [
         Figure(say("motion.title"), say("motion.caption"), *axes, parts),
         Figure(say("motion.left_title"), "", *axes, left),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Table, number, with_uncertainty
+from bench.analysis import Table, decimals_for, number, significant, with_uncertainty
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, TIGHT, STANDARD_GRAVITY_m_s2
@@ -61,10 +61,9 @@ def _filters(result: SyncResult) -> Table:
     for name in METHODS:
         offset, group = result.found.offsets[name], GROUPS.index(name)
         rows.append([
-            filter_name(name), number(_MS * offset.filter_std_s, 4), number(_MS * offset.error_std_s, 4),
-            number(offset.inflation, 2), number(_MS * offset.prior_std_s, 4), number(_MS * offset.drift_std_s, 4),
-            number(_MS * offset.std_s, 4), f"{offset.normalised:.2g}",
-            f"{float(result.seen.associated[-1, group]):.2g}", say("yes" if offset.seen else "no"),
+            filter_name(name), _part(offset.filter_std_s), _part(offset.error_std_s), number(offset.inflation, 2),
+            _part(offset.prior_std_s), _part(offset.drift_std_s), _part(offset.std_s), significant(offset.normalised),
+            significant(float(result.seen.associated[-1, group])), say("yes" if offset.seen else "no"),
         ])  # fmt: skip
     headers = headers_of(
         "filters", "filter", "believed", "stated", "nis", "beforehand", "drift", "all", "variance", "eigenvalue",
@@ -72,6 +71,11 @@ def _filters(result: SyncResult) -> Table:
     )  # fmt: skip
     caption = say("filters.caption", loose=_noise(LOOSE), tight=_noise(TIGHT))
     return Table(say("filters.title"), caption, headers, rows)
+
+
+def _part(std_s: float) -> str:
+    """Return a part of an uncertainty in milliseconds, one digit more than of a result, so that sums can be checked."""
+    return number(_MS * std_s, decimals_for(_MS * std_s) + 1)
 
 
 def _noise(sigma: tuple[float, float, float]) -> str:
@@ -102,7 +106,7 @@ def _consistency(result: SyncResult) -> Table:
     run, rows = result.found.run, []
     for group, name in enumerate(GROUPS):
         ratios = [ratio_of(run, group, block) for block in range(len(NIS_BLOCKS))]
-        rows.append([filter_name(name), *(f"{ratio:.2g}" if math.isfinite(ratio) else "–" for ratio in ratios)])
+        rows.append([filter_name(name), *(significant(ratio) if math.isfinite(ratio) else "–" for ratio in ratios)])
     headers = headers_of("consistency", "filter", *NIS_BLOCKS)
     return Table(say("consistency.title"), say("consistency.caption"), headers, rows)
 

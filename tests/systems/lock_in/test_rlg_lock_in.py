@@ -65,7 +65,7 @@ def test_a_short_campaign_and_the_same_without_its_truth(tmp_path: Path, inside:
     assert again.returncode == 0, again.stderr
     assert json.loads(again.stdout)["estimates"] == results["estimates"]
     report = (folder / "report.html").read_text("utf-8")
-    for words in ("Alignment time", "Figure 11:", "Nobody knows the true one", "a half or a third"):
+    for words in ("Alignment time", "As figure 11 of the paper.", "Nobody knows the true one", "a half or a third"):
         assert words in report
 
 

@@ -130,7 +130,7 @@ def bias_budgets(fits: Sequence[ChannelFit], campaign: Campaign) -> list[Table]:
             float(on_sensor(channel)[0][0]) * _nA,
             combined.budgets[_number(channel)],
         )
-        for kind, channel in sorted(first.items())
+        for kind, channel in sorted(first.items(), key=lambda example: example[1].readings.channel.number)
     ]
     if len(fits) == 1:
         return tables

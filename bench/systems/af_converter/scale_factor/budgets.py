@@ -78,7 +78,7 @@ def budget_tables(fitted: Fitted, campaign: Campaign, standards: Standards, meth
             str(visit.group.channel): components_of(visit, index, fitted, campaign, standards) for visit in groups
         }
         combined = combine_all(by_channel)
-        for kind, visit in sorted(examples.items()):
+        for kind, visit in sorted(examples.items(), key=lambda example: example[1].group.channel):
             budget = combined.budgets[str(visit.group.channel)]
             at = {"channel": visit.group.channel, "kind": kind_name(kind), "degC": visit.fit.unit_temperature_degC}
             title = say("budget.title", quantity=quantity, **at)

@@ -149,6 +149,8 @@ def test_tables_show_every_contribution_and_the_total() -> None:
     titles = [one.title for one in tables]
     assert sum(title.startswith("Uncertainty budget of dsf_") for title in titles) == 4
     assert sum(title.startswith("Correlation of") for title in titles) == 2
+    whole = [title for title in titles if title.startswith("Uncertainty budget of dsf_n")]
+    assert [title.partition(", channel ")[2][0] for title in whole] == ["1", "2"]  # not by the name of its kind
     for table in tables:
         assert {len(row) for row in table.rows} <= {len(table.headers)}
         if table.title.startswith("Uncertainty budget"):

@@ -130,7 +130,7 @@ def test_tables_and_figures_of_the_paper(whole: Any) -> None:
     assert leads == ["Random walk after compensation over that before", "Alignment time"]
     captions = " ".join(f"{one.title} {one.caption}" for one in whole.figures)
     for number in (1, 2, 7, 8, 9, 10, 11, 12):
-        assert f"Figure {number}:" in captions
+        assert f"As figure {number} of the paper." in captions
     assert "Nobody knows the true one" in captions
     assert all(len(series.x) < 2000 for one in whole.figures for series in one.series)
     assert all(np.isfinite(series.y).all() for one in whole.figures for series in one.series)

@@ -66,9 +66,9 @@ def material(offset_s: float, noise: float = 0.2, epoch_s: float = 0.0, seed: in
         "other_rate": only(~of_one, 0.98 * seen + 0.5),
     }
     columns = [
-        {"name": f"{stream}_{name}", "role": role, "stream": stream, "of": name}
+        {"name": f"{stream}_{name}", "role": role, "stream": stream, "of": name, "unit": unit}
         for stream in ("one", "other")
-        for name, role in (("stamp", "stamp"), ("rate", "motion"))
+        for name, role, unit in (("stamp", "stamp", "s"), ("rate", "motion", "deg/s"))
     ]
     return Material((), {"uut": {"model": "m", "serial": "1"}, "columns": columns}, {}, series=series)
 
@@ -79,6 +79,7 @@ def test_the_offset_of_the_formula_is_found(offset_s: float, epoch_s: float) -> 
     (entry,) = [one for one in analysis.estimates if one["quantity"] == "time_offset"]
     assert entry["value"] - epoch_s == pytest.approx(offset_s, abs=3.0 * entry["std_uncertainty"] + 1e-6)
     assert entry["std_uncertainty"] < 1e-3
+    assert {figure.y_label for figure in analysis.figures} == {"signal, deg/s"}
     assert weigh(analysis.evidence).against == []
     assert analysis.tables[0].headers[1] == ("offset, s" if epoch_s else "offset, ms")
 
@@ -174,7 +175,9 @@ def test_a_telephone_beside_a_camera_system() -> None:
     stamps = file("data/phone_traj.txt")[:, 0]
     phone, camera = file("tmp/phone_rotation_before.txt"), file("tmp/vicon_rotation_before.txt")
     t_s = stamps[stamps - stamps[0] >= 1.0][: phone.size]
-    columns = [{"name": name, "role": "motion", "stream": name, "of": "angle"} for name in ("one", "other")]
+    columns = [
+        {"name": name, "role": "motion", "stream": name, "of": "angle", "unit": "deg"} for name in ("one", "other")
+    ]
     log = Material(
         (), {"uut": {"model": "m", "serial": "1"}, "columns": columns}, {},
         series={"t_s": t_s, "one": np.degrees(camera), "other": np.degrees(phone)},
