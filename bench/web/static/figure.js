@@ -14,7 +14,9 @@ const FONT = "system-ui, 'Segoe UI', 'Noto Sans', 'Malgun Gothic', 'Noto Sans KR
 export class Figure {
   /** Args: item: json_item of the server; holder: element it is put into; look: {palettes, looks}. */
   static async embed(item, holder, look) {
-    if (!window.Bokeh) await new Promise((done) => document.addEventListener("DOMContentLoaded", done)); // it is run after this
+    if (!window.Bokeh && document.readyState !== "complete") {
+      await new Promise((done) => { for (const it of [document.getElementById("bokeh"), window]) it.addEventListener("load", done); }); // window: it failed
+    }
     const views = await Bokeh.embed.embed_item(item, holder);
     return new Figure([...views].find((view) => view.model.type === "Plot"), holder, look);
   }
