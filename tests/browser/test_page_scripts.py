@@ -41,7 +41,7 @@ def visitor(browser: Browser, server: PageServer) -> Iterator[Visitor]:
 
 @pytest.mark.parametrize(("original", "patch", "result"), RFC_7386)
 def test_merge_patch_is_that_of_the_rfc(visitor: Visitor, original: Any, patch: Any, result: Any) -> None:
-    script = "async ([one, other]) => (await import('/static/wire.js')).mergePatch(one, other)"
+    script = "async ([one, other]) => (await import('/static/points.js')).mergePatch(one, other)"
     assert visitor.page.evaluate(script, [original, patch]) == result
 
 
@@ -49,7 +49,7 @@ def test_batches_and_history_are_read_as_written(visitor: Visitor) -> None:
     times, pairs = [1.5, 2.5, 3.5], [0.5, 1.5, -2.0, 4.0] * 3
     body = struct.pack("<3d12f", *times, *pairs)
     script = """async ([bytes, reader]) => {
-      const found = (await import("/static/wire.js"))[reader](Uint8Array.from(bytes).buffer);
+      const found = (await import("/static/points.js"))[reader](Uint8Array.from(bytes).buffer);
       return { ...found, t_s: [...found.t_s], pairs: [...found.pairs] };
     }"""
     batch = visitor.page.evaluate(script, [list(struct.pack("<IHH", 4_000_000_000, 3, 1) + body), "readBatch"])
@@ -60,7 +60,7 @@ def test_batches_and_history_are_read_as_written(visitor: Visitor) -> None:
 
 def test_a_line_has_every_extreme_and_bridges_no_gap(visitor: Visitor) -> None:
     script = """async () => {
-      const { lineOf } = await import("/static/curves.js");
+      const { lineOf } = await import("/static/points.js");
       const pairs = Float32Array.of(1, 9, NaN, NaN, 2, 8);
       const line = lineOf({ n: 3, signals: 1, t_s: Float64Array.of(1, 2, 3), pairs }, 0);
       return [[...line.t], [...line.y].map((one) => Number.isNaN(one) ? "gap" : one)];
@@ -72,7 +72,7 @@ def test_a_line_has_every_extreme_and_bridges_no_gap(visitor: Visitor) -> None:
 
 def test_a_wide_bucket_is_a_box_that_ends_where_the_next_begins(visitor: Visitor) -> None:
     script = """async () => {
-      const { boxesOf } = await import("/static/curves.js");
+      const { boxesOf } = await import("/static/points.js");
       const rows = { n: 2, signals: 1, bucket_s: 10, t_s: Float64Array.of(0, 4), pairs: Float32Array.of(1, 9, 2, 8) };
       const line = boxesOf(rows, 0);
       return [[...line.t], [...line.y]];
@@ -84,7 +84,7 @@ def test_a_wide_bucket_is_a_box_that_ends_where_the_next_begins(visitor: Visitor
 
 def test_the_ring_stays_small_and_marks_what_is_missing(visitor: Visitor) -> None:
     script = """async () => {
-      const { Ring } = await import("/static/ring.js");
+      const { Ring } = await import("/static/points.js");
       const ring = new Ring();
       ring.begin(1);
       const batch = (first, n, flags) => ({ first, n, flags, signals: 1,
@@ -111,16 +111,16 @@ def test_the_ring_stays_small_and_marks_what_is_missing(visitor: Visitor) -> Non
 )
 def test_times_are_written_in_full(visitor: Visitor, form: str, expected: str) -> None:
     script = """async (form) => {
-      (await import("/static/settings.js")).setTimeForm(form);
-      return (await import("/static/time.js")).stamp(1795200350, 1795200350 - 3700);
+      (await import("/static/base.js")).setTimeForm(form);
+      return (await import("/static/base.js")).stamp(1795200350, 1795200350 - 3700);
     }"""
     assert visitor.page.evaluate(script, form) == expected
 
 
 def test_ticks_name_the_day_at_first_and_at_midnight(visitor: Visitor) -> None:
     script = """async () => {
-      (await import("/static/settings.js")).setTimeForm("utc");
-      const { timeTicks } = await import("/static/time.js");
+      (await import("/static/base.js")).setTimeForm("utc");
+      const { timeTicks } = await import("/static/base.js");
       return timeTicks(1795200350, 1795200350 + 12 * 3600, 6, null).map(([, label]) => label);
     }"""
     assert visitor.page.evaluate(script) == [

@@ -1,5 +1,5 @@
 // The websocket: it comes back by itself, asks for a snapshot where something is missing, and says when it is gone.
-import { mergePatch, readBatch } from "./wire.js";
+import { mergePatch, readBatch } from "./points.js";
 import { page, tell } from "./state.js";
 
 export const PROTO = 1;

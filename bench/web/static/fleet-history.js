@@ -1,8 +1,5 @@
 // Below the benches: who is due, and the calibrations of all of them, from the history that the server was given.
-import { byId, fillTable, icon, make, say } from "./dom.js";
-import { onSettings } from "./settings.js";
-import { t, word } from "./texts.js";
-import { stamp } from "./time.js";
+import { byId, fillTable, icon, make, onSettings, say, stamp, t, word } from "./base.js";
 
 const AT_ONCE = 20;
 const EVERY_ms = 60_000;

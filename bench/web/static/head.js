@@ -1,10 +1,120 @@
+// What stands above the figures: state, alarms, outcome, replay.
+import { byId, clock, duration, icon, inUnits, make, say, setIcon, showBench, stamp, t, withCode, word } from "./base.js";
+import { command, onMayCommand } from "./commands.js";
+import { age_s, ended, freshness, isReplay, mayCommand, page, serverAnswers } from "./state.js";
+
+// Alarms: they stay until acknowledged and over; each is announced once.
+
+const items = new Map();
+const announced = new Set();
+
+function item(alarm) {
+  const known = items.get(alarm.id);
+  if (known) return known;
+  const parts = { time: make("span"), text: make("span", { class: "text" }), state: make("span", { class: "soft" }) };
+  const button = make("button", { type: "button", onclick: () => command({ command: "acknowledge", alarm: alarm.id }) }, t("alarm.acknowledge"));
+  const element = make("li", { class: alarm.severity },
+    make("span", { class: "word" }, icon(alarm.severity), word("alarm", alarm.severity)), parts.time, parts.text, parts.state, button);
+  const made = { element, button, ...parts };
+  items.set(alarm.id, made);
+  return made;
+}
+
+function stateOf(alarm) {
+  const now = alarm.active ? t("alarm.active") : t("alarm.over");
+  const by = alarm.acknowledged ? t("alarm.by", { by: alarm.acknowledged.by, time: stamp(alarm.acknowledged.t_utc_s, page.state.started_utc_s) }) : "";
+  const { shelved } = alarm;
+  const shelf = shelved ? t("alarm.shelved", { time: stamp(shelved.until_utc_s, page.state.started_utc_s), by: shelved.by, reason: shelved.reason }) : "";
+  return [now, by, shelf].filter(Boolean).join(" \u00b7 ");
+}
+
+export function showAlarms() {
+  const alarms = page.state.alarms ?? [];
+  byId("alarms-card").hidden = !alarms.length;
+  const elements = alarms.map((alarm) => {
+    const one = item(alarm);
+    one.element.classList.toggle("quiet", Boolean(alarm.acknowledged || alarm.shelved));
+    say(one.time, stamp(alarm.t_utc_s, page.state.started_utc_s));
+    say(one.text, withCode(alarm.code, alarm.text, " "));
+    say(one.state, stateOf(alarm));
+    one.button.hidden = Boolean(alarm.acknowledged) || page.state.source === "replay";
+    one.button.disabled = !mayCommand();
+    return one.element;
+  });
+  const list = byId("alarms");
+  if (list.children.length !== elements.length || elements.some((element, index) => list.children[index] !== element)) list.replaceChildren(...elements);
+  for (const id of [...items.keys()]) if (!alarms.some((alarm) => alarm.id === id)) items.delete(id);
+  announce(alarms);
+}
+
+function announce(alarms) {
+  const fresh = alarms.filter((alarm) => alarm.active && !alarm.acknowledged && !alarm.shelved && !announced.has(alarm.id));
+  for (const id of [...announced]) if (!alarms.some((alarm) => alarm.id === id)) announced.delete(id);
+  if (!fresh.length) return;
+  for (const alarm of fresh) announced.add(alarm.id);
+  byId("announce").replaceChildren(...fresh.map((alarm) => make("p", {}, `${word("alarm", alarm.severity)}: ${alarm.text}`)));
+}
+
+onMayCommand(showAlarms);
+
+// A run that is over: how it ended, what it is worth, and what was written of it.
+
+const FILES = ["report", "pdf", "certificate", "specimen"];
+
+function lines({ outcome, duration_s: lasted_s }) {
+  const soundness = outcome.verdicts ? (outcome.doubtful ? t("outcome.unsound", { count: outcome.doubtful }) : t("outcome.sound")) : "";
+  const off = outcome.off === null || outcome.off === undefined ? "" : t(outcome.off ? "outcome.off" : "outcome.not-off");
+  return [[t("outcome.lasted", { duration: duration(lasted_s) }), soundness, off].filter(Boolean).join(" \u00b7 "), outcome.why].filter(Boolean);
+}
+
+export function showOutcome() {
+  const element = byId("session-outcome");
+  const { session } = page.state;
+  element.hidden = !session;
+  const mark = JSON.stringify(session ?? null);
+  if (!session || element.dataset.mark === mark) return;
+  element.dataset.mark = mark;
+  element.dataset.outcome = session.outcome.word;
+  const links = FILES.filter((name) => session.files[name]).map((name) => make("a", { class: "button", id: name,
+    href: `/api/v1/runs/${encodeURIComponent(page.run)}/${name}` }, t(`outcome.${name}`)));
+  element.replaceChildren(make("h2", { class: "unseen" }, t("outcome.title")), make("strong", { class: "outcome-word" }, icon(`outcome-${session.outcome.word}`), t(`outcome.${session.outcome.word}`)),
+    make("div", {}, ...lines(session).map((line) => make("p", {}, line))), make("p", { class: "buttons" }, ...links));
+}
+
+// A recording shown as if it were now: band, position, speed.
+
+const STEPS = 1000;
+let dragging = false;
+
+export function showReplay() {
+  const { replay } = page.state;
+  byId("replay-band").hidden = byId("replay").hidden = !isReplay();
+  if (!isReplay() || !replay) return;
+  const at_s = replay.at_utc_s ?? page.t_s;
+  const text = stamp(at_s, page.state.started_utc_s);
+  say(byId("replay-at"), t("replay.at", { time: text }));
+  say(byId("replay-play"), t(replay.playing ? "replay.pause" : "replay.play"));
+  byId("replay-play").setAttribute("aria-pressed", String(Boolean(replay.playing)));
+  if (document.activeElement !== byId("replay-speed")) byId("replay-speed").value = String(replay.speed);
+  if (dragging) return;
+  const slider = byId("replay-position");
+  slider.value = Math.round(((at_s - replay.first_utc_s) / (replay.last_utc_s - replay.first_utc_s || 1)) * STEPS);
+  slider.setAttribute("aria-valuetext", text);
+  say(byId("replay-time"), text);
+}
+
+export function wireReplay(connection) {
+  const send = (words) => connection.send({ type: "replay", ...words });
+  const slider = byId("replay-position");
+  const chosen_s = () => page.state.replay.first_utc_s + (slider.value / STEPS) * (page.state.replay.last_utc_s - page.state.replay.first_utc_s);
+  byId("replay-play").addEventListener("click", () => send({ playing: !page.state.replay?.playing }));
+  byId("replay-start").addEventListener("click", () => send({ at_utc_s: page.state.replay?.first_utc_s }));
+  byId("replay-speed").addEventListener("change", () => send({ speed: Number(byId("replay-speed").value) }));
+  slider.addEventListener("input", () => { dragging = true; say(byId("replay-time"), stamp(chosen_s(), page.state.started_utc_s)); });
+  slider.addEventListener("change", () => { dragging = false; send({ at_utc_s: chosen_s() }); });
+}
+
 // The head of the page: what the run does, how far it is, and above all whether that is still true.
-import { showBench } from "./bench-state.js";
-import { byId, say, setIcon } from "./dom.js";
-import { age_s, ended, freshness, isReplay, page, serverAnswers } from "./state.js";
-import { t, withCode, word } from "./texts.js";
-import { clock, duration, stamp } from "./time.js";
-import { inUnits } from "./units.js";
 
 /** State as shape and word; never that of a run nobody hears. */
 function badge(fresh) {

@@ -1,22 +1,13 @@
 // The page of one run: puts its parts together.
-import { showAlarms } from "./alarms.js";
-import { followLease, showCommands, wireCommands } from "./commands.js";
+import { byId, draw, loadTexts, onSettings, say, t } from "./base.js";
+import { followLease, showCommands, showPrompt, wireCommands, wirePrompt } from "./commands.js";
 import { Connection } from "./connection.js";
-import { byId, say } from "./dom.js";
-import { draw } from "./draw.js";
-import { showEstimates } from "./estimates.js";
-import { isOfBench } from "./graph-views.js";
-import { showAge, showHead } from "./head.js";
-import { LiveGraph } from "./live-graph.js";
-import { showLog, showPanels } from "./panels.js";
-import { showPrompt, wirePrompt } from "./prompt.js";
-import { showOutcome } from "./outcome.js";
-import { showReplay, wireReplay } from "./replay.js";
-import { Ring } from "./ring.js";
-import { onSettings } from "./settings.js";
+import { showAge, showAlarms, showHead, showOutcome, showReplay, wireReplay } from "./head.js";
+import { isOfBench, LiveGraph } from "./live-graph.js";
+import { showEstimates, showLog, showPanels } from "./panels.js";
+import { Ring } from "./points.js";
 import { greet, wireKeys, wireSettings } from "./shell.js";
 import { freshness, isReplay, on, page } from "./state.js";
-import { loadTexts, t } from "./texts.js";
 import { HistoryGraph, TemperatureGraph } from "./wide-graphs.js";
 
 const AGE_EVERY_ms = 250;

@@ -1,8 +1,5 @@
 // What both pages have in common: settings, who is logged in, keys of the whole page.
-import { byId, say } from "./dom.js";
-import { person, post } from "./post.js";
-import { remember, setTimeForm, shortcutsOn, timeForm, turnTheme } from "./settings.js";
-import { t } from "./texts.js";
+import { byId, person, post, remember, say, setTimeForm, shortcutsOn, t, timeForm, turnTheme } from "./base.js";
 
 const FORMS = ["utc", "local"];
 

@@ -1,11 +1,6 @@
 // The start page: what runs now, the sessions of the folder, the calibration history.
-import { showBench } from "./bench-state.js";
-import { byId, fillTable, icon, make, say } from "./dom.js";
-import { onSettings } from "./settings.js";
+import { byId, fillTable, icon, inUnits, loadTexts, make, onSettings, say, showBench, stamp, t, withCode, word } from "./base.js";
 import { greet, wireKeys, wireSettings } from "./shell.js";
-import { loadTexts, t, withCode, word } from "./texts.js";
-import { stamp } from "./time.js";
-import { inUnits } from "./units.js";
 
 const AT_ONCE = 50;
 const EVERY_ms = 3000;

@@ -1,5 +1,5 @@
 // What the page knows, and how fresh it is. RUNNING is a claim about now: it is shown only while the run answers.
-export const OLD_AFTER_s = 3;
+const OLD_AFTER_s = 3;
 
 const listeners = new Map();
 

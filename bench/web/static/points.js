@@ -1,3 +1,101 @@
+// Points of signals: as they come, the newest ones, as curves, and the time that is looked at.
+
+
+// Binary messages of docs/live-protocol.md. Little endian, as every machine this page runs on.
+
+/** A batch of points: {first, flags, t_s: Float64Array(n), pairs: Float32Array(n * signals * 2)}. Throws RangeError if it is torn. */
+export function readBatch(buffer) {
+  const head = new DataView(buffer);
+  const [first, n, flags] = [head.getUint32(0, true), head.getUint16(4, true), head.getUint16(6, true)];
+  const t_s = new Float64Array(buffer, 8, n);
+  const pairs = new Float32Array(buffer, 8 + 8 * n);
+  return { first, n, flags, t_s, pairs, signals: n ? pairs.length / (2 * n) : 0 };
+}
+
+/** An answer of the history endpoint: {n, signals, bucket_s, t_s, pairs}. Throws RangeError if it is torn. */
+export function readHistory(buffer) {
+  const head = new DataView(buffer);
+  const [n, signals, bucket_s] = [head.getUint32(0, true), head.getUint32(4, true), head.getFloat64(8, true)];
+  return { n, signals, bucket_s, t_s: new Float64Array(buffer, 16, n), pairs: new Float32Array(buffer, 16 + 8 * n, n * signals * 2) };
+}
+
+/** JSON merge patch, RFC 7386: a new document; null takes a key away. */
+export function mergePatch(target, patch) {
+  if (patch === null || typeof patch !== "object" || Array.isArray(patch)) return patch;
+  const merged = target !== null && typeof target === "object" && !Array.isArray(target) ? { ...target } : {};
+  for (const [key, value] of Object.entries(patch)) {
+    if (value === null) delete merged[key];
+    else merged[key] = mergePatch(merged[key], value);
+  }
+  return merged;
+}
+
+// The last minute of points: a fixed number of rows that never grows, whatever is sent.
+const LIVE_ROWS = 600;
+
+export class Ring {
+  constructor(rows = LIVE_ROWS) {
+    this.rows = rows;
+    this.begin(0);
+  }
+
+  /** Forgets everything; from now on points have so many signals. */
+  begin(signals) {
+    this.signals = signals;
+    this.t_s = new Float64Array(this.rows);
+    this.pairs = new Float32Array(this.rows * signals * 2);
+    this.count = 0;
+    this.head = 0; // where the next row goes
+    this.next = null; // number of the point that must come next
+  }
+
+  #row(t_s, pairs, at) {
+    const width = this.signals * 2;
+    this.t_s[this.head] = t_s;
+    if (pairs) this.pairs.set(pairs.subarray(at * width, (at + 1) * width), this.head * width);
+    else this.pairs.fill(NaN, this.head * width, (this.head + 1) * width);
+    this.head = (this.head + 1) % this.rows;
+    this.count = Math.min(this.count + 1, this.rows);
+  }
+
+  /** Takes a batch. False: points are missing before it that the server did not speak of, or it is of another shape. */
+  add(batch) {
+    if (!batch.n) return true;
+    if (batch.signals !== this.signals) return false;
+    const follows = this.next === null || batch.first === this.next;
+    if (!follows && !(batch.flags & 1)) return false;
+    if (!follows || (batch.flags & 1 && this.count)) this.#row(batch.t_s[0] - 0.001, null, 0);
+    for (let row = 0; row < batch.n; row += 1) this.#row(batch.t_s[row], batch.pairs, row);
+    this.next = (batch.first + batch.n) >>> 0;
+    return true;
+  }
+
+  /** Width of a point, s: 0.1 of a living run, more of a recording that is played fast. */
+  get width_s() {
+    if (this.count < 2) return 0.1;
+    const before_s = this.t_s[(this.head + this.rows - 2) % this.rows];
+    return Math.max(0.1, Math.round((this.last_s - before_s) * 10) / 10);
+  }
+
+  get last_s() { return this.count ? this.t_s[(this.head + this.rows - 1) % this.rows] : NaN; }
+
+  /** Rows later than an instant, oldest first, as a history answer has them. */
+  since(after_s) {
+    const width = this.signals * 2;
+    const start = (this.head + this.rows - this.count) % this.rows;
+    let skip = 0;
+    while (skip < this.count && !(this.t_s[(start + skip) % this.rows] > after_s)) skip += 1;
+    const n = this.count - skip;
+    const found = { n, signals: this.signals, bucket_s: this.width_s, t_s: new Float64Array(n), pairs: new Float32Array(n * width) };
+    for (let row = 0; row < n; row += 1) {
+      const from = (start + skip + row) % this.rows;
+      found.t_s[row] = this.t_s[from];
+      found.pairs.set(this.pairs.subarray(from * width, (from + 1) * width), row * width);
+    }
+    return found;
+  }
+}
+
 // From buckets of least and greatest values to what is drawn. Nothing is left out, nothing is bridged.
 
 /**
@@ -102,4 +200,16 @@ export function sharedPrefix(names) {
   let prefix = names[0];
   for (const name of names) while (!name.startsWith(prefix)) prefix = prefix.slice(0, -1);
   return prefix.slice(0, Math.max(prefix.lastIndexOf("."), prefix.lastIndexOf("[")) + 1);
+}
+
+// One cursor in all figures: where the pointer or the arrow keys stand, in seconds since 1970, or null.
+const listeners = new Set();
+export const cursor = { t_s: null };
+
+export function onCursor(listener) { listeners.add(listener); }
+
+export function moveCursor(t_s) {
+  if (t_s === cursor.t_s) return;
+  cursor.t_s = t_s;
+  for (const listener of listeners) listener();
 }
