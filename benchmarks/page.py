@@ -6,7 +6,7 @@ Processor and memory of the server are those of /proc/<pid>; the history is aske
 
 Measured behind the loading of what the first page needs, on two cores:
 
-    quiet: 1 viewer 1.1 to 1.2 % of a core, 3 viewers 1.4 to 1.7 %, 10.0 batches/s
+    quiet: 1 viewer 0.9 to 1.1 % of a core, 3 viewers 1.2 % in two runs, 10.0 batches/s
     a viewer that does not read for 60 s: 95.4 MB at its start and at its end
 
 and of a session of 38 h without a trend of its own (python -m benchmarks.page 12 SESSION): history of 25 h, 10 channels

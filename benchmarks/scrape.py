@@ -5,7 +5,7 @@ looks at a page. Processor is that of /proc/<pid>/stat of the server alone: a co
 keeps it, asked with the viewer's token each 0.1 s by the clock.
 
 Measured on a quiet machine (python -m benchmarks.scrape 20): none 0.04 % of a core, ten a second 1.0 %
-(0.93 to 1.10 in seven runs). A second of it: one look at the run, 0.3 %; ten requests that find everything cold,
+(0.92 to 1.10 in eleven runs). A second of it: one look at the run, 0.3 %; ten requests that find everything cold,
 0.65 %.
 
 Run: python -m benchmarks.scrape [SECONDS [SCRAPES A SECOND]]

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -24,9 +24,9 @@ from bench.model.shipped import find_shipped
 from bench.model.units import hours
 from bench.plan import Plan, Summary, check_plan, compile_sequence, decisions_of, load_station, summarise
 from bench.session.output import writing
-from bench.session.predicted import predicted, predicted_lines
 
 if TYPE_CHECKING:
+    from bench.analysis import Prediction
     from bench.run.preflight import Report
 
 
@@ -42,6 +42,7 @@ class Request:
     live: bool = False
     out: Path = Path("sessions")
     uncommissioned: str = ""
+    predict: bool = False
 
 
 def check(request: Request) -> int:
@@ -63,12 +64,13 @@ def check(request: Request) -> int:
         document["decoding"] = {link: asdict(pace) for link, pace in decoding.items()}
         document["assumptions"] = [asdict(taken) for taken in assumptions_of(plan.campaign)]
         document |= {name: plan.campaign[name] for name in ("expected", "fits") if name in plan.campaign}
-        if (prediction := predicted(plan)) is not None:
-            document["predicted"] = asdict(prediction)
+        if request.predict:
+            document["predicted"] = asdict(_predicted(plan))
         live = {} if report is None else {"preflight": report.event().document()}
         sys.stdout.write(json.dumps({**document, **live}, indent=1) + "\n")
     else:
-        _print(console(), plan, summary, decoding, request.plot, report)
+        predicted = list(_predicted_lines(plan)) if request.predict else []
+        _print(console(), plan, summary, decoding, request.plot, report, predicted)
     if report is not None and (refusal := report.refusal()) is not None:
         raise refusal
     return ExitStatus.PASS
@@ -88,7 +90,7 @@ def _examined(plan: Plan, request: Request) -> Report:
 
 
 def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pace], plot: Path | None,
-           report: Report | None) -> None:  # fmt: skip
+           report: Report | None, predicted: Sequence[str]) -> None:  # fmt: skip
     finish = datetime.fromtimestamp(summary.finish_utc_ns / NS, UTC).strftime("%Y-%m-%d %H:%M:%SZ")
     out.print(f"{plan.name}: {plan.title}")
     out.print(f"  station      {plan.station_name}{' (simulated)' if plan.station.simulated else ''}")
@@ -114,7 +116,8 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
         out.print(f"  unseen       {taken.taken_for_granted} {taken.unseen} {taken.shown_by}")
     if plan.campaign.get("expected"):
         _print_expected(out, plan)
-    _print_predicted(out, plan)
+    for line in predicted:
+        out.print(f"  predicted    {line}", markup=False, highlight=False)
     out.print("no mistake found")
     if report is not None:
         from bench.commands.doctor import print_preflight
@@ -131,11 +134,16 @@ def _print_expected(out: Console, plan: Plan) -> None:
         out.print("  not judged   no value and no fit has a limit; write 'expect' beside a reading")
 
 
-def _print_predicted(out: Console, plan: Plan) -> None:
-    prediction = predicted(plan)
-    if prediction is not None:
-        for line in predicted_lines(plan, prediction):
-            out.print(f"  predicted    {line}", markup=False, highlight=False)
+def _predicted(plan: Plan) -> Prediction:
+    from bench.session.predicted import predicted  # brings the analysis
+
+    return predicted(plan)
+
+
+def _predicted_lines(plan: Plan) -> Iterator[str]:
+    from bench.session.predicted import predicted_lines
+
+    yield from predicted_lines(plan, _predicted(plan))
 
 
 def settings_of(pairs: Sequence[str]) -> dict[str, str]:

@@ -14,15 +14,17 @@ from bench.model.units import format_quantity
 from bench.plan import Plan, PlannedRecord, decisions_of
 
 
-def predicted(plan: Plan) -> Prediction | None:
+def predicted(plan: Plan) -> Prediction:
     """Return the estimates of a plan with the uncertainties they will have; their values are those of a nominal unit.
 
-    None where the analysis predicts nothing, where several units share the campaign, or where a decision of the run
-    chooses its records.
+    What is not predicted is ``missing``: all of an analysis that cannot do so, of several units, and of a run that
+    decides which records it takes.
     """
     declared = analysis_declaration(str(plan.campaign.get("analysis")))
-    if declared is None or not declared.predicted or plan.units or decisions_of(plan.steps):
-        return None
+    if declared is None or not declared.predicted:
+        return Prediction([], [f"the analysis {plan.campaign.get('analysis')} predicts no uncertainties"])
+    if plan.units or decisions_of(plan.steps):
+        return Prediction([], ["several units, or records that the run decides on, are not predicted"])
     predict: Callable[..., Prediction] = named(declared.predicted)
     try:
         return predict(list(_windows(plan)), plan.campaign, plan.station.standards())
@@ -43,7 +45,7 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
         count = f" ({len(entries)} values)" if len(entries) > 1 else ""
         yield f"{quantity_title(str(plan.campaign['analysis']), quantity)}: U {' to '.join(ends)}{allowed}{count}"
     for sentence in prediction.missing:
-        yield f"not determined: {sentence}"
+        yield f"missing: {sentence}"
 
 
 def _two_digits(value: float) -> float:

@@ -36,7 +36,6 @@ def places(estimates: list[Any]) -> dict[tuple[str, str], float]:
 def test_what_is_predicted_is_what_the_campaign_states(tmp_path: Path) -> None:
     plan = single_plan(tmp_path)
     found = predicted(plan)
-    assert found is not None
     assert found.missing == []
     results, _ = analyse_view(read_view(rehearsed(tmp_path, plan, seed=1).run.folder))
     before, after = places(found.estimates), places(results["estimates"])
@@ -45,26 +44,29 @@ def test_what_is_predicted_is_what_the_campaign_states(tmp_path: Path) -> None:
 
 
 def test_no_campaign_of_several_units_and_none_without_a_prediction(tmp_path: Path) -> None:
-    assert predicted(units_plan(tmp_path)) is None
-    assert predicted(compile_sequence(ROOT / "sequences" / "rlg_lock_in.yaml", None, {})) is None
+    for plan in (units_plan(tmp_path), compile_sequence(ROOT / "sequences" / "rlg_lock_in.yaml", None, {})):
+        (line,) = predicted_lines(plan, predicted(plan))
+        assert line.startswith("missing: ")
+        assert "predict" in line
 
 
 def test_what_a_plan_does_not_determine_is_named(tmp_path: Path) -> None:
     plan = compiled_text(tmp_path, cut("scale_factor_38h", [*OF_ONE, *CUTS, (NEGATIVE, "")]), {})
     found = predicted(plan)
-    assert found is not None
     assert found.estimates == []
     (line,) = predicted_lines(plan, found)
-    assert line.startswith("not determined: K_P is not determined")
+    assert line.startswith("missing: K_P is not determined")
 
 
 def test_it_is_printed_and_in_the_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     single_plan(tmp_path)
     path = str(tmp_path / "units_tiny.yaml")
-    assert check(Request(path, None, [], None, json=False)) == 0
+    assert check(Request(path, None, [], None, json=False, predict=True)) == 0
     said = capsys.readouterr().out
     assert "predicted    Scale-factor error N: U " in said
-    assert check(Request(path, None, [], None, json=True)) == 0
+    assert check(Request(path, None, [], None, json=True, predict=True)) == 0
     document = json.loads(capsys.readouterr().out)["predicted"]
     assert document["missing"] == []
     assert {one["quantity"] for one in document["estimates"]} >= {"dsf_n", "dsf_p", "dsf_asymmetry", "bias"}
+    assert check(Request(path, None, [], None, json=True)) == 0
+    assert "predicted" not in json.loads(capsys.readouterr().out)
