@@ -112,7 +112,7 @@ def test_the_ring_stays_small_and_marks_what_is_missing(visitor: Visitor) -> Non
 def test_times_are_written_in_full(visitor: Visitor, form: str, expected: str) -> None:
     script = """async (form) => {
       (await import("/static/base.js")).setTimeForm(form);
-      return (await import("/static/base.js")).stamp(1795200350, 1795200350 - 3700);
+      return (await import("/static/words.js")).stamp(1795200350, 1795200350 - 3700);
     }"""
     assert visitor.page.evaluate(script, form) == expected
 
@@ -120,7 +120,7 @@ def test_times_are_written_in_full(visitor: Visitor, form: str, expected: str) -
 def test_ticks_name_the_day_at_first_and_at_midnight(visitor: Visitor) -> None:
     script = """async () => {
       (await import("/static/base.js")).setTimeForm("utc");
-      const { timeTicks } = await import("/static/base.js");
+      const { timeTicks } = await import("/static/words.js");
       return timeTicks(1795200350, 1795200350 + 12 * 3600, 6, null).map(([, label]) => label);
     }"""
     assert visitor.page.evaluate(script) == [

@@ -1,5 +1,6 @@
 // Commands to a run, and its questions.
-import { byId, person, post, say, t } from "./base.js";
+import { byId, say, t } from "./base.js";
+import { person, post } from "./shell.js";
 import { ended, freshness, holdsLease, isOperator, isReplay, mayCommand, page } from "./state.js";
 
 // Questions of the run: a dialog beside the page, not in front of it. Closing it answers nothing and stops nothing.

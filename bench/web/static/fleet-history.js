@@ -1,5 +1,6 @@
 // Below the benches: who is due, and the calibrations of all of them, from the history that the server was given.
-import { byId, fillTable, icon, make, onSettings, say, stamp, t, word } from "./base.js";
+import { byId, fillTable, icon, make, onSettings, say, t, word } from "./base.js";
+import { stamp } from "./words.js";
 
 const AT_ONCE = 20;
 const EVERY_ms = 60_000;

@@ -1,9 +1,10 @@
 // The fleet page: every bench in one line, those that need somebody first. Links only: a bench is commanded on its own page.
-import { byId, fillTable, icon, inUnits, loadTexts, make, onSettings, say, stamp, t, withCode, word } from "./base.js";
+import { byId, fillTable, icon, inUnits, loadTexts, make, onSettings, say, t, withCode, word } from "./base.js";
 import { Connection } from "./connection.js";
 import { showCalibrated } from "./fleet-history.js";
 import { greet, wireKeys, wireSettings } from "./shell.js";
 import { freshness, on, page } from "./state.js";
+import { stamp } from "./words.js";
 
 const ATTENTION = ["much", "some", "none"];
 const STATES = ["unknown", "lost", "stopped", "holding", "waiting", "connecting", "starting", "running", "ending", "idle"];

@@ -1,7 +1,8 @@
 // What stands above the figures: state, alarms, outcome, replay.
-import { byId, clock, duration, icon, inUnits, make, say, setIcon, showBench, stamp, t, withCode, word } from "./base.js";
+import { byId, icon, inUnits, make, say, setIcon, t, withCode, word } from "./base.js";
 import { command, onMayCommand } from "./commands.js";
 import { age_s, ended, freshness, isReplay, mayCommand, page, serverAnswers } from "./state.js";
+import { clock, duration, showBench, stamp } from "./words.js";
 
 // Alarms: they stay until acknowledged and over; each is announced once.
 

@@ -2,9 +2,10 @@
 import { byId, draw, loadTexts, onSettings, say, t } from "./base.js";
 import { followLease, showCommands, showPrompt, wireCommands, wirePrompt } from "./commands.js";
 import { Connection } from "./connection.js";
+import { showEstimates } from "./estimates.js";
 import { showAge, showAlarms, showHead, showOutcome, showReplay, wireReplay } from "./head.js";
 import { isOfBench, LiveGraph } from "./live-graph.js";
-import { showEstimates, showLog, showPanels } from "./panels.js";
+import { showLog, showPanels } from "./panels.js";
 import { Ring } from "./points.js";
 import { greet, wireKeys, wireSettings } from "./shell.js";
 import { freshness, isReplay, on, page } from "./state.js";

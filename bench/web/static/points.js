@@ -1,6 +1,5 @@
 // Points of signals: as they come, the newest ones, as curves, and the time that is looked at.
 
-
 // Binary messages of docs/live-protocol.md. Little endian, as every machine this page runs on.
 
 /** A batch of points: {first, flags, t_s: Float64Array(n), pairs: Float32Array(n * signals * 2)}. Throws RangeError if it is torn. */

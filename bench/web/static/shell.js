@@ -1,5 +1,28 @@
+// What stands around every page, and what it sends to the server.
+import { byId, remember, say, setTimeForm, shortcutsOn, t, timeForm, turnTheme } from "./base.js";
+
+// Everything the page sends to the server but questions: JSON, with the header no foreign page can set.
+
+/** {ok, text, said}: whether it was done, the answer in words, the whole answer. */
+export async function post(address, body) {
+  try {
+    const reply = await fetch(address, {
+      method: "POST", body: JSON.stringify(body), headers: { "Content-Type": "application/json", "X-Bench-Command": "1" } });
+    const said = await reply.json().catch(() => ({}));
+    return { ok: reply.ok && said.ok !== false, text: said.text ?? `HTTP ${reply.status}`, said };
+  } catch {
+    return { ok: false, text: t("command.unanswered"), said: {} };
+  }
+}
+
+/** Who is logged in, and whether the command is theirs: {name, role, is_operator}. Throws if the server does not say. */
+export async function person() {
+  const reply = await fetch("/api/v1/session");
+  if (!reply.ok) throw new Error(`HTTP ${reply.status}`);
+  return reply.json();
+}
+
 // What both pages have in common: settings, who is logged in, keys of the whole page.
-import { byId, person, post, remember, say, setTimeForm, shortcutsOn, t, timeForm, turnTheme } from "./base.js";
 
 const FORMS = ["utc", "local"];
 

@@ -1,6 +1,7 @@
 // The start page: what runs now, the sessions of the folder, the calibration history.
-import { byId, fillTable, icon, inUnits, loadTexts, make, onSettings, say, showBench, stamp, t, withCode, word } from "./base.js";
+import { byId, fillTable, icon, inUnits, loadTexts, make, onSettings, say, t, withCode, word } from "./base.js";
 import { greet, wireKeys, wireSettings } from "./shell.js";
+import { showBench, stamp } from "./words.js";
 
 const AT_ONCE = 50;
 const EVERY_ms = 3000;
