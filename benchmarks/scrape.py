@@ -4,9 +4,9 @@ The run, its 20 signals and the server (``bench serve``, a process of its own) a
 looks at a page. Processor is that of /proc/<pid>/stat of the server alone: a connection that is kept, as Prometheus
 keeps it, asked with the viewer's token each 0.1 s by the clock.
 
-Measured on a quiet machine (python -m benchmarks.scrape 20): none 0.04 % of a core, ten a second 1.0 %
-(0.92 to 1.10 in eleven runs). A second of it: one look at the run, 0.3 %; ten requests that find everything cold,
-0.65 %.
+Measured on a quiet machine (python -m benchmarks.scrape 60): none 0.05 % of a core, ten a second 0.92, 0.95 and
+0.97 % in three runs. A second of it: one look at the run, 0.3 %; ten requests that find everything cold, 0.65 %. Over
+20 s, in which one fit of the run is begun as in every minute, it was 0.92 to 1.10 % in eleven runs.
 
 Run: python -m benchmarks.scrape [SECONDS [SCRAPES A SECOND]]
 """
