@@ -6,11 +6,11 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
@@ -26,7 +26,6 @@ from bench.plan import Plan, Summary, check_plan, compile_sequence, decisions_of
 from bench.session.output import writing
 
 if TYPE_CHECKING:
-    from bench.analysis import Prediction
     from bench.run.preflight import Report
 
 
@@ -59,18 +58,18 @@ def check(request: Request) -> int:
             plots.plot_timetable(plan, request.plot)
     decoding = {link: pace_of(frame, WallClock()) for link, frame in sorted(plan.definitions().items())}
     report = _examined(plan, request) if request.live else None
+    told, lines = _predicted(plan) if request.predict else ({}, [])
     if request.json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
         document["decoding"] = {link: asdict(pace) for link, pace in decoding.items()}
         document["assumptions"] = [asdict(taken) for taken in assumptions_of(plan.campaign)]
         document |= {name: plan.campaign[name] for name in ("expected", "fits") if name in plan.campaign}
         if request.predict:
-            document["predicted"] = asdict(_predicted(plan))
+            document["predicted"] = told
         live = {} if report is None else {"preflight": report.event().document()}
         sys.stdout.write(json.dumps({**document, **live}, indent=1) + "\n")
     else:
-        predicted = list(_predicted_lines(plan)) if request.predict else []
-        _print(console(), plan, summary, decoding, request.plot, report, predicted)
+        _print(console(), plan, summary, decoding, request.plot, report, lines)
     if report is not None and (refusal := report.refusal()) is not None:
         raise refusal
     return ExitStatus.PASS
@@ -134,16 +133,12 @@ def _print_expected(out: Console, plan: Plan) -> None:
         out.print("  not judged   no value and no fit has a limit; write 'expect' beside a reading")
 
 
-def _predicted(plan: Plan) -> Prediction:
-    from bench.session.predicted import predicted  # brings the analysis
+def _predicted(plan: Plan) -> tuple[dict[str, Any], list[str]]:
+    """Return what is predicted of a plan, for JSON and as lines."""
+    from bench.session.predicted import predicted, predicted_document, predicted_lines  # brings the analysis
 
-    return predicted(plan)
-
-
-def _predicted_lines(plan: Plan) -> Iterator[str]:
-    from bench.session.predicted import predicted_lines
-
-    yield from predicted_lines(plan, _predicted(plan))
+    prediction = predicted(plan)
+    return predicted_document(prediction), list(predicted_lines(plan, prediction))
 
 
 def settings_of(pairs: Sequence[str]) -> dict[str, str]:

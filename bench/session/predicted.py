@@ -1,8 +1,9 @@
-"""What a campaign will know, and how well, before anything is switched on: its own fit, of the records it plans."""
+"""Predicts how well a campaign will know each result, by its own fit of the records that are planned."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any, cast
 
 from bench.analysis import Estimate, Prediction
 from bench.model.clock import NS
@@ -12,6 +13,8 @@ from bench.model.systems import analysis_declaration, named
 from bench.model.titles import quantity_title
 from bench.model.units import format_quantity
 from bench.plan import Plan, PlannedRecord, decisions_of
+
+_TOLD = ("quantity", "unit", "conditions", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "limit")
 
 
 def predicted(plan: Plan) -> Prediction:
@@ -32,8 +35,17 @@ def predicted(plan: Plan) -> Prediction:
         return Prediction([], [error.message])
 
 
+def predicted_document(prediction: Prediction) -> dict[str, Any]:
+    """Return a prediction for JSON: uncertainties and limits; no value and no verdict, since nothing was measured."""
+    told = [{key: entry[key] for key in _TOLD} for entry in cast("list[dict[str, Any]]", prediction.estimates)]
+    return {"estimates": told, "missing": prediction.missing}
+
+
 def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
-    """Yield a line for each quantity: its name, the least and the largest expanded uncertainty, its limit."""
+    """Yield a line for each quantity: its name, the least and the largest expanded uncertainty, its limit.
+
+    "At least", because what only the unit can tell, such as its temperature coefficients, is not in it.
+    """
     by_quantity: dict[str, list[Estimate]] = {}
     for entry in prediction.estimates:
         by_quantity.setdefault(entry["quantity"], []).append(entry)
@@ -43,7 +55,8 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
         ends = [format_quantity(U, unit) for U in dict.fromkeys((known[0], known[-1]))] if known else ["not known"]
         allowed = "" if limit is None else f", limit {format_quantity(limit, unit)}"
         count = f" ({len(entries)} values)" if len(entries) > 1 else ""
-        yield f"{quantity_title(str(plan.campaign['analysis']), quantity)}: U {' to '.join(ends)}{allowed}{count}"
+        title = quantity_title(str(plan.campaign["analysis"]), quantity)
+        yield f"{title}: U at least {' to '.join(ends)}{allowed}{count}"
     for sentence in prediction.missing:
         yield f"missing: {sentence}"
 

@@ -1,4 +1,4 @@
-"""What ``bench check`` says of a campaign against what the campaign then states, and what a plan cannot determine."""
+"""Holds what ``bench check`` predicts of a campaign against what it then states."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ NEGATIVE = '          - point: {current: "{level}", polarity: -, level_index: "{
 def places(estimates: list[Any]) -> dict[tuple[str, str], float]:
     """Standard uncertainty of each estimate without the drift that a repeat leaves: that depends on what it shows."""
     found = {}
-    for one in estimates:
-        where = {key: value for key, value in one["conditions"].items() if key not in LEFT_OUT}
-        parts = one.get("common", {}).get("campaign", {}).values()
-        own = one["std_uncertainty"] ** 2 - sum(part**2 for part in parts)
-        found[one["quantity"], json.dumps(where, sort_keys=True)] = math.sqrt(own)
+    for entry in estimates:
+        where = {key: value for key, value in entry["conditions"].items() if key not in LEFT_OUT}
+        parts = entry.get("common", {}).get("campaign", {}).values()
+        own = entry["std_uncertainty"] ** 2 - sum(part**2 for part in parts)
+        found[entry["quantity"], json.dumps(where, sort_keys=True)] = math.sqrt(own)
     return found
 
 
@@ -63,10 +63,11 @@ def test_it_is_printed_and_in_the_document(tmp_path: Path, capsys: pytest.Captur
     path = str(tmp_path / "units_tiny.yaml")
     assert check(Request(path, None, [], None, json=False, predict=True)) == 0
     said = capsys.readouterr().out
-    assert "predicted    Scale-factor error N: U " in said
+    assert "predicted    Scale-factor error N: U at least " in said
     assert check(Request(path, None, [], None, json=True, predict=True)) == 0
     document = json.loads(capsys.readouterr().out)["predicted"]
     assert document["missing"] == []
-    assert {one["quantity"] for one in document["estimates"]} >= {"dsf_n", "dsf_p", "dsf_asymmetry", "bias"}
+    assert not {"value", "verdict", "conformance_probability"} & document["estimates"][0].keys()
+    assert {entry["quantity"] for entry in document["estimates"]} >= {"dsf_n", "dsf_p", "dsf_asymmetry", "bias"}
     assert check(Request(path, None, [], None, json=True)) == 0
     assert "predicted" not in json.loads(capsys.readouterr().out)

@@ -1,4 +1,4 @@
-"""What the records of a scale-factor campaign determine: fits, drift of the calibrator, estimates."""
+"""Determines fits, drift of the calibrator and estimates from the records of a scale-factor campaign."""
 
 from __future__ import annotations
 
