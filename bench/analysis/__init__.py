@@ -5,7 +5,6 @@ from bench.analysis.analysis import (
     Analysis,
     Chapter,
     Documents,
-    Prediction,
     Study,
     Task,
     analyse,
@@ -70,6 +69,7 @@ from bench.analysis.numbers import (
     value_and_uncertainty,
     with_uncertainty,
 )
+from bench.analysis.prediction import Planned, Prediction
 from bench.analysis.problems import Check, count_problem, flag_problem, link_checks
 from bench.analysis.results import (
     INCOMPLETE,
@@ -107,6 +107,7 @@ __all__ = [
     "Floats",
     "GivenValue",
     "Material",
+    "Planned",
     "Prediction",
     "Reading",
     "Series",

@@ -65,14 +65,6 @@ def check_method(method: str, methods: Sequence[str]) -> None:
         raise FitError("B-FIT-004", f"unknown method {method!r}", next_step=f"use one of: {', '.join(methods)}")
 
 
-@dataclass(frozen=True)
-class Prediction:
-    """Estimates with the uncertainties that a plan will give them; ``missing``: what it does not determine, and why."""
-
-    estimates: Estimates
-    missing: list[str] = field(default_factory=list)
-
-
 class AnalysisModule(Protocol):
     """A module of a system, as far as it is an analysis."""
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, cast
 
-from bench.analysis import Estimate, Prediction
+from bench.analysis import Estimate, Planned, Prediction
 from bench.model.clock import NS
 from bench.model.errors import FitError
 from bench.model.ports import RecordWindow
@@ -28,9 +28,9 @@ def predicted(plan: Plan) -> Prediction:
         return Prediction([], [f"the analysis {plan.campaign.get('analysis')} predicts no uncertainties"])
     if plan.units or decisions_of(plan.steps):
         return Prediction([], ["several units, or records that the run decides on, are not predicted"])
-    predict: Callable[..., Prediction] = named(declared.predicted)
+    predict: Callable[[Planned], Prediction] = named(declared.predicted)
     try:
-        return predict(list(_windows(plan)), plan.campaign, plan.station.standards())
+        return predict(Planned(list(_windows(plan)), plan.campaign, plan.station.standards()))
     except FitError as error:
         return Prediction([], [error.message])
 

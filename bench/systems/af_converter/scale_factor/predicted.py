@@ -6,12 +6,9 @@ Source: AF-converter paper equations (1), (2), solved for the counts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
-
 import numpy as np
 
-from bench.analysis import Material, Prediction
+from bench.analysis import Material, Planned, Prediction
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
@@ -22,18 +19,17 @@ from bench.systems.af_converter.group_fit import missing_groups
 from bench.systems.af_converter.scale_factor.determined import determine
 
 
-def predicted(windows: Sequence[RecordWindow], campaign: Mapping[str, Any], standards: Mapping[str, Any]) -> Prediction:
+def predicted(planned: Planned) -> Prediction:
     """Return estimates with the uncertainties that a campaign will give; the values are those of a nominal unit.
 
     What only the temperature coefficients of the unit bring, the error of its temperature sensor above all, is missing:
     those of a nominal unit are zero.
 
-    Args:    windows: of the planned records.   campaign, standards: as in the manifest of a session.
     Raises:  FitError as ``analysis.analyse``, where no group at all is determined.
     """
-    constants = read_campaign(campaign)
-    rows = [_row(window, constants) for window in windows]
-    known = determine(Material(rows, campaign, standards), METHODS[0])
+    constants = read_campaign(planned.campaign)
+    rows = [_row(window, constants) for window in planned.windows]
+    known = determine(Material(rows, planned.campaign, planned.standards), METHODS[0])
     there = {visit.group.place for visit in known.fitted.groups}
     return Prediction(known.estimates, missing_groups(rows, there, known.fitted.refused, constants))
 
