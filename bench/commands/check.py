@@ -138,7 +138,7 @@ def _predicted(plan: Plan) -> tuple[dict[str, Any], list[str]]:
     from bench.session.predicted import predicted, predicted_document, predicted_lines  # brings the analysis
 
     prediction = predicted(plan)
-    return predicted_document(prediction), list(predicted_lines(plan, prediction))
+    return predicted_document(plan, prediction), list(predicted_lines(plan, prediction))
 
 
 def settings_of(pairs: Sequence[str]) -> dict[str, str]:

@@ -22,6 +22,7 @@ Limit = float | tuple[float, float]  # a number stands for -limit to limit; eith
 INDETERMINATE: Literal["indeterminate"] = "indeterminate"  # no statement of conformity: the value is doubtful
 Verdict = Literal["pass", "fail", "conditional_pass", "conditional_fail", "indeterminate", "none"]
 WORST_FIRST: tuple[Verdict, ...] = ("fail", "indeterminate", "conditional_fail", "conditional_pass", "pass")
+_CERTAIN = 8.5  # standard uncertainties; what a normal distribution has beyond is less than the last digit of 1
 _ACCEPTED = ("pass", "conditional_pass")
 _NOT_PASSED = ("fail", "indeterminate", "conditional_fail")
 
@@ -169,6 +170,8 @@ def conformance_probability(
     nearer, farther = sorted(((value - lower) / std_uncertainty, (upper - value) / std_uncertainty))
     if nearer < 0:  # outside: both terms are tails, no digits are lost and the difference is not negative
         return float(max(_tail(-nearer, dof) - _tail(farther, dof), 0.0))
+    if math.isinf(dof) and nearer > _CERTAIN:
+        return 1.0
     return float(1.0 - _tail(nearer, dof) - _tail(farther, dof))
 
 
@@ -177,6 +180,24 @@ def _tail(distance: float, dof: float) -> float:
     from scipy import special
 
     return float(special.ndtr(-distance) if math.isinf(dof) else special.stdtr(dof, -distance))
+
+
+def chance_of_pass(spread: float, std_uncertainty: float, limits: tuple[float, float], rule: str = NON_BINARY) -> float:
+    """Return the probability that a unit nobody has measured yet gets the verdict "pass".
+
+    Args:    spread: standard deviation of the true values of such units, about the middle of both limits, which are
+             finite.   std_uncertainty: of the measurement, known beforehand.   rule: see ``verdict``.
+    Returns: probability; the measured values are normal with the variance of both.
+    Raises:  nothing; ``checked_rule`` refuses an unknown rule.
+    Source:  JCGM 106:2012 section 9.5 (before a measurement, the acceptance interval is integrated over the values that
+             may be measured); ILAC-G8:09/2019 section 4.2 (acceptance intervals of the rules).
+    """
+    guard = 0.0 if rule == SIMPLE else coverage_factor() * std_uncertainty
+    half = (limits[1] - limits[0]) / 2.0 - guard
+    scatter = math.hypot(spread, std_uncertainty)
+    if half < 0.0:
+        return 0.0
+    return math.erf(half / scatter / math.sqrt(2.0)) if scatter else 1.0
 
 
 def clopper_pearson(successes: int, trials: int, probability: float = 0.95) -> tuple[float, float]:

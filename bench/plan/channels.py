@@ -226,6 +226,8 @@ def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:
                 constants |= system.unit.constants(model.uut)
         if model.uut.limits:
             constants["limits"] = {name: _limit(text) for name, text in model.uut.limits.items()}
+        if model.uut.spread:
+            constants["spread"] = {name: _limit(text) for name, text in model.uut.spread.items()}
     if model.check_standard is not None:
         constants["check_standard"] = model.check_standard.model_dump()
     if model.site is not None:

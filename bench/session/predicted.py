@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, cast
 
-from bench.analysis import Estimate, Planned, Prediction
+from bench.analysis import Common, Estimate, Planned, Prediction, limits_of, rule_of
+from bench.maths.verdict import chance_of_pass
 from bench.model.clock import NS
 from bench.model.errors import FitError
 from bench.model.ports import RecordWindow
 from bench.model.systems import analysis_declaration, named
 from bench.model.titles import quantity_title
-from bench.model.units import format_quantity
+from bench.model.units import format_quantity, read_quantity
 from bench.plan import Plan, PlannedRecord, decisions_of
 
+OWN = "independent noise"
 _TOLD = ("quantity", "unit", "conditions", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "limit")
 
 
@@ -35,16 +38,55 @@ def predicted(plan: Plan) -> Prediction:
         return Prediction([], [error.message])
 
 
-def predicted_document(prediction: Prediction) -> dict[str, Any]:
+def components_of(entry: Estimate) -> dict[str, float]:
+    """Return the standard uncertainties that an estimate is made of, by name, in its unit, the largest first.
+
+    ``OWN`` is what it shares with no other estimate; the squares of all add up to that of its standard uncertainty.
+    """
+    common = entry.get("common", Common(standards={}, campaign={}))
+    parts = {name: abs(part) for name, part in (*common["standards"].items(), *common["campaign"].items())}
+    own = entry["std_uncertainty"] ** 2 - math.fsum(part**2 for part in parts.values())
+    return dict(sorted({OWN: math.sqrt(max(own, 0.0)), **parts}.items(), key=lambda part: -part[1]))
+
+
+def chance_of(entry: Estimate, campaign: Mapping[str, Any]) -> float | None:
+    """Return the chance that a unit of the declared spread passes; None without a spread or without both limits.
+
+    Raises: FitError B-FIT-051 if the spread has a unit of another kind than the quantity.
+    """
+    spread, limits = campaign.get("spread", {}).get(entry["quantity"]), limits_of(entry)
+    if spread is None or limits is None or not all(map(math.isfinite, limits)):
+        return None
+    factor = read_quantity(f"1 {entry['unit']}")
+    if factor is None or factor[1] != spread["unit"]:
+        raise FitError(
+            "B-FIT-051",
+            f"the spread of {entry['quantity']} is in {spread['unit']}, and the quantity is in {entry['unit']}",
+            where="uut: spread",
+            next_step=f"state it in {entry['unit']}",
+        )
+    rule = rule_of(campaign.get("decision"))
+    return chance_of_pass(spread["value"] / factor[0], entry["std_uncertainty"], limits, rule)
+
+
+def predicted_document(plan: Plan, prediction: Prediction) -> dict[str, Any]:
     """Return a prediction for JSON: uncertainties and limits; no value and no verdict, since nothing was measured."""
-    told = [{key: entry[key] for key in _TOLD} for entry in cast("list[dict[str, Any]]", prediction.estimates)]
+    told = [
+        {
+            **{key: cast("dict[str, Any]", entry)[key] for key in _TOLD},
+            "components": components_of(entry),
+            "chance_of_pass": chance_of(entry, plan.campaign),
+        }
+        for entry in prediction.estimates
+    ]
     return {"estimates": told, "missing": prediction.missing}
 
 
 def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
     """Yield a line for each quantity: its name, the least and the largest expanded uncertainty, its limit.
 
-    "At least", because what only the unit can tell, such as its temperature coefficients, is not in it.
+    Of the largest it says what brings most. "At least", because what only the unit can tell, such as its temperature
+    coefficients, is not in it.
     """
     by_quantity: dict[str, list[Estimate]] = {}
     for entry in prediction.estimates:
@@ -54,11 +96,23 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
         known = sorted({_two_digits(U) for entry in entries if (U := entry["expanded_uncertainty"]) is not None})
         ends = [format_quantity(U, unit) for U in dict.fromkeys((known[0], known[-1]))] if known else ["not known"]
         allowed = "" if limit is None else f", limit {format_quantity(limit, unit)}"
+        chances = [chance for entry in entries if (chance := chance_of(entry, plan.campaign)) is not None]
+        passing = f", {100.0 * min(chances):.3g} % of units pass" if chances else ""
         count = f" ({len(entries)} values)" if len(entries) > 1 else ""
         title = quantity_title(str(plan.campaign["analysis"]), quantity)
-        yield f"{title}: U at least {' to '.join(ends)}{allowed}{count}"
+        yield f"{title}: U at least {' to '.join(ends)}{_most(entries)}{allowed}{passing}{count}"
+    for quantity in plan.campaign.get("spread", {}).keys() - by_quantity.keys():
+        yield f"missing: {quantity}, of which a spread is declared, is no result of this plan"
     for sentence in prediction.missing:
         yield f"missing: {sentence}"
+
+
+def _most(entries: list[Estimate]) -> str:
+    """Return what brings most to the largest uncertainty, and how much of its variance."""
+    widest = max(entries, key=lambda entry: entry["std_uncertainty"])
+    name, part = next(iter(components_of(widest).items()))
+    share = (part / widest["std_uncertainty"]) ** 2 if widest["std_uncertainty"] else 0.0
+    return f", {100.0 * share:.0f} % of its variance by {name}" if share else ""
 
 
 def _two_digits(value: float) -> float:

@@ -46,6 +46,10 @@ class UnitUnderTest(StrictModel):
     limits: dict[Name, Annotated[str, BeforeValidator(_limit)]] = Field(
         default_factory=dict, description="limits of the data sheet by name, each with its unit"
     )
+    spread: dict[Name, Annotated[str, BeforeValidator(_limit)]] = Field(
+        default_factory=dict,
+        description="standard deviation of the true values of such units, by quantity, each with its unit",
+    )
 
 
 class CheckStandard(StrictModel):

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from bench.model.errors import FitError
 from bench.systems.af_converter.assumptions import CLOCK_STEADY
@@ -135,7 +134,14 @@ def clock_spread(group: Group, campaign: Campaign) -> float:
 
 def probability_of(fit: ScaleFactor) -> float:
     """Return the probability of a chi-square at least as large; 1 where it says nothing."""
+    from scipy import special  # a prediction needs none, and a sequence is checked in less time than this loads
+
     return float(special.chdtrc(fit.dof, fit.chi2)) if np.isfinite(fit.chi2) and fit.dof else 1.0
+
+
+def _is_possible(fit: ScaleFactor) -> bool:
+    """Return whether a fit may be right; a chi-square up to its mean always may."""
+    return not fit.chi2 > fit.dof or probability_of(fit) >= _NO_CHANCE
 
 
 def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str, earlier: Fitted | None) -> GroupFit:
@@ -146,7 +152,7 @@ def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str
     referral = Referral(mean_degC, slopes)
     fit = fit_scale_factor(group.closed, converter, standards.ranges, method, referral)
     wary = replace(referral, slope_std_ppm_degC=0.0 if earlier else _SLOPE_ppm_degC)
-    fits = probability_of(fit) >= _NO_CHANCE or _fits(group.closed, converter, standards, wary, method, _NO_CHANCE)
+    fits = _is_possible(fit) or _fits(group.closed, converter, standards, wary, method, _NO_CHANCE)
     odd = None if fits else _odd_row(group.closed, converter, standards, wary, method)
     if odd is not None:
         group = group.without(odd, ODD)

@@ -7,13 +7,16 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from rehearsal import ROOT, rehearsed
 from units_campaign import CUTS, OF_ONE, compiled_text, cut, single_plan, units_plan
 
 from bench.commands.check import Request, check
+from bench.maths.verdict import verdict
+from bench.model.errors import FitError
 from bench.plan import compile_sequence
-from bench.session.predicted import predicted, predicted_lines
+from bench.session.predicted import chance_of, predicted, predicted_lines
 from bench.session.service import read_view
 from bench.session.view import analyse_view
 
@@ -67,7 +70,37 @@ def test_it_is_printed_and_in_the_document(tmp_path: Path, capsys: pytest.Captur
     assert check(Request(path, None, [], None, json=True, predict=True)) == 0
     document = json.loads(capsys.readouterr().out)["predicted"]
     assert document["missing"] == []
+    for entry in document["estimates"]:
+        assert math.hypot(*entry["components"].values()) == pytest.approx(entry["std_uncertainty"])
+    gain = next(entry for entry in document["estimates"] if entry["quantity"] == "dsf_n")["components"]
+    assert next(iter(gain.items())) == ("5720A SIM5720 SIM-0001: gain", pytest.approx(10.0))  # 20 ppm of 95 %
     assert not {"value", "verdict", "conformance_probability"} & document["estimates"][0].keys()
     assert {entry["quantity"] for entry in document["estimates"]} >= {"dsf_n", "dsf_p", "dsf_asymmetry", "bias"}
     assert check(Request(path, None, [], None, json=True)) == 0
     assert "predicted" not in json.loads(capsys.readouterr().out)
+
+
+def test_the_chance_of_a_pass_stands_beside_the_limit(tmp_path: Path) -> None:
+    spread = ("uut:\n  model: NGU", "uut:\n  spread: {dsf_n_residual: 50 ppm, dsf_x: 1 ppm}\n  model: NGU")
+    plan = compiled_text(tmp_path, cut("scale_factor_38h", [spread]), {})
+    found = predicted(plan)
+    entries = [entry for entry in found.estimates if entry["quantity"] == "dsf_n_residual"]
+    chances = [chance_of(entry, plan.campaign) for entry in entries]
+    random = np.random.default_rng(1)  # seed 1
+    for entry, chance in zip(entries, chances, strict=True):
+        measured = random.normal(random.normal(0.0, 50.0, 20_000), entry["std_uncertainty"])
+        passed = [verdict(value, entry["expanded_uncertainty"], entry["limit"]) == "pass" for value in measured]
+        assert chance == pytest.approx(np.mean(passed), abs=4.0 * 0.5 / math.sqrt(20_000))
+    others = [entry for entry in found.estimates if entry["quantity"] == "dsf_n"]
+    assert {chance_of(entry, plan.campaign) for entry in others} == {None}
+    lines = list(predicted_lines(plan, found))
+    assert any(line.endswith(f"{100 * min(filter(None, chances)):.3g} % of units pass (50 values)") for line in lines)
+    assert "missing: dsf_x, of which a spread is declared, is no result of this plan" in lines
+
+
+def test_a_spread_in_another_unit_is_refused(tmp_path: Path) -> None:
+    spread = ("uut:\n  model: NGU", "uut:\n  spread: {dsf_n_residual: 1 mA}\n  model: NGU")
+    plan = compiled_text(tmp_path, cut("scale_factor_38h", [spread]), {})
+    with pytest.raises(FitError, match=r"spread of dsf_n_residual is in A, and the quantity is in ppm") as refused:
+        list(predicted_lines(plan, predicted(plan)))
+    assert refused.value.code == "B-FIT-051"
