@@ -61,6 +61,8 @@ class Switches:
     sensor_sigma_degC: float = 0.0  # offset of the unit's thermometer, one draw per campaign
     gain_drift_sigma: float = 0.0  # of the calibrator over the campaign, linear in time, one draw
     cubic_ppm_degC3: float = 0.0  # of DSF_N and DSF_P: what a parabola cannot compensate
+    generator_sigma: float = 0.0  # of the function generator's frequency, relative, one draw per campaign
+    same_cut: bool = False  # every gate cuts the pulses of a clock at the same place, one draw per campaign
 
 
 @dataclass(frozen=True)
@@ -118,12 +120,17 @@ class SimulatedCampaign:
     campaign: dict[str, Any]
     standards: dict[str, Any]
     biases_A: dict[tuple[int, float], float]  # of the first open row by channel and temperature, walk included
+    drift: float  # of the calibrator over the campaign, relative
 
     def truth(self, estimate: dict[str, Any]) -> float:
-        """True value of an estimate, at the temperature the estimate itself names."""
+        """True value of an estimate in its unit, at the temperature the estimate itself names."""
         conditions = estimate["conditions"]
-        unit = self.units[conditions["channel"]]
         quantity = estimate["quantity"]
+        if quantity == "master_clock_error":
+            return 1e6 * self.master_error
+        if quantity == "clock_ratio_error":
+            return 1e6 * ((1.0 + self.master_error) / (1.0 + self.af_error) - 1.0)
+        unit = self.units[conditions["channel"]]
         index = 0 if "_n" in quantity else 1
         if "_tc" in quantity:
             order = int(quantity[-1])
@@ -205,6 +212,8 @@ class _Bench:
         if switches.offset_A is not None:
             self.offset = dict.fromkeys(FLOOR_A, switches.offset_A)
         self.drift = 0.0
+        self.generator = rng.normal(0, switches.generator_sigma) if switches.generator_sigma else 0.0
+        self.cut = dict(zip(("af", "fg"), rng.uniform(size=2), strict=True)) if switches.same_cut else {}
         self.linearity: dict[float, float] = {}
         self.on = on
         # whole pulses per gate would lock every count to the same fraction of a pulse
@@ -224,11 +233,11 @@ class _Bench:
         route, level, polarity, full = step
         return 0.0 if route == "open" else self.current_A(level, full, polarity) + leak_A[0 if polarity > 0 else 1]
 
-    def floor(self, phase: float) -> float:
+    def floor(self, phase: float, clock: str = "") -> float:
         """Pulses of a phase that starts anywhere."""
         if not self.switches.quantised:
             return phase
-        start = self.rng.uniform()
+        start = self.cut[clock] if clock in self.cut else self.rng.uniform()
         return float(np.floor(start + phase))
 
     def counts(self, current_A: float, unit: Unit, temperature_degC: float, nominal_s: float) -> dict[str, float]:
@@ -240,8 +249,8 @@ class _Bench:
         return {
             "n": pulses if side == 0 else 0.0,
             "p": pulses if side else 0.0,
-            "af": self.floor(F_AF0_Hz * (1 + self.af_error) * true_s),
-            "fg": self.floor(FG_Hz * true_s),
+            "af": self.floor(F_AF0_Hz * (1 + self.af_error) * true_s, "af"),
+            "fg": self.floor(FG_Hz * (1 + self.generator) * true_s, "fg"),
         }
 
 
@@ -295,7 +304,8 @@ def simulate(
             rows.append(_row(len(rows) + 1, conditions, counts, now_s, world.sensed_degC(unit_degC + sensor_degC)))
             now_s += 120.0
     campaign, standards = manifest(kinds)
-    return SimulatedCampaign(rows, units, bench.gain, bench.af_error, bench.master_error, campaign, standards, biases_A)
+    errors = bench.gain, bench.af_error, bench.master_error
+    return SimulatedCampaign(rows, units, *errors, campaign, standards, biases_A, drift)
 
 
 class _Walk:
