@@ -11,14 +11,14 @@ from __future__ import annotations
 import re
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml
-from bench.plan import UNIT, PlannedRecord, StationFile, Step, plan_json, steps_of, steps_sha256
+from bench.plan import UNIT, Plan, PlannedRecord, StationFile, Step, plan_json, steps_of, steps_sha256
 from bench.record import OPEN_MARKER, SessionReader, SessionWriter, layout
 from bench.session.output import UNITS as RESULTS_OF_UNITS
 
@@ -78,6 +78,14 @@ def extract(folder: Path, serial: str, target: Path) -> str:
     texts = {name: text for name, text in reader.texts.items() if not name.startswith(_SEQUENCES)}
     texts[PLAN] = plan_json(part.steps)
     return _copied(reader, part, part.manifest(manifest, reader.sha256), texts, target)
+
+
+def plan_of_unit(plan: Plan, serial: str) -> Plan:
+    """Return the plan of one of the units alone, as its own session holds it."""
+    units = [asdict(unit) for unit in plan.units]
+    (own,) = (unit for unit in units if unit["serial"] == serial)
+    part = _Part(own, [unit for unit in units if unit is not own], plan.steps)
+    return replace(plan, steps=part.steps, campaign=part.campaign(plan.campaign), units=())
 
 
 def _of_empty_slots(texts: Mapping[str, str], used: Collection[str]) -> set[str]:
@@ -151,13 +159,15 @@ class _Part:
         return next((self._step_of[number] for number in range(step, len(self.all_steps)) if number in self._step_of),
                     len(self._step_of))  # fmt: skip
 
+    def campaign(self, whole: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the section "campaign" of the unit alone."""
+        campaign = {**whole, "uut": {**whole["uut"], "serial": self.own["serial"]}}
+        gradient_degC = self.own.get("gradient_degC")
+        return campaign if gradient_degC is None else {**campaign, "gradient_degC": gradient_degC}
+
     def manifest(self, whole: Mapping[str, Any], session_sha256: str) -> dict[str, Any]:
         """Return the manifest of the session of the unit."""
-        campaign, serial = dict(whole["campaign"]), self.own["serial"]
-        lot = str(campaign["uut"]["serial"])
-        campaign["uut"] = {**campaign["uut"], "serial": serial}
-        if self.own.get("gradient_degC") is not None:
-            campaign["gradient_degC"] = self.own["gradient_degC"]
+        serial, lot = self.own["serial"], str(whole["campaign"]["uut"]["serial"])
         links = {self.names[link]: frame for link, frame in whole["links"].items() if link in self.names}
         planned = {"records": sum(isinstance(s, PlannedRecord) and s.phase == "campaign" for s in self.steps),
                    "steps": len(self.steps)}  # fmt: skip
@@ -166,7 +176,7 @@ class _Part:
         return {
             **{key: value for key, value in whole.items() if key != UNITS},
             "session": f"{str(whole['session']).removesuffix(lot)}{serial}",
-            "campaign": campaign,
+            "campaign": self.campaign(whole["campaign"]),
             "settings": settings,
             "standards": self._by_name(whole["standards"]),
             "identities": self._by_name(whole.get("identities", {})),

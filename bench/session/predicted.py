@@ -14,7 +14,8 @@ from bench.model.ports import RecordWindow
 from bench.model.systems import analysis_declaration, named
 from bench.model.titles import quantity_title
 from bench.model.units import format_quantity, read_quantity
-from bench.plan import Plan, PlannedRecord, decisions_of
+from bench.plan import UNIT, Plan, PlannedRecord, decisions_of
+from bench.session.one_unit import plan_of_unit
 
 OWN = "independent noise"
 _TOLD = ("quantity", "unit", "conditions", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "limit")
@@ -23,19 +24,31 @@ _TOLD = ("quantity", "unit", "conditions", "std_uncertainty", "coverage_factor",
 def predicted(plan: Plan) -> Prediction:
     """Return the estimates of a plan with the uncertainties they will have; their values are those of a nominal unit.
 
-    What is not predicted is ``missing``: all of an analysis that cannot do so, of several units, and of a run that
-    decides which records it takes.
+    Of several units each is predicted by itself. What is not predicted is ``missing``: all of an analysis that cannot
+    do so, and of a run that decides which records it takes.
     """
     declared = analysis_declaration(str(plan.campaign.get("analysis")))
     if declared is None or not declared.predicted:
         return Prediction([], [f"the analysis {plan.campaign.get('analysis')} predicts no uncertainties"])
-    if plan.units or decisions_of(plan.steps):
-        return Prediction([], ["several units, or records that the run decides on, are not predicted"])
+    if decisions_of(plan.steps):
+        return Prediction([], ["records that the run decides on are not predicted"])
+    if plan.units:
+        return _of_all({unit.serial: predicted(plan_of_unit(plan, unit.serial)) for unit in plan.units})
     predict: Callable[[Planned], Prediction] = named(declared.predicted)
     try:
         return predict(Planned(list(_windows(plan)), plan.campaign, plan.station.standards()))
     except FitError as error:
         return Prediction([], [error.message])
+
+
+def _of_all(parts: Mapping[str, Prediction]) -> Prediction:
+    """Return the predictions of all units as one."""
+    estimates = [
+        Estimate(**{**entry, "conditions": {UNIT: serial, **entry["conditions"]}})
+        for serial, part in parts.items()
+        for entry in part.estimates
+    ]
+    return Prediction(estimates, [f"unit {serial}: {said}" for serial, part in parts.items() for said in part.missing])
 
 
 def components_of(entry: Estimate) -> dict[str, float]:

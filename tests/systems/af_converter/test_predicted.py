@@ -16,12 +16,13 @@ from bench.commands.check import Request, check
 from bench.maths.verdict import verdict
 from bench.model.errors import FitError
 from bench.plan import compile_sequence
+from bench.session.one_unit import session_of_unit
 from bench.session.predicted import chance_of, predicted, predicted_lines
 from bench.session.service import read_view
 from bench.session.view import analyse_view
 
 TOLERANCE = 0.01  # of U: counts and temperatures of a real unit are not quite the planned ones
-LEFT_OUT = ("unit_temperature_degC", "hours")
+LEFT_OUT = ("unit", "unit_temperature_degC", "hours")
 NEGATIVE = '          - point: {current: "{level}", polarity: -, level_index: "{level_index}", repeat: "{repeat}"}\n'
 
 
@@ -46,11 +47,22 @@ def test_what_is_predicted_is_what_the_campaign_states(tmp_path: Path) -> None:
     assert before == pytest.approx(after, rel=TOLERANCE)
 
 
-def test_no_campaign_of_several_units_and_none_without_a_prediction(tmp_path: Path) -> None:
-    for plan in (units_plan(tmp_path), compile_sequence(ROOT / "sequences" / "rlg_lock_in.yaml", None, {})):
-        (line,) = predicted_lines(plan, predicted(plan))
-        assert line.startswith("missing: ")
-        assert "predict" in line
+def test_each_of_several_units_is_predicted_by_itself(tmp_path: Path) -> None:
+    plan = units_plan(tmp_path)
+    found = predicted(plan)
+    assert found.missing == []
+    folder = rehearsed(tmp_path, plan, seed=1).run.folder
+    for unit in plan.units:
+        with session_of_unit(folder, unit.serial) as home:
+            results, _ = analyse_view(read_view(home))
+        own = [entry for entry in found.estimates if entry["conditions"]["unit"] == unit.serial]
+        assert places(own) == pytest.approx(places(results["estimates"]), rel=TOLERANCE)
+
+
+def test_an_analysis_without_a_prediction_says_so(tmp_path: Path) -> None:
+    plan = compile_sequence(ROOT / "sequences" / "rlg_lock_in.yaml", None, {})
+    (line,) = predicted_lines(plan, predicted(plan))
+    assert line == "missing: the analysis rlg_lock_in predicts no uncertainties"
 
 
 def test_what_a_plan_does_not_determine_is_named(tmp_path: Path) -> None:
