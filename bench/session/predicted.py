@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, cast
 
-from bench.analysis import Estimate, Planned, Prediction
+import numpy as np
+
+from bench.analysis import Estimate, Planned, Prediction, Reading, Trace
 from bench.model.clock import NS
 from bench.model.errors import FitError
 from bench.model.ports import RecordWindow
 from bench.model.systems import analysis_declaration, named
 from bench.model.titles import quantity_title
 from bench.model.units import format_quantity
-from bench.plan import Plan, PlannedRecord, decisions_of
+from bench.plan import Plan, PlannedCall, PlannedRecord, decisions_of
+from bench.report import planned_temperature
 
 _TOLD = ("quantity", "unit", "conditions", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "limit")
+_MINUTE_s = 60.0
 
 
 def predicted(plan: Plan) -> Prediction:
@@ -30,7 +34,7 @@ def predicted(plan: Plan) -> Prediction:
         return Prediction([], ["several units, or records that the run decides on, are not predicted"])
     predict: Callable[[Planned], Prediction] = named(declared.predicted)
     try:
-        return predict(Planned(list(_windows(plan)), plan.campaign, plan.station.standards()))
+        return predict(planned_of(plan))
     except FitError as error:
         return Prediction([], [error.message])
 
@@ -38,7 +42,7 @@ def predicted(plan: Plan) -> Prediction:
 def predicted_document(prediction: Prediction) -> dict[str, Any]:
     """Return a prediction for JSON: uncertainties and limits; no value and no verdict, since nothing was measured."""
     told = [{key: entry[key] for key in _TOLD} for entry in cast("list[dict[str, Any]]", prediction.estimates)]
-    return {"estimates": told, "missing": prediction.missing}
+    return {"estimates": told, "missing": prediction.missing, "assumed": prediction.assumed}
 
 
 def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
@@ -57,19 +61,50 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
         count = f" ({len(entries)} values)" if len(entries) > 1 else ""
         title = quantity_title(str(plan.campaign["analysis"]), quantity)
         yield f"{title}: U at least {' to '.join(ends)}{allowed}{count}"
-    for sentence in prediction.missing:
-        yield f"missing: {sentence}"
+    yield from (f"missing: {sentence}" for sentence in prediction.missing)
+    yield from (f"assumed: {sentence}" for sentence in prediction.assumed)
 
 
 def _two_digits(value: float) -> float:
     return float(f"{value:.2g}")
 
 
-def _windows(plan: Plan) -> Iterator[RecordWindow]:
+def planned_of(plan: Plan) -> Planned:
+    """Return what an analysis may see of a plan; its times begin with the preparation."""
     records = [step for step in plan.phase("campaign") if isinstance(step, PlannedRecord)]
-    for number, step in enumerate(records, start=1):
-        begin_ns = round((plan.prepare_s + step.at_s) * NS)
-        yield RecordWindow(
-            number=number, link=plan.measurement_link, first_counter=0, frames=0, t_start_ns=begin_ns,
-            t_end_ns=begin_ns + round(step.seconds * NS), conditions=step.conditions, step=step.number,
-        )  # fmt: skip
+    return Planned(
+        [_window(plan, number, step) for number, step in enumerate(records, start=1)],
+        plan.campaign,
+        plan.station.standards(),
+        timed={number for number, step in enumerate(records, start=1) if step.pulse_timing},
+        trace=_trace(plan),
+        readings=[_reading(plan, step) for step in plan.phase("campaign") if isinstance(step, PlannedCall)],
+    )
+
+
+def _window(plan: Plan, number: int, step: PlannedRecord) -> RecordWindow:
+    begin_ns, rate_Hz = _ns(plan, step.at_s), float(plan.campaign.get("rate_Hz", 0.0))
+    return RecordWindow(
+        number=number, link=plan.measurement_link, first_counter=round(begin_ns / NS * rate_Hz),
+        frames=round(step.seconds * rate_Hz), t_start_ns=begin_ns, t_end_ns=_ns(plan, step.at_s + step.seconds),
+        conditions=step.conditions, step=step.number,
+    )  # fmt: skip
+
+
+def _reading(plan: Plan, call: PlannedCall) -> Reading:
+    t_s = 1e-9 * _ns(plan, call.at_s)
+    return Reading(t_s, call.number, call.role, call.name, None, call.conditions, call.arguments)
+
+
+def _ns(plan: Plan, at_s: float) -> int:
+    return round((plan.prepare_s + at_s) * NS)
+
+
+def _trace(plan: Plan) -> Trace:
+    """Return the planned air once a minute and at its corners, as far as anything is planned for it."""
+    corners_s, degC = planned_temperature(plan.steps, plan.prepare_s)
+    if not corners_s.size:
+        return Trace()
+    t_s = np.union1d(np.arange(corners_s[0], corners_s[-1], _MINUTE_s), corners_s)
+    air_degC = np.interp(t_s, corners_s, degC)
+    return Trace(t_s + plan.prepare_s, air_degC, np.full(t_s.shape, np.nan))
