@@ -1,6 +1,6 @@
 """Holds what is predicted of a bias ramp against the spread of simulated ramps about their truth, and a recorded one.
 
-Seeds of the ramps are 0 to 9, in the sweep 0 to 499.
+Seeds of the ramps are 1000 to 1009, in the sweep 1000 to 1499.
 """
 
 from __future__ import annotations
@@ -27,6 +27,7 @@ from bench.systems.af_converter.bias_ramp.predicted import predicted as of_ramp
 from bench.systems.af_converter.constants import read_campaign
 
 INSIDE = 0.999
+FIRST = 1000
 SHOWN = {"bias", "hysteresis_width", "play_half_width", "thermal_lag", "white_noise", "random_walk"}
 
 
@@ -41,7 +42,7 @@ def ratios(campaigns: int) -> dict[Place, float]:
     constants = read_campaign(plan.campaign)
     kinds = {channel.kind: channel.typical for channel in constants.channels if channel.typical is not None}
     found: dict[Place, list[float]] = {}
-    for seed in range(campaigns):
+    for seed in range(FIRST, FIRST + campaigns):
         for where, error in errors_of(seed, kinds, constants.thermal_lag_s or 0.0).items():
             found.setdefault(where, []).append(error)
     shown = {where: errors for where, errors in found.items() if where in expected}
