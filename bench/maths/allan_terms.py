@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from bench.maths.allan import AllanDeviation
+from bench.maths.allan import AllanDeviation, confidence_limits, degrees_of_freedom
 from bench.maths.least_squares import solve
 from bench.model.errors import FitError
 
@@ -47,6 +47,7 @@ _SIGNIFICANT = 2.706  # chi squared that a term at its boundary 0 gains by chanc
 Int64 = NDArray[np.int64]
 
 SCATTERING = ("quantisation_noise", "white_noise", "bias_instability", "random_walk")
+_EXPONENTS = (2, 0, -1, -2)  # power of frequency in the spectrum of the rate, of each of these
 _REACH = 4  # differences this many times the sum of both averages apart are independent; but for flicker noise exactly
 _SECOND_DIFFERENCE = ((0, 1.0), (1, -2.0), (2, 1.0))
 
@@ -135,6 +136,35 @@ class _Problem:
         solution, distance = optimize.nnls(white[:, kept] / scale, readings)
         squares[kept] = solution / scale
         return squares, float(distance**2)
+
+
+def expected_deviation(terms: Mapping[str, float], samples: int, interval_s: float) -> AllanDeviation:
+    """Return the overlapping Allan deviation that a record without a gap has on average.
+
+    Args:    terms: coefficients by name, of ``SCATTERING``.   samples: n of the record.   interval_s: of one sample.
+    Returns: AllanDeviation at powers of two of the interval, with the degrees of freedom of its largest term at each.
+    Raises:  FitError B-FIT-031 for fewer than two samples, which leave no averaging time.
+    Source:  IEEE Std 952-1997 annex C (the terms add); Greenhall and Riley (2003) for the degrees of freedom.
+    """
+    factors = np.array([2**k for k in range(samples.bit_length()) if 2 ** (k + 1) <= samples], dtype=np.int64)
+    if not factors.size:
+        raise FitError(
+            "B-FIT-031",
+            f"{samples} samples leave no averaging time of an Allan deviation",
+            next_step="plan at least three samples without a gap between them",
+        )
+    tau_s: Array = factors * np.float64(interval_s)
+    differences = samples - 2 * factors + 1
+    parts = np.array([terms.get(name, 0.0) ** 2 * allan_variance_of(name, tau_s) for name in SCATTERING])
+    exponents = np.array(_EXPONENTS)[np.argmax(parts, axis=0)]
+    deviation = np.sqrt(parts.sum(axis=0))
+    places = zip(factors.tolist(), differences.tolist(), exponents.tolist(), strict=True)
+    dof = np.array([degrees_of_freedom(*place) for place in places])
+    low, high = confidence_limits(deviation, dof, 0.95)
+    return AllanDeviation(
+        interval_s=interval_s, samples=samples, modified=False, factors=factors, tau_s=tau_s, deviation=deviation,
+        low=low, high=high, differences=differences, dof=dof, exponents=exponents,
+    )  # fmt: skip
 
 
 def fit_noise_terms(curve: AllanDeviation, terms: Sequence[str] = TERMS) -> NoiseTerms:

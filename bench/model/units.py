@@ -48,6 +48,8 @@ _UNITS |= {
     "m": ("m", Decimal(1)),
     "cm": ("m", Decimal("1e-2")),
     "mm": ("m", Decimal("1e-3")),
+    "A/degC": ("A/degC", Decimal(1)),
+    "nA/degC": ("A/degC", Decimal("1e-9")),
     "ppm/degC": ("1/degC", Decimal("1e-6")),
     "1/degC": ("1/degC", Decimal(1)),
     "ppm/degC2": ("1/degC2", Decimal("1e-6")),
@@ -76,7 +78,7 @@ def parse_quantity(text: object, dimension: str) -> float:
     Args:
         text: the quantity as text; anything else is refused.
         dimension: base unit that is due: ``A V Hz s C ohm W F degC degC/min 1 deg deg/s
-            deg/s2 g m/s m/s2 gauss m 1/degC 1/degC2``.
+            deg/s2 g m/s m/s2 gauss m A/degC 1/degC 1/degC2``.
     Returns:
         The nearest float to the decimal value in the base unit (28 digits are kept on the way).
     Raises:

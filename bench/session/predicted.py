@@ -8,14 +8,13 @@ from typing import Any, cast
 
 from bench.analysis import Common, Estimate, Planned, Prediction, limits_of, rule_of
 from bench.maths.verdict import chance_of_pass
-from bench.model.clock import NS
 from bench.model.errors import FitError
-from bench.model.ports import RecordWindow
 from bench.model.systems import analysis_declaration, named
 from bench.model.titles import quantity_title
 from bench.model.units import format_quantity, read_quantity
-from bench.plan import UNIT, Plan, PlannedRecord, decisions_of
+from bench.plan import UNIT, Plan, decisions_of
 from bench.session.one_unit import plan_of_unit
+from bench.session.planned import planned_of
 
 OWN = "independent noise"
 _TOLD = ("quantity", "unit", "conditions", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "limit")
@@ -36,7 +35,7 @@ def predicted(plan: Plan) -> Prediction:
         return _of_all({unit.serial: predicted(plan_of_unit(plan, unit.serial)) for unit in plan.units})
     predict: Callable[[Planned], Prediction] = named(declared.predicted)
     try:
-        return predict(Planned(list(_windows(plan)), plan.campaign, plan.station.standards()))
+        return predict(planned_of(plan))
     except FitError as error:
         return Prediction([], [error.message])
 
@@ -48,7 +47,8 @@ def _of_all(parts: Mapping[str, Prediction]) -> Prediction:
         for serial, part in parts.items()
         for entry in part.estimates
     ]
-    return Prediction(estimates, [f"unit {serial}: {said}" for serial, part in parts.items() for said in part.missing])
+    missing = [f"unit {serial}: {said}" for serial, part in parts.items() for said in part.missing]
+    return Prediction(estimates, missing, list(dict.fromkeys(said for part in parts.values() for said in part.assumed)))
 
 
 def components_of(entry: Estimate) -> dict[str, float]:
@@ -92,7 +92,7 @@ def predicted_document(plan: Plan, prediction: Prediction) -> dict[str, Any]:
         }
         for entry in prediction.estimates
     ]
-    return {"estimates": told, "missing": prediction.missing}
+    return {"estimates": told, "missing": prediction.missing, "assumed": prediction.assumed}
 
 
 def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
@@ -116,8 +116,8 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
         yield f"{title}: U at least {' to '.join(ends)}{_most(entries)}{allowed}{passing}{count}"
     for quantity in plan.campaign.get("spread", {}).keys() - by_quantity.keys():
         yield f"missing: {quantity}, of which a spread is declared, is no result of this plan"
-    for sentence in prediction.missing:
-        yield f"missing: {sentence}"
+    yield from (f"missing: {sentence}" for sentence in prediction.missing)
+    yield from (f"assumed: {sentence}" for sentence in prediction.assumed)
 
 
 def _most(entries: list[Estimate]) -> str:
@@ -130,13 +130,3 @@ def _most(entries: list[Estimate]) -> str:
 
 def _two_digits(value: float) -> float:
     return float(f"{value:.2g}")
-
-
-def _windows(plan: Plan) -> Iterator[RecordWindow]:
-    records = [step for step in plan.phase("campaign") if isinstance(step, PlannedRecord)]
-    for number, step in enumerate(records, start=1):
-        begin_ns = round((plan.prepare_s + step.at_s) * NS)
-        yield RecordWindow(
-            number=number, link=plan.measurement_link, first_counter=0, frames=0, t_start_ns=begin_ns,
-            t_end_ns=begin_ns + round(step.seconds * NS), conditions=step.conditions, step=step.number,
-        )  # fmt: skip

@@ -31,6 +31,15 @@ class Noise(_Tolerant):
     walk_A_rth: _NotNegative
 
 
+class Typical(_Tolerant):
+    """What the data sheet says of the bias of a channel; predictions of a bias ramp hold for such a one."""
+
+    bias_A: float
+    bias_tc1_A_degC: float
+    hysteresis_width_A: float
+    play_half_width_degC: _Positive
+
+
 class Channel(_Tolerant):
     """One converter channel of the unit under test."""
 
@@ -43,7 +52,9 @@ class Channel(_Tolerant):
     noise: Noise
     levels_A: tuple[float, ...] = ()
     stability_limit_ppm: float | None = None
+    bias_stability_limit_A: float | None = None
     plausible_error: _Positive = PLAUSIBLE_ERROR
+    typical: Typical | None = None
 
 
 class Campaign(_Tolerant):
@@ -51,7 +62,8 @@ class Campaign(_Tolerant):
 
     ``previous``: estimates of an earlier calibration in contract form; ``temperature_sensor_u95_degC``: expanded
     uncertainty (95 %, k = 2) of the unit's own temperature sensor, None if not stated; ``gradient_degC``: how far the
-    converters of one of several units in a chamber may be from what its sensor says (95 %, k = 2), None if it is alone.
+    converters of one of several units in a chamber may be from what its sensor says (95 %, k = 2), None if it is alone;
+    ``thermal_lag_s``: typical lag of the unit behind the air, None if not stated.
     """
 
     analysis: str
@@ -63,6 +75,7 @@ class Campaign(_Tolerant):
     channels: tuple[Channel, ...]
     temperature_sensor_u95_degC: _NotNegative | None = None
     gradient_degC: _NotNegative | None = None
+    thermal_lag_s: _Positive | None = None
     previous: tuple[Mapping[str, Any], ...] = ()
 
     def channel(self, number: int) -> Channel:

@@ -20,6 +20,7 @@ from bench.model.declaration import (
     stated,
 )
 from bench.model.units import quantity, read_quantity
+from bench.model.yamlio import StrictModel
 
 _HERE = "bench.systems.af_converter"
 _BRANCHES = ("hold_start", "up", "hold_top", "down", "hold_end")
@@ -44,6 +45,24 @@ def _sensor(text: str) -> str:
     return text
 
 
+class Typical(StrictModel):
+    """What the data sheet says of the bias of a kind of channel: a prediction holds for such a one."""
+
+    bias: Annotated[float, *quantity("A", -1.0, 1.0)] = Field(description="at the reference temperature")
+    bias_tc1: Annotated[float, *quantity("A/degC", -1.0, 1.0)] = Field(description="its temperature coefficient")
+    hysteresis_width: Annotated[float, *quantity("A", -1.0, 1.0)] = Field(description="falling minus rising branch")
+    play_half_width: Annotated[float, *quantity("degC", 0.01, 50.0)]
+
+    def constants(self) -> dict[str, float]:
+        """Return them for the manifest."""
+        return {
+            "bias_A": self.bias,
+            "bias_tc1_A_degC": self.bias_tc1,
+            "hysteresis_width_A": self.hysteresis_width,
+            "play_half_width_degC": self.play_half_width,
+        }
+
+
 class Kind(ChannelKind):
     """Declared constants of one kind of converter channel (AF-converter design table)."""
 
@@ -63,6 +82,7 @@ class Kind(ChannelKind):
     bias_walk_per_rth: Annotated[float, *quantity("A", 0.0, 1.0)] | None = Field(
         None, description="random walk of the bias, one sigma, per root hour"
     )
+    typical: Typical | None = Field(None, description="for a prediction of a bias ramp")
 
     def channel_constants(self, levels_A: list[float]) -> dict[str, Any]:
         """Return the constants of one channel for the manifest."""
@@ -81,6 +101,8 @@ class Kind(ChannelKind):
             entry["bias_stability_limit_A"] = self.bias_stability_limit
         if self.white_noise_per_rtHz is not None and self.bias_walk_per_rth is not None:
             entry["noise"] = {"white_A_rtHz": self.white_noise_per_rtHz, "walk_A_rth": self.bias_walk_per_rth}
+        if self.typical is not None:
+            entry["typical"] = self.typical.constants()
         return entry
 
 
@@ -93,12 +115,16 @@ class ConverterUnit(UnitSections):
     temperature_sensor_uncertainty: Annotated[float, *quantity("degC", 0.0, 10.0)] | None = Field(
         None, description="expanded uncertainty of the unit's own temperature sensor, 95 %"
     )
+    thermal_lag: Annotated[float, *quantity("s", 1.0, 1e5)] | None = Field(
+        None, description="typical lag of the unit behind the air, for a prediction of a bias ramp"
+    )
     kinds: dict[Literal["gyro", "accelerometer"], Kind] = Field(default_factory=dict)
 
     def constants(self) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign", in base units; what is not stated is left out."""
         constants = {
             "temperature_sensor_u95_degC": self.temperature_sensor_uncertainty,
+            "thermal_lag_s": self.thermal_lag,
             "af_clock_Hz": self.af_clock,
             "fg_Hz": self.function_generator,
             "master_Hz": self.master_clock,
@@ -131,6 +157,7 @@ DECLARATION = System(
             reading="measure_current",
             main=_MAIN,
             assumptions=f"{_HERE}.dmm_method.assumptions:assumptions",
+            predicted=f"{_HERE}.dmm_method.predicted:predicted",
             **_AT_ONE_TEMPERATURE,
             **_DATA_SHEET,
         ),
@@ -149,6 +176,7 @@ DECLARATION = System(
             ),
             main=_MAIN,
             assumptions=f"{_HERE}.assumptions:of_bias_ramp",
+            predicted=f"{_HERE}.bias_ramp.predicted:predicted",
             **_DATA_SHEET,
         ),
         AnalysisDeclaration(

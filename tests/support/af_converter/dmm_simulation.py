@@ -26,6 +26,7 @@ class Drawn:
 
     rng: np.random.Generator
     one_gain: bool = False  # every range off by the same number of standard deviations
+    noise: float = 1e-9  # of a reading, of its range
 
     def __post_init__(self) -> None:
         shared = self.rng.normal()
@@ -38,7 +39,7 @@ class Drawn:
         key = full, level_A
         if level_A and key not in self.linearity_A:
             self.linearity_A[key] = self.rng.normal(0, SPECIFICATION[full][1] / 2) * full
-        noise_A = self.rng.normal(0, 1e-9) * full
+        noise_A = self.rng.normal(0, self.noise) * full
         return true_A * (1 + self.gain[full]) + self.zero_A[full] + self.linearity_A.get(key, 0.0) + noise_A
 
 
@@ -73,7 +74,7 @@ def standards() -> dict[str, Any]:
     return {"dmm": {"driver": "hp_3458a", "serial": "1", "uncertainty": lines, "corrections": []}}
 
 
-def simulate(seed: int, **meter: bool) -> tuple[sim.SimulatedCampaign, Drawn]:
+def simulate(seed: int, **meter: Any) -> tuple[sim.SimulatedCampaign, Drawn]:
     switches = sim.Switches(calibrator_errors=False, offset_A=OFFSET_A, lag=False)
     campaign = sim.simulate(seed, switches, temperatures=(20.0,), repeat_channel=1)
     return campaign, Drawn(np.random.default_rng([seed, 3458]), **meter)

@@ -13,6 +13,7 @@ from bench.model.clock import VirtualClock
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
+from bench.session.predicted import predicted
 from bench.session.view import KEPT_EVENTS, material_of
 from bench.systems.af_converter.dmm_method import analysis as dmm_method
 
@@ -94,6 +95,22 @@ def test_assumption_2_holds_on_the_simulated_bench(session: tuple[Material, list
     assert [one["verdict"] for one in shifts] == ["pass"] * 4
     assert len([one for one in analysis.estimates if one["quantity"] == "switch_leakage"]) == 4
     assert len([note for note in analysis.notes if "no more than chance" in note]) == 2
+
+
+def test_what_is_predicted_is_what_the_campaign_states(
+    session: tuple[Material, list[dict[str, Any]]], tmp_path: Path
+) -> None:
+    def by_place(estimates: list[Any]) -> dict[tuple[Any, ...], float]:
+        found = {}
+        for entry in estimates:
+            where = (pair for pair in entry["conditions"].items() if pair[0] != "unit_temperature_degC")
+            found[entry["quantity"], *where] = entry["std_uncertainty"]
+        return found
+
+    before, after = by_place(predicted(tiny(tmp_path)).estimates), by_place(dmm_method.analyse(session[0]).estimates)
+    ratios = [before[where] / stated for where, stated in after.items()]
+    sys.stdout.write(f"predicted over stated: {min(ratios):.4f} to {max(ratios):.4f}\n")
+    assert before == pytest.approx(after, rel=0.01)
 
 
 def test_as_printed_ends_with_the_mean(session: tuple[Material, list[dict[str, Any]]]) -> None:

@@ -9,7 +9,15 @@ import pytest
 from allan_simulation import record
 
 from bench.maths.allan import allan_deviation, degrees_of_freedom
-from bench.maths.allan_terms import GYRO_TERMS, TERMS, UNITS, allan_variance_of, fit_noise_terms, variance_covariance
+from bench.maths.allan_terms import (
+    GYRO_TERMS,
+    TERMS,
+    UNITS,
+    allan_variance_of,
+    expected_deviation,
+    fit_noise_terms,
+    variance_covariance,
+)
 from bench.model.errors import FitError
 
 TRUTH = {"quantisation_noise": 3e-8, "white_noise": 3e-9, "bias_instability": 0.3e-9, "random_walk": 1e-11}
@@ -36,6 +44,37 @@ def test_covariance_has_the_degrees_of_freedom_of_the_power_law(name: str, expon
     spread = variance_covariance(factors, differences, 10.0).matrix({name: 1.0}).diagonal()
     expected = [degrees_of_freedom(int(m), int(d), exponent) for m, d in zip(factors, differences, strict=True)]
     np.testing.assert_allclose(2.0 * variance**2 / spread, expected, rtol=5e-3)
+
+
+@pytest.mark.validates(
+    "expected Allan deviation of declared noise, and the uncertainty of terms fitted to it",
+    against="200 simulated records of white noise and random walk",
+)
+def test_expected_deviation_is_the_mean_of_records(record_property: Callable[[str, object], None]) -> None:
+    """Seed 53; the mean variance within 4 of its own deviations, the spread of free terms within a sixth."""
+    rng = np.random.default_rng(53)
+    declared = {"white_noise": 3e-9, "random_walk": 1e-11}
+    curves = [allan_deviation(record(rng, 512, 10.0, **declared), 10.0) for _ in range(200)]
+    expected = expected_deviation(declared, 512, 10.0)
+    assert expected.factors.tolist() == curves[0].factors.tolist()
+    assert expected.differences.tolist() == curves[0].differences.tolist()
+    squares = np.array([curve.deviation**2 for curve in curves])
+    off = np.abs(squares.mean(axis=0) - expected.deviation**2) / (squares.std(axis=0) / np.sqrt(200))
+    assert off.max() < 4.0
+    fitted, found = ([fit_noise_terms(curve, tuple(declared)) for curve in some] for some in ([expected], curves))
+    ratios = {}
+    for name, value in declared.items():
+        assert fitted[0][name].coefficient == pytest.approx(value, rel=1e-6)
+        spread = np.sqrt(np.mean([(terms[name].coefficient - value) ** 2 for terms in found]))
+        ratios[name] = spread / fitted[0][name].std_uncertainty
+    record_property("obtained", ", ".join(f"{name} {ratio:.2f}" for name, ratio in ratios.items()))
+    assert list(ratios.values()) == pytest.approx([1.0, 1.0], abs=1.0 / 6.0)
+
+
+def test_no_averaging_time_of_a_single_sample() -> None:
+    with pytest.raises(FitError, match="1 samples leave no averaging time") as caught:
+        expected_deviation({"white_noise": 1.0}, 1, 10.0)
+    assert caught.value.code == "B-FIT-031"
 
 
 def test_covariance_is_that_of_many_records() -> None:

@@ -53,6 +53,7 @@ def test_a_prefix_leaves_one_to_three_digits(size: float, unit: str, factor: flo
         ("83 deg/s", "deg/s", 83.0),
         ("20.2 g", "g", 20.2),
         ("8 ppm/degC", "1/degC", 8e-6),
+        ("2 nA/degC", "A/degC", 2e-9),
         ("1e-3 A", "A", 1e-3),
         (" +.5 mA ", "A", 5e-4),
     ],

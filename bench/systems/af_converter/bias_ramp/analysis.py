@@ -5,7 +5,7 @@ Source: AF-converter paper section 4; docs/decisions/0006-bias-and-hysteresis.md
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -66,12 +66,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     drive = drive_of(material.trace, records, method)
     fits, missing = _fit_all(material, records, campaign, drive, method)
     clock = _master_clock(material, records, campaign, fits, missing)
-    limits = _limits(material.campaign)
-    entries = [
-        entry
-        for channel in fits
-        for entry in channel_estimates(channel, campaign, records.dropped, limits.get(channel.readings.channel.number))
-    ]
+    entries = [entry for channel in fits for entry in channel_estimates(channel, campaign, records.dropped)]
     noise = channel_noise(fits, records)
     entries += noise_estimates(noise)
     if clock is not None:
@@ -170,10 +165,6 @@ def _master_clock(
 
 def _clock_figures(clock: OscillatorFit | None, records: RampRecords) -> list[Figure]:
     return [] if clock is None else [master_clock_figure(clock, records.unit_degC)]
-
-
-def _limits(campaign: Mapping[str, Any]) -> dict[int, float | None]:
-    return {int(channel["number"]): channel.get("bias_stability_limit_A") for channel in campaign["channels"]}
 
 
 def notes(fits: Sequence[ChannelFit], records: RampRecords, campaign: Campaign, method: str) -> list[str]:

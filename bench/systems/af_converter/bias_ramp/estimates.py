@@ -69,15 +69,15 @@ def bias_parts(channel: ChannelFit, weights: Floats, campaign: Campaign) -> dict
     }
 
 
-def channel_estimates(channel: ChannelFit, campaign: Campaign, dropped: int, limit_A: float | None) -> Estimates:
-    """Return all estimates of one channel; ``limit_A`` judges what the compensation leaves."""
+def channel_estimates(channel: ChannelFit, campaign: Campaign, dropped: int) -> Estimates:
+    """Return all estimates of one channel."""
     about = {"channel": channel.readings.channel.number, "kind": channel.readings.channel.kind}
     n = channel.readings.bias_A.size
     counts = {"n": n, "dropped": dropped + int(np.count_nonzero(~channel.readings.used))}
     return [
         *_bias(channel, campaign, about, counts),
         *_hysteresis(channel, campaign, about, counts),
-        _residual(channel, campaign, about, counts, limit_A),
+        _residual(channel, campaign, about, counts),
     ]
 
 
@@ -137,7 +137,6 @@ def _residual(
     campaign: Campaign,
     about: Mapping[str, Any],
     counts: Mapping[str, int],
-    limit_A: float | None,
 ) -> Estimate:
     """Largest mean over an hour of what the polynomial leaves; hysteresis and random walk are in it, as in use."""
     left = compensated_A(channel, campaign)
@@ -150,7 +149,15 @@ def _residual(
     worst = int(np.argmax(np.abs(means)))
     std = float(np.hypot(noise[worst], means[worst] * DSF_STD))
     conditions = {**about, "averaging_h": HOUR_s / 3600.0, "compensation": say("compensation.sensor")}
-    return estimate("bias_residual", "A", float(means[worst]), std, conditions, **counts, limit=limit_A)
+    return estimate(
+        "bias_residual",
+        "A",
+        float(means[worst]),
+        std,
+        conditions,
+        **counts,
+        limit=channel.readings.channel.bias_stability_limit_A,
+    )
 
 
 def master_clock_estimates(fit: OscillatorFit, at_degC: Sequence[float], dropped: int) -> Estimates:

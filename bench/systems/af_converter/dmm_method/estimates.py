@@ -17,6 +17,7 @@ from bench.systems.af_converter.estimators.readings import (
     Converter,
     RangeSpecification,
     Readings,
+    clock_A2,
     open_input_bias,
     pulse_currents_A,
     quantisation_A2,
@@ -108,9 +109,10 @@ def leakage_estimates(fitted: DmmFit, campaign: Campaign) -> Estimates:
 
 
 def counted_A(rows: Readings, converter: Converter) -> tuple[Any, Any]:
-    """Current by the nominal charge of a pulse and its variance by the counts and the white noise, (m,) each."""
+    """Current by the nominal charge of a pulse and its variance by all counts and the white noise, (m,) each."""
     n_A, p_A = pulse_currents_A(rows, converter)
-    return n_A - p_A, quantisation_A2(rows, converter) + white_A2(rows, converter)
+    counts_A2 = quantisation_A2(rows, converter) + clock_A2(rows, converter)
+    return n_A - p_A, counts_A2 + white_A2(rows, converter)
 
 
 def shift_estimates(

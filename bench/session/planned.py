@@ -1,0 +1,58 @@
+"""What an analysis may see of a plan before it is run: records, calls, temperatures; times begin with the preparation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bench.analysis import Planned, Reading, Trace
+from bench.model.clock import NS
+from bench.model.ports import RecordWindow
+from bench.plan import Plan, PlannedCall, PlannedRecord, Step
+from bench.report import planned_temperature
+
+_MINUTE_s = 60.0
+
+
+def planned_of(plan: Plan) -> Planned:
+    """Return what an analysis may see of a plan."""
+    records = [step for step in plan.phase("campaign") if isinstance(step, PlannedRecord)]
+    return Planned(
+        [_window(plan, number, step) for number, step in enumerate(records, start=1)],
+        plan.campaign,
+        plan.station.standards(),
+        timed={number for number, step in enumerate(records, start=1) if step.pulse_timing},
+        trace=_trace(plan),
+        readings=list(_readings(plan)),
+    )
+
+
+def _window(plan: Plan, number: int, step: PlannedRecord) -> RecordWindow:
+    begin_ns, rate_Hz = _ns(plan, step, step.at_s), float(plan.campaign.get("rate_Hz", 0.0))
+    return RecordWindow(
+        number=number, link=plan.measurement_link, first_counter=round(begin_ns / NS * rate_Hz),
+        frames=round(step.seconds * rate_Hz), t_start_ns=begin_ns, t_end_ns=_ns(plan, step, step.at_s + step.seconds),
+        conditions=step.conditions, step=step.number,
+    )  # fmt: skip
+
+
+def _readings(plan: Plan) -> Iterator[Reading]:
+    for step in (*plan.phase("prepare"), *plan.phase("campaign")):
+        if isinstance(step, PlannedCall):
+            t_s = _ns(plan, step, step.at_s) / NS
+            yield Reading(t_s, step.number, step.role, step.name, None, step.conditions, step.arguments)
+
+
+def _ns(plan: Plan, step: Step, at_s: float) -> int:
+    return round((at_s if step.phase == "prepare" else plan.prepare_s + at_s) * NS)
+
+
+def _trace(plan: Plan) -> Trace:
+    """Return the planned air once a minute and at its corners, as far as anything is planned for it."""
+    corners_s, degC = planned_temperature(plan.steps, plan.prepare_s)
+    if not corners_s.size:
+        return Trace()
+    t_s = np.union1d(np.arange(corners_s[0], corners_s[-1], _MINUTE_s), corners_s)
+    air_degC = np.interp(t_s, corners_s, degC)
+    return Trace(t_s + plan.prepare_s, air_degC, np.full(t_s.shape, np.nan))
