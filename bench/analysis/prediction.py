@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bench.analysis.estimates import Estimates
+from bench.analysis.material import Reading
 from bench.model.ports import RecordWindow
 
 
@@ -18,12 +19,13 @@ class Planned:
     """A plan, as far as an analysis may see it.
 
     ``windows``: of the measuring records, by number, at their planned times.   ``campaign``, ``standards``: as in the
-    manifest of a session.
+    manifest of a session.   ``calls``: of actions of instruments, at their planned times and still without a value.
     """
 
     windows: Sequence[RecordWindow]
     campaign: Mapping[str, Any]
     standards: Mapping[str, Mapping[str, Any]]
+    calls: Sequence[Reading] = ()
 
 
 @dataclass(frozen=True)

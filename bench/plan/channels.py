@@ -238,7 +238,8 @@ def _limit(text: str) -> dict[str, Any]:
     return {"value": value, "unit": unit}
 
 
-def _site(site: Site) -> dict[str, float]:
+def _site(site: Site) -> dict[str, Any]:
+    field = site.magnetic_field
     constants = {
         "latitude_deg": site.latitude,
         "longitude_deg": site.longitude,
@@ -247,5 +248,12 @@ def _site(site: Site) -> dict[str, float]:
         "azimuth_deg": site.azimuth,
         "azimuth_std_deg": site.azimuth_uncertainty,
         "tilt_std_deg": site.tilt,
+        "magnetic_field": None
+        if field is None
+        else {
+            "size_gauss": field.size,
+            "inclination_deg": field.inclination,
+            "declination_deg": field.declination,
+        },
     }
     return stated(constants)

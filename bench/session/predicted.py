@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, cast
 
-from bench.analysis import Estimate, Planned, Prediction
+from bench.analysis import Estimate, Planned, Prediction, Reading
 from bench.model.clock import NS
 from bench.model.errors import FitError
 from bench.model.ports import RecordWindow
 from bench.model.systems import analysis_declaration, named
 from bench.model.titles import quantity_title
 from bench.model.units import format_quantity
-from bench.plan import Plan, PlannedRecord, decisions_of
+from bench.plan import Plan, PlannedCall, PlannedRecord, decisions_of
 
 _TOLD = ("quantity", "unit", "conditions", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "limit")
 
@@ -30,7 +30,7 @@ def predicted(plan: Plan) -> Prediction:
         return Prediction([], ["several units, or records that the run decides on, are not predicted"])
     predict: Callable[[Planned], Prediction] = named(declared.predicted)
     try:
-        return predict(Planned(list(_windows(plan)), plan.campaign, plan.station.standards()))
+        return predict(Planned(list(_windows(plan)), plan.campaign, plan.station.standards(), list(_calls(plan))))
     except FitError as error:
         return Prediction([], [error.message])
 
@@ -73,3 +73,10 @@ def _windows(plan: Plan) -> Iterator[RecordWindow]:
             number=number, link=plan.measurement_link, first_counter=0, frames=0, t_start_ns=begin_ns,
             t_end_ns=begin_ns + round(step.seconds * NS), conditions=step.conditions, step=step.number,
         )  # fmt: skip
+
+
+def _calls(plan: Plan) -> Iterator[Reading]:
+    for step in plan.phase("campaign"):
+        if isinstance(step, PlannedCall):
+            at_s = plan.prepare_s + step.at_s
+            yield Reading(at_s, step.number, step.role, step.name, None, step.conditions, step.arguments)
