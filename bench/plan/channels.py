@@ -239,8 +239,7 @@ def _limit(text: str) -> dict[str, Any]:
 
 
 def _site(site: Site) -> dict[str, Any]:
-    field = site.magnetic_field
-    constants = {
+    constants: dict[str, Any] = stated({
         "latitude_deg": site.latitude,
         "longitude_deg": site.longitude,
         "height_m": site.height,
@@ -248,12 +247,10 @@ def _site(site: Site) -> dict[str, Any]:
         "azimuth_deg": site.azimuth,
         "azimuth_std_deg": site.azimuth_uncertainty,
         "tilt_std_deg": site.tilt,
-        "magnetic_field": None
-        if field is None
-        else {
-            "size_gauss": field.size,
-            "inclination_deg": field.inclination,
-            "declination_deg": field.declination,
-        },
-    }
-    return stated(constants)
+    })  # fmt: skip
+    if site.magnetic_field is not None:
+        field = site.magnetic_field
+        constants["magnetic_field"] = {
+            "size_gauss": field.size, "inclination_deg": field.inclination, "declination_deg": field.declination,
+        }  # fmt: skip
+    return constants

@@ -44,7 +44,7 @@ def test_what_is_predicted_is_what_the_campaign_states(tmp_path: Path) -> None:
 
 
 def test_no_campaign_of_several_units_and_none_without_a_prediction(tmp_path: Path) -> None:
-    for plan in (units_plan(tmp_path), compile_sequence(ROOT / "sequences" / "rlg_lock_in.yaml", None, {})):
+    for plan in (units_plan(tmp_path), compile_sequence(ROOT / "sequences" / "gnc_unit_test.yaml", None, {})):
         (line,) = predicted_lines(plan, predicted(plan))
         assert line.startswith("missing: ")
         assert "predict" in line

@@ -74,7 +74,7 @@ def magnetometer_study(first_seed: int, units: int) -> Study:
 
 @pytest.mark.parametrize("sequence", ["gnc_imu_calibration", "gnc_imu_calibration_vertical"])
 def test_a_few_calibrations_scatter_as_predicted(sequence: str) -> None:
-    found = calibration_study(sequence, 5000, 4)
+    found = calibration_study(sequence, 5000, 2)
     assert found.prediction.missing == []
     assert len(found.scores) == len(found.prediction.estimates) == 60
     assert found.outside() == {}
@@ -89,7 +89,7 @@ def test_calibrations_scatter_as_predicted(sequence: str) -> None:
 
 
 def test_a_few_biases_scatter_as_predicted() -> None:
-    found = bias_study(6000, 3)
+    found = bias_study(6000, 1)
     assert found.prediction.missing == []
     assert len(found.scores) == len(found.prediction.estimates) == 17
     assert found.outside() == {}
@@ -103,7 +103,7 @@ def test_biases_scatter_as_predicted() -> None:
 
 
 def test_a_few_magnetometers_scatter_as_predicted() -> None:
-    found = magnetometer_study(7000, 3)
+    found = magnetometer_study(7000, 2)
     assert len(found.scores) == len(found.prediction.estimates) == 19
     assert found.outside() == {}
 

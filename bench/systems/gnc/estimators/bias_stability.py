@@ -176,7 +176,7 @@ def declared_noise(noise: SensorNoise, count: int, average_s: float) -> MeanNois
     Returns: MeanNoise.
     Source:  as ``mean_noise``, with one covariance that is known.
     """
-    begin_s, length_s = np.arange(count) * average_s, np.full(count, average_s)
+    begin_s, length_s = average_s * np.arange(count, dtype=np.float64), np.full(count, average_s)
     lags = noise.of_means(begin_s, length_s)[0]
     total = _sums(lags)[1]
     return MeanNoise(

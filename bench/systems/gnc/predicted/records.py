@@ -26,6 +26,7 @@ from bench.systems.gnc.predicted.declared import field_local_gauss
 from bench.systems.gnc.rows import AXES, gravity_g, pose_of, site_of
 
 _DIGITS = 12  # a sine of half a turn is zero: what its rounding leaves would determine a sensitivity
+_OF_A_TURN = {"angle", "rate", "acceleration"}
 _UNITS = {"gyro": "deg/s", "accel": "g", "mag": "gauss"}
 
 
@@ -81,8 +82,11 @@ def _angle_deg(window: RecordWindow, calls: Sequence[Reading], edges_s: Floats) 
     if "rate_deg_s" in window.conditions:
         return np.asarray(float(window.conditions["rate_deg_s"]) * edges_s)
     first_s, last_s = window.t_start_ns / NS, window.t_end_ns / NS
-    turns = [call for call in calls if call.name == "turn" and first_s < call.t_s < last_s]
-    return np.sum([_trapezoid(edges_s - (turn.t_s - first_s), turn) for turn in turns], axis=0) + 0.0 * edges_s
+    angle_deg = np.zeros(edges_s.size)
+    for call in calls:
+        if call.name == "turn" and first_s < call.t_s < last_s and call.arguments.keys() >= _OF_A_TURN:
+            angle_deg += _trapezoid(edges_s - (call.t_s - first_s), call)
+    return angle_deg
 
 
 def _trapezoid(time_s: Floats, turn: Reading) -> Floats:

@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from rehearsal import ROOT
 
-from bench.analysis import Prediction
+from bench.analysis import Planned, Prediction
+from bench.model.errors import FitError
 from bench.plan import Plan, compile_sequence
 from bench.session.predicted import predicted
+from bench.systems.gnc.predicted.magnetometer import predicted as of_magnetometer
 
 NOISE = "gyro_random_walk: 0.3 deg/sqrt(h), "
 
@@ -96,11 +98,15 @@ def test_a_rest_that_is_too_short_is_named(tmp_path: Path) -> None:
 def test_a_magnetometer_without_declared_noise_or_field_b_gnc_008(tmp_path: Path) -> None:
     field = ",\n   magnetic_field: {size: 0.43 gauss, inclination: 55 deg, declination: -4 deg}}"
     for cut, name in (((field, "}"), "magnetic_field"), ((",\n     magnetometer_noise: 0.5 mgauss}", "}"), "noise")):
-        found = predicted(plan_of(tmp_path, "gnc_magnetometer", cut))
+        plan = plan_of(tmp_path, "gnc_magnetometer", cut)
+        found = predicted(plan)
         assert found.estimates == []
         (sentence,) = found.missing
         assert name in sentence
         assert "is not declared" in sentence
+        with pytest.raises(FitError) as caught:
+            of_magnetometer(Planned([], plan.campaign, {}))
+        assert caught.value.code == "B-GNC-008"
 
 
 def test_the_ellipse_of_an_even_turn_is_known_as_its_noise_says(tmp_path: Path) -> None:
