@@ -33,6 +33,13 @@ _UNITS |= {
     "deg/h": ("deg/s", Decimal(1) / 3600),
     "rad/s": ("deg/s", Decimal("57.29577951308232087679815481")),
     "deg/s2": ("deg/s2", Decimal(1)),
+    "deg/sqrt(s)": ("deg/sqrt(s)", Decimal(1)),
+    "deg/s/sqrt(Hz)": ("deg/sqrt(s)", Decimal(1)),
+    "deg/sqrt(h)": ("deg/sqrt(s)", Decimal(1) / 60),
+    "deg/h/sqrt(Hz)": ("deg/sqrt(s)", Decimal(1) / 3600),
+    "g/sqrt(Hz)": ("g/sqrt(Hz)", Decimal(1)),
+    "mg/sqrt(Hz)": ("g/sqrt(Hz)", Decimal("1e-3")),
+    "ug/sqrt(Hz)": ("g/sqrt(Hz)", Decimal("1e-6")),
     "g": ("g", Decimal(1)),
     "mg": ("g", Decimal("1e-3")),
     "ug": ("g", Decimal("1e-6")),
@@ -78,7 +85,7 @@ def parse_quantity(text: object, dimension: str) -> float:
     Args:
         text: the quantity as text; anything else is refused.
         dimension: base unit that is due: ``A V Hz s C ohm W F degC degC/min 1 deg deg/s
-            deg/s2 g m/s m/s2 gauss m A/degC 1/degC 1/degC2``.
+            deg/s2 deg/sqrt(s) g g/sqrt(Hz) m/s m/s2 gauss m A/degC 1/degC 1/degC2``.
     Returns:
         The nearest float to the decimal value in the base unit (28 digits are kept on the way).
     Raises:

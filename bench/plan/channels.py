@@ -240,8 +240,8 @@ def _limit(text: str) -> dict[str, Any]:
     return {"value": value, "unit": unit}
 
 
-def _site(site: Site) -> dict[str, float]:
-    constants = {
+def _site(site: Site) -> dict[str, Any]:
+    constants: dict[str, Any] = stated({
         "latitude_deg": site.latitude,
         "longitude_deg": site.longitude,
         "height_m": site.height,
@@ -249,5 +249,10 @@ def _site(site: Site) -> dict[str, float]:
         "azimuth_deg": site.azimuth,
         "azimuth_std_deg": site.azimuth_uncertainty,
         "tilt_std_deg": site.tilt,
-    }
-    return stated(constants)
+    })  # fmt: skip
+    if site.magnetic_field is not None:
+        field = site.magnetic_field
+        constants["magnetic_field"] = {
+            "size_gauss": field.size, "inclination_deg": field.inclination, "declination_deg": field.declination,
+        }  # fmt: skip
+    return constants

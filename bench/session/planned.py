@@ -1,4 +1,4 @@
-"""What an analysis may see of a plan before it is run: records, calls, temperatures; times begin with the preparation."""
+"""What an analysis may see of a plan before it is run; all times begin with the preparation."""
 
 from __future__ import annotations
 

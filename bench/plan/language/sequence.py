@@ -60,6 +60,14 @@ class CheckStandard(StrictModel):
     channel: int = Field(ge=1)
 
 
+class MagneticField(StrictModel):
+    """The magnetic field of the place, as a model of the Earth's field or a survey gives it."""
+
+    size: Annotated[float, *quantity("gauss", 0.01, 100.0)]
+    inclination: Annotated[float, *quantity("deg", -90.0, 90.0)] = Field(description="positive below the horizon")
+    declination: Annotated[float, *quantity("deg", -180.0, 180.0)] = Field(description="positive east of north")
+
+
 class Site(StrictModel):
     """Where the bench stands: what the Earth does to gyroscopes and accelerometers there."""
 
@@ -76,6 +84,7 @@ class Site(StrictModel):
     tilt: Annotated[float, *quantity("deg", 0.0, 5.0)] | None = Field(
         None, description="standard uncertainty of the unit's attitude in a pose, about each axis: table and fixture"
     )
+    magnetic_field: MagneticField | None = Field(None, description="needed for predictions of a magnetometer only")
 
 
 def _hexadecimal(text: str) -> str:

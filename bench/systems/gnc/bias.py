@@ -16,7 +16,7 @@ import numpy as np
 from bench.analysis import Analysis, Estimates, Figure, Material, Table, check_method, curve, estimate, no_result
 from bench.maths.allan import allan_deviation
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.bias_mean import BiasMean, flip_bias, mean_bias
+from bench.systems.gnc.estimators.bias_mean import BiasMean, declared_mean, flip_bias, mean_bias
 from bench.systems.gnc.estimators.bias_stability import (
     AVERAGE_s,
     BiasStability,
@@ -25,12 +25,14 @@ from bench.systems.gnc.estimators.bias_stability import (
     on_the_counter,
 )
 from bench.systems.gnc.estimators.earth_rate import body_to_table, earth_rate_body_deg_s, earth_rate_covariance
+from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 from bench.systems.gnc.limits import Limits, limits_of, table_3
 from bench.systems.gnc.rest_evidence import evidence
 from bench.systems.gnc.rows import AXES, SampledRow, check_notes, check_table, checked, sampled_rows, site_of, usable
 from bench.systems.gnc.wording import channel_name, refused, say
 
 METHODS: tuple[str, ...] = ("ten_second_means",)
+Noises = Mapping[str, SensorNoise]  # by kind, of records that hold none
 ITEMS = ("bias", "flip", "stability", "repeatability")
 _OF_ONE_PART = ("B-FIT-092", "B-FIT-093", "B-FIT-094")
 # kind, prefix, unit of the stability, and the factor from deg/s or g to it
@@ -53,10 +55,11 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     by_item = {item: [row for row in good if row.item == item] for item in ITEMS}
     missing += bad + [say("missing.item", item=item) for item in ITEMS if not by_item[item]]
     limits = limits_of(material.campaign)
-    stabilities, entries = _stability(by_item["stability"], limits, missing)
+    stabilities, entries = stability_estimates(by_item["stability"], limits, missing)
     notes = [say(f"bias.note.{name}") for name in _NOTES]
-    estimates = _bias(by_item["bias"], material, missing) + _flip(by_item["flip"], material, missing, notes) + entries
-    estimates += _repeatability(by_item["repeatability"], missing)
+    estimates = gyro_estimates(by_item["bias"], material, missing)
+    estimates += flip_estimates(by_item["flip"], material, missing, notes) + entries
+    estimates += repeatability_estimates(by_item["repeatability"], missing)
     return Analysis(
         campaign="imu_bias",
         method=method,
@@ -70,12 +73,14 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def _bias(rows: list[SampledRow], material: Material, missing: list[str]) -> Estimates:
-    """Gyro bias of the first record, Earth's rate taken off: w = N - bias, so it has the sign of the reading."""
-    if not rows:
+def gyro_estimates(
+    rows: list[SampledRow], material: Material, missing: list[str], declared: Noises | None = None
+) -> Estimates:
+    """Return the gyro bias of the first record, Earth's rate taken off: w = N - bias, so its sign is that of N."""
+    if not rows or not _known("gyro", declared):
         return []
     site, pose = site_of(material.campaign), rows[0].pose
-    window = _window(rows[0], "gyro", _resolution(material, "gyro_resolution_deg_s"), missing)
+    window = _window(rows[0], "gyro", _resolution(material, "gyro_resolution_deg_s"), missing, declared)
     if window is None:
         return []
     earth, variance = earth_rate_body_deg_s(pose, site), earth_rate_covariance(pose, site).diagonal()
@@ -87,10 +92,14 @@ def _bias(rows: list[SampledRow], material: Material, missing: list[str]) -> Est
     ]  # fmt: skip
 
 
-def _flip(rows: list[SampledRow], material: Material, missing: list[str], notes: list[str]) -> Estimates:
-    """Accelerometer bias (Y1 + Y2) / 2; a = N + bias, so it has the opposite sign of the mean reading."""
+def flip_estimates(
+    rows: list[SampledRow], material: Material, missing: list[str], notes: list[str], declared: Noises | None = None
+) -> Estimates:
+    """Return the accelerometer bias (Y1 + Y2) / 2; a = N + bias, so it has the opposite sign of the mean reading."""
+    if not _known("accelerometer", declared):
+        return []
     try:
-        flip = _flip_of(rows, _resolution(material, "accel_resolution_g"))
+        flip = _flip_of(rows, _resolution(material, "accel_resolution_g"), declared)
     except FitError as error:
         missing.append(_sentence(say("bias.accelerometers"), error))
         return []
@@ -106,9 +115,16 @@ def _flip(rows: list[SampledRow], material: Material, missing: list[str], notes:
     ]  # fmt: skip
 
 
-def _window(row: SampledRow, kind: str, resolution: float, missing: list[str]) -> _Window | None:
+def _known(kind: str, declared: Noises | None) -> bool:
+    """Return whether the noise of a sensor is in its records or declared."""
+    return declared is None or kind in declared
+
+
+def _window(
+    row: SampledRow, kind: str, resolution: float, missing: list[str], declared: Noises | None
+) -> _Window | None:
     try:
-        return _window_of(row, kind, resolution)
+        return _window_of(row, kind, resolution, declared)
     except FitError as error:
         missing.append(_sentence(say("record", number=row.number), error))
         return None
@@ -118,17 +134,19 @@ def _resolution(material: Material, name: str) -> float:
     return float((material.campaign.get("imu") or {}).get(name, 0.0))
 
 
-def _stability(
-    rows: list[SampledRow], limits: Limits, missing: list[str]
+def stability_estimates(
+    rows: list[SampledRow], limits: Limits, missing: list[str], declared: Noises | None = None
 ) -> tuple[dict[tuple[str, str], BiasStability], Estimates]:
+    """Return the stability of each sensor over the first record, and its estimates."""
     stabilities: dict[tuple[str, str], BiasStability] = {}
     entries: Estimates = []
-    for kind, prefix, unit, factor in _KINDS if rows else ():
+    for kind, prefix, unit, factor in _kinds(rows, declared):
         limit = factor * limits[f"{prefix}_bias_stability"]
         placed = on_the_counter(rows[0].samples.counter, rows[0].values(kind))
         for k, axis in enumerate(AXES):
             try:
-                stability = bias_stability(placed[:, k], 1.0 / rows[0].rate_Hz)
+                noise = None if declared is None else declared[kind]
+                stability = bias_stability(placed[:, k], 1.0 / rows[0].rate_Hz, declared=noise)
             except FitError as error:
                 missing.append(_sentence(say("bias.stability", sensor=channel_name(f"{kind} {axis}")), error))
                 continue
@@ -141,15 +159,22 @@ def _stability(
     return stabilities, entries
 
 
-def _repeatability(rows: list[SampledRow], missing: list[str]) -> Estimates:
+def _kinds(rows: list[SampledRow], declared: Noises | None) -> list[tuple[str, str, str, float]]:
+    return [known for known in _KINDS if rows and _known(known[0], declared)]
+
+
+def repeatability_estimates(rows: list[SampledRow], missing: list[str], declared: Noises | None = None) -> Estimates:
+    """Return the scatter of the biases of the records."""
     entries: Estimates = []
-    for kind, prefix, unit, factor in _KINDS if rows else ():
-        windows = [window for window in (_window(row, kind, 0.0, missing) for row in rows) if window is not None]
+    for kind, prefix, unit, factor in _kinds(rows, declared):
+        seen = (_window(row, kind, 0.0, missing, declared) for row in rows)
+        windows = [window for window in seen if window is not None]
         starts, lengths = [window.start_s for window in windows], [window.length_s for window in windows]
         for k, axis in enumerate(AXES):
             means, stds = [window.means[k].value for window in windows], [window.means[k].std for window in windows]
             try:
-                scatter = bias_repeatability(means, stds, starts, lengths)
+                noise = None if declared is None else declared[kind]
+                scatter = bias_repeatability(means, stds, starts, lengths, noise)
             except FitError as error:
                 missing.append(_sentence(say("bias.repeatability", sensor=channel_name(f"{kind} {axis}")), error))
                 continue
@@ -176,11 +201,14 @@ class _Window:
     length_s: float
 
 
-def _window_of(row: SampledRow, kind: str, resolution: float) -> _Window:
+def _window_of(row: SampledRow, kind: str, resolution: float, declared: Noises | None) -> _Window:
     """Means of a record at rest. Raises: FitError B-FIT-092 for less than a minute of samples."""
     interval_s = 1.0 / row.rate_Hz
     placed = on_the_counter(row.samples.counter, row.values(kind))
-    means = tuple(mean_bias(placed[:, k], interval_s, resolution) for k in range(3))
+    if declared is None:
+        means = tuple(mean_bias(placed[:, k], interval_s, resolution) for k in range(3))
+    else:
+        means = tuple(declared_mean(float(value), declared[kind], len(placed)) for value in placed.mean(axis=0))
     return _Window(means, row.begin_s, len(placed) * interval_s)
 
 
@@ -192,7 +220,7 @@ class _FlipBias:
     about: str
 
 
-def _flip_of(rows: Sequence[SampledRow], resolution_g: float) -> _FlipBias | None:
+def _flip_of(rows: Sequence[SampledRow], resolution_g: float, declared: Noises | None) -> _FlipBias | None:
     """The first two records between which the unit was turned by half a turn about a body axis; None without any.
 
     Raises: FitError B-FIT-092 for records of less than a minute.
@@ -200,7 +228,9 @@ def _flip_of(rows: Sequence[SampledRow], resolution_g: float) -> _FlipBias | Non
     for first_row, second_row in combinations(rows, 2):
         about = _about(first_row, second_row)
         if about is not None:
-            first, second = (_window_of(row, "accelerometer", resolution_g).means for row in (first_row, second_row))
+            first, second = (
+                _window_of(row, "accelerometer", resolution_g, declared).means for row in (first_row, second_row)
+            )
             by_axis: dict[str, BiasMean] = {}
             for k, axis in enumerate(AXES):
                 try:

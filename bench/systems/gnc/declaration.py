@@ -62,6 +62,7 @@ DECLARATION = System(
             fields=_TRIADS,
             main=(*_FOUND, "accel_cross_coupling", "gyro_cross_coupling"),
             assumptions=f"{_TAKEN}:of_calibration",
+            predicted=f"{_HERE}.predicted.calibration:predicted",
         ),
         AnalysisDeclaration(
             "imu_bias",
@@ -73,6 +74,7 @@ DECLARATION = System(
             main=("gyro_bias", "accel_bias", "gyro_bias_stability", "accel_bias_stability"),
             sizes=("gyro_bias_stability", "accel_bias_stability"),
             assumptions=f"{_TAKEN}:of_bias",
+            predicted=f"{_HERE}.predicted.bias:predicted",
         ),
         AnalysisDeclaration(
             "magnetometer",
@@ -82,6 +84,7 @@ DECLARATION = System(
             conditions=(*_POSE, "rate_deg_s"),
             main=("mag_offset", "mag_gain", "mag_angle"),
             assumptions=f"{_TAKEN}:of_magnetometer",
+            predicted=f"{_HERE}.predicted.magnetometer:predicted",
             fields=("tick", "mag", "temperature"),
         ),
         AnalysisDeclaration(

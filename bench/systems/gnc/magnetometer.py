@@ -15,6 +15,7 @@ from bench.analysis import (
     Estimates,
     Evidence,
     Figure,
+    Floats,
     Material,
     Table,
     check_method,
@@ -57,6 +58,7 @@ NON_MAGNETIC = "non_magnetic"
 _PARAMETERS = (("mag_offset", "gauss", "x"), ("mag_offset", "gauss", "y"), ("mag_gain", "1", None),
                ("mag_angle", "deg", None), ("mag_radius", "gauss", None))  # fmt: skip
 _ATTITUDES = "attitudes"
+ITEMS = ("magnetometer", _ATTITUDES)
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
@@ -65,17 +67,17 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     Raises: FitError B-FIT-004 (unknown method), B-GNC-001, -003; B-FIT-090, -091 if no record determines an ellipse.
     """
     check_method(method, METHODS)
-    rows, missing = sampled_rows(material, ("magnetometer", _ATTITUDES))
+    rows, missing = sampled_rows(material, ITEMS)
     looked_at = checked(rows, ("magnetometer",), material.campaign)
     good, bad = usable(looked_at)
     missing += bad
-    turns = _turns(good, missing)
-    attitudes = [row.values("magnetometer") for row in good if row.item == _ATTITUDES]
+    turns = turns_of(good, missing)
+    attitudes = attitudes_of(good)
     sphere = sphere_of(attitudes) if attitudes else Sphere(notes=[say("note.no_attitudes")])
     missing += sphere.missing
     fits = [(row, widened(fit, sphere.wander, sphere.wander_dof)) for row, fit in turns]
     parameters = fits[0][1].by_method[method]
-    estimates = [entry for row, fit in fits for entry in _estimates(row, fit, len(fits) > 1)]
+    estimates = plane_estimates(fits)
     limit_deg, noise_deg = limits_of(material.campaign)["roll_error"], fits[0][1].roll[method].noise_deg
     estimates += roll_estimates(material, fits[0][1].by_method, method, limit_deg, noise_deg)
     return Analysis(
@@ -97,8 +99,17 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def _turns(rows: Sequence[SampledRow], missing: list[str]) -> list[tuple[SampledRow, PlaneComparison]]:
+def attitudes_of(rows: Sequence[SampledRow]) -> list[Floats]:
+    """Return the readings of each record in another attitude."""
+    return [row.values("magnetometer") for row in rows if row.item == _ATTITUDES]
+
+
+def turns_of(
+    rows: Sequence[SampledRow], missing: list[str], noise: float | None = None
+) -> list[tuple[SampledRow, PlaneComparison]]:
     """Return both methods on each turn about the roll axis; one that determines no ellipse is named as missing.
+
+    ``noise``: of readings that hold none.
 
     Raises: FitError of the first turn if none does, B-GNC-003 if there is none.
     """
@@ -107,13 +118,18 @@ def _turns(rows: Sequence[SampledRow], missing: list[str]) -> list[tuple[Sampled
     for row in (row for row in rows if row.item != _ATTITUDES):
         field = row.values("magnetometer")
         try:
-            fits.append((row, compare_methods(field[:, 0], field[:, 1])))
+            fits.append((row, compare_methods(field[:, 0], field[:, 1], noise)))
         except FitError as error:
             errors.append(error)
             missing.append(refused(say("record", number=row.number), error.message, error.code))
     if not fits:
         raise errors[0] if errors else no_records(("magnetometer",))
     return fits
+
+
+def plane_estimates(fits: Sequence[tuple[SampledRow, PlaneComparison]]) -> Estimates:
+    """Return the estimates of both methods on each turn."""
+    return [entry for row, fit in fits for entry in _estimates(row, fit, len(fits) > 1)]
 
 
 def _estimates(row: SampledRow, fit: PlaneComparison, several: bool) -> Estimates:

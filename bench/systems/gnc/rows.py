@@ -66,17 +66,8 @@ class SampledRow:
 
     @property
     def pose(self) -> Pose:
-        """Angles of the table and the mounting of the unit. Raises: FitError B-GNC-004 if the record names none."""
-        try:
-            outer, middle, inner = (float(self.conditions[name]) for name in ("outer_deg", "middle_deg", "inner_deg"))
-            return Pose(outer, middle, inner, str(self.conditions["mounting"]))
-        except (KeyError, ValueError) as error:
-            raise FitError(
-                "B-GNC-004",
-                f"the conditions of the record do not give its pose ({error})",
-                where=f"record {self.number}",
-                next_step="state mounting, outer, middle and inner angle as conditions of the record",
-            ) from error
+        """Angles of the table and the mounting of the unit. Raises: as ``pose_of``."""
+        return pose_of(self.number, self.conditions)
 
     def values(self, kind: str) -> Floats:
         """(n, 3) of "gyro" (deg/s), "accelerometer" (g) or "magnetometer" (gauss)."""
@@ -86,6 +77,20 @@ class SampledRow:
     def temperature_degC(self) -> Floats:
         """(n,) of the unit's own sensor."""
         return self.samples.scaled("temperature")
+
+
+def pose_of(number: int, conditions: Mapping[str, Any]) -> Pose:
+    """Return the pose of a record. Raises: FitError B-GNC-004 if its conditions name none."""
+    try:
+        outer, middle, inner = (float(conditions[name]) for name in ("outer_deg", "middle_deg", "inner_deg"))
+        return Pose(outer, middle, inner, str(conditions["mounting"]))
+    except (KeyError, ValueError) as error:
+        raise FitError(
+            "B-GNC-004",
+            f"the conditions of the record do not give its pose ({error})",
+            where=f"record {number}",
+            next_step="state mounting, outer, middle and inner angle as conditions of the record",
+        ) from error
 
 
 def sampled_rows(material: Material, items: Sequence[str]) -> tuple[list[SampledRow], list[str]]:

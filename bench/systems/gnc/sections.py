@@ -30,8 +30,26 @@ _DUE = {  # sensors of three axes that an analysis needs
 }
 
 
+class Wandering(StrictModel):
+    """A part of a bias that wanders and returns: its standard deviation, and the time over which it is forgotten."""
+
+    over: Annotated[float, *quantity("s", 1e-3, 1e7)]
+
+
+class GyroWandering(Wandering):
+    """Of a gyroscope."""
+
+    size: Annotated[float, *quantity("deg/s", 0.0, 100.0)]
+
+
+class AccelerometerWandering(Wandering):
+    """Of an accelerometer."""
+
+    size: Annotated[float, *quantity("g", 0.0, 10.0)]
+
+
 class Imu(StrictModel):
-    """Ranges and resolutions of the sensors of a GNC module, as its data sheet declares them."""
+    """Sensors of a GNC module, as its data sheet declares them; their noise is needed for predictions only."""
 
     gyro_range: Annotated[float, *quantity("deg/s", 1e-3, 1e5)]
     gyro_resolution: Annotated[float, *quantity("deg/s", 0.0, 100.0)]
@@ -39,10 +57,28 @@ class Imu(StrictModel):
     accelerometer_resolution: Annotated[float, *quantity("g", 0.0, 10.0)]
     magnetometer_range: Annotated[float, *quantity("gauss", 1e-3, 1e3)]
     magnetometer_resolution: Annotated[float, *quantity("gauss", 0.0, 10.0)]
+    gyro_random_walk: Annotated[float, *quantity("deg/sqrt(s)", 0.0, 100.0)] | None = Field(
+        None, description="white noise of the rate, such as 0.3 deg/sqrt(h)"
+    )
+    accelerometer_random_walk: Annotated[float, *quantity("g/sqrt(Hz)", 0.0, 10.0)] | None = Field(
+        None, description="white noise of the specific force, such as 100 ug/sqrt(Hz)"
+    )
+    magnetometer_noise: Annotated[float, *quantity("gauss", 0.0, 10.0)] | None = Field(
+        None, description="standard deviation of a reading"
+    )
+    gyro_wandering: list[GyroWandering] = Field(default=[], description="slow noise of the bias, by part")
+    accelerometer_wandering: list[AccelerometerWandering] = Field(default=[], description="slow noise of the bias")
 
-    def constants(self) -> dict[str, float]:
-        """Return them with their units in the names."""
-        return {
+    def constants(self) -> dict[str, Any]:
+        """Return them with their units in the names; noise that is not declared is left out."""
+        noise = {
+            "gyro_random_walk_deg_rt_s": self.gyro_random_walk,
+            "accel_random_walk_g_rt_s": self.accelerometer_random_walk,
+            "mag_noise_gauss": self.magnetometer_noise,
+            "gyro_wandering": [[part.size, part.over] for part in self.gyro_wandering] or None,
+            "accel_wandering": [[part.size, part.over] for part in self.accelerometer_wandering] or None,
+        }
+        return {name: value for name, value in noise.items() if value is not None} | {
             "gyro_range_deg_s": self.gyro_range,
             "gyro_resolution_deg_s": self.gyro_resolution,
             "accel_range_g": self.accelerometer_range,

@@ -51,16 +51,17 @@ class Sphere:
         return math.inf if self.fit is None else float(self.fit.hard_iron_dof.min())
 
 
-def sphere_of(records: Sequence[Floats], unit: str = "gauss") -> Sphere:
+def sphere_of(records: Sequence[Floats], unit: str = "gauss", noise: float | None = None) -> Sphere:
     """Return hard iron and symmetric soft iron of readings in many attitudes.
 
     Readings that do not determine the ellipsoid are named as missing, with the direction they lack.
 
     Args: records: (n, 3) readings of each.   unit: of the readings; "1" for counts, of which no field is known.
+        noise: of readings that hold none.
     """
     chosen, begins, every = _chosen(records)
     try:
-        fit = fit_ellipsoid(chosen, begins=begins)
+        fit = fit_ellipsoid(chosen, begins=begins, noise=noise)
     except FitError as error:
         return Sphere(missing=[refused(say("iron"), error.message, error.code)])
     notes = [say("note.iron", text=sentence) for sentence in fit.coverage.sentences]

@@ -6,9 +6,55 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
-from bench.model.declaration import AnalysisDeclaration, Hint, Limit, Log, LogColumn, LogSections, System
+from bench.model.declaration import (
+    AnalysisDeclaration,
+    Hint,
+    Limit,
+    Log,
+    LogColumn,
+    LogSections,
+    System,
+    UnitSections,
+)
 from bench.model.units import quantity
 from bench.model.yamlio import StrictModel
+
+
+class DeclaredLaser(StrictModel):
+    """Laser block and dither, for predictions; lock-in rate and quantum noise fall with the square of the path."""
+
+    path_length: Annotated[float, *quantity("m", 1e-3, 1e3)] = Field(description="that the rates are of, such as 28 cm")
+    lock_in_rate: Annotated[float, *quantity("deg/s", 1e-9, 100.0)]
+    quantum_random_walk: Annotated[float, *quantity("deg/sqrt(s)", 1e-12, 1.0)] = Field(
+        description="angle random walk that is left without lock-in, such as 1.15e-4 deg/sqrt(h)"
+    )
+    dither_rate: Annotated[float, *quantity("deg/s", 1e-3, 1e4)] = Field(description="amplitude of the dither's rate")
+    dither_frequency: Annotated[float, *quantity("Hz", 1.0, 1e5)]
+    pick_off_noise: Annotated[float, *quantity("s", 0.0, 1e-3)] = Field(
+        description="standard deviation of the time at which the dither's pick-off switches"
+    )
+
+
+class LaserUnit(UnitSections):
+    """Sections of ``uut``."""
+
+    laser: DeclaredLaser | None = Field(None, description="for predictions of a ring laser")
+
+    def constants(self) -> dict[str, Any]:
+        """Return entries of the manifest's section "campaign"; what is not stated is left out."""
+        laser = self.laser
+        if laser is None:
+            return {}
+        return {
+            "declared_laser": {
+                "path_length_m": laser.path_length,
+                "lock_in_deg_s": laser.lock_in_rate,
+                "quantum_deg_rt_s": laser.quantum_random_walk,
+                "dither_deg_s": laser.dither_rate,
+                "dither_Hz": laser.dither_frequency,
+                "pick_off_s": laser.pick_off_noise,
+            }
+        }
 
 
 class CountColumn(LogColumn):
@@ -97,6 +143,7 @@ DECLARATION = System(
             main=("lock_in_rate", "angle_random_walk", "alignment_time"),
             sizes=("alignment_time",),
             assumptions="bench.systems.lock_in.assumptions:assumptions",
+            predicted="bench.systems.lock_in.predicted:predicted",
             limits={"alignment_error": Limit("deg", above_zero=True), "alignment_time": Limit("s", above_zero=True)},
         ),
         AnalysisDeclaration(
@@ -114,6 +161,7 @@ DECLARATION = System(
             roles=("time", "beat", "cosine", "pickoff"),
         ),
     ),
+    unit=LaserUnit,
     log=RingLaserLog,
     log_columns=(CountColumn, EdgeColumn),
     log_hints=(

@@ -7,6 +7,7 @@ Source: GNC-module paper section 4.2 1), equations (1) to (4) as corrected in ``
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,9 +25,9 @@ from bench.systems.gnc.calibration.report import (
 )
 from bench.systems.gnc.calibration.sets import TURNS, UPS, Calibration, position_fit, rotation_record, sets_of
 from bench.systems.gnc.coefficients import triad_section
-from bench.systems.gnc.estimators.earth_rate import Site
 from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import fit_rotations
+from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.limits import Limits, limits_of, table_3
 from bench.systems.gnc.rows import (
@@ -63,7 +64,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     if parts.accelerometer is None and parts.gyro is None and parts.refused:
         raise parts.refused[0]
     limits = limits_of(material.campaign)
-    estimates = _estimates(parts, limits)
+    estimates = estimates_of(parts, limits)
     return Analysis(
         campaign="imu_calibration",
         method=method,
@@ -81,36 +82,42 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
 def calibrate(parts: Calibration, material: Material) -> Calibration:
     """Fit what the records determine, and check it by the second set where there is one."""
-    sets, site = parts.sets, site_of(material.campaign)
-    imu = material.campaign.get("imu") or {}
-    gravity, resolution = gravity_g(material.campaign), float(imu.get("accel_resolution_g", 0.0))
-    parts.tilt_deg = site.tilt_std_deg
-    _name_missing(parts)
+    name_missing(parts)
+    fit_positions(parts, material.campaign)
+    fit_turns(parts, material.campaign)
+    return parts
+
+
+def fit_positions(parts: Calibration, campaign: Mapping[str, Any], noise: SensorNoise | None = None) -> None:
+    """Fit the accelerometers to the positions and to those of the check. ``noise``: of records that hold none."""
+    sets, gravity = parts.sets, gravity_g(campaign)
+    resolution = float((campaign.get("imu") or {}).get("accel_resolution_g", 0.0))
+    parts.tilt_deg = site_of(campaign).tilt_std_deg
     if sets.positions:
         with _Part(parts, say("triad.accel")):
             rows = list(sets.positions.values())
             parts.accelerometer = position_fit(
-                rows, gravity, resolution, tilt_std_deg=parts.tilt_deg, one_power_on=parts.one_power_on(rows)
-            )
+                rows, gravity, resolution, tilt_std_deg=parts.tilt_deg, one_power_on=parts.one_power_on(rows),
+                noise=noise,
+            )  # fmt: skip
     if parts.accelerometer is not None and sets.check_positions:
         with _Part(parts, say("triad.check", triad=say("triad.accel"))):
             rows = list(sets.check_positions.values())
             parts.accelerometer_check = position_fit(
                 rows, gravity, resolution, parts.accelerometer, tilt_std_deg=parts.tilt_deg,
-                one_power_on=parts.one_power_on(rows),
+                one_power_on=parts.one_power_on(rows), noise=noise,
             )  # fmt: skip
-    _turns(parts, site, float(imu.get("gyro_resolution_deg_s", 0.0)))
-    return parts
 
 
-def _turns(parts: Calibration, site: Site, resolution_deg_s: float) -> None:
-    sets = parts.sets
-    declared = Declared(tilt_std_deg=site.tilt_std_deg, resolution_deg_s=resolution_deg_s, time_std=parts.clock.std)
-    clock_error = parts.clock.error
+def fit_turns(parts: Calibration, campaign: Mapping[str, Any], noise: SensorNoise | None = None) -> None:
+    """Fit the gyros to the turns and to those of the check. ``noise``: of records that hold none."""
+    sets, site, clock_error = parts.sets, site_of(campaign), parts.clock.error
+    resolution = float((campaign.get("imu") or {}).get("gyro_resolution_deg_s", 0.0))
+    declared = Declared(tilt_std_deg=site.tilt_std_deg, resolution_deg_s=resolution, time_std=parts.clock.std)
     if sets.rotations:
         with _Part(parts, say("triad.gyro")):
             records = [rotation_record(row, clock_error) for row in sets.rotations.values()]
-            parts.gyro = fit_rotations(records, site, declared)
+            parts.gyro = fit_rotations(records, site, declared, noise)
     if parts.gyro is not None and sets.check_rotations:
         with _Part(parts, say("triad.check", triad=say("triad.gyro"))):
             triad = parts.gyro.triad
@@ -118,7 +125,7 @@ def _turns(parts: Calibration, site: Site, resolution_deg_s: float) -> None:
                 rotation_record(row, clock_error, compensated(triad, row.values("gyro")))
                 for row in sets.check_rotations.values()
             ]
-            parts.gyro_check = fit_rotations(again, site, declared)
+            parts.gyro_check = fit_rotations(again, site, declared, noise)
 
 
 def compensated(triad: TriadFit, indicated: Floats) -> Floats:
@@ -143,7 +150,8 @@ class _Part:
         return True
 
 
-def _name_missing(parts: Calibration) -> None:
+def name_missing(parts: Calibration) -> None:
+    """Add a sentence for each record that a calibration and its check need and that is not there."""
     sets = parts.sets
     parts.missing += [say("missing.position", up=up) for up in UPS if up not in sets.positions]
     parts.missing += [
@@ -157,7 +165,8 @@ def _name_missing(parts: Calibration) -> None:
         parts.missing.append(say("missing.check_rotations"))
 
 
-def _estimates(parts: Calibration, limits: Limits) -> Estimates:
+def estimates_of(parts: Calibration, limits: Limits) -> Estimates:
+    """Return the estimates of what was fitted."""
     estimates: Estimates = []
     if parts.accelerometer is not None:
         count = sum(len(row.samples) for row in parts.sets.positions.values())

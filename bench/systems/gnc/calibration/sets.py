@@ -14,9 +14,10 @@ from bench.analysis import Floats
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import UnitClock
 from bench.systems.gnc.estimators.earth_rate import up_in_body
-from bench.systems.gnc.estimators.records import RotationRecord, static_means
+from bench.systems.gnc.estimators.records import RestNoise, RotationRecord, rest_dof, static_means
 from bench.systems.gnc.estimators.rotations import RotationFit
-from bench.systems.gnc.estimators.six_position import fit_six_position
+from bench.systems.gnc.estimators.sensor_noise import SensorNoise
+from bench.systems.gnc.estimators.six_position import fit_six_position, spread_out
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.rows import AXES, SampledRow
 
@@ -103,6 +104,7 @@ def rotation_record(row: SampledRow, clock_error: float = 0.0, rate: Floats | No
         rate=row.values("gyro") if rate is None else rate,
         pose=row.pose,
         turned=str(row.conditions.get("turned", "inner")),
+        begin_s=row.begin_s,
     )
 
 
@@ -114,23 +116,38 @@ def position_fit(
     *,
     tilt_std_deg: float = 0.0,
     one_power_on: bool = True,
+    noise: SensorNoise | None = None,
 ) -> TriadFit:
     """Fit of the accelerometers to records at rest, after compensation by ``calibration`` if there is one.
 
     The bias changes with each power-on: if the records are of more than ``one_power_on``, the noise inside of them does
-    not say how well they agree, and the intervals come from the residuals alone.
+    not say how well they agree, and the intervals come from the residuals alone. ``noise``: of records that hold none.
 
     Raises: FitError B-FIT-001 (too few poses), B-FIT-083 (records too short), B-GNC-004.
     """
     outputs = [row.values("accelerometer") for row in rows]
     if calibration is not None:
         outputs = [calibration.apply(output, bias_sign=1) for output in outputs]
-    means, covariance, dof = static_means(outputs, rows[0].rate_Hz, resolution=resolution_g)
+    if noise is None:
+        means, covariance, dof = static_means(outputs, rows[0].rate_Hz, resolution=resolution_g)
+    else:
+        means, covariance, dof = _declared_means(rows, outputs, noise)
     force = gravity * np.stack([up_in_body(row.pose) for row in rows])
     if not one_power_on:
         return fit_six_position(means, force)
     fit = fit_six_position(means, force, covariance, tilt_std_deg=tilt_std_deg)
     return replace(fit, dof=min(fit.dof, dof))
+
+
+def _declared_means(
+    rows: Sequence[SampledRow], outputs: Sequence[Floats], noise: SensorNoise
+) -> tuple[Floats, Floats, float]:
+    """Return the same as ``static_means``, of noise that is declared; its wandering is common to several records."""
+    counts = [len(output) for output in outputs]
+    rest = RestNoise(noise.density / noise.interval_s * np.eye(3), np.full(3, noise.sample_std), np.zeros(3))
+    wander = noise.wander_about_mean(np.array([row.begin_s for row in rows]), noise.interval_s * np.array(counts))
+    covariance = spread_out(rest.of_means(counts, noise.step)) + np.kron(wander, np.eye(3))
+    return np.stack([output.mean(axis=0) for output in outputs]), covariance, rest_dof(counts, 1.0 / noise.interval_s)
 
 
 @dataclass

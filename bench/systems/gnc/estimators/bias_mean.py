@@ -11,9 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.maths.allan import AllanDeviation, allan_deviation
+from bench.maths.allan import (
+    WHITE_RATE,
+    AllanDeviation,
+    allan_deviation,
+    confidence_limits,
+    degrees_of_freedom,
+)
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 
 Array = NDArray[np.float64]
 LEAST_s = 60.0
@@ -57,31 +64,69 @@ def mean_bias(samples: Array, interval_s: float, resolution: float = 0.0) -> Bia
     """
     good = np.isfinite(samples)
     length_s = float(good.sum()) * interval_s
+    _require(length_s)
+    curve = allan_deviation(samples, interval_s, factors=_factors(samples.size, interval_s))
+    centre = float(np.median(samples[good]))
+    value, spread = centre + float((samples[good] - centre).mean()), float(np.std(samples[good], ddof=1))
+    return _mean(value, spread, curve, resolution, length_s, int(good.sum()), int((~good).sum()))
+
+
+def declared_mean(value: float, noise: SensorNoise, samples: int) -> BiasMean:
+    """Return the same of a record that is not there yet, by declared noise.
+
+    Args:    value: of the mean.   noise: of the sensor.   samples: in the record.
+    Returns: BiasMean.
+    Raises:  FitError B-FIT-092 as ``mean_bias``.
+    Source:  as ``mean_bias``, its Allan deviation the expected one and its degrees of freedom those of white noise.
+    """
+    interval_s, length_s = noise.interval_s, samples * noise.interval_s
+    _require(length_s)
+    factors = np.array(_factors(samples, interval_s))
+    differences = samples - 2 * factors + 1
+    dof = np.array([
+        degrees_of_freedom(int(m), int(count), WHITE_RATE) for m, count in zip(factors, differences, strict=True)
+    ])  # fmt: skip
+    deviation = np.sqrt([noise.allan_variance(m * interval_s) for m in factors])
+    low, high = confidence_limits(deviation, dof, 0.95)
+    exponents = np.full(factors.size, WHITE_RATE)
+    curve = AllanDeviation(
+        interval_s, samples, False, factors, factors * interval_s, deviation, low, high, differences, dof, exponents
+    )
+    return _mean(value, noise.sample_std, curve, noise.step, length_s, samples, 0)
+
+
+def _factors(samples: int, interval_s: float) -> list[int]:
+    return sorted({max(1, round(_WHITE_s / interval_s)), max(1, samples // _SLOW_PARTS)})
+
+
+def _require(length_s: float) -> None:
     if length_s < LEAST_s:
         raise FitError(
             "B-FIT-092",
             f"{length_s:.1f} s of samples are too few for a bias (at least {LEAST_s:g} s)",
             next_step="record 3 minutes at rest",
         )
-    factors = sorted({max(1, round(_WHITE_s / interval_s)), max(1, samples.size // _SLOW_PARTS)})
-    curve = allan_deviation(samples, interval_s, factors=factors)
+
+
+def _mean(
+    value: float, spread: float, curve: AllanDeviation, resolution: float, length_s: float, samples: int, missing: int
+) -> BiasMean:
+    """Return a mean with its uncertainty by white noise, slow noise and steps; ``spread``: of single samples."""
     random_walk = float(curve.deviation[0] * math.sqrt(curve.tau_s[0]))
     white = random_walk / math.sqrt(length_s)
     slow, slow_dof = _slow_part(curve, random_walk)
-    spread = float(np.std(samples[good], ddof=1))
     rounding = resolution / math.sqrt(12.0) if spread < _UNDITHERED * resolution else 0.0
     std = math.sqrt(white**2 + slow**2 + rounding**2)
     fourth = white**4 / float(curve.dof[0]) + slow**4 / slow_dof
-    centre = float(np.median(samples[good]))
     return BiasMean(
-        value=centre + float((samples[good] - centre).mean()),
+        value=value,
         std=std,
         dof=std**4 / fourth if fourth > 0.0 else math.inf,
         random_walk=random_walk,
         slow_std=slow,
         resolution_std=rounding,
-        samples=int(good.sum()),
-        missing=int((~good).sum()),
+        samples=samples,
+        missing=missing,
     )
 
 

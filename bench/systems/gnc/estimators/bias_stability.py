@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from scipy import special
 
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -110,7 +111,11 @@ def averages_of(samples: Array, interval_s: float, averages: int = AVERAGES, ave
 
 
 def bias_stability(
-    samples: Array, interval_s: float, averages: int = AVERAGES, average_s: float = AVERAGE_s
+    samples: Array,
+    interval_s: float,
+    averages: int = AVERAGES,
+    average_s: float = AVERAGE_s,
+    declared: SensorNoise | None = None,
 ) -> BiasStability:
     """Stability of the bias and its interval, means that hang together counted as fewer.
 
@@ -119,15 +124,16 @@ def bias_stability(
     67 % where that lasts 1,000 s: no hour shows how far a process of a third of an hour wanders.
 
     Args:    samples: (m,), NaN where one is missing, any unit.   interval_s: between samples, by the sample clock.
-             averages, average_s: 360 of 10 s.
+             averages, average_s: 360 of 10 s.   declared: noise of samples that hold none; ``value`` is then the
+             expected one.
     Returns: BiasStability.
     Raises:  FitError B-FIT-092 as ``averages_of``.
     Source:  GNC paper section 5.1 3); degrees of freedom 2 E^2 / Var of a quadratic form of Gaussian noise
              (Satterthwaite, Biometrics Bulletin 2 (1946) 110), its covariance from ``mean_noise``.
     """
     means = averages_of(samples, interval_s, averages, average_s)
-    noise = mean_noise(means)
-    value = float(np.std(means, ddof=1))
+    noise = mean_noise(means) if declared is None else declared_noise(declared, averages, average_s)
+    value = float(np.std(means, ddof=1)) if declared is None else math.sqrt(noise.expected)
     dof = noise.dof_of_variance
     tails = special.chdtri(dof, [0.5 - _PROBABILITY / 2.0, 0.5 + _PROBABILITY / 2.0])
     low, high = value * np.sqrt(dof / tails)
@@ -152,6 +158,7 @@ class MeanNoise:
     Attributes:
         white, slow: variance of a mean by part, ``steps``: correlation length of the slow part in means; the most
             likely ones.   dof_of_variance: effective degrees of freedom of the variance of the means about their mean.
+        expected: that variance where the noise is declared, by parts of any length; ``steps`` is then NaN.
     """
 
     white: float
@@ -159,6 +166,27 @@ class MeanNoise:
     steps: float
     count: int
     dof_of_variance: float
+    expected: float = math.nan
+
+
+def declared_noise(noise: SensorNoise, count: int, average_s: float) -> MeanNoise:
+    """Return the noise of ``count`` means of ``average_s`` that follow each other, by declared noise.
+
+    Args:    noise: of the sensor.   count, average_s: of the means.
+    Returns: MeanNoise.
+    Source:  as ``mean_noise``, with one covariance that is known.
+    """
+    begin_s, length_s = average_s * np.arange(count, dtype=np.float64), np.full(count, average_s)
+    lags = noise.of_means(begin_s, length_s)[0]
+    total = _sums(lags)[1]
+    return MeanNoise(
+        white=noise.density / average_s,
+        slow=float(lags[0]) - noise.density / average_s,
+        steps=math.nan,
+        count=count,
+        dof_of_variance=float(np.clip(1.0 / _inverse_dof_of(lags), 1.0, count - 1.0)),
+        expected=float((count * lags[0] - total / count) / (count - 1)),
+    )
 
 
 def mean_noise(means: Array) -> MeanNoise:
@@ -197,15 +225,25 @@ def _inverse_dof(kept: Array, count: int) -> Array:
     With C = I - 1 1'/n and covariance V: Var / (2 E^2) = tr(CVCV) / tr(CV)^2, taken from the lags because V depends on
     them only.
     """
-    lags = np.arange(count)
-    covariance = _SHARES[None, :, None] * (kept[:, None, None] ** lags)
+    covariance = _SHARES[None, :, None] * (kept[:, None, None] ** np.arange(count))
     covariance[:, :, 0] = 1.0
-    pairs = np.where(lags == 0, count, 2.0 * (count - lags))
-    summed = np.cumsum(covariance, axis=2)
-    rows = summed + summed[:, :, ::-1] - 1.0
-    total = rows.sum(axis=2)
-    square = (pairs * covariance**2).sum(axis=2) - 2.0 / count * (rows**2).sum(axis=2) + (total / count) ** 2
-    return np.asarray(square / (count - total / count) ** 2)
+    return _inverse_dof_of(covariance)
+
+
+def _inverse_dof_of(covariance: Array) -> Array:
+    """Return the same of means with these covariances by their lag, (..., n)."""
+    count, first = covariance.shape[-1], covariance[..., :1]
+    pairs = np.where(np.arange(count) == 0, count, 2.0 * (count - np.arange(count)))
+    rows, total = _sums(covariance)
+    square = (pairs * covariance**2).sum(axis=-1) - 2.0 / count * (rows**2).sum(axis=-1) + (total / count) ** 2
+    return np.asarray(square / (count * first[..., 0] - total / count) ** 2)
+
+
+def _sums(covariance: Array) -> tuple[Array, Array]:
+    """Return sums of each row of a covariance that is given by its lags, and of the whole."""
+    summed = np.cumsum(covariance, axis=-1)
+    rows = summed + summed[..., ::-1] - covariance[..., :1]
+    return rows, rows.sum(axis=-1)
 
 
 @dataclass(frozen=True)
@@ -229,11 +267,16 @@ class BiasRepeatability:
 
 
 def bias_repeatability(
-    means: Sequence[float], stds: Sequence[float], starts_s: Sequence[float], lengths_s: Sequence[float]
+    means: Sequence[float],
+    stds: Sequence[float],
+    starts_s: Sequence[float],
+    lengths_s: Sequence[float],
+    declared: SensorNoise | None = None,
 ) -> BiasRepeatability:
     """Repeatability and its interval.
 
     Args:    means, stds: of the windows and their standard uncertainties.   starts_s, lengths_s: of the windows.
+             declared: noise of windows that hold none; ``value`` is then the expected one.
     Returns: BiasRepeatability.
     Raises:  FitError B-FIT-093 for fewer than six windows, one shorter than 10 min or starts less than 20 min apart.
     Source:  see the head of this file.
@@ -242,7 +285,12 @@ def bias_repeatability(
     starts, lengths = np.asarray(starts_s, np.float64)[order], np.asarray(lengths_s, np.float64)[order]
     _require(starts, lengths)
     values = np.asarray(means, np.float64)[order]
-    value, dof = float(np.std(values, ddof=1)), values.size - 1
+    dof = values.size - 1
+    if declared is None:
+        value = float(np.std(values, ddof=1))
+    else:
+        covariance = declared.of_means(starts, lengths)
+        value = math.sqrt(float(np.trace(covariance) - covariance.sum() / values.size) / dof)
     tails = special.chdtri(dof, [0.5 - _PROBABILITY / 2.0, 0.5 + _PROBABILITY / 2.0])
     low, high = value * np.sqrt(dof / tails)
     noise_std = float(np.sqrt(np.mean(np.square(stds))))

@@ -25,6 +25,7 @@ _BLOCK_S = 0.25  # noise correlated over less than that is taken in full
 _MOVING = 0.02  # of the highest rate: above it the table moves
 MARGIN_S = 0.5  # kept clear of a movement: ramps end softly
 _LEAST_BLOCKS = 8
+_REST_BLOCKS = 20  # of a record at rest
 _GAP = 1.5  # steps of the time stamp
 
 
@@ -35,7 +36,7 @@ class RotationRecord:
     ``axis``: body axis "x", "y" or "z".   ``turn_deg``: the turn about it, right-handed, signed.
     ``counter`` (n,): of the samples, unwrapped.   ``time_s`` (n,): time stamps of the unit, unwrapped, increasing.
     ``rate`` (n, 3): indicated rates.   ``pose``: of the table at the begin, None if the Earth's rate is not to be
-    compensated.   ``turned``: the table axis that turns, "inner" or "outer".
+    compensated.   ``turned``: the table axis that turns, "inner" or "outer".   ``begin_s``: by any clock.
     """
 
     axis: str
@@ -45,6 +46,7 @@ class RotationRecord:
     rate: Array
     pose: Pose | None = None
     turned: str = "inner"
+    begin_s: float = 0.0
 
     @property
     def name(self) -> str:
@@ -147,12 +149,24 @@ def noise_density(samples: Samples, axis: str, name: str) -> tuple[Array, float]
     """
     rest = samples.rate[resting(samples, axis)]
     step_s = float(np.median(samples.step_s))
-    length = max(1, round(_BLOCK_S / step_s))
-    blocks = len(rest) // length
-    if blocks < _LEAST_BLOCKS:
-        raise _no_rest(name, blocks * length * step_s)
+    length, blocks = _blocks(samples, len(rest), name)
     means = rest[len(rest) - blocks * length :].reshape(blocks, length, 3).mean(axis=1)
     return np.atleast_2d(np.cov(means.T)) * length * step_s, blocks - 1.0
+
+
+def noise_dof(samples: Samples, axis: str, name: str) -> float:
+    """Return the degrees of freedom that ``noise_density`` has. Args, Raises: as there. Source: batch means."""
+    return _blocks(samples, int(resting(samples, axis).sum()), name)[1] - 1.0
+
+
+def _blocks(samples: Samples, resting_samples: int, name: str) -> tuple[int, int]:
+    """Return samples in a block and the number of blocks."""
+    step_s = float(np.median(samples.step_s))
+    length = max(1, round(_BLOCK_S / step_s))
+    blocks = resting_samples // length
+    if blocks < _LEAST_BLOCKS:
+        raise _no_rest(name, blocks * length * step_s)
+    return length, blocks
 
 
 def quantisation_variance(std: Array, resolution: float) -> Array:
@@ -173,36 +187,58 @@ def quantisation_variance(std: Array, resolution: float) -> Array:
     return np.asarray(np.sum(size**2, axis=-1) / 2.0)
 
 
-def static_means(
-    poses: list[Array], rate_Hz: float, *, resolution: float = 0.0, blocks: int = 20
-) -> tuple[Array, Array, float]:
+@dataclass(frozen=True)
+class RestNoise:
+    """Noise at rest.   ``density`` (3, 3): times 1 / samples it is the covariance of their mean.   ``std`` (3,): of a
+    sample.   ``slow`` (3,): variance that averages out no further within a record.
+    """
+
+    density: Array
+    std: Array
+    slow: Array
+
+    def of_means(self, samples: Sequence[int], resolution: float) -> Array:
+        """Return the covariance of the means of records of so many samples, (n, 3, 3)."""
+        fixed = np.diag(quantisation_variance(self.std, resolution)) + np.diag(self.slow)
+        return np.stack([self.density / count + fixed for count in samples])
+
+
+def rest_dof(samples: Sequence[int], rate_Hz: float) -> float:
+    """Return the degrees of freedom of the noise of records of so many samples.
+
+    Args:    samples: (n,), of each record.   rate_Hz: of the samples.
+    Raises:  FitError B-FIT-083 for a record of fewer samples than blocks.
+    Source:  batch means.
+    """
+    if min(samples) < _REST_BLOCKS:
+        raise _no_rest("at rest", min(samples) / rate_Hz)
+    return (_REST_BLOCKS - 1.0) * len(samples)
+
+
+def static_means(poses: list[Array], rate_Hz: float, *, resolution: float = 0.0) -> tuple[Array, Array, float]:
     """Return mean output of each record at rest and its covariance, the noise density pooled over all records.
 
     What the halves of the records differ by beyond that noise is slower than it and averages out no further: it is
-    added to each mean.
+    added to each mean. The noise is taken from 20 means per record, so noise correlated over 1/20 of it counts.
 
     Args:    poses: arrays (m, 3) of samples.   rate_Hz: of the samples.   resolution: of one step of the output.
-             blocks: means per record from which the noise is taken, so noise correlated over 1/20 of it counts.
     Returns: means (n, 3), their covariance (n, 3, 3), and its degrees of freedom.
     Raises:  FitError B-FIT-083 for a record of fewer samples than blocks.
     Source:  batch means; Allan variance of two samples, half a record each, IEEE Std 952-1997 annex C; quantisation as
              in ``quantisation_variance``.
     """
-    short = min(len(samples) for samples in poses)
-    if short < blocks:
-        raise _no_rest("at rest", short / rate_Hz)
+    counts = [len(samples) for samples in poses]
+    dof = rest_dof(counts, rate_Hz)
     density, std2, slow = np.zeros((3, 3)), np.zeros(3), np.zeros(3)
     for samples in poses:
-        length, half = len(samples) // blocks, len(samples) // 2
-        means = samples[: blocks * length].reshape(blocks, length, 3).mean(axis=1)
+        length, half = len(samples) // _REST_BLOCKS, len(samples) // 2
+        means = samples[: _REST_BLOCKS * length].reshape(_REST_BLOCKS, length, 3).mean(axis=1)
         density += np.cov(means.T) * length / len(poses)
         std2 += np.var(samples, axis=0) / len(poses)
         slow += (samples[:half].mean(axis=0) - samples[-half:].mean(axis=0)) ** 2 / 2.0 / len(poses)
-    slow -= density.diagonal() * np.mean([2.0 / len(samples) for samples in poses])
-    fixed = np.diag(quantisation_variance(np.sqrt(std2), resolution))
-    fixed += np.diag(np.maximum(slow, 0.0))
-    covariance = np.stack([density / len(samples) + fixed for samples in poses])
-    return np.stack([samples.mean(axis=0) for samples in poses]), covariance, (blocks - 1.0) * len(poses)
+    slow -= density.diagonal() * np.mean([2.0 / count for count in counts])
+    noise = RestNoise(density, np.sqrt(std2), np.maximum(slow, 0.0))
+    return np.stack([samples.mean(axis=0) for samples in poses]), noise.of_means(counts, resolution), dof
 
 
 def _no_rest(name: str, seconds: float) -> FitError:

@@ -188,8 +188,12 @@ class Inputs:
         known = known + about[:, [1, 2, 0]] * behind - about[:, [2, 0, 1]] * ahead
         return replace(self, integral=vector[: 3 * count].reshape(count, 3), known=known, local=vector[-2:])
 
-    def covariance(self, declared: Declared, site: Site | None, density: Array, common: Array) -> Array:
-        """Of ``vector``: white noise ``density`` (3, 3) deg^2/s, ``common`` (3, 3) (deg/s)^2 to all rests."""
+    def covariance(
+        self, declared: Declared, site: Site | None, density: Array, common: Array, wandering: Array | None = None
+    ) -> Array:
+        """Of ``vector``: white noise ``density`` (3, 3) deg^2/s, ``common`` (3, 3) (deg/s)^2 to all rests,
+        ``wandering`` of each sensor's bias from record to record, (3, records, records) (deg/s)^2.
+        """
         count, length = len(self.known), self.duration_s
         covariance = np.zeros((4 * count + 11,) * 2)
         together = np.outer(length, length) * (self.record[:, None] == self.record)
@@ -198,6 +202,10 @@ class Inputs:
             + np.kron(np.outer(self.rest_s, self.rest_s), common)
             + np.kron(together, np.eye(3) * declared.drift_deg_s**2)
         )
+        if wandering is not None:
+            for sensor, seen in enumerate(wandering):
+                own = np.outer(length, length) * seen[np.ix_(self.record, self.record)]
+                covariance[sensor : 3 * count : 3, sensor : 3 * count : 3] += own
         size = np.linalg.norm(self.known, axis=1)
         turn = np.where(size > 0.0, declared.turn_std_deg / np.where(size > 0.0, size, 1.0), 0.0)
         rest = [*turn, *[np.radians(declared.tilt_std_deg)] * 9]

@@ -29,11 +29,13 @@ from bench.systems.gnc.estimators.records import (
     Samples,
     good_samples,
     noise_density,
+    noise_dof,
     quantisation_variance,
     record_about,
     resting,
 )
 from bench.systems.gnc.estimators.rotation_inputs import Declared, Inputs, turn_and_rest, whole_turn
+from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 from bench.systems.gnc.estimators.triad import AXES, TriadFit, improbable, propagate_inputs
 
 Array = NDArray[np.float64]
@@ -60,14 +62,18 @@ class RotationFit:
 
 
 def fit_rotations(
-    records: Sequence[RotationRecord], site: Site | None = None, declared: Declared | None = None
+    records: Sequence[RotationRecord],
+    site: Site | None = None,
+    declared: Declared | None = None,
+    noise: SensorNoise | None = None,
 ) -> RotationFit:
     """Fit S, K = S^-1 and bias to six records: each body axis turned forth and back.
 
     Args:    records: six, any order, rates in deg/s.   site: for the Earth's rate; needed if the records have poses.
-             declared: uncertainties of the table and of the sensors' resolution.
-    Returns: RotationFit. The covariance holds white noise (measured at rest), quantisation, the turn, tilt of each
-             axis, latitude and azimuth. A chi-square of the residuals that is improbable (0.1 %) enlarges it.
+             declared: uncertainties of the table and of the sensors' resolution.   noise: of records that hold none;
+             None to measure it.
+    Returns: RotationFit. The covariance holds white noise (at rest), quantisation, the turn, tilt of each axis,
+             latitude and azimuth. A chi-square of the residuals that is improbable (0.1 %) enlarges it.
     Raises:  FitError B-FIT-080 (samples missing), -081 (a record missing, double or about another axis), -082 (another
              turn than named), -083 (nothing at rest).
     Source:  the equations named in the head of this file; covariance as in JCGM 102:2011 section 6.2.
@@ -76,7 +82,7 @@ def fit_rotations(
     ordered = [record_about(records, axis, sign) for axis in AXES for sign in (1.0, -1.0)]
     samples = [good_samples(record) for record in ordered]
     trimmed = _equal_lengths(samples)
-    density, std, dof = _noise(ordered, trimmed)
+    density, std, dof = _noise(ordered, trimmed) if noise is None else _declared(noise, ordered, trimmed)
     parts = [turn_and_rest(record, kept) for record, kept in zip(ordered, trimmed, strict=True)]
     inputs = Inputs.of(parts, site)
     parameters, residual = paired(inputs)
@@ -86,7 +92,8 @@ def fit_rotations(
         dof = min(dof, float(_DRIFT_DOF))
         declared = replace(declared, drift_deg_s=drift_deg_s)
     common = np.diag(quantisation)
-    covariance = inputs.covariance(declared, site, density, common)
+    wandering = None if noise is None else _wandering(noise, ordered, trimmed)
+    covariance = inputs.covariance(declared, site, density, common, wandering)
     spread = propagate_inputs(lambda x: np.concatenate(_both(paired(inputs.at(x)))), inputs.vector, covariance)
     triad = _triad(parameters, residual, spread, inputs, dof, declared.time_std)
     names = [record.name for record in ordered]
@@ -184,6 +191,22 @@ def _noise(records: Sequence[RotationRecord], samples: Sequence[Samples]) -> tup
     ]
     dof = math.fsum(noise[1] for noise in each)
     return np.sum([noise[0] * noise[1] for noise in each], axis=0) / dof, np.sqrt(np.mean(variances, axis=0)), dof
+
+
+def _declared(
+    noise: SensorNoise, records: Sequence[RotationRecord], samples: Sequence[Samples]
+) -> tuple[Array, Array, float]:
+    """Return the same as ``_noise``, of noise that is declared."""
+    dof = math.fsum(noise_dof(kept, record.axis, record.name) for record, kept in zip(records, samples, strict=True))
+    return noise.density * np.eye(3), np.full(3, noise.sample_std), dof
+
+
+def _wandering(noise: SensorNoise, records: Sequence[RotationRecord], samples: Sequence[Samples]) -> Array:
+    """Return covariance of each sensor's bias in the records, less its mean over the turns about the other two axes."""
+    begin_s = np.array([record.begin_s for record in records])
+    length_s = np.array([kept.duration_s for kept in samples])
+    axes = np.array([record.axis for record in records])
+    return np.stack([noise.wander_about_mean(begin_s, length_s, axes != axis) for axis in AXES])
 
 
 def fit_turns_from_rest(

@@ -35,8 +35,8 @@ def fit_six_position(
     those of the fit: something was larger than declared.
 
     Args:    mean: (n, 3), indicated, any unit.   force: (n, 3), specific force at the pose, unit wanted (up = +g).
-             covariance_of_means: (n, 3, 3), indicated unit squared, or None.   tilt_std_deg: per axis and pose.
-             force_relative_std: of local gravity, relative.
+             covariance_of_means: (n, 3, 3), or (3n, 3n) pose by pose where they are not independent, indicated unit
+             squared, or None.   tilt_std_deg: per axis and pose.   force_relative_std: of local gravity, relative.
     Returns: TriadFit; bias and residual in the unit of ``force``.
     Raises:  FitError B-FIT-001 if the poses do not determine all twelve, naming what is not.
     Source:  the equations named in the head of this file; covariance as in JCGM 102:2011 section 6.2.
@@ -58,7 +58,7 @@ def fit_six_position(
         systematic = np.zeros_like(noise)  # the residuals hold it already
     else:
         systematic = _tilt(force, tilt_std_deg)
-        noise = _spread(matrix @ covariance_of_means @ matrix.T)
+        noise = _scaled(matrix, covariance_of_means)
         chi2 = _chi_square(residual, operator, design, noise + systematic)
         behind = float(dof) if (inflated := improbable(chi2, dof)) else math.inf  # then the residuals say how large
     rows = (noise + systematic) * (chi2 / dof if inflated else 1.0) + common
@@ -79,11 +79,19 @@ def _tilt(force: Array, tilt_std_deg: float) -> Array:
     """(3n, 3n): a small rotation vector phi turns f into f + phi x f, covariance sigma^2 (|f|^2 I - f f^T)."""
     sigma = math.radians(tilt_std_deg)
     square = np.sum(force**2, axis=1)[:, None, None] * np.eye(3)
-    return _spread(sigma**2 * (square - force[:, :, None] * force[:, None, :]))
+    return spread_out(sigma**2 * (square - force[:, :, None] * force[:, None, :]))
 
 
-def _spread(blocks: Array) -> Array:
-    """Blocks (n, 3, 3) on the diagonal of a (3n, 3n) matrix."""
+def _scaled(matrix: Array, covariance: Array) -> Array:
+    """Covariance (3n, 3n) of the means of all poses in the unit of the input."""
+    if covariance.ndim == 3:
+        return spread_out(matrix @ covariance @ matrix.T)
+    scale = np.kron(np.eye(len(covariance) // 3), matrix)
+    return np.asarray(scale @ covariance @ scale.T)
+
+
+def spread_out(blocks: Array) -> Array:
+    """Blocks (n, 3, 3) on the diagonal of a (3n, 3n) matrix. Source: none; poses are independent."""
     rows = np.zeros((3 * len(blocks), 3 * len(blocks)))
     for place, block in enumerate(blocks):
         rows[3 * place : 3 * place + 3, 3 * place : 3 * place + 3] = block

@@ -11,8 +11,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from bench.maths.allan import AllanDeviation, allan_deviation
-from bench.maths.allan_terms import fit_noise_terms
+from bench.maths.allan import (
+    WHITE_RATE,
+    AllanDeviation,
+    allan_deviation,
+    confidence_limits,
+    degrees_of_freedom,
+)
+from bench.maths.allan_terms import allan_variance_of, fit_noise_terms
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.edges import EdgeLevels
 from bench.systems.lock_in.estimators.motion import solve_rows
@@ -21,6 +27,7 @@ from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, hal
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 _ROUND = 4  # edges on each side of the pick-off's
+_PLACES = 16  # of the pick-off between two edges
 WAVELENGTH_m = 632.8e-9
 EARTH_RATE_deg_h = 15.041067
 _SHORTEST_PERIODS = 5
@@ -64,9 +71,7 @@ def net_angle(edges: EdgeLevels, pickoff_tick: Int64) -> Array:
     index = np.where(inside, first, 0)[:, None] + np.arange(2 * _ROUND)
     index = np.minimum(index, edges.tick.size - 1)
     count = edges.level[index[:, _ROUND - 1]]
-    motion = np.sin(omega * (edges.tick[index] - pickoff[:, None])) / omega
-    before = np.arange(2 * _ROUND) < _ROUND
-    design = np.stack((np.ones_like(motion), motion * before, motion * ~before), axis=-1)
+    design = _two_pieces(np.sin(omega * (edges.tick[index] - pickoff[:, None])) / omega)
     psi = np.full(pickoff.size, np.nan)
     turned = np.asarray(np.pi * (edges.level[index] - count[:, None]), np.float64)
     solved = solve_rows(design[inside], turned[inside])[0]
@@ -74,6 +79,26 @@ def net_angle(edges: EdgeLevels, pickoff_tick: Int64) -> Array:
     torn = np.searchsorted(pickoff, edges.tick[edges.breaks])
     psi[torn[torn < psi.size]] = np.nan
     return psi
+
+
+def _two_pieces(motion: Array) -> Array:
+    """Columns of the phase round the pick-off's edge, (..., 2 _ROUND, 3), by the dither's motion at the edges."""
+    before = np.arange(2 * _ROUND) < _ROUND
+    return np.stack((np.ones_like(motion), motion * before, motion * ~before), axis=-1)
+
+
+def expected_quantisation_deg(dither_deg_s: float, tick_s: float, pickoff_s: float) -> float:
+    """Quantisation Q of the angle at the pick-off's edges, each the mean of both senses.
+
+    Args:    dither_deg_s: amplitude of the dither's rate.   tick_s: of the time stamps.   pickoff_s: standard deviation
+             of the time at which the pick-off switches.
+    Returns: degrees.
+    Source:  variance of a tick, T^2 / 12, through the fit of ``net_angle``, at the rate of the zero of the angle.
+    """
+    places = np.arange(-_ROUND, _ROUND) + (np.arange(_PLACES)[:, None] + 0.5) / _PLACES  # edges by their distance
+    weights = np.linalg.pinv(_two_pieces(places))[:, 0]
+    share = 1.0 + float(np.mean(np.sum(weights**2, axis=1)))
+    return float(dither_deg_s * np.sqrt((share * tick_s**2 / 12.0 + pickoff_s**2) / 2.0))
 
 
 def odd_steps(psi_rad: Array, pickoff_rising: ArrayLike, regular: ArrayLike) -> Int64:
@@ -175,7 +200,34 @@ def random_walk(
     Raises:  FitError B-FIT-099 as ``output_deviation``.
     Source:  IEEE Std 952-1997 annex C, equations C.7 to C.17 (N, Q).
     """
-    curve = output_deviation(increment_rad, interval_s, path_length_m, terms)
+    return _walk_of(output_deviation(increment_rad, interval_s, path_length_m, terms), terms)
+
+
+def expected_walk(n_deg_rth: float, q_deg: float, periods: int, interval_s: float) -> RandomWalk:
+    """Return what ``random_walk`` finds on average in an output of this random walk and quantisation.
+
+    Args:    n_deg_rth, q_deg: of the output.   periods: of the dither, in one stretch.   interval_s: dither period.
+    Raises:  FitError B-FIT-099 as ``output_deviation``.
+    Source:  as ``random_walk``, on the deviation that both terms give; degrees of freedom as ``allan_deviation``.
+    """
+    factors = np.array(_factors(periods, interval_s))
+    tau_s, differences = factors * interval_s, periods - 2 * factors + 1
+    n_deg_h, q_deg_h_s = 60.0 * n_deg_rth, 3600.0 * q_deg
+    sizes = dict(zip(TERMS, (q_deg_h_s, n_deg_h), strict=True))
+    deviation = np.sqrt(np.sum([size**2 * allan_variance_of(name, tau_s) for name, size in sizes.items()], axis=0))
+    dof = np.array([
+        degrees_of_freedom(int(factor), int(count), WHITE_RATE)
+        for factor, count in zip(factors, differences, strict=True)
+    ])  # fmt: skip
+    low, high = confidence_limits(deviation, dof, 0.95)
+    exponents = np.full(factors.size, WHITE_RATE)
+    curve = AllanDeviation(
+        interval_s, periods, False, factors, tau_s, deviation, low, high, differences, dof, exponents
+    )
+    return _walk_of(curve, TERMS)
+
+
+def _walk_of(curve: AllanDeviation, terms: Sequence[str]) -> RandomWalk:
     fit = fit_noise_terms(curve, terms)
     walk, quantum = fit["white_noise"], fit["quantisation_noise"]
     return RandomWalk(
@@ -202,19 +254,25 @@ def output_deviation(
     Args:    as there.
     Raises:  FitError B-FIT-099 for a record too short for four averaging times, 0.6 s at 400 Hz.
     """
-    first, last = _SHORTEST_PERIODS, increment_rad.size // _LONGEST_SHARE
+    factors = _factors(increment_rad.size, interval_s)
+    rate = np.rad2deg(increment_rad / gyro_gain(path_length_m)) * 3600.0 / interval_s
+    measured = allan_deviation(rate, interval_s, factors=factors)
+    return _sharpened(measured, fit_noise_terms(measured, terms)["white_noise"].coefficient)
+
+
+def _factors(periods: int, interval_s: float) -> list[int]:
+    """Return averaging times in dither periods. Raises: as ``output_deviation``."""
+    first, last = _SHORTEST_PERIODS, periods // _LONGEST_SHARE
     octaves = np.log2(last / first) if last > first else 0.0
     factors = np.unique(np.rint(first * 2.0 ** np.linspace(0.0, octaves, 1 + max(0, round(_PER_OCTAVE * octaves)))))
     if factors.size < _FEWEST_TIMES:
         raise FitError(
             "B-FIT-099",
-            f"{increment_rad.size} dither periods of {interval_s:.6f} s leave {factors.size} averaging times for a "
+            f"{periods} dither periods of {interval_s:.6f} s leave {factors.size} averaging times for a "
             f"random walk, at least {_FEWEST_TIMES} are due",
             next_step="record at least 1 s without lost events; 20 s give the random walk to 2 %",
         )
-    rate = np.rad2deg(increment_rad / gyro_gain(path_length_m)) * 3600.0 / interval_s
-    measured = allan_deviation(rate, interval_s, factors=factors.astype(int).tolist())
-    return _sharpened(measured, fit_noise_terms(measured, terms)["white_noise"].coefficient)
+    return [int(factor) for factor in factors]
 
 
 def _sharpened(curve: AllanDeviation, walk: float) -> AllanDeviation:

@@ -96,10 +96,10 @@ def corrected(values: Array, x_out: Array, y_out: Array) -> tuple[Array, Array]:
     return (x_out - values[0] - y * sine) / cosine, y
 
 
-def fit_ellipse(x_out: Array, y_out: Array) -> EllipseFit:
+def fit_ellipse(x_out: Array, y_out: Array, noise: float | None = None) -> EllipseFit:
     """Zero, gain and non-orthogonality from all readings of a rotation.
 
-    Args:    x_out, y_out: (n,), same unit, noise alike on both axes.
+    Args:    x_out, y_out: (n,), same unit, noise alike on both axes.   noise: of readings that hold none.
     Returns: EllipseFit.
     Raises:  FitError B-FIT-090 if no ellipse passes through the readings; B-FIT-091 if a part of the turn of more
              than 60 degrees has none, naming where.
@@ -108,7 +108,7 @@ def fit_ellipse(x_out: Array, y_out: Array) -> EllipseFit:
     points = np.column_stack((x_out, y_out)).astype(np.float64)
     odd = odd_readings(points)
     points = points[~odd]
-    quadric = fit_quadric(points)
+    quadric = fit_quadric(points, noise=noise)
     values = parameters_of(np.concatenate((quadric.centre, quadric.shape[np.triu_indices(2)])))
     x, y = corrected(values, points[:, 0], points[:, 1])
     phase_deg = np.rad2deg(np.arctan2(y, x))

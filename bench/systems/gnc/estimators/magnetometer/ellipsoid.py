@@ -77,12 +77,14 @@ class EllipsoidFit:
         return np.asarray((field - self.hard_iron) @ (self.triangular if triangular else self.symmetric).T)
 
 
-def fit_ellipsoid(field: Array, norm: float | None = None, begins: Sequence[int] = ()) -> EllipsoidFit:
+def fit_ellipsoid(
+    field: Array, norm: float | None = None, begins: Sequence[int] = (), noise: float | None = None
+) -> EllipsoidFit:
     """Hard iron, soft iron and their uncertainty from readings in many directions.
 
     Args:    field: (n, 3), same unit and like noise on all axes, gaps left out.   norm: size of the field if it is
              known; without it only ratios of sensitivities are determined, and the correction keeps volumes.
-             begins: first reading of each record, if there are several.
+             begins: first reading of each record, if there are several.   noise: of readings that hold none.
     Returns: EllipsoidFit; a reading among a thousand that no ellipsoid of the others explains is left out.
     Raises:  FitError B-FIT-090 for too few readings or no closed surface; B-FIT-091 if the readings do not determine
              the ellipsoid or leave its size in some direction uncertain by more than 1 %, naming the direction.
@@ -93,7 +95,7 @@ def fit_ellipsoid(field: Array, norm: float | None = None, begins: Sequence[int]
     kept = np.flatnonzero(~odd)
     coverage = sphere_coverage(field[kept])
     _require_coverage(coverage)
-    quadric = fit_quadric(field[kept], np.searchsorted(kept, np.asarray(begins, np.intp)).tolist())
+    quadric = fit_quadric(field[kept], np.searchsorted(kept, np.asarray(begins, np.intp)).tolist(), noise)
     worst_std = _worst_std(quadric)
     roots = np.concatenate([root.ravel() for root in _roots(quadric.shape, norm)])
     slope = _derivative(quadric.shape, norm)

@@ -55,16 +55,16 @@ class PlaneComparison:
         return {EXTREMES: self.extremes.parameters, ELLIPSE: self.ellipse.parameters}
 
 
-def compare_methods(x_out: Array, y_out: Array) -> PlaneComparison:
+def compare_methods(x_out: Array, y_out: Array, noise: float | None = None) -> PlaneComparison:
     """Fit the readings of a rotation by both methods.
 
-    Args:    x_out, y_out: (n,), same unit, gaps left out.
+    Args:    x_out, y_out: (n,), same unit, gaps left out.   noise: of readings that hold none.
     Returns: PlaneComparison.
     Raises:  FitError B-FIT-090, B-FIT-091 as ``ellipse.fit_ellipse``: readings that do not determine the
              ellipse have no extremes either.
     Source:  see the head of this file.
     """
-    ellipse = fit_ellipse(x_out, y_out)
+    ellipse = fit_ellipse(x_out, y_out, noise)
     x_out, y_out = x_out[~ellipse.odd], y_out[~ellipse.odd]
     extremes = fit_extremes(x_out, y_out, ellipse)
     both = {EXTREMES: extremes.parameters, ELLIPSE: ellipse.parameters}

@@ -66,11 +66,11 @@ class Quadric:
         return np.asarray((points - self.centre) @ self.shape.T)
 
 
-def fit_quadric(points: Array, begins: Sequence[int] = ()) -> Quadric:
+def fit_quadric(points: Array, begins: Sequence[int] = (), noise: float | None = None) -> Quadric:
     """Least squares of the orthogonal distances, noise alike on all axes.
 
     Args:    points: (n, d), d = 2 or 3, any unit, in order of time; rows with NaN must be left out before.
-             begins: first point of each record, if there are several.
+             begins: first point of each record, if there are several.   noise: of points that hold none.
     Returns: Quadric.
     Raises:  FitError B-FIT-090 if there are too few points or no closed quadric passes through them.
     Source:  see the head of this file.
@@ -107,7 +107,7 @@ def fit_quadric(points: Array, begins: Sequence[int] = ()) -> Quadric:
         shape=sign[:, None] * shape / scale,
         distance=distance,
         jacobian=jacobian,
-        uncertainty=uncertainty(jacobian, distance, begins),
+        uncertainty=uncertainty(jacobian, distance, begins, noise),
     )
 
 

@@ -142,15 +142,18 @@ class Uncertainty:
         return self.chosen.dof(slope @ self.root)
 
 
-def uncertainty(jacobian: Array, residual: Array, begins: Sequence[int] = ()) -> Uncertainty:
+def uncertainty(
+    jacobian: Array, residual: Array, begins: Sequence[int] = (), declared: float | None = None
+) -> Uncertainty:
     """Return what the residuals of a least-squares fit say of its parameters, whatever the length of their noise.
 
     Args:    jacobian: (n, p).   residual: (n,), in order of time.   begins: first reading of each record.
+             declared: standard deviation of white noise, of residuals that hold none.
     Returns: Uncertainty.
     Source:  see the head of this file.
     """
     count, size = jacobian.shape
-    noise = float(np.sqrt(residual @ residual / (count - size)))
+    noise = float(np.sqrt(residual @ residual / (count - size))) if declared is None else declared
     scale = np.linalg.norm(jacobian, axis=0)
     unit = jacobian / np.where(scale > 0.0, scale, 1.0)
     information, vectors = np.linalg.eigh(unit.T @ unit)
@@ -158,7 +161,7 @@ def uncertainty(jacobian: Array, residual: Array, begins: Sequence[int] = ()) ->
     left, root = unit @ root, root / np.where(scale > 0.0, scale, 1.0)[:, None]
     white = Uncertainty(noise**2 * root @ root.T, noise, Wander(), float(count - size), root, None)
     edges = _edges(count, begins)
-    if noise == 0.0 or not edges.size:
+    if declared is not None or noise == 0.0 or not edges.size:
         return white
     pull = np.add.reduceat(left * (residual / noise)[:, None], edges)
     share = np.add.reduceat(left[:, :, None] * left[:, None, :], edges)

@@ -1,0 +1,266 @@
+"""Campaigns of a plan straight from the physics of simulated modules: no instrument, no wire, no file.
+
+Motions are closed forms of the planned calls, written here; the fits see rows as they see those of a session.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from gnc_sensor_bench import Table, at, trapezoid
+from imu_material import SCALES
+from rehearsal import ROOT
+from scipy.linalg import sqrtm
+from spread_study import Key, key_of
+
+from bench.analysis import CONTINUES, Estimates, Material
+from bench.model.clock import NS
+from bench.model.ports import RecordWindow
+from bench.model.quality import Quality
+from bench.plan import Plan, PlannedCall, PlannedRecord, compile_sequence
+from bench.record import RecordRow, Samples
+from sim_instruments.worlds.common.attitude import Site
+from sim_instruments.worlds.gnc.imu import ACCEL_LSB_G, GYRO_LSB_DEG_S, GncImu
+from sim_instruments.worlds.gnc.imu_errors import (
+    ARW_DEG_RT_H,
+    SLOW_ACCEL_G,
+    SLOW_ACCEL_S,
+    SLOW_GYRO_DEG_S,
+    SLOW_GYRO_S,
+    VRW_G_RTS,
+    ImuOptions,
+)
+from sim_instruments.worlds.gnc.magnetometer import EarthField, field_gauss
+
+SITE = Site()
+
+
+@dataclass(frozen=True)
+class Taken:
+    """A record of a plan: begin and end in seconds of the bench, conditions, what turns the table in it."""
+
+    begin_s: float
+    end_s: float
+    conditions: dict[str, Any]
+    table: Table
+
+
+def plan_of(sequence: str, rate_Hz: float = 200.0, **settings: str) -> Plan:
+    """A shipped sequence, its samples at another rate."""
+    plan = compile_sequence(ROOT / "sequences" / f"{sequence}.yaml", None, settings)
+    return replace(plan, campaign={**plan.campaign, "rate_Hz": rate_Hz})
+
+
+def records_of(plan: Plan) -> list[Taken]:
+    """The measuring records; what continues one is part of it."""
+    turns = [(plan.prepare_s + step.at_s, step.arguments) for step in plan.phase("campaign")
+             if isinstance(step, PlannedCall) and step.name == "turn"]  # fmt: skip
+    found: list[Taken] = []
+    for step in plan.phase("campaign"):
+        if isinstance(step, PlannedRecord):
+            begin_s = plan.prepare_s + step.at_s
+            if CONTINUES in step.conditions:
+                begin_s = found.pop().begin_s
+            end_s = plan.prepare_s + step.at_s + step.seconds
+            inside = [turn for turn in turns if begin_s < turn[0] < end_s]
+            found.append(Taken(begin_s, end_s, dict(step.conditions), _table(step.conditions, begin_s, inside)))
+            found[-1].conditions.pop(CONTINUES, None)
+    return found
+
+
+def _table(conditions: Any, begin_s: float, turns: list[tuple[float, Any]]) -> Table:
+    motion = [at(conditions[f"{name}_deg"]) for name in ("outer", "middle", "inner")]
+    if "rate_deg_s" in conditions:
+        motion[2].angle = lambda t_s: conditions["inner_deg"] + conditions["rate_deg_s"] * (t_s - begin_s)
+    for at_s, turn in turns:
+        place = turn["axis"] - 1
+        start_deg = conditions[f"{('outer', 'middle', 'inner')[place]}_deg"]
+        moved = trapezoid(at_s + 1.0, turn["angle"], turn["rate"], turn["acceleration"])
+        motion[place].angle = lambda t_s, moved=moved, start_deg=start_deg: start_deg + moved.angle(t_s)
+    return Table(tuple(motion), str(conditions["mounting"]), str(conditions.get("table", "non_magnetic")))
+
+
+@dataclass
+class Module:
+    """One simulated unit that was switched on at second 2 of the bench, and the rows of its campaign."""
+
+    imu: GncImu
+    rows: list[RecordRow] = field(default_factory=list)
+    taken: list[Taken] = field(default_factory=list)
+    rate_Hz: float = 200.0
+
+    def mean_bias(self, kind: str, taken: list[Taken]) -> np.ndarray:
+        """Mean bias (3,) of N = S (input + b) over records, deg/s or g."""
+        means = [getattr(self.imu, kind)(_spread_ns(one)).mean(axis=0) for one in taken]
+        return np.average(means, axis=0, weights=[one.end_s - one.begin_s for one in taken])
+
+    def degC(self, taken: list[Taken]) -> np.ndarray:
+        return np.array([np.mean([self.imu.temperature_degC(_spread_ns(one)).mean() for one in taken])])
+
+
+def _spread_ns(one: Taken) -> np.ndarray:
+    count = round(2.0 * (one.end_s - one.begin_s))
+    return ((one.begin_s + (np.arange(count) + 0.5) / 2.0) * NS).astype(np.int64)
+
+
+def campaign(records: list[Taken], seed: int, rate_Hz: float = 200.0, options: ImuOptions | None = None) -> Module:
+    """The records of one unit."""
+    imu = GncImu(seed, f"GNC-{seed}", options or ImuOptions(), site=SITE)
+    imu.power.on(2 * NS)
+    module = Module(imu, taken=records, rate_Hz=rate_Hz)
+    interval_ns = round(NS / rate_Hz)
+    for number, one in enumerate(records, 1):
+        count = round((one.end_s - one.begin_s) * rate_Hz)
+        t_ns = round(one.begin_s * NS) + np.arange(1, count + 1, dtype=np.int64) * interval_ns
+        imu.surroundings = one.table
+        counts = imu.sample(t_ns, interval_ns)
+        columns = {
+            "gyro": counts.gyro, "accel": counts.accel, "mag": counts.mag, "temperature": counts.temperature,
+            "tick": (t_ns // 1000 % (1 << 32)).astype(np.uint32),
+        }  # fmt: skip
+        counter = round(one.begin_s * rate_Hz) + np.arange(count, dtype=np.int64)
+        window = RecordWindow(number, "rs422", int(counter[0]), count, int(t_ns[0]), int(t_ns[-1]), one.conditions)
+        samples = Samples(columns, counter, t_ns, SCALES)
+        module.rows.append(RecordRow(window, {}, count, 0, 0, Quality.GOOD, samples=samples))
+    return module
+
+
+def material_of(plan: Plan, module: Module) -> Material:
+    return Material(rows=module.rows, campaign=plan.campaign, standards={})
+
+
+def calibration_truth(module: Module) -> dict[Key, float]:
+    """True values of a calibration: sensors and biases over the records of each first set."""
+    truth: dict[Key, float] = {}
+    for prefix, kind, item, errors in (
+        ("accel", "accelerometer", "position", module.imu.errors.accel),
+        ("gyro", "gyro", "rotation", module.imu.errors.gyro),
+    ):
+        first, _ = _sets(module.taken, item)
+        sensitivity = errors.sensitivity_at(module.degC(first))[0]
+        matrix = np.linalg.inv(sensitivity)
+        for row, column in np.ndindex(3, 3):
+            place = {"kind": kind, "row": "xyz"[row], "column": "xyz"[column]}
+            truth[_key(f"{prefix}_matrix", place)] = matrix[row, column]
+            if row != column:
+                truth[_key(f"{prefix}_cross_coupling", place)] = sensitivity[row, column]
+        for axis in range(3):
+            place = {"kind": kind, "axis": "xyz"[axis]}
+            others = [one for one in first if one.conditions.get("axis") != "xyz"[axis]]
+            bias = module.mean_bias("accel_bias_g" if prefix == "accel" else "gyro_bias_deg_s", others)[axis]
+            truth[_key(f"{prefix}_bias", place)] = -bias if prefix == "accel" else 3600.0 * bias
+            truth[_key(f"{prefix}_scale_error", place)] = 1e6 * (sensitivity[axis, axis] - 1.0)
+            truth[_key(f"{prefix}_scale_repeatability", place)] = 0.0
+    return truth
+
+
+def left_by(module: Module, estimates: Estimates) -> dict[Key, float]:
+    """True coupling that a calibration leaves: K S at the temperature of the check."""
+    found = {key_of(entry): entry["value"] for entry in estimates}
+    left: dict[Key, float] = {}
+    for prefix, kind, item, errors in (
+        ("accel", "accelerometer", "position", module.imu.errors.accel),
+        ("gyro", "gyro", "rotation", module.imu.errors.gyro),
+    ):
+        _, check = _sets(module.taken, item)
+        places = {(row, column): {"kind": kind, "row": "xyz"[row], "column": "xyz"[column]}
+                  for row, column in np.ndindex(3, 3)}  # fmt: skip
+        matrix = np.array([found[_key(f"{prefix}_matrix", place)] for place in places.values()]).reshape(3, 3)
+        product = matrix @ errors.sensitivity_at(module.degC(check))[0]
+        left |= {_key(f"{prefix}_coupling_compensated", place): product[where]
+                 for where, place in places.items() if where[0] != where[1]}  # fmt: skip
+    return left
+
+
+def _sets(taken: list[Taken], item: str) -> tuple[list[Taken], list[Taken]]:
+    """The records of the first and of the second time."""
+    first: dict[str, Taken] = {}
+    second = []
+    for one in taken:
+        if one.conditions["item"] == item:
+            name = str((one.conditions.get("up"), one.conditions.get("axis"), one.conditions.get("direction")))
+            if name in first:
+                second.append(one)
+            first.setdefault(name, one)
+    return list(first.values()), second
+
+
+def _key(quantity: str, conditions: dict[str, Any]) -> Key:
+    return key_of({"quantity": quantity, "conditions": conditions})
+
+
+def bias_truth(module: Module) -> dict[Key, float]:
+    """True biases of a unit at rest, and the expected scatter of means by the noise of the simulator."""
+    by_item = {item: [one for one in module.taken if one.conditions["item"] == item]
+               for item in ("bias", "flip", "stability", "repeatability")}  # fmt: skip
+    truth: dict[Key, float] = {}
+    for kind, prefix, item, factor, errors in (
+        ("gyro", "gyro", "bias", 3600.0, module.imu.errors.gyro),
+        ("accelerometer", "accel", "flip", -1.0, module.imu.errors.accel),
+    ):
+        name = "gyro_bias_deg_s" if kind == "gyro" else "accel_bias_g"
+        sensitivity = errors.sensitivity_at(module.degC(by_item[item]))[0]
+        bias = factor * sensitivity @ module.mean_bias(name, by_item[item])
+        (stable,) = by_item["stability"]
+        begins = stable.begin_s + 10.0 * np.arange(360)
+        windows = by_item["repeatability"]
+        for axis in range(3):
+            noise = _noise(kind, sensitivity[axis], 1.0 / module.rate_Hz)
+            unit = 3600.0 if kind == "gyro" else 1e3
+            place = {"kind": kind, "axis": "xyz"[axis]}
+            truth[_key(f"{prefix}_bias", place | {"output": "indicated"})] = bias[axis]
+            truth[_key(f"{prefix}_bias_stability", place)] = unit * _scatter(noise, begins, np.full(360, 10.0))
+            lengths = np.array([one.end_s - one.begin_s for one in windows])
+            starts = np.array([one.begin_s for one in windows])
+            truth[_key(f"{prefix}_bias_repeatability", place)] = unit * _scatter(noise, starts, lengths)
+    return truth
+
+
+def _noise(kind: str, row: np.ndarray, interval_s: float) -> tuple[float, list[tuple[float, float]]]:
+    """White variance of a mean over a second, and variance and time of each slow part, as the simulator makes them."""
+    gain = float(row @ row)
+    if kind == "gyro":
+        return (ARW_DEG_RT_H / 60.0) ** 2 + GYRO_LSB_DEG_S**2 / 12.0 * interval_s, [
+            (gain * SLOW_GYRO_DEG_S**2, SLOW_GYRO_S)
+        ]
+    white = VRW_G_RTS**2 + ACCEL_LSB_G**2 / 12.0 * interval_s
+    return white, [(gain * SLOW_ACCEL_G**2, time_s) for time_s in SLOW_ACCEL_S]
+
+
+def _scatter(noise: tuple[float, list[tuple[float, float]]], begin_s: np.ndarray, length_s: np.ndarray) -> float:
+    """Root of the expected sample variance of means, the slow parts summed up over ten points of each mean."""
+    points = begin_s[:, None] + (np.arange(10) + 0.5) / 10.0 * length_s[:, None]
+    covariance = np.diag(noise[0] / length_s)
+    for variance, time_s in noise[1]:
+        for first in range(10):
+            apart = points[:, first][:, None] - points.ravel()
+            covariance += variance * np.exp(-np.abs(apart) / time_s).reshape(len(begin_s), -1, 10).sum(axis=2) / 100.0
+    count = len(begin_s)
+    return float(np.sqrt((np.trace(covariance) - covariance.sum() / count) / (count - 1)))
+
+
+def magnetometer_truth(module: Module) -> dict[Key, float]:
+    """True ellipse of the turn about z by both methods, and the ellipsoid that keeps volumes."""
+    (turn,) = [one for one in module.taken if one.conditions["item"] == "magnetometer"]
+    begin_ns = np.array([round(turn.begin_s * NS)])
+    field = field_gauss(turn.table.motion, turn.table.table, SITE, EarthField(), None, begin_ns, turn.table.mounting)[0]
+    sensor = module.imu.magnetometer
+    plane = sensor.in_plane(float(np.hypot(*field[:2])), float(field[2]))
+    truth: dict[Key, float] = {}
+    for method in ("ellipse", "extremes"):
+        kind = {"kind": "magnetometer", "method": method}
+        for axis in range(2):
+            truth[_key("mag_offset", kind | {"axis": "xyz"[axis]})] = float(plane.offset_gauss[axis])
+        truth[_key("mag_gain", kind)] = plane.gain
+        truth[_key("mag_angle", kind)] = plane.angle_deg
+        truth[_key("mag_radius", kind)] = plane.radius_gauss
+    kind = {"kind": "magnetometer", "method": "ellipsoid"}
+    inverse = np.linalg.inv(sensor.matrix)
+    soft = np.real(sqrtm(inverse.T @ inverse)) / np.linalg.det(inverse) ** (1 / 3)
+    for row in range(3):
+        truth[_key("mag_hard_iron", kind | {"axis": "xyz"[row]})] = float(sensor.offset_gauss[row])
+        for column in range(row + 1):
+            truth[_key("mag_soft_iron", kind | {"row": "xyz"[row], "column": "xyz"[column]})] = soft[row, column]
+    return truth

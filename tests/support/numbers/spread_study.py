@@ -1,0 +1,70 @@
+"""Predicted uncertainties against the spread of estimates about the truth, over many campaigns."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from scipy import stats
+
+from bench.analysis import Estimates, Prediction
+
+Key = tuple[str, str]
+PROBABILITY = 0.999
+
+
+def key_of(entry: Mapping[str, Any]) -> Key:
+    """Name of an estimate: its quantity and where it holds."""
+    return entry["quantity"], json.dumps(entry["conditions"], sort_keys=True)
+
+
+@dataclass
+class Study:
+    """Errors of the estimates over their predicted standard uncertainties, one of each campaign."""
+
+    prediction: Prediction
+    scores: dict[Key, list[float]] = field(default_factory=dict)
+    stated: dict[Key, list[float]] = field(default_factory=dict)
+
+    def add(self, estimates: Estimates, truth: Mapping[Key, float]) -> None:
+        """Take a campaign in; each estimate with a truth must be predicted."""
+        predicted = {key_of(entry): entry["std_uncertainty"] for entry in self.prediction.estimates}
+        for entry in estimates:
+            key = key_of(entry)
+            if key in truth:
+                self.scores.setdefault(key, []).append((entry["value"] - truth[key]) / predicted[key])
+                self.stated.setdefault(key, []).append(entry["std_uncertainty"] / predicted[key])
+
+    def ratios(self) -> dict[Key, float]:
+        """Spread about the truth over the predicted uncertainty."""
+        return {key: float(np.sqrt(np.mean(np.square(scores)))) for key, scores in self.scores.items()}
+
+    def outside(self) -> dict[Key, float]:
+        """Ratios outside of their 99.9 % band of chi-square."""
+        found = {}
+        for key, ratio in self.ratios().items():
+            count = len(self.scores[key])
+            low, high = np.sqrt(stats.chi2.ppf([(1 - PROBABILITY) / 2, (1 + PROBABILITY) / 2], count) / count)
+            if not low < ratio < high:
+                found[key] = ratio
+        return found
+
+    def median(self) -> float:
+        return float(np.median(list(self.ratios().values())))
+
+    def lines(self) -> Iterable[str]:
+        """A line for each quantity: least, median and largest ratio over its places, and stated over predicted."""
+        by_quantity: dict[str, list[Key]] = {}
+        for key in self.scores:
+            by_quantity.setdefault(key[0], []).append(key)
+        ratios = self.ratios()
+        for quantity, keys in by_quantity.items():
+            own = [ratios[key] for key in keys]
+            stated = np.sqrt(np.mean([np.square(self.stated[key]) for key in keys]))
+            yield (
+                f"{quantity}: spread / predicted {min(own):.3f} to {max(own):.3f}, median {np.median(own):.3f} "
+                f"({len(keys)} places, {len(self.scores[keys[0]])} campaigns); stated / predicted {stated:.3f} rms"
+            )

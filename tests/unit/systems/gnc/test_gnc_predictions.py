@@ -1,0 +1,125 @@
+"""What predictions of GNC campaigns name as missing, and their figures against formulas."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rehearsal import ROOT
+
+from bench.analysis import Planned, Prediction
+from bench.model.errors import FitError
+from bench.plan import Plan, compile_sequence
+from bench.session.predicted import predicted
+from bench.systems.gnc.predicted.magnetometer import predicted as of_magnetometer
+
+NOISE = "gyro_random_walk: 0.3 deg/sqrt(h), "
+
+
+def plan_of(tmp_path: Path, name: str, *cuts: tuple[str, str], **settings: str) -> Plan:
+    """A shipped sequence with other words in it."""
+    text = (ROOT / "sequences" / f"{name}.yaml").read_text(encoding="utf-8")
+    for old, new in cuts:
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / f"{name}.yaml"
+    path.write_text(text, encoding="utf-8")
+    return compile_sequence(path, None, settings)
+
+
+def stds(prediction: Prediction, quantity: str) -> list[float]:
+    return [entry["std_uncertainty"] for entry in prediction.estimates if entry["quantity"] == quantity]
+
+
+def test_a_calibration_follows_the_formulas_of_white_noise(tmp_path: Path) -> None:
+    """Gyro bias N / sqrt(4 T); mean of six positions; scale factors from two integrals and from two positions."""
+    settled = ", gyro_wandering: [{size: 2 deg/h, over: 300 s}]"
+    slow = "accelerometer_wandering: [{size: 6 ug, over: 10 s}, {size: 6 ug, over: 100 s}, {size: 6 ug, over: 1000 s}],"
+    found = predicted(plan_of(tmp_path, "gnc_imu_calibration", (settled, ""), (slow, "")))
+    assert found.missing == []
+    walk, turn_s = math.sqrt((0.3 / 60.0) ** 2 + 0.005**2 / 12.0 / 200.0), 5.0 + 1.0  # 270 deg/s and its ramps
+    np.testing.assert_allclose(stds(found, "gyro_bias"), 3600.0 * walk / math.sqrt(4.0 * 21.3), rtol=0.005)
+    due_ppm = 1e6 * walk * math.sqrt(2.0 * turn_s) / 2160.0
+    np.testing.assert_allclose(stds(found, "gyro_scale_error"), due_ppm, rtol=0.02)
+    mean_g = math.sqrt((1e-4**2 + 1e-3**2 / 12.0 / 200.0) / 300.0)
+    np.testing.assert_allclose(stds(found, "accel_bias"), mean_g / math.sqrt(6.0), rtol=1e-6)
+    due_ppm = 1e6 * mean_g / math.sqrt(2.0) / (9.7969 / 9.80665)
+    np.testing.assert_allclose(stds(found, "accel_scale_error"), due_ppm, rtol=1e-6)
+
+
+def test_a_longer_position_buys_what_its_noise_allows(tmp_path: Path) -> None:
+    short, long = (predicted(plan_of(tmp_path, "gnc_imu_calibration", position=time)) for time in ("100 s", "400 s"))
+    gain = stds(short, "accel_scale_error")[0] / stds(long, "accel_scale_error")[0]
+    assert 1.2 < gain < 2.0  # white noise alone would make it 2
+
+
+def test_the_tilt_that_the_site_states_is_in_it(tmp_path: Path) -> None:
+    plan = plan_of(tmp_path, "gnc_imu_calibration", ("azimuth: 90 deg}", "azimuth: 90 deg, tilt: 1 arcmin}"))
+    tilt = math.radians(1.0 / 60.0)
+    assert min(stds(predicted(plan), "accel_cross_coupling")) > 0.5 * tilt
+
+
+def test_what_a_plan_leaves_open_is_named(tmp_path: Path) -> None:
+    cut = '      - position: {up: +y, middle: 0 deg, inner: 90 deg, time: "{time}"}\n'
+    down = cut.replace("+y", "-y").replace("inner: 90", "inner: -90")
+    found = predicted(plan_of(tmp_path, "gnc_imu_calibration", (cut, ""), (down, "")))
+    assert stds(found, "accel_bias") == []
+    assert len(stds(found, "gyro_bias")) == 3
+    assert "position +y up: no record" in found.missing
+    assert any("B-FIT-001" in sentence for sentence in found.missing)
+    found = predicted(plan_of(tmp_path, "gnc_imu_calibration", ("  - rotations: {axis: z}\n", "")))
+    assert stds(found, "gyro_bias") == []
+    assert "rotation Z+: no record" in found.missing
+
+
+def test_a_record_that_ends_within_the_turn_is_named(tmp_path: Path) -> None:
+    found = predicted(plan_of(tmp_path, "gnc_imu_calibration", turn_record="4 s"))
+    assert stds(found, "gyro_bias") == []
+    assert any("B-FIT-08" in sentence for sentence in found.missing)
+
+
+@pytest.mark.parametrize("name", ["gnc_imu_calibration", "gnc_bias"])
+def test_noise_that_is_not_declared_is_asked_for(tmp_path: Path, name: str) -> None:
+    found = predicted(plan_of(tmp_path, name, (NOISE, "")))
+    assert stds(found, "gyro_bias") == []
+    assert stds(found, "accel_bias") != []
+    assert any("declare gyro_random_walk" in sentence for sentence in found.missing)
+
+
+def test_a_rest_that_is_too_short_is_named(tmp_path: Path) -> None:
+    found = predicted(plan_of(tmp_path, "gnc_bias", stability_time="30 min", repeat_gap="1 min"))
+    assert stds(found, "gyro_bias_stability") == stds(found, "accel_bias_repeatability") == []
+    assert sum("B-FIT-092" in sentence for sentence in found.missing) == 6
+    assert sum("B-FIT-093" in sentence for sentence in found.missing) == 6
+
+
+def test_a_magnetometer_without_declared_noise_or_field_b_gnc_008(tmp_path: Path) -> None:
+    field = ",\n   magnetic_field: {size: 0.43 gauss, inclination: 55 deg, declination: -4 deg}}"
+    for cut, name in (((field, "}"), "magnetic_field"), ((",\n     magnetometer_noise: 0.5 mgauss}", "}"), "noise")):
+        plan = plan_of(tmp_path, "gnc_magnetometer", cut)
+        found = predicted(plan)
+        assert found.estimates == []
+        (sentence,) = found.missing
+        assert name in sentence
+        assert "is not declared" in sentence
+        with pytest.raises(FitError) as caught:
+            of_magnetometer(Planned([], plan.campaign, {}))
+        assert caught.value.code == "B-GNC-008"
+
+
+def test_the_ellipse_of_an_even_turn_is_known_as_its_noise_says(tmp_path: Path) -> None:
+    """Offsets of n even readings of a circle: noise sqrt(2 / n); its radius noise sqrt(1 / n) for a known shape."""
+    found = predicted(plan_of(tmp_path, "gnc_magnetometer", record_time="48 s", attitude_time="24 s"))
+    noise = math.hypot(0.5e-3, 120e-6 / math.sqrt(12.0))
+    own = [entry for entry in found.estimates if entry["conditions"].get("method") == "ellipse"]
+    offsets = [entry["std_uncertainty"] for entry in own if entry["quantity"] == "mag_offset"]
+    np.testing.assert_allclose(offsets, noise * math.sqrt(2.0 / 9600.0), rtol=0.01)
+
+
+def test_attitudes_that_do_not_determine_an_ellipsoid_are_named(tmp_path: Path) -> None:
+    lines = [f'  - attitude: {{outer: "{{north}}", middle: {middle} deg}}\n' for middle in (20, -10, -35, -60, -90)]
+    found = predicted(plan_of(tmp_path, "gnc_magnetometer", *((line, "") for line in lines)))
+    assert stds(found, "mag_hard_iron") == []
+    assert any("B-FIT-091" in sentence for sentence in found.missing)
