@@ -62,7 +62,7 @@ def test_each_of_several_units_is_predicted_by_itself(tmp_path: Path) -> None:
 def test_an_analysis_without_a_prediction_says_so(tmp_path: Path) -> None:
     plan = compile_sequence(ROOT / "sequences" / "gnc_unit_test.yaml", None, {})
     (line,) = predicted_lines(plan, predicted(plan))
-    assert line == "missing: the analysis unit_test predicts no uncertainties"
+    assert line == "missing: the analysis gnc_unit_test predicts no uncertainties"
 
 
 def test_what_a_plan_does_not_determine_is_named(tmp_path: Path) -> None:
