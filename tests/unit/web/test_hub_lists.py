@@ -16,8 +16,8 @@ from web_rig import RUN, Page, served
 
 from bench.model.clock import VirtualClock
 from bench.record.writer import OPEN_MARKER
-from bench.web import partial
-from bench.web.partial import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, finished_estimates, joined
+from bench.session import partial_fits
+from bench.session.partial_fits import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, finished_estimates, joined
 from bench.web.recorded.listing import READ_AT_ONCE, RunList, verdict_of
 from bench.web.recorded.past import MOST_POINTS, Past, Trends, history_query
 from bench.web.runs import calibration_rows
@@ -209,7 +209,7 @@ def test_a_fit_runs_in_a_process_and_not_again_at_once(
         if looks == 100:
             raise asyncio.CancelledError
 
-    monkeypatch.setattr(partial, "pause", pause)
+    monkeypatch.setattr(partial_fits, "pause", pause)
     with pytest.raises(asyncio.CancelledError):
         asyncio.run(fitting.keep(tmp_path))
     assert log.read_text() == "xx", "at 0 s and at 60 s of 100 s"

@@ -1,0 +1,73 @@
+"""Uncertainties that the estimates of a session were to have, by its own plan, and will have at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from bench.analysis import Estimate, Estimates, expected_at_end, foreseen_name
+from bench.model.errors import BenchError
+from bench.model.systems import analysis_declaration
+from bench.plan import Plan, frozen_plan
+from bench.session.predicted import predicted
+from bench.session.view import SessionView
+
+Name = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Expected:
+    """An estimate as the whole plan predicts it. ``at_end_U``: expanded uncertainty it will have, None if unknown."""
+
+    predicted: Estimate
+    at_end_U: float | None
+
+
+def predicted_of(view: SessionView) -> Estimates:
+    """Return estimates as the plan of a session predicts them; [] where it has no plan, or nothing is predicted."""
+    plan = _plan_of(view)
+    return [] if plan is None else predicted(plan).estimates
+
+
+def expectations(view: SessionView, determined: Iterable[Mapping[str, Any]]) -> dict[Name, Expected]:
+    """Return what each estimate will come to, by its name, for a session that is still being recorded.
+
+    Args: determined: estimates of the records so far, as they are stated.
+    """
+    plan = _plan_of(view)
+    whole = [] if plan is None else predicted(plan).estimates
+    if plan is None or not whole:
+        return {}
+    so_far = {foreseen_name(entry): entry for entry in predicted(_up_to_now(plan, view)).estimates}
+    known = {foreseen_name(entry): entry for entry in determined}
+    names = ((foreseen_name(entry), entry) for entry in whole)
+    return {name: Expected(entry, _at_end_U(known.get(name), so_far.get(name), entry)) for name, entry in names}
+
+
+def _at_end_U(known: Mapping[str, Any] | None, so_far: Estimate | None, whole: Estimate) -> float | None:
+    """Return the expanded uncertainty at the end: as predicted for what the records so far do not determine."""
+    if known is None or so_far is None or not so_far["expanded_uncertainty"]:
+        return whole["expanded_uncertainty"]
+    known_U = known["expanded_uncertainty"]  # None of what is doubtful: nobody knows what that will come to
+    if known_U is None:
+        return None
+    return expected_at_end(known_U, so_far["expanded_uncertainty"], whole["expanded_uncertainty"])
+
+
+def _plan_of(view: SessionView) -> Plan | None:
+    """Return the plan of a session whose analysis predicts; None if the session does not hold one, or not whole."""
+    declared = analysis_declaration(str(view.manifest.get("campaign", {}).get("analysis")))
+    if declared is None or not declared.predicted:
+        return None
+    try:
+        return frozen_plan(Path(view.manifest["session"]), view.manifest, view.texts)
+    except BenchError:  # imported, of other software, or damaged: its results are the same without a prediction
+        return None
+
+
+def _up_to_now(plan: Plan, view: SessionView) -> Plan:
+    """Return a plan without the steps that come after the last record there is."""
+    last = max((row.window.step for row in view.rows), default=-1)
+    return replace(plan, steps=plan.steps[: last + 1])
