@@ -5,14 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bench.analysis import Estimate, Estimates, expected_at_end, foreseen_name
 from bench.model.errors import BenchError
 from bench.model.systems import analysis_declaration
 from bench.plan import Plan, frozen_plan
 from bench.session.predicted import predicted
-from bench.session.view import SessionView
+
+if TYPE_CHECKING:
+    from bench.session.view import SessionView
 
 Name = tuple[str, str]
 
@@ -25,8 +27,15 @@ class Expected:
     at_end_U: float | None
 
 
-def predicted_of(view: SessionView) -> Estimates:
-    """Return estimates as the plan of a session predicts them; [] where it has no plan, or nothing is predicted."""
+def predicted_of(view: SessionView, method: str) -> Estimates:
+    """Return estimates as the plan of a session predicts them, to hold those of a method against.
+
+    None where the run has not ended, by another method than the first, which predictions are by, and where the session
+    has no plan or nothing is predicted.
+    """
+    declared = analysis_declaration(str(view.manifest["campaign"]["analysis"]))
+    if view.incomplete or declared is None or method != declared.methods[0]:
+        return []
     plan = _plan_of(view)
     return [] if plan is None else predicted(plan).estimates
 
