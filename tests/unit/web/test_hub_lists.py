@@ -175,6 +175,9 @@ def test_partial_fits_are_put_behind_each_other() -> None:
         found = joined(found, {"records": records, "rows": [row(0.0)]}, 5.0)
     assert len(found["rows"][0]["history"]) == KEPT_PER_ROW
     many = {"records": 501, "rows": [row(0.0, channel) for channel in range(300)]}
+    expected = {**row(0.0), "value": None, "std_uncertainty": None, "expanded_uncertainty": None}
+    later = joined(found, {"records": 502, "rows": [expected]}, 5.0)["rows"][0]
+    assert later["history"] == found["rows"][0]["history"], "what is not determined has no past"
     assert max(len(one["history"]) for one in joined(found, many, 5.0)["rows"]) == KEPT_IN_ALL // 300
 
 
