@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -13,7 +13,7 @@ from bench.model.errors import InputError, SessionDamaged
 from bench.model.lab_code import recorded_code, require_code
 from bench.model.shipped import shipped_folder
 from bench.plan.compile import compile_sequence
-from bench.plan.plan import Plan, steps_sha256
+from bench.plan.plan import Plan, Step, steps_sha256
 from bench.plan.station import load_station
 from bench.plan.step_kinds import steps_of
 
@@ -30,22 +30,27 @@ def frozen_plan(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, s
     Raises: InputError B-RES-003 (the session holds no plan), InstallationError B-LAB-007 (code of a lab folder is not
             here), SessionDamaged B-RES-004 (texts or plan are not whole).
     """
-    if PLAN not in texts or "sequence" not in manifest:
-        raise InputError(
-            "B-RES-003",
-            "holds no plan to go on with: it was imported, recorded by hand, or written by other software",
-            where=str(folder),
-            next_step="name the folder of a session that 'bench run' has begun",
-        )
-    require_code(*recorded_code(manifest))
+    if PLAN not in texts:
+        raise _no_plan(folder)
     steps = steps_of(texts[PLAN], str(folder))
     if steps_sha256(steps) != manifest.get("plan_sha256"):
         raise _not_whole(folder, "its plan has another hash than its manifest says")
+    return plan_of_texts(folder, manifest, texts, steps)
+
+
+def plan_of_texts(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str], steps: Sequence[Step]) -> Plan:
+    """Return a plan of steps that are known, everything else from the YAML texts of a session.
+
+    Raises: InputError B-RES-003, InstallationError B-LAB-007, SessionDamaged B-RES-004, as ``frozen_plan``.
+    """
+    if "sequence" not in manifest:
+        raise _no_plan(folder)
+    require_code(*recorded_code(manifest))
     try:
         plan = _compiled(manifest, texts)
     except (InputError, OSError, StopIteration) as error:
         raise _not_whole(folder, f"its YAML texts do not compile: {error}") from error
-    return replace(plan, steps=steps, sha256=str(manifest["plan_sha256"]), files=_files(plan, texts))
+    return replace(plan, steps=tuple(steps), sha256=str(manifest["plan_sha256"]), files=_files(plan, texts))
 
 
 def _files(plan: Plan, texts: Mapping[str, str]) -> dict[str, str]:
@@ -65,6 +70,15 @@ def _compiled(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
         station = load_station(next(Path(place, "stations").glob("*.yaml")))
         sequence = Path(place, "sequences", f"{manifest['sequence']}.yaml")
         return compile_sequence(sequence, station, dict(manifest.get("settings", {})))
+
+
+def _no_plan(folder: Path) -> InputError:
+    return InputError(
+        "B-RES-003",
+        "holds no plan to go on with: it was imported, recorded by hand, or written by other software",
+        where=str(folder),
+        next_step="name the folder of a session that 'bench run' has begun",
+    )
 
 
 def _not_whole(folder: Path, why: str) -> SessionDamaged:

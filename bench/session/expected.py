@@ -2,21 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from bench.analysis import Estimate, Estimates, expected_at_end, foreseen_name
 from bench.model.errors import BenchError
 from bench.model.systems import analysis_declaration
-from bench.plan import Plan, frozen_plan
+from bench.plan import Plan, Step, plan_of_texts
+from bench.record import RecordRow
 from bench.session.predicted import predicted
 
-if TYPE_CHECKING:
-    from bench.session.view import SessionView
-
 Name = tuple[str, str]
+
+
+class Recorded(Protocol):
+    """A session, as far as it says what was planned and how much of it there is."""
+
+    @property
+    def manifest(self) -> Mapping[str, Any]: ...
+
+    @property
+    def texts(self) -> Mapping[str, str]: ...
+
+    @property
+    def plan_steps(self) -> Sequence[Step]: ...
+
+    @property
+    def rows(self) -> Sequence[RecordRow]: ...
+
+    @property
+    def incomplete(self) -> bool: ...
 
 
 @dataclass(frozen=True)
@@ -27,29 +44,29 @@ class Expected:
     at_end_U: float | None
 
 
-def predicted_of(view: SessionView, method: str) -> Estimates:
+def predicted_of(session: Recorded, method: str) -> Estimates:
     """Return estimates as the plan of a session predicts them, to hold those of a method against.
 
     None where the run has not ended, by another method than the first, which predictions are by, and where the session
     has no plan or nothing is predicted.
     """
-    declared = analysis_declaration(str(view.manifest["campaign"]["analysis"]))
-    if view.incomplete or declared is None or method != declared.methods[0]:
+    declared = analysis_declaration(str(session.manifest["campaign"]["analysis"]))
+    if session.incomplete or declared is None or method != declared.methods[0]:
         return []
-    plan = _plan_of(view)
+    plan = _plan_of(session)
     return [] if plan is None else predicted(plan).estimates
 
 
-def expectations(view: SessionView, determined: Iterable[Mapping[str, Any]]) -> dict[Name, Expected]:
+def expectations(session: Recorded, determined: Iterable[Mapping[str, Any]]) -> dict[Name, Expected]:
     """Return what each estimate will come to, by its name, for a session that is still being recorded.
 
     Args: determined: estimates of the records so far, as they are stated.
     """
-    plan = _plan_of(view)
+    plan = _plan_of(session)
     whole = [] if plan is None else predicted(plan).estimates
     if plan is None or not whole:
         return {}
-    so_far = {foreseen_name(entry): entry for entry in predicted(_up_to_now(plan, view)).estimates}
+    so_far = {foreseen_name(entry): entry for entry in predicted(_up_to_now(plan, session)).estimates}
     known = {foreseen_name(entry): entry for entry in determined}
     names = ((foreseen_name(entry), entry) for entry in whole)
     return {name: Expected(entry, _at_end_U(known.get(name), so_far.get(name), entry)) for name, entry in names}
@@ -65,18 +82,18 @@ def _at_end_U(known: Mapping[str, Any] | None, so_far: Estimate | None, whole: E
     return expected_at_end(known_U, so_far["expanded_uncertainty"], whole["expanded_uncertainty"])
 
 
-def _plan_of(view: SessionView) -> Plan | None:
+def _plan_of(session: Recorded) -> Plan | None:
     """Return the plan of a session whose analysis predicts; None if the session does not hold one, or not whole."""
-    declared = analysis_declaration(str(view.manifest.get("campaign", {}).get("analysis")))
-    if declared is None or not declared.predicted:
+    declared = analysis_declaration(str(session.manifest.get("campaign", {}).get("analysis")))
+    if declared is None or not declared.predicted or not session.plan_steps:
         return None
     try:
-        return frozen_plan(Path(view.manifest["session"]), view.manifest, view.texts)
+        return plan_of_texts(Path(session.manifest["session"]), session.manifest, session.texts, session.plan_steps)
     except BenchError:  # imported, of other software, or damaged: its results are the same without a prediction
         return None
 
 
-def _up_to_now(plan: Plan, view: SessionView) -> Plan:
+def _up_to_now(plan: Plan, session: Recorded) -> Plan:
     """Return a plan without the steps that come after the last record there is."""
-    last = max((row.window.step for row in view.rows), default=-1)
+    last = max((row.window.step for row in session.rows), default=-1)
     return replace(plan, steps=plan.steps[: last + 1])

@@ -42,9 +42,10 @@ def test_the_prediction_of_a_session_is_that_of_its_sequence(view: SessionView) 
 def test_nothing_is_held_against_a_part_another_method_or_without_a_plan(view: SessionView) -> None:
     assert predicted_of(replace(view, incomplete=True), "gls") == []
     assert predicted_of(view, "regression") == []
-    texts = {name: text for name, text in view.texts.items() if name != "plan.json"}
-    assert predicted_of(replace(view, texts=texts), "gls") == []
-    assert expectations(replace(view, texts=texts), stated(view)) == {}
+    texts = {name: text for name, text in view.texts.items() if not name.startswith("frames/")}
+    for without in (replace(view, plan_steps=()), replace(view, texts=texts)):
+        assert predicted_of(without, "gls") == []
+        assert expectations(without, stated(view)) == {}
     other = {**view.manifest, "campaign": {**view.manifest["campaign"], "analysis": "rlg_lock_in"}}
     assert expectations(replace(view, manifest=other), []) == {}
 
