@@ -1,6 +1,7 @@
 """The shared parts of every analysis: its material, its results, and the form of results.json."""
 
 from bench.analysis.acceptance import Acceptances, Accepted, acceptable
+from bench.analysis.agreement import NOTED, Agreement, agreements, expected_at_end, foreseen_name
 from bench.analysis.analysis import (
     Analysis,
     Chapter,
@@ -87,11 +88,13 @@ __all__ = [
     "DOUBTFUL",
     "INCOMPLETE",
     "LEAST_MOVE",
+    "NOTED",
     "OF_UNIT",
     "REFUSED",
     "UNIT",
     "Acceptances",
     "Accepted",
+    "Agreement",
     "Analysis",
     "Chapter",
     "Check",
@@ -121,6 +124,7 @@ __all__ = [
     "UnitUnderTest",
     "Value",
     "acceptable",
+    "agreements",
     "analyse",
     "analysis_module",
     "band",
@@ -138,7 +142,9 @@ __all__ = [
     "declared_analysis",
     "doubt_lines",
     "estimate",
+    "expected_at_end",
     "flag_problem",
+    "foreseen_name",
     "header",
     "is_sound",
     "joined",

@@ -9,10 +9,9 @@ from typing import Any
 from bench.commands.console import console
 from bench.model.errors import BenchError, ExitStatus, InputError, InputErrors
 from bench.model.units import hours
-from bench.plan import Plan, check_plan, compile_sequence
+from bench.plan import Plan, check_plan, compile_sequence, frozen_plan
 from bench.record import SessionReader, Survey, recover_session
 from bench.replay import replay_rows
-from bench.run.resume import frozen_plan
 from bench.session.makeup import make_up_sequence
 from bench.session.output import write_file
 from bench.session.record_states import RecordState, record_states, summary_lines

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from bench.commands.console import console
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.model.texts import ENGLISH, check_language
 from bench.run.feed.client import FeedClient, FeedGone
+from bench.session.partial_fits import PartialFits
 from bench.tui.app import TopApp
 from bench.tui.look import ASCII, FOLDER, Look, catalogue, glyphs_for
 from bench.tui.page import page_of
@@ -40,7 +43,13 @@ def top(session: Path | None, out: Path, language: str = ENGLISH) -> int:
     if not on_terminal:
         _print(watch.seen, look)
         return ExitStatus.PASS
-    TopApp(watch.seen, look, watch.look).run(mouse=False)  # so that text can be marked and copied
+    fits, folder = PartialFits(WallClock()), Path(watch.seen.folder)
+
+    async def fitted() -> Mapping[str, Any] | None:
+        await fits.once(folder)
+        return fits.of(folder.name)
+
+    TopApp(watch.seen, look, watch.look, fitted).run(mouse=False)  # so that text can be marked and copied
     return ExitStatus.PASS
 
 

@@ -7,6 +7,7 @@ from bench.plan.compile import compile_sequence
 from bench.plan.decision import FAIL, HOLD, PlannedDecision, decisions_of, left_out_by
 from bench.plan.drivers import declared_action, driver_actions
 from bench.plan.findings import Findings, suggestion
+from bench.plan.frozen import frozen_plan, plan_of_texts
 from bench.plan.language.graphs import COUNTS, Graph, GraphEntry, graphs_of, shown_signals
 from bench.plan.language.interlocks import Action, InterlockRule
 from bench.plan.language.mapping import (
@@ -103,6 +104,7 @@ __all__ = [
     "decisions_of",
     "declared_action",
     "driver_actions",
+    "frozen_plan",
     "graphs_of",
     "is_answered",
     "is_reading",
@@ -114,6 +116,7 @@ __all__ = [
     "mapping_schema",
     "names_made_of_logs",
     "plan_json",
+    "plan_of_texts",
     "recorded_rules",
     "roles_of",
     "round_count",

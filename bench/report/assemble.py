@@ -42,6 +42,7 @@ def report_model(
     notes: Iterable[str] = (),
     run: RunStory | None = None,
     main: Sequence[str] = (),
+    predicted: Sequence[Mapping[str, Any]] = (),
 ) -> ReportModel:
     """Gather what a report shows; nothing is fitted here and nothing is read from disk.
 
@@ -53,7 +54,7 @@ def report_model(
         residuals: per row of the fit {"channel", "kind", "temperature_degC", "current_A" (signed), "residual_ppm"
             or "residual_A", optionally "std_ppm"}.   components: rows of the table of uncertainty components.
         prompts: operator prompts and answers.   figures, tables, notes: of the analysis.   run: what happened.
-        main: quantities that the first page states.
+        main: quantities that the first page states.   predicted: estimates as the plan predicts them.
     """
     ready_s = _prepare_s(plan_steps) if prepare_s is None else prepare_s
     return ReportModel(
@@ -75,6 +76,7 @@ def report_model(
         started_utc=started_utc(str(results.get("session", ""))),
         run=run or RunStory(),
         main=tuple(main),
+        predicted=tuple(predicted),
     )
 
 

@@ -318,9 +318,9 @@ def coverage_table(model: ReportModel, words: Texts) -> Table | None:
             continue  # a count, or what nobody stated an uncertainty of
         scale, unit = readable(group)
         spans = (
-            _span(words, [scale * row["std_uncertainty"] for row in group if row.get("std_uncertainty")], significant),
-            _span(words, [row["coverage_factor"] for row in group if row.get("coverage_factor")], _factor_text),
-            _span(words, [scale * row["expanded_uncertainty"] for row in group if row.get("expanded_uncertainty")],
+            span(words, [scale * row["std_uncertainty"] for row in group if row.get("std_uncertainty")], significant),
+            span(words, [row["coverage_factor"] for row in group if row.get("coverage_factor")], _factor_text),
+            span(words, [scale * row["expanded_uncertainty"] for row in group if row.get("expanded_uncertainty")],
                   significant),
         )  # fmt: skip
         title = model.title_of(quantity, words.language)
@@ -329,7 +329,7 @@ def coverage_table(model: ReportModel, words: Texts) -> Table | None:
     return Table(words("coverage.table"), tuple(map(words, headers)), tuple(rows), stub=2) if rows else None
 
 
-def _span(words: Texts, values: Sequence[float], text_of: Callable[[float], str]) -> str:
+def span(words: Texts, values: Sequence[float], text_of: Callable[[float], str]) -> str:
     """Return least to greatest; once if they read the same."""
     if not values:
         return "–"

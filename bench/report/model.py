@@ -166,6 +166,7 @@ class ReportModel:
     """Everything a report shows. ``results`` is the document of results.json; the rest explains it.
 
     ``started_utc``: ISO 8601, empty if unknown.   ``main``: quantities that the analysis declares as its main ones.
+    ``predicted``: estimates as the plan predicts them, of which the uncertainties count.
     """
 
     title: str
@@ -186,6 +187,7 @@ class ReportModel:
     started_utc: str = ""
     run: RunStory = field(default_factory=RunStory)
     main: tuple[str, ...] = ()
+    predicted: tuple[Mapping[str, Any], ...] = ()
 
     @property
     def simulated(self) -> bool:

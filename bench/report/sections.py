@@ -11,6 +11,7 @@ from functools import partial
 from string import ascii_uppercase
 
 from bench.model.texts import Texts, told
+from bench.report.agreement_tables import agreement_parts
 from bench.report.estimate_tables import (
     across_tables,
     channel_table,
@@ -101,6 +102,8 @@ def _annex(model: ReportModel, words: Texts) -> Iterator[Section]:
     others = [table for table in model.tables if not on_uncertainty(table) and not table.lead]
     yield chapter("residuals", plots.residual_picture(model, words), *pivot_tables(model, words, residuals=True))
     yield chapter("budgets", components_table(model, words), *analysis_tables(budgets, words.language, title))
+    said, agreed = agreement_parts(model, words)
+    yield chapter("agreement", agreed, paragraphs=said)
     yield chapter("explanations", *analysis_tables(others, words.language, title))
     heads = (words("column.item"), words("column.value"))
     computed = pairs_table(words("provenance.results"), heads, provenance(computed_from(model), words))

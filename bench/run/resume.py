@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
-from typing import Any, Literal
+from typing import Any
 
-from bench.model.errors import InputError, InstrumentError, SessionDamaged
+from bench.model.errors import InputError, InstrumentError
 from bench.model.events import (
     Answer,
     Decision,
@@ -23,73 +21,15 @@ from bench.model.events import (
     UnitLeftOut,
     event_of,
 )
-from bench.model.lab_code import demand, recorded_code, refuse_others, require_code
-from bench.model.shipped import shipped_folder
-from bench.plan import Plan, PlannedSoak, compile_sequence, left_out_by, load_station, steps_of, steps_sha256
+from bench.model.lab_code import demand, recorded_code, refuse_others
+from bench.plan import Plan, PlannedSoak, frozen_plan, left_out_by
 from bench.record import OPEN_MARKER, Damage, JournalEntry, SessionReader, is_being_written, layout, read_journal
 from bench.run.links.unit import DONE, IDENTIFY
 from bench.run.provenance import code_of
 from bench.run.steps.position import Resumption, last_turn, stopped_at
 from bench.run.steps.setpoints import expected_of
 
-_KINDS: tuple[Literal["sequences", "stations", "frames"], ...] = ("sequences", "stations", "frames")
-_TEXT = re.compile(r"(sequences|stations|frames)/[A-Za-z0-9_][A-Za-z0-9_.-]*\.yaml")
-PLAN = "plan.json"
 CRASH = "crash or power cut"
-
-
-def frozen_plan(folder: Path, manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
-    """Return the plan of a session: steps as they were stored, everything else from its own YAML texts.
-
-    Nothing outside the session is read but code of a lab folder that it asks for.
-    ``files`` of the plan are the shipped files of the same names, if there are.
-    Raises: InputError B-RES-003 (the session holds no plan), InstallationError B-LAB-007 (code of a lab folder is not
-            here), SessionDamaged B-RES-004 (texts or plan are not whole).
-    """
-    if PLAN not in texts or "sequence" not in manifest:
-        raise InputError(
-            "B-RES-003",
-            "holds no plan to go on with: it was imported, recorded by hand, or written by other software",
-            where=str(folder),
-            next_step="name the folder of a session that 'bench run' has begun",
-        )
-    require_code(*recorded_code(manifest))
-    steps = steps_of(texts[PLAN], str(folder))
-    if steps_sha256(steps) != manifest.get("plan_sha256"):
-        raise _not_whole(folder, "its plan has another hash than its manifest says")
-    try:
-        plan = _compiled(manifest, texts)
-    except (InputError, OSError, StopIteration) as error:
-        raise _not_whole(folder, f"its YAML texts do not compile: {error}") from error
-    return replace(plan, steps=steps, sha256=str(manifest["plan_sha256"]), files=_files(plan, texts))
-
-
-def _files(plan: Plan, texts: Mapping[str, str]) -> dict[str, str]:
-    """Return shipped files of the names of the texts; where a station of its own was read from is unknown."""
-    kinds = [kind for kind in _KINDS if kind != "stations" or plan.station.in_process]
-    named = {name: shipped_folder(kind) / Path(name).name for kind in kinds for name in texts if name.startswith(kind)}
-    return {name: str(path) for name, path in named.items() if path.is_file()}
-
-
-def _compiled(manifest: Mapping[str, Any], texts: Mapping[str, str]) -> Plan:
-    with TemporaryDirectory() as place:
-        for name, text in texts.items():
-            if _TEXT.fullmatch(name):
-                path = Path(place, name)
-                path.parent.mkdir(exist_ok=True)
-                path.write_text(text, encoding="utf-8")
-        station = load_station(next(Path(place, "stations").glob("*.yaml")))
-        sequence = Path(place, "sequences", f"{manifest['sequence']}.yaml")
-        return compile_sequence(sequence, station, dict(manifest.get("settings", {})))
-
-
-def _not_whole(folder: Path, why: str) -> SessionDamaged:
-    return SessionDamaged(
-        "B-RES-004",
-        f"the configuration in the session is not whole: {why}",
-        where=str(folder),
-        next_step="'bench recover' lists what the session still holds and writes a make-up sequence",
-    )
 
 
 def changed_files(files: Mapping[str, str], texts: Mapping[str, str]) -> dict[str, str]:

@@ -1,38 +1,41 @@
 """Main estimates of a session that is still being recorded; a process of its own, niced, like early verdicts.
 
 ``python -m bench.session.partial SESSION``: reads the committed part of the session, prints one JSON document
-``{"records": n, "rows": [...]}`` and exits with 0. While nothing is determined, ``why`` says so.
+``{"records": n, "rows": [...]}`` and exits with 0. While nothing is determined, ``why`` says so. Estimates that the
+plan predicts have ``predicted_uncertainty`` and ``expected_uncertainty`` at the end, both expanded.
 """
 
 from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import analyse, doubt_lines, is_sound, results_json, rule_of, stated_estimates
+from bench.analysis import analyse, doubt_lines, foreseen_name, is_sound, results_json, rule_of, stated_estimates
 from bench.model.errors import BenchError
 from bench.model.posix import give_way
 from bench.model.systems import analysis_declaration
 from bench.model.titles import quantity_title
-from bench.record import SessionReader
+from bench.record import UNIT_TEMPERATURE, SessionReader
+from bench.session.expected import Expected, expectations
 from bench.session.one_unit import serials_of
 from bench.session.service import read_view
-from bench.session.view import material_of
+from bench.session.view import SessionView, material_of
 
 NICE = 19
-MEASURED = "unit_temperature_degC"
 KEYS = (
     "quantity", "unit", "conditions", "value", "std_uncertainty", "expanded_uncertainty", "limit", "limits", "verdict",
     "quality",
 )  # fmt: skip
+NOT_YET = {"value": None, "std_uncertainty": None, "expanded_uncertainty": None, "verdict": "none", "quality": None}
 
 
 def partial(folder: Path) -> dict[str, Any]:
-    """Return estimates that are determined so far, the main ones of the analysis; others where there is none of these.
+    """Return the main estimates of the analysis, or others where there is none of these: determined so far or expected.
 
+    Those that the plan predicts come first, in its order, whether they are determined or not.
     Raises: InputError B-REC-010 (no session); SessionDamaged B-REC-012 (no manifest).
     """
     if serials_of(SessionReader(folder).manifest):
@@ -41,23 +44,36 @@ def partial(folder: Path) -> dict[str, Any]:
     document: dict[str, Any] = {"records": len(view.rows), "rows": []}
     if not view.has_analysis:
         return {**document, "why": "this sequence asks for no analysis"}
+    entries: list[dict[str, Any]] = []
     try:
         entries = stated_estimates(analyse(material_of(view)), rule_of(view.manifest["campaign"].get("decision")))
+        document["doubt"] = doubt_lines(entries)
     except BenchError as error:  # most often: too few records yet
-        return {**document, "why": error.message}
+        document["why"] = error.message
+    rows = _rows(view, entries)
+    return {**document, "rows": rows} if rows else {"why": "no estimate is determined yet", **document}
+
+
+def _rows(view: SessionView, entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     analysis = str(view.manifest["campaign"]["analysis"])
-    determined = [_row(entry, analysis) for entry in entries if _is_number(entry["value"]) or not is_sound(entry)]
-    document["doubt"] = doubt_lines(entries)
+    determined = {foreseen_name(entry): entry for entry in entries if _is_number(entry["value"]) or not is_sound(entry)}
+    expected = expectations(view, determined.values())
+    rows = [_row(determined.get(name), expected.get(name), analysis) for name in {**expected, **determined}]
     declared = analysis_declaration(analysis)
     main = () if declared is None else declared.main
-    rows = [row for row in determined if row["quantity"] in main] or determined
-    return {**document, "rows": rows} if rows else {**document, "why": "no estimate is determined yet"}
+    return [row for row in rows if row["quantity"] in main] or rows
 
 
-def _row(estimate: Mapping[str, Any], analysis: str) -> dict[str, Any]:
+def _row(estimate: Mapping[str, Any] | None, expected: Expected | None, analysis: str) -> dict[str, Any]:
     """Return what is measured of the conditions changes with each record; what is left names the estimate."""
+    if estimate is None:
+        assert expected is not None
+        estimate = {**expected.predicted, **NOT_YET}
     row = {key: estimate.get(key) for key in KEYS}
-    conditions = {key: value for key, value in dict(row["conditions"] or {}).items() if key != MEASURED}
+    if expected is not None:
+        row["predicted_uncertainty"] = expected.predicted["expanded_uncertainty"]
+        row["expected_uncertainty"] = expected.at_end_U
+    conditions = {key: value for key, value in dict(row["conditions"] or {}).items() if key != UNIT_TEMPERATURE}
     return {**row, "conditions": conditions, "title": quantity_title(analysis, str(row["quantity"]))}
 
 

@@ -39,6 +39,7 @@ from bench.plan import StationFile, Step
 from bench.record import Damage, RecordRow
 from bench.replay import Splice
 from bench.report import Laboratory, Report, ReportModel, RunStory, TemperatureTrace, report_model
+from bench.session.expected import predicted_of
 from bench.session.happenings import (
     alarms_raised,
     commands_given,
@@ -267,6 +268,7 @@ def model_of(view: SessionView, results: Mapping[str, Any], analysis: Analysis) 
         notes=[*([INCOMPLETE] if view.incomplete else []), *noted, *analysis.notes, *punctuality(view), *view.remarks],
         run=_story(view),
         main=_main(view),
+        predicted=predicted_of(view, analysis.method),
     )
 
 

@@ -1,10 +1,14 @@
-"""The terminal view of a living run: it looks on, twice a second, and changes nothing."""
+"""The terminal view of a living run: it looks on, twice a second, and changes nothing.
+
+What the results come to, a process of its own finds out now and then (``bench.session.partial_fits``).
+"""
 
 from __future__ import annotations
 
 import asyncio
-from collections.abc import Callable
-from typing import ClassVar
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import replace
+from typing import Any, ClassVar
 
 from rich.text import Text
 from textual.app import App, ComposeResult
@@ -19,10 +23,16 @@ from bench.tui.page import page_of
 from bench.tui.watch import Seen
 
 LOOK_EVERY_S = 0.5
+FIT_LOOK_S = 1.0
+Fitted = Callable[[], Awaitable[Mapping[str, Any] | None]]
 
 
 class TopApp(App[None]):
-    """Args: seen: what is known of the run. look: how it is drawn. again: asks the run once more, on a thread."""
+    """A page on the terminal.
+
+    Args: seen: what is known of the run. look: how it is drawn. again: asks the run once more, on a thread.
+          fitted: gives the estimates so far, after a new fit where one is due.
+    """
 
     ENABLE_COMMAND_PALETTE = False
     CSS = """
@@ -42,9 +52,10 @@ class TopApp(App[None]):
         )),
     ]  # fmt: skip
 
-    def __init__(self, seen: Seen, look: Look, again: Callable[[], Seen]) -> None:
+    def __init__(self, seen: Seen, look: Look, again: Callable[[], Seen], fitted: Fitted) -> None:
         super().__init__(ansi_color=True)  # the terminal's own colours, light or dark
-        self._seen, self._look, self._again = seen, look, again
+        self._seen, self._look, self._again, self._fitted = seen, look, again, fitted
+        self._estimates: Mapping[str, Any] | None = None
 
     def compose(self) -> ComposeResult:
         yield Static(id="head", markup=False)
@@ -56,6 +67,7 @@ class TopApp(App[None]):
         self.watch(self.query_one("#rest"), "scroll_y", self._draw_keys, init=False)
         self._draw()
         self.run_worker(self._follow())
+        self.run_worker(self._fit())
 
     def on_resize(self) -> None:
         self._draw()
@@ -68,9 +80,14 @@ class TopApp(App[None]):
             self._draw()
             await pause(LOOK_EVERY_S)
 
+    async def _fit(self) -> None:
+        while self._seen.document["state"] != "ended":
+            self._estimates = await self._fitted()
+            await pause(FIT_LOOK_S)
+
     def _draw(self) -> None:
         self._look = self._look.at(width=max(20, self.size.width))
-        page = page_of(self._seen, self._look)
+        page = page_of(replace(self._seen, estimates=self._estimates), self._look)
         self.query_one("#head", Static).update(Text("\n").join(page.head))
         self.query_one("#body", Static).update(Text("\n").join(page.body))
         self.call_after_refresh(self._draw_keys)

@@ -16,7 +16,7 @@ from bench.model.units import plain_quantity, plain_unit
 from bench.run.feed.outputs import figures_of
 from bench.tui.folding import cut, folded, joined, spread
 from bench.tui.look import Look, duration
-from bench.tui.tables import alarms, instruments, links, log, records, temperature
+from bench.tui.tables import alarms, estimates, instruments, links, log, records, temperature
 from bench.tui.watch import Seen
 
 STYLES = {
@@ -49,7 +49,7 @@ def state_of(seen: Seen) -> str:
 
 def page_of(seen: Seen, look: Look) -> Page:
     """Return the page of what was last heard of a run."""
-    sections = (doing, outcome, prompt, holds, alarms, temperature, links, records, instruments, log)
+    sections = (doing, outcome, prompt, holds, alarms, temperature, estimates, links, records, instruments, log)
     body = [line for section in sections for line in section(seen, look)]
     return Page(_head(seen, look), body)
 

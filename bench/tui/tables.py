@@ -1,4 +1,4 @@
-"""Sections of a page: temperatures with a small plot of characters, alarms, links, records, instruments, the log."""
+"""Sections of a page: temperatures with a small plot of characters, estimates, alarms, links, records, the log."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 
 from rich.text import Text
 
+from bench.model.units import plain_quantity
 from bench.run.feed.planned import conditions_in_words
 from bench.tui.folding import cut, folded, joined
 from bench.tui.look import Look, duration
@@ -93,6 +94,33 @@ def _conditions(record: Mapping[str, Any], look: Look) -> str:
     if not isinstance(conditions, Mapping):
         return look.clean(conditions or "")
     return look.clean(conditions_in_words(conditions))
+
+
+def estimates(seen: Seen, look: Look) -> list[Text]:
+    """Return the greatest uncertainty of each quantity: of the records so far, at the end of the run, as predicted."""
+    known = seen.estimates
+    if known is None:
+        return []
+    lines = folded(look.texts("estimates.when", records=known["records"]), look.width, first="  ", rest="    ")
+    for said in known.get("doubt") or ():
+        lines += folded(look.clean(said), look.width, "yellow", "  ", "    ")
+    by_title: dict[str, list[Mapping[str, Any]]] = {}
+    for row in known["rows"]:
+        by_title.setdefault(look.clean(row["title"]), []).append(row)
+    for title, rows in by_title.items():
+        determined = sum(row["value"] is not None for row in rows)
+        parts = [f"  {title}", look.texts("estimates.known", known=determined, of=len(rows))]
+        parts += [_greatest(rows, f"{which}_uncertainty", look) for which in ("expanded", "expected", "predicted")]
+        lines += joined(parts, look.width, rest="    ")
+    return titled(look, "section.estimates", lines)
+
+
+def _greatest(rows: Sequence[Mapping[str, Any]], which: str, look: Look) -> str:
+    """Return the greatest of an uncertainty with two digits; "" if no row has it."""
+    greatest = max((row[which] for row in rows if row.get(which)), default=None)
+    if greatest is None:
+        return ""
+    return look.texts(f"estimates.{which}", U=look.clean(plain_quantity(float(f"{greatest:.2g}"), rows[0]["unit"])))
 
 
 def instruments(seen: Seen, look: Look) -> list[Text]:

@@ -91,7 +91,8 @@ class Trend:
 class Seen:
     """The contents of a page. ``age_s``: since the run answered last. ``last``: newest value of a signal.
 
-    ``guard``: what the guard of a run that is lost did.
+    ``guard``: what the guard of a run that is lost did.   ``estimates``: those of the records so far, as in the state
+    document of the page server; None while nobody has fitted them.
     """
 
     document: Mapping[str, Any]
@@ -101,6 +102,7 @@ class Seen:
     last: dict[str, float] = field(default_factory=dict)
     trend: Trend = field(default_factory=Trend)
     guard: Mapping[str, Any] | None = None
+    estimates: Mapping[str, Any] | None = None
 
     def keep_trend(self, t_utc_s: NDArray[np.float64], low: NDArray[np.float32], high: NDArray[np.float32]) -> None:
         """Add readings of the unit, degC; a NaN is no reading."""

@@ -15,9 +15,9 @@ from bench.model.clock import Clock, pause
 from bench.model.errors import BenchError
 from bench.record import OPEN_MARKER, TrendWindow
 from bench.run.feed.client import FeedGone, FeedReply
+from bench.session.partial_fits import PartialFits
 from bench.web.live import FeedLine, LiveRun, listens
 from bench.web.now import now_of, silent_row
-from bench.web.partial import PartialFits
 from bench.web.points import Points
 from bench.web.recorded.listing import Row, RunList, run_folder
 from bench.web.recorded.past import HistoryQuery, Past

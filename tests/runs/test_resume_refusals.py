@@ -14,11 +14,11 @@ from bench.commands.resume import resume
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InputError, InstrumentError, SessionDamaged
 from bench.model.shipped import find_shipped
-from bench.plan import Plan, Step, compile_sequence, load_station
+from bench.plan import Plan, Step, compile_sequence, frozen_plan, load_station
 from bench.record import Journal, SessionReader
 from bench.run.bench.talk import TalkSession
 from bench.run.control.operator import SimulatedOperator
-from bench.run.resume import changed_files, frozen_plan, read_stopped
+from bench.run.resume import changed_files, read_stopped
 from bench.run.session import Conducted, conduct
 from bench.session.happenings import happenings
 from bench.session.service import read_view

@@ -20,7 +20,7 @@ from bench.model.folders import cache_folder
 from bench.model.processes import TREND, own_process
 from bench.record import FOLDER, TrendReader, TrendWindow
 from bench.replay import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
-from bench.web.partial import finished_estimates
+from bench.session.partial_fits import finished_estimates
 from bench.web.points import Points, binned
 from bench.web.recorded.listing import FILES, results_of
 from bench.web.recorded.outcome import outcome_of

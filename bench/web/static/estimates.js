@@ -120,6 +120,8 @@ function withUncertainty(value, uncertainty) {
   return [minus((value / scale).toFixed(places) + tail), minus((uncertainty / scale).toFixed(places) + tail)];
 }
 
+const twoDigits = (uncertainty) => withUncertainty(uncertainty, uncertainty)[1];
+
 /** The limit of a result: one number on both sides of zero, or low and high. */
 function limitText({ limit = null, limits = null }) {
   if (limits === null) return limit === null ? "" : `\u00b1${limit}`;
@@ -178,7 +180,10 @@ export function showEstimates(everything = false) {
   if (!estimates) return;
   const when = stamp(estimates.t_utc_s, page.state.started_utc_s);
   say(byId("estimates-when"), t(estimates.final ? "estimate.of-session" : "estimate.when", { time: when, records: estimates.records ?? "\u2013" }));
-  const columns = [["quantity", "fixed"], ["conditions", ""], ["value", "number"], ["uncertainty", "number"], ["unit", "fixed"], ["limit", "number"], ["verdict", "fixed"], ["course", ""]]
+  const foreseen = rows.some((row) => row.predicted_uncertainty);
+  byId("estimates-foreseen").hidden = !foreseen;
+  const claims = foreseen ? ["now", "end", "predicted"] : ["uncertainty"];
+  const columns = [["quantity", "fixed"], ["conditions", ""], ["value", "number"], ...claims.map((name) => [name, "number"]), ["unit", "fixed"], ["limit", "number"], ["verdict", "fixed"], ["course", ""]]
     .map(([name, look]) => ({ head: t(`estimate.${name}`), class: look }));
   const keys = new Set();
   fillTable(byId("estimates"), columns, rows.map((row) => {
@@ -187,7 +192,7 @@ export function showEstimates(everything = false) {
     const [value, uncertainty] = withUncertainty(row.value, row.expanded_uncertainty ?? row.std_uncertainty);
     const claim = ["doubtful", "refused"].includes(row.quality) ? t(`quality.${row.quality}`) : uncertainty;
     return { key, class: VERDICT_CLASS[row.verdict] ?? "",
-      cells: [names.get(key)?.text === nameOf(row) ? names.get(key).button : nameCell(row, key), conditions(row.conditions), value, claim, unitText(row.unit), limitText(row), row.verdict && row.verdict !== "none" ? word("verdict", row.verdict) : "", cellOf(key, row)] };
+      cells: [names.get(key)?.text === nameOf(row) ? names.get(key).button : nameCell(row, key), conditions(row.conditions), value, claim, ...(foreseen ? [row.expected_uncertainty, row.predicted_uncertainty].map(twoDigits) : []), unitText(row.unit), limitText(row), row.verdict && row.verdict !== "none" ? word("verdict", row.verdict) : "", cellOf(key, row)] };
   }), estimates.why ?? t("estimate.none"));
   for (const kept of [pictures, names]) for (const key of [...kept.keys()]) if (!keys.has(key)) kept.delete(key);
   large(rows);

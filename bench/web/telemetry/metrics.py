@@ -135,8 +135,13 @@ def _add_links(table: _Table, of: dict[str, str], state: Document) -> None:
 
 
 def _add_estimates(table: _Table, run: str, state: Document) -> None:
-    """Add the estimates that the page shows, in their own unit; a refused one has no value."""
+    """Add the estimates that the page shows, in their own unit; a refused one has no value.
+
+    One that is only expected has neither a value nor a quality, and is left out.
+    """
     for row in _rows(_mapping(state.get("estimates")).get("rows")):
+        if row.get("value") is None and row.get("quality") is None:
+            continue
         conditions = ", ".join(f"{name}={value}" for name, value in _mapping(row.get("conditions")).items())
         texts = (run, row.get("quantity"), row.get("unit"), conditions, row.get("quality") or "sound")
         labels = dict(zip(_ESTIMATE, map(_label, texts), strict=True))

@@ -8,7 +8,7 @@ import sys
 
 from bench.cli import main
 from bench.model.clock import NS, WallClock
-from bench.web import partial
+from bench.session import partial_fits
 
 SHORTEST_S = 2.0
 
@@ -27,6 +27,6 @@ if __name__ == "__main__":
     if sys.argv[1] == "fit":
         sys.stdout.write(fitted())
     else:
-        partial.SHORTEST_S, partial.SHARE = SHORTEST_S, 2
-        partial.PartialFits.__init__.__defaults__ = ((sys.executable, __file__, "fit"),)
+        partial_fits.SHORTEST_S, partial_fits.SHARE = SHORTEST_S, 2
+        partial_fits.PartialFits.__init__.__defaults__ = ((sys.executable, __file__, "fit"),)
         sys.exit(main())

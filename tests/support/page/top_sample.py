@@ -82,6 +82,20 @@ PROMPT = {
 }  # fmt: skip
 
 
+ESTIMATES = {
+    "records": 412, "t_utc_s": NOW_S, "doubt": [],
+    "rows": [
+        {"quantity": quantity, "title": title, "unit": unit, "conditions": {"channel": channel},
+         "value": value, "expanded_uncertainty": U, "expected_uncertainty": at_end, "predicted_uncertainty": predicted}
+        for quantity, title, unit, channel, value, U, at_end, predicted in (
+            ("dsf_n", "Scale-factor error N", "ppm", 1, 412.3, 22.14, 22.31, 22.27),
+            ("dsf_n", "Scale-factor error N", "ppm", 2, None, None, 22.26, 22.26),
+            ("bias", "Bias", "A", 1, 3.6e-7, 1.003e-8, 1.003e-8, 1.0e-8),
+        )
+    ],
+}  # fmt: skip
+
+
 @dataclass
 class Reply:
     """What a feed answers."""

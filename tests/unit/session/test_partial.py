@@ -8,13 +8,16 @@ import shutil
 from pathlib import Path
 
 import pytest
-from trend_sample import run_short
+from trend_sample import run_short, short_plan
 
 from bench.analysis import analyse
 from bench.model.systems import analyses
 from bench.session import partial as command
+from bench.session.predicted import predicted
 from bench.session.service import read_view
 from bench.session.view import material_of
+
+MAIN = analyses()["scale_factor"][0].main
 
 
 @pytest.fixture(scope="module")
@@ -27,20 +30,21 @@ def test_a_finished_session_gives_its_main_estimates(session: Path) -> None:
     full = {
         (one["quantity"], one["conditions"]["channel"], one["conditions"]["temperature_degC"]): one["value"]
         for one in analyse(material_of(read_view(session))).estimates
-        if one["quantity"] in analyses()["scale_factor"][0].main
+        if one["quantity"] in MAIN
     }
     assert found["records"] > 0
     assert {row["quantity"] for row in found["rows"]} >= {"dsf_n", "dsf_p"}
     assert next(row["title"] for row in found["rows"] if row["quantity"] == "dsf_n") == "Scale-factor error N"
     for row in found["rows"]:
-        assert set(row) == {*command.KEYS, "title"}
+        assert set(row) == {*command.KEYS, "title", "predicted_uncertainty", "expected_uncertainty"}
+        assert row["expected_uncertainty"] == pytest.approx(row["expanded_uncertainty"], rel=1e-12), "nothing comes"
         assert "unit_temperature_degC" not in row["conditions"], "what is measured does not name an estimate"
         key = (row["quantity"], row["conditions"]["channel"], row["conditions"]["temperature_degC"])
         assert row["value"] == full.pop(key)
     assert full == {}
 
 
-def test_a_session_that_has_just_begun_says_why_there_is_nothing(
+def test_a_session_that_has_just_begun_says_what_is_expected_and_why_nothing_is_determined(
     session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(os, "nice", lambda step: 0)
@@ -49,8 +53,12 @@ def test_a_session_that_has_just_begun_says_why_there_is_nothing(
     (tmp_path / "session.0001.mcap").write_bytes(content[: len(content) // 4])
     assert command.main([str(tmp_path)]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert said["rows"] == []
     assert said["why"] != ""
+    whole = predicted(short_plan()).estimates
+    assert len(said["rows"]) == len([entry for entry in whole if entry["quantity"] in MAIN])
+    for row in said["rows"]:
+        assert (row["value"], row["expanded_uncertainty"], row["quality"]) == (None, None, None)
+        assert row["expected_uncertainty"] == row["predicted_uncertainty"] > 0.0
 
 
 def test_what_is_no_session_is_refused(

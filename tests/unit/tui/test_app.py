@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from rich.cells import cell_len
 from textual.pilot import Pilot
-from top_sample import ALARM, PROMPT, FakeFeed, Gone, SetClock, document
+from top_sample import ALARM, ESTIMATES, PROMPT, FakeFeed, Gone, SetClock, document
 
 from bench.tui.app import TopApp
 from bench.tui.look import ASCII, UNICODE, Glyphs, Look, catalogue
@@ -31,7 +31,10 @@ class Bench:
         self.feed, self.clock = FakeFeed(document(**changes)), SetClock()
         self.end: dict[str, Any] | None = None
         self.watch = Watch(Path("/data/sessions/run"), self.feed, self.clock, lambda: self.end, Gone)
-        self.app = TopApp(self.watch.seen, Look(catalogue(), glyphs), self.watch.look)
+        self.app = TopApp(self.watch.seen, Look(catalogue(), glyphs), self.watch.look, self.fitted)
+
+    async def fitted(self) -> dict[str, Any]:
+        return ESTIMATES
 
     def screen(self) -> list[str]:
         """Every line that is on the screen now."""
@@ -146,6 +149,17 @@ def test_everything_can_be_scrolled_to_and_the_head_stays(tmp_path: Path) -> Non
         assert bench.screen()[1] == first[2]
 
     show(Bench(), act)
+
+
+def test_uncertainties_of_the_results_so_far(tmp_path: Path) -> None:
+    async def act(pilot: Pilot[None], bench: Bench) -> None:
+        text = "\n".join(await until(pilot, bench, "RESULTS SO FAR"))
+        assert "after 412 records" in text
+        assert "Scale-factor error N  1 of 2  U so far 22 ppm  at the end 22 ppm  predicted 22 ppm" in text
+        assert "Bias  1 of 1  U so far 10 nA  at the end 10 nA  predicted 10 nA" in text
+        bench.picture("results", tmp_path)
+
+    show(Bench(), act, "wide")
 
 
 def test_local_time_by_a_key() -> None:

@@ -16,8 +16,8 @@ from web_rig import RUN, Page, served
 
 from bench.model.clock import VirtualClock
 from bench.record.writer import OPEN_MARKER
-from bench.web import partial
-from bench.web.partial import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, finished_estimates, joined
+from bench.session import partial_fits
+from bench.session.partial_fits import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, finished_estimates, joined
 from bench.web.recorded.listing import READ_AT_ONCE, RunList, verdict_of
 from bench.web.recorded.past import MOST_POINTS, Past, Trends, history_query
 from bench.web.runs import calibration_rows
@@ -175,6 +175,9 @@ def test_partial_fits_are_put_behind_each_other() -> None:
         found = joined(found, {"records": records, "rows": [row(0.0)]}, 5.0)
     assert len(found["rows"][0]["history"]) == KEPT_PER_ROW
     many = {"records": 501, "rows": [row(0.0, channel) for channel in range(300)]}
+    expected = {**row(0.0), "value": None, "std_uncertainty": None, "expanded_uncertainty": None}
+    later = joined(found, {"records": 502, "rows": [expected]}, 5.0)["rows"][0]
+    assert later["history"] == found["rows"][0]["history"], "what is not determined has no past"
     assert max(len(one["history"]) for one in joined(found, many, 5.0)["rows"]) == KEPT_IN_ALL // 300
 
 
@@ -209,7 +212,7 @@ def test_a_fit_runs_in_a_process_and_not_again_at_once(
         if looks == 100:
             raise asyncio.CancelledError
 
-    monkeypatch.setattr(partial, "pause", pause)
+    monkeypatch.setattr(partial_fits, "pause", pause)
     with pytest.raises(asyncio.CancelledError):
         asyncio.run(fitting.keep(tmp_path))
     assert log.read_text() == "xx", "at 0 s and at 60 s of 100 s"

@@ -28,6 +28,7 @@ from bench.systems.af_converter.register import (
     Standards,
     common_errors,
 )
+from bench.systems.af_converter.wording import say
 
 if TYPE_CHECKING:
     from bench.record import RecordRow
@@ -35,8 +36,7 @@ if TYPE_CHECKING:
 Array = np.ndarray[Any, np.dtype[np.float64]]
 _PPM = 1e6
 _ONE = np.eye(2)
-_SENSOR, _DRIFT = "temperature sensor of the unit", "drift of the calibrator"
-_STEADY_DRIFT = "steady drift of the calibrator, by the times of the records"
+_SENSOR, _DRIFT, _STEADY_DRIFT = (say(f"component.{error}") for error in ("sensor", "drift_bound", "steady_drift"))
 
 
 def sensor_effect_ppm(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> Array:

@@ -115,7 +115,8 @@ def test_alarms_temperatures_and_estimates(page: Page, shown: ShownRun) -> None:
     estimate = {"quantity": "dsf_n", "unit": "ppm", "value": 412.31, "expanded_uncertainty": 19.9, "limit": 500.0,
                 "conditions": {"channel": 1, "kind": "gyro"}, "quality": "sound"}  # fmt: skip
     one_sided = {**estimate, "quantity": "bias", "limit": None, "limits": {"low": None, "high": 2e-9}}
-    page.app.state.hub.added = lambda run: {"estimates": {"rows": [estimate, one_sided]}, "operator": None}
+    expected = {**estimate, "quantity": "dsf_p", "value": None, "expanded_uncertainty": None, "quality": None}
+    page.app.state.hub.added = lambda run: {"estimates": {"rows": [estimate, one_sided, expected]}, "operator": None}
     alarm = {"id": "1", "severity": "alarm", "code": None, "t_utc_s": 0.0, "text": "x", "active": True,
              "acknowledged": None, "shelved": None}  # fmt: skip
     shown.state["alarms"] = [
@@ -138,6 +139,7 @@ def test_alarms_temperatures_and_estimates(page: Page, shown: ShownRun) -> None:
         dict(key[1])["side"] for key in read if ("quantity", "bias") in key[1] and key[0] == "bench_estimate_limit"
     }
     assert sides == {"high"}
+    assert not [key for key in read if ("quantity", "dsf_p") in key[1]], "nothing is known of it yet"
 
 
 def test_both_formats_say_the_same(page: Page, shown: ShownRun) -> None:

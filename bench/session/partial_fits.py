@@ -1,4 +1,4 @@
-"""Estimates of a run that still goes on, as they converge: fitted by a process of its own, seldom, for all viewers."""
+"""Estimates of a run that still goes on, as they converge: fitted by a process of its own, seldom, for all who look."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def joined(before: Estimates | None, answer: dict[str, Any], t_utc_s: float) -> 
     rows = []
     for row in answer["rows"]:
         history = list(known.get(_key(row), {}).get("history", ()))
-        if not history or history[-1][0] != records:
+        if row["value"] is not None and (not history or history[-1][0] != records):
             history.append([records, row["value"], row["std_uncertainty"], row.get("expanded_uncertainty")])
         rows.append({**row, "history": history[-kept:]})
     return {"t_utc_s": t_utc_s, "records": records, "rows": rows, "doubt": answer.get("doubt", [])}

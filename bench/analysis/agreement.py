@@ -1,0 +1,88 @@
+"""Predicted and achieved uncertainties of a campaign, side by side: the prediction checks the chain, and the chain it.
+
+Decision: docs/decisions/0050-predicted-against-achieved.md.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from bench.record import UNIT_TEMPERATURE
+
+NOTED = 0.10  # of the predicted U: what differs by more is worth a sentence
+MEASURED = (UNIT_TEMPERATURE, "hours")  # conditions that a run measures: a prediction has planned ones in their place
+_MOST = 0.5  # of the growth of a variance: who brings more is named
+_LEAST_SHARE = 1e-6  # of the variance achieved; below it nothing has grown
+
+Entry = Mapping[str, Any]
+Name = tuple[str, str]
+
+
+def foreseen_name(entry: Entry) -> Name:
+    """Return what names an estimate before the run as after it: its quantity, and its conditions but measured ones."""
+    conditions = {name: value for name, value in entry["conditions"].items() if name not in MEASURED}
+    return str(entry["quantity"]), json.dumps(conditions, sort_keys=True, default=str)
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """An estimate that was predicted and achieved. ``ratio``: of its expanded uncertainties, achieved to predicted.
+
+    ``grown``: label of the error that brings most of what the variance has grown by; "" where none is known to.
+    """
+
+    predicted: Entry
+    achieved: Entry
+    ratio: float
+    grown: str
+
+    @property
+    def is_noted(self) -> bool:
+        """Return whether the two differ by more than ``NOTED``."""
+        return abs(self.ratio - 1.0) > NOTED
+
+
+def agreements(predicted: Iterable[Entry], achieved: Iterable[Entry]) -> list[Agreement]:
+    """Return the estimates that have an expanded uncertainty in both, in the order in which they were predicted."""
+    found = {foreseen_name(entry): entry for entry in achieved}
+    pairs = ((entry, found.get(foreseen_name(entry))) for entry in predicted)
+    return [
+        Agreement(before, after, after["expanded_uncertainty"] / before["expanded_uncertainty"], _grown(before, after))
+        for before, after in pairs
+        if after and before["expanded_uncertainty"] and after["expanded_uncertainty"]
+    ]
+
+
+def _grown(before: Entry, after: Entry) -> str:
+    """Return the label of the common error whose variance has grown by most of what the whole variance has."""
+    growth = after["std_uncertainty"] ** 2 - before["std_uncertainty"] ** 2
+    if growth <= _LEAST_SHARE * after["std_uncertainty"] ** 2:
+        return ""
+    known = _parts(before)
+    grown = {label: part**2 - known.get(label, 0.0) ** 2 for label, part in _parts(after).items()}
+    label = max(grown, key=lambda name: grown[name], default="")
+    return label if label and grown[label] > _MOST * growth else ""
+
+
+def _parts(entry: Entry) -> dict[str, float]:
+    common = entry.get("common") or {}
+    return {label: part for parts in common.values() for label, part in parts.items()}
+
+
+def expected_at_end(so_far: float, predicted_so_far: float, predicted: float) -> float:
+    """Return the uncertainty that an estimate will have at the end of a run.
+
+    It falls in the proportion in which the prediction does with the records that are to come. Where the prediction only
+    rises, for a drift over a longer time, they do not concern the estimate itself: what it has beyond the prediction
+    stays and is independent of the rise. Where nothing more comes, it is what it is.
+
+    Args: so_far: of the records that there are.   predicted_so_far: by a prediction of these alone.
+          predicted: of all records. All in one unit, all standard or all expanded, none 0.
+    """
+    if predicted_so_far < min(so_far, predicted):
+        return math.sqrt(so_far**2 + predicted**2 - predicted_so_far**2)
+    return so_far * predicted / predicted_so_far

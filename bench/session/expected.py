@@ -1,0 +1,99 @@
+"""Uncertainties that the estimates of a session were to have, by its own plan, and will have at its end."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, Protocol
+
+from bench.analysis import Estimate, Estimates, expected_at_end, foreseen_name
+from bench.model.errors import BenchError
+from bench.model.systems import analysis_declaration
+from bench.plan import Plan, Step, plan_of_texts
+from bench.record import RecordRow
+from bench.session.predicted import predicted
+
+Name = tuple[str, str]
+
+
+class Recorded(Protocol):
+    """A session, as far as it says what was planned and how much of it there is."""
+
+    @property
+    def manifest(self) -> Mapping[str, Any]: ...
+
+    @property
+    def texts(self) -> Mapping[str, str]: ...
+
+    @property
+    def plan_steps(self) -> Sequence[Step]: ...
+
+    @property
+    def rows(self) -> Sequence[RecordRow]: ...
+
+    @property
+    def incomplete(self) -> bool: ...
+
+
+@dataclass(frozen=True)
+class Expected:
+    """An estimate as the whole plan predicts it. ``at_end_U``: expanded uncertainty it will have, None if unknown."""
+
+    predicted: Estimate
+    at_end_U: float | None
+
+
+def predicted_of(session: Recorded, method: str) -> Estimates:
+    """Return estimates as the plan of a session predicts them, to hold those of a method against.
+
+    None where the run has not ended, by another method than the first, which predictions are by, and where the session
+    has no plan or nothing is predicted.
+    """
+    declared = analysis_declaration(str(session.manifest["campaign"]["analysis"]))
+    if session.incomplete or declared is None or method != declared.methods[0]:
+        return []
+    plan = _plan_of(session)
+    return [] if plan is None else predicted(plan).estimates
+
+
+def expectations(session: Recorded, determined: Iterable[Mapping[str, Any]]) -> dict[Name, Expected]:
+    """Return what each estimate will come to, by its name, for a session that is still being recorded.
+
+    Args: determined: estimates of the records so far, as they are stated.
+    """
+    plan = _plan_of(session)
+    whole = [] if plan is None else predicted(plan).estimates
+    if plan is None or not whole:
+        return {}
+    so_far = {foreseen_name(entry): entry for entry in predicted(_up_to_now(plan, session)).estimates}
+    known = {foreseen_name(entry): entry for entry in determined}
+    names = ((foreseen_name(entry), entry) for entry in whole)
+    return {name: Expected(entry, _at_end_U(known.get(name), so_far.get(name), entry)) for name, entry in names}
+
+
+def _at_end_U(known: Mapping[str, Any] | None, so_far: Estimate | None, whole: Estimate) -> float | None:
+    """Return the expanded uncertainty at the end: as predicted for what the records so far do not determine."""
+    if known is None or so_far is None or not so_far["expanded_uncertainty"]:
+        return whole["expanded_uncertainty"]
+    known_U = known["expanded_uncertainty"]  # None of what is doubtful: nobody knows what that will come to
+    if known_U is None:
+        return None
+    return expected_at_end(known_U, so_far["expanded_uncertainty"], whole["expanded_uncertainty"])
+
+
+def _plan_of(session: Recorded) -> Plan | None:
+    """Return the plan of a session whose analysis predicts; None if the session does not hold one, or not whole."""
+    declared = analysis_declaration(str(session.manifest.get("campaign", {}).get("analysis")))
+    if declared is None or not declared.predicted or not session.plan_steps:
+        return None
+    try:
+        return plan_of_texts(Path(session.manifest["session"]), session.manifest, session.texts, session.plan_steps)
+    except BenchError:  # imported, of other software, or damaged: its results are the same without a prediction
+        return None
+
+
+def _up_to_now(plan: Plan, session: Recorded) -> Plan:
+    """Return a plan without the steps that come after the last record there is."""
+    last = max((row.window.step for row in session.rows), default=-1)
+    return replace(plan, steps=plan.steps[: last + 1])
