@@ -105,6 +105,8 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
     out.print(f"  disk         at most {summary.disk_bytes / 1e6:.0f} MB")
     for link, pace in decoding.items():
         out.print(f"  decoding     {link}: {pace}")
+    for sentence in summary.stops:
+        out.print(f"  stop rule    {sentence}")
     for hazard in summary.hazards:
         out.print(f"  hazard       {hazard}")
     for sentence in summary.unwatched:

@@ -83,8 +83,9 @@ class _Compiler:
         scope = Scope(self._variables(expander), expander.role_attribute, {})
         serial = self._serial(expander, scope)
         expander.units = planned_units(expander, scope)
+        expander.campaign = self._campaign(constants, rate_Hz, serial)
         lengths = self._expand(expander, scope)
-        campaign = self._campaign(constants, rate_Hz, serial) | self._values(expander, scope)
+        campaign = {**expander.campaign, **self._values(expander, scope)}
         plan = self._assembled(expander, lengths, frames, link, campaign)
         rules = plan_rules(document.model.interlocks, document, self.station, plan.frames, findings)
         plan = replace(plan, interlocks=rules_of_units(rules, plan.units))
