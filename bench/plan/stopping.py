@@ -7,6 +7,7 @@ Decision: docs/decisions/0047-stop-rules.md.
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any
@@ -120,13 +121,19 @@ def _rule(
         quantised, declared = point.random(plan.campaign, conditions, records * seconds, cuts)
         return quantised if of_scatter else declared
 
-    least = next((records for records in range(first, until.most + 1) if known(records) <= target), None)
-    if least is None:
-        bound, what = known(until.most), "quantisation alone" if of_scatter else "declared noise and quantisation"
+    least = first
+    if known(first) > target:
+        more = range(first + 1, until.most + 1)
+        least += 1 + bisect_left(more, True, key=lambda records: known(records) <= target)
+    if least > until.most:
+        bound, what = (
+            known(until.most),
+            "quantisation alone leaves" if of_scatter else "declared noise and quantisation leave",
+        )
         relative = f" ({1e6 * bound / point.level(conditions):.3g} ppm)"
         message = (
             f"a mean with a random component of {format_quantity(target, point.UNIT, 3)} is asked for; after "
-            f"{until.most * seconds:g} s {what} leave {format_quantity(bound, point.UNIT, 3)}{relative}"
+            f"{until.most * seconds:g} s {what} {format_quantity(bound, point.UNIT, 3)}{relative}"
         )
         plan.fail("B-PLAN-161", (*path, "random"), message, "ask for no less than that, or allow more records")
         return None
