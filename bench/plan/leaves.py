@@ -142,9 +142,6 @@ def _record(plan: Expander, step: RecordStep, at: Path, scope: Scope) -> None:
     if record.samples:
         arguments["samples"] = True
         _can_keep(plan, _SAMPLES, plan.has_samples, seconds, (*path, "samples"))
-    if record.windows is not None and record.windows > 1 and record.retry:
-        message = f"{record.windows} windows without a gap cannot be taken again (retry {record.retry})"
-        plan.fail("B-PLAN-068", (*path, "retry"), message, "leave 'retry' out; lost frames are counted in each window")
 
     def take(length: Quantity | None, more: Mapping[str, Any], own: Mapping[str, Any]) -> None:
         _windows(plan, record, {**arguments, "seconds": length, **more}, {**conditions, **own}, path, scope, length)
@@ -162,6 +159,9 @@ def _windows(
 ) -> None:  # fmt: skip
     link = next(iter(plan.document.model.frame), "")
     name = record.label or record.purpose
+    if record.windows is not None and record.windows > 1 and record.retry:
+        message = f"{record.windows} windows without a gap cannot be taken again (retry {record.retry})"
+        plan.fail("B-PLAN-068", (*path, "retry"), message, "leave 'retry' out; lost frames are counted in each window")
     for index in range(record.windows or 1):
         follows = {"follows": True} if record.follows or index else {}
         numbered = {} if record.windows is None else {"window_index": index}

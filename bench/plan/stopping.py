@@ -1,7 +1,7 @@
 """Points that may end early: by declared noise, which fixes their length at once, or by the scatter of a first stage.
 
 A first stage is several records without a gap and a decision behind them; its branches are one further record each, of
-several lengths. So whatever holds for decisions holds here: position, proof, resumption, the longest branch for the time.
+several lengths. So whatever holds for decisions holds here: position, proof, resumption, and the longest branch counts.
 Decision: docs/decisions/0047-stop-rules.md.
 """
 
@@ -112,11 +112,12 @@ def _rule(
         message = f"{until.random} is no ratio and no quantity in {point.UNIT} above zero"
         plan.fail("B-PLAN-031", (*path, "random"), message, "write for example '2 ppm'")
         return None
-    target = given.value * (point.level(conditions) if given.dimension == "1" else 1.0)
+    level = point.level(conditions)
+    target = given.value * (level if given.dimension == "1" else 1.0)
     first, of_scatter = _first_of(until), until.by == _SCATTER
 
     def known(records: int) -> float:
-        """Standard uncertainty after so many records; what scatter will show besides quantisation is not known."""
+        """Return what is known of the standard uncertainty after so many records: of scatter only that of quanta."""
         cuts = 1 + (of_scatter and records > first)
         quantised, declared = point.random(plan.campaign, conditions, records * seconds, cuts)
         return quantised if of_scatter else declared
@@ -125,19 +126,16 @@ def _rule(
     if known(first) > target:
         more = range(first + 1, until.most + 1)
         least += 1 + bisect_left(more, True, key=lambda records: known(records) <= target)
-    if least > until.most:
-        bound, what = (
-            known(until.most),
-            "quantisation alone leaves" if of_scatter else "declared noise and quantisation leave",
-        )
-        relative = f" ({1e6 * bound / point.level(conditions):.3g} ppm)"
-        message = (
-            f"a mean with a random component of {format_quantity(target, point.UNIT, 3)} is asked for; after "
-            f"{until.most * seconds:g} s {what} {format_quantity(bound, point.UNIT, 3)}{relative}"
-        )
-        plan.fail("B-PLAN-161", (*path, "random"), message, "ask for no less than that, or allow more records")
-        return None
-    return _Rule(target, first, least, until.most)
+    if least <= until.most:
+        return _Rule(target, first, least, until.most)
+    bound, what = known(until.most), "declared noise and quantisation leave"
+    what = "quantisation alone leaves" if of_scatter else what
+    message = (
+        f"a mean with a random component of {format_quantity(target, point.UNIT, 3)} is asked for; after "
+        f"{until.most * seconds:g} s {what} {format_quantity(bound, point.UNIT, 3)} ({1e6 * bound / level:.3g} ppm)"
+    )
+    plan.fail("B-PLAN-161", (*path, "random"), message, "ask for no less than that, or allow more records")
+    return None
 
 
 def _stages(plan: Expander, rule: _Rule, seconds: Quantity, path: Path, scope: Scope, take: Take) -> None:

@@ -30,10 +30,8 @@ def stopping_text(until: str, seconds: str, levels: str = "10 mA, 100 mA") -> st
         assert text.count(old) == 1, old
         text = text.replace(old, new)
     before, point = text.split("\n  point:\n")
-    dwell = '          seconds: "{dwell}"\n'
-    return f"{before}\n  point:\n" + point.replace(
-        dwell, f"          seconds: {seconds}\n          until: {until}\n", 1
-    )
+    dwell, ruled = '          seconds: "{dwell}"\n', f"          seconds: {seconds}\n          until: {until}\n"
+    return f"{before}\n  point:\n" + point.replace(dwell, ruled, 1)
 
 
 def stopping_plan(folder: Path, until: str, seconds: str, levels: str = "10 mA, 100 mA") -> Plan:

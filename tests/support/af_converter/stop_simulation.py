@@ -1,4 +1,4 @@
-"""Measuring points that end early: pulses of a converter at DC, from the physics alone, and what the product makes of it.
+"""Measuring points that end early: pulses of a converter at DC by the physics alone, and what the product makes of it.
 
 The charge of a current with white noise is a random walk with a slope; pulses are whole quanta of it, and the AF clock
 is counted in whole periods. Nothing of bench is used to make them. The product decides how long a point lasts, makes

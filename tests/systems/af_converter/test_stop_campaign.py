@@ -1,9 +1,10 @@
-"""A campaign whose points end early: run, killed in the middle of a point and gone on with, held, replayed, analysed."""
+"""A campaign whose points end early: run, killed in the middle of a point, gone on with, replayed, analysed."""
 
 from __future__ import annotations
 
 import math
 import shutil
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,7 @@ from bench.replay.parts import recorded_windows
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
 from bench.run.steps.first_stage import looked_at
+from bench.run.steps.position import in_point, point_start, point_stop
 from bench.session.service import read_view
 from bench.session.view import analyse_view
 
@@ -73,8 +75,7 @@ def test_each_decision_is_an_event_that_its_records_bear_out(crashes: Crashes) -
         event = events[decision.number]
         assert (event["readings"], event["outcome"]) == (readings, decision.outcome(more))
         assert all(
-            later.window.first_counter == row.window.first_counter + row.window.frames
-            for row, later in zip(first, first[1:], strict=False)
+            later.window.first_counter == row.window.first_counter + row.window.frames for row, later in pairwise(first)
         )
         for branch in decision.branches:
             asked = set(range(branch.first, branch.stop))
@@ -112,6 +113,18 @@ def test_the_commands_go_on_and_replay_to_the_same_numbers(
     assert main_of(monkeypatch, "resume", str(folder)) == 0
     assert main_of(monkeypatch, "replay", str(folder)) == 0
     assert "every number is identical" in capsys.readouterr().out
+
+
+def test_a_point_in_stages_begins_and_ends_as_one(crashes: Crashes) -> None:
+    """A hold goes back to where its route is set, a skip goes on behind its verification, wherever it is."""
+    steps = crashes.plan.phase("campaign")
+    decision, offset = rules(crashes)[1], steps[0].number
+    begin = next(at for at in range(decision.number - offset, 0, -1) if steps[at].name == "standby")
+    verify = next(at for at in range(decision.number - offset, len(steps)) if steps[at].kind == "verify")
+    for at in range(decision.arguments["first"][0] - offset, verify + 1):
+        assert point_start(steps, at) == begin
+        assert point_stop(steps, at) == verify + 1
+        assert in_point(steps, at) == (steps[at] is not decision)
 
 
 def test_a_point_is_one_reading_with_the_freedom_of_its_first_stage(crashes: Crashes) -> None:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from stop_plan import BY_SCATTER, stopping_plan
-from stop_simulation import DECLARED_A_rtHz, K0_C, Measured, by_noise, by_running_scatter, by_scatter
+from stop_simulation import K0_C, DECLARED_A_rtHz, Measured, by_noise, by_running_scatter, by_scatter
 
 from bench.maths.verdict import clopper_pearson
 from bench.plan import Plan

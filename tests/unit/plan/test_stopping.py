@@ -1,4 +1,4 @@
-"""What ``until`` makes of records: lengths against the formula of quantisation and noise, branches, and its mistakes."""
+"""What ``until`` makes of records: lengths against the formula of quantisation and noise, branches, mistakes."""
 
 from __future__ import annotations
 

@@ -36,10 +36,10 @@ def joined(
 ) -> tuple[Readings, NDArray[np.bool_]]:
     """Return readings of which each is a whole point, and which rows (m,) are the first of theirs.
 
-    Counts and gates add up; records without a gap between them have no fraction of a pulse there. ``scatter`` of a point
-    is the variance of its mean from the scatter of its first stage alone: that of one record over the records of that
-    length in the whole point. The scatter holds the fractions of a pulse at the ends of each record, so that of a point
-    which is quiet beside a pulse is too large, never too small.
+    Counts and gates add up; records without a gap between them cut no pulse there. ``scatter`` of a point is the
+    variance of its mean from the scatter of its first stage alone: that of one record over the records of that length
+    in the whole point. It holds the fractions of a pulse at the ends of each record, so that of a point which is quiet
+    beside a pulse is too large, never too small.
 
     Args:    places: of each row, equal for records of one point, which stand behind each other; None for a row that is
              a point by itself, (m,).   stages: 1 for records of the first stage, (m,).   follows: records that begin
