@@ -10,6 +10,7 @@ from typing import Any, Protocol
 
 UNTIL = "until"  # word of the decision
 STAGE, STAGE_INDEX = "until_stage", "until_index"  # conditions of a record that is one of several of a point
+FIRST, SECOND = 1, 2  # stages
 
 
 class Point(Protocol):

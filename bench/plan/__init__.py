@@ -45,6 +45,7 @@ from bench.plan.step_kinds import (
     plan_json,
     steps_of,
 )
+from bench.plan.stopping import is_other_length
 from bench.plan.summary import SECOND_BYTES, Summary, summarise, unwatched
 from bench.plan.values import UNIT
 
@@ -105,6 +106,7 @@ __all__ = [
     "driver_actions",
     "graphs_of",
     "is_answered",
+    "is_other_length",
     "is_reading",
     "json_schemas",
     "left_out_by",

@@ -28,6 +28,7 @@ from bench.plan.plan import Phase, Plan, Step, steps_sha256
 from bench.plan.slots import planned_units, rules_of_units
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedRecord
+from bench.plan.stopping import is_other_length
 from bench.plan.unroll import Unroller
 from bench.plan.values import Scope, plain, traced
 
@@ -253,7 +254,8 @@ def _found(source: Path, frame: str) -> Path:
 
 
 def _records(steps: list[Step] | tuple[Step, ...]) -> int:
-    return sum(isinstance(step, PlannedRecord) and step.phase == "campaign" for step in steps)
+    records = [step for step in steps if isinstance(step, PlannedRecord) and step.phase == "campaign"]
+    return sum(not is_other_length(step, before) for before, step in zip([None, *records], records, strict=False))
 
 
 def _bytes_s(definition: FrameDefinition) -> float:

@@ -14,21 +14,20 @@ from typing import Any
 
 from bench.maths.stein import LEAST_FIRST
 from bench.model.errors import FitError
-from bench.model.stopping import STAGE, STAGE_INDEX, UNTIL, Point
+from bench.model.stopping import FIRST, SECOND, STAGE, STAGE_INDEX, UNTIL, Point
 from bench.model.systems import analysis_declaration, named
 from bench.model.units import format_quantity, hours
 from bench.plan.deciding import Known, join
 from bench.plan.decision import Branch, PlannedDecision, decisions_of
 from bench.plan.expand import Expander, Path
 from bench.plan.language.steps import Record, Until
-from bench.plan.plan import Plan
+from bench.plan.plan import Plan, Step
 from bench.plan.step_kinds import MEASUREMENT, PlannedRecord
 from bench.plan.values import Quantity, Scope
 
-NEEDED = "records"  # what the decision goes by: how many more, of the length of one of the first stage
+NEEDED = "records"  # what the decision goes by: how many more, each as long as one of the first stage
 _SCATTER = "scatter"
 _ALONE = ("windows", "follows", "readings", "every", "expect", "pulse_timing", "samples")  # not beside 'until'
-
 _LENGTHS = sorted({*(2**power for power in range(10)), *(3 * 2**power for power in range(9))})
 
 Take = Callable[[Quantity, Mapping[str, Any], Mapping[str, Any]], None]  # length, more arguments, more conditions
@@ -45,7 +44,7 @@ def expand_until(
     """
     until, here = record.until, (*path, UNTIL)
     assert until is not None
-    longest = replace(seconds, value=until.most * seconds.value)
+    longest = _times(seconds, until.most)
     asked = analysis_declaration(str(plan.campaign.get("analysis")))
     if refusal := _refusal(plan, record, until, "" if asked is None else asked.point):
         plan.fail("B-PLAN-160", here, *refusal)
@@ -62,7 +61,7 @@ def expand_until(
         return take(longest, {}, {})
     if until.by == _SCATTER:
         return _stages(plan, rule, seconds, path, scope, take)
-    return take(replace(seconds, value=rule.least * seconds.value), {"longest": longest.value}, {})
+    return take(_times(seconds, rule.least), {"longest": longest.value}, {})
 
 
 @dataclass(frozen=True)
@@ -142,7 +141,7 @@ def _stages(plan: Expander, rule: _Rule, seconds: Quantity, path: Path, scope: S
     """Append the records of the first stage, the decision, and a branch for each length of a second one."""
     begin = len(plan.steps)
     for index in range(rule.first):
-        take(seconds, {"follows": True} if index else {}, {STAGE: 1, STAGE_INDEX: index})
+        take(seconds, {"follows": True} if index else {}, {STAGE: FIRST, STAGE_INDEX: index})
     number, lengths = len(plan.steps), _lengths(rule.most - rule.first)
     asked = {"first": list(range(begin, number)), "target": rule.target, "least": rule.least}
     retry_step = begin if plan.retry_step is None else plan.retry_step
@@ -153,7 +152,7 @@ def _stages(plan: Expander, rule: _Rule, seconds: Quantity, path: Path, scope: S
     for length in lengths:
         before.again(plan)
         first = len(plan.steps)
-        take(replace(seconds, value=length * seconds.value), {}, {STAGE: 2, STAGE_INDEX: 0})
+        take(_times(seconds, length), {}, {STAGE: SECOND, STAGE_INDEX: 0})
         ways.append(Known.of(plan))
         branches.append(Branch(_outcome(length), first, len(plan.steps), "within", (0.0, float(length))))
     join(plan, ways)
@@ -163,6 +162,10 @@ def _stages(plan: Expander, rule: _Rule, seconds: Quantity, path: Path, scope: S
     plan.steps[number] = replace(decision, branches=tuple(branches))
 
 
+def _times(seconds: Quantity, records: int) -> Quantity:
+    return replace(seconds, value=round(records * seconds.value, 9))
+
+
 def _outcome(records: int) -> str:
     return f"{records} more"
 
@@ -170,6 +173,11 @@ def _outcome(records: int) -> str:
 def _lengths(most: int) -> list[int]:
     """Return the lengths of a second stage in records: few, so that a plan stays short, the last is ``most``."""
     return [*(length for length in _LENGTHS if length < most), most]
+
+
+def is_other_length(step: Step, before: Step | None) -> bool:
+    """Return whether a step is a second stage of another length than the step ``before`` it: one of both is taken."""
+    return all(other is not None and other.conditions.get(STAGE) == SECOND for other in (step, before))
 
 
 def stop_lines(plan: Plan) -> Iterator[str]:
@@ -184,4 +192,5 @@ def stop_lines(plan: Plan) -> Iterator[str]:
         )
     deciding = [decision for decision in decisions_of(plan.steps) if decision.word == UNTIL]
     if deciding:
-        yield f"{len(deciding)} points end by the scatter of their first stage; the times are those of the longest"
+        count = len(deciding)
+        yield f"{count} points end by the scatter of their first stage; times and records are those of the longest"

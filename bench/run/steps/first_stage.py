@@ -43,5 +43,5 @@ def looked_at(
     last = max(asked["first"])
     return float(due - len(asked["first"])), [
         {"name": "scatter", "value": stdev(means), "unit": point.UNIT, "step": last},
-        {"name": "records due", "value": due, "unit": "1", "step": last},
+        {"name": "records_due", "value": due, "unit": "1", "step": last},
     ]

@@ -9,7 +9,7 @@ from typing import Any
 
 from bench.model.events import Decision, End, Event, Exchange, Prompt, Reading, Record, Resume, Retake, Skip
 from bench.model.ports import Action
-from bench.model.stopping import STAGE, STAGE_INDEX, UNTIL
+from bench.model.stopping import FIRST, STAGE, STAGE_INDEX, UNTIL
 from bench.plan import (
     Plan,
     PlannedCall,
@@ -223,7 +223,7 @@ def _staged(step: Step) -> bool:
     if isinstance(step, PlannedDecision):
         return step.word == UNTIL
     stage = step.conditions.get(STAGE) if isinstance(step, PlannedRecord) else None
-    return stage is not None and (stage, step.conditions[STAGE_INDEX]) != (1, 0)
+    return stage is not None and (stage, step.conditions[STAGE_INDEX]) != (FIRST, 0)
 
 
 def _closes(steps: Sequence[Step], index: int, record: int | None, readings: Container[int]) -> bool:

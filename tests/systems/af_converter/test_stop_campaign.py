@@ -13,6 +13,7 @@ from crashes import Crashes, crashed_at, go_on, nobody, nobody_in
 from rehearsal import SEED, contents, main_of
 from stop_plan import BY_NOISE, BY_SCATTER, stopping_plan
 
+from bench.maths.budget import combine_all
 from bench.model.clock import VirtualClock
 from bench.model.stopping import STAGE, UNTIL
 from bench.plan import PlannedDecision, PlannedRecord, decisions_of
@@ -23,7 +24,10 @@ from bench.run.session import conduct
 from bench.run.steps.first_stage import looked_at
 from bench.run.steps.position import in_point, point_start, point_stop
 from bench.session.service import read_view
-from bench.session.view import analyse_view
+from bench.session.view import analyse_view, material_of
+from bench.systems.af_converter.scale_factor.budgets import components_of
+from bench.systems.af_converter.scale_factor.determined import determine
+from bench.web.recorded.past import Past
 
 PLACES = ("first stage", "decision", "second stage", "behind the second stage")
 
@@ -115,6 +119,17 @@ def test_the_commands_go_on_and_replay_to_the_same_numbers(
     assert "every number is identical" in capsys.readouterr().out
 
 
+def test_one_record_is_counted_of_all_second_stages(crashes: Crashes) -> None:
+    """Before the first decision, and at the end: those that were taken, and the page says the same."""
+    points = 4 * (10 + 1) + 10  # levels; zeros, open inputs and the closing repeat
+    assert crashes.plan.record_count == points
+    taken = sum(step >= crashes.plan.phase("campaign")[0].number for step in records_in(crashes.whole).values())
+    records = Past().final(crashes.whole)["records"]
+    assert (records["done"], records["planned"]) == (taken, taken)
+    more = [fields["outcome"] for fields in decided(crashes.whole).values()]
+    assert taken == points - more.count("0 more")
+
+
 def test_a_point_in_stages_begins_and_ends_as_one(crashes: Crashes) -> None:
     """A hold goes back to where its route is set, a skip goes on behind its verification, wherever it is."""
     steps = crashes.plan.phase("campaign")
@@ -131,6 +146,12 @@ def test_a_point_is_one_reading_with_the_freedom_of_its_first_stage(crashes: Cra
     results, _ = analyse_view(read_view(crashes.whole))
     entries = {entry["quantity"]: entry for entry in results["estimates"]}
     assert entries["dsf_n"]["n"] == 2 + 4  # zeros and levels
+    known = determine(material_of(read_view(crashes.whole)), "gls")
+    for index, quantity in enumerate(("dsf_n", "dsf_p")):
+        parts = components_of(known.fitted.groups[0], index, known.fitted, known.constants, known.standards)
+        budget = combine_all({"": parts}).budgets[""]
+        assert budget.std_uncertainty == pytest.approx(entries[quantity]["std_uncertainty"], rel=1e-9)
+        assert budget.dof == pytest.approx(entries[quantity]["dof"], rel=1e-6)
     asymmetry = entries["dsf_asymmetry"]
     assert 4 * 9 > asymmetry["dof"] > 9  # of four points with nine each
     assert asymmetry["coverage_factor"] > 2.0

@@ -11,10 +11,10 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.model.stopping import FIRST
 from bench.systems.af_converter.estimators.readings import Converter, Readings
 
 Array = NDArray[np.float64]
-FIRST_STAGE = 1
 
 
 def random_A(converter: Converter, level_A: float, seconds: float, cuts: int) -> tuple[float, float]:
@@ -60,7 +60,7 @@ def joined(
         columns[name] = np.add.reduceat(getattr(rows, name) * rows.gate_s, first) / gate_s
     columns["temperature_std_degC"] = np.maximum.reduceat(rows.temperature_std_degC, first)
     stop = np.append(first[1:], rows.gate_s.size)
-    of_stage = np.asarray(stages) == FIRST_STAGE
+    of_stage = np.asarray(stages) == FIRST
     for at, (begin, end) in enumerate(zip(first, stop, strict=True)):
         chosen = np.flatnonzero(of_stage[begin:end]) + begin
         columns["scatter"][at], columns["scatter_dof"][at] = _scatter(rows, chosen, gate_s[at])
