@@ -7,7 +7,7 @@ Held against the current that was put in. The exact interval of the coverage (Cl
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from bench.plan import Plan
 BLOCK, SURE, STATED = 100, 0.999, 0.95
 POINTS = [300, pytest.param(2000, marks=pytest.mark.sweep)]
 LEVELS = "1 mA, 10 mA, 100 mA, 200 mA"
+Recorded = Callable[[str, object], None]
 
 
 def noisy(rng: np.random.Generator) -> float:
@@ -56,6 +57,10 @@ def coverage(name: str, points: Sequence[Measured], most_s: float) -> tuple[floa
     return low, high
 
 
+def share_inside(points: Sequence[Measured]) -> str:
+    return f"{100.0 * float(np.mean([point.inside for point in points])):.1f} % of {len(points)} inside"
+
+
 def unbiased(points: Sequence[Measured]) -> bool:
     """Print the mean error over U; return whether it is small. Of few points as small as their mean can show."""
     errors = np.array([point.error_A / point.expanded_A for point in points])
@@ -69,10 +74,11 @@ def unbiased(points: Sequence[Measured]) -> bool:
     against="the currents behind 2,000 simulated points, in the short form 300",
 )
 @pytest.mark.parametrize("count", POINTS)
-def test_points_that_end_by_declared_noise_are_covered(tmp_path: Path, count: int) -> None:
+def test_points_that_end_by_declared_noise_are_covered(tmp_path: Path, count: int, record_property: Recorded) -> None:
     plan = stopping_plan(tmp_path, "{random: 40 nA, most: 50}", "2 s", LEVELS)
     points = [one for seed in range(count // BLOCK) for one in by_noise(plan, np.random.default_rng(seed), BLOCK)]
     low, high = coverage("declared noise", points, 100.0)
+    record_property("obtained", share_inside(points))
     assert low <= STATED <= high
     assert unbiased(points)
     assert max(point.std_A for point in points) <= 40e-9 * (1.0 + 1e-3)  # currents are not quite their levels
@@ -83,10 +89,13 @@ def test_points_that_end_by_declared_noise_are_covered(tmp_path: Path, count: in
     against="the currents behind 2,000 simulated points, in the short form 300",
 )
 @pytest.mark.parametrize("count", POINTS)
-def test_points_that_end_by_their_first_stage_are_covered(scattered: Plan, count: int) -> None:
+def test_points_that_end_by_their_first_stage_are_covered(
+    scattered: Plan, count: int, record_property: Recorded
+) -> None:
     blocks = range(count // BLOCK)
     points = [one for seed in blocks for one in by_scatter(scattered, np.random.default_rng(seed), BLOCK, noisy)]
     low, high = coverage("first stage", points, 60.0)
+    record_property("obtained", share_inside(points))
     assert low <= STATED <= high
     assert unbiased(points)
     reached = [point for point in points if point.due <= 60]
