@@ -21,6 +21,7 @@ from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
+from bench.model.stopping import UNTIL
 from bench.model.units import hours
 from bench.plan import Plan, Summary, check_plan, compile_sequence, decisions_of, load_station, summarise
 from bench.session.output import writing
@@ -100,11 +101,13 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
     out.print(f"  campaign     {hours(summary.duration_s)} = {summary.duration_s:.0f} s")
     out.print(f"  afterwards   {hours(summary.finally_s)}")
     out.print(f"  finish       {finish} if started {'at the virtual start' if plan.station.in_process else 'now'}")
-    if decisions := len(decisions_of(plan.steps)):
+    if decisions := sum(decision.word != UNTIL for decision in decisions_of(plan.steps)):
         out.print(f"  decisions    {decisions}: steps and records are those of all branches, times of the longest way")
     out.print(f"  disk         at most {summary.disk_bytes / 1e6:.0f} MB")
     for link, pace in decoding.items():
         out.print(f"  decoding     {link}: {pace}")
+    for sentence in summary.stops:
+        out.print(f"  stop rule    {sentence}")
     for hazard in summary.hazards:
         out.print(f"  hazard       {hazard}")
     for sentence in summary.unwatched:

@@ -46,6 +46,7 @@ from bench.plan.step_kinds import (
     plan_json,
     steps_of,
 )
+from bench.plan.stopping import is_other_length
 from bench.plan.summary import SECOND_BYTES, Summary, summarise, unwatched
 from bench.plan.values import UNIT
 
@@ -107,6 +108,7 @@ __all__ = [
     "frozen_plan",
     "graphs_of",
     "is_answered",
+    "is_other_length",
     "is_reading",
     "json_schemas",
     "left_out_by",

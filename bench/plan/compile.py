@@ -28,6 +28,7 @@ from bench.plan.plan import Phase, Plan, Step, steps_sha256
 from bench.plan.slots import planned_units, rules_of_units
 from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedRecord
+from bench.plan.stopping import is_other_length
 from bench.plan.unroll import Unroller
 from bench.plan.values import Scope, plain, traced
 
@@ -83,8 +84,9 @@ class _Compiler:
         scope = Scope(self._variables(expander), expander.role_attribute, {})
         serial = self._serial(expander, scope)
         expander.units = planned_units(expander, scope)
+        expander.campaign = self._campaign(constants, rate_Hz, serial)
         lengths = self._expand(expander, scope)
-        campaign = self._campaign(constants, rate_Hz, serial) | self._values(expander, scope)
+        campaign = {**expander.campaign, **self._values(expander, scope)}
         plan = self._assembled(expander, lengths, frames, link, campaign)
         rules = plan_rules(document.model.interlocks, document, self.station, plan.frames, findings)
         plan = replace(plan, interlocks=rules_of_units(rules, plan.units))
@@ -252,7 +254,8 @@ def _found(source: Path, frame: str) -> Path:
 
 
 def _records(steps: list[Step] | tuple[Step, ...]) -> int:
-    return sum(isinstance(step, PlannedRecord) and step.phase == "campaign" for step in steps)
+    records = [step for step in steps if isinstance(step, PlannedRecord) and step.phase == "campaign"]
+    return sum(not is_other_length(step, before) for before, step in zip([None, *records], records, strict=False))
 
 
 def _bytes_s(definition: FrameDefinition) -> float:

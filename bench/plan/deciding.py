@@ -23,7 +23,7 @@ Run = Callable[[Sequence[Any], Path, Scope], None]
 
 
 @dataclass(frozen=True)
-class _Known:
+class Known:
     """What the compiler knows at a place of the plan: planned time, levels and ranges of the sources, the band."""
 
     at_s: float
@@ -32,7 +32,7 @@ class _Known:
     settle_band_degC: float | None
 
     @classmethod
-    def of(cls, plan: Expander) -> _Known:
+    def of(cls, plan: Expander) -> Known:
         return cls(plan.at_s, dict(plan.levels_A), dict(plan.ranges_A), plan.settle_band_degC)
 
     def again(self, plan: Expander) -> None:
@@ -41,7 +41,7 @@ class _Known:
         plan.levels_A, plan.ranges_A = dict(self.levels_A), dict(self.ranges_A)
 
 
-def _join(plan: Expander, ways: Sequence[_Known]) -> None:
+def join(plan: Expander, ways: Sequence[Known]) -> None:
     """Let the plan go on behind branches: at the latest of their times, with what all of them have left the same."""
     first = ways[0]
     same = {
@@ -50,7 +50,7 @@ def _join(plan: Expander, ways: Sequence[_Known]) -> None:
         if all((w.levels_A.get(role, math.nan), w.ranges_A.get(role)) == (level_A, first.ranges_A[role]) for w in ways)
     }
     bands = {way.settle_band_degC for way in ways}
-    _Known(
+    Known(
         max(way.at_s for way in ways),
         {role: first.levels_A[role] for role in same},
         {role: first.ranges_A[role] for role in same},
@@ -83,14 +83,14 @@ _Body = tuple[str, str, tuple[float, ...], Sequence[Any], Path]
 def _branches(
     plan: Expander, decision: PlannedDecision, bodies: Iterable[_Body], missing: str, scope: Scope, run: Run
 ) -> None:
-    before, ways, branches = _Known.of(plan), [], []
+    before, ways, branches = Known.of(plan), [], []
     for outcome, comparison, values, steps, path in bodies:
         before.again(plan)
         first = len(plan.steps)
         run(steps, path, scope)
-        ways.append(_Known.of(plan))
+        ways.append(Known.of(plan))
         branches.append(Branch(outcome, first, len(plan.steps), comparison, values))
-    _join(plan, ways)
+    join(plan, ways)
     plan.steps[decision.number] = replace(decision, branches=tuple(branches), missing=missing)
 
 
@@ -99,13 +99,13 @@ def expand_while(plan: Expander, step: WhileStep, path: Path, scope: Scope, run:
     here, decisions, ways = (*path, "while"), [], []
     for turn in range(1, step.at_most + 1):
         decisions.append(_decision(plan, WHILE, step.while_.reading, here, scope))
-        ways.append(_Known.of(plan))
+        ways.append(Known.of(plan))
         run(step.do, (*path, "do"), scope.extended({TURN: turn}, {TURN: turn}))
         if turn == 1:
             _reads_again(plan, decisions[0], here)
     decisions.append(_decision(plan, WHILE, step.while_.reading, here, scope))
-    ways.append(_Known.of(plan))
-    _join(plan, ways)
+    ways.append(Known.of(plan))
+    join(plan, ways)
     end, missing = len(plan.steps), {None: HOLD, GO_ON: DONE}.get(step.else_, step.else_ or HOLD)
     for decision in decisions:
         last = decision is decisions[-1]

@@ -68,6 +68,7 @@ class Expander:
         self.doubtful: set[int] = set()
         self.retry_step: int | None = None
         self.expected = NamedValues()
+        self.campaign: Mapping[str, Any] = {}  # constants of the unit, as in the manifest
         self.units: tuple[PlannedUnit, ...] = ()
         self.unit: PlannedUnit | None = None  # of the loop over the units that is expanded
         self._short = PurePath(document.name).name

@@ -32,6 +32,7 @@ from bench.plan.language.steps import (
 )
 from bench.plan.readings import expand_readings
 from bench.plan.step_kinds import WIRING
+from bench.plan.stopping import expand_until
 from bench.plan.unit_commands import expand_test, expand_unit
 from bench.plan.values import REFERENCE, UNIT, Quantity, Scope, named, plain
 
@@ -141,10 +142,14 @@ def _record(plan: Expander, step: RecordStep, at: Path, scope: Scope) -> None:
     if record.samples:
         arguments["samples"] = True
         _can_keep(plan, _SAMPLES, plan.has_samples, seconds, (*path, "samples"))
-    if record.windows is not None and record.windows > 1 and record.retry:
-        message = f"{record.windows} windows without a gap cannot be taken again (retry {record.retry})"
-        plan.fail("B-PLAN-068", (*path, "retry"), message, "leave 'retry' out; lost frames are counted in each window")
-    _windows(plan, record, arguments, conditions, path, scope, seconds)
+
+    def take(length: Quantity | None, more: Mapping[str, Any], own: Mapping[str, Any]) -> None:
+        _windows(plan, record, {**arguments, "seconds": length, **more}, {**conditions, **own}, path, scope, length)
+
+    if record.until is None or seconds is None:
+        take(seconds, {}, {})
+    else:
+        expand_until(plan, record, seconds, conditions, path, scope, take)
     plan.keep_dimensions(quantities, record.windows or 1)
 
 
@@ -154,6 +159,9 @@ def _windows(
 ) -> None:  # fmt: skip
     link = next(iter(plan.document.model.frame), "")
     name = record.label or record.purpose
+    if record.windows is not None and record.windows > 1 and record.retry:
+        message = f"{record.windows} windows without a gap cannot be taken again (retry {record.retry})"
+        plan.fail("B-PLAN-068", (*path, "retry"), message, "leave 'retry' out; lost frames are counted in each window")
     for index in range(record.windows or 1):
         follows = {"follows": True} if record.follows or index else {}
         numbered = {} if record.windows is None else {"window_index": index}

@@ -82,6 +82,7 @@ _KEYS = {
     "for_s": "for",
     "hold_limit_s": "hold_limit",
     "every_s": "every",
+    "longest_s": "longest",
     "timeout_s": "timeout",
     "takes_s": "takes",
     "code": "command",

@@ -106,6 +106,7 @@ class PlannedRecord(Step):
     that may be lost. ``follows``: there is no gap between it and the record before of its link. ``together``: it begins
     with the record before it, which is of another unit. ``signals``: quantity and name of
     each signal that is kept.
+    ``longest_s``: what it would last at most, if a stop rule has made it last no longer than it need; else 0.
     """
 
     kind: ClassVar[StepKind] = "record"
@@ -122,6 +123,7 @@ class PlannedRecord(Step):
     follows: bool = False
     together: bool = False
     signals: tuple[tuple[str, str], ...] = ()
+    longest_s: float = 0.0
 
     @classmethod
     def read(cls, place: Place, arguments: Mapping[str, Any]) -> Self:

@@ -16,6 +16,7 @@ from bench.plan.findings import Findings
 from bench.plan.plan import Plan, Step
 from bench.plan.readings import round_count
 from bench.plan.step_kinds import PlannedCall, PlannedRecord, PlannedSend, PlannedSoak
+from bench.plan.stopping import stop_lines
 from bench.plan.ways import walk
 
 STEP_BYTES = 400  # events, commands and replies of a step, with their envelopes
@@ -32,7 +33,7 @@ class Summary:
 
     ``duration_s`` is the campaign alone; ``finish_utc_ns`` and ``disk_bytes`` count what comes before and after it
     too (``prepare_s``, ``finally_s``). ``disk_bytes`` is an upper estimate without compression. ``hazards`` are
-    sentences for the operator, ``unwatched`` too: what no interlock watches.
+    sentences for the operator, ``unwatched`` too: what no interlock watches; ``stops``: which points may end early.
     """
 
     steps: int
@@ -44,6 +45,7 @@ class Summary:
     disk_bytes: int
     hazards: tuple[str, ...]
     unwatched: tuple[str, ...]
+    stops: tuple[str, ...]
 
 
 def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
@@ -62,6 +64,7 @@ def summarise(plan: Plan, start_utc_ns: int = VIRTUAL_START_UTC_NS) -> Summary:
         disk_bytes=round(total_s * bytes_s + STEP_BYTES * len(plan.steps) + READING_BYTES * readings),
         hazards=tuple(_hazards(plan)),
         unwatched=unwatched(plan),
+        stops=tuple(stop_lines(plan)),
     )
 
 

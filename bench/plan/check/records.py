@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from bench.model.ports import Effect
+from bench.model.stopping import STAGE
 from bench.plan.check.state import BenchState
 from bench.plan.decision import decisions_of
 from bench.plan.drivers import bus_s, declared_action
@@ -159,7 +160,7 @@ def _follows(step: PlannedRecord, before: PlannedRecord | None, gap: str, findin
         findings.add("B-PLAN-067", step.where, f"the record follows nothing: {gap}", advice)
         return
     for record, role in ((before, "is followed by another one"), (step, "follows another one")):
-        if record.retry:
+        if record.retry and STAGE not in record.conditions:  # a point in stages is taken again as a whole
             message = f"a record that {role} without a gap cannot be taken again (retry {record.retry})"
             findings.add(
                 "B-PLAN-068", record.where, message, "leave 'retry' out; lost frames are counted in the record"

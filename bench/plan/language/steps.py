@@ -131,6 +131,15 @@ Reading_ = Annotated[
 ]
 
 
+class Until(StrictModel):
+    """End a point when its mean is known well enough: it lasts ``least`` to ``most`` times the length of a record."""
+
+    random: Scalar = Field(description="standard uncertainty of the mean by noise and quantisation: '2 ppm', '5 nA'")
+    most: int = Field(strict=True, ge=1, le=1000)
+    least: int | None = Field(None, strict=True, ge=1, le=1000, description="1 if left out, by scatter 10")
+    by: Literal["noise", "scatter"] = Field("noise", description="noise as declared, or scatter of the least records")
+
+
 class Record(StrictModel):
     """Take a record of the counted link, or of readings where there is no link.
 
@@ -145,6 +154,7 @@ class Record(StrictModel):
     follows: bool = Field(False, strict=True, description="begins with the frame behind the record before it")
     pulse_timing: bool = Field(False, strict=True, description="keep when in the record the pulses came")
     samples: bool = Field(False, strict=True, description="keep every sample of the record, not only its sums")
+    until: Until | None = Field(None, description="when the measurement of a point may end early")
     retry: int = Field(0, ge=0, le=10)
     max_lost: Annotated[Any, *templated("1", 0.0, 1.0)] = 0.0
     purpose: Name = "measurement"

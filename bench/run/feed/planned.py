@@ -19,7 +19,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.model.units import format_quantity
-from bench.plan import MEASUREMENT, PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step
+from bench.plan import MEASUREMENT, PlannedRecord, PlannedSettle, PlannedSoak, SetPoint, Step, is_other_length
 
 ORDER = ("prepare", "campaign", "finally")
 TELLING = ("decide", "prompt", "record", "unit", "verify")  # kinds of step that always leave an event in the session
@@ -95,8 +95,11 @@ class PlannedRun:
 
     def measured_before(self, number: int) -> int:
         """Return records of the campaign that are planned before a step."""
-        before = (step for step in self.steps[:number] if step.number not in self._left_out)
-        return sum(isinstance(step, PlannedRecord) and is_measurement(step.conditions) for step in before)
+        kept = [step for step in self.steps[:number] if step.number not in self._left_out]
+        return sum(
+            isinstance(step, PlannedRecord) and is_measurement(step.conditions) and not is_other_length(step, before)
+            for before, step in zip([None, *kept], kept, strict=False)
+        )
 
     def position_s(self, step: Step, seconds: float) -> float:
         """Return planned seconds since the start of the run, inside the step under way."""

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from bench.model.errors import RunError
 from bench.model.events import DECISION, Decision
+from bench.model.stopping import UNTIL
 from bench.model.units import plain_quantity
 from bench.plan import FAIL, HOLD, PlannedDecision
 from bench.run.context import RunContext
 from bench.run.steps.decided import Read
+from bench.run.steps.first_stage import first_stage, looked_at
 from bench.run.stop import Interruption, Wish
 
 
@@ -17,6 +19,10 @@ def decide(context: RunContext, step: PlannedDecision) -> None:
     Raises: RunError B-RUN-073 if the sequence says so; Interruption if the run is to stand still.
     """
     if step.number in context.decided.outcomes:
+        return
+    if step.word == UNTIL:
+        more, readings = looked_at(first_stage(context, step), step, context.plan.campaign)
+        context.event(Decision(step=step.number, word=step.word, readings=readings, outcome=step.outcome(more)))
         return
     read = context.decided.newest(step)
     outcome = step.outcome(None if read is None else read.value)

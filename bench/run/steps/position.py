@@ -9,6 +9,7 @@ from typing import Any
 
 from bench.model.events import Decision, End, Event, Exchange, Prompt, Reading, Record, Resume, Retake, Skip
 from bench.model.ports import Action
+from bench.model.stopping import FIRST, STAGE, STAGE_INDEX, UNTIL
 from bench.plan import (
     Plan,
     PlannedCall,
@@ -173,14 +174,15 @@ def point_start(steps: Sequence[Step], index: int, readings: Container[int] = ()
     """Return index of the first step of the point that holds ``steps[index]``: where its relays and level are set.
 
     The step itself if it belongs to no point, or to records that follow each other without a gap; but records with a
-    motion or an act of a person between them are one recording of it, which begins with the first of them. Readings of
+    motion or an act of a person between them are one recording of it, which begins with the first of them, and so are
+    records of the first stage of a stop rule. Readings of
     instruments (their step numbers) right behind a record belong to it: they say how things were at its end.
     """
     record = _record_of(steps, index, readings)
     if record is not None and _follows(steps[record]):
         begun = _recording_start(steps, record)
         acts = any(is_motion(step) or isinstance(step, PlannedPrompt) for step in steps[begun:record])
-        record = begun if acts else None
+        record = begun if acts or STAGE in steps[record].conditions else None
     if record is None:
         return index
     first = _start_of(steps, record)
@@ -211,9 +213,17 @@ def point_stop(steps: Sequence[Step], index: int, readings: Container[int] = ())
     """Return index behind the last step of the point that holds ``steps[index]``: record, verification, readings."""
     record = _record_of(steps, index, readings)
     stop = index if record is None else max(record, index)
-    while stop + 1 < len(steps) and _closes(steps, stop + 1, record, readings):
+    while stop + 1 < len(steps) and (_staged(steps[stop + 1]) or _closes(steps, stop + 1, record, readings)):
         stop += 1
     return stop + 1
+
+
+def _staged(step: Step) -> bool:
+    """Return whether a step goes on with a point that is measured in stages: a record, or the decision between them."""
+    if isinstance(step, PlannedDecision):
+        return step.word == UNTIL
+    stage = step.conditions.get(STAGE) if isinstance(step, PlannedRecord) else None
+    return stage is not None and (stage, step.conditions[STAGE_INDEX]) != (FIRST, 0)
 
 
 def _closes(steps: Sequence[Step], index: int, record: int | None, readings: Container[int]) -> bool:

@@ -31,7 +31,7 @@ def take_record(context: RunContext, step: PlannedRecord) -> None:
     """
     context.record_count += 1
     number = context.record_count
-    attempts = 1 + step.retry
+    attempts = 1 if is_chained(context, step) else 1 + step.retry
     for attempt in range(attempts):
         row = _take(context, step, number) if step.role else _read(context, step, number)
         lost, due, what = _losses(row)

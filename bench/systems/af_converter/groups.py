@@ -5,8 +5,9 @@ The temperature of the unit during a record is measured, or interpolated over a 
 
 from __future__ import annotations
 
+import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -14,7 +15,9 @@ import numpy as np
 
 from bench.analysis import count_problem
 from bench.model.errors import FitError
+from bench.model.stopping import STAGE, STAGE_INDEX
 from bench.record import UNIT_TEMPERATURE, is_off_target
+from bench.systems.af_converter.estimators.points import joined
 from bench.systems.af_converter.estimators.readings import Readings
 from bench.systems.af_converter.wording import say
 
@@ -36,7 +39,7 @@ class Group:
     temperature_degC: float
     repeat: int
     closed: Readings  # route closed: zero and level rows
-    numbers: tuple[int, ...]  # record numbers of the closed rows
+    numbers: tuple[int, ...]  # record numbers of the closed rows; of a point of several records the first one
     opened: Readings  # input open
     left_out: Mapping[str, int] = field(default_factory=dict)  # reason -> records that do not enter the fit
     open_planned: int = 0  # records with the input open, usable or not
@@ -127,16 +130,36 @@ def _group(
     good = [row for row, problem in zip(members, problems, strict=True) if not problem]
     closed = [row for row in good if not _is_open(row)]
     channel, temperature_degC, repeat = place
+    readings, begins = joined(_readings(closed, channel, temperatures, master_Hz), *_stages(closed))
     return Group(
         channel=channel,
         temperature_degC=temperature_degC,
         repeat=repeat,
-        closed=_readings(closed, channel, temperatures, master_Hz),
-        numbers=tuple(row.window.number for row in closed),
+        closed=readings,
+        numbers=tuple(row.window.number for row, begin in zip(closed, begins, strict=True) if begin),
         opened=_readings([row for row in good if _is_open(row)], channel, temperatures, master_Hz),
         left_out=Counter(problem for problem in problems if problem),
         open_planned=sum(_is_open(row) for row in members),
     )
+
+
+def _stages(rows: Sequence[RecordRow]) -> tuple[list[Hashable], list[int], list[bool]]:
+    """Return of each record its point, its stage, and whether it has no gap to the one before.
+
+    None and 0 of one that is a point by itself.
+    """
+    conditions = [row.window.conditions for row in rows]
+    if not any(STAGE in of_row for of_row in conditions):
+        return [None] * len(rows), [0] * len(rows), [False] * len(rows)
+    points = [
+        json.dumps({name: value for name, value in of_row.items() if name not in (STAGE, STAGE_INDEX)}, sort_keys=True)
+        if STAGE in of_row
+        else None
+        for of_row in conditions
+    ]
+    stops = [0, *(row.window.first_counter + row.window.frames for row in rows)]
+    follows = [row.window.first_counter == stop for row, stop in zip(rows, stops[:-1], strict=True)]
+    return list(points), [int(of_row.get(STAGE, 0)) for of_row in conditions], follows
 
 
 def _is_open(row: RecordRow) -> bool:
@@ -164,6 +187,8 @@ def _readings(
         unit_temperature_degC=column(given.value_degC for given in warmth),
         temperature_std_degC=column(given.std_degC for given in warmth),
         temperature_gap=column(given.gap for given in warmth),
+        scatter=np.zeros(len(rows)),
+        scatter_dof=np.zeros(len(rows)),
     )
 
 

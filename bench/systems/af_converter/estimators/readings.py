@@ -20,6 +20,7 @@ from bench.model.errors import FitError
 
 Array = NDArray[np.float64]
 QUANTISATION = "quantisation of the counts"
+SCATTER = "scatter of the records of a point"
 GAIN = "gain"
 
 
@@ -114,6 +115,8 @@ class Readings:
     unit_temperature_degC: Array
     temperature_std_degC: Array  # standard uncertainty of an interpolated temperature, 0 where measured
     temperature_gap: Array  # rows with the same number share one error of interpolation
+    scatter: Array  # variance of (n - p) / af_count by the scatter of records; for rows with ``scatter_dof`` only
+    scatter_dof: Array  # its degrees of freedom; 0: the noise is as declared
 
     def take(self, rows: NDArray[np.bool_]) -> Readings:
         """The rows where the mask is true."""
@@ -168,14 +171,26 @@ def walk_A2(rows: Readings, converter: Converter) -> Array:
     return np.asarray(converter.walk_A_rth**2 / 3600.0 * shared_s)
 
 
+def scatter_A2(rows: Readings, converter: Converter) -> Array:
+    """Variance of rows that are known by the scatter of their records, (m,), 0 for others; never below quantisation."""
+    seen_A2 = (converter.k0_C * converter.af_clock_Hz) ** 2 * rows.scatter
+    least_A2 = quantisation_A2(rows, converter) + clock_A2(rows, converter)
+    return np.asarray(np.where(rows.scatter_dof > 0, np.maximum(seen_A2, least_A2), 0.0))
+
+
 def noise_parts(rows: Readings, converter: Converter) -> dict[str, Array]:
-    """Independent part of the covariance by name, each (m, m), ampere squared."""
-    return {
-        QUANTISATION: np.diag(quantisation_A2(rows, converter)),
-        "quantisation of the AF clock count": np.diag(clock_A2(rows, converter)),
-        "white noise of the converter": np.diag(white_A2(rows, converter)),
+    """Independent part of the covariance by name, each (m, m), ampere squared.
+
+    What scatter tells of a row stands for its quantisation and white noise, which the scatter holds.
+    """
+    declared = rows.scatter_dof == 0
+    parts = {
+        QUANTISATION: np.diag(quantisation_A2(rows, converter) * declared),
+        "quantisation of the AF clock count": np.diag(clock_A2(rows, converter) * declared),
+        "white noise of the converter": np.diag(white_A2(rows, converter) * declared),
         "random walk of the bias": walk_A2(rows, converter),
     }
+    return parts if declared.all() else {**parts, SCATTER: np.diag(scatter_A2(rows, converter))}
 
 
 def interpolation_A2(rows: Readings, response_A_degC: Array) -> Array:

@@ -22,6 +22,7 @@ from bench.systems.af_converter.estimators.readings import (
     noise_parts,
     pulse_currents_A,
     relative_errors,
+    scatter_A2,
     specification,
     walk_A2,
 )
@@ -100,12 +101,16 @@ def _counted(
     generator: Generator, trials: int, rows: Readings, converter: Converter, counted_A: tuple[Array, Array]
 ) -> tuple[Array, Array]:
     """Counted currents (trials, m) of N and P with quantisation, clock, white noise and walk on the counter in use."""
-    m = rows.gate_s.size
-    white_A2 = converter.white_A_rtHz**2 / (2.0 * rows.gate_s) + _SMALLEST_VARIANCE_A2
+    m, declared = rows.gate_s.size, rows.scatter_dof == 0
+    white_A2 = declared * converter.white_A_rtHz**2 / (2.0 * rows.gate_s) + _SMALLEST_VARIANCE_A2
     factor = np.asarray(np.linalg.cholesky(walk_A2(rows, converter) + np.diag(white_A2)), dtype=np.float64)
     noise_A = generator.standard_normal((trials, m)) @ factor.T
-    noise_A += converter.k0_C / rows.gate_s * np.sqrt(1.0 + rows.gaps) * _triangular(generator, (trials, m))
-    clock = 1.0 + np.sqrt(1.0 + rows.gaps) / rows.af_count * _triangular(generator, (trials, m))
+    cuts = declared * np.sqrt(1.0 + rows.gaps)
+    noise_A += converter.k0_C / rows.gate_s * cuts * _triangular(generator, (trials, m))
+    clock = 1.0 + cuts / rows.af_count * _triangular(generator, (trials, m))
+    if not declared.all():
+        scatter_A = np.sqrt(scatter_A2(rows, converter))[~declared]
+        noise_A[:, ~declared] += scatter_A * _student_t(generator, trials, rows.scatter_dof[~declared])
     n_A, p_A = counted_A
     forward = n_A > p_A
     return clock * n_A + noise_A * forward, clock * p_A - noise_A * ~forward

@@ -9,29 +9,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
 from bench.analysis import Table, number
-from bench.maths.budget import Budget, Component, combine_all
+from bench.maths.budget import TYPE_A, Budget, Component, combine_all, effective_dof
 from bench.maths.monte_carlo import Distribution, check_interval, propagate
 from bench.systems.af_converter.budget_tables import budget_table, correlation_table, figures, summary_table
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.readings import (
     GAIN,
+    SCATTER,
     Readings,
     calibrator_effects,
     count_noise,
     linearity_label,
     offset_label,
     relative_errors,
+    scatter_A2,
 )
 from bench.systems.af_converter.estimators.scale_factor import Referral
 from bench.systems.af_converter.estimators.scale_factor_trials import TrialModel
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit
 from bench.systems.af_converter.register import REGISTER, Standards
-from bench.systems.af_converter.scale_factor.estimates import scale_factor_std_ppm, sensor_effect_ppm
+from bench.systems.af_converter.scale_factor.estimates import scale_factor_std_ppm, scatter_parts, sensor_effect_ppm
 from bench.systems.af_converter.wording import kind_name, say
 
 _PPM, _nA = 1e6, 1e9
@@ -41,11 +44,13 @@ _DRIFT, _SENSOR, _GRADIENT, _COMBINED = (
     say(f"component.{name}") for name in ("drift", "sensor", "gradient", "combined")
 )
 _NOISE = tuple(say(f"component.{name}") for name in ("quantisation", "clock", "white", "walk", "interpolated"))
+_SCATTER = say("component.scatter")
 _OF_RANGES = say("component.offset"), say("component.linearity")
 _COLUMNS = {  # of the table of all channels, by the beginning of a component's name
     "quantisation": say("summary.quantisation"),
     "white noise": say("summary.noise"),
     "random walk": say("summary.noise"),
+    "scatter": say("summary.noise"),
     "calibrator offset": say("summary.offsets"),
     "calibrator linearity": say("summary.linearity"),
     "calibrator gain": say("summary.gain"),
@@ -113,6 +118,7 @@ def components_of(
     drift_ppm, sensor_degC = standards.drift_ppm, campaign.sensor_std_degC
     return [
         *_noise(visit, index, campaign),
+        *_scatter(visit, index, campaign),
         *_range_errors(visit, index, standards),
         *_gains(visit, index, standards),
         _effect(
@@ -154,6 +160,18 @@ def _noise(visit: GroupFit, index: int, campaign: Campaign) -> list[Component]:
         )
         for name, (u, unit, source) in of_one_row.items()
     ]  # fmt: skip
+
+
+def _scatter(visit: GroupFit, index: int, campaign: Campaign) -> list[Component]:
+    """Return what points that are known by the scatter of their records bring; nothing where there is none."""
+    if SCATTER not in visit.fit.parts_ppm:
+        return []
+    rows, part_ppm = visit.group.closed, float(visit.fit.parts_ppm[SCATTER][index])
+    variance_A2 = scatter_A2(rows, campaign.converter(visit.group.channel))
+    of_one_nA = math.sqrt(float(np.median(variance_A2[variance_A2 > 0]))) * _nA
+    dof = effective_dof(part_ppm**2, scatter_parts(visit, np.eye(2)[index], campaign))
+    effect = _effect(_SCATTER, of_one_nA, "nA", part_ppm, say("source.scatter"), dof=dof)
+    return [replace(effect, evaluation=TYPE_A)]
 
 
 def _gains(visit: GroupFit, index: int, standards: Standards) -> list[Component]:
@@ -290,14 +308,14 @@ def components(fitted: Fitted, campaign: Campaign, standards: Standards) -> list
         parts[_COMBINED] = float(np.max(np.hypot(std_ppm, sensor_ppm)))
         for name, value in parts.items():
             largest[kind, name] = max(largest.get((kind, name), 0.0), value)
-    said = {str(name): name for name in (*_NOISE, *_OF_RANGES)}
+    said = {str(name): name for name in (*_NOISE, _SCATTER, *_OF_RANGES)}
     stated = {name for (_, name), value in largest.items() if value > 0}
     return [
         {
             "kind": kind_name(kind),
             "quantity": "dsf_n, dsf_p",
             "component": said.get(name, name),
-            "evaluation": "" if name == _COMBINED else "B",
+            "evaluation": {_COMBINED: "", SCATTER: TYPE_A}.get(name, "B"),
             "distribution": say("budget.triangular" if name.startswith("quantisation") else "budget.normal"),
             "std_uncertainty_ppm": value,
         }

@@ -16,7 +16,12 @@ from bench.analysis import Estimate, Estimates, count_problem, covariance_by_sta
 from bench.maths.budget import effective_dof
 from bench.systems.af_converter.coefficients import UNITS
 from bench.systems.af_converter.constants import Campaign
-from bench.systems.af_converter.estimators.readings import clock_ratio, count_noise, master_clock_error
+from bench.systems.af_converter.estimators.readings import (
+    clock_ratio,
+    count_noise,
+    master_clock_error,
+    scatter_A2,
+)
 from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, conditions_of, standard_labels
 from bench.systems.af_converter.groups import unit_temperatures
@@ -54,9 +59,24 @@ def calibrator_parts(visit: GroupFit, contrast: Array) -> dict[str, float]:
     return {label: float(contrast @ effect_ppm) for label, effect_ppm in visit.fit.standard_ppm.items()}
 
 
-def calibrator_dof(std_ppm: float, parts_ppm: Mapping[str, float], standards: Standards) -> float:
-    """Return effective degrees of freedom of a result to which errors of the calibrator, by label, bring some parts."""
-    return effective_dof(std_ppm**2, ((part**2, standards.dof_of(label)) for label, part in parts_ppm.items()))
+def calibrator_dof(
+    std_ppm: float, parts_ppm: Mapping[str, float], standards: Standards, scatter: Iterable[tuple[float, float]] = ()
+) -> float:
+    """Return effective degrees of freedom of a result to which errors of the calibrator, by label, bring some parts.
+
+    ``scatter``: of points that are known by the scatter of their records, see ``scatter_parts``.
+    """
+    of_calibrator = [(part**2, standards.dof_of(label)) for label, part in parts_ppm.items()]
+    return effective_dof(std_ppm**2, [*of_calibrator, *scatter])
+
+
+def scatter_parts(visit: GroupFit, contrast: Array, campaign: Campaign) -> list[tuple[float, float]]:
+    """Return what each point known by its scatter brings to ``contrast`` (2,): variance, ppm², degrees of freedom."""
+    rows = visit.group.closed
+    variance_A2 = scatter_A2(rows, campaign.converter(visit.group.channel))
+    parts_ppm2 = (contrast @ visit.fit.operator_ppm) ** 2 * variance_A2
+    known = rows.scatter_dof > 0
+    return list(zip(parts_ppm2[known].tolist(), rows.scatter_dof[known].tolist(), strict=True))
 
 
 def scale_factor_std_ppm(visit: GroupFit, standards: Standards, index: int) -> float:
@@ -80,7 +100,8 @@ def scale_factor_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign, 
         common = common_errors(
             register, CALIBRATOR, parts, {_DRIFT: standards.drift_ppm, _SENSOR: float(sensor_ppm[index])}
         )
-        dof, value_ppm = calibrator_dof(std_ppm, parts, standards), fit.dsf_ppm[index]
+        scatter = scatter_parts(visit, _ONE[index], campaign)
+        dof, value_ppm = calibrator_dof(std_ppm, parts, standards, scatter), fit.dsf_ppm[index]
         entries.append(sharing(estimate(quantity, "ppm", value_ppm, std_ppm, conditions, dof=dof, **counted), common))
     contrast = np.array([1.0, -1.0])
     parts = calibrator_parts(visit, contrast)
@@ -90,7 +111,8 @@ def scale_factor_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign, 
     }
     squares = math.fsum(part**2 for part in (*parts.values(), *of_campaign.values()))
     std_ppm = math.sqrt(float(contrast @ fit.noise_ppm2 @ contrast) + squares)
-    dof, value_ppm = calibrator_dof(std_ppm, parts, standards), float(contrast @ fit.dsf_ppm)
+    dof = calibrator_dof(std_ppm, parts, standards, scatter_parts(visit, contrast, campaign))
+    value_ppm = float(contrast @ fit.dsf_ppm)
     common = common_errors(register, CALIBRATOR, parts, of_campaign)
     entry = estimate("dsf_asymmetry", "ppm", value_ppm, std_ppm, conditions, dof=dof, **counted)
     return [*entries, sharing(entry, common)]
@@ -132,7 +154,7 @@ def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards)
             index = QUANTITIES.index(quantity)
             std_ppm = scale_factor_std_ppm(visit, standards, index)
             parts = calibrator_parts(visit, _ONE[index])
-            dof = calibrator_dof(std_ppm, parts, standards)
+            dof = calibrator_dof(std_ppm, parts, standards, scatter_parts(visit, _ONE[index], campaign))
             common = common_errors(standards.register, CALIBRATOR, parts, {_DRIFT: standards.drift_ppm})
             conditions = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign)
             counted = {"n": visit.fit.n, "dropped": visit.group.dropped + visit.fit.dropped}
@@ -228,13 +250,17 @@ def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standar
         for order, value in enumerate(polynomial.coefficients):
             std = float(np.hypot(polynomial.std_uncertainty(order), _sensor_effect(polynomial, order, campaign)))
             parts: dict[str, float] = {}
+            scatter: list[tuple[float, float]] = []
             of_campaign = {_SENSOR: _sensor_effect(polynomial, order, campaign)}
             if quantity in QUANTITIES:
+                contrast = _ONE[QUANTITIES.index(quantity)]
+                for visit, weight in zip(visits, polynomial.operator[order].tolist(), strict=True):
+                    scatter += scatter_parts(visit, weight * contrast, campaign)
                 parts = dict(zip(standard_labels(visits), polynomial.effects[order].tolist(), strict=True))
                 drift_ppm = _drift_ppm(order, polynomial, visits, fitted, standards)
                 std = float(np.hypot(std, drift_ppm))
                 of_campaign[_STEADY_DRIFT if order else _DRIFT] = drift_ppm
-            dof = calibrator_dof(std, parts, standards)
+            dof = calibrator_dof(std, parts, standards, scatter)
             common = common_errors(standards.register, CALIBRATOR, parts, of_campaign)
             name, unit = f"{quantity}_tc{order}", UNITS[quantity] + ("", "/degC", "/degC2")[order]
             entries.append(sharing(estimate(name, unit, value, std, conditions, n=len(visits), dof=dof), common))
