@@ -93,9 +93,6 @@ def check(
     live: Annotated[
         bool, typer.Option("--live", help="look at the real bench too; reads only, switches nothing on")
     ] = False,
-    predict: Annotated[
-        bool, typer.Option("--predict", help="say how well the campaign will know each result; takes a second more")
-    ] = False,
     out: Annotated[Path, typer.Option("--out", help="folder for sessions, whose disk --live tries")] = Path("sessions"),
     json: AsJson = False,
     uncommissioned: Uncommissioned = "",
@@ -103,7 +100,7 @@ def check(
     """Load, compile and check everything without touching an instrument; with --live the pre-flight of a run."""
     from bench.commands import check as check_command
 
-    request = check_command.Request(sequence, station, settings or [], plot, json, live, out, uncommissioned, predict)
+    request = check_command.Request(sequence, station, settings or [], plot, json, live, out, uncommissioned)
     raise typer.Exit(check_command.check(request))
 
 

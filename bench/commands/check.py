@@ -42,7 +42,6 @@ class Request:
     live: bool = False
     out: Path = Path("sessions")
     uncommissioned: str = ""
-    predict: bool = False
 
 
 def check(request: Request) -> int:
@@ -59,14 +58,13 @@ def check(request: Request) -> int:
             plots.plot_timetable(plan, request.plot)
     decoding = {link: pace_of(frame, WallClock()) for link, frame in sorted(plan.definitions().items())}
     report = _examined(plan, request) if request.live else None
-    told, lines = _predicted(plan) if request.predict else ({}, [])
+    told, lines = _predicted(plan)
     if request.json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
         document["decoding"] = {link: asdict(pace) for link, pace in decoding.items()}
         document["assumptions"] = [asdict(taken) for taken in assumptions_of(plan.campaign)]
         document |= {name: plan.campaign[name] for name in ("expected", "fits") if name in plan.campaign}
-        if request.predict:
-            document["predicted"] = told
+        document["predicted"] = told
         live = {} if report is None else {"preflight": report.event().document()}
         sys.stdout.write(json.dumps({**document, **live}, indent=1) + "\n")
     else:

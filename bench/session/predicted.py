@@ -23,12 +23,12 @@ _TOLD = ("quantity", "unit", "conditions", "std_uncertainty", "coverage_factor",
 def predicted(plan: Plan) -> Prediction:
     """Return the estimates of a plan with the uncertainties they will have; their values are those of a nominal unit.
 
-    Of several units each is predicted by itself. What is not predicted is ``missing``: all of an analysis that cannot
-    do so, and of a run that decides which records it takes.
+    Of several units each is predicted by itself; of an analysis that predicts nothing there is nothing. What is not
+    determined is ``missing``, all of a run that decides which records it takes among it.
     """
     declared = analysis_declaration(str(plan.campaign.get("analysis")))
     if declared is None or not declared.predicted:
-        return Prediction([], [f"the analysis {plan.campaign.get('analysis')} predicts no uncertainties"])
+        return Prediction([])
     if decisions_of(plan.steps):
         return Prediction([], ["records that the run decides on are not predicted"])
     if plan.units:
@@ -47,8 +47,16 @@ def _of_all(parts: Mapping[str, Prediction]) -> Prediction:
         for serial, part in parts.items()
         for entry in part.estimates
     ]
-    missing = [f"unit {serial}: {said}" for serial, part in parts.items() for said in part.missing]
-    return Prediction(estimates, missing, list(dict.fromkeys(said for part in parts.values() for said in part.assumed)))
+    said_by: dict[str, list[str]] = {}
+    for serial, part in parts.items():
+        for sentence in part.missing:
+            said_by.setdefault(sentence, []).append(serial)
+    missing = [
+        sentence if len(serials) == len(parts) else f"unit {', '.join(serials)}: {sentence}"
+        for sentence, serials in said_by.items()
+    ]
+    assumed = dict.fromkeys(sentence for part in parts.values() for sentence in part.assumed)
+    return Prediction(estimates, missing, list(assumed))
 
 
 def components_of(entry: Estimate) -> dict[str, float]:
@@ -105,10 +113,14 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
     for entry in prediction.estimates:
         by_quantity.setdefault(entry["quantity"], []).append(entry)
     for quantity, entries in by_quantity.items():
-        unit, limit = entries[0]["unit"], entries[0]["limit"]
+        unit, limit = entries[0]["unit"].removeprefix("1"), entries[0]["limit"]
         known = sorted({_two_digits(U) for entry in entries if (U := entry["expanded_uncertainty"]) is not None})
-        ends = [format_quantity(U, unit) for U in dict.fromkeys((known[0], known[-1]))] if known else ["not known"]
-        allowed = "" if limit is None else f", limit {format_quantity(limit, unit)}"
+        ends = (
+            [format_quantity(U, unit).rstrip() for U in dict.fromkeys((known[0], known[-1]))]
+            if known
+            else ["not known"]
+        )
+        allowed = "" if limit is None else f", limit {format_quantity(limit, unit).rstrip()}"
         chances = [chance for entry in entries if (chance := chance_of(entry, plan.campaign)) is not None]
         passing = f", {100.0 * min(chances):.3g} % of units pass" if chances else ""
         count = f" ({len(entries)} values)" if len(entries) > 1 else ""
@@ -121,11 +133,11 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
 
 
 def _most(entries: list[Estimate]) -> str:
-    """Return what brings most to the largest uncertainty, and how much of its variance."""
+    """Return what brings most to the largest uncertainty, and how much of its variance, if others share it."""
     widest = max(entries, key=lambda entry: entry["std_uncertainty"])
     name, part = next(iter(components_of(widest).items()))
     share = (part / widest["std_uncertainty"]) ** 2 if widest["std_uncertainty"] else 0.0
-    return f", {100.0 * share:.0f} % of its variance by {name}" if share else ""
+    return f", {100.0 * share:.0f} % of its variance by {name}" if name != OWN else ""
 
 
 def _two_digits(value: float) -> float:

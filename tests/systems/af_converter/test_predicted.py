@@ -59,10 +59,9 @@ def test_each_of_several_units_is_predicted_by_itself(tmp_path: Path) -> None:
         assert places(own) == pytest.approx(places(results["estimates"]), rel=TOLERANCE)
 
 
-def test_an_analysis_without_a_prediction_says_so(tmp_path: Path) -> None:
+def test_of_an_analysis_that_predicts_nothing_nothing_is_said(tmp_path: Path) -> None:
     plan = compile_sequence(ROOT / "sequences" / "gnc_unit_test.yaml", None, {})
-    (line,) = predicted_lines(plan, predicted(plan))
-    assert line == "missing: the analysis gnc_unit_test predicts no uncertainties"
+    assert list(predicted_lines(plan, predicted(plan))) == []
 
 
 def test_what_a_plan_does_not_determine_is_named(tmp_path: Path) -> None:
@@ -76,10 +75,10 @@ def test_what_a_plan_does_not_determine_is_named(tmp_path: Path) -> None:
 def test_it_is_printed_and_in_the_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     single_plan(tmp_path)
     path = str(tmp_path / "units_tiny.yaml")
-    assert check(Request(path, None, [], None, json=False, predict=True)) == 0
+    assert check(Request(path, None, [], None, json=False)) == 0
     said = capsys.readouterr().out
     assert "predicted    Scale-factor error N: U at least " in said
-    assert check(Request(path, None, [], None, json=True, predict=True)) == 0
+    assert check(Request(path, None, [], None, json=True)) == 0
     document = json.loads(capsys.readouterr().out)["predicted"]
     assert document["missing"] == []
     for entry in document["estimates"]:
@@ -88,8 +87,6 @@ def test_it_is_printed_and_in_the_document(tmp_path: Path, capsys: pytest.Captur
     assert next(iter(gain.items())) == ("5720A SIM5720 SIM-0001: gain", pytest.approx(10.0))  # 20 ppm of 95 %
     assert not {"value", "verdict", "conformance_probability"} & document["estimates"][0].keys()
     assert {entry["quantity"] for entry in document["estimates"]} >= {"dsf_n", "dsf_p", "dsf_asymmetry", "bias"}
-    assert check(Request(path, None, [], None, json=True)) == 0
-    assert "predicted" not in json.loads(capsys.readouterr().out)
 
 
 def test_the_chance_of_a_pass_stands_beside_the_limit(tmp_path: Path) -> None:
