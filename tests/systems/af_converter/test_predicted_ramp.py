@@ -154,6 +154,18 @@ def test_half_a_ramp_names_what_it_does_not_tell() -> None:
     assert any(sentence.startswith("branch down: no usable record") for sentence in half.missing)
 
 
+def test_a_unit_without_declared_walk_has_none() -> None:
+    plan = planned("bias_ramp_25h")
+    campaign: dict[str, Any] = copy.deepcopy(dict(plan.campaign))
+    campaign["channels"] = campaign["channels"][:1]
+    campaign["channels"][0]["noise"]["walk_A_rth"] = 0.0
+    found = of_ramp(replace(plan, campaign=campaign))
+    quantities = {entry["quantity"] for entry in found.estimates}
+    assert quantities >= {"bias", "hysteresis_width", "white_noise"}
+    assert "random_walk" not in quantities
+    assert any(sentence.startswith("random_walk of gyro channels") for sentence in found.missing)
+
+
 def test_a_unit_without_hysteresis_has_no_half_width() -> None:
     plan = planned("bias_ramp_25h")
     campaign: dict[str, Any] = copy.deepcopy(dict(plan.campaign))

@@ -58,8 +58,15 @@ def declared_noise(fits: Sequence[ChannelFit], records: RampRecords) -> list[Cha
     """Return what ``channel_noise`` finds on average in windows without a gap that hold the declared noise.
 
     A bias instability of 0 is above 0 in half of all records, so the others are as uncertain as beside a free one.
+    A channel without noise, or with too few windows for its terms, is left out.
     """
-    return [_declared(channel, records) for channel in fits]
+    noises = []
+    for channel in fits:
+        try:
+            noises.append(_declared(channel, records))
+        except FitError:
+            continue
+    return noises
 
 
 def _declared(channel: ChannelFit, records: RampRecords) -> ChannelNoise:
