@@ -6,6 +6,7 @@ Motions are closed forms of the planned calls, written here; the fits see rows a
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -230,15 +231,20 @@ def _noise(kind: str, row: np.ndarray, interval_s: float) -> tuple[float, list[t
 
 
 def _scatter(noise: tuple[float, list[tuple[float, float]]], begin_s: np.ndarray, length_s: np.ndarray) -> float:
-    """Root of the expected sample variance of means, the slow parts summed up over ten points of each mean."""
-    points = begin_s[:, None] + (np.arange(10) + 0.5) / 10.0 * length_s[:, None]
+    """Root of the expected sample variance of means."""
     covariance = np.diag(noise[0] / length_s)
     for variance, time_s in noise[1]:
-        for first in range(10):
-            apart = points[:, first][:, None] - points.ravel()
-            covariance += variance * np.exp(-np.abs(apart) / time_s).reshape(len(begin_s), -1, 10).sum(axis=2) / 100.0
+        covariance = covariance + variance * _together(time_s, tuple(begin_s), tuple(length_s))
     count = len(begin_s)
     return float(np.sqrt((np.trace(covariance) - covariance.sum() / count) / (count - 1)))
+
+
+@cache
+def _together(time_s: float, begin_s: tuple[float, ...], length_s: tuple[float, ...]) -> np.ndarray:
+    """Covariance of the means of slow noise of unit variance, summed up over ten points of each."""
+    points = np.array(begin_s)[:, None] + (np.arange(10) + 0.5) / 10.0 * np.array(length_s)[:, None]
+    apart = np.abs(points.ravel()[:, None] - points.ravel())
+    return np.exp(-apart / time_s).reshape(len(begin_s), 10, -1, 10).mean(axis=(1, 3))
 
 
 def magnetometer_truth(module: Module) -> dict[Key, float]:
