@@ -42,7 +42,7 @@ def test_the_prediction_of_a_session_is_that_of_its_sequence(view: SessionView) 
 def test_nothing_is_held_against_a_part_another_method_or_without_a_plan(view: SessionView) -> None:
     assert predicted_of(replace(view, incomplete=True), "gls") == []
     assert predicted_of(view, "regression") == []
-    texts = {name: text for name, text in view.texts.items() if not name.startswith("frames/")}
+    texts = {name: text for name, text in view.texts.items() if not name.startswith("stations/")}
     for without in (replace(view, plan_steps=()), replace(view, texts=texts)):
         assert predicted_of(without, "gls") == []
         assert expectations(without, stated(view)) == {}
