@@ -66,7 +66,8 @@ def expectations(session: Recorded, determined: Iterable[Mapping[str, Any]]) -> 
     whole = [] if plan is None else predicted(plan).estimates
     if plan is None or not whole:
         return {}
-    so_far = {foreseen_name(entry): entry for entry in predicted(_up_to_now(plan, session)).estimates}
+    part = predicted(_up_to_now(plan, session)).estimates if session.rows else []
+    so_far = {foreseen_name(entry): entry for entry in part}
     known = {foreseen_name(entry): entry for entry in determined}
     names = ((foreseen_name(entry), entry) for entry in whole)
     return {name: Expected(entry, _at_end_U(known.get(name), so_far.get(name), entry)) for name, entry in names}
@@ -74,11 +75,11 @@ def expectations(session: Recorded, determined: Iterable[Mapping[str, Any]]) -> 
 
 def _at_end_U(known: Mapping[str, Any] | None, so_far: Estimate | None, whole: Estimate) -> float | None:
     """Return the expanded uncertainty at the end: as predicted for what the records so far do not determine."""
-    if known is None or so_far is None or not so_far["expanded_uncertainty"]:
+    known_U = known and known["expanded_uncertainty"]
+    if known is not None and known_U is None:
+        return None  # it is doubtful: nobody knows what it will come to
+    if not known_U or so_far is None or not so_far["expanded_uncertainty"]:
         return whole["expanded_uncertainty"]
-    known_U = known["expanded_uncertainty"]  # None of what is doubtful: nobody knows what that will come to
-    if known_U is None:
-        return None
     return expected_at_end(known_U, so_far["expanded_uncertainty"], whole["expanded_uncertainty"])
 
 
@@ -95,5 +96,5 @@ def _plan_of(session: Recorded) -> Plan | None:
 
 def _up_to_now(plan: Plan, session: Recorded) -> Plan:
     """Return a plan without the steps that come after the last record there is."""
-    last = max((row.window.step for row in session.rows), default=-1)
+    last = max(row.window.step for row in session.rows)
     return replace(plan, steps=plan.steps[: last + 1])
