@@ -32,6 +32,7 @@ from bench.analysis.coefficients import (
 )
 from bench.analysis.doubt import (
     DOUBTFUL,
+    FALSE_DOUBT,
     LEAST_MOVE,
     REFUSED,
     Evidence,
@@ -85,6 +86,7 @@ from bench.analysis.values import Value, place_of, placed, values_of
 __all__ = [
     "CONTINUES",
     "DOUBTFUL",
+    "FALSE_DOUBT",
     "INCOMPLETE",
     "LEAST_MOVE",
     "OF_UNIT",

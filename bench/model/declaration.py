@@ -53,6 +53,7 @@ class AnalysisDeclaration:
     ``problems``: function that says of each record why the analysis leaves it out; "" for what holds for all records.
     ``assumptions``: function that names what its data cannot show, from the section "campaign" of a plan.
     ``predicted``: function that gives the estimates of planned records with the uncertainties they will have.
+    ``design``: function that says what of a campaign is free, so that the shortest one can be found.
     ``roles``: that columns of a log play for it.   ``bench_clock``: its results are by the clock of the bench.
     """
 
@@ -79,6 +80,7 @@ class AnalysisDeclaration:
     assumptions: str = ""
     roles: tuple[str, ...] = ()
     predicted: str = ""
+    design: str = ""
     bench_clock: bool = False
 
 
