@@ -19,6 +19,7 @@ from bench.commands.hand.app import commission, drill, talk
 from bench.commands.history.app import app as history_app
 from bench.commands.lab.app import init, list_all
 from bench.commands.living_app import abort, answer, pause, shelve, top
+from bench.commands.planning.app import plan
 from bench.commands.session_app import AsJson, SessionFolder, batch, certificate, export, fit, replay, report, study
 from bench.commands.usage import App, completing
 from bench.model.errors import BenchError, ExitStatus, InputError
@@ -102,6 +103,9 @@ def check(
 
     request = check_command.Request(sequence, station, settings or [], plot, json, live, out, uncommissioned)
     raise typer.Exit(check_command.check(request))
+
+
+app.command(epilog="Example: bench plan scale_factor_38h --lag '27 min' --out shorter.yaml")(plan)
 
 
 @app.command(epilog="Example: bench run scale_factor_38h --clock virtual --seed 1 --out sessions")

@@ -33,6 +33,7 @@ from bench.analysis.coefficients import (
 )
 from bench.analysis.doubt import (
     DOUBTFUL,
+    FALSE_DOUBT,
     LEAST_MOVE,
     REFUSED,
     Evidence,
@@ -86,6 +87,7 @@ from bench.analysis.values import Value, place_of, placed, values_of
 __all__ = [
     "CONTINUES",
     "DOUBTFUL",
+    "FALSE_DOUBT",
     "INCOMPLETE",
     "LEAST_MOVE",
     "NOTED",

@@ -14,6 +14,7 @@ from bench.model.shipped import Kind, shipped_names
 GROUPS: dict[str, dict[str, str]] = {
     "Run a campaign": {
         "check": "load, compile and check a sequence; touch no instrument",
+        "plan": "the shortest sequence that reaches an uncertainty",
         "run": "run a campaign, on the bench or rehearsed in virtual time",
         "resume": "go on with a run that stopped, or let a paused one go on",
         "pause": "let a living run stand still",

@@ -54,6 +54,7 @@ class AnalysisDeclaration:
     ``assumptions``: function that names what its data cannot show, from the section "campaign" of a plan.
     ``predicted``: function that gives the estimates of planned records with the uncertainties they will have.
     ``point``: module that says how well the mean of a measuring point is known (``bench.model.stopping``).
+    ``design``: function that says what of a campaign is free, so that the shortest one can be found.
     ``roles``: that columns of a log play for it.   ``bench_clock``: its results are by the clock of the bench.
     """
 
@@ -81,6 +82,7 @@ class AnalysisDeclaration:
     roles: tuple[str, ...] = ()
     predicted: str = ""
     point: str = ""
+    design: str = ""
     bench_clock: bool = False
 
 

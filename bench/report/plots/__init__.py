@@ -7,6 +7,7 @@ from bench.report.plots.graphs import analysis_pictures
 from bench.report.plots.history import FORMATS, MOST_PANELS, Panel, line_years, plot_history
 from bench.report.plots.strips import strip_pictures
 from bench.report.plots.temperatures import asymmetry_picture, bias_picture, dsf_picture, surroundings_picture
+from bench.report.plots.trade import plot_trade
 
 __all__ = [
     "FORMATS",
@@ -22,6 +23,7 @@ __all__ = [
     "plot_control",
     "plot_history",
     "plot_timetable",
+    "plot_trade",
     "residual_picture",
     "strip_pictures",
     "surroundings_picture",

@@ -148,6 +148,7 @@ DECLARATION = System(
             assumptions=f"{_HERE}.assumptions:of_levels",
             predicted=f"{_HERE}.scale_factor.predicted:predicted",
             point=f"{_HERE}.point",
+            design=f"{_HERE}.scale_factor.design.campaign:design",
             **_AT_ONE_TEMPERATURE,
             **_DATA_SHEET,
         ),

@@ -35,6 +35,7 @@ PLANS = {
     "gnc_unit_test": (5 * (2.0 + 3.0 + 12.0 + 1.0), 0),
     "rlg_backscatter": (6 * 14.0, 6),
     "rlg_lock_in": (3 * (60.0 + 2 * 23.0), 3 * 2),
+    "scale_factor_26h": (60 * (90 + 3 * 100 + 138 + 170) + 387 * (113 + 20), 4 * (10 * 9) + 3 * 9),
     "scale_factor_38h": (5 * SOAK_s + 765 * POINT_s, 5 * 10 * 15 + 15),
     "scale_factor_short": (10_350.0, 2 * 3 * 15 + 15),
     "scale_factor_wall": (460.65, 2 * 3 * 15 + 7),  # 2 x (60 + 3) s and 97 times 3.45 s

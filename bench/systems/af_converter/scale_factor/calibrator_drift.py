@@ -106,8 +106,10 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
     """A calibrator that delivers more makes the unit count more, which looks like a smaller charge per pulse.
 
     A change is taken to have gone on steadily through the campaign, at the bound that the repeat leaves, seen or not.
+    Where a channel is repeated more than once, the repeat that leaves least counts, and every other that sees a change.
     """
-    entries, bounds_ppm, notes = [], [], []
+    entries, notes, seen_ppm = [], [], []
+    left_ppm: dict[int, tuple[float, float]] = {}  # channel -> what its best repeat leaves unseen, and its bound
     for start, again in pairs:
         change, covariance = change_ppm(start, again, fitted)
         mean = np.array([-0.5, -0.5])
@@ -123,8 +125,12 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
         entries.append(entry)
         scale = max(1.0, campaign_s / between_s) if between_s > 0 else 1.0
         seen = abs(entry["value"]) > entry["expanded_uncertainty"]
-        bounds_ppm.append(_bound_ppm(entry) * scale)
+        bound_ppm = _bound_ppm(entry) * scale
+        seen_ppm += [bound_ppm] * seen
+        left = entry["expanded_uncertainty"] * scale, bound_ppm
+        left_ppm[again.group.channel] = min(left, left_ppm.get(again.group.channel, left))
         notes.append(_repeat_note(entry, scale, campaign_s, seen))
+    bounds_ppm = [*seen_ppm, *(bound_ppm for _, bound_ppm in left_ppm.values())]
     return CalibratorDrift(max(bounds_ppm, default=None), CLOSING_REPEAT, entries, notes)
 
 

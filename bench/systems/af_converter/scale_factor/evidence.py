@@ -25,7 +25,9 @@ from bench.systems.af_converter.group_fit import (
 from bench.systems.af_converter.groups import place_name
 from bench.systems.af_converter.plausible import about, plausible
 from bench.systems.af_converter.register import CALIBRATOR, Standards, expired
+from bench.systems.af_converter.scale_factor.calibrator_drift import repeats
 from bench.systems.af_converter.scale_factor.common_step import common_step
+from bench.systems.af_converter.scale_factor.unsteady import unsteady
 from bench.systems.af_converter.wording import say
 
 Array = NDArray[np.float64]
@@ -43,6 +45,7 @@ def evidence(
         *straight,
         *(_whole_counts(visit) for visit in fitted.groups),
         *common_step(fitted, entries),
+        *unsteady(repeats(fitted, campaign, standards, method), fitted, entries),
         *expired(material, CALIBRATOR, fitted.ranges_A, SCALE_FACTORS),
     ]
 

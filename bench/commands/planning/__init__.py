@@ -1,0 +1,1 @@
+"""``bench plan``: the shortest sequence that reaches an uncertainty."""

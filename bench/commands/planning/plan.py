@@ -1,0 +1,100 @@
+"""``bench plan``: the shortest sequence that reaches an uncertainty, or the best one in a time."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+from bench.commands.check import checked_plan
+from bench.commands.console import console
+from bench.model.errors import ExitStatus, InputError, InputErrors
+from bench.model.units import parse_quantity
+from bench.model.yamlio import NAME_PATTERN
+from bench.plan import Plan, check_plan, compile_sequence
+from bench.session.designed import Asked, Proposal, curve, proposed
+from bench.session.output import writing
+
+_FACTORS = (1.0, 1.25, 1.6, 2.0, 3.0)  # of the targets, for the figure
+
+
+@dataclass(frozen=True)
+class Request:
+    """Arguments of ``bench plan``."""
+
+    sequence: str
+    station: str | None
+    targets: list[str]
+    within: str | None
+    lag: str | None
+    out: Path | None
+    plot: Path | None
+    json: bool
+
+
+def plan(request: Request) -> int:
+    """Find a plan, write it, check what was written, and print what it gains and loses.
+
+    Raises: InputError B-DES-...; InputErrors if what is written does not compile.
+    """
+    given = checked_plan(request.sequence, request.station, [])
+    within_s, lag_s = _seconds("--within", request.within), _seconds("--lag", request.lag)
+    found = proposed(given, Asked(request.targets, within_s, lag_s))
+    _write(request, found)
+    if request.plot is not None:
+        from bench.report import plots  # matplotlib takes longer to load than a sequence to check
+
+        with writing(request.plot):
+            plots.plot_trade(found.plan.name, curve(found, _FACTORS), found.today_s / 3600.0, request.plot)
+    if request.json:
+        sys.stdout.write(json.dumps(found.document(), indent=1) + "\n")
+    else:
+        out = console()
+        out.print(f"{given.name}: {given.title}")
+        for line in found.lines():
+            out.print(f"  {line}", markup=False, highlight=False)
+        if request.out is not None:
+            out.print(f"  written      {request.out}", markup=False)
+    return ExitStatus.PASS
+
+
+def _seconds(option: str, text: str | None) -> float | None:
+    """Return a time of the command line. Raises: InputError B-DES-001."""
+    if text is None:
+        return None
+    try:
+        seconds = parse_quantity(text, "s")
+    except ValueError as error:
+        raise InputError("B-DES-001", str(error), where=option, next_step="for example '26 h' or '27 min'") from error
+    if seconds <= 0:
+        raise InputError("B-DES-001", f"{text!r} is not above zero", where=option, next_step="for example '26 h'")
+    return seconds
+
+
+def _write(request: Request, found: Proposal) -> None:
+    """Write the sequence, or try in a folder that goes away, and check that it is what was asked for."""
+    name = request.out.stem if request.out is not None else f"{found.plan.name}_planned"[:40]
+    if not re.fullmatch(NAME_PATTERN, name):
+        message = f"{name!r} is no name of a sequence"
+        raise InputError(
+            "B-DES-001", message, where="--out", next_step="small letters, digits and _, for example short.yaml"
+        )
+    text = found.text(name)
+    if request.out is not None:
+        with writing(request.out):
+            request.out.write_text(text, encoding="utf-8")
+        _check(found, request.out)
+        return
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"{name}.yaml"
+        path.write_text(text, encoding="utf-8")
+        _check(found, path)
+
+
+def _check(found: Proposal, path: Path) -> None:
+    written: Plan = compile_sequence(path, found.plan.station)
+    if mistakes := check_plan(written, written.station):
+        raise InputErrors(mistakes)

@@ -1,0 +1,29 @@
+"""The shortest campaign that reaches an uncertainty: what is common to all analyses; each says what is free in its own.
+
+Decision: docs/decisions/0049-the-shortest-plan.md.
+"""
+
+from bench.design.edits import SequenceText
+from bench.design.problem import Given, Power, Problem
+from bench.design.search import descended
+from bench.design.shortest import Design, best_within, designed
+from bench.design.soaks import slot_s
+from bench.design.targets import Key, Target, default_targets, reached, read_target, refuse_below_floor
+
+__all__ = [
+    "Design",
+    "Given",
+    "Key",
+    "Power",
+    "Problem",
+    "SequenceText",
+    "Target",
+    "best_within",
+    "default_targets",
+    "descended",
+    "designed",
+    "reached",
+    "read_target",
+    "refuse_below_floor",
+    "slot_s",
+]

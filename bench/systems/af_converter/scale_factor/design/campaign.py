@@ -1,0 +1,373 @@
+"""Scale-factor campaigns that may stand in place of a given one: some of its levels and temperatures, in any order.
+
+Nothing is tried that the given campaign does not do already: levels and temperatures are its own, ramp, settle time and
+the band of a soak stay. A record may become longer, as far as no channel takes more heat in a visit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
+from itertools import combinations, product
+
+import numpy as np
+
+from bench.analysis import Estimates, Planned
+from bench.design import Given, Key, Power, SequenceText, reached, slot_s
+from bench.maths.verdict import coverage_factor
+from bench.model.clock import NS
+from bench.model.errors import InputError
+from bench.model.ports import RecordWindow
+from bench.model.units import format_quantity
+from bench.systems.af_converter.constants import read_campaign
+from bench.systems.af_converter.group_fit import QUANTITIES
+from bench.systems.af_converter.register import read_standards
+from bench.systems.af_converter.scale_factor.design.drifts import coefficients_at_least, drift_powers
+from bench.systems.af_converter.scale_factor.design.rivals import LEAST_POWER, visit_powers, visit_readings
+from bench.systems.af_converter.scale_factor.design.template import Point, Template, template_of
+from bench.systems.af_converter.scale_factor.design.tours import (
+    COEFFICIENTS,
+    Tour,
+    is_monotone,
+    missing_repeats,
+    tours,
+)
+from bench.systems.af_converter.scale_factor.design.writing import write_length, write_levels, write_stops
+from bench.systems.af_converter.scale_factor.predicted import predicted
+from bench.systems.af_converter.wording import kind_name
+
+_PARAMETERS = 2  # of a polarity: scale-factor error and offset
+_SPARE_LEVELS, _SPARE_TEMPERATURES = 2, 1
+_NEARLY = 0.99  # of an uncertainty that is computed without a fit
+_SHORTEST_s, _STEP_s, _COARSE_s = 20.0, 1.0, 10.0  # of records
+Levels = tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """``levels_A``: of each group of channels.   ``again``: channels of the repeats before the last, and of the last.
+
+    ``by_lag``: soaks last as long as the lag asks, not the given slot.
+    """
+
+    levels_A: tuple[Levels, ...]
+    stops: Tour
+    again: tuple[tuple[int, ...], tuple[int, ...]]
+    by_lag: bool
+
+    def channels_at(self, number: int) -> tuple[int, ...]:
+        """Return the channels of a stop that is a repeat, () for all channels."""
+        if not self.stops[number].repeat:
+            return ()
+        return self.again[number == len(self.stops) - 1]
+
+
+def design(given: Given) -> Campaigns:
+    """Return the campaigns that may stand in place of a given one. Raises: InputError B-DES-004, B-DES-005."""
+    return Campaigns(given, template_of(given.plan))
+
+
+class Campaigns:
+    """The problem as the search sees it (``bench.design.Problem``)."""
+
+    wanted = (
+        ("dsf_n", "random"), ("dsf_p", "random"), ("dsf_asymmetry", ""),
+        ("dsf_n_tc1", ""), ("dsf_p_tc1", ""), ("dsf_n_tc2", ""), ("dsf_p_tc2", ""),
+    )  # fmt: skip
+
+    def __init__(self, given: Given, template: Template) -> None:
+        """Take a campaign apart. Raises: InputError B-DES-004 if it leaves the rules no room."""
+        self._given, self._template = given, template
+        self._campaign = read_campaign(given.plan.campaign)
+        self._register = given.plan.station.standards()
+        self._standards = read_standards(self._register)
+        given_levels_A = tuple(template.levels_A)
+        self.today = Candidate(given_levels_A, template.stops, template.again, by_lag=False), template.dwell_s
+        self._require_room()
+        self.estimates = lru_cache(maxsize=4096)(self._estimates)
+        self.powers = lru_cache(maxsize=4096)(self._powers)
+        self.extent = lru_cache(maxsize=65536)(self._extent)
+
+    def _require_room(self) -> None:
+        temperatures = {stop.temperature_degC for stop in self._template.stops}
+        least = COEFFICIENTS + _SPARE_TEMPERATURES
+        few = [levels for levels in self._template.levels_A if len(levels) + 1 < _PARAMETERS + _SPARE_LEVELS]
+        if len(temperatures) < least or few:
+            message = (
+                f"the rules ask for {least} temperatures and for {_PARAMETERS + _SPARE_LEVELS - 1} levels beside zero; "
+                f"{self._given.plan.name} has {len(temperatures)} and {min(map(len, self._template.levels_A))}"
+            )
+            raise InputError("B-DES-004", message, where=self._given.plan.name, next_step="add what is missing to it")
+
+    @cached_property
+    def tours(self) -> Sequence[Tour]:
+        """Tours of the given temperatures, the shortest first."""
+        found = tours(list({stop.temperature_degC for stop in self._template.stops}))
+        allowed = [tour for tour in found if self._may(tour)]
+        return sorted(allowed, key=lambda tour: (sum(self._slots_s(tour, self._by_lag)), tour))
+
+    @property
+    def _by_lag(self) -> bool:
+        return self._given.lag_s is not None
+
+    @property
+    def starts(self) -> Iterator[Candidate]:
+        """Yield every tour, the shortest first, with the levels that determine scale factors and asymmetry best."""
+        levels_A = tuple(self._best_levels(group) for group in range(len(self._template.groups)))
+        yield from (Candidate(levels_A, tour, (self._firsts, self._firsts), self._by_lag) for tour in self.tours)
+
+    @property
+    def _firsts(self) -> tuple[int, ...]:
+        """Return the channels that are repeated today, and the first of each other group."""
+        again = self._template.again[1]
+        others = [group[0] for group in self._template.groups if not set(group) & set(again)]
+        return tuple(sorted({*again, *others}))
+
+    def _best_levels(self, group: int) -> Levels:
+        """Return the levels with the least random part of a visit against the given one, records as long as may be."""
+        kind = self._campaign.channel(self._template.groups[group][0]).kind
+        keys = Key("dsf_n", "random", kind), Key("dsf_asymmetry", "", kind)
+        given = reached(self.estimates(*self.today))
+
+        def worth(levels_A: Levels) -> tuple[int, float]:
+            whole = replace(self.today[0], stops=self.tours[0], again=(self._firsts,) * 2, by_lag=self._by_lag)
+            candidate = self._with(whole, group, levels_A)
+            length_s = self._longest_s(candidate, self._template.groups[group][0])
+            known = reached(self.estimates(candidate, length_s))
+            return len(self._unseen(candidate, length_s)), max(known[key] / given[key] for key in keys)
+
+        return min(_with_the_largest(self._template.levels_A[group]), key=worth)
+
+    @staticmethod
+    def _with(candidate: Candidate, group: int, levels_A: Levels) -> Candidate:
+        of_groups = [*candidate.levels_A]
+        of_groups[group] = levels_A
+        return replace(candidate, levels_A=tuple(of_groups))
+
+    def lengths_s(self, candidate: Candidate) -> Sequence[float]:
+        """Return whole steps, as long as no channel takes more heat in a visit than the given campaign brings it."""
+        longest_s = min(self._longest_s(candidate, group[0]) for group in self._template.groups)
+        return np.arange(_SHORTEST_s, longest_s + 1e-6, _STEP_s).tolist()
+
+    def _longest_s(self, candidate: Candidate, channel: int) -> float:
+        given, given_s = self.today
+        return given_s * self._heat(given, channel) / self._heat(candidate, channel)
+
+    def moves(self, candidate: Candidate) -> Iterator[Candidate]:
+        """Yield the candidate with other levels of one group, or with another tour."""
+        for group, levels_A in enumerate(self._template.levels_A):
+            yield from (self._with(candidate, group, kept) for kept in _with_the_largest(levels_A))
+        yield from (replace(candidate, again=again) for again in self._choices_again())
+        yield from (replace(candidate, stops=tour) for tour in self.tours)
+
+    def _choices_again(self) -> Iterator[tuple[tuple[int, ...], tuple[int, ...]]]:
+        """Yield the channels of the repeats, the quietest first: two repeats of it tell a step from a drift.
+
+        The last repeat has those of today, which use the ranges that they use.
+        """
+        known = reached(self.estimates(*self.today))
+        kinds = {channel: self._campaign.channel(channel).kind for channel in self._firsts}
+        quietest = sorted(self._firsts, key=lambda channel: known[Key("dsf_n", "random", kinds[channel])])
+        middles = [*((channel,) for channel in quietest), self._firsts]
+        yield from product(dict.fromkeys(middles), dict.fromkeys([self._template.again[1], self._firsts]))
+
+    def duration_s(self, candidate: Candidate, length_s: float) -> float:
+        """Return how long a campaign takes."""
+        between_s, records = self.extent(candidate)
+        return between_s + records * length_s
+
+    def _extent(self, candidate: Candidate) -> tuple[float, int]:
+        """Return the time of a campaign outside of its records, and how many these are."""
+        slots_s = self._slots_s(candidate.stops, candidate.by_lag)
+        stays = [candidate.channels_at(number) or self._template.points for number in range(len(candidate.stops))]
+        leads_s = [self._leads_s(candidate, channel) for channels in stays for channel in channels]
+        return math.fsum([*slots_s, *map(math.fsum, leads_s)]), sum(map(len, leads_s))
+
+    def _estimates(self, candidate: Candidate, length_s: float) -> Estimates:
+        alike = {group[0] for group in self._template.groups}.union(*candidate.again)
+        windows = list(self._windows(candidate, length_s, alike))
+        return predicted(Planned(windows, self._given.plan.campaign, self._register)).estimates
+
+    def at_least(self, candidate: Candidate, length_s: float) -> dict[Key, float]:
+        """Return about the least uncertainty of the coefficients, by that of a visit, which no tour changes.
+
+        That of a visit is computed for a length in whole tens of seconds, which is the same for many candidates.
+        """
+        usual = replace(candidate, stops=self.tours[0], again=(self._firsts, self._firsts))
+        estimates = self.estimates(usual, _COARSE_s * math.ceil(length_s / _COARSE_s))
+        known, at_s = reached(estimates), self._stops_at_s(candidate, length_s)
+        resolved_ppm = max(
+            entry["std_uncertainty"]
+            for entry in estimates
+            if entry["quantity"] == "calibrator_drift" and entry["conditions"]["channel"] in candidate.again[1]
+        )
+        bounds = {key: _NEARLY * known[key] for key in known if key[:2] in self.wanted and "_tc" not in key.quantity}
+        for group in self._template.groups:
+            kind = self._campaign.channel(group[0]).kind
+            for name in QUANTITIES:
+                noise_ppm = known[Key(name, "random", kind)] / coverage_factor()
+                of_orders = coefficients_at_least(
+                    candidate.stops, at_s, noise_ppm, resolved_ppm, self._campaign.reference_temperature_degC
+                )
+                for order, U in enumerate(of_orders, start=1):
+                    bounds[Key(f"{name}_tc{order}", "", kind)] = _NEARLY * U
+        return bounds
+
+    def broken(self, candidate: Candidate, length_s: float) -> list[str]:
+        """Return the rules that a campaign breaks."""
+        return [*self._broken_order(candidate.stops), *self._unseen(candidate, length_s)]
+
+    def _powers(self, candidate: Candidate, length_s: float) -> list[Power]:
+        estimates = self.estimates(candidate, length_s)
+        known, visits = reached(estimates), sum(1 for stop in candidate.stops if not stop.repeat)
+        powers: dict[tuple[str, str], float] = {}
+        for group in self._template.groups:
+            rows = visit_readings(self._visit(candidate, group[0]), length_s, group[0], self._campaign)
+            kind = self._campaign.channel(group[0]).kind
+            U_ppm = {name: known[Key(name, "", kind)] for name in (*QUANTITIES, "dsf_asymmetry")}
+            count = visits * sum(map(len, self._template.groups))
+            for rival, quantity, power in visit_powers(rows, group[0], self._campaign, self._standards, U_ppm, count):
+                place = f"{rival} ({kind})", quantity
+                powers[place] = min(power, powers.get(place, 1.0))
+        of_visits = [Power(*place, power) for place, power in powers.items()]
+        at_s = self._stops_at_s(candidate, length_s)
+        again = [(number, channel) for number in range(len(at_s)) for channel in candidate.channels_at(number)]
+        reference_degC = self._campaign.reference_temperature_degC
+        return of_visits + drift_powers(candidate.stops, at_s, again, reference_degC, estimates)
+
+    def told(self, candidate: Candidate, length_s: float) -> dict[str, str]:
+        """Return levels, temperatures, repeats, length of records and soaks in words."""
+        told = {}
+        for group, levels_A in zip(self._template.groups, candidate.levels_A, strict=True):
+            kind = kind_name(self._campaign.channel(group[0]).kind)
+            told[f"levels, {kind}"] = ", ".join(format_quantity(level_A, "A") for level_A in levels_A)
+        visits = (
+            f"{stop.temperature_degC:g}{_repeat_told(candidate.channels_at(number))}"
+            for number, stop in enumerate(candidate.stops)
+        )
+        told["temperatures, degC"] = ", ".join(visits)
+        told["records"] = f"{length_s:g} s"
+        slots_min = [slot / 60.0 for slot in self._slots_s(candidate.stops, candidate.by_lag) if slot]
+        told["soaks"] = ", ".join(f"{slot:g}" for slot in slots_min) + " min"
+        return told
+
+    def changes(self, candidate: Candidate, length_s: float) -> Iterator[tuple[str, Candidate, float]]:
+        """Yield the way from the given campaign: soaks, temperatures and repeats, levels of each kind, records."""
+        here, given_s = self.today
+        if candidate.by_lag:
+            here = replace(here, by_lag=True)
+            yield "soaks by the lag", here, given_s
+        here = replace(here, stops=candidate.stops, again=candidate.again)
+        yield "temperatures and repeats", here, given_s
+        for group, channels in enumerate(self._template.groups):
+            here = self._with(here, group, candidate.levels_A[group])
+            yield f"levels, {kind_name(self._campaign.channel(channels[0]).kind)}", here, given_s
+        yield "records", candidate, length_s
+
+    def written(self, candidate: Candidate, length_s: float, name: str, heading: Sequence[str]) -> str:
+        """Return the campaign as a sequence of this name. Raises: InputError B-DES-005."""
+        plan = self._given.plan
+        text = SequenceText(self._given.text, plan.files[f"sequences/{plan.name}.yaml"])
+        duration_s = self.duration_s(candidate, length_s)
+        records = self.extent(candidate)[1]
+        text.set_value(("sequence",), name, "")
+        if "title" in text.tree:
+            text.set_value(("title",), f"AF-converter scale factor as planned, {duration_s / 3600.0:.1f} hours", "")
+        for key, value in (("duration", f"{duration_s:.10g} s"), ("records", f"{records}")):
+            if key in text.tree:
+                text.set_value((key,), value, "")
+        write_levels(text, self._template, candidate.levels_A)
+        write_length(text, length_s, self._template.dwell_s)
+        channels = [candidate.channels_at(number) for number in range(len(candidate.stops))]
+        write_stops(text, candidate.stops, channels, self._slots_s(candidate.stops, candidate.by_lag))
+        return text.text(heading)
+
+    def _may(self, tour: Tour) -> bool:
+        return not self._broken_order(tour) and math.isfinite(sum(self._slots_s(tour, self._by_lag)))
+
+    def _broken_order(self, tour: Tour) -> list[str]:
+        sentences = [f"no {what} visit of one temperature" for what in missing_repeats(tour)]
+        if self._standards.drift is None and is_monotone(tour):
+            sentences.append("temperatures in one direction while nobody declares the drift of the calibrator")
+        return sentences
+
+    def _heat(self, candidate: Candidate, channel: int) -> float:
+        return math.fsum(point.level_A**2 for point in self._visit(candidate, channel))
+
+    def _unseen(self, candidate: Candidate, length_s: float) -> list[str]:
+        """Return the rivals that would not be seen; of the asymmetry, which has no error of a standard, only those that
+        the given campaign shows.
+        """
+        today = {(power.rival, power.quantity): power.power for power in self.powers(*self.today)}
+        return [
+            f"{power.rival} that costs 1 U of {power.quantity} is seen with probability {power.power:.2f}"
+            for power in self.powers(candidate, length_s)
+            if power.power < LEAST_POWER
+            and (power.quantity != "dsf_asymmetry" or today.get((power.rival, power.quantity), 0.0) >= LEAST_POWER)
+        ]
+
+    def _visit(self, candidate: Candidate, channel: int) -> list[Point]:
+        kept = {0.0, *candidate.levels_A[self._template.group_of(channel)]}
+        return [point for point in self._template.points[channel] if point.level_A in kept]
+
+    def _leads_s(self, candidate: Candidate, channel: int) -> list[float]:
+        return [point.lead_s for point in self._visit(candidate, channel)]
+
+    def _visit_s(self, candidate: Candidate, length_s: float, channel: int) -> float:
+        leads_s = self._leads_s(candidate, channel)
+        return math.fsum(leads_s) + len(leads_s) * length_s
+
+    def _stop_s(self, candidate: Candidate, length_s: float, number: int) -> float:
+        channels = candidate.channels_at(number) or self._template.points
+        return math.fsum(self._visit_s(candidate, length_s, channel) for channel in channels)
+
+    def _slots_s(self, stops: Tour, by_lag: bool) -> list[float]:
+        """Return the time before each stop; infinite for a step of temperature of an unknown length."""
+        template, soak, lag_s = self._template, self._template.soak, self._given.lag_s
+        if stops == template.stops and not by_lag:
+            return list(template.slots_s)
+        if by_lag and lag_s is not None:
+            return [
+                slot_s(step, soak.ramp_degC_min, soak.within_degC, soak.for_s, lag_s) if step or not number else 0.0
+                for number, step in enumerate(template.steps_degC(stops))
+            ]
+        longest, slot = max(template.steps_degC(template.stops)), max(template.slots_s)
+        return [slot if step <= longest else math.inf for step in template.steps_degC(stops)]
+
+    def _stops_at_s(self, candidate: Candidate, length_s: float) -> list[float]:
+        at_s, now_s = [], 0.0
+        for number, slot in enumerate(self._slots_s(candidate.stops, candidate.by_lag)):
+            at_s.append(now_s + slot + self._visit_s(candidate, length_s, candidate.again[1][0]) / 2.0)
+            now_s += slot + self._stop_s(candidate, length_s, number)
+        return at_s
+
+    def _windows(self, candidate: Candidate, length_s: float, wanted: Iterable[int]) -> Iterator[RecordWindow]:
+        """Yield the records of some channels at their times."""
+        now_s, number, chosen = self._template.begin_s, 0, set(wanted)
+        slots_s = self._slots_s(candidate.stops, candidate.by_lag)
+        for place, (stop, slot) in enumerate(zip(candidate.stops, slots_s, strict=True)):
+            now_s += slot
+            for channel in candidate.channels_at(place) or self._template.points:
+                if channel not in chosen:
+                    now_s += self._visit_s(candidate, length_s, channel)
+                    continue
+                for point in self._visit(candidate, channel):
+                    begin_ns, number = round((now_s + point.lead_s) * NS), number + 1
+                    conditions = {**point.conditions, "temperature_degC": stop.temperature_degC, "repeat": stop.repeat}
+                    end_ns = begin_ns + round(length_s * NS)
+                    link = self._given.plan.measurement_link
+                    yield RecordWindow(number, link, 0, 0, begin_ns, end_ns, conditions)
+                    now_s += point.lead_s + length_s
+
+
+def _repeat_told(channels: Sequence[int]) -> str:
+    return f" (repeat of channel {', '.join(map(str, channels))})" if channels else ""
+
+
+def _with_the_largest(levels_A: Levels) -> Iterator[Levels]:
+    """Yield the choices of levels with the largest, which alone shows a soft end, and enough to spare."""
+    *others, largest = levels_A
+    for count in range(_PARAMETERS + _SPARE_LEVELS - 2, len(others) + 1):
+        yield from ((*kept, largest) for kept in combinations(others, count))

@@ -1,0 +1,156 @@
+"""The parts of a shorter plan that belong to no system: soaks, targets, edits of a sequence, the search for hours."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bench.analysis import estimate, sharing
+from bench.design import (
+    Key,
+    SequenceText,
+    Target,
+    best_within,
+    default_targets,
+    designed,
+    reached,
+    read_target,
+    refuse_below_floor,
+    slot_s,
+)
+from bench.design.targets import misses
+from bench.model.errors import InputError
+
+LAG_s, WITHIN_degC, FOR_s = 1620.0, 1.0, 600.0
+
+
+@pytest.mark.validates("slot of a soak", against="the equation of a lag behind a ramp, stepped in time")
+@pytest.mark.parametrize("step_degC", [3.0, 15.0, 30.0, 60.0])
+def test_a_soak_ends_when_the_unit_was_in_the_band_long_enough(step_degC: float) -> None:
+    slot = slot_s(step_degC, 0.5, WITHIN_degC, FOR_s, LAG_s)
+    t_s = np.arange(0.0, slot + 1.0)
+    air_degC = np.minimum(0.5 / 60.0 * t_s, step_degC)
+    unit_degC = np.zeros_like(t_s)
+    for second in range(1, t_s.size):
+        unit_degC[second] = unit_degC[second - 1] + (air_degC[second - 1] - unit_degC[second - 1]) / LAG_s
+    outside = np.flatnonzero(np.abs(unit_degC - step_degC) > WITHIN_degC)
+    waited_s = t_s[-1] - t_s[outside[-1]]
+    assert FOR_s - 2.0 <= waited_s <= FOR_s + 62.0
+    assert slot % 60.0 == 0.0
+
+
+def scale_factor(U_ppm: float, gain_ppm: float, kind: str = "gyro") -> Any:
+    """Return an estimate with a random part of 0.3 ppm beside the gain of a standard."""
+    entry = estimate("dsf_n", "ppm", 400.0, U_ppm / 1.959963984540054, {"kind": kind, "channel": 1}, n=1)
+    return sharing(entry, {"standards": {"gain": gain_ppm}, "campaign": {}})
+
+
+def test_targets_are_read_and_held_against_the_largest_uncertainty() -> None:
+    estimates = [scale_factor(22.0, 10.0), scale_factor(21.0, 10.0, "accelerometer")]
+    known = reached(estimates)
+    target = read_target("dsf_n=21.5ppm", estimates)
+    assert target == Target(Key("dsf_n", "", ""), 21.5)
+    assert not target.holds(known)
+    assert misses([target], known) == ["dsf_n is 22, not 21.5"]
+    assert read_target("dsf_n.random = 0.6", estimates).key.part == "random"
+    given = default_targets([("dsf_n", "")], known)
+    assert {target.key.kind: target.U for target in given} == pytest.approx({"gyro": 22.0, "accelerometer": 21.0})
+    assert all(target.holds(known) for target in given)
+    std_ppm = math.sqrt((22.0 / 1.959963984540054) ** 2 - 10.0**2)
+    assert known[Key("dsf_n", "random", "gyro")] == pytest.approx(1.959963984540054 * std_ppm)
+
+
+@pytest.mark.parametrize("words", ["dsf_n", "dsf_n=", "dsf_n=-1ppm", "dsf_n=22 mA", "bias=1", "dsf_n=nan", "=3"])
+def test_what_is_no_target_is_refused(words: str) -> None:
+    with pytest.raises(InputError) as error:
+        read_target(words, [scale_factor(22.0, 10.0)])
+    assert error.value.code == "B-DES-001"
+
+
+def test_a_target_below_the_standards_is_refused_with_the_floor_and_what_would_do() -> None:
+    estimates = [scale_factor(22.0, 10.0)]
+    refuse_below_floor([Target(Key("dsf_n", "", ""), 19.7), Target(Key("dsf_n", "random", ""), 0.1)], estimates)
+    with pytest.raises(InputError) as error:
+        refuse_below_floor([Target(Key("dsf_n", "", ""), 15.0)], estimates)
+    assert error.value.code == "B-DES-002"
+    assert "19.6 ppm" in error.value.message
+    assert "'gain' to 15 ppm" in error.value.next_step
+
+
+TEXT = """\
+# head
+sequence: demo          # its name
+parameters:
+  dwell: 100 s   # of a record
+steps:
+  - one: 1
+  # behind one
+  - two:
+      a: 1
+procedures:
+  p:
+    do: []
+"""
+
+
+def test_a_sequence_is_changed_in_its_lines_only() -> None:
+    text = SequenceText(TEXT, "demo.yaml")
+    assert text.block(("steps", 1)) == ["  - two:", "      a: 1"]
+    text.set_value(("parameters", "dwell"), "113 s", "100 s before")
+    text.replace_below(("steps",), ["  - three: 3"])
+    text.insert_below(("procedures",), ["  q:", "    do: []"])
+    assert text.text(["made", "by hand"]) == (
+        "# made\n# by hand\n#\n# head\nsequence: demo          # its name\nparameters:\n"
+        "  dwell: 113 s  # 100 s before; of a record\nsteps:\n  - three: 3\n"
+        "procedures:\n  q:\n    do: []\n  p:\n    do: []\n"
+    )
+    with pytest.raises(InputError) as error:
+        text.set_value(("steps",), "1", "")
+    assert error.value.code == "B-DES-005"
+
+
+class Boxes:
+    """Campaigns of n boxes: U = 10 / sqrt(n length), an hour a box and a second of record; an odd number is a rule."""
+
+    today = (9, 4.0)
+    starts = (9,)
+    wanted = (("width", ""),)
+
+    def moves(self, candidate: int) -> Iterator[int]:
+        yield from (number for number in range(1, 20) if abs(number - candidate) <= 2)
+
+    def lengths_s(self, candidate: int) -> Sequence[float]:
+        return [1.0, 2.0, 3.0, 4.0, 5.0]
+
+    def duration_s(self, candidate: int, length_s: float) -> float:
+        return 3600.0 * candidate + length_s
+
+    def estimates(self, candidate: int, length_s: float) -> Any:
+        return [estimate("width", "m", 0.0, 10.0 / math.sqrt(candidate * length_s) / 1.959963984540054, {}, n=1)]
+
+    def at_least(self, candidate: int, length_s: float) -> dict[Key, float]:
+        return {}
+
+    def broken(self, candidate: int, length_s: float) -> list[str]:
+        return [] if candidate % 2 else ["even"]
+
+
+def test_the_shortest_plan_reaches_its_target_under_the_rules() -> None:
+    problem: Any = Boxes()
+    targets = default_targets(problem.wanted, reached(problem.estimates(*problem.today)))
+    found = designed(problem, targets)
+    assert found is not None  # 36 boxes times seconds are due: 9 of 4 s; 8 of 5 s would be shorter, but is even
+    assert (found.candidate, found.length_s) == (9, 4.0)
+    looser = designed(problem, targets, factor=2.0)
+    assert looser is not None  # 9 are due: 2 of 5 s are even, 3 of 3 s are not
+    assert (looser.candidate, looser.length_s) == (3, 3.0)
+    assert designed(problem, targets, factor=0.1) is None
+    within = best_within(problem, targets, 3.5 * 3600.0)
+    assert within is not None  # 3 of 5 s: U is sqrt(36 / 15) of today's
+    assert (within.candidate, within.length_s) == (3, 5.0)
+    assert within.factor == pytest.approx(math.sqrt(36.0 / 15.0), rel=0.06)
+    assert best_within(problem, targets, 1800.0) is None
