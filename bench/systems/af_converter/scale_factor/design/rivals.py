@@ -51,6 +51,8 @@ def visit_readings(points: Sequence[Point], length_s: float, channel: int, campa
         unit_temperature_degC=nothing,
         temperature_std_degC=nothing,
         temperature_gap=nothing,
+        scatter=nothing,
+        scatter_dof=nothing,
     )
 
 
