@@ -69,7 +69,7 @@ from bench.analysis.numbers import (
     value_and_uncertainty,
     with_uncertainty,
 )
-from bench.analysis.prediction import Planned, Prediction
+from bench.analysis.prediction import PROMPT, Bound, Planned, Prediction
 from bench.analysis.problems import Check, count_problem, flag_problem, link_checks
 from bench.analysis.results import (
     INCOMPLETE,
@@ -88,11 +88,13 @@ __all__ = [
     "INCOMPLETE",
     "LEAST_MOVE",
     "OF_UNIT",
+    "PROMPT",
     "REFUSED",
     "UNIT",
     "Acceptances",
     "Accepted",
     "Analysis",
+    "Bound",
     "Chapter",
     "Check",
     "Closed",

@@ -10,7 +10,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bench.analysis.estimates import Estimates
+from bench.analysis.material import Reading
 from bench.model.ports import RecordWindow
+
+PROMPT = "prompt"  # name of a reading that is what a person is asked to set, without a role
 
 
 @dataclass(frozen=True)
@@ -18,17 +21,38 @@ class Planned:
     """A plan, as far as an analysis may see it.
 
     ``windows``: of the measuring records, by number, at their planned times.   ``campaign``, ``standards``: as in the
-    manifest of a session.
+    manifest of a session.   ``readings``: planned calls of instruments and ``PROMPT`` of persons with their arguments,
+    those of the preparation among them; nobody knows their values.   ``rates_Hz``: of the frames of each link.
     """
 
     windows: Sequence[RecordWindow]
     campaign: Mapping[str, Any]
     standards: Mapping[str, Mapping[str, Any]]
+    readings: Sequence[Reading] = ()
+    rates_Hz: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The smallest standard uncertainty that any estimator could reach (Cramer-Rao), beside what is planned.
+
+    ``bound``: in ``unit``.   ``ratio``: of the planned standard uncertainty over it, 1 at the least.
+    """
+
+    quantity: str
+    unit: str
+    conditions: Mapping[str, Any]
+    bound: float
+    ratio: float
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """Estimates with the uncertainties that a plan will give them; ``missing``: what it does not determine, and why."""
+    """Estimates with the uncertainties that a plan will give them; ``missing``: what it does not determine, and why.
+
+    ``bounds``: of those for which one is known.
+    """
 
     estimates: Estimates
     missing: list[str] = field(default_factory=list)
+    bounds: list[Bound] = field(default_factory=list)

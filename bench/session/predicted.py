@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import asdict
 from typing import Any, cast
 
-from bench.analysis import Estimate, Planned, Prediction
+from bench.analysis import PROMPT, Estimate, Planned, Prediction, Reading
 from bench.model.clock import NS
 from bench.model.errors import FitError
 from bench.model.ports import RecordWindow
 from bench.model.systems import analysis_declaration, named
 from bench.model.titles import quantity_title
 from bench.model.units import format_quantity
-from bench.plan import Plan, PlannedRecord, decisions_of
+from bench.plan import Plan, PlannedCall, PlannedPrompt, PlannedRecord, decisions_of
 
 _TOLD = ("quantity", "unit", "conditions", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "limit")
 
@@ -30,7 +31,7 @@ def predicted(plan: Plan) -> Prediction:
         return Prediction([], ["several units, or records that the run decides on, are not predicted"])
     predict: Callable[[Planned], Prediction] = named(declared.predicted)
     try:
-        return predict(Planned(list(_windows(plan)), plan.campaign, plan.station.standards()))
+        return predict(planned_of(plan))
     except FitError as error:
         return Prediction([], [error.message])
 
@@ -38,7 +39,8 @@ def predicted(plan: Plan) -> Prediction:
 def predicted_document(prediction: Prediction) -> dict[str, Any]:
     """Return a prediction for JSON: uncertainties and limits; no value and no verdict, since nothing was measured."""
     told = [{key: entry[key] for key in _TOLD} for entry in cast("list[dict[str, Any]]", prediction.estimates)]
-    return {"estimates": told, "missing": prediction.missing}
+    bounds = [asdict(bound) for bound in prediction.bounds]
+    return {"estimates": told, "missing": prediction.missing, "bounds": bounds}
 
 
 def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
@@ -46,6 +48,7 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
 
     "At least", because what only the unit can tell, such as its temperature coefficients, is not in it.
     """
+    analysis = str(plan.campaign["analysis"])
     by_quantity: dict[str, list[Estimate]] = {}
     for entry in prediction.estimates:
         by_quantity.setdefault(entry["quantity"], []).append(entry)
@@ -55,14 +58,42 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
         ends = [format_quantity(U, unit) for U in dict.fromkeys((known[0], known[-1]))] if known else ["not known"]
         allowed = "" if limit is None else f", limit {format_quantity(limit, unit)}"
         count = f" ({len(entries)} values)" if len(entries) > 1 else ""
-        title = quantity_title(str(plan.campaign["analysis"]), quantity)
+        title = quantity_title(analysis, quantity)
         yield f"{title}: U at least {' to '.join(ends)}{allowed}{count}"
+    for bound in prediction.bounds:
+        about = ", ".join(map(str, bound.conditions.values()))
+        smallest = format_quantity(_two_digits(bound.bound), bound.unit)
+        title = quantity_title(analysis, bound.quantity)
+        yield f"{title} ({about}): {bound.ratio:.3f} of the Cramér-Rao bound, {smallest}"
     for sentence in prediction.missing:
         yield f"missing: {sentence}"
 
 
 def _two_digits(value: float) -> float:
     return float(f"{value:.2g}")
+
+
+def planned_of(plan: Plan) -> Planned:
+    """Return what an analysis may see of a plan."""
+    rates_Hz = {link: definition.rate_Hz for link, definition in plan.definitions().items()}
+    return Planned(
+        list(_windows(plan)),
+        plan.campaign,
+        plan.station.standards(),
+        readings=list(_readings(plan)),
+        rates_Hz={link: rate_Hz for link, rate_Hz in rates_Hz.items() if rate_Hz},
+    )
+
+
+def _readings(plan: Plan) -> Iterator[Reading]:
+    for step in plan.steps:
+        at_s = step.at_s + (plan.prepare_s if step.phase == "campaign" else 0.0)
+        if step.phase == "finally":
+            return
+        if isinstance(step, PlannedCall):
+            yield Reading(at_s, step.number, step.role, step.name, None, step.conditions, step.arguments)
+        elif isinstance(step, PlannedPrompt) and step.sets:
+            yield Reading(at_s, step.number, "", PROMPT, None, step.conditions, step.sets)
 
 
 def _windows(plan: Plan) -> Iterator[RecordWindow]:
