@@ -71,7 +71,7 @@ from bench.analysis.numbers import (
     value_and_uncertainty,
     with_uncertainty,
 )
-from bench.analysis.prediction import Planned, Prediction
+from bench.analysis.prediction import PROMPT, Bound, Planned, Prediction
 from bench.analysis.problems import Check, count_problem, flag_problem, link_checks
 from bench.analysis.results import (
     INCOMPLETE,
@@ -92,12 +92,14 @@ __all__ = [
     "LEAST_MOVE",
     "NOTED",
     "OF_UNIT",
+    "PROMPT",
     "REFUSED",
     "UNIT",
     "Acceptances",
     "Accepted",
     "Agreement",
     "Analysis",
+    "Bound",
     "Chapter",
     "Check",
     "Closed",

@@ -13,6 +13,8 @@ from bench.analysis.estimates import Estimates
 from bench.analysis.material import Reading, Trace
 from bench.model.ports import RecordWindow
 
+PROMPT = "prompt"  # name of a reading that is what a person is asked to set, without a role
+
 
 @dataclass(frozen=True)
 class Planned:
@@ -20,7 +22,8 @@ class Planned:
 
     ``windows``: of the measuring records, by number, at their planned times.   ``campaign``, ``standards``: as in the
     manifest of a session.   ``timed``: numbers of the windows whose pulses are timed.   ``trace``: planned temperature
-    of the air.   ``readings``: planned calls of instruments with their arguments; nobody knows their values.
+    of the air.   ``readings``: planned calls of instruments and ``PROMPT`` of persons with their arguments, those of
+    the preparation among them; nobody knows their values.   ``rates_Hz``: of the frames of each link.
     """
 
     windows: Sequence[RecordWindow]
@@ -29,15 +32,31 @@ class Planned:
     timed: Collection[int] = ()
     trace: Trace = field(default_factory=Trace)
     readings: Sequence[Reading] = ()
+    rates_Hz: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Bound:
+    """The smallest standard uncertainty that any estimator could reach (Cramer-Rao), beside what is planned.
+
+    ``bound``: in ``unit``.   ``ratio``: of the planned standard uncertainty over it, 1 at the least.
+    """
+
+    quantity: str
+    unit: str
+    conditions: Mapping[str, Any]
+    bound: float
+    ratio: float
 
 
 @dataclass(frozen=True)
 class Prediction:
     """Estimates with the uncertainties that a plan will give them; ``missing``: what it does not determine, and why.
 
-    ``assumed``: sentences on the unit for which they hold.
+    ``assumed``: sentences on the unit for which they hold.   ``bounds``: of those for which one is known.
     """
 
     estimates: Estimates
     missing: list[str] = field(default_factory=list)
     assumed: list[str] = field(default_factory=list)
+    bounds: list[Bound] = field(default_factory=list)

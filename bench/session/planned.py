@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.analysis import Planned, Reading, Trace
+from bench.analysis import PROMPT, Planned, Reading, Trace
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
-from bench.plan import Plan, PlannedCall, PlannedRecord, Step
+from bench.plan import Plan, PlannedCall, PlannedPrompt, PlannedRecord, Step
 from bench.report import planned_temperature
 
 _MINUTE_s = 60.0
@@ -18,6 +18,7 @@ _MINUTE_s = 60.0
 def planned_of(plan: Plan) -> Planned:
     """Return what an analysis may see of a plan."""
     records = [step for step in plan.phase("campaign") if isinstance(step, PlannedRecord)]
+    rates_Hz = {link: definition.rate_Hz for link, definition in plan.definitions().items()}
     return Planned(
         [_window(plan, number, step) for number, step in enumerate(records, start=1)],
         plan.campaign,
@@ -25,6 +26,7 @@ def planned_of(plan: Plan) -> Planned:
         timed={number for number, step in enumerate(records, start=1) if step.pulse_timing},
         trace=_trace(plan),
         readings=list(_readings(plan)),
+        rates_Hz={link: rate_Hz for link, rate_Hz in rates_Hz.items() if rate_Hz},
     )
 
 
@@ -39,9 +41,11 @@ def _window(plan: Plan, number: int, step: PlannedRecord) -> RecordWindow:
 
 def _readings(plan: Plan) -> Iterator[Reading]:
     for step in (*plan.phase("prepare"), *plan.phase("campaign")):
+        t_s = _ns(plan, step, step.at_s) / NS
         if isinstance(step, PlannedCall):
-            t_s = _ns(plan, step, step.at_s) / NS
             yield Reading(t_s, step.number, step.role, step.name, None, step.conditions, step.arguments)
+        elif isinstance(step, PlannedPrompt) and step.sets:
+            yield Reading(t_s, step.number, "", PROMPT, None, step.conditions, step.sets)
 
 
 def _ns(plan: Plan, step: Step, at_s: float) -> int:

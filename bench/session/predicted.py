@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict
 from typing import Any, cast
 
 from bench.analysis import Common, Estimate, Planned, Prediction, limits_of, rule_of
@@ -100,7 +101,8 @@ def predicted_document(plan: Plan, prediction: Prediction) -> dict[str, Any]:
         }
         for entry in prediction.estimates
     ]
-    return {"estimates": told, "missing": prediction.missing, "assumed": prediction.assumed}
+    bounds = [asdict(bound) for bound in prediction.bounds]
+    return {"estimates": told, "missing": prediction.missing, "assumed": prediction.assumed, "bounds": bounds}
 
 
 def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
@@ -109,6 +111,7 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
     Of the largest it says what brings most. "At least", because what only the unit can tell, such as its temperature
     coefficients, is not in it.
     """
+    analysis = str(plan.campaign["analysis"])
     by_quantity: dict[str, list[Estimate]] = {}
     for entry in prediction.estimates:
         by_quantity.setdefault(entry["quantity"], []).append(entry)
@@ -124,10 +127,15 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
         chances = [chance for entry in entries if (chance := chance_of(entry, plan.campaign)) is not None]
         passing = f", {100.0 * min(chances):.3g} % of units pass" if chances else ""
         count = f" ({len(entries)} values)" if len(entries) > 1 else ""
-        title = quantity_title(str(plan.campaign["analysis"]), quantity)
+        title = quantity_title(analysis, quantity)
         yield f"{title}: U at least {' to '.join(ends)}{_most(entries)}{allowed}{passing}{count}"
     for quantity in plan.campaign.get("spread", {}).keys() - by_quantity.keys():
         yield f"missing: {quantity}, of which a spread is declared, is no result of this plan"
+    for bound in prediction.bounds:
+        about = ", ".join(map(str, bound.conditions.values()))
+        smallest = format_quantity(_two_digits(bound.bound), bound.unit)
+        title = quantity_title(analysis, bound.quantity)
+        yield f"{title} ({about}): {bound.ratio:.3f} of the Cramér-Rao bound, {smallest}"
     yield from (f"missing: {sentence}" for sentence in prediction.missing)
     yield from (f"assumed: {sentence}" for sentence in prediction.assumed)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class Accuracy:
     another branch of an arctangent.   ``mean_deg``, ``scatter_deg`` about it: of the directions without regard to half
     a turn, where there are such errors, for what lies in two heaps half a turn apart has no mean between them.
     ``ratio``: scatter over the bound.   ``time_s``: measuring time until 95 % of the errors are within the limit,
-    infinite if the calibration does not allow it.
+    infinite if the calibration does not allow it; ``time_std_s``: how well it is known.
     """
 
     method: str
@@ -40,6 +40,7 @@ class Accuracy:
     ratio: float
     gross: int
     time_s: float
+    time_std_s: float
 
 
 def accuracies(solution: Solution, limit_deg: float) -> list[Accuracy]:
@@ -52,23 +53,44 @@ def _accuracy(solution: Solution, method: str, limit_deg: float) -> Accuracy:
     seen = np.isfinite(error_deg)
     errors_deg, bound_deg = error_deg[seen], solution.bound_deg[seen]
     if not errors_deg.size:
-        return Accuracy(method, 0, *(math.nan,) * 5, 0, math.nan)
+        return Accuracy(method, 0, *(math.nan,) * 5, 0, math.nan, math.nan)
     gross = int(np.sum(np.abs(errors_deg) > QUARTER_TURN_deg))
     within_deg = half_turns_off(errors_deg) if gross else errors_deg
     mean_deg = float(np.mean(within_deg))
     scatter_deg = float(np.std(within_deg, ddof=1)) if within_deg.size > 1 else math.nan
     known = bound_deg[np.isfinite(bound_deg)]
     ratio = scatter_deg / float(np.sqrt(np.mean(known**2))) if known.size else math.nan
-    time_s = math.inf if gross else _time_s(solution, method, limit_deg)  # no time turns a wrong branch
-    rms_deg, calibrated = solution.rms_deg(method), bool(solution.calibrations) and method != LIKELIHOOD
-    shared_deg = solution.site.azimuth_std_deg
-    if calibrated:  # a wrong branch is not shared by all azimuths
-        placed_deg = max(index.std_deg(method) for index in solution.calibrations.values())
-        shared_deg = min(placed_deg, solution.by_method[method].common_deg)
-    std_deg = rms_std_deg(rms_deg, scatter_deg, shared_deg, errors_deg.size)
+    time_s, time_std_s = _time_s(solution, method, limit_deg)
+    if gross:  # no time turns a wrong branch
+        time_s = math.inf
+    rms_deg = solution.rms_deg(method)
+    std_deg = rms_std_deg(rms_deg, scatter_deg, _shared_deg(solution, method), errors_deg.size)
     if gross and errors_deg.size > 1:  # two heaps are no normal errors
         std_deg = float(np.std(errors_deg**2, ddof=1)) / math.sqrt(errors_deg.size) / (2.0 * rms_deg)
-    return Accuracy(method, errors_deg.size, rms_deg, std_deg, mean_deg, scatter_deg, ratio, gross, time_s)
+    return Accuracy(method, errors_deg.size, rms_deg, std_deg, mean_deg, scatter_deg, ratio, gross, time_s, time_std_s)
+
+
+def expected_accuracies(solution: Solution, limit_deg: float) -> list[Accuracy]:
+    """Return what ``accuracies`` will be by the uncertainties of a solution, of methods that are on no wrong branch."""
+    expected = []
+    for seen in accuracies(solution, limit_deg):
+        if not seen.used or seen.gross:
+            continue
+        swing_deg = 0.0 if seen.method == LIKELIHOOD else math.sqrt(2.0) * solution.swing_deg
+        scatter_deg = math.hypot(solution.by_method[seen.method].noise_deg, swing_deg)
+        shared_deg = _shared_deg(solution, seen.method)
+        rms_deg = math.hypot(scatter_deg, shared_deg)
+        std_deg = rms_std_deg(rms_deg, scatter_deg, shared_deg, seen.used)
+        expected.append(replace(seen, rms_deg=rms_deg, rms_std_deg=std_deg, scatter_deg=scatter_deg))
+    return expected
+
+
+def _shared_deg(solution: Solution, method: str) -> float:
+    """Return the standard uncertainty that all errors at the known azimuths share: of the calibration, or the mark."""
+    if not solution.calibrations or method == LIKELIHOOD:
+        return solution.site.azimuth_std_deg
+    placed_deg = max(index.std_deg(method) for index in solution.calibrations.values())
+    return min(placed_deg, solution.by_method[method].common_deg)  # a wrong branch is not shared by all azimuths
 
 
 def half_turns_off(error_deg: Floats) -> Floats:
@@ -90,14 +112,30 @@ def rms_std_deg(rms_deg: float, scatter_deg: float, shared_deg: float, n: int) -
     return math.sqrt(variance) / (2.0 * rms_deg) if rms_deg > 0.0 else 0.0
 
 
-def _time_s(solution: Solution, method: str, limit_deg: float) -> float:
+def _time_s(solution: Solution, method: str, limit_deg: float) -> tuple[float, float]:
+    """Return the time and its standard uncertainty: it rests on the variances of noise and calibration."""
     azimuths = solution.by_method[method]
     swing_deg = 0.0 if method == LIKELIHOOD else math.sqrt(2.0) * solution.swing_deg
     floor_deg = math.hypot(azimuths.common_deg, swing_deg)
     seconds = measured_s(solution)
     if not seconds > 0.0:
-        return math.nan
-    return float(time_to_accuracy_s(azimuths.noise_deg, seconds, limit_deg, factor=COVERAGE, floor_deg=floor_deg))
+        return math.nan, math.nan
+    time_s = float(time_to_accuracy_s(azimuths.noise_deg, seconds, limit_deg, factor=COVERAGE, floor_deg=floor_deg))
+    of_noise = math.sqrt(2.0 / (_samples_dof(solution) if method == LIKELIHOOD else azimuths.dof))
+    left_deg2 = (limit_deg / COVERAGE) ** 2 - floor_deg**2
+    of_common = azimuths.common_deg**2 / left_deg2 * math.sqrt(2.0 / azimuths.common_dof) if left_deg2 > 0.0 else 0.0
+    if azimuths.common_dof == azimuths.dof:  # both of one estimate of the noise
+        return time_s, time_s * (of_noise + of_common)
+    return time_s, time_s * math.hypot(of_noise, of_common)
+
+
+def _samples_dof(solution: Solution) -> float:
+    """Return the degrees of freedom of the mean variance of likelihood. Source: JCGM 100:2008, equation (G.2b)."""
+    raw = [waveform for waveform in solution.raw if waveform is not None]
+    variance = np.array([float(waveform.std_deg) ** 2 for waveform in raw])
+    dof = np.array([float(waveform.dof) for waveform in raw])
+    share = float(np.sum(variance**2 / dof))
+    return float(np.sum(variance)) ** 2 / share if share > 0.0 else math.inf
 
 
 def measured_s(solution: Solution) -> float:

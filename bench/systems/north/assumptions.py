@@ -13,7 +13,7 @@ from typing import Any
 from bench.model.assumptions import Assumption, assumed
 from bench.systems.north.wording import say
 
-_EARTH_DEG_H = 15.041  # rate of the Earth's rotation
+EARTH_DEG_H = 15.041  # rate of the Earth's rotation
 _AZIMUTHS = ("azimuth", "azimuth_error", "azimuth_rms_error")
 
 
@@ -35,7 +35,7 @@ def assumptions(campaign: Mapping[str, Any]) -> list[Assumption]:
 
 
 def _horizontal_deg_h(latitude_deg: float) -> float:
-    return _EARTH_DEG_H * math.cos(math.radians(latitude_deg))
+    return EARTH_DEG_H * math.cos(math.radians(latitude_deg))
 
 
 def _magnetic(latitude_deg: float) -> Assumption:

@@ -6,10 +6,48 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field
 
-from bench.model.declaration import AnalysisDeclaration, Hint, Limit, Log, LogColumn, LogSections, System
-from bench.model.units import known_unit
+from bench.model.declaration import (
+    AnalysisDeclaration,
+    Hint,
+    Limit,
+    Log,
+    LogColumn,
+    LogSections,
+    System,
+    UnitSections,
+)
+from bench.model.units import known_unit, quantity
+from bench.model.yamlio import StrictModel
 
 _SAMPLES, _READINGS = {"output", "encoder"}, {"lock_in_1", "lock_in_2", "index"}
+
+
+class Fog(StrictModel):
+    """A fibre-optic gyroscope and the table that turns it, as their data sheets declare them."""
+
+    output_per_deg_h: Annotated[float, *quantity("V", 1e-9, 1e3)] = Field(description="for 1 deg/h along its axis")
+    angle_walk_per_rth: Annotated[float, *quantity("deg", 1e-9, 10.0)] = Field(description="after one hour")
+    table_swing: Annotated[float, *quantity("deg", 0.0, 10.0)] | None = Field(
+        None, description="of the turning table about a steady rotation, RMS"
+    )
+
+    def constants(self) -> dict[str, float]:
+        """Return them with their units in the names; a table that is not stated turns steadily."""
+        return {
+            "output_V_per_deg_h": self.output_per_deg_h,
+            "angle_walk_deg_rth": self.angle_walk_per_rth,
+            "table_swing_deg": self.table_swing or 0.0,
+        }
+
+
+class FogUnit(UnitSections):
+    """Section of ``uut``."""
+
+    fog: Fog | None = Field(None, description="gyroscope of a north finder; what is predicted rests on it")
+
+    def constants(self) -> dict[str, Any]:
+        """Return entries of the manifest's section "campaign"; what is not stated is left out."""
+        return {} if self.fog is None else {"fog": self.fog.constants()}
 
 
 class NorthColumn(LogColumn):
@@ -65,6 +103,7 @@ DECLARATION = System(
             main=("azimuth_rms_error", "azimuth_error", "azimuth", "time_to_accuracy"),
             limits={"azimuth_error": Limit("deg", above_zero=True)},
             assumptions="bench.systems.north.assumptions:assumptions",
+            predicted="bench.systems.north.predicted:predicted",
         ),
         AnalysisDeclaration(
             "north_log",
@@ -74,6 +113,7 @@ DECLARATION = System(
             roles=("time", "output", "encoder", "lock_in_1", "lock_in_2", "index"),
         ),
     ),
+    unit=FogUnit,
     log=NorthLog,
     log_columns=(NorthColumn,),
     log_hints=(

@@ -26,6 +26,7 @@ CALIBRATION, TEST, SEARCH = "calibration", "test", "search"
 ITEMS = (CALIBRATION, TEST, SEARCH)
 SINE, COSINE, LEVEL, MEASURE = "lock_in_1", "lock_in_2", "level", "measure"
 POSITIONS = 4
+VARYING = "TVP"  # parameters of a set whose amplitude and swing vary
 SENSES = {1: "counter-clockwise", -1: "clockwise"}  # of the table, seen from above
 MOST_OFF = 2e-3  # of the turning frequency: a lock-in that reads another one follows something else
 _PLACE = ("item", "place", "parameters", "head_deg", "repeat", "index")

@@ -50,6 +50,19 @@ def solve(sets: Sequence[NorthSet], site: Site) -> Solution:
     Raises: FitError B-FOG-004 if there is no set that can be used.
     """
     screen(sets)
+    return solved(sets, site, [_raw(north_set) for north_set in sets], _swing_deg(sets))
+
+
+def solved(
+    sets: Sequence[NorthSet], site: Site, raw: Sequence[LikelihoodNorth | None], swing_deg: float,
+    noise_V: float | None = None,
+) -> Solution:  # fmt: skip
+    """Azimuths of sets and of the fits of their waveforms.
+
+    ``noise_V``: declared standard deviation of one output of a lock-in; None for what the samples leave over.
+
+    Raises: FitError B-FOG-004 if there is no set that can be used.
+    """
     turned = [oriented(north_set.u1_V, north_set.u2_V, north_set.sense) for north_set in sets]
     u1_V, u2_V = (np.stack([pair[number] for pair in turned]) for number in (0, 1))
     good = np.array([not north_set.faults for north_set in sets])
@@ -57,13 +70,15 @@ def solve(sets: Sequence[NorthSet], site: Site) -> Solution:
     known_deg = np.array(
         [math.nan if north_set.item == SEARCH else site.azimuth_deg + north_set.head_deg for north_set in sets]
     )
-    raw = [_raw(north_set) for north_set in sets]
-    solution = Solution(sets, site, known_deg, np.zeros(len(sets)), good, u1_V, u2_V, raw, _swing_deg(sets))
+    solution = Solution(sets, site, known_deg, np.zeros(len(sets)), good, u1_V, u2_V, raw, swing_deg)
     if not good.any() and not any(solution.raw):
         raise _nothing_usable(sets)
     _tilts(solution)
-    _calibrate(solution)
-    apparent = _across(solution, _by_eight_samples(solution)) | {LIKELIHOOD: _by_waveform(solution)}
+    _calibrate(solution, noise_V)
+    by_samples = _by_eight_samples(solution, noise_V)
+    if noise_V is None:
+        by_samples = _across(solution, by_samples)
+    apparent = by_samples | {LIKELIHOOD: _by_waveform(solution)}
     solution.by_method = {method: _azimuths(solution, method, *apparent[method]) for method in METHODS}
     for method in (QUADRANT, LITERAL, *([LEAST_SQUARES] if solution.unsteady else [])):
         solution.by_method[method] = _widened(solution, method)
@@ -135,7 +150,7 @@ def _tilts(solution: Solution) -> None:
             solution.tilt_deg[k] = float(tilt_correction_deg(x_mrad, y_mrad, about_deg, solution.site.latitude_deg))
 
 
-def _calibrate(solution: Solution) -> None:
+def _calibrate(solution: Solution, noise_V: float | None) -> None:
     """Index placement, gains and offsets of each sense of rotation: a delay of the signal turns its sign with it."""
     calibrations: dict[int, IndexCalibration] = {}
     for sense in (1, -1):
@@ -145,7 +160,7 @@ def _calibrate(solution: Solution) -> None:
         apparent_deg = solution.known_deg[use] - solution.tilt_deg[use]
         try:
             calibrations[sense] = calibrate_index(
-                solution.u1_V[use], solution.u2_V[use], phase_deg(apparent_deg, sense)
+                solution.u1_V[use], solution.u2_V[use], phase_deg(apparent_deg, sense), noise=noise_V
             )
         except FitError as error:
             _refuse_samples(solution, sense, say("fault.calibration", why=error.message, code=error.code))
@@ -184,7 +199,7 @@ def _of_turns(raw: Sequence[LikelihoodNorth]) -> tuple[float, float]:
     return math.sqrt(ratio), dof / len(judged)
 
 
-def _by_eight_samples(solution: Solution) -> dict[str, Found]:
+def _by_eight_samples(solution: Solution, noise_V: float | None) -> dict[str, Found]:
     """By the other methods, and what fails in the literal formulas."""
     n = len(solution.sets)
     at_deg = {method: np.full(n, math.nan) for method in METHODS}
@@ -197,21 +212,47 @@ def _by_eight_samples(solution: Solution) -> dict[str, Found]:
             continue
         u1_V, u2_V, index = solution.u1_V[use], solution.u2_V[use], solution.calibrations.get(sense)
         f2_deg, f5_deg, gains = (0.0, 0.0, None) if index is None else (index.f2_deg, index.f5_deg, index.gains)
-        literal = literal_north(u1_V, u2_V, f5_deg=f5_deg)
-        eight = eight_sample_north(u1_V, u2_V, gains=gains, f2_deg=f2_deg, f5_deg=f5_deg)
+        literal = literal_north(u1_V, u2_V, f5_deg=f5_deg, noise=noise_V)
+        eight = eight_sample_north(u1_V, u2_V, gains=gains, f2_deg=f2_deg, f5_deg=f5_deg, noise=noise_V)
+        wider = 1.0 if index is None or noise_V is not None else _left_by_calibration(solution, use, index.sets)
         for method, north in (
             (LEAST_SQUARES, eight),
-            (QUADRANT, quadrant_north(u1_V, u2_V, f5_deg=f5_deg)),
+            (QUADRANT, quadrant_north(u1_V, u2_V, f5_deg=f5_deg, noise=noise_V)),
             (LITERAL, literal.north),
         ):
             with np.errstate(divide="ignore", invalid="ignore"):  # theirs takes misplaced pulses for noise
                 share = np.where(north.noise > 0.0, eight.noise / north.noise, 1.0)
-            at_deg[method][use], std_deg[method][use] = heading_deg(north.phi_deg, sense), north.std_deg * share
+            at_deg[method][use], std_deg[method][use] = heading_deg(north.phi_deg, sense), north.std_deg * share / wider
             dof = float(north.dof)
         for name, flags in asdict(literal.failures).items():
             failures.setdefault(name, np.zeros(n))[use] = flags
     solution.failures = failures
+    dof = _without_calibration(solution, dof)
     return {method: (at_deg[method], std_deg[method], dof) for method in METHODS}
+
+
+def _left_by_calibration(solution: Solution, use: Flags, sets: int) -> Floats:
+    """Return by how much more than noise each set leaves over: gains and placements of a calibration of so many sets.
+
+    Their differences between the lock-ins take two of the eight samples' four degrees of freedom: they come back as an
+    error of their own in every other set, and in those of the calibration they are missing.
+    Source: expected residual variance of linear least squares.
+    """
+    return np.sqrt(1.0 + np.where(solution.of(CALIBRATION)[use], -0.5, 0.5) / sets)
+
+
+def _without_calibration(solution: Solution, dof: float) -> float:
+    """Return the degrees of freedom of one set without what the error of the calibration, common to all, takes.
+
+    Source: variance of the mean of residual variances that share a part with two degrees of freedom, as
+    ``_left_by_calibration`` has it.
+    """
+    sets = int(np.count_nonzero(solution.good))
+    variance = 2.0 / (dof * sets) if sets else 0.0
+    for sense, index in solution.calibrations.items():
+        others = int(np.count_nonzero(solution.good & (solution.sense == sense) & ~solution.of(CALIBRATION)))
+        variance += (others / sets / (1.0 + 2.0 * index.sets)) ** 2
+    return 2.0 / variance / sets if sets else dof
 
 
 def _across(solution: Solution, apparent: dict[str, Found]) -> dict[str, Found]:

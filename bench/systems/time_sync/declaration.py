@@ -8,7 +8,17 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from bench.model.declaration import AnalysisDeclaration, Hint, Limit, Log, LogColumn, LogSections, System, UnitSections
+from bench.model.declaration import (
+    AnalysisDeclaration,
+    Hint,
+    Limit,
+    Log,
+    LogColumn,
+    LogSections,
+    System,
+    UnitSections,
+    stated,
+)
 from bench.model.units import known_unit, quantity
 from bench.model.yamlio import Name, StrictModel
 
@@ -32,13 +42,16 @@ class Inertial(StrictModel):
 
 
 class Egi(StrictModel):
-    """Errors of the solution of an EGI, one sigma per axis; that of its position is in its frames."""
+    """Errors of the solution of an EGI, one sigma per axis; that of its position is in its frames, too."""
 
     velocity: Annotated[float, *quantity("m/s", 1e-6, 100.0)]
     level: Annotated[float, *quantity("deg", 1e-6, 10.0)] = Field(description="of roll and pitch")
     heading: Annotated[float, *quantity("deg", 1e-6, 90.0)]
     wander: Annotated[float, *quantity("s", 0.1, 1e5)] = Field(description="how long a velocity is off by the same")
     heading_wander: Annotated[float, *quantity("s", 0.1, 1e5)] = Field(description="how long a heading is")
+    position: Annotated[float, *quantity("m", 1e-6, 1e4)] | None = Field(
+        None, description="for a prediction; results take what the frames say"
+    )
 
     def constants(self) -> dict[str, float]:
         """Return them with their units in the names."""
@@ -48,7 +61,7 @@ class Egi(StrictModel):
             "heading_deg": self.heading,
             "wander_s": self.wander,
             "heading_wander_s": self.heading_wander,
-        }
+        } | stated({"position_m": self.position})
 
 
 class Latency(StrictModel):
@@ -250,6 +263,7 @@ DECLARATION = System(
             main=("time_offset", "time_offset_drift"),
             sizes=_SIZES,
             assumptions="bench.systems.time_sync.assumptions:assumptions",
+            predicted="bench.systems.time_sync.predicted:predicted",
             limits={
                 "time_offset_uncertainty": Limit("s", above_zero=True),
                 "stamps_difference": Limit("s", above_zero=True),

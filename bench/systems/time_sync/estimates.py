@@ -135,18 +135,18 @@ def _consistency(result: SyncResult, name: str) -> Estimates:
 
 def _biases(result: SyncResult) -> Estimates:
     """Of the chosen filter at the end, in micro-g and degrees per hour."""
-    run, group = result.found.run, GROUPS.index(result.method)
+    run, group, std = result.found.run, GROUPS.index(result.method), result.found.bias_std(result.method)
     micro_g, deg_h = 1e6 / STANDARD_GRAVITY_m_s2, math.degrees(3600.0)
     entries: Estimates = []
     for quantity, kind, unit, scale, values, first in (
-        ("accel_bias", "accelerometer", "ug", micro_g, run.accel_bias, 9),
-        ("gyro_bias", "gyro", "deg/h", deg_h, run.gyro_bias, 12),
+        ("accel_bias", "accelerometer", "ug", micro_g, run.accel_bias, 0),
+        ("gyro_bias", "gyro", "deg/h", deg_h, run.gyro_bias, 3),
     ):
         for axis, letter in enumerate("xyz"):
-            std = float(run.sigma[-1, group, first + axis])
             value = float(values[-1, group, 0, axis])
             place = {"axis": letter, "kind": kind, "method": result.method}
-            entries.append(estimate(quantity, unit, scale * value, scale * std, place, n=result.found.samples))
+            both = scale * value, scale * float(std[first + axis])
+            entries.append(estimate(quantity, unit, *both, place, n=result.found.samples))
     return entries
 
 

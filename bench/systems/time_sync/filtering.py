@@ -38,6 +38,7 @@ METHODS = GROUPS[:2]
 OFFSET_STD_s = 0.03  # what is known of an offset beforehand
 SEEN = 0.5  # variance of the offset, of that at first: above, the motion has not shown it
 _KEPT = 1500  # epochs
+_BIASES = slice(9, 15)  # states
 _BEFORE_RADAR_s = 0.1
 _LEAST_SHARE = 0.5  # of the inertial unit's time that solutions must cover
 _MISFIT = 25.0  # mean normalised innovation squared: five times what the filter believes is another motion
@@ -90,6 +91,11 @@ class Filtered:
         """Return offset of one method over time and its standard uncertainty by the filter, (m,) each."""
         group = GROUPS.index(method)
         return self.run.offset_s[:, group, 0] + self.shift_s, self.run.sigma[:, group, OFFSET]
+
+    def bias_std(self, method: str) -> Array:
+        """Return what the stated errors of both units leave of the biases, (6,): accelerometers m/s^2, gyros rad/s."""
+        variances = np.diagonal(_real(self.run)[GROUPS.index(method)])[_BIASES]
+        return np.asarray(self.offsets[method].inflation * np.sqrt(variances))
 
 
 def filtered(
@@ -166,12 +172,15 @@ def _offset(run: FilterRun, name: str, coarse_s: float, drift_std: float, middle
     lever_s = _learnt_s(run.t_s, std_s, first_std_s) - middle_s
     drift_std_s = abs(lever_s) * drift_std
     prior_std_s = first_std_s * (normalised if seen else 1.0)  # of an estimate that is drawn to what was assumed
-    real = np.zeros_like(run.first_covariance) if run.real_covariance is None else run.real_covariance
-    error_std_s = inflation * math.sqrt(float(real[group, OFFSET, OFFSET]))
+    error_std_s = inflation * math.sqrt(float(_real(run)[group, OFFSET, OFFSET]))
     total_s = math.hypot(error_std_s, prior_std_s, drift_std_s)
     offset_s = float(run.offset_s[-1, group, 0]) + coarse_s
     return Offset(name, offset_s, total_s, float(std_s[-1]), error_std_s, prior_std_s, inflation, drift_std_s, lever_s,
                   normalised, seen)  # fmt: skip
+
+
+def _real(run: FilterRun) -> Array:
+    return np.zeros_like(run.first_covariance) if run.real_covariance is None else run.real_covariance
 
 
 def _check_fit(run: FilterRun) -> None:

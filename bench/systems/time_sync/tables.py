@@ -113,12 +113,10 @@ def _consistency(result: SyncResult) -> Table:
 
 def _biases(result: SyncResult) -> Table:
     run, group, factor = result.found.run, GROUPS.index(result.method), coverage_factor()
-    rows: list[list[Any]] = []
+    std, rows = result.found.bias_std(result.method), list[list[Any]]()
     for axis, letter in enumerate("xyz"):
-        accel = (
-            1e6 / STANDARD_GRAVITY_m_s2 * np.array([run.accel_bias[-1, group, 0, axis], run.sigma[-1, group, 9 + axis]])
-        )
-        gyro = math.degrees(3600.0) * np.array([run.gyro_bias[-1, group, 0, axis], run.sigma[-1, group, 12 + axis]])
+        accel = 1e6 / STANDARD_GRAVITY_m_s2 * np.array([run.accel_bias[-1, group, 0, axis], std[axis]])
+        gyro = math.degrees(3600.0) * np.array([run.gyro_bias[-1, group, 0, axis], std[3 + axis]])
         rows.append([letter, *(with_uncertainty(float(bias[0]), factor * float(bias[1])) for bias in (accel, gyro))])
     caption = say("biases.caption", name=filter_name(result.method))
     return Table(say("biases.title"), caption, headers_of("biases", "axis", "accelerometer", "gyro"), rows)

@@ -40,13 +40,15 @@ _WEIGHTS = {"least_squares": (0.5, 0.5), "quadrant": (0.0, 1.0), "literal": (0.0
 
 
 def eight_sample_north(
-    u1: ArrayLike, u2: ArrayLike, *, gains: tuple[float, float] | None = None, f2_deg: float = 0.0, f5_deg: float = 0.0
-) -> North:
+    u1: ArrayLike, u2: ArrayLike, *, gains: tuple[float, float] | None = None, f2_deg: float = 0.0, f5_deg: float = 0.0,
+    noise: float | None = None,
+) -> North:  # fmt: skip
     """Return phase of the earth signal from eight samples.
 
     Args:    u1, u2: oriented samples of lock-in 1 and 2 by index position, (..., 4), one unit.
              gains: of lock-in 1 and 2 against their mean, from a calibration; None for alike.
              f2_deg, f5_deg: placement of their index pulses, from a calibration.
+             noise: declared standard deviation of one output; None for what the samples leave over.
     Returns: North; ``std_deg`` = noise / (2 amplitude) for ideal lock-ins. It holds for noise that is independent
              between the eight samples; the calibration's own uncertainty is not in it.
     Raises:  FitError B-FIT-110 for another shape, B-FIT-111 if the pulses are 90 degrees or more off.
@@ -56,12 +58,12 @@ def eight_sample_north(
     check_placement(f2_deg, f5_deg)
     from_1, from_2 = _unmixed(gains or (1.0, 1.0), f2_deg, f5_deg)
     phasor = np.asarray((from_1 * first + from_2 * second) @ TURNS / 4.0)
-    noise = _noise(first, second, gains or (1.0, 1.0), f2_deg, f5_deg)
+    seen = _noise(first, second, gains or (1.0, 1.0), f2_deg, f5_deg) if noise is None else np.full(phasor.shape, noise)
     spread = np.sqrt(2.0 * (abs(from_1) ** 2 + abs(from_2) ** 2)) / 4.0  # of either component of the phasor, per noise
     phi_deg = angle_deg(phasor)
     with np.errstate(divide="ignore", invalid="ignore"):
-        std_deg = np.rad2deg(noise * spread / np.abs(phasor))
-    return North(METHOD, phi_deg, np.asarray(std_deg), DOF, phasor, noise, first.mean(-1), second.mean(-1))
+        std_deg = np.rad2deg(seen * spread / np.abs(phasor))
+    return North(METHOD, phi_deg, np.asarray(std_deg), DOF, phasor, seen, first.mean(-1), second.mean(-1))
 
 
 def alternating(
@@ -167,12 +169,15 @@ class IndexCalibration:
         return float(np.sqrt(slope @ self.covariance[1::2, 1::2] @ slope))
 
 
-def calibrate_index(u1: ArrayLike, u2: ArrayLike, phi_deg: ArrayLike, *, phi_std_deg: float = 0.0) -> IndexCalibration:
+def calibrate_index(
+    u1: ArrayLike, u2: ArrayLike, phi_deg: ArrayLike, *, phi_std_deg: float = 0.0, noise: float | None = None
+) -> IndexCalibration:
     """Gains, placements and offsets of both lock-ins at a known azimuth.
 
     Args:    u1, u2: oriented samples, (4,) or (sets, 4).   phi_deg: known phase of each set, one or (sets,); sets at
              headings 90 degrees apart cancel an amplitude that changes between index positions.
              phi_std_deg: standard uncertainty of the known azimuth, common to all sets.
+             noise: declared standard deviation of one output; None for what the samples leave over.
     Returns: IndexCalibration; offsets may differ from set to set.
     Raises:  FitError B-FIT-110 for another shape, B-FIT-111 if pulses or lock-ins are exchanged, B-FIT-113 without a
              set or without a signal.
@@ -192,7 +197,8 @@ def calibrate_index(u1: ArrayLike, u2: ArrayLike, phi_deg: ArrayLike, *, phi_std
     f2_deg, f5_deg = (float(np.rad2deg(np.angle(mean))) for mean in (mean_1, mean_2))
     check_placement(f2_deg, f5_deg)
     dof = 6.0 * sets - 4.0  # eight samples and two offsets a set, four common parameters
-    variance = _left_over(first, second, mean_1 / back, mean_2 / back) / dof / (2.0 * sets)
+    seen = _left_over(first, second, mean_1 / back, mean_2 / back) / dof if noise is None else noise**2
+    variance = seen / (2.0 * sets)
     turn = np.rad2deg(1.0) ** 2
     covariance = variance * np.diag([1.0, turn / abs(mean_1) ** 2, 1.0, turn / abs(mean_2) ** 2])
     covariance[1::2, 1::2] += phi_std_deg**2

@@ -43,10 +43,11 @@ _NOTHING = 1e-9  # relative: below it a quotient is of rounding errors
 _WRONG_AMPLITUDE = 0.1
 
 
-def quadrant_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0) -> North:
+def quadrant_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0, noise: float | None = None) -> North:
     """Return phase by (21) with both quadrants kept; noisier than least squares, and off where the amplitude drifts.
 
     Args:    u1, u2: oriented samples, (..., 4).   f5_deg: placement of the index pulse of lock-in 2.
+             noise: declared standard deviation of one output; None for what the samples leave over.
     Returns: North, NaN in the rows whose samples say |f2 - f5| >= 90 degrees; noise as of least squares.
     Raises:  FitError B-FIT-110 for another shape.
     Source:  see the head of this file.
@@ -56,21 +57,24 @@ def quadrant_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0) -> Nort
     apart_deg = wrapped_deg(np.rad2deg(np.angle(of_1) - np.angle(of_2)))
     phasor = np.where(np.abs(apart_deg) < LARGEST_deg, _quadrant(first, second), np.nan)
     phasor = phasor * np.exp(-1j * np.deg2rad(f5_deg))
-    noise, std_deg = propagated(_quadrant, first, second)
+    seen, std_deg = propagated(_quadrant, first, second, noise)
     std_deg = np.where(np.isfinite(phasor), std_deg, np.nan)
-    return North(QUADRANT, angle_deg(phasor), std_deg, DOF, phasor, noise, first.mean(-1), second.mean(-1))
+    return North(QUADRANT, angle_deg(phasor), std_deg, DOF, phasor, seen, first.mean(-1), second.mean(-1))
 
 
-def propagated(phasor_of: Callable[[Array, Array], Complex], u1: Array, u2: Array) -> tuple[Array, Array]:
+def propagated(
+    phasor_of: Callable[[Array, Array], Complex], u1: Array, u2: Array, declared: float | None = None
+) -> tuple[Array, Array]:
     """Noise of one output and what it makes of the angle of a phasor, by first derivatives.
 
     Args:    phasor_of: samples (..., 4) of both lock-ins to a phasor (...).   u1, u2: (..., 4).
+             declared: noise of one output; None for what the samples leave over.
     Returns: noise (...), unit of the samples, 4 degrees of freedom; standard deviation of the angle (...), degrees.
     Source:  JCGM 100:2008 section 5.1.2, the eight samples independent.
     """
     of_1, of_2 = lock_in_phasors(u1, u2)
     common = (of_1 + of_2) / 2.0
-    noise = left_over(u1, u2, common, common)
+    noise = left_over(u1, u2, common, common) if declared is None else np.full(common.shape, declared)
     both = np.concatenate((u1, u2), axis=-1)
     step = _STEP * np.maximum(np.abs(common), 1e-300)[..., None]
     slopes = []
@@ -128,11 +132,11 @@ class LiteralNorth:
     failures: LiteralFailures
 
 
-def literal_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0) -> LiteralNorth:
+def literal_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0, noise: float | None = None) -> LiteralNorth:
     """Return phase by (15) to (21) as printed, with U_LA1 = U11, U_LA2 = U21.
 
     Args:    u1, u2: oriented samples, (..., 4).   f5_deg: what (21) takes off at its end; the eight samples do not
-             contain it, and the paper does not say where it comes from.
+             contain it, and the paper does not say where it comes from.   noise: as of ``quadrant_north``.
     Returns: LiteralNorth; NaN where a formula gives none.
     Raises:  FitError B-FIT-110 for another shape.
     Source:  see the head of this file.
@@ -147,7 +151,7 @@ def literal_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0) -> Liter
         big_2 = (second[..., 0] - second.mean(-1)) * f1
         angle = np.arctan((big_1 / big_2 - np.sin(x - y)) / np.cos(x - y))
     phi_deg = wrapped_deg(np.rad2deg(angle) - f5_deg)
-    safe = quadrant_north(first, second, f5_deg=f5_deg)
+    safe = quadrant_north(first, second, f5_deg=f5_deg, noise=noise)
     of_1, of_2 = (np.abs(phasor) for phasor in lock_in_phasors(first, second))
     failures = LiteralFailures(
         half_turn=np.abs(wrapped_deg(phi_deg - safe.phi_deg)) > 90.0,

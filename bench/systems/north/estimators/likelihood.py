@@ -132,12 +132,15 @@ class _Record:
     dropped: int
 
 
-def likelihood_north(u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequence[int] = ()) -> LikelihoodNorth:
+def likelihood_north(
+    u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequence[int] = (), noise_V: float | None = None
+) -> LikelihoodNorth:
     """Return phase of the earth signal from raw samples and encoder angles.
 
     Args:    u_V: output of the gyroscope, (..., n), in order of time; NaN for a sample that is missing.
              theta_deg: encoder angle at the middle of each sample, (n,) or (..., n), modulo a turn or not.
              harmonics: orders above 1 to fit as well, such as (2, 3).
+             noise_V: declared standard deviation of one sample, white; None for what the fit leaves over.
     Returns: LikelihoodNorth; phi is against the encoder, so it belongs to sense +1 whichever way the table turned.
     Raises:  FitError B-FIT-112 if the samples do not determine north: too few, or too small a part of a turn.
     Source:  see the head of this file.
@@ -149,7 +152,7 @@ def likelihood_north(u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequenc
     angles = np.broadcast_to(theta, u.shape).reshape(flat.shape)
     orders = tuple(harmonics)
     shared = _turning(theta, orders) if theta.ndim == 1 and np.isfinite(theta).all() else None
-    fits = [_fit(samples, angle, shared, orders) for samples, angle in zip(flat, angles, strict=True)]
+    fits = [_fit(samples, angle, shared, orders, noise_V) for samples, angle in zip(flat, angles, strict=True)]
 
     def column(name: str) -> Array:
         return np.array([getattr(fit, name) for fit in fits]).reshape(shape)
@@ -175,7 +178,9 @@ def likelihood_north(u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequenc
     )
 
 
-def _fit(u: Array, theta_deg: Array, turning: _Turning | None, orders: tuple[int, ...]) -> _Record:
+def _fit(
+    u: Array, theta_deg: Array, turning: _Turning | None, orders: tuple[int, ...], declared_V: float | None
+) -> _Record:
     """Return one record; ``turning`` is given where all records share their angles."""
     good = np.isfinite(u) & np.isfinite(theta_deg)
     dropped = int(good.size - np.count_nonzero(good))
@@ -184,11 +189,12 @@ def _fit(u: Array, theta_deg: Array, turning: _Turning | None, orders: tuple[int
     values = turning.inverse @ (turning.columns.T @ u)
     residual = u - turning.columns @ values
     dof = float(u.size - len(values))
-    noise = float(np.sqrt(residual @ residual / dof))
+    noise = float(np.sqrt(residual @ residual / dof)) if declared_V is None else declared_V
     phasor = complex(values[0], values[1])
     across = np.array([-values[1], values[0]]) / (abs(phasor) or 1.0)  # the component that turns phi
     std = noise * float(np.sqrt(across @ turning.inverse[:2, :2] @ across))
-    ratio, turns = _whiteness(residual, turning.columns[:, :2] @ across, turning.turn, noise)
+    seen = noise if declared_V is None else 0.0  # a noise that is declared is white
+    ratio, turns = _whiteness(residual, turning.columns[:, :2] @ across, turning.turn, seen)
     widened = bool(turns >= FEWEST_TURNS and special.fdtrc(turns - 1, dof, ratio) < SIGNIFICANCE)
     if widened:
         std, dof = std * float(np.sqrt(ratio)), float(turns - 1)

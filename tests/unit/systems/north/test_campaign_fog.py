@@ -53,7 +53,7 @@ def known_errors(errors_deg: np.ndarray, noise_deg: float, common_deg: float) ->
     n = len(errors_deg)
     window = SimpleNamespace(t_start_ns=1_000_000_000, t_end_ns=6_000_000_000)
     sets = [NorthSet("test", "mark", 0.0, k, 360.0, rows={1: SimpleNamespace(window=window)}) for k in range(n)]  # type: ignore[dict-item]
-    raw: Any = [SimpleNamespace(bound_deg=0.3 if k % 2 else 0.4) for k in range(n)]
+    raw: Any = [SimpleNamespace(bound_deg=0.3 if k % 2 else 0.4, std_deg=0.3, dof=5000.0) for k in range(n)]
     known_deg, nothing = np.full(n, 170.0), np.full((n, 4), np.nan)
     found = Solution(sets, Site(37.0, 170.0), known_deg, np.zeros(n), np.ones(n, bool), nothing, nothing, raw)
     azimuths = Azimuths(known_deg + errors_deg, noise_deg, 4.0, common_deg, 10.0)
@@ -69,7 +69,10 @@ def test_accuracy_of_known_errors() -> None:
     assert one.mean_deg == pytest.approx(errors_deg.mean())
     assert one.scatter_deg == pytest.approx(np.std(errors_deg, ddof=1))
     assert one.ratio == pytest.approx(np.std(errors_deg, ddof=1) / np.sqrt((0.3**2 + 0.4**2) / 2.0))
-    assert one.time_s == pytest.approx(5.0 * 0.2**2 / ((0.5 / 1.96) ** 2 - 0.1**2))
+    left_deg2 = (0.5 / 1.96) ** 2 - 0.1**2
+    assert one.time_s == pytest.approx(5.0 * 0.2**2 / left_deg2)
+    due = np.hypot(np.sqrt(2.0 / 4.0), 0.1**2 / left_deg2 * np.sqrt(2.0 / 10.0))  # by hand: 4 and 10 degrees of freedom
+    assert one.time_std_s == pytest.approx(one.time_s * due)
 
 
 @pytest.mark.parametrize("turned_deg", [180.0, -180.0])
@@ -137,7 +140,7 @@ def test_noise_amplitude_and_time_know_how_well_they_are_known(clockwise: Analys
     assert scale["std_uncertainty"] == pytest.approx(0.2 * np.sqrt(2.0 / scale["n"]), rel=0.01)
     (time,) = of(clockwise, "time_to_accuracy", method="likelihood")
     assert time["n"] == 4
-    assert time["std_uncertainty"] == pytest.approx(time["value"] * np.sqrt(2.0 / 4.0))
+    assert time["std_uncertainty"] == pytest.approx(time["value"] * np.sqrt(2.0 / noise["n"]), rel=0.02)
 
 
 def test_nothing_is_claimed_of_harmonics_that_noise_explains(clockwise: Analysis) -> None:

@@ -38,13 +38,13 @@ def solved(campaigns: int) -> list[tuple[dict[tuple[str, float], float], dict[st
 
 
 def covered(campaigns: int, method: str) -> tuple[int, int, float]:
-    """Intervals that hold the true azimuth, intervals, RMS of the errors in standard uncertainties."""
+    """Intervals that hold the true azimuth, intervals, RMS of the errors over what Student's distribution gives."""
     hits, scores = 0, []
     for truth, means in solved(campaigns):
         for mean in means[method]:
             error_deg = float(wrapped_deg(mean.azimuth_deg - truth[mean.item, mean.head_deg]))
             hits += abs(error_deg) <= coverage_factor(mean.dof) * mean.std_deg
-            scores.append(error_deg / mean.std_deg)
+            scores.append(error_deg / mean.std_deg * np.sqrt(1.0 - 2.0 / mean.dof))  # Student: dof / (dof - 2)
     print(method, hits, len(scores), np.sqrt(np.mean(np.square(scores))))
     return hits, len(scores), float(np.sqrt(np.mean(np.square(scores))))
 

@@ -1,0 +1,150 @@
+"""Estimates of a time offset before its first hour: the filters, on what perfect units would send on a planned motion.
+
+Their covariances rest on the motion and on what is declared of both units, and on no sample. What receive stamps
+scatter is declared nowhere: of them only the stated latencies count here.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.analysis import PROMPT, Planned, Prediction
+from bench.maths.geodesy import TangentFrame
+from bench.maths.strapdown_earth import earth_rate, gradient, normal_gravity
+from bench.model.clock import NS
+from bench.systems.time_sync.estimates import SyncResult, sync_estimates
+from bench.systems.time_sync.estimators.kalman.consistency import observability
+from bench.systems.time_sync.estimators.kalman.setup import FilterSetup, ImuSamples
+from bench.systems.time_sync.estimators.port_clocks import PortClock, clock_difference
+from bench.systems.time_sync.filtering import METHODS, SEEN, filtered
+from bench.systems.time_sync.limits import demands_of, densities_of, latency_of, spread_of
+from bench.systems.time_sync.records import EGI, ITEM, RADAR, Clocks
+from bench.systems.time_sync.samples import EgiSamples, Prepared
+from bench.systems.time_sync.wording import filter_name, say
+
+Array = NDArray[np.float64]
+_LINK, _TURN = "imu", ("turntable", "turn")
+_BY_STAMPS = ("time_offset_drift", "clock_rate", "receive_jitter")
+_DECLARED = ("inertial", "egi")
+
+
+def predicted(planned: Planned) -> Prediction:
+    """Return estimates with the uncertainties that a recording will give; the values are those of perfect units.
+
+    Raises: FitError B-SYNC-003, -005, -006 as ``analysis.analyse``.
+    """
+    undeclared = [name for name in _DECLARED if name not in planned.campaign]
+    if EGI in planned.campaign and "position_m" not in planned.campaign[EGI]:
+        undeclared.append("egi: position")
+    if undeclared:
+        return Prediction([], [say("predicted.not_declared", sections=", ".join(undeclared))])
+    result = _result(planned)
+    unseen = {name: offset.normalised for name, offset in result.found.offsets.items() if not offset.seen}
+    missing = [
+        say("predicted.not_observable", method=filter_name(name), share=share, most=SEEN)
+        for name, share in unseen.items()
+    ]
+    missing += [say("predicted.no_image")] if RADAR in planned.rates_Hz else []
+    estimates = [
+        entry
+        for entry in sync_estimates(result)
+        if entry["std_uncertainty"] > 0.0
+        and entry["quantity"] not in _BY_STAMPS
+        and not (entry["quantity"] == "time_offset" and entry["conditions"]["method"] in unseen)
+    ]
+    return Prediction(estimates, [*missing, say("predicted.no_stamps")])
+
+
+def _result(planned: Planned) -> SyncResult:
+    """Return what the analysis would find in samples without errors."""
+    campaign = planned.campaign
+    ready = planned_samples(planned)
+    clocks = _clocks(planned, ready)
+    spread = spread_of(campaign, float(campaign[EGI]["position_m"]))
+    radar_on_s = [reading.t_s for reading in planned.readings if reading.arguments.get(RADAR) == "on"]
+    found = filtered(ready, clocks, densities_of(campaign), spread, min(radar_on_s, default=math.inf))
+    seen = observability(found.run.covariance, found.run.first_covariance)
+    return SyncResult("", ready, clocks, found, seen, None, demands_of(campaign), METHODS[0])
+
+
+def _clocks(planned: Planned, ready: Prepared) -> Clocks:
+    """Return two clocks that agree, by frames without jitter: the uncertainty that is left is that of the latencies."""
+    latency = latency_of(planned.campaign)
+    ports = [
+        PortClock(ready.middle_s, 0.0, 0.0, np.zeros((2, 2)), 0.0, 0.0, 0.0, np.zeros(t_s.size))
+        for t_s in (ready.imu.t_s, ready.egi.t_s)
+    ]
+    std_s = 0.0 if latency is None else math.sqrt(2.0) * latency.std_s
+    difference = clock_difference(ports[1], ports[0], ready.middle_s, 0.0, std_s)
+    return Clocks(ports[0], ports[1], 0.0, difference, latency, 0.0, ready.imu.t_s, ready.egi.t_s)
+
+
+def planned_samples(planned: Planned) -> Prepared:
+    """Return increments and solutions of perfect units on the planned motion, in the tangent frame at its begin."""
+    windows = [window for window in planned.windows if window.conditions.get("item") == ITEM]
+    begin_s, end_s = windows[0].t_start_ns / NS, windows[-1].t_end_ns / NS
+    latitude_deg = float((planned.campaign.get("site") or {}).get("latitude_deg", FilterSetup((), ()).latitude_deg))
+    step_s = 1.0 / planned.rates_Hz[_LINK]
+    t_s = np.arange(begin_s, end_s + 0.5 * step_s, step_s)
+    speed_m_s, along_m_s2, yaw_rate = _motion(planned, 0.5 * (t_s[1:] + t_s[:-1]), step_s)
+    yaw = _integral(yaw_rate, step_s)
+    middle_yaw = 0.5 * (yaw[1:] + yaw[:-1])
+    a = _along(middle_yaw, along_m_s2) + _along(middle_yaw + 0.5 * np.pi, speed_m_s * yaw_rate)
+    v = _integral(a, step_s) + _along(yaw[:1], speed_m_s[:1])
+    p = _integral(0.5 * (v[1:] + v[:-1]), step_s)
+    gravity = np.array([0.0, 0.0, normal_gravity(latitude_deg)]) + gradient(latitude_deg) * p[1:]
+    turn = earth_rate(latitude_deg)
+    force = a - gravity + 2.0 * np.cross(turn, 0.5 * (v[1:] + v[:-1]))
+    C = _level(middle_yaw)
+    rate = turn @ C
+    rate[:, 2] += yaw_rate
+    imu = ImuSamples(
+        t_s[1:],
+        np.einsum("nji,nj->ni", C, force)[:, None] * step_s,
+        rate[:, None] * step_s,
+        np.zeros(t_s.size - 1, np.bool_),
+    )
+    at_s = np.arange(t_s[1], t_s[-1], 1.0 / planned.rates_Hz[EGI])
+    place, speed = (np.stack([np.interp(at_s, t_s, axis) for axis in values.T], axis=1) for values in (p, v))
+    egi = EgiSamples(at_s, place, speed, _level(np.interp(at_s, t_s, yaw)), TangentFrame(latitude_deg, 0.0),
+                     float(planned.campaign[EGI]["position_m"]))  # fmt: skip
+    return Prepared(imu, egi, 0, 0, 0, 0)
+
+
+def _motion(planned: Planned, t_s: Array, step_s: float) -> tuple[Array, Array, Array]:
+    """Return speed (m/s), acceleration along the track (m/s^2) and yaw rate (rad/s, to the right), (n,) each, at t_s.
+
+    A person sets speed and acceleration by prompts; the table turns clockwise by a negative angle.
+    """
+    speed_m_s, along_m_s2, yaw_rate = (np.zeros(t_s.size) for _ in range(3))
+    for reading in planned.readings:
+        since, arguments = t_s >= reading.t_s, reading.arguments
+        if reading.name == PROMPT and "speed" in arguments:
+            speed_m_s[:] = float(arguments["speed"])
+        if reading.name == PROMPT and "acceleration" in arguments:
+            along_m_s2[since] = float(arguments["acceleration"])
+        if (reading.role, reading.name) == _TURN:
+            angle, rate = math.radians(float(arguments["angle"])), math.radians(float(arguments["rate"]))
+            yaw_rate[since & (t_s < reading.t_s + abs(angle) / rate)] = -math.copysign(rate, angle)
+    return speed_m_s + np.cumsum(along_m_s2) * step_s, along_m_s2, yaw_rate
+
+
+def _integral(values: Array, step_s: float) -> Array:
+    """Return the integral of means over steps, (n, ...), at all n + 1 ends, from zero on."""
+    return np.concatenate((np.zeros_like(values[:1]), np.cumsum(values, axis=0) * step_s))
+
+
+def _along(yaw: Array, size: Array) -> Array:
+    """Return level vectors of these sizes in the direction of a yaw, (n, 3)."""
+    return np.asarray(size[:, None] * np.stack((np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)), axis=1))
+
+
+def _level(yaw: Array) -> Array:
+    """Return body to tangent frame of level vehicles, (n, 3, 3)."""
+    turn = np.zeros((yaw.size, 3, 3))
+    turn[:, 0, 0] = turn[:, 1, 1] = np.cos(yaw)
+    turn[:, 1, 0], turn[:, 0, 1], turn[:, 2, 2] = np.sin(yaw), -np.sin(yaw), 1.0
+    return turn

@@ -1,0 +1,74 @@
+"""Many flights of a planned motion at once, one a lane: an offset of its own each, errors of both units as declared.
+
+The path and the increments are the simulator's; the errors of the EGI wander by a recursion of their own.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from sync_flights import level_matrices
+
+from bench.analysis import Planned
+from bench.maths.strapdown import small_rotation
+from bench.systems.time_sync.estimators.kalman.filter import run_filter
+from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, EgiSpread, FilterSetup, ImuSamples
+from sim_instruments.worlds.time_sync.flight.imu import imu_runs
+from sim_instruments.worlds.time_sync.flight.path import FlightPath
+
+Array = NDArray[np.float64]
+GROUPS = {"augmented_loose": 0, "augmented_tight": 1}
+OFFSET_STD_s, EGI_s, REACH_s = 0.03, 0.02, 0.2
+NEAR_s, COARSE_s = 0.05, 0.01
+_MICRO_G, _DEG_H = 9.80665e-6, np.radians(1.0) / 3600.0
+
+
+class WanderingEgi:
+    """Solutions of an EGI on every lane, the same for both groups. ``path``: true.   ``offsets_s``: (R,)."""
+
+    def __init__(self, path: FlightPath, end_s: float, spread: EgiSpread, offsets_s: Array, rng: Any) -> None:
+        self.t_s = np.arange(REACH_s, end_s - REACH_s, EGI_s)
+        self._path, self._offsets_s, runs = path, offsets_s, offsets_s.size
+        sizes = np.array([spread.position_m] * 3 + [spread.velocity_m_s] * 3
+                         + [*np.radians([spread.level_deg, spread.level_deg, spread.heading_deg])])  # fmt: skip
+        kept = np.exp(-EGI_s / np.array([spread.wander_s] * 6 + [np.inf, np.inf, spread.heading_wander_s]))
+        errors = rng.standard_normal((self.t_s.size, runs, 9))
+        for k in range(1, self.t_s.size):
+            errors[k] = kept * errors[k - 1] + np.sqrt(1.0 - kept**2) * errors[k]
+        self._errors = errors * sizes
+
+    def block(self, k0: int, k1: int) -> tuple[Array, ...]:
+        true = self._path.state((self.t_s[k0:k1, None] - self._offsets_s).ravel())
+        shape, errors = (-1, self._offsets_s.size, 3), self._errors[k0:k1]
+        tilt = np.moveaxis(small_rotation(np.moveaxis(errors[..., 6:], -1, 0)), (0, 1), (-2, -1))
+        level = level_matrices(true.yaw.reshape(errors.shape[:2]))
+        values = (true.p.reshape(shape) + errors[..., :3], true.v.reshape(shape) + errors[..., 3:6], tilt @ level)
+        return tuple(np.repeat(each[:, None], len(GROUPS), axis=1) for each in values)
+
+
+def brought_near(offsets_s: Array) -> Array:
+    """Return what a filter has to find: of more than 50 ms whole steps of 10 ms are taken out beforehand (docs)."""
+    return np.where(np.abs(offsets_s) > NEAR_s, offsets_s - COARSE_s * np.round(offsets_s / COARSE_s), offsets_s)
+
+
+def errors_of_flights(planned: Planned, path: FlightPath, end_s: float, runs: int, seed: int) -> dict[Any, Array]:
+    """Return estimate minus truth, (R,), in the units of the estimates, by quantity, method and axis."""
+    rng = np.random.default_rng(seed)
+    egi = planned.campaign["egi"]
+    spread = EgiSpread(**egi)
+    offsets_s = brought_near(rng.normal(0.0, OFFSET_STD_s, runs))
+    unit = imu_runs(path, end_s, runs, seed)
+    samples = ImuSamples(unit.t_s, unit.dv, unit.dtheta, np.zeros(unit.t_s.size, bool))
+    setup = FilterSetup((True, True), (LOOSE, TIGHT), offset_sigma_s=OFFSET_STD_s, keep_every=50)
+    run = run_filter(samples, WanderingEgi(path, end_s, spread, offsets_s, rng), setup)
+    found: dict[Any, Array] = {
+        ("time_offset", method, None): run.offset_s[-1, group] - offsets_s for method, group in GROUPS.items()
+    }
+    for axis, letter in enumerate("xyz"):
+        accel = run.accel_bias[-1, 0, :, axis] - unit.accel_bias[:, axis]
+        gyro = run.gyro_bias[-1, 0, :, axis] - unit.gyro_bias[:, axis]
+        found["accel_bias", "augmented_loose", letter] = accel / _MICRO_G
+        found["gyro_bias", "augmented_loose", letter] = gyro / _DEG_H
+    return found

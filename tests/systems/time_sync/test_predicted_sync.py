@@ -1,0 +1,126 @@
+"""Holds what ``bench check`` predicts of a time offset against the spread of many flights of the planned motion."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+from sync_planned import errors_of_flights
+
+from bench.analysis import Prediction
+from bench.plan import Plan, compile_sequence
+from bench.session.predicted import planned_of, predicted, predicted_lines
+from bench.systems.time_sync.predicted import planned_samples
+from bench.systems.time_sync.predicted import predicted as predict
+from sim_instruments.worlds.time_sync.flight.imu import exact_increments
+from sim_instruments.worlds.time_sync.flight.path import FlightPath
+
+SPEED_m_s, SEED = 100.0, 3
+SHORT = {
+    "turn": {"straight": "5 s", "manoeuvre": "10 s", "rate": "9 deg/s"},
+    "acceleration": {"straight": "5 s", "manoeuvre": "10 s"},
+    "linear": {"time": "15 s"},
+    "stationary": {"time": "15 s"},
+}
+WHOLE_s = 20.0  # before the manoeuvre of the shipped sequences, in it, and after it
+
+
+def plan_of(name: str, straight_s: float = 5.0) -> Plan:
+    """A shipped sequence as it is, or its short form."""
+    return compile_sequence(f"time_sync_{name}", None, {} if straight_s == WHOLE_s else SHORT[name])
+
+
+@cache
+def found(name: str, straight_s: float = 5.0) -> Prediction:
+    """What is predicted of it."""
+    return predicted(plan_of(name, straight_s))
+
+
+def path_of(name: str, straight_s: float, manoeuvre_s: float) -> FlightPath:
+    """The motion that the sequences ask for, by hand."""
+    turn_deg_s = 90.0 / manoeuvre_s if name == "turn" else 0.0
+    along_m_s2 = 5.0 if name == "acceleration" else 0.0
+    end_s = straight_s + manoeuvre_s
+    return FlightPath(((0.0, 0.0, 0.0), (straight_s, along_m_s2, turn_deg_s), (end_s, 0.0, 0.0)), SPEED_m_s)
+
+
+def ratios(name: str, straight_s: float, manoeuvre_s: float, blocks: int, runs: int) -> dict[Any, float]:
+    """Spread of estimate minus truth over the predicted standard uncertainty, by quantity, method and axis."""
+    planned = planned_of(compile_sequence(f"time_sync_{name}", None, {}))
+    end_s, path = 2.0 * straight_s + manoeuvre_s, path_of(name, straight_s, manoeuvre_s)
+    errors = [errors_of_flights(planned, path, end_s, runs, SEED + block) for block in range(blocks)]
+    ratio = {}
+    for entry in found(name, straight_s).estimates:
+        own = entry["quantity"], entry["conditions"].get("method"), entry["conditions"].get("axis")
+        if own in errors[0]:
+            seen = np.concatenate([each[own] for each in errors])
+            ratio[own] = float(np.sqrt(np.mean(seen**2)) / entry["std_uncertainty"])
+    print(f"{name}, {blocks} x {runs} flights, seeds {SEED} on, median {np.median(list(ratio.values())):.3f}")
+    print("\n".join(f"{value:.3f} {own}" for own, value in ratio.items()))
+    return ratio
+
+
+def outside(ratio: dict[Any, float], count: int) -> dict[Any, float]:
+    low, high = np.sqrt(stats.chi2.ppf([0.0005, 0.9995], count) / count)
+    return {own: value for own, value in ratio.items() if not low <= value <= high}
+
+
+def test_predicted_is_the_spread_of_flights() -> None:
+    ratio = ratios("turn", 5.0, 10.0, 1, 40)
+    assert outside(ratio, 40) == {}
+    assert np.median(list(ratio.values())) == pytest.approx(1.0, abs=0.15)
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize("name", ["turn", "acceleration"])
+def test_predicted_is_the_spread_of_500_flights(name: str) -> None:
+    ratio = ratios(name, WHOLE_s, WHOLE_s, 2, 250)
+    assert outside(ratio, 500) == {}
+    assert np.median(list(ratio.values())) == pytest.approx(1.0, abs=0.03)
+
+
+@pytest.mark.parametrize("name", ["linear", "stationary"])
+def test_a_motion_that_does_not_show_the_offset_is_named_with_one_that_would(name: str) -> None:
+    assert [entry for entry in found(name).estimates if entry["quantity"] == "time_offset"] == []
+    unseen = [sentence for sentence in found(name).missing if "does not show it" in sentence]
+    assert len(unseen) == 2  # by both filters
+    assert all("Plan a turn or an acceleration" in sentence for sentence in unseen)
+
+
+def test_a_motion_that_shows_it_is_predicted_and_printed() -> None:
+    lines = list(predicted_lines(plan_of("turn"), found("turn")))
+    assert any(line.startswith("Time offset: U at least ") for line in lines)
+    assert [line for line in lines if "does not show it" in line] == []
+    stamps = [entry for entry in found("turn").estimates if entry["quantity"] == "time_offset_from_stamps"]
+    assert [entry["std_uncertainty"] for entry in stamps] == [pytest.approx(np.sqrt(2.0) * 1e-3)]  # both latencies
+
+
+@pytest.mark.parametrize(("section", "entry"), [("inertial", ""), ("egi", ""), ("egi", "position_m")])
+def test_errors_that_are_not_declared_are_named(section: str, entry: str) -> None:
+    planned = planned_of(plan_of("turn"))
+    campaign = {name: value for name, value in planned.campaign.items() if entry or name != section}
+    if entry:
+        campaign[section] = {name: value for name, value in campaign[section].items() if name != entry}
+    missing = predict(replace(planned, campaign=campaign))
+    assert missing.estimates == []
+    assert section in missing.missing[0]
+    assert "Declare" in missing.missing[0]
+
+
+@pytest.mark.parametrize("name", ["turn", "acceleration"])
+def test_the_planned_motion_is_that_of_the_sequence(name: str) -> None:
+    """Against the simulator's path and increments, which are integrals in closed form."""
+    ready = planned_samples(planned_of(plan_of(name)))
+    begin_s = float(ready.imu.t_s[0]) - 0.005
+    path = path_of(name, 5.0, 10.0)
+    true = path.state(ready.egi.t_s - begin_s)
+    assert ready.span_s == pytest.approx(20.0, abs=0.01)
+    np.testing.assert_allclose(ready.egi.v, true.v, atol=0.03)  # borders of the manoeuvre lie within a sample
+    np.testing.assert_allclose(ready.egi.p, true.p - true.p[0] + ready.egi.p[0], atol=0.3)
+    dv, dtheta = exact_increments(path, np.concatenate(([0.0], ready.imu.t_s - begin_s)))
+    assert np.sqrt(np.mean((ready.imu.dv[:, 0] - dv) ** 2)) < 1e-3
+    assert np.sqrt(np.mean((ready.imu.dtheta[:, 0] - dtheta) ** 2)) < 1e-5
