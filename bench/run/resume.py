@@ -20,6 +20,7 @@ from bench.model.events import (
     Prompt,
     Reading,
     Resume,
+    ThermalLag,
     UnitLeftOut,
     event_of,
 )
@@ -35,6 +36,7 @@ from bench.run.steps.setpoints import expected_of
 _KINDS: tuple[Literal["sequences", "stations", "frames"], ...] = ("sequences", "stations", "frames")
 _TEXT = re.compile(r"(sequences|stations|frames)/[A-Za-z0-9_][A-Za-z0-9_.-]*\.yaml")
 PLAN = "plan.json"
+_READ = Decision | Prompt | Reading | ThermalLag | UnitLeftOut  # what a run knows by
 CRASH = "crash or power cut"
 
 
@@ -200,7 +202,7 @@ def resumption(stopped: Stopped, utc_ns: int) -> Resumption:
     return Resumption(
         stopped.folder, stopped.manifest, position.start, event, position.records, position.withdrawn,
         expected_of(stopped.entries), _unit_answer(stopped), _was_settled(stopped, position.start),
-        tuple(event for event in stopped.events if isinstance(event, Decision | Prompt | Reading | UnitLeftOut)),
+        tuple(event for event in stopped.events if isinstance(event, _READ)),
     )  # fmt: skip
 
 

@@ -45,6 +45,7 @@ from bench.session.happenings import (
     decision_tables,
     happening_tables,
     hashes_of,
+    lag_tables,
     length_s,
     preflight_table,
     punctuality,
@@ -60,6 +61,7 @@ KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "settled", "retake", "skip", "error", "end", "reading",
     "hold", "release", "armed", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict",
     "config", "clock_step", "control", "surroundings", "exchange", "decision", "unit_left_out",
+    "thermal_lag",
 )  # fmt: skip
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 
@@ -297,6 +299,7 @@ def _about_the_run(view: SessionView) -> list[Table]:
         *happening_tables(view),
         *decision_tables(view),
         *settling_tables(view),
+        *lag_tables(view),
         *splice_tables(view.splices),
         *looked_at,
     ]
