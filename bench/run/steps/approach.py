@@ -53,11 +53,12 @@ class Means:
         known = np.isfinite(degC)
         self._heard.append((float(known.sum()), float((t_ns[known] / NS).sum()), float(degC[known].sum())))
 
-    def look(self) -> None:
-        """Close the mean of what was said since the look before; NaN if nothing was."""
+    def look(self) -> bool:
+        """Close the mean of what was said since the look before, NaN if nothing was; return whether anything was."""
         heard, self._heard = self._heard, []
         samples, seconds, degC = (math.fsum(sums) for sums in zip((0.0, 0.0, 0.0), *heard, strict=True))
         self._means.append((seconds / samples, degC / samples) if samples else (math.nan, math.nan))
+        return samples > 0.0
 
     def last(self, looks: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return times, s, and temperatures, degC, of the last looks at which anything was said, (n,) each."""
@@ -72,7 +73,8 @@ class Approach:
     def __init__(self, context: RunContext, step: PlannedSoak, units: Sequence[PlannedUnit | None]) -> None:
         self._context, self._step = context, step
         ramp_degC = abs(step.temperature_degC - read_air_degC(context, step))
-        self._ramp_end_s = step.at_s + 60.0 * ramp_degC / step.ramp_degC_min if step.ramp_degC_min else step.at_s
+        ramp_s = 60.0 * ramp_degC / step.ramp_degC_min if step.ramp_degC_min else 0.0
+        self._ramp_end_s = context.clock.now_ns() / NS + ramp_s
         self.means = {unit: Means() for unit in units}
         self._rest, self._looks = Rest(), 0
 
@@ -86,9 +88,10 @@ class Approach:
 
     def look(self, at_s: float) -> bool:
         """Look at a planned moment; return whether every unit, by a lag that is known, is near enough to its end."""
-        for means in self.means.values():
-            means.look()
-        if at_s >= self._ramp_end_s:
+        heard = [means.look() for means in self.means.values()]
+        if not all(heard):  # a unit is silent, or the soak goes on behind a hold and its moments have passed
+            self._rest, self._looks = Rest(), 0
+        elif self._context.clock.now_ns() / NS >= self._ramp_end_s:
             self._looks = self._rest.look(read_air_degC(self._context, self._step))
         if at_s < self._step.at_s + (self._step.least_s or 0.0):
             return False

@@ -181,3 +181,14 @@ def test_air_is_at_rest_when_its_readings_lie_together() -> None:
     assert rest.look(50.4) == 0
     assert [rest.look(50.0) for _ in range(10)][-2:] == [0, 0]
     assert rest.look(math.nan) == 0
+
+
+def test_moments_that_have_passed_behind_a_hold_are_no_looks() -> None:
+    """A soak that goes on behind a hold comes to its first moments at once, with nothing said in between."""
+    bench = Bench(1)
+    bench.clock.sleep_until_ns(to_ns(3000.0))
+    approach = Approach(bench, soak_step(23.0, 0.5), [None])  # type: ignore[arg-type]
+    for moment_s in np.arange(60.0, 3060.0, 60.0):
+        assert not approach.look(moment_s)
+    approach.note(0.0)
+    assert bench.events == []
