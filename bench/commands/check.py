@@ -23,7 +23,7 @@ from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.stopping import UNTIL
 from bench.model.units import hours
-from bench.plan import Plan, Summary, check_plan, compile_sequence, decisions_of, load_station, summarise
+from bench.plan import Plan, PlannedSoak, Summary, check_plan, compile_sequence, decisions_of, load_station, summarise
 from bench.session.output import writing
 
 if TYPE_CHECKING:
@@ -101,6 +101,8 @@ def _print(out: Console, plan: Plan, summary: Summary, decoding: Mapping[str, Pa
     out.print(f"  finish       {finish} if started {'at the virtual start' if plan.station.in_process else 'now'}")
     if decisions := sum(decision.word != UNTIL for decision in decisions_of(plan.steps)):
         out.print(f"  decisions    {decisions}: steps and records are those of all branches, times of the longest way")
+    if any(isinstance(step, PlannedSoak) and step.least_s is not None for step in plan.steps):
+        out.print("  soaks        times are the longest: the lag of the unit may end soaks before their slots are over")
     out.print(f"  disk         at most {summary.disk_bytes / 1e6:.0f} MB")
     for link, pace in decoding.items():
         out.print(f"  decoding     {link}: {pace}")

@@ -24,6 +24,7 @@ from bench.plan.language.steps import (
     RecordStep,
     SendStep,
     SettleStep,
+    Soak,
     SoakStep,
     TestStep,
     TimelineEntry,
@@ -261,8 +262,30 @@ def _soak(plan: Expander, slot: SoakStep, at: Path, scope: Scope) -> None:
         "sensor": stable.sensor,
         "late": step.late,
         "hold_limit": limit_s,
+        **_done(plan, step, slot_s, path, scope),
     }
     plan.add("soak", step.chamber, "soak", arguments, scope, path, slot_s)
+
+
+def _done(plan: Expander, soak: Soak, slot_s: Quantity | None, at: Path, scope: Scope) -> dict[str, Quantity | None]:
+    """Return how near its end the unit must be, and the least time, of a soak that may be over before its slot is."""
+    done, path = soak.done, (*at, "done")
+    if done is None:
+        return {}
+    residual = plan.quantity(done.residual, "degC", scope, (*path, "residual"))
+    least_s = _duration(plan, done.least, scope, (*path, "least"))
+    if soak.stable.sensor != "unit":
+        message = "the unit's lag decides, and the soak is judged by the air"
+        plan.fail("B-PLAN-156", path, message, "write 'sensor: unit', or leave 'done' out")
+    if plan.phase == "finally":
+        plan.fail("B-PLAN-156", path, "what leaves the bench in order is never shortened", "leave 'done' out")
+    if residual is not None and residual.value <= 0.0:
+        message = f"a residual of {residual.value:g} degC is never reached"
+        plan.fail("B-PLAN-156", (*path, "residual"), message, "allow more", residual.origin)
+    if least_s is not None and slot_s is not None and least_s.value > slot_s.value:
+        message = f"at least {least_s.value:g} s do not fit in a slot of {slot_s.value:g} s"
+        plan.fail("B-PLAN-156", (*path, "least"), message, origin=least_s.origin or slot_s.origin)
+    return {"residual": residual, "least": least_s}
 
 
 def _prompt(plan: Expander, asked: PromptStep, at: Path, scope: Scope) -> None:

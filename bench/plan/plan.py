@@ -81,6 +81,8 @@ _KEYS = {
     "within_degC": "within",
     "for_s": "for",
     "hold_limit_s": "hold_limit",
+    "residual_degC": "residual",
+    "least_s": "least",
     "every_s": "every",
     "longest_s": "longest",
     "timeout_s": "timeout",

@@ -155,6 +155,7 @@ class PlannedSoak(Step):
     """Ramp the chamber and wait out a slot; it must end ``within_degC`` of the target, and have been so for ``for_s``.
 
     ``sensor``: "unit" or "air"; ``late``: what happens if it is not: "hold" for ``hold_limit_s`` more, "skip", "abort".
+    With ``residual_degC`` the rest of the slot is left out, not before ``least_s``, once the unit is so near its end.
     """
 
     kind: ClassVar[StepKind] = "soak"
@@ -167,6 +168,8 @@ class PlannedSoak(Step):
     sensor: str
     late: str
     hold_limit_s: float
+    residual_degC: float | None = None
+    least_s: float | None = None
 
     @property
     def set_point(self) -> SetPoint:

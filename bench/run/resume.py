@@ -18,6 +18,7 @@ from bench.model.events import (
     Prompt,
     Reading,
     Resume,
+    ThermalLag,
     UnitLeftOut,
     event_of,
 )
@@ -29,6 +30,7 @@ from bench.run.provenance import code_of
 from bench.run.steps.position import Resumption, last_turn, stopped_at
 from bench.run.steps.setpoints import expected_of
 
+_READ = Decision | Prompt | Reading | ThermalLag | UnitLeftOut  # what a run knows by
 CRASH = "crash or power cut"
 
 
@@ -140,7 +142,7 @@ def resumption(stopped: Stopped, utc_ns: int) -> Resumption:
     return Resumption(
         stopped.folder, stopped.manifest, position.start, event, position.records, position.withdrawn,
         expected_of(stopped.entries), _unit_answer(stopped), _was_settled(stopped, position.start),
-        tuple(event for event in stopped.events if isinstance(event, Decision | Prompt | Reading | UnitLeftOut)),
+        tuple(event for event in stopped.events if isinstance(event, _READ)),
     )  # fmt: skip
 
 

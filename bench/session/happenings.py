@@ -27,6 +27,7 @@ from bench.model.events import (
     Preflight,
     Settled,
     Skip,
+    ThermalLag,
 )
 from bench.model.units import hours
 from bench.model.yamlio import parse_yaml
@@ -46,6 +47,7 @@ _LABORATORY = "lab_air"
 _PLAN = "plan.json"
 _SPLICE = ("stopped", "started", "away", "step", "reason", "drift", "then")
 _SETTLING = ("time", "set", "samples", "mean", "slope", "spread", "chance", "found")
+_LAG = ("time", "step", "lag", "share", "residual", "bound", "saved")
 
 
 class Events(Protocol):
@@ -98,6 +100,26 @@ def settling_tables(view: Events) -> list[Table]:
             [[_since(t_ns, start_ns), *_settled_cells(event)] for t_ns, event in found],
         )
     ]
+
+
+def lag_tables(view: Events) -> list[Table]:
+    """Return how near its end each soak came that the lag of a unit may end; none for a run without such a soak."""
+    found = view.events_of(ThermalLag)
+    if not found:
+        return []
+    start_ns = _start_ns(view)
+    rows = [
+        [
+            _since(t_ns, start_ns), event.step, *([event.uut] if event.uut else []), f"{event.lag_s / 60.0:.2f}",
+            f"{100.0 * event.share:.2g} %", f"{event.residual_degC:+.3f}", f"{event.bound_degC:.3f}",
+            f"{event.saved_s / 60.0:.0f}",
+        ]
+        for t_ns, event in found
+    ]  # fmt: skip
+    headers = [say(f"lag.{head}") for head in _LAG]
+    if found[0][1].uut:
+        headers.insert(2, say("lag.unit"))
+    return [Table(say("lag.title"), say("lag.caption"), headers, rows)]
 
 
 def decision_tables(view: Events) -> list[Table]:

@@ -312,9 +312,12 @@ def _condition(name: str, value: Any) -> tuple[str, Any]:
 
 def _soak(step: PlannedSoak) -> dict[str, Any]:
     stable = {"within": _quantity(step.within_degC, "degC"), "for": _quantity(step.for_s, "s"), "sensor": step.sensor}
-    soak = {"chamber": step.role, "temperature": _quantity(step.temperature_degC, "degC")}
+    soak: dict[str, Any] = {"chamber": step.role, "temperature": _quantity(step.temperature_degC, "degC")}
     soak |= {"ramp": _quantity(step.ramp_degC_min, "degC/min"), "slot": _quantity(step.slot_s, "s")}
-    return {**soak, "stable": stable, "late": step.late, "hold_limit": _quantity(step.hold_limit_s, "s")}
+    soak |= {"stable": stable, "late": step.late, "hold_limit": _quantity(step.hold_limit_s, "s")}
+    if step.residual_degC is not None and step.least_s is not None:
+        soak["done"] = {"residual": _quantity(step.residual_degC, "degC"), "least": _quantity(step.least_s, "s")}
+    return soak
 
 
 def _prompt(step: PlannedPrompt) -> dict[str, Any]:

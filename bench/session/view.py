@@ -46,6 +46,7 @@ from bench.session.happenings import (
     decision_tables,
     happening_tables,
     hashes_of,
+    lag_tables,
     length_s,
     preflight_table,
     punctuality,
@@ -61,6 +62,7 @@ KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "settled", "retake", "skip", "error", "end", "reading",
     "hold", "release", "armed", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict",
     "config", "clock_step", "control", "surroundings", "exchange", "decision", "unit_left_out",
+    "thermal_lag",
 )  # fmt: skip
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 
@@ -299,6 +301,7 @@ def _about_the_run(view: SessionView) -> list[Table]:
         *happening_tables(view),
         *decision_tables(view),
         *settling_tables(view),
+        *lag_tables(view),
         *splice_tables(view.splices),
         *looked_at,
     ]

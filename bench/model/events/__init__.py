@@ -39,6 +39,7 @@ from bench.model.events.taken import (
     Reading,
     Record,
     Surroundings,
+    ThermalLag,
 )
 from bench.model.events.trouble import (
     Alarm,
@@ -62,5 +63,6 @@ __all__ = [
     "Decision", "Deviation", "Disk", "End", "Environment", "Error", "Event", "Exchange", "Gap", "Guard", "Hold",
     "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify", "Overrun", "Phase", "Preflight", "Prompt",
     "PromptAlarm", "Reading", "Record", "Reentry", "Release", "Resume", "Retake", "Safe", "Settled", "Severity",
-    "Skip", "Slip", "StimulusAlarm", "Surroundings", "UnitLeftOut", "Verdict", "by_instrument", "event_of",
+    "Skip", "Slip", "StimulusAlarm", "Surroundings", "ThermalLag", "UnitLeftOut", "Verdict", "by_instrument",
+    "event_of",
 ]  # fmt: skip

@@ -37,6 +37,7 @@ from bench.model.events.taken import (
     Reading,
     Record,
     Surroundings,
+    ThermalLag,
 )
 from bench.model.events.trouble import (
     Alarm,
@@ -60,7 +61,7 @@ _CLASSES: Mapping[str, type[Event]] = {
     for model in (
         Alarm, Answer, Armed, ClockStep, Closed, Config, Control, Decision, Disk, End, Environment, Error, Exchange,
         Gap, Guard, Hold, Inhibit, Interlock, Late, Link, Notify, Overrun, Phase, Preflight, Prompt, Reading, Record,
-        Reentry, Release, Resume, Retake, Safe, Settled, Skip, Slip, Surroundings, UnitLeftOut, Verdict,
+        Reentry, Release, Resume, Retake, Safe, Settled, Skip, Slip, Surroundings, ThermalLag, UnitLeftOut, Verdict,
     )
 }  # fmt: skip
 _ALARMS: Mapping[object, type[Alarm]] = {

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from bench.model.events.event import Event, left_out
+from bench.model.events.event import Event, left_out, number
 
 Conditions = Mapping[str, Any]
 _RATIO = "1"  # unit of a ratio or a count
@@ -74,6 +74,31 @@ class Decision(Event):
 
     def _words(self) -> str:
         return f"step {self.step}: {self.word} {self.by}: {self.outcome}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThermalLag(Event):
+    """How the unit came to rest in a soak that its lag may end: ``share`` is the standard uncertainty over the lag.
+
+    ``residual_degC``: where the unit was minus where it went; ``bound_degC``: how far from there at most, by three
+    standard uncertainties.   ``saved_s``: rest of the slot that was left out, 0 for a whole one.
+    """
+
+    kind: ClassVar[str] = "thermal_lag"
+    at_terminal: ClassVar[bool] = True
+    step: int
+    lag_s: float
+    share: float
+    residual_degC: float
+    bound_degC: float
+    saved_s: float
+
+    def _words(self) -> str:
+        lag, left = number(self.lag_s / 60.0, ".1f"), number(self.residual_degC, "+.3f")
+        known = f"lag {lag} min known to {number(100.0 * self.share, '.2g')} %"
+        near = f"{left} degC from its end, {number(self.bound_degC, '.3f')} degC at most"
+        saved = f"the last {number(self.saved_s / 60.0, '.0f')} min of the slot are left out" if self.saved_s else ""
+        return f"step {self.step}: {', '.join(filter(None, (known, near, saved)))}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -65,8 +65,17 @@ class Stable(StrictModel):
     sensor: Literal["unit", "air"] = "unit"
 
 
+class Done(StrictModel):
+    """When a soak is over before its slot is: by the unit's thermal lag, but not before ``least``."""
+
+    residual: Annotated[Any, *templated("degC", 0.0, 100.0)] = Field(
+        description="how far from where it is going the unit is at most"
+    )
+    least: Duration
+
+
 class Soak(StrictModel):
-    """A slot of fixed length: ramp the chamber to a temperature and wait."""
+    """A slot of fixed length, or with ``done`` of that length at most: ramp the chamber to a temperature and wait."""
 
     chamber: Name = "chamber"
     temperature: Annotated[Any, *templated("degC")]
@@ -75,6 +84,7 @@ class Soak(StrictModel):
     stable: Stable
     late: Literal["hold", "abort", "skip"] = "hold"
     hold_limit: Duration | None = None
+    done: Done | None = None
 
 
 def _named_call(value: object) -> object:

@@ -26,6 +26,7 @@ from bench.model.events import (
     Resume,
     Skip,
     Slip,
+    ThermalLag,
 )
 from bench.plan import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, Step, left_out_by
 from bench.run.feed.planned import PlannedRun
@@ -105,6 +106,8 @@ class Place:
                 self._on_slip(event)
             case Overrun():
                 self._shift(event.seconds)
+            case ThermalLag() if self.step is not None and event.step == self.step.number:  # none that is done again
+                self._shift(-event.saved_s)
             case Release() if not self._live:
                 self._on_release(event, t)
             case Reentry() if not self._resumed_at:

@@ -1,8 +1,9 @@
 """A plan by planned time: the step at a moment and in words, what is still to come, its temperatures, its end.
 
-Planned time is waited out, so a run is never sooner than its plan plus the slip so far: that is ``earliest`` and, since
-most soaks end in their slot, ``likely``. A step that takes longer than planned, and a hold, move both second by second.
-Where decisions lie ahead, the plan has their longest way, and the run may be sooner. What makes runs late are soaks.
+Planned time is waited out, so a run is never sooner than its plan plus the slip so far: that is ``likely``, since most
+soaks end in their slot, and ``earliest``, but for what is left of soaks behind the least time of those that the lag of
+the unit may end. A step that takes longer than planned, and a hold, move both second by second. Where decisions lie
+ahead, the plan has their longest way, and the run may be sooner. What makes runs late are soaks.
 ``latest`` adds
 
 * a share of the soak time that is still to come: the largest share by which a soak of this run was late, at least
@@ -179,11 +180,15 @@ def _ramp(start: float, stop: float, before_degC: float, asked: SetPoint) -> tup
 
 @dataclass(frozen=True)
 class Remaining:
-    """Time that is left: ``likely_s`` seconds, of which ``soak_s`` in soaks; ``grace_s``: a late soak may last."""
+    """Time that is left: ``likely_s`` seconds, of which ``soak_s`` in soaks; ``grace_s``: a late soak may last.
+
+    ``early_s``: soaks may be over so much before their slots, all together.
+    """
 
     likely_s: float
     soak_s: float
     grace_s: float = 0.0
+    early_s: float = 0.0
 
 
 def end_of_run(t_utc_s: float, left: Remaining, late_shares: Sequence[float]) -> dict[str, float]:
@@ -191,10 +196,20 @@ def end_of_run(t_utc_s: float, left: Remaining, late_shares: Sequence[float]) ->
     share = max([SHARE / (1 + len(late_shares)), *late_shares])
     likely = t_utc_s + left.likely_s
     spread_s = left.soak_s * share + left.grace_s + LOOSE * left.likely_s + MARGIN_S
-    return {"earliest_utc_s": likely, "likely_utc_s": likely, "latest_utc_s": likely + spread_s}
+    return {"earliest_utc_s": likely - left.early_s, "likely_utc_s": likely, "latest_utc_s": likely + spread_s}
 
 
 def soak_to_come_s(soaks: Sequence[Step], step: Step, inside_s: float) -> float:
     """Return planned soak time behind a moment of the plan, second; a soak under way counts from there on."""
     whole = sum(soak.duration_s for soak in soaks if soak.number > step.number)
     return whole + (max(0.0, step.at_s + step.duration_s - inside_s) if isinstance(step, PlannedSoak) else 0.0)
+
+
+def early_s(soaks: Sequence[Step], step: Step, inside_s: float) -> float:
+    """Return how much planned soak time behind a moment of the plan the lag of the unit may leave out, second."""
+    early = 0.0
+    for soak in soaks:
+        if isinstance(soak, PlannedSoak) and soak.least_s is not None and soak.number >= step.number:
+            passed_s = max(0.0, inside_s - soak.at_s) if soak is step else 0.0
+            early += max(0.0, soak.duration_s - max(soak.least_s, passed_s))
+    return early

@@ -33,7 +33,7 @@ from bench.plan import Step
 from bench.run.feed.alarms import Alarms
 from bench.run.feed.outputs import GOOD_FOR, LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs, bench_in_words
 from bench.run.feed.place import Place, Temperature, wait_of
-from bench.run.feed.planned import PlannedRun, Remaining, corners, end_of_run, in_words, soak_to_come_s
+from bench.run.feed.planned import PlannedRun, Remaining, corners, early_s, end_of_run, in_words, soak_to_come_s
 from bench.run.feed.records import Records
 from bench.run.feed.traffic import InstrumentPanel
 
@@ -325,6 +325,7 @@ class RunState:
             likely_s=self._plan.total_s - position_s,
             soak_s=soak_to_come_s(self._plan.soaks, step, inside_s),
             grace_s=self._place.grace_s(t),
+            early_s=early_s(self._plan.soaks, step, inside_s),
         )
         return end_of_run(t, left, self._place.late_shares)
 

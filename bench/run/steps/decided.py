@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.model.events import Decision, Event, Prompt, Reading, UnitLeftOut
+from bench.maths.relaxation import Lag
+from bench.model.events import Decision, Event, Prompt, Reading, ThermalLag, UnitLeftOut
 from bench.plan import PlannedCall, PlannedDecision, Step, is_answered, left_out_by
 
 
@@ -19,8 +20,13 @@ class Read:
     step: int
 
 
+KNOWN = 0.2  # of a lag, one standard uncertainty: with less nothing is ended by it
+
+
 class Decided:
     """The newest reading of each action, the outcome of each decision, and the steps that are left out by them.
+
+    ``lags``: of the units, by serial number, None where a bench has only one; as soon as they are ``KNOWN``.
 
     Args: steps: those of the plan, so that a number is an index.
     """
@@ -32,12 +38,15 @@ class Decided:
         self.outcomes: dict[int, str] = {}
         self.left_out: set[int] = set()
         self.units_out: set[str] = set()  # serial numbers of units that are left out
+        self.lags: dict[str | None, Lag] = {}
 
     def take(self, event: Event) -> None:
-        """Take what an event says of it; a plan without decisions needs to know of units that are left out alone."""
+        """Take what an event says of it; of readings a plan without decisions needs to know nothing."""
         if isinstance(event, UnitLeftOut):
             self.units_out.add(str(event.uut))
             self.left_out.update(*left_out_by(self._steps, [event]))
+        elif isinstance(event, ThermalLag) and event.share <= KNOWN:
+            self.lags[event.uut] = Lag(event.lag_s, event.share)
         if not self._follows:
             return
         if isinstance(event, Reading):

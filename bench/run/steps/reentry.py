@@ -167,11 +167,11 @@ def _drive(context: RunContext, role: str, asked: SetPoint) -> None:
 
 
 def _soak_again(context: RunContext, step: PlannedSoak) -> None:
-    """The whole slot of a soak, from now on; the timeline of the phase stands still meanwhile."""
+    """The whole slot of a soak, even with ``done``, from now on; the timeline of the phase stands still meanwhile."""
     outer = context.timeline
     context.timeline = Timeline(context.clock, context.stop, context.clock.now_ns() - to_ns(step.at_s))
     try:
-        soak(context, step)
+        soak(context, replace(step, residual_degC=None, least_s=None))
     finally:
         context.timeline = outer
 

@@ -12,17 +12,19 @@ from numpy.typing import NDArray
 
 from bench.maths.settling import Window, window_of
 from bench.model.clock import NS, to_ns
-from bench.model.errors import InstrumentError, RunError
-from bench.model.events import Error, Late, Settled, Slip
+from bench.model.errors import RunError
+from bench.model.events import Late, Settled, Slip
 from bench.plan import PlannedSoak, PlannedUnit
 from bench.run.context import RunContext
 from bench.run.links.thermometer import hearing
+from bench.run.steps.approach import Approach, read_air_degC
 
 POLL_S = 60.0
 AIR_POLL_S, LEAST_POLL_S = 5.0, 1.0  # the chamber answers in tens of milliseconds and has other things to do
 AIR_READINGS = 60  # in the window
 MOST_CHANCE = 0.05  # of leaving the band again within as long as it was watched
 _LONGEST_GAP = 0.25  # of the window, without a sample
+LOOKS = 100  # in a slot, at units whose lag may end the soak
 Times: TypeAlias = NDArray[np.int64]
 Temperatures: TypeAlias = NDArray[np.float64]
 Judged: TypeAlias = tuple[bool, Window | None]
@@ -75,21 +77,26 @@ class Stability:
 def soak(context: RunContext, step: PlannedSoak) -> None:
     """Run one soak slot.
 
-    Stable early: the slot is waited out. Not stable at its end: ``late`` decides: hold (wait on, at most
-    ``hold_limit_s`` more; the slip is recorded), skip (go on, the records are flagged) or abort.
+    Stable early: the slot is waited out, unless the lag of its units may end it. Not stable at its end: ``late``
+    decides: hold (wait on, at most ``hold_limit_s`` more; the slip is recorded), skip (go on, the records are flagged)
+    or abort.
     Raises: RunError B-RUN-031 when the hold limit is over, or at once with abort.
     """
+    units: Sequence[PlannedUnit | None] = (context.units or (None,)) if step.sensor == "unit" else (None,)
+    approach = None if step.residual_degC is None else Approach(context, step, units)
     chamber = context.instruments[step.role]
     with context.in_use.take(step.role):
         chamber.set_temperature(step.temperature_degC, step.ramp_degC_min)  # type: ignore[attr-defined]
         chamber.run()  # type: ignore[attr-defined]
     context.observers.set_point(step.set_point)
-    units: Sequence[PlannedUnit | None] = (context.units or (None,)) if step.sensor == "unit" else (None,)
     watches = [Stability(step.temperature_degC, step.within_degC, step.for_s) for _ in units]
     with ExitStack() as heard:
         for unit, watch in zip(units, watches, strict=True) if step.sensor == "unit" else ():
             heard.enter_context(hearing(context.acquisition, watch.add, unit))
-        _wait_out(context, step, watches, step.at_s + step.duration_s)
+        if approach is None:
+            _wait_out(context, step, watches, step.at_s + step.duration_s)
+        else:
+            _come_near(context, step, watches, approach)
         found = _judged(context, watches)
         if not _is_stable(found):
             found = _late(context, step, watches, found)
@@ -126,6 +133,20 @@ def _wait_out(context: RunContext, step: PlannedSoak, watches: Sequence[Stabilit
         looked = True
 
 
+def _come_near(context: RunContext, step: PlannedSoak, watches: Sequence[Stability], approach: Approach) -> None:
+    """Wait until the units are near their ends and stable, at most until the end of the slot; say how near they are."""
+    moment_s, end_s = step.at_s, step.at_s + step.duration_s
+    is_over = False
+    with approach.listening():
+        while not is_over and moment_s < end_s:
+            moment_s = min(end_s, moment_s + min(POLL_S, max(LEAST_POLL_S, step.duration_s / LOOKS)))
+            context.timeline.wait_until(moment_s)
+            _look(context, step, watches)
+            is_over = approach.look(moment_s) and _is_stable(_judged(context, watches))
+    approach.note(end_s - moment_s)
+    context.timeline.leave_out(end_s - moment_s)
+
+
 def _poll_s(step: PlannedSoak) -> float:
     """Return the time between two looks: of the unit every sample is heard all the same."""
     if step.sensor == "unit":
@@ -138,12 +159,7 @@ def _look(context: RunContext, step: PlannedSoak, watches: Sequence[Stability]) 
     if step.sensor == "unit":
         _ = context.unit_temperatures_degC
         return
-    try:
-        with context.in_use.take(step.role):
-            degC = float(context.instruments[step.role].measure_air())  # type: ignore[attr-defined]
-    except InstrumentError as error:  # no reading is not a stable temperature, and no reason to end a run
-        context.event(Error(code=error.code, text=str(error), where=error.where, step=step.number))
-        return
+    degC = read_air_degC(context, step)
     for watch in watches:
         watch.add(np.array([context.clock.now_ns()]), np.array([degC]))
 

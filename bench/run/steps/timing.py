@@ -51,7 +51,11 @@ class Timeline:
         """Leave out the planned time that a decision leaves between the step that is done and the one that begins."""
         gap_s = 0.0 if self.done_s is None else at_s - self.done_s
         if gap_s > _CONTIGUOUS_S:
-            self.origin_ns -= to_ns(gap_s)
+            self.leave_out(gap_s)
+
+    def leave_out(self, seconds: float) -> None:
+        """Bring everything that follows forward: so much planned time is left out."""
+        self.origin_ns -= to_ns(seconds)
 
     def wait_until_ns(self, t_mono_ns: int) -> None:
         """Wait for a moment of the bench clock; a stop ends the wait."""

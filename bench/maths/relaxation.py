@@ -1,0 +1,144 @@
+"""How a temperature comes to rest: the lag of its approach, and how far it is at most from where it is going.
+
+Behind air that stands still, whatever is warmed by it approaches its end as a sum of exponentials, one for each mass on
+the way of its heat; self-heating and the error of a sensor move the end and change no lag. One lag is fitted and,
+beside it, each slower one in turn: as long as the readings do not rule out that a slow part is still to come, it
+counts. Neighbouring residuals are alike where a chamber wanders, or the model lacks something: the variance of a mean
+is larger by (1 + r) / (1 - r), r their correlation.
+
+Source: heat balance of linear masses, C dT/dt = G (air - T), whose free solutions are exponentials; Gauss and Newton's
+method: Björck, Numerical Methods for Least Squares Problems, section 9.2; variance where the correlation falls by r
+from one value to the next: Bayley and Hammersley (1946), J. R. Stat. Soc. Suppl. 8, 184.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+_LEAST = 10  # means
+_COVERAGE = 3.0  # 99.7 % of one look, because a soak is looked at again and again and ends at the first that fits
+_OTHERWISE = 0.05  # of a lag: by so much air and convection may change it from one temperature to another
+_ALONE = 0.2  # of a lag: by so much a slow part that is not seen may be in that of one exponential alone
+_GRID = 300  # places where a lag of which nothing is known is looked for, from the time of one mean to the longest
+_SLOWER, _RIVALS = 1.5, 12  # the least slow rival, in lags, and how many there are up to the longest
+_RULED_OUT = 9.0  # variances by which a rival explains less than the best: 99.7 % too
+_ROUNDS, _STEP, _CONVERGED = 12, 0.2, 1e-4  # of the logarithm of the lag
+_AHEAD = (0.0, 1.0, 2.0, 4.0)  # lags from now, at which the distance from the end is looked at
+
+
+@dataclass(frozen=True)
+class Lag:
+    """A lag and its standard uncertainty, ``share`` of it, whatever slow part is beside it."""
+
+    lag_s: float
+    share: float
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """What is left of an approach at a moment: ``residual_degC``, where it is minus where it goes, by the best fit.
+
+    ``bound_degC``: how far from its end it is, or will still be, at most, with every slow part that is not ruled out.
+    """
+
+    residual_degC: float
+    bound_degC: float
+    lag: Lag
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """End, amplitude, change of the logarithm of the lag, amplitude of the slower part; covariance; sum of squares."""
+
+    parameters: Array
+    covariance: Array
+    square: float
+    slower_s: float
+
+
+def relaxation_of(t_s: Array, degC: Array, now_s: float, longest_s: float, known: Lag | None) -> Relaxation | None:
+    """Return how far a temperature is from its end; None if there are too few means to tell.
+
+    Args:    t_s, degC: means over times of one length, (n,), rising, behind air that stands still.   now_s: the moment.
+             longest_s: the slowest lag that may be there.   known: the lag by earlier approaches; None: what one
+             exponential alone says.
+    Source:  see the module.
+    """
+    if t_s.size < _LEAST:
+        return None
+    since_s = t_s - t_s[0]
+    known = Lag(_one_lag(since_s, degC, longest_s), _ALONE) if known is None else known
+    lag_s = known.lag_s
+    for _ in range(_ROUNDS):
+        fits, variance = _fits(since_s, degC, lag_s, longest_s, known)
+        best = min(fits, key=lambda fit: fit.square)
+        step = float(np.clip(best.parameters[2], -_STEP, _STEP))
+        if abs(step) < _CONVERGED:
+            break
+        lag_s *= math.exp(step)
+    possible = [fit for fit in fits if fit.square <= best.square + _RULED_OUT * variance]
+    moments = [now_s - float(t_s[0]) + ahead * lag_s for ahead in _AHEAD]
+    bound = max(abs(left) + _COVERAGE * std for fit in possible for left, std in _left(fit, lag_s, moments))
+    ((residual, _),) = _left(best, lag_s, moments[:1])
+    share = max(math.hypot(float(fit.parameters[2]), math.sqrt(float(fit.covariance[2, 2]))) for fit in possible)
+    return Relaxation(residual, bound, Lag(lag_s, share))
+
+
+def _one_lag(t_s: Array, degC: Array, longest_s: float) -> float:
+    """Return the lag of one exponential that explains most."""
+    lags_s = np.geomspace(t_s[1], longest_s, _GRID)
+    columns = np.exp(-t_s / lags_s[:, None])
+    columns -= columns.mean(axis=1, keepdims=True)
+    explained = (columns @ degC) ** 2 / (columns**2).sum(axis=1)
+    return float(lags_s[int(explained.argmax())])
+
+
+def _fits(t_s: Array, degC: Array, lag_s: float, longest_s: float, known: Lag) -> tuple[list[_Fit], float]:
+    """Return the fit with each slower rival, near a lag, and the variance of a mean; what is known counts as a reading.
+
+    The variance is that of the fit which leaves least by the means alone.
+    """
+    decay = np.exp(-t_s / lag_s)
+    line = np.column_stack((np.ones_like(t_s), decay))
+    amplitude = np.linalg.lstsq(line, degC, rcond=None)[0][1]
+    rivals_s = np.geomspace(_SLOWER * lag_s, max(longest_s, 2.0 * _SLOWER * lag_s), _RIVALS)
+    designs = np.empty((_RIVALS, t_s.size + 1, 4))  # below the means, what is known of the lag
+    designs[:, :-1] = np.column_stack((line, amplitude * decay * t_s / lag_s, decay))
+    designs[:, :-1, 3] = np.exp(-t_s / rivals_s[:, None])
+    lefts = degC - (designs[:, :-1] @ (np.linalg.pinv(designs[:, :-1]) @ degC)[:, :, None])[:, :, 0]
+    variance = _variance(lefts[int((lefts**2).sum(axis=1).argmin())])
+    weight = math.sqrt(variance) / max(_OTHERWISE, known.share)
+    designs[:, -1] = 0.0, 0.0, weight, 0.0
+    readings = np.append(degC, weight * math.log(known.lag_s / lag_s))
+    inverses = np.linalg.pinv(designs)
+    parameters = inverses @ readings
+    squares = ((readings - (designs @ parameters[:, :, None])[:, :, 0]) ** 2).sum(axis=1)
+    covariances = variance * inverses @ inverses.transpose(0, 2, 1)
+    rivals = zip(parameters, covariances, squares.tolist(), rivals_s.tolist(), strict=True)
+    return [_Fit(*rival) for rival in rivals], variance
+
+
+def _variance(left: Array) -> float:
+    """Return the variance of residuals, as large as their likeness to their neighbours makes it."""
+    free, square = 5, float(left @ left)
+    alike = float(left[1:] @ left[:-1]) / max(square, 1e-300)
+    alike += free * (1.0 + max(alike, 0.0)) / left.size  # a fit takes with it what is alike
+    alike = min(max(alike, 0.0), 1.0 - 2.0 / left.size)
+    return square / (left.size - free) * (1.0 + alike) / (1.0 - alike)
+
+
+def _left(fit: _Fit, lag_s: float, moments_s: list[float]) -> list[tuple[float, float]]:
+    """Return how far it is from its end at moments, and the standard uncertainties."""
+    found = []
+    for moment_s in moments_s:
+        decay = math.exp(-moment_s / lag_s)
+        of_lag = fit.parameters[1] * decay * moment_s / lag_s
+        slopes = np.array([0.0, decay, of_lag, math.exp(-moment_s / fit.slower_s)])
+        std = math.sqrt(float(slopes @ fit.covariance @ slopes))
+        found.append((float(slopes @ fit.parameters), std))
+    return found

@@ -1,0 +1,174 @@
+"""A campaign whose second soak the unit's lag ends: results, the course of the run, a kill inside of a soak, replay.
+
+The lags of chamber and unit are a tenth of the usual ones.
+"""
+
+from __future__ import annotations
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from crashes import go_on, nobody_in, watch_worlds
+from rehearsal import ROOT, SEED, Watched, contents
+
+from bench.analysis import results_json
+from bench.commands.session import replay
+from bench.model.clock import VirtualClock
+from bench.model.errors import ExitStatus
+from bench.plan import Plan, Step, check_plan, compile_sequence
+from bench.record import SessionReader
+from bench.run.control.operator import SimulatedOperator
+from bench.run.session import conduct
+from bench.session.service import read_view
+from bench.session.view import analyse_view, report_html
+from bench.web.recorded.past import Past
+from sim_instruments.worlds.common import thermal
+from sim_instruments.worlds.common.world import World
+
+SLOT_s, POINTS_s, RESIDUAL_degC, LEAST_s = 1800.0, 15 * 30.0, 0.1, 500.0
+KILLED_s = 700.0  # after the second soak has begun: its ramp is over, it is not
+
+
+def plan_in(folder: Path) -> Plan:
+    """Return scale_factor_short cut down to one channel at two temperatures, with soaks that the lag may end."""
+    text = (ROOT / "sequences" / "scale_factor_short.yaml").read_text()
+    closing = text.index("  - for: temperature                       # closing")
+    done = f"late: hold\n          done: {{residual: {RESIDUAL_degC} degC, least: {LEAST_s:g} s}}"
+    for old, new in (
+        ("sequence: scale_factor_short", "sequence: by_lag"),
+        ("duration: 10350 s\nrecords: 105", f"duration: {2.0 * (SLOT_s + POINTS_s):g} s\nrecords: 30"),
+        ("slot: 3600 s", f"slot: {SLOT_s:g} s"),
+        ("ramp: 0.5 degC/min\n  slot", "ramp: 1 degC/min\n  slot"),
+        ("{numbers: [1, 2], kind: gyro", "{numbers: 1, kind: gyro"),
+        ("  - {numbers: 7, kind: accelerometer, levels: accel_levels}\n", ""),
+        ("in: [23 degC, 25 degC]", "in: [26 degC, 31 degC]"),
+        ("late: hold", done),
+        (text[closing : text.index("# The bench is left")], ""),
+    ):
+        assert text.count(old) == 1, old
+        text = text.replace(old, new)
+    path = folder / "by_lag.yaml"
+    path.write_text(text)
+    plan = compile_sequence(path, None, {"world.calibrator_gain": "off"})
+    assert check_plan(plan) == []
+    return plan
+
+
+@dataclass
+class Ran:
+    plan: Plan
+    whole: Path
+    killed: Path  # as it was in the middle of the second soak
+    world: World
+
+
+def hurry(patch: pytest.MonkeyPatch) -> None:
+    """Let chamber and unit of every bench lag a tenth of the usual."""
+    for name in ("AIR_LAG_S", "UNIT_LAG_S"):
+        patch.setattr(thermal, name, getattr(thermal, name) / 10.0)
+
+
+def ran_in(folder: Path) -> Ran:
+    """Run it once, copied in the middle of the second soak."""
+    plan = plan_in(folder)
+    second = [step.number for step in plan.phase("campaign") if step.kind == "soak"][1]
+
+    def watch(world: World, step: Step) -> None:
+        if step.number == second:
+            timer = world.clock.every(KILLED_s, lambda: copy() or timer.cancel())  # type: ignore[func-returns-value]
+
+    def copy() -> None:
+        (session,) = (folder / "out").iterdir()
+        shutil.copytree(session, folder / "killed" / session.name)
+
+    watched = Watched(watch)
+    with pytest.MonkeyPatch.context() as patch:
+        hurry(patch)
+        watch_worlds(patch, watched)
+        run = conduct(
+            plan, clock=VirtualClock(), seed=SEED, out=folder / "out", operator=SimulatedOperator(), listener=watched
+        )
+    assert run.outcome.error is None
+    return Ran(plan, run.folder, folder / "killed" / run.folder.name, watched.worlds[-1])
+
+
+@pytest.fixture(scope="module")
+def ran(tmp_path_factory: pytest.TempPathFactory) -> Ran:
+    return ran_in(tmp_path_factory.mktemp("by_lag"))
+
+
+def lags(folder: Path) -> list[dict[str, Any]]:
+    return [fields for _, _, fields in SessionReader(folder).events("thermal_lag")]
+
+
+def test_the_second_soak_is_as_near_as_stated_and_what_follows_is_earlier(ran: Ran) -> None:
+    first, second = lags(ran.whole)
+    assert first["saved_s"] == 0.0
+    assert first["lag_s"] == pytest.approx(ran.world.thermal.unit_lag_s, rel=0.02)
+    assert 0.0 < second["saved_s"] <= SLOT_s - LEAST_s
+    assert second["bound_degC"] <= RESIDUAL_degC
+    ended_ns = [t_ns for _, t_ns, _ in SessionReader(ran.whole).events("thermal_lag")][1]
+    left_degC = float(ran.world.thermal.unit_degC(ended_ns)) - 31.0
+    rows = read_view(ran.whole).rows
+    print(f"{second['saved_s']:.0f} s saved; stated {second['bound_degC']:.4f} degC, true {left_degC:+.4f} degC")
+    assert abs(left_degC) <= second["bound_degC"]
+    assert rows[15].window.t_start_ns == ended_ns + rows[0].window.t_start_ns - _first_ended_ns(ran)
+    end = next(SessionReader(ran.whole).events("end"))[2]
+    assert (end["slip_s"], end["overruns"], len(rows)) == (0.0, 0, 30)
+    assert end["steps"] == len(ran.plan.steps)
+
+
+def _first_ended_ns(ran: Ran) -> int:
+    return next(t_ns for _, t_ns, _ in SessionReader(ran.whole).events("thermal_lag"))
+
+
+def test_its_scale_factors_are_true(ran: Ran) -> None:
+    """Those behind the soak that was ended, as those behind the whole one."""
+    view = read_view(ran.whole)
+    results, _ = analyse_view(view)
+    true = {_key(entry): entry["value"] for entry in ran.world.truth([row.window for row in view.rows])}
+    fitted = [entry for entry in results["estimates"] if entry["quantity"] in ("dsf_n", "dsf_p")]
+    off = [(entry["value"] - true[_key(entry)]) / entry["std_uncertainty"] for entry in fitted]
+    print(f"seed {SEED}: off by {', '.join(f'{number:+.2f}' for number in off)} standard uncertainties")
+    assert len(off) == 4
+    assert max(map(abs, off)) < 3.0
+
+
+def _key(entry: dict[str, Any]) -> tuple[Any, ...]:
+    known = entry["conditions"]
+    return entry["quantity"], known.get("channel"), known.get("temperature_degC")
+
+
+def test_a_run_that_is_killed_inside_of_a_soak_goes_on_with_the_same_lag(
+    ran: Ran, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its unit is warmed anew, and the first soak's lag ends this one too; twice the same, byte for byte."""
+    hurry(monkeypatch)
+    found = []
+    for name in ("once", "twice"):
+        folder = Path(shutil.copytree(ran.killed, tmp_path / name / ran.killed.name))
+        assert [fields["saved_s"] for fields in lags(folder)] == [0.0]
+        done = go_on(folder, nobody_in(monkeypatch))
+        assert done.outcome.error is None
+        assert len(read_view(folder).rows) == 30
+        found.append(contents(folder))
+        first, second = lags(folder)
+        assert first == lags(ran.whole)[0]
+        assert second["bound_degC"] <= RESIDUAL_degC
+        assert second["saved_s"] > 0.0
+    assert found[0] == found[1]
+
+
+def test_every_reader_of_a_session_takes_it(ran: Ran, tmp_path: Path) -> None:
+    folder = Path(shutil.copytree(ran.whole, tmp_path / ran.whole.name))
+    view = read_view(folder)
+    results, analysis = analyse_view(view)
+    (folder / "results.json").write_text(results_json(results))
+    assert replay(folder, as_json=False) == ExitStatus.PASS
+    report = report_html(view, results, analysis)
+    assert "Soaks by the thermal lag" in report
+    state = Past().final(folder)
+    assert (state["records"]["done"], state["records"]["planned"]) == (30, 30)
