@@ -94,6 +94,9 @@ def check(
     live: Annotated[
         bool, typer.Option("--live", help="look at the real bench too; reads only, switches nothing on")
     ] = False,
+    predict: Annotated[
+        bool, typer.Option("--predict", help="predict uncertainties even where that takes much longer than the check")
+    ] = False,
     out: Annotated[Path, typer.Option("--out", help="folder for sessions, whose disk --live tries")] = Path("sessions"),
     json: AsJson = False,
     uncommissioned: Uncommissioned = "",
@@ -101,7 +104,7 @@ def check(
     """Load, compile and check everything without touching an instrument; with --live the pre-flight of a run."""
     from bench.commands import check as check_command
 
-    request = check_command.Request(sequence, station, settings or [], plot, json, live, out, uncommissioned)
+    request = check_command.Request(sequence, station, settings or [], plot, json, live, out, uncommissioned, predict)
     raise typer.Exit(check_command.check(request))
 
 

@@ -22,6 +22,7 @@ from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.stopping import UNTIL
+from bench.model.systems import analysis_declaration
 from bench.model.units import hours
 from bench.plan import Plan, PlannedSoak, Summary, check_plan, compile_sequence, decisions_of, load_station, summarise
 from bench.session.output import writing
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """Arguments of ``bench check``; ``out`` is where the sessions of a run would go."""
+    """Arguments of ``bench check``; ``out``: where the sessions of a run would go; ``predict``: however long it takes."""
 
     sequence: str
     station: str | None
@@ -42,6 +43,7 @@ class Request:
     live: bool = False
     out: Path = Path("sessions")
     uncommissioned: str = ""
+    predict: bool = False
 
 
 def check(request: Request) -> int:
@@ -58,7 +60,7 @@ def check(request: Request) -> int:
             plots.plot_timetable(plan, request.plot)
     decoding = {link: pace_of(frame, WallClock()) for link, frame in sorted(plan.definitions().items())}
     report = _examined(plan, request) if request.live else None
-    told, lines = _predicted(plan)
+    told, lines = _predicted(plan, request.predict)
     if request.json:
         document = {"sequence": plan.name, "station": plan.station_name, "plan_sha256": plan.sha256, **asdict(summary)}
         document["decoding"] = {link: asdict(pace) for link, pace in decoding.items()}
@@ -136,8 +138,11 @@ def _print_expected(out: Console, plan: Plan) -> None:
         out.print("  not judged   no value and no fit has a limit; write 'expect' beside a reading")
 
 
-def _predicted(plan: Plan) -> tuple[dict[str, Any], list[str]]:
-    """Return what is predicted of a plan, for JSON and as lines."""
+def _predicted(plan: Plan, however_long: bool) -> tuple[dict[str, Any] | None, list[str]]:
+    """Return what is predicted of a plan, for JSON and as lines; None where that would take long."""
+    declared = analysis_declaration(str(plan.campaign.get("analysis")))
+    if declared is not None and declared.predicts_long and not however_long:
+        return None, ["takes much longer than a check; --predict asks for it"]
     from bench.session.predicted import predicted, predicted_document, predicted_lines  # brings the analysis
 
     prediction = predicted(plan)

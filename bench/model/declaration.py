@@ -52,7 +52,8 @@ class AnalysisDeclaration:
     ``standards``: roles of the standards whose relative error enters a quantity one to one, by quantity.
     ``problems``: function that says of each record why the analysis leaves it out; "" for what holds for all records.
     ``assumptions``: function that names what its data cannot show, from the section "campaign" of a plan.
-    ``predicted``: function that gives the estimates of planned records with the uncertainties they will have.
+    ``predicted``: function that gives the estimates of planned records with the uncertainties they will have;
+    ``predicts_long``: it takes longer than all else that a check does, so that it must be asked for.
     ``point``: module that says how well the mean of a measuring point is known (``bench.model.stopping``).
     ``design``: function that says what of a campaign is free, so that the shortest one can be found.
     ``roles``: that columns of a log play for it.   ``bench_clock``: its results are by the clock of the bench.
@@ -81,6 +82,7 @@ class AnalysisDeclaration:
     assumptions: str = ""
     roles: tuple[str, ...] = ()
     predicted: str = ""
+    predicts_long: bool = False
     point: str = ""
     design: str = ""
     bench_clock: bool = False

@@ -264,6 +264,7 @@ DECLARATION = System(
             sizes=_SIZES,
             assumptions="bench.systems.time_sync.assumptions:assumptions",
             predicted="bench.systems.time_sync.predicted:predicted",
+            predicts_long=True,
             limits={
                 "time_offset_uncertainty": Limit("s", above_zero=True),
                 "stamps_difference": Limit("s", above_zero=True),
