@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Request:
-    """Arguments of ``bench check``; ``out``: where the sessions of a run would go; ``predict``: however long it takes."""
+    """Arguments of ``bench check``; ``out``: where sessions of a run would go; ``predict``: however long that takes."""
 
     sequence: str
     station: str | None

@@ -84,7 +84,7 @@ def _at_end_U(known: Mapping[str, Any] | None, so_far: Estimate | None, whole: E
 
 
 def _plan_of(session: Recorded) -> Plan | None:
-    """Return the plan of a session whose analysis predicts soon; None if the session does not hold one, or not whole."""
+    """Return the plan of a session whose analysis predicts soon; None if the session does not hold it whole."""
     declared = analysis_declaration(str(session.manifest.get("campaign", {}).get("analysis")))
     if declared is None or not declared.predicted or declared.predicts_long or not session.plan_steps:
         return None

@@ -15,6 +15,7 @@ from bench.analysis import PROMPT, Planned, Prediction
 from bench.maths.geodesy import TangentFrame
 from bench.maths.strapdown_earth import earth_rate, gradient, normal_gravity
 from bench.model.clock import NS
+from bench.model.ports import RecordWindow
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
 from bench.systems.time_sync.estimators.kalman.consistency import observability
 from bench.systems.time_sync.estimators.kalman.setup import FilterSetup, ImuSamples
@@ -41,6 +42,8 @@ def predicted(planned: Planned) -> Prediction:
         undeclared.append("egi: position")
     if undeclared:
         return Prediction([], [say("predicted.not_declared", sections=", ".join(undeclared))])
+    if not _windows(planned):
+        return Prediction([], [say("predicted.no_record")])
     result = _result(planned)
     unseen = {name: offset.normalised for name, offset in result.found.offsets.items() if not offset.seen}
     missing = [
@@ -82,9 +85,13 @@ def _clocks(planned: Planned, ready: Prepared) -> Clocks:
     return Clocks(ports[0], ports[1], 0.0, difference, latency, 0.0, ready.imu.t_s, ready.egi.t_s)
 
 
+def _windows(planned: Planned) -> list[RecordWindow]:
+    return [window for window in planned.windows if window.conditions.get("item") == ITEM]
+
+
 def planned_samples(planned: Planned) -> Prepared:
     """Return increments and solutions of perfect units on the planned motion, in the tangent frame at its begin."""
-    windows = [window for window in planned.windows if window.conditions.get("item") == ITEM]
+    windows = _windows(planned)
     begin_s, end_s = windows[0].t_start_ns / NS, windows[-1].t_end_ns / NS
     latitude_deg = float((planned.campaign.get("site") or {}).get("latitude_deg", FilterSetup((), ()).latitude_deg))
     step_s = 1.0 / planned.rates_Hz[_LINK]
