@@ -58,7 +58,7 @@ def simulate_plan(
         rows.append(_row(len(rows) + 1, step, at, counts, world.sensed_degC(unit_degC)))
     campaign, standards = sim.manifest(kinds)
     clocks = bench.af_error, bench.master_error
-    return sim.SimulatedCampaign(rows, units, bench.gain, *clocks, campaign, standards, biases_A)
+    return sim.SimulatedCampaign(rows, units, bench.gain, *clocks, campaign, standards, biases_A, drift=0.0)
 
 
 def place_of(step: PlannedRecord, length_s: float) -> sim.Place:

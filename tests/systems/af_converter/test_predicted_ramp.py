@@ -128,7 +128,7 @@ def test_the_unit_it_holds_for_is_said() -> None:
     (gyro, _) = (line for line in lines if line.startswith("assumed: "))
     for text in ("gyro", "400 nA", "2 nA/degC", "20 nA", "2.5 degC", "25 min"):
         assert text in gyro
-    assert predicted_document(found)["assumed"] == found.assumed
+    assert predicted_document(plan, found)["assumed"] == found.assumed
     (missing,) = found.missing
     assert missing.startswith("temperature coefficients of the master oscillator")
 
