@@ -139,9 +139,11 @@ def _print_expected(out: Console, plan: Plan) -> None:
 
 
 def _predicted(plan: Plan, however_long: bool) -> tuple[dict[str, Any] | None, list[str]]:
-    """Return what is predicted of a plan, for JSON and as lines; None where that would take long."""
+    """Return what is predicted of a plan, for JSON and as lines; None where nothing is, or where that takes long."""
     declared = analysis_declaration(str(plan.campaign.get("analysis")))
-    if declared is not None and declared.predicts_long and not however_long:
+    if declared is None or not declared.predicted:
+        return None, []
+    if declared.predicts_long and not however_long:
         return None, ["takes much longer than a check; --predict asks for it"]
     from bench.session.predicted import predicted, predicted_document, predicted_lines  # brings the analysis
 

@@ -303,9 +303,8 @@ def simulate(
             conditions = _conditions(kinds[number], at)
             rows.append(_row(len(rows) + 1, conditions, counts, now_s, world.sensed_degC(unit_degC + sensor_degC)))
             now_s += 120.0
-    campaign, standards = manifest(kinds)
     errors = bench.gain, bench.af_error, bench.master_error
-    return SimulatedCampaign(rows, units, *errors, campaign, standards, biases_A, drift)
+    return SimulatedCampaign(rows, units, *errors, *manifest(kinds), biases_A, drift)
 
 
 class _Walk:
