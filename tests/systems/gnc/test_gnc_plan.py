@@ -91,7 +91,8 @@ def test_broken_rules_are_named() -> None:
     assert problem().broken(candidate, length_s) == []
     blind = {
         "6 turns take 9 s": (replace(candidate, turns=6, turn_s=30.0), length_s),
-        "less than 7 s of rest": (replace(candidate, turn_s=9.0), length_s),
+        "less than 7 s of rest": (replace(candidate, turns=5, turn_s=14.5), length_s),
+        "the call of a turn may take 14 s": (replace(candidate, turns=1, turn_s=13.0), length_s),
         "a position of 5 s": (candidate, 5.0),
         "a repeated position of 1 s": (replace(candidate, check_s=1.0), length_s),
     }

@@ -22,7 +22,7 @@ from bench.maths.verdict import coverage_factor
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
-from bench.plan import MEASUREMENT, Plan, PlannedCall, PlannedRecord, Step
+from bench.plan import MEASUREMENT, Plan, PlannedCall, PlannedRecord, Step, bus_s
 from bench.systems.gnc.calibration.analysis import estimates_of, fit_positions
 from bench.systems.gnc.calibration.rivals import FOUND, rival_powers
 from bench.systems.gnc.calibration.sets import TURNS, UPS, Calibration, sets_of
@@ -78,6 +78,7 @@ class Calibrations:
         _require_sets(self._plan)
         self._steps = list(_named(self._plan))
         self._turn = _turn_of(self._plan)
+        self._call_s = max(bus_s(step, self._plan.station) for step in _turns(self._plan))
         position_s, check_s, turn_s = (self._length_s(name) for name in (POSITION, CHECK, TURN))
         self._turn_deg = abs(self._turn["angle"])
         self.today = Candidate(check_s, turn_s, round(self._turn_deg / 360.0)), position_s
@@ -119,8 +120,8 @@ class Calibrations:
             yield from (replace(candidate, check_s=check_s, turn_s=turn_s, turns=n) for n in self._counts(turn_s))
 
     def _counts(self, turn_s: float) -> list[int]:
-        """Return how many turns a record of a length may hold."""
-        return [turns for turns in range(1, _MOST_TURNS + 1) if not self._broken_turns(turns, turn_s)]
+        """Return how many turns a record of a length may hold, the most first: of equal hours they say most."""
+        return [turns for turns in range(_MOST_TURNS, 0, -1) if not self._broken_turns(turns, turn_s)]
 
     def lengths_s(self, candidate: Candidate) -> Sequence[float]:
         """Return whole seconds up to twice the given length."""
@@ -181,6 +182,8 @@ class Calibrations:
         moving_s, sentences = self._turn_s(turns), []
         if moving_s > _LONGEST_TURN_s:
             sentences.append(f"{turns} turns take {moving_s:.3g} s, longer than {_LONGEST_TURN_s:g} s")
+        if turn_s < self._call_s:
+            sentences.append(f"the call of a turn may take {self._call_s:g} s, longer than its record of {turn_s:g} s")
         if turn_s < moving_s + _SPARE_s:
             sentences.append(
                 f"a turn of {moving_s:.3g} s leaves a record of {turn_s:g} s less than {_SPARE_s:g} s of rest"
@@ -327,11 +330,16 @@ def _named(plan: Plan) -> Iterator[tuple[Step, str]]:
 
 def _turn_of(plan: Plan) -> Mapping[str, float]:
     """Return angle, rate and acceleration of the turns. Raises: InputError B-DES-005 if they differ."""
-    calls = [step for step in plan.phase("campaign") if isinstance(step, PlannedCall) and step.name == "turn"]
-    kinds = {tuple(abs(float(step.arguments[name])) for name in ("angle", "rate", "acceleration")) for step in calls}
+    names = ("angle", "rate", "acceleration")
+    kinds = {tuple(abs(float(step.arguments[name])) for name in names) for step in _turns(plan)}
     if len(kinds) != 1:
         raise _other_form(plan, f"{len(kinds)} kinds of turns")
-    return dict(zip(("angle", "rate", "acceleration"), kinds.pop(), strict=True))
+    return dict(zip(names, kinds.pop(), strict=True))
+
+
+def _turns(plan: Plan) -> Iterator[PlannedCall]:
+    steps = (step for step in plan.phase("campaign") if isinstance(step, PlannedCall))
+    return (step for step in steps if step.name == "turn")
 
 
 def _other_form(plan: Plan, why: str) -> InputError:
