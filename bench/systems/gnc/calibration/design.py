@@ -263,7 +263,8 @@ class Calibrations:
     def _planned(self, candidate: Candidate, length_s: float) -> Planned:
         """Return the records at their times, and the turns between them."""
         lengths_s, factor = _lengths_s(candidate, length_s), candidate.turns / self.today[0].turns
-        windows, readings, now_s = [], [], self._plan.prepare_s
+        windows: list[RecordWindow] = []
+        readings, now_s = [], self._plan.prepare_s
         for step, name in self._steps:
             seconds = lengths_s.get(name, step.duration_s)
             if isinstance(step, PlannedRecord):

@@ -102,10 +102,9 @@ def _moves(known: Estimates, wrong: Estimates, rival: Rival) -> Iterator[tuple[s
 
 def _fits(parts: Calibration, kind: str) -> tuple[TriadFit, TriadFit]:
     if kind == "accelerometer":
-        fits = parts.accelerometer, parts.accelerometer_check
+        first, second = parts.accelerometer, parts.accelerometer_check
     else:
-        fits = (each if each is None else each.triad for each in (parts.gyro, parts.gyro_check))
-    first, second = fits
+        first, second = (each if each is None else each.triad for each in (parts.gyro, parts.gyro_check))
     assert first is not None  # a calibration that is planned has both sets
     assert second is not None
     return first, second
