@@ -5,7 +5,7 @@ from bench.plan.check.everything import check_plan
 from bench.plan.check.stations import check_station, recorded_rules
 from bench.plan.compile import compile_sequence
 from bench.plan.decision import FAIL, HOLD, PlannedDecision, decisions_of, left_out_by
-from bench.plan.drivers import declared_action, driver_actions
+from bench.plan.drivers import bus_s, declared_action, driver_actions
 from bench.plan.findings import Findings, suggestion
 from bench.plan.frozen import frozen_plan, plan_of_texts
 from bench.plan.language.graphs import COUNTS, Graph, GraphEntry, graphs_of, shown_signals
@@ -99,6 +99,7 @@ __all__ = [
     "TimeColumn",
     "Webhook",
     "Words",
+    "bus_s",
     "check_plan",
     "check_station",
     "compile_sequence",

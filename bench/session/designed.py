@@ -76,7 +76,7 @@ class Proposal:
         """Yield a line for each change on the way from the given campaign: hours before and after it."""
         before_s = self.today_s
         for name, after_s in self.changes():
-            yield f"{name}: {_h(before_s)} -> {_h(after_s)} h ({(after_s - before_s) / _HOUR_s:+.1f} h)"
+            yield f"{name}: {_h(before_s)} -> {_h(after_s)} h ({_h(after_s - before_s, '+')} h)"
             before_s = after_s
 
     def changes(self) -> Iterator[tuple[str, float]]:
@@ -152,9 +152,9 @@ def proposed(plan: Plan, asked: Asked) -> Proposal:
         when = "" if asked.within_s is None else f" within {_h(asked.within_s)} h"
         raise InputError(
             "B-DES-006",
-            f"no plan of the levels and temperatures of {plan.name} reaches the targets under the rules{when}",
+            f"no plan in place of {plan.name} reaches the targets under the rules{when}",
             where="--target" if asked.within_s is None else "--within",
-            next_step="ask for more uncertainty or more hours, state --lag, or give the sequence more levels",
+            next_step="ask for more uncertainty or more hours, state --lag, or give the sequence more to choose from",
         )
     return Proposal(
         plan, problem, targets, design, known, reached(problem.estimates(design.candidate, design.length_s))
@@ -179,8 +179,9 @@ def curve(proposal: Proposal, factors: Sequence[float]) -> Curve:
     return [(design.factor, design.duration_s / _HOUR_s) for design in designs if design is not None]
 
 
-def _h(seconds: float) -> str:
-    return f"{seconds / _HOUR_s:.1f}"
+def _h(seconds: float, sign: str = "-") -> str:
+    """Return hours; of a campaign of some minutes a tenth of an hour would say nothing."""
+    return f"{seconds / _HOUR_s:{sign}.2f}"
 
 
 def _two(value: float) -> str:

@@ -63,6 +63,7 @@ DECLARATION = System(
             main=(*_FOUND, "accel_cross_coupling", "gyro_cross_coupling"),
             assumptions=f"{_TAKEN}:of_calibration",
             predicted=f"{_HERE}.predicted.calibration:predicted",
+            design=f"{_HERE}.calibration.design:design",
         ),
         AnalysisDeclaration(
             "imu_bias",

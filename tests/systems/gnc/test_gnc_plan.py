@@ -1,0 +1,137 @@
+"""The shortest calibration of a GNC module that ``bench plan`` finds: what it reaches, and the rules that it keeps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+from rehearsal import ROOT
+from scipy import stats
+
+from bench.design import reached
+from bench.design.targets import misses
+from bench.model.errors import InputError
+from bench.plan import Plan, check_plan, compile_sequence
+from bench.session.designed import Asked, Proposal, problem_of, proposed
+from bench.session.predicted import predicted
+from bench.systems.gnc.calibration.design import Calibrations
+
+GIVEN = "gnc_imu_calibration"
+
+
+@cache
+def plan_of(name: str) -> Plan:
+    return compile_sequence(ROOT / "sequences" / f"{name}.yaml", None, {})
+
+
+def changed(tmp_path: Path, old: str, new: str) -> Plan:
+    """Return the given sequence with other words in it."""
+    text = (ROOT / "sequences" / f"{GIVEN}.yaml").read_text(encoding="utf-8")
+    assert old in text
+    path = tmp_path / f"{GIVEN}.yaml"
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    return compile_sequence(path, None, {})
+
+
+@cache
+def found() -> Proposal:
+    return proposed(plan_of(GIVEN), Asked([], None, None))
+
+
+def problem() -> Calibrations:
+    known: Any = found().problem
+    return known
+
+
+@pytest.mark.validates(
+    "calibration of a GNC module in less time: both triads no worse",
+    against="the prediction of the fit for both compiled sequences",
+)
+def test_the_written_plan_is_what_was_found_and_reaches_the_targets(tmp_path: Path, record_property: Any) -> None:
+    path = tmp_path / "shorter.yaml"
+    path.write_text(found().text("shorter"), encoding="utf-8")
+    plan = compile_sequence(path, None, {})
+    assert check_plan(plan) == []
+    design, given = found().design, plan_of(GIVEN)
+    record_property("obtained", f"{plan.duration_s:.0f} s in place of {given.duration_s:.0f} s")
+    assert plan.duration_s == pytest.approx(design.duration_s, abs=1e-6)
+    assert plan.duration_s < 0.95 * given.duration_s
+    known, after = (reached(predicted(each).estimates) for each in (given, plan))
+    assert len(found().targets) == 6
+    assert all(known[target.key] == target.U for target in found().targets)
+    assert misses(found().targets, after) == []
+    for key in after:
+        assert found().found[key] == pytest.approx(after[key], rel=1e-6), key
+
+
+def test_all_positions_and_turns_are_written_twice(tmp_path: Path) -> None:
+    path = tmp_path / "shorter.yaml"
+    path.write_text(found().text("shorter"), encoding="utf-8")
+    records = [step.conditions for step in compile_sequence(path, None, {}).steps if step.kind == "record"]
+    for up in ("+x", "-x", "+y", "-y", "+z", "-z"):
+        assert sum(each.get("up") == up for each in records) == 2, up
+    turn_deg = 360.0 * found().design.candidate.turns
+    for axis, sign in ((axis, sign) for axis in "xyz" for sign in (1.0, -1.0)):
+        turns = [each for each in records if each.get("axis") == axis and each["turn_deg"] == sign * turn_deg]
+        assert len(turns) == 2 * 2, axis  # each in two parts
+
+
+def test_bounds_are_bounds() -> None:
+    for candidate, length_s in (problem().today, (found().design.candidate, 60.0)):
+        known = reached(problem().estimates(candidate, length_s))
+        for key, U in problem().at_least(candidate, length_s).items():
+            assert 0.95 * known[key] < U <= known[key], key
+
+
+def test_broken_rules_are_named() -> None:
+    candidate, length_s = found().design.candidate, found().design.length_s
+    assert problem().broken(candidate, length_s) == []
+    blind = {
+        "6 turns take 9 s": (replace(candidate, turns=6, turn_s=30.0), length_s),
+        "less than 7 s of rest": (replace(candidate, turns=5, turn_s=14.5), length_s),
+        "the call of a turn may take 14 s": (replace(candidate, turns=1, turn_s=13.0), length_s),
+        "a position of 5 s": (candidate, 5.0),
+        "a repeated position of 1 s": (replace(candidate, check_s=1.0), length_s),
+    }
+    for words, each in blind.items():
+        assert any(words in sentence for sentence in problem().broken(*each)), words
+
+
+def test_a_repeat_that_cannot_be_judged_is_named(tmp_path: Path) -> None:
+    """A limit of 100 ppm on the coupling leaves 10 ppm for the second set."""
+    plan = changed(tmp_path, "accel_cross_coupling: 1000 ppm", "accel_cross_coupling: 100 ppm")
+    strict = problem_of(plan, None)
+    assert any("accel_coupling_compensated" in sentence for sentence in strict.broken(*strict.today))
+
+
+def test_the_power_against_a_square_of_the_acceleration_is_that_of_its_formula(tmp_path: Path) -> None:
+    """k f^2 moves each bias by k / 3 and leaves residuals of 4 / 3 k^2 per sensor; noise here is white and alike.
+
+    The bias has the variance s^2 / 6 and the residuals s^2 each, so that 1 U of the bias, three sensors at once, has
+    the noncentrality 3 * 4 / 3 * 9 * U^2 / s^2 = 6 * 1.96^2.
+    """
+    slow = "accelerometer_wandering: [{size: 6 ug, over: 10 s}, {size: 6 ug, over: 100 s}, {size: 6 ug, over: 1000 s}],"
+    white = problem_of(changed(tmp_path, slow, ""), None)
+    powers = {(each.rival, each.quantity): each.power for each in white.powers(*white.today)}
+    due = float(stats.ncx2.sf(stats.chi2.isf(1e-3, 6), 6, 6.0 * 1.96**2))
+    obtained = powers["square of the acceleration", "accel_bias"]
+    print(f"power {obtained:.3f}, by the formula {due:.3f}")
+    assert obtained == pytest.approx(due, abs=0.03)
+
+
+def test_what_rates_of_one_size_cannot_show_is_not_said_to_be_seen() -> None:
+    for campaign in (problem().today, (found().design.candidate, found().design.length_s)):
+        powers = {(each.rival, each.quantity): each.power for each in problem().powers(*campaign)}
+        assert powers["scale factors of gyros that change with the rate", "gyro_scale_error"] < 0.01
+        assert powers["gyro biases that drift steadily", "gyro_scale_error"] > 0.9
+        assert powers["accelerometer biases that drift steadily", "accel_scale_error"] > 0.9
+
+
+def test_a_calibration_without_a_second_set_is_refused(tmp_path: Path) -> None:
+    second = '  - positions: {time: "{check_position}"}  # the second set checks what the first one gave\n'
+    plan = changed(tmp_path, second, "")
+    with pytest.raises(InputError, match=r"B-DES-004.*\+x 1 times"):
+        problem_of(plan, None)
