@@ -153,7 +153,7 @@ def test_a_rival_is_seen_as_often_as_its_power_says(record_property: Callable[[s
         if (power.rival, power.quantity) == (f"{SECOND_LAG} (gyro)", "hysteresis_width")
     )
     record_property("obtained", f"{min(often):.2f}, stated {power:.3f}")
-    sys.stdout.write(f"{often}, stated {power:.4f}\n")
+    sys.stdout.write(f"seed 49: {often}, stated {power:.4f}\n")
     low, high = stats.binom.interval(0.999, draws, power)
     assert low <= draws * min(often) <= high
 
