@@ -179,6 +179,7 @@ DECLARATION = System(
             main=_MAIN,
             assumptions=f"{_HERE}.assumptions:of_bias_ramp",
             predicted=f"{_HERE}.bias_ramp.predicted:predicted",
+            design=f"{_HERE}.bias_ramp.design.campaign:design",
             **_DATA_SHEET,
         ),
         AnalysisDeclaration(

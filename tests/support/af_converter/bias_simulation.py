@@ -62,7 +62,8 @@ def heat(lag_s: float = 1500.0) -> Heat:
     set_point = np.interp(t_s / 3600.0, CORNERS_h, CORNERS_degC)
     air = follow(set_point, AIR_LAG_s)
     first = round(PREPARATION_h * 3600.0 / STEP_s)
-    windows = first + np.arange(901) * round(GATE_s / STEP_s)
+    count = round((CORNERS_h[-1] - PREPARATION_h) * 3600.0 / GATE_s)
+    windows = first + np.arange(count + 1) * round(GATE_s / STEP_s)
     return Heat(t_s, air, follow(air, lag_s), windows)
 
 

@@ -23,6 +23,7 @@ from bench.systems.af_converter.estimators.hysteresis.search import Problem
 from bench.systems.af_converter.estimators.thermal_lag import Drive
 from bench.systems.af_converter.wording import say
 
+CHECKS = 5  # of a channel: the misfit and four rivals
 _BLOCKS = 12  # of an influence
 _SMALLEST = 1e-300
 _LAGS_s = (30.0, 21_600.0)
@@ -34,7 +35,8 @@ def evidence(fits: Sequence[ChannelFit], drive: Drive) -> list[Evidence]:
     return [seen for channel in fits for seen in _of_channel(channel, drive)]
 
 
-def _of_channel(channel: ChannelFit, drive: Drive) -> list[Evidence]:
+def listed_rivals(channel: ChannelFit, drive: Drive) -> tuple[rivals.Base, list[rivals.Rival]]:
+    """Return the fit of a channel in first order, and the rivals it is held against."""
     fit, readings = channel.fit, channel.readings
     shape = ModelShape(reference_degC=fit.reference_degC, order=fit.order)
     problem = Problem(HysteresisModel(readings.gates, drive, shape), readings.bias_A, readings.noise.whiten)
@@ -45,7 +47,12 @@ def _of_channel(channel: ChannelFit, drive: Drive) -> list[Evidence]:
         *(rivals.steps(middle_s), rivals.drift(middle_s)),
         *(rivals.second_lag(problem, lag_s, _LAGS_s), rivals.several_plays(problem, lag_s)),
     ]
-    outcomes = rivals.compare(base, listed, [rivals.Noise(readings.noise.whiten)])
+    return base, listed
+
+
+def _of_channel(channel: ChannelFit, drive: Drive) -> list[Evidence]:
+    base, listed = listed_rivals(channel, drive)
+    outcomes = rivals.compare(base, listed, [rivals.Noise(channel.readings.noise.whiten)])
     return [_misfit(channel, base), *(_rival(channel, outcome) for outcome in outcomes)]
 
 

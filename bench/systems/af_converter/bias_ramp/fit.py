@@ -39,7 +39,7 @@ _LAG_s = {JOINT: (120.0, 5400.0), JOINT_UNIT_SENSOR: (1.0, 1800.0)}  # the senso
 _CLOCK_ORDER = 3
 _FEWEST = 30  # readings of a channel
 _NARROWEST_degC = 0.05  # half-width; a loop that opens within so little is a step
-_FOLLOWS_degC = 2.0  # root mean square; a sensor 10 min ahead of the converters differs by 1 degC at 0.1 degC/min
+FOLLOWS_degC = 2.0  # root mean square; a sensor 10 min ahead of the converters differs by 1 degC at 0.1 degC/min
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def _usable_sensor(sensor_degC: Floats, fit: HysteresisFit) -> tuple[Floats, str
     if not known.any():
         return sensor_degC, say("sensor.silent")
     apart_degC = float(np.std((sensor_degC - fit.unit_degC)[known]))
-    if apart_degC <= _FOLLOWS_degC:
+    if apart_degC <= FOLLOWS_degC:
         return sensor_degC, ""
     nothing = np.full(sensor_degC.shape, np.nan)
     return nothing, say("sensor.apart", apart=apart_degC)

@@ -63,31 +63,61 @@ class _Unit:
         return np.asarray(self.model(gates).columns(self.lag_s, typical.play_half_width_degC) @ linear)
 
 
-def predicted(planned: Planned) -> Prediction:
-    """Return estimates with the uncertainties that a ramp will give to a unit as its data sheet says.
+@dataclass(frozen=True)
+class Fitted:
+    """One channel of each kind, fitted as it will be; ``drive``: of the fits.   ``missing``: what they do not give."""
+
+    constants: Campaign
+    records: RampRecords
+    unit: _Unit
+    drive: Drive
+    fits: Mapping[str, ChannelFit]
+    missing: Sequence[str]
+
+
+def fitted(planned: Planned) -> Fitted | None:
+    """Return the fits of what a unit as its data sheet says will give, None if that does not say enough.
 
     Raises:  FitError as ``analysis.analyse``, where no channel at all is determined.
     """
     constants = read_campaign(planned.campaign)
     kinds = {channel.kind: channel.typical for channel in constants.channels if channel.typical is not None}
     if not kinds or constants.thermal_lag_s is None:
-        return Prediction([], [say("predicted.no_unit")])
-    drive = usable_drive(planned.trace.t_s, planned.trace.air_degC)
-    unit = _Unit(kinds, constants.thermal_lag_s, drive, constants.reference_temperature_degC)
+        return None
+    planned_air = usable_drive(planned.trace.t_s, planned.trace.air_degC)
+    unit = _Unit(kinds, constants.thermal_lag_s, planned_air, constants.reference_temperature_degC)
     records = ramp_records(list(_rows(planned, constants, unit)), constants.master_Hz)
-    fits, missing = _fit_kinds(planned, records, constants, unit)
+    drive = drive_of(planned.trace, records, JOINT)
+    return Fitted(constants, records, unit, drive, *_fit_kinds(planned, records, constants, unit, drive))
+
+
+def predicted(planned: Planned) -> Prediction:
+    """Return estimates with the uncertainties that a ramp will give to a unit as its data sheet says.
+
+    Raises:  FitError as ``analysis.analyse``, where no channel at all is determined.
+    """
+    ramp = fitted(planned)
+    if ramp is None:
+        return Prediction([], [say("predicted.no_unit")])
+    entries = channels_predicted(ramp)
+    if ramp.fits:
+        entries += _clock(planned, ramp.records, ramp.constants, temperatures(next(iter(ramp.fits.values()))))
+    lost = [name for name in (RISING, FALLING) if name not in ramp.records.branch]
+    missing = [*ramp.missing, *(say("missing.branch", name=name) for name in lost)]
+    undetermined = _undetermined(ramp.fits, entries)
+    return Prediction(entries, [*missing, *undetermined, say("predicted.no_curve")], _assumed(ramp.unit))
+
+
+def channels_predicted(ramp: Fitted) -> Estimates:
+    """Return what is predicted of all channels of the kinds that are fitted."""
     entries: Estimates = []
-    for channel in constants.channels:
-        if channel.kind in fits:
-            fit = fits[channel.kind]
+    for channel in ramp.constants.channels:
+        if channel.kind in ramp.fits:
+            fit = ramp.fits[channel.kind]
             of_channel = replace(fit, readings=replace(fit.readings, channel=channel))
-            entries += channel_estimates(of_channel, constants, records.dropped)
-            entries += noise_estimates(declared_noise([of_channel], records))
-    if fits:
-        entries += _clock(planned, records, constants, temperatures(next(iter(fits.values()))))
-    lost = [name for name in (RISING, FALLING) if name not in records.branch]
-    missing += [say("missing.branch", name=name) for name in lost]
-    return Prediction(entries, [*missing, *_undetermined(fits, entries), say("predicted.no_curve")], _assumed(unit))
+            entries += channel_estimates(of_channel, ramp.constants, ramp.records.dropped)
+            entries += noise_estimates(declared_noise([of_channel], ramp.records))
+    return entries
 
 
 def _clock(planned: Planned, records: RampRecords, constants: Campaign, at_degC: Sequence[float]) -> Estimates:
@@ -108,10 +138,9 @@ def _undetermined(fits: Mapping[str, ChannelFit], entries: Estimates) -> Iterato
 
 
 def _fit_kinds(
-    planned: Planned, records: RampRecords, constants: Campaign, unit: _Unit
+    planned: Planned, records: RampRecords, constants: Campaign, unit: _Unit, drive: Drive
 ) -> tuple[dict[str, ChannelFit], list[str]]:
     """Fit one channel of each kind: all channels of a kind are declared alike."""
-    drive = drive_of(planned.trace, records, JOINT)
     first = {channel.kind: channel.number for channel in reversed(constants.channels)}
     readings = channel_readings(records, constants)
     fits: dict[str, ChannelFit] = {}

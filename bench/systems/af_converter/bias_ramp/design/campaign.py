@@ -1,0 +1,280 @@
+"""Bias ramps that may stand in place of a given one: other rates and holds between the same two temperatures.
+
+Windows stay as long as they are, both branches and the range stay. What is faster shows the lag better and the noise
+less, so that the shortest ramp follows from the fit of each candidate and from the rivals that it would still tell.
+Decision: docs/decisions/0049-the-shortest-plan.md.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import product
+from typing import Any
+
+import numpy as np
+from scipy import special
+
+from bench.analysis import FALSE_DOUBT, Estimates, Planned, Trace
+from bench.design import Given, Key, Power, SequenceText, reached
+from bench.model.errors import InputError
+from bench.model.units import format_quantity, parse_quantity
+from bench.plan import CHAMBER, Plan
+from bench.systems.af_converter.bias_ramp.design.template import HOLDS, Template, template_of, write_steps
+from bench.systems.af_converter.bias_ramp.evidence import CHECKS, listed_rivals
+from bench.systems.af_converter.bias_ramp.fit import ChannelFit, FOLLOWS_degC
+from bench.systems.af_converter.bias_ramp.predicted import Fitted, channels_predicted, fitted
+from bench.systems.af_converter.constants import read_campaign
+from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
+from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
+from bench.systems.af_converter.estimators.hysteresis.rivals import PLAYS
+from bench.systems.af_converter.wording import kind_name
+
+LEAST_POWER = 0.9
+_LAGS = 4.0  # of a hold: 2 % of what trails is left
+_AHEAD_min = 10.0  # of the converters, which the unit's sensor may be for the fit to believe it
+_COARSE, _FINE = 2, 1  # steps of a rate, hundredths of a degC/min
+_HOLD_STEP = 6  # windows
+_NOT_MISSED = 1e3  # noncentrality: seen by any check
+_PARAMETERS = {  # of the fit, and how many of its unit are one of the estimate's
+    "bias": ("b0", 1.0),
+    "bias_tc1": ("b1", 1.0),
+    "hysteresis_width": (WIDTH, 1.0),
+    "play_half_width": (HALF_WIDTH, 1.0),
+    "thermal_lag": (LAG, 60.0),
+}
+_NOISE = ("white_noise", "random_walk")
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """``rates``: of the ramps up and down, 0.01 degC/min.   ``holds``: windows at the start, the top and the end."""
+
+    rates: tuple[int, int]
+    holds: tuple[int, int, int]
+
+
+def design(given: Given) -> Ramps:
+    """Return the ramps that may stand in place of a given one. Raises: InputError B-DES-004, B-DES-005."""
+    return Ramps(given, template_of(given.plan))
+
+
+class Ramps:
+    """The problem as the search sees it (``bench.design.Problem``)."""
+
+    wanted = tuple((quantity, "") for quantity in _PARAMETERS)
+
+    def __init__(self, given: Given, template: Template) -> None:
+        """Take a ramp apart. Raises: InputError B-DES-004 if its unit is not declared."""
+        self._given, self._template = given, template
+        self._campaign = _one_of_each_kind(given.plan.campaign)
+        self._checks = CHECKS * len(given.plan.campaign["channels"])
+        constants = read_campaign(self._campaign)
+        if constants.thermal_lag_s is None or any(channel.typical is None for channel in constants.channels):
+            message = f"{given.plan.name} declares no typical unit, of which the uncertainties of a ramp are"
+            step = "write 'thermal_lag' and 'typical' of each kind under 'uut', as bias_ramp_25h does"
+            raise InputError("B-DES-004", message, where=given.plan.name, next_step=step)
+        self._lag_s = given.lag_s or constants.thermal_lag_s
+        self._fastest = min(_fastest_of_chamber(given.plan), math.floor(100.0 * FOLLOWS_degC / _AHEAD_min))
+        self.today = Candidate(template.rates, template.holds), template.window_s
+        self._fitted = lru_cache(maxsize=8)(self._fit)
+        self.estimates = lru_cache(maxsize=4096)(self._estimates)
+        self.powers = lru_cache(maxsize=4096)(self._powers)
+
+    @property
+    def _least_holds(self) -> tuple[int, int, int]:
+        """Windows of each hold at least: four lags, or what the given ramp has if that is less."""
+        due = math.ceil(_LAGS * self._lag_s / self._template.window_s - 1e-9)
+        start, top, end = (min(due, given) for given in self._template.holds)
+        return start, top, end
+
+    @property
+    def starts(self) -> Iterator[Candidate]:
+        """Yield ramps of all rates with the least holds and with those given, the shortest first."""
+        slowest = min(self._template.rates)
+        rates = sorted({*range(slowest, self._fastest + 1, _COARSE), slowest})
+        holds = dict.fromkeys((self._least_holds, self._template.holds))
+        found = [Candidate(pair, each) for pair in product(rates, rates) for each in holds]
+        allowed = [each for each in found if not self._broken_form(each)]
+        yield from sorted(allowed, key=lambda each: (self._windows_of(each), each.rates, each.holds))
+
+    def moves(self, candidate: Candidate) -> Iterator[Candidate]:
+        """Yield the ramp with other rates, or with another hold and the rates that may pay for it."""
+        for up, down in product((-_FINE, 0, _FINE), repeat=2):
+            rates = candidate.rates[0] + up, candidate.rates[1] + down
+            found = [Candidate(rates, holds) for holds in _holds_beside(candidate.holds)]
+            yield from (each for each in found if not self._broken_form(each))
+
+    def lengths_s(self, candidate: Candidate) -> Sequence[float]:
+        """Return the given length of a window."""
+        return [self._template.window_s]
+
+    def _windows_of(self, candidate: Candidate) -> int:
+        return sum(self._template.counts(candidate.rates, candidate.holds).values())
+
+    def duration_s(self, candidate: Candidate, length_s: float) -> float:
+        """Return how long the ramp takes."""
+        return self._windows_of(candidate) * length_s
+
+    def _fit(self, candidate: Candidate) -> Fitted:
+        template = self._template
+        windows = template.windows(template.counts(candidate.rates, candidate.holds))
+        t_s, air_degC = template.air(candidate.rates, candidate.holds)
+        trace = Trace(t_s, air_degC, np.full(t_s.shape, np.nan))
+        timed = {window.number for window in windows} if template.timed else ()
+        ramp = fitted(Planned(windows, self._campaign, self._given.plan.station.standards(), timed, trace))
+        assert ramp is not None  # what a unit has to declare is asked for at the start
+        return ramp
+
+    def _estimates(self, candidate: Candidate, length_s: float) -> Estimates:
+        return channels_predicted(self._fitted(candidate))
+
+    def at_least(self, candidate: Candidate, length_s: float) -> dict[Key, float]:
+        """Return nothing: there is no bound that costs less than the fit."""
+        return {}
+
+    def broken(self, candidate: Candidate, length_s: float) -> list[str]:
+        """Return the rules that a ramp breaks."""
+        sentences = self._broken_form(candidate)
+        return sentences or self._unseen(candidate, length_s)
+
+    def _broken_form(self, candidate: Candidate) -> list[str]:
+        sentences = [
+            f"the hold {name} of {hold} windows is shorter than {_LAGS:g} lags and than the given one: {least} windows"
+            for name, hold, least in zip(HOLDS, candidate.holds, self._least_holds, strict=True)
+            if hold < least
+        ]
+        if max(candidate.rates) > self._fastest:
+            sentences.append(
+                f"a ramp of {max(candidate.rates) / 100.0:g} degC/min is faster than {self._fastest / 100.0:g}, the "
+                f"fastest of the chamber or that at which a sensor {_AHEAD_min:g} min ahead is still believed"
+            )
+        if self._left_degC(candidate) > self._left_degC(self.today[0]) + 1e-9:
+            sentences.append(
+                f"the unit stays {self._left_degC(candidate):.2f} degC short of an end of its range, by the given plan "
+                f"{self._left_degC(self.today[0]):.2f}"
+            )
+        return sentences
+
+    def _left_degC(self, candidate: Candidate) -> float:
+        """Return how far the unit is at most from an end of its range when it is left."""
+        holds_s = [hold * self._template.window_s for hold in candidate.holds[1:]]
+        return max(
+            rate / 6000.0 * self._lag_s * math.exp(-hold_s / self._lag_s)
+            for rate, hold_s in zip(candidate.rates, holds_s, strict=True)
+        )
+
+    def _powers(self, candidate: Candidate, length_s: float) -> list[Power]:
+        ramp = self._fitted(candidate)
+        entries = self.estimates(candidate, length_s)
+        return [power for channel in ramp.fits.values() for power in _powers(channel, ramp, entries, self._checks)]
+
+    def _unseen(self, candidate: Candidate, length_s: float) -> list[str]:
+        """Return the rivals that the given ramp shows and this one does not."""
+        today = {(power.rival, power.quantity): power.power for power in self.powers(*self.today)}
+        return [
+            f"{power.rival} that costs 1 U of {power.quantity} is seen with probability {power.power:.2f}"
+            for power in self.powers(candidate, length_s)
+            if power.power < LEAST_POWER <= today.get((power.rival, power.quantity), 0.0)
+        ]
+
+    def told(self, candidate: Candidate, length_s: float) -> dict[str, str]:
+        """Return rates, windows and holds in words, and U of the noise, for which no target stands by itself."""
+        up, down = (f"{rate / 100.0:g}" for rate in candidate.rates)
+        holds = ", ".join(f"{hold * length_s / 60.0:.0f}" for hold in candidate.holds)
+        units = {entry["quantity"]: entry["unit"] for entry in self.estimates(candidate, length_s)}
+        noise = {
+            f"U {key.quantity}, {kind_name(key.kind)}": format_quantity(float(f"{U:.2g}"), units[key.quantity])
+            for key, U in reached(self.estimates(candidate, length_s)).items()
+            if key.quantity in _NOISE and not key.part
+        }
+        return {
+            "ramps": f"{up} degC/min up, {down} degC/min down",
+            "holds": f"{holds} min at start, top and end",
+            "windows": f"{self._windows_of(candidate)} of {length_s:g} s",
+            **noise,
+        }
+
+    def changes(self, candidate: Candidate, length_s: float) -> Iterator[tuple[str, Candidate, float]]:
+        """Yield the way from the given ramp: holds, ramp up, ramp down."""
+        here = replace(self.today[0], holds=candidate.holds)
+        yield "holds", here, length_s
+        yield "ramps", candidate, length_s
+
+    def written(self, candidate: Candidate, length_s: float, name: str, heading: Sequence[str]) -> str:
+        """Return the ramp as a sequence of this name. Raises: InputError B-DES-005."""
+        plan = self._given.plan
+        text = SequenceText(self._given.text, plan.files[f"sequences/{plan.name}.yaml"])
+        duration_s, windows = self.duration_s(candidate, length_s), self._windows_of(candidate)
+        text.set_value(("sequence",), name, "")
+        if "title" in text.tree:
+            title = f"AF-converter bias and hysteresis over temperature as planned, {windows} windows"
+            text.set_value(("title",), f"{title} of {length_s:g} s, {duration_s / 3600.0:.1f} hours", "")
+        for key, value in (("duration", f"{duration_s:.10g} s"), ("records", f"{windows}")):
+            if key in text.tree:
+                text.set_value((key,), value, "")
+        write_steps(text, self._template, candidate.rates, candidate.holds)
+        return text.text(heading)
+
+
+def _holds_beside(holds: tuple[int, int, int]) -> Iterator[tuple[int, int, int]]:
+    """Yield the holds themselves, then with each of them shorter and longer."""
+    yield holds
+    for place, step in product(range(len(HOLDS)), (-_HOLD_STEP, _HOLD_STEP)):
+        start, top, end = (hold + step * (number == place) for number, hold in enumerate(holds))
+        yield start, top, end
+
+
+def _powers(channel: ChannelFit, ramp: Fitted, entries: Estimates, checks: int) -> Iterator[Power]:
+    """Yield how surely each rival would be seen at its worst place, were it large enough to cost 1 U.
+
+    Args:    entries: of the ramp, which hold U.   checks: of the campaign, which share the chance of a false doubt.
+    Source:  likelihood ratio of further columns; noncentral chi-square: Scheffé, The Analysis of Variance (1959), 2.8.
+    """
+    base, listed = listed_rivals(channel, ramp.drive)
+    whiten, kind = channel.readings.noise.whiten, channel.readings.channel.kind
+    white = whiten(base.columns)
+    scale = np.linalg.norm(white, axis=0)
+    basis, triangle = np.linalg.qr(white / scale)
+    for rival in listed:
+        added = rival.candidates[0].shape[1]
+        effect = whiten(np.column_stack(rival.candidates))
+        inside = basis.T @ effect
+        seen = np.sum((effect - basis @ inside) ** 2, axis=0)  # what the fit leaves of each column, per size squared
+        moves = np.linalg.solve(triangle, inside) / scale[:, None]
+        if rival.name == PLAYS:
+            moves[base.names.index(WIDTH)] -= 1.0  # the width of a unit is that of all its play operators
+        limit = special.chdtri(added, FALSE_DOUBT / (checks * len(rival.candidates)))
+        for quantity, (parameter, in_unit) in _PARAMETERS.items():
+            U = in_unit * _at_reference(entries, quantity, channel)
+            size = U / np.maximum(np.abs(moves[base.names.index(parameter)]), 1e-300)
+            noncentrality = min(float(np.min(seen * size**2)), _NOT_MISSED)
+            power = float(1.0 - special.chndtr(limit, added, noncentrality))
+            yield Power(f"{rival.name} ({kind})", quantity, power)
+
+
+def _at_reference(entries: Estimates, quantity: str, channel: ChannelFit) -> float:
+    """Return U of a quantity of a channel at the reference temperature, infinite if the ramp does not tell it."""
+    number, at_degC = channel.readings.channel.number, channel.fit.reference_degC
+    conditions = [(entry, entry["conditions"]) for entry in entries if entry["quantity"] == quantity]
+    found = [
+        entry["expanded_uncertainty"]
+        for entry, of_entry in conditions
+        if of_entry["channel"] == number and of_entry.get("temperature_degC", at_degC) == at_degC
+    ]
+    return max(found, default=math.inf)
+
+
+def _one_of_each_kind(campaign: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the constants with the first channel of each kind: all of a kind are declared alike."""
+    first = {channel["kind"]: channel for channel in reversed(campaign["channels"])}
+    channels = [channel for channel in campaign["channels"] if channel is first[channel["kind"]]]
+    return {**campaign, "channels": channels}
+
+
+def _fastest_of_chamber(plan: Plan) -> int:
+    """Return the fastest ramp that the station allows its chamber, 0.01 degC/min."""
+    limits = plan.station.instruments[CHAMBER].limits
+    return math.floor(100.0 * parse_quantity(limits["ramp"][1], "degC/min")) if "ramp" in limits else 1_000_000
