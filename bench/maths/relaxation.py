@@ -23,6 +23,7 @@ Array = NDArray[np.float64]
 _LEAST = 10  # means
 _COVERAGE = 3.0  # 99.7 % of one look, because a soak is looked at again and again and ends at the first that fits
 _OTHERWISE = 0.05  # of a lag: by so much air and convection may change it from one temperature to another
+_UNFITTED = 0.1  # of what is left: by so much parts that are faster than the lag, and not fitted, may move it
 _ALONE = 0.2  # of a lag: by so much a slow part that is not seen may be in that of one exponential alone
 _GRID = 300  # places where a lag of which nothing is known is looked for, from the time of one mean to the longest
 _SLOWER, _RIVALS = 1.5, 12  # the least slow rival, in lags, and how many there are up to the longest
@@ -83,7 +84,8 @@ def relaxation_of(t_s: Array, degC: Array, now_s: float, longest_s: float, known
         lag_s *= math.exp(step)
     possible = [fit for fit in fits if fit.square <= best.square + _RULED_OUT * variance]
     moments = [now_s - float(t_s[0]) + ahead * lag_s for ahead in _AHEAD]
-    bound = max(abs(left) + _COVERAGE * std for fit in possible for left, std in _left(fit, lag_s, moments))
+    ends = [end for fit in possible for end in _left(fit, lag_s, moments)]
+    bound = max((1.0 + _UNFITTED) * abs(left) + _COVERAGE * std for left, std in ends)
     ((residual, _),) = _left(best, lag_s, moments[:1])
     share = max(math.hypot(float(fit.parameters[2]), math.sqrt(float(fit.covariance[2, 2]))) for fit in possible)
     return Relaxation(residual, bound, Lag(lag_s, share))
