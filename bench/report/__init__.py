@@ -24,7 +24,6 @@ from bench.report.laboratory import LABORATORY_FILE, Laboratory, laboratory_of, 
 from bench.report.model import ReportModel, RunStory, Surrounding, TemperatureTrace
 from bench.report.sections import Section
 from bench.report.tables import FOLDER, Table, analysis_tables, words_of
-from bench.report.timetable import planned_temperature
 
 __all__ = [
     "CERTIFICATE_FILE",
@@ -58,7 +57,6 @@ __all__ = [
     "not_valid",
     "overdue",
     "page",
-    "planned_temperature",
     "report_model",
     "session_of",
     "study_html",

@@ -9,8 +9,7 @@ import numpy as np
 from bench.analysis import PROMPT, Planned, Reading, Trace
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
-from bench.plan import Plan, PlannedCall, PlannedPrompt, PlannedRecord, Step
-from bench.report import planned_temperature
+from bench.plan import Plan, PlannedCall, PlannedPrompt, PlannedRecord, Step, planned_temperature
 
 _MINUTE_s = 60.0
 

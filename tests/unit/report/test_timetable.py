@@ -9,12 +9,12 @@ from planned_step import planned
 from report_sample import SamplePlan, sample_steps
 
 from bench.model.shipped import find_shipped
-from bench.plan import Step, compile_sequence
+from bench.plan import Step, compile_sequence, planned_temperature
 from bench.report import TemperatureTrace
 from bench.report.plots import plot_timetable, timetable_picture
 from bench.report.plots.figures import thin
 from bench.report.tables import words_of
-from bench.report.timetable import planned_temperature, timetable
+from bench.report.timetable import timetable
 
 
 def test_bars_cover_exactly_the_planned_time() -> None:
