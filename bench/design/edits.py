@@ -26,7 +26,7 @@ class SequenceText:
 
     @property
     def tree(self) -> dict[str, Any]:
-        """All values, as YAML reads them."""
+        """Return all values, as YAML reads them."""
         return self._document.model.root
 
     def where(self, path: Path_) -> str:

@@ -14,7 +14,7 @@ Rank = tuple[float, ...]
 
 
 class Ranking(Protocol[C_contra]):
-    """What a candidate is worth: less is better. None for one that is not better than ``least``."""
+    """Rank candidates: less is better, None stands for one that is not better than ``least``."""
 
     def __call__(self, candidate: C_contra, least: Rank | None) -> Rank | None:
         """Return the rank of a candidate."""

@@ -29,7 +29,7 @@ class Key(NamedTuple):
 
     @property
     def name(self) -> str:
-        """The key as a person writes it."""
+        """Return the key as a person writes it."""
         return f"{self.quantity}{'.' + self.part if self.part else ''}{f' ({self.kind})' if self.kind else ''}"
 
 
