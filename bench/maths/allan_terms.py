@@ -56,14 +56,16 @@ _SECOND_DIFFERENCE = ((0, 1.0), (1, -2.0), (2, 1.0))
 class NoiseTerm:
     """One coefficient, in the unit of the rate and a power of the second (``UNITS``).
 
-    ``std_uncertainty`` is NaN where the coefficient is 0; ``free_std``: the same with every other term free, also those
-    that were fitted as 0; ``upper_limit`` is not exceeded with 95 % confidence, whatever the other terms are;
-    ``significant``: without the term the fit is worse than chance explains.
+    ``std_uncertainty`` is NaN where the coefficient is 0. ``free_coefficient``, ``free_std``: of the fit in which
+    squares may be negative, NaN where the coefficient is 0; a term that is held at 0 pulls its neighbours always in the
+    same direction, and these are right on average. ``upper_limit`` is not exceeded with 95 % confidence, whatever the
+    other terms are; ``significant``: without the term the fit is worse than chance explains.
     """
 
     name: str
     coefficient: float
     std_uncertainty: float
+    free_coefficient: float
     free_std: float
     upper_limit: float
     significant: bool
@@ -219,23 +221,35 @@ def _require(curve: AllanDeviation, terms: Sequence[str]) -> None:
 
 def _term(problem: _Problem, place: int, squares: Array, covariance: Array, chi2: float) -> NoiseTerm:
     square = float(squares[place])
-    coefficient, spread, free = float(np.sqrt(square)), float("nan"), float("nan")
+    coefficient, spread, free = float(np.sqrt(square)), float("nan"), (float("nan"), float("nan"))
     if square > 0.0:
         present = np.flatnonzero(squares > 0.0)
         names = [problem.terms[k] for k in present]
         fit = solve(problem.design[:, present], problem.variance, covariance, names)
         spread = float(np.sqrt(fit.covariance.diagonal()[present == place][0])) / (2.0 * coefficient)
-        whole = solve(problem.design, problem.variance, covariance, problem.terms)
-        free = float(np.sqrt(whole.covariance[place, place])) / (2.0 * coefficient)
+        free = _free(problem, place, squares)
     without = problem.nonnegative(covariance, without=place)[1]
     return NoiseTerm(
         name=problem.terms[place],
         coefficient=coefficient,
         std_uncertainty=spread,
-        free_std=free,
+        free_coefficient=free[0],
+        free_std=free[1],
         upper_limit=float(np.sqrt(_highest(problem, place, squares))),
         significant=without - chi2 > _SIGNIFICANT,
     )
+
+
+def _free(problem: _Problem, place: int, squares: Array) -> tuple[float, float]:
+    """Return a coefficient and its standard uncertainty where the squares of all terms may be negative."""
+    supposed = squares.copy()
+    for _ in range(_LIMIT_STEPS):
+        fit = solve(problem.design, problem.variance, problem.covariance(supposed), problem.terms)
+        supposed[place] = float(fit.parameters[place])
+        if not supposed[place] > 0.0:
+            return float("nan"), float("nan")
+    coefficient = float(np.sqrt(supposed[place]))
+    return coefficient, float(np.sqrt(fit.covariance[place, place])) / (2.0 * coefficient)
 
 
 def _highest(problem: _Problem, place: int, squares: Array) -> float:

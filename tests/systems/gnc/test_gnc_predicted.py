@@ -97,7 +97,7 @@ def test_a_few_biases_scatter_as_predicted() -> None:
 
 @pytest.mark.sweep
 def test_biases_scatter_as_predicted() -> None:
-    found = bias_study(6000, 200)
+    found = bias_study(6000, 500)
     assert found.outside() == {}
     assert 0.97 < found.median() < 1.03
 
@@ -110,6 +110,6 @@ def test_a_few_magnetometers_scatter_as_predicted() -> None:
 
 @pytest.mark.sweep
 def test_magnetometers_scatter_as_predicted() -> None:
-    found = magnetometer_study(7000, 200)
+    found = magnetometer_study(7000, 500)
     assert found.outside() == {}
     assert 0.97 < found.median() < 1.03

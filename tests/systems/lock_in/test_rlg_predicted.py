@@ -26,8 +26,6 @@ WORLD = World(clock_Hz=100_000_000, seconds=4.0)  # of 15 cm
 LASER = {"path_length_m": 0.28, "lock_in_deg_s": 0.05, "quantum_deg_rt_s": 1.15e-4 / 60.0, "dither_deg_s": 100.0,
          "dither_Hz": 400.13, "pick_off_s": 15e-9}  # fmt: skip
 SITE = {"latitude_deg": 37.0}
-# Ratios are known to 11 % here, and squares of ratios to 22 %: too much for first derivatives (80 records: 1.14, 1.20).
-NOT_LINEAR = ("random_walk_ratio", "alignment_time_ratio")
 
 
 def planned(**more: Any) -> Planned:
@@ -60,8 +58,7 @@ def test_a_few_records_scatter_as_predicted() -> None:
 
 @pytest.mark.sweep
 def test_records_scatter_as_predicted() -> None:
-    found = study(8000, 300)
-    assert {key: ratio for key, ratio in found.outside().items() if key[0] not in NOT_LINEAR} == {}
+    assert study(8000, 500).outside() == {}
 
 
 def test_the_quantisation_is_that_of_the_records() -> None:

@@ -5,6 +5,7 @@ The angle is a count, latched where the dither angle is zero.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -150,6 +151,8 @@ def cycle_increments(
 class RandomWalk:
     """Angle random walk N and quantisation Q, fitted jointly to an overlapping Allan deviation.
 
+    N is that of the fit in which Q^2 may be negative, Q and the curve those of the one in which it may not: held at 0,
+    a quantisation far below the walk would pull the walk down by 0.4 of its standard uncertainty on average.
     ``n_upper_deg_rth``: not exceeded with 95 % confidence; the standard uncertainties are NaN where a coefficient is
     0. ``deviation_deg_h`` with limits of 95 % and the fit, (k,), at ``tau_s``; ``dof``: of ``chi2``.
     """
@@ -230,9 +233,11 @@ def expected_walk(n_deg_rth: float, q_deg: float, periods: int, interval_s: floa
 def _walk_of(curve: AllanDeviation, terms: Sequence[str]) -> RandomWalk:
     fit = fit_noise_terms(curve, terms)
     walk, quantum = fit["white_noise"], fit["quantisation_noise"]
+    # Rivals beside the two would make the free one scatter too much to be held against this one.
+    known = len(terms) == len(TERMS) and math.isfinite(walk.free_std)
     return RandomWalk(
-        n_deg_rth=walk.coefficient / 60.0,  # deg/h times the root of a second
-        n_std_deg_rth=walk.free_std / 60.0,  # a quantisation that was fitted as 0 need not be 0
+        n_deg_rth=(walk.free_coefficient if known else walk.coefficient) / 60.0,  # deg/h times the root of a second
+        n_std_deg_rth=walk.free_std / 60.0,
         n_upper_deg_rth=walk.upper_limit / 60.0,
         q_deg=quantum.coefficient / 3600.0,
         q_std_deg=quantum.std_uncertainty / 3600.0,

@@ -60,6 +60,16 @@ def test_stated_uncertainties_and_limits_are_those_of_many_records() -> None:
     assert 0.9 <= np.mean([walk_deg_rth < run.n_upper_deg_rth for run in runs]) < 1.0
 
 
+def test_a_walk_beside_hardly_any_quantisation_is_right_on_average() -> None:
+    """Half of the records have a quantisation of 0; a walk fitted beside that 0 is low by 0.4 of its uncertainty."""
+    runs = [random_walk(increments(0.02, 0.002, 2_000, seed), PERIOD_s, 0.28) for seed in range(150)]
+    walk_deg_rth = np.rad2deg(0.02 * np.sqrt(2.0 / PERIOD_s) / gyro_gain(0.28)) * 60.0
+    scores = np.array([(run.n_deg_rth - walk_deg_rth) / run.n_std_deg_rth for run in runs])
+    assert 50 < sum(run.q_deg == 0.0 for run in runs) < 100
+    assert abs(scores.mean()) < 0.25
+    assert 0.88 < scores.std() < 1.12
+
+
 def test_the_deviation_is_that_of_the_walk_and_not_of_its_smoothed_phases() -> None:
     """The mean of both senses would take 7.5 % off the variance at five periods."""
     runs = [random_walk(increments(0.02, 0.0, 4_000, seed), PERIOD_s, 0.28) for seed in range(24)]
