@@ -1,7 +1,7 @@
 """The shared parts of every analysis: its material, its results, and the form of results.json."""
 
 from bench.analysis.acceptance import Acceptances, Accepted, acceptable
-from bench.analysis.agreement import NOTED, Agreement, agreements, expected_at_end, foreseen_name
+from bench.analysis.agreement import NOTED, ORDINARY, Agreement, agreements, expected_at_end, foreseen_name
 from bench.analysis.analysis import (
     Analysis,
     Chapter,
@@ -92,6 +92,7 @@ __all__ = [
     "LEAST_MOVE",
     "NOTED",
     "OF_UNIT",
+    "ORDINARY",
     "PROMPT",
     "REFUSED",
     "UNIT",

@@ -13,7 +13,8 @@ from typing import Any
 
 from bench.record import UNIT_TEMPERATURE
 
-NOTED = 0.10  # of the predicted U: what differs by more is worth a sentence
+NOTED = 0.10  # of the predicted U: what differs by less is not worth a sentence
+ORDINARY = 0.999  # of right predictions leave no sentence: a report has tens of estimates
 MEASURED = (UNIT_TEMPERATURE, "hours")  # conditions that a run measures: a prediction has planned ones in their place
 _MOST = 0.5  # of the growth of a variance: who brings more is named
 _LEAST_SHARE = 1e-6  # of the variance achieved; below it nothing has grown
@@ -42,8 +43,25 @@ class Agreement:
 
     @property
     def is_noted(self) -> bool:
-        """Return whether the two differ by more than ``NOTED``."""
-        return abs(self.ratio - 1.0) > NOTED
+        """Return whether the two differ by more than ``NOTED``, and by more than the achieved one is uncertain by."""
+        low, high = _ordinary_ratios(self.achieved.get("dof", math.inf))
+        return not low <= self.ratio <= high
+
+
+def _ordinary_ratios(dof: float) -> tuple[float, float]:
+    """Return the least and the largest ratio of an achieved to a predicted uncertainty that are no discrepancy.
+
+    Args:    dof: degrees of freedom of the achieved one; infinite where it rests on nothing that was measured.
+    Returns: both ends of a chi-square interval of the probability ``ORDINARY``, never nearer to 1 than ``NOTED``.
+    Source:  s^2 dof / sigma^2 is a chi-square of so many degrees of freedom (NIST SP 1065 equation (45)).
+    """
+    if math.isinf(dof):
+        return 1.0 - NOTED, 1.0 + NOTED
+    from scipy import special  # no run reads this, and its rooms load this package
+
+    tail = (1.0 - ORDINARY) / 2.0
+    low, high = (math.sqrt(float(special.chdtri(dof, above)) / dof) for above in (1.0 - tail, tail))
+    return min(low, 1.0 - NOTED), max(high, 1.0 + NOTED)
 
 
 def agreements(predicted: Iterable[Entry], achieved: Iterable[Entry]) -> list[Agreement]:

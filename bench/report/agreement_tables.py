@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from bench.analysis import NOTED, Agreement, agreements, number, significant, unit_text
+from bench.analysis import NOTED, ORDINARY, Agreement, agreements, number, significant, unit_text
 from bench.model.texts import Texts, told
 from bench.report.estimate_tables import readable, span
 from bench.report.model import ReportModel
@@ -24,7 +24,8 @@ def agreement_parts(model: ReportModel, words: Texts) -> tuple[tuple[str, ...], 
         return (), None
     planned = [entry["quantity"] for entry in model.predicted]
     rows = tuple(_row(model, words, group, planned.count(quantity)) for quantity, group in by_quantity.items())
-    table = Table(words("agreement.table"), tuple(map(words, _HEADERS)), rows, stub=2)
+    caption = words("agreement.table", per_cent=number(100.0 * NOTED), ordinary=number(100.0 * ORDINARY))
+    table = Table(caption, tuple(map(words, _HEADERS)), rows, stub=2)
     return tuple(_sentences(model, words, by_quantity)), table
 
 

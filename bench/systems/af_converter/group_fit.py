@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 QUANTITIES = ("dsf_n", "dsf_p")
 SCALE_FACTORS = (*QUANTITIES, "dsf_asymmetry")
 ODD = "unlike all others of its group"
-_SLOPE_ppm_degC = 100.0  # standard; larger than that of any converter, while nobody knows it
+UNKNOWN_SLOPE_ppm_degC = 100.0  # standard; larger than that of any converter, while nobody knows it
 _NO_CHANCE = 1e-9  # of a chi-square: something is wrong with the group
 _LIKELY = 1e-3  # of that of the others, if one row alone is wrong
 
@@ -65,6 +65,10 @@ class Fitted:
         known = [self.polynomials.get((quantity, channel)) for quantity in QUANTITIES]
         slopes = [polynomial.slope(temperature_degC) if polynomial else 0.0 for polynomial in known]
         return slopes[0], slopes[1]
+
+    def knows_slopes(self, channel: int) -> bool:
+        """Return whether the campaign determines the temperature coefficients of a channel."""
+        return all((quantity, channel) in self.polynomials for quantity in QUANTITIES)
 
     def drift_ppm_s(self, standards: Standards) -> float:
         """Return standard uncertainty of a steady drift of the calibrator, ppm per second; 0 if nobody knows of one."""
@@ -151,7 +155,7 @@ def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str
     slopes = earlier.slopes_ppm_degC(group.channel, mean_degC) if earlier else (0.0, 0.0)
     referral = Referral(mean_degC, slopes)
     fit = fit_scale_factor(group.closed, converter, standards.ranges, method, referral)
-    wary = replace(referral, slope_std_ppm_degC=0.0 if earlier else _SLOPE_ppm_degC)
+    wary = replace(referral, slope_std_ppm_degC=0.0 if earlier else UNKNOWN_SLOPE_ppm_degC)
     fits = _is_possible(fit) or _fits(group.closed, converter, standards, wary, method, _NO_CHANCE)
     odd = None if fits else _odd_row(group.closed, converter, standards, wary, method)
     if odd is not None:

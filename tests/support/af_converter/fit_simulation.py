@@ -11,6 +11,8 @@ from typing import Any
 
 import numpy as np
 
+from bench.model.ports import RecordWindow
+
 F_AF0_Hz, MASTER_Hz, FG_Hz = 256e3, 1e7, 1e7
 FLOOR_A = {2.2e-4: 6e-9, 2.2e-3: 7e-9, 2.2e-2: 40e-9, 2.2e-1: 0.7e-6}
 KIND = {
@@ -55,6 +57,7 @@ class Switches:
     master_error: float = 1.5e-6
     zero_in_every_range: bool = False
     dsf_sigma_ppm: float = 400.0
+    tc1_sigma_ppm_degC: float = 8.0
     lag: bool = True
     offset_A: float | None = None  # the same in every range, instead of a draw
     white_A_rtHz: float = 2e-9
@@ -121,6 +124,14 @@ class SimulatedCampaign:
     standards: dict[str, Any]
     biases_A: dict[tuple[int, float], float]  # of the first open row by channel and temperature, walk included
     drift: float  # of the calibrator over the campaign, relative
+
+    @property
+    def windows(self) -> list[RecordWindow]:
+        """The records as a plan has them: what was asked for, nothing of what came out."""
+        return [
+            RecordWindow(at.number, at.link, 0, at.frames, at.t_start_ns, at.t_end_ns, at.conditions)
+            for at in (row.window for row in self.rows)
+        ]
 
     def truth(self, estimate: dict[str, Any]) -> float:
         """True value of an estimate in its unit, at the temperature the estimate itself names."""
@@ -326,7 +337,7 @@ def _unit(rng: np.random.Generator, kind: str, switches: Switches) -> Unit:
     return Unit(
         kind,
         rng.normal(0, switches.dsf_sigma_ppm, 2),
-        rng.normal(0, 8, 2),
+        rng.normal(0, switches.tc1_sigma_ppm_degC, 2),
         rng.normal(0, 0.03, 2),
         KIND[kind]["bias_A"] * rng.uniform(0.8, 1.2),
         KIND[kind]["bias_slope"] * rng.uniform(0.8, 1.2),

@@ -18,7 +18,6 @@ import pytest
 from scipy import stats
 
 from bench.analysis import Planned, Reading
-from bench.model.ports import RecordWindow
 from bench.plan import compile_sequence
 from bench.session.predicted import planned_of, predicted
 from bench.systems.af_converter.dmm_method.determined import determine
@@ -46,18 +45,11 @@ def truth(campaign: sim.SimulatedCampaign, entry: dict[str, Any]) -> float:
 
 def planned(campaign: sim.SimulatedCampaign, readings: list[Reading]) -> Planned:
     """Return the plan of a simulated campaign: what was asked for, nothing of what came out."""
-    windows = [
-        RecordWindow(
-            row.window.number, "port_a", 0, row.window.frames, row.window.t_start_ns, row.window.t_end_ns,
-            row.window.conditions,
-        )
-        for row in campaign.rows
-    ]  # fmt: skip
     calls = [
         Reading(one.t_s, one.step, one.role, one.name, None, one.conditions, {"range": one.value}) for one in readings
     ]
     given = dmm_simulation.material(campaign, readings, both=False)
-    return Planned(windows, given.campaign, given.standards, readings=calls)
+    return Planned(campaign.windows, given.campaign, given.standards, readings=calls)
 
 
 def ratios(campaigns: int) -> dict[Place, float]:

@@ -16,7 +16,6 @@ import pytest
 from scipy import stats
 
 from bench.analysis import Material, Planned
-from bench.model.ports import RecordWindow
 from bench.systems.af_converter.scale_factor.determined import determine
 from bench.systems.af_converter.scale_factor.predicted import predicted
 
@@ -27,17 +26,18 @@ LENGTH_s, RECORDS_s = (
 )  # of it, and of closed rows
 SWITCHES = sim.Switches(gain_drift_sigma=DRIFT / 2.0 * LENGTH_s / RECORDS_s)
 STEADY = sim.Switches(gain_drift_sigma=DRIFT / 2.0, generator_sigma=3e-6 / 3**0.5, same_cut=True, lag=False)
-SINGLE_s, BETWEEN_s = 9000.0 + 3 * 15 * 120.0, 2 * 15 * 120.0  # a single temperature: all of it, and between visits
+FEW_degC = (5.0, 20.0)
+FEW_s, BETWEEN_s = 2 * 9000.0 + 5 * 15 * 120.0, 2 * 15 * 120.0  # few temperatures: all of it, and between visits
 INSIDE = 0.999
 Place = tuple[str, str, str]
 
 
 def campaigns_of(seed: int) -> tuple[sim.SimulatedCampaign, sim.SimulatedCampaign]:
-    """Return a campaign of five temperatures, and one of a single temperature for the clocks and a closing repeat.
+    """Return a campaign of five temperatures, and one of few temperatures for the clocks and a closing repeat.
 
     The drift that a repeat leaves possible would widen all others, and equal cuts of a clock cancel in the asymmetry.
     """
-    both = sim.simulate(seed, SWITCHES), sim.simulate(seed, STEADY, temperatures=(20.0,), repeat_channel=1)
+    both = sim.simulate(seed, SWITCHES), sim.simulate(seed, STEADY, temperatures=FEW_degC, repeat_channel=1)
     for campaign in both:
         campaign.standards["calibrator"]["drift_relative"] = DRIFT
     return both
@@ -52,41 +52,30 @@ def truth_of(campaign: sim.SimulatedCampaign, entry: Any) -> float:
     """Return the true value of an estimate; a calibrator that delivers more looks like a smaller charge per pulse."""
     if not entry["quantity"].endswith("_drift"):
         return campaign.truth(entry)
-    drift_ppm = 1e6 * campaign.drift * BETWEEN_s / SINGLE_s
+    drift_ppm = 1e6 * campaign.drift * BETWEEN_s / FEW_s
     return drift_ppm if entry["quantity"] == "calibrator_drift" else -drift_ppm
 
 
-def counted(entry: Any, single: bool) -> bool:
-    """Return whether an estimate is taken from the campaign of a single temperature, or from the other one."""
-    of_single = entry["quantity"].endswith("_drift") or "clock" in entry["quantity"]
-    return not entry["quantity"].endswith("_residual") and of_single is single
-
-
-def planned(campaign: sim.SimulatedCampaign) -> Planned:
-    windows = [
-        RecordWindow(
-            number=row.window.number, link="port_a", first_counter=0, frames=0, t_start_ns=row.window.t_start_ns,
-            t_end_ns=row.window.t_end_ns, conditions=row.window.conditions, step=row.window.number,
-        )
-        for row in campaign.rows
-    ]  # fmt: skip
-    return Planned(windows, campaign.campaign, campaign.standards)
+def counted(entry: Any, few: bool) -> bool:
+    """Return whether an estimate is taken from the campaign of few temperatures, or from the other one."""
+    of_few = entry["quantity"].endswith("_drift") or "clock" in entry["quantity"]
+    return not entry["quantity"].endswith("_residual") and of_few is few
 
 
 def ratios_of(count: int) -> dict[Place, float]:
     """Return RMS error over predicted standard uncertainty of each estimate over campaigns of seeds from 0 on."""
     expected = {
         place_of(entry): entry["std_uncertainty"]
-        for single, campaign in enumerate(campaigns_of(0))
-        for entry in predicted(planned(campaign)).estimates
-        if counted(entry, bool(single))
+        for few, campaign in enumerate(campaigns_of(0))
+        for entry in predicted(Planned(campaign.windows, campaign.campaign, campaign.standards)).estimates
+        if counted(entry, bool(few))
     }
     scores: dict[Place, list[float]] = {place: [] for place in expected}
     for seed in range(count):
-        for single, campaign in enumerate(campaigns_of(seed)):
+        for few, campaign in enumerate(campaigns_of(seed)):
             known = determine(Material(campaign.rows, campaign.campaign, campaign.standards), "gls")
             for entry in known.estimates:
-                if counted(entry, bool(single)):
+                if counted(entry, bool(few)):
                     place = place_of(entry)
                     scores[place].append((entry["value"] - truth_of(campaign, entry)) / expected[place])
     assert {len(each) for each in scores.values()} == {count}

@@ -5,9 +5,13 @@ from __future__ import annotations
 import math
 from typing import Any
 
+import numpy as np
 import pytest
+from scipy import stats
 
-from bench.analysis import NOTED, agreements, expected_at_end, foreseen_name
+from bench.analysis import NOTED, ORDINARY, agreements, expected_at_end, foreseen_name
+
+SEED, DRAWS = 20, 20_000
 
 
 def entry(U: float | None, *, grown: dict[str, float] | None = None, **conditions: Any) -> dict[str, Any]:
@@ -41,6 +45,37 @@ def test_what_is_not_known_on_both_sides_is_left_out() -> None:
     assert pair.predicted["conditions"] == {"channel": 4}
     assert pair.is_noted, "less than the least is as odd as more"
     assert agreements([entry(1.0)], [entry(1.0 + 0.99 * NOTED)])[0].is_noted is False
+
+
+def noted_share(dof: int, factor: float) -> float:
+    """Return how many of uncertainties by the scatter of ``dof`` + 1 readings are noted, their noise ``factor`` times
+    the predicted one.
+    """
+    print(f"seed {SEED}")
+    readings = np.random.default_rng(SEED).normal(0.0, factor, (DRAWS, dof + 1))
+    achieved = [entry(float(U)) | {"dof": float(dof)} for U in readings.std(axis=1, ddof=1)]
+    return float(np.mean([agreements([entry(1.0)], [after])[0].is_noted for after in achieved]))
+
+
+@pytest.mark.parametrize("dof", [2, 5, 20])
+def test_scatter_of_few_degrees_of_freedom_is_no_note(dof: int) -> None:
+    share = noted_share(dof, 1.0)
+    low, high = stats.binom.ppf([1e-4, 1.0 - 1e-4], DRAWS, 1.0 - ORDINARY) / DRAWS
+    assert low <= share <= high, "the interval is that of the stated probability, not a wider one"
+
+
+@pytest.mark.parametrize(("dof", "factor"), [(5, 4.0), (20, 2.0), (200, 1.5), (200, 0.7)])
+def test_a_discrepancy_beyond_scatter_is_a_note(dof: int, factor: float) -> None:
+    assert noted_share(dof, factor) > 0.9
+
+
+@pytest.mark.parametrize("dof", [5.0, 30.0, 1e5, math.inf])
+def test_the_bounds_are_those_of_chi_square_and_never_nearer_than_ten_per_cent(dof: float) -> None:
+    both = [(1.0 - ORDINARY) / 2.0, (1.0 + ORDINARY) / 2.0]
+    low, high = np.sqrt(stats.chi2.ppf(both, dof) / dof) if dof < 1e5 else (1.0 - NOTED, 1.0 + NOTED)
+    stated = {} if math.isinf(dof) else {"dof": dof}
+    for ratio, noted in ((low - 1e-6, True), (low + 1e-6, False), (high - 1e-6, False), (high + 1e-6, True)):
+        assert agreements([entry(1.0)], [entry(ratio) | stated])[0].is_noted is noted
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 3.0])

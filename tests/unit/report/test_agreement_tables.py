@@ -41,6 +41,7 @@ def model(*predicted: dict[str, Any]) -> ReportModel:
 def test_the_table_and_the_sentences() -> None:
     said, table = agreement_parts(model(*PREDICTED), ENGLISH)
     assert table is not None
+    assert "more than 10\u00a0% and by more than chance explains (99.9\u00a0% of a chi-square" in table.caption
     assert table.headers[3:] == ("U predicted", "U achieved", "achieved / predicted")
     assert table.rows[0] == ("Scale-factor error N", "ppm", "2 of 3", "20 to 22", "20 to 22", "1.00 to 1.01")
     assert table.rows[2] == ("Bias", "nA", "1", "8.0", "12", "1.50")

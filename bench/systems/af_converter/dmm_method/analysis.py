@@ -6,10 +6,11 @@ Source: AF-converter paper section 3.1.2; docs/decisions/0007-dmm-method.md.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bench.analysis import Analysis, Material, Table
 from bench.systems.af_converter.constants import Campaign, read_campaign
@@ -75,7 +76,7 @@ def _quality(fitted: DmmFit, campaign: Campaign) -> dict[str, Any]:
 
 
 def notes(
-    fits: Sequence[DmmFit], groups: Iterable[Group], estimates: Sequence[Mapping[str, Any]], campaign: Campaign
+    fits: Sequence[DmmFit], groups: Sequence[Group], estimates: Sequence[Mapping[str, Any]], campaign: Campaign
 ) -> list[str]:
     """Return all notes but those on missing groups."""
     sentences = _refusal(fits) + [_assumption(name, estimates) for name in _TESTS]
@@ -89,10 +90,16 @@ def notes(
         sentences.append(say("meter.no_reading", count=without))
     if any(np.any(np.isnan(fitted.meter.zero_std_A[np.isfinite(fitted.meter.current_A)])) for fitted in fits):
         sentences.append(say("meter.no_zero"))
-    moved_degC = max(float(np.ptp(fitted.group.closed.unit_temperature_degC)) for fitted in fits)
+    moved_degC = max(float(np.ptp(_warmth_degC(fitted, groups))) for fitted in fits)
     if moved_degC > STEADY_degC:
         sentences.append(say("meter.moved", degC=moved_degC))
     return [*sentences, say("meter.gains"), say("meter.no_temperature"), say("note.bias_is_diagnostic")]
+
+
+def _warmth_degC(fitted: DmmFit, groups: Sequence[Group]) -> NDArray[np.float64]:
+    """Return the unit's temperatures of a channel, those of its points that were taken again included."""
+    again = (group for group in groups if group.repeat and group.place[:2] == fitted.group.place[:2])
+    return np.concatenate([group.closed.unit_temperature_degC for group in (fitted.group, *again)])
 
 
 def _refusal(fits: Sequence[DmmFit]) -> list[str]:

@@ -57,6 +57,7 @@ class ScaleFactor:
     gains_ppm: Mapping[str, Array]  # label -> (2,), signed
     operator_ppm: Array  # (2, m): what an ampere of each row's reference adds; 0 where dropped
     drift_ppm_s: Array  # (2,) for each ppm per second that the calibrator gains, about the mean time of the rows
+    unreferred_degC: Array  # (2, 2) for each ppm/degC of DSF_N, DSF_P (columns) that the rows are not referred by
     time_s: float  # that mean time
     parts_ppm: Mapping[str, Array]  # component -> (2,) standard uncertainties, for the budget
     unit_temperature_degC: float
@@ -116,6 +117,7 @@ def fit_scale_factor(
         gains_ppm=gain_effects_ppm(to_ppm, problem.reference_A, problem.rows, standard),
         operator_ppm=np.array([_spread(row, usable, 0.0) for row in to_ppm]),
         drift_ppm_s=to_ppm @ (problem.reference_A / _PPM * (problem.rows.time_s - problem.rows.time_s.mean())),
+        unreferred_degC=to_ppm @ problem.away_A,
         time_s=float(problem.rows.time_s.mean()),
         parts_ppm=_budget(to_ppm, problem.parts, problem.effects.labels, shared),
         unit_temperature_degC=problem.unit_temperature_degC,
@@ -137,6 +139,7 @@ class _Problem:
     reference_A: Array  # (m,)
     readings_A: Array  # (m,) reference minus counted current
     design_A: Array  # (m, 4)
+    away_A: Array  # (m, 2) for each ppm/degC of DSF_N, DSF_P, at the row's own temperature
     parts: Mapping[str, Array]  # independent noise, (m, m) each
     effects: Effects
     covariance_A2: Array  # (m, m) noise and effects
@@ -150,10 +153,11 @@ def _set_up(
     at = referral or Referral(float(np.mean(rows.unit_temperature_degC)))
     reference_A = reference_current_A(rows, standard)
     response_A_degC = thermal_response_A_degC(n_A, p_A, at)
+    away_A = _unreferred_A(rows, n_A, p_A, at.to_degC)
     parts = noise_parts(rows, converter)
     parts |= {"interpolated unit temperature": interpolation_A2(rows, response_A_degC)}
     if at.slope_std_ppm_degC:
-        parts |= {"unknown temperature coefficients": _unreferred_A2(rows, n_A, p_A, at)}
+        parts |= {"unknown temperature coefficients": at.slope_std_ppm_degC**2 * away_A @ away_A.T}
     effects = calibrator_effects(rows, standard)
     return _Problem(
         rows=rows,
@@ -161,6 +165,7 @@ def _set_up(
         reference_A=reference_A,
         readings_A=reference_A - (n_A - p_A) - response_A_degC * (rows.unit_temperature_degC - at.to_degC),
         design_A=scale_design(rows, n_A, p_A),
+        away_A=away_A,
         parts=parts,
         effects=effects,
         covariance_A2=np.sum(list(parts.values()), axis=0) + effects.matrix @ effects.matrix.T,
@@ -176,11 +181,9 @@ def thermal_response_A_degC(n_A: Array, p_A: Array, referral: Referral) -> Array
     return np.asarray(1e-6 * (slope_n * n_A - slope_p * p_A))
 
 
-def _unreferred_A2(rows: Readings, n_A: Array, p_A: Array, at: Referral) -> Array:
-    """Return the covariance (m, m) of rows at other temperatures, while the coefficients are guessed."""
-    away_degC = rows.unit_temperature_degC - at.to_degC
-    effects_A = [1e-6 * at.slope_std_ppm_degC * current_A * away_degC for current_A in (n_A, p_A)]
-    return np.asarray(np.sum([np.outer(effect_A, effect_A) for effect_A in effects_A], axis=0))
+def _unreferred_A(rows: Readings, n_A: Array, p_A: Array, to_degC: float) -> Array:
+    """Return what 1 ppm/degC of DSF_N and of DSF_P makes of rows at other temperatures, (m, 2), ampere, signed."""
+    return np.asarray(1e-6 * np.column_stack([n_A, -p_A]) * (rows.unit_temperature_degC - to_degC)[:, None])
 
 
 def usable_rows(rows: Readings) -> NDArray[np.bool_]:

@@ -17,7 +17,14 @@ from bench.analysis import Estimate, Estimates, Reading, estimate, with_uncertai
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.dmm_method.readings import CHECK, ReadingSet, reading_sets
 from bench.systems.af_converter.estimators.readings import Readings
-from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, conditions_of, refit
+from bench.systems.af_converter.group_fit import (
+    QUANTITIES,
+    Fitted,
+    GroupFit,
+    UNKNOWN_SLOPE_ppm_degC,
+    conditions_of,
+    refit,
+)
 from bench.systems.af_converter.register import DRIFT_UNKNOWN, Standards
 from bench.systems.af_converter.wording import say
 
@@ -107,6 +114,8 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
 
     A change is taken to have gone on steadily through the campaign, at the bound that the repeat leaves, seen or not.
     Where a channel is repeated more than once, the repeat that leaves least counts, and every other that sees a change.
+    Where its temperature coefficients are not known, drift and warming cannot be told apart: a repeat that sees no
+    change bounds nothing then.
     """
     entries, notes, seen_ppm = [], [], []
     left_ppm: dict[int, tuple[float, float]] = {}  # channel -> what its best repeat leaves unseen, and its bound
@@ -127,20 +136,31 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
         seen = abs(entry["value"]) > entry["expanded_uncertainty"]
         bound_ppm = _bound_ppm(entry) * scale
         seen_ppm += [bound_ppm] * seen
-        left = entry["expanded_uncertainty"] * scale, bound_ppm
-        left_ppm[again.group.channel] = min(left, left_ppm.get(again.group.channel, left))
+        if fitted.knows_slopes(again.group.channel):
+            left = entry["expanded_uncertainty"] * scale, bound_ppm
+            left_ppm[again.group.channel] = min(left, left_ppm.get(again.group.channel, left))
+        elif not seen:
+            notes.append(_untold_note(entry, _warmer_degC(start, again)))
+            continue
         notes.append(_repeat_note(entry, scale, campaign_s, seen))
     bounds_ppm = [*seen_ppm, *(bound_ppm for _, bound_ppm in left_ppm.values())]
     return CalibratorDrift(max(bounds_ppm, default=None), CLOSING_REPEAT, entries, notes)
 
 
+def _changed(entry: Estimate) -> str:
+    where, change = entry["conditions"], with_uncertainty(entry["value"], entry["expanded_uncertainty"])
+    return say("drift.repeat", channel=where["channel"], change=change, hours=where["hours"])
+
+
 def _repeat_note(entry: Estimate, scale: float, campaign_s: float, seen: bool) -> str:
-    where, U_ppm, hours = entry["conditions"], entry["expanded_uncertainty"], campaign_s / _HOUR_S
-    change = with_uncertainty(entry["value"], U_ppm)
-    what = say("drift.repeat", channel=where["channel"], change=change, hours=where["hours"])
+    what, hours = _changed(entry), campaign_s / _HOUR_S
     if seen:
         return say("drift.seen", what=what, hours=hours)
-    return say("drift.unseen", what=what, unseen=scale * U_ppm, hours=hours)
+    return say("drift.unseen", what=what, unseen=scale * entry["expanded_uncertainty"], hours=hours)
+
+
+def _untold_note(entry: Estimate, warmer_degC: float) -> str:
+    return say("drift.untold", what=_changed(entry), warmer=warmer_degC, slope=UNKNOWN_SLOPE_ppm_degC)
 
 
 def _compared(by_meter: CalibratorDrift, by_repeat: CalibratorDrift) -> list[str]:
@@ -193,16 +213,24 @@ def _points(rows: Readings) -> list[tuple[float, float, float]]:
 def change_ppm(start: GroupFit, again: GroupFit, fitted: Fitted) -> tuple[Array, Array]:
     """Change (2,) of DSF_N, DSF_P from a first visit to its repeat and its covariance (2, 2), ppm.
 
-    At the temperature of the first visit; everything common to both cancels.
+    At the temperature of the first visit; everything common to both cancels. Temperature coefficients that the campaign
+    does not determine count as 0 with the standard uncertainty of coefficients that nobody knows.
     """
-    slopes = fitted.slopes_ppm_degC(again.group.channel, again.fit.unit_temperature_degC)
-    warmer_degC = again.fit.unit_temperature_degC - start.fit.unit_temperature_degC
+    channel, warmer_degC = again.group.channel, _warmer_degC(start, again)
+    slopes = fitted.slopes_ppm_degC(channel, again.fit.unit_temperature_degC)
     change = again.fit.dsf_ppm - start.fit.dsf_ppm - np.array(slopes) * warmer_degC
     here, there, nothing = again.fit.standard_ppm, start.fit.standard_ppm, np.zeros(2)
     labels = sorted(here.keys() | there.keys())
     effects = [here.get(label, nothing) - there.get(label, nothing) for label in labels]
     shared = np.sum([np.outer(effect, effect) for effect in effects], axis=0)
+    if not fitted.knows_slopes(channel):
+        away_degC = warmer_degC * np.eye(2) + again.fit.unreferred_degC - start.fit.unreferred_degC
+        shared = shared + UNKNOWN_SLOPE_ppm_degC**2 * away_degC @ away_degC.T
     return np.asarray(change), np.asarray(again.fit.noise_ppm2 + start.fit.noise_ppm2 + shared)
+
+
+def _warmer_degC(start: GroupFit, again: GroupFit) -> float:
+    return again.fit.unit_temperature_degC - start.fit.unit_temperature_degC
 
 
 def drift_estimates(pairs: list[Pair], fitted: Fitted, campaign: Campaign) -> Estimates:

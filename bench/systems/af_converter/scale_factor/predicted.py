@@ -5,19 +5,26 @@ What their uncertainties rest on is planned or declared: times, levels, temperat
 
 from __future__ import annotations
 
-from bench.analysis import Material, Planned, Prediction
+from collections.abc import Iterator
+
+from bench.analysis import Estimate, Material, Planned, Prediction
 from bench.systems.af_converter.constants import read_campaign
 from bench.systems.af_converter.estimators.scale_factor import METHODS
-from bench.systems.af_converter.group_fit import missing_groups
+from bench.systems.af_converter.group_fit import Fitted, UNKNOWN_SLOPE_ppm_degC, missing_groups
+from bench.systems.af_converter.groups import place_name
 from bench.systems.af_converter.nominal import stimulated_row
 from bench.systems.af_converter.scale_factor.determined import determine
+from bench.systems.af_converter.wording import say
+
+_STEP_ppm = 0.01 * UNKNOWN_SLOPE_ppm_degC  # what 0.01 degC counts without coefficients
 
 
 def predicted(planned: Planned) -> Prediction:
     """Return estimates with the uncertainties that a campaign will give; the values are those of a nominal unit.
 
     What only the temperature coefficients of the unit bring, the error of its temperature sensor above all, is missing:
-    those of a nominal unit are zero.
+    those of a nominal unit are zero. Where a plan does not determine them, the change between visits of a channel is
+    named as missing: its uncertainty is that of coefficients by what the unit is warmer in one of both.
 
     Raises:  FitError as ``analysis.analyse``, where no group at all is determined.
     """
@@ -25,4 +32,18 @@ def predicted(planned: Planned) -> Prediction:
     rows = [stimulated_row(window, constants) for window in planned.windows]
     known = determine(Material(rows, planned.campaign, planned.standards), METHODS[0])
     there = {visit.group.place for visit in known.fitted.groups}
-    return Prediction(known.estimates, missing_groups(rows, there, known.fitted.refused, constants))
+    missing = missing_groups(rows, there, known.fitted.refused, constants)
+    entries = [entry for entry in known.estimates if not _is_untold(entry, known.fitted)]
+    return Prediction(entries, [*missing, *_untold(known.fitted)])
+
+
+def _is_untold(entry: Estimate, fitted: Fitted) -> bool:
+    """Return whether an estimate is a change between visits that warming could be."""
+    channel = entry["conditions"].get("channel")  # a check by the meter has none
+    return entry["quantity"].endswith("_drift") and channel is not None and not fitted.knows_slopes(channel)
+
+
+def _untold(fitted: Fitted) -> Iterator[str]:
+    for group in (visit.group for visit in fitted.groups):
+        if group.repeat and not fitted.knows_slopes(group.channel):
+            yield say("predicted.untold", place=place_name(group.place), step=_STEP_ppm)

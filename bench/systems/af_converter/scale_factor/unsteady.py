@@ -29,11 +29,14 @@ _SMALLEST = 1e-300  # a chance that is lost in the arithmetic is still one
 def unsteady(pairs: Sequence[Pair], fitted: Fitted, entries: Estimates) -> list[Evidence]:
     """Return of each channel that is repeated more than once whether its changes lie on a straight line in time.
 
-    Visits whose levels do not lie on a line say nothing of the calibrator.
+    Visits whose levels do not lie on a line say nothing of the calibrator, and those of a channel without temperature
+    coefficients nothing that warming could not.
     """
     of_channel: dict[int, list[Pair]] = {}
-    for pair in (pair for pair in pairs if all(visit.fits for visit in pair)):
-        of_channel.setdefault(pair[1].group.channel, []).append(pair)
+    for pair in pairs:
+        channel = pair[1].group.channel
+        if fitted.knows_slopes(channel) and all(visit.fits for visit in pair):
+            of_channel.setdefault(channel, []).append(pair)
     return [_judged(repeated, fitted, entries) for repeated in of_channel.values() if len(repeated) > 1]
 
 
