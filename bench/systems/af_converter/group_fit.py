@@ -70,6 +70,11 @@ class Fitted:
         """Return whether the campaign determines the temperature coefficients of a channel."""
         return all((quantity, channel) in self.polynomials for quantity in QUANTITIES)
 
+    def referral(self, channel: int, temperature_degC: float) -> Referral:
+        """Return how rows of a channel are referred to a temperature: by its coefficients, or by any that may be."""
+        slopes = self.slopes_ppm_degC(channel, temperature_degC)
+        return Referral(temperature_degC, slopes, 0.0 if self.knows_slopes(channel) else UNKNOWN_SLOPE_ppm_degC)
+
     def drift_ppm_s(self, standards: Standards) -> float:
         """Return standard uncertainty of a steady drift of the calibrator, ppm per second; 0 if nobody knows of one."""
         times_s = np.concatenate([visit.group.closed.time_s for visit in self.groups])
@@ -152,10 +157,9 @@ def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str
     converter = campaign.converter(group.channel)
     require_closed(group)
     mean_degC = group.unit_temperature_degC
-    slopes = earlier.slopes_ppm_degC(group.channel, mean_degC) if earlier else (0.0, 0.0)
-    referral = Referral(mean_degC, slopes)
+    referral = earlier.referral(group.channel, mean_degC) if earlier else Referral(mean_degC)
     fit = fit_scale_factor(group.closed, converter, standards.ranges, method, referral)
-    wary = replace(referral, slope_std_ppm_degC=0.0 if earlier else UNKNOWN_SLOPE_ppm_degC)
+    wary = referral if earlier else replace(referral, slope_std_ppm_degC=UNKNOWN_SLOPE_ppm_degC)
     fits = _is_possible(fit) or _fits(group.closed, converter, standards, wary, method, _NO_CHANCE)
     odd = None if fits else _odd_row(group.closed, converter, standards, wary, method)
     if odd is not None:
@@ -196,8 +200,7 @@ def refit(
     visit: GroupFit, kept: NDArray[np.bool_], fitted: Fitted, campaign: Campaign, standards: Standards, method: str
 ) -> ScaleFactor | None:
     """Return the fit of a group by those of its closed rows alone, None if they do not determine it."""
-    at_degC = visit.fit.unit_temperature_degC
-    referral = Referral(at_degC, fitted.slopes_ppm_degC(visit.group.channel, at_degC))
+    referral = fitted.referral(visit.group.channel, visit.fit.unit_temperature_degC)
     converter = campaign.converter(visit.group.channel)
     try:
         return fit_scale_factor(visit.group.closed.take(kept), converter, standards.ranges, method, referral)

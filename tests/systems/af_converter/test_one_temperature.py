@@ -36,12 +36,15 @@ def planned(campaign: sim.SimulatedCampaign) -> Planned:
 
 
 def scores_of(slope_ppm_degC: float) -> dict[str, list[float]]:
-    """Return change over standard uncertainty by quantity, of campaigns in which calibrator and unit do not change."""
+    """Return error over standard uncertainty of each scale factor and change, by quantity; the calibrator is steady."""
     scores: dict[str, list[float]] = {}
     for seed in range(CAMPAIGNS):
         campaign = sim.simulate(seed, sim.Switches(tc1_sigma_ppm_degC=slope_ppm_degC), **OF_ONE)
-        for quantity, entry in drifts(determine(material_of(campaign), "gls").estimates).items():
-            scores.setdefault(quantity, []).append(entry["value"] / entry["std_uncertainty"])
+        for entry in determine(material_of(campaign), "gls").estimates:
+            quantity = entry["quantity"]
+            if quantity.startswith("dsf") or quantity in CHANGES:
+                truth = 0.0 if quantity in CHANGES else campaign.truth(entry)
+                scores.setdefault(quantity, []).append((entry["value"] - truth) / entry["std_uncertainty"])
     return scores
 
 
@@ -50,16 +53,16 @@ def drifts(estimates: Estimates) -> dict[str, Any]:
 
 
 @pytest.mark.validates(
-    "changes between visits of a campaign of one temperature",
+    "changes between visits and scale factors of a campaign of one temperature",
     against="60 simulated campaigns of units that warm by 0.43 degC, coefficients of 8 ppm/degC",
 )
 def test_intervals_hold_the_truth_while_the_unit_warms(record_property: Callable[[str, object], None]) -> None:
-    """At least as many as chance leaves of 95 %; without the coefficients 0.48 to 0.62 of them did."""
+    """At least as many as chance leaves of 95 %: before, 0.48 to 0.62 of the changes and 0.05 of the asymmetries."""
     held = {name: [abs(score) <= 1.96 for score in each] for name, each in scores_of(8.0).items()}
     said = ", ".join(f"{name} {np.mean(each):.3f} of {len(each)}" for name, each in held.items())
     sys.stdout.write(f"seeds 0 to {CAMPAIGNS - 1}: {said}\n")
     record_property("obtained", said)
-    assert held.keys() == set(CHANGES)
+    assert held.keys() >= {*CHANGES, "dsf_n", "dsf_p", "dsf_asymmetry"}
     for name, each in held.items():
         assert sum(each) >= stats.binom.ppf(1.0 - INSIDE, len(each), 0.95), name
 
@@ -69,7 +72,8 @@ def test_uncertainties_are_those_of_the_coefficients_that_they_count() -> None:
     for name, each in scores_of(UNKNOWN_SLOPE_ppm_degC).items():
         low, high = stats.chi2.ppf([(1 - INSIDE) / 2, (1 + INSIDE) / 2], len(each)) / len(each)
         sys.stdout.write(f"{name}: {np.mean(np.square(each)):.3f}, {low:.3f} to {high:.3f}\n")
-        assert low < np.mean(np.square(each)) < high, name
+        if name not in ("dsf_n", "dsf_p"):  # their largest part is the calibrator's gain, which both kinds share
+            assert low < np.mean(np.square(each)) < high, name
 
 
 def run(drift_ppm: float, *, lag: bool) -> Analysis:
@@ -120,6 +124,9 @@ def test_the_prediction_names_what_warming_may_be() -> None:
     assert {"dsf_n", "dsf_asymmetry", "bias"} <= {entry["quantity"] for entry in found.estimates}
     (untold,) = found.missing
     assert untold.startswith("drift of calibrator and unit by channel 1 at 20 degC, repeat 1")
+    assert [sentence.startswith("the unit is steady while a channel is measured") for sentence in found.assumed] == [
+        True
+    ]
     several = predicted(planned(sim.simulate(4, temperatures=(5.0, 20.0), repeat_channel=1)))
     assert drifts(several.estimates).keys() == set(CHANGES)
-    assert several.missing == []
+    assert (several.missing, several.assumed) == ([], [])

@@ -31,6 +31,7 @@ from bench.systems.af_converter.estimators.readings import (
 
 Array = NDArray[np.float64]
 METHODS: tuple[str, ...] = ("gls", "paper", "ols")
+UNREFERRED = "unknown temperature coefficients"
 _PPM = 1e6
 
 
@@ -153,11 +154,11 @@ def _set_up(
     at = referral or Referral(float(np.mean(rows.unit_temperature_degC)))
     reference_A = reference_current_A(rows, standard)
     response_A_degC = thermal_response_A_degC(n_A, p_A, at)
-    away_A = _unreferred_A(rows, n_A, p_A, at.to_degC)
+    away_A = unreferred_A(rows, n_A, p_A, at.to_degC)
     parts = noise_parts(rows, converter)
     parts |= {"interpolated unit temperature": interpolation_A2(rows, response_A_degC)}
     if at.slope_std_ppm_degC:
-        parts |= {"unknown temperature coefficients": at.slope_std_ppm_degC**2 * away_A @ away_A.T}
+        parts |= {UNREFERRED: at.slope_std_ppm_degC**2 * away_A @ away_A.T}
     effects = calibrator_effects(rows, standard)
     return _Problem(
         rows=rows,
@@ -181,7 +182,7 @@ def thermal_response_A_degC(n_A: Array, p_A: Array, referral: Referral) -> Array
     return np.asarray(1e-6 * (slope_n * n_A - slope_p * p_A))
 
 
-def _unreferred_A(rows: Readings, n_A: Array, p_A: Array, to_degC: float) -> Array:
+def unreferred_A(rows: Readings, n_A: Array, p_A: Array, to_degC: float) -> Array:
     """Return what 1 ppm/degC of DSF_N and of DSF_P makes of rows at other temperatures, (m, 2), ampere, signed."""
     return np.asarray(1e-6 * np.column_stack([n_A, -p_A]) * (rows.unit_temperature_degC - to_degC)[:, None])
 

@@ -31,6 +31,7 @@ from bench.systems.af_converter.estimators.scale_factor import (
     reference_current_A,
     scale_design,
     thermal_response_A_degC,
+    unreferred_A,
     usable_rows,
     zero_difference,
 )
@@ -73,17 +74,20 @@ class TrialModel:
         response_A_degC = thermal_response_A_degC(*counted_A, self.referral)
         warmth = rows.unit_temperature_degC - self.referral.to_degC + _interpolated(generator, trials, rows)
         readings_A = reference_A - (n_A - p_A) - response_A_degC * warmth
-        dsf_ppm = 1e6 * _refit(self._transform(rows, response_A_degC), rows, n_A, p_A, readings_A)
+        away_A = self.referral.slope_std_ppm_degC * unreferred_A(rows, *counted_A, self.referral.to_degC)
+        if away_A.any():  # else no draw is spent on it
+            readings_A += generator.standard_normal((trials, 2)) @ away_A.T
+        dsf_ppm = 1e6 * _refit(self._transform(rows, response_A_degC, away_A), rows, n_A, p_A, readings_A)
         sensor_degC = self.sensor_std_degC * generator.standard_normal((trials, 1))
         return np.asarray(dsf_ppm + sensor_degC * np.array(self.referral.slope_ppm_degC))
 
-    def _transform(self, rows: Readings, response_A_degC: Array) -> Array:
+    def _transform(self, rows: Readings, response_A_degC: Array, away_A: Array) -> Array:
         """Return what the method multiplies design and readings with before it takes equal weights."""
         if self.method != "gls":
             difference = zero_difference(rows)
             return difference / rows.level_A[rows.level_A > 0, None] if self.method == "paper" else difference
         covariance = np.sum(list(noise_parts(rows, self.converter).values()), axis=0)
-        covariance += interpolation_A2(rows, response_A_degC)
+        covariance += interpolation_A2(rows, response_A_degC) + away_A @ away_A.T
         for full_A in np.unique(rows.range_A):
             variance = (specification(self.standard, float(full_A)).floor_A / 2.0) ** 2
             signed = rows.polarity * (rows.range_A == full_A)

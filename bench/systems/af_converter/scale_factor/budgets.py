@@ -30,9 +30,9 @@ from bench.systems.af_converter.estimators.readings import (
     relative_errors,
     scatter_A2,
 )
-from bench.systems.af_converter.estimators.scale_factor import Referral
+from bench.systems.af_converter.estimators.scale_factor import UNREFERRED
 from bench.systems.af_converter.estimators.scale_factor_trials import TrialModel
-from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit
+from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, UNKNOWN_SLOPE_ppm_degC
 from bench.systems.af_converter.register import REGISTER, Standards
 from bench.systems.af_converter.scale_factor.estimates import scale_factor_std_ppm, scatter_parts, sensor_effect_ppm
 from bench.systems.af_converter.wording import kind_name, say
@@ -44,7 +44,7 @@ _DRIFT, _SENSOR, _GRADIENT, _COMBINED = (
     say(f"component.{name}") for name in ("drift", "sensor", "gradient", "combined")
 )
 _NOISE = tuple(say(f"component.{name}") for name in ("quantisation", "clock", "white", "walk", "interpolated"))
-_SCATTER = say("component.scatter")
+_SCATTER, _UNREFERRED = say("component.scatter"), say("component.unreferred")
 _OF_RANGES = say("component.offset"), say("component.linearity")
 _COLUMNS = {  # of the table of all channels, by the beginning of a component's name
     "quantisation": say("summary.quantisation"),
@@ -58,6 +58,7 @@ _COLUMNS = {  # of the table of all channels, by the beginning of a component's 
     "calibrator drift": say("summary.drift"),
     "interpolated": say("summary.temperature"),
     "temperature sensor": say("summary.temperature"),
+    "unknown temperature": say("summary.temperature"),
     "chamber's gradient": say("summary.temperature"),
 }
 _PREFIXES = {0: "", -1: "m", -2: "µ"}
@@ -119,6 +120,7 @@ def components_of(
     return [
         *_noise(visit, index, campaign),
         *_scatter(visit, index, campaign),
+        *_unreferred(visit, index),
         *_range_errors(visit, index, standards),
         *_gains(visit, index, standards),
         _effect(
@@ -172,6 +174,14 @@ def _scatter(visit: GroupFit, index: int, campaign: Campaign) -> list[Component]
     dof = effective_dof(part_ppm**2, scatter_parts(visit, np.eye(2)[index], campaign))
     effect = _effect(_SCATTER, of_one_nA, "nA", part_ppm, say("source.scatter"), dof=dof)
     return [replace(effect, evaluation=TYPE_A)]
+
+
+def _unreferred(visit: GroupFit, index: int) -> list[Component]:
+    """Return what rows at other temperatures bring where no coefficients refer them; nothing where some do."""
+    if UNREFERRED not in visit.fit.parts_ppm:
+        return []
+    part_ppm = float(visit.fit.parts_ppm[UNREFERRED][index])
+    return [_effect(_UNREFERRED, UNKNOWN_SLOPE_ppm_degC, "ppm/degC", part_ppm, say("source.unreferred"))]
 
 
 def _gains(visit: GroupFit, index: int, standards: Standards) -> list[Component]:
@@ -256,7 +266,7 @@ def trials_of(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: St
         rows=visit.group.closed,
         converter=campaign.converter(visit.group.channel),
         standard=standards.ranges,
-        referral=Referral(at_degC, fitted.slopes_ppm_degC(visit.group.channel, at_degC)),
+        referral=fitted.referral(visit.group.channel, at_degC),
         method=method,
         drift=standards.drift or 0.0,
         sensor_std_degC=campaign.thermal_std_degC,
@@ -308,7 +318,7 @@ def components(fitted: Fitted, campaign: Campaign, standards: Standards) -> list
         parts[_COMBINED] = float(np.max(np.hypot(std_ppm, sensor_ppm)))
         for name, value in parts.items():
             largest[kind, name] = max(largest.get((kind, name), 0.0), value)
-    said = {str(name): name for name in (*_NOISE, _SCATTER, *_OF_RANGES)}
+    said = {str(name): name for name in (*_NOISE, _SCATTER, _UNREFERRED, *_OF_RANGES)}
     stated = {name for (_, name), value in largest.items() if value > 0}
     return [
         {

@@ -17,7 +17,7 @@ from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.constants import Campaign
 from bench.systems.af_converter.estimators.readings import Readings
 from bench.systems.af_converter.estimators.scale_factor import ScaleFactor
-from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, refit
+from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, UNKNOWN_SLOPE_ppm_degC, refit
 from bench.systems.af_converter.groups import Group, LONGEST_REACH_s, place_name
 from bench.systems.af_converter.register import Standards
 from bench.systems.af_converter.wording import kind_name, say
@@ -79,7 +79,7 @@ def _temperature(fitted: Fitted, campaign: Campaign) -> list[str]:
     elif known:
         notes.append(say("note.sensor_gain"))
     if not known:
-        notes.append(say("note.one_temperature"))
+        notes.append(say("note.one_temperature", slope=UNKNOWN_SLOPE_ppm_degC))
     elif any(len(fitted.visits(key[1])) <= fitted.polynomials[key].coefficients.size for key in known):
         notes.append(say("note.no_verdict"))
     return notes

@@ -24,7 +24,8 @@ def predicted(planned: Planned) -> Prediction:
 
     What only the temperature coefficients of the unit bring, the error of its temperature sensor above all, is missing:
     those of a nominal unit are zero. Where a plan does not determine them, the change between visits of a channel is
-    named as missing: its uncertainty is that of coefficients by what the unit is warmer in one of both.
+    named as missing: its uncertainty is that of coefficients by what the unit is warmer in one of both. All others then
+    hold for a unit that is steady while a channel is measured.
 
     Raises:  FitError as ``analysis.analyse``, where no group at all is determined.
     """
@@ -34,13 +35,19 @@ def predicted(planned: Planned) -> Prediction:
     there = {visit.group.place for visit in known.fitted.groups}
     missing = missing_groups(rows, there, known.fitted.refused, constants)
     entries = [entry for entry in known.estimates if not _is_untold(entry, known.fitted)]
-    return Prediction(entries, [*missing, *_untold(known.fitted)])
+    return Prediction(entries, [*missing, *_untold(known.fitted)], _assumed(known.fitted))
 
 
 def _is_untold(entry: Estimate, fitted: Fitted) -> bool:
     """Return whether an estimate is a change between visits that warming could be."""
     channel = entry["conditions"].get("channel")  # a check by the meter has none
     return entry["quantity"].endswith("_drift") and channel is not None and not fitted.knows_slopes(channel)
+
+
+def _assumed(fitted: Fitted) -> list[str]:
+    """Return a sentence on the unit, where no coefficients refer the rows of a visit to one temperature."""
+    guessed = any(not fitted.knows_slopes(visit.group.channel) for visit in fitted.groups)
+    return [say("predicted.steady", step=_STEP_ppm)] if guessed else []
 
 
 def _untold(fitted: Fitted) -> Iterator[str]:

@@ -27,6 +27,7 @@ from bench.systems.af_converter.scale_factor.budgets import (
 
 SEED = 3
 STATED = {"traceability_relative": 10e-6, "drift_relative": 4e-6}
+TEMPERATURES = [sim.TEMPERATURES_degC, (20.0,)]  # one gives no coefficients
 SENSOR = {"temperature_sensor_u95_degC": 0.1}
 
 
@@ -123,9 +124,10 @@ def test_components_are_shown_with_the_uncertainty_of_one_reading() -> None:
     assert shown["temperature sensor of the unit"] == pytest.approx(0.05)
 
 
-def test_tables_of_a_campaign_with_a_closing_repeat_have_its_totals() -> None:
+@pytest.mark.parametrize("temperatures", TEMPERATURES)
+def test_tables_of_a_campaign_with_a_closing_repeat_have_its_totals(temperatures: tuple[float, ...]) -> None:
     """Whatever the repeat says about drift: the table by channel shows the U of results.json, to its two digits."""
-    campaign = sim.simulate(SEED, repeat_channel=1)
+    campaign = sim.simulate(SEED, temperatures=temperatures, repeat_channel=1)
     analysis = analyse(Material(campaign.rows, *sections(campaign)))
     for quantity in ("dsf_n", "dsf_p"):
         (table,) = [one for one in analysis.tables if one.title == f"Uncertainty of {quantity} by channel"]
@@ -230,9 +232,13 @@ def test_trials_notice_a_budget_without_the_common_gain() -> None:
     assert row[-1] == "differs"
 
 
-def test_trials_hold_the_noise_and_the_ranges_alone() -> None:
-    """Gain, traceability, drift and sensor off: what is left is the covariance of the fit."""
-    groups, constants, standards = fitted(sim.simulate(SEED))
+@pytest.mark.parametrize("temperatures", TEMPERATURES)
+def test_trials_hold_the_noise_and_the_ranges_alone(temperatures: tuple[float, ...]) -> None:
+    """Gain, traceability, drift and sensor off: what is left is the covariance of the fit.
+
+    Of one temperature, the coefficients that nobody knows are part of it.
+    """
+    groups, constants, standards = fitted(sim.simulate(SEED, temperatures=temperatures))
     quiet = dataclasses.replace(
         standards,
         drift=None,
