@@ -1,7 +1,7 @@
 """The shared parts of every analysis: its material, its results, and the form of results.json."""
 
 from bench.analysis.acceptance import Acceptances, Accepted, acceptable
-from bench.analysis.agreement import NOTED, ORDINARY, Agreement, agreements, expected_at_end, foreseen_name
+from bench.analysis.agreement import NOTED, ORDINARY, Agreement, agreements, by_foreseen_name, expected_at_end
 from bench.analysis.analysis import (
     Analysis,
     Chapter,
@@ -134,6 +134,7 @@ __all__ = [
     "analysis_module",
     "band",
     "build_results",
+    "by_foreseen_name",
     "c_preamble",
     "c_text",
     "cell",
@@ -149,7 +150,6 @@ __all__ = [
     "estimate",
     "expected_at_end",
     "flag_problem",
-    "foreseen_name",
     "header",
     "is_sound",
     "joined",

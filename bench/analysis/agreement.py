@@ -7,9 +7,10 @@ from __future__ import annotations
 
 import json
 import math
+from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 from bench.record import UNIT_TEMPERATURE
 
@@ -20,13 +21,24 @@ _MOST = 0.5  # of the growth of a variance: who brings more is named
 _LEAST_SHARE = 1e-6  # of the variance achieved; below it nothing has grown
 
 Entry = Mapping[str, Any]
-Name = tuple[str, str]
+E = TypeVar("E", bound=Entry)
+Name = tuple[str, str, int]
 
 
-def foreseen_name(entry: Entry) -> Name:
-    """Return what names an estimate before the run as after it: its quantity, and its conditions but measured ones."""
-    conditions = {name: value for name, value in entry["conditions"].items() if name not in MEASURED}
-    return str(entry["quantity"]), json.dumps(conditions, sort_keys=True, default=str)
+def by_foreseen_name(entries: Iterable[E]) -> dict[Name, E]:
+    """Return estimates by what names them before the run as after it, in their order.
+
+    It is the quantity, the conditions but measured ones, and which of several it is that these do not tell apart, such
+    as repeats of one channel: analyses state those in the order of time.
+    """
+    named: dict[Name, E] = {}
+    seen: Counter[tuple[str, str]] = Counter()
+    for entry in entries:
+        conditions = {name: value for name, value in entry["conditions"].items() if name not in MEASURED}
+        own = str(entry["quantity"]), json.dumps(conditions, sort_keys=True, default=str)
+        seen[own] += 1
+        named[*own, seen[own]] = entry
+    return named
 
 
 @dataclass(frozen=True)
@@ -66,8 +78,8 @@ def _ordinary_ratios(dof: float) -> tuple[float, float]:
 
 def agreements(predicted: Iterable[Entry], achieved: Iterable[Entry]) -> list[Agreement]:
     """Return the estimates that have an expanded uncertainty in both, in the order in which they were predicted."""
-    found = {foreseen_name(entry): entry for entry in achieved}
-    pairs = ((entry, found.get(foreseen_name(entry))) for entry in predicted)
+    found = by_foreseen_name(achieved)
+    pairs = ((entry, found.get(name)) for name, entry in by_foreseen_name(predicted).items())
     return [
         Agreement(before, after, after["expanded_uncertainty"] / before["expanded_uncertainty"], _grown(before, after))
         for before, after in pairs

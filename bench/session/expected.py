@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from bench.analysis import Estimate, Estimates, expected_at_end, foreseen_name
+from bench.analysis import Estimate, Estimates, by_foreseen_name, expected_at_end
 from bench.model.errors import BenchError
 from bench.model.systems import analysis_declaration
 from bench.plan import Plan, Step, plan_of_texts
 from bench.record import RecordRow
 from bench.session.predicted import predicted
 
-Name = tuple[str, str]
+Name = tuple[str, str, int]
 
 
 class Recorded(Protocol):
@@ -57,20 +57,21 @@ def predicted_of(session: Recorded, method: str) -> Estimates:
     return [] if plan is None else predicted(plan).estimates
 
 
-def expectations(session: Recorded, determined: Iterable[Mapping[str, Any]]) -> dict[Name, Expected]:
+def expectations(session: Recorded, known: Mapping[Name, Mapping[str, Any]]) -> dict[Name, Expected]:
     """Return what each estimate will come to, by its name, for a session that is still being recorded.
 
-    Args: determined: estimates of the records so far, as they are stated.
+    Args: known: estimates of the records so far, as they are stated, by their names.
     """
     plan = _plan_of(session)
     whole = [] if plan is None else predicted(plan).estimates
     if plan is None or not whole:
         return {}
     part = predicted(_up_to_now(plan, session)).estimates if session.rows else []
-    so_far = {foreseen_name(entry): entry for entry in part}
-    known = {foreseen_name(entry): entry for entry in determined}
-    names = ((foreseen_name(entry), entry) for entry in whole)
-    return {name: Expected(entry, _at_end_U(known.get(name), so_far.get(name), entry)) for name, entry in names}
+    so_far = by_foreseen_name(part)
+    return {
+        name: Expected(entry, _at_end_U(known.get(name), so_far.get(name), entry))
+        for name, entry in by_foreseen_name(whole).items()
+    }
 
 
 def _at_end_U(known: Mapping[str, Any] | None, so_far: Estimate | None, whole: Estimate) -> float | None:

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import analyse, doubt_lines, foreseen_name, is_sound, results_json, rule_of, stated_estimates
+from bench.analysis import analyse, by_foreseen_name, doubt_lines, is_sound, results_json, rule_of, stated_estimates
 from bench.model.errors import BenchError
 from bench.model.posix import give_way
 from bench.model.systems import analysis_declaration
@@ -56,8 +56,9 @@ def partial(folder: Path) -> dict[str, Any]:
 
 def _rows(view: SessionView, entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     analysis = str(view.manifest["campaign"]["analysis"])
-    determined = {foreseen_name(entry): entry for entry in entries if _is_number(entry["value"]) or not is_sound(entry)}
-    expected = expectations(view, determined.values())
+    named = by_foreseen_name(entries)
+    determined = {name: entry for name, entry in named.items() if _is_number(entry["value"]) or not is_sound(entry)}
+    expected = expectations(view, determined)
     rows = [_row(determined.get(name), expected.get(name), analysis) for name in {**expected, **determined}]
     declared = analysis_declaration(analysis)
     main = () if declared is None else declared.main

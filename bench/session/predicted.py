@@ -125,7 +125,8 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
         )
         allowed = "" if limit is None else f", limit {format_quantity(limit, unit).rstrip()}"
         chances = [chance for entry in entries if (chance := chance_of(entry, plan.campaign)) is not None]
-        passing = f", {100.0 * min(chances):.3g} % of units pass" if chances else ""
+        each = "at each value at least " if len(chances) > 1 else ""
+        passing = f", {each}{100.0 * min(chances):.3g} % of units pass" if chances else ""
         count = f" ({len(entries)} values)" if len(entries) > 1 else ""
         title = quantity_title(analysis, quantity)
         yield f"{title}: U at least {' to '.join(ends)}{_most(entries)}{allowed}{passing}{count}"

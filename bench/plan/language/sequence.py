@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from functools import cache
 from typing import Annotated, Any, Literal
 
@@ -38,6 +39,14 @@ def _limit(text: object) -> object:
     return text
 
 
+def _spread(text: object) -> object:
+    _limit(text)
+    found = read_quantity(str(text))
+    if found is not None and not 0.0 < found[0] < math.inf:
+        raise ValueError(f"{text!r} is no standard deviation: it is above zero, for example '25 ppm'")
+    return text
+
+
 class UnitUnderTest(StrictModel):
     """The unit under test as its data sheet declares it; the systems that are installed add their sections."""
 
@@ -46,7 +55,7 @@ class UnitUnderTest(StrictModel):
     limits: dict[Name, Annotated[str, BeforeValidator(_limit)]] = Field(
         default_factory=dict, description="limits of the data sheet by name, each with its unit"
     )
-    spread: dict[Name, Annotated[str, BeforeValidator(_limit)]] = Field(
+    spread: dict[Name, Annotated[str, BeforeValidator(_spread)]] = Field(
         default_factory=dict,
         description="standard deviation of the true values of such units, by quantity, each with its unit",
     )

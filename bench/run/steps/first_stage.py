@@ -41,7 +41,7 @@ def looked_at(
         return None, []
     due = max(asked["least"], needed(means, asked["target"]))
     last = max(asked["first"])
-    return float(due - len(asked["first"])), [
+    return float(due - len(means)), [
         {"name": "scatter", "value": stdev(means), "unit": point.UNIT, "step": last},
         {"name": "records_due", "value": due, "unit": "1", "step": last},
     ]

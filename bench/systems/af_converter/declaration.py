@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from bench.model.declaration import (
     AnalysisDeclaration,
@@ -83,6 +83,14 @@ class Kind(ChannelKind):
         None, description="random walk of the bias, one sigma, per root hour"
     )
     typical: Typical | None = Field(None, description="for a prediction of a bias ramp")
+
+    @model_validator(mode="after")
+    def _bias_is_within_full_scale(self) -> Kind:
+        if self.typical is not None and abs(self.typical.bias) > self.full_scale:
+            raise ValueError(
+                f"a typical bias of {self.typical.bias:g} A is above the full scale of {self.full_scale:g} A"
+            )
+        return self
 
     def channel_constants(self, levels_A: list[float]) -> dict[str, Any]:
         """Return the constants of one channel for the manifest."""

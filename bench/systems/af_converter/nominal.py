@@ -20,6 +20,8 @@ from bench.systems.af_converter.constants import Campaign
 
 Columns = Mapping[str, NDArray[np.int64]]
 
+_MANY = 100  # pulses in a frame; of more it is their number that counts, not the instant of each
+
 
 @dataclass(frozen=True)
 class Counted:
@@ -81,11 +83,18 @@ def pulses_in(phase: float, grown: float, window: RecordWindow) -> dict[str, int
     Returns: "count" and the keys of a record's timing; the frames of pulses count from 1 in the moments.
     Source:  a pulse comes whenever the charge has grown by another one.
     """
-    numbers = np.arange(np.floor(phase) + 1.0, np.floor(phase + grown) + 1.0)
-    frames = np.minimum(np.floor((numbers - phase) / (grown or 1.0) * window.frames), window.frames - 1.0) + 1.0
-    found: dict[str, Any] = {"count": frames.size, "moment1": frames.sum(), "moment2": (frames**2).sum()}
-    ends = {"first": frames[:1], "last": frames[-1:]}
-    for key, frame in ends.items():
-        found[key] = window.first_counter + frame.item() - 1 if frame.size else -1
-        found[f"at_{key}"] = np.count_nonzero(frames == frame) if frame.size else 0
+    if grown > _MANY * window.frames:
+        each = np.diff(np.floor(phase + grown * np.arange(window.frames + 1) / window.frames))
+        frames = np.flatnonzero(each) + 1
+        counts = each[frames - 1]
+    else:
+        numbers = np.arange(np.floor(phase) + 1.0, np.floor(phase + grown) + 1.0)
+        places = np.minimum(np.floor((numbers - phase) / (grown or 1.0) * window.frames), window.frames - 1.0) + 1.0
+        frames, counts = np.unique(places, return_counts=True)
+    found: dict[str, Any] = {
+        "count": counts.sum(), "moment1": (counts * frames).sum(), "moment2": (counts * frames**2).sum()
+    }  # fmt: skip
+    for key, end in {"first": 0, "last": -1}.items():
+        found[key] = window.first_counter + frames[end] - 1 if frames.size else -1
+        found[f"at_{key}"] = counts[end] if frames.size else 0
     return {key: int(value) for key, value in found.items()}

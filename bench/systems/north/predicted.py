@@ -59,9 +59,12 @@ def predicted(planned: Planned) -> Prediction:
     nominal = _nominal(planned, site)
     if not _has_lock_ins(planned):
         return Prediction([], [say("predicted.no_time_constant")])
+    turning = [north_set for north_set in sets if abs(north_set.rate_deg_s) > 0.0]
+    if not turning:
+        return Prediction([], [say("fault.no_rate")])
     for north_set in sets:
         _fill(north_set, nominal, site)
-    noise_V = max(_output_noise_V(planned, nominal, role, sets) for role in _LOCK_INS)
+    noise_V = max(_output_noise_V(planned, nominal, role, turning[0]) for role in _LOCK_INS)
     solution = solved(sets, site, _waveforms(sets, nominal, site), nominal.swing_deg, noise_V)
     expected = expected_accuracies(solution, limit_deg)
     varying = VARYING in solution.kinds
@@ -102,10 +105,10 @@ def _has_lock_ins(planned: Planned) -> bool:
     return all(_configured(planned, role) is not None for role in _LOCK_INS)
 
 
-def _output_noise_V(planned: Planned, nominal: _Nominal, role: str, sets: Sequence[NorthSet]) -> float:
+def _output_noise_V(planned: Planned, nominal: _Nominal, role: str, north_set: NorthSet) -> float:
     """Return the standard deviation of one output that the noise of the gyroscope leaves, volt RMS."""
     settings = _configured(planned, role) or {}
-    turn_s = 360.0 / abs(sets[0].rate_deg_s)
+    turn_s = 360.0 / abs(north_set.rate_deg_s)
     mean_s = turn_s if settings.get("synchronous") == "on" else 0.0
     poles = int(settings["slope"]) // _DB_PER_POLE
     return lock_in_noise(nominal.noise_V, nominal.rate_Hz, float(settings["time_constant"]), poles, mean_s)

@@ -120,7 +120,7 @@ def north_sets(material: Material) -> list[NorthSet]:
     for north_set in sets.values():
         _fill(north_set, {key[1:]: reading for key, reading in samples.items() if key[0] == id(north_set)})
         north_set.tilt_mrad = _tilt(north_set, material.readings)
-        if math.isnan(north_set.rate_deg_s):
+        if not abs(north_set.rate_deg_s) > 0.0:
             north_set.faults.append(say("fault.no_rate"))
     return sorted(sets.values(), key=lambda north_set: north_set.begin_s)
 

@@ -14,7 +14,7 @@ from units_campaign import CUTS, OF_ONE, compiled_text, cut, single_plan, units_
 
 from bench.commands.check import Request, check
 from bench.maths.verdict import verdict
-from bench.model.errors import FitError
+from bench.model.errors import FitError, InputErrors
 from bench.plan import compile_sequence
 from bench.session.one_unit import session_of_unit
 from bench.session.predicted import chance_of, predicted, predicted_lines
@@ -111,6 +111,13 @@ def test_the_chance_of_a_pass_stands_beside_the_limit(tmp_path: Path) -> None:
     lines = list(predicted_lines(plan, found))
     assert any(line.endswith(f"{100 * min(filter(None, chances)):.3g} % of units pass (50 values)") for line in lines)
     assert "missing: dsf_x, of which a spread is declared, is no result of this plan" in lines
+
+
+@pytest.mark.parametrize("spread", ["-25 ppm", "0 ppm"])
+def test_a_spread_that_is_none_is_refused(tmp_path: Path, spread: str) -> None:
+    cuts = ("uut:\n  model: NGU", f"uut:\n  spread: {{dsf_n_residual: {spread}}}\n  model: NGU")
+    with pytest.raises(InputErrors, match="no standard deviation"):
+        compiled_text(tmp_path, cut("scale_factor_38h", [cuts]), {})
 
 
 def test_a_spread_in_another_unit_is_refused(tmp_path: Path) -> None:

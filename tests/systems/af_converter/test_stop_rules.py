@@ -8,15 +8,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from stop_plan import BY_SCATTER, stopping_plan
-from stop_simulation import K0_C, DECLARED_A_rtHz, Measured, by_noise, by_running_scatter, by_scatter
+from stop_simulation import (
+    K0_C,
+    Charge,
+    DECLARED_A_rtHz,
+    Measured,
+    by_noise,
+    by_running_scatter,
+    by_scatter,
+    decision_level_A,
+)
 
 from bench.maths.verdict import clopper_pearson
-from bench.plan import Plan
+from bench.model.stopping import UNTIL
+from bench.plan import Plan, PlannedDecision
+from bench.run.steps.first_stage import looked_at
 
 BLOCK, SURE, STATED = 100, 0.999, 0.95
 POINTS = [300, pytest.param(2000, marks=pytest.mark.sweep)]
@@ -111,6 +123,19 @@ def test_a_quiet_converter_is_known_better_than_scatter_says(scattered: Plan, co
     points = [one for seed in blocks for one in by_scatter(scattered, np.random.default_rng(seed), BLOCK, as_declared)]
     low, _ = coverage("first stage of a quiet converter", points, 60.0)
     assert low > STATED
+
+
+def test_records_that_do_not_count_are_taken_again(scattered: Plan) -> None:
+    """Of a first stage of 20 records 8 are damaged: the mean rests on the other 12 and those that come behind."""
+    rng = np.random.default_rng(1)
+    decision = next(step for step in scattered.steps if isinstance(step, PlannedDecision) and step.word == UNTIL)
+    record = scattered.steps[decision.arguments["first"][0]]
+    charge = Charge(rng, decision_level_A(scattered, decision), noisy(rng))
+    rows = [charge.record(record) for _ in range(20)]
+    damaged = [replace(row, lost=row.window.frames) if k < 8 else row for k, row in enumerate(rows)]
+    twenty = replace(decision, arguments={**decision.arguments, "first": tuple(range(20)), "least": 20})
+    more, (_, due) = looked_at(damaged, twenty, scattered.campaign)
+    assert more == due["value"] - 12 >= 8
 
 
 def test_stopping_by_the_running_scatter_would_be_seen(scattered: Plan) -> None:

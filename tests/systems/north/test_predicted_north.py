@@ -144,6 +144,15 @@ def test_what_is_not_declared_is_named(left_out: str, sentence: str) -> None:
     assert sentence in found.missing[0]
 
 
+def test_a_table_that_stands_is_named() -> None:
+    planned = thinned("fog_north")
+    windows = [replace(window, conditions={**window.conditions, "rate_deg_s": 0.0}) for window in planned.windows]
+    readings = [replace(reading, conditions={**reading.conditions, "rate_deg_s": 0.0}) for reading in planned.readings]
+    found = predict(replace(planned, windows=windows, readings=readings))
+    assert found.estimates == []
+    assert "which rate" in found.missing[0]
+
+
 def test_without_a_calibration_the_plan_says_so() -> None:
     planned = thinned("fog_north")
     windows = [window for window in planned.windows if window.conditions["item"] != "calibration"]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench.analysis import NOTED, ORDINARY, agreements, expected_at_end, foreseen_name
+from bench.analysis import NOTED, ORDINARY, agreements, by_foreseen_name, expected_at_end
 
 SEED, DRAWS = 20, 20_000
 
@@ -23,9 +23,15 @@ def entry(U: float | None, *, grown: dict[str, float] | None = None, **condition
 def test_what_a_run_measures_of_the_conditions_names_no_estimate() -> None:
     planned = entry(1.0, channel=1, temperature_degC=50.0, unit_temperature_degC=50.0, hours=38.0)
     measured = entry(1.0, channel=1, temperature_degC=50.0, unit_temperature_degC=49.61, hours=38.002)
-    assert foreseen_name(planned) == foreseen_name(measured)
-    assert foreseen_name(planned) != foreseen_name(entry(1.0, channel=2, temperature_degC=50.0))
-    assert foreseen_name(planned) != foreseen_name({**planned, "quantity": "dsf_p"})
+    others = [entry(1.0, channel=2, temperature_degC=50.0), {**planned, "quantity": "dsf_p"}]
+    assert list(by_foreseen_name([planned])) == list(by_foreseen_name([measured]))
+    assert len(by_foreseen_name([planned, *others])) == 3
+
+
+def test_repeats_of_a_channel_are_held_against_their_own_predictions() -> None:
+    before = [entry(1.0, channel=7, hours=8.0), entry(2.0, channel=7, hours=22.0)]
+    after = [entry(3.0, channel=7, hours=7.99), entry(2.0, channel=7, hours=22.1)]
+    assert [pair.ratio for pair in agreements(before, after)] == [3.0, 1.0]
 
 
 def test_the_ratio_and_the_error_that_has_grown() -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from rehearsal import ROOT, rehearsed
 
-from bench.analysis import Estimates, agreements, analyse, foreseen_name
+from bench.analysis import Estimates, agreements, analyse, by_foreseen_name
 from bench.plan import compile_sequence
 from bench.session.expected import expectations, predicted_of
 from bench.session.predicted import predicted
@@ -47,30 +47,29 @@ def test_nothing_is_held_against_a_part_another_method_or_without_a_plan(view: S
         assert predicted_of(without, "gls") == []
         assert expectations(without, stated(view)) == {}
     other = {**view.manifest, "campaign": {**view.manifest["campaign"], "analysis": "gnc_unit_test"}}
-    assert expectations(replace(view, manifest=other), []) == {}
+    assert expectations(replace(view, manifest=other), {}) == {}
 
 
 def test_before_the_first_record_the_end_is_as_predicted(view: SessionView) -> None:
-    found = expectations(replace(view, rows=()), [])
+    found = expectations(replace(view, rows=()), {})
     assert len(found) == len(predicted_of(view, "gls"))
     assert all(expected.at_end_U == expected.predicted["expanded_uncertainty"] for expected in found.values())
 
 
 def test_after_the_last_record_the_end_is_what_is_stated(view: SessionView) -> None:
-    entries = stated(view)
+    entries = by_foreseen_name(stated(view))
     found = expectations(view, entries)
-    for entry in entries:
-        assert found[foreseen_name(entry)].at_end_U == pytest.approx(entry["expanded_uncertainty"], rel=1e-12)
+    for name, entry in entries.items():
+        assert found[name].at_end_U == pytest.approx(entry["expanded_uncertainty"], rel=1e-12)
 
 
 def test_after_the_first_temperature_the_end_is_nearer_than_what_is_known_so_far(view: SessionView) -> None:
     part = replace(view, rows=view.rows[:FIRST_TEMPERATURE])
-    so_far = {foreseen_name(entry): entry["expanded_uncertainty"] for entry in stated(part)}
-    found, end = expectations(part, stated(part)), stated(view)
-    told_at_the_end = {foreseen_name(pair.predicted): pair.grown for pair in agreements(predicted_of(view, "gls"), end)}
+    so_far, end = by_foreseen_name(stated(part)), by_foreseen_name(stated(view))
+    found, pairs = expectations(part, so_far), agreements(predicted_of(view, "gls"), end.values())
+    told_at_the_end = {name: pair.grown for pair in pairs for name in by_foreseen_name([pair.predicted])}
     ratios = {}
-    for entry in end:
-        name = foreseen_name(entry)
+    for name, entry in end.items():
         ratios[name] = entry["expanded_uncertainty"] / found[name].at_end_U
         if not 0.999 < ratios[name] < CLOSE:
             assert told_at_the_end[name] in (SENSOR, DRIFT, STEADY), "nothing else could not be known"
@@ -78,22 +77,25 @@ def test_after_the_first_temperature_the_end_is_nearer_than_what_is_known_so_far
     print(f"within {CLOSE}: {len(near)} of {len(found)}; the others up to {max(ratios.values()):.2f}")
     assert len(near) > 20
     dsf_n = next(name for name in so_far if name[0] == "dsf_n")
-    assert found[dsf_n].at_end_U > 1.05 * so_far[dsf_n], "the drift until the closing repeat is not in it yet"
+    assert found[dsf_n].at_end_U > 1.05 * so_far[dsf_n]["expanded_uncertainty"], (
+        "the drift until the closing repeat is not in it yet"
+    )
 
 
 @pytest.mark.sweep
 def test_what_38_hours_come_to_at_twelve_places_of_them(tmp_path: Path) -> None:
     plan = compile_sequence(ROOT / "sequences" / "scale_factor_38h.yaml", None, {})
     whole = read_view(rehearsed(tmp_path, plan, seed=1).run.folder)
-    end = {foreseen_name(entry): entry["expanded_uncertainty"] for entry in stated(whole)}
+    end = {name: entry["expanded_uncertainty"] for name, entry in by_foreseen_name(stated(whole)).items()}
     ratios: dict[str, list[float]] = {"asymmetry": [], "others": []}
     for share in np.linspace(0.1, 0.95, 12):
         part = replace(whole, rows=whole.rows[: int(len(whole.rows) * share)])
-        for name, expected in expectations(part, stated(part)).items():
+        for name, expected in expectations(part, by_foreseen_name(stated(part))).items():
             assert expected.at_end_U is not None
             kind = "asymmetry" if name[0] == "dsf_asymmetry" else "others"
             ratios[kind].append(expected.at_end_U / end[name])
     near = np.mean(np.abs(np.array(ratios["asymmetry"]) - 1.0) < 0.1)
+    assert near > 0.4
     print(f"expected / achieved: {min(ratios['others']):.3f} to {max(ratios['others']):.3f}; of the asymmetry, whose "
           f"share of the thermometer no plan knows, {100 * near:.0f} % within 10 %")  # fmt: skip
     assert all(0.97 < ratio < 1.035 for ratio in ratios["others"])
@@ -102,6 +104,8 @@ def test_what_38_hours_come_to_at_twelve_places_of_them(tmp_path: Path) -> None:
 def test_what_is_doubtful_has_no_expected_uncertainty(view: SessionView) -> None:
     entries = stated(view)
     entries[0] = {**entries[0], "expanded_uncertainty": None}  # type: ignore[typeddict-item]
-    found = expectations(view, entries)
-    assert found[foreseen_name(entries[0])].at_end_U is None
-    assert found[foreseen_name(entries[1])].at_end_U is not None
+    named = by_foreseen_name(entries)
+    doubtful, sound = list(named)[:2]
+    found = expectations(view, named)
+    assert found[doubtful].at_end_U is None
+    assert found[sound].at_end_U is not None

@@ -19,9 +19,12 @@ _STEPS = {"gyro": "gyro_resolution_deg_s", "accelerometer": "accel_resolution_g"
 
 
 def noise_of(campaign: Mapping[str, Any], kind: str, missing: list[str]) -> SensorNoise | None:
-    """Return the declared noise of the "gyro" or "accelerometer"; None, and what to declare, without one."""
+    """Return the declared noise of the "gyro" or "accelerometer"; None, and what to declare, without one.
+
+    A sensor of no noise and no step would have no uncertainty: it counts as not declared.
+    """
     imu = campaign.get("imu") or {}
-    if _WALKS[kind] not in imu:
+    if not (imu.get(_WALKS[kind], 0.0) or (_WALKS[kind] in imu and imu.get(_STEPS[kind], 0.0))):
         missing.append(say(f"predicted.no_noise.{kind}"))
         return None
     wandering = [(float(size), float(time_s)) for size, time_s in imu.get(f"{SENSORS[kind]}_wandering", ())]
@@ -32,12 +35,14 @@ def noise_of(campaign: Mapping[str, Any], kind: str, missing: list[str]) -> Sens
 def magnetic_noise(campaign: Mapping[str, Any]) -> float:
     """Return the standard deviation of a reading of the magnetometer with its rounding, gauss.
 
-    Raises: FitError B-GNC-008 if it is not declared.
+    Raises: FitError B-GNC-008 if it is not declared, or declared to be nothing.
     """
     imu = campaign.get("imu") or {}
-    if "mag_noise_gauss" not in imu:
+    noise = float(imu.get("mag_noise_gauss", 0.0))
+    rounding = float(imu.get("mag_resolution_gauss", 0.0)) / math.sqrt(12.0) if "mag_noise_gauss" in imu else 0.0
+    if not math.hypot(noise, rounding) > 0.0:
         raise _not_declared("magnetometer_noise", "uut: imu", "0.5 mgauss")
-    return math.hypot(float(imu["mag_noise_gauss"]), float(imu.get("mag_resolution_gauss", 0.0)) / math.sqrt(12.0))
+    return math.hypot(noise, rounding)
 
 
 def field_local_gauss(campaign: Mapping[str, Any]) -> Floats:

@@ -15,6 +15,14 @@ def window(number: int) -> RecordWindow:
     return RecordWindow(number, "port_a", 500 + number * FRAMES, FRAMES, number * 20 * 10**9, (number + 1) * 20 * 10**9)
 
 
+def test_many_pulses_take_no_room() -> None:
+    """A bias of the wrong unit gives more pulses than fit in any memory; each frame has the same number of them."""
+    found = pulses_in(0.25, 5e12, window(0))
+    assert found["count"] == 5_000_000_000_000
+    assert found["moment1"] == pytest.approx(5e12 * (FRAMES + 1) / 2)
+    assert (found["first"], found["at_first"], found["at_last"]) == (500, 2_500_000_000, 2_500_000_000)
+
+
 @pytest.mark.parametrize("per_window", [0.0, 0.3, 6.4, 51.0, 3500.7])
 def test_each_pulse_is_in_its_frame(per_window: float) -> None:
     """The k-th pulse comes when the charge is k quanta; frames are sorted and counted by hand."""

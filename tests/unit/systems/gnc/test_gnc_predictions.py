@@ -49,6 +49,15 @@ def test_a_calibration_follows_the_formulas_of_white_noise(tmp_path: Path) -> No
     np.testing.assert_allclose(stds(found, "accel_scale_error"), due_ppm, rtol=1e-6)
 
 
+def test_noise_of_nothing_is_not_declared(tmp_path: Path) -> None:
+    """A sensor of no noise and no step would have no uncertainty at all."""
+    changes = ("accelerometer_random_walk: 100 ug/sqrt(Hz)", "accelerometer_random_walk: 0 ug/sqrt(Hz)")
+    steps = ("accelerometer_resolution: 1 mg", "accelerometer_resolution: 0 mg")
+    found = predicted(plan_of(tmp_path, "gnc_imu_calibration", changes, steps))
+    assert stds(found, "accel_bias") == []
+    assert any("accelerometers: their noise is not declared" in sentence for sentence in found.missing)
+
+
 def test_a_longer_position_buys_what_its_noise_allows(tmp_path: Path) -> None:
     short, long = (predicted(plan_of(tmp_path, "gnc_imu_calibration", position=time)) for time in ("100 s", "400 s"))
     gain = stds(short, "accel_scale_error")[0] / stds(long, "accel_scale_error")[0]
