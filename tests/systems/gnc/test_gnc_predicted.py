@@ -83,7 +83,7 @@ def test_a_few_calibrations_scatter_as_predicted(sequence: str) -> None:
 @pytest.mark.sweep
 @pytest.mark.parametrize("sequence", ["gnc_imu_calibration", "gnc_imu_calibration_vertical"])
 def test_calibrations_scatter_as_predicted(sequence: str) -> None:
-    found = calibration_study(sequence, 5000, 500)
+    found = calibration_study(sequence, 5000, 1000)
     assert found.outside() == {}
     assert 0.97 < found.median() < 1.03
 
