@@ -18,6 +18,7 @@ from bench.model.errors import InputError
 RANDOM = "random"
 _TARGET = re.compile(r"\s*(\w+)(\.random)?\s*=\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
 _SLACK = 1.0 + 1e-9
+_ALIKE = 1.001  # of an uncertainty that is no larger, to the digits that anybody states
 
 
 class Key(NamedTuple):
@@ -90,8 +91,8 @@ def read_target(text: str, estimates: Estimates) -> Target:
 
 
 def default_targets(wanted: Iterable[tuple[str, str]], known: Mapping[Key, float]) -> list[Target]:
-    """Return as targets what a campaign reaches in the quantities that are wanted, of each kind of channels."""
-    return [Target(key, known[key]) for part in wanted for key in known if key[:2] == part]
+    """Return as targets what a campaign reaches in the quantities that are wanted, of each kind, to a thousandth."""
+    return [Target(key, _ALIKE * known[key]) for part in wanted for key in known if key[:2] == part]
 
 
 def refuse_below_floor(targets: Iterable[Target], estimates: Estimates) -> None:

@@ -23,15 +23,18 @@ CHANNEL = 1
 _LAG_s = 1500.0
 _PROMISED = 7
 _HALVES = (0.4, 1.5, 3.5)  # of three operators, in parts of the half-width
-_DAY_h = 25.0
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
 class Course:
-    """What a world adds to the right one: hours since the first window, temperatures every 2 s, and the unit."""
+    """What a world adds to the right one: hours since the first window, temperatures every 2 s, and the unit.
+
+    ``length_h``: of all windows.
+    """
 
     hours: Array
+    length_h: float
     air_degC: Array
     unit_degC: Array
     unit: sim.Unit
@@ -79,12 +82,14 @@ class SecondLag(World):
 
 class Step(World):
     def added_A(self, at: Course) -> Array:
-        return self.size * at.unit.width_A * (at.hours > 0.6 * _DAY_h)
+        return self.size * at.unit.width_A * (at.hours > 0.6 * at.length_h)
 
 
 class Drift(World):
+    """``size``: within 25 hours."""
+
     def added_A(self, at: Course) -> Array:
-        return self.size * at.unit.width_A * (at.hours / _DAY_h - 0.5)
+        return self.size * at.unit.width_A * (at.hours - at.length_h / 2.0) / 25.0
 
 
 class WidthOverTemperature(World):
@@ -164,8 +169,8 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
 
 def _ramp(seed: int, world: World, *, noise_free: bool) -> sim.Ramp:
     heat, unit = sim.heat(_LAG_s), sim.draw(np.random.default_rng([seed, 1]), "gyro")
-    first = heat.windows[0]
-    course = Course((heat.t_s - heat.t_s[first]) / 3600.0, heat.air_degC, heat.unit_degC, unit)
+    hours = (heat.t_s - heat.t_s[heat.windows[0]]) / 3600.0
+    course = Course(hours, float(hours[heat.windows[-1]]), heat.air_degC, heat.unit_degC, unit)
     return sim.ramp(seed, unit=unit, noise=not noise_free, quantised=not noise_free, added_A=world.added_A(course))
 
 

@@ -32,6 +32,30 @@ def place(entry: Mapping[str, Any]) -> Place:
 
 def errors_of(seed: int, kinds: Mapping[str, Typical], lag_s: float) -> dict[Place, float]:
     """Return estimate minus truth of every quantity of a campaign: one channel of each kind."""
+    return {where: error for where, (error, _) in stated_errors(seed, kinds, lag_s).items()}
+
+
+def stated_errors(seed: int, kinds: Mapping[str, Typical], lag_s: float) -> dict[Place, tuple[float, float]]:
+    """Return estimate minus truth of every quantity of a campaign, and the expanded uncertainty that it states."""
+    ramps, records, constants, fits = _fitted(seed, kinds, lag_s)
+    pairs: list[tuple[Mapping[str, Any], float]] = []
+    for fit, one in zip(fits, ramps, strict=True):
+        pairs += [(entry, _truth(entry, fit, one, constants)) for entry in channel_estimates(fit, constants, 0)]
+    for entry in noise_estimates(channel_noise(fits, records)):
+        pairs.append((entry, {"white_noise": WHITE_A_rts, "random_walk": WALK_A_rth}.get(entry["quantity"], 0.0)))
+    clock = fit_master_clock(records, constants, {})
+    for entry in master_clock_estimates(clock, (-10.0, 20.0, 50.0), 0):
+        at = entry["conditions"].get("temperature_degC", 20.0)
+        order = int(entry["quantity"][-1]) if "_tc" in entry["quantity"] else None
+        true_ppm = np.polynomial.polynomial.polyval(at - 20.0, MASTER_ppm) if order is None else MASTER_ppm[order]
+        pairs.append((entry, float(true_ppm)))
+    return {place(entry): (entry["value"] - truth, entry["expanded_uncertainty"]) for entry, truth in pairs}
+
+
+def _fitted(
+    seed: int, kinds: Mapping[str, Typical], lag_s: float
+) -> tuple[list[Ramp], Any, Campaign, list[ChannelFit]]:
+    """Return the ramps of a campaign, its records, its constants, and the fits to them."""
     rng = np.random.default_rng([seed, 46])
     sensor_degC, generator = rng.normal(0, SENSOR_STD_degC), rng.uniform(-GENERATOR, GENERATOR)
     ramps = {
@@ -49,20 +73,7 @@ def errors_of(seed: int, kinds: Mapping[str, Typical], lag_s: float) -> dict[Pla
         fit_channel(readings, records, trace, drive, constants, JOINT)
         for readings in channel_readings(records, constants).values()
     ]
-    errors: dict[Place, float] = {}
-    for fit, one in zip(fits, ramps.values(), strict=True):
-        for entry in channel_estimates(fit, constants, 0):
-            errors[place(entry)] = entry["value"] - _truth(entry, fit, one, constants)
-    for entry in noise_estimates(channel_noise(fits, records)):
-        truth = {"white_noise": WHITE_A_rts, "random_walk": WALK_A_rth}.get(entry["quantity"], 0.0)
-        errors[place(entry)] = entry["value"] - truth
-    clock = fit_master_clock(records, constants, {})
-    for entry in master_clock_estimates(clock, (-10.0, 20.0, 50.0), 0):
-        at = entry["conditions"].get("temperature_degC", 20.0)
-        order = int(entry["quantity"][-1]) if "_tc" in entry["quantity"] else None
-        true_ppm = np.polynomial.polynomial.polyval(at - 20.0, MASTER_ppm) if order is None else MASTER_ppm[order]
-        errors[place(entry)] = entry["value"] - float(true_ppm)
-    return errors
+    return list(ramps.values()), records, constants, fits
 
 
 def _ramp(seed: int, kind: str, typical: Typical, lag_s: float, dsf: float) -> Ramp:
@@ -100,7 +111,8 @@ def _residual_error(fit: ChannelFit, one: Ramp, constants: Campaign) -> float:
     seen_A = true_A / (1.0 + one.unit.dsf)
     left_A = compensated_A(fit, constants)
     hour = ((gates.middle_s - gates.start_s[0]) // 3600.0).astype(int)
-    means = np.bincount(hour, left_A * gate_s) / np.bincount(hour, gate_s)
+    length_s = np.bincount(hour, gate_s)
+    means = np.bincount(hour, left_A * gate_s) / length_s * (length_s >= 1800.0)  # less than half an hour is none
     error_A = fit.readings.bias_A - seen_A - one.unit.dsf * (left_A - fit.readings.bias_A + seen_A)
     inside = hour == np.argmax(np.abs(means))
     return float(np.average(error_A[inside], weights=gate_s[inside]))

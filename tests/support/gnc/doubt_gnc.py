@@ -28,7 +28,7 @@ from bench.systems.gnc.magnetometer import analyse as analyse_magnetometer
 
 SYSTEM = "gnc"
 PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
-RATE_Hz, REST_s, TURN_s, SPIN_s, CONE_s = 200.0, 3.0, 8.0, 8.0, 3.0
+RATE_Hz, SPIN_s, CONE_s = 200.0, 8.0, 3.0
 RATE_deg_s = 370.0
 POSE = {"middle": -37.5, "outer": -20.0}  # inner axis along that of the Earth
 MAG_NOISE_gauss = 5e-4
@@ -38,6 +38,7 @@ CONES_deg = (50.0, 20.0, -10.0, -35.0, -60.0, -85.0, 70.0)
 FINE, FREE = 1e-9, 1e-3  # step of the output, and part of the noise that is left, in a noise-free world
 TRIADS = ("accel_matrix", "accel_bias", "accel_scale_error", "accel_cross_coupling",
           "gyro_matrix", "gyro_bias", "gyro_scale_error", "gyro_cross_coupling")  # fmt: skip
+OF_TRIADS, OF_FIELD = 2 * (9 + 3 + 3 + 6), 2 * 4 + 3 + 6  # estimates that are promised
 FIELDS = ("mag_offset", "mag_gain", "mag_angle", "mag_hard_iron", "mag_soft_iron")
 
 
@@ -73,6 +74,25 @@ SIGMA = {
 }  # of one sample
 
 
+@dataclass(frozen=True)
+class Form:
+    """Lengths of the records of both sets of positions and of a turn, which moves for ``moving_s`` after a second.
+
+    ``magnetic``: whether the turn in the Earth's field and the attitudes follow.   ``of_a_plan``: the noise of a record
+    is that of its number, so that records of equal lengths have the same by every plan.
+    """
+
+    positions_s: tuple[float, float] = (3.0, 3.0)
+    turn_s: float = 8.0
+    moving_s: float = 5.0
+    turn_deg: float = 1080.0
+    magnetic: bool = True
+    of_a_plan: bool = False
+
+
+SHORT = Form()
+
+
 @dataclass
 class Bench:
     """Makes the records of one campaign; ``stated``: what kind each shows, and its input by the conditions, (n, 3)."""
@@ -80,6 +100,8 @@ class Bench:
     rng: np.random.Generator
     world: World
     noisy: bool
+    form: Form = SHORT
+    seed: int = 0
     unit: imu.Unit = field(default_factory=imu.Unit)
     rows: list[RecordRow] = field(default_factory=list)
     stated: list[tuple[str, Any]] = field(default_factory=list)
@@ -89,9 +111,9 @@ class Bench:
         """Return how many records of a kind there are."""
         return sum(before == kind for before, _ in self.stated)
 
-    def position(self, up: str) -> None:
+    def position(self, up: str, seconds: float) -> None:
         outer, middle, inner = imu.POSES[up]
-        number, n = self.number("accel"), round(REST_s * RATE_Hz)
+        number, n = self.number("accel"), round(seconds * RATE_Hz)
         stated = imu.to_local(outer, middle, inner, "x").T @ np.array([0.0, 0.0, imu.SITE["gravity_m_s2"] / 9.80665])
         force = np.tile(self.world.gravity_g(stated, number), (n, 1))
         output = self.world.accelerometer(force @ self.unit.accel_S.T + self.unit.accel_bias_g, force, number)
@@ -100,7 +122,7 @@ class Bench:
         self.add("accel", output, number, np.tile(stated, (n, 1)), about)
 
     def turn(self, axis: str, turn_deg: float) -> None:
-        number, n = self.number("gyro"), round(TURN_s * RATE_Hz)
+        number, n = self.number("gyro"), round(self.form.turn_s * RATE_Hz)
         true = self.rates(axis, self.world.turned_deg(turn_deg, number), n)
         output = self.world.gyro((true + self.unit.gyro_bias_deg_s) @ self.unit.gyro_S.T, true, number)
         about = {"item": "rotation", "axis": axis, "turn_deg": turn_deg, "turned": "inner", "mounting": axis}
@@ -108,8 +130,8 @@ class Bench:
         self.add("gyro", output, number, self.rates(axis, turn_deg, n), about)
 
     def rates(self, axis: str, turn_deg: float, n: int) -> Any:
-        """Return rates in body axes, (n, 3), of three turns within 5 s after 1 s of rest."""
-        angle = np.interp(np.arange(n + 1) / RATE_Hz, [1.0, 6.0], [0.0, turn_deg])
+        """Return rates in body axes, (n, 3), of whole turns after 1 s of rest."""
+        angle = np.interp(np.arange(n + 1) / RATE_Hz, [1.0, 1.0 + self.form.moving_s], [0.0, turn_deg])
         rates = np.zeros((n, 3))
         rates[:, "xyz".index(axis)] = np.diff(angle) * RATE_Hz
         middle = (angle[1:] + angle[:-1]) / 2.0
@@ -128,10 +150,11 @@ class Bench:
 
     def add(self, kind: str, output: Any, number: int, stated: Any, about: Mapping[str, Any]) -> None:
         """Add a record of one sensor with noise; the others show nothing but theirs."""
+        rng = np.random.default_rng([self.seed, len(self.rows)]) if self.form.of_a_plan else self.rng
         n, columns, scales = len(output), {"temperature": np.full(len(output), 2500, np.int16)}, dict(imu.SCALES)
         for name, sigma in SIGMA.items():
             clean = output if name == kind else np.zeros((n, 3))
-            seen = clean + self.rng.normal(0.0, sigma if self.noisy else FREE * sigma, (n, 3))
+            seen = clean + rng.normal(0.0, sigma if self.noisy else FREE * sigma, (n, 3))
             seen = self.world.read(kind, seen, number) if name == kind else seen
             step = imu.SCALES[name][0] if self.noisy else FINE
             scales[name] = (step, *imu.SCALES[name][1:])
@@ -153,30 +176,31 @@ class Bench:
         return Material(rows, campaign | ({"imu": imu.IMU} if self.noisy else {}), {})
 
 
-def recorded(seed: int, world: World, *, noisy: bool = True) -> Bench:
+def recorded(seed: int, world: World, *, noisy: bool = True, form: Form = SHORT) -> Bench:
     """Return the records of one campaign."""
-    bench = Bench(np.random.default_rng(seed), world, noisy)
-    for _ in range(2):
+    bench = Bench(np.random.default_rng(seed), world, noisy, form, seed)
+    for seconds in form.positions_s:
         for up in imu.POSES:
-            bench.position(up)
+            bench.position(up, seconds)
         for axis in "xyz":
             for sign in (1.0, -1.0):
-                bench.turn(axis, sign * 1080.0)
-    bench.magnetic("magnetometer", 0.0, SPIN_s)
-    for height_deg in CONES_deg:
-        bench.magnetic("attitudes", height_deg, CONE_s)
+                bench.turn(axis, sign * form.turn_deg)
+    if form.magnetic:
+        bench.magnetic("magnetometer", 0.0, SPIN_s)
+        for height_deg in CONES_deg:
+            bench.magnetic("attitudes", height_deg, CONE_s)
     return bench
 
 
-def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False) -> Seen:
+def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False, form: Form = SHORT) -> Seen:
     """Return what one campaign states and its truth; without a switch that of the same seed in a right world."""
-    bench = recorded(seed, World() if switch is None else switch.world(size), noisy=not noise_free)
+    bench = recorded(seed, World() if switch is None else switch.world(size), noisy=not noise_free, form=form)
     entries: list[Any] = []
     fitted: dict[tuple[Any, ...], Any] = {}
     for analyse, name, kinds, quantities in (
         (analyse_calibration, "imu_calibration", ("accel", "gyro"), TRIADS),
         (analyse_magnetometer, "magnetometer", ("mag",), FIELDS),
-    ):
+    )[: 1 + form.magnetic]:
         try:
             analysis = analyse(bench.material(name, kinds))
         except FitError:
@@ -185,7 +209,8 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
         document = build_results("doubt", analysis, {"records": len(bench.rows)}, PROVENANCE)
         entries += [entry for entry in document["estimates"] if entry["quantity"] in quantities]
     chi2, dof = trace(bench, fitted)
-    return Seen(entries, [truth(bench.unit, entry) for entry in entries], chi2, dof, PROMISED)
+    promised = OF_TRIADS + OF_FIELD * form.magnetic
+    return Seen(entries, [truth(bench.unit, entry) for entry in entries], chi2, dof, promised)
 
 
 def place_of(entry: Any) -> tuple[Any, ...]:
@@ -257,6 +282,3 @@ def left_over(kind: str, output: Any, stated: Any, values: Mapping[tuple[Any, ..
     except KeyError:
         return None
     return output @ matrix.T + sign * bias - stated
-
-
-PROMISED = 2 * (9 + 3 + 3 + 6) + 2 * 4 + 3 + 6

@@ -50,7 +50,11 @@ class Taken:
 
 def plan_of(sequence: str, rate_Hz: float = 200.0, **settings: str) -> Plan:
     """A shipped sequence, its samples at another rate."""
-    plan = compile_sequence(ROOT / "sequences" / f"{sequence}.yaml", None, settings)
+    return at_rate(compile_sequence(ROOT / "sequences" / f"{sequence}.yaml", None, settings), rate_Hz)
+
+
+def at_rate(plan: Plan, rate_Hz: float = 200.0) -> Plan:
+    """A compiled plan, its samples at a rate."""
     return replace(plan, campaign={**plan.campaign, "rate_Hz": rate_Hz})
 
 

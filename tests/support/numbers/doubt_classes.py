@@ -42,12 +42,27 @@ class Seen:
 
 def sorted_classes(wrong: Seen, right: Seen) -> Counter[str]:
     """Return how many estimates of a wrong world are in each class, held against the same seed in a right world."""
-    before = {_name(entry): (entry, truth) for entry, truth in zip(right.entries, right.truths, strict=True)}
-    counted: Counter[str] = Counter()
-    for entry, truth in zip(wrong.entries, wrong.truths, strict=True):
-        counted[class_of(entry, truth, *before.get(_name(entry), (None, truth)))] += 1
+    counted = Counter(kind for _, kind in named_classes(wrong, right))
     counted[REFUSED] += wrong.promised - len(wrong.entries)
     return counted
+
+
+def named_classes(wrong: Seen, right: Seen) -> list[tuple[tuple[Any, ...], str]]:
+    """Return the name and the class of each estimate of a wrong world that has one."""
+    before = {_name(entry): (entry, truth) for entry, truth in zip(right.entries, right.truths, strict=True)}
+    return [
+        (_name(entry), class_of(entry, truth, *before.get(_name(entry), (None, truth))))
+        for entry, truth in zip(wrong.entries, wrong.truths, strict=True)
+    ]
+
+
+def newly_believed(given: tuple[Seen, Seen], planned: tuple[Seen, Seen]) -> list[tuple[Any, ...]]:
+    """Return the estimates that are confidently wrong by a plan and that the given one refuses, doubts or widens.
+
+    Args:    given, planned: of each plan a campaign in a wrong world, and the same seed in a right one.
+    """
+    believed = {name for name, kind in named_classes(*given) if kind not in (WIDE, DOUBTED, REFUSED)}
+    return [name for name, kind in named_classes(*planned) if kind == WRONG and name not in believed]
 
 
 def class_of(entry: Any, truth: float, before: Any, truth_before: float) -> str:

@@ -23,11 +23,15 @@ def key_of(entry: Mapping[str, Any]) -> Key:
 
 @dataclass
 class Study:
-    """Errors of the estimates over their predicted standard uncertainties, one of each campaign."""
+    """Errors of the estimates over their predicted standard uncertainties, one of each campaign.
+
+    ``held``: whether the interval of 95 % that each campaign states holds the truth.
+    """
 
     prediction: Prediction
     scores: dict[Key, list[float]] = field(default_factory=dict)
     stated: dict[Key, list[float]] = field(default_factory=dict)
+    held: dict[Key, list[bool]] = field(default_factory=dict)
 
     def add(self, estimates: Estimates, truth: Mapping[Key, float]) -> None:
         """Take a campaign in; each estimate with a truth must be predicted."""
@@ -35,7 +39,9 @@ class Study:
         for entry in estimates:
             key = key_of(entry)
             if key in truth:
-                self.scores.setdefault(key, []).append((entry["value"] - truth[key]) / predicted[key])
+                error = entry["value"] - truth[key]
+                self.scores.setdefault(key, []).append(error / predicted[key])
+                self.held.setdefault(key, []).append(abs(error) <= entry["expanded_uncertainty"])
                 self.stated.setdefault(key, []).append(entry["std_uncertainty"] / predicted[key])
 
     def ratios(self) -> dict[Key, float]:
@@ -52,6 +58,19 @@ class Study:
                 found[key] = ratio
         return found
 
+    def counts(self) -> dict[Key, int]:
+        """Return of each place in how many campaigns the interval holds the truth."""
+        return {key: sum(held) for key, held in self.held.items()}
+
+    def uncovered(self) -> dict[Key, int]:
+        """Counts outside of the 99.9 % band of a binomial of 95 %."""
+        found = {}
+        for key, count in self.counts().items():
+            low, high = stats.binom.interval(PROBABILITY, len(self.held[key]), 0.95)
+            if not low <= count <= high:
+                found[key] = count
+        return found
+
     def median(self) -> float:
         return float(np.median(list(self.ratios().values())))
 
@@ -60,11 +79,12 @@ class Study:
         by_quantity: dict[str, list[Key]] = {}
         for key in self.scores:
             by_quantity.setdefault(key[0], []).append(key)
-        ratios = self.ratios()
+        ratios, counts = self.ratios(), self.counts()
         for quantity, keys in by_quantity.items():
             own = [ratios[key] for key in keys]
             stated = np.sqrt(np.mean([np.square(self.stated[key]) for key in keys]))
             yield (
                 f"{quantity}: spread / predicted {min(own):.3f} to {max(own):.3f}, median {np.median(own):.3f} "
-                f"({len(keys)} places, {len(self.scores[keys[0]])} campaigns); stated / predicted {stated:.3f} rms"
+                f"({len(keys)} places, {len(self.scores[keys[0]])} campaigns); stated / predicted {stated:.3f} rms; "
+                f"{min(map(counts.__getitem__, keys))} to {max(map(counts.__getitem__, keys))} intervals hold the truth"
             )

@@ -2,60 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
 import pytest
-from gnc_campaigns import (
-    Key,
-    Module,
-    bias_truth,
-    calibration_truth,
-    campaign,
-    left_by,
-    magnetometer_truth,
-    material_of,
-    plan_of,
-    records_of,
-)
+from gnc_campaigns import bias_truth, magnetometer_truth, plan_of
+from gnc_study import calibration_study, study
 from spread_study import Study
 
-from bench.analysis import Analysis, Material
-from bench.plan import Plan
-from bench.session.predicted import predicted
 from bench.systems.gnc import bias, magnetometer
-from bench.systems.gnc.calibration import analysis as calibration
 
 SHORT = {"position": "60 s", "check_position": "20 s"}
-
-
-def study(
-    plan: Plan,
-    analyse: Callable[[Material], Analysis],
-    truth: Callable[[Module, Analysis], Mapping[Key, float]],
-    first_seed: int,
-    units: int,
-) -> Study:
-    """Units of seeds that follow each other."""
-    found = Study(predicted(plan))
-    records = records_of(plan)
-    for seed in range(first_seed, first_seed + units):
-        module = campaign(records, seed, plan.campaign["rate_Hz"])
-        analysis = analyse(material_of(plan, module))
-        found.add(analysis.estimates, truth(module, analysis))
-    print(f"seeds {first_seed} to {first_seed + units - 1}")
-    print(*found.lines(), sep="\n")
-    print(f"median of {len(found.scores)} quantities {found.median():.3f}; outside of 99.9 %: {found.outside()}")
-    return found
-
-
-def calibration_study(sequence: str, first_seed: int, units: int) -> Study:
-    return study(
-        plan_of(sequence, **SHORT),
-        calibration.analyse,
-        lambda module, analysis: calibration_truth(module) | left_by(module, analysis.estimates),
-        first_seed,
-        units,
-    )
 
 
 def bias_study(first_seed: int, units: int) -> Study:
@@ -74,7 +28,7 @@ def magnetometer_study(first_seed: int, units: int) -> Study:
 
 @pytest.mark.parametrize("sequence", ["gnc_imu_calibration", "gnc_imu_calibration_vertical"])
 def test_a_few_calibrations_scatter_as_predicted(sequence: str) -> None:
-    found = calibration_study(sequence, 5000, 2)
+    found = calibration_study(plan_of(sequence, **SHORT), 5000, 2)
     assert found.prediction.missing == []
     assert len(found.scores) == len(found.prediction.estimates) == 60
     assert found.outside() == {}
@@ -83,7 +37,7 @@ def test_a_few_calibrations_scatter_as_predicted(sequence: str) -> None:
 @pytest.mark.sweep
 @pytest.mark.parametrize("sequence", ["gnc_imu_calibration", "gnc_imu_calibration_vertical"])
 def test_calibrations_scatter_as_predicted(sequence: str) -> None:
-    found = calibration_study(sequence, 5000, 1000)
+    found = calibration_study(plan_of(sequence, **SHORT), 5000, 1000)
     assert found.outside() == {}
     assert 0.97 < found.median() < 1.03
 

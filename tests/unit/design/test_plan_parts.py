@@ -58,7 +58,7 @@ def test_targets_are_read_and_held_against_the_largest_uncertainty() -> None:
     assert misses([target], known) == ["dsf_n is 22, not 21.5"]
     assert read_target("dsf_n.random = 0.6", estimates).key.part == "random"
     given = default_targets([("dsf_n", "")], known)
-    assert {target.key.kind: target.U for target in given} == pytest.approx({"gyro": 22.0, "accelerometer": 21.0})
+    assert {target.key.kind: target.U for target in given} == pytest.approx({"gyro": 22.022, "accelerometer": 21.021})
     assert all(target.holds(known) for target in given)
     std_ppm = math.sqrt((22.0 / 1.959963984540054) ** 2 - 10.0**2)
     assert known[Key("dsf_n", "random", "gyro")] == pytest.approx(1.959963984540054 * std_ppm)

@@ -1,4 +1,4 @@
-"""Calibrations that may stand in place of a given one: other lengths of its records, and more or fewer whole turns.
+"""Calibrations that may stand in place of a given one: other lengths of its records, and fewer whole turns.
 
 Poses, their order, rates and the times in which the table comes to rest stay. Both sets stay whole, since the fit takes
 the first record of each pose and turn, and the second one only to check it: a third would be of no use.
@@ -42,7 +42,6 @@ _SHORTEST_s, _STEP_s = 20.0, 1.0  # of positions: 20 means of a second tell thei
 _CHECKS_s = 20.0, 30.0, 40.0, 50.0  # beside that of today
 _TURN_STEP_s = 0.5
 _SPARE_s = 7.0  # of a record beside its turn: the commands of the table, 4 s, and the rest that tells the noise
-_MOST_TURNS = 10
 _LONGEST_TURN_s = 8.0  # that a turn may keep the table's driver
 _USE_OF_LIMIT = 0.1  # by the uncertainty of what the second set is held against
 _NEARLY = 0.999  # of an uncertainty that is computed without a fit
@@ -121,7 +120,7 @@ class Calibrations:
 
     def _counts(self, turn_s: float) -> list[int]:
         """Return how many turns a record of a length may hold, the most first: of equal hours they say most."""
-        return [turns for turns in range(_MOST_TURNS, 0, -1) if not self._broken_turns(turns, turn_s)]
+        return [turns for turns in range(self.today[0].turns, 0, -1) if not self._broken_turns(turns, turn_s)]
 
     def lengths_s(self, candidate: Candidate) -> Sequence[float]:
         """Return whole seconds up to twice the given length."""
@@ -179,7 +178,12 @@ class Calibrations:
         return sentences or [*self._unjudged(candidate, length_s), *self._unseen(candidate, length_s)]
 
     def _broken_turns(self, turns: int, turn_s: float) -> list[str]:
-        moving_s, sentences = self._turn_s(turns), []
+        """Return what is wrong with turns. The more there are, the less of their angle is the error of one that ends
+        off it, which moves the scale factor by more than its U before the sets differ.
+        """
+        moving_s, most, sentences = self._turn_s(turns), self.today[0].turns, []
+        if turns > most:
+            sentences.append(f"{turns} turns hide by how much one of them ends off its angle better than {most} do")
         if moving_s > _LONGEST_TURN_s:
             sentences.append(f"{turns} turns take {moving_s:.3g} s, longer than {_LONGEST_TURN_s:g} s")
         if turn_s < self._call_s:

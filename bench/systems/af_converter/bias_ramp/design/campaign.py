@@ -15,21 +15,18 @@ from itertools import product
 from typing import Any
 
 import numpy as np
-from scipy import special
 
-from bench.analysis import FALSE_DOUBT, Estimates, Planned, Trace
+from bench.analysis import Estimates, Planned, Trace
 from bench.design import Given, Key, Power, SequenceText, reached
 from bench.model.errors import InputError
 from bench.model.units import format_quantity, parse_quantity
 from bench.plan import CHAMBER, Plan
+from bench.systems.af_converter.bias_ramp.design.rivals import PARAMETERS, Rivals
 from bench.systems.af_converter.bias_ramp.design.template import HOLDS, Template, template_of, write_steps
-from bench.systems.af_converter.bias_ramp.evidence import CHECKS, listed_rivals
-from bench.systems.af_converter.bias_ramp.fit import ChannelFit, FOLLOWS_degC
+from bench.systems.af_converter.bias_ramp.evidence import CHECKS
+from bench.systems.af_converter.bias_ramp.fit import FOLLOWS_degC
 from bench.systems.af_converter.bias_ramp.predicted import Fitted, channels_predicted, fitted
 from bench.systems.af_converter.constants import read_campaign
-from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
-from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
-from bench.systems.af_converter.estimators.hysteresis.rivals import PLAYS
 from bench.systems.af_converter.wording import kind_name
 
 LEAST_POWER = 0.9
@@ -37,14 +34,6 @@ _LAGS = 4.0  # of a hold: 2 % of what trails is left
 _AHEAD_min = 10.0  # of the converters, which the unit's sensor may be for the fit to believe it
 _COARSE, _FINE = 2, 1  # steps of a rate, hundredths of a degC/min
 _HOLD_STEP = 6  # windows
-_NOT_MISSED = 1e3  # noncentrality: seen by any check
-_PARAMETERS = {  # of the fit, and how many of its unit are one of the estimate's
-    "bias": ("b0", 1.0),
-    "bias_tc1": ("b1", 1.0),
-    "hysteresis_width": (WIDTH, 1.0),
-    "play_half_width": (HALF_WIDTH, 1.0),
-    "thermal_lag": (LAG, 60.0),
-}
 _NOISE = ("white_noise", "random_walk")
 
 
@@ -64,7 +53,7 @@ def design(given: Given) -> Ramps:
 class Ramps:
     """The problem as the search sees it (``bench.design.Problem``)."""
 
-    wanted = tuple((quantity, "") for quantity in _PARAMETERS)
+    wanted = tuple((quantity, "") for quantity in PARAMETERS)
 
     def __init__(self, given: Given, template: Template) -> None:
         """Take a ramp apart. Raises: InputError B-DES-004 if its unit is not declared."""
@@ -81,7 +70,9 @@ class Ramps:
         self.today = Candidate(template.rates, template.holds), template.window_s
         self._fitted = lru_cache(maxsize=8)(self._fit)
         self.estimates = lru_cache(maxsize=4096)(self._estimates)
+        self.rivals = lru_cache(maxsize=8)(self._rivals)
         self.powers = lru_cache(maxsize=4096)(self._powers)
+        self.rhythm_powers = lru_cache(maxsize=4096)(self._rhythm_powers)
 
     @property
     def _least_holds(self) -> tuple[int, int, int]:
@@ -101,8 +92,8 @@ class Ramps:
         yield from sorted(allowed, key=lambda each: (self._windows_of(each), each.rates, each.holds))
 
     def moves(self, candidate: Candidate) -> Iterator[Candidate]:
-        """Yield the ramp with other rates, or with another hold and the rates that may pay for it."""
-        for up, down in product((-_FINE, 0, _FINE), repeat=2):
+        """Yield the ramp with another rate, with other holds, or with holds that may pay for a rate."""
+        for up, down in ((0, 0), (-_FINE, 0), (_FINE, 0), (0, -_FINE), (0, _FINE)):
             rates = candidate.rates[0] + up, candidate.rates[1] + down
             found = [Candidate(rates, holds) for holds in _holds_beside(candidate.holds)]
             yield from (each for each in found if not self._broken_form(each))
@@ -138,7 +129,7 @@ class Ramps:
     def broken(self, candidate: Candidate, length_s: float) -> list[str]:
         """Return the rules that a ramp breaks."""
         sentences = self._broken_form(candidate)
-        return sentences or self._unseen(candidate, length_s)
+        return sentences or self._unseen(candidate, length_s) or self._unseen_rhythms(candidate, length_s)
 
     def _broken_form(self, candidate: Candidate) -> list[str]:
         sentences = [
@@ -166,10 +157,20 @@ class Ramps:
             for rate, hold_s in zip(candidate.rates, holds_s, strict=True)
         )
 
+    def _rivals(self, candidate: Candidate, length_s: float) -> dict[str, Rivals]:
+        """Return what could stand beside the fit of each kind."""
+        ramp, entries = self._fitted(candidate), self.estimates(candidate, length_s)
+        return {kind: Rivals(channel, ramp, entries, self._checks) for kind, channel in ramp.fits.items()}
+
     def _powers(self, candidate: Candidate, length_s: float) -> list[Power]:
-        ramp = self._fitted(candidate)
-        entries = self.estimates(candidate, length_s)
-        return [power for channel in ramp.fits.values() for power in _powers(channel, ramp, entries, self._checks)]
+        return [power for rivals in self.rivals(candidate, length_s).values() for power in rivals.powers()]
+
+    def _rhythm_powers(self, candidate: Candidate, length_s: float) -> dict[tuple[str, int], float]:
+        """Return how surely a daily rhythm is seen that puts a result 1.5 U off, by kind and hour of the day."""
+        rivals = self.rivals(candidate, length_s)
+        return {
+            (kind, hour): power for kind in rivals for hour, power in enumerate(rivals[kind].rhythm_powers().tolist())
+        }
 
     def _unseen(self, candidate: Candidate, length_s: float) -> list[str]:
         """Return the rivals that the given ramp shows and this one does not."""
@@ -178,6 +179,15 @@ class Ramps:
             f"{power.rival} that costs 1 U of {power.quantity} is seen with probability {power.power:.2f}"
             for power in self.powers(candidate, length_s)
             if power.power < LEAST_POWER <= today.get((power.rival, power.quantity), 0.0)
+        ]
+
+    def _unseen_rhythms(self, candidate: Candidate, length_s: float) -> list[str]:
+        """Return the hours at which a rhythm of a day begins that the given ramp shows and this one does not."""
+        today = self.rhythm_powers(*self.today)
+        return [
+            f"a daily rhythm ({kind}), begun at hour {hour}, that puts a result 1.5 U off is seen with {power:.2f}"
+            for (kind, hour), power in self.rhythm_powers(candidate, length_s).items()
+            if power < LEAST_POWER <= today[kind, hour]
         ]
 
     def told(self, candidate: Candidate, length_s: float) -> dict[str, str]:
@@ -220,51 +230,10 @@ class Ramps:
 
 
 def _holds_beside(holds: tuple[int, int, int]) -> Iterator[tuple[int, int, int]]:
-    """Yield the holds themselves, then with each of them shorter and longer."""
-    yield holds
-    for place, step in product(range(len(HOLDS)), (-_HOLD_STEP, _HOLD_STEP)):
-        start, top, end = (hold + step * (number == place) for number, hold in enumerate(holds))
+    """Yield the holds themselves, then with any of them shorter or longer."""
+    for steps in product((0, -_HOLD_STEP, _HOLD_STEP), repeat=len(HOLDS)):
+        start, top, end = (hold + step for hold, step in zip(holds, steps, strict=True))
         yield start, top, end
-
-
-def _powers(channel: ChannelFit, ramp: Fitted, entries: Estimates, checks: int) -> Iterator[Power]:
-    """Yield how surely each rival would be seen at its worst place, were it large enough to cost 1 U.
-
-    Args:    entries: of the ramp, which hold U.   checks: of the campaign, which share the chance of a false doubt.
-    Source:  likelihood ratio of further columns; noncentral chi-square: Scheffé, The Analysis of Variance (1959), 2.8.
-    """
-    base, listed = listed_rivals(channel, ramp.drive)
-    whiten, kind = channel.readings.noise.whiten, channel.readings.channel.kind
-    white = whiten(base.columns)
-    scale = np.linalg.norm(white, axis=0)
-    basis, triangle = np.linalg.qr(white / scale)
-    for rival in listed:
-        added = rival.candidates[0].shape[1]
-        effect = whiten(np.column_stack(rival.candidates))
-        inside = basis.T @ effect
-        seen = np.sum((effect - basis @ inside) ** 2, axis=0)  # what the fit leaves of each column, per size squared
-        moves = np.linalg.solve(triangle, inside) / scale[:, None]
-        if rival.name == PLAYS:
-            moves[base.names.index(WIDTH)] -= 1.0  # the width of a unit is that of all its play operators
-        limit = special.chdtri(added, FALSE_DOUBT / (checks * len(rival.candidates)))
-        for quantity, (parameter, in_unit) in _PARAMETERS.items():
-            U = in_unit * _at_reference(entries, quantity, channel)
-            size = U / np.maximum(np.abs(moves[base.names.index(parameter)]), 1e-300)
-            noncentrality = min(float(np.min(seen * size**2)), _NOT_MISSED)
-            power = float(1.0 - special.chndtr(limit, added, noncentrality))
-            yield Power(f"{rival.name} ({kind})", quantity, power)
-
-
-def _at_reference(entries: Estimates, quantity: str, channel: ChannelFit) -> float:
-    """Return U of a quantity of a channel at the reference temperature, infinite if the ramp does not tell it."""
-    number, at_degC = channel.readings.channel.number, channel.fit.reference_degC
-    conditions = [(entry, entry["conditions"]) for entry in entries if entry["quantity"] == quantity]
-    found = [
-        entry["expanded_uncertainty"]
-        for entry, of_entry in conditions
-        if of_entry["channel"] == number and of_entry.get("temperature_degC", at_degC) == at_degC
-    ]
-    return max(found, default=math.inf)
 
 
 def _one_of_each_kind(campaign: Mapping[str, Any]) -> dict[str, Any]:
