@@ -27,10 +27,11 @@ _ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
 _FEWEST_DOF = 4.0  # of a walk that quantisation hides
 _PROBABILITY = 1e-4  # that a record without any other noise is called off
 # The fit's shapes are of first order in the jumps. By exact integration without noise (backscatter phases of 0 to 165
-# deg by 15, jumps of 0.11 to 0.14 rad, 15 and 28 cm) its rate is off by these parts of the largest jump squared,
-# constant, by cos 2 beta and by cos 4 beta, and its phase by -0.046 sin 2 beta, to what is left below.
-_RATE_OFF, _PHASE_OFF_rad = (-0.0275, 0.0723, -0.0043), -0.046
-_LEFT, _LEFT_MORE = 0.01, 0.12  # of the jump squared, and of its fourth power (jumps of 0.37 rad, 5 cm)
+# deg by 15, largest jumps of 0.07, 0.14 and 0.36 rad at 15 cm, 0.11 rad at 28 cm) its rate is off by these parts of the
+# largest jump squared, constant, by cos 2 beta and by cos 4 beta, its phase by those of sin 2 beta and sin 4 beta, to
+# what is left below.
+_RATE_OFF, _PHASE_OFF_rad = (-0.0315, 0.0703, -0.0043), (-0.0422, 0.0035)
+_LEFT = 0.004  # of the jump squared
 _PARTS = 24  # of a turn of the phase, in which what is left is averaged
 
 
@@ -145,7 +146,7 @@ class LaserResult:
     @property
     def _left(self) -> float:
         """Standard uncertainty of what the corrections leave: of the rate, relative, and of the phase, rad."""
-        return (_LEFT + _LEFT_MORE * self.jump_squared) * self.jump_squared / math.sqrt(3.0)
+        return _LEFT * self.jump_squared / math.sqrt(3.0)
 
     @property
     def backscatter_deg(self) -> Measured | None:
@@ -159,7 +160,8 @@ class LaserResult:
         if both is None:
             return None
         phase_rad = about + both.value
-        phase_rad -= self.jump_squared * _PHASE_OFF_rad * math.sin(2.0 * phase_rad)
+        parts = (math.sin(2.0 * phase_rad), math.sin(4.0 * phase_rad))
+        phase_rad -= self.jump_squared * math.fsum(part * size for part, size in zip(parts, _PHASE_OFF_rad, strict=True))
         std_rad = math.hypot(both.std, self._left)
         return Measured(math.degrees(math.remainder(phase_rad, math.tau)), math.degrees(std_rad))
 
