@@ -81,6 +81,17 @@ def walk_dof(walk: RandomWalk) -> float:
     return max(_FEWEST_DOF, 0.5 * (walk.n_deg_rth / walk_std_deg_rth(walk)) ** 2)
 
 
+def first_order_off(beta_rad: float, jump_squared: float) -> tuple[float, float]:
+    """Return by what the global fit is off, as its shapes are of first order: its rate, relative, its phase, rad.
+
+    Args: beta_rad: backscatter phase.   jump_squared: of the largest jump, rad^2.
+    """
+    twice_rad = 2.0 * beta_rad
+    share = np.dot(_RATE_OFF, (1.0, math.cos(twice_rad), math.cos(2.0 * twice_rad)))
+    turned_rad = np.dot(_PHASE_OFF_rad, (math.sin(twice_rad), math.sin(2.0 * twice_rad)))
+    return jump_squared * float(share), jump_squared * float(turned_rad)
+
+
 @dataclass(frozen=True)
 class LaserResult:
     """Result of one record. ``walks``, ``biases``: by method and ``raw``; ``missing``: method to reason."""
@@ -132,9 +143,7 @@ class LaserResult:
         both = _weighted([(fit.kappa_rad_s, fit.kappa_std_rad_s) for fit in self.found.constants])
         if both is None:
             return None
-        twice_rad = 2.0 * self.found.constants[0].beta_rad
-        parts = (1.0, math.cos(twice_rad), math.cos(2.0 * twice_rad))
-        off = self.jump_squared * math.fsum(part * size for part, size in zip(parts, _RATE_OFF, strict=True))
+        off = first_order_off(self.found.constants[0].beta_rad, self.jump_squared)[0]
         factor = math.degrees(1.0 / self.gain) / (1.0 + off)
         return Measured(factor * both.value, factor * math.hypot(both.std, self._left * both.value))
 
@@ -160,8 +169,7 @@ class LaserResult:
         if both is None:
             return None
         phase_rad = about + both.value
-        parts = (math.sin(2.0 * phase_rad), math.sin(4.0 * phase_rad))
-        phase_rad -= self.jump_squared * math.fsum(part * size for part, size in zip(parts, _PHASE_OFF_rad, strict=True))
+        phase_rad -= first_order_off(phase_rad, self.jump_squared)[1]
         std_rad = math.hypot(both.std, self._left)
         return Measured(math.degrees(math.remainder(phase_rad, math.tau)), math.degrees(std_rad))
 

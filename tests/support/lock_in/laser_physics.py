@@ -1,8 +1,8 @@
 """A dithered ring laser of its own: the crossings themselves, by Fresnel integrals from a table, half cycles at once.
 
 Behind the turnaround at phase psi0 the phase is psi0 - s v^2 + external + X(v) with v = (2 R)^0.5 sin(w t / 2), swing R
-and s = 1 at a maximum; lock-in adds X with dX / dv = -g sin(psi0 + beta - s v^2 + X), to the third order of g. It shares
-no line with the simulators.
+and s = 1 at a maximum; lock-in adds X with dX / dv = -g sin(psi0 + beta - s v^2 + X), to the third order of g. It
+shares no line with the simulators.
 """
 
 from __future__ import annotations
