@@ -1,8 +1,9 @@
-"""What records of a ring laser will know of its random walk, by the laser and the dither that are declared.
+"""What records of a ring laser will know of its lock-in and its random walk, by the declared laser and dither.
 
 The Allan deviation of a walk and a quantisation of the expected sizes goes through the fit of a record. Before
 compensation the walk is that of lock-in and of quantum noise, behind the global fit that of quantum noise alone, which
-holds for the lock-in of equation (10). What other compensators leave depends on phase, comparators and clock.
+holds for the lock-in of equation (10). What other compensators leave depends on phase, comparators and clock. Lock-in
+rate and backscatter phase have the covariance of the global fit on the turnarounds that the laser makes.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +23,8 @@ from bench.model.quality import Quality
 from bench.record import RecordRow
 from bench.systems.lock_in.compensation import GLOBAL, RAW, Compensated, Shown
 from bench.systems.lock_in.estimates import exponent_estimates, record_estimates, requirement_of
+from bench.systems.lock_in.estimators.expected_constants import NominalLaser, expected_constants
+from bench.systems.lock_in.estimators.global_constants import GlobalConstants
 from bench.systems.lock_in.estimators.random_walk import (
     expected_quantisation_deg,
     expected_random_walk,
@@ -28,7 +32,7 @@ from bench.systems.lock_in.estimators.random_walk import (
     gyro_gain,
 )
 from bench.systems.lock_in.records import CLOCK, Events, LaserRecord, laser_records, not_recorded
-from bench.systems.lock_in.result import LaserResult
+from bench.systems.lock_in.result import LaserResult, first_order_off
 from bench.systems.lock_in.wording import say
 
 
@@ -55,11 +59,13 @@ def predicted(planned: Planned) -> Prediction:
         except FitError as error:
             missing.append(say("missing.record", number=record.number, why=error.message, code=error.code))
     estimates = [entry for laser in results for entry in record_estimates(laser, requirement, GLOBAL)]
+    if any(not laser.found.constants for laser in results):
+        missing.append(say("predicted.no_phase"))
     return Prediction([*estimates, *exponent_estimates(results, GLOBAL)], [*missing, say("predicted.not_of_all")])
 
 
 def _result(record: LaserRecord, declared: Mapping[str, Any]) -> LaserResult:
-    """Return what a record will say of its walks. Raises: FitError B-FIT-099 for a record that is too short."""
+    """Return what a record will say. Raises: FitError B-FIT-097 to -099 for a weak dither or a record too short."""
     assert record.row is not None
     window, path_m = record.row.window, record.path_length_m
     clock_Hz, dither_deg_s = float(window.conditions[CLOCK]), float(declared["dither_deg_s"])
@@ -78,9 +84,31 @@ def _result(record: LaserRecord, declared: Mapping[str, Any]) -> LaserResult:
         omega_rad_s=omega,
         increments={},
         shown=Shown(np.empty((0, 0)), np.empty((0, 0)), {}, np.empty(0), np.empty(0)),
+        constants=_constants(record, declared, 2 * periods, clock_Hz),
         turnarounds=2 * periods,
         used={GLOBAL: 2 * periods},
         counts=Counter(),
         swing_rad=2.0 * gyro_gain(path_m) * math.radians(dither_deg_s) / omega,
     )
     return LaserResult(record, clock_Hz, Events(clock_Hz, (), 0, 0, 0), found, walks, {})
+
+
+def _constants(
+    record: LaserRecord, declared: Mapping[str, Any], turnarounds: int, clock_Hz: float
+) -> list[GlobalConstants]:
+    """Return constants as the global fit finds them, with what its first order puts on them; none without a phase."""
+    if record.backscatter_deg is None:
+        return []
+    gain = gyro_gain(record.path_length_m)
+    rad = gain * math.radians(1.0) * (float(declared["path_length_m"]) / record.path_length_m) ** 2
+    laser = NominalLaser(
+        kappa_rad_s=rad * float(declared["lock_in_deg_s"]),
+        beta_rad=math.radians(record.backscatter_deg),
+        omega_rad_s=2.0 * math.pi * float(declared["dither_Hz"]),
+        rate_rad_s=gain * math.radians(float(declared["dither_deg_s"])),
+        walk_rad_rt_s=rad * float(declared["quantum_deg_rt_s"]),
+        tick_s=1.0 / clock_Hz,
+    )
+    share, turned_rad = first_order_off(laser.beta_rad, laser.jump_squared)
+    seen = replace(laser, kappa_rad_s=laser.kappa_rad_s * (1.0 + share), beta_rad=laser.beta_rad + turned_rad)
+    return [expected_constants(seen, turnarounds)]

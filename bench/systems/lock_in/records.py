@@ -28,6 +28,7 @@ Int64 = NDArray[np.int64]
 Bools = NDArray[np.bool_]
 
 PATH, CLOCK, PHASE = "path_length_m", "clock_Hz", "phase_setting_deg"
+_BACKSCATTER = "backscatter_phase_deg"  # as PHASE, of a campaign that does not vary it
 _HARMLESS = Quality.LOST | Quality.BAD_FRAMES | Quality.DUPLICATE | Quality.STALE | Quality.SPLICE
 _DITHER = "dither_amplitude_deg/s"
 COLUMNS = ("tick", "clock", "dropped", "edges", "events")
@@ -64,6 +65,12 @@ class LaserRecord:
         """Return the mean of the housekeeping over the record, None if the record has no housekeeping."""
         value = None if self.row is None else self.row.context.get(name)
         return None if value is None else float(value)
+
+    @property
+    def backscatter_deg(self) -> float | None:
+        """Backscatter phase that the mirrors are set to, None if the conditions do not say it."""
+        value = None if self.row is None else self.row.window.conditions.get(_BACKSCATTER)
+        return self.phase_setting_deg if value is None else float(value)
 
     @property
     def dither_deg_s(self) -> float | None:

@@ -27,10 +27,11 @@ _ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
 _FEWEST_DOF = 4.0  # of a walk that quantisation hides
 _PROBABILITY = 1e-4  # that a record without any other noise is called off
 # The fit's shapes are of first order in the jumps. By exact integration without noise (backscatter phases of 0 to 165
-# deg by 15, jumps of 0.11 to 0.14 rad, 15 and 28 cm) its rate is off by these parts of the largest jump squared,
-# constant, by cos 2 beta and by cos 4 beta, and its phase by -0.046 sin 2 beta, to what is left below.
-_RATE_OFF, _PHASE_OFF_rad = (-0.0275, 0.0723, -0.0043), -0.046
-_LEFT, _LEFT_MORE = 0.01, 0.12  # of the jump squared, and of its fourth power (jumps of 0.37 rad, 5 cm)
+# deg by 15, largest jumps of 0.07, 0.14 and 0.36 rad at 15 cm, 0.11 rad at 28 cm) its rate is off by these parts of the
+# largest jump squared, constant, by cos 2 beta and by cos 4 beta, its phase by those of sin 2 beta and sin 4 beta, to
+# what is left below.
+_RATE_OFF, _PHASE_OFF_rad = (-0.0315, 0.0703, -0.0043), (-0.0422, 0.0035)
+_LEFT = 0.004  # of the jump squared
 _PARTS = 24  # of a turn of the phase, in which what is left is averaged
 
 
@@ -78,6 +79,17 @@ def walk_dof(walk: RandomWalk) -> float:
     Source: variance of a chi-squared, 2 / dof of its square; that of its root is 1 / (2 dof).
     """
     return max(_FEWEST_DOF, 0.5 * (walk.n_deg_rth / walk_std_deg_rth(walk)) ** 2)
+
+
+def first_order_off(beta_rad: float, jump_squared: float) -> tuple[float, float]:
+    """Return by what the global fit is off, as its shapes are of first order: its rate, relative, its phase, rad.
+
+    Args: beta_rad: backscatter phase.   jump_squared: of the largest jump, rad^2.
+    """
+    twice_rad = 2.0 * beta_rad
+    share = np.dot(_RATE_OFF, (1.0, math.cos(twice_rad), math.cos(2.0 * twice_rad)))
+    turned_rad = np.dot(_PHASE_OFF_rad, (math.sin(twice_rad), math.sin(2.0 * twice_rad)))
+    return jump_squared * float(share), jump_squared * float(turned_rad)
 
 
 @dataclass(frozen=True)
@@ -131,9 +143,7 @@ class LaserResult:
         both = _weighted([(fit.kappa_rad_s, fit.kappa_std_rad_s) for fit in self.found.constants])
         if both is None:
             return None
-        twice_rad = 2.0 * self.found.constants[0].beta_rad
-        parts = (1.0, math.cos(twice_rad), math.cos(2.0 * twice_rad))
-        off = self.jump_squared * math.fsum(part * size for part, size in zip(parts, _RATE_OFF, strict=True))
+        off = first_order_off(self.found.constants[0].beta_rad, self.jump_squared)[0]
         factor = math.degrees(1.0 / self.gain) / (1.0 + off)
         return Measured(factor * both.value, factor * math.hypot(both.std, self._left * both.value))
 
@@ -145,7 +155,7 @@ class LaserResult:
     @property
     def _left(self) -> float:
         """Standard uncertainty of what the corrections leave: of the rate, relative, and of the phase, rad."""
-        return (_LEFT + _LEFT_MORE * self.jump_squared) * self.jump_squared / math.sqrt(3.0)
+        return _LEFT * self.jump_squared / math.sqrt(3.0)
 
     @property
     def backscatter_deg(self) -> Measured | None:
@@ -159,7 +169,7 @@ class LaserResult:
         if both is None:
             return None
         phase_rad = about + both.value
-        phase_rad -= self.jump_squared * _PHASE_OFF_rad * math.sin(2.0 * phase_rad)
+        phase_rad -= first_order_off(phase_rad, self.jump_squared)[1]
         std_rad = math.hypot(both.std, self._left)
         return Measured(math.degrees(math.remainder(phase_rad, math.tau)), math.degrees(std_rad))
 

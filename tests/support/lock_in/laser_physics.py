@@ -1,8 +1,8 @@
 """A dithered ring laser of its own: the crossings themselves, by Fresnel integrals from a table, half cycles at once.
 
 Behind the turnaround at phase psi0 the phase is psi0 - s v^2 + external + X(v) with v = (2 R)^0.5 sin(w t / 2), swing R
-and s = 1 at a maximum; lock-in adds X = -kappa int sin(psi + beta) dt = -g [sin(psi0 + beta) C(v) - s cos(psi0 + beta)
-S(v)], C and S the integrals of cos and sin of v^2. First order in the jump. It shares no line with the simulators.
+and s = 1 at a maximum; lock-in adds X with dX / dv = -g sin(psi0 + beta - s v^2 + X), to the third order of g. It
+shares no line with the simulators.
 """
 
 from __future__ import annotations
@@ -17,32 +17,67 @@ Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 
 WAVELENGTH_m = 632.8e-9
-KNOTS = 8  # of the external phase in a half cycle
+KNOTS = 64  # of the external phase in a half cycle
 _STEP, _FAR, _FINE = 1e-3, 40.0, 20  # of the table in v; the integrals are taken in twentieths of a step
 
 
 def _table() -> tuple[Array, Array]:
-    """Values (4, n) and slopes of C, S and the same with v^2 in front, odd in v, by the midpoint rule."""
-    v = (np.arange(round(_FAR / _STEP) * _FINE) + 0.5) * _STEP / _FINE
-    parts = np.stack((np.cos(v * v), np.sin(v * v), v * v * np.cos(v * v), v * v * np.sin(v * v)))
-    steps = parts.reshape(4, -1, _FINE).sum(axis=2) * _STEP / _FINE
-    values = np.concatenate((np.zeros((4, 1)), np.cumsum(steps, axis=1)), axis=1)
+    """Values (9, n) and slopes by the midpoint rule: C and S, the integrals of cos and sin of v^2, odd in v, the same
+    with v^2 and with v^4 in front, and what the second and the third order of g need: A, even, and T, odd.
+    """
+    step = _STEP / _FINE
+    v = (np.arange(round(_FAR / _STEP) * _FINE) + 0.5) * step
+    turning = np.exp(1j * v * v)
+    z = (np.cumsum(turning) - turning / 2.0) * step
+    area = (z.conj() * turning).imag
+    third = (np.abs(z) ** 2 / 4.0 - 0.5j * (np.cumsum(area) - area / 2.0) * step) * turning.conj()
+    plain = [part for power in (0, 2, 4) for part in (v**power * turning.real, v**power * turning.imag)]
+    parts = np.stack((*plain, area, third.real, third.imag))
+    steps = parts.reshape(len(parts), -1, _FINE).sum(axis=2) * step
+    values = np.concatenate((np.zeros((len(parts), 1)), np.cumsum(steps, axis=1)), axis=1)
     return values, np.diff(values, axis=1)
 
 
 _VALUES, _SLOPES = _table()
 
 
-def integrals(v: Array, swing_rad: Array, order: int = 1) -> tuple[Array, Array]:
-    """C(v) and S(v) of ``order`` times the phase, with the first term of 1 / swing."""
-    root = math.sqrt(order)
-    at = np.minimum(np.abs(v) * root / _STEP, _VALUES.shape[1] - 2.0)
+def _found(v: Array, rows: slice) -> list[Array]:
+    """Values of the table at v >= 0."""
+    at = np.minimum(v / _STEP, _VALUES.shape[1] - 2.0)
     cell = at.astype(np.int64)
     part = at - cell
-    found = [values[cell] + part * slopes[cell] for values, slopes in zip(_VALUES, _SLOPES, strict=True)]
+    return [values[cell] + part * slopes[cell] for values, slopes in zip(_VALUES[rows], _SLOPES[rows], strict=True)]
+
+
+def integrals(v: Array, swing_rad: Array, order: int = 1) -> tuple[Array, Array]:
+    """C(v) and S(v) of ``order`` times the phase, with the first two terms of 1 / swing."""
+    root = math.sqrt(order)
+    found = _found(np.abs(v) * root, slice(0, 6))
     more = 1.0 / (4.0 * order * swing_rad)
     sign = np.sign(v) / root
-    return sign * (found[0] + more * found[2]), sign * (found[1] + more * found[3])
+    c, s = (found[k] + more * (found[k + 2] + 1.5 * more * found[k + 4]) for k in (0, 1))
+    return sign * c, sign * s
+
+
+def higher(v: Array, swing_rad: Array) -> tuple[Array, Array]:
+    """A(v), which grows faster as the dither slows down, and T(v), complex."""
+    area, real, imaginary = _found(np.abs(v), slice(6, 9))
+    return area - np.log1p(-v * v / (2.0 * swing_rad)) / 4.0, np.sign(v) * (real + 1j * imaginary)
+
+
+def added(g: Array, phase_rad: Array, sense: Array, terms: tuple[Array, Array, Array]) -> Array:
+    """Phase X that lock-in adds, to the third order of g.
+
+    With q = exp(i p) (C - i S) and p = psi0 + beta, at a maximum X = -g Im q + g^2 (Im(q^2) / 4 + A / 2)
+    + g^3 Im(exp(i p) T - q^3 / 12), from dX / dv = -g sin(p - v^2 + X) order by order; at a minimum the mirror image.
+
+    Args: phase_rad: p.   terms: C + i S, A and T at the crossings.
+    """
+    z, area, third = terms
+    turned = np.exp(1j * sense * phase_rad)
+    q = turned * np.conj(z)
+    second = (q * q).imag / 4.0 + area / 2.0
+    return np.asarray(sense * g * (g * (second + g * (turned * third - q**3 / 12.0).imag) - q.imag))
 
 
 @dataclass(frozen=True)
@@ -121,7 +156,7 @@ class World:
     @property
     def rounds(self) -> tuple[float, ...]:
         """Largest v of the crossings that each round of the iteration moves."""
-        return math.inf, 3.0, 3.0, 3.0
+        return math.inf, 8.0, 8.0, 3.0, 3.0  # the fit looks at crossings to 7
 
     @property
     def curved(self) -> float:
@@ -175,26 +210,31 @@ def half_cycles(world: World, rng: np.random.Generator, *, quiet: bool = False) 
 def _followed(world: World, cycles: Cycles, start_rad: float) -> tuple[Array, Array]:
     """Phase at the turnarounds, (n,), and at the pick-offs, (n + 1,): each depends on the one before."""
     swing, sense = cycles.swing_rad, cycles.sense
-    ends = [np.stack(integrals(np.sqrt(swing), swing, order)) for order in (1, 2)]
+    end = np.sqrt(swing)
+    z, z2 = (np.asarray(c + 1j * d) for c, d in (integrals(end, swing, order) for order in (1, 2)))
+    area, third = higher(end, swing)
     g = cycles.kappa / world.omega * np.sqrt(2.0 / swing)
-    outside, e2 = cycles.outside_rad, world.second_harmonic
-    to = np.diff(outside[:: KNOTS // 2])
+    to = np.diff(cycles.outside_rad[:: KNOTS // 2])
     straight = 1.0 - float(world.bent(np.array([world.half_s / 2.0]))[0])
     turn, start, at = np.empty(swing.size), np.empty(swing.size + 1), start_rad
-    columns = (swing, sense, g, cycles.beta_rad, *ends[0], *ends[1], to[::2], to[1::2])
-    for j, (r, s, gain, beta, c, d, c2, d2, before, behind) in enumerate(
-        zip(*(np.asarray(one).tolist() for one in columns), strict=True)
-    ):
+    columns = (swing, sense, g, cycles.beta_rad, z, z2, area, third, to[::2], to[1::2])
+    for j, (r, s, gain, beta, zj, z2j, aj, tj, before, behind) in enumerate(zip(*columns, strict=True)):
         start[j] = psi0 = at
-        half = 0.0
+        arrived = 0.0
         for _ in range(4):
-            psi0 = at + half + s * r * straight + before
-            half = -gain * (math.sin(psi0 + beta) * c - s * math.cos(psi0 + beta) * d)
-            half -= gain * e2 * (math.sin(2.0 * psi0 + 0.4) * c2 - s * math.cos(2.0 * psi0 + 0.4) * d2) if e2 else 0.0
+            psi0 = at - arrived + s * r * straight + before
+            arrived = added(gain, psi0 + beta, s, (-zj, aj, -tj)) - world.second_harmonic * _second(gain, psi0, s, z2j)
         turn[j] = psi0
-        at = psi0 - s * r * straight + behind + half
+        left = added(gain, psi0 + beta, s, (zj, aj, tj)) + world.second_harmonic * _second(gain, psi0, s, z2j)
+        at = psi0 - s * r * straight + behind + left
     start[-1] = at
     return turn, start
+
+
+def _second(g: Array, turn_rad: Array, sense: Array, z: Array) -> Array:
+    """What a second harmonic as large as the first adds; first order of g. ``z``: C + i S of twice the phase."""
+    twice = 2.0 * turn_rad + 0.4
+    return g * (sense * np.cos(twice) * z.imag - np.sin(twice) * z.real)
 
 
 @dataclass(frozen=True)
@@ -214,22 +254,19 @@ def crossings(world: World, cycles: Cycles) -> Crossings:
     target = sense * (cycles.turn_rad[half] - np.pi * level - world.level_off_rad(level))
     v = side * np.sqrt(np.maximum(target, 1e-9))
     g = (cycles.kappa / world.omega * np.sqrt(2.0 / cycles.swing_rad))[half]
-    phase = (cycles.turn_rad + cycles.beta_rad)[half]
-    sine, cosine = g * np.sin(phase), g * np.cos(phase) * sense
-    twice = 2.0 * cycles.turn_rad[half] + 0.4
+    turn, phase = cycles.turn_rad[half], (cycles.turn_rad + cycles.beta_rad)[half]
     middle = np.asarray(cycles.outside_rad[KNOTS // 2 :: KNOTS])[half]
     for last in world.rounds:  # far from the turnaround a small phase hardly moves a crossing
         near = np.abs(v) < last if math.isfinite(last) else slice(None)
         w, r, s = v[near], swing[near], sense[near]
         since = 2.0 / world.omega * np.arcsin(np.clip(w / np.sqrt(2.0 * r), -1.0, 1.0))
         c, d = integrals(w, r)
-        added = cosine[near] * d - sine[near] * c
+        more = added(g[near], phase[near], s, (c + 1j * d, *higher(w, r)))
         if world.second_harmonic:
             c, d = integrals(w, r, 2)
-            e2 = world.second_harmonic * g[near]
-            added += e2 * (s * np.cos(twice[near]) * d - np.sin(twice[near]) * c)
-        added += _outside(world, cycles, half[near], since) - middle[near] + s * r * world.bent(since)
-        v[near] = side[near] * np.sqrt(np.maximum(target[near] + s * added, 1e-9))
+            more += world.second_harmonic * _second(g[near], turn[near], s, c + 1j * d)
+        more += _outside(world, cycles, half[near], since) - middle[near] + s * r * world.bent(since)
+        v[near] = side[near] * np.sqrt(np.maximum(target[near] + s * more, 1e-9))
     since = 2.0 / world.omega * np.arcsin(np.clip(v / np.sqrt(2.0 * swing), -1.0, 1.0))
     rate = swing * world.omega * np.sin(world.omega * np.abs(since))
     return Crossings((half + 0.5) * world.half_s + since, level, (sense * side) < 0, rate)

@@ -4,6 +4,7 @@ that shares no line with the product (``laser_physics``).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -29,7 +30,8 @@ SITE = {"latitude_deg": 37.0}
 
 
 def planned(**more: Any) -> Planned:
-    conditions = {"clock_Hz": WORLD.clock_Hz, "item": "lock_in", "path_length_m": WORLD.path_m}
+    conditions = {"clock_Hz": WORLD.clock_Hz, "item": "lock_in", "path_length_m": WORLD.path_m,
+                  "backscatter_phase_deg": WORLD.beta_deg}  # fmt: skip
     window = RecordWindow(1, "edges", 0, 0, 0, round(WORLD.seconds * 1e9), conditions)
     return Planned([window], {"uut": {"serial": "RLG"}, "site": SITE} | more, {})
 
@@ -41,7 +43,7 @@ def study(first_seed: int, records: int) -> Study:
         campaign = simulated(seed, WORLD)
         of_these = {key_of(entry) for entry in found.prediction.estimates}
         estimates = [entry for entry in analyse(campaign.material).estimates if key_of(entry) in of_these]
-        truth = {key_of(entry): campaign.truths.get((entry["quantity"], entry["conditions"]["method"]))
+        truth = {key_of(entry): campaign.truths.get((entry["quantity"], entry["conditions"].get("method", "")))
                  for entry in estimates}  # fmt: skip
         found.add(estimates, {key: value for key, value in truth.items() if value is not None})
     print(f"seeds {first_seed} to {first_seed + records - 1}")
@@ -52,8 +54,11 @@ def study(first_seed: int, records: int) -> Study:
 
 def test_a_few_records_scatter_as_predicted() -> None:
     found = study(8000, 2)
-    assert len(found.scores) == 6
+    assert len(found.scores) == 8
     assert found.outside() == {}
+    for quantity in ("lock_in_rate", "backscatter_phase"):
+        (stated,) = (ratios for key, ratios in found.stated.items() if key[0] == quantity)
+        assert stated == pytest.approx([1.0, 1.0], abs=0.06)
 
 
 @pytest.mark.sweep
@@ -82,6 +87,11 @@ def test_the_shipped_lasers_are_predicted() -> None:
         assert 0.01 < raw["std_uncertainty"] / raw["value"] < 0.04  # docs/ring-laser.md: 1.5 % where Q is known
     (sentence,) = found.missing
     assert "not predicted" in sentence
+    constants = [entry for entry in found.estimates if entry["quantity"] in ("lock_in_rate", "backscatter_phase")]
+    for entry in constants:
+        declared = 90.0 if entry["unit"] == "deg" else 0.05 * (0.28 / entry["conditions"]["path_length_m"]) ** 2
+        assert entry["value"] == pytest.approx(declared, rel=1e-6)
+    assert len(constants) == 12
 
 
 def test_what_is_not_declared_or_too_short_is_named_b_rlg_010(tmp_path: Any) -> None:
@@ -92,6 +102,11 @@ def test_what_is_not_declared_or_too_short_is_named_b_rlg_010(tmp_path: Any) -> 
     found = predicted_of_plan(compile_sequence(path, None, {}))
     assert found.estimates == []
     assert "not declared" in found.missing[0]
+    window = planned().windows[0]
+    conditions = {name: value for name, value in window.conditions.items() if name != "backscatter_phase_deg"}
+    silent = predicted(replace(planned(declared_laser=LASER), windows=[replace(window, conditions=conditions)]))
+    assert "lock_in_rate" not in {entry["quantity"] for entry in silent.estimates}
+    assert "'backscatter_phase'" in silent.missing[0]
     with pytest.raises(FitError) as caught:
         predicted(planned())
     assert caught.value.code == "B-RLG-010"

@@ -50,7 +50,7 @@ class GlobalConstants:
 
 
 @dataclass(frozen=True)
-class _Constants:
+class Constants:
     """kc, ks and their covariance, of each block: (b, 2), (b, 2, 2)."""
 
     value: Array
@@ -66,10 +66,11 @@ class _Constants:
         return kappa, spread_along, np.arctan2(self.value[:, 1], self.value[:, 0]), spread_across / kappa
 
 
-class _Projection:
-    """Takes the dither (constant and two columns of each turnaround) out of values at the crossings."""
+class Projection:
+    """Takes the dither (constant and two columns of each turnaround) out of values at crossings ``time_s``, (u, k)."""
 
-    def __init__(self, columns: Array) -> None:
+    def __init__(self, time_s: Array, omega_rad_s: float) -> None:
+        columns = np.concatenate((np.ones((*time_s.shape, 1)), dither_columns(time_s, omega_rad_s)), axis=-1)
         self.columns = columns
         self.across = columns.transpose(0, 2, 1)
         scale = 1.0 / np.sqrt(np.einsum("ukp,ukp->up", columns, columns))
@@ -98,12 +99,7 @@ def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstant
     Source:  Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413 (variable projection); lock-in paper (5), (10).
     """
     time_s = turns.inner(turns.crossings)[0]
-    if len(time_s) < _FEWEST:
-        raise FitError(
-            "B-FIT-098",
-            f"{len(time_s)} usable dither turnarounds do not tell the lock-in constants, at least {_FEWEST} are due",
-            next_step="record longer, 20 s for a random walk, and look why turnarounds are not usable",
-        )
+    require_turnarounds(len(time_s))
     block, middle_s, when_s = _blocks(turns, block_s)
     fit = _settled(turns, lambda both: _constants(both, block, middle_s.size), middle_s, when_s)
     whole = _constants(fit.projected, np.zeros_like(block), 1).polar()
@@ -127,11 +123,25 @@ def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstant
     )
 
 
+def require_turnarounds(count: int) -> None:
+    """Refuse fewer usable turnarounds than two constants are taken from.
+
+    Raises:  FitError B-FIT-098 if there are fewer than 50.
+    Source:  none; bookkeeping.
+    """
+    if count < _FEWEST:
+        raise FitError(
+            "B-FIT-098",
+            f"{count} usable dither turnarounds do not tell the lock-in constants, at least {_FEWEST} are due",
+            next_step="record longer, 20 s for a random walk, and look why turnarounds are not usable",
+        )
+
+
 @dataclass(frozen=True)
 class _Settled:
     """The fit: ``step`` (u,), ``left`` (u, k) residuals; ``projected`` (u, k, 3): lock-in's columns and the phase."""
 
-    projection: _Projection
+    projection: Projection
     motion: DitherMotion
     projected: Array
     step: Array
@@ -139,23 +149,22 @@ class _Settled:
 
 
 def _settled(
-    turns: Turnarounds, constants_of: Callable[[Array], _Constants], middle_s: Array, when_s: Array
+    turns: Turnarounds, constants_of: Callable[[Array], Constants], middle_s: Array, when_s: Array
 ) -> _Settled:
     """Shapes, constants and local dithers by turns until they settle."""
     time_s, phase = turns.inner(turns.crossings)
-    columns = np.concatenate((np.ones((*time_s.shape, 1)), dither_columns(time_s, turns.omega_rad_s)), axis=-1)
-    projection, dithered = _Projection(columns), phase - turns.rate_rad_s * time_s
+    projection, dithered = Projection(time_s, turns.omega_rad_s), phase - turns.rate_rad_s * time_s
     motion = stepped_motion(turns, turns.crossings)[1]
     for _ in range(_ROUNDS):
         shapes = lock_in_shapes(time_s, motion)
-        lock_in = -np.stack((shapes.sine, shapes.cosine), axis=-1)
+        lock_in = shapes.columns
         both = projection.residual(np.concatenate((lock_in, dithered[:, :, None]), axis=-1))
         local = _between(constants_of(both).value, middle_s, when_s)
         bare = dithered - np.einsum("ukp,up->uk", lock_in, local)
         solved = projection.solve(bare[:, :, None])[:, :, 0]
         motion = DitherMotion(solved, motion.sign, motion.omega_rad_s, motion.rate_rad_s)
     left = projection.residual(bare[:, :, None])[:, :, 0]
-    step = -2.0 * (local[:, 0] * shapes.sine_end + local[:, 1] * shapes.cosine_end)
+    step = shapes.jump(local)
     return _Settled(projection, motion, both, step, left)
 
 
@@ -169,7 +178,7 @@ def _blocks(turns: Turnarounds, block_s: float) -> tuple[Int64, Array, Array]:
     return np.asarray(block), np.asarray(middle_s), np.asarray(when_s)
 
 
-def _constants(projected: Array, block: Int64, count: int) -> _Constants:
+def _constants(projected: Array, block: Int64, count: int) -> Constants:
     """Constants of each block from projected columns and phases, (u, k, 3)."""
     lock_in, values = projected[:, :, :2], projected[:, :, 2]
     normal = np.zeros((count, 2, 2))
@@ -181,8 +190,16 @@ def _constants(projected: Array, block: Int64, count: int) -> _Constants:
     score = np.einsum("ukp,uk->up", lock_in, left)
     scatter = np.zeros((count, 2, 2))
     np.add.at(scatter, block, score[:, :, None] * score[:, None, :])
+    return Constants(np.asarray(value, np.float64), covariance_of(normal, scatter))
+
+
+def covariance_of(normal: Array, scatter: Array) -> Array:
+    """Return covariance of least squares, (b, 2, 2), from normal matrices and what the scores scatter by, (b, 2, 2).
+
+    Source:  Huber, Proc. 5th Berkeley Symp. 1 (1967) 221.
+    """
     inverse = np.linalg.inv(normal)
-    return _Constants(np.asarray(value, np.float64), np.asarray(inverse @ scatter @ inverse, np.float64))
+    return np.asarray(inverse @ scatter @ inverse, np.float64)
 
 
 def _between(value: Array, middle_s: Array, when_s: Array) -> Array:
@@ -193,7 +210,7 @@ def _between(value: Array, middle_s: Array, when_s: Array) -> Array:
     return np.column_stack([np.interp(when_s, middle_s, column) for column in value.T])
 
 
-def _steps_left(projection: _Projection, left: Array, time_s: Array, motion: DitherMotion) -> Array:
+def _steps_left(projection: Projection, left: Array, time_s: Array, motion: DitherMotion) -> Array:
     """Step at the zero-rate instant that fits the residuals best, (u,), rad."""
     step = 0.5 * np.sign(time_s - motion.zero_rate_s[:, None])
     bare = projection.residual(step[:, :, None])[:, :, 0]

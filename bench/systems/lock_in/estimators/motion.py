@@ -116,15 +116,24 @@ class LockInShapes:
     sine_end: Array
     cosine_end: Array
 
+    @property
+    def columns(self) -> Array:
+        """What lock-in adds at the crossings per kc and ks, (u, k, 2)."""
+        return -np.stack((self.sine, self.cosine), axis=-1)
+
+    def jump(self, constants: Array) -> Array:
+        """Return what lock-in adds from far before to far behind by kc and ks, (u, 2): (u,), rad."""
+        return np.asarray(-2.0 * (constants[:, 0] * self.sine_end + constants[:, 1] * self.cosine_end))
+
 
 def lock_in_shapes(time_s: Array, motion: DitherMotion) -> LockInShapes:
-    """Integrals of sin(psi) and cos(psi) over time for psi = psi0 + s a x^2 / 2, with the first term of 1/A.
+    """Integrals of sin(psi) and cos(psi) over time for psi = psi0 + s a x^2 / 2, to the first order of 1/A.
 
-    Without an input rate x = (2 / w) sin(w (t - t0) / 2), so dt = dx (1 + w^2 x^2 / 8 + ...); a rate adds terms odd in
-    x, which leave no jump.
+    Without an input rate x = (2 / w) sin(w (t - t0) / 2), so dt = dx / r with r = cos(w (t - t0) / 2); a rate adds
+    terms odd in x, which leave no jump.
 
     Args:    time_s: of the crossings, (u, k).   motion: of the u turnarounds.
-    Source:  Abramowitz and Stegun 7.3.1, 7.3.2 (Fresnel integrals); the second term by parts.
+    Source:  Abramowitz and Stegun 7.3.1, 7.3.2 (Fresnel integrals); that of 1 / r - 1 once by parts.
     """
     curvature, s, psi0 = motion.curvature_rad_s2[:, None], motion.sign[:, None], motion.psi0_rad[:, None]
     x = motion.parabolic(time_s)
@@ -133,10 +142,12 @@ def lock_in_shapes(time_s: Array, motion: DitherMotion) -> LockInShapes:
     sine, cosine = wide * (sin0 * fresnel_c + s * cos0 * fresnel_s), wide * (cos0 * fresnel_c - s * sin0 * fresnel_s)
     psi = psi0 + s * curvature * x**2 / 2.0
     small = s * motion.omega_rad_s**2 / (8.0 * curvature)
+    r = np.sqrt(np.maximum(1.0 - (motion.omega_rad_s * x / 2.0) ** 2, 0.5))  # 1/2 at the pick-off's edges
+    wider = 2.0 * x / (r * (1.0 + r))  # x with all orders of 1 / r: 8 % more at the last crossing of 15 cm
     sine_end, cosine_end = wide * (sin0 + s * cos0) / 2.0, wide * (cos0 - s * sin0) / 2.0
     return LockInShapes(
-        sine=sine + small * (cosine - x * np.cos(psi)),
-        cosine=cosine - small * (sine - x * np.sin(psi)),
+        sine=sine + small * (cosine - wider * np.cos(psi)),
+        cosine=cosine - small * (sine - wider * np.sin(psi)),
         sine_end=(sine_end + small * cosine_end)[:, 0],
         cosine_end=(cosine_end - small * sine_end)[:, 0],
     )

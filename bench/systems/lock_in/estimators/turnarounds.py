@@ -18,7 +18,8 @@ Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
 Bool = NDArray[np.bool_]
 
-_GRAZING_rad = 0.01  # a phase that goes past a level by less crosses it too slowly for a comparator
+CROSSINGS = 16  # used on each side of a turnaround
+GRAZING_rad = 0.01  # a phase that goes past a level by less crosses it too slowly for a comparator
 _REGULAR = 0.2  # of half a dither period; a lost edge of the pick-off makes twice as much
 
 
@@ -90,7 +91,7 @@ def spread(usable: Bool, values: Array) -> Array:
 
 
 def turnarounds(
-    edges: EdgeLevels, pickoff_tick: Int64, pickoff_rising: ArrayLike, clock_Hz: float, crossings: int = 16
+    edges: EdgeLevels, pickoff_tick: Int64, pickoff_rising: ArrayLike, clock_Hz: float, crossings: int = CROSSINGS
 ) -> Turnarounds:
     """Find the turnarounds and the crossings round them.
 
@@ -203,12 +204,12 @@ def _picked(values: Int64, place: Int64, otherwise: int) -> Int64:
 
 
 def _grazing(edges: EdgeLevels, before: Int64, behind: Int64, enough: Bool, crossings: int) -> Bool:
-    """Whether the phase passes the innermost level by less than ``_GRAZING_rad``: half curvature times time squared."""
+    """Whether the phase passes the innermost level by less than ``GRAZING_rad``: half curvature times time squared."""
     inner, outer = np.where(enough, before, crossings), np.where(enough, behind, 0)
     near = (edges.tick[outer] - edges.tick[inner]).astype(np.float64)
     far = (edges.tick[np.where(enough, outer + crossings, 0)] - edges.tick[inner - crossings]).astype(np.float64)
     past = crossings * np.pi * near**2 / np.maximum(far**2 - near**2, 1.0)
-    return np.asarray((past < _GRAZING_rad) & (edges.level[inner] == edges.level[outer]))
+    return np.asarray((past < GRAZING_rad) & (edges.level[inner] == edges.level[outer]))
 
 
 def _any_within(flags: Bool, first: Int64, behind: Int64) -> Bool:

@@ -1,0 +1,111 @@
+"""What the global fit will know of lock-in, by its own columns and covariance on turnarounds of a declared laser."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bench.model.errors import FitError
+from bench.systems.lock_in.estimators.global_constants import (
+    Constants,
+    GlobalConstants,
+    Projection,
+    covariance_of,
+    require_turnarounds,
+)
+from bench.systems.lock_in.estimators.motion import DitherMotion, lock_in_shapes
+from bench.systems.lock_in.estimators.single_turnarounds import jumps_of
+from bench.systems.lock_in.estimators.turnarounds import CROSSINGS, GRAZING_rad
+
+Array = NDArray[np.float64]
+_PHASES = 64  # at which the dither turns round, over a turn
+
+
+@dataclass(frozen=True)
+class NominalLaser:
+    """A laser and its dither, of phase.
+
+    ``kappa_rad_s``, ``beta_rad``: lock-in rate and backscatter phase.   ``omega_rad_s``, ``rate_rad_s``: frequency and
+    amplitude of the dither.   ``walk_rad_rt_s``: random walk beside lock-in.   ``tick_s``: of the time stamps.
+    """
+
+    kappa_rad_s: float
+    beta_rad: float
+    omega_rad_s: float
+    rate_rad_s: float
+    walk_rad_rt_s: float
+    tick_s: float
+
+    @property
+    def jump_squared(self) -> float:
+        """Square of the largest jump of a turnaround, rad^2: kappa^2 2 pi / a."""
+        return self.kappa_rad_s**2 * math.tau / (self.rate_rad_s * self.omega_rad_s)
+
+
+def expected_constants(laser: NominalLaser, turnarounds: int) -> GlobalConstants:
+    """Return constants as the global fit will find them, with the uncertainties that it will state.
+
+    Its columns at the crossings of turnarounds whose phase is anywhere in a turn, as the dither's scatter leaves it;
+    steps of the clock are independent from crossing to crossing, the random walk is shared. That lock-in itself
+    moves the crossings, by a hundredth of the distance to the next where the jump is 0.07 rad, is left out.
+
+    Args:    turnarounds: of the record.
+    Returns: GlobalConstants with one block and no residuals; jumps, score and information of 128 turnarounds.
+    Raises:  FitError B-FIT-097 if the dither has not 16 crossings on each side of a turnaround, B-FIT-098 as
+             ``global_constants``.
+    Source:  as ``global_constants``; variance of a step of the clock, tick^2 / 12; covariance of a random walk.
+    """
+    require_turnarounds(turnarounds)
+    time_s, motion = _turnarounds(laser)
+    shapes, sides = lock_in_shapes(time_s, motion), time_s.shape[0]
+    columns = Projection(time_s, laser.omega_rad_s).residual(shapes.columns)
+    information = columns.transpose(0, 2, 1) @ columns
+    scatter = columns.transpose(0, 2, 1) @ _noise(laser, time_s) @ columns
+    covariance = covariance_of(information.sum(axis=0), scatter.sum(axis=0)) * sides / turnarounds
+    value = laser.kappa_rad_s * np.array([[math.cos(laser.beta_rad), math.sin(laser.beta_rad)]])
+    kappa, kappa_std, beta, beta_std = Constants(value, covariance[None]).polar()
+    jump = shapes.jump(np.repeat(value, sides, axis=0))
+    return GlobalConstants(
+        jumps=jumps_of("global_constants", np.ones(sides, bool), jump, motion, np.zeros_like(time_s)),
+        kappa_rad_s=float(kappa[0]),
+        kappa_std_rad_s=float(kappa_std[0]),
+        beta_rad=float(beta[0]),
+        beta_std_rad=float(beta_std[0]),
+        block_time_s=np.zeros(1),
+        block_kappa_rad_s=kappa,
+        block_kappa_std_rad_s=kappa_std,
+        block_beta_rad=beta,
+        block_beta_std_rad=beta_std,
+        residual_jump_rad=np.zeros(sides),
+        score=np.zeros((sides, 2)),
+        information=information,
+    )
+
+
+def _turnarounds(laser: NominalLaser) -> tuple[Array, DitherMotion]:
+    """Times of the crossings, (u, k), about turnarounds of both senses and all phases, and the motion."""
+    sign, curvature = np.repeat([-1, 1], _PHASES), laser.rate_rad_s * laser.omega_rad_s
+    psi0 = np.tile(math.tau * (np.arange(_PHASES) + 0.5) / _PHASES, 2)
+    past = np.mod(-sign * psi0, np.pi)
+    risen = (past + np.pi * (past < GRAZING_rad))[:, None] + np.pi * np.arange(CROSSINGS)
+    swing = laser.rate_rad_s / laser.omega_rad_s
+    if risen.max() > swing:
+        raise FitError(
+            "B-FIT-097",
+            f"a dither of {swing:.3g} rad of phase has not {CROSSINGS} crossings on each side of a turnaround",
+            next_step="look at the declared dither: its amplitude, its frequency, and the path length",
+        )
+    after = np.arccos(1.0 - risen / swing) / laser.omega_rad_s
+    coefficients = np.column_stack((psi0, sign * curvature, np.zeros_like(psi0)))
+    return np.hstack((-after[:, ::-1], after)), DitherMotion(coefficients, sign, laser.omega_rad_s, 0.0)
+
+
+def _noise(laser: NominalLaser, time_s: Array) -> Array:
+    """Covariance of the phases at the crossings beside a constant, (u, k, k), rad^2."""
+    since = time_s - time_s[:, :1]
+    walk = laser.walk_rad_rt_s**2 * np.minimum(since[:, :, None], since[:, None, :])
+    step_rad = laser.rate_rad_s * np.sin(laser.omega_rad_s * time_s) * laser.tick_s / math.sqrt(12.0)
+    return np.asarray(walk + np.square(step_rad)[:, :, None] * np.eye(time_s.shape[1]))
