@@ -34,9 +34,11 @@ class SequenceText:
         return self._document.where(path)
 
     def block(self, path: Path_) -> list[str]:
-        """Return the lines of a list entry or of a key with all below it; comments behind it belong to what follows."""
-        first, behind = self._extent(path)
-        return self._lines[first:behind]
+        """Return the lines of a list entry or of a key with all below it, as changed so far.
+
+        Comments behind it belong to what follows. Raises: InputError B-DES-005.
+        """
+        return self._changed(*self._extent(path))
 
     def count(self, words: str) -> int:
         """Return how often words stand in the given text."""
@@ -73,10 +75,15 @@ class SequenceText:
 
     def text(self, heading: Sequence[str]) -> str:
         """Return the changed text under a heading of comments."""
-        lines = list(self._lines)
-        for first, (behind, instead) in sorted(self._changes.items(), reverse=True):
-            lines[first:behind] = instead
+        lines = self._changed(0, len(self._lines))
         return "\n".join([*(f"# {line}".rstrip() for line in heading), "#", *lines]) + "\n"
+
+    def _changed(self, begin: int, end: int) -> list[str]:
+        lines = self._lines[begin:end]
+        for first, (behind, instead) in sorted(self._changes.items(), reverse=True):
+            if begin <= first < end:
+                lines[first - begin : behind - begin] = instead
+        return lines
 
     def _extent(self, path: Path_) -> tuple[int, int]:
         first = self._document.marks[path].line - 1

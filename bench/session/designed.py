@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,9 +24,11 @@ from bench.model.errors import InputError
 from bench.model.systems import analysis_declaration, named
 from bench.model.titles import quantity_title
 from bench.plan import Plan, decisions_of
+from bench.session.predicted import predicted
 
 LEAST_POWER = 0.9
 _HOUR_s = 3600.0
+_ALIKE = 1e-3  # uncertainties: one channel stands for all that are alike, at the time of its own records
 Curve = list[tuple[float, float]]
 
 
@@ -65,6 +68,25 @@ class Proposal:
             "Comments below are those of the given sequence, but for those on levels, records, repeats and slots.",
         ]
         return self.problem.written(self.design.candidate, self.design.length_s, name, heading)
+
+    def require_same(self, written: Plan) -> None:
+        """Refuse a compiled sequence of another duration or other uncertainties than were found.
+
+        Raises: InputError B-DES-007.
+        """
+        known = reached(predicted(written).estimates)
+        stated = [
+            ("duration, s", self.design.duration_s, written.duration_s, 1e-9),
+            *((each.key.name, each.reached(self.found), each.reached(known), _ALIKE) for each in self.targets),
+        ]
+        for name, due, there, within in stated:
+            if not math.isclose(due, there, rel_tol=within):
+                raise InputError(
+                    "B-DES-007",
+                    f"{name}: {there:.6g} by the sequence as written, {due:.6g} by the plan that was found",
+                    where=self.plan.name,
+                    next_step="write the given sequence as the shipped one of its kind is written",
+                )
 
     def target_lines(self) -> Iterator[str]:
         """Yield a line for each target: asked, reached, today."""

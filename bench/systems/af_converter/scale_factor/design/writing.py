@@ -71,9 +71,9 @@ def write_stops(
     if "soak" not in body[0] or _entry(text, last, dict).get("in") != "channels":
         raise _other_form(text, loop)
     slot = str(body[0]["soak"].get("slot"))
+    text.set_value((*loop, 0, "soak", "slot"), '"{slot}"', "")
     arrival = "\n".join(line for number in range(len(body) - 1) for line in text.block((*loop, number)))
-    lines = textwrap.indent(textwrap.dedent(arrival), " " * 6).replace(f"slot: {slot}", 'slot: "{slot}"')
-    lines = lines.replace(f'slot: "{slot}"', 'slot: "{slot}"')
+    lines = textwrap.indent(textwrap.dedent(arrival), " " * 6)
     points = _dedented(text, (*last, "do"))
     text.replace_below(("steps",), list(_stop_lines(stops, channels, slots_s, points, again)))
     heading = [f"  {ARRIVE}:", "    arguments: {slot: required}", "    do:", *lines.splitlines(), ""]
