@@ -76,6 +76,23 @@ def test_each_soak_has_its_slot_however_the_given_one_is_spelt(tmp_path: Path, s
     assert plan.duration_s == pytest.approx(shipped().design.duration_s, abs=1e-6)
 
 
+def test_parameters_on_one_line_are_refused(tmp_path: Path) -> None:
+    flow = "parameters: {serial: SIM-1, dwell: 100 s, settle: 20 s, ramp: 0.5 degC/min, slot: 9000 s, "
+    text = given_text()
+    begin, end = text.index("parameters:"), text.index("tables:")
+    path = spelt(tmp_path, (text[begin:end], f"{flow}within: 1 degC, stable_for: 10 min}}\n\n"))
+    with pytest.raises(InputError, match="dwell") as error:
+        proposal_from(path).text("shorter")
+    assert error.value.code == "B-DES-005"
+
+
+def test_points_on_one_line_are_refused(tmp_path: Path) -> None:
+    path = spelt(tmp_path, ("        do:\n          - all_points\n", "        do: [all_points]\n"))
+    with pytest.raises(InputError) as error:
+        proposal_from(path).text("shorter")
+    assert error.value.code == "B-DES-005"
+
+
 @pytest.mark.parametrize(
     ("changed", "word"),
     [

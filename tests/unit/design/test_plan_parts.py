@@ -113,6 +113,28 @@ def test_a_sequence_is_changed_in_its_lines_only() -> None:
     assert error.value.code == "B-DES-005"
 
 
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("  dwell: 100 s   # of a record", "  {serial: 1, dwell: 100 s}"),
+        ("parameters:\n  dwell: 100 s   # of a record", "parameters: {dwell: 100 s, serial: 1}"),
+    ],
+)
+def test_what_shares_a_line_is_not_changed(old: str, new: str) -> None:
+    assert old in TEXT
+    text = SequenceText(TEXT.replace(old, new), "demo.yaml")
+    for change in (
+        lambda: text.set_value(("parameters", "dwell"), "113 s", "100 s before"),
+        lambda: text.remove(("parameters", "dwell")),
+        lambda: text.replace_below(("procedures", "p", "do"), ["      - one: 1"]),
+        lambda: text.insert_below(("procedures", "p", "do"), ["      - one: 1"]),
+    ):
+        with pytest.raises(InputError) as error:
+            change()
+        assert error.value.code == "B-DES-005"
+        assert "shares one" in error.value.message
+
+
 class Boxes:
     """Campaigns of n boxes: U = 10 / sqrt(n length), an hour a box and a second of record; an odd number is a rule."""
 

@@ -94,7 +94,10 @@ def _again(text: SequenceText) -> list[str]:
 
 
 def _dedented(text: SequenceText, path: tuple[str | int, ...]) -> list[str]:
-    return textwrap.dedent("\n".join(text.block(path)[1:])).splitlines()
+    lines = text.block(path)[1:]
+    if not lines:  # all in one line
+        raise _other_form(text, path)
+    return textwrap.dedent("\n".join(lines)).splitlines()
 
 
 def _entry(text: SequenceText, path: tuple[str | int, ...], kind: type) -> Any:
