@@ -76,6 +76,13 @@ def test_each_soak_has_its_slot_however_the_given_one_is_spelt(tmp_path: Path, s
     assert plan.duration_s == pytest.approx(shipped().design.duration_s, abs=1e-6)
 
 
+def test_no_slot_is_shorter_than_the_least_time_of_a_soak(tmp_path: Path) -> None:
+    done = "          done: {residual: 0.2 degC, least: 100 min}\n          late: hold\n"
+    plan = written(proposal_from(spelt(tmp_path, ("          late: hold\n", done))), tmp_path)
+    slots_s = [step.slot_s for step in plan.phase("campaign") if isinstance(step, PlannedSoak)]
+    assert slots_s == [6000.0, 6000.0, 6000.0, 6000.0, 8280.0, 10200.0]
+
+
 def test_parameters_on_one_line_are_refused(tmp_path: Path) -> None:
     flow = "parameters: {serial: SIM-1, dwell: 100 s, settle: 20 s, ramp: 0.5 degC/min, slot: 9000 s, "
     text = given_text()

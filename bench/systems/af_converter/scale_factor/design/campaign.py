@@ -329,10 +329,11 @@ class Campaigns:
         if stops == template.stops and not by_lag:
             return list(template.slots_s)
         if by_lag and lag_s is not None:
-            return [
+            slots_s = (
                 slot_s(step, soak.ramp_degC_min, soak.within_degC, soak.for_s, lag_s) if step or not number else 0.0
                 for number, step in enumerate(template.steps_degC(stops))
-            ]
+            )
+            return [max(slot, soak.least_s or 0.0) if slot else 0.0 for slot in slots_s]
         longest, slot = max(template.steps_degC(template.stops)), max(template.slots_s)
         return [slot if step <= longest else math.inf for step in template.steps_degC(stops)]
 
