@@ -199,6 +199,14 @@ def test_the_shorter_ramp_is_as_good_as_predicted(
     assert {where: ratio for where, ratio in ratios.items() if not low < ratio < high} == {}
 
 
+def test_a_lag_below_the_declared_one_is_refused_and_a_longer_one_asks_for_longer_holds() -> None:
+    with pytest.raises(InputError, match="the unit alone, 25 min") as error:
+        problem_of(given(), 1.0)
+    assert error.value.code == "B-DES-001"
+    longer: Any = problem_of(given(), 27.0 * 60.0)  # four lags: 64.8 windows of 100 s
+    assert any("hold_start of 60 windows" in sentence for sentence in longer.broken(SHORTEST, WINDOW_s))
+
+
 @pytest.mark.parametrize(
     ("old", "new", "code"),
     [

@@ -57,7 +57,7 @@ class Candidate:
 
 
 def design(given: Given) -> Ramps:
-    """Return the ramps that may stand in place of a given one. Raises: InputError B-DES-004, B-DES-005."""
+    """Return the ramps that may stand in place of a given one. Raises: InputError B-DES-001, B-DES-004, B-DES-005."""
     return Ramps(given, template_of(given.plan))
 
 
@@ -67,7 +67,7 @@ class Ramps:
     wanted = tuple((quantity, "") for quantity in _PARAMETERS)
 
     def __init__(self, given: Given, template: Template) -> None:
-        """Take a ramp apart. Raises: InputError B-DES-004 if its unit is not declared."""
+        """Take a ramp apart. Raises: InputError B-DES-004 if its unit is not declared, B-DES-001 for a lag below that."""
         self._given, self._template = given, template
         self._campaign = _one_of_each_kind(given.plan.campaign)
         self._checks = CHECKS * len(given.plan.campaign["channels"])
@@ -76,7 +76,12 @@ class Ramps:
             message = f"{given.plan.name} declares no typical unit, of which the uncertainties of a ramp are"
             step = "write 'thermal_lag' and 'typical' of each kind under 'uut', as bias_ramp_25h does"
             raise InputError("B-DES-004", message, where=given.plan.name, next_step=step)
-        self._lag_s = given.lag_s or constants.thermal_lag_s
+        self._lag_s = constants.thermal_lag_s if given.lag_s is None else given.lag_s
+        if self._lag_s < constants.thermal_lag_s:
+            declared = f"the declared lag of the unit alone, {constants.thermal_lag_s / 60.0:g} min"
+            message = f"{self._lag_s / 60.0:.3g} min is less than {declared}"
+            step = f"state that of unit and air together, or change 'thermal_lag' in {given.plan.name}"
+            raise InputError("B-DES-001", message, where="--lag", next_step=step)
         self._fastest = min(_fastest_of_chamber(given.plan), math.floor(100.0 * FOLLOWS_degC / _AHEAD_min))
         self.today = Candidate(template.rates, template.holds), template.window_s
         self._fitted = lru_cache(maxsize=8)(self._fit)
