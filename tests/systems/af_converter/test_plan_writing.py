@@ -76,6 +76,15 @@ def test_each_soak_has_its_slot_however_the_given_one_is_spelt(tmp_path: Path, s
     assert plan.duration_s == pytest.approx(shipped().design.duration_s, abs=1e-6)
 
 
+def test_what_the_slots_rest_on_stands_in_table_and_file(tmp_path: Path) -> None:
+    """The chamber begins where ``finally`` leaves it, else at 23 degC; what is written has no margin for the lag."""
+    left = ("      temperature: 23 degC\n", "      temperature: 25 degC\n")
+    for found, degC in ((shipped(), 23), (proposal_from(spelt(tmp_path, left)), 25)):
+        rests = f"for a lag of 27 min and no more, the chamber at {degC} degC before the first"
+        assert any(rests in line for line in found.lines())
+        assert f"  # The soak to a temperature, with slots {rests}.\n" in found.text("shorter")
+
+
 def test_no_slot_is_shorter_than_the_least_time_of_a_soak(tmp_path: Path) -> None:
     done = "          done: {residual: 0.2 degC, least: 100 min}\n          late: hold\n"
     plan = written(proposal_from(spelt(tmp_path, ("          late: hold\n", done))), tmp_path)

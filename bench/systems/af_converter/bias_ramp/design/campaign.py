@@ -67,7 +67,7 @@ class Ramps:
     wanted = tuple((quantity, "") for quantity in _PARAMETERS)
 
     def __init__(self, given: Given, template: Template) -> None:
-        """Take a ramp apart. Raises: InputError B-DES-004 if its unit is not declared, B-DES-001 for a lag below that."""
+        """Take a ramp apart. Raises: InputError B-DES-004 if its unit is not declared, B-DES-001 for less lag."""
         self._given, self._template = given, template
         self._campaign = _one_of_each_kind(given.plan.campaign)
         self._checks = CHECKS * len(given.plan.campaign["channels"])

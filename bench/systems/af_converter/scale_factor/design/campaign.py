@@ -250,7 +250,7 @@ class Campaigns:
         told["temperatures, degC"] = ", ".join(visits)
         told["records"] = f"{length_s:g} s"
         slots_min = [slot / 60.0 for slot in self._slots_s(candidate.stops, candidate.by_lag) if slot]
-        told["soaks"] = ", ".join(f"{slot:g}" for slot in slots_min) + " min"
+        told["soaks"] = ", ".join(f"{slot:g}" for slot in slots_min) + f" min{self._why_so_long(candidate)}"
         return told
 
     def changes(self, candidate: Candidate, length_s: float) -> Iterator[tuple[str, Candidate, float]]:
@@ -281,8 +281,16 @@ class Campaigns:
         write_levels(text, self._template, candidate.levels_A)
         write_length(text, length_s, self._template.dwell_s)
         channels = [candidate.channels_at(number) for number in range(len(candidate.stops))]
-        write_stops(text, candidate.stops, channels, self._slots_s(candidate.stops, candidate.by_lag))
+        slots_s = self._slots_s(candidate.stops, candidate.by_lag)
+        write_stops(text, candidate.stops, channels, slots_s, self._why_so_long(candidate) or " of the given length")
         return text.text(heading)
+
+    def _why_so_long(self, candidate: Candidate) -> str:
+        """Return what the lengths of the soaks rest on, "" where they are those given."""
+        if not candidate.by_lag or self._given.lag_s is None:
+            return ""
+        lag_min, start_degC = self._given.lag_s / 60.0, self._template.start_degC
+        return f" for a lag of {lag_min:.3g} min and no more, the chamber at {start_degC:g} degC before the first"
 
     def _may(self, tour: Tour) -> bool:
         return not self._broken_order(tour) and math.isfinite(sum(self._slots_s(tour, self._by_lag)))

@@ -62,8 +62,12 @@ def write_stops(
     stops: Tour,
     channels: Sequence[tuple[int, ...]],
     slots_s: Sequence[float],
+    why: str,
 ) -> None:
-    """Write the temperatures in their order, each with its slot. Raises: InputError B-DES-005 for another form."""
+    """Write the temperatures in their order, each with its slot, and why these are as long as they are.
+
+    Raises: InputError B-DES-005 for another form.
+    """
     loop = ("steps", 0, "do")
     body = _entry(text, loop, list)
     last = (*loop, len(body) - 1)
@@ -77,9 +81,7 @@ def write_stops(
     points = _dedented(text, (*last, "do"))
     text.replace_below(("steps",), list(_stop_lines(stops, channels, slots_s, points, again)))
     heading = [f"  {ARRIVE}:", "    arguments: {slot: required}", "    do:", *lines.splitlines(), ""]
-    text.insert_below(
-        ("procedures",), ["  # The soak to a temperature; its slot follows from the step and the lag.", *heading]
-    )
+    text.insert_below(("procedures",), [f"  # The soak to a temperature, with slots{why}.", *heading])
     _drop_slot(text, slot)
 
 
