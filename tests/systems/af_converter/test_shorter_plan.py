@@ -218,5 +218,5 @@ def test_a_plan_of_another_form_is_refused(tmp_path: Path) -> None:
 
 def test_targets_that_no_plan_reaches_are_refused() -> None:
     with pytest.raises(InputError) as error:
-        proposed(plan_of(GIVEN), Asked(["dsf_n.random=1e-6"], None, LAG_s))
+        proposed(plan_of(GIVEN), Asked(["dsf_n.random=1e-6ppm"], None, LAG_s))
     assert error.value.code == "B-DES-006"

@@ -56,7 +56,13 @@ def test_targets_are_read_and_held_against_the_largest_uncertainty() -> None:
     assert target == Target(Key("dsf_n", "", ""), 21.5)
     assert not target.holds(known)
     assert misses([target], known) == ["dsf_n is 22, not 21.5"]
-    assert read_target("dsf_n.random = 0.6", estimates).key.part == "random"
+    assert read_target("dsf_n.random = 0.6 ppm", estimates).key.part == "random"
+    U_ppm = read_target("dsf_n=0.003%", estimates).U
+    assert U_ppm == pytest.approx(30.0)
+    of_bias = [estimate("bias", "A", 0.0, 1e-9, {}, n=1), estimate("white_noise", "A*s^0.5", 0.0, 1e-10, {}, n=1)]
+    of_900pA = read_target("bias=900pA", of_bias).U
+    assert of_900pA == pytest.approx(9e-10)
+    assert read_target("white_noise=1.3e-10A*s^0.5", of_bias).U == 1.3e-10
     given = default_targets([("dsf_n", "")], known)
     assert {target.key.kind: target.U for target in given} == pytest.approx({"gyro": 22.0, "accelerometer": 21.0})
     assert all(target.holds(known) for target in given)
@@ -64,7 +70,17 @@ def test_targets_are_read_and_held_against_the_largest_uncertainty() -> None:
     assert known[Key("dsf_n", "random", "gyro")] == pytest.approx(1.959963984540054 * std_ppm)
 
 
-@pytest.mark.parametrize("words", ["dsf_n", "dsf_n=", "dsf_n=-1ppm", "dsf_n=22 mA", "bias=1", "dsf_n=nan", "=3"])
+def test_a_quantity_that_only_repeats_tell_is_no_target() -> None:
+    drift = estimate("dsf_n_drift", "ppm", 0.0, 1.0, {"kind": "gyro", "channel": 1, "repeat": 1}, n=1)
+    with pytest.raises(InputError) as error:
+        read_target("dsf_n_drift=5ppm", [scale_factor(22.0, 10.0), drift])
+    assert error.value.code == "B-DES-001"
+    assert error.value.next_step.endswith("of: dsf_n")
+
+
+@pytest.mark.parametrize(
+    "words", ["dsf_n", "dsf_n=", "dsf_n=-1ppm", "dsf_n=22 mA", "bias=1", "dsf_n=nan", "=3", "dsf_n=22", "dsf_n=0ppm"]
+)
 def test_what_is_no_target_is_refused(words: str) -> None:
     with pytest.raises(InputError) as error:
         read_target(words, [scale_factor(22.0, 10.0)])
