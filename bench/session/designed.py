@@ -23,7 +23,7 @@ from bench.design import (
 from bench.model.errors import InputError
 from bench.model.systems import analysis_declaration, named
 from bench.model.titles import quantity_title
-from bench.plan import Plan, decisions_of
+from bench.plan import Plan, PlannedSoak, decisions_of
 from bench.session.predicted import predicted
 
 LEAST_POWER = 0.9
@@ -176,11 +176,19 @@ def proposed(plan: Plan, asked: Asked) -> Proposal:
             "B-DES-006",
             f"no plan in place of {plan.name} reaches the targets under the rules{when}",
             where="--target" if asked.within_s is None else "--within",
-            next_step="ask for more uncertainty or more hours, state --lag, or give the sequence more to choose from",
+            next_step=_room(plan, asked),
         )
     return Proposal(
         plan, problem, targets, design, known, reached(problem.estimates(design.candidate, design.length_s))
     )
+
+
+def _room(plan: Plan, asked: Asked) -> str:
+    """Return what would leave the search more room; only soaks of a campaign become shorter by a stated lag."""
+    soaks = any(isinstance(step, PlannedSoak) for step in plan.phase("campaign"))
+    hours = [] if asked.within_s is None else ["allow more hours"]
+    lag = ["state --lag"] if soaks and asked.lag_s is None else []
+    return ", ".join([*hours, "ask for more uncertainty", *lag]) + ", or give the sequence more to choose from"
 
 
 def problem_of(plan: Plan, lag_s: float | None) -> Problem[Any]:

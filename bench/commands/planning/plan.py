@@ -18,6 +18,7 @@ from bench.plan import Plan, check_plan, compile_sequence
 from bench.session.designed import Asked, Proposal, curve, proposed
 from bench.session.output import write_file, writing
 
+_EXAMPLES = {"--within": "'26 h'", "--lag": "'27 min'"}
 _FACTORS = (1.0, 1.25, 1.6, 2.0, 3.0)  # of the targets, for the figure
 
 
@@ -69,12 +70,13 @@ def _seconds(option: str, text: str | None) -> float | None:
     """Return a time of the command line. Raises: InputError B-DES-001."""
     if text is None:
         return None
+    example = f"for example {_EXAMPLES[option]}"
     try:
         seconds = parse_quantity(text, "s")
     except ValueError as error:
-        raise InputError("B-DES-001", str(error), where=option, next_step="for example '26 h' or '27 min'") from error
+        raise InputError("B-DES-001", str(error), where=option, next_step=example) from error
     if seconds <= 0:
-        raise InputError("B-DES-001", f"{text!r} is not above zero", where=option, next_step="for example '26 h'")
+        raise InputError("B-DES-001", f"{text!r} is not above zero", where=option, next_step=example)
     return seconds
 
 

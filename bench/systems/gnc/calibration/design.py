@@ -63,7 +63,13 @@ class Candidate:
 
 
 def design(given: Given) -> Calibrations:
-    """Return the calibrations that may stand in place of a given one. Raises: InputError B-DES-004, B-DES-005."""
+    """Return the calibrations that may stand in place of a given one.
+
+    Raises: InputError B-DES-001 for a lag, which nothing here waits for, B-DES-004, B-DES-005.
+    """
+    if given.lag_s is not None:
+        message = f"nothing in {given.plan.name} waits for a lag"
+        raise InputError("B-DES-001", message, where="--lag", next_step="leave it out")
     return Calibrations(given)
 
 
