@@ -71,10 +71,11 @@ def _first_visits(estimates: Estimates) -> list[Estimate]:
 
 
 def random_U(entry: Estimate) -> float:
-    """Return the expanded uncertainty (95 %) of an estimate without what it shares with others."""
+    """Return the expanded uncertainty (95 %) of an estimate without what it shares with others, by its own factor."""
     common = entry.get("common")
     parts = [] if common is None else [*common["standards"].values(), *common["campaign"].values()]
-    return coverage_factor() * math.sqrt(max(entry["std_uncertainty"] ** 2 - math.fsum(part**2 for part in parts), 0.0))
+    own = entry["std_uncertainty"] ** 2 - math.fsum(part**2 for part in parts)
+    return entry["coverage_factor"] * math.sqrt(max(own, 0.0))
 
 
 def read_target(text: str, estimates: Estimates) -> Target:

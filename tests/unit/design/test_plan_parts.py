@@ -70,6 +70,12 @@ def test_targets_are_read_and_held_against_the_largest_uncertainty() -> None:
     assert known[Key("dsf_n", "random", "gyro")] == pytest.approx(1.959963984540054 * std_ppm)
 
 
+def test_what_shares_nothing_is_random_in_full() -> None:
+    """Ten degrees of freedom, k = 2.228 (JCGM 100, table G.2)."""
+    known = reached([estimate("gain", "ppm", 0.0, 1.0, {}, n=1, dof=10.0)])
+    assert known[Key("gain", "random", "")] == known[Key("gain", "", "")] == pytest.approx(2.228, abs=5e-4)
+
+
 def test_a_quantity_that_only_repeats_tell_is_no_target() -> None:
     drift = estimate("dsf_n_drift", "ppm", 0.0, 1.0, {"kind": "gyro", "channel": 1, "repeat": 1}, n=1)
     with pytest.raises(InputError) as error:
