@@ -11,6 +11,7 @@ from bench.design.targets import Key
 from bench.plan import Plan
 
 C = TypeVar("C")
+LEAST_POWER = 0.9  # against a rival that costs 1 U; below it a plan counts as blind to it
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from rehearsal import ROOT
 from scipy import stats
 
 from bench.analysis import FALSE_DOUBT
-from bench.design import default_targets, designed, reached
+from bench.design import LEAST_POWER, default_targets, designed, reached
 from bench.design.targets import misses
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import InputError
@@ -25,7 +25,7 @@ from bench.plan import Plan, check_plan, compile_sequence
 from bench.session.designed import problem_of
 from bench.session.planned import planned_of
 from bench.session.predicted import predicted
-from bench.systems.af_converter.bias_ramp.design.campaign import LEAST_POWER, Candidate, Ramps
+from bench.systems.af_converter.bias_ramp.design.campaign import Candidate, Ramps
 from bench.systems.af_converter.bias_ramp.evidence import CHECKS, listed_rivals
 from bench.systems.af_converter.constants import read_campaign
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import special
 
 from bench.analysis import FALSE_DOUBT, Estimates, Planned, Trace
-from bench.design import Given, Key, Power, SequenceText, reached
+from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached
 from bench.model.errors import InputError
 from bench.model.units import format_quantity, parse_quantity
 from bench.plan import CHAMBER, Plan
@@ -32,7 +32,6 @@ from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.hysteresis.rivals import PLAYS
 from bench.systems.af_converter.wording import kind_name
 
-LEAST_POWER = 0.9
 _LAGS = 4.0  # of a hold: 2 % of what trails is left
 _AHEAD_min = 10.0  # of the converters, which the unit's sensor may be for the fit to believe it
 _COARSE, _FINE = 2, 1  # steps of a rate, hundredths of a degC/min
@@ -203,7 +202,7 @@ class Ramps:
         }
 
     def changes(self, candidate: Candidate, length_s: float) -> Iterator[tuple[str, Candidate, float]]:
-        """Yield the way from the given ramp: holds, ramp up, ramp down."""
+        """Yield the way from the given ramp: holds, then ramps both ways."""
         here = replace(self.today[0], holds=candidate.holds)
         yield "holds", here, length_s
         yield "ramps", candidate, length_s

@@ -15,7 +15,7 @@ from itertools import combinations, product
 import numpy as np
 
 from bench.analysis import Estimates, Planned
-from bench.design import Given, Key, Power, SequenceText, reached, slot_s
+from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached, slot_s
 from bench.maths.verdict import coverage_factor
 from bench.model.clock import NS
 from bench.model.errors import InputError
@@ -25,7 +25,7 @@ from bench.systems.af_converter.constants import read_campaign
 from bench.systems.af_converter.group_fit import QUANTITIES
 from bench.systems.af_converter.register import read_standards
 from bench.systems.af_converter.scale_factor.design.drifts import coefficients_at_least, drift_powers
-from bench.systems.af_converter.scale_factor.design.rivals import LEAST_POWER, visit_powers, visit_readings
+from bench.systems.af_converter.scale_factor.design.rivals import visit_powers, visit_readings
 from bench.systems.af_converter.scale_factor.design.template import Point, Template, template_of
 from bench.systems.af_converter.scale_factor.design.tours import (
     COEFFICIENTS,
