@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.design import (
+    LEAST_POWER,
     Design,
     Given,
     Key,
@@ -26,7 +27,6 @@ from bench.model.titles import quantity_title
 from bench.plan import Plan, PlannedSoak, decisions_of
 from bench.session.predicted import predicted
 
-LEAST_POWER = 0.9
 _HOUR_s = 3600.0
 _ALIKE = 1e-3  # uncertainties: one channel stands for all that are alike, at the time of its own records
 Curve = list[tuple[float, float]]
@@ -89,10 +89,11 @@ class Proposal:
                 )
 
     def target_lines(self) -> Iterator[str]:
-        """Yield a line for each target: asked, reached, today."""
+        """Yield a line for each target: asked, times the factor that a time leaves, reached, today."""
         for target in self.targets:
-            asked, now, before = self.design.factor * target.U, target.reached(self.found), target.reached(self.known)
-            yield f"{target.key.name}: {_two(asked)} asked, {_two(now)} by this plan, {_two(before)} by the given one"
+            times = "" if self.design.factor == 1.0 else f" times {self.design.factor:.2f}"
+            now, before = _two(target.reached(self.found)), _two(target.reached(self.known))
+            yield f"{target.key.name}: {_two(target.U)} asked{times}, {now} by this plan, {before} by the given one"
 
     def change_lines(self) -> Iterator[str]:
         """Yield a line for each change on the way from the given campaign: hours before and after it."""
@@ -144,10 +145,11 @@ class Proposal:
                 "today": self.problem.told(*self.problem.today),
                 "proposed": self.problem.told(self.design.candidate, self.design.length_s),
             },
+            "factor": self.design.factor,
             "targets": [
                 {
                     **target.key._asdict(),
-                    "U": self.design.factor * target.U,
+                    "U": target.U,
                     "today": target.reached(self.known),
                     "proposed": target.reached(self.found),
                 }

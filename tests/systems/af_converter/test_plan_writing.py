@@ -11,7 +11,7 @@ import pytest
 from rehearsal import ROOT
 
 from bench.commands.planning import plan as command
-from bench.design import Design, default_targets, reached
+from bench.design import Design, Key, Target, default_targets, reached
 from bench.model.errors import InputError
 from bench.plan import Plan, PlannedSoak, check_plan, compile_sequence
 from bench.session.designed import Proposal, problem_of
@@ -90,6 +90,15 @@ def test_no_slot_is_shorter_than_the_least_time_of_a_soak(tmp_path: Path) -> Non
     plan = written(proposal_from(spelt(tmp_path, ("          late: hold\n", done))), tmp_path)
     slots_s = [step.slot_s for step in plan.phase("campaign") if isinstance(step, PlannedSoak)]
     assert slots_s == [6000.0, 6000.0, 6000.0, 6000.0, 8280.0, 10200.0]
+
+
+def test_what_was_asked_stands_beside_the_factor_that_a_time_leaves() -> None:
+    within = replace(shipped(), targets=[Target(Key("dsf_n", "", ""), 25.0)])
+    assert next(within.target_lines()).startswith("dsf_n: 25 asked, ")
+    within = replace(within, design=replace(within.design, factor=0.8687))
+    assert next(within.target_lines()).startswith("dsf_n: 25 asked times 0.87, ")
+    document = within.document()
+    assert (document["factor"], document["targets"][0]["U"]) == (0.8687, 25.0)
 
 
 def test_parameters_on_one_line_are_refused(tmp_path: Path) -> None:

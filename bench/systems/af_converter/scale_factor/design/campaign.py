@@ -193,7 +193,8 @@ class Campaigns:
     def at_least(self, candidate: Candidate, length_s: float) -> dict[Key, float]:
         """Return about the least uncertainty of the coefficients, by that of a visit, which no tour changes.
 
-        That of a visit is computed for a length in whole tens of seconds, which is the same for many candidates.
+        That of a visit is computed for a length in whole tens of seconds, which is the same for many candidates. Of
+        some candidates that break a rule, and are refused anyway, the fit says less by some percent.
         """
         usual = replace(candidate, stops=self.tours[0], again=(self._firsts, self._firsts))
         estimates = self.estimates(usual, _COARSE_s * math.ceil(length_s / _COARSE_s))
