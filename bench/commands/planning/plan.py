@@ -97,11 +97,14 @@ def _check(found: Proposal, text: str, out: Path | None) -> None:
 
     Raises: InputErrors for its mistakes; InputError B-DES-007 if it is not what was found, B-CLI-007.
     """
-    folder = None if out is None else out.parent
-    with writing(out or Path(tempfile.gettempdir())), tempfile.NamedTemporaryFile(suffix=".yaml", dir=folder) as file:
-        file.write(text.encode())
-        file.flush()
-        written = compile_sequence(file.name, found.plan.station)
+    folder, target = (None, Path(tempfile.gettempdir())) if out is None else (out.parent, out)
+    with writing(target), tempfile.NamedTemporaryFile(suffix=".yaml", dir=folder, delete=False) as file:
+        try:
+            file.write(text.encode())
+            file.close()  # not every system opens a file twice
+            written = compile_sequence(file.name, found.plan.station)
+        finally:
+            Path(file.name).unlink(missing_ok=True)
     if mistakes := check_plan(written, written.station):
         raise InputErrors(mistakes)
     found.require_same(written)
