@@ -78,7 +78,9 @@ def test_each_soak_has_its_slot_however_the_given_one_is_spelt(tmp_path: Path, s
 
 def test_what_the_slots_rest_on_stands_in_table_and_file(tmp_path: Path) -> None:
     """The chamber begins where ``finally`` leaves it, else at 23 degC; what is written has no margin for the lag."""
-    left = ("      temperature: 23 degC\n", "      temperature: 25 degC\n")
+    last = "  - soak: {temperature: 25 degC, ramp: 0.5 degC/min, slot: 600 s, late: skip,\n"
+    last += "           stable: {within: 2 degC, for: 1 min, sensor: air}}\n"
+    left = ("  - function_generator.output_off\n\n", f"{last}  - function_generator.output_off\n\n")
     for found, degC in ((shipped(), 23), (proposal_from(spelt(tmp_path, left)), 25)):
         rests = f"for a lag of 27 min and no more, the chamber at {degC} degC before the first"
         assert any(rests in line for line in found.lines())

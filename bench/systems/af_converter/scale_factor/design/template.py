@@ -86,7 +86,7 @@ def template_of(plan: Plan) -> Template:
         again=(again[0], again[-1]),
         dwell_s=records[0].seconds,
         soak=soaks[0],
-        start_degC=left[0] if left else LAB_AIR_degC,
+        start_degC=left[-1] if left else LAB_AIR_degC,
         begin_s=plan.prepare_s,
     )
     _check(plan, template, records)
