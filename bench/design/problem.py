@@ -11,6 +11,7 @@ from bench.design.targets import Key
 from bench.plan import Plan
 
 C = TypeVar("C")
+LEAST_POWER = 0.9  # against a rival that costs 1 U; below it a plan counts as blind to it
 
 
 @dataclass(frozen=True)
@@ -35,8 +36,11 @@ class Power:
 
 
 class Problem(Protocol[C]):
-    """The campaigns that may stand in the place of a given one. A candidate is hashable and leaves out the length of
-    records, which is one for all: the longer, the less uncertain.
+    """The campaigns that may stand in the place of a given one.
+
+    A candidate is hashable and leaves out the length of records, which is one for all. The search halves the lengths as
+    if a longer one knew every target better. That is so of most candidates, not of all: a record of other length weighs
+    the noises of the levels differently. There it may overlook a shorter plan; what it returns is fitted itself.
 
     ``today``: the candidate and the length that were given.   ``starts``: where the search begins.
     ``wanted``: quantities with the part of their uncertainty ("" all, "random") that a plan must reach as the given one
@@ -60,7 +64,10 @@ class Problem(Protocol[C]):
         """Return what the campaign will give, by the fit itself; one channel stands for all that are alike."""
 
     def at_least(self, candidate: C, length_s: float) -> Mapping[Key, float]:
-        """Return bounds of uncertainties that cost little: what misses a target by them need not be fitted."""
+        """Return bounds of uncertainties that cost little: what misses a target by them need not be fitted.
+
+        They must hold for candidates under the rules; another, which is refused anyway, may know a little more.
+        """
 
     def broken(self, candidate: C, length_s: float) -> list[str]:
         """Return the rules that the campaign breaks, a sentence each: hours are not bought with blindness."""

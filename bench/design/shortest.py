@@ -13,7 +13,7 @@ from bench.design.search import Rank, descended
 from bench.design.targets import Target, misses, reached
 
 C = TypeVar("C")
-_HALVINGS = 6  # of the factor on the targets: to 2 % of it
+_HALVINGS = 8  # of the range of factors: 32^(1 / 256) = 1.014 is left of it
 _LOOSEST, _TIGHTEST = 8.0, 0.25
 
 
@@ -59,9 +59,9 @@ def designed(problem: Problem[C], targets: Sequence[Target], factor: float = 1.0
 
 
 def best_within(problem: Problem[C], targets: Sequence[Target], most_s: float) -> Design[C] | None:
-    """Return the campaign that lasts at most ``most_s`` and reaches the smallest factor of the targets, to 4 %.
+    """Return the campaign that lasts at most ``most_s`` and reaches the smallest factor of the targets, to 1.4 %.
 
-    None if even targets eight times as wide take longer.
+    None if even targets eight times as wide take longer; nothing below a quarter of them is tried.
     """
     high, low = _LOOSEST, _TIGHTEST
     best = designed(problem, targets, high)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 from bench.analysis import Estimate, Estimates
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import InputError
+from bench.model.units import read_quantity
 
 RANDOM = "random"
 _TARGET = re.compile(r"\s*(\w+)(\.random)?\s*=\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
@@ -57,37 +58,50 @@ class Target:
 def reached(estimates: Estimates) -> dict[Key, float]:
     """Return the largest expanded uncertainty of each quantity and kind, all of it and its random part."""
     known: dict[Key, float] = {}
-    for entry in estimates:
+    for entry in _first_visits(estimates):
         kind = str(entry["conditions"].get("kind", ""))
-        if "repeat" in entry["conditions"]:
-            continue
         for part, U in (("", entry["expanded_uncertainty"]), (RANDOM, random_U(entry))):
             key = Key(entry["quantity"], part, kind)
             known[key] = max(known.get(key, 0.0), U)
     return known
 
 
+def _first_visits(estimates: Estimates) -> list[Estimate]:
+    """Return the estimates without those of repeats, of which no target is."""
+    return [entry for entry in estimates if "repeat" not in entry["conditions"]]
+
+
 def random_U(entry: Estimate) -> float:
-    """Return the expanded uncertainty (95 %) of an estimate without what it shares with others."""
+    """Return the expanded uncertainty (95 %) of an estimate without what it shares with others, by its own factor."""
     common = entry.get("common")
     parts = [] if common is None else [*common["standards"].values(), *common["campaign"].values()]
-    return coverage_factor() * math.sqrt(max(entry["std_uncertainty"] ** 2 - math.fsum(part**2 for part in parts), 0.0))
+    own = entry["std_uncertainty"] ** 2 - math.fsum(part**2 for part in parts)
+    return entry["coverage_factor"] * math.sqrt(max(own, 0.0))
 
 
 def read_target(text: str, estimates: Estimates) -> Target:
     """Read ``dsf_n=22ppm`` or ``dsf_n.random=0.6ppm``. Raises: InputError B-DES-001."""
     match = _TARGET.fullmatch(text)
-    units = {entry["quantity"]: entry["unit"] for entry in estimates}
+    units = {entry["quantity"]: entry["unit"] for entry in _first_visits(estimates)}
     quantity, part, number, unit = match.groups() if match else ("", "", "0", "")
     if quantity not in units:
         message = f"{text!r} is no target of this campaign" if match else f"{text!r} is not QUANTITY=U"
         known = ", ".join(units)
         raise InputError("B-DES-001", message, where="--target", next_step=f"write QUANTITY=U of: {known}")
-    if not 0.0 < float(number) < math.inf or unit not in ("", units[quantity]):
-        message = f"{text!r} states no uncertainty above zero in {units[quantity]}"
-        step = f"write a number with the unit {units[quantity]}"
+    U = _in_unit(number, unit, units[quantity])
+    if not 0.0 < U < math.inf:
+        message = f"{text!r} states no uncertainty above zero with a unit"
+        step = f"write a number with the unit {units[quantity]}, or another of its kind"
         raise InputError("B-DES-001", message, where="--target", next_step=step)
-    return Target(Key(quantity, RANDOM if part else "", ""), float(number))
+    return Target(Key(quantity, RANDOM if part else "", ""), U)
+
+
+def _in_unit(number: str, unit: str, due: str) -> float:
+    """Return a number with a unit in the unit that is due, NaN without one or with one of another dimension."""
+    if unit == due:
+        return float(number)
+    stated, one = read_quantity(f"{number} {unit}"), read_quantity(f"1 {due}")
+    return stated[0] / one[0] if stated and one and stated[1] == one[1] else math.nan
 
 
 def default_targets(wanted: Iterable[tuple[str, str]], known: Mapping[Key, float]) -> list[Target]:

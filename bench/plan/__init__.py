@@ -27,7 +27,7 @@ from bench.plan.language.notices import Apprise, Mail, Notify, Webhook, web_addr
 from bench.plan.language.sequence import Early
 from bench.plan.language.standards import Date, Standard, Stated, Words, told_standard
 from bench.plan.plan import Phase, Plan, PlannedUnit, SetPoint, Step, steps_sha256
-from bench.plan.planned_air import planned_temperature, timed_steps
+from bench.plan.planned_air import LAB_AIR_degC, planned_temperature, timed_steps
 from bench.plan.readings import is_answered, is_reading, roles_of, round_count
 from bench.plan.schemas import json_schemas, mapping_schema, vscode_settings
 from bench.plan.served import served_station
@@ -74,6 +74,7 @@ __all__ = [
     "Graph",
     "GraphEntry",
     "InterlockRule",
+    "LAB_AIR_degC",
     "LogMapping",
     "Mail",
     "Notify",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from bench.design import (
+    LEAST_POWER,
     Design,
     Given,
     Key,
@@ -22,10 +24,11 @@ from bench.design import (
 from bench.model.errors import InputError
 from bench.model.systems import analysis_declaration, named
 from bench.model.titles import quantity_title
-from bench.plan import Plan, decisions_of
+from bench.plan import Plan, PlannedSoak, decisions_of
+from bench.session.predicted import predicted
 
-LEAST_POWER = 0.9
 _HOUR_s = 3600.0
+_ALIKE = 1e-3  # uncertainties: one channel stands for all that are alike, at the time of its own records
 Curve = list[tuple[float, float]]
 
 
@@ -66,11 +69,31 @@ class Proposal:
         ]
         return self.problem.written(self.design.candidate, self.design.length_s, name, heading)
 
+    def require_same(self, written: Plan) -> None:
+        """Refuse a compiled sequence of another duration or other uncertainties than were found.
+
+        Raises: InputError B-DES-007.
+        """
+        known = reached(predicted(written).estimates)
+        stated = [
+            ("duration, s", self.design.duration_s, written.duration_s, 1e-9),
+            *((each.key.name, each.reached(self.found), each.reached(known), _ALIKE) for each in self.targets),
+        ]
+        for name, due, there, within in stated:
+            if not math.isclose(due, there, rel_tol=within):
+                raise InputError(
+                    "B-DES-007",
+                    f"{name}: {there:.6g} by the sequence as written, {due:.6g} by the plan that was found",
+                    where=self.plan.name,
+                    next_step="write the given sequence as the shipped one of its kind is written",
+                )
+
     def target_lines(self) -> Iterator[str]:
-        """Yield a line for each target: asked, reached, today."""
+        """Yield a line for each target: asked, times the factor that a time leaves, reached, today."""
         for target in self.targets:
-            asked, now, before = self.design.factor * target.U, target.reached(self.found), target.reached(self.known)
-            yield f"{target.key.name}: {_two(asked)} asked, {_two(now)} by this plan, {_two(before)} by the given one"
+            times = "" if self.design.factor == 1.0 else f" times {self.design.factor:.2f}"
+            now, before = _two(target.reached(self.found)), _two(target.reached(self.known))
+            yield f"{target.key.name}: {_two(target.U)} asked{times}, {now} by this plan, {before} by the given one"
 
     def change_lines(self) -> Iterator[str]:
         """Yield a line for each change on the way from the given campaign: hours before and after it."""
@@ -122,10 +145,11 @@ class Proposal:
                 "today": self.problem.told(*self.problem.today),
                 "proposed": self.problem.told(self.design.candidate, self.design.length_s),
             },
+            "factor": self.design.factor,
             "targets": [
                 {
                     **target.key._asdict(),
-                    "U": self.design.factor * target.U,
+                    "U": target.U,
                     "today": target.reached(self.known),
                     "proposed": target.reached(self.found),
                 }
@@ -154,11 +178,19 @@ def proposed(plan: Plan, asked: Asked) -> Proposal:
             "B-DES-006",
             f"no plan in place of {plan.name} reaches the targets under the rules{when}",
             where="--target" if asked.within_s is None else "--within",
-            next_step="ask for more uncertainty or more hours, state --lag, or give the sequence more to choose from",
+            next_step=_room(plan, asked),
         )
     return Proposal(
         plan, problem, targets, design, known, reached(problem.estimates(design.candidate, design.length_s))
     )
+
+
+def _room(plan: Plan, asked: Asked) -> str:
+    """Return what would leave the search more room; only soaks of a campaign become shorter by a stated lag."""
+    soaks = any(isinstance(step, PlannedSoak) for step in plan.phase("campaign"))
+    hours = [] if asked.within_s is None else ["allow more hours"]
+    lag = ["state --lag"] if soaks and asked.lag_s is None else []
+    return ", ".join([*hours, "ask for more uncertainty", *lag]) + ", or give the sequence more to choose from"
 
 
 def problem_of(plan: Plan, lag_s: float | None) -> Problem[Any]:

@@ -14,6 +14,7 @@ from bench.model.clock import NS, Clock, pause
 from bench.model.posix import spent_by_children_s
 from bench.model.processes import PARTIAL_RESULTS, own_process
 from bench.model.titles import quantity_title
+from bench.record import UNIT_TEMPERATURE  # a condition that says nothing of which estimate it is
 
 SHORTEST_S = 60.0  # between two fits
 SHARE = 30  # of a core: a fit that costs 10 s of processor is not repeated before 300 s are over
@@ -21,7 +22,6 @@ LONGEST_FIT_S = 600.0
 KEPT_PER_ROW = 200
 KEPT_IN_ALL = 6000  # points of all rows: a page that opens must not be sent megabytes
 KEPT_RUNS = 8
-MEASURED = "unit_temperature_degC"  # a condition that says nothing of which estimate it is
 _LOOK_S = 1.0
 _FITTER = tuple(own_process(PARTIAL_RESULTS))
 
@@ -111,7 +111,9 @@ def finished_estimates(results: dict[str, Any], t_utc_s: float) -> Estimates | N
     rows = [
         {**{key: estimate[key] for key in _SHOWN if key in estimate},
          "title": quantity_title(analysis, str(estimate.get("quantity"))),
-         "conditions": {key: value for key, value in (estimate.get("conditions") or {}).items() if key != MEASURED},
+         "conditions": {
+             key: value for key, value in (estimate.get("conditions") or {}).items() if key != UNIT_TEMPERATURE
+         },
          "history": [[records, *(estimate.get(key) for key in ("value", "std_uncertainty", "expanded_uncertainty"))]]}
         for estimate in entries
     ]  # fmt: skip

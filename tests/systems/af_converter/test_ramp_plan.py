@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,14 +15,14 @@ from scipy import stats
 from shorter_ramp import GIVEN, SHORTEST, given, problem, written
 
 from bench.analysis import FALSE_DOUBT
-from bench.design import default_targets, designed, reached
+from bench.design import LEAST_POWER, default_targets, designed, reached
 from bench.design.targets import misses
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import InputError
 from bench.plan import check_plan, compile_sequence
 from bench.session.designed import problem_of
 from bench.session.predicted import predicted
-from bench.systems.af_converter.bias_ramp.design.campaign import LEAST_POWER, Candidate, Ramps
+from bench.systems.af_converter.bias_ramp.design.campaign import Candidate, Ramps
 from bench.systems.af_converter.bias_ramp.evidence import CHECKS, listed_rivals
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.hysteresis.rivals import SECOND_LAG, Noise, compare
@@ -126,6 +127,14 @@ def test_a_rival_is_seen_as_often_as_its_power_says(record_property: Callable[[s
     sys.stdout.write(f"seed 49: {often}, stated {power:.4f}\n")
     low, high = stats.binom.interval(0.999, draws, power)
     assert low <= draws * min(often) <= high
+
+
+def test_a_lag_below_the_declared_one_is_refused_and_a_longer_one_asks_for_longer_holds() -> None:
+    with pytest.raises(InputError, match="the unit alone, 25 min") as error:
+        problem_of(given(), 1.0)
+    assert error.value.code == "B-DES-001"
+    longer: Any = problem_of(given(), 27.0 * 60.0)  # four lags: 64.8 windows of 100 s
+    assert any("hold_start of 60 windows" in sentence for sentence in longer.broken(SHORTEST, WINDOW_s))
 
 
 @pytest.mark.parametrize(

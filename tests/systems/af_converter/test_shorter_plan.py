@@ -195,7 +195,9 @@ def test_what_cannot_be_planned_is_refused(monkeypatch: pytest.MonkeyPatch, caps
         ("plan", "scale_factor_short"): "B-DES-004",
         ("plan", GIVEN, "--target", "dsf_n=15ppm"): "B-DES-002",
         ("plan", GIVEN, "--target", "dsf_n"): "B-DES-001",
-        ("plan", GIVEN, "--within", "26"): "B-DES-001",
+        ("plan", GIVEN, "--within", "26"): "'26 h'",
+        ("plan", GIVEN, "--lag", "0 min"): "'27 min'",
+        ("plan", "gnc_imu_calibration", "--lag", "27 min"): "nothing in gnc_imu_calibration waits for a lag",
     }
     for words, code in cases.items():
         monkeypatch.setattr("sys.argv", ["bench", *words])
@@ -217,6 +219,9 @@ def test_a_plan_of_another_form_is_refused(tmp_path: Path) -> None:
 
 
 def test_targets_that_no_plan_reaches_are_refused() -> None:
-    with pytest.raises(InputError) as error:
-        proposed(plan_of(GIVEN), Asked(["dsf_n.random=1e-6"], None, LAG_s))
-    assert error.value.code == "B-DES-006"
+    for lag_s in (LAG_s, None):
+        with pytest.raises(InputError) as error:
+            proposed(plan_of(GIVEN), Asked(["dsf_n.random=1e-6ppm"], None, lag_s))
+        assert error.value.code == "B-DES-006"
+        assert ("--lag" in error.value.next_step) == (lag_s is None)
+        assert "hours" not in error.value.next_step

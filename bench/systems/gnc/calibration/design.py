@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import CONTINUES, Estimates, Planned, Reading
-from bench.design import Given, Key, Power, SequenceText, reached
+from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached
 from bench.maths.verdict import coverage_factor
 from bench.model.clock import NS
 from bench.model.errors import InputError
@@ -36,7 +36,6 @@ from bench.systems.gnc.predicted.records import nominal_material
 from bench.systems.gnc.rows import SampledRow, sampled_rows
 
 POSITION, CHECK, TURN = "position", "check_position", "turn_record"  # parameters that the records take their length of
-LEAST_POWER = 0.9
 _SETS = 2
 _SHORTEST_s, _STEP_s = 20.0, 1.0  # of positions: 20 means of a second tell their noise
 _CHECKS_s = 20.0, 30.0, 40.0, 50.0  # beside that of today
@@ -62,7 +61,13 @@ class Candidate:
 
 
 def design(given: Given) -> Calibrations:
-    """Return the calibrations that may stand in place of a given one. Raises: InputError B-DES-004, B-DES-005."""
+    """Return the calibrations that may stand in place of a given one.
+
+    Raises: InputError B-DES-001 for a lag, which nothing here waits for, B-DES-004, B-DES-005.
+    """
+    if given.lag_s is not None:
+        message = f"nothing in {given.plan.name} waits for a lag"
+        raise InputError("B-DES-001", message, where="--lag", next_step="leave it out")
     return Calibrations(given)
 
 

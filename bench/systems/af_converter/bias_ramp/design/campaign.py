@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Estimates, Planned, Trace
-from bench.design import Given, Key, Power, SequenceText, reached
+from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached
 from bench.model.errors import InputError
 from bench.model.units import format_quantity, parse_quantity
 from bench.plan import CHAMBER, Plan
@@ -29,7 +29,6 @@ from bench.systems.af_converter.bias_ramp.predicted import Fitted, channels_pred
 from bench.systems.af_converter.constants import read_campaign
 from bench.systems.af_converter.wording import kind_name
 
-LEAST_POWER = 0.9
 _LAGS = 4.0  # of a hold: 2 % of what trails is left
 _AHEAD_min = 10.0  # of the converters, which the unit's sensor may be for the fit to believe it
 _COARSE, _FINE = 2, 1  # steps of a rate, hundredths of a degC/min
@@ -46,7 +45,7 @@ class Candidate:
 
 
 def design(given: Given) -> Ramps:
-    """Return the ramps that may stand in place of a given one. Raises: InputError B-DES-004, B-DES-005."""
+    """Return the ramps that may stand in place of a given one. Raises: InputError B-DES-001, B-DES-004, B-DES-005."""
     return Ramps(given, template_of(given.plan))
 
 
@@ -56,7 +55,7 @@ class Ramps:
     wanted = tuple((quantity, "") for quantity in PARAMETERS)
 
     def __init__(self, given: Given, template: Template) -> None:
-        """Take a ramp apart. Raises: InputError B-DES-004 if its unit is not declared."""
+        """Take a ramp apart. Raises: InputError B-DES-004 if its unit is not declared, B-DES-001 for less lag."""
         self._given, self._template = given, template
         self._campaign = _one_of_each_kind(given.plan.campaign)
         self._checks = CHECKS * len(given.plan.campaign["channels"])
@@ -65,7 +64,12 @@ class Ramps:
             message = f"{given.plan.name} declares no typical unit, of which the uncertainties of a ramp are"
             step = "write 'thermal_lag' and 'typical' of each kind under 'uut', as bias_ramp_25h does"
             raise InputError("B-DES-004", message, where=given.plan.name, next_step=step)
-        self._lag_s = given.lag_s or constants.thermal_lag_s
+        self._lag_s = constants.thermal_lag_s if given.lag_s is None else given.lag_s
+        if self._lag_s < constants.thermal_lag_s:
+            declared = f"the declared lag of the unit alone, {constants.thermal_lag_s / 60.0:g} min"
+            message = f"{self._lag_s / 60.0:.3g} min is less than {declared}"
+            step = f"state that of unit and air together, or change 'thermal_lag' in {given.plan.name}"
+            raise InputError("B-DES-001", message, where="--lag", next_step=step)
         self._fastest = min(_fastest_of_chamber(given.plan), math.floor(100.0 * FOLLOWS_degC / _AHEAD_min))
         self.today = Candidate(template.rates, template.holds), template.window_s
         self._fitted = lru_cache(maxsize=8)(self._fit)
@@ -208,7 +212,7 @@ class Ramps:
         }
 
     def changes(self, candidate: Candidate, length_s: float) -> Iterator[tuple[str, Candidate, float]]:
-        """Yield the way from the given ramp: holds, ramp up, ramp down."""
+        """Yield the way from the given ramp: holds, then ramps both ways."""
         here = replace(self.today[0], holds=candidate.holds)
         yield "holds", here, length_s
         yield "ramps", candidate, length_s

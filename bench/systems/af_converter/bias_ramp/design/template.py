@@ -15,11 +15,10 @@ from bench.design import SequenceText
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
-from bench.plan import MEASUREMENT, Plan, PlannedCall, PlannedRecord, PlannedSoak
+from bench.plan import MEASUREMENT, LAB_AIR_degC, Plan, PlannedCall, PlannedRecord, PlannedSoak
 
 BRANCHES = ("hold_start", "up", "hold_top", "down", "hold_end")
 HOLDS = BRANCHES[::2]
-_ROOM_degC = 23.0  # where a chamber begins
 _MINUTE_s = 60.0
 _WINDOWS = re.compile(r"\bwindows: *[^,}\s]+")
 _RAMP = re.compile(r'\bramp: *("[^"]*"|[^,}]+)')
@@ -81,12 +80,12 @@ class Template:
         up_s, down_s = self.ramps_s(rates)
         counts = list(self.counts(rates, holds).values())
         begins_s = [self.window.t_start_ns / NS + self.window_s * done for done in accumulate(counts, initial=0)]
-        soaked_s = self.soak.at_s + 60.0 * abs(cold - _ROOM_degC) / self.soak.ramp_degC_min
+        soaked_s = self.soak.at_s + 60.0 * abs(cold - LAB_AIR_degC) / self.soak.ramp_degC_min
         corners_s = [
             self.soak.at_s, soaked_s, begins_s[1], begins_s[1] + up_s, begins_s[3], begins_s[3] + down_s, begins_s[5],
         ]  # fmt: skip
         t_s = np.union1d(np.arange(corners_s[0], corners_s[-1], _MINUTE_s), corners_s)
-        return t_s, np.interp(t_s, corners_s, [_ROOM_degC, cold, cold, hot, hot, cold, cold])
+        return t_s, np.interp(t_s, corners_s, [LAB_AIR_degC, cold, cold, hot, hot, cold, cold])
 
 
 def template_of(plan: Plan) -> Template:

@@ -15,7 +15,7 @@ from itertools import combinations, product
 import numpy as np
 
 from bench.analysis import Estimates, Planned
-from bench.design import Given, Key, Power, SequenceText, reached, slot_s
+from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached, slot_s
 from bench.maths.verdict import coverage_factor
 from bench.model.clock import NS
 from bench.model.errors import InputError
@@ -25,7 +25,7 @@ from bench.systems.af_converter.constants import read_campaign
 from bench.systems.af_converter.group_fit import QUANTITIES
 from bench.systems.af_converter.register import read_standards
 from bench.systems.af_converter.scale_factor.design.drifts import coefficients_at_least, drift_powers
-from bench.systems.af_converter.scale_factor.design.rivals import LEAST_POWER, visit_powers, visit_readings
+from bench.systems.af_converter.scale_factor.design.rivals import visit_powers, visit_readings
 from bench.systems.af_converter.scale_factor.design.template import Point, Template, template_of
 from bench.systems.af_converter.scale_factor.design.tours import (
     COEFFICIENTS,
@@ -193,7 +193,8 @@ class Campaigns:
     def at_least(self, candidate: Candidate, length_s: float) -> dict[Key, float]:
         """Return about the least uncertainty of the coefficients, by that of a visit, which no tour changes.
 
-        That of a visit is computed for a length in whole tens of seconds, which is the same for many candidates.
+        That of a visit is computed for a length in whole tens of seconds, which is the same for many candidates. Of
+        some candidates that break a rule, and are refused anyway, the fit says less by some percent.
         """
         usual = replace(candidate, stops=self.tours[0], again=(self._firsts, self._firsts))
         estimates = self.estimates(usual, _COARSE_s * math.ceil(length_s / _COARSE_s))
@@ -250,7 +251,7 @@ class Campaigns:
         told["temperatures, degC"] = ", ".join(visits)
         told["records"] = f"{length_s:g} s"
         slots_min = [slot / 60.0 for slot in self._slots_s(candidate.stops, candidate.by_lag) if slot]
-        told["soaks"] = ", ".join(f"{slot:g}" for slot in slots_min) + " min"
+        told["soaks"] = ", ".join(f"{slot:g}" for slot in slots_min) + f" min{self._why_so_long(candidate)}"
         return told
 
     def changes(self, candidate: Candidate, length_s: float) -> Iterator[tuple[str, Candidate, float]]:
@@ -281,8 +282,16 @@ class Campaigns:
         write_levels(text, self._template, candidate.levels_A)
         write_length(text, length_s, self._template.dwell_s)
         channels = [candidate.channels_at(number) for number in range(len(candidate.stops))]
-        write_stops(text, candidate.stops, channels, self._slots_s(candidate.stops, candidate.by_lag))
+        slots_s = self._slots_s(candidate.stops, candidate.by_lag)
+        write_stops(text, candidate.stops, channels, slots_s, self._why_so_long(candidate) or " of the given length")
         return text.text(heading)
+
+    def _why_so_long(self, candidate: Candidate) -> str:
+        """Return what the lengths of the soaks rest on, "" where they are those given."""
+        if not candidate.by_lag or self._given.lag_s is None:
+            return ""
+        lag_min, start_degC = self._given.lag_s / 60.0, self._template.start_degC
+        return f" for a lag of {lag_min:.3g} min and no more, the chamber at {start_degC:g} degC before the first"
 
     def _may(self, tour: Tour) -> bool:
         return not self._broken_order(tour) and math.isfinite(sum(self._slots_s(tour, self._by_lag)))
@@ -329,10 +338,11 @@ class Campaigns:
         if stops == template.stops and not by_lag:
             return list(template.slots_s)
         if by_lag and lag_s is not None:
-            return [
+            slots_s = (
                 slot_s(step, soak.ramp_degC_min, soak.within_degC, soak.for_s, lag_s) if step or not number else 0.0
                 for number, step in enumerate(template.steps_degC(stops))
-            ]
+            )
+            return [max(slot, soak.least_s or 0.0) if slot else 0.0 for slot in slots_s]
         longest, slot = max(template.steps_degC(template.stops)), max(template.slots_s)
         return [slot if step <= longest else math.inf for step in template.steps_degC(stops)]
 

@@ -23,7 +23,6 @@ from bench.systems.af_converter.register import Standards
 from bench.systems.af_converter.scale_factor.design.template import Point
 
 Array = NDArray[np.float64]
-LEAST_POWER = 0.9
 _TRIED = 1e-3  # relative size of a rival in the counts: far above a whole pulse
 _NO_MOVE = 1e-4  # of its size: what moves a result less than that costs it nothing
 _CHECKS_OF_A_VISIT = 3

@@ -9,10 +9,9 @@ from itertools import pairwise
 from typing import Any
 
 from bench.model.errors import InputError
-from bench.plan import MEASUREMENT, Plan, PlannedRecord, PlannedSoak
+from bench.plan import MEASUREMENT, LAB_AIR_degC, Plan, PlannedRecord, PlannedSoak
 from bench.systems.af_converter.scale_factor.design.tours import Stop
 
-_LABORATORY_degC = 23.0  # where a chamber begins that nothing has left elsewhere
 _FORM = "temperatures, soaked one after the other, each with the same points of every channel"
 
 
@@ -87,7 +86,7 @@ def template_of(plan: Plan) -> Template:
         again=(again[0], again[-1]),
         dwell_s=records[0].seconds,
         soak=soaks[0],
-        start_degC=left[0] if left else _LABORATORY_degC,
+        start_degC=left[-1] if left else LAB_AIR_degC,
         begin_s=plan.prepare_s,
     )
     _check(plan, template, records)

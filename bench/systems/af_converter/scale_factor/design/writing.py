@@ -62,8 +62,12 @@ def write_stops(
     stops: Tour,
     channels: Sequence[tuple[int, ...]],
     slots_s: Sequence[float],
+    why: str,
 ) -> None:
-    """Write the temperatures in their order, each with its slot. Raises: InputError B-DES-005 for another form."""
+    """Write the temperatures in their order, each with its slot, and why these are as long as they are.
+
+    Raises: InputError B-DES-005 for another form.
+    """
     loop = ("steps", 0, "do")
     body = _entry(text, loop, list)
     last = (*loop, len(body) - 1)
@@ -71,15 +75,13 @@ def write_stops(
     if "soak" not in body[0] or _entry(text, last, dict).get("in") != "channels":
         raise _other_form(text, loop)
     slot = str(body[0]["soak"].get("slot"))
+    text.set_value((*loop, 0, "soak", "slot"), '"{slot}"', "")
     arrival = "\n".join(line for number in range(len(body) - 1) for line in text.block((*loop, number)))
-    lines = textwrap.indent(textwrap.dedent(arrival), " " * 6).replace(f"slot: {slot}", 'slot: "{slot}"')
-    lines = lines.replace(f'slot: "{slot}"', 'slot: "{slot}"')
+    lines = textwrap.indent(textwrap.dedent(arrival), " " * 6)
     points = _dedented(text, (*last, "do"))
     text.replace_below(("steps",), list(_stop_lines(stops, channels, slots_s, points, again)))
     heading = [f"  {ARRIVE}:", "    arguments: {slot: required}", "    do:", *lines.splitlines(), ""]
-    text.insert_below(
-        ("procedures",), ["  # The soak to a temperature; its slot follows from the step and the lag.", *heading]
-    )
+    text.insert_below(("procedures",), [f"  # The soak to a temperature, with slots{why}.", *heading])
     _drop_slot(text, slot)
 
 
@@ -94,7 +96,10 @@ def _again(text: SequenceText) -> list[str]:
 
 
 def _dedented(text: SequenceText, path: tuple[str | int, ...]) -> list[str]:
-    return textwrap.dedent("\n".join(text.block(path)[1:])).splitlines()
+    lines = text.block(path)[1:]
+    if not lines:  # all in one line
+        raise _other_form(text, path)
+    return textwrap.dedent("\n".join(lines)).splitlines()
 
 
 def _entry(text: SequenceText, path: tuple[str | int, ...], kind: type) -> Any:
