@@ -31,7 +31,7 @@ _PROBABILITY = 1e-4  # that a record without any other noise is called off
 # largest jump squared, constant, by cos 2 beta and by cos 4 beta, its phase by those of sin 2 beta and sin 4 beta, to
 # what is left below.
 _RATE_OFF, _PHASE_OFF_rad = (-0.0315, 0.0703, -0.0043), (-0.0422, 0.0035)
-_LEFT = 0.004  # of the jump squared
+_LEFT, _LEFT_SHORT = 0.004, 1.5  # of the jump squared; the second over the swing of the dither, rad (5 cm)
 _PARTS = 24  # of a turn of the phase, in which what is left is averaged
 
 
@@ -155,7 +155,8 @@ class LaserResult:
     @property
     def _left(self) -> float:
         """Standard uncertainty of what the corrections leave: of the rate, relative, and of the phase, rad."""
-        return _LEFT * self.jump_squared / math.sqrt(3.0)
+        left = _LEFT + _LEFT_SHORT / (self.found.swing_rad / 2.0)
+        return left * self.jump_squared / math.sqrt(3.0)
 
     @property
     def backscatter_deg(self) -> Measured | None:

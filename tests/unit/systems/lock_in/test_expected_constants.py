@@ -24,6 +24,13 @@ def result_of(seed: int, world: World, *, quiet: bool) -> LaserResult:
     return laser_result(record)
 
 
+def world_of(path_m: float, clock_Hz: int, beta_deg: float) -> World:
+    """Four seconds of the laser of 28 cm with another path."""
+    wider = (0.28 / path_m) ** 2
+    return World(path_m=path_m, clock_Hz=clock_Hz, beta_deg=beta_deg, seconds=4.0,
+                 lock_in_deg_s=0.05 * wider, quantum_deg_rth=1.15e-4 * wider)  # fmt: skip
+
+
 def nominal(world: World) -> NominalLaser:
     """The laser of a world, by its own words."""
     return NominalLaser(
@@ -65,9 +72,7 @@ def test_rate_and_phase_are_true_without_noise(beta_deg: float) -> None:
 
 @pytest.mark.parametrize(("path_m", "clock_Hz", "beta_deg"), [(0.15, 100_000_000, 0.0), (0.28, 20_000_000, 90.0)])
 def test_the_fit_states_what_was_expected(path_m: float, clock_Hz: int, beta_deg: float) -> None:
-    wider = (0.28 / path_m) ** 2
-    world = World(path_m=path_m, clock_Hz=clock_Hz, beta_deg=beta_deg, seconds=4.0,
-                  lock_in_deg_s=0.05 * wider, quantum_deg_rth=1.15e-4 * wider)  # fmt: skip
+    world = world_of(path_m, clock_Hz, beta_deg)
     (stated,) = result_of(8, world, quiet=False).found.constants
     expected = expected_constants(nominal(world), round(world.seconds / world.half_s))
     assert stated.kappa_std_rad_s == pytest.approx(expected.kappa_std_rad_s, rel=0.08)
@@ -75,6 +80,34 @@ def test_the_fit_states_what_was_expected(path_m: float, clock_Hz: int, beta_deg
     jump = nominal(world).jump_squared / 2.0
     assert np.mean(expected.jumps.dpsi_rad**2) == pytest.approx(jump, rel=1e-3)
     assert np.nanmean(stated.jumps.dpsi_rad**2) == pytest.approx(jump, rel=0.06)
+
+
+def errors_of(first_seed: int, world: World, records: int) -> tuple[np.ndarray, np.ndarray]:
+    """Errors of rate and phase and their stated standard uncertainties, (n, 2) each."""
+    errors, stated = [], []
+    for seed in range(first_seed, first_seed + records):
+        found = result_of(seed, world, quiet=False)
+        rate, phase = found.lock_in_deg_s, found.backscatter_deg
+        assert rate is not None
+        assert phase is not None
+        errors.append((rate.value - world.lock_in_deg_s, phase.value - world.beta_deg))
+        stated.append((rate.std, phase.std))
+    return np.array(errors), np.array(stated)
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize(
+    ("first_seed", "path_m", "clock_Hz", "beta_deg"),
+    [(8000, 0.15, 100_000_000, 65.0), (9000, 0.15, 20_000_000, 20.0), (9500, 0.28, 100_000_000, 20.0)],
+)
+def test_intervals_hold_the_truth(first_seed: int, path_m: float, clock_Hz: int, beta_deg: float) -> None:
+    """Bands of 99.9 %: 200 records, of whose intervals of +-2 standard uncertainties 0.954 should hold the truth."""
+    errors, stated = errors_of(first_seed, world_of(path_m, clock_Hz, beta_deg), 200)
+    held = np.mean(np.abs(errors) < 2.0 * stated, axis=0)
+    off = np.mean(errors, axis=0) / np.mean(stated, axis=0)
+    print(f"seeds from {first_seed}: held {held}, mean off by {off} of u, spread {np.std(errors, axis=0)}")
+    assert np.all(held > 0.90)
+    assert np.all(np.abs(off) < 3.3 / np.sqrt(200.0))
 
 
 def test_a_weak_dither_and_a_short_record_are_refused() -> None:
