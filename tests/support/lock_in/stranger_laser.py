@@ -46,9 +46,9 @@ def _half_cycle(psi_rad: float, dither_deg_s: float, sign: int) -> tuple[Any, An
     return np.concatenate(times), np.concatenate(counts) % 2 == 0, np.concatenate(crossed) % 2 == 0, float(psi[-1])
 
 
-def _edges() -> tuple[Any, Any]:
+def _edges(seed: int) -> tuple[Any, Any]:
     """Ticks of all edges in order of time, and the lowest three bits of each."""
-    rng, psi_rad = np.random.default_rng(6), 1.0
+    rng, psi_rad = np.random.default_rng(seed), 1.0
     ticks, bits = [], []
     for half in range(round(SECONDS / _HALF_s)):
         sign = 1 if half % 2 == 0 else -1
@@ -61,10 +61,10 @@ def _edges() -> tuple[Any, Any]:
     return np.floor(np.concatenate(ticks) * CLOCK_Hz + 1e-3).astype(np.int64), np.concatenate(bits).astype(np.int64)
 
 
-def laser_session() -> Session:
-    """One record of blocks of 10 ms."""
+def laser_session(seed: int = 6) -> Session:
+    """One record of blocks of 10 ms; ``seed``: of the scatter of the dither."""
     session = Session(documented_campaign("rlg_lock_in"), {"edges": shipped("time_tags")})
-    ticks, bits = _edges()
+    ticks, bits = _edges(seed)
     per_block, blocks = round(_BLOCK_s * CLOCK_Hz), round(SECONDS / _BLOCK_s)
     at = np.searchsorted(ticks, np.arange(blocks + 1) * per_block)
     for block in range(blocks):
