@@ -70,10 +70,14 @@ class Fitted:
         """Return whether the campaign determines the temperature coefficients of a channel."""
         return all((quantity, channel) in self.polynomials for quantity in QUANTITIES)
 
+    def guesses_slopes(self, channel: int) -> bool:
+        """Return whether any coefficients may be: there is one temperature. Where visits do not fit, they say that."""
+        return not self.knows_slopes(channel) and len(self.visits(channel)) < 2
+
     def referral(self, channel: int, temperature_degC: float) -> Referral:
         """Return how rows of a channel are referred to a temperature: by its coefficients, or by any that may be."""
         slopes = self.slopes_ppm_degC(channel, temperature_degC)
-        return Referral(temperature_degC, slopes, 0.0 if self.knows_slopes(channel) else UNKNOWN_SLOPE_ppm_degC)
+        return Referral(temperature_degC, slopes, UNKNOWN_SLOPE_ppm_degC if self.guesses_slopes(channel) else 0.0)
 
     def drift_ppm_s(self, standards: Standards) -> float:
         """Return standard uncertainty of a steady drift of the calibrator, ppm per second; 0 if nobody knows of one."""

@@ -133,8 +133,11 @@ def test_a_lag_below_the_declared_one_is_refused_and_a_longer_one_asks_for_longe
     with pytest.raises(InputError, match="the unit alone, 25 min") as error:
         problem_of(given(), 1.0)
     assert error.value.code == "B-DES-001"
-    longer: Any = problem_of(given(), 31.0 * 60.0)  # four lags: 74.4 windows of 100 s
-    assert any("hold_start of 72 windows" in sentence for sentence in longer.broken(SHORTEST, WINDOW_s))
+    start_60 = replace(SHORTEST, holds=(60, *SHORTEST.holds[1:]))
+    said = "hold_start of 60 windows"
+    assert not any(said in sentence for sentence in problem().broken(start_60, WINDOW_s))
+    longer: Any = problem_of(given(), 27.0 * 60.0)  # four lags: 64.8 windows of 100 s
+    assert any(said in sentence for sentence in longer.broken(start_60, WINDOW_s))
 
 
 @pytest.mark.parametrize(

@@ -226,7 +226,8 @@ def change_ppm(start: GroupFit, again: GroupFit, fitted: Fitted) -> tuple[Array,
     if not fitted.knows_slopes(channel):
         visits_degC = again.fit.unreferred_degC, start.fit.unreferred_degC
         away_degC = warmer_degC * np.eye(2) + visits_degC[0] - visits_degC[1]
-        of_each = np.sum([visit_degC @ visit_degC.T for visit_degC in visits_degC], axis=0)
+        counted = visits_degC if fitted.guesses_slopes(channel) else ()  # in the noise of each visit already
+        of_each = np.sum([visit_degC @ visit_degC.T for visit_degC in counted], axis=0)
         shared = shared + UNKNOWN_SLOPE_ppm_degC**2 * (away_degC @ away_degC.T - of_each)
     return np.asarray(change), np.asarray(again.fit.noise_ppm2 + start.fit.noise_ppm2 + shared)
 

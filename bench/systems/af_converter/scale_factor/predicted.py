@@ -46,7 +46,7 @@ def _is_untold(entry: Estimate, fitted: Fitted) -> bool:
 
 def _assumed(fitted: Fitted) -> list[str]:
     """Return a sentence on the unit, where no coefficients refer the rows of a visit to one temperature."""
-    guessed = any(not fitted.knows_slopes(visit.group.channel) for visit in fitted.groups)
+    guessed = any(fitted.guesses_slopes(visit.group.channel) for visit in fitted.groups)
     return [say("predicted.steady", step=_STEP_ppm)] if guessed else []
 
 
