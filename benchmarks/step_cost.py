@@ -36,9 +36,10 @@ QUERIES = 2_000
 
 
 class Nothing:
-    """An instrument, sink, listener or link that takes every call and answers True at once."""
+    """An instrument, sink, listener or link that takes every call and answers True at once; it has no output to ask."""
 
     readers: Mapping[str, Any] = MappingProxyType({})
+    look = quick = None
 
     def __getattr__(self, name: str) -> Callable[..., bool]:
         return _yes
@@ -59,7 +60,7 @@ def own_steps(plan: Plan, folder: Path) -> float:
     clock, stop, nothing = VirtualClock(), StopSwitch(), cast(Any, Nothing())
     roles = {step.role for step in plan.steps if step.role}
     context = RunContext(
-        plan=plan, instruments=dict.fromkeys(roles, nothing), acquisition=nothing, cutter=nothing, clock=clock,
+        plan=plan, instruments=dict.fromkeys(roles, nothing), acquisition=nothing, cutters={}, clock=clock,
         observers=nothing, operator=nothing, stop=stop, timeline=Timeline(clock, stop, 0),
         measurement_link=plan.measurement_link,
     )  # fmt: skip
