@@ -1,4 +1,4 @@
-"""What records of a ring laser will know of its lock-in and its random walk, by the declared laser and dither.
+"""Predicts what records of a ring laser will know of its lock-in and its random walk, by the declared laser and dither.
 
 The Allan deviation of a walk and a quantisation of the expected sizes goes through the fit of a record. Before
 compensation the walk is that of lock-in and of quantum noise, behind the global fit that of quantum noise alone, which

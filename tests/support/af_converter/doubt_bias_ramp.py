@@ -28,7 +28,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class Course:
-    """What a world adds to the right one: hours since the first window, temperatures every 2 s, and the unit.
+    """Hold what a world adds to the right one: hours since the first window, temperatures every 2 s, and the unit.
 
     ``length_h``: of all windows.
     """

@@ -20,6 +20,7 @@ from bench.systems.af_converter.group_fit import UNKNOWN_SLOPE_ppm_degC
 from bench.systems.af_converter.scale_factor.analysis import analyse
 from bench.systems.af_converter.scale_factor.determined import determine
 from bench.systems.af_converter.scale_factor.predicted import predicted
+from bench.systems.af_converter.wording import say
 
 CAMPAIGNS = 60  # seeds from 0 on
 INSIDE = 0.999
@@ -122,11 +123,8 @@ def test_the_prediction_names_what_warming_may_be() -> None:
     found = predicted(planned(campaign))
     assert drifts(found.estimates) == {}
     assert {"dsf_n", "dsf_asymmetry", "bias"} <= {entry["quantity"] for entry in found.estimates}
-    (untold,) = found.missing
-    assert untold.startswith("drift of calibrator and unit by channel 1 at 20 degC, repeat 1")
-    assert [sentence.startswith("the unit is steady while a channel is measured") for sentence in found.assumed] == [
-        True
-    ]
+    assert found.missing == [say("predicted.untold", place="channel 1 at 20 degC, repeat 1", step=1.0)]
+    assert found.assumed == [say("predicted.steady", step=1.0)]
     several = predicted(planned(sim.simulate(4, temperatures=(5.0, 20.0), repeat_channel=1)))
     assert drifts(several.estimates).keys() == set(CHANGES)
     assert (several.missing, several.assumed) == ([], [])

@@ -1,4 +1,4 @@
-"""What the global fit will know of lock-in, by its own columns and covariance on turnarounds of a declared laser."""
+"""Predicts what the global fit will know of lock-in, by its own columns at turnarounds of a declared laser."""
 
 from __future__ import annotations
 

@@ -118,7 +118,7 @@ class LockInShapes:
 
     @property
     def columns(self) -> Array:
-        """What lock-in adds at the crossings per kc and ks, (u, k, 2)."""
+        """Return what lock-in adds at the crossings per kc and ks, (u, k, 2)."""
         return -np.stack((self.sine, self.cosine), axis=-1)
 
     def jump(self, constants: Array) -> Array:
