@@ -169,7 +169,7 @@ export class Figure {
 }
 
 /** A true minus sign, and no minus before zero. */
-export const minus = (text) => (/^-0(\.0*)?$/.test(text) ? text.slice(1) : text.replace("-", "\u2212"));
+export const minus = (text) => (/^-0(\.0*)?$/.test(text) ? text.slice(1) : text.replaceAll("-", "\u2212"));
 
 function spanOf(values) {
   const finite = [...values].filter(Number.isFinite);
