@@ -30,6 +30,11 @@ def quantity_title(analysis: str, quantity: str, language: str = ENGLISH) -> str
     return quantity.replace("_", " ")
 
 
+def quantity_titles(analysis: str, quantity: str) -> dict[str, str]:
+    """Return the name of a quantity for people in every language that its system has a catalogue for, by language."""
+    return {language: quantity_title(analysis, quantity, language) for language in _languages(analysis) or [ENGLISH]}
+
+
 def condition_title(analysis: str, name: str, language: str = ENGLISH) -> str | None:
     """Return the name of a condition for people, ``condition.<name>`` of the system; None if it has none."""
     return _texts(analysis, language).get(f"condition.{name}")
@@ -62,9 +67,14 @@ def sequence_title(analysis: str, sequence: str, title: str, language: str = ENG
 @cache
 def _texts(analysis: str, language: str) -> dict[str, str]:
     """Return the texts of the system that an analysis belongs to; none for one of a lab or without a catalogue."""
-    if analysis not in analyses():
-        return {}
-    package = import_module(analyses()[analysis][2].package)
-    folder = Path(str(package.__file__)).parent
-    known = languages(folder)
-    return Texts(folder, language if language in known else ENGLISH).all if known else {}
+    known = _languages(analysis)
+    return Texts(_folder(analysis), language if language in known else ENGLISH).all if known else {}
+
+
+@cache
+def _languages(analysis: str) -> list[str]:
+    return languages(_folder(analysis)) if analysis in analyses() else []
+
+
+def _folder(analysis: str) -> Path:
+    return Path(str(import_module(analyses()[analysis][2].package).__file__)).parent

@@ -17,7 +17,7 @@ from bench.analysis import analyse, by_foreseen_name, doubt_lines, is_sound, res
 from bench.model.errors import BenchError
 from bench.model.posix import give_way
 from bench.model.systems import analysis_declaration
-from bench.model.titles import quantity_title
+from bench.model.titles import quantity_titles
 from bench.record import UNIT_TEMPERATURE, SessionReader
 from bench.session.expected import Expected, expectations
 from bench.session.one_unit import serials_of
@@ -75,7 +75,7 @@ def _row(estimate: Mapping[str, Any] | None, expected: Expected | None, analysis
         row["predicted_uncertainty"] = expected.predicted["expanded_uncertainty"]
         row["expected_uncertainty"] = expected.at_end_U
     conditions = {key: value for key, value in dict(row["conditions"] or {}).items() if key != UNIT_TEMPERATURE}
-    return {**row, "conditions": conditions, "title": quantity_title(analysis, str(row["quantity"]))}
+    return {**row, "conditions": conditions, "titles": quantity_titles(analysis, str(row["quantity"]))}
 
 
 def _is_number(value: object) -> bool:

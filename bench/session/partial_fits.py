@@ -13,7 +13,7 @@ from bench.analysis import doubt_lines
 from bench.model.clock import NS, Clock, pause
 from bench.model.posix import spent_by_children_s
 from bench.model.processes import PARTIAL_RESULTS, own_process
-from bench.model.titles import quantity_title
+from bench.model.titles import quantity_titles
 from bench.record import UNIT_TEMPERATURE  # a condition that says nothing of which estimate it is
 
 SHORTEST_S = 60.0  # between two fits
@@ -110,7 +110,7 @@ def finished_estimates(results: dict[str, Any], t_utc_s: float) -> Estimates | N
     analysis = str(results.get("campaign"))
     rows = [
         {**{key: estimate[key] for key in _SHOWN if key in estimate},
-         "title": quantity_title(analysis, str(estimate.get("quantity"))),
+         "titles": quantity_titles(analysis, str(estimate.get("quantity"))),
          "conditions": {
              key: value for key, value in (estimate.get("conditions") or {}).items() if key != UNIT_TEMPERATURE
          },

@@ -9,6 +9,7 @@ from typing import Any
 
 from rich.text import Text
 
+from bench.model.texts import ENGLISH
 from bench.model.units import plain_quantity
 from bench.run.feed.planned import conditions_in_words
 from bench.tui.folding import cut, folded, joined
@@ -106,7 +107,8 @@ def estimates(seen: Seen, look: Look) -> list[Text]:
         lines += folded(look.clean(said), look.width, "yellow", "  ", "    ")
     by_title: dict[str, list[Mapping[str, Any]]] = {}
     for row in known["rows"]:
-        by_title.setdefault(look.clean(row["title"]), []).append(row)
+        titles = row["titles"]
+        by_title.setdefault(look.clean(titles.get(look.texts.language) or titles[ENGLISH]), []).append(row)
     for title, rows in by_title.items():
         determined = sum(row["value"] is not None for row in rows)
         parts = [f"  {title}", look.texts("estimates.known", known=determined, of=len(rows))]

@@ -26,6 +26,8 @@ def test_uncertainties_so_far_at_the_end_and_predicted(
         page.wait_for_selector("#estimates button.quantity", timeout=SLOW_MS)
         until(page, lambda: page.is_visible("#estimates-foreseen"), "what the uncertainties are")
         heads = page.locator("#estimates thead th").all_inner_texts()
+        named = page.locator("#estimates button.quantity").first.inner_text()
+        assert named == ("Scale-factor error N" if locale == "en-GB" else "환산계수 오차 N")
         known = heads.index("U so far" if locale == "en-GB" else "현재 U")
         at_end, predicted = known + 1, known + 2
         row = page.locator("#estimates tbody tr").first.locator("td").all_inner_texts()

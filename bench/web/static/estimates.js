@@ -141,7 +141,7 @@ function cellOf(key, row) {
   return svg;
 }
 
-const nameOf = (row) => row.title ?? row.quantity;
+const nameOf = (row) => row.titles?.[document.documentElement.lang] ?? row.titles?.en ?? row.quantity;
 const keyOf = (row) => `${row.quantity} ${JSON.stringify(row.conditions)}`;
 
 /** Name of a quantity, its name in files as tooltip; pressed it is drawn large. */

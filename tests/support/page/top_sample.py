@@ -85,7 +85,7 @@ PROMPT = {
 ESTIMATES = {
     "records": 412, "t_utc_s": NOW_S, "doubt": [],
     "rows": [
-        {"quantity": quantity, "title": title, "unit": unit, "conditions": {"channel": channel},
+        {"quantity": quantity, "titles": {"en": title}, "unit": unit, "conditions": {"channel": channel},
          "value": value, "expanded_uncertainty": U, "expected_uncertainty": at_end, "predicted_uncertainty": predicted}
         for quantity, title, unit, channel, value, U, at_end, predicted in (
             ("dsf_n", "Scale-factor error N", "ppm", 1, 412.3, 22.14, 22.31, 22.27),

@@ -10,7 +10,7 @@ import pytest
 
 from bench.model.systems import analyses
 from bench.model.texts import Texts
-from bench.model.titles import campaign_title, quantity_title, sequence_title
+from bench.model.titles import campaign_title, quantity_title, quantity_titles, sequence_title
 
 TOP = Path(__file__).resolve().parents[3]
 GOLDEN = sorted((TOP / "tests" / "golden" / "sessions").glob("*/*/results.json"))
@@ -37,6 +37,7 @@ def test_a_quantity_has_the_name_that_the_field_gives_it(analysis: str, quantity
 
 def test_english_stands_in_for_a_language_without_catalogue() -> None:
     assert quantity_title("scale_factor", "bias", "xx") == "Bias"
+    assert quantity_titles("noise_of_mine", "own_value") == {"en": "own value"}
 
 
 @pytest.mark.parametrize("analysis", sorted(analyses()))

@@ -34,9 +34,9 @@ def test_a_finished_session_gives_its_main_estimates(session: Path) -> None:
     }
     assert found["records"] > 0
     assert {row["quantity"] for row in found["rows"]} >= {"dsf_n", "dsf_p"}
-    assert next(row["title"] for row in found["rows"] if row["quantity"] == "dsf_n") == "Scale-factor error N"
+    assert next(row["titles"]["en"] for row in found["rows"] if row["quantity"] == "dsf_n") == "Scale-factor error N"
     for row in found["rows"]:
-        assert set(row) == {*command.KEYS, "title", "predicted_uncertainty", "expected_uncertainty"}
+        assert set(row) == {*command.KEYS, "titles", "predicted_uncertainty", "expected_uncertainty"}
         assert row["expected_uncertainty"] == pytest.approx(row["expanded_uncertainty"], rel=1e-12), "nothing comes"
         assert "unit_temperature_degC" not in row["conditions"], "what is measured does not name an estimate"
         key = (row["quantity"], row["conditions"]["channel"], row["conditions"]["temperature_degC"])
