@@ -6,7 +6,8 @@ higher harmonics leave phi alone over whole turns, and no share of the signal is
 table that swings about its rotation does no harm.
 
 The standard uncertainty is that of white noise, unless the residuals say otherwise: they are looked at turn by turn,
-and where these scatter more than white noise would (F test at 1 %), the scatter of the turns takes its place.
+and where these scatter more than white noise would (F test at the significance asked for), the scatter of the turns
+takes its place.
 
 Source: Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, section 4.3 and example 4.2 (linear model
 in white Gaussian noise), example 3.4 (bound); for the square reference, the Fourier series of FOG paper (002) eq. (10).
