@@ -19,6 +19,7 @@ from bench.model.texts import told
 from bench.systems.north.accuracy import accuracies
 from bench.systems.north.analysis import AZIMUTH_ERROR, analyse
 from bench.systems.north.declaration import DECLARATION
+from bench.systems.north.estimates import north_estimates
 from bench.systems.north.sets import NorthSet, north_sets
 from bench.systems.north.solution import METHODS, Azimuths, Site, Solution
 
@@ -104,6 +105,19 @@ def test_the_swing_of_the_table_is_a_floor_for_the_lock_ins_alone() -> None:
     by_samples, by_waveform, *_ = accuracies(found, 0.5)
     assert by_samples.time_s == pytest.approx(5.0 * 0.2**2 / ((0.5 / 1.96) ** 2 - 0.1**2 - 2.0 * 0.06**2))
     assert by_waveform.time_s == pytest.approx(5.0 * 0.2**2 / ((0.5 / 1.96) ** 2 - 0.1**2))
+
+
+def test_no_time_is_stated_where_the_calibration_may_be_too_little() -> None:
+    """0.2 of 0.255 deg: with 10 degrees of freedom the next campaign may have no time, one in 11 of them."""
+    found = known_errors(np.array([0.1, -0.1, 0.2, -0.2]), 0.1, 0.2)
+    assert stats.chi2.sf(10.0 * (0.5 / 1.96 / 0.2) ** 2, 10.0) == pytest.approx(1.0 / 11.0, rel=0.05)
+    accuracy = accuracies(found, 0.5)
+    assert accuracy[0].time_s == pytest.approx(5.0 * 0.1**2 / ((0.5 / 1.96) ** 2 - 0.2**2))
+    assert accuracy[0].time_within_s == np.inf
+    found.raw = ()
+    stated = {entry["quantity"] for entry in north_estimates(found, METHODS[0], accuracy, 0.5)}
+    assert "azimuth_rms_error" in stated
+    assert "time_to_accuracy" not in stated
 
 
 def test_a_branch_that_is_wrong_once_takes_for_ever() -> None:
