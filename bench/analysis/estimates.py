@@ -72,14 +72,16 @@ def estimate(
     dropped: int = 0,
     limit: Limit | None = None,
     dof: float = math.inf,
+    factor: float | None = None,
 ) -> Estimate:
     """Return one entry of the flat list of results.json: 95 % interval, verdict against ``limit``.
 
     ``limit``: a number for -limit to limit, or both ends, infinite on an open side.
     ``dof``: effective degrees of freedom; infinite (and then not written) where the covariance is known beforehand and
-    not estimated from the residuals. The rule of the campaign is applied when the document is made (``judged``).
+    not estimated from the residuals.   ``factor``: coverage factor where the law of the value is not Student's. The
+    rule of the campaign is applied when the document is made (``judged``).
     """
-    factor = coverage_factor(dof)
+    factor = coverage_factor(dof) if factor is None else factor
     if isinstance(limit, tuple) and limit[0] == -limit[1] and math.isfinite(limit[1]):
         limit = limit[1]
     entry: Estimate = {

@@ -8,10 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from bench.analysis import Floats
+from bench.maths.variances import of_variances
 from bench.systems.north.estimators.likelihood import likelihood_north, time_to_accuracy_s
 from bench.systems.north.estimators.phasors import heading_deg, wrapped_deg
 from bench.systems.north.sets import TEST, NorthSet, Waveform, waveform_of
-from bench.systems.north.solution import LIKELIHOOD, METHODS, Solution
+from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, METHODS, Solution
 
 COVERAGE = 1.96  # 95 % of a normal distribution
 QUARTER_TURN_deg = 90.0  # an error beyond is one of the branch, not of noise
@@ -28,7 +29,8 @@ class Accuracy:
     another branch of an arctangent.   ``mean_deg``, ``scatter_deg`` about it: of the directions without regard to half
     a turn, where there are such errors, for what lies in two heaps half a turn apart has no mean between them.
     ``ratio``: scatter over the bound.   ``time_s``: measuring time until 95 % of the errors are within the limit,
-    infinite if the calibration does not allow it; ``time_std_s``: how well it is known.
+    infinite if the calibration does not allow it; ``time_std_s``, ``time_within_s``: its standard uncertainty, and half
+    of the interval of 95 %, infinite where the calibration may not allow it.
     """
 
     method: str
@@ -41,6 +43,7 @@ class Accuracy:
     gross: int
     time_s: float
     time_std_s: float
+    time_within_s: float
 
 
 def accuracies(solution: Solution, limit_deg: float) -> list[Accuracy]:
@@ -53,21 +56,19 @@ def _accuracy(solution: Solution, method: str, limit_deg: float) -> Accuracy:
     seen = np.isfinite(error_deg)
     errors_deg, bound_deg = error_deg[seen], solution.bound_deg[seen]
     if not errors_deg.size:
-        return Accuracy(method, 0, *(math.nan,) * 5, 0, math.nan, math.nan)
+        return Accuracy(method, 0, *(math.nan,) * 5, 0, *(math.nan,) * 3)
     gross = int(np.sum(np.abs(errors_deg) > QUARTER_TURN_deg))
     within_deg = half_turns_off(errors_deg) if gross else errors_deg
     mean_deg = float(np.mean(within_deg))
     scatter_deg = float(np.std(within_deg, ddof=1)) if within_deg.size > 1 else math.nan
     known = bound_deg[np.isfinite(bound_deg)]
     ratio = scatter_deg / float(np.sqrt(np.mean(known**2))) if known.size else math.nan
-    time_s, time_std_s = _time_s(solution, method, limit_deg)
-    if gross:  # no time turns a wrong branch
-        time_s = math.inf
+    time_s = _time_s(solution, method, limit_deg) if not gross else (math.inf,) * 3  # no time turns a wrong branch
     rms_deg = solution.rms_deg(method)
     std_deg = rms_std_deg(rms_deg, scatter_deg, _shared_deg(solution, method), errors_deg.size)
     if gross and errors_deg.size > 1:  # two heaps are no normal errors
         std_deg = float(np.std(errors_deg**2, ddof=1)) / math.sqrt(errors_deg.size) / (2.0 * rms_deg)
-    return Accuracy(method, errors_deg.size, rms_deg, std_deg, mean_deg, scatter_deg, ratio, gross, time_s, time_std_s)
+    return Accuracy(method, errors_deg.size, rms_deg, std_deg, mean_deg, scatter_deg, ratio, gross, *time_s)
 
 
 def expected_accuracies(solution: Solution, limit_deg: float) -> list[Accuracy]:
@@ -112,21 +113,41 @@ def rms_std_deg(rms_deg: float, scatter_deg: float, shared_deg: float, n: int) -
     return math.sqrt(variance) / (2.0 * rms_deg) if rms_deg > 0.0 else 0.0
 
 
-def _time_s(solution: Solution, method: str, limit_deg: float) -> tuple[float, float]:
-    """Return the time and its standard uncertainty: it rests on the variances of noise and calibration."""
-    azimuths = solution.by_method[method]
+def _time_s(solution: Solution, method: str, limit_deg: float) -> tuple[float, float, float]:
+    """Return the time, its standard uncertainty and half of its interval: by the variances of noise and calibration."""
+    azimuths, seconds = solution.by_method[method], measured_s(solution)
     swing_deg = 0.0 if method == LIKELIHOOD else math.sqrt(2.0) * solution.swing_deg
-    floor_deg = math.hypot(azimuths.common_deg, swing_deg)
-    seconds = measured_s(solution)
+    common_deg = azimuths.common_deg
+    if azimuths.calibration:  # the noise of all sets is better known than that of the calibration's own
+        common_deg = solution.by_method[LEAST_SQUARES].noise_deg * math.sqrt(azimuths.calibration)
     if not seconds > 0.0:
-        return math.nan, math.nan
-    time_s = float(time_to_accuracy_s(azimuths.noise_deg, seconds, limit_deg, factor=COVERAGE, floor_deg=floor_deg))
-    of_noise = math.sqrt(2.0 / (_samples_dof(solution) if method == LIKELIHOOD else azimuths.dof))
-    left_deg2 = (limit_deg / COVERAGE) ** 2 - floor_deg**2
-    of_common = azimuths.common_deg**2 / left_deg2 * math.sqrt(2.0 / azimuths.common_dof) if left_deg2 > 0.0 else 0.0
-    if azimuths.common_dof == azimuths.dof:  # both of one estimate of the noise
-        return time_s, time_s * (of_noise + of_common)
-    return time_s, time_s * math.hypot(of_noise, of_common)
+        return (math.nan,) * 3
+
+    def time_s(noise: Floats, common: Floats) -> Floats:
+        return time_to_accuracy_s(
+            azimuths.noise_deg * np.sqrt(noise), seconds, limit_deg, factor=COVERAGE,
+            floor_deg=np.sqrt(common * common_deg**2 + swing_deg**2),
+        )  # fmt: skip
+
+    dof, one = _noise_dof(solution, method), np.ones(1)
+    known = (
+        of_variances(lambda noise: time_s(noise, noise), dof)
+        if azimuths.calibration
+        else of_variances(time_s, dof, azimuths.common_dof)
+    )
+    return float(time_s(one, one)[0]), *known
+
+
+def _noise_dof(solution: Solution, method: str) -> float:
+    """Return the degrees of freedom of the noise of a method: of the samples, and of the amplitude that it is held to.
+
+    Source: JCGM 100:2008, equation (G.2b); the amplitude of a signal is as uncertain as its phase in radians.
+    """
+    azimuths = solution.by_method[method]
+    dof = min(azimuths.dof, _samples_dof(solution)) if method == LIKELIHOOD else azimuths.dof
+    sets = int(np.isfinite(azimuths.azimuth_deg).sum())
+    share = 1.0 / dof + 2.0 * math.radians(azimuths.noise_deg) ** 2 / sets
+    return 1.0 / share if share > 0.0 else math.inf
 
 
 def _samples_dof(solution: Solution) -> float:

@@ -48,9 +48,13 @@ def _azimuth(mean: Mean, method: str, limit_deg: float) -> Estimates:
 def _of_method(errors: Accuracy) -> Estimates:
     place, n = {"method": errors.method}, errors.used
     estimates = [estimate("azimuth_rms_error", "deg", errors.rms_deg, errors.rms_std_deg, place, n=n)]
-    if math.isfinite(errors.time_s):
-        estimates.append(estimate("time_to_accuracy", "s", errors.time_s, errors.time_std_s, place, n=n))
-    return estimates
+    if not math.isfinite(errors.time_within_s):
+        return estimates
+    law: dict[str, Any] = {}
+    if errors.time_std_s > 0.0:  # JCGM 100:2008, (G.3): an uncertainty in proportion to the value is as uncertain as it
+        law["dof"] = 0.5 * (errors.time_s / errors.time_std_s) ** 2
+        law["factor"] = errors.time_within_s / errors.time_std_s
+    return [*estimates, estimate("time_to_accuracy", "s", errors.time_s, errors.time_std_s, place, n=n, **law)]
 
 
 def _calibration(index: IndexCalibration, sense: int, placed_deg: float) -> Estimates:

@@ -113,6 +113,10 @@ def _formulas(accuracy: list[Accuracy]) -> list[str]:
 
 
 def _whiteness(solution: Solution) -> list[str]:
+    by_waveform = solution.by_method[LIKELIHOOD]
+    if math.isfinite(by_waveform.dof):
+        ratio = by_waveform.noise_deg / float(np.sqrt(np.nanmean(solution.bound_deg**2)))
+        return [say("note.turns_not_white", ratio=ratio, method=method_name(LIKELIHOOD))]
     widened = sum(bool(waveform.widened) for waveform in solution.raw if waveform is not None)
     if not widened:
         return []

@@ -29,7 +29,8 @@ class Azimuths:
 
     ``azimuth_deg``: (n,) for n sets, (-180, 180], NaN where there is none.   ``noise_deg``: standard uncertainty of one
     of them by noise, with ``dof`` degrees of freedom.   ``common_deg``: what all of them share, by the calibration,
-    with ``common_dof``.
+    with ``common_dof``.   ``calibration``: its variance over that of the noise of one set by least squares, as the
+    calibration was planned; 0 where the method's own errors say more than noise does.
     """
 
     azimuth_deg: Floats
@@ -37,6 +38,7 @@ class Azimuths:
     dof: float
     common_deg: float = 0.0
     common_dof: float = math.inf
+    calibration: float = 0.0
 
     def dof_of_mean(self, n: int) -> float:
         """Effective degrees of freedom of a mean of ``n``. Source: JCGM 100:2008, equation (G.2b)."""

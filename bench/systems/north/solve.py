@@ -39,8 +39,7 @@ from bench.systems.north.wording import say
 
 Found = tuple[Floats, Floats, float]  # apparent azimuth (n,), standard uncertainty (n,), degrees of freedom of one
 HARMONICS = (2, 3, 4, 5)
-_UNSTEADY = 0.01  # chance that white noise of the lock-ins is taken for an amplitude that changes
-_MORE_THAN_NOISE = 0.05  # chance that noise is taken for a method that goes wrong
+_FALSE_ALARM = 0.01  # chance in a campaign that noise is taken for a changing amplitude, colour, or a wrong method
 _LEAST = 2  # errors from which a scatter is judged
 
 
@@ -50,7 +49,8 @@ def solve(sets: Sequence[NorthSet], site: Site) -> Solution:
     Raises: FitError B-FOG-004 if there is no set that can be used.
     """
     screen(sets)
-    return solved(sets, site, [_raw(north_set) for north_set in sets], _swing_deg(sets))
+    of_one = 1.0 - (1.0 - _FALSE_ALARM) ** (1.0 / max(1, len(sets)))  # Sidak: one false alarm would tell of all sets
+    return solved(sets, site, [_raw(north_set, of_one) for north_set in sets], _swing_deg(sets))
 
 
 def solved(
@@ -115,17 +115,17 @@ def _nothing_usable(sets: Sequence[NorthSet]) -> FitError:
     )
 
 
-def _raw(north_set: NorthSet) -> LikelihoodNorth | None:
+def _raw(north_set: NorthSet, significance: float) -> LikelihoodNorth | None:
     """Of its waveform; a waveform that does not determine north is a fault of the set, not of the campaign."""
     waveform = waveform_of(north_set)
     if waveform is None:
         return None
     try:
-        likelihood = likelihood_north(waveform.u_V, waveform.theta_deg, harmonics=HARMONICS)
+        likelihood = likelihood_north(waveform.u_V, waveform.theta_deg, harmonics=HARMONICS, significance=significance)
         north_set.left_out = far_samples(waveform, likelihood, HARMONICS)
         if north_set.left_out is not None:
             u_V = np.where(north_set.left_out, math.nan, waveform.u_V)
-            likelihood = likelihood_north(u_V, waveform.theta_deg, harmonics=HARMONICS)
+            likelihood = likelihood_north(u_V, waveform.theta_deg, harmonics=HARMONICS, significance=significance)
     except FitError as error:
         north_set.raw_faults.append(say("fault.error", why=error.message, code=error.code))
         return None
@@ -178,24 +178,29 @@ def _refuse_samples(solution: Solution, sense: int, why: str) -> None:
 def _by_waveform(solution: Solution) -> Found:
     """By likelihood; the encoder angle carries the sense of rotation by itself."""
     phi_deg = np.array([math.nan if waveform is None else float(waveform.phi_deg) for waveform in solution.raw])
-    std_deg = np.array([math.nan if waveform is None else float(waveform.std_deg) for waveform in solution.raw])
-    share, dof = _of_turns([waveform for waveform in solution.raw if waveform is not None])
-    return heading_deg(phi_deg, 1), std_deg * share, dof
+    of_turns = _of_turns([waveform for waveform in solution.raw if waveform is not None])
+    if of_turns is None:
+        std_deg = [math.nan if waveform is None else float(waveform.std_deg) for waveform in solution.raw]
+        return heading_deg(phi_deg, 1), np.array(std_deg), math.inf
+    share, dof = of_turns
+    white_deg = [math.nan if waveform is None else float(waveform.white_std_deg) for waveform in solution.raw]
+    return heading_deg(phi_deg, 1), share * np.array(white_deg), dof
 
 
-def _of_turns(raw: Sequence[LikelihoodNorth]) -> tuple[float, float]:
+def _of_turns(raw: Sequence[LikelihoodNorth]) -> tuple[float, float] | None:
     """Return noise across the signal over that of all samples, and its degrees of freedom for one set.
 
-    What an amplitude that changes leaves in the samples does not turn north: where all turns together scatter less
-    than white noise would, their scatter is the uncertainty. Source: chi-square test of the variance of the turns.
+    What an amplitude that changes leaves in the samples does not turn north, and what sways does so more than it
+    leaves: where all turns together do not scatter as white noise would, their scatter is the uncertainty.
+    Source: two-sided chi-square test of the variance of the turns; None where they do.
     """
-    judged = [each for each in raw if math.isfinite(float(each.whiteness)) and not each.widened]
-    dof = float(sum(int(each.turns) - 1 for each in judged))
+    judged = [each for each in raw if math.isfinite(float(each.whiteness))]
     if not judged or len(judged) < len(raw):
-        return 1.0, math.inf
+        return None
+    dof = float(sum(int(each.turns) - 1 for each in judged))
     ratio = sum(float(each.whiteness) * (int(each.turns) - 1) for each in judged) / dof
-    if special.chdtr(dof, ratio * dof) > _UNSTEADY:
-        return 1.0, math.inf
+    if min(special.chdtr(dof, ratio * dof), special.chdtrc(dof, ratio * dof)) > _FALSE_ALARM / 2.0:
+        return None
     return math.sqrt(ratio), dof / len(judged)
 
 
@@ -275,7 +280,7 @@ def _across(solution: Solution, apparent: dict[str, Found]) -> dict[str, Found]:
         return apparent
     noise_deg2 = float(np.nansum(across_deg**2)) / (sets - fitted)
     ratio = float(np.nanmean(rest_deg2)) / noise_deg2 if noise_deg2 > 0.0 else 0.0
-    solution.unsteady = bool(special.fdtrc(3.0 * sets, float(sets - fitted), ratio) < _UNSTEADY)
+    solution.unsteady = bool(special.fdtrc(3.0 * sets, float(sets - fitted), ratio) < _FALSE_ALARM)
     if not solution.unsteady:
         return apparent
     each_deg = np.where(np.isfinite(across_deg), math.sqrt(noise_deg2), math.nan)
@@ -296,14 +301,14 @@ def _azimuths(solution: Solution, method: str, at_deg: Floats, std_deg: Floats, 
     seen = std_deg[np.isfinite(std_deg)]
     noise_deg = float(np.sqrt(np.mean(seen**2))) if seen.size else math.nan
     dof *= max(1, seen.size)
-    common = (
-        [(calibration.std_deg(method), calibration.dof) for calibration in solution.calibrations.values()]
+    common = [
+        (index.std_deg(method), index.dof, index.variance_over_noise(method))
+        for index in solution.calibrations.values()
         if method != LIKELIHOOD
-        else []
-    )
+    ]
     if method == LEAST_SQUARES and solution.unsteady:  # the mean placement is as uncertain as a mean of so many sets
-        common = [(noise_deg / math.sqrt(index.sets), dof) for index in solution.calibrations.values()]
-    return Azimuths(azimuth_deg, noise_deg, dof, *max(common, default=(0.0, math.inf)))
+        common = [(noise_deg * math.sqrt(share), dof, share) for _, _, share in common]
+    return Azimuths(azimuth_deg, noise_deg, dof, *max(common, default=(0.0, math.inf, 0.0)))
 
 
 def _widened(solution: Solution, method: str) -> Azimuths:
@@ -319,11 +324,13 @@ def _widened(solution: Solution, method: str) -> Azimuths:
     if count < _LEAST or not due_deg2 > 0.0:
         return azimuths
     square_deg2 = solution.rms_deg(method) ** 2
-    if special.fdtrc(float(count), azimuths.dof, square_deg2 / due_deg2) > _MORE_THAN_NOISE:
+    if special.fdtrc(float(count), azimuths.dof, square_deg2 / due_deg2) > _FALSE_ALARM:
         return azimuths
     if method == QUADRANT:
-        return replace(azimuths, noise_deg=math.sqrt(square_deg2 - azimuths.common_deg**2), dof=float(count))
-    return replace(azimuths, common_deg=math.sqrt(square_deg2 - azimuths.noise_deg**2), common_dof=float(count))
+        noise_deg = math.sqrt(square_deg2 - azimuths.common_deg**2)
+        return replace(azimuths, noise_deg=noise_deg, dof=float(count), calibration=0.0)
+    common_deg = math.sqrt(square_deg2 - azimuths.noise_deg**2)
+    return replace(azimuths, common_deg=common_deg, common_dof=float(count), calibration=0.0)
 
 
 def _missing(solution: Solution) -> list[str]:

@@ -325,7 +325,8 @@ def record_row(
     }
     t_ns = ((t_s + np.arange(n) / fs_Hz) * 1e9).astype(np.int64)
     counter = np.arange(n, dtype=np.int64) + round(t_s * fs_Hz)
-    window = RecordWindow(len(before) + 1, "fog", int(counter[0]), n, int(t_ns[0]), int(t_ns[-1]), dict(conditions))
+    end_ns = int(t_ns[0]) + round(1e9 * n / fs_Hz)  # of the last sample, not its middle
+    window = RecordWindow(len(before) + 1, "fog", int(counter[0]), n, int(t_ns[0]), end_ns, dict(conditions))
     return RecordRow(window, {}, n, 0, 0, Quality.GOOD, samples=Samples(columns, counter, t_ns, SCALES))
 
 

@@ -18,6 +18,7 @@ from bench.record import RecordRow
 from bench.systems.north.accuracy import accuracies
 from bench.systems.north.estimates import north_estimates
 from bench.systems.north.sets import north_sets
+from bench.systems.north.solution import Solution
 from bench.systems.north.solve import site_of, solve
 
 Float = NDArray[np.float64]
@@ -46,13 +47,14 @@ class PlannedNorth:
                        and each.role.startswith("lock_in")}  # fmt: skip
         self.weights = weights(dict(settings), self.rate_Hz)
 
-    def campaigns(self, count: int, seed: int) -> Iterator[tuple[Estimates, dict[str, float]]]:
-        """Yield the estimates of one campaign after the other, and what is true of it, degrees."""
+    def campaigns(self, count: int, seed: int) -> Iterator[tuple[Estimates, dict[str, float], set[str]]]:
+        """Yield the estimates of one campaign after the other, what is true of it in degrees, and its false alarms."""
         rng = np.random.default_rng(seed)
         for _ in range(count):
             material, truth = self.campaign(rng)
             solution = solve(north_sets(material), site_of(material.campaign))
-            yield north_estimates(solution, "least_squares", accuracies(solution, LIMIT_DEG), LIMIT_DEG), truth
+            estimates = north_estimates(solution, "least_squares", accuracies(solution, LIMIT_DEG), LIMIT_DEG)
+            yield estimates, truth, alarms(solution)
 
     def campaign(self, rng: np.random.Generator) -> tuple[Material, dict[str, float]]:
         """Return what one campaign records, and what is true: mark, field, placements of the index marks b and a."""
@@ -86,6 +88,17 @@ class PlannedNorth:
                 x_V = float(self.weights @ (np.sqrt(2.0) * np.sin(angle) * u_V))
                 readings.append(Reading(end_s, len(readings), role, "measure", {"x_V": x_V}, dict(about)))
         return Material(rows, self.planned.campaign, {}, readings=readings), truth
+
+
+def alarms(solution: Solution) -> set[str]:
+    """Return the methods whose noise, white here, is taken for something else."""
+    coloured = any(waveform is not None and bool(waveform.widened) for waveform in solution.raw)
+    taken = {
+        "least_squares": solution.unsteady,
+        "likelihood": coloured or bool(np.isfinite(solution.by_method["likelihood"].dof)),
+        "quadrant": solution.by_method["quadrant"].calibration == 0.0,
+    }
+    return {method for method, alarm in taken.items() if alarm}
 
 
 def weights(settings: dict[str, object], rate_Hz: float) -> Float:

@@ -168,6 +168,16 @@ class IndexCalibration:
         slope = np.array(_WEIGHTS[method])
         return float(np.sqrt(slope @ self.covariance[1::2, 1::2] @ slope))
 
+    def variance_over_noise(self, method: str) -> float:
+        """Variance that the placements give every azimuth of a method over that of one set by least squares.
+
+        Args:    method: as ``std_deg``, but not "likelihood".
+        Returns: by the design of the calibration alone, for gains that are alike: one over its sets for least squares.
+        Raises:  KeyError for another method.
+        Source:  as ``std_deg``, with the variance noise^2 / (2 sets amplitude^2) of either placement.
+        """
+        return 2.0 * float(np.sum(np.square(_WEIGHTS[method]))) / self.sets
+
 
 def calibrate_index(
     u1: ArrayLike, u2: ArrayLike, phi_deg: ArrayLike, *, phi_std_deg: float = 0.0, noise: float | None = None

@@ -6,7 +6,8 @@ higher harmonics leave phi alone over whole turns, and no share of the signal is
 table that swings about its rotation does no harm.
 
 The standard uncertainty is that of white noise, unless the residuals say otherwise: they are looked at turn by turn,
-and where these scatter more than white noise would (F test at 1 %), the scatter of the turns takes its place.
+and where these scatter more than white noise would (F test at the significance asked for), the scatter of the turns
+takes its place.
 
 Source: Kay, Fundamentals of Statistical Signal Processing: Estimation Theory, section 4.3 and example 4.2 (linear model
 in white Gaussian noise), example 3.4 (bound); for the square reference, the Fourier series of FOG paper (002) eq. (10).
@@ -45,7 +46,7 @@ def north_bound_deg(ke_V: ArrayLike, sigma_V: ArrayLike, samples: ArrayLike) -> 
 
 
 def time_to_accuracy_s(
-    std_deg: ArrayLike, seconds: float, accuracy_deg: float, *, factor: float = 1.0, floor_deg: float = 0.0
+    std_deg: ArrayLike, seconds: float, accuracy_deg: float, *, factor: float = 1.0, floor_deg: ArrayLike = 0.0
 ) -> Array:
     """Time of turning until ``factor`` standard uncertainties are within the accuracy.
 
@@ -62,10 +63,10 @@ def time_to_accuracy_s(
             f"required accuracy {accuracy_deg:g} deg after {seconds:g} s: both must be above zero",
             next_step="state the limit azimuth_error in degrees, above zero",
         )
-    left = (accuracy_deg / factor) ** 2 - floor_deg**2
-    if left <= 0.0:
-        return np.full(np.shape(std_deg), math.inf)
-    return np.asarray(seconds * np.square(np.asarray(std_deg, np.float64)) / left)
+    left_deg2 = (accuracy_deg / factor) ** 2 - np.square(np.asarray(floor_deg, np.float64))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        time_s = seconds * np.square(np.asarray(std_deg, np.float64)) / left_deg2
+    return np.asarray(np.where(left_deg2 > 0.0, time_s, math.inf))
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,11 @@ class LikelihoodNorth:
         """Amplitude of the earth signal, V."""
         return np.asarray(np.abs(self.phasor))
 
+    @property
+    def white_std_deg(self) -> Array:
+        """Standard uncertainty that white noise of this size would give, degrees."""
+        return np.asarray(self.std_deg / np.sqrt(np.where(self.widened, self.whiteness, 1.0)))
+
     def half_width_deg(self, probability: float = 0.95) -> Array:
         """Half the interval that covers phi with this probability, degrees."""
         return half_width_deg(self.std_deg, self.dof, probability)
@@ -133,14 +139,16 @@ class _Record:
 
 
 def likelihood_north(
-    u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequence[int] = (), noise_V: float | None = None
-) -> LikelihoodNorth:
+    u_V: ArrayLike, theta_deg: ArrayLike, *, harmonics: Sequence[int] = (), noise_V: float | None = None,
+    significance: float = SIGNIFICANCE,
+) -> LikelihoodNorth:  # fmt: skip
     """Return phase of the earth signal from raw samples and encoder angles.
 
     Args:    u_V: output of the gyroscope, (..., n), in order of time; NaN for a sample that is missing.
              theta_deg: encoder angle at the middle of each sample, (n,) or (..., n), modulo a turn or not.
              harmonics: orders above 1 to fit as well, such as (2, 3).
              noise_V: declared standard deviation of one sample, white; None for what the fit leaves over.
+             significance: chance that white noise widens one record; smaller where many are judged together.
     Returns: LikelihoodNorth; phi is against the encoder, so it belongs to sense +1 whichever way the table turned.
     Raises:  FitError B-FIT-112 if the samples do not determine north: too few, or too small a part of a turn.
     Source:  see the head of this file.
@@ -152,7 +160,9 @@ def likelihood_north(
     angles = np.broadcast_to(theta, u.shape).reshape(flat.shape)
     orders = tuple(harmonics)
     shared = _turning(theta, orders) if theta.ndim == 1 and np.isfinite(theta).all() else None
-    fits = [_fit(samples, angle, shared, orders, noise_V) for samples, angle in zip(flat, angles, strict=True)]
+    fits = [
+        _fit(samples, angle, shared, orders, noise_V, significance) for samples, angle in zip(flat, angles, strict=True)
+    ]
 
     def column(name: str) -> Array:
         return np.array([getattr(fit, name) for fit in fits]).reshape(shape)
@@ -179,8 +189,9 @@ def likelihood_north(
 
 
 def _fit(
-    u: Array, theta_deg: Array, turning: _Turning | None, orders: tuple[int, ...], declared_V: float | None
-) -> _Record:
+    u: Array, theta_deg: Array, turning: _Turning | None, orders: tuple[int, ...], declared_V: float | None,
+    significance: float,
+) -> _Record:  # fmt: skip
     """Return one record; ``turning`` is given where all records share their angles."""
     good = np.isfinite(u) & np.isfinite(theta_deg)
     dropped = int(good.size - np.count_nonzero(good))
@@ -195,7 +206,7 @@ def _fit(
     std = noise * float(np.sqrt(across @ turning.inverse[:2, :2] @ across))
     seen = noise if declared_V is None else 0.0  # a noise that is declared is white
     ratio, turns = _whiteness(residual, turning.columns[:, :2] @ across, turning.turn, seen)
-    widened = bool(turns >= FEWEST_TURNS and special.fdtrc(turns - 1, dof, ratio) < SIGNIFICANCE)
+    widened = bool(turns >= FEWEST_TURNS and special.fdtrc(turns - 1, dof, ratio) < significance)
     if widened:
         std, dof = std * float(np.sqrt(ratio)), float(turns - 1)
     harmonics = np.asarray(values[3:].reshape(-1, 2) @ np.array([1.0, 1.0j]))

@@ -19,6 +19,7 @@ from bench.model.texts import told
 from bench.systems.north.accuracy import accuracies
 from bench.systems.north.analysis import AZIMUTH_ERROR, analyse
 from bench.systems.north.declaration import DECLARATION
+from bench.systems.north.estimates import north_estimates
 from bench.systems.north.sets import NorthSet, north_sets
 from bench.systems.north.solution import METHODS, Azimuths, Site, Solution
 
@@ -71,8 +72,14 @@ def test_accuracy_of_known_errors() -> None:
     assert one.ratio == pytest.approx(np.std(errors_deg, ddof=1) / np.sqrt((0.3**2 + 0.4**2) / 2.0))
     left_deg2 = (0.5 / 1.96) ** 2 - 0.1**2
     assert one.time_s == pytest.approx(5.0 * 0.2**2 / left_deg2)
-    due = np.hypot(np.sqrt(2.0 / 4.0), 0.1**2 / left_deg2 * np.sqrt(2.0 / 10.0))  # by hand: 4 and 10 degrees of freedom
-    assert one.time_std_s == pytest.approx(one.time_s * due)
+    rng = np.random.default_rng(SEED)
+    noise, common = (rng.chisquare(dof, 400_000) / dof for dof in (4.0, 10.0))
+    drawn_s, true_s = (
+        5.0 * 0.2**2 * of_noise / ((0.5 / 1.96) ** 2 - 0.1**2 * of_common)
+        for of_noise, of_common in ((noise, common), (1.0 / noise, 1.0 / common))
+    )
+    assert one.time_std_s == pytest.approx(np.std(drawn_s), rel=0.01)
+    assert one.time_within_s == pytest.approx(np.quantile(np.abs(true_s - one.time_s), 0.95), rel=0.02)
 
 
 @pytest.mark.parametrize("turned_deg", [180.0, -180.0])
@@ -98,6 +105,19 @@ def test_the_swing_of_the_table_is_a_floor_for_the_lock_ins_alone() -> None:
     by_samples, by_waveform, *_ = accuracies(found, 0.5)
     assert by_samples.time_s == pytest.approx(5.0 * 0.2**2 / ((0.5 / 1.96) ** 2 - 0.1**2 - 2.0 * 0.06**2))
     assert by_waveform.time_s == pytest.approx(5.0 * 0.2**2 / ((0.5 / 1.96) ** 2 - 0.1**2))
+
+
+def test_no_time_is_stated_where_the_calibration_may_be_too_little() -> None:
+    """0.2 of 0.255 deg: with 10 degrees of freedom the next campaign may have no time, one in 11 of them."""
+    found = known_errors(np.array([0.1, -0.1, 0.2, -0.2]), 0.1, 0.2)
+    assert stats.chi2.sf(10.0 * (0.5 / 1.96 / 0.2) ** 2, 10.0) == pytest.approx(1.0 / 11.0, rel=0.05)
+    accuracy = accuracies(found, 0.5)
+    assert accuracy[0].time_s == pytest.approx(5.0 * 0.1**2 / ((0.5 / 1.96) ** 2 - 0.2**2))
+    assert accuracy[0].time_within_s == np.inf
+    found.raw = ()
+    stated = {entry["quantity"] for entry in north_estimates(found, METHODS[0], accuracy, 0.5)}
+    assert "azimuth_rms_error" in stated
+    assert "time_to_accuracy" not in stated
 
 
 def test_a_branch_that_is_wrong_once_takes_for_ever() -> None:
@@ -140,7 +160,11 @@ def test_noise_amplitude_and_time_know_how_well_they_are_known(clockwise: Analys
     assert scale["std_uncertainty"] == pytest.approx(0.2 * np.sqrt(2.0 / scale["n"]), rel=0.01)
     (time,) = of(clockwise, "time_to_accuracy", method="likelihood")
     assert time["n"] == 4
-    assert time["std_uncertainty"] == pytest.approx(time["value"] * np.sqrt(2.0 / noise["n"]), rel=0.02)
+    due = np.sqrt(2.0 / noise["n"] + 4.0 * (scale["std_uncertainty"] / scale["value"]) ** 2)  # noise over amplitude
+    assert time["std_uncertainty"] == pytest.approx(time["value"] * due, rel=0.02)
+    dof = 2.0 / due**2  # of a variance
+    ends = dof / (1.0 + np.array([1.0, -1.0]) * time["expanded_uncertainty"] / time["value"])
+    assert np.diff(stats.chi2.cdf(ends, dof))[0] == pytest.approx(0.95, abs=3e-3)
 
 
 def test_nothing_is_claimed_of_harmonics_that_noise_explains(clockwise: Analysis) -> None:
