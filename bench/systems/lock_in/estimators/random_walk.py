@@ -57,7 +57,9 @@ def net_angle(edges: EdgeLevels, pickoff_tick: Int64) -> Array:
 
     Two pieces of the dither's motion that meet at the pick-off's edge are put through the 4 edges before and the 4
     behind it: the amplitude may change there, and a straight line from edge to edge would then be off by up to 0.05
-    rad. The quantisation of the ticks is in it: that of the pick-off's own time stamp, times the rate, is the most.
+    rad. A comparator that switches beside zero moves even levels one way and odd ones the other: its part is fitted too
+    and left out, for it would go round with the net phase, and with the earth's turn look like a walk. The quantisation
+    of the ticks is in it: that of the pick-off's own time stamp, times the rate, is the most.
 
     Args:    edges: of the beat.   pickoff_tick: (n,), edges of the pick-off, rising and falling.
     Returns: (n,), rad; NaN where there are not enough edges, and at the first pick-off behind a break, for the step to
@@ -83,9 +85,10 @@ def net_angle(edges: EdgeLevels, pickoff_tick: Int64) -> Array:
 
 
 def _two_pieces(motion: Array) -> Array:
-    """Columns of the phase round the pick-off's edge, (..., 2 _ROUND, 3), by the dither's motion at the edges."""
-    before = np.arange(2 * _ROUND) < _ROUND
-    return np.stack((np.ones_like(motion), motion * before, motion * ~before), axis=-1)
+    """Columns of the phase round the pick-off's edge, (..., 2 _ROUND, 4), by the dither's motion at the edges."""
+    place = np.arange(2 * _ROUND)
+    before, turn_about = place < _ROUND, np.broadcast_to(1.0 - 2.0 * (place % 2), motion.shape)
+    return np.stack((np.ones_like(motion), motion * before, motion * ~before, turn_about), axis=-1)
 
 
 def expected_quantisation_deg(dither_deg_s: float, tick_s: float, pickoff_s: float) -> float:
