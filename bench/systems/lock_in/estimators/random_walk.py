@@ -192,6 +192,15 @@ def lock_in_rate_deg_s(kappa_rad_s: float, path_length_m: float) -> float:
     return float(np.rad2deg(kappa_rad_s / gyro_gain(path_length_m)))
 
 
+def walk_of_phase_deg_rth(walk_rad_rt_s: float, path_length_m: float) -> float:
+    """Return the angle random walk, deg/rt-h, of a random walk of the phase.
+
+    Args:    walk_rad_rt_s: of the phase, radian per root second.   path_length_m: perimeter.
+    Source:  definition; ``gyro_gain``.
+    """
+    return float(60.0 * np.rad2deg(walk_rad_rt_s / gyro_gain(path_length_m)))
+
+
 def random_walk(
     increment_rad: Array, interval_s: float, path_length_m: float, terms: Sequence[str] = TERMS
 ) -> RandomWalk:
@@ -207,6 +216,24 @@ def random_walk(
     Source:  IEEE Std 952-1997 annex C, equations C.7 to C.17 (N, Q).
     """
     return _walk_of(output_deviation(increment_rad, interval_s, path_length_m, terms), terms)
+
+
+def shared_variance(increment_rad: Array, other_rad: Array) -> float:
+    """Return the squared correlation of two outputs of one record, which is the correlation of their Allan variances.
+
+    Args:    increment_rad, other_rad: (c,), of ``cycle_increments`` of the same periods; NaN is a gap.
+    Returns: of sums over a time midway between the averaging times, in which the quantisation that both have counts
+             little; less what chance makes of independent outputs.
+    Source:  Isserlis' theorem for Gaussian noise.
+    """
+    both = np.stack((increment_rad, other_rad))[:, np.isfinite(increment_rad) & np.isfinite(other_rad)]
+    periods = max(_SHORTEST_PERIODS, round(math.sqrt(_SHORTEST_PERIODS * both.shape[1] / _LONGEST_SHARE)))
+    count = both.shape[1] // periods
+    if count < _FEWEST_TIMES:
+        return 0.0
+    sums = both[:, : count * periods].reshape(2, count, periods).sum(axis=2)
+    square = float(np.corrcoef(sums)[0, 1] ** 2)
+    return float(max(0.0, (square * count - 1.0) / (count - 1.0)))
 
 
 def expected_walk(n_deg_rth: float, q_deg: float, periods: int, interval_s: float) -> RandomWalk:
