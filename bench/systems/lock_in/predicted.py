@@ -35,7 +35,7 @@ from bench.systems.lock_in.estimators.random_walk import (
 )
 from bench.systems.lock_in.records import CLOCK, Events, LaserRecord, laser_records, not_recorded
 from bench.systems.lock_in.result import LaserResult, first_order_off
-from bench.systems.lock_in.wording import label, say
+from bench.systems.lock_in.wording import say
 
 
 def predicted(planned: Planned) -> Prediction:
@@ -61,10 +61,9 @@ def predicted(planned: Planned) -> Prediction:
         except FitError as error:
             missing.append(say("missing.record", number=record.number, why=error.message, code=error.code))
     estimates = [entry for laser in results for entry in record_estimates(laser, requirement, GLOBAL)]
-    of_single = say.listed(map(label, SINGLE), "list.comma")
     if any(not laser.found.constants for laser in results):
-        missing += [say("predicted.no_phase"), say("predicted.no_phase_behind", methods=of_single)]
-    missing.append(say("predicted.comparators", methods=of_single))
+        missing += [say("predicted.no_phase"), say("predicted.no_phase_behind")]
+    missing.append(say("predicted.comparators"))
     return Prediction([*estimates, *exponent_estimates(results, GLOBAL)], missing)
 
 
