@@ -29,13 +29,13 @@ from bench.systems.lock_in.wording import say
 
 Compensator = Callable[[Turnarounds], Jumps]
 RAW, GLOBAL = "raw", "global_constants"
-_LOCAL: Mapping[str, Compensator] = {
+SINGLE: Mapping[str, Compensator] = {
     "fresnel": fresnel,
     "dither_shape_16": lambda turns: dither_shape(turns, 16),
     "dither_shape": lambda turns: dither_shape(turns, 4),
     "parabolas": lambda turns: parabolas(turns, 4),
 }
-COMPENSATORS: tuple[str, ...] = (GLOBAL, *_LOCAL)
+COMPENSATORS: tuple[str, ...] = (GLOBAL, *SINGLE)
 _FEWEST_PICKOFFS = 3  # a dither period and a half
 _MOST_ODD = 1e-3  # of the half periods of a stretch
 _SHOWN = 400  # turnarounds of the figures that show single ones
@@ -193,7 +193,7 @@ def _all_jumps(turns: Turnarounds) -> tuple[dict[str, Jumps], GlobalConstants | 
         jumps[GLOBAL] = constants.jumps
     except FitError as error:
         refused[GLOBAL] = say("error", why=error.message, code=error.code)
-    for name, compensator in _LOCAL.items():
+    for name, compensator in SINGLE.items():
         try:
             jumps[name] = compensator(turns)
         except FitError as error:

@@ -86,17 +86,17 @@ def _of_method(
     place = laser.record.place(laser.clock_Hz) | {"method": method}
     used = laser.found.turnarounds if method == RAW else laser.found.used[method]
     counted = {"n": used, "dropped": laser.found.turnarounds - used}
-    time = alignment_s(walk, requirement)
+    time, dof = alignment_s(walk, requirement), walk_dof(walk)
     entries = [
-        estimate("angle_random_walk", ARW_UNIT, walk.n_deg_rth, walk_std_deg_rth(walk), place, dof=time.dof, **counted),
+        estimate("angle_random_walk", ARW_UNIT, walk.n_deg_rth, walk_std_deg_rth(walk), place, dof=dof, **counted),
         estimate("quantisation_noise", "arcsec", ARCSEC * walk.q_deg, ARCSEC * walk.q_std_deg, place, **counted),
         estimate("alignment_time", "s", time.value, time.std, place, limit=limit_s, dof=time.dof, **counted),
     ]
     ratio = None if method == RAW else laser.ratio(method)
     if ratio is not None:
         time_ratio = squared(ratio)
-        entries.append(estimate("random_walk_ratio", "1", ratio.value, ratio.std, place, **counted))
-        entries.append(estimate("alignment_time_ratio", "1", time_ratio.value, time_ratio.std, place, **counted))
+        for name, size in (("random_walk_ratio", ratio), ("alignment_time_ratio", time_ratio)):
+            entries.append(estimate(name, "1", size.value, size.std, place, dof=size.dof, **counted))
     return [entry for entry in entries if math.isfinite(entry["value"]) and math.isfinite(entry["std_uncertainty"])]
 
 
@@ -104,7 +104,7 @@ def alignment_s(walk: RandomWalk, requirement: Requirement) -> Measured:
     """Time until the random walk lets the azimuth be known to the required error: it goes with the walk's square."""
     square = squared(Measured(walk.n_deg_rth, walk_std_deg_rth(walk)))
     of_one_s = alignment_time_s(1.0, requirement.latitude_deg, requirement.error_deg)
-    return Measured(of_one_s * square.value, of_one_s * square.std, walk_dof(walk))
+    return Measured(of_one_s * square.value, of_one_s * square.std, square.dof)
 
 
 def _constants(laser: LaserResult, place: dict[str, Any]) -> Estimates:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -38,7 +39,7 @@ def evidence(results: Sequence[LaserResult]) -> list[Evidence]:
     """Return what every check says of the estimates, those that found nothing included."""
     heard: list[Evidence] = []
     for laser in results:
-        heard += [*implausible(laser), *_constants(laser), *_against_theory(laser)]
+        heard += [*implausible(laser), *_constants(laser), *_against_theory(laser), *_by_lock_in(laser)]
         for method, walk in laser.walks.items():
             heard += _output(laser, method, walk)
     return heard
@@ -54,7 +55,7 @@ def _constants(laser: LaserResult) -> Iterator[Evidence]:
     for fit in laser.found.constants:
         groups = _groups(fit)
         for name in _GROUPS:
-            seen = constancy(fit, groups[name])
+            seen = constancy(replace(fit, score=fit.score_of_whole) if name == "time" else fit, groups[name])
             moves = _beyond_first_order(laser, seen)
             sentence = say(f"evidence.lock_in_by_{name}", name=laser.name, figure=seen.figure)
             yield Evidence(
@@ -122,7 +123,8 @@ def _output(laser: LaserResult, method: str, walk: RandomWalk) -> Iterator[Evide
         sentence = say(f"evidence.{code}", output=of_it, figure=seen.figure)
         yield from _of_walk(laser, method, code, sentence, seen.figure, seen.probability, move)
     probability, ratio = change(increment)
-    move = abs((1.0 + ratio) / math.sqrt(2.0 * (1.0 + ratio**2)) - 1.0) * walk.n_deg_rth / _U(walk)
+    halves = np.array((1.0, ratio)) / math.sqrt((1.0 + ratio**2) / 2.0)
+    move = float(np.max(np.abs(halves - 1.0))) * walk.n_deg_rth / _U(walk)
     sentence = say("evidence.walk_changes", output=of_it, ratio=ratio)
     yield from _of_walk(laser, method, "walk_changes", sentence, ratio, probability, move)
     yield from _misfit(laser, method, walk, of_it)
@@ -176,3 +178,33 @@ def _against_theory(laser: LaserResult) -> Iterator[Evidence]:
         laser, RAW, "walk_unlike_lock_in", sentence, walk.n_deg_rth / theory, probability,
         abs(walk.n_deg_rth - theory) / _U(walk),
     )  # fmt: skip
+
+
+def _by_lock_in(laser: LaserResult) -> Iterator[Evidence]:
+    """Yield whether lock-in that changes makes an output another random walk in a quarter of a stretch than in all."""
+    for fit in laser.found.constants:
+        quarters = _groups(fit)["time"]
+        whole, left = constancy(replace(fit, score=fit.score_of_whole), quarters), constancy(fit, quarters)
+        for method, walk in laser.walks.items():
+            seen = left if method == GLOBAL else whole
+            if not seen.turned.size:
+                continue
+            of_quarters = _walks_of_quarters(laser, method, walk, seen)
+            move = float(np.max(np.abs(of_quarters - walk.n_deg_rth))) / _U(walk)
+            low, high = float(of_quarters.min()), float(of_quarters.max())
+            of_it = say("evidence.output", name=laser.name, method=label(method))
+            sentence = say("evidence.walk_with_lock_in", output=of_it, low=1e3 * low, high=1e3 * high)
+            yield from _of_walk(laser, method, "walk_with_lock_in", sentence, high, seen.probability, move)
+
+
+def _walks_of_quarters(laser: LaserResult, method: str, walk: RandomWalk, seen: Constancy) -> Floats:
+    """Return the random walk of an output in each quarter, if all that changes is the lock-in; (4,), deg/rt-h.
+
+    Before compensation the jumps of a quarter go with its lock-in, behind the global fit with what its lock-in is off
+    the constants of its time. Of what another compensator leaves no more than all of it can go with the lock-in.
+    """
+    power = np.square(np.abs(seen.turned - (1.0 if method == GLOBAL else 0.0)))
+    share = walk.n_deg_rth**2 / power.mean()
+    if method in (RAW, GLOBAL) and laser.expected_deg_rth is not None:
+        share = laser.expected_deg_rth**2
+    return np.asarray(np.sqrt(np.maximum(walk.n_deg_rth**2 + share * (power - power.mean()), 0.0)))

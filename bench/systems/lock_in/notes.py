@@ -119,7 +119,6 @@ def _standing(requirement: Requirement) -> list[str]:
     return [
         say("note.alignment", error=requirement.error_deg),
         say("note.no_truth"),
-        say("note.independent"),
     ]
 
 

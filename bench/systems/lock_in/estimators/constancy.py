@@ -25,13 +25,15 @@ _UNKNOWN = 1e6  # condition of the two constants, if a group does not tell one o
 class Constancy:
     """``probability``: of groups at least as unlike in a laser of constant lock-in.   ``figure``: chi-squared per
     degree of freedom.   ``kappa_moves``, ``beta_moves_rad``: relative change of the lock-in rate, and change of the
-    phase, if every group counts by its turnarounds, not by its weight in the fit.
+    phase, if every group counts by its turnarounds, not by its weight in the fit. ``turned``: lock-in of each group
+    over that of the fit, (G,), complex: size and turn of the phase; empty where the groups tell nothing.
     """
 
     probability: float
     figure: float
     kappa_moves: float
     beta_moves_rad: float
+    turned: NDArray[np.complex128]
 
 
 def constancy(fit: GlobalConstants, group: Int64) -> Constancy:
@@ -48,7 +50,7 @@ def constancy(fit: GlobalConstants, group: Int64) -> Constancy:
     for g in range(count):
         score, weight = fit.score[group == g], fit.information[group == g].sum(axis=0)
         if size[g] < _FEWEST or np.linalg.cond(weight) > _UNKNOWN:
-            return Constancy(1.0, 0.0, 0.0, 0.0)
+            return Constancy(1.0, 0.0, 0.0, 0.0, np.empty(0, np.complex128))
         scatter = score.T @ score - np.outer(score.sum(axis=0), score.sum(axis=0)) / size[g]
         change[g] = np.linalg.solve(weight, score.sum(axis=0))
         precision[g] = weight @ np.linalg.inv(scatter) @ weight
@@ -61,6 +63,7 @@ def constancy(fit: GlobalConstants, group: Int64) -> Constancy:
         chi2 / dof,
         float(np.average(np.abs(turned), weights=size)) - 1.0,
         float(np.average(np.angle(turned), weights=size)),
+        turned,
     )
 
 

@@ -59,7 +59,7 @@ def expected_constants(laser: NominalLaser, turnarounds: int) -> GlobalConstants
     Source:  as ``global_constants``; variance of a step of the clock, tick^2 / 12; covariance of a random walk.
     """
     require_turnarounds(turnarounds)
-    time_s, motion = _turnarounds(laser)
+    time_s, motion = expected_turnarounds(laser)
     shapes, sides = lock_in_shapes(time_s, motion), time_s.shape[0]
     columns = Projection(time_s, laser.omega_rad_s).residual(shapes.columns)
     information = columns.transpose(0, 2, 1) @ columns
@@ -82,11 +82,16 @@ def expected_constants(laser: NominalLaser, turnarounds: int) -> GlobalConstants
         residual_jump_rad=np.zeros(sides),
         score=np.zeros((sides, 2)),
         information=information,
+        followed=np.zeros((sides, 2)),
     )
 
 
-def _turnarounds(laser: NominalLaser) -> tuple[Array, DitherMotion]:
-    """Times of the crossings, (u, k), about turnarounds of both senses and all phases, and the motion."""
+def expected_turnarounds(laser: NominalLaser) -> tuple[Array, DitherMotion]:
+    """Return times of the crossings, (u, k), about turnarounds of both senses and all phases, and the motion.
+
+    Raises:  FitError B-FIT-097 if the dither has not 16 crossings on each side of a turnaround.
+    Source:  s A (1 - cos w t) past each level; lock-in does not move the crossings.
+    """
     sign, curvature = np.repeat([-1, 1], _PHASES), laser.rate_rad_s * laser.omega_rad_s
     psi0 = np.tile(math.tau * (np.arange(_PHASES) + 0.5) / _PHASES, 2)
     past = np.mod(-sign * psi0, np.pi)
@@ -103,9 +108,18 @@ def _turnarounds(laser: NominalLaser) -> tuple[Array, DitherMotion]:
     return np.hstack((-after[:, ::-1], after)), DitherMotion(coefficients, sign, laser.omega_rad_s, 0.0)
 
 
+def covariance_of_walk(laser: NominalLaser, time_s: Array) -> Array:
+    """Return covariance of the random walk at the crossings, less its value at the first, (u, k, k), rad^2.
+
+    Args:    time_s: of the crossings, (u, k).
+    Source:  definition of a random walk.
+    """
+    since = time_s - time_s[:, :1]
+    return np.asarray(laser.walk_rad_rt_s**2 * np.minimum(since[:, :, None], since[:, None, :]))
+
+
 def _noise(laser: NominalLaser, time_s: Array) -> Array:
     """Covariance of the phases at the crossings beside a constant, (u, k, k), rad^2."""
-    since = time_s - time_s[:, :1]
-    walk = laser.walk_rad_rt_s**2 * np.minimum(since[:, :, None], since[:, None, :])
+    walk = covariance_of_walk(laser, time_s)
     step_rad = laser.rate_rad_s * np.sin(laser.omega_rad_s * time_s) * laser.tick_s / math.sqrt(12.0)
     return np.asarray(walk + np.square(step_rad)[:, :, None] * np.eye(time_s.shape[1]))

@@ -32,6 +32,7 @@ class GlobalConstants:
         residual_jump_rad: step at the zero-rate instant that the crossings still show, (n,): what the model lacks.
         score, information: what each usable turnaround says against the constants of its time, (u, 2), and with what
             weight, (u, 2, 2); ``information`` times a change of (kc, ks) is the score that it explains.
+        followed: constants of its time, (u, 2), less those of the whole stretch, rad/s.
     """
 
     jumps: Jumps
@@ -47,6 +48,12 @@ class GlobalConstants:
     residual_jump_rad: Array
     score: Array
     information: Array
+    followed: Array
+
+    @property
+    def score_of_whole(self) -> Array:
+        """What each usable turnaround says against the constants of the whole stretch, (u, 2)."""
+        return np.asarray(self.score + np.einsum("upq,uq->up", self.information, self.followed))
 
 
 @dataclass(frozen=True)
@@ -102,7 +109,8 @@ def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstant
     require_turnarounds(len(time_s))
     block, middle_s, when_s = _blocks(turns, block_s)
     fit = _settled(turns, lambda both: _constants(both, block, middle_s.size), middle_s, when_s)
-    whole = _constants(fit.projected, np.zeros_like(block), 1).polar()
+    constants = _constants(fit.projected, np.zeros_like(block), 1)
+    whole = constants.polar()
     kappa, kappa_std, beta, beta_std = _constants(fit.projected, block, middle_s.size).polar()
     steps = _steps_left(fit.projection, fit.left, time_s, fit.motion)
     lock_in = fit.projected[:, :, :2]
@@ -120,6 +128,7 @@ def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstant
         residual_jump_rad=spread(turns.usable, steps),
         score=np.asarray(np.einsum("ukp,uk->up", lock_in, fit.left)),
         information=np.asarray(lock_in.transpose(0, 2, 1) @ lock_in),
+        followed=fit.local - constants.value,
     )
 
 
@@ -139,13 +148,16 @@ def require_turnarounds(count: int) -> None:
 
 @dataclass(frozen=True)
 class _Settled:
-    """The fit: ``step`` (u,), ``left`` (u, k) residuals; ``projected`` (u, k, 3): lock-in's columns and the phase."""
+    """The fit: ``step`` (u,), ``left`` (u, k) residuals; ``projected`` (u, k, 3): lock-in's columns and the phase;
+    ``local`` (u, 2): kc, ks of each turnaround.
+    """
 
     projection: Projection
     motion: DitherMotion
     projected: Array
     step: Array
     left: Array
+    local: Array
 
 
 def _settled(
@@ -165,7 +177,7 @@ def _settled(
         motion = DitherMotion(solved, motion.sign, motion.omega_rad_s, motion.rate_rad_s)
     left = projection.residual(bare[:, :, None])[:, :, 0]
     step = shapes.jump(local)
-    return _Settled(projection, motion, both, step, left)
+    return _Settled(projection, motion, both, step, left, local)
 
 
 def _blocks(turns: Turnarounds, block_s: float) -> tuple[Int64, Array, Array]:

@@ -57,7 +57,9 @@ def net_angle(edges: EdgeLevels, pickoff_tick: Int64) -> Array:
 
     Two pieces of the dither's motion that meet at the pick-off's edge are put through the 4 edges before and the 4
     behind it: the amplitude may change there, and a straight line from edge to edge would then be off by up to 0.05
-    rad. The quantisation of the ticks is in it: that of the pick-off's own time stamp, times the rate, is the most.
+    rad. A comparator that switches beside zero moves even levels one way and odd ones the other: its part is fitted too
+    and left out, for it would go round with the net phase, and with the earth's turn look like a walk. The quantisation
+    of the ticks is in it: that of the pick-off's own time stamp, times the rate, is the most.
 
     Args:    edges: of the beat.   pickoff_tick: (n,), edges of the pick-off, rising and falling.
     Returns: (n,), rad; NaN where there are not enough edges, and at the first pick-off behind a break, for the step to
@@ -83,9 +85,10 @@ def net_angle(edges: EdgeLevels, pickoff_tick: Int64) -> Array:
 
 
 def _two_pieces(motion: Array) -> Array:
-    """Columns of the phase round the pick-off's edge, (..., 2 _ROUND, 3), by the dither's motion at the edges."""
-    before = np.arange(2 * _ROUND) < _ROUND
-    return np.stack((np.ones_like(motion), motion * before, motion * ~before), axis=-1)
+    """Columns of the phase round the pick-off's edge, (..., 2 _ROUND, 4), by the dither's motion at the edges."""
+    place = np.arange(2 * _ROUND)
+    before, turn_about = place < _ROUND, np.broadcast_to(1.0 - 2.0 * (place % 2), motion.shape)
+    return np.stack((np.ones_like(motion), motion * before, motion * ~before, turn_about), axis=-1)
 
 
 def expected_quantisation_deg(dither_deg_s: float, tick_s: float, pickoff_s: float) -> float:
@@ -189,6 +192,15 @@ def lock_in_rate_deg_s(kappa_rad_s: float, path_length_m: float) -> float:
     return float(np.rad2deg(kappa_rad_s / gyro_gain(path_length_m)))
 
 
+def walk_of_phase_deg_rth(walk_rad_rt_s: float, path_length_m: float) -> float:
+    """Return the angle random walk, deg/rt-h, of a random walk of the phase.
+
+    Args:    walk_rad_rt_s: of the phase, radian per root second.   path_length_m: perimeter.
+    Source:  definition; ``gyro_gain``.
+    """
+    return float(60.0 * np.rad2deg(walk_rad_rt_s / gyro_gain(path_length_m)))
+
+
 def random_walk(
     increment_rad: Array, interval_s: float, path_length_m: float, terms: Sequence[str] = TERMS
 ) -> RandomWalk:
@@ -204,6 +216,24 @@ def random_walk(
     Source:  IEEE Std 952-1997 annex C, equations C.7 to C.17 (N, Q).
     """
     return _walk_of(output_deviation(increment_rad, interval_s, path_length_m, terms), terms)
+
+
+def shared_variance(increment_rad: Array, other_rad: Array) -> float:
+    """Return the squared correlation of two outputs of one record, which is the correlation of their Allan variances.
+
+    Args:    increment_rad, other_rad: (c,), of ``cycle_increments`` of the same periods; NaN is a gap.
+    Returns: of sums over a time midway between the averaging times, in which the quantisation that both have counts
+             little; less what chance makes of independent outputs.
+    Source:  Isserlis' theorem for Gaussian noise.
+    """
+    both = np.stack((increment_rad, other_rad))[:, np.isfinite(increment_rad) & np.isfinite(other_rad)]
+    periods = max(_SHORTEST_PERIODS, round(math.sqrt(_SHORTEST_PERIODS * both.shape[1] / _LONGEST_SHARE)))
+    count = both.shape[1] // periods
+    if count < _FEWEST_TIMES:
+        return 0.0
+    sums = both[:, : count * periods].reshape(2, count, periods).sum(axis=2)
+    square = float(np.corrcoef(sums)[0, 1] ** 2)
+    return float(max(0.0, (square * count - 1.0) / (count - 1.0)))
 
 
 def expected_walk(n_deg_rth: float, q_deg: float, periods: int, interval_s: float) -> RandomWalk:

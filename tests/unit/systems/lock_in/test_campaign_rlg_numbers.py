@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from rlg_rig import as_row
+from scipy import stats
 
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, Compensated, Shown
@@ -17,7 +18,7 @@ from bench.systems.lock_in.estimators.bias import BiasInstability
 from bench.systems.lock_in.estimators.random_walk import RandomWalk
 from bench.systems.lock_in.figures import campaign_figures
 from bench.systems.lock_in.records import LaserRecord
-from bench.systems.lock_in.result import LaserResult, misfit, walk_std_deg_rth
+from bench.systems.lock_in.result import LaserResult, misfit, size_dof, walk_std_deg_rth
 from bench.systems.lock_in.tables import tables
 
 GAIN = np.pi * 0.28 / (2.0 * 632.8e-9)  # of 28 cm, rad/rad
@@ -72,6 +73,41 @@ def test_ratio_of_two_walks() -> None:
     assert ratio.value == pytest.approx(0.2)
     assert ratio.std == pytest.approx(0.2 * np.hypot(0.05, 0.03))  # relative uncertainties of both
     assert one.ratio("fresnel") is None
+
+
+@pytest.mark.parametrize("shared", [0.0, 0.5, 0.95])
+def test_the_ratio_of_outputs_that_scatter_together(shared: float) -> None:
+    """Drawn: two walks of 3 and 5 % whose variances are so correlated."""
+    rng = np.random.default_rng(8)
+    first, other = rng.standard_normal((2, 200_000))
+    together = shared * first + np.sqrt(1.0 - shared**2) * other
+    drawn = np.std(0.2 * (1.0 + 0.05 * together) / (1.0 + 0.03 * first))
+    ratio = replace(result(BOTH), shared={"global_constants": shared}).ratio("global_constants")
+    assert ratio is not None
+    assert ratio.std == pytest.approx(drawn, rel=0.02)
+
+
+@pytest.mark.parametrize("dof", [16, 60, 500])
+def test_intervals_of_skewed_sizes_hold_what_they_say(dof: int) -> None:
+    """Exact quantiles of chi-squared for a variance and its root, of F for ratios of two: 95 %, or a little more."""
+    relative = np.sqrt(2.0 / dof)
+    two = (stats.chi2(dof, scale=1.0 / dof), relative), (stats.f(dof, dof), np.sqrt(2.0) * relative)
+    for variance, std in two:
+        for power, least in ((1.0, 0.945), (0.5, 0.92)):
+            reach = coverage_factor(size_dof(1.0, power * std)) * power * std
+            low, high = (1.0 + reach) ** (-1.0 / power), max(1.0 - reach, 1e-9) ** (-1.0 / power)
+            assert least < variance.cdf(high) - variance.cdf(low) < 0.985
+
+
+def test_the_degrees_of_freedom_of_each_size() -> None:
+    """3 % of a walk are 1 / (2 0.03^2) or 556, of the time 139; a value that quantisation hides has four."""
+    found = estimates_of(result(BOTH))
+    dof = {quantity: found[quantity, "raw"]["dof"] for quantity in ("angle_random_walk", "alignment_time")}
+    assert dof == pytest.approx({"angle_random_walk": 555.6, "alignment_time": 138.9}, rel=2e-3)
+    judged = "global_constants"
+    assert found["random_walk_ratio", judged]["dof"] == pytest.approx(0.5 / (0.05**2 + 0.03**2))
+    assert found["alignment_time_ratio", judged]["dof"] == pytest.approx(0.125 / (0.05**2 + 0.03**2), rel=0.02)
+    assert size_dof(0.0, 1.0) == 4.0
 
 
 @pytest.mark.parametrize(("times", "worse"), [(0.97, False), (1.07, False), (1.11, True)])

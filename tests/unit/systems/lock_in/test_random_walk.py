@@ -14,6 +14,7 @@ from bench.systems.lock_in.estimators.random_walk import (
     lock_in_rate_deg_s,
     path_exponent,
     random_walk,
+    shared_variance,
 )
 
 PERIOD_s = 1.0 / 400.0
@@ -85,6 +86,21 @@ def test_the_curve_is_that_of_another_package() -> None:
     angle_deg = np.rad2deg(np.concatenate(([0.0], np.cumsum(steps))) / gyro_gain(0.28))
     _, deviation, _, _ = allantools.oadev(angle_deg, rate=1.0 / PERIOD_s, data_type="phase", taus=found.tau_s)
     np.testing.assert_allclose(found.deviation_deg_h, deviation * 3600.0, rtol=2e-3)  # less the smoothing of the walk
+
+
+@pytest.mark.parametrize("part", [0.0, 0.6, 1.0])
+def test_walks_of_two_outputs_scatter_together_by_what_is_shared(part: float) -> None:
+    """60 pairs of records, with the quantisation of one pick-off in both: the correlation of their squared walks."""
+    walks, shared = [], []
+    for seed in range(60):
+        first, other = increments(0.02, 0.0, 4_000, seed), increments(0.02, 0.0, 4_000, 1000 + seed)
+        same = increments(0.0, 0.02, 4_000, 2000 + seed)
+        first, behind = first + same, part * first + np.sqrt(1.0 - part**2) * other + same
+        walks.append([random_walk(each, PERIOD_s, 0.28).n_deg_rth ** 2 for each in (first, behind)])
+        behind[7] = np.nan
+        shared.append(shared_variance(first, behind))
+    assert np.mean(shared) == pytest.approx(part**2, abs=0.03)
+    assert np.corrcoef(np.transpose(walks))[0, 1] == pytest.approx(part**2, abs=0.4)
 
 
 def test_a_gap_shifts_nothing() -> None:

@@ -19,16 +19,21 @@ HALVES, AMPLITUDE_rad = 200, 150.0
 Int64 = NDArray[np.int64]
 
 
-def ideal(step_rad: float = 0.0, offset_rad: float = 0.3) -> tuple[EdgeLevels, Int64, NDArray[np.bool_]]:
-    """Edges of psi = offset + A sin(w t) with a step at each turnaround, up at the maxima and down at the minima."""
+def ideal(
+    step_rad: float = 0.0, offset_rad: float = 0.3, beside_rad: float = 0.0
+) -> tuple[EdgeLevels, Int64, NDArray[np.bool_]]:
+    """Edges of psi = offset + A sin(w t) with a step at each turnaround, up at the maxima and down at the minima; the
+    comparator switches ``beside_rad`` behind even levels and before odd ones.
+    """
     times, levels, upward = [], [], []
     for quarter in range(1, 2 * HALVES, 2):  # from turnaround to turnaround, about the zero at ``half``
         half = quarter // 2
         sense = 1 - 2 * (half % 2)
         centre = offset_rad + (step_rad if half % 2 else 0.0)
-        low, high = np.ceil((centre - AMPLITUDE_rad) / np.pi), np.floor((centre + AMPLITUDE_rad) / np.pi)
-        level = np.arange(int(low), int(high) + 1)[::sense]
-        times.append((half * np.pi + sense * np.arcsin((level * np.pi - centre) / AMPLITUDE_rad)) / OMEGA)
+        level = np.arange(-60, 61)[::sense]
+        switched = level * np.pi + beside_rad * (1 - 2 * (level % 2)) - centre
+        level, switched = level[np.abs(switched) < AMPLITUDE_rad], switched[np.abs(switched) < AMPLITUDE_rad]
+        times.append((half * np.pi + sense * np.arcsin(switched / AMPLITUDE_rad)) / OMEGA)
         levels.append(level)
         upward.append(np.full(level.size, sense > 0))
     time, level, up = np.concatenate(times), np.concatenate(levels), np.concatenate(upward)
@@ -82,6 +87,17 @@ def test_net_angle_and_increments() -> None:
         assert found.interval_s == pytest.approx(2.5e-3, rel=1e-9)
         assert np.nanmax(np.abs(found.increment_rad)) < 1e-5
         assert rising[found.start].all()
+
+
+@pytest.mark.parametrize("beside_rad", [-0.5, 0.1])
+def test_a_comparator_beside_zero_leaves_the_net_angle(beside_rad: float) -> None:
+    """Of all phases at the pick-off: a straight line through its edges would be off by up to a tenth of the offset."""
+    off = []
+    for offset_rad in np.linspace(0.1, 6.2, 12):
+        edges, zero, _ = ideal(offset_rad=offset_rad, beside_rad=beside_rad)
+        off.append(np.nanmean(net_angle(edges, zero)) - offset_rad)
+    turns = np.round(np.array(off) / np.pi)  # the first level is any
+    np.testing.assert_allclose(off - np.pi * turns, 0.0, atol=2e-5)
 
 
 def test_a_grazing_pair_is_left_out() -> None:
