@@ -6,10 +6,10 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bench.analysis import PROMPT, Planned, Reading, Trace
+from bench.analysis import PROMPT, Exchange, Planned, Reading, Trace
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
-from bench.plan import Plan, PlannedCall, PlannedPrompt, PlannedRecord, Step, planned_temperature
+from bench.plan import Plan, PlannedCall, PlannedCommand, PlannedPrompt, PlannedRecord, Step, planned_temperature
 
 _MINUTE_s = 60.0
 
@@ -25,6 +25,7 @@ def planned_of(plan: Plan) -> Planned:
         timed={number for number, step in enumerate(records, start=1) if step.pulse_timing},
         trace=_trace(plan),
         readings=list(_readings(plan)),
+        exchanges=[_exchange(plan, step) for step in plan.phase("campaign") if isinstance(step, PlannedCommand)],
         rates_Hz={link: rate_Hz for link, rate_Hz in rates_Hz.items() if rate_Hz},
     )
 
@@ -45,6 +46,15 @@ def _readings(plan: Plan) -> Iterator[Reading]:
             yield Reading(t_s, step.number, step.role, step.name, None, step.conditions, step.arguments)
         elif isinstance(step, PlannedPrompt) and step.sets:
             yield Reading(t_s, step.number, "", PROMPT, None, step.conditions, step.sets)
+
+
+def _exchange(plan: Plan, step: PlannedCommand) -> Exchange:
+    begin_s = _ns(plan, step, step.at_s) / NS
+    return Exchange(
+        step=step.number, item=step.item, name=step.name, sequence=0, attempts=0, begin_s=begin_s,
+        end_s=begin_s + (step.takes_s or 0.0), status=None, refused=False, sent=bytes(step.payload), received=b"",
+        conditions=step.conditions,
+    )  # fmt: skip
 
 
 def _ns(plan: Plan, step: Step, at_s: float) -> int:
