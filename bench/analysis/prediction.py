@@ -24,7 +24,8 @@ class Planned:
     manifest of a session.   ``timed``: numbers of the windows whose pulses are timed.   ``trace``: planned temperature
     of the air.   ``readings``: planned calls of instruments and ``PROMPT`` of persons with their arguments, those of
     the preparation among them; nobody knows their values.   ``exchanges``: planned commands to the unit, without
-    answers.   ``rates_Hz``: of the frames of each link.
+    answers.   ``rates_Hz``: of the frames of each link.   ``steps_s``: in which each link is looked at, so those of its
+    receive stamps; a link that is watched all the time has none.
     """
 
     windows: Sequence[RecordWindow]
@@ -35,6 +36,7 @@ class Planned:
     readings: Sequence[Reading] = ()
     exchanges: Sequence[Exchange] = ()
     rates_Hz: Mapping[str, float] = field(default_factory=dict)
+    steps_s: Mapping[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ def planned_of(plan: Plan) -> Planned:
         trace=_trace(plan),
         readings=list(_readings(plan)),
         exchanges=[_exchange(plan, step) for step in plan.phase("campaign") if isinstance(step, PlannedCommand)],
+        steps_s={link: plan.station.links[link].poll for link in rates_Hz} if plan.station.in_process else {},
         rates_Hz={link: rate_Hz for link, rate_Hz in rates_Hz.items() if rate_Hz},
     )
 

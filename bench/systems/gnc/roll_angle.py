@@ -42,35 +42,37 @@ def roll_estimates(
     methods: Mapping[str, PlaneParameters],
     chosen: str,
     limit_deg: float,
-    noise_deg: float,
+    noise: float,
 ) -> Estimates:
     """Return mag_roll as it came, and mag_roll_error against the table by method; a limit judges that of ``chosen``.
 
     The direction of the field is not known, so one angle common to all answers is taken off. Each answer is a single
-    reading: ``noise_deg``, the standard deviation of its angle by the noise of the sensor, is the larger part of the
-    uncertainty. That of the coefficients is not in it: the error that they leave is what is shown.
+    reading: ``noise``, that of the sensor in gauss over the field that the angle is taken from, is the larger part of
+    the uncertainty. That of the coefficients is not in it: the error that they leave is what is shown.
     """
-    std_deg = math.hypot(_STEP_deg, noise_deg)
+    returned_deg = [math.hypot(_STEP_deg, math.degrees(noise / answer.size)) for answer in answers]
     entries = [
         estimate("mag_roll", "deg", answer.roll_deg, std_deg, {"kind": "magnetometer", "answer": number}, n=1)
-        for number, answer in enumerate(answers, 1)
+        for number, (answer, std_deg) in enumerate(zip(answers, returned_deg, strict=True), 1)
     ]
     placed = [answer for answer in answers if math.isfinite(answer.table_deg)]
     if len(placed) < _LEAST:
         return entries
-    rolls = {RETURNED: np.array([answer.roll_deg for answer in placed])}
+    own_deg = [std_deg for answer, std_deg in zip(answers, returned_deg, strict=True) if answer in placed]
+    rolls = {RETURNED: (np.array([answer.roll_deg for answer in placed]), np.array(own_deg))}
     x, y = np.array([answer.x for answer in placed]), np.array([answer.y for answer in placed])
-    rolls |= {name: roll_deg(*parameters.corrected(x, y)) for name, parameters in methods.items()}
+    for name, parameters in methods.items():
+        corrected = parameters.corrected(x, y)
+        rolls[name] = roll_deg(*corrected), np.degrees(math.hypot(_STEP_gauss, noise) / np.hypot(*corrected))
     table = np.array([answer.table_deg for answer in placed])
-    step_deg = math.degrees(_STEP_gauss / float(np.mean([answer.size for answer in placed])))
-    std_deg = math.hypot(step_deg, noise_deg) * math.sqrt(1.0 - 1.0 / len(placed))  # less the angle of them all
-    for name, angles in rolls.items():
+    for name, (angles, std_deg) in rolls.items():
         apart = np.exp(1j * np.radians(angles - table))
         error = np.degrees(np.angle(apart / np.mean(apart)))
-        for answer, value in zip(placed, error, strict=True):
+        less_mean_deg = np.sqrt(std_deg**2 * (1.0 - 2.0 / error.size) + np.mean(std_deg**2) / error.size)
+        for answer, value, std in zip(placed, error.tolist(), less_mean_deg.tolist(), strict=True):
             place = {"kind": "magnetometer", "method": name, "roll_deg": answer.table_deg}
             limit = limit_deg if name == chosen and math.isfinite(limit_deg) else None
-            entries.append(estimate("mag_roll_error", "deg", float(value), std_deg, place, n=1, limit=limit))
+            entries.append(estimate("mag_roll_error", "deg", value, std, place, n=1, limit=limit))
     return entries
 
 

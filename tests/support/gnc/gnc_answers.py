@@ -1,4 +1,4 @@
-"""What simulated modules answer to the commands of a plan, packed here, and the truth of what is made of the answers."""
+"""What simulated modules answer to the commands of a plan, packed here, and the truth of what is made of it."""
 
 from __future__ import annotations
 
@@ -29,16 +29,34 @@ _KIND = {"kind": "magnetometer"}
 
 
 def with_rolls(material: Material, plan: Plan, module: Module) -> Material:
-    """Add the answers of a module that corrects nothing, in the poses of the plan."""
-    layouts = load_frame(FRAME).commands
-    found = [exchange("set_magnetometer", struct.pack("<5h", 0, 0, 0, 10_000, 0), b"", item="")]
+    """Add the answers of a module that corrects as it must, in the poses of the plan."""
+    own = _own_correction(plan, module)
+    sent = struct.pack("<5h", *np.rint(own[:2] / _LSB_gauss).astype(int), 0, round(1e4 * own[2]), round(1e5 * own[3]))
+    found = [exchange("set_magnetometer", sent, b"", item="")]
     for number, (begin_ns, deg, table) in enumerate(_roll_poses(plan), 1):
         module.imu.surroundings = table
         counts = module.imu.sample(np.array([begin_ns]), _INTERVAL_NS).mag[0]
-        hundredths = round(100.0 * float(np.rad2deg(np.arctan2(-counts[1], counts[0]))))
-        answer = struct.pack("<4h", hundredths, *(int(count) for count in counts))
+        x, y = _squared(*(counts[:2, None] * _LSB_gauss), own)
+        hundredths = round(100.0 * float(np.rad2deg(np.arctan2(-y, x))[0]))
+        steps = [round(float(part[0]) / _LSB_gauss) for part in (x, y)]
+        answer = struct.pack("<4h", hundredths, *steps, int(counts[2]))
         found.append(exchange("roll", b"", answer, number, conditions={"roll_deg": deg}))
-    return replace(material, exchanges=found, layouts=layouts)
+    return replace(material, exchanges=found, layouts=load_frame(FRAME).commands)
+
+
+def _own_correction(plan: Plan, module: Module) -> np.ndarray:
+    """Zero of x and y, gain and sine of the angle, as the command carries them."""
+    _, _, table = _roll_poses(plan)[0]
+    x, y, z = field_gauss(table.motion, table.table, SITE, EarthField(), None, np.zeros(1, int), table.mounting)[0]
+    plane = module.imu.magnetometer.in_plane(float(np.hypot(x, y)), float(z))
+    zero = np.rint(np.asarray(plane.offset_gauss) / _LSB_gauss) * _LSB_gauss
+    return np.array([*zero, round(plane.gain, 4), round(float(np.sin(np.radians(plane.angle_deg))), 5)])
+
+
+def _squared(x: np.ndarray, y: np.ndarray, by: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Equations (8) and (9) of the paper: zero and gain off, axes made square."""
+    y = by[2] * (y - by[1])
+    return (x - by[0] - y * by[3]) / np.sqrt(1.0 - by[3] ** 2), y
 
 
 def _roll_poses(plan: Plan) -> list[tuple[int, float, Table]]:
@@ -62,9 +80,15 @@ def roll_truth(plan: Plan, module: Module, analysis: Analysis) -> dict[Key, floa
         field.append(module.imu.magnetometer.indicated_gauss(seen)[0, :2])
     x, y = np.array(field).T
     table_deg = np.array([deg for _, deg, _ in _roll_poses(plan)])
-    truth = {_key("mag_roll", answer=k): deg for k, deg in enumerate(np.rad2deg(np.arctan2(-y, x)).tolist(), 1)}
+    own = _own_correction(plan, module)
+    truth: dict[Key, float] = {}
     for method in ("returned", "extremes", "ellipse"):
-        angles = _corrected_deg(x, y, method, analysis.estimates)
+        by = own if method == "returned" else _found(method, analysis.estimates)
+        x_by, y_by = _squared(x, y, by)
+        angles = np.rad2deg(np.arctan2(-y_by, x_by))
+        if method == "returned":
+            truth |= {_key("mag_roll", answer=k): _near(deg, k, analysis.estimates)
+                      for k, deg in enumerate(angles.tolist(), 1)}  # fmt: skip
         turned = np.exp(1j * np.radians(angles - table_deg))
         errors = np.degrees(np.angle(turned * np.conj(turned.mean())))
         truth |= {_key("mag_roll_error", method=method, roll_deg=deg): error
@@ -72,15 +96,19 @@ def roll_truth(plan: Plan, module: Module, analysis: Analysis) -> dict[Key, floa
     return truth
 
 
-def _corrected_deg(x: np.ndarray, y: np.ndarray, method: str, estimates: Estimates) -> np.ndarray:
-    """Equations (8) and (9) of the paper: zero and gain off, axes made square."""
+def _near(deg: float, answer: int, estimates: Estimates) -> float:
+    """An angle without the turn that lies between it and what was returned."""
+    (value,) = [
+        one["value"] for one in estimates if one["quantity"] == "mag_roll" and one["conditions"]["answer"] == answer
+    ]
+    return deg + 360.0 * round((value - deg) / 360.0)
+
+
+def _found(method: str, estimates: Estimates) -> np.ndarray:
     of = {(entry["quantity"], entry["conditions"].get("axis")): entry["value"]
           for entry in estimates if entry["conditions"].get("method") == method}  # fmt: skip
-    if method != "returned":
-        y = of["mag_gain", None] * (y - of["mag_offset", "y"])
-        alpha = np.radians(of["mag_angle", None])
-        x = (x - of["mag_offset", "x"] - y * np.sin(alpha)) / np.cos(alpha)
-    return np.asarray(np.rad2deg(np.arctan2(-y, x)))
+    offset = of["mag_offset", "x"], of["mag_offset", "y"]
+    return np.array([*offset, of["mag_gain", None], np.sin(np.radians(of["mag_angle", None]))])
 
 
 def _key(quantity: str, **conditions: Any) -> Key:
@@ -88,7 +116,7 @@ def _key(quantity: str, **conditions: Any) -> Key:
 
 
 def unit_test_study(plan: Plan, first_seed: int, units: int) -> Study:
-    """Unit tests of timer and IMU of modules at rest; the size of the worst interval error is held against its truth."""
+    """Unit tests of timer and IMU of modules at rest; the size of the worst interval error is held against its own."""
     found = Study(predicted(plan))
     for seed in range(first_seed, first_seed + units):
         rng, truth, exchanges = np.random.default_rng(seed), dict[Key, float](), list[Exchange]()

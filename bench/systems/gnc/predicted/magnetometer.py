@@ -25,6 +25,5 @@ def predicted(planned: Planned) -> Prediction:
     sphere = sphere_of(attitudes, noise=noise) if attitudes else Sphere(missing=[say("note.no_attitudes")])
     plane, limit_deg = fits[0][1], limits_of(planned.campaign)["roll_error"]
     answers = nominal_answers(planned.exchanges, plane.ellipse.parameters.radius)
-    noise_deg = plane.roll[ELLIPSE].noise_deg
-    rolls = roll_estimates(answers, plane.by_method, ELLIPSE, limit_deg, noise_deg)
+    rolls = roll_estimates(answers, plane.by_method, ELLIPSE, limit_deg, noise)
     return Prediction(plane_estimates(fits) + rolls + sphere.estimates, [*missing, *sphere.missing])
