@@ -25,7 +25,8 @@ class Planned:
     of the air.   ``readings``: planned calls of instruments and ``PROMPT`` of persons with their arguments, those of
     the preparation among them; nobody knows their values.   ``exchanges``: planned commands to the unit, without
     answers.   ``rates_Hz``: of the frames of each link.   ``steps_s``: in which each link is looked at, so those of its
-    receive stamps; a link that is watched all the time has none.
+    receive stamps; a link that is watched all the time has none.   ``begin_utc_s``: UTC (seconds since 1970) at the
+    begin of the preparation, None if unknown.
     """
 
     windows: Sequence[RecordWindow]
@@ -37,6 +38,7 @@ class Planned:
     exchanges: Sequence[Exchange] = ()
     rates_Hz: Mapping[str, float] = field(default_factory=dict)
     steps_s: Mapping[str, float] = field(default_factory=dict)
+    begin_utc_s: float | None = None
 
 
 @dataclass(frozen=True)

@@ -148,12 +148,12 @@ class ConverterUnit(UnitSections):
         constants = {
             "temperature_sensor_u95_degC": self.temperature_sensor_uncertainty,
             "thermal_lag_s": self.thermal_lag,
-            "master_curve_ppm": None if self.master_curve is None else self.master_curve.constants(),
             "af_clock_Hz": self.af_clock,
             "fg_Hz": self.function_generator,
             "master_Hz": self.master_clock,
         }
-        return {**stated(constants)}
+        curve = {} if self.master_curve is None else {"master_curve_ppm": self.master_curve.constants()}
+        return {**stated(constants), **curve}
 
     def channel_kind(self, name: str) -> ChannelKind | None:
         """Return what the data sheet says of a kind of channel, None if it says nothing."""

@@ -254,7 +254,7 @@ class TimeSyncLog(LogSections):
 
     def log_constants(self, log: Log) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign"."""
-        units = NavigationUnits(inertial=self.inertial, egi=self.egi, latency=self.latency).constants()
+        units = NavigationUnits(inertial=self.inertial, egi=self.egi, latency=self.latency, stamps=None).constants()
         if self.frequencies is None:
             return units
         return units | {"frequencies": {"first_Hz": self.frequencies.first, "last_Hz": self.frequencies.last}}
