@@ -57,7 +57,9 @@ from bench.analysis.estimates import (
     stated_limits,
     use_of,
 )
+from bench.analysis.expected import judged_values
 from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series
+from bench.analysis.foreseen import foreseen_material
 from bench.analysis.form import Closed, check_form, schema_of
 from bench.analysis.material import CONTINUES, Exchange, Floats, GivenValue, Material, Reading, Trace, joined
 from bench.analysis.numbers import (
@@ -150,10 +152,12 @@ __all__ = [
     "estimate",
     "expected_at_end",
     "flag_problem",
+    "foreseen_material",
     "header",
     "is_sound",
     "joined",
     "judged",
+    "judged_values",
     "limits_of",
     "limits_text",
     "link_checks",

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from bench.analysis.estimates import Estimates
-from bench.analysis.material import Reading, Trace
+from bench.analysis.material import Exchange, Reading, Trace
 from bench.model.ports import RecordWindow
 
 PROMPT = "prompt"  # name of a reading that is what a person is asked to set, without a role
@@ -23,7 +23,10 @@ class Planned:
     ``windows``: of the measuring records, by number, at their planned times.   ``campaign``, ``standards``: as in the
     manifest of a session.   ``timed``: numbers of the windows whose pulses are timed.   ``trace``: planned temperature
     of the air.   ``readings``: planned calls of instruments and ``PROMPT`` of persons with their arguments, those of
-    the preparation among them; nobody knows their values.   ``rates_Hz``: of the frames of each link.
+    the preparation among them; nobody knows their values.   ``exchanges``: planned commands to the unit, without
+    answers.   ``rates_Hz``: of the frames of each link.   ``steps_s``: in which each link is looked at, so those of its
+    receive stamps; a link that is watched all the time has none.   ``begin_utc_s``: UTC (seconds since 1970) at the
+    begin of the preparation, None if unknown.
     """
 
     windows: Sequence[RecordWindow]
@@ -32,7 +35,10 @@ class Planned:
     timed: Collection[int] = ()
     trace: Trace = field(default_factory=Trace)
     readings: Sequence[Reading] = ()
+    exchanges: Sequence[Exchange] = ()
     rates_Hz: Mapping[str, float] = field(default_factory=dict)
+    steps_s: Mapping[str, float] = field(default_factory=dict)
+    begin_utc_s: float | None = None
 
 
 @dataclass(frozen=True)

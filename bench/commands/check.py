@@ -147,7 +147,7 @@ def _predicted(plan: Plan, however_long: bool) -> tuple[dict[str, Any] | None, l
         return None, ["takes much longer than a check; --predict asks for it"]
     from bench.session.predicted import predicted, predicted_document, predicted_lines  # brings the analysis
 
-    prediction = predicted(plan)
+    prediction = predicted(plan, start_utc_ns(plan) / NS)
     return predicted_document(plan, prediction), list(predicted_lines(plan, prediction))
 
 

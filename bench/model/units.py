@@ -61,6 +61,8 @@ _UNITS |= {
     "1/degC": ("1/degC", Decimal(1)),
     "ppm/degC2": ("1/degC2", Decimal("1e-6")),
     "1/degC2": ("1/degC2", Decimal(1)),
+    "ppm/degC3": ("1/degC3", Decimal("1e-6")),
+    "1/degC3": ("1/degC3", Decimal(1)),
 }
 
 # Symbols of the SI brochure, in each sign that keyboards have for them, and what is written in their place.

@@ -16,7 +16,7 @@ from bench.model.systems import analysis_declaration
 from bench.model.units import dimension_of, likely, read_quantity
 from bench.plan.check.analysis import NONE
 from bench.plan.drivers import declared_action
-from bench.plan.language.expect import Bounds, Expect, ReplyExpect, SignalExpect
+from bench.plan.language.expect import Bounds, Expect, ReadingExpect, ReplyExpect, SignalExpect
 from bench.plan.language.prompt import PromptValue
 from bench.plan.values import Quantity, Scope, as_reference
 
@@ -28,7 +28,7 @@ _MEASURE = "measure_"
 
 
 def named_conditions(
-    plan: Expander, called: tuple[str, str], expect: Expect | None, conditions: Mapping[str, Any], path: Path,
+    plan: Expander, called: tuple[str, str], expect: ReadingExpect | None, conditions: Mapping[str, Any], path: Path,
     scope: Scope,
 ) -> dict[str, Any]:  # fmt: skip
     """Return the conditions of a reading with its name, if it has one, and keep what is expected of it.
@@ -52,6 +52,8 @@ def named_conditions(
     }
     if expect is not None:
         entry |= _limits_and_span(plan, expect, str(unit), (*path, "expect"), scope)
+        scatter = bound_in(plan, expect.scatter, str(unit), (*path, "expect", "scatter"), scope)
+        entry |= {} if scatter is None else {"scatter": scatter}
     keep(plan, entry, f"{role}.{action}", path)
     return {**conditions, QUANTITY: entry["quantity"]}
 

@@ -15,7 +15,7 @@ from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.drivers import declared_action, no_instrument
 from bench.plan.expand import NO_TIME, TIMED, Expander, Path
 from bench.plan.expected import keep_given, keep_signals, named_conditions, reply_conditions
-from bench.plan.language.expect import Expect
+from bench.plan.language.expect import ReadingExpect
 from bench.plan.language.steps import (
     CallStep,
     PromptStep,
@@ -80,7 +80,7 @@ def _read(plan: Expander, step: ReadStep, path: Path, scope: Scope) -> None:
     _call(plan, step.call, path, scope, step.expect)
 
 
-def _call(plan: Expander, step: CallStep, path: Path, scope: Scope, expect: Expect | None = None) -> None:
+def _call(plan: Expander, step: CallStep, path: Path, scope: Scope, expect: ReadingExpect | None = None) -> None:
     called, arguments = next(iter(step.root.items()))
     role, name = called.split(".")
     placed = _role(plan, role, path)

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from bench.analysis import Estimate, Estimates, by_foreseen_name, expected_at_end
+from bench.model.clock import NS
 from bench.model.errors import BenchError
 from bench.model.systems import analysis_declaration
 from bench.plan import Plan, Step, plan_of_texts
@@ -35,6 +36,9 @@ class Recorded(Protocol):
     @property
     def incomplete(self) -> bool: ...
 
+    @property
+    def utc_offset_ns(self) -> int | None: ...
+
 
 @dataclass(frozen=True)
 class Expected:
@@ -54,7 +58,7 @@ def predicted_of(session: Recorded, method: str) -> Estimates:
     if session.incomplete or declared is None or method != declared.methods[0]:
         return []
     plan = _plan_of(session)
-    return [] if plan is None else predicted(plan).estimates
+    return [] if plan is None else predicted(plan, _begin_utc_s(session)).estimates
 
 
 def expectations(session: Recorded, known: Mapping[Name, Mapping[str, Any]]) -> dict[Name, Expected]:
@@ -63,15 +67,19 @@ def expectations(session: Recorded, known: Mapping[Name, Mapping[str, Any]]) -> 
     Args: known: estimates of the records so far, as they are stated, by their names.
     """
     plan = _plan_of(session)
-    whole = [] if plan is None else predicted(plan).estimates
+    whole = [] if plan is None else predicted(plan, _begin_utc_s(session)).estimates
     if plan is None or not whole:
         return {}
-    part = predicted(_up_to_now(plan, session)).estimates if session.rows else []
+    part = predicted(_up_to_now(plan, session), _begin_utc_s(session)).estimates if session.rows else []
     so_far = by_foreseen_name(part)
     return {
         name: Expected(entry, _at_end_U(known.get(name), so_far.get(name), entry))
         for name, entry in by_foreseen_name(whole).items()
     }
+
+
+def _begin_utc_s(session: Recorded) -> float | None:
+    return None if session.utc_offset_ns is None else session.utc_offset_ns / NS
 
 
 def _at_end_U(known: Mapping[str, Any] | None, so_far: Estimate | None, whole: Estimate) -> float | None:

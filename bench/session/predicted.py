@@ -4,10 +4,19 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any, cast
 
-from bench.analysis import Common, Estimate, Planned, Prediction, limits_of, rule_of
+from bench.analysis import (
+    Common,
+    Estimate,
+    Planned,
+    Prediction,
+    foreseen_material,
+    judged_values,
+    limits_of,
+    rule_of,
+)
 from bench.maths.verdict import chance_of_pass
 from bench.model.errors import FitError
 from bench.model.systems import analysis_declaration, named
@@ -21,11 +30,12 @@ OWN = "independent noise"
 _TOLD = ("quantity", "unit", "conditions", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "limit")
 
 
-def predicted(plan: Plan) -> Prediction:
+def predicted(plan: Plan, begin_utc_s: float | None = None) -> Prediction:
     """Return the estimates of a plan with the uncertainties they will have; their values are those of a nominal unit.
 
     Of several units each is predicted by itself; of an analysis that predicts nothing there is nothing. What is not
-    determined is ``missing``, all of a run that decides which records it takes among it.
+    determined is ``missing``, all of a run that decides which records it takes among it. ``begin_utc_s``: when the run
+    begins, which the age of certificates depends on.
     """
     declared = analysis_declaration(str(plan.campaign.get("analysis")))
     if declared is None or not declared.predicted:
@@ -33,12 +43,22 @@ def predicted(plan: Plan) -> Prediction:
     if decisions_of(plan.steps):
         return Prediction([], ["records that the run decides on are not predicted"])
     if plan.units:
-        return _of_all({unit.serial: predicted(plan_of_unit(plan, unit.serial)) for unit in plan.units})
+        parts = {unit.serial: plan_of_unit(plan, unit.serial) for unit in plan.units}
+        return _of_all({serial: predicted(part, begin_utc_s) for serial, part in parts.items()})
     predict: Callable[[Planned], Prediction] = named(declared.predicted)
+    planned = planned_of(plan, begin_utc_s)
     try:
-        return predict(planned_of(plan))
+        own = predict(planned)
     except FitError as error:
-        return Prediction([], [error.message])
+        own = Prediction([], [error.message])
+    return _with_values(own, planned) if planned.campaign.get("expected") else own
+
+
+def _with_values(own: Prediction, planned: Planned) -> Prediction:
+    """Return a prediction with the values that the sequence expects of its readings."""
+    material, missing = foreseen_material(planned)
+    values = [entry for entry in judged_values(material).estimates if entry["std_uncertainty"] > 0.0]
+    return replace(own, estimates=[*own.estimates, *values], missing=[*own.missing, *missing])
 
 
 def _of_all(parts: Mapping[str, Prediction]) -> Prediction:

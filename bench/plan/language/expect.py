@@ -54,6 +54,12 @@ class Expect(Bounds):
     stable: Bound | None = Field(None, description="the readings of one condition lie within this of each other")
 
 
+class ReadingExpect(Expect):
+    """What is expected of the readings of an instrument."""
+
+    scatter: Bound | None = Field(None, description="standard deviation of one reading, for a prediction")
+
+
 class SignalExpect(Expect):
     """What is expected of the mean over a record of a number that the unit streams, ``port_b.unit_temperature[1]``."""
 

@@ -19,7 +19,7 @@ from pydantic import (
 from bench.model.units import parse_quantity
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
 from bench.plan.language.comparison import Comparison
-from bench.plan.language.expect import Expect, ReplyExpect, SignalExpect, with_expect
+from bench.plan.language.expect import ReadingExpect, ReplyExpect, SignalExpect, with_expect
 from bench.plan.language.prompt import Arguments, Prompt, Text
 from bench.plan.values import ACTION_PATTERN, ActionName, Scalar, templated, within
 
@@ -116,7 +116,7 @@ class ReadStep(StrictModel):
     """An action that reads, and what is expected of it: ``meter.measure_voltage``, beside it ``expect``."""
 
     call: CallStep
-    expect: Expect
+    expect: ReadingExpect
 
     @model_validator(mode="before")
     @classmethod

@@ -63,7 +63,8 @@ class Campaign(_Tolerant):
     ``previous``: estimates of an earlier calibration in contract form; ``temperature_sensor_u95_degC``: expanded
     uncertainty (95 %, k = 2) of the unit's own temperature sensor, None if not stated; ``gradient_degC``: how far the
     converters of one of several units in a chamber may be from what its sensor says (95 %, k = 2), None if it is alone;
-    ``thermal_lag_s``: typical lag of the unit behind the air, None if not stated.
+    ``thermal_lag_s``: typical lag of the unit behind the air, None if not stated; ``master_curve_ppm``: typical
+    coefficients of the master oscillator from ppm/degC on.
     """
 
     analysis: str
@@ -76,6 +77,7 @@ class Campaign(_Tolerant):
     temperature_sensor_u95_degC: _NotNegative | None = None
     gradient_degC: _NotNegative | None = None
     thermal_lag_s: _Positive | None = None
+    master_curve_ppm: tuple[float, float, float] | None = None
     previous: tuple[Mapping[str, Any], ...] = ()
 
     def channel(self, number: int) -> Channel:

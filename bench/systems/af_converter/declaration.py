@@ -114,6 +114,18 @@ class Kind(ChannelKind):
         return entry
 
 
+class MasterCurve(StrictModel):
+    """Typical error of a master oscillator over temperature, about the reference temperature, by powers."""
+
+    tc1: Annotated[float, *quantity("1/degC", -1e-3, 1e-3)]
+    tc2: Annotated[float, *quantity("1/degC2", -1e-3, 1e-3)]
+    tc3: Annotated[float, *quantity("1/degC3", -1e-3, 1e-3)]
+
+    def constants(self) -> list[float]:
+        """Return them for the manifest, in ppm by powers of degC."""
+        return [1e6 * self.tc1, 1e6 * self.tc2, 1e6 * self.tc3]
+
+
 class ConverterUnit(UnitSections):
     """Sections of ``uut``."""
 
@@ -126,6 +138,9 @@ class ConverterUnit(UnitSections):
     thermal_lag: Annotated[float, *quantity("s", 1.0, 1e5)] | None = Field(
         None, description="typical lag of the unit behind the air, for a prediction of a bias ramp"
     )
+    master_curve: MasterCurve | None = Field(
+        None, description="typical curve of the master oscillator, for a prediction of its temperature coefficients"
+    )
     kinds: dict[Literal["gyro", "accelerometer"], Kind] = Field(default_factory=dict)
 
     def constants(self) -> dict[str, Any]:
@@ -137,7 +152,8 @@ class ConverterUnit(UnitSections):
             "fg_Hz": self.function_generator,
             "master_Hz": self.master_clock,
         }
-        return {**stated(constants)}
+        curve = {} if self.master_curve is None else {"master_curve_ppm": self.master_curve.constants()}
+        return {**stated(constants), **curve}
 
     def channel_kind(self, name: str) -> ChannelKind | None:
         """Return what the data sheet says of a kind of channel, None if it says nothing."""

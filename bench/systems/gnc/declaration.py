@@ -52,6 +52,7 @@ DECLARATION = System(
             made_of="tests",
             items=_ITEMS,
             page="docs/gnc-module.md",
+            predicted=f"{_HERE}.predicted.unit_test:predicted",
         ),
         AnalysisDeclaration(
             "imu_calibration",

@@ -38,7 +38,7 @@ from bench.systems.gnc.estimators.magnetometer.plane import (
 )
 from bench.systems.gnc.field_evidence import plausible_plane, section_evidence, surface_evidence
 from bench.systems.gnc.limits import limits_of, table_3
-from bench.systems.gnc.roll_angle import roll_estimates
+from bench.systems.gnc.roll_angle import answers_of, roll_estimates
 from bench.systems.gnc.rows import (
     AXES,
     SampledRow,
@@ -78,8 +78,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     fits = [(row, widened(fit, sphere.wander, sphere.wander_dof)) for row, fit in turns]
     parameters = fits[0][1].by_method[method]
     estimates = plane_estimates(fits)
-    limit_deg, noise_deg = limits_of(material.campaign)["roll_error"], fits[0][1].roll[method].noise_deg
-    estimates += roll_estimates(material, fits[0][1].by_method, method, limit_deg, noise_deg)
+    limit_deg, noise = limits_of(material.campaign)["roll_error"], fits[0][1].ellipse.noise
+    estimates += roll_estimates(answers_of(material), fits[0][1].by_method, method, limit_deg, noise)
     return Analysis(
         campaign="magnetometer",
         method=method,

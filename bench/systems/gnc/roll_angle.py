@@ -7,19 +7,16 @@ coefficients of this session can be tried on the same answers: readings that too
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
-from bench.analysis import Estimates, Material, estimate
+from bench.analysis import Estimates, Exchange, Material, estimate
 from bench.model.errors import BenchError
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters
 from bench.systems.gnc.estimators.magnetometer.plane import roll_deg
-
-if TYPE_CHECKING:
-    from bench.analysis import Exchange
 
 ROLL, SET, RETURNED = "roll", "set_magnetometer", "returned"
 _LEAST = 3  # angles that leave something over beside the direction of the field
@@ -28,7 +25,7 @@ _NONE: Mapping[str, Any] = {"offset": [0.0, 0.0, 0.0], "gain": 1.0, "sin_alpha":
 
 
 @dataclass(frozen=True)
-class _RollAnswer:
+class RollAnswer:
     """``roll_deg``: as returned.   ``x``, ``y``: field before any correction, gauss.   ``size``: of the corrected one.
     ``table_deg``: of the table, NaN if the step does not say.
     """
@@ -41,39 +38,59 @@ class _RollAnswer:
 
 
 def roll_estimates(
-    material: Material, methods: Mapping[str, PlaneParameters], chosen: str, limit_deg: float, noise_deg: float
+    answers: Sequence[RollAnswer],
+    methods: Mapping[str, PlaneParameters],
+    chosen: str,
+    limit_deg: float,
+    noise: float,
 ) -> Estimates:
-    """mag_roll as returned, and mag_roll_error against the table by method; a limit judges that of ``chosen``.
+    """Return mag_roll as it came, and mag_roll_error against the table by method; a limit judges that of ``chosen``.
 
     The direction of the field is not known, so one angle common to all answers is taken off. Each answer is a single
-    reading: ``noise_deg``, the standard deviation of its angle by the noise of the sensor, is the larger part of the
-    uncertainty. That of the coefficients is not in it: the error that they leave is what is shown.
+    reading: ``noise``, that of the sensor in gauss over the field that the angle is taken from, is the larger part of
+    the uncertainty. That of the coefficients is not in it: the error that they leave is what is shown.
     """
-    answers = _answers(material)
+    returned_deg = [math.hypot(_STEP_deg, math.degrees(noise / answer.size)) for answer in answers]
     entries = [
-        estimate("mag_roll", "deg", answer.roll_deg, _STEP_deg, {"kind": "magnetometer", "answer": number}, n=1)
-        for number, answer in enumerate(answers, 1)
+        estimate("mag_roll", "deg", answer.roll_deg, std_deg, {"kind": "magnetometer", "answer": number}, n=1)
+        for number, (answer, std_deg) in enumerate(zip(answers, returned_deg, strict=True), 1)
     ]
     placed = [answer for answer in answers if math.isfinite(answer.table_deg)]
     if len(placed) < _LEAST:
         return entries
-    rolls = {RETURNED: np.array([answer.roll_deg for answer in placed])}
+    own_deg = [std_deg for answer, std_deg in zip(answers, returned_deg, strict=True) if answer in placed]
+    rolls = {RETURNED: (np.array([answer.roll_deg for answer in placed]), np.array(own_deg))}
     x, y = np.array([answer.x for answer in placed]), np.array([answer.y for answer in placed])
-    rolls |= {name: roll_deg(*parameters.corrected(x, y)) for name, parameters in methods.items()}
+    for name, parameters in methods.items():
+        corrected = parameters.corrected(x, y)
+        rolls[name] = roll_deg(*corrected), np.degrees(math.hypot(_STEP_gauss, noise) / np.hypot(*corrected))
     table = np.array([answer.table_deg for answer in placed])
-    step_deg = math.degrees(_STEP_gauss / float(np.mean([answer.size for answer in placed])))
-    std_deg = math.hypot(step_deg, noise_deg)
-    for name, angles in rolls.items():
+    for name, (angles, std_deg) in rolls.items():
         apart = np.exp(1j * np.radians(angles - table))
         error = np.degrees(np.angle(apart / np.mean(apart)))
-        for answer, value in zip(placed, error, strict=True):
+        less_mean_deg = np.sqrt(std_deg**2 * (1.0 - 2.0 / error.size) + np.mean(std_deg**2) / error.size)
+        for answer, value, std in zip(placed, error.tolist(), less_mean_deg.tolist(), strict=True):
             place = {"kind": "magnetometer", "method": name, "roll_deg": answer.table_deg}
             limit = limit_deg if name == chosen and math.isfinite(limit_deg) else None
-            entries.append(estimate("mag_roll_error", "deg", float(value), std_deg, place, n=1, limit=limit))
+            entries.append(estimate("mag_roll_error", "deg", value, std, place, n=1, limit=limit))
     return entries
 
 
-def _answers(material: Material) -> list[_RollAnswer]:
+def nominal_answers(exchanges: Sequence[Exchange], radius: float) -> list[RollAnswer]:
+    """Return what a module without error will answer where a field of this size turns with the table."""
+    tables_deg = [_table_deg(exchange) for exchange in exchanges if exchange.name == ROLL]
+    angles_deg = [0.0 if math.isnan(table_deg) else table_deg for table_deg in tables_deg]
+    return [
+        RollAnswer(angle_deg, radius * math.cos(roll), -radius * math.sin(roll), radius, table_deg)
+        for angle_deg, roll, table_deg in zip(angles_deg, map(math.radians, angles_deg), tables_deg, strict=True)
+    ]
+
+
+def _table_deg(exchange: Exchange) -> float:
+    return float(exchange.conditions.get("roll_deg", math.nan))
+
+
+def answers_of(material: Material) -> list[RollAnswer]:
     """Return the answers in their order, each with the correction that was in force."""
     answers, now = [], _NONE
     for exchange in material.exchanges:
@@ -90,13 +107,13 @@ def _answers(material: Material) -> list[_RollAnswer]:
     return answers
 
 
-def _answer(exchange: Exchange, fields: Mapping[str, Any], now: Mapping[str, Any]) -> _RollAnswer:
+def _answer(exchange: Exchange, fields: Mapping[str, Any], now: Mapping[str, Any]) -> RollAnswer:
     x, y = float(fields["mag"][0]), float(fields["mag"][1])
     sine = float(now["sin_alpha"])
-    return _RollAnswer(
+    return RollAnswer(
         roll_deg=float(fields["roll"]),
         x=x * math.sqrt(1.0 - sine**2) + y * sine + float(now["offset"][0]),
         y=y / float(now["gain"]) + float(now["offset"][1]),
         size=max(math.hypot(x, y), _STEP_gauss),
-        table_deg=float(exchange.conditions.get("roll_deg", math.nan)),
+        table_deg=_table_deg(exchange),
     )

@@ -6,5 +6,13 @@ from bench.model.declaration import AnalysisDeclaration, System
 
 DECLARATION = System(
     name="readings",
-    analyses=(AnalysisDeclaration("readings", "bench.systems.readings.analysis", ("polynomial",), made_of="values"),),
+    analyses=(
+        AnalysisDeclaration(
+            "readings",
+            "bench.systems.readings.analysis",
+            ("polynomial",),
+            made_of="values",
+            predicted="bench.systems.readings.predicted:predicted",
+        ),
+    ),
 )

@@ -76,16 +76,29 @@ class Latency(StrictModel):
         return {"egi_s": self.egi, "imu_s": self.imu, "std_s": self.uncertainty}
 
 
+class Stamps(StrictModel):
+    """Receive stamps of two units that stream side by side and their clocks; only a prediction needs them."""
+
+    jitter: Annotated[float, *quantity("s", 1e-9, 1.0)] = Field(description="mean of what a latency is more than least")
+    tag_noise: Annotated[float, *quantity("s", 0.0, 0.1)] = Field(description="white noise of the time tags")
+    clock: Annotated[float, *quantity("1", 0.0, 1e-2)] = Field(description="as much as the rate of a clock may be off")
+
+    def constants(self) -> dict[str, float]:
+        """Return them with their units in the names."""
+        return {"jitter_s": self.jitter, "tag_noise_s": self.tag_noise, "clock": self.clock}
+
+
 class NavigationUnits(UnitSections):
     """Sections of ``uut``."""
 
     inertial: Inertial | None = Field(None, description="what a navigation filter is told of the inertial sensors")
     egi: Egi | None = Field(None, description="what is known of the errors of an EGI that serves as reference")
     latency: Latency | None = Field(None, description="of two units that stream side by side")
+    stamps: Stamps | None = Field(None, description="of their frames, for a prediction")
 
     def constants(self) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign"; what is not stated is left out."""
-        sections = {"inertial": self.inertial, "egi": self.egi, "latency": self.latency}
+        sections = {"inertial": self.inertial, "egi": self.egi, "latency": self.latency, "stamps": self.stamps}
         return {name: section.constants() for name, section in sections.items() if section is not None}
 
 
@@ -241,7 +254,7 @@ class TimeSyncLog(LogSections):
 
     def log_constants(self, log: Log) -> dict[str, Any]:
         """Return entries of the manifest's section "campaign"."""
-        units = NavigationUnits(inertial=self.inertial, egi=self.egi, latency=self.latency).constants()
+        units = NavigationUnits(inertial=self.inertial, egi=self.egi, latency=self.latency, stamps=None).constants()
         if self.frequencies is None:
             return units
         return units | {"frequencies": {"first_Hz": self.frequencies.first, "last_Hz": self.frequencies.last}}

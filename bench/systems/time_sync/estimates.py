@@ -117,8 +117,7 @@ def _clocks(clocks: Clocks) -> Estimates:
     for name, port in (("imu", clocks.imu), ("egi", clocks.egi)):
         about, n = {"link": name}, port.above_s.size
         entries.append(estimate("clock_rate", "ppm", -1e6 * port.rate, 1e6 * port.rate_std, about, n=n))
-        std_s = port.jitter_s / math.sqrt(n)
-        entries.append(estimate("receive_jitter", "s", port.jitter_s, std_s, about, n=n))
+        entries.append(estimate("receive_jitter", "s", port.jitter_s, port.jitter_std_s, about, n=n))
     return entries
 
 

@@ -1,7 +1,7 @@
 """Estimates of a time offset before its first hour: the filters, on what perfect units would send on a planned motion.
 
-Their covariances rest on the motion and on what is declared of both units, and on no sample. What receive stamps
-scatter is declared nowhere: of them only the stated latencies count here.
+Their covariances rest on the motion and on what is declared of both units, and on no sample. Where the scatter of
+receive stamps is not declared, only the stated latencies count of them.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from bench.model.ports import RecordWindow
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
 from bench.systems.time_sync.estimators.kalman.consistency import observability
 from bench.systems.time_sync.estimators.kalman.setup import FilterSetup, ImuSamples
-from bench.systems.time_sync.estimators.port_clocks import PortClock, clock_difference
+from bench.systems.time_sync.estimators.port_clocks import PortClock, StampNoise, clock_difference, expected_clock
 from bench.systems.time_sync.filtering import METHODS, SEEN, filtered
 from bench.systems.time_sync.limits import demands_of, densities_of, latency_of, spread_of
 from bench.systems.time_sync.records import EGI, ITEM, RADAR, Clocks
@@ -28,7 +28,6 @@ from bench.systems.time_sync.wording import filter_name, say
 
 Array = NDArray[np.float64]
 _LINK, _TURN = "imu", ("turntable", "turn")
-_BY_STAMPS = ("time_offset_drift", "clock_rate", "receive_jitter")
 _DECLARED = ("inertial", "egi")
 
 
@@ -55,10 +54,10 @@ def predicted(planned: Planned) -> Prediction:
         entry
         for entry in sync_estimates(result)
         if entry["std_uncertainty"] > 0.0
-        and entry["quantity"] not in _BY_STAMPS
         and not (entry["quantity"] == "time_offset" and entry["conditions"]["method"] in unseen)
     ]
-    return Prediction(estimates, [*missing, say("predicted.no_stamps")])
+    missing += [] if "stamps" in planned.campaign else [say("predicted.no_stamps")]
+    return Prediction(estimates, missing)
 
 
 def _result(planned: Planned) -> SyncResult:
@@ -67,18 +66,21 @@ def _result(planned: Planned) -> SyncResult:
     ready = planned_samples(planned)
     clocks = _clocks(planned, ready)
     spread = spread_of(campaign, float(campaign[EGI]["position_m"]))
-    radar_on_s = [reading.t_s for reading in planned.readings if reading.arguments.get(RADAR) == "on"]
-    found = filtered(ready, clocks, densities_of(campaign), spread, min(radar_on_s, default=math.inf))
+    calls = [reading.t_s - _begin_s(planned) for reading in planned.readings if reading.arguments.get(RADAR) == "on"]
+    found = filtered(ready, clocks, densities_of(campaign), spread, min(calls, default=math.inf))
     seen = observability(found.run.covariance, found.run.first_covariance)
     return SyncResult("", ready, clocks, found, seen, None, demands_of(campaign), METHODS[0])
 
 
 def _clocks(planned: Planned, ready: Prepared) -> Clocks:
-    """Return two clocks that agree, by frames without jitter: the uncertainty that is left is that of the latencies."""
-    latency = latency_of(planned.campaign)
+    """Return two clocks that agree; without declared scatter of stamps that of the latencies is all that is left."""
+    latency, stamps = latency_of(planned.campaign), planned.campaign.get("stamps")
+    noise = None if stamps is None else StampNoise(**stamps)
     ports = [
-        PortClock(ready.middle_s, 0.0, 0.0, np.zeros((2, 2)), 0.0, 0.0, 0.0, np.zeros(t_s.size))
-        for t_s in (ready.imu.t_s, ready.egi.t_s)
+        PortClock(ready.middle_s, 0.0, 0.0, np.zeros((2, 2)), 0.0, 0.0, 0.0, 0.0, np.zeros(t_s.size))
+        if noise is None
+        else expected_clock(t_s, noise, planned.steps_s.get(link, 0.0))
+        for link, t_s in ((_LINK, ready.imu.t_s), (EGI, ready.egi.t_s))
     ]
     std_s = 0.0 if latency is None else math.sqrt(2.0) * latency.std_s
     difference = clock_difference(ports[1], ports[0], ready.middle_s, 0.0, std_s)
@@ -89,14 +91,19 @@ def _windows(planned: Planned) -> list[RecordWindow]:
     return [window for window in planned.windows if window.conditions.get("item") == ITEM]
 
 
+def _begin_s(planned: Planned) -> float:
+    """Return the begin of the recording, from which the time of the units counts."""
+    return _windows(planned)[0].t_start_ns / NS
+
+
 def planned_samples(planned: Planned) -> Prepared:
     """Return increments and solutions of perfect units on the planned motion, in the tangent frame at its begin."""
     windows = _windows(planned)
-    begin_s, end_s = windows[0].t_start_ns / NS, windows[-1].t_end_ns / NS
+    begin_s = _begin_s(planned)
     latitude_deg = float((planned.campaign.get("site") or {}).get("latitude_deg", FilterSetup((), ()).latitude_deg))
     step_s = 1.0 / planned.rates_Hz[_LINK]
-    t_s = np.arange(begin_s, end_s + 0.5 * step_s, step_s)
-    speed_m_s, along_m_s2, yaw_rate = _motion(planned, 0.5 * (t_s[1:] + t_s[:-1]), step_s)
+    t_s = np.arange(0.0, windows[-1].t_end_ns / NS - begin_s + 0.5 * step_s, step_s)
+    speed_m_s, along_m_s2, yaw_rate = _motion(planned, begin_s + 0.5 * (t_s[1:] + t_s[:-1]), step_s)
     yaw = _integral(yaw_rate, step_s)
     middle_yaw = 0.5 * (yaw[1:] + yaw[:-1])
     a = _along(middle_yaw, along_m_s2) + _along(middle_yaw + 0.5 * np.pi, speed_m_s * yaw_rate)

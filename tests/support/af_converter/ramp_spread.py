@@ -63,7 +63,7 @@ def _fitted(
         for number, (kind, typical) in enumerate(kinds.items(), start=1)
     }
     read = {number: replace(one, sensor_degC=one.sensor_degC + sensor_degC) for number, one in ramps.items()}
-    found = [_off_nominal(row, generator, rng) for row in rows(read)]
+    found = [_off_nominal(row, generator, sensor_degC, rng) for row in rows(ramps)]  # clocks are of the true unit
     constants = read_campaign(campaign(ramps))
     any_ramp = next(iter(read.values()))
     trace = Trace(any_ramp.trace_t_s, any_ramp.air_degC, any_ramp.sensor_degC)
@@ -81,10 +81,11 @@ def _ramp(seed: int, kind: str, typical: Typical, lag_s: float, dsf: float) -> R
     return ramp(seed, unit=Unit(kind, curve, typical.hysteresis_width_A, typical.play_half_width_degC, lag_s, dsf))
 
 
-def _off_nominal(row: Any, generator: float, rng: np.random.Generator) -> Any:
-    """Return a window whose generator is off, each of its counts cut anywhere."""
+def _off_nominal(row: Any, generator: float, sensor_degC: float, rng: np.random.Generator) -> Any:
+    """Return a window whose generator and sensor are off, each of its counts cut anywhere."""
     count = np.int64(np.floor(row.sums["fg_count"] * (1.0 + generator) + rng.uniform()))
-    return replace(row, sums={**row.sums, "fg_count": count})
+    context = {name: value + sensor_degC for name, value in row.context.items()}
+    return replace(row, sums={**row.sums, "fg_count": count}, context=context)
 
 
 def _truth(entry: Mapping[str, Any], fit: ChannelFit, one: Ramp, constants: Campaign) -> float:

@@ -19,13 +19,14 @@ def study(
     truth: Callable[[Module, Analysis], Mapping[Key, float]],
     first_seed: int,
     units: int,
+    answering: Callable[[Material, Plan, Module], Material] = lambda material, *_: material,
 ) -> Study:
-    """Units of seeds that follow each other."""
+    """Units of seeds that follow each other; ``answering``: what adds their answers to commands."""
     found = Study(predicted(plan))
     records = records_of(plan)
     for seed in range(first_seed, first_seed + units):
         module = campaign(records, seed, plan.campaign["rate_Hz"])
-        analysis = analyse(material_of(plan, module))
+        analysis = analyse(answering(material_of(plan, module), plan, module))
         found.add(analysis.estimates, truth(module, analysis))
     print(f"seeds {first_seed} to {first_seed + units - 1}")
     print(*found.lines(), sep="\n")

@@ -5,6 +5,7 @@ The path and the increments are the simulator's; the errors of the EGI wander by
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from bench.analysis import Planned
 from bench.maths.strapdown import small_rotation
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, EgiSpread, FilterSetup, ImuSamples
+from bench.systems.time_sync.limits import latency_of
+from bench.systems.time_sync.records import Recording, Stream, clocks_of
 from sim_instruments.worlds.time_sync.flight.imu import imu_runs
 from sim_instruments.worlds.time_sync.flight.path import FlightPath
 
@@ -72,3 +75,44 @@ def errors_of_flights(planned: Planned, path: FlightPath, end_s: float, runs: in
         found["accel_bias", "augmented_loose", letter] = accel / _MICRO_G
         found["gyro_bias", "augmented_loose", letter] = gyro / _DEG_H
     return found
+
+
+def errors_of_stamps(planned: Planned, span_s: float, runs: int, seed: int) -> dict[Any, Array]:
+    """Return estimate minus truth, (R,), of clocks by receive stamps of many pairs of units, by quantity and link.
+
+    Stamps are drawn as the sequence declares them; what the makers state of a latency is off by its uncertainty.
+    """
+    stamps, latency = planned.campaign["stamps"], latency_of(planned.campaign)
+    assert latency is not None
+    rng, found = np.random.default_rng(seed), dict[Any, list[float]]()
+    for _ in range(runs):
+        rates = dict(zip(("imu", "egi"), stamps["clock"] * rng.uniform(-1.0, 1.0, 2), strict=True))
+        offset_s, begin_s = float(rng.uniform(-OFFSET_STD_s, OFFSET_STD_s)), 100.0 + rng.uniform()
+        streams = {}
+        for link, least_s in (("imu", latency.imu_s), ("egi", latency.egi_s)):
+            late_s = least_s + latency.std_s * rng.standard_normal()
+            streams[link] = _stream(planned, link, span_s, begin_s + late_s, rates[link], rng)
+        tags_s = streams["egi"].tick_s + offset_s
+        pair = Recording(streams["imu"], replace(streams["egi"], tick_s=tags_s), None, "", ())
+        clocks = clocks_of(pair, 0.5 * span_s, latency, {})
+        apart_s = offset_s + 0.5 * span_s * (rates["egi"] - rates["imu"])  # both count from the begin
+        errors = {
+            ("time_offset_drift", None): 1e6 * (clocks.difference.drift - (rates["egi"] - rates["imu"])),
+            ("time_offset_from_stamps", None): (clocks.offset_s or 0.0) - apart_s,
+        }
+        for link, port in (("imu", clocks.imu), ("egi", clocks.egi)):
+            errors["clock_rate", link] = -1e6 * port.rate - 1e6 * rates[link]
+            errors["receive_jitter", link] = port.jitter_s - stamps["jitter_s"]
+        for own, error in errors.items():
+            found.setdefault(own, []).append(error)
+    return {own: np.array(values) for own, values in found.items()}
+
+
+def _stream(planned: Planned, link: str, span_s: float, first_s: float, rate: float, rng: Any) -> Stream:
+    """Tags of a clock that is fast by ``rate`` and stamps of its frames, of which the first may come at ``first_s``."""
+    stamps, step_s = planned.campaign["stamps"], planned.steps_s[link]
+    own_s = np.arange(0.0, span_s, 1.0 / planned.rates_Hz[link])
+    arrived_s = first_s + own_s / (1.0 + rate) + rng.exponential(stamps["jitter_s"], own_s.size)
+    received_ns = np.rint(1e9 * np.ceil(arrived_s / step_s) * step_s).astype(np.int64)
+    tags_s = own_s + stamps["tag_noise_s"] * rng.standard_normal(own_s.size)
+    return Stream(tags_s, np.arange(own_s.size), received_ns, {})

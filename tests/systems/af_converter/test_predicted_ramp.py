@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from bias_simulation import MASTER_ppm
 from ramp_spread import Place, errors_of, place
 from rehearsal import ROOT
 from scipy import stats
@@ -29,6 +30,7 @@ from bench.systems.af_converter.constants import read_campaign
 INSIDE = 0.999
 FIRST = 1000
 SHOWN = {"bias", "hysteresis_width", "play_half_width", "thermal_lag", "white_noise", "random_walk"}
+SHOWN |= {f"master_clock_error_tc{order}" for order in range(4)}
 
 
 def planned(name: str) -> Planned:
@@ -38,6 +40,7 @@ def planned(name: str) -> Planned:
 def ratios(campaigns: int) -> dict[Place, float]:
     """Root mean square of estimate minus truth over the predicted standard uncertainty, over campaigns of 25 hours."""
     plan = planned("bias_ramp_25h")
+    plan = replace(plan, campaign={**plan.campaign, "master_curve_ppm": MASTER_ppm[1:]})
     expected = {place(entry): entry["std_uncertainty"] for entry in of_ramp(plan).estimates}
     constants = read_campaign(plan.campaign)
     kinds = {channel.kind: channel.typical for channel in constants.channels if channel.typical is not None}
@@ -125,12 +128,12 @@ def test_the_unit_it_holds_for_is_said() -> None:
     found = predicted(plan)
     lines = list(predicted_lines(plan, found))
     assert any(line.startswith("Thermal lag: U at least 2 min to 2.8 min") for line in lines)
-    (gyro, _) = (line for line in lines if line.startswith("assumed: "))
+    (curve, gyro, _) = (line for line in lines if line.startswith("assumed: "))
     for text in ("gyro", "400 nA", "2 nA/degC", "20 nA", "2.5 degC", "25 min"):
         assert text in gyro
     assert predicted_document(plan, found)["assumed"] == found.assumed
-    (missing,) = found.missing
-    assert missing.startswith("temperature coefficients of the master oscillator")
+    assert "5e-05 ppm/degC3" in curve
+    assert found.missing == []
 
 
 def test_without_a_typical_unit_nothing_is_predicted(tmp_path: Path) -> None:
@@ -174,3 +177,17 @@ def test_a_unit_without_hysteresis_has_no_half_width() -> None:
     found = of_ramp(replace(plan, campaign=campaign))
     assert "play_half_width" not in {entry["quantity"] for entry in found.estimates}
     assert len([sentence for sentence in found.missing if sentence.startswith("play_half_width of ")]) == 2
+
+
+def test_coefficients_of_the_master_oscillator_are_known_as_the_sensor_lets_them() -> None:
+    """By hand: a sensor that is off by 0.05 degC moves what lies on a cubic by its next derivative."""
+    plan = planned("bias_ramp_25h")
+    curve = {**plan.campaign, "master_curve_ppm": (0.0, 0.01, 1e-3)}
+    std = {name: entry["std_uncertainty"] for entry in of_ramp(replace(plan, campaign=curve)).estimates
+           if (name := entry["quantity"]).startswith("master_clock_error_tc")}  # fmt: skip
+    assert std["master_clock_error_tc1"] == pytest.approx(2.0 * 0.01 * 0.05, rel=1e-3)
+    assert std["master_clock_error_tc2"] == pytest.approx(3.0 * 1e-3 * 0.05, rel=1e-3)
+    without = {name: value for name, value in plan.campaign.items() if name != "master_curve_ppm"}
+    unknown = of_ramp(replace(plan, campaign=without))
+    assert not [entry for entry in unknown.estimates if entry["quantity"] in std.keys() - {"master_clock_error_tc0"}]
+    assert [sentence for sentence in unknown.missing if "declare 'master_curve'" in sentence] != []

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import pytest
-from gnc_campaigns import bias_truth, magnetometer_truth, plan_of
+from gnc_answers import roll_truth, unit_test_study, with_rolls
+from gnc_campaigns import Module, bias_truth, magnetometer_truth, plan_of
 from gnc_study import calibration_study, study
-from spread_study import Study
+from spread_study import Key, Study
 
+from bench.analysis import Analysis
 from bench.systems.gnc import bias, magnetometer
 
 SHORT = {"position": "60 s", "check_position": "20 s"}
@@ -17,13 +19,12 @@ def bias_study(first_seed: int, units: int) -> Study:
 
 
 def magnetometer_study(first_seed: int, units: int) -> Study:
-    return study(
-        plan_of("gnc_magnetometer", 50.0),
-        magnetometer.analyse,
-        lambda module, _: magnetometer_truth(module),
-        first_seed,
-        units,
-    )
+    plan = plan_of("gnc_magnetometer", 50.0)
+
+    def truth(module: Module, analysis: Analysis) -> dict[Key, float]:
+        return magnetometer_truth(module) | roll_truth(plan, module, analysis)
+
+    return study(plan, magnetometer.analyse, truth, first_seed, units, with_rolls)
 
 
 @pytest.mark.parametrize("sequence", ["gnc_imu_calibration", "gnc_imu_calibration_vertical"])
@@ -58,12 +59,27 @@ def test_biases_scatter_as_predicted() -> None:
 
 def test_a_few_magnetometers_scatter_as_predicted() -> None:
     found = magnetometer_study(7000, 2)
-    assert len(found.scores) == len(found.prediction.estimates) == 19
+    assert found.prediction.missing == []
+    assert len(found.scores) == len(found.prediction.estimates) == 51
     assert found.outside() == {}
 
 
 @pytest.mark.sweep
 def test_magnetometers_scatter_as_predicted() -> None:
     found = magnetometer_study(7000, 500)
+    assert found.outside() == {}
+    assert 0.97 < found.median() < 1.03
+
+
+def test_a_few_unit_tests_scatter_as_predicted() -> None:
+    found = unit_test_study(plan_of("gnc_unit_test", units="GNC-01"), 8000, 40)
+    assert found.prediction.missing == []
+    assert len(found.scores) == len(found.prediction.estimates) == 10
+    assert found.outside() == {}
+
+
+@pytest.mark.sweep
+def test_unit_tests_scatter_as_predicted() -> None:
+    found = unit_test_study(plan_of("gnc_unit_test", units="GNC-01"), 8000, 500)
     assert found.outside() == {}
     assert 0.97 < found.median() < 1.03

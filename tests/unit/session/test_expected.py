@@ -46,7 +46,7 @@ def test_nothing_is_held_against_a_part_another_method_or_without_a_plan(view: S
     for without in (replace(view, plan_steps=()), replace(view, texts=texts)):
         assert predicted_of(without, "gls") == []
         assert expectations(without, stated(view)) == {}
-    other = {**view.manifest, "campaign": {**view.manifest["campaign"], "analysis": "gnc_unit_test"}}
+    other = {**view.manifest, "campaign": {**view.manifest["campaign"], "analysis": "imu_strapdown"}}
     assert expectations(replace(view, manifest=other), {}) == {}
 
 

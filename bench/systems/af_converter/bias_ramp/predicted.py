@@ -105,7 +105,8 @@ def predicted(planned: Planned) -> Prediction:
     lost = [name for name in (RISING, FALLING) if name not in ramp.records.branch]
     missing = [*ramp.missing, *(say("missing.branch", name=name) for name in lost)]
     undetermined = _undetermined(ramp.fits, entries)
-    return Prediction(entries, [*missing, *undetermined, say("predicted.no_curve")], _assumed(ramp.unit))
+    missing += [say("predicted.no_curve")] if ramp.fits and ramp.constants.master_curve_ppm is None else []
+    return Prediction(entries, [*missing, *undetermined], _assumed(ramp.unit, ramp.constants))
 
 
 def channels_predicted(ramp: Fitted) -> Estimates:
@@ -121,10 +122,12 @@ def channels_predicted(ramp: Fitted) -> Estimates:
 
 
 def _clock(planned: Planned, records: RampRecords, constants: Campaign, at_degC: Sequence[float]) -> Estimates:
-    """Return what is predicted of the master oscillator, which has no curve here."""
-    clock = fit_master_clock(records, constants, planned.standards)
+    """Return what is predicted of the master oscillator: the error of the sensor counts as its curve is steep."""
+    clock, curve_ppm = fit_master_clock(records, constants, planned.standards), constants.master_curve_ppm
+    if curve_ppm is not None:
+        clock = replace(clock, coefficients_ppm=np.array([0.0, *curve_ppm]))
     known = master_clock_estimates(clock, at_degC, records.dropped)
-    return [entry for entry in known if entry["quantity"] not in _OF_THE_CURVE]
+    return [entry for entry in known if curve_ppm is not None or entry["quantity"] not in _OF_THE_CURVE]
 
 
 def _undetermined(fits: Mapping[str, ChannelFit], entries: Estimates) -> Iterator[str]:
@@ -197,9 +200,13 @@ def _counted(of_kinds: Mapping[str, tuple[str, Mapping[str, int]]], constants: C
     return Counted(sums, timing if timed else {})
 
 
-def _assumed(unit: _Unit) -> list[str]:
-    """Return a sentence on each kind of channel that the prediction holds for."""
-    return [
+def _assumed(unit: _Unit, constants: Campaign) -> list[str]:
+    """Return a sentence on each kind of channel that the prediction holds for, and one on the master oscillator."""
+    curve_ppm = constants.master_curve_ppm
+    of_curve = (
+        [] if curve_ppm is None else [say("predicted.curve", tc1=curve_ppm[0], tc2=curve_ppm[1], tc3=curve_ppm[2])]
+    )
+    return of_curve + [
         say(
             "predicted.unit",
             kind=kind_name(kind),

@@ -61,14 +61,14 @@ def _estimates(unit: UnitResult) -> Estimates:
         place = {UNIT: unit.unit}
         wrong = float(len(item.findings.wrong))
         entries.append(estimate(f"{item.item}_wrong", "1", wrong, 0.0, place, n=item.runs, limit=0.0))
-        entries += _values(item, place)
+        entries += values_of_item(item, place)
     if (span_s := unit.span_s) is not None:
         entries.append(estimate("test_time", "s", span_s[1] - span_s[0], 0.0, {UNIT: unit.unit}, n=1))
     return entries
 
 
-def _values(item: ItemResult, place: dict[str, Any]) -> Estimates:
-    """Measured values; those of a looped item are told apart by ``repeat``."""
+def values_of_item(item: ItemResult, place: dict[str, Any]) -> Estimates:
+    """Return measured values; those of a looped item are told apart by ``repeat``."""
     entries, seen = [], Counter[str]()
     for value in item.findings.measured:
         conditions = place | dict(value.conditions)

@@ -104,7 +104,7 @@ def whole(answers: Sequence[Answer], findings: Findings) -> list[Answer]:
 
 
 def _answer(exchange: Exchange, layouts: Mapping[str, Any]) -> Answer:
-    asked = _asked(exchange)
+    asked = asked_of(exchange)
     trouble = _trouble(exchange)
     if exchange.refused or exchange.status not in (0, 1):
         return Answer(exchange, asked, {}, trouble)
@@ -126,7 +126,7 @@ def _trouble(exchange: Exchange) -> str:
     return "" if exchange.status == _PASS else say("wrong.status", status=status)
 
 
-def _asked(exchange: Exchange) -> dict[str, Any]:
+def asked_of(exchange: Exchange) -> dict[str, Any]:
     """Return fields of a request; {} if it is not as long as it must be (the board refuses such a one)."""
     form, names = _REQUESTS.get(exchange.name, ("", ()))
     size = struct.calcsize(form)

@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bench.analysis import Reading
+from bench.systems.gnc.estimators.sensor_noise import expected_range
 from bench.systems.gnc.limits import Limits
 from bench.systems.gnc.unit_test.answers import Answer, Findings, Measured, Wrong, whole
 from bench.systems.gnc.wording import quantity_word, say
@@ -54,9 +55,12 @@ def judge_imu(answers: Sequence[Answer], limits: Limits, imu: Mapping[str, Any])
 
 
 def _noise(fields: Mapping[str, Any], kind: str) -> list[float]:
-    """Standard uncertainty of each mean by the span of its samples, four standard deviations for some tens of them."""
-    spans = zip(fields[f"{kind}_low"], fields[f"{kind}_high"], strict=True)
-    return [(high - low) / 4.0 / math.sqrt(max(fields["samples"], 1)) for low, high in spans]
+    """Return the standard uncertainty of each mean, by the span of its samples."""
+    spans, samples = zip(fields[f"{kind}_low"], fields[f"{kind}_high"], strict=True), fields["samples"]
+    if samples < 2:
+        return [0.0 for _ in spans]
+    deviations = expected_range(samples) * math.sqrt(samples)
+    return [(high - low) / deviations for low, high in spans]
 
 
 def _temperatures(answer: Answer, limits: Limits, findings: Findings) -> None:

@@ -20,9 +20,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.stamp_grid import Grid, grid_line
+from bench.systems.time_sync.estimators.stamp_grid import Grid, expected_covariance, grid_line
 
 Array = NDArray[np.float64]
 Int64 = NDArray[np.int64]
@@ -30,6 +31,8 @@ _BLOCKS = 24
 LEAST_FRAMES = 200
 _STEP = 0.02  # of the interval: a clock that jumps by more was set, or started again
 _SCATTERS = 10.0
+_EXPECTED_FRAMES, _CASES = 500, 512  # that stand for all frames, and for all rates and places within a step
+_EVEN = 0.7548776662466927, 0.5698402909980532  # 1/p and 1/p^2 of p^3 = p + 1: multiples spread evenly in a square
 _LOWEST = 2.0  # noise of the tags at the lowest delays, in standard deviations
 _SOURCE_STD = 1.4826  # standard deviation over median absolute deviation of normal noise
 
@@ -40,8 +43,9 @@ class PortClock:
 
     ``at_s``: time of the unit in the middle of the recording.   ``delay_s``: receive stamp minus time tag there, at the
     least delay.   ``rate``: of that delay, s/s: positive = the unit's clock is slow against the bench.
-    ``covariance``: (2, 2) of both.   ``jitter_s``: mean excess over the least delay.   ``grid_s``: step of the stamps,
-    0 if they are fine.   ``tag_noise_s``: white noise of the time tags.   ``above_s``: (n,) delay above the line.
+    ``covariance``: (2, 2) of both.   ``jitter_s``: mean excess over the least delay, ``jitter_std_s``: its standard
+    uncertainty.   ``grid_s``: step of the stamps, 0 if they are fine.   ``tag_noise_s``: white noise of the time tags.
+    ``above_s``: (n,) delay above the line.
     """
 
     at_s: float
@@ -49,6 +53,7 @@ class PortClock:
     rate: float
     covariance: Array
     jitter_s: float
+    jitter_std_s: float
     grid_s: float
     tag_noise_s: float
     above_s: Array
@@ -88,16 +93,58 @@ def port_clock(device_s: Array, counter: Int64, received_s: Array, step_s: float
     base_s = float(delay_s.min())
     noise_s = tag_noise_s(device_s, counter)
     level, slope = line_below(place, delay_s - base_s)
+    above_s = delay_s - base_s - level - slope * place
     if step_s > 0.0:
         grid = Grid(place, delay_s - base_s, step_s, noise_s)
         level, slope, jitter_s, covariance = grid_line(grid, level, slope)
-    else:
         above_s = delay_s - base_s - level - slope * place
+    else:
         jitter_s, covariance = float(above_s.mean()), _hull_covariance(place, above_s, noise_s)
-    above_s = delay_s - base_s - level - slope * place
-    scale = np.array([1.0, 1.0 / half_s])
-    return PortClock(at_s, base_s + level, slope / half_s, covariance * np.outer(scale, scale), jitter_s, step_s,
-                     noise_s, above_s)  # fmt: skip
+    by_rate = np.array([1.0, 1.0 / half_s])
+    return PortClock(
+        at_s, base_s + level, slope / half_s, covariance[:2, :2] * np.outer(by_rate, by_rate), jitter_s,
+        math.sqrt(float(covariance[2, 2])), step_s, noise_s, above_s,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class StampNoise:
+    """What is declared of receive stamps: ``jitter_s``: mean excess over the least delay.   ``tag_noise_s``: white
+    noise of the time tags.   ``clock``: as much as the rate of a unit's clock may be off.
+    """
+
+    jitter_s: float
+    tag_noise_s: float
+    clock: float
+
+
+def expected_clock(device_s: Array, noise: StampNoise, step_s: float = 0.0) -> PortClock:
+    """Return a clock that is right, with the uncertainties that frames of declared noise will give.
+
+    Args:    device_s: planned time tags, (n,), evenly spaced.   step_s: of the receive stamps, 0 if they are fine.
+    Source:  see the head of this file. Delays are an even sequence over their distribution, not a draw; where stamps
+             come in steps, variances are means over all rates of the clock and all places within a step.
+    """
+    at_s, half_s = 0.5 * float(device_s[0] + device_s[-1]), 0.5 * float(device_s[-1] - device_s[0])
+    frames_s = device_s[:: max(1, device_s.size // _EXPECTED_FRAMES if step_s > 0.0 else 1)]
+    place, number = (frames_s - at_s) / half_s, np.arange(frames_s.size) + 0.5
+    excess_s = -noise.jitter_s * np.log1p(-(number * _EVEN[0] % 1.0))
+    late_s = excess_s - noise.tag_noise_s * special.ndtri(number * _EVEN[1] % 1.0)
+    if step_s > 0.0:
+        covariance = np.zeros((3, 3))
+        for case in (np.arange(_CASES) + 0.5) / _CASES:
+            line_s = case * step_s + frames_s * (1.0 + noise.clock * (2.0 * (case * _CASES * _EVEN[0] % 1.0) - 1.0))
+            seen_s = np.ceil((line_s + excess_s) / step_s) * step_s - line_s + late_s - excess_s
+            grid = Grid(place, seen_s, step_s, noise.tag_noise_s)
+            covariance += expected_covariance(grid, noise.jitter_s, device_s.size) / _CASES
+    else:
+        level, slope = line_below(place, late_s)
+        covariance = _hull_covariance(place, late_s - level - slope * place, noise.tag_noise_s)
+    by_rate = np.array([1.0, 1.0 / half_s])
+    return PortClock(
+        at_s, 0.0, 0.0, covariance[:2, :2] * np.outer(by_rate, by_rate), noise.jitter_s,
+        math.sqrt(float(covariance[2, 2])), step_s, noise.tag_noise_s, np.zeros(device_s.size),
+    )  # fmt: skip
 
 
 def line_below(place: Array, delay_s: Array) -> tuple[float, float]:
@@ -127,15 +174,15 @@ def _turns_up(first: tuple[float, float], second: tuple[float, float], new: tupl
 
 
 def _hull_covariance(place: Array, above_s: Array, noise_s: float) -> Array:
-    """From the least delay in each of 24 parts: as high above the line as it lies, the line may be off.
+    """Of level, slope and mean excess: as high above the line as the least delay in each of 24 parts, it may be off.
 
     The level is taken to be off by their RMS, for delays need not become short everywhere; the slope by what
     independent errors of that size make. Noise of the tags makes delays look too short, by about twice its size.
     """
     part = np.minimum(((place + 1.0) * 0.5 * _BLOCKS).astype(np.int64), _BLOCKS - 1)
     least_s = np.array([above_s[part == k].min() for k in range(_BLOCKS) if (part == k).any()])
-    rms_s = math.sqrt(float(np.mean(least_s**2)) + (_LOWEST * noise_s) ** 2)
-    return np.asarray(np.diag([rms_s**2, rms_s**2 * 3.0 / _BLOCKS]))
+    variance = float(np.mean(least_s**2)) + (_LOWEST * noise_s) ** 2
+    return np.diag([variance, variance * 3.0 / _BLOCKS, variance + float(above_s.mean()) ** 2 / above_s.size])
 
 
 def tag_noise_s(device_s: Array, counter: Int64) -> float:

@@ -25,6 +25,7 @@ _LEAST_EXCESS = 0.1  # of a step: below, most frames of a stretch say the same
 _BLOCKS = 40
 _STARTS = (0.02, 0.35, 0.7)  # of a step below the lowest delays
 _TINY = 1e-300
+_BOUND = np.diag([1.0 / 12.0, 1.0 / 6.0, 1.0 / 12.0])  # of a step, rectangular; what a level hides is taken for jitter
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def grid_line(grid: Grid, level_s: float, slope_s: float) -> tuple[float, float,
     """Most likely line of the least delay.
 
     Args:    grid: the delays.   level_s, slope_s: line below all of them, per unit of place.
-    Returns: level, slope, mean excess delay, covariance (2, 2) of level and slope; seconds.
+    Returns: level, slope, mean excess delay, covariance (3, 3) of the three; seconds.
     Source:  see the head of this file.
     """
     delay = (grid.delay_s - level_s - slope_s * grid.place) / grid.step_s
@@ -73,14 +74,36 @@ def grid_line(grid: Grid, level_s: float, slope_s: float) -> tuple[float, float,
     ]
     best = min(solutions, key=lambda solution: float(solution.fun))
     at = np.asarray(best.x, np.float64)
-    covariance = _covariance(delay, grid.place, noise, at)
-    bound = np.diag([1.0 / 12.0, 1.0 / 6.0])
-    steady = math.exp(float(at[2])) < _LEAST_EXCESS  # nothing shows the place within a step
-    if steady or covariance is None or np.any(np.diag(covariance) > np.diag(bound)):
-        at, covariance = np.array([-0.5, 0.0, at[2]]), bound
-    jitter_s = math.exp(float(at[2])) * grid.step_s
+    jitter = math.exp(float(at[2]))
+    covariance = _shown(_covariance(delay, grid.place, noise, at), jitter)
+    if covariance is None:
+        at, covariance = np.array([-0.5, 0.0, at[2]]), _BOUND
     level, slope = level_s + float(at[0]) * grid.step_s, slope_s + float(at[1]) * grid.step_s
-    return level, slope, jitter_s, covariance * grid.step_s**2
+    return level, slope, jitter * grid.step_s, covariance * grid.step_s**2
+
+
+def expected_covariance(grid: Grid, jitter_s: float, frames: int) -> Array:
+    """Return what so many frames like those of a grid will tell of the line, with delays that count from it.
+
+    Args:    grid: delays above the true line, (n,).   jitter_s: mean excess delay.   frames: of the recording.
+    Returns: covariance (3, 3) of level, slope and mean excess delay, second squared, by what a likelihood has on the
+             average.
+    Source:  as ``grid_line``; information grows with the number of frames.
+    """
+    delay, noise = grid.delay_s / grid.step_s, max(grid.noise_s / grid.step_s, _LEAST_NOISE)
+    jitter = jitter_s / grid.step_s
+    inverse = _inverse(delay, grid.place, noise, np.array([0.0, 0.0, math.log(jitter)]))
+    seen = None if inverse is None else inverse * delay.size / frames
+    covariance = _shown(seen, jitter)
+    return np.asarray((_BOUND if covariance is None else covariance) * grid.step_s**2)
+
+
+def _shown(covariance: Array | None, jitter: float) -> Array | None:
+    """Return the covariance with that of the jitter itself; None where nothing shows the place within a step."""
+    if jitter < _LEAST_EXCESS or covariance is None or np.any(np.diag(covariance)[:2] > np.diag(_BOUND)[:2]):
+        return None
+    by_jitter = np.array([1.0, 1.0, jitter])
+    return np.asarray(covariance * np.outer(by_jitter, by_jitter))
 
 
 def _log_likelihood(delay: Array, place: Array, noise: float, at: Array) -> tuple[Array, Array]:
@@ -107,7 +130,22 @@ def _later(late: Array, noise: float, excess: float) -> tuple[Array, Array, Arra
 
 
 def _covariance(delay: Array, place: Array, noise: float, at: Array) -> Array | None:
-    """Of level and slope, (2, 2): the larger of the two of a likelihood; None if it has no peak."""
+    """Of level, slope and logarithm of the excess, (3, 3): the larger of the two of a likelihood; None without a peak.
+
+    The larger one by level and slope.
+    """
+    inverse = _inverse(delay, place, noise, at)
+    if inverse is None:
+        return None
+    scores = _log_likelihood(delay, place, noise, at)[1]
+    part = np.minimum(((place + 1.0) * 0.5 * _BLOCKS).astype(np.int64), _BLOCKS - 1)
+    blocks = np.stack([np.bincount(part, scores[:, k], _BLOCKS) for k in range(3)], axis=1)
+    robust = inverse @ (blocks.T @ blocks) @ inverse
+    return np.asarray(max((inverse, robust), key=lambda covariance: float(np.trace(covariance[:2, :2]))))
+
+
+def _inverse(delay: Array, place: Array, noise: float, at: Array) -> Array | None:
+    """Inverse of the information of a likelihood, (3, 3); None if it has no peak."""
     steps = np.diag([2e-3, 2e-3, 2e-3])
 
     def gradient(x: Array) -> Array:
@@ -117,10 +155,4 @@ def _covariance(delay: Array, place: Array, noise: float, at: Array) -> Array | 
     information = 0.5 * (information + information.T)
     if not np.all(np.isfinite(information)) or np.linalg.eigvalsh(information)[0] <= 0.0:
         return None
-    inverse = np.linalg.inv(information)
-    scores = _log_likelihood(delay, place, noise, at)[1]
-    part = np.minimum(((place + 1.0) * 0.5 * _BLOCKS).astype(np.int64), _BLOCKS - 1)
-    blocks = np.stack([np.bincount(part, scores[:, k], _BLOCKS) for k in range(3)], axis=1)
-    robust = inverse @ (blocks.T @ blocks) @ inverse
-    both = inverse[:2, :2], robust[:2, :2]
-    return np.asarray(max(both, key=lambda covariance: float(np.trace(covariance))))
+    return np.asarray(np.linalg.inv(information))

@@ -82,7 +82,8 @@ def test_roll_is_right_after_compensation_and_only_then(found) -> None:
     assert {one["verdict"] for one in compensated} == {"pass"}
     assert {one["verdict"] for one in of(found, "mag_roll_error", "extremes")} == {"none"}
     single_deg = np.rad2deg(5e-4 / FIELD_gauss)  # noise of one reading; a step of the output makes a tenth of it
-    assert [one["std_uncertainty"] for one in compensated] == pytest.approx([single_deg] * 8, rel=0.05)
+    less_mean_deg = single_deg * np.sqrt(7.0 / 8.0)
+    assert [one["std_uncertainty"] for one in compensated] == pytest.approx([less_mean_deg] * 8, rel=0.05)
 
 
 def test_no_specification_states_a_limit_of_the_roll_angle() -> None:

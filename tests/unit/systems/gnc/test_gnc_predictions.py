@@ -132,3 +132,26 @@ def test_attitudes_that_do_not_determine_an_ellipsoid_are_named(tmp_path: Path) 
     found = predicted(plan_of(tmp_path, "gnc_magnetometer", *((line, "") for line in lines)))
     assert stds(found, "mag_hard_iron") == []
     assert any("B-FIT-091" in sentence for sentence in found.missing)
+
+
+def test_a_unit_test_is_known_as_its_counter_and_its_noise_say(tmp_path: Path) -> None:
+    """A tick over sqrt(12); noise of one sample over the root of fifty."""
+    found = predicted(plan_of(tmp_path, "gnc_unit_test", units="GNC-01"))
+    due = [12.0**-0.5 / setting for setting in (500, 1000, 2000, 5000)]
+    assert sorted(stds(found, "timer_interval_error")) == pytest.approx(sorted(due))
+    sample_deg_s = math.hypot(0.3 / 60.0 * math.sqrt(200.0), 0.005 / math.sqrt(12.0))
+    assert stds(found, "imu_rate") == pytest.approx([sample_deg_s / math.sqrt(50.0)] * 3)
+    of_one = predicted(plan_of(tmp_path, "gnc_unit_test", (NOISE, ""), units="GNC-01,GNC-02"))
+    assert stds(of_one, "imu_rate") == []
+    assert len(stds(of_one, "imu_acceleration")) == 6
+    assert [sentence for sentence in of_one.missing if "declare gyro_random_walk" in sentence] == of_one.missing
+
+
+def test_rolls_are_known_as_one_reading_less_the_mean_of_all(tmp_path: Path) -> None:
+    """Noise of an axis over the field across z, which the site declares."""
+    found = predicted(plan_of(tmp_path, "gnc_magnetometer", record_time="48 s", attitude_time="24 s"))
+    dip, east = math.radians(55.0), math.radians(4.0)
+    across = 0.43 * math.hypot(math.sin(dip), math.cos(dip) * math.sin(east))
+    single_deg = math.degrees(math.hypot(0.5e-3, 120e-6 / math.sqrt(12.0)) / across)
+    assert stds(found, "mag_roll") == pytest.approx([single_deg] * 8, rel=0.01)
+    assert stds(found, "mag_roll_error") == pytest.approx([single_deg * math.sqrt(7.0 / 8.0)] * 24, rel=0.02)

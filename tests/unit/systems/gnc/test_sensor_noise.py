@@ -10,7 +10,7 @@ import pytest
 from bench.maths.allan import allan_deviation
 from bench.systems.gnc.estimators.bias_mean import declared_mean, mean_bias
 from bench.systems.gnc.estimators.bias_stability import bias_stability, declared_noise
-from bench.systems.gnc.estimators.sensor_noise import SensorNoise
+from bench.systems.gnc.estimators.sensor_noise import SensorNoise, expected_range
 
 WANDERING = [(3.0, 40.0), (2.0, 300.0)]
 
@@ -84,3 +84,8 @@ def test_allan_variance_is_that_of_simulated_noise() -> None:
     curve = allan_deviation(slow, 1.0, factors=[20])
     due = SensorNoise(0.0, [(3.0, 40.0)], 0.0, 1.0).allan_variance(20.0)
     assert curve.deviation[0] ** 2 == pytest.approx(due, rel=0.03)
+
+
+@pytest.mark.parametrize(("count", "deviations"), [(2, 1.128), (5, 2.326), (10, 3.078), (25, 3.931), (50, 4.498)])
+def test_the_range_of_a_sample_is_that_of_tippett(count: int, deviations: float) -> None:
+    assert expected_range(count) == pytest.approx(deviations, abs=6e-4)
