@@ -185,7 +185,11 @@ def test_estimates_of_a_finished_session_are_its_results() -> None:
     results = {"campaign": "scale_factor", "estimates": [{**row(3.0), "verdict": "pass"}], "quality": {"records": 7}}
     found = finished_estimates(results, 1.0)
     assert found is not None
-    shown = {"verdict": "pass", "titles": {"en": "Scale-factor error N", "ko": "환산계수 오차 N"}, "history": [[7, 3.0, 1.0, 2.0]]}
+    shown = {
+        "verdict": "pass",
+        "titles": {"en": "Scale-factor error N", "ko": "환산계수 오차 N"},
+        "history": [[7, 3.0, 1.0, 2.0]],
+    }
     assert found["rows"] == [{**row(3.0), **shown}]
     assert finished_estimates({}, 1.0) is None
 
