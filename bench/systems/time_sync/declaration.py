@@ -80,12 +80,11 @@ class Stamps(StrictModel):
     """Receive stamps of two units that stream side by side and their clocks; only a prediction needs them."""
 
     jitter: Annotated[float, *quantity("s", 1e-9, 1.0)] = Field(description="mean of what a latency is more than least")
-    tag_noise: Annotated[float, *quantity("s", 0.0, 0.1)] = Field(description="white noise of the time tags")
     clock: Annotated[float, *quantity("1", 0.0, 1e-2)] = Field(description="as much as the rate of a clock may be off")
 
     def constants(self) -> dict[str, float]:
         """Return them with their units in the names."""
-        return {"jitter_s": self.jitter, "tag_noise_s": self.tag_noise, "clock": self.clock}
+        return {"jitter_s": self.jitter, "clock": self.clock}
 
 
 class NavigationUnits(UnitSections):

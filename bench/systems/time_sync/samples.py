@@ -12,6 +12,7 @@ from bench.maths.geodesy import TangentFrame, body_to_level
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.setup import ImuSamples
 from bench.systems.time_sync.estimators.odd_readings import odd_readings
+from bench.systems.time_sync.estimators.port_clocks import even_tags_s
 from bench.systems.time_sync.records import Recording, Stream
 from bench.systems.time_sync.wording import say
 
@@ -23,7 +24,6 @@ _LEAST_SHARE = 0.5  # of the recording that must be in one piece
 _LEAST_EGI = 200
 _NAVIGATING = 3  # mode of the EGI: GPS and inertial
 _MOVED_m = 1e-3  # between two solutions: a vehicle that does so is not where it was
-_EVEN_s = 1e-4  # scatter of time tags about a steady clock up to which they are taken as steady
 
 
 @dataclass(frozen=True)
@@ -113,16 +113,8 @@ def prepared(taken: Recording) -> Prepared:
 
 
 def steady_s(stream: Stream) -> Array:
-    """Time tags by a clock that runs evenly, (n,): a line over the counter, unless the tags scatter too much about it.
-
-    Units sample evenly by their own clock; what scatters is the tag.
-    """
-    at = (stream.counter - stream.counter[0]).astype(np.float64)
-    middle, half = 0.5 * at[-1], max(0.5 * at[-1], 1.0)
-    line = np.polynomial.polynomial.polyfit((at - middle) / half, stream.tick_s, 1)
-    even_s = line[0] + line[1] * (at - middle) / half
-    off_s = stream.tick_s - even_s
-    return np.asarray(even_s if float(np.sqrt(np.mean(off_s**2))) <= _EVEN_s else stream.tick_s)
+    """Return the time tags of a stream without their noise, (n,), as ``even_tags_s``."""
+    return even_tags_s(stream.tick_s, stream.counter)
 
 
 def _longest_piece(imu: Stream, notes: list[str]) -> Stream:

@@ -24,7 +24,7 @@ from sim_instruments.worlds.time_sync.flight.path import FlightPath
 Array = NDArray[np.float64]
 GROUPS = {"augmented_loose": 0, "augmented_tight": 1}
 OFFSET_STD_s, EGI_s, REACH_s = 0.03, 0.02, 0.2
-NEAR_s, COARSE_s = 0.05, 0.01
+NEAR_s, COARSE_s, TAG_NOISE_s = 0.05, 0.01, 1e-5
 _MICRO_G, _DEG_H = 9.80665e-6, np.radians(1.0) / 3600.0
 
 
@@ -114,5 +114,5 @@ def _stream(planned: Planned, link: str, span_s: float, first_s: float, rate: fl
     own_s = np.arange(0.0, span_s, 1.0 / planned.rates_Hz[link])
     arrived_s = first_s + own_s / (1.0 + rate) + rng.exponential(stamps["jitter_s"], own_s.size)
     received_ns = np.rint(1e9 * np.ceil(arrived_s / step_s) * step_s).astype(np.int64)
-    tags_s = own_s + stamps["tag_noise_s"] * rng.standard_normal(own_s.size)
+    tags_s = own_s + TAG_NOISE_s * rng.standard_normal(own_s.size)
     return Stream(tags_s, np.arange(own_s.size), received_ns, {})

@@ -5,7 +5,8 @@ fine, a line below all delays has the ratio of both clocks as its slope: of all 
 distances, which is an edge of the convex hull and the most likely line for exponential excess delays. Where the bench
 looks at its ports in steps, the stamps lie on a grid, and frames that always arrive within the same step hide up to a
 whole one: there the likelihood of the steps is taken, for an exponential excess delay and normal noise of the tags. It
-is the jitter that shows the place within a step; without any, the uncertainty is that of the step.
+is the jitter that shows the place within a step; without any, the uncertainty is that of the step. Tags of a clock that
+runs evenly are taken without their noise, which no arrival depends on.
 
 Source: Moon, Skelly, Towsley, Estimation and Removal of Clock Skew from Network Delay Measurements, INFOCOM 1999, and
 Zhang, Liu, Xia, Clock Synchronization Algorithms for Network Measurements, INFOCOM 2002 (line below the delays, convex
@@ -20,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.stamp_grid import Grid, expected_covariance, grid_line
@@ -31,8 +31,9 @@ _BLOCKS = 24
 LEAST_FRAMES = 200
 _STEP = 0.02  # of the interval: a clock that jumps by more was set, or started again
 _SCATTERS = 10.0
+_EVEN_s = 1e-4  # scatter of time tags about a steady clock up to which they are taken as steady
 _EXPECTED_FRAMES, _CASES = 500, 512  # that stand for all frames, and for all rates and places within a step
-_EVEN = 0.7548776662466927, 0.5698402909980532  # 1/p and 1/p^2 of p^3 = p + 1: multiples spread evenly in a square
+_EVEN = (math.sqrt(5.0) - 1.0) / 2.0  # multiples spread evenly
 _LOWEST = 2.0  # noise of the tags at the lowest delays, in standard deviations
 _SOURCE_STD = 1.4826  # standard deviation over median absolute deviation of normal noise
 
@@ -87,6 +88,7 @@ def port_clock(device_s: Array, counter: Int64, received_s: Array, step_s: float
             f"{device_s.size} frames do not tell the clock of a unit, {LEAST_FRAMES} in order of time are the least",
             next_step="record longer; look at the link's lost frames in the report",
         )
+    tag_std_s, device_s = tag_noise_s(device_s, counter), even_tags_s(device_s, counter)
     at_s = 0.5 * float(device_s[0] + device_s[-1])
     half_s = 0.5 * float(device_s[-1] - device_s[0])
     place, delay_s = (device_s - at_s) / half_s, received_s - device_s
@@ -103,18 +105,17 @@ def port_clock(device_s: Array, counter: Int64, received_s: Array, step_s: float
     by_rate = np.array([1.0, 1.0 / half_s])
     return PortClock(
         at_s, base_s + level, slope / half_s, covariance[:2, :2] * np.outer(by_rate, by_rate), jitter_s,
-        math.sqrt(float(covariance[2, 2])), step_s, noise_s, above_s,
+        math.sqrt(float(covariance[2, 2])), step_s, tag_std_s, above_s,
     )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class StampNoise:
-    """What is declared of receive stamps: ``jitter_s``: mean excess over the least delay.   ``tag_noise_s``: white
-    noise of the time tags.   ``clock``: as much as the rate of a unit's clock may be off.
+    """What is declared of receive stamps: ``jitter_s``: mean excess over the least delay.   ``clock``: as much as the
+    rate of a unit's clock may be off.
     """
 
     jitter_s: float
-    tag_noise_s: float
     clock: float
 
 
@@ -122,28 +123,27 @@ def expected_clock(device_s: Array, noise: StampNoise, step_s: float = 0.0) -> P
     """Return a clock that is right, with the uncertainties that frames of declared noise will give.
 
     Args:    device_s: planned time tags, (n,), evenly spaced.   step_s: of the receive stamps, 0 if they are fine.
-    Source:  see the head of this file. Delays are an even sequence over their distribution, not a draw; where stamps
-             come in steps, variances are means over all rates of the clock and all places within a step.
+    Source:  see the head of this file. Where stamps come in steps, delays are an even sequence over their distribution,
+             not a draw, and variances are means over all rates of the clock and all places within a step.
     """
     at_s, half_s = 0.5 * float(device_s[0] + device_s[-1]), 0.5 * float(device_s[-1] - device_s[0])
-    frames_s = device_s[:: max(1, device_s.size // _EXPECTED_FRAMES if step_s > 0.0 else 1)]
-    place, number = (frames_s - at_s) / half_s, np.arange(frames_s.size) + 0.5
-    excess_s = -noise.jitter_s * np.log1p(-(number * _EVEN[0] % 1.0))
-    late_s = excess_s - noise.tag_noise_s * special.ndtri(number * _EVEN[1] % 1.0)
     if step_s > 0.0:
+        frames_s = device_s[:: max(1, device_s.size // _EXPECTED_FRAMES)]
+        place, number = (frames_s - at_s) / half_s, np.arange(frames_s.size) + 0.5
+        late_s = -noise.jitter_s * np.log1p(-(number * _EVEN % 1.0))
         covariance = np.zeros((3, 3))
         for case in (np.arange(_CASES) + 0.5) / _CASES:
-            line_s = case * step_s + frames_s * (1.0 + noise.clock * (2.0 * (case * _CASES * _EVEN[0] % 1.0) - 1.0))
-            seen_s = np.ceil((line_s + excess_s) / step_s) * step_s - line_s + late_s - excess_s
-            grid = Grid(place, seen_s, step_s, noise.tag_noise_s)
+            line_s = case * step_s + frames_s * (1.0 + noise.clock * (2.0 * (case * _CASES * _EVEN % 1.0) - 1.0))
+            seen_s = np.ceil((line_s + late_s) / step_s) * step_s - line_s
+            grid = Grid(place, seen_s, step_s, 0.0)
             covariance += expected_covariance(grid, noise.jitter_s, device_s.size) / _CASES
     else:
-        level, slope = line_below(place, late_s)
-        covariance = _hull_covariance(place, late_s - level - slope * place, noise.tag_noise_s)
+        least_s = noise.jitter_s * _BLOCKS / device_s.size  # mean of the least delay of a part, and its deviation
+        covariance = _of_least(2.0 * least_s**2, noise.jitter_s, device_s.size)
     by_rate = np.array([1.0, 1.0 / half_s])
     return PortClock(
         at_s, 0.0, 0.0, covariance[:2, :2] * np.outer(by_rate, by_rate), noise.jitter_s,
-        math.sqrt(float(covariance[2, 2])), step_s, noise.tag_noise_s, np.zeros(device_s.size),
+        math.sqrt(float(covariance[2, 2])), step_s, 0.0, np.zeros(device_s.size),
     )  # fmt: skip
 
 
@@ -181,8 +181,28 @@ def _hull_covariance(place: Array, above_s: Array, noise_s: float) -> Array:
     """
     part = np.minimum(((place + 1.0) * 0.5 * _BLOCKS).astype(np.int64), _BLOCKS - 1)
     least_s = np.array([above_s[part == k].min() for k in range(_BLOCKS) if (part == k).any()])
-    variance = float(np.mean(least_s**2)) + (_LOWEST * noise_s) ** 2
-    return np.diag([variance, variance * 3.0 / _BLOCKS, variance + float(above_s.mean()) ** 2 / above_s.size])
+    return _of_least(float(np.mean(least_s**2)) + (_LOWEST * noise_s) ** 2, float(above_s.mean()), above_s.size)
+
+
+def _of_least(variance: float, jitter_s: float, frames: int) -> Array:
+    return np.diag([variance, variance * 3.0 / _BLOCKS, variance + jitter_s**2 / frames])
+
+
+def even_tags_s(device_s: Array, counter: Int64) -> Array:
+    """Return time tags without their noise, (n,): by a clock that runs evenly, unless they scatter too much about it.
+
+    Units sample evenly by their own clock; what scatters is the tag. When a frame arrives has nothing to do with the
+    noise of its tag, so noise that stays in the delays is taken for a place of the line within a step that it is not.
+
+    Args:    device_s: (n,).   counter: of the frames, (n,), rising.
+    Source:  a line over the counter; tags that scatter by more than 0.1 ms RMS stay as they are.
+    """
+    at = (counter - counter[0]).astype(np.float64)
+    middle, half = 0.5 * at[-1], max(0.5 * at[-1], 1.0)
+    line = np.polynomial.polynomial.polyfit((at - middle) / half, device_s, 1)
+    even_s = line[0] + line[1] * (at - middle) / half
+    off_s = device_s - even_s
+    return np.asarray(even_s if float(np.sqrt(np.mean(off_s**2))) <= _EVEN_s else device_s)
 
 
 def tag_noise_s(device_s: Array, counter: Int64) -> float:
