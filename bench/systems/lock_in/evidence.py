@@ -7,6 +7,7 @@ Source: docs/decisions/0025-doubt.md.
 
 from __future__ import annotations
 
+import cmath
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -15,12 +16,14 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from bench.analysis import Evidence, Floats
+from bench.analysis import LEAST_MOVE, Evidence, Floats
 from bench.maths.allan_terms import TERMS
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.systems.lock_in.compensation import GLOBAL, RAW
+from bench.systems.lock_in.compensation import GLOBAL, RAW, SINGLE
 from bench.systems.lock_in.estimators.constancy import Constancy, constancy, parts_of, runs
+from bench.systems.lock_in.estimators.expected_constants import NominalLaser
+from bench.systems.lock_in.estimators.expected_outputs import expected_output
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, random_walk
 from bench.systems.lock_in.estimators.steadiness import change, enough, line, wander
@@ -187,24 +190,45 @@ def _by_lock_in(laser: LaserResult) -> Iterator[Evidence]:
         whole, left = constancy(replace(fit, score=fit.score_of_whole), quarters), constancy(fit, quarters)
         for method, walk in laser.walks.items():
             seen = left if method == GLOBAL else whole
-            if not seen.turned.size:
-                continue
-            of_quarters = _walks_of_quarters(laser, method, walk, seen)
+            odd = seen.turned.size and seen.probability < _LOOKED_AT
+            of_quarters = _walks_of_quarters(laser, fit, method, seen) if odd else np.array([walk.n_deg_rth])
             move = float(np.max(np.abs(of_quarters - walk.n_deg_rth))) / _U(walk)
             low, high = float(of_quarters.min()), float(of_quarters.max())
             of_it = say("evidence.output", name=laser.name, method=label(method))
             sentence = say("evidence.walk_with_lock_in", output=of_it, low=1e3 * low, high=1e3 * high)
-            yield from _of_walk(laser, method, "walk_with_lock_in", sentence, high, seen.probability, move)
+            # A lock-in that changes and leaves the walk as it is says nothing of the walk, not even a note.
+            probability = seen.probability if move > LEAST_MOVE else 1.0
+            yield from _of_walk(laser, method, "walk_with_lock_in", sentence, high, probability, move)
 
 
-def _walks_of_quarters(laser: LaserResult, method: str, walk: RandomWalk, seen: Constancy) -> Floats:
+def _walks_of_quarters(laser: LaserResult, fit: GlobalConstants, method: str, seen: Constancy) -> Floats:
     """Return the random walk of an output in each quarter, if all that changes is the lock-in; (4,), deg/rt-h.
 
     Before compensation the jumps of a quarter go with its lock-in, behind the global fit with what its lock-in is off
-    the constants of its time. Of what another compensator leaves no more than all of it can go with the lock-in.
+    the constants of its time, behind another compensator with what that is expected to leave.
     """
+    walk, rate = laser.walks[method].n_deg_rth, laser.expected_deg_rth
+    if method in SINGLE:
+        left = np.array([_left(laser, fit, method, turned) for turned in seen.turned])
+        return np.asarray(walk * left / np.sqrt(np.mean(np.square(left))))
     power = np.square(np.abs(seen.turned - (1.0 if method == GLOBAL else 0.0)))
-    share = walk.n_deg_rth**2 / power.mean()
-    if method in (RAW, GLOBAL) and laser.expected_deg_rth is not None:
-        share = laser.expected_deg_rth**2
-    return np.asarray(np.sqrt(np.maximum(walk.n_deg_rth**2 + share * (power - power.mean()), 0.0)))
+    share = 0.0 if rate is None else rate**2
+    return np.asarray(np.sqrt(np.maximum(walk**2 + share * (power - power.mean()), 0.0)))
+
+
+def _left(laser: LaserResult, fit: GlobalConstants, method: str, turned: complex) -> float:
+    """Return the walk, rad/rt-s, expected behind a compensator of single turnarounds if the lock-in is so turned."""
+    behind = laser.walks.get(GLOBAL)
+    quantum = 0.0 if behind is None else laser.gain * math.radians(behind.n_deg_rth / 60.0)
+    nominal = NominalLaser(
+        kappa_rad_s=fit.kappa_rad_s * abs(turned),
+        beta_rad=fit.beta_rad + cmath.phase(turned),
+        omega_rad_s=laser.found.omega_rad_s,
+        rate_rad_s=laser.found.swing_rad * laser.found.omega_rad_s / 2.0,
+        walk_rad_rt_s=quantum,
+        tick_s=1.0 / laser.clock_Hz,
+    )
+    try:
+        return expected_output(nominal, SINGLE[method]).walk_rad_rt_s
+    except FitError:  # a dither that hardly reaches 16 crossings: what is left goes with the lock-in at most
+        return abs(turned)

@@ -114,6 +114,15 @@ def test_a_lock_in_that_is_followed_makes_the_walk_before_another_one_all_the_sa
     assert "raw" in {check.conditions.get("method") for check in found if check.code == "walk_with_lock_in"}
 
 
+def test_a_phase_that_turns_changes_what_its_compensators_leave_and_not_the_walk_before() -> None:
+    laser = worlds._result(worlds.simulated(0, worlds.PhaseSteps(20.0)))
+    seen = weigh(evidence([laser]))
+    found = {check.conditions.get("method") for check in seen.against if check.code == "walk_with_lock_in"}
+    assert {GLOBAL, "dither_shape"} <= found
+    assert "raw" not in found
+    assert "walk_with_lock_in" not in {check.code for check in seen.noted}
+
+
 def test_a_comparator_beside_zero_adds_nothing_to_the_walk() -> None:
     """Of 6 records: the count would be off by 0.05 rad in a pattern that goes with the phase, a fifth of the walk."""
     wrong = [wrong_world("comparator_offset", 0.5, seed) for seed in range(6)]
