@@ -22,6 +22,7 @@ from sim_instruments.worlds.time_sync.flight.imu import imu_runs
 from sim_instruments.worlds.time_sync.flight.path import FlightPath
 
 Array = NDArray[np.float64]
+STATED = "stated uncertainty of receive_jitter"
 GROUPS = {"augmented_loose": 0, "augmented_tight": 1}
 OFFSET_STD_s, EGI_s, REACH_s = 0.03, 0.02, 0.2
 NEAR_s, COARSE_s, TAG_NOISE_s = 0.05, 0.01, 1e-5
@@ -80,7 +81,8 @@ def errors_of_flights(planned: Planned, path: FlightPath, end_s: float, runs: in
 def errors_of_stamps(planned: Planned, span_s: float, runs: int, seed: int) -> dict[Any, Array]:
     """Return estimate minus truth, (R,), of clocks by receive stamps of many pairs of units, by quantity and link.
 
-    Stamps are drawn as the sequence declares them; what the makers state of a latency is off by its uncertainty.
+    Stamps are drawn as the sequence declares them; what the makers state of a latency is off by its uncertainty. Beside
+    them what is stated of each jitter.
     """
     stamps, latency = planned.campaign["stamps"], latency_of(planned.campaign)
     assert latency is not None
@@ -103,6 +105,7 @@ def errors_of_stamps(planned: Planned, span_s: float, runs: int, seed: int) -> d
         for link, port in (("imu", clocks.imu), ("egi", clocks.egi)):
             errors["clock_rate", link] = -1e6 * port.rate - 1e6 * rates[link]
             errors["receive_jitter", link] = port.jitter_s - stamps["jitter_s"]
+            errors[STATED, link] = port.jitter_std_s
         for own, error in errors.items():
             found.setdefault(own, []).append(error)
     return {own: np.array(values) for own, values in found.items()}

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy import stats
-from sync_planned import errors_of_flights, errors_of_stamps
+from sync_planned import STATED, errors_of_flights, errors_of_stamps
 
 from bench.analysis import Prediction
 from bench.plan import Plan, compile_sequence
@@ -64,9 +64,14 @@ def ratios(name: str, straight_s: float, manoeuvre_s: float, blocks: int, runs: 
     return ratio
 
 
+@cache
+def stamps_errors(span_s: float, runs: int) -> dict[Any, Any]:
+    return errors_of_stamps(planned_of(plan_of("turn")), span_s, runs, SEED)
+
+
 def ratios_by_stamps(straight_s: float, span_s: float, runs: int) -> dict[Any, float]:
     """The same of the clocks by receive stamps; of the difference to a filter with what the filter is predicted."""
-    errors = errors_of_stamps(planned_of(plan_of("turn")), span_s, runs, SEED)
+    errors = {own: seen for own, seen in stamps_errors(span_s, runs).items() if own[0] != STATED}
     by_filter = std_of("time_offset", straight_s, method="augmented_loose")
     offset_s = np.random.default_rng(SEED).normal(0.0, by_filter, runs)
     errors["stamps_difference", None] = offset_s - errors["time_offset_from_stamps", None]
@@ -91,7 +96,13 @@ def std_of(quantity: str, straight_s: float, **where: str) -> float:
     return std
 
 
-def outside(ratio: dict[Any, float], count: int) -> dict[Any, float]:
+def alike(stated_s: Any) -> float:
+    """How many errors of one size scatter in their mean square as those of many sizes; Welch and Satterthwaite."""
+    variance = np.square(stated_s)
+    return float(2.0 * stated_s.size / (3.0 * np.mean(variance**2) / np.mean(variance) ** 2 - 1.0))
+
+
+def outside(ratio: dict[Any, float], count: float) -> dict[Any, float]:
     low, high = np.sqrt(stats.chi2.ppf([0.0005, 0.9995], count) / count)
     return {own: value for own, value in ratio.items() if not low <= value <= high}
 
@@ -111,11 +122,16 @@ def test_clocks_by_stamps_scatter_as_predicted() -> None:
 
 @pytest.mark.sweep
 def test_clocks_of_500_pairs_scatter_as_predicted() -> None:
-    ratio = ratios_by_stamps(WHOLE_s, 3.0 * WHOLE_s, 500)
-    few = ratio.pop(("receive_jitter", "egi"))  # a few pairs hardly show their place within a step, and take it for it
-    assert 0.9 < few < 1.25
-    assert outside(ratio, 500) == {}
+    """How well the jitter of 50 frames a second is known goes with the rate of its clock, by a factor of three."""
+    ratio, errors = ratios_by_stamps(WHOLE_s, 3.0 * WHOLE_s, 500), stamps_errors(3.0 * WHOLE_s, 500)
     assert np.median(list(ratio.values())) == pytest.approx(1.0, abs=0.03)
+    for link in ("imu", "egi"):
+        own, stated_s = ("receive_jitter", link), errors[STATED, link]
+        held = int(np.sum(np.abs(errors[own]) <= stats.norm.ppf(0.975) * stated_s))
+        print(f"jitter, {link}: as {alike(stated_s):.0f} that are equally well known; {held} of 500 intervals hold")
+        assert outside({own: ratio.pop(own)}, alike(stated_s)) == {}
+        assert stats.binomtest(held, 500, 0.95).pvalue > 1e-3
+    assert outside(ratio, 500) == {}
 
 
 def test_results_and_predictions_are_of_the_same_epoch() -> None:
