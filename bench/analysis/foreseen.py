@@ -7,17 +7,16 @@ Decision: docs/decisions/0046-uncertainty-before-the-first-hour.md.
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from bench.analysis.material import Floats, GivenValue, Material, Reading
 from bench.analysis.prediction import Planned
-from bench.analysis.values import EXPECTED
+from bench.analysis.values import EXPECTED, key_of_value
 from bench.analysis.wording import say
 from bench.model.quantities import QUANTITY, conditions_of_value
 
@@ -30,13 +29,13 @@ def foreseen_material(planned: Planned) -> tuple[Material, list[str]]:
     read: dict[str, list[Reading]] = {}
     for reading in planned.readings:
         if QUANTITY in reading.conditions:
-            key = _key(reading.conditions[QUANTITY], conditions_of_value(reading.conditions))
+            key = key_of_value(reading.conditions[QUANTITY], conditions_of_value(reading.conditions))
             read.setdefault(key, []).append(reading)
     readings: list[Reading] = []
     given: list[GivenValue] = []
     wanting: dict[str, dict[str, None]] = {}
     for entry in planned.campaign.get(EXPECTED, ()):
-        of_entry = read.get(_key(entry["quantity"], entry["conditions"]), [])
+        of_entry = read.get(key_of_value(entry["quantity"], entry["conditions"]), [])
         if why := _wanting(entry, of_entry):
             wanting.setdefault(why, {})[entry["quantity"]] = None
         elif of_entry:
@@ -52,14 +51,12 @@ def foreseen_material(planned: Planned) -> tuple[Material, list[str]]:
     return material, missing
 
 
-def _key(quantity: str, conditions: Mapping[str, Any]) -> str:
-    return json.dumps([quantity, dict(conditions)], sort_keys=True)
-
-
 def _wanting(entry: Mapping[str, Any], readings: Sequence[Reading]) -> str:
     """Return what the plan does not say of a value, "" if it says enough."""
-    if "signal" in entry or "reply" in entry:
+    if "signal" in entry or entry.get("reply", {}).get("of_unit"):
         return "of_unit"
+    if "reply" in entry:
+        return "of_reply"
     if readings and not {"low", "high"} <= entry.keys():
         return "no_limits"
     return "no_scatter" if len(readings) > 1 and "scatter" not in entry else ""
@@ -70,7 +67,7 @@ def _values(entry: Mapping[str, Any], count: int) -> list[float]:
     middle = (entry["low"] + entry["high"]) / 2.0
     if count == 1:
         return [middle]
-    pattern: Floats = special.ndtri((np.arange(count) + 0.5) / count)
+    pattern: Floats = np.array([NormalDist().inv_cdf((number + 0.5) / count) for number in range(count)])
     return list((middle + entry["scatter"] * pattern / pattern.std(ddof=1)).tolist())
 
 

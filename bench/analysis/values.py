@@ -125,16 +125,16 @@ def values_of(material: Material) -> list[Value]:
     read: dict[str, list[Reading]] = {}
     flagged: dict[str, int] = {}
     for reading, good in _readings(material):
-        key = _key(reading.conditions[QUANTITY], conditions_of_value(reading.conditions))
+        key = key_of_value(reading.conditions[QUANTITY], conditions_of_value(reading.conditions))
         number = isinstance(reading.value, int | float) and math.isfinite(reading.value)
         if good and (number or isinstance(reading.value, str)):
             read.setdefault(key, []).append(reading)
         else:
             flagged[key] = flagged.get(key, 0) + 1
-    given = {_key(value.quantity, conditions_of_value(value.conditions)): value for value in material.given}
+    given = {key_of_value(value.quantity, conditions_of_value(value.conditions)): value for value in material.given}
     values: list[Value] = []
     for entry in material.campaign.get(EXPECTED, ()):
-        key = _key(entry["quantity"], entry["conditions"])
+        key = key_of_value(entry["quantity"], entry["conditions"])
         if "signal" in entry:
             values += _signal_value(entry, material)
         elif "reply" in entry:
@@ -148,12 +148,12 @@ def values_of(material: Material) -> list[Value]:
 
 def absent(material: Material, values: Iterable[Value]) -> list[str]:
     """Return what should have been read or given and was not, one sentence each."""
-    found = {_key(value.quantity, value.conditions) for value in values}
+    found = {key_of_value(value.quantity, value.conditions) for value in values}
     entries = material.campaign.get(EXPECTED, ())
     return [
         say("value.absent", where=placed(entry["quantity"], entry["conditions"]))
         for entry in entries
-        if _key(entry["quantity"], entry["conditions"]) not in found
+        if key_of_value(entry["quantity"], entry["conditions"]) not in found
     ]
 
 
@@ -181,7 +181,8 @@ def placed(name: str, conditions: Mapping[str, Any]) -> str:
     return say("place", name=name, conditions=conditions_text(conditions)) if conditions else name
 
 
-def _key(quantity: str, conditions: Mapping[str, Any]) -> str:
+def key_of_value(quantity: str, conditions: Mapping[str, Any]) -> str:
+    """Return what tells one value of a plan from another, by its name and the conditions that count for values."""
     return json.dumps([quantity, dict(conditions)], sort_keys=True)
 
 

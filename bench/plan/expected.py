@@ -52,10 +52,18 @@ def named_conditions(
     }
     if expect is not None:
         entry |= _limits_and_span(plan, expect, str(unit), (*path, "expect"), scope)
-        scatter = bound_in(plan, expect.scatter, str(unit), (*path, "expect", "scatter"), scope)
-        entry |= {} if scatter is None else {"scatter": scatter}
+        entry |= _scatter(plan, expect, str(unit), (*path, "expect", "scatter"), scope)
     keep(plan, entry, f"{role}.{action}", path)
     return {**conditions, QUANTITY: entry["quantity"]}
+
+
+def _scatter(plan: Expander, expect: ReadingExpect, unit: str, path: Path, scope: Scope) -> dict[str, float]:
+    """Return the standard deviation of one reading, if it is declared; B-PLAN-120 unless it is above zero."""
+    scatter = bound_in(plan, expect.scatter, unit, path, scope)
+    if scatter is not None and not scatter > 0.0:
+        plan.fail("B-PLAN-120", path, f"a scatter of {expect.scatter} is not above zero", "state it above zero")
+        return {}
+    return {} if scatter is None else {"scatter": scatter}
 
 
 def _default_name(role: str, action: str, unit: str) -> str:

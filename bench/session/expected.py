@@ -34,6 +34,9 @@ class Recorded(Protocol):
     def rows(self) -> Sequence[RecordRow]: ...
 
     @property
+    def events(self) -> Sequence[tuple[int, Any]]: ...
+
+    @property
     def incomplete(self) -> bool: ...
 
     @property
@@ -79,7 +82,13 @@ def expectations(session: Recorded, known: Mapping[Name, Mapping[str, Any]]) -> 
 
 
 def _begin_utc_s(session: Recorded) -> float | None:
-    return None if session.utc_offset_ns is None else session.utc_offset_ns / NS
+    """Return UTC at the begin of the preparation, the first event of a run, by the clock of the bench; None if unknown.
+
+    That clock counts from anywhere, as from the start of the computer.
+    """
+    if session.utc_offset_ns is None or not session.events:
+        return None
+    return (session.utc_offset_ns + session.events[0][0]) / NS
 
 
 def _at_end_U(known: Mapping[str, Any] | None, so_far: Estimate | None, whole: Estimate) -> float | None:

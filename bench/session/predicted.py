@@ -14,8 +14,10 @@ from bench.analysis import (
     Prediction,
     foreseen_material,
     judged_values,
+    key_of_value,
     limits_of,
     rule_of,
+    values_of,
 )
 from bench.maths.verdict import chance_of_pass
 from bench.model.errors import FitError
@@ -57,8 +59,14 @@ def predicted(plan: Plan, begin_utc_s: float | None = None) -> Prediction:
 def _with_values(own: Prediction, planned: Planned) -> Prediction:
     """Return a prediction with the values that the sequence expects of its readings."""
     material, missing = foreseen_material(planned)
-    values = [entry for entry in judged_values(material).estimates if entry["std_uncertainty"] > 0.0]
-    return replace(own, estimates=[*own.estimates, *values], missing=[*own.missing, *missing])
+    unstated = {key_of_value(value.quantity, value.conditions): value for value in values_of(material) if value.unstated}
+    values = [
+        entry
+        for entry in judged_values(material).estimates
+        if entry["std_uncertainty"] > 0.0 and key_of_value(entry["quantity"], entry["conditions"]) not in unstated
+    ]
+    why = dict.fromkeys(f"{value.quantity}: {value.unstated}" for value in unstated.values())
+    return replace(own, estimates=[*own.estimates, *values], missing=[*own.missing, *missing, *why])
 
 
 def _of_all(parts: Mapping[str, Prediction]) -> Prediction:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench.analysis import limits_of
+from bench.maths.verdict import coverage_factor
 from bench.report.dcc.calibration import TEXTS, Calibration
 from bench.report.dcc.dsi import ONE, SiUnit, condition_unit, estimate_unit, si_number
 from bench.report.dcc.elements import Element, dcc, leaf, number_list, si, words
@@ -137,6 +138,13 @@ def _words(name: str, values: Sequence[str]) -> Element:
     return dcc("quantity", words("name", name), listed, refType=f"bench_{camel('condition_' + name)}")
 
 
+def _distribution(row: Mapping[str, Any]) -> list[Element]:
+    """Return the law that the coverage factor is by: none for a value with a law of its own, such as a ratio."""
+    if (dof := row.get("dof")) is not None and not math.isclose(row["coverage_factor"], coverage_factor(dof), rel_tol=1e-3):
+        return []
+    return [si("distributionXMLList", text="normal" if dof is None else "student-t")]
+
+
 def _values(table: Table, unit: SiUnit) -> Element:
     rows = table.estimates
     uncertainty = si(
@@ -144,7 +152,7 @@ def _values(table: Table, unit: SiUnit) -> Element:
         si("uncertaintyXMLList", text=_numbers(rows, "expanded_uncertainty", unit.power)),
         si("coverageFactorXMLList", text=_numbers(rows, "coverage_factor")),
         si("coverageProbabilityXMLList", text=PROBABILITY),
-        si("distributionXMLList", text="normal" if rows[0].get("dof") is None else "student-t"),
+        *_distribution(rows[0]),
     )
     values = si(
         "realListXMLList",

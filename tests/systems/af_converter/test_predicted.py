@@ -66,7 +66,7 @@ def test_each_of_several_units_is_predicted_by_itself(tmp_path: Path) -> None:
 
 
 def test_of_an_analysis_that_predicts_nothing_nothing_is_said(tmp_path: Path) -> None:
-    plan = compile_sequence(ROOT / "sequences" / "gnc_unit_test.yaml", None, {})
+    plan = compile_sequence(ROOT / "examples" / "lab_folder" / "sequences" / "air_mean.yaml", None, {})
     assert list(predicted_lines(plan, predicted(plan))) == []
 
 

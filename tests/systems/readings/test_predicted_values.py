@@ -85,6 +85,33 @@ def test_a_value_is_known_as_its_meter_and_its_scatter_say(tmp_path: Path) -> No
     }
 
 
+def test_of_an_instrument_without_specification_no_interval_is_promised(tmp_path: Path) -> None:
+    """The result is doubtful then; the scatter alone would promise an interval without the error of the meter."""
+    station = tmp_path / "stations/unit_bench_sim.yaml"
+    known = rail(tmp_path)
+    text = station.read_text()
+    at = text.index("reads: measure_voltage", text.index("  rail_meter:"))
+    station.write_text(text[:at] + text[at:].replace("measure_voltage, range: 10 V", "measure_resistance, range: 10 ohm", 1)
+                       .replace("floor: 50 uV", "floor: 50 uohm", 1))  # fmt: skip
+    without = compile_sequence(tmp_path / "sequences/sample.yaml")
+    assert "rail" in {entry["quantity"] for entry in predicted(known, BEGIN_UTC_s).estimates}
+    found = predicted(without, BEGIN_UTC_s)
+    assert {entry["quantity"] for entry in found.estimates} == {"rail_repeatability"}
+    assert found.missing
+    assert all("no specification of rail_meter.measure_voltage" in sentence for sentence in found.missing)
+
+
+def test_a_reply_is_named_as_what_gave_it(tmp_path: Path) -> None:
+    """An instrument is no unit: what it replies has digits that only a recording shows."""
+    plan = rail(tmp_path)
+    path = tmp_path / "sequences/sample.yaml"
+    asked = "      - send: {rail_meter: 'MEAS:VOLT:DC?'}\n        expect: {name: asked, unit: V, uncertainty: 1 mV}\n"
+    path.write_text(path.read_text() + asked)
+    assert predicted(plan, BEGIN_UTC_s).missing == []
+    (sentence,) = predicted(compile_sequence(path), BEGIN_UTC_s).missing
+    assert sentence.startswith("asked: not predicted, as the digits of a reply")
+
+
 @pytest.mark.parametrize(
     ("readings", "more", "told"),
     [

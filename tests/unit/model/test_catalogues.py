@@ -27,7 +27,7 @@ SAME = {
     "TIP", "TVP", "U1", "U2", "X", "i", "k-1", "likelihood", "mV", "mrad", "phi",
     "A", "AF", "B", "C", "CAN", "CRC", "Clopper", "D", "DMM", "EGI", "GNSS", "Hz", "IDN", "IMU", "JavaScript", "MHz",
     "N", "P", "PDF", "Pearson", "SHA-256", "SPI", "U", "UTC", "V", "Welch-Satterthwaite", "answer", "batch.json",
-    "bench", "d", "deg", "degC", "degC2", "h", "k", "log", "mA", "min", "ms", "n", "nA", "ppm", "q", "results.json",
+    "bench", "d", "deg", "degC", "degC2", "degC3", "h", "k", "log", "mA", "min", "ms", "n", "nA", "ppm", "q", "results.json",
     "AD", "CPU", "DIP", "El-Sheimy", "GHz", "GNC", "GPS", "IO", "ISLR", "NIS", "PSLR", "SCI", "Y", "Youssef",
     "Z", "a", "arcmin", "b", "dB", "g", "gauss", "km", "m", "mg", "mgauss", "s2", "sqrt", "ug", "us", "w", "z",
     "GUM", "IEEE", "JCGM", "Std", "r", "s", "tc1", "tc2", "u", "x", "y",

@@ -124,6 +124,8 @@ def test_a_prompt_takes_every_unit_and_is_a_value(tmp_path: Path) -> None:
     [
         ("{name: rail, within: [4.9 A, 5.1 A]}", "B-PLAN-120", "4.9 A is in A; the value it is held against is in V"),
         ("{name: rail, within: [5.1 V, 4.9 V]}", "B-PLAN-120", "no value is inside its limits"),
+        ("{name: rail, scatter: 0 mV}", "B-PLAN-120", "a scatter of 0 mV is not above zero"),
+        ("{name: rail, scatter: -0.2 mV}", "B-PLAN-120", "a scatter of -0.2 mV is not above zero"),
         ("{name: rail, max: 150 mv}", "B-PLAN-120", "did you mean '150 mV'?"),
         ("{name: rail, max: 10 %}", "B-PLAN-120", "10 % is in 1"),
         ("{name: rail, max: 5}", "B-YAML-012", "is not a quantity with its unit"),

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from rehearsal import ROOT, rehearsed
 
-from bench.analysis import Estimates, agreements, analyse, by_foreseen_name
-from bench.plan import compile_sequence
+from bench.analysis import Estimates, Prediction, agreements, analyse, by_foreseen_name
+from bench.model.clock import NS
+from bench.plan import Plan, compile_sequence
 from bench.session.expected import expectations, predicted_of
 from bench.session.predicted import predicted
 from bench.session.service import read_view
@@ -48,6 +49,25 @@ def test_nothing_is_held_against_a_part_another_method_or_without_a_plan(view: S
         assert expectations(without, stated(view)) == {}
     other = {**view.manifest, "campaign": {**view.manifest["campaign"], "analysis": "imu_strapdown"}}
     assert expectations(replace(view, manifest=other), {}) == {}
+
+
+def test_the_run_begins_when_its_first_event_says(view: SessionView, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A bench clock that has counted for seventy days is no run that began seventy days ago."""
+    begins: list[float | None] = []
+
+    def noted(plan: Plan, begin_utc_s: float | None) -> Prediction:
+        begins.append(begin_utc_s)
+        return predicted(plan)
+
+    monkeypatch.setattr("bench.session.expected.predicted", noted)
+    assert view.utc_offset_ns is not None
+    late_ns = 70 * 86400 * NS
+    later = [(t_ns + late_ns, event) for t_ns, event in view.events]
+    for one in (view, replace(view, utc_offset_ns=view.utc_offset_ns - late_ns, events=later)):
+        predicted_of(one, "gls")
+    first_ns, _ = view.events[0]
+    assert begins == [pytest.approx((view.utc_offset_ns + first_ns) / NS)] * 2
+    assert first_ns < 60 * NS
 
 
 def test_before_the_first_record_the_end_is_as_predicted(view: SessionView) -> None:

@@ -18,6 +18,7 @@ from bench.systems.gnc.unit_test.answers import Answer, Findings, asked_of
 from bench.systems.gnc.unit_test.processor import judge_timer
 from bench.systems.gnc.unit_test.sensors import judge_imu
 from bench.systems.gnc.unit_test.units import ItemResult, unit_of
+from bench.systems.gnc.wording import say
 
 _AT_REST = {"gyro": np.zeros(3), "accel": np.array([0.0, 0.0, 1.0])}
 _LABORATORY_degC = 25.0
@@ -33,8 +34,12 @@ def predicted(planned: Planned) -> Prediction:
     of_units: dict[str, dict[str, list[Answer]]] = {}
     for exchange in planned.exchanges:
         if exchange.item == exchange.name in ("timer", "imu"):
+            asked = asked_of(exchange)
+            if not asked:
+                missing.append(say("predicted.other_request", item=exchange.item, length=len(exchange.sent)))
+                continue
             unit = unit_of(exchange.conditions, str(planned.campaign["uut"]["serial"]))
-            of_units.setdefault(unit, {}).setdefault(exchange.item, []).append(Answer(exchange, asked_of(exchange), {}))
+            of_units.setdefault(unit, {}).setdefault(exchange.item, []).append(Answer(exchange, asked, {}))
     asked_imu = any("imu" in items for items in of_units.values())
     noise = {name: noise_of(planned.campaign, kind, missing) for name, kind in _SENSORS.items()} if asked_imu else {}
     estimates: Estimates = []
@@ -42,7 +47,7 @@ def predicted(planned: Planned) -> Prediction:
         for item, answers in items.items():
             found = _timer(answers, limits) if item == "timer" else _imu(answers, limits, noise)
             estimates += values_of_item(ItemResult(item, found, len(answers)), {UNIT: unit})
-    return Prediction([entry for entry in estimates if entry["std_uncertainty"] > 0.0], missing)
+    return Prediction([entry for entry in estimates if entry["std_uncertainty"] > 0.0], list(dict.fromkeys(missing)))
 
 
 def _timer(answers: list[Answer], limits: Limits) -> Findings:
