@@ -59,13 +59,14 @@ def predicted(plan: Plan, begin_utc_s: float | None = None) -> Prediction:
 def _with_values(own: Prediction, planned: Planned) -> Prediction:
     """Return a prediction with the values that the sequence expects of its readings."""
     material, missing = foreseen_material(planned)
-    unstated = {key_of_value(value.quantity, value.conditions): value for value in values_of(material) if value.unstated}
+    unstated = [value for value in values_of(material) if value.unstated]
+    left_out = {key_of_value(value.quantity, value.conditions) for value in unstated}
     values = [
         entry
         for entry in judged_values(material).estimates
-        if entry["std_uncertainty"] > 0.0 and key_of_value(entry["quantity"], entry["conditions"]) not in unstated
+        if entry["std_uncertainty"] > 0.0 and key_of_value(entry["quantity"], entry["conditions"]) not in left_out
     ]
-    why = dict.fromkeys(f"{value.quantity}: {value.unstated}" for value in unstated.values())
+    why = dict.fromkeys(f"{value.quantity}: {value.unstated}" for value in unstated)
     return replace(own, estimates=[*own.estimates, *values], missing=[*own.missing, *missing, *why])
 
 

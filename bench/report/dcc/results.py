@@ -20,6 +20,7 @@ from bench.report.dcc.elements import Element, dcc, leaf, number_list, si, words
 
 PROBABILITY = "0.95"
 Estimate = Mapping[str, Any]
+_SAME_K = 1e-3
 _LEAST_K = 1.0  # D-SI has no smaller coverage factor
 STATUS = {
     "pass": "pass", "fail": "fail", "conditional_pass": "conditionalPass", "conditional_fail": "conditionalFail",
@@ -140,7 +141,8 @@ def _words(name: str, values: Sequence[str]) -> Element:
 
 def _distribution(row: Mapping[str, Any]) -> list[Element]:
     """Return the law that the coverage factor is by: none for a value with a law of its own, such as a ratio."""
-    if (dof := row.get("dof")) is not None and not math.isclose(row["coverage_factor"], coverage_factor(dof), rel_tol=1e-3):
+    dof = row.get("dof")
+    if dof is not None and not math.isclose(row["coverage_factor"], coverage_factor(dof), rel_tol=_SAME_K):
         return []
     return [si("distributionXMLList", text="normal" if dof is None else "student-t")]
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,8 @@ def test_each_of_several_units_is_predicted_by_itself(tmp_path: Path) -> None:
 
 
 def test_of_an_analysis_that_predicts_nothing_nothing_is_said(tmp_path: Path) -> None:
-    plan = compile_sequence(ROOT / "examples" / "lab_folder" / "sequences" / "air_mean.yaml", None, {})
+    plan = compile_sequence(ROOT / "sequences" / "gnc_unit_test.yaml", None, {})
+    plan = replace(plan, campaign={**plan.campaign, "analysis": "noise_of_mine"})
     assert list(predicted_lines(plan, predicted(plan))) == []
 
 

@@ -90,9 +90,10 @@ def test_of_an_instrument_without_specification_no_interval_is_promised(tmp_path
     station = tmp_path / "stations/unit_bench_sim.yaml"
     known = rail(tmp_path)
     text = station.read_text()
-    at = text.index("reads: measure_voltage", text.index("  rail_meter:"))
-    station.write_text(text[:at] + text[at:].replace("measure_voltage, range: 10 V", "measure_resistance, range: 10 ohm", 1)
-                       .replace("floor: 50 uV", "floor: 50 uohm", 1))  # fmt: skip
+    before, meter, after = text.partition("  rail_meter:")
+    other = after.replace("measure_voltage, range: 10 V, relative: 35 ppm, floor: 50 uV",
+                          "measure_resistance, range: 10 ohm, relative: 35 ppm, floor: 50 uohm", 1)  # fmt: skip
+    station.write_text(before + meter + other)
     without = compile_sequence(tmp_path / "sequences/sample.yaml")
     assert "rail" in {entry["quantity"] for entry in predicted(known, BEGIN_UTC_s).estimates}
     found = predicted(without, BEGIN_UTC_s)

@@ -13,6 +13,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from dcc_checker import problems
 from dcc_sample import NS, calibration, estimate, expected, judged, many_estimates, read_certificate, standard
+from scipy import stats
 
 import bench.report.dcc as package
 from bench.model.errors import InputError
@@ -105,9 +106,16 @@ def test_many_values_of_a_quantity_are_one_table() -> None:
 
 
 def test_a_small_sample_says_which_distribution_and_how_many_degrees_of_freedom() -> None:
-    xml = xml_of(calibration(estimates=[estimate("few", "A", 1e-9, 2e-9, dof=3.7)]))
+    k = float(stats.t.ppf(0.975, 3.7))
+    xml = xml_of(calibration(estimates=[estimate("few", "A", 1e-9, 2e-9, dof=3.7, coverage_factor=k)]))
     assert texts_of(xml, ".//si:distributionXMLList") == ["student-t"]
     assert texts_of(xml, ".//dcc:quantity[@refType='bench_dof']//si:valueXMLList") == ["3.7"]
+
+
+def test_a_value_with_a_law_of_its_own_has_no_other_one() -> None:
+    xml = xml_of(calibration(estimates=[estimate("time", "s", 14.0, 4.9, dof=20.0, coverage_factor=2.66)]))
+    assert texts_of(xml, ".//si:distributionXMLList") == []
+    assert texts_of(xml, ".//si:coverageFactorXMLList") == ["2.66"]
 
 
 def test_what_cannot_be_given_is_left_out_and_named() -> None:
