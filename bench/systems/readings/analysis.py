@@ -7,12 +7,12 @@ Source: JCGM 100:2008 section 4.2 (pooled scatter); docs/decisions/0031.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from bench.analysis import Analysis, Estimates, Material, Value, check_method, estimate, values_of
+from bench.analysis import Analysis, Estimate, Estimates, Material, Value, check_method, estimate, values_of
+from bench.maths.variances import of_variances
 from bench.model.errors import FitError
 from bench.systems.readings.fits import estimates_of, evidence_of, fits_of
 from bench.systems.readings.report import fit_figures, fit_table
@@ -45,7 +45,10 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
 
 def repeatabilities(values: Sequence[Value]) -> Estimates:
-    """Return the standard deviation of one reading of each quantity, pooled over all its conditions."""
+    """Return the standard deviation of one reading of each quantity, pooled over all its conditions.
+
+    Its uncertainty and its interval are those of the root of a variance with so many degrees of freedom.
+    """
     entries = []
     for name in dict.fromkeys(value.quantity for value in values):
         repeated = [value for value in values if value.quantity == name and value.n > 1]
@@ -54,6 +57,10 @@ def repeatabilities(values: Sequence[Value]) -> Estimates:
             count = sum(value.n for value in repeated)
             pooled = float(np.sqrt(squares / (count - len(repeated))))
             free = sum(value.dof_a for value in repeated)
-            std = pooled / math.sqrt(2.0 * free)
-            entries.append(estimate(f"{name}_repeatability", repeated[0].unit, pooled, std, {}, n=count, dof=free))
+            entries.append(_repeatability(f"{name}_repeatability", repeated[0].unit, pooled, free, count))
     return entries
+
+
+def _repeatability(name: str, unit: str, pooled: float, free: float, count: int) -> Estimate:
+    std, half = of_variances(np.sqrt, free)
+    return estimate(name, unit, pooled, std * pooled, {}, n=count, dof=free, factor=half / std)

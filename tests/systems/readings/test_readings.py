@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from bench.analysis import Analysis, Material, Reading
 from bench.model.errors import FitError
@@ -46,6 +47,18 @@ def test_repeatability_is_pooled_over_conditions() -> None:
     squares = 0.02 + float(np.sum((np.array(volts[2.0, 20.0]) - np.mean(volts[2.0, 20.0])) ** 2))
     assert entry["value"] == pytest.approx(math.sqrt(squares / 3.0))
     assert (entry["n"], entry["dof"]) == (5, 3.0)
+
+
+@pytest.mark.parametrize("free", [1, 3, 10, 60])
+def test_intervals_of_a_repeatability_hold_the_truth(free: int) -> None:
+    """By the distribution of chi-square itself: of the estimates that a scatter gives, 95 % are within their U of it."""
+    (entry,) = found(analyse(material({(1.0, 20.0): list(range(free + 1))})), "output_repeatability")
+    share = entry["expanded_uncertainty"] / entry["value"]
+    least, most = 1.0 / (1.0 + share), 1.0 / (1.0 - share) if share < 1.0 else math.inf
+    held = float(np.diff(stats.chi2.cdf([free * least**2, free * most**2], free))[0])
+    print(f"{free} degrees of freedom: U {share:.3f} of the value, {held:.4f} hold")
+    assert held == pytest.approx(0.95, abs=2e-3)
+    assert entry["coverage_factor"] * entry["std_uncertainty"] == pytest.approx(entry["expanded_uncertainty"])
 
 
 def test_a_fit_for_each_temperature_by_the_uncertainty_of_the_set_points() -> None:
