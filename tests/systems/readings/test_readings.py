@@ -51,7 +51,7 @@ def test_repeatability_is_pooled_over_conditions() -> None:
 
 @pytest.mark.parametrize("free", [1, 3, 10, 60])
 def test_intervals_of_a_repeatability_hold_the_truth(free: int) -> None:
-    """By the distribution of chi-square itself: of the estimates that a scatter gives, 95 % are within their U of it."""
+    """By the distribution of chi-square itself: of the estimates that a scatter gives, 95 % are within U of it."""
     (entry,) = found(analyse(material({(1.0, 20.0): list(range(free + 1))})), "output_repeatability")
     share = entry["expanded_uncertainty"] / entry["value"]
     least, most = 1.0 / (1.0 + share), 1.0 / (1.0 - share) if share < 1.0 else math.inf
