@@ -213,7 +213,9 @@ def test_one_that_asks_wildly_waits_and_one_that_says_nothing_goes(
         wild.sendall(b'{"since": 0, "state": true}\n' * 40)
         for _ in range(40):
             reply_of(wild)
-    assert min(np.diff(asked)) >= 9_000_000
+    late_ns = np.array(asked) - asked[0] - np.arange(40) * 10_000_000  # a moment noted late makes the next seem early
+    assert min(late_ns) >= -1_000_000
+    assert min(np.diff(asked)) >= 4_000_000
     assert len(states) < 40  # one document serves for a while
     monkeypatch.setattr(served_by, "IDLE_S", 0.1)
     with served(tmp_path) as server, connected(tmp_path) as silent:
