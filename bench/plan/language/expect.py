@@ -55,7 +55,7 @@ class Expect(Bounds):
 
 
 class ReadingExpect(Expect):
-    """What is expected of the readings of an instrument."""
+    """Limits for the readings of an instrument, and how much one of them scatters."""
 
     scatter: Bound | None = Field(None, description="standard deviation of one reading, for a prediction")
 

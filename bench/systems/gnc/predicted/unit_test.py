@@ -1,4 +1,4 @@
-"""What a unit test will know of the values it measures: its judges on the answers of a nominal module at rest."""
+"""Predicts how well a unit test will know the values it measures: its judges on the answers of a nominal module."""
 
 from __future__ import annotations
 

@@ -52,7 +52,7 @@ class GlobalConstants:
 
     @property
     def score_of_whole(self) -> Array:
-        """What each usable turnaround says against the constants of the whole stretch, (u, 2)."""
+        """Return what each usable turnaround says against the constants of the whole stretch, (u, 2)."""
         return np.asarray(self.score + np.einsum("upq,uq->up", self.information, self.followed))
 
 
