@@ -21,7 +21,18 @@ from bench.commands.history.app import app as history_app
 from bench.commands.lab.app import init, list_all
 from bench.commands.living_app import abort, answer, pause, shelve, top
 from bench.commands.planning.app import plan
-from bench.commands.session_app import AsJson, SessionFolder, batch, certificate, export, fit, replay, report, study
+from bench.commands.session_app import (
+    AsJson,
+    SessionFolder,
+    TakeOver,
+    batch,
+    certificate,
+    export,
+    fit,
+    replay,
+    report,
+    study,
+)  # fmt: skip
 from bench.commands.usage import App, completing
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.extras import extras_named
@@ -155,12 +166,13 @@ def resume(
         str | None,
         typer.Option("--history", metavar="URL", help="URL of the calibration history; default: beside the session"),
     ] = None,
+    take_over: TakeOver = False,
     json: AsJson = False,
 ) -> None:
     """Go on with a run that crashed, lost its power, was stopped or ended by a fault; from the session's own plan."""
     from bench.commands import resume as resume_command
 
-    raise typer.Exit(resume_command.resume(session, sequence, history, json))
+    raise typer.Exit(resume_command.resume(session, sequence, history, json, take_over=take_over))
 
 
 app.command(epilog='Example: bench talk calibrator "OUT?"')(talk)

@@ -12,7 +12,7 @@ from typing import Any, ClassVar
 
 from pyvisa.resources import MessageBasedResource
 
-from bench.model.clock import Clock
+from bench.model.clock import NS, Clock
 from bench.model.errors import InputError, InstrumentError
 from bench.model.ports import Identity, Transcript, actions_of
 from bench.model.told import Tells
@@ -75,6 +75,10 @@ class BaseInstrument(Commands):
 
     def identify(self) -> Identity:
         """Get who is there, refuse another model, then prepare the session. Raises: InstrumentError B-INST-002."""
+        with self.bus.persistent():
+            return self._identified()
+
+    def _identified(self) -> Identity:
         identity = self._introduced()
         self.drain_errors()
         self.identity = identity
@@ -110,8 +114,9 @@ class BaseInstrument(Commands):
         One that cannot be prepared or does not answer is sent the command all the same, unless another model answers.
         """
         try:
-            self._ready()
-            self._go_safe_somehow()
+            with self.bus.persistent():
+                self._ready()
+                self._go_safe_somehow()
         except InstrumentError as error:
             unheard = error.code == TIMED_OUT or (self.identity is None and error.code not in STRANGER)
             if unheard and (command := self._safe_command()):
@@ -124,6 +129,14 @@ class BaseInstrument(Commands):
         if self.tells is not None and self.identity is not None:
             for question in dict.fromkeys((*self.tells.on, *self.tells.figures)):
                 self.bus.query(question, read_text, self.timeout_s)
+
+    def silence_s(self) -> float:
+        """Return for how long no question has been answered, second; 0 if the last one was."""
+        return self.bus.silence_s()
+
+    def heard_s(self) -> float:
+        """Return how long ago it answered last, second."""
+        return (self.clock.now_ns() - self.bus.heard_ns) / NS
 
     @contextmanager
     def quick(self, limit_s: float) -> Iterator[None]:
@@ -172,7 +185,7 @@ class BaseInstrument(Commands):
 
     def _ready(self) -> None:
         if self.identity is None:
-            self.identify()
+            self._identified()
 
     def _prepare(self) -> None:
         """Set what the driver relies on, without touching any output."""

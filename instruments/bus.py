@@ -7,17 +7,16 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from functools import partial
 from typing import Protocol, TypeVar
 
-from pyvisa.constants import StatusCode
-from pyvisa.errors import VisaIOError
 from pyvisa.resources import MessageBasedResource
 
 from bench.model.clock import Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Transcript
 from instruments.values import CutOffError, OverloadReadingError, block_content
-from instruments.wire import BUS_ERRORS, MESSAGE_AVAILABLE, Wire, is_unsupported
+from instruments.wire import MESSAGE_AVAILABLE, BusError, Wire
 
 TIMED_OUT = "B-INST-001"
 BUS_FAILED = "B-INST-003"
@@ -93,11 +92,10 @@ class BusSession(Wire):
         self._keep_apart()
         with self._conversation:
             self.note("tx", command)
-            limit_s = self.limit(timeout_s)
             try:
-                self._resource.write(command)
-            except BUS_ERRORS as error:
-                raise self._failure(error, command, limit_s) from error
+                self.call(timeout_s, partial(self._resource.write, command))
+            except BusError as error:
+                raise self._failure(error, command) from error
             finally:
                 self._spoke_ns = self._clock.now_ns()
 
@@ -164,21 +162,23 @@ class BusSession(Wire):
     def status_byte(self, timeout_s: float) -> int:
         """Serial poll. Raises: InstrumentError B-INST-001, B-INST-003."""
         with self._conversation:
-            limit_s = self.limit(timeout_s)
             try:
-                return self.poll_status()
-            except BUS_ERRORS as error:
-                raise self._failure(error, SERIAL_POLL, limit_s) from error
+                return self.poll_status(timeout_s)
+            except BusError as error:
+                raise self._failure(error, SERIAL_POLL) from error
 
     def close(self) -> None:
-        """Release the session."""
-        self._resource.close()
+        """Release the session; one that is gone holds nobody up."""
+        self.release()
 
     def _keep_apart(self) -> None:
         if self._spacing_ns:
             self._clock.sleep_until_ns(self._spoke_ns + self._spacing_ns // (2 if self.hurried else 1))
 
     def _put(self, question: str, timeout_s: float) -> None:
+        if self.lost:
+            message = f"{question!r} was not asked: nobody has been there for {self.silence_s():.1f} s"
+            raise InstrumentError(self.lost, message, where=self.where, next_step=_LOOK_AT_DEVICE)
         if not self.in_step:
             self.clear()
         self._require_step(question)
@@ -196,36 +196,35 @@ class BusSession(Wire):
             try:
                 if self.poll_status() & MESSAGE_AVAILABLE:
                     return self._receive(command, timeout_s)
-            except BUS_ERRORS as error:
-                if not is_unsupported(error):
-                    raise self._failure(error, command, timeout_s) from error
+            except BusError as error:
+                if not error.unsupported:
+                    raise self._failure(error, command) from error
                 if (reply := self.hear(timeout_s)) is not None:
                     self.note("rx", reply)
                     return reply
             if self._clock.now_ns() >= end_ns:
-                raise self._failure(VisaIOError(StatusCode.error_timeout), command, patience_s)
+                raise self._failure(BusError(TimeoutError(), end_ns, patience_s), command)
             self._clock.sleep(_POLL_S)
 
     def _receive(self, command: str, timeout_s: float) -> str:
-        limit_s = self.limit(timeout_s)
         try:
-            reply = str(self._resource.read())
+            reply = str(self.call(timeout_s, self._resource.read))
         except UnicodeDecodeError as error:
             self.note("rx", repr(error.object))
             raise self._not_understood(command, repr(error.object), "it is not ASCII") from error
-        except BUS_ERRORS as error:
-            raise self._failure(error, command, limit_s) from error
+        except BusError as error:
+            raise self._failure(error, command) from error
+        self.heard()
         self._spoke_ns = self._clock.now_ns()
         self.note("rx", reply)
         return reply
 
     def _block(self, question: str, timeout_s: float) -> bytes:
-        limit_s = self.limit(timeout_s)
         came = bytearray()
-        failure: Exception | None = None
+        failure: BusError | None = None
         try:
-            self.collect(came)
-        except BUS_ERRORS as error:
+            self.collect(came, timeout_s)
+        except BusError as error:
             failure = error
         self._spoke_ns = self._clock.now_ns()
         try:
@@ -233,7 +232,7 @@ class BusSession(Wire):
         except CutOffError as short:
             self.in_step = False
             if failure is not None and not short.content:
-                raise self._failure(failure, question, limit_s) from failure
+                raise self._failure(failure, question) from failure
             self.note("rx", f"<{short}>")
             return short.content
         except ValueError as error:
@@ -254,21 +253,22 @@ class BusSession(Wire):
         message = f"the reply {reply[:80]!r} to {command!r} is not understood: {why}"
         return InstrumentError(NOT_UNDERSTOOD, message, where=self.where, next_step="check the model and the cable")
 
-    def _failure(self, error: Exception, command: str, waited_s: float) -> InstrumentError:
-        timed_out = isinstance(error, VisaIOError) and error.error_code == StatusCode.error_timeout
-        if not (timed_out or isinstance(error, TimeoutError)):
+    def _failure(self, error: BusError, command: str) -> InstrumentError:
+        if not error.timed_out:
             self.in_step = False
-            message = f"the bus failed on {command!r}: {' '.join(str(error).split())}"
+            self.missed(error, BUS_FAILED)
+            message = f"the bus failed on {command!r}: {error}"
             next_step = "check the interface and the cable"
             return InstrumentError(BUS_FAILED, message, where=self.where, next_step=next_step)
         self.owe(command)
-        message = f"no answer to {command!r} within {waited_s:g} s"
+        message = f"no answer to {command!r} within {error.limit_s:g} s"
         if not (self.hurried or command == SERIAL_POLL):
             message += self.look_for_life()
+        self.missed(error, TIMED_OUT)
         self._fall_out_of_step()
         return InstrumentError(TIMED_OUT, message, where=self.where, next_step=_LOOK_AT_DEVICE)
 
     def _fall_out_of_step(self) -> None:
         self.in_step = False
-        if not self.hurried:
+        if not (self.hurried or self.lost):
             self.clear()

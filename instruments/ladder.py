@@ -5,6 +5,9 @@
 
 After each reopening the instrument must say who it is and be the same as before. Only questions climb: a command that
 sets something is looked up by read-back (instruments.commands). Each rung is in the transcript.
+
+No rung is begun when nobody has answered for ``CLIMB_S``: something may drive, and only a run that knows it can take
+that away. Whoever has made it safe, or is on the way to it, climbs with patience (``Wire.persistent``).
 """
 
 from __future__ import annotations
@@ -16,11 +19,13 @@ from typing import TypeVar
 from pyvisa.resources import MessageBasedResource
 
 from bench.model.errors import InstrumentError
-from instruments.bus import BUS_FAILED, DOUBTFUL, NOT_UNDERSTOOD, BusSession
-from instruments.wire import BUS_ERRORS
+from instruments.bus import DOUBTFUL, NOT_UNDERSTOOD, BusSession
+from instruments.wire import OPEN_S, BusError
 
 READ_ATTEMPTS = 3
 PAUSES_S = (0.5, 1.0)  # before the first and the second reopening
+# A rung takes up to 1.5 s, and so does making safe in a hurry what leads a stimulus: within 5 s the path is open.
+CLIMB_S = 1.5
 
 T = TypeVar("T")
 
@@ -63,8 +68,12 @@ class Ladder:
 
     def _climb(self, error: InstrumentError, ask: Callable[[], T]) -> T:
         rungs: list[Callable[[InstrumentError], bool]] = [self._drained] * (READ_ATTEMPTS - 1)
-        rungs += [partial(self._reopened, pause_s) for pause_s in PAUSES_S]
+        # who comes again and again needs one opening each time: the pauses lie between
+        pauses_s = (0.0,) if self._bus.patient and self._bus.lost else PAUSES_S
+        rungs += [partial(self._reopened, pause_s) for pause_s in pauses_s]
         for rung in (*rungs, self._interface_cleared):
+            if self._bus.silence_s() >= CLIMB_S and not self._bus.patient:
+                break
             if not rung(error):
                 continue
             try:
@@ -77,7 +86,7 @@ class Ladder:
 
     def _drained(self, error: InstrumentError) -> bool:
         """Return whether the session as it is can be asked; an instrument whose queue is dead is not asked."""
-        if self._given_up or error.code == BUS_FAILED or not self._bus.in_step or self._bus.alive is False:
+        if self._given_up or self._bus.lost or not self._bus.in_step:
             return False
         try:
             self._drain()
@@ -90,10 +99,9 @@ class Ladder:
             return False
         self._bus.release()
         self._bus.pause(pause_s)
-        self._bus.note("tx", "<open>")
         try:
-            self._bus.adopt(self._reopen())
-        except (*BUS_ERRORS, InstrumentError) as problem:
+            self._bus.open_again(self._reopen)
+        except (BusError, InstrumentError) as problem:
             self._bus.note("rx", f"<it does not open: {problem}>")
             return False
         try:
@@ -109,8 +117,8 @@ class Ladder:
             return False
         self._bus.note("tx", "<interface clear>")
         try:
-            self._interface_clear()
-        except BUS_ERRORS as problem:
+            self._bus.call(OPEN_S, self._interface_clear)
+        except BusError as problem:
             self._bus.note("rx", f"<interface clear failed: {problem}>")
             return False
         self._bus.in_step = False  # an interface clear does not empty the instrument

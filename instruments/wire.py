@@ -6,21 +6,23 @@ or (on a transport whose clear does not reach the instrument) it is asked who it
 
 from __future__ import annotations
 
-import struct
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
+from typing import Any, TypeVar
 
 from pyvisa.constants import StatusCode
-from pyvisa.errors import Error as VisaError
 from pyvisa.resources import MessageBasedResource
 
-from bench.model.clock import Clock, to_ns
+from bench.model.clock import NS, Clock, to_ns
+from bench.model.errors import BenchError
 from bench.model.ports import Transcript
+from instruments.aside import Aside, NotReturnedError
 
 LONGEST_CALL_S = 1.5
-# pyvisa-py lets the last three out: a connection that is gone, a late reply where an acknowledgement is due
-BUS_ERRORS = (VisaError, OSError, RuntimeError, AssertionError, struct.error)  # NotImplementedError is a RuntimeError
+OPEN_S = 1.0  # how long an opening is waited for at a time; one that takes longer is waited for again
+RETURN_S = 0.3  # a call comes back that long after its time limit at the latest, or it hangs
 MESSAGE_AVAILABLE = 1 << 4  # status byte, IEEE Std 488.2
 _SLICE_S = 0.5
 _ECHO_S = 1.0
@@ -33,6 +35,22 @@ _CHUNK_BYTES = 1 << 18  # of a block; each chunk is a call of its own
 warnings.filterwarnings("ignore", "read string doesn't end with termination characters", UserWarning, r"instruments\.")
 _UNSUPPORTED = (StatusCode.error_nonsupported_operation, StatusCode.error_nonimplemented_operation)
 
+T = TypeVar("T")
+
+
+class BusError(Exception):
+    """Whatever a VISA library raises, and all that lies below it: one class, so that none of it is forgotten.
+
+    ``began_ns``: when the call was made, on the bench clock; ``limit_s``: how long it might have taken, second.
+    """
+
+    def __init__(self, error: Exception, began_ns: int, limit_s: float) -> None:
+        super().__init__(" ".join(str(error).split()) or type(error).__name__)
+        code = getattr(error, "error_code", None)
+        self.began_ns, self.limit_s = began_ns, limit_s
+        self.timed_out = code == StatusCode.error_timeout or isinstance(error, TimeoutError)
+        self.unsupported = isinstance(error, NotImplementedError) or code in _UNSUPPORTED
+
 
 class Wire:
     """A resource whose terminators are line feeds; every text goes to the transcript with the clock's time.
@@ -40,6 +58,8 @@ class Wire:
     ``echo`` is the identity question with its known reply, once there is one. ``in_step`` is False while a reply to an
     earlier question may still come. ``alive`` is what the last serial poll said, None when there is none on this bus.
     ``ends``: the end of a reply is a signal of the bus, so that a reply may have any bytes in it.
+    ``lost``: the code of the error after which nobody is there, "" while somebody is; only opening the address again
+    helps.   ``heard_ns``: time of the last reply; ``silent_since_ns``: of the first question since then that got none.
     """
 
     def __init__(self, resource: MessageBasedResource, role: str, clock: Clock, transcript: Transcript) -> None:
@@ -48,6 +68,10 @@ class Wire:
         self._transcript = transcript
         self._cap_s = LONGEST_CALL_S
         self.hurried = False  # no time for a recovery
+        self.patient = False  # the address is opened again however long nobody has been there
+        self.heard_ns = clock.now_ns()
+        self.silent_since_ns: int | None = None
+        self._opening: Aside[Any] | None = None
         self.echo: tuple[str, str] | None = None
         self._owed_ns: list[int] = []  # when each echo was asked for that has not come
         self._listening = False  # one has come, others have not
@@ -62,18 +86,38 @@ class Wire:
         self.ends = not (name.endswith("::SOCKET") or name.startswith("ASRL"))
         self._clears = self.ends
         self.alive: bool | None = True
+        self.lost = ""
+        self._calling: Aside[Any] | None = None
         self.in_step = name.endswith("::SOCKET")
-        self.limit(_ECHO_S)  # a clear or a poll may be the first call, and the resource's own limit is 2 s
         if self.in_step:
             self._owe_nothing()
         resource.write_termination = "\n"
         resource.read_termination = "\n"
 
     def release(self) -> None:
-        """Close the resource before it is opened again; one that is gone already is closed."""
+        """Close the resource before it is opened again; nobody waits for one that is gone."""
         self.note("tx", "<close>")
-        with suppress(*BUS_ERRORS):
-            self._resource.close()
+        close = partial(_closed, self._resource)
+        if self._clock.virtual:
+            close()
+        else:
+            Aside("closing", close)
+
+    def open_again(self, opener: Callable[[], MessageBasedResource]) -> None:
+        """Go on with the address opened anew, or with what an earlier opening has brought. Raises: BusError."""
+        self.note("tx", "<open>")
+        if self._clock.virtual:
+            self.adopt(self._foreign(opener, OPEN_S))
+            return
+        if self._opening is None:
+            self._opening = Aside("opening", opener)
+        opening = self._opening
+        try:
+            resource = self._foreign(lambda: opening.wait(OPEN_S, lambda: self.note("tx", "<opening>")), OPEN_S)
+        finally:
+            if not opening.under_way:
+                self._opening = None
+        self.adopt(resource)
 
     @contextmanager
     def hurry(self, limit_s: float) -> Iterator[None]:
@@ -84,6 +128,15 @@ class Wire:
             yield
         finally:
             self._cap_s, self.hurried = before
+
+    @contextmanager
+    def persistent(self) -> Iterator[None]:
+        """Let the address be opened again however long nobody has been there, and what is lost hold nothing up."""
+        before, self.patient = self.patient, True
+        try:
+            yield
+        finally:
+            self.patient = before
 
     def note(self, direction: str, text: str) -> None:
         """One line of the transcript: "tx" what the bench does, "rx" what it sees; a sign of life besides."""
@@ -96,9 +149,9 @@ class Wire:
             self.note("tx", "<pause>")
             self._clock.sleep_until_ns(min(end_ns, now_ns + to_ns(_SLICE_S)))
 
-    def poll_status(self) -> int:
-        """Return status byte by serial poll."""
-        status = int(self._resource.read_stb())
+    def poll_status(self, timeout_s: float = _ECHO_S) -> int:
+        """Return status byte by serial poll. Raises: BusError."""
+        status = int(self.call(timeout_s, self._resource.read_stb))
         self.note("rx", f"<status byte {status}>")
         return status
 
@@ -109,8 +162,8 @@ class Wire:
         self.note("tx", "<serial poll>")  # a sign of life: the call before took its whole time, so may this one
         try:
             status = self.poll_status()
-        except BUS_ERRORS as error:
-            self.alive = None if is_unsupported(error) else False
+        except BusError as error:
+            self.alive = None if error.unsupported else False
             self.note("rx", f"<serial poll failed: {error}>")
             return "" if self.alive is None else ", nor to a serial poll"
         self.alive = True
@@ -127,36 +180,76 @@ class Wire:
 
     def hear(self, limit_s: float) -> str | None:
         """Return the next reply, to whatever question; None if none comes in ``limit_s`` (second) or the bus fails."""
-        self.limit(limit_s)
         try:
-            return str(self._resource.read())
+            return str(self.call(limit_s, self._resource.read))
         except UnicodeDecodeError as error:
             return repr(error.object)
-        except BUS_ERRORS:
+        except BusError:
             return None
 
-    def collect(self, came: bytearray) -> None:
-        """Append one reply to ``came``, whatever its bytes are, up to its END; what came before an error stays there.
+    def collect(self, came: bytearray, timeout_s: float) -> None:
+        """Append one reply to ``came``, whatever its bytes are, up to its END, or to a BusError."""
+        resource = self._resource
 
-        Raises: what the bus raises.
+        def read() -> None:
+            status = StatusCode.success_max_count_read
+            resource.read_termination = None  # a line feed is a byte like any other
+            try:
+                with resource.ignore_warning(resource.session, StatusCode.success_max_count_read):
+                    while status == StatusCode.success_max_count_read:
+                        chunk, status = resource.visalib.read(resource.session, _CHUNK_BYTES)
+                        came.extend(chunk)
+            finally:
+                resource.read_termination = "\n"
+
+        self.call(timeout_s, read)
+
+    def call(self, timeout_s: float, operation: Callable[[], T]) -> T:
+        """Do one call of the VISA library within a time limit, second, and no longer than that.
+
+        Raises: BusError, UnicodeDecodeError.
         """
-        resource, status = self._resource, StatusCode.success_max_count_read
-        resource.read_termination = None  # a line feed is a byte like any other
-        try:
-            with resource.ignore_warning(resource.session, StatusCode.success_max_count_read):
-                while status == StatusCode.success_max_count_read:
-                    chunk, status = resource.visalib.read(resource.session, _CHUNK_BYTES)
-                    came += chunk
-        finally:
-            resource.read_termination = "\n"
+        resource, limit_s = self._resource, min(timeout_s, self._cap_s)
 
-    def limit(self, timeout_s: float) -> float:
-        """Set the time limit of the next call, second; returns the one that holds."""
-        limit_s = min(timeout_s, self._cap_s)
-        if limit_s != self._timeout_s:
-            self._resource.timeout = round(1000 * limit_s)
-            self._timeout_s = limit_s
-        return limit_s
+        def limited() -> T:
+            if limit_s != self._timeout_s:
+                resource.timeout = round(1000 * limit_s)
+                if resource is self._resource:  # it may come back late, when another one has been opened
+                    self._timeout_s = limit_s
+            return operation()
+
+        if self._clock.virtual:
+            return self._foreign(limited, limit_s)
+        if self._calling is not None and self._calling.under_way:  # two calls on one session would mix their bytes
+            error = NotReturnedError("an earlier call of the VISA library has not returned")
+            raise BusError(error, self._clock.now_ns(), limit_s)
+        calling = self._calling = Aside("the VISA library", limited)
+        return self._foreign(lambda: calling.wait(limit_s + RETURN_S, lambda: self.note("tx", "<waiting>")), limit_s)
+
+    def _foreign(self, call: Callable[[], T], limit_s: float) -> T:
+        """Return what a call gives; what others raise becomes a BusError, what the bench raises itself stays."""
+        began_ns = self._clock.now_ns()
+        try:
+            return call()
+        except (BenchError, UnicodeDecodeError):
+            raise
+        except Exception as error:
+            raise BusError(error, began_ns, limit_s) from error
+
+    def heard(self) -> None:
+        """Note that a reply has come: somebody is there."""
+        self.heard_ns, self.silent_since_ns, self.lost = self._clock.now_ns(), None, ""
+
+    def missed(self, error: BusError, code: str) -> None:
+        """Note that a call failed (``code``); a bus that fails, or an instrument mute to all, is lost."""
+        if self.silent_since_ns is None:
+            self.silent_since_ns = error.began_ns
+        if not error.timed_out or self.alive is False:
+            self.lost = code
+
+    def silence_s(self) -> float:
+        """Return for how long nobody has answered, second; 0 if the last question was answered."""
+        return 0.0 if self.silent_since_ns is None else (self._clock.now_ns() - self.silent_since_ns) / NS
 
     def _owe_nothing(self) -> None:
         self._owed_ns.clear()
@@ -168,10 +261,10 @@ class Wire:
         for _ in range(_CLEARS):  # the second one finds the acknowledgement that a late reply kept from the first
             self.note("tx", "<device clear>")
             try:
-                self._resource.clear()
-            except BUS_ERRORS as error:
+                self.call(_ECHO_S, self._resource.clear)
+            except BusError as error:
                 self.note("rx", f"<device clear failed: {error}>")
-                self._clears = not is_unsupported(error)
+                self._clears = not error.unsupported
                 if not self._clears:
                     return False
             else:
@@ -189,10 +282,9 @@ class Wire:
         question, answer = self.echo
         if not self._listening:
             self.note("tx", question)
-            self.limit(_ECHO_S)
             try:
-                self._resource.write(question)
-            except BUS_ERRORS as error:
+                self.call(_ECHO_S, partial(self._resource.write, question))
+            except BusError as error:
                 self.note("rx", f"<{question!r} failed: {error}>")
                 return False
             self.owe(question)
@@ -224,6 +316,6 @@ class Wire:
         return reply
 
 
-def is_unsupported(error: Exception) -> bool:
-    """Return whether this transport cannot do at all what was asked of it."""
-    return isinstance(error, NotImplementedError) or getattr(error, "error_code", None) in _UNSUPPORTED
+def _closed(resource: MessageBasedResource) -> None:
+    with suppress(Exception):  # one that is gone already is closed
+        resource.close()

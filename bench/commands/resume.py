@@ -19,6 +19,7 @@ from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.plan import Plan, compile_sequence
 from bench.record import SessionReader
+from bench.run.guard.guarding import station_lock
 from bench.run.resume import Stopped, changed_files, read_stopped, resumption, same_plan
 from bench.run.session import Conducted
 from bench.session.finish import finish
@@ -34,8 +35,11 @@ RESULTS = ("results.json", "report.html")  # a run that was killed behind its la
 WARM_UP_S = 600.0  # a calibrator that was off for longer is not warm any more
 
 
-def resume(folder: Path, sequence: str | None, history: str | None, as_json: bool) -> int:
-    """Go on with a session and return the exit status of the contract; a living run that was paused only goes on."""
+def resume(folder: Path, sequence: str | None, history: str | None, as_json: bool, *, take_over: bool = False) -> int:
+    """Go on with a session and return the exit status of the contract; a living run that was paused only goes on.
+
+    ``take_over``: the bench is taken from a guard that still tries to make it safe.
+    """
     if release(folder):
         return ExitStatus.PASS
     out = console(stderr=True)
@@ -51,6 +55,8 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
     clock = _clock(stopped)
     resumed = resumption(stopped, clock.utc_ns())
     _tell(stopped, plan, resumed.start, resumed.event.away_s, out)
+    with station_lock(plan.station, "resume", clock, take_over=take_over):
+        pass
     seed = int(stopped.manifest.get("seed") or 0)
     done = conduct_watched(plan, clock, seed=seed, out=folder.parent, errors=out, resumed=resumed, uncommissioned=BEGUN)
     return _ended(done, url, as_json)

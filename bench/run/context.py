@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.clock import Clock
-from bench.model.events import Event
+from bench.model.events import Event, by_instrument
 from bench.model.ports import Instrument, RecordWindow
 from bench.plan import Plan, PlannedUnit
 from bench.record import PackedRows, RecordCutter
@@ -23,7 +23,7 @@ from bench.run.links.acquisition import Acquisition
 from bench.run.observers import Observers
 from bench.run.steps.decided import Decided
 from bench.run.steps.timing import Timeline
-from bench.run.stop import StopSwitch
+from bench.run.stop import AWAY_LIMIT_S, StopSwitch, Wish
 
 
 class InUse:
@@ -122,6 +122,13 @@ class RunContext:
             cutter.close_all()
         self.ahead.clear()
         self.record_count = count
+
+    def wait_for(self, role: str, reason: str) -> Wish:
+        """Hold the run for an instrument that does not answer, from the next check on; returns the wish."""
+        wish = Wish("hold", by_instrument(role), reason)
+        self.away.add(role)
+        self.stop.holds.hold(wish.by, wish.reason, AWAY_LIMIT_S)
+        return wish
 
     def event(self, event: Event) -> None:
         """Write an event with the time of now, then tell everybody. Raises: RecordError."""

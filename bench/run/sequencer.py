@@ -13,7 +13,7 @@ from bench.model.ports import actions_of
 from bench.plan import CHAMBER, PlannedRecord, PlannedVerify, Step
 from bench.plan import Phase as PhaseName
 from bench.record import Journal, RecordRow
-from bench.run.bench.safety import heat_off, make_safe
+from bench.run.bench.safety import heat_off, make_safe, states_of
 from bench.run.context import RunContext
 from bench.run.hold.leaving_out import leave_unit_out, to_blame
 from bench.run.hold.standing import stand_still, wish_to_wait
@@ -71,6 +71,7 @@ class Sequencer:
         An error nobody foresaw becomes B-INT-001: the session must still be closed and say what it holds.
         """
         context = self._context
+        context.health.begin(self._safe_order)
         try:
             error = self._attempt(start, enter)
         except OperatorStop as stopped:  # a second signal on the way out of a step
@@ -79,8 +80,9 @@ class Sequencer:
             context.stop.shield()
             with context.in_use.take(CHAMBER):
                 unsafe = make_safe(context.instruments, self._safe_order, context.clock)
-                look(context.instruments)
-            context.health.over()
+                context.health.over(states_of(unsafe))
+                with suppress(Exception):  # it is made safe; this only shows it
+                    look(context.instruments)
         if error is not None:
             if error.code in CHAMBER_ASTRAY:
                 unsafe += heat_off(context.instruments.get(CHAMBER))

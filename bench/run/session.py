@@ -36,7 +36,7 @@ from bench.run.steps.position import Resumption
 from bench.run.steps.reentry import enter
 from bench.run.steps.setpoints import differences, read_back
 from bench.run.steps.timing import Timeline
-from bench.run.stop import StopSwitch, guarded
+from bench.run.stop import StopSwitch, guarded, unforeseen
 from bench.run.watch.environment import EnvironmentLog
 
 CLOCK_PAIR_S = 600.0
@@ -149,7 +149,7 @@ def conduct(
                 observers.event(judged)
             frames, earlier = plan.definitions(), transcript.earlier
             run = _Run(plan, bench, frames, writer, observers, clock, stop, beside, resumed, manifest, earlier)
-            outcome = _closed(writer, run.sequence(operator))
+            outcome = _closed(writer, run.outcome_of(operator))
             has_past = bench.world is not None and resumed is None  # a world begun anew does not know what was before
             truth = bench.world.truth([row.window for row in outcome.rows]) if bench.world and has_past else []
         finally:
@@ -239,11 +239,19 @@ class _Run:
 
     def __post_init__(self) -> None:
         self.utc_offset_ns: int | None = None
+        self._outcome = Outcome(rows=(), slip_s=0.0, overruns=0, retaken=0, lateness_ms=(0.0, 0.0, 0.0))
         links = _counted_by(self.plan)
         self.cutters = {counted: RecordCutter(self.frames[counted]) for counted in dict.fromkeys(links.values())}
         self.readers = self._readers()
 
-    def sequence(self, operator: Operator) -> Outcome:
+    def outcome_of(self, operator: Operator) -> Outcome:
+        """Run the plan; whatever goes wrong beside its steps is the error of the run, whose session is closed."""
+        try:
+            return self._sequence(operator)
+        except Exception as problem:
+            return replace(self._outcome, error=unforeseen(problem))
+
+    def _sequence(self, operator: Operator) -> Outcome:
         """Run the plan with everything that goes on beside it."""
         self._pair()
         with closing(Journal(self.writer.folder)) as journal, ExitStack() as beside:
@@ -258,13 +266,13 @@ class _Run:
                     beside.enter_context(start(context))
             except BenchError as error:  # before the first step: the bench is as safe as it was made at the start
                 context.event(Error(code=error.code, text=str(error), where=error.where, step=0))
-                context.health.over()
-                return Outcome(rows=(), slip_s=0.0, overruns=0, retaken=0, lateness_ms=(0.0, 0.0, 0.0), error=error)
+                context.health.over({})
+                return replace(self._outcome, error=error)
             sequencer = Sequencer(context, journal, self.plan.station.safe_order)
             if self.resumed is None:
-                outcome = sequencer.run()
+                outcome = self._outcome = sequencer.run()
             else:
-                outcome = sequencer.run(self.resumed.start, partial(enter, context, self.resumed.start))
+                outcome = self._outcome = sequencer.run(self.resumed.start, partial(enter, context, self.resumed.start))
             self._compare_files()
         with suppress(RecordError):  # a disk that is full to the end must not hide how the run ended
             self._pair()

@@ -20,6 +20,7 @@ from bench.model.errors import BenchError, OperatorStop
 
 Kind = Literal["hold", "retake", "skip"]
 HOLD_LIMIT_S = 4 * 3600.0  # a cause that nobody removed by then will not go away by itself
+AWAY_LIMIT_S = 1800.0  # a switch of a network that restarts is back long before
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _HANGUPS = tuple(filter(None, [getattr(signal, "SIGHUP", None)]))  # not every system has it
 _INTERNAL = "B-INT-001"

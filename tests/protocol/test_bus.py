@@ -110,7 +110,7 @@ def test_another_thread_waits_for_the_bus() -> None:
 
 def test_the_first_call_of_a_connection_has_a_limit_already() -> None:
     """A clear may be the first one after reopening; the resource's own limit is longer than a step may be silent."""
-    resource = ScriptedResource([])
-    BusSession(resource, "dmm", VirtualClock(), lambda *_: None)  # type: ignore[arg-type]
+    resource = ScriptedResource([(CLEAR, None)])
+    BusSession(resource, "dmm", VirtualClock(), lambda *_: None).clear()  # type: ignore[arg-type]
     assert resource.timeout is not None
-    assert resource.timeout <= 1500
+    assert 0 < resource.timeout <= 1500

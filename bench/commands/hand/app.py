@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bench.commands.session_app import AsJson
+from bench.commands.session_app import AsJson, TakeOver
 
 
 def talk(
@@ -17,11 +17,12 @@ def talk(
     ] = None,
     station: Annotated[str, typer.Option("--station", help="a station file or name")] = "af_bench_sim",
     out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
+    take_over: TakeOver = False,
 ) -> None:
     """Reach an instrument by hand; every command and reply goes to a session of its own."""
     from bench.commands.hand import by_hand
 
-    raise typer.Exit(by_hand.talk(instrument, command, station, out))
+    raise typer.Exit(by_hand.talk(instrument, command, station, out, take_over=take_over))
 
 
 def commission(
@@ -41,9 +42,10 @@ def commission(
 def drill(
     station: Annotated[str, typer.Option("--station", help="a station file or name")] = "af_bench_sim",
     out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
+    take_over: TakeOver = False,
     json: AsJson = False,
 ) -> None:
     """Kill a controller that drives a harmless stimulus, and prove that the guard leaves the bench safe within 5 s."""
     from bench.commands.hand import by_hand
 
-    raise typer.Exit(by_hand.drill(station, out, json))
+    raise typer.Exit(by_hand.drill(station, out, json, take_over=take_over))

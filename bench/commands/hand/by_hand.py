@@ -19,7 +19,7 @@ from bench.run.guard.guarding import station_lock
 from bench.session.output import make_folder
 
 
-def talk(role: str, command: str | None, station_name: str, out: Path) -> int:
+def talk(role: str, command: str | None, station_name: str, out: Path, *, take_over: bool = False) -> int:
     """Send one command, or what is typed until an empty line; replies are printed, everything is recorded."""
     station = load_station(named_file("stations", station_name))
     if role not in station.instruments:
@@ -32,7 +32,8 @@ def talk(role: str, command: str | None, station_name: str, out: Path) -> int:
         )
     clock = VirtualClock() if station.in_process else WallClock()
     printer = console()
-    with station_lock(station, "talk", clock, [role]), TalkSession(station, role, clock, out) as session:
+    lock = station_lock(station, "talk", clock, [role], take_over=take_over)
+    with lock, TalkSession(station, role, clock, out) as session:
         for line in [command] if command is not None else _typed(role):
             try:
                 reply = session.send(line)
@@ -56,12 +57,12 @@ def _typed(role: str) -> Iterator[str]:
         yield line
 
 
-def drill(station_name: str, out: Path, as_json: bool) -> int:
+def drill(station_name: str, out: Path, as_json: bool, *, take_over: bool = False) -> int:
     """Run the drill of a station, print what was found; returns 0 if every trial passed, else 3."""
     path = named_file("stations", station_name)
     station = load_station(path)
     make_folder(out)
-    document = run_drill(station, path, out, WallClock())
+    document = run_drill(station, path, out, WallClock(), take_over=take_over)
     if as_json:
         print(json.dumps(document, indent=1))  # noqa: T201
     else:

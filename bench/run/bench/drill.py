@@ -64,12 +64,12 @@ class Trial:
         return self.guard_s is not None and not self.still_on and self.confirmed_s <= SAFE_S
 
 
-def drill(station: Station, station_path: Path, out: Path, clock: Clock) -> dict[str, Any]:
+def drill(station: Station, station_path: Path, out: Path, clock: Clock, *, take_over: bool = False) -> dict[str, Any]:
     """Run every trial and write ``drill.json`` into a folder of its own; returns what it holds.
 
     Raises: InputError B-RUN-092 (the bench is in use), RunError B-RUN-096 (it cannot be brought into the stimulus).
     """
-    with station_lock(station, "drill", clock):
+    with station_lock(station, "drill", clock, take_over=take_over):
         pass  # whoever uses the bench is named before anything is begun
     start = datetime.fromtimestamp(clock.utc_ns() // NS, UTC)
     folder = new_folder(out, f"{start.strftime('%Y%m%dT%H%M%SZ')}_drill_{station.name}")

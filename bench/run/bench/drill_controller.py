@@ -20,7 +20,7 @@ from bench.model.ports import Effect, Instrument, actions_of
 from bench.plan import Station, driver_actions, load_station
 from bench.run.bench.beginning import begin_safely
 from bench.run.bench.opener import open_bench
-from bench.run.bench.safety import make_safe
+from bench.run.bench.safety import make_safe, states_of
 from bench.run.bench.transcript import HeldTranscript
 from bench.run.guard.diary import DIARY
 from bench.run.guard.guarding import brief_of, station_lock
@@ -84,7 +84,8 @@ def main(station_file: str, folder: str) -> int:
         identities = begin_safely(bench, clock)
         brief = brief_of(station, Path(folder) / DIARY)
         stack.enter_context(GuardProcess(brief, health, stop, clock, lambda event: None))
-        stack.callback(make_safe, bench.instruments, station.safe_order, clock)
+        health.begin(station.safe_order)
+        stack.callback(lambda: health.over(states_of(make_safe(bench.instruments, station.safe_order, clock))))
         stimulate(bench.instruments, source_of(station, {r: type(i) for r, i in bench.instruments.items()}))
         _say(on=stimulated(bench.instruments), identities={role: asdict(who) for role, who in identities.items()})
         _wait(clock, stop)

@@ -1,4 +1,8 @@
-"""The act of the guard: end the controller, take the bench, make it safe, tell it."""
+"""The act of the guard: end the controller, take the bench, make it safe, tell it; for as long as anything is not.
+
+Each instrument is tried by a thread of its own, so that one that hangs keeps no other waiting, and opened anew for each
+attempt: a connection from before a loss may take minutes to find out that the network is back.
+"""
 
 from __future__ import annotations
 
@@ -8,26 +12,27 @@ import select
 import signal
 import subprocess
 import threading
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any
 
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError
 from bench.model.ports import Effect, Instrument, actions_of
-from bench.run.bench.safety import hurried
+from bench.run.bench.safety import SafeState, WayToSafe, hurried
 from bench.run.guard.decision import Action, Address, Brief
 from bench.run.guard.diary import Diary
 from bench.run.guard.lock import GUARD, BenchLock, bus_keys
+from bench.run.guard.take_over import Request, take_over_request
 
 LEAVE_S = 1.0  # a killed process has left by then, unless the kernel itself hangs
-QUICK_S = 0.5  # longest wait of one call in the first pass
-TURN_S = 1.0  # how long the others wait for one instrument in the first pass, and later
-LATER_TURN_S = 2.0
-LAST_S = 60.0  # no more attempts after that
-PAUSE_S = 1.0
+QUICK_S = 0.5  # longest wait of one call in the first attempt
+TURN_S = 1.0  # how long the ones behind it wait for an instrument in its first attempt
+PAUSE_S = 2.0  # between two attempts: one that can be reached again drives for no longer than 5 s
+LOOK_S = 0.1
+FIRST_TOLD_S = 15.0  # a device that restarts may need a minute, and somebody may be beside it
+TOLD_S = 600.0  # again and again, as long as something is not confirmed
 _NOTIFY_S = 120.0
 _TAIL = 300
 
@@ -62,97 +67,154 @@ class Controller:
 
 
 def act(action: Action, brief: Brief, controller: Controller, opened: Opener, clock: Clock, diary: Diary) -> bool:
-    """Bring the bench to its safe state; returns whether every instrument is confirmed safe. Never raises.
+    """Bring the bench to its safe state, however long it takes, unless somebody takes it over. Never raises.
 
-    ``opened`` opens one instrument of the list.
+    A controller that left by itself is not ended; until it has given the lock back the guard acts beside it.
+    ``opened`` opens one instrument of the list.   Returns: whether every instrument is confirmed safe.
     """
     diary.restart()
     diary.note("act", reason=action.reason, text=action.text)
-    diary.note("controller", pid=brief.pid, ended=controller.end(LEAVE_S))
+    if action.left is None:
+        diary.note("controller", pid=brief.pid, ended=controller.end(LEAVE_S))
+    folder = Path(brief.diary).parent
     lock = BenchLock(bus_keys(entry.resource for entry in brief.instruments), GUARD, clock)
-    _take(lock, clock, diary)
-    bench = _Bench(brief.instruments, action.heat_off, opened, clock, diary)
-    unsafe = bench.make_safe()
-    diary.note("safe" if not unsafe else "unsafe", instruments=unsafe)
+    lock.name_session(folder.name, folder)
+    turn = _Turn(lock, brief.pid, clock, diary)
+    bench = _Bench(action, brief, opened, clock, diary, turn)
+    bench.begin()
+    told_ns = clock.now_ns() + to_ns(FIRST_TOLD_S)
+    request: Request | None = None
+    while bench.left and request is None:
+        clock.sleep(LOOK_S)
+        turn.take()
+        request = take_over_request(folder)
+        if bench.left and clock.now_ns() >= told_ns:
+            told_ns = clock.now_ns() + to_ns(TOLD_S)
+            diary.note("unsafe", instruments=bench.left)
+            threading.Thread(target=_tell, args=(brief, action, bench.left, diary), daemon=True).start()
+    bench.end()
+    left = bench.left
+    if request is None:
+        diary.note("safe", instruments=[])
+    else:
+        diary.note("unsafe", instruments=left)
+        diary.note("taken over", by=request.by)
     lock.release()
-    _tell(brief, {"reason": action.reason, "text": action.text, "unsafe": unsafe}, diary)
-    return not unsafe
+    _tell(brief, action, left, diary)
+    return not left
 
 
-def _take(lock: BenchLock, clock: Clock, diary: Diary) -> None:
-    """Take the lock. One that is not free keeps nobody safe: the first passes are made all the same."""
-    end_ns = clock.now_ns() + to_ns(LEAVE_S)
-    while True:
+class _Turn:
+    """Whose turn it is on the bench: the guard's while it has the lock, while nobody has, and beside its controller."""
+
+    def __init__(self, lock: BenchLock, controller: int, clock: Clock, diary: Diary) -> None:
+        self._lock, self._controller, self._clock, self._diary = lock, controller, clock, diary
+        self._said = ""
+        self.mine = True
+        end_ns = clock.now_ns() + to_ns(LEAVE_S)
+        while not self.take(said=clock.now_ns() >= end_ns) and clock.now_ns() < end_ns:
+            clock.sleep(PAUSE_S / 50)
+
+    def take(self, *, said: bool = True) -> bool:
+        """Take the lock if it is free; returns whether it is held. One that cannot be had keeps nobody safe."""
+        if self._lock.held:
+            return True
         try:
-            lock.take()
+            other = self._lock.attempt()
+            text = "taken" if other is None else f"held by process {other[1].get('pid', 'unknown')}"
+            self.mine = other is None or other[1].get("pid") == self._controller
         except BenchError as error:
-            if clock.now_ns() < end_ns:
-                clock.sleep(PAUSE_S / 50)
-                continue
-            diary.note("lock", text=error.message)
-        else:
-            diary.note("lock", text="taken")
-        return
+            text, self.mine = error.message, True
+        if text != self._said and (said or self._lock.held):
+            self._said = text
+            self._diary.note("lock", text=text)
+        return self._lock.held
 
 
 class _Bench:
-    """The instruments of the safe-state list; each is opened when its turn comes, and stays open."""
+    """The instruments of the safe-state list, each on its way by a thread of its own."""
 
-    def __init__(
-        self, addresses: Sequence[Address], heat_off: bool, opened: Opener, clock: Clock, diary: Diary
-    ) -> None:
-        self._addresses = list(addresses)
-        if heat_off:
-            self._addresses.sort(key=lambda address: heats(driver_class(address.driver)), reverse=True)
-        self._heat_off = heat_off
-        self._opened = opened
-        self._clock = clock
-        self._diary = diary
-        self._open: dict[str, Instrument] = {}
-        self._turns: dict[str, threading.Thread] = {}
-        self._safe: set[str] = set()
+    def __init__(self, action: Action, brief: Brief, opened: Opener, clock: Clock, diary: Diary, turn: _Turn) -> None:
+        wanted = (
+            brief.instruments if action.left is None else tuple(a for a in brief.instruments if a.role in action.left)
+        )
+        self._addresses = sorted(
+            wanted, key=lambda address: action.heat_off and not heats(driver_class(address.driver))
+        )
+        self._clock, self._diary, self._turn = clock, diary, turn
+        remotes = {a.role: _Remote(a, action.heat_off, opened) for a in self._addresses}
+        self._ways = {role: WayToSafe({role: remote}, (role,), clock) for role, remote in remotes.items()}
+        self._over = threading.Event()
 
-    def make_safe(self) -> list[str]:
-        """Return one quick pass in order, then more with patience; returns the roles that are not confirmed safe."""
-        end_ns = self._clock.now_ns() + to_ns(LAST_S)
-        self._pass(TURN_S, QUICK_S)
-        while self._left() and self._clock.now_ns() < end_ns:
-            self._clock.sleep(PAUSE_S)
-            self._pass(LATER_TURN_S, None)
-        return self._left()
+    @property
+    def left(self) -> dict[str, SafeState]:
+        """What is not confirmed safe."""
+        return {role: state for way in self._ways.values() for role, state in way.left.items()}
 
-    def _left(self) -> list[str]:
-        return [address.role for address in self._addresses if address.role not in self._safe]
-
-    def _pass(self, turn_s: float, call_s: float | None) -> None:
+    def begin(self) -> None:
+        """Begin with each in the stated order; one that is mute costs those behind it ``TURN_S``."""
         for address in self._addresses:
-            if address.role in self._safe:
-                continue
-            turn = self._turns.get(address.role)
-            if turn is None or not turn.is_alive():
-                turn = threading.Thread(target=self._turn, args=(address, call_s), daemon=True)
-                self._turns[address.role] = turn
-                turn.start()
-            turn.join(turn_s)  # one that hangs goes on by itself: the others do not wait for it
-            if turn.is_alive():
+            tried = threading.Event()
+            threading.Thread(target=self._tried_until_safe, args=(address.role, tried), daemon=True).start()
+            if not tried.wait(TURN_S):
                 self._diary.note("instrument", role=address.role, safe=False, text="still trying")
 
-    def _turn(self, address: Address, call_s: float | None) -> None:
-        started_ns = self._clock.now_ns()
+    def end(self) -> None:
+        """Try nothing any more."""
+        self._over.set()
+
+    def _tried_until_safe(self, role: str, tried: threading.Event) -> None:
+        way, said = self._ways[role], ""
+        began_ns = self._clock.now_ns()
+        quick: Sequence[str] = (role,)
+        while way.left and not self._over.is_set():
+            if self._turn.mine:
+                way.attempt(quick=quick)
+                error = way.failures.get(role)
+                text = "answered, and is asked once more" if error is None else " ".join(str(error).split())
+                if way.left and text != said:
+                    self._diary.note("instrument", role=role, safe=False, state=way.left[role], text=text)
+                said = text
+            tried.set()
+            quick = ()
+            if way.left:
+                self._clock.sleep(PAUSE_S)
+        if not way.left:
+            took_s = round((self._clock.now_ns() - began_ns) / NS, 3)
+            self._diary.note("instrument", role=role, safe=True, state="confirmed off", took_s=took_s)
+
+
+class _Remote:
+    """One instrument as something that can be made safe: opened, told, confirmed, and closed again if that fails."""
+
+    def __init__(self, address: Address, heat_off: bool, opened: Opener) -> None:
+        self._address, self._heat_off, self._opened = address, heat_off, opened
+        self._open: Instrument | None = None
+        self._limit_s: float | None = None
+
+    @contextmanager
+    def quick(self, limit_s: float) -> Iterator[None]:
+        """No call waits longer than ``QUICK_S``."""
+        self._limit_s = max(limit_s, QUICK_S)
         try:
-            instrument = self._open.get(address.role)
-            if instrument is None:
-                instrument = self._opened(address)
-                self._open[address.role] = instrument
-            with hurried(instrument, call_s):
-                _clear(instrument, address.resource)
-                put_safe(instrument, self._heat_off)
-        except Exception as error:  # whatever it is, the instruments after this one must still be made safe
-            self._diary.note("instrument", role=address.role, safe=False, text=" ".join(str(error).split()))
-            return
-        self._safe.add(address.role)
-        took_s = round((self._clock.now_ns() - started_ns) / NS, 3)
-        self._diary.note("instrument", role=address.role, safe=True, took_s=took_s)
+            yield
+        finally:
+            self._limit_s = None
+
+    def make_safe(self) -> None:
+        """Bring it to its safe state. Raises: whatever the driver raises."""
+        try:
+            if self._open is None:
+                self._open = self._opened(self._address)
+            with hurried(self._open, self._limit_s):
+                _clear(self._open, self._address.resource)
+                put_safe(self._open, self._heat_off)
+        except Exception:
+            if self._open is not None:
+                with suppress(Exception):
+                    self._open.close()
+            self._open = None
+            raise
 
 
 def put_safe(instrument: Instrument, heat_off: bool) -> None:
@@ -177,9 +239,10 @@ def _clear(instrument: Instrument, resource: str) -> None:
             clear()
 
 
-def _tell(brief: Brief, done: Mapping[str, Any], diary: Diary) -> None:
+def _tell(brief: Brief, action: Action, left: Mapping[str, SafeState], diary: Diary) -> None:
     if not brief.notify:
         return
+    done = {"reason": action.reason, "text": action.text, "unsafe": dict(left)}
     message = {"kind": "alarm", "event": "guard", "session": Path(brief.diary).parent.name, **done}
     try:
         ended = subprocess.run(

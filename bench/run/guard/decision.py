@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 from bench.model.clock import NS
 
-Reason = Literal["gone", "silent", "limit"]
+Reason = Literal["gone", "silent", "limit", "left"]
 
 
 @dataclass(frozen=True)
@@ -74,16 +74,20 @@ class Watched:
     heard_ns: int
     values: Mapping[str, float] = field(default_factory=dict)
     gone: bool = False  # the pipe is closed and nobody said goodbye
-    dismissed: bool = False  # the controller said goodbye: the bench is its business or nobody's
+    goodbye: Mapping[str, str] | None = None  # what the controller that leaves could not confirm safe, and its state
 
 
 @dataclass(frozen=True)
 class Action:
-    """An act that is due: the bench is made safe, with ``heat_off`` the heat sources go off first."""
+    """An act that is due: the bench is made safe, with ``heat_off`` the heat sources go off first.
+
+    ``left``: the roles that a controller left behind unconfirmed; None: nobody knows, everything is made safe.
+    """
 
     reason: Reason
     text: str
     heat_off: bool = False
+    left: tuple[str, ...] | None = None
 
 
 def decide(state: Watched, now_ns: int) -> Action | None:
@@ -92,8 +96,9 @@ def decide(state: Watched, now_ns: int) -> Action | None:
     A limit counts as crossed where it is reached. A value that is not a number crosses nothing: a reading that fails
     is the interlocks' business.
     """
-    if state.dismissed:
-        return None
+    if state.goodbye is not None:
+        told = ", ".join(f"{role} {known}" for role, known in state.goodbye.items())
+        return Action("left", f"the controller left with {told}", left=tuple(state.goodbye)) if told else None
     for name, limit in sorted(state.limits.items()):
         value = state.values.get(name)
         if value is not None and value >= limit:

@@ -72,7 +72,8 @@ def read_diary(path: Path) -> list[dict[str, Any]]:
 def guard_word(folder: Path) -> Mapping[str, Any] | None:
     """Return what the guard of a run that is gone did; None if it did not act.
 
-    ``{"reason", "safe": True, False or None (at it), "unsafe": roles, "utc": of its last word}``.
+    ``{"reason", "safe": True, False or None (at it), "unsafe": state by role, "utc": of its last word, "by": who took
+    the bench over, "" if nobody}``. While it is at it ``unsafe`` grows and shrinks with what each instrument said.
     """
     word: dict[str, Any] | None = None
     for entry in read_diary(folder / DIARY):
@@ -80,8 +81,17 @@ def guard_word(folder: Path) -> Mapping[str, Any] | None:
         if what in ("ready", "dismissed"):
             word = None
         elif what == "act":
-            word = {"reason": str(entry.get("text", "")), "safe": None, "unsafe": [], "utc": entry.get("utc")}
-        elif what in ("safe", "unsafe") and word is not None:
-            roles = [str(role) for role in entry.get("instruments") or ()]
-            word |= {"safe": what == "safe", "unsafe": roles, "utc": entry.get("utc")}
+            word = {"reason": str(entry.get("text", "")), "safe": None, "unsafe": {}, "utc": entry.get("utc"), "by": ""}
+        elif word is None:
+            continue
+        elif what == "instrument":
+            word["unsafe"].pop(entry.get("role"), None)
+            if not entry.get("safe"):
+                word["unsafe"][str(entry.get("role"))] = str(entry.get("state", "unreachable"))
+        elif what in ("safe", "unsafe"):
+            states = entry.get("instruments") or {}
+            unsafe = dict(states) if isinstance(states, dict) else dict.fromkeys(map(str, states), "unreachable")
+            word |= {"safe": what == "safe", "unsafe": unsafe, "utc": entry.get("utc")}
+        elif what == "taken over":
+            word |= {"by": str(entry.get("by", "")), "utc": entry.get("utc")}
     return word

@@ -44,13 +44,16 @@ def guard_beside(station: Station) -> Callable[[RunContext], AbstractContextMana
     return begin
 
 
-def station_lock(station: Station, what: str, clock: Clock, roles: Collection[str] = ()) -> BenchLock:
+def station_lock(
+    station: Station, what: str, clock: Clock, roles: Collection[str] = (), *, take_over: bool = False
+) -> BenchLock:
     """Return the lock of a controller on a station, or on some roles of it; a bench inside this process needs none.
 
-    ``what``: "run", "talk" ... A guard that is making the bench safe is waited for.
+    ``what``: "run", "talk" ... A guard that is making the bench safe is waited for, or with ``take_over`` sent home.
     """
     reached = {} if station.in_process else station.instruments
-    return bench_lock((entry.resource for role, entry in reached.items() if not roles or role in roles), what, clock)
+    resources = (entry.resource for role, entry in reached.items() if not roles or role in roles)
+    return bench_lock(resources, what, clock, take_over=take_over)
 
 
 def brief_of(station: Station, diary: Path) -> Brief:
@@ -99,6 +102,7 @@ class GuardTask:
         self._context = context
         self._state = Watched(limits_degC, math.inf, context.clock.now_ns())
         self._watch = TemperatureWatch(context, limits_degC, self.look)
+        self._acted = False
 
     def __enter__(self) -> GuardTask:
         self._watch.__enter__()
@@ -109,12 +113,12 @@ class GuardTask:
 
     def look(self) -> None:
         """Decide by the newest values."""
-        if self._state.dismissed:
+        if self._acted:
             return
         self._state.values = self._context.health.values()
         action = decide(self._state, self._context.clock.now_ns())
         if action is not None:
-            self._state.dismissed = True
+            self._acted = True
             self._act(action)
 
     def _act(self, action: Action) -> None:

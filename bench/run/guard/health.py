@@ -6,7 +6,7 @@ The guard is told that all is well only while every part has given a sign of lif
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 
 from bench.model.clock import NS, Clock
@@ -25,6 +25,7 @@ class Health:
         self._sequencer = threading.get_ident()
         self._asking = False
         self._over = False
+        self._unconfirmed: dict[str, str] = {}
 
     def alive(self, part: str) -> None:
         """A part gives a sign of life; one of the sequencer counts only from its own thread."""
@@ -41,9 +42,18 @@ class Health:
             self.alive(SEQUENCER)
             self._asking = False
 
-    def over(self) -> None:
-        """The bench was made safe: what is left of the run is paper work, and nothing of it has to hurry."""
-        self._over = True
+    def begin(self, roles: Iterable[str]) -> None:
+        """From now on these may be on: whoever leaves without ``over`` leaves all of them behind."""
+        self._unconfirmed = dict.fromkeys(roles, "unreachable")
+
+    def over(self, unconfirmed: Mapping[str, str]) -> None:
+        """The bench was made safe, but for these: the rest of the run is paper work, and nothing of it has to hurry."""
+        self._over, self._unconfirmed = True, dict(unconfirmed)
+
+    @property
+    def unconfirmed(self) -> dict[str, str]:
+        """What is not confirmed safe, by role: the last words of a controller to its guard."""
+        return dict(self._unconfirmed)
 
     def silence_s(self) -> Mapping[str, float]:
         """Return seconds since the last sign of life, by part; a part that gave none is left out, at the end all."""

@@ -21,6 +21,7 @@ from bench.model.clock import NS, Clock, to_ns
 from bench.model.errors import InputError
 from bench.model.posix import ALONE, NO_LINK, lock_file, read_at, require, user_name, write_at
 from bench.run.bench.side_by_side import bus_of
+from bench.run.guard.take_over import ask_to_let_go
 
 GUARD_PATIENCE_S = 90.0  # how long a controller waits for a guard that is making the bench safe
 UNNAMED_PATIENCE_S = 10.0
@@ -29,6 +30,11 @@ _POLL_S = 0.02
 GUARD = "guard"
 _SHARED, _COMMON = Path("/run/lock"), Path("/tmp")
 _NAME_BYTES = 4096
+_OF_A_CONTROLLER = "let it end, or stop it there ('bench abort SESSION'); then start again"
+_OF_A_GUARD = (
+    "it tries until everything is confirmed off (guard.jsonl of its session says what is not); whoever is at the bench "
+    "takes it over by 'bench resume|drill|talk --take-over'"
+)
 
 
 def bus_keys(resources: Iterable[str]) -> tuple[str, ...]:
@@ -36,9 +42,9 @@ def bus_keys(resources: Iterable[str]) -> tuple[str, ...]:
     return tuple(sorted({bus_of(resource) for resource in resources}))
 
 
-def bench_lock(resources: Iterable[str], what: str, clock: Clock) -> BenchLock:
+def bench_lock(resources: Iterable[str], what: str, clock: Clock, *, take_over: bool = False) -> BenchLock:
     """Return the lock of a controller on these VISA addresses; it waits for a guard that is making the bench safe."""
-    return BenchLock(bus_keys(resources), what, clock, patience_s=GUARD_PATIENCE_S)
+    return BenchLock(bus_keys(resources), what, clock, patience_s=GUARD_PATIENCE_S, take_over=take_over)
 
 
 def lock_folder() -> Path:
@@ -55,17 +61,19 @@ class BenchLock:
     Args:
         keys: of ``bus_keys``.   what: "run", "talk", "drill", "guard" ...
         patience_s: how long to wait for a guard that is making the bench safe; nobody else is waited for.
+        take_over: a guard that is still at it is asked to let the bench go.
     Raises: InputError B-RUN-092 if somebody else holds one of the keys, naming the holder; B-RUN-093 if a lock file
             cannot be opened.
     """
 
     def __init__(
-        self, keys: Iterable[str], what: str, clock: Clock, *, folder: Path | None = None, patience_s: float = 0.0
-    ) -> None:
+        self, keys: Iterable[str], what: str, clock: Clock, *, folder: Path | None = None, patience_s: float = 0.0,
+        take_over: bool = False,
+    ) -> None:  # fmt: skip
         self._keys = tuple(keys)
         self._clock = clock
         self._folder = lock_folder() if folder is None else folder
-        self._patience_s = patience_s
+        self._patience_s, self._take_over = patience_s, take_over
         self._held: list[int] = []
         since = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).isoformat()
         who = {"pid": os.getpid(), "host": socket.gethostname(), "user": user_name()}
@@ -84,16 +92,19 @@ class BenchLock:
             require("a bench of instruments")
         begun_ns = self._clock.now_ns()
         while True:
-            taken = self._attempt()
+            taken = self.attempt()
             if taken is None:
                 return
             key, holder = taken
+            if self._take_over and holder.get("what") == GUARD:
+                self._take_over = False
+                ask_to_let_go(holder)
             if self._clock.now_ns() >= begun_ns + to_ns(self._patience_with(holder)):
                 raise InputError(
                     "B-RUN-092",
                     f"the bench is in use by {_named(holder)}",
                     where=key,
-                    next_step="let it end, or stop it there ('bench abort SESSION'); then start again",
+                    next_step=_OF_A_GUARD if holder.get("what") == GUARD else _OF_A_CONTROLLER,
                 )
             self._clock.sleep(_POLL_S)
 
@@ -103,9 +114,14 @@ class BenchLock:
             return min(self._patience_s, UNNAMED_PATIENCE_S)
         return self._patience_s if holder.get("what") == GUARD else 0.0
 
-    def name_session(self, session: str) -> None:
-        """Let the lock name the session of its holder."""
-        self._holder["session"] = session
+    @property
+    def held(self) -> bool:
+        """Whether every key is held."""
+        return len(self._held) == len(self._keys)
+
+    def name_session(self, session: str, folder: Path | None = None) -> None:
+        """Let the lock name the session of its holder, and where that can be asked to let go."""
+        self._holder |= {"session": session} if folder is None else {"session": session, "folder": str(folder)}
         for descriptor in self._held:
             self._sign(descriptor)
 
@@ -117,7 +133,7 @@ class BenchLock:
             os.close(descriptor)
         self._held.clear()
 
-    def _attempt(self) -> tuple[str, Mapping[str, Any]] | None:
+    def attempt(self) -> tuple[str, Mapping[str, Any]] | None:
         """Take all keys; otherwise none, and the key that somebody else holds is returned with its holder."""
         for key in self._keys:
             descriptor = self._open(key)

@@ -43,7 +43,7 @@ _CALL_S = 0.5
 
 
 def main() -> int:
-    """Watch one controller. Returns: 0 after a goodbye or when the bench is safe, 3 if it could not be confirmed."""
+    """Watch one controller. Returns: 0 once the bench is safe, 3 if it was taken over before."""
     for number in _TERMINAL:  # the guard outlives whatever ends the controller
         signal.signal(number, signal.SIG_IGN)
     lines = _Lines(0)
@@ -97,7 +97,7 @@ def _watch(lines: _Lines, state: Watched, brief: Brief, opened: Opener, clock: W
         return decide(state, clock.now_ns())
 
     action = None
-    while action is None and not state.dismissed:
+    while action is None and state.goodbye is None:
         action = judge(LOOK_S)
         if action is not None and action.reason == "silent":
             action = judge(0.0)  # it may be this process that was given no time: what came meanwhile counts
@@ -112,7 +112,7 @@ def _hear(state: Watched, line: bytes, now_ns: int) -> float | None:
     age_s: float | None = None
     with suppress(ValueError):
         message = json.loads(line)
-        state.dismissed = state.dismissed or "goodbye" in message
+        state.goodbye = message.get("goodbye", state.goodbye)
         state.values = message.get("values", {})
         age_s = message.get("air_age_s")
         state.heard_ns = now_ns

@@ -30,11 +30,13 @@ START_S = 30.0
 UNANSWERED_S = 5.0
 GOODBYE_S = 5.0
 _READ_BYTES = 65536
+_AT_WORK: list[subprocess.Popen[bytes]] = []  # guards that this process has left behind
 
 
 class GuardProcess:
-    """A guard process and the heartbeat to it; context manager, left with a goodbye.
+    """A guard process and the heartbeat to it; context manager, left with a goodbye that says what is not confirmed.
 
+    A guard that has to go on after it is left alone, and outlives this process.
     The run ends (B-RUN-091) at the next check when the guard has ended or does not answer: never without a guard.
     Raises: RunError B-RUN-090 on entering if the guard does not start.
     """
@@ -43,6 +45,7 @@ class GuardProcess:
         self, brief: Brief, health: Health, stop: StopSwitch, clock: Clock, tell: Callable[[Guard], None]
     ) -> None:
         self._brief = brief
+        self._roles = {address.role for address in brief.instruments}
         self._health = health
         self._stop = stop
         self._clock = clock
@@ -76,8 +79,13 @@ class GuardProcess:
     def __exit__(self, *_: object) -> None:
         self._periodic.cancel()
         with self._lock:
-            self._send({"goodbye": "the run is over"})
-        self._end()
+            left = {role: state for role, state in self._health.unconfirmed.items() if role in self._roles}
+            self._send({"goodbye": left})
+        self._close_pipes()
+        if left:
+            _AT_WORK.append(self._process)
+        else:
+            self._end()
 
     def beat(self) -> None:
         """Tell the guard that all is well, if it is."""
@@ -155,12 +163,14 @@ class GuardProcess:
             next_step="'bench drill' shows whether it works; nothing was switched on",
         )
 
-    def _end(self) -> None:
-        """Let the guard go; one that does not is of no use any more."""
+    def _close_pipes(self) -> None:
         for stream in (self._process.stdin, self._process.stdout, self._process.stderr):
             if stream is not None:
                 with suppress(OSError):
                     stream.close()
+
+    def _end(self) -> None:
+        """Let the guard go; one that does not is of no use any more."""
         try:
             self._process.wait(GOODBYE_S)
         except subprocess.TimeoutExpired:

@@ -1,32 +1,37 @@
-"""Standing still: the stimulus is off, everything else stays as it is, until nobody wants it any more.
+"""Standing still: the stimulus is taken away, everything else stays as it is, until nobody wants it any more.
 
-Off means: every instrument that drives a stimulus or leads it to the unit is made safe in the station's order (the
-calibrator goes to standby before a relay opens), and so is a table, because somebody may come to it. Supply, clock and
-chamber go on, so that the unit stays warm and its stream is watched; the frames that come meanwhile are recorded like
-any others. Before anything is energised or moves again somebody arms the bench (bench.run.hold.arming).
+Every instrument that drives a stimulus or leads it to the unit is made safe in the station's order (the calibrator goes
+to standby before a relay opens), and so is a table, because somebody may come to it. Supply, clock and chamber go on,
+so that the unit stays warm and its stream is watched; the frames that come meanwhile are recorded like any others.
+Before anything is energised or moves again somebody arms the bench (bench.run.hold.arming).
 
-An instrument that has fallen silent is waited for, instead of ending the run in the night. The bus session has climbed
-its whole ladder by then. Only one outside the stimulus is waited for: when the calibrator or the switch cannot be told
-to be safe the run ends.
+One that cannot be reached is tried again and again. Where nothing of the path of the stimulus is confirmed open, supplies
+that can be reached are switched off too, in the same order, and the run ends.
+
+An instrument that has fallen silent is waited for, instead of ending the run in the night. Only silence is: a fault of
+the calibrator or of the switch ends the run.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError, RunError
 from bench.model.events import Hold, HoldAlarm, Release, StimulusAlarm, by_instrument
+from bench.model.ports import Effect, actions_of
+from bench.run.bench.safety import WayToSafe
 from bench.run.context import RunContext
 from bench.run.hold.arming import arm
-from bench.run.steps.setpoints import goes_off
-from bench.run.stop import Wish
+from bench.run.steps.setpoints import drives, goes_off
+from bench.run.stop import AWAY_LIMIT_S, Wish
 
 SILENT = ("B-INST-001", "B-INST-003", "B-INST-004")  # no answer, the bus failed, a reply that is not understood
 ASK_S = 5.0
-LIMIT_S = 1800.0
 MOST_HOLDS = 3  # at one step: an instrument that answers its identity and never the step will not get better
 POLL_S = 0.25
-AGAIN_S = 2.0  # between two attempts to switch a stimulus off
-UNSAFE_LIMIT_S = 1800.0
+AGAIN_S = 1.0  # between two attempts to switch a stimulus off: one that comes back drives for no longer than 5 s
+TOLD_S = 10.0  # between two alarms about a stimulus that is not confirmed off
 ALARM_S = 600.0  # a person should look after this long
 
 
@@ -37,10 +42,7 @@ def wish_to_wait(context: RunContext, error: InstrumentError, role: str, held_be
     """
     if error.code not in SILENT or not context.stop.interruptible or held_before >= MOST_HOLDS:
         raise error
-    wish = Wish("hold", by_instrument(role), f"{error.code}: {error.message}")
-    context.stop.holds.hold(wish.by, wish.reason, LIMIT_S)
-    context.away.add(role)
-    return wish
+    return context.wait_for(role, f"{error.code}: {error.message}")
 
 
 def ask_again(context: RunContext) -> None:
@@ -72,12 +74,15 @@ def stand_still(context: RunContext, wish: Wish, step: int, first: int) -> int:
     """
     began_ns = context.clock.now_ns()
     context.event(Hold(step=step, by=wish.by, reason=wish.reason))
-    off = [role for role in context.plan.station.safe_order if goes_off(type(context.instruments.get(role)))]
-    driven = _still_driven(context, off, step)
+    order = context.plan.station.safe_order
+    off = {role: context.instruments[role] for role in order if goes_off(type(context.instruments.get(role)))}
+    way = WayToSafe(off, order, context.clock, context.in_use.take)
+    way.attempt(quick=off)
+    _tell_driven(context, way, step)
+    _open_the_rest(context, way, order)
     armed = False
     while not armed:
-        _until_nothing_holds(context, driven, step, began_ns)
-        driven = []
+        _until_nothing_holds(context, way, step, began_ns)
         context.look_again()
         armed = not context.stop.holds.reasons and arm(context, step, first)
     held_ns = context.clock.now_ns() - began_ns
@@ -85,41 +90,64 @@ def stand_still(context: RunContext, wish: Wish, step: int, first: int) -> int:
     return held_ns
 
 
-def _until_nothing_holds(context: RunContext, driven: list[str], step: int, began_ns: int) -> None:
+def _open_the_rest(context: RunContext, way: WayToSafe, order: Sequence[str]) -> None:
+    """Switch the supplies off where neither source nor relays are confirmed: they are what is left of the path.
+
+    Raises: RunError B-RUN-054 if one could be, because a unit without supply is no longer the unit of the plan.
+    """
+    path = {role for role, instrument in context.instruments.items() if drives(type(instrument))} & set(order)
+    if not path or not path <= way.failures.keys():
+        return
+    rest = {role: context.instruments[role] for role in order if role not in path and _supplies(context, role)}
+    others = WayToSafe(rest, order, context.clock, context.in_use.take)
+    others.attempt(quick=rest)
+    if opened := [role for role in rest if role not in others.left]:
+        raise RunError(
+            "B-RUN-054",
+            f"neither source nor relays can be confirmed off; switched off instead: {', '.join(opened)}",
+            where=", ".join(sorted(path)),
+            next_step="find out why they do not answer, then 'bench resume SESSION'",
+        )
+
+
+def _supplies(context: RunContext, role: str) -> bool:
+    return any(action.effect is Effect.POWER for action in actions_of(type(context.instruments[role])).values())
+
+
+def _until_nothing_holds(context: RunContext, way: WayToSafe, step: int, began_ns: int) -> None:
     """Wait until there is no reason to hold and nothing is driven any more.
 
-    Args: driven: instruments of the stimulus that are not confirmed safe yet.   began_ns: when the run stopped.
+    Args: way: of the instruments of the stimulus.   began_ns: when the run stopped.
     """
-    tried_s, alarmed, asked_ns = 0.0, False, began_ns
-    while (reasons := context.stop.holds.reasons) or driven:
+    tried_s, told_s, alarmed, asked_ns = 0.0, 0.0, False, began_ns
+    while (reasons := context.stop.holds.reasons) or way.left:
         context.stop.check_stop()
         held_s = (context.clock.now_ns() - began_ns) / NS
-        if driven and held_s >= tried_s + AGAIN_S:
-            driven, tried_s = _still_driven(context, driven, step), held_s
-        if driven and held_s > UNSAFE_LIMIT_S:
-            raise _too_long(driven[0], "not confirmed safe", UNSAFE_LIMIT_S)
+        if way.left and held_s >= tried_s + AGAIN_S:
+            way.attempt()
+            tried_s = (context.clock.now_ns() - began_ns) / NS
+            if tried_s >= told_s + TOLD_S:
+                told_s = tried_s
+                _tell_driven(context, way, step)
+        if way.left and held_s > AWAY_LIMIT_S:
+            raise _too_long(next(iter(way.left)), "not confirmed safe", AWAY_LIMIT_S)
         if (overdue := context.stop.holds.overdue(held_s)) is not None:
             raise _too_long(*overdue)
         if held_s >= ALARM_S and not alarmed:
             alarmed = True
             context.event(HoldAlarm(step=step, seconds=held_s, reasons=reasons))
-        if context.clock.now_ns() - asked_ns >= ASK_S * NS:
+        if not way.left and context.clock.now_ns() - asked_ns >= ASK_S * NS:  # the stimulus first
             ask_again(context)
             asked_ns = context.clock.now_ns()
         context.clock.sleep(POLL_S)
 
 
-def _still_driven(context: RunContext, roles: list[str], step: int) -> list[str]:
-    """Make these instruments safe in their order; those that could not be, each told as an alarm."""
-    left = []
-    for role in roles:
-        try:
-            with context.in_use.take(role):
-                context.instruments[role].make_safe()
-        except InstrumentError as error:
-            left.append(role)
-            context.event(StimulusAlarm(step=step, role=role, code=error.code, text=error.message))
-    return left
+def _tell_driven(context: RunContext, way: WayToSafe, step: int) -> None:
+    """Tell each instrument that could not be made safe, as an alarm."""
+    for role, error in way.failures.items():
+        if not isinstance(error, InstrumentError):
+            raise error
+        context.event(StimulusAlarm(step=step, role=role, code=error.code, text=error.message))
 
 
 def _too_long(by: str, reason: str, limit_s: float) -> RunError:

@@ -3,24 +3,34 @@
 Asked are the questions by which a driver knows whether it is on (``Tells``); what the replies say is worked out by
 bench.run.feed.outputs, from the transcript. A look waits for a moment in which the steps leave the bus alone, and for
 at most one more period.
+
+What is on and leads or drives a stimulus, or moves, is asked each second whether it is there, unless it has just
+answered a step. One that is silent for longer than ``LOST_S`` holds the run, which opens its path over what still
+answers and takes the point again. Only on the wall clock: a bench inside this process has no network.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from typing import Any
 
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError
 from bench.model.ports import Instrument
 from bench.run.bench.safety import QUICK_S, hurried
 from bench.run.context import RunContext
-from bench.run.feed.outputs import LOOK_VIRTUAL_S, LOOK_WALL_S
-from bench.run.observers import Following
+from bench.run.feed.outputs import LOOK_VIRTUAL_S, LOOK_WALL_S, Outputs
+from bench.run.observers import Following, Observer, Order
+from bench.run.steps.setpoints import goes_off
 from bench.run.stop import guarded
 from bench.run.watch.signals import leaves_the_bus
 
 WAKE_S = 5.0
+CONTACT_S = 1.0
+CONTACT_WAKE_S = 0.25
+LOST_S = 1.5  # with a second for the question and one for making safe, the path is open 5 s after a loss
 
 
 def look(instruments: Mapping[str, Instrument], busy: Container[str] = ()) -> None:
@@ -54,13 +64,51 @@ class OutputsWatch:
             look(context.instruments, context.in_use)
 
 
+class Contact(Observer):
+    """Knows by the traffic what is on, and asks it whether it is still there."""
+
+    order = Order.SAFETY
+    vital = True
+
+    def __init__(self, context: RunContext) -> None:
+        self._context = context
+        off = {role: instrument for role, instrument in context.instruments.items() if goes_off(type(instrument))}
+        self._asked = {role: instrument for role, instrument in off.items() if hasattr(instrument, "silence_s")}
+        entries = context.plan.station.instruments
+        self._outputs = Outputs(
+            {role: (entries[role].driver, entries[role].resource) for role in self._asked}, math.inf
+        )
+
+    def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
+        self._outputs.on_traffic(role, direction, text, t_mono_ns / NS)
+
+    def take(self) -> None:
+        """Ask what is on and has not answered for a second; hold the run for what does not answer."""
+        context, stop = self._context, self._context.stop
+        if stop.over or not stop.interruptible or stop.holds.reasons:
+            return
+        parts = self._outputs.document(context.clock.now_ns() / NS)["parts"]
+        for role in (part["role"] for part in parts if part["state"] == "on"):
+            instrument: Any = self._asked[role]
+            if instrument.heard_s() >= CONTACT_S and role not in context.in_use:
+                look({role: instrument})
+            silence_s = instrument.silence_s()
+            if silence_s > LOST_S:
+                context.wait_for(role, f"it is on and has not answered for {silence_s:.1f} s")
+
+
 @contextmanager
 def outputs_watch(context: RunContext, following: Following) -> Iterator[None]:
     """Look at the outputs while the run goes on, under either clock."""
     watch = OutputsWatch(context, following)
     wake_s = LOOK_VIRTUAL_S if context.clock.virtual else WAKE_S
-    periodic = context.clock.every(wake_s, guarded(watch.take, context.stop))
+    running = [context.clock.every(wake_s, guarded(watch.take, context.stop))]
+    if not context.clock.virtual:
+        contact = Contact(context)
+        context.observers.add(contact)
+        running.append(context.clock.every(CONTACT_WAKE_S, guarded(contact.take, context.stop)))
     try:
         yield
     finally:
-        periodic.cancel()
+        for periodic in running:
+            periodic.cancel()

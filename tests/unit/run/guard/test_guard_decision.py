@@ -61,7 +61,13 @@ def test_a_hot_chamber_that_nobody_controls_any_more_is_switched_off() -> None:
     values=st.dictionaries(st.sampled_from(sorted(LIMITS)), st.floats(allow_nan=True)),
 )
 def test_after_a_goodbye_nothing_is_done(gone: bool, now_s: float, values: dict[str, float]) -> None:
-    assert decide(watched(dismissed=True, gone=gone, values=values), round(now_s * NS)) is None
+    assert decide(watched(goodbye={}, gone=gone, values=values), round(now_s * NS)) is None
+
+
+def test_what_a_controller_left_behind_is_gone_on_with_whatever_else_is_wrong() -> None:
+    found = decide(watched(goodbye={"calibrator": "unreachable"}, gone=True, values={"chamber_air_degC": 99.0}), NS)
+    assert (found.reason, found.left, found.heat_off) == ("left", ("calibrator",), False)
+    assert "calibrator unreachable" in found.text
 
 
 @given(air=st.floats(allow_nan=False), unit=st.floats(allow_nan=False), silent_s=st.floats(0.0, 10.0))

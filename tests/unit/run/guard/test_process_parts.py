@@ -17,6 +17,7 @@ import pytest
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError, RunError
 from bench.model.ports import Effect, action
+from bench.model.posix import user_name
 from bench.model.shipped import find_shipped
 from bench.plan import load_station
 from bench.plan.language.notices import Notify
@@ -24,12 +25,13 @@ from bench.run.bench.drill import drill, latest_drill
 from bench.run.bench.drill_controller import source_of
 from bench.run.guard.act import act
 from bench.run.guard.decision import Action, Address, Brief, Watched
-from bench.run.guard.diary import Diary, read_diary
+from bench.run.guard.diary import Diary, guard_word, read_diary
 from bench.run.guard.guarding import brief_of, station_lock
 from bench.run.guard.health import LINKS, SEQUENCER, Health
 from bench.run.guard.notice import notice_command
 from bench.run.guard.process import _watch
 from bench.run.guard.start import GuardProcess
+from bench.run.guard.take_over import TAKE_OVER, ask_to_let_go
 from bench.run.stop import StopSwitch
 
 BRIEF = Brief(
@@ -119,7 +121,8 @@ def acted(tmp_path: Path, action_: Action, failures: int) -> tuple[list[str], bo
         Address("calibrator", "fluke_5720a", "TCPIP0::127.0.0.1::nobody1::INSTR"),
         Address("chamber", "thermotron_3800", "TCPIP0::127.0.0.1::nobody2::INSTR"),
     )
-    brief = replace(BRIEF, instruments=addresses, notify=(sys.executable, "-c", "import sys; sys.stdin.read()"))
+    notify = (sys.executable, "-c", "import sys; sys.stdin.read()")
+    brief = replace(BRIEF, instruments=addresses, notify=notify, diary=str(tmp_path / "guard.jsonl"))
     clock = SwiftClock()
     diary = Diary(tmp_path / "guard.jsonl", clock)
     controller: Any = Ended()
@@ -128,12 +131,37 @@ def acted(tmp_path: Path, action_: Action, failures: int) -> tuple[list[str], bo
     return calls, safe, read_diary(tmp_path / "guard.jsonl")
 
 
-def test_the_stimulus_goes_off_first_and_what_fails_is_tried_again(tmp_path: Path) -> None:
+def test_the_stimulus_goes_off_first_and_what_failed_is_confirmed_twice(tmp_path: Path) -> None:
     calls, safe, diary = acted(tmp_path, Action("gone", "it died"), failures=2)
-    assert calls == ["calibrator.make_safe", "chamber.make_safe", "calibrator.make_safe", "calibrator.make_safe"]
+    assert calls[:2] == ["calibrator.make_safe", "chamber.make_safe"]
+    assert calls[2:] == ["calibrator.make_safe"] * 3  # a second failure, an answer, and one that counts
     assert safe
     kinds = [entry["what"] for entry in diary]
-    assert kinds == ["act", "controller", "lock", *["instrument"] * 4, "safe", "notify"]
+    assert kinds[:3] == ["act", "controller", "lock"]
+    assert kinds[-2:] == ["safe", "notify"]
+    states = [entry["state"] for entry in diary if entry.get("role") == "calibrator"]
+    assert states == ["commanded", "commanded", "confirmed off"]  # failed, answered once, answered for good
+
+
+def test_only_what_a_controller_left_behind_is_made_safe_and_nobody_is_ended(tmp_path: Path) -> None:
+    calls, safe, diary = acted(tmp_path, Action("left", "it left", left=("chamber",)), failures=0)
+    assert (calls, safe) == (["chamber.make_safe"], True)
+    assert [entry["what"] for entry in diary] == ["act", "lock", "instrument", "safe", "notify"]
+
+
+def test_a_guard_goes_on_until_somebody_takes_the_bench_over(tmp_path: Path) -> None:
+    """Nothing ever answers; the person is named in the diary, and people were told before and at the end."""
+    timer = threading.Timer(0.5, lambda: ask_to_let_go({"folder": str(tmp_path)}))
+    timer.start()
+    calls, safe, diary = acted(tmp_path, Action("gone", "it died"), failures=10**9)
+    timer.join()
+    assert not safe
+    assert len(calls) > 10
+    *_, last, told = diary
+    assert (last["what"], last["by"], told["what"]) == ("taken over", user_name(), "notify")
+    word = guard_word(tmp_path)
+    assert (word["safe"], word["unsafe"], word["by"]) == (False, {"calibrator": "commanded"}, user_name())
+    assert not (tmp_path / TAKE_OVER).exists()
 
 
 def test_the_heat_goes_off_first_when_it_is_too_hot(tmp_path: Path) -> None:
@@ -260,7 +288,7 @@ class _Lines:
 
     def __init__(self, clock: VirtualClock, away_s: float, then: list[bytes]) -> None:
         self.ended = False
-        self._clock, self._away_s, self._then = clock, away_s, [[], then, [b'{"goodbye": "x"}']]
+        self._clock, self._away_s, self._then = clock, away_s, [[], then, [b'{"goodbye": {}}']]
 
     def next(self, limit_s: float | None) -> list[bytes]:
         self._clock.sleep(self._away_s if len(self._then) == 3 else limit_s or 0.0)
