@@ -144,7 +144,7 @@ def conduct(
             recorder = Recorder(writer, keep_events)
             observers = Observers(clock, recorder, AtTerminal(listener))
             transcript.attach(observers)
-            transcript.on_traffic = lambda: stop.on_check()  # noqa: PLW0108 - it is set later
+            transcript.on_traffic = lambda at: stop.on_check(at)  # noqa: PLW0108 - it is set later
             if judged is not None:
                 observers.event(judged)
             frames, earlier = plan.definitions(), transcript.earlier

@@ -136,7 +136,7 @@ class StopSwitch:
         self.holds = Holds()
         self.interruptible = True  # False while the bench is put away at the end
         self.deferred = False  # True while a hold, retake or skip has to wait: the way back to the temperature
-        self.on_check: Callable[[], None] = lambda: None  # the sequencer's sign of life
+        self.on_check: Callable[[str], None] = lambda at: None  # the sequencer's sign of life, and what it is at
         self._shielded = False
         self._at_once = False
         self._nudged = False
@@ -222,7 +222,7 @@ class StopSwitch:
 
     def check_stop(self) -> None:
         """Raise the fault of another thread, or OperatorStop B-RUN-010 if a stop was requested."""
-        self.on_check()
+        self.on_check("between two looks at what is wished")
         if self.fault is not None:
             raise self.fault
         if self.requested:

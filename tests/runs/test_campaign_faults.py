@@ -20,19 +20,21 @@ from bench.replay import replay_rows
 from sim_instruments.worlds.common.world import World
 
 Start = Callable[..., Rehearsal]
-GYRO_LIMIT_ppm = 8.0
 TRIPPED_POINT = 10  # number of the record during which the calibrator trips
 
 
-def worst_ppm(rehearsal: Rehearsal) -> float:
-    """Largest difference of a scale-factor error from the truth, ppm."""
+def worst_u(rehearsal: Rehearsal) -> float:
+    """Largest difference of a scale-factor error from the truth, in its stated standard uncertainty (11 to 12 ppm)."""
     run = rehearsal.run
     found = analyse(Material(run.outcome.rows, run.manifest["campaign"], run.manifest["standards"])).estimates
     true = {one["quantity"]: one["value"] for one in run.truth if one["quantity"] in ("dsf_n", "dsf_p")}
-    errors = {one["quantity"]: abs(one["value"] - true[one["quantity"]]) for one in found if one["quantity"] in true}
+    errors = {
+        one["quantity"]: abs(one["value"] - true[one["quantity"]]) / one["std_uncertainty"]
+        for one in found if one["quantity"] in true
+    }  # fmt: skip
     assert set(errors) == {"dsf_n", "dsf_p"}
-    print(f"seed {SEED}: errors {errors} ppm")
-    return max(errors.values())
+    print(f"seed {SEED}: errors {errors} u")
+    return float(max(errors.values()))
 
 
 def assert_safe(world: World) -> None:
@@ -70,7 +72,7 @@ def test_a_bench_without_faults(tmp_path: Path, rehearse: Start) -> None:
     assert found.run.outcome.error is None
     assert found.run.outcome.unsafe == ()
     assert len(found.run.outcome.rows) == 15
-    assert worst_ppm(found) < GYRO_LIMIT_ppm
+    assert worst_u(found) < 1.0
     assert_safe(found.world)
 
 
@@ -87,7 +89,7 @@ def test_a_trip_during_a_dwell_takes_the_point_again(tmp_path: Path, rehearse: S
     assert outcome.retaken == 1
     assert len(outcome.rows) == 15
     assert len(found.events("retake")) == 1
-    assert worst_ppm(found) < GYRO_LIMIT_ppm
+    assert worst_u(found) < 1.0
     again = replay_rows(found.run.folder, strict=True).measurement_rows
     assert [row.window for row in again] == [row.window for row in outcome.rows]
 
@@ -135,7 +137,7 @@ def test_an_instrument_that_is_silent_for_a_while_costs_no_record(tmp_path: Path
     assert found.run.outcome.error is None
     assert found.run.outcome.unsafe == ()
     assert len(found.run.outcome.rows) == 15
-    assert worst_ppm(found) < GYRO_LIMIT_ppm
+    assert worst_u(found) < 1.0
     assert_safe(found.world)
 
 
@@ -192,7 +194,7 @@ def test_a_noisy_cable_costs_frames_but_no_truth(tmp_path: Path, rehearse: Start
     assert damaged
     assert all(row.frames + row.lost == row.window.frames for row in outcome.rows)
     assert all(bool(row.quality & Quality.LOST) == (row.lost > 0) for row in outcome.rows)
-    assert worst_ppm(found) < GYRO_LIMIT_ppm
+    assert worst_u(found) < 1.0
 
 
 def test_one_frame_in_a_hundred_lost_during_part_of_the_campaign(tmp_path: Path, rehearse: Start) -> None:
@@ -215,7 +217,7 @@ def test_one_frame_in_a_hundred_lost_during_part_of_the_campaign(tmp_path: Path,
         Material(outcome.rows, found.run.manifest["campaign"], found.run.manifest["standards"])
     ).estimates
     assert {one["dropped"] for one in estimates if one["quantity"] == "dsf_n"} == {3}
-    assert worst_ppm(found) < GYRO_LIMIT_ppm
+    assert worst_u(found) < 1.0
 
 
 def swap(world: World, wiring: Callable[[tuple[int, int]], tuple[int, int]]) -> None:

@@ -18,10 +18,10 @@ class HeldTranscript:
         self._held: list[tuple[str, str, str, int]] = []
         self._observers: Observers | None = None
         self.earlier: tuple[tuple[str, str, str, int], ...] = ()
-        self.on_traffic: Callable[[], None] = lambda: None  # a sign of life of whoever talks
+        self.on_traffic: Callable[[str], None] = lambda at: None  # a sign of life of whoever talks, and of what to
 
     def __call__(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
-        self.on_traffic()
+        self.on_traffic(f"{role} {text}")
         if self._observers is None:
             self._held.append((role, direction, text, t_mono_ns))
         else:

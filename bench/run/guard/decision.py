@@ -73,6 +73,7 @@ class Watched:
     silence_s: float
     heard_ns: int
     values: Mapping[str, float] = field(default_factory=dict)
+    at: tuple[str, float] = ("", 0.0)  # what the sequencer was at by its last heartbeat, and for how many seconds
     gone: bool = False  # the pipe is closed and nobody said goodbye
     goodbye: Mapping[str, str] | None = None  # what the controller that leaves could not confirm safe, and its state
 
@@ -107,5 +108,7 @@ def decide(state: Watched, now_ns: int) -> Action | None:
         return Action("gone", "the controller ended without a goodbye")
     silent_s = (now_ns - state.heard_ns) / NS
     if silent_s >= state.silence_s:
-        return Action("silent", f"no heartbeat for {silent_s:.2f} s, the limit is {state.silence_s:g} s")
+        what, for_s = state.at
+        last = f"; it was at {what}, for {for_s:.1f} s by then" if what else ""
+        return Action("silent", f"no heartbeat for {silent_s:.2f} s, the limit is {state.silence_s:g} s{last}")
     return None

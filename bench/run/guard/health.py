@@ -26,11 +26,21 @@ class Health:
         self._asking = False
         self._over = False
         self._unconfirmed: dict[str, str] = {}
+        self._at = "", clock.now_ns()
 
-    def alive(self, part: str) -> None:
-        """A part gives a sign of life; one of the sequencer counts only from its own thread."""
-        if part != SEQUENCER or threading.get_ident() == self._sequencer:
+    def alive(self, part: str, at: str = "") -> None:
+        """A part gives a sign of life; one of the sequencer counts only from its own thread. ``at``: what it is at."""
+        if part != SEQUENCER:
             self._stamps_ns[part] = self._clock.now_ns()
+        elif threading.get_ident() == self._sequencer:
+            now_ns = self._stamps_ns[part] = self._clock.now_ns()
+            if at != self._at[0]:
+                self._at = at, now_ns
+
+    def at(self) -> tuple[str, float]:
+        """Return what the sequencer is at, by its last sign of life, and for how long it has been, second."""
+        what, since_ns = self._at
+        return what, (self._clock.now_ns() - since_ns) / NS
 
     @contextmanager
     def asking(self) -> Iterator[None]:

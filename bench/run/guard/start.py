@@ -96,7 +96,7 @@ class GuardProcess:
                 self._tell(Guard(state="withheld", parts=silent))
             self._withheld = " ".join(silent)
             if not silent and not self._lost:
-                self._send({"values": self._health.values(), "air_age_s": self._air_age_s()})
+                self._send({"values": self._health.values(), "air_age_s": self._air_age_s(), "at": self._health.at()})
                 self._hear()
 
     def _air_age_s(self) -> float:
