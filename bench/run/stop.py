@@ -112,6 +112,11 @@ class Holds:
                     return by, self._reasons[by], limit_s
             return None
 
+    def stands_for(self, by: str) -> bool:
+        """Return whether the run stands still by now, and knows of this reason."""
+        with self._lock:
+            return by in self._since_s
+
     def take(self) -> Wish | None:
         """Return what is wished now: standing still comes first. A retake or skip is handed out once."""
         with self._lock:
