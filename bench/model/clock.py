@@ -15,6 +15,7 @@ from typing import Protocol
 
 NS = 1_000_000_000
 VIRTUAL_START_UTC_NS = 946_684_800 * NS  # 2000-01-01T00:00:00Z
+_BOOT: int | None = getattr(time, "CLOCK_BOOTTIME", None)  # Linux alone has it
 
 
 def to_ns(seconds: float) -> int:
@@ -39,6 +40,9 @@ class Clock(Protocol):
 
     def utc_ns(self) -> int:
         """Return UTC, nanoseconds since 1970-01-01."""
+
+    def boot_ns(self) -> int:
+        """Return monotonic time that goes on while the machine is suspended, where the system tells it."""
 
     def sleep_until_ns(self, t_mono_ns: int) -> None:
         """Return at or after ``t_mono_ns``; callbacks that fall due are run on the way."""
@@ -84,6 +88,9 @@ class VirtualClock:
 
     def utc_ns(self) -> int:
         return self._utc_start_ns + self._now_ns
+
+    def boot_ns(self) -> int:
+        return self._now_ns
 
     def sleep(self, seconds: float) -> None:
         self.sleep_until_ns(self._now_ns + to_ns(seconds))
@@ -211,6 +218,9 @@ class WallClock:
 
     def utc_ns(self) -> int:
         return time.time_ns()
+
+    def boot_ns(self) -> int:
+        return time.monotonic_ns() if _BOOT is None else time.clock_gettime_ns(_BOOT)
 
     def sleep(self, seconds: float) -> None:
         self.sleep_until_ns(self.now_ns() + to_ns(max(0.0, seconds)))

@@ -112,7 +112,7 @@ class RunContext:
     def __post_init__(self) -> None:
         self.health = Health(self.clock)
         self.decided = Decided(self.plan.steps)
-        self.stop.on_check = lambda at: self.health.alive(SEQUENCER, at)
+        self.stop.live.append(lambda at: self.health.alive(SEQUENCER, at))
         for name, reader in self.acquisition.readers.items():
             reader.listeners.append(partial(self.observers.batch, name))
 

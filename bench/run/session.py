@@ -24,7 +24,6 @@ from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.context import RunContext
 from bench.run.control.operator import Operator
 from bench.run.guard.guarding import station_lock
-from bench.run.guard.health import WRITER
 from bench.run.links.acquisition import Acquisition
 from bench.run.links.keeper import keep_links
 from bench.run.links.reader import LinkReader
@@ -37,10 +36,10 @@ from bench.run.steps.reentry import enter
 from bench.run.steps.setpoints import differences, read_back
 from bench.run.steps.timing import Timeline
 from bench.run.stop import StopSwitch, guarded, unforeseen
+from bench.run.watch.disk import disk_watch
 from bench.run.watch.environment import EnvironmentLog
 
 CLOCK_PAIR_S = 600.0
-SYNC_S = 1.0
 
 Beside = Callable[[RunContext], AbstractContextManager[object]]
 Judge = Callable[[Plan, OpenBench, Clock, Path], Preflight | None]
@@ -144,7 +143,7 @@ def conduct(
             recorder = Recorder(writer, keep_events)
             observers = Observers(clock, recorder, AtTerminal(listener))
             transcript.attach(observers)
-            transcript.on_traffic = lambda at: stop.on_check(at)  # noqa: PLW0108 - it is set later
+            transcript.on_traffic = stop.is_alive
             if judged is not None:
                 observers.event(judged)
             frames, earlier = plan.definitions(), transcript.earlier
@@ -259,7 +258,7 @@ class _Run:
             beside.callback(EnvironmentLog(context).stop)
             beside.callback(self.clock.every(CLOCK_PAIR_S, guarded(self._pair, self.stop)).cancel)
             if not self.clock.virtual:
-                self._sync_beside(context, journal, beside)
+                beside.enter_context(disk_watch(context, {"session": self.writer.sync, "step journal": journal.sync}))
             beside.enter_context(keep_links(context))
             try:
                 for start in self.beside:
@@ -306,18 +305,6 @@ class _Run:
         """Say which files have changed while the run went on from its frozen copy."""
         for name, change in changed_files(self.plan.files, self.plan.texts).items():
             self.observers.note(Config(file=name, change=change))
-
-    def _sync_beside(self, context: RunContext, journal: Journal, beside: ExitStack) -> None:
-        """Bring session and journal to the disk each second, off the step thread."""
-        sync = patient(self.writer.sync, context.event)
-        sync_journal = patient(journal.sync, context.event)
-
-        def to_disk() -> None:
-            sync()
-            sync_journal()
-            context.health.alive(WRITER)
-
-        beside.callback(self.clock.every(SYNC_S, guarded(to_disk, self.stop)).cancel)
 
     def _pair(self) -> None:
         t_mono_ns, t_utc_ns = self.clock.now_ns(), self.clock.utc_ns()

@@ -113,6 +113,11 @@ class Holds:
                     return by, self._reasons[by], limit_s
             return None
 
+    def stands_for(self, by: str) -> bool:
+        """Return whether the run stands still by now, and knows of this reason."""
+        with self._lock:
+            return by in self._since_s
+
     def take(self) -> Wish | None:
         """Return what is wished now: standing still comes first. A retake or skip is handed out once."""
         with self._lock:
@@ -136,7 +141,7 @@ class StopSwitch:
         self.holds = Holds()
         self.interruptible = True  # False while the bench is put away at the end
         self.deferred = False  # True while a hold, retake or skip has to wait: the way back to the temperature
-        self.on_check: Callable[[str], None] = lambda at: None  # the sequencer's sign of life, and what it is at
+        self.live: list[Callable[[str], None]] = []  # told each sign of life of the sequencer, and what it is at
         self._shielded = False
         self._at_once = False
         self._nudged = False
@@ -220,9 +225,14 @@ class StopSwitch:
         if (wish := self.holds.take()) is not None:
             raise Interruption(wish)
 
+    def is_alive(self, at: str) -> None:
+        """The sequencer gives a sign of life. ``at``: what it is at."""
+        for hear in self.live:
+            hear(at)
+
     def check_stop(self) -> None:
         """Raise the fault of another thread, or OperatorStop B-RUN-010 if a stop was requested."""
-        self.on_check("between two looks at what is wished")
+        self.is_alive("between two looks at what is wished")
         if self.fault is not None:
             raise self.fault
         if self.requested:

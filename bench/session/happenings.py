@@ -39,7 +39,7 @@ from bench.session.wording import say
 E = TypeVar("E", bound=Event)
 KINDS = (
     "late", "slip", "overrun", "retake", "hold", "release", "armed", "skip", "control", "interlock", "alarm",
-    "verdict", "link", "guard", "clock_step", "config", "error", "unit_left_out",
+    "verdict", "link", "guard", "suspend", "clock_step", "config", "error", "unit_left_out",
 )  # fmt: skip
 _ALARMS = ("alarm", "interlock")
 _OF_COMMAND = ("what", "by", "reason")

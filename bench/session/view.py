@@ -61,7 +61,7 @@ SOFTWARE = f"inertial-bench {__version__}"
 KEPT_EVENTS = (
     "environment", "prompt", "phase", "slip", "overrun", "late", "settled", "retake", "skip", "error", "end", "reading",
     "hold", "release", "armed", "resume", "reentry", "link", "interlock", "alarm", "guard", "preflight", "verdict",
-    "config", "clock_step", "control", "surroundings", "exchange", "decision", "unit_left_out",
+    "config", "suspend", "clock_step", "control", "surroundings", "exchange", "decision", "unit_left_out",
     "thermal_lag",
 )  # fmt: skip
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit

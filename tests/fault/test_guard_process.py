@@ -15,12 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from controller import FSYNC_S
 from served import SAFE_S, Controller, Served
 
 from bench.model.clock import WallClock
 from bench.model.errors import RunError
 from bench.plan import load_station
 from bench.run.bench.drill import drill, latest_drill
+from bench.run.watch.disk import LATE_S
 
 pytestmark = pytest.mark.waits
 
@@ -152,6 +154,20 @@ def test_waits_and_prompts_are_no_silence(served: Served, start: Start) -> None:
     controller = start("slow", end=8)
     assert controller.end() == 0, controller.heard
     assert "asked" in controller.heard
+    assert [entry["what"] for entry in controller.diary] == ["ready", "dismissed"]
+
+
+@pytest.mark.slow
+def test_two_fsyncs_that_are_late_hold_the_run_and_do_not_end_it(served: Served, start: Start) -> None:
+    """8 s each, so that 16 s pass without a sign of life of the thread that waits for the disk."""
+    controller = start("late_disk", end=10)
+    is_on(served, controller)
+    moment_s = time.monotonic()
+    assert "an fsync is not over after 5 s" in controller.wait_for("holding at step")
+    while served.on() and time.monotonic() < moment_s + 2 * FSYNC_S:
+        time.sleep(0.05)
+    assert off_after_s(served, moment_s) <= LATE_S + 2.0
+    assert controller.end() == 0, controller.heard
     assert [entry["what"] for entry in controller.diary] == ["ready", "dismissed"]
 
 

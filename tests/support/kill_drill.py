@@ -178,10 +178,15 @@ def _records_in(folder: Path | None) -> int:
 
 def killed_among_records(process: Process, out: Path) -> float:
     """As soon as some records are acknowledged, however slow the machine is."""
+    after_some_records(out)
+    return process.signal(signal.SIGKILL)
+
+
+def after_some_records(out: Path) -> None:
+    """Wait until some records are acknowledged."""
     end_s = time.monotonic() + LONGEST_S
     while time.monotonic() < end_s and _records_in(session_in(out)) < SOME_RECORDS:
         time.sleep(1.0)
-    return process.signal(signal.SIGKILL)
 
 
 def stopped(process: Process, out: Path) -> float:

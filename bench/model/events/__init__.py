@@ -24,6 +24,7 @@ from bench.model.events.course import (
     Settled,
     Skip,
     Slip,
+    Suspend,
     UnitLeftOut,
     by_instrument,
 )
@@ -63,6 +64,6 @@ __all__ = [
     "Decision", "Deviation", "Disk", "End", "Environment", "Error", "Event", "Exchange", "Gap", "Guard", "Hold",
     "HoldAlarm", "Inhibit", "Interlock", "Late", "Link", "Notify", "Overrun", "Phase", "Preflight", "Prompt",
     "PromptAlarm", "Reading", "Record", "Reentry", "Release", "Resume", "Retake", "Safe", "Settled", "Severity",
-    "Skip", "Slip", "StimulusAlarm", "Surroundings", "ThermalLag", "UnitLeftOut", "Verdict", "by_instrument",
+    "Skip", "Slip", "StimulusAlarm", "Surroundings", "Suspend", "ThermalLag", "UnitLeftOut", "Verdict", "by_instrument",
     "event_of",
 ]  # fmt: skip

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal
 
 from bench.model.events.event import Event, Severity, left_out, number
 
@@ -51,6 +51,24 @@ class Resume(Event):
 
     def _words(self) -> str:
         return f"gone on with after: {self.reason}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Suspend(Event):
+    """Nothing of the run went on for a while: the machine was asleep, or its processes were stopped."""
+
+    kind: ClassVar[str] = "suspend"
+    at_terminal: ClassVar[bool] = True
+    seconds: float
+    seen: Literal["boottime", "late beat"]
+
+    @property
+    def severity(self) -> Severity:
+        return "alarm"
+
+    def _words(self) -> str:
+        what = "the machine was asleep" if self.seen == "boottime" else "this process was stopped"
+        return f"{what} for {number(self.seconds, '.1f')} s ({self.seen}), and nobody watched the bench"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -24,6 +24,7 @@ from bench.model.events.course import (
     Settled,
     Skip,
     Slip,
+    Suspend,
     UnitLeftOut,
 )
 from bench.model.events.event import Event
@@ -61,7 +62,8 @@ _CLASSES: Mapping[str, type[Event]] = {
     for model in (
         Alarm, Answer, Armed, ClockStep, Closed, Config, Control, Decision, Disk, End, Environment, Error, Exchange,
         Gap, Guard, Hold, Inhibit, Interlock, Late, Link, Notify, Overrun, Phase, Preflight, Prompt, Reading, Record,
-        Reentry, Release, Resume, Retake, Safe, Settled, Skip, Slip, Surroundings, ThermalLag, UnitLeftOut, Verdict,
+        Reentry, Release, Resume, Retake, Safe, Settled, Skip, Slip, Surroundings, Suspend, ThermalLag,
+        UnitLeftOut, Verdict,
     )
 }  # fmt: skip
 _ALARMS: Mapping[object, type[Alarm]] = {

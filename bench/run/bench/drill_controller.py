@@ -76,7 +76,8 @@ def main(station_file: str, folder: str) -> int:
     """Say "on" when the stimulus is on, then beat until the standard input is closed."""
     station, clock, stop = load_station(Path(station_file)), WallClock(), StopSwitch()
     transcript, health = HeldTranscript(), Health(clock)
-    stop.on_check = transcript.on_traffic = lambda at: health.alive(SEQUENCER, at)
+    stop.live.append(lambda at: health.alive(SEQUENCER, at))
+    transcript.on_traffic = stop.is_alive
     with ExitStack() as stack:
         stack.enter_context(station_lock(station, "drill", clock))
         bench = open_bench(station, clock, transcript, seed=0, links=False)

@@ -144,6 +144,7 @@ class _Bench:
         self._clock, self._diary, self._turn = clock, diary, turn
         remotes = {a.role: _Remote(a, action.heat_off, opened) for a in self._addresses}
         self._ways = {role: WayToSafe({role: remote}, (role,), clock) for role, remote in remotes.items()}
+        self._threads: list[threading.Thread] = []
         self._over = threading.Event()
 
     @property
@@ -155,13 +156,17 @@ class _Bench:
         """Begin with each in the stated order; one that is mute costs those behind it ``TURN_S``."""
         for address in self._addresses:
             tried = threading.Event()
-            threading.Thread(target=self._tried_until_safe, args=(address.role, tried), daemon=True).start()
+            thread = threading.Thread(target=self._tried_until_safe, args=(address.role, tried), daemon=True)
+            self._threads.append(thread)
+            thread.start()
             if not tried.wait(TURN_S):
                 self._diary.note("instrument", role=address.role, safe=False, text="still trying")
 
     def end(self) -> None:
-        """Try nothing any more."""
+        """Try nothing any more; the last words of those that are done come before what is said of all."""
         self._over.set()
+        for thread in self._threads:
+            thread.join(LOOK_S)
 
     def _tried_until_safe(self, role: str, tried: threading.Event) -> None:
         way, said = self._ways[role], ""

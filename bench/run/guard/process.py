@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from bench.model.clock import Clock, WallClock, to_ns
+from bench.model.clock import NS, Clock, WallClock, to_ns
 from bench.model.drivers import driver_class
 from bench.model.errors import BenchError
 from bench.model.lab_code import demand
@@ -63,7 +63,7 @@ def main() -> int:
     diary.note("ready", pid=os.getpid(), controller=brief.pid, limits=dict(brief.limits), silence_s=brief.silence_s)
     os.write(1, READY)
     os.set_blocking(1, False)
-    action = _watch(lines, Watched(brief.limits, brief.silence_s, clock.now_ns()), brief, opened, clock)
+    action = _watch(lines, Watched(brief.limits, brief.silence_s, clock.now_ns()), brief, opened, clock, diary)
     safe = True
     if action is None:
         diary.note("dismissed")
@@ -84,8 +84,14 @@ def _stay_ready() -> None:
         ctypes.CDLL(None).mlockall(_MCL_CURRENT_ON_FAULT)
 
 
-def _watch(lines: _Lines, state: Watched, brief: Brief, opened: Opener, clock: WallClock) -> Action | None:
-    """Hear heartbeats until something is to be done (the action) or the controller says goodbye (None)."""
+def _watch(
+    lines: _Lines, state: Watched, brief: Brief, opened: Opener, clock: WallClock, diary: Diary
+) -> Action | None:
+    """Hear heartbeats until something is to be done (the action) or the controller says goodbye (None).
+
+    A guard that was stopped itself cannot say that its controller was silent meanwhile. It begins to wait anew, but
+    once only until it hears a heartbeat again: one that hangs must not live on with a guard that is often late.
+    """
     own = OwnReading(brief.instruments if AIR in brief.limits else (), opened, clock)
 
     def judge(limit_s: float) -> Action | None:
@@ -96,11 +102,19 @@ def _watch(lines: _Lines, state: Watched, brief: Brief, opened: Opener, clock: W
         state.gone = lines.ended
         return decide(state, clock.now_ns())
 
-    action = None
+    action, looked_ns, away_ns, anew_ns = None, clock.now_ns(), 0, -1
     while action is None and state.goodbye is None:
-        action = judge(LOOK_S)
+        heard_ns, action = state.heard_ns, judge(LOOK_S)
         if action is not None and action.reason == "silent":
             action = judge(0.0)  # it may be this process that was given no time: what came meanwhile counts
+        now_ns = clock.now_ns()
+        away_ns = max(now_ns - looked_ns, away_ns if state.heard_ns == heard_ns else 0)  # since the last heartbeat
+        looked_ns = now_ns
+        # half of the limit: the last heartbeat was up to 0.5 s old, and the controller needs some time to wake up too
+        asleep = away_ns > state.silence_s / 2 * NS and state.heard_ns != anew_ns
+        if action is not None and action.reason == "silent" and asleep:
+            diary.note("asleep", seconds=round(away_ns / NS, 3))
+            action, state.heard_ns, anew_ns = None, now_ns, now_ns
     return action
 
 

@@ -18,14 +18,15 @@ from bench.model.errors import RunError
 from bench.model.events import Guard
 from bench.model.processes import GUARD, own_process
 from bench.run.guard.decision import Brief
-from bench.run.guard.health import CHAMBER_AIR, LINKS, SEQUENCER, WRITER, Health
+from bench.run.guard.health import CHAMBER_AIR, LINKS, SEQUENCER, Health
 from bench.run.guard.process import READY
 from bench.run.stop import StopSwitch, guarded
 
 BEAT_S = 0.5
 # The last heartbeat is sent when the sequencer was silent for less than 1.5 s, the longest call of a driver; with the
-# guard's own 2 s a hang is acted on 3 to 3.5 s after the last sign of life. A writer may wait for a slow disk.
-LONGEST_SILENCE_S = {SEQUENCER: 1.5, LINKS: 3.0, WRITER: 15.0}
+# guard's own 2 s a hang is acted on 3 to 3.5 s after the last sign of life. A writer that waits for a slow disk is no
+# reason to end a run: it stands still meanwhile (bench.run.watch.disk).
+LONGEST_SILENCE_S = {SEQUENCER: 1.5, LINKS: 3.0}
 START_S = 30.0
 UNANSWERED_S = 5.0
 GOODBYE_S = 5.0

@@ -5,8 +5,8 @@ to standby before a relay opens), and so is a table, because somebody may come t
 so that the unit stays warm and its stream is watched; the frames that come meanwhile are recorded like any others.
 Before anything is energised or moves again somebody arms the bench (bench.run.hold.arming).
 
-One that cannot be reached is tried again and again. Where nothing of the path of the stimulus is confirmed open, supplies
-that can be reached are switched off too, in the same order, and the run ends.
+One that cannot be reached is tried again and again. Where nothing of the path of the stimulus is confirmed open, those
+supplies that can be reached are switched off too, in the same order, and the run ends.
 
 An instrument that has fallen silent is waited for, instead of ending the run in the night. Only silence is: a fault of
 the calibrator or of the switch ends the run.

@@ -1,58 +1,104 @@
-"""Notices when the clock of the machine is stepped while a run goes on, or the machine was asleep.
+"""Notices when the clock of the machine is stepped while a run goes on, and when machine or process stood still.
 
-Order and durations come from the monotonic clock, so nothing of the run depends on it; but UTC is the label that
+Order and durations come from the monotonic clock, so nothing of the run depends on UTC; but UTC is the label that
 joins a session to the world, and a jump must not pass unseen. A time service that slews moves UTC by 0.5 ms in a second
 at most (adjtimex(2)), far below ``STEP_S``.
+
+A machine that slept left its stimulus on with nobody watching, and so did a run that was stopped together with its
+guard. A sleep is the boot clock minus the monotonic one (clock_gettime(2)); a stop moves no clock, and is a beat of
+this process that comes late. Both hold the run: the stimulus goes off and the point under way is taken again.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import threading
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 from bench.model.clock import NS, Clock
-from bench.model.events import ClockStep
+from bench.model.events import ClockStep, Suspend
 from bench.run.context import RunContext
 from bench.run.stop import guarded
 
 LOOK_S = 0.5
 STEP_S = 0.5
+SUSPEND_S = 2.0  # the guard's own limit of silence: what is shorter is a machine with much to do
 SURE_NS = 20_000_000  # both clocks are read within this time, or again
 _TRIES = 5
 
 
 class ClockWatch:
-    """Compares UTC with the monotonic clock; ``look`` is called each ``LOOK_S``."""
+    """Compares UTC and the boot clock with the monotonic clock; ``look`` is called each ``LOOK_S``."""
 
     def __init__(self, context: RunContext) -> None:
         self._context = context
-        self._offset_ns = _offset_ns(context.clock)
+        self._lock = threading.RLock()  # a signal checks too, wherever it comes
+        self._beat_ns = context.clock.now_ns()
+        self._boot_ns = _ahead_ns(context.clock, context.clock.boot_ns)
+        self._utc_ns = _ahead_ns(context.clock, context.clock.utc_ns)
 
     def look(self) -> None:
-        """Write an event "clock_step" if UTC has moved against the monotonic clock since the last look."""
-        context, offset_ns = self._context, _offset_ns(self._context.clock)
-        step_ns, self._offset_ns = offset_ns - self._offset_ns, offset_ns
-        if abs(step_ns) <= STEP_S * NS:
-            return
-        context.note(ClockStep(step_s=step_ns / NS, t_utc_ns=context.clock.utc_ns()))
+        """Write an event "clock_step" if UTC has moved against the monotonic clock since the last look.
+
+        A run that stands still because of a suspend may go on: it is awake, and its stimulus is off.
+        """
+        self.beat()
+        context, holds = self._context, self._context.stop.holds
+        if holds.stands_for(Suspend.kind):
+            holds.release(Suspend.kind)
+        utc_ns = _ahead_ns(context.clock, context.clock.utc_ns)
+        step_ns, self._utc_ns = utc_ns - self._utc_ns, utc_ns
+        if abs(step_ns) > STEP_S * NS:
+            context.note(ClockStep(step_s=step_ns / NS, t_utc_ns=context.clock.utc_ns()))
+
+    def beat(self) -> None:
+        """Hold the run, and say so, if everything stood still since the last beat of any thread.
+
+        The sequencer beats at each of its checks too: it must not end a step after a suspend before it has seen it.
+        """
+        suspend = None if self._context.stop.over else self._suspend()
+        if suspend is not None:
+            self._context.note(suspend)  # outside the lock: who hears it may wait for a thread that beats
+
+    def _suspend(self) -> Suspend | None:
+        clock, stop = self._context.clock, self._context.stop
+        with self._lock:
+            boot_ns, beat_ns = _ahead_ns(clock, clock.boot_ns), clock.now_ns()
+            asleep_ns, late_ns = boot_ns - self._boot_ns, beat_ns - self._beat_ns
+            self._boot_ns, self._beat_ns = boot_ns, beat_ns
+            if asleep_ns > SUSPEND_S * NS:
+                suspend = Suspend(seconds=asleep_ns / NS, seen="boottime")
+            elif late_ns > SUSPEND_S * NS:
+                suspend = Suspend(seconds=late_ns / NS, seen="late beat")
+            else:
+                return None
+            if stop.interruptible:  # the end of a run switches off by itself
+                stop.holds.hold(Suspend.kind, suspend.sentence)
+            return suspend
 
 
-def _offset_ns(clock: Clock) -> int:
-    """Return UTC minus monotonic time; a thread that had no processor between the two readings reads again."""
+def _ahead_ns(clock: Clock, read: Callable[[], int]) -> int:
+    """Return another clock minus the monotonic one; a thread that had no processor between the two reads again."""
     for _ in range(_TRIES):
         before_ns = clock.now_ns()
-        utc_ns = clock.utc_ns()
+        other_ns = read()
         if clock.now_ns() - before_ns < SURE_NS:
             break
-    return utc_ns - before_ns
+    return other_ns - before_ns
 
 
 @contextmanager
 def clock_watch(context: RunContext) -> Iterator[ClockWatch]:
     """Watch the clock beside a run."""
-    watch = ClockWatch(context)
-    periodic = context.clock.every(LOOK_S, guarded(watch.look, context.stop))
+    watch, stop = ClockWatch(context), context.stop
+
+    def hear(at: str) -> None:
+        watch.beat()
+
+    stop.live.append(hear)
+    periodic = context.clock.every(LOOK_S, guarded(watch.look, stop))
     try:
         yield watch
     finally:
         periodic.cancel()
+        stop.live.remove(hear)

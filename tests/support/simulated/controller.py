@@ -1,13 +1,15 @@
 """Conducts one sequence on a served bench with a guard: station, sequence, folder, and what to do at the first mark.
 
 Acts: "none"; "slow": who is asked answers after a while; "hang": the sequencer's thread blocks for a minute; "blind":
-it never reads the chamber's air itself.
+it never reads the chamber's air itself; "late_disk": the next two fsyncs, of session and step journal, take 8 s each.
 """
 
 from __future__ import annotations
 
+import os
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from bench.model.clock import WallClock
@@ -17,7 +19,7 @@ from bench.run.guard.guarding import guard_beside
 from bench.run.session import conduct
 from bench.run.watch.temperatures import TemperatureWatch
 
-HANG_S, ANSWER_S = 60.0, 5.0
+HANG_S, ANSWER_S, FSYNC_S = 60.0, 5.0, 8.0
 MARK = "operate"
 
 
@@ -27,6 +29,14 @@ class Listener:
     def __init__(self, act: str) -> None:
         self._act = act
         self._marked = False
+        self._late = 2 if act == "late_disk" else 0
+
+    def fsync(self, descriptor: int, plain: Callable[[int], None] = os.fsync) -> None:
+        """A disk that is late for a while."""
+        if self._marked and self._late:
+            self._late -= 1
+            time.sleep(FSYNC_S)
+        plain(descriptor)
 
     def step(self, step: Step, at_s: float) -> None:
         if self._marked and self._act == "hang":
@@ -60,8 +70,10 @@ def main(station: str, sequence: str, out: str, act: str = "none") -> int:
         TemperatureWatch.read = lambda self: None  # type: ignore[method-assign]
     plan = compile_sequence(Path(sequence), load_station(Path(station)), {})
     assert not (findings := check_plan(plan)), findings
+    listener = Listener(act)
+    os.fsync = listener.fsync  # type: ignore[assignment]
     run = conduct(
-        plan, clock=WallClock(), seed=1, out=Path(out), operator=Operator(act == "slow"), listener=Listener(act),
+        plan, clock=WallClock(), seed=1, out=Path(out), operator=Operator(act == "slow"), listener=listener,
         beside=[guard_beside(plan.station)],
     )  # fmt: skip
     error = run.outcome.error

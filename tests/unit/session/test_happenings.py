@@ -57,6 +57,7 @@ EVENTS: dict[str, tuple[dict[str, Any], str]] = {
         "link port_a is back after 19.3 s: port opened again",
     ),
     "guard": ({"state": "withheld", "parts": ["sequencer", "links"]}, "no sign of life of sequencer, links"),
+    "suspend": ({"seconds": 60.24, "seen": "boottime"}, "the machine was asleep for 60.2 s (boottime)"),
     "clock_step": ({"step_s": -3600.0, "t_utc_ns": 0}, "UTC has jumped by -3600.000 s"),
 }
 

@@ -140,7 +140,7 @@ def test_a_confirmation_from_elsewhere(tmp_path: Path, value: object) -> None:
 def test_a_stop_is_heard_while_it_waits_and_the_sequencer_lives(tmp_path: Path) -> None:
     typist, checks = Typist(), []
     _, context, operator = waiting(tmp_path, typist)
-    context.stop.on_check = lambda at: checks.append(1)
+    context.stop.live.append(lambda at: checks.append(1))
     typist.act = lambda: context.stop.request("SIGTERM") if len(checks) > 3 else None
     with pytest.raises(OperatorStop, match="B-RUN-010"):
         operator.ask(DOOR)

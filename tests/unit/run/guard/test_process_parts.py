@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import signal
 import subprocess
@@ -14,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from bench.model.clock import VirtualClock, WallClock
+from bench.model.clock import NS, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError, RunError
 from bench.model.ports import Effect, action
 from bench.model.posix import user_name
@@ -284,22 +285,51 @@ def test_a_bench_without_a_stimulus_has_no_drill() -> None:
 
 
 class _Lines:
-    """Heartbeats that were there all the time; this process was not given the processor for ``away_s``."""
+    """Heartbeats that come at their times, then nothing; the looks of the guard that take longer than they should."""
 
-    def __init__(self, clock: VirtualClock, away_s: float, then: list[bytes]) -> None:
-        self.ended = False
-        self._clock, self._away_s, self._then = clock, away_s, [[], then, [b'{"goodbye": {}}']]
+    def __init__(self, clock: VirtualClock, beats_s: list[float], away_s: dict[float, float], gone_s: float) -> None:
+        self._clock, self._beats_s, self._away_s, self._gone_s = clock, beats_s, away_s, gone_s
+
+    @property
+    def ended(self) -> bool:
+        return self._clock.now_ns() >= self._gone_s * NS
 
     def next(self, limit_s: float | None) -> list[bytes]:
-        self._clock.sleep(self._away_s if len(self._then) == 3 else limit_s or 0.0)
-        return self._then.pop(0)
+        due = [at_s for at_s in self._away_s if at_s * NS <= self._clock.now_ns()]
+        self._clock.sleep(self._away_s.pop(due[0]) if due else limit_s or 0.0)
+        come = [at_s for at_s in self._beats_s if at_s * NS <= self._clock.now_ns()]
+        self._beats_s = self._beats_s[len(come) :]
+        return [b'{"values": {}}' if at_s < FOREVER_S else b'{"goodbye": {}}' for at_s in come]
 
 
-@pytest.mark.parametrize(("then", "reason"), [([b'{"values": {}}'], None), ([], "silent")])
-def test_a_guard_that_got_no_time_reads_on_before_it_calls_anybody_silent(
-    then: list[bytes], reason: str | None
+FOREVER_S = 100.0
+BEATS_S = [0.5 * turn for turn in range(9)]  # the last one at 4 s
+
+
+@pytest.mark.parametrize(
+    ("beats_s", "away_s", "gone_s", "reason", "acted_s"),
+    [
+        ([*BEATS_S, 64.4, 64.9], {4.0: 60.0}, math.inf, "silent", 66.9),  # awake again, then it hangs
+        (BEATS_S, {4.0: 60.0}, math.inf, "silent", 66.0),  # one that hangs has the limit anew, and no more
+        (BEATS_S, {4.0: 60.0, 64.5: 1.4}, math.inf, "silent", 66.0),  # nor once more if the guard is late again
+        (BEATS_S, {4.0: 60.0}, 30.0, "gone", 64.0),  # the controller is gone: at once
+        (BEATS_S, {}, math.inf, "silent", 6.0),
+        (BEATS_S, {4.0: 0.9}, math.inf, "silent", 6.0),  # no more than a machine with much to do
+        ([*BEATS_S, 6.3], {4.2: 1.75}, math.inf, "silent", 8.3),  # late, and the controller after it
+        ([*BEATS_S, *(4.5 + 0.5 * turn for turn in range(200))], {4.2: 60.0}, math.inf, None, FOREVER_S),
+    ],
+)
+def test_a_guard_that_was_stopped_with_its_controller_begins_to_wait_anew_once(
+    tmp_path: Path, beats_s: list[float], away_s: dict[float, float], gone_s: float, reason: str | None, acted_s: float
 ) -> None:
     clock: Any = VirtualClock()
-    lines: Any = _Lines(clock, 3.0, then)
-    action = _watch(lines, Watched({}, 2.0, clock.now_ns()), replace(BRIEF, limits={}), lambda address: None, clock)  # type: ignore[arg-type,return-value]
+    lines: Any = _Lines(clock, beats_s, dict(away_s), gone_s)
+    diary = Diary(tmp_path / "guard.jsonl", clock)
+    state = Watched({}, 2.0, clock.now_ns())
+    action = _watch(lines, state, replace(BRIEF, limits={}), lambda address: None, clock, diary)  # type: ignore[arg-type,return-value]
+    diary.close(5.0)
     assert (action.reason if action else None) == reason
+    assert clock.now_ns() / NS == pytest.approx(acted_s, abs=0.21)
+    slept = [entry["seconds"] for entry in read_diary(tmp_path / "guard.jsonl") if entry["what"] == "asleep"]
+    longest_s = max(away_s.values(), default=0.0)
+    assert slept == ([] if reason != "silent" or longest_s < 1.0 else [pytest.approx(longest_s, abs=0.11)])

@@ -268,7 +268,7 @@ def test_waiting_for_frames_is_a_sign_of_life_and_heeds_a_stop(tmp_path: Path) -
     rig = Rig(tmp_path)
     context = rig.context()
     lives: list[int] = []
-    rig.stop.on_check = lambda at: lives.append(rig.clock.now_ns())
+    rig.stop.live.append(lambda at: lives.append(rig.clock.now_ns()))
     assert not context.acquisition.wait_until(lambda: False, NS)
     assert len(lives) == 101
     rig.stop.request("test")
