@@ -45,7 +45,7 @@ app = App(
     help="Controller of an unattended calibration bench. 'bench COMMAND -h' shows how a command is used.",
     epilog="Exit status: 0 every verdict passes and every estimate is sound, 1 a verdict fails or is indeterminate or "
     "an estimate is doubtful, refused or missing, 2 bad input, 3 ended safely after a fault, 4 ended safely by the "
-    "operator, 5 session damaged, 70 internal error.",
+    "operator, 5 session damaged, 70 internal error; 137, said by the shell: killed, by its guard or somebody else.",
 )
 app.add_typer(history_app, name="history")
 app.add_typer(archive_app, name="archive")

@@ -17,7 +17,7 @@ from rich.console import Console
 from bench.commands.console import console
 from bench.commands.progress import watcher
 from bench.model.clock import Clock, WallClock
-from bench.model.errors import OperatorStop, RunError
+from bench.model.errors import ExitStatus, OperatorStop, RunError
 from bench.model.posix import forget_typed, require
 from bench.model.units import parse_quantity, plain_unit
 from bench.plan import Plan
@@ -64,6 +64,18 @@ def conduct_watched(
             preflight=Preflight(tell=listener.message, uncommissioned=uncommissioned),
             resumed=resumed,
         )
+
+
+def how_left(done: Conducted) -> str:
+    """Return how a run has left its bench, in words that end a line."""
+    roles = ", ".join(failure.where for failure in done.outcome.unsafe)
+    return f"NOT confirmed safe: {roles}, switch off at the front panel" if roles else "safe"
+
+
+def left_unsafe(done: Conducted, out: Console) -> int:
+    """Tell as the last line which instruments a run has not left safe; return the exit status of a fault."""
+    out.print(f"The bench is {how_left(done)}")
+    return ExitStatus.SAFE_AFTER_FAULT
 
 
 def wall_clock() -> Clock:

@@ -16,7 +16,7 @@ def pause(
         str, typer.Option("--reason", metavar="TEXT", help="why; it is shown and recorded")
     ] = "asked from a terminal",
 ) -> None:
-    """Let a living run stand still with its stimulus off; 'bench resume SESSION' lets it go on."""
+    """Let a living run stand still and switch its stimulus off; 'bench resume SESSION' lets it go on."""
     from bench.commands import control as control_command
 
     raise typer.Exit(control_command.pause(session, reason))

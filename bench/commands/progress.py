@@ -24,6 +24,7 @@ from bench.record import RecordRow
 from bench.run.context import RunContext
 from bench.run.feed.client import FeedClient, FeedGone
 from bench.run.feed.planned import in_words
+from bench.run.guard.last_words import roles_in_words
 
 PLAIN_EVERY = 50
 SIGN_OF_LIFE_S = 540.0  # looked at each half minute, so a log is never silent for more than ten
@@ -251,7 +252,9 @@ def doing(document: Document) -> str:
     step, wait, now = document["step"], document.get("wait"), document["t_utc_s"]
     if document.get("holds"):
         reasons = "; ".join(f"{reason} ({by})" for by, reason in document["holds"].items())
-        return f"HOLDING{_since(wait, now)}: {reasons}"
+        unconfirmed = (document.get("bench") or {}).get("unconfirmed")
+        left = f"; NOT confirmed safe: {roles_in_words(unconfirmed)}" if unconfirmed else ""
+        return f"HOLDING{_since(wait, now)}: {reasons}{left}"
     where = f"step {step['number']}/{step['of']}"
     if wait is None:
         return f"{where}  {step['what']}"

@@ -10,7 +10,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bench.analysis import results_json
-from bench.commands.conducting import conduct_watched, wall_clock
+from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
 from bench.commands.console import console
 from bench.commands.control import release
 from bench.commands.origin import named_file
@@ -20,6 +20,7 @@ from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.plan import Plan, compile_sequence
 from bench.record import SessionReader
 from bench.run.guard.guarding import station_lock
+from bench.run.guard.last_words import guard_lines
 from bench.run.resume import Stopped, changed_files, read_stopped, resumption, same_plan
 from bench.run.session import Conducted
 from bench.session.finish import finish
@@ -43,6 +44,8 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
     if release(folder):
         return ExitStatus.PASS
     out = console(stderr=True)
+    for line in guard_lines(folder):
+        out.print(line)
     url = chosen_url(history, folder.parent, os.environ)
     check_history_url(url)
     try:
@@ -100,7 +103,7 @@ def _ended(done: Conducted, url: str, as_json: bool) -> int:
     if error is not None:
         return _stopped_again(error, done, out)
     status = _of_all_units(done.folder, url, as_json)
-    return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else status
+    return left_unsafe(done, out) if done.outcome.unsafe else status
 
 
 def _of_all_units(folder: Path, url: str, as_json: bool) -> int:
@@ -136,6 +139,5 @@ def _results(folder: Path, url: str, as_json: bool) -> int:
 
 def _stopped_again(error: BenchError, done: Conducted, out: Console) -> int:
     console(stderr=True).print(str(error))
-    left = "NOT confirmed safe" if done.outcome.unsafe else "safe"
-    out.print(f"The bench is {left}; {done.folder} can be gone on with: bench resume {done.folder}")
+    out.print(f"The bench is {how_left(done)}; {done.folder} can be gone on with: bench resume {done.folder}")
     return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from bench.analysis import results_json
 from bench.commands.check import checked_plan
-from bench.commands.conducting import conduct_watched, wall_clock
+from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
 from bench.commands.console import console
 from bench.commands.tables import print_results, print_units, print_without_results, print_written, verdict_status
 from bench.model.clock import Clock, VirtualClock
@@ -83,15 +83,15 @@ def _finish(plan: Plan, done: Conducted, request: Request) -> int:
     view = view_of(plan, done)
     if error is not None:
         console(stderr=True).print(str(error))
-        left = "NOT confirmed safe" if done.outcome.unsafe else "safe"
-        out.print(f"The bench is {left}; {len(view.rows)} of {plan.record_count} records are in {done.folder}")
+        records = f"{len(view.rows)} of {plan.record_count} records"
+        out.print(f"The bench is {how_left(done)}; {records} are in {done.folder}")
         return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status
     told = _units if plan.units else _results
     status = told(view, done, request, out) if view.has_analysis else ExitStatus.PASS
     if not view.has_analysis:
         _say_happenings(view, out)
         out.print(f"{len(view.rows)} records in {done.folder}; the sequence asks for no analysis")
-    return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else status
+    return left_unsafe(done, out) if done.outcome.unsafe else status
 
 
 def _units(view: SessionView, done: Conducted, request: Request, out: Console) -> int:

@@ -91,7 +91,7 @@ def print_without_results(error: FitError, folder: Path, out: Console, errors: C
     """Tell where a whole session without any result is and what is left to do; return the exit status."""
     errors.print(str(error))
     out.print(
-        f"Every step was done, the outputs are off; no result can be computed from {folder}: "
+        f"Every step was done; no result can be computed from {folder}: "
         f"'bench recover {folder}' says which records are not valid and can write a sequence for them"
     )
     return ExitStatus.VERDICT_FAIL

@@ -14,6 +14,7 @@ from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.model.texts import ENGLISH, check_language
 from bench.run.feed.client import FeedClient, FeedGone
+from bench.run.guard.last_words import guard_lines
 from bench.session.partial_fits import PartialFits
 from bench.tui.app import TopApp
 from bench.tui.look import ASCII, FOLDER, Look, catalogue, glyphs_for
@@ -37,7 +38,9 @@ def top(session: Path | None, out: Path, language: str = ENGLISH) -> int:
         watch = _waited_for(out)
     if watch is None:
         advice = "name the folder of a living run, or its --out; 'bench serve' shows finished sessions too"
-        raise InputError("B-TUI-001", "no run answers here", where=str(session or out), next_step=advice)
+        said = [line for folder in ([session] if session else _candidates(out)) for line in guard_lines(folder)]
+        message = "; ".join(["no run answers here", *said])
+        raise InputError("B-TUI-001", message, where=str(session or out), next_step=advice)
     glyphs = glyphs_for(os.environ, sys.stdout.encoding or "")
     look = Look(catalogue(ENGLISH if glyphs == ASCII else language), glyphs)
     if not on_terminal:

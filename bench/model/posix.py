@@ -47,6 +47,8 @@ NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 """Flag of ``os.open``: a symbolic link is no file."""
 AT_ONCE = getattr(os, "O_NONBLOCK", 0)
 """Flag of ``os.open``: a pipe is not waited for."""
+NOT_OURS = getattr(os, "O_NOCTTY", 0)
+"""Flag of ``os.open``: a terminal does not become that of a process that leads a session."""
 
 
 def lacking() -> tuple[str, ...]:

@@ -14,6 +14,7 @@ from rich.text import Text
 
 from bench.model.units import plain_quantity, plain_unit
 from bench.run.feed.outputs import figures_of
+from bench.run.guard.last_words import roles_in_words
 from bench.tui.folding import cut, folded, joined, spread
 from bench.tui.look import Look, duration
 from bench.tui.tables import alarms, estimates, instruments, links, log, records, temperature
@@ -71,6 +72,7 @@ def _head(seen: Seen, look: Look) -> list[Text]:
     if seen.lost:
         said = look.texts("lost.head", age=duration(seen.age_s))
         lines += folded(f"{said}. {look.texts('lost.advice')}", look.width, STYLES["lost"], " ", " ")
+    if seen.lost or state in ("ended", "failed"):
         lines += _guard(seen, look)
     return lines
 
@@ -88,13 +90,16 @@ def _bench(seen: Seen, look: Look) -> list[Text]:
         parts.append(look.texts("bench.ended", time=look.time(confirmed, seen.document.get("t_utc_s"))))
     elif confirmed is not None:
         parts.append(look.texts("bench.confirmed", age=duration(seen.document["t_utc_s"] - confirmed)))
+    unconfirmed = bench.get("unconfirmed") or {}
+    if unconfirmed:
+        parts.append(look.texts("bench.unconfirmed", what=look.clean(roles_in_words(unconfirmed))))
     for part in bench["parts"]:
         if part["state"] == "on":
             parts.append(look.clean(f"{part['role']} {figures_of(part)}"))
-        elif part["state"] == "unknown":
+        elif part["state"] == "unknown" and part["role"] not in unconfirmed:
             parts.append(look.texts("bench.silent", role=look.clean(part["role"])))
     parts += [look.texts(f"bench.remains.{what}") for what in bench["remains"]]
-    return joined(parts, look.width, BENCH[word], rest="  ")
+    return joined(parts, look.width, BENCH["unknown" if unconfirmed else word], rest="  ")
 
 
 def _guard(seen: Seen, look: Look) -> list[Text]:
@@ -102,8 +107,9 @@ def _guard(seen: Seen, look: Look) -> list[Text]:
     if seen.guard is None:
         return []
     key = {True: "guard.safe", False: "guard.unsafe", None: "guard.acting"}[seen.guard["safe"]]
-    roles = look.clean(", ".join(seen.guard["unsafe"]))
-    text = look.texts(key, reason=look.clean(seen.guard["reason"]), roles=roles)
+    key = "guard.taken_over" if seen.guard["by"] else key
+    said = {"reason": seen.guard["reason"], "roles": roles_in_words(seen.guard["unsafe"]), "by": seen.guard["by"]}
+    text = look.texts(key, **{name: look.clean(value) for name, value in said.items()})
     return folded(text, look.width, "bold green" if seen.guard["safe"] else STYLES["lost"], " ", " ")
 
 

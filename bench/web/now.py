@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 from bench.record import is_being_written
-from bench.run.guard.diary import guard_word
+from bench.run.guard.last_words import guard_said
 
 MOST_ALARMS = 3
+ALL = "all"  # in the place of a role: a guard that is at it has not said yet which instruments are safe
 _UNKNOWN_BENCH: Mapping[str, Any] = {
-    "state": "unknown", "confirmed_utc_s": None, "good_for_s": None, "ended_utc_s": None, "parts": [],
-    "remains": ["mains"],
+    "state": "unknown", "confirmed_utc_s": None, "good_for_s": None, "ended_utc_s": None, "unconfirmed": None,
+    "parts": [], "remains": ["mains"],
 }  # fmt: skip
 
 
@@ -41,12 +42,18 @@ def silent_row(folder: Path) -> dict[str, Any]:
 
     "lost": its process is still there; "stopped": it is gone.
     """
-    guard = guard_word(folder)
-    bench = dict(_UNKNOWN_BENCH)
-    if guard is not None and guard["safe"]:
-        bench |= {"state": "off", "confirmed_utc_s": _utc_s(guard["utc"]), "ended_utc_s": _utc_s(guard["utc"])}
+    guard = guard_said(folder)
+    bench = dict(_UNKNOWN_BENCH) if guard is None else guarded_bench(guard)
     now: dict[str, Any] = {"attention": "much", "bench": bench, "guard": guard, "alarm_count": 0, "alarms": []}
     return {"state": "lost" if is_being_written(folder) else "stopped", "now": now}
+
+
+def guarded_bench(guard: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entry ``bench`` of a run that its guard ended: off only where the guard has confirmed all of it."""
+    if not guard["safe"]:
+        return {**_UNKNOWN_BENCH, "unconfirmed": guard["unsafe"] or {ALL: ""}}
+    utc_s = _utc_s(guard["utc"])
+    return {**_UNKNOWN_BENCH, "state": "off", "confirmed_utc_s": utc_s, "ended_utc_s": utc_s, "unconfirmed": {}}
 
 
 def _utc_s(text: object) -> float | None:

@@ -156,6 +156,30 @@ def test_3_not_confirmed_safe_is_never_exit_status_0(tmp_path: Path, monkeypatch
     assert "B-INST-009" in error
 
 
+def test_3_not_confirmed_safe_at_the_end_is_the_last_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+                                                          capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
+    from instruments.hp_6632b import DRIVER
+
+    begins = DRIVER.make_safe
+
+    def fails_later(self: Any) -> None:
+        begins(self)
+        monkeypatch.setattr(DRIVER, "make_safe", fails)
+
+    def fails(self: Any) -> None:
+        raise self.error("B-INST-009", "the output is still on")
+
+    monkeypatch.setattr(DRIVER, "make_safe", fails_later)
+    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_AFTER_FAULT
+    assert capsys.readouterr().out.endswith("The bench is NOT confirmed safe: supply, switch off at the front panel\n")
+
+
+def test_137_stands_wherever_the_statuses_do(inside: Inside) -> None:
+    assert "137, said by the shell" in " ".join(inside("--help").stdout.split())
+    for page in ("user-guide.md", "errors.md"):
+        assert "\n| 137 |" in (ROOT / "docs" / page).read_text()
+
+
 def test_3_a_prompt_and_nobody_to_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
                                          capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
     from bench.commands.conducting import TerminalOperator

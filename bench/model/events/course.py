@@ -73,7 +73,7 @@ class Suspend(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Hold(Event):
-    """The run begins to stand still, its stimulus off; ``by``: who wishes it."""
+    """The run begins to stand still; ``by``: who wishes it. That its stimulus is off is confirmed by nobody yet."""
 
     kind: ClassVar[str] = "hold"
     at_terminal: ClassVar[bool] = True
@@ -90,7 +90,7 @@ class Hold(Event):
         return True
 
     def _words(self) -> str:
-        return f"holding at step {self.step}: {self.reason} ({self.by}); the stimulus is off"
+        return f"holding at step {self.step}: {self.reason} ({self.by})"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -312,10 +312,16 @@ class Error(Event):
 
 @dataclass(frozen=True, kw_only=True)
 class Safe(Event):
-    """The bench was made safe; ``failures``: what could not be confirmed."""
+    """The bench was made safe; ``failures``: what could not be confirmed, ``roles``: the instruments of these."""
 
     kind: ClassVar[str] = "safe"
     failures: Sequence[str]
+    roles: Sequence[str] = left_out(())
+
+    @property
+    def unconfirmed(self) -> Sequence[str]:
+        """Instruments that are not confirmed safe; the sentences of a session that names none."""
+        return self.roles or self.failures
 
     @property
     def severity(self) -> Severity:

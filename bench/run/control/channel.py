@@ -122,7 +122,7 @@ class Control:
         return "the run goes on" if at_bench else "the run goes on, once the bench is armed where that is due"
 
     def _abort(self, _: Mapping[str, Any], __: str, ___: str) -> str:
-        return "the run ends at its next check, with the outputs off"
+        return "the run ends at its next check and makes the bench safe"
 
     def _acknowledge(self, request: Mapping[str, Any], _: str, __: str) -> str:
         alarm = request.get("alarm")
@@ -176,6 +176,7 @@ class Control:
             "records_planned": context.plan.record_count,
             "links": self._links(),
             "alarms": dict(self._alarms()),
+            "unconfirmed": {} if self._state is None else self._state.unconfirmed(),
             "prompt": None if self._asking is None else self._asking.document(lambda t_ns: t_ns / NS),
         }
 

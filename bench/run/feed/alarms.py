@@ -1,8 +1,8 @@
 """Alarms of a run: what is wrong now, and what was and nobody has seen yet.
 
-Made from events alone, in their order, so that a recording gives the same alarms with the same ids as the run did. An
-alarm stays until it is acknowledged and not active. The same trouble again counts as the same alarm while that is not
-acknowledged.
+Made from events in their order, and ended by a reply where one confirms what an event doubts, so that a recording gives
+the same alarms with the same ids as the run did. An alarm stays until it is acknowledged and not active. The same
+trouble again counts as the same alarm while that is not acknowledged.
 """
 
 from __future__ import annotations
@@ -70,11 +70,11 @@ class Alarms:
         """Take an event; those that are no trouble change nothing."""
         match event:
             case Release():
-                self._over(Hold.kind, *self._unsafe)
+                self.over(Hold.kind, *self._unsafe)
             case Prompt() | Armed():
-                self._over("prompt")
+                self.over("prompt")
             case Interlock(state="released") | Link(state="back") | Deviation(state="over"):
-                self._over(event.topic)
+                self.over(event.topic)
             case End():
                 self._end(event, t_utc_s)
             case Control(what="acknowledge") if event.ok is not False:
@@ -112,6 +112,13 @@ class Alarms:
         newest_first = sorted(self._alarms, key=lambda alarm: -alarm.t_utc_s)
         return [alarm.document(self.shelf(alarm.key, t_utc_s)) for alarm in newest_first]
 
+    def over(self, *keys: str) -> None:
+        """Take that troubles, by their topics, do not last any more."""
+        for alarm in self._alarms:
+            if alarm.key in keys:
+                alarm.active = False
+        self._forget()
+
     def _end(self, event: End, t_utc_s: float) -> None:
         for alarm in self._alarms:
             alarm.active = False
@@ -136,14 +143,8 @@ class Alarms:
                 alarm.text, alarm.active = text, active
                 return
         self._count += 1
-        self._over(key)  # an alarm that was acknowledged while it lasted; this one has taken its place
+        self.over(key)  # an alarm that was acknowledged while it lasted; this one has taken its place
         self._alarms.append(Alarm(str(self._count), key, type(event), severity, code, t_utc_s, text, active))
-        self._forget()
-
-    def _over(self, *keys: str) -> None:
-        for alarm in self._alarms:
-            if alarm.key in keys:
-                alarm.active = False
         self._forget()
 
     def _forget(self) -> None:

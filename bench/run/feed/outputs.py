@@ -19,6 +19,7 @@ from bench.model.manual import manual_of
 from bench.model.ports import Effect, actions_of
 from bench.model.told import Tells
 from bench.model.units import format_quantity
+from bench.run.guard.last_words import roles_in_words
 
 Kind = Literal["source", "switch", "supply", "chamber", "table", "signal", "unknown"]
 LOOK_WALL_S, LOOK_VIRTUAL_S = 60.0, 1800.0  # between two looks; nobody stands beside a rehearsal
@@ -115,13 +116,26 @@ class Outputs:
         else:
             part.on_reply(text.strip(), t_utc_s)
 
-    def document(self, now_utc_s: float, ended_utc_s: float | None = None) -> dict[str, Any]:
+    def off_since(self, role: str, t_utc_s: float) -> bool:
+        """Return whether an instrument has answered that it is off, to every question, later than ``t_utc_s``."""
+        on, confirmed = self._parts[role].known() if role in self._parts else (None, None)
+        return on is False and confirmed is not None and confirmed > t_utc_s
+
+    def document(
+        self, now_utc_s: float, ended_utc_s: float | None = None, unconfirmed: Mapping[str, str] | None = None
+    ) -> dict[str, Any]:
         """Return the entry ``bench`` of the state document.
 
         Args: ended_utc_s: the run has ended then; its last look counts, and nobody looks any more.
+            unconfirmed: instruments that were to be made safe and have not confirmed it, with what is known of each;
+            whatever they answered before, they are not off.
         """
+        unconfirmed = unconfirmed or {}
         oldest = now_utc_s - self._good_for_s if ended_utc_s is None else ended_utc_s - LAST_LOOK_S
-        parts = [_part_document(part, oldest) for part in self._parts.values()]
+        parts = [
+            _part_document(part, math.inf if role in unconfirmed and not part.known()[0] else oldest)
+            for role, part in self._parts.items()
+        ]
         held = [part for part in parts if part["kind"] != "switch"]  # a closed route holds no energy of its own
         states = {part["state"] for part in held}
         if any(part["state"] == "on" and part["kind"] == "table" for part in held):
@@ -129,7 +143,7 @@ class Outputs:
         elif "on" in states:
             word = "energised"
         else:
-            word = "unknown" if "unknown" in states or not held else "off"
+            word = "unknown" if "unknown" in states or not held or unconfirmed else "off"
         decisive = [part for part in held if part["state"] == ("off" if word == "off" else "on")]
         times = [part["confirmed_utc_s"] for part in decisive if part["confirmed_utc_s"] is not None]
         return {
@@ -137,6 +151,7 @@ class Outputs:
             "confirmed_utc_s": min(times, default=None),
             "good_for_s": self._good_for_s,
             "ended_utc_s": ended_utc_s,
+            "unconfirmed": dict(unconfirmed),
             "parts": parts,
             "remains": self._remains(),
         }
@@ -155,9 +170,12 @@ WORDS: Mapping[str, str] = {
 
 def bench_in_words(bench: Mapping[str, Any]) -> str:
     """Return the state of the bench in one line for a message: ``ENERGISED: supply 18 V, 1.25 A; chamber running``."""
+    unconfirmed = bench["unconfirmed"]
+    unsafe = [f"NOT confirmed safe: {roles_in_words(unconfirmed)}"] if unconfirmed else []
     on = [f"{part['role']} {figures_of(part)}".strip() for part in bench["parts"] if part["state"] == "on"]
-    unknown = [f"{part['role']} not known" for part in bench["parts"] if part["state"] == "unknown"]
-    said = "; ".join(on + unknown)
+    silent = [part["role"] for part in bench["parts"] if part["state"] == "unknown"]
+    unknown = [f"{role} not known" for role in silent if role not in unconfirmed]
+    said = "; ".join(unsafe + on + unknown)
     return f"{WORDS[bench['state']]}: {said}" if said else WORDS[bench["state"]]
 
 

@@ -87,7 +87,7 @@ class RunState:
         self._hold_since: float | None = None
         self._prompt: dict[str, Any] | None = None
         self._stopping = False
-        self._unsafe = False
+        self._unconfirmed: dict[str, tuple[Event, float]] = {}  # by instrument: what told it, and when
         self._ended_utc_s: float | None = None
         self._started: float | None = None
         self._outcome: dict[str, Any] | None = None
@@ -138,6 +138,10 @@ class RunState:
         with self._lock:
             self._panel.on_traffic(role, direction, text, t_utc_s)
             self._outputs.on_traffic(role, direction, text, t_utc_s)
+            event, told_s = self._unconfirmed.get(role, (None, t_utc_s))
+            if event is not None and self._outputs.off_since(role, told_s):
+                del self._unconfirmed[role]
+                self.alarms.over(event.topic)
 
     def on_links(self, links: Mapping[str, Mapping[str, Any]]) -> None:
         """Take the states of the links, by name, as in the document."""
@@ -186,16 +190,17 @@ class RunState:
         match event:
             case Resume():
                 self._stopping, self._outcome, self._holds, self._hold_since = False, None, {}, None
-                self._last_error, self._unsafe, self._ended_utc_s = None, False, None
+                self._last_error, self._unconfirmed, self._ended_utc_s = None, {}, None
             case Hold():
                 self._hold_since = t if self._hold_since is None else self._hold_since
                 self._holds = {**self._holds, event.by: event.reason}
                 if away := frozenset(role for role in self._panel.roles if by_instrument(role) == event.by):
                     self._panel.away(away)
             case Release():
-                self._holds, self._hold_since = {}, None
+                self._holds, self._hold_since, self._unconfirmed = {}, None, {}
                 self._panel.away(frozenset())
             case StimulusAlarm():
+                self._unconfirmed[event.role] = event, t
                 self._panel.trouble(event.role, f"{event.code} {event.text}")
             case PromptAlarm() if self._prompt is None:
                 keys = ("id", "text", "confirm", "unit", "low", "high", "presence", "arms")
@@ -209,7 +214,7 @@ class RunState:
             case Error():
                 self._last_error = event
             case Safe():
-                self._unsafe = bool(event.failures)
+                self._unconfirmed = dict.fromkeys(event.unconfirmed, (event, t))
             case End():
                 self._on_end(event, t)
 
@@ -239,7 +244,7 @@ class RunState:
                 "state": self._state(),
                 "attention": self._attention(t_utc_s),
                 "outcome": self._outcome,
-                "bench": self._outputs.document(t_utc_s, self._ended_utc_s),
+                "bench": self._bench(t_utc_s),
                 "t_utc_s": t_utc_s,
                 "started_utc_s": self._started,
                 "step": self._step_document(step),
@@ -263,7 +268,15 @@ class RunState:
     def bench_line(self, t_utc_s: float) -> str:
         """Return what is on at a moment of the bench, in one line."""
         with self._lock:
-            return bench_in_words(self._outputs.document(t_utc_s, self._ended_utc_s))
+            return bench_in_words(self._bench(t_utc_s))
+
+    def unconfirmed(self) -> dict[str, str]:
+        """Return the instruments that were to be made safe and have not confirmed it, each with the code of why."""
+        with self._lock:
+            return {role: event.error_code or "" for role, (event, _) in self._unconfirmed.items()}
+
+    def _bench(self, t_utc_s: float) -> dict[str, Any]:
+        return self._outputs.document(t_utc_s, self._ended_utc_s, self.unconfirmed())
 
     def _state(self) -> str:
         if self._outcome is not None:
@@ -281,7 +294,7 @@ class RunState:
         lasting = (alarm for alarm in self.alarms.documents(t) if alarm["active"] and not alarm["shelved"])
         active = {alarm["severity"] for alarm in lasting}
         failed = self._outcome is not None and self._outcome["error"] is not None
-        if active & {"alarm", "fault"} or (failed and self._unsafe):
+        if active & {"alarm", "fault"} or self._unconfirmed:
             return "much"
         return "some" if active or failed or self._holds or self._prompt is not None else "none"
 

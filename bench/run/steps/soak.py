@@ -193,7 +193,7 @@ def _late(context: RunContext, step: PlannedSoak, watches: Sequence[Stability], 
             f"{watch.target_degC:g} degC not reached within {watch.within_degC:g} degC in "
             f"{step.duration_s + waited_s:.0f} s ({_found(watch, window)})",
             where=step.role,
-            next_step="the outputs are off; check the chamber, then start again",
+            next_step="check the chamber, then start again",
         )
     return found
 

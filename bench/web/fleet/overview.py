@@ -18,6 +18,7 @@ from starlette.websockets import WebSocket
 
 from bench.model.clock import NS, Clock, pause, to_ns
 from bench.record import OPEN_MARKER
+from bench.run.guard.last_words import roles_in_words
 from bench.web.hub import Hub
 from bench.web.now import now_of
 from bench.web.recorded.listing import run_folder, session_row
@@ -150,6 +151,7 @@ def run_card(run: SeenRun) -> Card:
         **{key: now[key] for key in ("what", "alarm_count", "alarms")},
         "attention": now["attention"] if now["attention"] in ATTENTION else "much",
         "outputs": now["bench"]["state"],
+        "unconfirmed": roles_in_words(now["bench"].get("unconfirmed") or {}),
         "waits": (now["wait"] or {}).get("reason"),
         "asks": now["prompt"],
         "guard": guard.get("reason"),
@@ -160,11 +162,12 @@ def run_card(run: SeenRun) -> Card:
 
 def over_card(state: Mapping[str, Any]) -> Card:
     """Return what is said of a run that is over: somebody is needed until the next run if not all was confirmed off."""
-    outcome = (state.get("session") or {}).get("outcome") or {}
+    outcome, bench = (state.get("session") or {}).get("outcome") or {}, state.get("bench") or {}
     word, off = outcome.get("word"), outcome.get("off")
     attention = "much" if off is False else "some" if word in _GRAVE else "none"
     named = {key: state.get(key) for key in ("run", "title", "uut", "simulated")}
-    return {**named, "outcome": word, "off": off, "attention": attention}
+    told = {"outcome": word, "off": off, "outputs": "unknown" if off is False else None}
+    return {**named, **told, "attention": attention, "unconfirmed": roles_in_words(bench.get("unconfirmed") or {})}
 
 
 def newest_over(out: Path) -> Card | None:

@@ -22,7 +22,8 @@ CONNECTING, UNREACHED, SILENT, REFUSED, UNTRUSTED, MISNAMED, FOREIGN = (
 )  # fmt: skip
 LONGEST_TEXT = 300
 MOST_ALARMS = 3
-_TEXTS = ("title", "state", "what", "waits", "asks", "guard", "outputs", "outcome")
+OUTPUTS = ("energised", "moving", "unknown", "off")  # of several the first one is the state of their bench
+_TEXTS = ("title", "state", "what", "waits", "asks", "guard", "outputs", "unconfirmed", "outcome")
 _NUMBERS = ("progress", "end_utc_s", "alarm_count")
 
 Card = dict[str, Any]
@@ -85,22 +86,35 @@ class Seat:
 
 
 def _said(document: Mapping[str, Any]) -> Card:
-    """Return the run that needs somebody most, and how many more there are; the newest session where none goes on."""
+    """Return the run that needs somebody most, and how many more there are; the newest session where none goes on.
+
+    What is on is that of the whole bench: the worst of all its runs.
+    """
     runs = document.get("runs")
     entries = list(runs.items())[:MOST_RUNS] if isinstance(runs, Mapping) else []
     cards = [_run(name, entry) for name, entry in entries if isinstance(entry, Mapping) and _is_run(name)]
+    last = _last(document.get("last"))
+    if last is not None and (not cards or (last["off"] is False and last["run"] > max(card["run"] for card in cards))):
+        cards.append(last)  # it ended behind the others, and not all of it was confirmed off
     cards.sort(key=lambda card: card["run"], reverse=True)
-    cards.sort(key=lambda card: ATTENTION.index(card["attention"]))
-    if cards:
-        return {**cards[0], "more": len(cards) - 1}
-    last = document.get("last")
-    if isinstance(last, Mapping) and _is_run(last.get("run")):
-        return {
-            **_run(last["run"], last),
-            "state": IDLE,
-            "off": off if isinstance(off := last.get("off"), bool) else None,
-        }
-    return {"state": IDLE, "attention": "none"}
+    cards.sort(key=lambda card: (_is_put_away(card), ATTENTION.index(card["attention"])))
+    if not cards:
+        return {"state": IDLE, "attention": "none"}
+    told = [card["outputs"] if card["outputs"] in OUTPUTS else "unknown" for card in cards if card["outputs"]]
+    return {**cards[0], "more": len(cards) - 1, "outputs": min(told, key=OUTPUTS.index, default=None)}
+
+
+def _last(entry: object) -> Card | None:
+    """Return the newest session that is over; None if the bench tells of none."""
+    if not isinstance(entry, Mapping) or not _is_run(entry.get("run")):
+        return None
+    off = entry.get("off")
+    return {**_run(entry["run"], entry), "state": IDLE, "off": off if isinstance(off, bool) else None}
+
+
+def _is_put_away(card: Card) -> bool:
+    """Return whether a run is gone and its guard has confirmed all of it off: a run that goes on stands before it."""
+    return card["state"] == "stopped" and card["outputs"] == "off"
 
 
 def _is_run(name: object) -> bool:

@@ -22,6 +22,7 @@ from bench.model.errors import BenchError
 from bench.model.posix import AT_ONCE, NO_LINK, RAW
 from bench.model.segments import SEGMENT_NAME
 from bench.record import OPEN_MARKER, Walk, layout
+from bench.run.guard.diary import DIARY
 from bench.web.recorded.outcome import SessionOutcome, outcome_of
 
 FILES = {
@@ -34,12 +35,14 @@ _HEAD_BYTES = (1 << 18, 1 << 21)  # the manifest is the first message; its chunk
 _STARTED = re.compile(r"(\d{8}T\d{6})Z_")
 
 Row = dict[str, Any]
+Stamp = tuple[int, ...]
+"""When what is said of a session has changed last, ns: its folder, its results, the diary of its guard."""
 RUN_NAME = re.compile(r"[A-Za-z0-9_-][A-Za-z0-9._-]{0,199}")  # no leading dot, so neither "." nor ".."
 
 
 @dataclass(frozen=True)
 class _Entry:
-    changed: tuple[int, int]
+    changed: Stamp
     row: Row
 
 
@@ -73,18 +76,23 @@ class RunList:
                 rows.append(entry.row)
             return rows, unread
 
-    def _folders(self) -> list[tuple[str, tuple[int, int]]]:
-        folders = []
-        for path in self.out.iterdir() if self.out.is_dir() else ():
-            if run_folder(self.out, path.name) is not None:
-                results = path / "results.json"
-                changed = results.stat().st_mtime_ns if results.is_file() else 0
-                folders.append((path.name, (path.stat().st_mtime_ns, changed)))
-        return folders
+    def _folders(self) -> list[tuple[str, Stamp]]:
+        places = self.out.iterdir() if self.out.is_dir() else ()
+        return [(path.name, stamp_of(path)) for path in places if run_folder(self.out, path.name) is not None]
 
     def _forget(self, there: set[str]) -> None:
         for name in set(self._entries) - there:
             del self._entries[name]
+
+
+def stamp_of(folder: Path) -> Stamp:
+    """Return the stamp of a session; empty if it is not there."""
+    try:
+        changed = folder.stat().st_mtime_ns
+    except OSError:
+        return ()
+    files = (folder / "results.json", folder / DIARY)
+    return (changed, *(path.stat().st_mtime_ns if path.is_file() else 0 for path in files))
 
 
 def session_row(folder: Path) -> Row:

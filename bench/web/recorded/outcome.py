@@ -17,7 +17,7 @@ from bench.model.errors import BenchError
 from bench.model.events import End, Error, Safe, event_of
 from bench.model.segments import SEGMENT_NAME
 from bench.record import OPEN_MARKER, Message, SegmentChunks, layout
-from bench.run.guard.diary import guard_word
+from bench.run.guard.last_words import guard_said
 
 BY_OPERATOR = ("B-RUN-010", "B-RUN-011")
 _LAST_CHUNKS = 24  # the end of a run is within them: events and the chain, behind what the links still held
@@ -33,7 +33,7 @@ class SessionOutcome:
     """``word``: pass, fail, doubtful, not_judged, no_results, fault, stopped, damaged. ``why``: one line, may be "".
 
     ``verdicts`` counts the estimates by verdict, ``doubtful`` those that are not sound. ``off``: whether everything was
-    confirmed off at the end, None if nobody says so.
+    confirmed off at the end, None if nobody says so; a guard that acted after the run counts, also while it is at it.
     """
 
     word: str
@@ -58,15 +58,14 @@ def outcome_of(folder: Path, results: Mapping[str, Any]) -> SessionOutcome:
 
 
 def _at_the_end(folder: Path, ended: _Ending, results: Mapping[str, Any]) -> SessionOutcome:
-    guard = guard_word(folder)
+    guard = guard_said(folder)
     if (folder / OPEN_MARKER).exists():
-        why = "" if guard is None else str(guard["reason"])
-        return SessionOutcome(
-            "stopped" if guard is None else "fault", why, off=None if guard is None else guard["safe"]
-        )
+        word, why = ("stopped", "") if guard is None else ("fault", guard["reason"])
+        return SessionOutcome(word, why, off=None if guard is None else bool(guard["safe"]))
     if not ended.chain:
         return SessionOutcome("damaged", f"{ended.last.name} is not sealed: its end is missing")
     off = None if ended.safe is None else not ended.safe.failures
+    off = off if guard is None else bool(guard["safe"])
     error = ended.end.error if ended.end is not None else None
     if error is not None:
         word = "stopped" if error in BY_OPERATOR else "fault"

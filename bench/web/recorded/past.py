@@ -20,15 +20,16 @@ from bench.model.folders import cache_folder
 from bench.model.processes import TREND, own_process
 from bench.record import FOLDER, TrendReader, TrendWindow
 from bench.replay import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
+from bench.run.guard.last_words import guard_said
 from bench.session.partial_fits import finished_estimates
+from bench.web.now import guarded_bench
 from bench.web.points import Points, binned
-from bench.web.recorded.listing import FILES, results_of
+from bench.web.recorded.listing import FILES, Stamp, results_of, stamp_of
 from bench.web.recorded.outcome import outcome_of
 from bench.web.recorded.recording import RecordedState, Recording, Scenery, outline_of, read_recording, scenery_of
 from bench.web.security.refusal import Refusal
 
 KEPT_SESSIONS = 3
-_Stamp = tuple[int, ...]
 KEPT_TRENDS = 20  # a campaign of 38 hours takes some 25 MB
 LONGEST_S = 600.0
 MOST_POINTS = 4000
@@ -38,7 +39,7 @@ _DEFAULT_POINTS = 1000
 
 @dataclass(frozen=True)
 class _Kept:
-    stamp: _Stamp
+    stamp: Stamp
     recording: Recording
     scenery: Scenery
     end: dict[str, Any]
@@ -108,7 +109,7 @@ class Past:
         self._trends.stop()
 
     def _read(self, folder: Path) -> _Kept:
-        stamp = tuple(path.stat().st_mtime_ns for path in (folder, folder / "results.json") if path.exists())
+        stamp = stamp_of(folder)
         with self._lock:
             kept = self._kept.get(folder)
             if kept is None or kept.stamp != stamp:
@@ -120,14 +121,20 @@ class Past:
             return kept
 
 
-def _kept(folder: Path, stamp: _Stamp) -> _Kept:
+def _kept(folder: Path, stamp: Stamp) -> _Kept:
     recording = read_recording(folder)
     scenery = scenery_of(recording)
-    state = RecordedState(recording, scenery).at(recording.last_utc_s)
+    state = {**RecordedState(recording, scenery).at(recording.last_utc_s), **after_the_run(folder)}
     results = results_of(folder)
     estimates = finished_estimates(results, recording.last_utc_s)
     session = session_document(folder, results, recording.last_utc_s - recording.first_utc_s)
     return _Kept(stamp, recording, scenery, state, {**state, "estimates": estimates, "session": session})
+
+
+def after_the_run(folder: Path) -> dict[str, Any]:
+    """Return ``guard`` and ``bench`` of the state document where a guard acted behind the recording; else nothing."""
+    guard = guard_said(folder)
+    return {} if guard is None else {"guard": guard, "bench": guarded_bench(guard)}
 
 
 def session_document(folder: Path, results: dict[str, Any], duration_s: float) -> dict[str, Any]:
@@ -143,8 +150,8 @@ def unreadable(folder: Path, error: BenchError) -> dict[str, Any]:
     )
     lists: dict[str, Any] = {name: [] for name in ("alarms", "log", "signals", "graphs")}
     return {
-        **empty, **lists, "session": session_document(folder, {}, 0.0), "attention": "much", "proto": 1,
-        "run": folder.name, "boot_id": "", "source": "replay", "state": "stopped",
+        **empty, **lists, "session": session_document(folder, {}, 0.0), **after_the_run(folder), "attention": "much",
+        "proto": 1, "run": folder.name, "boot_id": "", "source": "replay", "state": "stopped",
         "outcome": {"error": error.code, "text": error.message},
     }  # fmt: skip
 

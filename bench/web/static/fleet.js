@@ -4,7 +4,7 @@ import { Connection } from "./connection.js";
 import { showCalibrated } from "./fleet-history.js";
 import { greet, wireKeys, wireSettings } from "./shell.js";
 import { freshness, on, page } from "./state.js";
-import { stamp } from "./words.js";
+import { stamp, unconfirmedText } from "./words.js";
 
 const ATTENTION = ["much", "some", "none"];
 const STATES = ["unknown", "lost", "stopped", "holding", "waiting", "connecting", "starting", "running", "ending", "idle"];
@@ -53,9 +53,10 @@ function nowCell(card) {
   const wait = card.asks ? t("start.asks", { text: card.asks }) : card.waits ? t("start.waits", { reason: inUnits(card.waits) }) : inUnits(card.what);
   const count = card.alarm_count ? t(card.alarm_count === 1 ? "start.alarm" : "start.alarms", { count: card.alarm_count }) : "";
   const outcome = outcomeOf(card);
-  if (!count && !card.guard && !wait && !outcome) return "";
+  if (!count && !card.guard && !card.unconfirmed && !wait && !outcome) return "";
   return make("span", { class: "fleet-now" }, count ? make("strong", { class: "alarm-count" }, icon("alarm"), count) : null,
     ...(card.alarms ?? []).map((alarm) => make("span", { class: "alarm-line" }, `${word("alarm", alarm.severity)} ${withCode(alarm.code, alarm.text, " ")}`)),
+    card.unconfirmed ? make("strong", { class: "not-off" }, t("bench.unconfirmed", { what: unconfirmedText(card.unconfirmed) })) : null,
     card.guard ? make("span", {}, t("start.guard", { reason: card.guard })) : null, wait ? make("span", {}, wait) : null, outcome);
 }
 
@@ -73,8 +74,7 @@ function progressCell(card) {
 
 function outputsCell(card) {
   const state = card.state === "unknown" ? "unknown" : card.outputs;
-  if (card.state === "idle") return make("span", { class: "soft" }, t("fleet.unwatched"));
-  if (!state) return "";
+  if (!state) return card.state === "idle" ? make("span", { class: "soft" }, t("fleet.unwatched")) : "";
   return make("span", { class: "bench-word fleet-outputs", "data-outputs": state }, icon(`bench-${state}`), make("strong", {}, word("bench", state)));
 }
 

@@ -22,7 +22,7 @@ from bench.run.feed.client import FeedReply
 from bench.web.hub import Hub
 from bench.web.live import LOST_S
 from bench.web.now import silent_row
-from bench.web.recorded.listing import run_folder, session_row
+from bench.web.recorded.listing import run_folder, session_row, stamp_of
 
 FRESH_S = 1.0
 ENDED_S = 600.0  # so long a run is told of behind its end: a scraper that comes seldom learns how it ended
@@ -137,7 +137,7 @@ class Lookout:
 
     async def _over(self, known: _Known) -> None:
         """Read how a run ended, and again when its results come; nothing is left of one whose folder is gone."""
-        stamp = await self._hub.work(_stamp, known.folder)
+        stamp = await self._hub.work(stamp_of, known.folder)
         known.ended_ns = self._clock.now_ns() if known.ended_ns is None else known.ended_ns
         if not stamp:
             known.seen = None
@@ -198,11 +198,3 @@ def temperatures_degC(reply: FeedReply) -> dict[str, float]:
             if len(there):
                 newest[str(signal.get("name"))] = float(there[-1].mean())
     return newest
-
-
-def _stamp(folder: Path) -> tuple[int, ...]:
-    """Return when a session was changed last; nothing if it is not there."""
-    try:
-        return tuple(path.stat().st_mtime_ns for path in (folder, folder / "results.json") if path.exists())
-    except OSError:
-        return ()

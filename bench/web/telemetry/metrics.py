@@ -115,6 +115,8 @@ def _add_bench(table: _Table, of: dict[str, str], run: SeenRun) -> None:
         "bench_outputs_state", "What is on, by the replies of the instruments.", of, OUTPUTS,
         bench.get("state") or "unknown",
     )  # fmt: skip
+    left, unconfirmed = "Instruments that were to be made safe and have not confirmed it.", bench.get("unconfirmed")
+    table.gauge("bench_outputs_unconfirmed", left, of, None if unconfirmed is None else len(_mapping(unconfirmed)))
     since = _difference(run.state.get("t_utc_s"), bench.get("confirmed_utc_s"))
     table.gauge("bench_outputs_age", "Age of the oldest reply that this rests on.", of, since, unit="seconds")
     for place, value_degC in run.temperatures_degC.items():

@@ -113,6 +113,15 @@ def test_a_session_that_is_closed_has_ended_and_is_not_asked_again() -> None:
     assert len(rig.feed.asked) == asked
 
 
+def test_what_was_not_confirmed_at_the_end_is_not_off_whatever_was_heard_before() -> None:
+    bench = {"state": "off", "confirmed_utc_s": NOW_S, "parts": [], "remains": [], "unconfirmed": {}}
+    rig = Rig(bench=bench)
+    rig.feed.silent, rig.end = True, {**GOOD, "unconfirmed": ["calibrator"]}
+    head = " ".join(line.plain for line in page_of(rig.watch.look(), Look(catalogue())).head)
+    assert "UNKNOWN what is on  NOT confirmed safe: calibrator" in head
+    assert "OUTPUTS OFF" not in head
+
+
 def test_what_is_drawn_does_not_change_under_the_drawing() -> None:
     rig = Rig()
     before = rig.watch.look()
@@ -127,7 +136,7 @@ def test_what_is_drawn_does_not_change_under_the_drawing() -> None:
 
 def test_how_a_session_ended(tmp_path: Path) -> None:
     write_sample(tmp_path / "s", seconds=2)
-    assert ending(tmp_path / "s") == {"outcome": None}  # closed, but it does not say how
+    assert ending(tmp_path / "s") == {"outcome": None, "unconfirmed": ()}  # closed, but it does not say how
     (tmp_path / "s" / OPEN_MARKER).touch()
     assert ending(tmp_path / "s") is None
     assert ending(tmp_path / "none") is None
@@ -137,7 +146,7 @@ def test_a_golden_session_ended_well(tmp_path: Path) -> None:
     golden = Path(__file__).resolve().parents[2] / "golden" / "sessions"
     folder = next(golden.glob("*/*/session.0001.mcap")).parent
     shutil.copytree(folder, tmp_path / "s")
-    assert ending(tmp_path / "s") == GOOD
+    assert ending(tmp_path / "s") == {**GOOD, "unconfirmed": []}
 
 
 class Runs:
@@ -202,6 +211,13 @@ def test_no_run_answers(runs: Runs, tmp_path: Path, named: bool) -> None:
     assert caught.value.code == "B-TUI-001"
     assert caught.value.exit_status == ExitStatus.BAD_INPUT
     assert str(place if named else tmp_path) in str(caught.value)
+
+
+def test_a_run_that_its_guard_ended_says_so(runs: Runs, tmp_path: Path) -> None:
+    (folder(tmp_path, "dead", 1) / "guard.jsonl").write_text(ACT + '{"what":"unsafe","instruments":["supply"]}\n')
+    for named in (tmp_path / "dead", None):
+        with pytest.raises(InputError, match=r"dead was ended by its guard .* NOT confirmed: supply;"):
+            command.top(named, tmp_path)
 
 
 def test_on_a_terminal_it_waits_for_a_run_to_appear(

@@ -124,6 +124,23 @@ def test_a_run_that_is_gone_is_stopped_or_ended_by_its_guard(session: Path) -> N
     assert (bench["state"], bench["confirmed_utc_s"]) == ("off", 1767225602.0)
 
 
+def test_a_guard_that_acted_behind_the_end_has_the_last_word(tmp_path: Path) -> None:
+    """The recording was closed with everything confirmed; then the controller hung, and its guard is not through."""
+    folder = written(tmp_path / "x", SAFE, ("end", {**END, "error": None}))
+    assert outcome_of(folder, {}).off is True
+    past = Past()
+    before = past.final(folder)
+    assert "guard" not in before
+    diary = folder / "guard.jsonl"
+    diary.write_text('{"what":"act","text":"no heartbeat for 2 s","utc":"2026-01-01T00:00:00+00:00"}\n')
+    final = past.final(folder)  # read again, because its guard has written
+    assert (outcome_of(folder, {}).off, final["bench"]["state"]) == (False, "unknown")
+    assert (final["guard"]["safe"], final["session"]["outcome"]["off"]) == (None, False)
+    diary.write_text(diary.read_text() + '{"what":"safe","instruments":[],"utc":"2026-01-01T00:00:02+00:00"}\n')
+    os.utime(diary, ns=(0, 1))
+    assert (past.final(folder)["bench"]["state"], outcome_of(folder, {}).off) == ("off", True)
+
+
 def test_the_last_look_of_a_run_finds_everything_off(short: tuple[Path, Any]) -> None:
     bench = Past().final(short[0])["bench"]
     assert bench["state"] == "off"

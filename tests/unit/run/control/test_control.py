@@ -164,7 +164,7 @@ def test_the_commands_reach_the_run_and_say_who_asked(tmp_path: Path, capsys: py
         told = [(event["what"], event["ok"]) for event in rig.events("control")]
         assert told == [("pause", True), ("resume", True), ("resume", False), ("abort", True)]
     assert not path.exists()
-    assert "with the outputs off" in capsys.readouterr().out
+    assert "makes the bench safe" in capsys.readouterr().out
 
 
 def test_a_dead_run_says_so(tmp_path: Path) -> None:

@@ -72,6 +72,46 @@ def test_the_run_that_needs_somebody_most_stands_for_the_bench(seat: Seat) -> No
     assert (card["run"], card["state"], card["more"], card["alarms"]) == (f"{RUN}1", "holding", 2, [alarm])
 
 
+@pytest.mark.parametrize(
+    ("outputs", "worst"),
+    [
+        (("off", "energised"), "energised"), (("moving", "energised", "unknown"), "energised"),
+        (("off", "moving", "unknown"), "moving"), (("unknown", "off"), "unknown"), (("off", "off"), "off"),
+        (("off", None), "off"), (("off", "new_word"), "unknown"),
+    ],
+)  # fmt: skip
+def test_the_worst_of_what_is_on_is_the_state_of_the_bench(
+    seat: Seat, outputs: tuple[str | None, ...], worst: str
+) -> None:
+    for cards in (outputs, outputs[::-1]):
+        needs = [{"attention": "much"}, {"attention": "none"}, {"attention": "some"}]
+        seat.hear(said(*({**CARD, "outputs": word, **need} for word, need in zip(cards, needs, strict=False))))
+        assert seat.card()["outputs"] == worst
+
+
+def test_a_run_that_goes_on_stands_before_one_that_its_guard_has_put_away(seat: Seat) -> None:
+    gone = {**CARD, "state": "stopped", "attention": "much", "outputs": "off", "guard": "too hot"}
+    seat.hear(said(gone, CARD))
+    card = seat.card()
+    assert (card["run"], card["attention"], card["outputs"], card["more"]) == (f"{RUN}1", "none", "energised", 1)
+    seat.hear(
+        said({**gone, "outputs": "unknown", "unconfirmed": "calibrator (unreachable)"}, {**CARD, "outputs": "off"})
+    )
+    card = seat.card()
+    assert (card["run"], card["attention"], card["outputs"]) == (f"{RUN}0", "much", "unknown")
+    assert card["unconfirmed"] == "calibrator (unreachable)"
+
+
+def test_a_session_that_ended_unconfirmed_behind_those_that_are_open_is_told(seat: Seat) -> None:
+    gone = {**CARD, "state": "stopped", "attention": "much", "outputs": "off"}
+    last = {"outcome": "fault", "off": False, "outputs": "unknown", "attention": "much"}
+    seat.hear(said(gone, last={"run": f"{RUN}9", **last}))
+    assert (seat.card()["run"], seat.card()["state"], seat.card()["outputs"]) == (f"{RUN}9", "idle", "unknown")
+    for older in ({"run": "20200101T000000Z_x", **last}, {"run": f"{RUN}9", **last, "off": True, "outputs": None}):
+        seat.hear(said(gone, last=older))
+        assert (seat.card()["run"], seat.card()["outputs"], seat.card()["more"]) == (f"{RUN}0", "off", 0)
+
+
 def test_without_a_run_nothing_is_claimed_of_its_outputs(seat: Seat) -> None:
     seat.hear(said())
     assert (seat.card()["state"], seat.card()["attention"]) == ("idle", "none")

@@ -37,7 +37,8 @@ def everything() -> list[SeenRun]:
     counts = dict.fromkeys(("planned", "done", "retaken", "flagged"), 1)
     state = {
         "run": "r", "state": "running", "attention": "none", "uut": {"model": "NGU", "serial": "7"}, "t_utc_s": 1.0,
-        "bench": {"state": "off", "confirmed_utc_s": 0.0}, "progress": 0.5, "eta": {"likely_utc_s": 2.0}, "alarms": [],
+        "bench": {"state": "off", "confirmed_utc_s": 0.0, "unconfirmed": {}}, "progress": 0.5,
+        "eta": {"likely_utc_s": 2.0}, "alarms": [],
         "records": counts, "links": {"a": link}, "estimates": {"rows": [row]}, "session": {"outcome": {"word": "pass"}},
     }  # fmt: skip
     return [SeenRun(state, {"bench.air": 20.0}, 0.0)]
