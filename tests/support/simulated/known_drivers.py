@@ -14,6 +14,7 @@ IDENTIFY = {
     "fluke_5720a": [
         (b"*IDN?\n", b"FLUKE,5720A,7005201,1.4+1.1+1.0\n"),
         (b"FAULT?\n", b"0\n"),
+        (b"ISR?\n", b"4096\n"),
         (b"CUR_POST?\n", b"NORMAL\n"),
         (b"EXTGUARD?\n", b"OFF\n"),
     ],
