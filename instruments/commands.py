@@ -119,6 +119,18 @@ class Commands:
         before = self.seen.get(query)
         return ReadBack(lambda: self.ask(query, read_text).upper(), wanted.__eq__, lambda value: value == before)
 
+    def ensure(self, query: str, wanted: str, command: str) -> None:
+        """Set a word by ``command`` if it is not as ``wanted`` already. Raises: InstrumentError B-INST-011."""
+
+        def see() -> str:
+            return self.ask(query, read_text).upper().replace(" ", "")
+
+        if (before := see()) == wanted:
+            return
+        self.set(command, ReadBack(see, wanted.__eq__, before.__eq__))
+        if (found := see()) != wanted:
+            raise self.error("B-INST-011", f"{query!r} reads back {found!r}, but {wanted!r} was set")
+
     def switch(self, query: str, wanted: int) -> ReadBack:
         """Return the read-back of something that is on (1) or off (0)."""
         return either(lambda: self.ask(query, read_integer), wanted)

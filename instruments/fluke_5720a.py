@@ -8,11 +8,15 @@ The range the calibrator is really in is not read back: ``OUT?`` does not name i
 After ``RANGELCK OFF``, acknowledged by an empty fault queue, it is the lowest of ``ranges_A`` that holds the value; the
 static check goes by that, and ``OUT?`` confirms the value alone.
 
+With OFFSET or SCALE active, keys of the front panel, the terminals carry another current than the set-point and nothing
+but two bits of ``ISR?`` tells it: wherever that is read they must be 0. The driver refuses and does not send ``*RST``:
+no other command that ends them is confirmed, and a reset may take the entry limits that a person set with it.
+
 Source: Fluke 5700A/5720A Series II Operators Manual, ch. 5 (5-13 responses, 5-14 input buffer of 128 bytes), command
-table 5-2. Not confirmed on hardware: the settling limit of 15 s, whether standby shorts or opens the loop, the fault
-numbers of a compliance trip, the resolution with which ``OUT?`` answers, the replies to ``RANGELCK?``, ``CUR_POST?``
-and ``EXTGUARD?``, minutes of
-``ONTIME?`` and days of ``CAL_DAYS? ZERO`` (as in public programs), 30 min of warm-up and 30 days between zeros.
+table 5-2 (5-51: bits of ``ISR?``), 4-46 (SCALE). Not confirmed on hardware: what ``OUT?`` tells with an offset, the
+settling limit of 15 s, whether standby shorts or opens the loop, the fault numbers of a compliance trip, the resolution
+with which ``OUT?`` answers, the replies to ``RANGELCK?``, ``CUR_POST?`` and ``EXTGUARD?``, minutes of ``ONTIME?`` and
+days of ``CAL_DAYS? ZERO`` (as in public programs), 30 min of warm-up and 30 days between zeros.
 """
 
 from __future__ import annotations
@@ -28,6 +32,8 @@ from instruments.values import exponent_form, read_integer, read_number, read_te
 
 _OPERATING = 1 << 0
 _SETTLED = 1 << 12
+_ALTERED_BY = {1 << 8: "OFFSET", 1 << 9: "SCALE"}
+_ALTERED = "B-INST-019"
 _SETTLE_LIMIT_S = 15.0
 _POLL_S = 0.25
 _INPUT_BUFFER_BYTES = 128
@@ -69,6 +75,19 @@ class Fluke5720A(BaseInstrument):
 
     programmed_A: float | None = None
 
+    def make_safe(self) -> None:
+        """Set standby and confirm it, also while OFFSET or SCALE forbids everything else. Raises: as of any driver."""
+        try:
+            super().make_safe()
+        except InstrumentError as error:
+            if error.code != _ALTERED:
+                raise
+            self.introduce()
+            try:
+                self._go_safe_somehow()
+            finally:
+                self.identity = None  # it is not prepared
+
     @action(effect=Effect.STIMULUS_OFF, bus_s=0.5)
     def standby(self) -> None:
         """Set the output to standby and confirm it. Raises: InstrumentError B-INST-009."""
@@ -99,13 +118,15 @@ class Fluke5720A(BaseInstrument):
     def operate(self) -> None:
         """Set the output on and return when it is on and settled.
 
-        Refused (B-INST-010) unless ``output`` was set before; the fault queue must be empty and the set-point must read
-        back. Raises: InstrumentError B-INST-013 if it trips, B-INST-012 if it does not settle; standby was sent then.
+        Refused (B-INST-010) unless ``output`` was set before; the fault queue must be empty, the set-point must read
+        back and neither OFFSET nor SCALE may be active (B-INST-019). Raises: InstrumentError B-INST-013 if it trips,
+        B-INST-012 if it does not settle; standby was sent then.
         """
         if self.programmed_A is None:
             raise self.error("B-INST-010", "operate refused: no output was set by this run", "set the output first")
         self.check_errors("OPER (before)")
         self._confirm_output(self.programmed_A)
+        self._status()
         try:
             on = either(self._is_operating, True)
             self.settle("OPER", on, lambda command: self.bus.write(command, self.timeout_s))
@@ -120,7 +141,10 @@ class Fluke5720A(BaseInstrument):
 
     @action()
     def operating(self) -> bool:
-        """Get whether the output is still on; when it is not, the queued faults are read into the transcript."""
+        """Get whether the output is still on; when it is not, the queued faults are read into the transcript.
+
+        Raises: InstrumentError B-INST-019.
+        """
         on = bool(self._status() & _OPERATING)
         if not on:
             self.drain_errors()
@@ -150,11 +174,9 @@ class Fluke5720A(BaseInstrument):
 
     def _prepare(self) -> None:
         """The current comes out of OUTPUT HI, the guard is inside: asked first, a run may be going on."""
+        self._status()
         for question, wanted in _TERMINALS:
-            if self.ask(question, read_text).upper() != wanted:
-                self.set(f"{question.rstrip('?')} {wanted}", self.word(question, wanted))
-                if (found := self.ask(question, read_text).upper()) != wanted:
-                    raise self.error("B-INST-011", f"{question!r} reads back {found!r}, but {wanted!r} was set")
+            self.ensure(question, wanted, f"{question.rstrip('?')} {wanted}")
 
     def _is_settled(self) -> bool:
         status = self._untripped_status()
@@ -164,7 +186,7 @@ class Fluke5720A(BaseInstrument):
         return bool(self._untripped_status() & _OPERATING)
 
     def _untripped_status(self) -> int:
-        """Return instrument status; standby with a fault is a trip. Raises: InstrumentError B-INST-013."""
+        """Return instrument status; standby with a fault is a trip. Raises: InstrumentError B-INST-013, B-INST-019."""
         status = self._status()
         if not status & _OPERATING and (faults := self.drain_errors()):
             message = f"tripped to standby at {self.programmed_A!r} A: {'; '.join(faults)}"
@@ -172,6 +194,14 @@ class Fluke5720A(BaseInstrument):
         return status
 
     def _status(self) -> int:
+        """Return instrument status. Raises: InstrumentError B-INST-019 if the current is not that of the set-point."""
+        status = self._status_word()
+        if keys := " and ".join(key for bit, key in _ALTERED_BY.items() if status & bit):
+            message = f"{keys} active (ISR? tells {status}, bits 8 and 9 must be 0): the output is not its set-point"
+            raise self.error(_ALTERED, message, f"press LOCAL, then {keys} at its front panel; *RST ends it, too")
+        return status
+
+    def _status_word(self) -> int:
         return self.ask("ISR?", read_integer)
 
     def _confirm_output(self, current_A: float) -> None:
@@ -203,7 +233,7 @@ class Fluke5720A(BaseInstrument):
         return str(number) if number else None
 
     def _go_safe(self) -> None:
-        if not self.switch_off("STBY", lambda: not self._status() & _OPERATING):
+        if not self.switch_off("STBY", lambda: not self._status_word() & _OPERATING):
             raise self.error("B-INST-009", "still operating after STBY", "press STBY at the front panel")
 
 

@@ -1,11 +1,13 @@
 """Simulated Fluke 5720A calibrator: DC current into the bench's wiring, with its errors and its trips.
 
 Not SCPI. Faults queue up (15 and an overflow mark) and are read with ``FAULT?``, explained with ``EXPLAIN? n``.
-``MA`` is milliampere for a current; before every other unit it is the multiplier mega.
+``MA`` is milliampere for a current; before every other unit it is the multiplier mega. An offset or a scale factor of
+the front panel (keys OFFSET and SCALE) alters what every entry puts out; of the commands only ``*RST`` ends it.
 
-Source: 5700A/5720A Series II Operators Manual ch. 5 (commands, response syntax, 128-byte input buffer), Table 2 of the
-AF-converter paper (ranges and floors). Placeholders, not confirmed on hardware: fault numbers, settling times, the trip
-into an open circuit within the same instant, standby opening the current loop, reply format of ``OUT?``.
+Source: 5700A/5720A Series II Operators Manual ch. 5 (commands, response syntax, 128-byte input buffer; 5-51: bits of
+``ISR?``) and 4-45 to 4-46 (offset and scale), Table 2 of the AF-converter paper (ranges and floors). Placeholders, not
+confirmed on hardware: fault numbers, settling times, the trip into an open circuit within the same instant, standby
+opening the current loop, reply format of ``OUT?`` and that it tells the entry and not what an offset makes of it.
 """
 
 from __future__ import annotations
@@ -23,7 +25,7 @@ from sim_instruments.bus.live import LiveDevice
 from sim_instruments.faults.fault import Fault
 from sim_instruments.worlds.common.wiring import TRIP_CURRENT_A
 
-OPERATING_BIT, SETTLED_BIT = 1 << 0, 1 << 12
+OPERATING_BIT, OFFSET_BIT, SCALE_BIT, SETTLED_BIT = 1 << 0, 1 << 8, 1 << 9, 1 << 12
 FAULT_AVAILABLE = 8  # status byte
 QUEUE_LENGTH = 16
 LOST_PATH = 502
@@ -34,6 +36,7 @@ GAIN_SIGMA = 10e-6
 DAY_S = 86_400.0
 ON_MIN = 300  # it was switched on so long before the bench
 SINCE_CALIBRATION_DAYS = 5
+LEFT_ALTERED_IN = 8  # one of so many users leaves an offset, one a scale factor
 _ZERO_A = 1e-12
 
 FAULTS = {
@@ -115,6 +118,7 @@ class Fluke5720A(LiveDevice):
         self.settled = True
         self.unit = "V"
         self.value = 0.0
+        self.offset_A, self.scale = 0.0, 1.0
         self.range_index = 0
         self.range_locked = False
         self.post = "NORMAL"
@@ -124,22 +128,25 @@ class Fluke5720A(LiveDevice):
     # --- physics -----------------------------------------------------------------------------------------------
 
     def true_current_A(self) -> float:
-        """Return the current that the terminals really carry once settled, ampere (gain, offset, level error).
+        """Return the current that the terminals really carry once settled, ampere.
+
+        The entry, altered by the keys SCALE and OFFSET, with the errors of gain, range and level.
 
         The world's option ``calibrator_drift_ppm`` makes the gain rise by that much a day, from the run's start.
         """
         drift = 1e-6 * float(self.world.options.get("calibrator_drift_ppm", 0.0)) * (self.now_ns - self._began_ns) / NS
         gain = self.gain + drift / DAY_S
+        asked_A = self.value * self.scale + self.offset_A
         if not self.world.options.get("calibrator_floor", True):
-            return self.value * (1.0 + gain)
+            return asked_A * (1.0 + gain)
         sigma_A = CURRENT_RANGES[self.range_index].floor_A / 2
         offset_A = self.world.rng("calibrator range offset", self.range_index).normal(0.0, sigma_A)
         level_A = 0.0
-        if abs(self.value) > _ZERO_A:
-            level = round(abs(self.value) * 1e12)
+        if abs(asked_A) > _ZERO_A:
+            level = round(abs(asked_A) * 1e12)
             rng = self.world.rng("calibrator level error", self.range_index, level)
-            level_A = float(np.sign(self.value)) * rng.normal(0.0, sigma_A)
-        return float(self.value * (1.0 + gain) + offset_A + level_A)
+            level_A = float(np.sign(asked_A)) * rng.normal(0.0, sigma_A)
+        return float(asked_A * (1.0 + gain) + offset_A + level_A)
 
     def trip(self, number: int = LOST_PATH) -> None:
         """Drop to standby and queue a fault, as the protection does; nothing happens in standby."""
@@ -166,6 +173,10 @@ class Fluke5720A(LiveDevice):
         )
         self.range_locked, self.external_guard = bool(draw.integers(2)), bool(draw.integers(2))
         self.post = str(draw.choice(["NORMAL", "AUX"]))
+        if draw.integers(LEFT_ALTERED_IN) == 0:
+            self.offset_A = float(draw.uniform(-1e-3, 1e-3))
+        if draw.integers(LEFT_ALTERED_IN) == 0:
+            self.scale = float(draw.uniform(0.95, 1.05))
         if draw.integers(2):
             self.limits["A"] = (-2.2, float(draw.uniform(1e-4, 2.2)))
         if draw.integers(2):
@@ -320,6 +331,15 @@ class Fluke5720A(LiveDevice):
         wait_ns = 0 if self.settled else self._settled_ns - self.now_ns
         self._say("1", after_s=wait_ns / NS)
 
+    def _ask_status(self, _: str) -> None:
+        bits = {
+            OPERATING_BIT: self.operating,
+            OFFSET_BIT: self.offset_A != 0.0,
+            SCALE_BIT: self.scale != 1.0,
+            SETTLED_BIT: self.settled,
+        }
+        self._say(str(sum(bit for bit, is_set in bits.items() if is_set)))
+
     def _ask_event_status(self, _: str) -> None:
         value, self.event_status = self.event_status, 0
         self._say(str(value))
@@ -344,9 +364,7 @@ _COMMANDS: dict[str, Callable[[Fluke5720A, str], None]] = {
     "OUT?": lambda self, _: self._say(f"{self.value:.7E},{self.unit},0.00E+00"),
     "OPER": Fluke5720A._oper,
     "STBY": lambda self, _: self._standby(),
-    "ISR?": lambda self, _: self._say(
-        str((OPERATING_BIT if self.operating else 0) | (SETTLED_BIT if self.settled else 0))
-    ),
+    "ISR?": Fluke5720A._ask_status,
     "ONTIME?": lambda self, _: self._say(str(ON_MIN + (self.now_ns - self._began_ns) // (60 * NS))),
     "CAL_DAYS?": lambda self, _: self._say(str(SINCE_CALIBRATION_DAYS)),
     "FAULT?": lambda self, _: self._say(str(self.faults_queued.popleft() if self.faults_queued else 0)),

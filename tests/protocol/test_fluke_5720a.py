@@ -14,7 +14,8 @@ OUT_10_MA = [
     *after(b"OUT 1.0E-02 A, 0 HZ\n", NO_FAULT),
     (b"OUT?\n", b"1.000000E-02,A,0E+00\n"),
 ]
-READY = [NO_FAULT, (b"OUT?\n", b"1.000000E-02,A,0E+00\n")]
+READY = [NO_FAULT, (b"OUT?\n", b"1.000000E-02,A,0E+00\n"), STANDBY]
+ALTERED = [(256, "OFFSET active"), (512, "SCALE active"), (768, "OFFSET and SCALE active")]
 
 
 def test_one_point_from_standby_to_standby() -> None:
@@ -111,6 +112,45 @@ def test_operate_is_not_sent_when_the_set_point_moved() -> None:
         calibrator.output(0.01)
         with refused("B-INST-011"):
             calibrator.operate()
+
+
+@pytest.mark.parametrize(("bits", "keys"), ALTERED)
+def test_a_calibrator_left_with_an_offset_or_a_scale_factor_is_refused(bits: int, keys: str) -> None:
+    with scripted("fluke_5720a", [*START[:2], (b"ISR?\n", b"%d\n" % (4096 | bits))]) as calibrator:
+        with refused("B-INST-019", keys) as caught:
+            calibrator.identify()
+        assert f"press LOCAL, then {keys.removesuffix(' active')} at" in caught.value.next_step
+
+
+@pytest.mark.parametrize(("bits", "keys"), ALTERED)
+def test_operate_is_not_sent_with_an_offset_or_a_scale_factor(bits: int, keys: str) -> None:
+    script = [*START, *OUT_10_MA, *READY[:-1], (b"ISR?\n", b"%d\n" % (4096 | bits))]
+    with scripted("fluke_5720a", script) as calibrator:
+        calibrator.output(0.01)
+        with refused("B-INST-019", keys):
+            calibrator.operate()
+
+
+def test_an_offset_that_comes_while_settling_ends_in_standby() -> None:
+    script = [*START, *OUT_10_MA, *READY, (b"OPER\n", None), ON_NOT_SETTLED, (b"ISR?\n", b"257\n"), (b"STBY\n", None)]
+    with scripted("fluke_5720a", script) as calibrator:
+        calibrator.output(0.01)
+        with refused("B-INST-019", "OFFSET"):
+            calibrator.operate()
+
+
+def test_a_scale_factor_that_comes_during_the_dwell_is_seen() -> None:
+    script = [*START, (b"ISR?\n", b"4609\n")]
+    with scripted("fluke_5720a", script) as calibrator, refused("B-INST-019", "SCALE"):
+        calibrator.operating()
+
+
+def test_one_that_is_refused_is_made_safe_all_the_same_and_not_taken_for_prepared() -> None:
+    on, off = (b"ISR?\n", b"4353\n"), (b"ISR?\n", b"4352\n")
+    script = [*START[:2], on, (b"STBY\n", None), START[0], (b"STBY\n", None), NO_FAULT, off, *START, ON_SETTLED]
+    with scripted("fluke_5720a", script) as calibrator:
+        calibrator.make_safe()
+        assert calibrator.operating() is True
 
 
 def test_a_trip_while_settling_ends_in_standby() -> None:

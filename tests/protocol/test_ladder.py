@@ -173,7 +173,7 @@ def test_without_a_read_back_the_doubt_is_the_error() -> None:
 
 NO_FAULT, ON, SETTLED = (b"FAULT?\n", b"0\n"), (b"ISR?\n", b"1\n"), (b"ISR?\n", b"4097\n")
 STANDBY, OUT_IS_10_MA = (b"ISR?\n", b"4096\n"), (b"OUT?\n", b"1.0E-02,A,0\n")
-READY = [*IDENTIFY["fluke_5720a"], NO_FAULT, OUT_IS_10_MA]
+READY = [*IDENTIFY["fluke_5720a"], NO_FAULT, OUT_IS_10_MA, STANDBY]
 
 
 def operated(script: list[Any]) -> Any:

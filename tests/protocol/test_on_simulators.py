@@ -119,6 +119,31 @@ def test_opening_a_relay_under_current_is_seen_as_a_trip(bench: Bench) -> None:
     calibrator.standby()
 
 
+@pytest.mark.parametrize(("key", "value"), [("offset_A", 5e-4), ("scale", 1.01)])
+@pytest.mark.parametrize("pressed", ["before the run", "before it is switched on", "during the dwell"])
+def test_no_current_is_taken_for_its_set_point_with_a_key_of_the_calibrator_pressed(
+    bench: Bench, key: str, value: float, pressed: str
+) -> None:
+    calibrator, switch = bench.driver("fluke_5720a"), bench.driver("keithley_7002")
+    simulated = bench.world.instruments["fluke_5720a"]
+    actions = {
+        "before the run": lambda: calibrator.output(1e-3),
+        "before it is switched on": calibrator.operate,
+        "during the dwell": calibrator.operating,
+    }
+    switch.route(1, 1)
+    for moment, act in actions.items():
+        if moment == pressed:
+            setattr(simulated, key, value)
+            with refused("B-INST-019", "active"):
+                act()
+            break
+        act()
+    assert simulated.operating is (pressed == "during the dwell")
+    calibrator.make_safe()
+    assert not simulated.operating
+
+
 def test_late_replies_are_never_taken_for_another_answer(bench: Bench) -> None:
     supply = bench.driver("hp_6632b")
     supply.configure(15.0, 1.5, 18.0)

@@ -196,6 +196,23 @@ def settled_A(bench: Bench, current: str, row: int = 1, channel: int = 1) -> flo
     return bench.unit.inputs[channel] - bench.world.wiring.leakage_A[row - 1, channel - 1]
 
 
+@pytest.mark.parametrize(
+    ("offset_A", "scale", "bits", "current_A"), [(5e-4, 1.0, 256, 1.5e-3), (0.0, 1.01, 512, 1.01e-3)]
+)
+def test_an_offset_or_a_scale_factor_is_told_by_the_status_alone(
+    bench: Bench, offset_A: float, scale: float, bits: int, current_A: float
+) -> None:
+    calibrator = bench.world.instruments["calibrator"]
+    calibrator.offset_A, calibrator.scale = offset_A, scale
+    assert settled_A(bench, "1.0E-03") == pytest.approx(current_A, rel=1e-4)
+    assert status(bench) == OPERATING | bits
+    assert bench.ask("calibrator", "OUT?") == "1.0000000E-03,A,0.00E+00"
+    assert settled_A(bench, "0") == pytest.approx(offset_A, abs=1e-7)
+    bench.send("calibrator", "*RST")
+    assert status(bench) == STANDBY
+    assert settled_A(bench, "1.0E-03") == pytest.approx(1e-3, rel=1e-4)
+
+
 def test_errors_are_common_to_polarity_channel_and_time() -> None:
     with open_bench(seed=4) as bench:
         first_A = settled_A(bench, "1.0E-02")

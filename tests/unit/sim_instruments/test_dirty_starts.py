@@ -30,12 +30,17 @@ PHI_RAD = 0.576
 FREQUENCY_Hz, AMPLITUDE_V, VOLTAGE_V, CURRENT_A = 1e7, 2.5, 15.0, 0.1
 
 
-def soiled(bench: Bench, role: str, seed: int) -> Any:
-    """Return the driver of an instrument that somebody used before."""
+def left(bench: Bench, role: str, seed: int) -> Any:
+    """Return the driver of an instrument that somebody used before, not yet identified."""
     bench.world.instruments[role].left_by_another(np.random.default_rng([SEED, seed]))
     resource = bench.manager.open_resource(ADDRESSES[role], resource_pyclass=MessageBasedResource)
     driver = importlib.import_module(f"instruments.{DRIVERS[role]}").DRIVER
-    made = driver(resource, role=role, clock=bench.clock, transcript=Log(), options={})
+    return driver(resource, role=role, clock=bench.clock, transcript=Log(), options={})
+
+
+def soiled(bench: Bench, role: str, seed: int) -> Any:
+    """Return the driver of an instrument that somebody used before, identified and prepared."""
+    made = left(bench, role, seed)
     made.identify()
     return made
 
@@ -85,8 +90,15 @@ def meter(bench: Bench, seed: int) -> None:
 
 def calibrator(bench: Bench, seed: int) -> None:
     bench.send("switch", ":CLOS (@1!1!1)")
-    driver = soiled(bench, "calibrator", seed)
-    if bench.world.instruments["calibrator"].limits["A"][1] < CURRENT_A:
+    driver = left(bench, "calibrator", seed)
+    seen = bench.world.instruments["calibrator"]
+    if (seen.offset_A, seen.scale) != (0.0, 1.0):
+        with refused("B-INST-019", "active"):
+            driver.output(CURRENT_A)
+        driver.make_safe()
+        assert not seen.operating
+        seen.offset_A, seen.scale = 0.0, 1.0  # a person has pressed the keys
+    if seen.limits["A"][1] < CURRENT_A:
         with refused("B-INST-005"):
             driver.output(CURRENT_A)
         return
