@@ -15,7 +15,7 @@ from typing import Any
 
 import fsspec
 
-from bench.model.errors import InputError
+from bench.model.errors import BenchError, InputError
 from bench.model.segments import OPEN_MARKER, SEGMENT_NAME
 from bench.report import CERTIFICATE_FILE, SPECIMEN_FILE
 from bench.session.shelf import ACCEPTANCES
@@ -24,6 +24,10 @@ from bench.session.verification import RESULTS
 _KEPT = (RESULTS, ACCEPTANCES, CERTIFICATE_FILE, SPECIMEN_FILE)  # what is read beside the segments
 # What a store says of the state of an object, the surest first; every one of them has one of these.
 _STATES = ("ETag", "etag", "md5Hash", "mtime", "LastModified", "last_modified", "created")
+
+
+class StorageError(OSError):
+    """Storage cannot be read now, in the words of the package that reaches it."""
 
 
 @dataclass(frozen=True)
@@ -46,9 +50,10 @@ def sessions_at(url: str) -> list[Place]:
     Args:   url: a path, or a URL of a file system that fsspec knows.
     Raises: InputError B-ARC-002 if it cannot be listed, or holds no session.
     """
-    storage, root = _opened(url)
     try:
-        listed: Mapping[str, Mapping[str, Any]] = storage.find(root, detail=True)
+        storage, root = _opened(url)
+        with _at_storage():
+            listed: Mapping[str, Mapping[str, Any]] = storage.find(root, detail=True)
     except OSError as error:
         raise _unreadable(url, error) from error
     folders: dict[str, dict[str, Mapping[str, Any]]] = {}
@@ -78,7 +83,8 @@ def brought_here(location: str) -> Iterator[tuple[Path, Place]]:
             B-ARC-002.
     """
     storage, root = _opened(location)
-    entries: list[Mapping[str, Any]] = storage.ls(root, detail=True)
+    with _at_storage():
+        entries: list[Mapping[str, Any]] = storage.ls(root, detail=True)
     files = {str(entry["name"]).rpartition("/")[2]: entry for entry in entries if entry["type"] == "file"}
     place = _place(location, files)
     if not any(map(SEGMENT_NAME.fullmatch, files)):
@@ -87,17 +93,36 @@ def brought_here(location: str) -> Iterator[tuple[Path, Place]]:
         yield Path(root), place
         return
     with TemporaryDirectory(prefix="bench-archive-") as copy:
-        for name in sorted(filter(_is_read, files)):
-            storage.get_file(str(files[name]["name"]), str(Path(copy, name)))
+        with _at_storage():
+            for name in sorted(filter(_is_read, files)):
+                storage.get_file(str(files[name]["name"]), str(Path(copy, name)))
         yield Path(copy), place
 
 
-def _opened(url: str) -> tuple[Any, str]:
-    """Return the file system of a URL, and the path in it."""
+@contextmanager
+def _at_storage() -> Iterator[None]:
+    """Give whatever a package of fsspec raises as the OSError that storage of this machine gives.
+
+    Packages have errors of their own (botocore's are no OSError), and which ones cannot be listed.
+    """
     try:
-        storage, root = fsspec.core.url_to_fs(url)
-    except (ValueError, ImportError, OSError) as error:
-        raise _unreadable(url, error) from error
+        yield
+    except (OSError, BenchError):
+        raise
+    except Exception as error:
+        raise StorageError(f"{type(error).__name__}: {' '.join(str(error).split())}") from error
+
+
+def _opened(url: str) -> tuple[Any, str]:
+    """Return the file system of a URL, and the path in it.
+
+    Raises: InputError B-ARC-002 if no package here knows it; OSError if it cannot be reached now.
+    """
+    with _at_storage():
+        try:
+            storage, root = fsspec.core.url_to_fs(url)
+        except (ValueError, ImportError) as error:
+            raise _unreadable(url, error) from error
     return storage, str(root)
 
 

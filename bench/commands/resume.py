@@ -17,6 +17,7 @@ from bench.commands.origin import named_file
 from bench.commands.tables import print_results, print_units, print_without_results, print_written, verdict_status
 from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
+from bench.model.events import Resume
 from bench.plan import Plan, compile_sequence
 from bench.record import SessionReader
 from bench.run.guard.guarding import station_lock
@@ -57,7 +58,7 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
     plan = stopped.plan if sequence is None else _given(stopped, sequence)
     clock = _clock(stopped)
     resumed = resumption(stopped, clock.utc_ns())
-    _tell(stopped, plan, resumed.start, resumed.event.away_s, out)
+    _tell(stopped, plan, resumed.event, out)
     with station_lock(plan.station, "resume", clock, take_over=take_over):
         pass
     seed = int(stopped.manifest.get("seed") or 0)
@@ -83,9 +84,13 @@ def _clock(stopped: Stopped) -> Clock:
     return clock
 
 
-def _tell(stopped: Stopped, plan: Plan, start: int, away_s: float | None, out: Console) -> None:
-    away = "" if away_s is None else f" {away_s:.0f} s ago"
-    out.print(f"stopped{away} ({stopped.reason}); going on at step {start} of {len(plan.steps)}")
+def _tell(stopped: Stopped, plan: Plan, event: Resume, out: Console) -> None:
+    away_s, back_s = event.away_s, event.utc_back_s
+    away = " an unknown time ago" if away_s is None else f" {away_s:.0f} s ago"
+    out.print(f"stopped{away} ({stopped.reason}); going on at step {event.start} of {len(plan.steps)}")
+    if away_s is None:
+        why = "UTC of the stop is not recorded" if back_s is None else f"UTC is {back_s:.0f} s behind what was recorded"
+        out.print(f"{why}: times go on right behind it; a result that depends on the time away will be doubtful")
     for place in stopped.damage:
         out.print(f"damaged: {place}")
     for name, change in changed_files(plan.files, plan.texts).items():

@@ -99,6 +99,9 @@ def _station(name: str, settings: Sequence[str]) -> Station:
 
 
 def _announce(station: Station, bench: Any, path: Path) -> None:
+    for name, port in bench.moved.items():
+        text = f"{name}: port {port} is taken, another one is used; a session begun on it cannot be resumed here"
+        typer.echo(text, err=True)
     resources, sockets = bench.resources, bench.sockets
     for role, entry in station.instruments.items():
         typer.echo(f"{role}: {entry.driver} at {resources[role]}, raw socket {sockets[role]}")

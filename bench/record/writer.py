@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from contextlib import suppress
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +20,7 @@ from bench.record.segment import Channel, ChunkBuffer, SegmentWriter
 SEGMENT_S = 3600
 CHUNK_BYTES = 1_000_000  # a chunk is closed before its second when it gets this large
 HELD_BYTES = 64_000_000  # kept in memory while the disk refuses
+REFUSED_S = 1800  # for so long, as a run waits for anything else: what is held is lost with the process or the power
 RETIRED_FILES = 4  # finished segments kept open for the next sync; a virtual run never syncs
 FOLDER_MODE = 0o750  # what a unit is and how it behaves is for its owner and the group
 HEAD_COPIES = 2  # of manifest and texts
@@ -32,8 +34,8 @@ class SessionWriter:
     """Implements bench.model.ports.SessionSink. Thread-safe; only ``sync`` waits for the disk.
 
     Create one with ``SessionWriter.create`` (new session) or bench.record.recover.resume_session (a stopped one).
-    After a RecordError nothing is lost: what was given is held in memory (64 MB at most) and the next ``tick`` tries
-    again in a new segment.
+    After a RecordError nothing is lost: what was given is held in memory (64 MB and half an hour at most) and the next
+    ``tick`` tries again in a new segment.
     """
 
     def __init__(
@@ -61,6 +63,8 @@ class SessionWriter:
         self._segment: SegmentWriter | None = None
         self._retired: list[SegmentWriter] = []
         self._t_ns = t_mono_ns
+        self._utc_ns: int | None = None  # minus monotonic time
+        self._refused_ns: int | None = None  # since when the disk refuses
         self._rotate_ns = t_mono_ns + SEGMENT_S * NS
         self._closed = False
         self._files.append(folder / OPEN_MARKER).close()
@@ -107,6 +111,7 @@ class SessionWriter:
 
     def clock_pair(self, t_mono_ns: int, t_utc_ns: int) -> None:
         """UTC that belongs to a monotonic time."""
+        self._utc_ns = t_utc_ns - t_mono_ns
         self._add(layout.CLOCK, t_mono_ns, layout.canonical_json({"t_mono_ns": t_mono_ns, "t_utc_ns": t_utc_ns}))
 
     def _add(self, topic: str, t_ns: int, payload: bytes) -> None:
@@ -118,8 +123,9 @@ class SessionWriter:
 
     def _append(self, topic: str, t_ns: int, payload: bytes) -> None:
         channel = self._by_topic.get(topic) or self._new_channel(topic)
-        if self._closed or self._buffer.size > HELD_BYTES:
-            raise self._refusal()
+        late = self._refused_ns is not None and t_ns - self._refused_ns > REFUSED_S * NS
+        if self._closed or late or self._buffer.size > HELD_BYTES:
+            raise self._refusal(late=late)
         self._buffer.add(channel, self._sequence, t_ns, payload)
         self._sequence += 1
         self._t_ns = t_ns
@@ -130,12 +136,13 @@ class SessionWriter:
         self._by_topic[topic] = channel
         return channel
 
-    def _refusal(self) -> RecordError:
+    def _refusal(self, *, late: bool) -> RecordError:
         if self._closed:
             return RecordError("B-REC-002", "the session is closed", where=str(self.folder))
+        what = f"for {REFUSED_S // 60} min" if late else f"and more than {HELD_BYTES // 1_000_000} MB wait"
         return RecordError(
             "B-REC-003",
-            f"more than {HELD_BYTES // 1_000_000} MB wait for a disk that refuses them",
+            f"the disk takes nothing {what}: no more is held in memory",
             where=str(self.folder),
             next_step="free space or change the disk, then start again",
         )
@@ -176,13 +183,17 @@ class SessionWriter:
                 except OSError as error:
                     self._abandon(error)
                 else:
-                    self._begin_chunk()
+                    self._written()
                     return
             self._write_in_new_segment()
 
     def _chunks(self) -> list[ChunkBuffer]:
         """Return what is to be written."""
         return [*self._waiting, self._buffer] if self._buffer.parts else self._waiting
+
+    def _written(self) -> None:
+        self._refused_ns = None
+        self._begin_chunk()
 
     def _begin_chunk(self) -> None:
         self._waiting, self._waiting_bytes, self._buffer = [], 0, ChunkBuffer()
@@ -200,18 +211,26 @@ class SessionWriter:
                 raise
         except OSError as error:
             self._hold()
-            raise _cannot_write(path, error) from error
+            raise _cannot_write(path, error, self._until()) from error
         self._segment = segment
         self._next_number += 1
-        self._begin_chunk()
+        self._written()
 
     def _hold(self) -> None:
         """Keep what the disk refuses as one chunk, which grows until it takes it."""
+        self._refused_ns = self._t_ns if self._refused_ns is None else self._refused_ns
         held, *later = self._chunks()
         for chunk in later:
             held.append(chunk)
         self._begin_chunk()
         self._buffer = held
+
+    def _until(self) -> str:
+        """Return how long a run waits for the disk, in words."""
+        if self._utc_ns is None or self._refused_ns is None:
+            return f"{REFUSED_S // 60} min"
+        end_s = (self._refused_ns + self._utc_ns) // NS + REFUSED_S
+        return f"until {datetime.fromtimestamp(end_s, UTC):%Y-%m-%dT%H:%M:%SZ}"
 
     def _abandon(self, error: OSError) -> None:
         """Leave a segment that failed as it is (whole up to its last chunk) and say so in the next one."""
@@ -292,6 +311,7 @@ class SessionWriter:
         with self._lock:
             if self._closed:
                 return self.chain
+            self.flush()
             self.event(Closed.kind, self._t_ns, Closed(reason=reason).document())
             for _ in range(2):  # a fault while the segment is finished begins another one, which says so
                 self.flush()
@@ -303,10 +323,11 @@ class SessionWriter:
             return self.chain
 
 
-def _cannot_write(path: Path, error: OSError) -> RecordError:
+def _cannot_write(path: Path, error: OSError, until: str = f"{REFUSED_S // 60} min") -> RecordError:
     return RecordError(
         "B-REC-001",
         f"cannot be written: {error.strerror or error}",
         where=str(path),
-        next_step="free space or repair the disk; what comes meanwhile is held in memory, 64 MB at most",
+        next_step=f"free space or repair the disk; what comes meanwhile is held in memory, {until} and 64 MB at most; "
+        "then the run ends",
     )

@@ -58,9 +58,8 @@ def _parts(reader: SessionReader, resumed: bool) -> list[Part]:
         if message.topic == layout.EVENT:
             if message.event()[0] == Resume.kind:
                 parts.append(Part())
-        elif parts[-1].offset_ns is None:
-            pair = message.document()
-            parts[-1].offset_ns = int(pair["t_utc_ns"]) - int(pair["t_mono_ns"])
+        else:
+            parts[-1].pair(message)
             if not resumed:
                 break
         parts[-1].see(np.array([message.t_ns], np.uint64))

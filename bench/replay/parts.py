@@ -1,8 +1,9 @@
 """The parts of a session that was resumed: one time axis for all of them, and what happened in between.
 
 The monotonic clock may start anew with each part (a reboot), and so do the counters of the links. Times of a later
-part are moved onto the clock of the first one by the UTC of both, so that the gap is as long as it was; counters are
-moved by the frames that would have come in the gap, and never follow those before without one.
+part are moved onto the clock of the first one by the UTC of both, so that the gap is as long as it was. Where UTC
+cannot say that (it went back, or is not known) the later part lies right behind, in order, and the gap is of unknown
+length. Counters are moved by the frames that would have come in the gap, and never follow those before without one.
 """
 
 from __future__ import annotations
@@ -90,11 +91,22 @@ def _window(event: Record, message: Message) -> RecordWindow:
 
 @dataclass
 class Part:
-    """Times of one part: first and last message, and UTC minus monotonic time, None without a clock pair; ns."""
+    """Times of one part: first and last message, and UTC minus monotonic time, None without a clock pair; ns.
+
+    ``offset_ns`` is by the first clock pair, ``last_offset_ns`` by the last one: a clock that is set right meanwhile
+    leaves no trace in the gap behind the part.
+    """
 
     first_ns: int | None = None
     last_ns: int = 0
     offset_ns: int | None = None
+    last_offset_ns: int | None = None
+
+    def pair(self, message: Message) -> None:
+        """Take a clock pair of the part."""
+        pair = message.document()
+        self.last_offset_ns = int(pair["t_utc_ns"]) - int(pair["t_mono_ns"])
+        self.offset_ns = self.last_offset_ns if self.offset_ns is None else self.offset_ns
 
     def see(self, t_ns: NDArray[np.uint64]) -> None:
         """Messages of these times belong to the part, in this order."""
@@ -107,7 +119,8 @@ class Part:
 class Splice:
     """A place where a run was gone on with. UTC in ns, None if unknown; unit temperatures before and after, degC.
 
-    ``at_ns``: monotonic time on the session's axis; ``away_s``: how long nothing was recorded, None if unknown.
+    ``at_ns``: monotonic time on the session's axis; ``away_s``: how long nothing was recorded, None if not recorded.
+    ``placed``: the times behind it are as much later as they were; False where nobody knows how much that is.
     ``soaked``: the unit was brought to its temperature again.
     """
 
@@ -120,6 +133,7 @@ class Splice:
     unit_before_degC: float | None
     unit_after_degC: float | None
     soaked: bool
+    placed: bool = True
 
     @property
     def drift_degC(self) -> float | None:
@@ -129,16 +143,30 @@ class Splice:
         return self.unit_after_degC - self.unit_before_degC
 
 
+def intervals_ns(parts: Sequence[Part]) -> list[int | None]:
+    """Return how long nothing was recorded before each part but the first, ns; None where the clocks cannot say.
+
+    By the monotonic clock where both parts are of one boot, else by UTC, which must not have gone back meanwhile.
+    """
+    intervals: list[int | None] = []
+    for before, part in pairwise(parts):
+        ended_ns = before.offset_ns if before.last_offset_ns is None else before.last_offset_ns
+        running_ns = 0 if part.first_ns is None else part.first_ns - before.last_ns
+        if ended_ns is None or part.offset_ns is None:
+            intervals.append(None)
+            continue
+        jump_ns = part.offset_ns - ended_ns
+        interval_ns = running_ns if running_ns >= 0 and abs(jump_ns) <= STEPPED_NS else running_ns + jump_ns
+        intervals.append(interval_ns if interval_ns >= 0 else None)
+    return intervals
+
+
 def time_shifts_ns(parts: Sequence[Part]) -> list[int]:
     """Return what is added to the times of each part, ns; 0 for the first, and for one on the same running clock."""
     shifts = [0]
-    for before, part in pairwise(parts):
+    for (before, part), interval_ns in zip(pairwise(parts), intervals_ns(parts), strict=True):
         first_ns = before.last_ns if part.first_ns is None else part.first_ns
-        known = before.offset_ns is not None and part.offset_ns is not None
-        jump_ns = (part.offset_ns or 0) - (before.offset_ns or 0) if known else 0
-        if first_ns >= before.last_ns and abs(jump_ns) <= STEPPED_NS:
-            jump_ns = 0
-        shifts.append(shifts[-1] + max(jump_ns, before.last_ns - first_ns))
+        shifts.append(shifts[-1] + before.last_ns - first_ns + (interval_ns or 0))
     return shifts
 
 
@@ -180,26 +208,34 @@ def _moved(row: RecordRow, shift_ns: int, counters: int) -> RecordRow:
     return replace(row, window=there, timing=timing, signals=signals)
 
 
-def splices_of(events: Iterable[tuple[int, Event]]) -> tuple[Splice, ...]:
-    """Return splices of a session, from its events on one time axis."""
+def splices_of(events: Iterable[tuple[int, Event]], parts: Sequence[Part]) -> tuple[Splice, ...]:
+    """Return splices of a session, from its events on one time axis and the clocks of its parts."""
+    intervals = iter(intervals_ns(parts))
     splices: list[Splice] = []
     for t_ns, event in events:
         if isinstance(event, Resume):
-            splices.append(_begun(t_ns, event))
+            splices.append(_begun(t_ns, event, next(intervals)))
         elif isinstance(event, Reentry) and splices and splices[-1].step == event.step >= 0:
             splices[-1] = replace(splices[-1], unit_after_degC=event.unit_degC, soaked=event.soaked)
     return tuple(splices)
 
 
-def _begun(t_ns: int, event: Resume) -> Splice:
+def _begun(t_ns: int, event: Resume, interval_ns: int | None) -> Splice:
+    """Return a splice; a time away below zero is none, whatever the event says."""
+    away_s = event.away_s
+    if interval_ns is None:
+        away_s = None
+    elif away_s is not None and away_s < 0.0:
+        away_s = interval_ns / NS
     return Splice(
         at_ns=t_ns,
         stopped_utc_ns=event.stopped_utc_ns,
         started_utc_ns=event.utc_ns,
-        away_s=event.away_s,
+        away_s=away_s,
         step=-1 if event.start is None else event.start,
         reason=event.reason or "unknown",
         unit_before_degC=event.unit_degC,
         unit_after_degC=None,
         soaked=False,
+        placed=interval_ns is not None,
     )

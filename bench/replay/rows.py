@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, parse_frame, signal_of
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Event, Resume, event_of
-from bench.record import Block, Damage, Message, RecordCutter, RecordedReadings, RecordRow, SessionReader, layout
+from bench.record import Block, Damage, RecordCutter, RecordedReadings, RecordRow, SessionReader, layout
 from bench.replay.parts import Part, RecordedWindow, Splice, moved_rows, recorded_windows, splices_of, time_shifts_ns
 
 BATCH_BYTES = 4_000_000
@@ -91,7 +91,7 @@ def replay_rows(folder: Path, *, strict: bool = False) -> Replayed:
     return Replayed(
         manifest, texts, tuple(moved_rows(replay.rows.values(), shifts_ns)), replay.counts, events,
         reader.sha256, tuple(reader.damage), tuple(reader.unfinished), tuple(_notes(manifest, definitions)),
-        splices_of(events), replay.parts[0].offset_ns,
+        splices_of(events, replay.parts), replay.parts[0].offset_ns,
     )  # fmt: skip
 
 
@@ -180,7 +180,7 @@ class _Replay:
         begin = 0
         for place, message in block.placed(_BESIDE):
             if message.topic == layout.CLOCK:
-                self._pair(message)
+                self.parts[-1].pair(message)
                 continue
             event = event_of(*message.event())
             if isinstance(event, Resume):
@@ -200,13 +200,6 @@ class _Replay:
             self._decoders[link].push_all(block.payloads(at))
         if sum(decoder.pending_bytes for decoder in self._decoders.values()) >= BATCH_BYTES:
             self._decode()
-
-    def _pair(self, message: Message) -> None:
-        """The first clock pair of a part says which UTC its monotonic time is."""
-        part = self.parts[-1]
-        if part.offset_ns is None:
-            pair = message.document()
-            part.offset_ns = int(pair["t_utc_ns"]) - int(pair["t_mono_ns"])
 
     def _decode(self) -> None:
         """Decode what is queued, links without records first: their frames are the context of the others."""

@@ -256,8 +256,8 @@ def patient(write: Callable[..., None], tell: Callable[[Disk], None]) -> Callabl
     """Return the same call of the recorder, which goes on while the disk refuses.
 
     What a session was given is held until the disk takes it (B-REC-001), a line of the step journal is left out
-    (B-REC-005). ``tell`` is called once per trouble. When too much is held the recorder raises B-REC-003, and that
-    ends the run.
+    (B-REC-005). ``tell`` is called once per trouble. When too much is held, or for too long, the recorder raises
+    B-REC-003, and that ends the run.
     """
     said = False
 

@@ -52,7 +52,8 @@ def changed_files(files: Mapping[str, str], texts: Mapping[str, str]) -> dict[st
 class Stopped:
     """A session whose run has stopped: everything that is whole of it but the bytes of the links.
 
-    ``last_ns``: monotonic time of the last good message; ``last_utc_ns``: its UTC by the clock pairs, -1 if unknown.
+    ``last_ns``: monotonic time of the last good message; ``last_utc_ns``: its UTC by the clock pairs of the last part,
+    -1 if it has none.
     ``damage``: what is not whole any more.
     """
 
@@ -104,6 +105,7 @@ def read_stopped(folder: Path) -> Stopped:
         last_ns = message.t_ns
         if message.topic == layout.EVENT:
             events.append(event_of(*message.event()))
+            offset_ns = None if isinstance(events[-1], Resume) else offset_ns  # monotonic time may have begun anew
         elif message.topic == layout.CLOCK:
             pair = message.document()
             offset_ns = int(pair["t_utc_ns"]) - int(pair["t_mono_ns"])
@@ -130,14 +132,17 @@ def resumption(stopped: Stopped, utc_ns: int) -> Resumption:
     """Return how the run goes on; ``utc_ns`` is the UTC of now."""
     position = stopped_at(stopped.plan, stopped.entries, stopped.events)
     known = stopped.last_utc_ns >= 0
+    away_s = (utc_ns - stopped.last_utc_ns) / 1e9 if known else None
+    back = away_s is not None and away_s < 0.0  # a clock that lost its time with the power, most often
     event = Resume(
         reason=stopped.reason,
         start=position.start,
         stopped_mono_ns=stopped.last_ns,
         stopped_utc_ns=stopped.last_utc_ns if known else None,
         utc_ns=utc_ns,
-        away_s=(utc_ns - stopped.last_utc_ns) / 1e9 if known else None,
+        away_s=None if back else away_s,
         unit_degC=stopped.unit_degC,
+        utc_back_s=-away_s if back and away_s is not None else None,
     )
     return Resumption(
         stopped.folder, stopped.manifest, position.start, event, position.records, position.withdrawn,

@@ -13,12 +13,12 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import Check, analyse, link_checks
+from bench.analysis import Check, link_checks
 from bench.model.errors import BenchError
 from bench.model.posix import give_way
 from bench.model.systems import named, system_of_analysis
 from bench.session.service import read_view
-from bench.session.view import material_of
+from bench.session.view import analysis_of
 
 NICE = 19
 
@@ -31,7 +31,7 @@ def verdict(folder: Path, limits: Mapping[str, float]) -> dict[str, Any]:
     system = system_of_analysis(str(campaign.get("analysis")))
     if view.has_analysis and system is not None and system.early:
         try:
-            checks.extend(named(system.early).checks(view.rows, campaign, lambda: analyse(material_of(view)), limits))
+            checks.extend(named(system.early).checks(view.rows, campaign, lambda: analysis_of(view), limits))
         except BenchError as error:  # most often: too few records yet
             checks.append(Check("partial fit", None, None, 0.0, error.message))
     judged = [check.ok for check in checks if check.ok is not None]

@@ -274,7 +274,8 @@ def splice_tables(splices: Sequence[Splice]) -> list[Table]:
         for splice in splices
     ]
     headers = [say(f"splice.{head}") for head in _SPLICE]
-    return [Table(say("splice.title"), say("splice.caption"), headers, rows, prose=True)]
+    captions = [say("splice.caption"), *([] if all(splice.placed for splice in splices) else [say("splice.behind")])]
+    return [Table(say("splice.title"), " ".join(captions), headers, rows, prose=True)]
 
 
 def _utc(t_ns: int | None) -> str | None:

@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import analyse, by_foreseen_name, doubt_lines, is_sound, results_json, rule_of, stated_estimates
+from bench.analysis import by_foreseen_name, doubt_lines, is_sound, results_json, rule_of, stated_estimates
 from bench.model.errors import BenchError
 from bench.model.posix import give_way
 from bench.model.systems import analysis_declaration
@@ -22,7 +22,7 @@ from bench.record import UNIT_TEMPERATURE, SessionReader
 from bench.session.expected import Expected, expectations
 from bench.session.one_unit import serials_of
 from bench.session.service import read_view
-from bench.session.view import SessionView, material_of
+from bench.session.view import SessionView, analysis_of
 
 NICE = 19
 KEYS = (
@@ -46,7 +46,7 @@ def partial(folder: Path) -> dict[str, Any]:
         return {**document, "why": "this sequence asks for no analysis"}
     entries: list[dict[str, Any]] = []
     try:
-        entries = stated_estimates(analyse(material_of(view)), rule_of(view.manifest["campaign"].get("decision")))
+        entries = stated_estimates(analysis_of(view), rule_of(view.manifest["campaign"].get("decision")))
         document["doubt"] = doubt_lines(entries)
     except BenchError as error:  # most often: too few records yet
         document["why"] = error.message

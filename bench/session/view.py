@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -30,7 +30,7 @@ from bench.frame import CommandLayout, parse_frame
 from bench.model import events
 from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS
-from bench.model.errors import FitError, InputError
+from bench.model.errors import BenchError, FitError, InputError
 from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake, UnitLeftOut
 from bench.model.lab_code import sha256_of
 from bench.model.systems import analysis_declaration
@@ -39,6 +39,7 @@ from bench.plan import StationFile, Step
 from bench.record import Damage, RecordRow
 from bench.replay import Splice
 from bench.report import Laboratory, Report, ReportModel, RunStory, TemperatureTrace, report_model
+from bench.session.away import LONGER_S, doubted, placed_later
 from bench.session.expected import predicted_of
 from bench.session.happenings import (
     alarms_raised,
@@ -151,7 +152,7 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
 def _analysed(view: SessionView, method: str | None) -> Analysis:
     """Return the analysis; a unit that was left out before anything was determined has one without estimates."""
     try:
-        return analyse(material_of(view), method)
+        return analysis_of(view, method)
     except FitError as error:
         if not view.events_of(UnitLeftOut):
             raise
@@ -159,6 +160,24 @@ def _analysed(view: SessionView, method: str | None) -> Analysis:
         return Analysis(
             str(campaign["analysis"]), "none", campaign["uut"], [], notes=[error.message], missing=[error.message]
         )
+
+
+def analysis_of(view: SessionView, method: str | None = None) -> Analysis:
+    """Return the analysis of a session's records, with doubt at what a time away that nobody knows would change.
+
+    Raises: BenchError of the analysis.
+    """
+    analysis = analyse(material_of(view), method)
+    if all(splice.placed for splice in view.splices):
+        return analysis
+    others: list[Analysis | None] = []
+    for longer_s in LONGER_S:
+        rows, happened_later = placed_later(view.rows, view.events, view.splices, longer_s)
+        try:
+            others.append(analyse(material_of(replace(view, rows=rows, events=happened_later)), method))
+        except BenchError:
+            others.append(None)
+    return doubted(analysis, others, view.splices)
 
 
 def material_of(view: SessionView) -> Material:

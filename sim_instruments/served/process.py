@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import ipaddress
+import json
 import os
 import signal
+import socket
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -22,7 +24,8 @@ from sim_instruments.served.socket_server import SocketServer
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.simulation import open_world, possible_faults
 
-LOCK, CONTROL, STATION = "sim.lock", "control.sock", "station.yaml"
+LOCK, CONTROL, STATION, PORTS = "sim.lock", "control.sock", "station.yaml", "ports.json"
+LOOPBACK, HISLIP, MOST_PORT = "127.0.0.1", "hislip", 1 << 16
 STOPPING = (signal.SIGINT, signal.SIGTERM)
 OPERATE, OPERATE_WORDS = "operate", 3
 WATCH_S = 0.02
@@ -33,11 +36,11 @@ class InstrumentServers:
     """Serves every instrument of a world until ``close``: HiSLIP for our drivers, raw sockets for other people's.
 
     Args: world: the bench; close the servers before it.   host: a loopback address; nobody else's instruments.
-          hislip_port: 0 takes any free port; raw sockets always do.
-    Raises: ValueError for another host or a virtual clock, OSError if the port is taken.
+          ports: of the raw socket of each role, and of "hislip"; what is not named takes any free one.
+    Raises: ValueError for another host or a virtual clock, OSError if a port is taken.
     """
 
-    def __init__(self, world: World, *, host: str = "127.0.0.1", hislip_port: int = 0) -> None:
+    def __init__(self, world: World, *, host: str = LOOPBACK, ports: Mapping[str, int] | None = None) -> None:
         if not ipaddress.ip_address(host).is_loopback:
             raise ValueError(f"simulated instruments are served on the loopback interface only, not on {host}")
         if world.clock.virtual:
@@ -45,13 +48,19 @@ class InstrumentServers:
         self._host = host
         self._roles = tuple(world.instruments)
         served = [ServedInstrument(world, device) for device in world.instruments.values()]
-        self._hislip = HislipServer(served, host, hislip_port)
-        self._sockets = SocketServer(served, host)
+        ports = ports or {}
+        self._hislip = HislipServer(served, host, ports.get(HISLIP, 0))
+        self._sockets = SocketServer(served, host, ports)
 
     @property
     def hislip_port(self) -> int:
         """The one port of all HiSLIP instruments."""
         return self._hislip.port
+
+    @property
+    def ports(self) -> dict[str, int]:
+        """Every port that is listened at: of "hislip", and of the raw socket of each role."""
+        return {HISLIP: self.hislip_port, **dict(zip(self._roles, self._sockets.ports, strict=True))}
 
     def resources(self) -> dict[str, str]:
         """Return the VISA address of each role over HiSLIP; the sub-address counts the roles in their order."""
@@ -127,7 +136,8 @@ class ServedBench:
     Args:
         world: kind of world.   wiring, options: as for ``open_world``.
         seed: of every random draw.   rate: how many times faster than real time the bench runs.
-        folder: holds the terminals, the control socket and the lock; made if it is missing.
+        folder: holds the terminals, the control socket, the lock and the ports; made if it is missing. A bench that is
+            begun again in it has the ports it had, so that sessions can be resumed; ``moved`` says which were taken.
         clean: instruments are as after power-on; else as their last user left them, by the seed.
     Raises: InputError B-SIM-013 (another simulated bench lives in the folder), B-SIM-014 (folder or socket cannot be
         made), and those of ``open_world``.
@@ -148,8 +158,12 @@ class ServedBench:
             opened.callback(self._world.close)
             if not clean:
                 self._world.use_up()
-            self._servers = InstrumentServers(self._world)
+            before = _ports_before(folder / PORTS)
+            ports = {name: port for name, port in before.items() if _is_free(port)}
+            self.moved = {name: port for name, port in before.items() if name not in ports}
+            self._servers = InstrumentServers(self._world, ports=ports)
             opened.callback(self._servers.close)
+            (folder / PORTS).write_text(json.dumps(self._servers.ports), encoding="utf-8")
             self.links = self._open_links(wiring["links"], rate, opened)
             self._watch = OutputWatch(self._world)
             opened.callback(self.clock.every(WATCH_S * rate, self._watch.look).cancel)
@@ -218,6 +232,23 @@ def _listen_again() -> None:
     while signal.sigtimedwait(STOPPING, 0) is not None:
         pass
     signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)
+
+
+def _ports_before(path: Path) -> dict[str, int]:
+    """Return the ports that the bench of a folder had; none of a folder that remembers nothing."""
+    try:
+        remembered = json.loads(path.read_text(encoding="utf-8"))
+        return {str(name): int(port) for name, port in remembered.items() if int(port) in range(1, MOST_PORT)}
+    except (OSError, ValueError, TypeError, AttributeError):  # the first one, or killed while it wrote
+        return {}
+
+
+def _is_free(port: int) -> bool:
+    try:
+        socket.create_server((LOOPBACK, port)).close()
+    except OSError:
+        return False
+    return True
 
 
 def _locked(folder: Path) -> int:

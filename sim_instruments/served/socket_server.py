@@ -11,7 +11,7 @@ import select
 import socket
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from sim_instruments.served.hislip_exchange import Exchange, ServedInstrument
 from sim_instruments.served.hislip_wire import receive_now, send_all, shut
@@ -91,13 +91,16 @@ class _Connection:
 
 
 class SocketServer:
-    """Serves each instrument on a free port of its own until ``close``.
+    """Serves each instrument on a port of its own until ``close``.
 
-    Args: instruments: in the order of ``ports``.   host: a loopback address.
+    Args: instruments: in the order of ``ports``.   host: a loopback address.   ports: by role; others take a free one.
+    Raises: OSError if a port is taken.
     """
 
-    def __init__(self, instruments: Sequence[ServedInstrument], host: str) -> None:
-        self._listeners = {socket.create_server((host, 0)): instrument for instrument in instruments}
+    def __init__(self, instruments: Sequence[ServedInstrument], host: str, ports: Mapping[str, int]) -> None:
+        self._listeners = {
+            socket.create_server((host, ports.get(instrument.device.role, 0))): instrument for instrument in instruments
+        }
         self.ports: tuple[int, ...] = tuple(listener.getsockname()[1] for listener in self._listeners)
         self._connections: dict[_Connection, threading.Thread] = {}
         self._closing = False

@@ -74,10 +74,11 @@ def test_a_disk_that_refuses_for_a_while_costs_nothing(
     assert not view.incomplete
 
 
+@pytest.mark.parametrize(("limit", "most"), [("HELD_BYTES", 300_000), ("REFUSED_S", 60)])
 def test_a_disk_that_stays_full_ends_the_run_safely_and_it_goes_on_when_there_is_room(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, most: int
 ) -> None:
-    monkeypatch.setattr(writer_module, "HELD_BYTES", 300_000)
+    monkeypatch.setattr(writer_module, limit, most)
 
     def fault(t_s: float, kind: str) -> OSError | None:
         return no_space() if t_s >= FULL_FROM_S and kind in ("write", "create") else None

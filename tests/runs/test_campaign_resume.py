@@ -19,9 +19,9 @@ from bench.commands.fit import fit
 from bench.commands.recover import recover
 from bench.commands.resume import resume
 from bench.commands.session import replay
-from bench.model.clock import VirtualClock
+from bench.model.clock import NS, VIRTUAL_START_UTC_NS, VirtualClock
 from bench.model.errors import BenchError, ExitStatus, InputError
-from bench.model.events import Late
+from bench.model.events import Late, Resume
 from bench.plan import Step
 from bench.record import RecordRow, SessionReader, read_journal
 from bench.replay.parts import recorded_windows
@@ -167,6 +167,38 @@ def test_a_session_that_was_gone_on_with_replays_identically_and_says_so(
     assert splice_tables(view.splices)[0].rows[0][3] == str(splice["step"])
     with pytest.raises(InputError, match="B-RES-001"):
         resume(folder, None, None, as_json=False)
+
+
+def test_behind_a_clock_that_went_back_records_stay_in_order_and_the_time_away_is_unknown(
+    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = copied(crashes, "between points", tmp_path)
+    assert go_on(folder, nobody_in(monkeypatch), utc_back_s=3600.0).outcome.error is None
+    view = read_view(folder)
+    starts = [row.window.t_start_ns for row in view.rows]
+    assert starts == sorted(starts)
+    (event,) = (event for _, event in view.events if isinstance(event, Resume))
+    assert (event.away_s, event.utc_back_s) == (None, pytest.approx(3600.0))
+    assert "3600 s behind what was recorded" in event.sentence
+    results, analysis = analyse_view(view)
+    assert results["splices"][0]["away_s"] is None
+    assert any("Nobody knows how long the run was away" in note for note in results["notes"])
+    assert {entry["quality"] for entry in results["estimates"]} == {"sound"}, "the channel was closed by a repeat"
+    assert splice_tables(view.splices)[0].rows[0][2] == "unknown"
+    assert "go on right behind those before" in report_html(view, results, analysis)
+
+
+def test_a_resumption_says_that_the_time_away_is_unknown(
+    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = copied(crashes, "last record", tmp_path)
+    behind = VirtualClock(VIRTUAL_START_UTC_NS - 3600 * NS)
+    behind.sleep_until_ns(read_stopped(folder).last_ns)
+    monkeypatch.setattr("bench.commands.resume._clock", lambda stopped: behind)
+    resume(folder, None, None, as_json=False)
+    told = " ".join(capsys.readouterr().err.split())
+    assert "stopped an unknown time ago (crash or power cut)" in told
+    assert "UTC is 3600 s behind what was recorded" in told
 
 
 def test_a_run_that_was_stopped_twice_goes_on_twice(

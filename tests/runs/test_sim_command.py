@@ -342,7 +342,7 @@ def test_it_ends_clean_and_takes_over_from_one_that_was_killed(tmp_path: Path) -
     heard = again.listen("port_a", 1.0)
     assert heard.frames > 500  # ten times as fast
     assert again.end(signal.SIGINT) == 0
-    assert sorted(path.name for path in folder.iterdir()) == ["sim.lock", "station.yaml"]
+    assert sorted(path.name for path in folder.iterdir()) == ["ports.json", "sim.lock", "station.yaml"]
 
 
 def one_temperature(folder: Path) -> Path:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from soak_campaign import SHORT, campaign_of
+from soak_campaign import SHORT, Soaked, campaign_of, weigh_estimates
 
 from bench.run import sequencer
 
@@ -45,3 +45,24 @@ def test_a_wrong_number_is_found(tmp_path: Path) -> None:
         channel["k0_C"] *= 1.001
     soaked = campaign.soaked(0, tmp_path, ())
     assert any("sigma off" in text for text in soaked.violations)
+
+
+@pytest.mark.parametrize(
+    ("quality", "value", "std", "violated", "flagged"),
+    [
+        ("doubtful", 7.0, None, False, 1),  # seeds 20380 and 20393: four of eight records were left
+        ("refused", None, None, False, 1),
+        ("sound", 7.0, None, True, 1),
+        ("sound", None, None, True, 1),
+        ("sound", 7.0, 1.0, True, 0),
+        ("sound", 2.0, 1.0, False, 0),
+    ],
+)
+def test_an_estimate_without_uncertainty_must_say_that_it_is_not_sound(
+    quality: str, value: float | None, std: float | None, violated: bool, flagged: int
+) -> None:
+    named = {"quantity": "dsf_n", "conditions": {"channel": 1}}
+    estimate = {**named, "value": value, "std_uncertainty": std, "quality": quality, "dropped": 0}
+    soaked = Soaked(0, ())
+    weigh_estimates([estimate], [{**named, "value": 1.0}], soaked, suspect=False)
+    assert (bool(soaked.violations), soaked.flagged) == (violated, flagged)

@@ -14,7 +14,7 @@ import pytest
 from recorded import writable_copy
 from rehearsal import SEED, Watched, compiled, tiny_plan
 
-from bench.model.clock import NS, VirtualClock
+from bench.model.clock import NS, VIRTUAL_START_UTC_NS, VirtualClock
 from bench.plan import Plan, Step
 from bench.run.control.operator import SimulatedOperator
 from bench.run.resume import read_stopped, resumption
@@ -94,10 +94,10 @@ def watch_worlds(patch: pytest.MonkeyPatch, watched: Watched) -> None:
     patch.setattr(simulation, "open_world", open_world)
 
 
-def go_on(folder: Path, watched: Watched, away_s: float = 0.0) -> Conducted:
-    """What ``bench resume`` does on a simulated bench, with somebody who watches."""
+def go_on(folder: Path, watched: Watched, away_s: float = 0.0, utc_back_s: float = 0.0) -> Conducted:
+    """What ``bench resume`` does on a simulated bench, with somebody who watches; UTC may have gone back meanwhile."""
     stopped = read_stopped(folder)
-    clock = VirtualClock()
+    clock = VirtualClock(VIRTUAL_START_UTC_NS - round(utc_back_s * NS))
     clock.sleep_until_ns(stopped.last_ns + round(away_s * NS))
     resumed = resumption(stopped, clock.utc_ns())
     return conduct(

@@ -16,7 +16,7 @@ from unittest.mock import patch
 
 from fault_schedule import DRAWS, TimedFault, random_schedule, schedule
 
-from bench.analysis import Table
+from bench.analysis import Table, is_sound
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import BenchError, FitError
@@ -220,11 +220,26 @@ def _judge(plan: Plan, done: Conducted, soaked: Soaked) -> None:
     except FitError as error:  # nothing is left that a number could be made of, and it says so
         soaked.ended = f"done without results: {error.code}"
         return
-    truth = {_key(entry): float(entry["value"]) for entry in done.truth}
     suspect = any(row.quality & ~Quality.GOOD for row in done.outcome.rows)
-    for entry in results["estimates"]:
-        true = truth.get(_key(entry))
-        if true is None or entry["value"] is None:
+    weigh_estimates(results["estimates"], done.truth, soaked, suspect=suspect)
+
+
+def weigh_estimates(
+    estimates: Sequence[Mapping[str, Any]], truth: Sequence[Mapping[str, Any]], soaked: Soaked, *, suspect: bool
+) -> None:
+    """Hold estimates of results.json against the truth; one without value or uncertainty must be called unsound.
+
+    ``suspect``: a record of the campaign is not as it should be, which flags what comes of it.
+    """
+    true_values = {_key(entry): float(entry["value"]) for entry in truth}
+    for entry in estimates:
+        true = true_values.get(_key(entry))
+        if entry["value"] is None or entry["std_uncertainty"] is None:
+            soaked.flagged += true is not None
+            if is_sound(entry):
+                soaked.violations.append(f"{_key(entry)}: no value or no uncertainty, and called sound")
+            continue
+        if true is None:
             continue
         soaked.estimates += 1
         sigma = (float(entry["value"]) - true) / float(entry["std_uncertainty"])

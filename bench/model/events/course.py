@@ -34,7 +34,8 @@ class Phase(Event):
 class Resume(Event):
     """A session is gone on with at step ``start``, in a new segment; monotonic time may begin anew behind it.
 
-    ``reason``: how the part before it ended.
+    ``reason``: how the part before it ended. ``away_s``: how long nothing was recorded, None if unknown;
+    ``utc_back_s``: how far UTC is behind the last that was recorded, which is why.
     """
 
     kind: ClassVar[str] = "resume"
@@ -48,9 +49,11 @@ class Resume(Event):
     identities: Mapping[str, Any] | None = left_out()
     differences: Sequence[str] | None = left_out()
     segment: int | None = left_out()
+    utc_back_s: float | None = left_out()
 
     def _words(self) -> str:
-        return f"gone on with after: {self.reason}"
+        back = "" if self.utc_back_s is None else f"; UTC is {self.utc_back_s:.0f} s behind what was recorded"
+        return f"gone on with after: {self.reason}{back}"
 
 
 @dataclass(frozen=True, kw_only=True)

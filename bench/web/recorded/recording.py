@@ -78,6 +78,9 @@ def read_recording(folder: Path) -> Recording:
 
 
 def _place(part: list[Message], offset_ns: int | None, times: list[float], messages: list[Message]) -> None:
+    """Place a part by its UTC; where that went back, right behind the part before."""
+    if part and times:
+        offset_ns = max(offset_ns or 0, round(times[-1] * NS) - part[0].t_ns)
     for message in part:
         t_utc_s = (message.t_ns + (offset_ns or 0)) / NS
         times.append(max(t_utc_s, times[-1]) if times else t_utc_s)

@@ -10,8 +10,10 @@ from pathlib import Path
 from typing import Any
 
 import archive_sample
+import fsspec
 import pyarrow.parquet
 import pytest
+from away_store import Away
 from rehearsal import Inside
 
 from bench.archive.evidence import NO_CHECK, evidence_of
@@ -73,6 +75,32 @@ def test_list_and_its_files(say: Say, tmp_path: Path) -> None:
     assert (tmp_path / "x.csv").read_text().count("CAL-a C-a-2001") == 3 - 1
     assert "B-STORE-012" in say("list", "--to", "x.doc")[2]
     assert "B-STORE-009" in say("list", "--select", "uut=nobody")[2]
+
+
+def test_a_store_that_is_away_for_a_while_is_told_for_each_session_and_says_nothing_of_it(
+    say: Say, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("BENCH_HISTORY", f"sqlite:///{tmp_path / 'away.sqlite'}")
+    fsspec.filesystem("memory").put(str(GOLDEN), "/lab", recursive=True)
+    count = len(list(GOLDEN.iterdir()))
+    assert say("add", "away://lab")[0] == 0
+    refit = ("refit", "--select", "campaign=scale_factor", "--to", str(tmp_path / "trial"))
+    with monkeypatch.context() as down:
+        down.setattr(Away, "fails", "ls")
+        status, text, _ = say("verify")
+        assert status == ExitStatus.SESSION_DAMAGED
+        assert text.count("not read") == count + 1
+        assert f"0 damaged, {count} not read" in text
+        assert "NoAnswer: could not connect to the endpoint" in text
+        status, _, complaint = say(*refit)
+        assert status == ExitStatus.SAFE_AFTER_FAULT
+        assert "error B-ARC-007" in complaint
+        down.setattr(Away, "fails", "find")
+        status, _, complaint = say("add", "away://lab")
+        assert (status, "error B-ARC-002: away://lab: cannot be listed: NoAnswer" in complaint) == (2, True)
+    assert say(*refit)[0] == 0
+    assert [row["code"] for row in document(say("list", "--json"))["sessions"]] == [""] * count
+    fsspec.filesystem("memory").rm("/lab", recursive=True)
 
 
 def test_verify_names_what_is_damaged_changed_or_gone(say: Say, archive: Path) -> None:

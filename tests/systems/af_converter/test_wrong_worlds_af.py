@@ -95,6 +95,15 @@ def test_right_counts_agree_in_a_step_as_seldom_as_whole_numbers() -> None:
     assert all(np.mean([chance <= level for _, chance in seen]) < 1.2 * level for level in (0.006, 0.02, 0.09))
 
 
+def test_one_difference_of_counts_says_nothing_of_steps() -> None:
+    """Two counts that are left after a fault: their difference is a multiple of itself, however large."""
+    assert count_step(np.array([1600.0, 0.0, 1.0, 1600.0])) == (1, 1.0)
+    assert count_step(np.array([])) == (1, 1.0)
+    step, chance = count_step(np.array([0.0, 1.0, 1600.0, 3199.0, 4798.0]))
+    assert step == 1599
+    assert chance < 1e-6
+
+
 def test_one_bad_record_is_left_out_and_named() -> None:
     """One count off by a per cent among 150 records: the results are those of the others."""
     world = worlds.OneBadRecord(1e-2)

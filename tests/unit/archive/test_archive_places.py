@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import os
 import shutil
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Any
 
 import fsspec
 import pytest
+from away_store import Away, NoAnswer
 from recorded import writable_copy
 
 from bench.archive.examination import examined, reexamined
-from bench.archive.places import Place, brought_here, sessions_at
+from bench.archive.places import Place, StorageError, brought_here, sessions_at
+from bench.archive.work import attempted
 from bench.model.errors import ExitStatus, InputError
 from bench.record import SessionReader
 from bench.store import Unit
@@ -77,6 +80,51 @@ def test_what_cannot_be_listed_b_arc_002(url: str) -> None:
     assert (caught.value.code, caught.value.exit_status) == ("B-ARC-002", ExitStatus.BAD_INPUT)
     assert caught.value.where == url
     assert caught.value.next_step
+
+
+@pytest.fixture
+def away(memory: str, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
+    """The golden sessions in a store, and what makes it fail; URL away://lab."""
+    return lambda call: monkeypatch.setattr(Away, "fails", call)
+
+
+def test_a_store_that_raises_errors_of_its_own_is_one_that_cannot_be_read_now(away: Callable[[str], None]) -> None:
+    place = next(place for place in sessions_at("away://lab") if place.name == AF.name)
+    for call in ("ls", "get_file"):
+        away(call)
+        with pytest.raises(StorageError, match="NoAnswer: could not connect to the endpoint"):
+            examined(place)
+        task, seen, wrong = attempted(examined, place)
+        assert (task, seen) == (place, None)
+        assert "NoAnswer: could not connect to the endpoint" in wrong
+    away("find")
+    with pytest.raises(InputError, match="cannot be listed: NoAnswer: could not connect to") as caught:
+        sessions_at("away://lab")
+    assert caught.value.where == "away://lab"
+    away("")
+    assert examined(place).code == ""
+
+
+def test_a_store_that_cannot_be_reached_at_all_is_not_an_archived_session_that_is_damaged(
+    away: Callable[[str], None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = next(place for place in sessions_at("away://lab") if place.name == AF.name)
+    for error in (NoAnswer("no route"), OSError("no route")):
+
+        def unreachable(url: str, error: Exception = error) -> Any:
+            raise error
+
+        monkeypatch.setattr(fsspec.core, "url_to_fs", unreachable)
+        with pytest.raises(OSError, match="no route"):
+            examined(place)
+        with pytest.raises(InputError, match="B-ARC-002"):
+            sessions_at("away://lab")
+
+
+def test_an_error_of_whoever_reads_a_session_is_no_error_of_the_storage(memory: str) -> None:
+    place = next(place for place in sessions_at(memory) if place.name == AF.name)
+    with pytest.raises(NoAnswer), brought_here(place.location):
+        raise NoAnswer
 
 
 def test_the_fingerprint_is_that_of_what_is_read(session: Path) -> None:

@@ -163,6 +163,38 @@ def test_memory_is_bounded_while_the_disk_refuses(tmp_path: Path, monkeypatch: p
     assert reader.counts["/link/port_a/rx"] == 10
 
 
+def test_a_disk_is_waited_for_half_an_hour_and_no_longer(tmp_path: Path) -> None:
+    disk = FaultyFiles(lambda kind, n: None)
+    writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0, files=disk)
+    writer.clock_pair(0, 946_684_800 * NS)
+    disk.fault = lambda kind, n: no_space() if kind in ("write", "create") else None
+    with pytest.raises(RecordError, match="until 2000-01-01T00:30:10Z and 64 MB at most; then the run ends"):
+        writer.tick(10 * NS)
+    writer.raw("port_a", "rx", 1810 * NS, b"in time")
+    with pytest.raises(RecordError, match="the disk takes nothing for 30 min"):
+        writer.raw("port_a", "rx", 1811 * NS, b"late")
+    with pytest.raises(RecordError, match="B-REC-001"):
+        writer.close("done")
+    disk.fault = lambda kind, n: None
+    writer.close("done")  # there is room at last: what was held is kept, and the session is whole
+    reader = SessionReader(tmp_path)
+    assert (reader.damage, reader.unfinished, reader.counts["/link/port_a/rx"]) == ([], ["session.0001.mcap"], 1)
+
+
+def test_the_time_for_which_a_disk_is_waited_for_begins_anew_when_it_has_written(tmp_path: Path) -> None:
+    disk = FaultyFiles(lambda kind, n: None)
+    writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0, files=disk)
+    for begin_s in (10, 2000):
+        writer.raw("port_a", "rx", begin_s * NS, b"waits")
+        disk.fault = lambda kind, n: no_space() if kind in ("write", "create") else None
+        with pytest.raises(RecordError, match="B-REC-001"):
+            writer.tick(begin_s * NS)
+        disk.fault = lambda kind, n: None
+        writer.tick((begin_s + 1000) * NS)
+    writer.close("done")
+    assert SessionReader(tmp_path).counts["/link/port_a/rx"] == 2
+
+
 def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(RecordError, match="B-REC-001"):

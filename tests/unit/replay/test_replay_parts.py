@@ -15,7 +15,15 @@ from bench.model.events import event_of
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow
-from bench.replay.parts import Part, RecordedWindow, moved_rows, recorded_windows, splices_of, time_shifts_ns
+from bench.replay.parts import (
+    Part,
+    RecordedWindow,
+    intervals_ns,
+    moved_rows,
+    recorded_windows,
+    splices_of,
+    time_shifts_ns,
+)
 
 UTC = 1_800_000_000 * NS
 
@@ -112,6 +120,21 @@ def test_without_utc_or_with_a_wrong_one_time_never_runs_backwards() -> None:
     assert time_shifts_ns([Part(), Part()]) == [0, 0]
 
 
+def test_the_time_away_is_unknown_where_utc_went_back_or_is_not_recorded() -> None:
+    """Whether the monotonic clock went on (400 s) or began anew (5 s): without UTC nobody knows which."""
+    for first_s in (400, 5):
+        assert intervals_ns([part(0, 100, 0.0), part(first_s, 500, -3600.0)]) == [None]
+        assert intervals_ns([part(0, 100, None), part(first_s, 500, 0.0)]) == [None]
+        assert time_shifts_ns([part(0, 100, 0.0), part(first_s, 500, -3600.0)]) == [0, (100 - first_s) * NS]
+    assert intervals_ns([part(0, 100, 0.0), part(5, 50, 1895.0), part(60, 70, 1895.0)]) == [1800 * NS, 10 * NS]
+    assert intervals_ns([part(0, 100, 0.0), part(101, 50, -2.0)]) == [1 * NS], "set right, on one running clock"
+
+
+def test_a_clock_that_was_set_right_before_the_stop_adds_nothing_to_the_time_away() -> None:
+    begun = replace(part(0, 100, 0.0), last_offset_ns=UTC + 3600 * NS)
+    assert intervals_ns([begun, part(5, 50, 3600.0 + 1895.0)]) == [1800 * NS]
+
+
 def test_shifts_add_up_over_several_parts() -> None:
     shifts = time_shifts_ns([part(0, 100, 0.0), part(5, 50, 1000.0), part(2, 9, 2000.0)])
     assert shifts == [0, 1000 * NS, 2000 * NS]
@@ -138,6 +161,24 @@ def test_splices_are_told_with_what_was_done_again() -> None:
         ("resume", 9, {"reason": "by other software"}),
         ("reentry", 9, {"unit_degC": 3.0, "soaked": True}),  # of no step that is known
     ]
-    first, second = splices_of((t_ns, event_of(kind, fields)) for kind, t_ns, fields in events)
+    parts = [part(0, 1, 0.0), part(2, 3, 0.0), part(5, 6, 0.0)]
+    first, second = splices_of(((t_ns, event_of(kind, fields)) for kind, t_ns, fields in events), parts)
     assert (first.step, first.away_s, first.reason, first.soaked, first.drift_degC) == (7, 9.0, "x", True, -1.5)
     assert (second.step, second.drift_degC, second.stopped_utc_ns) == (-1, None, None)
+
+
+@pytest.mark.parametrize(
+    ("away_s", "utc_s", "expected"),
+    [
+        (9.0, 20.0, (9.0, True)),
+        (-3595.0, -3600.0, (None, False)),
+        (-1.0, -2.0, (1.0, True)),
+        (None, None, (None, False)),
+    ],
+)
+def test_no_time_away_is_negative(
+    away_s: float | None, utc_s: float | None, expected: tuple[float | None, bool]
+) -> None:
+    resume = event_of("resume", {"reason": "x", "away_s": away_s})
+    (splice,) = splices_of([(5, resume)], [part(0, 100, 0.0), part(101, 200, utc_s)])
+    assert (splice.away_s, splice.placed) == expected

@@ -212,6 +212,19 @@ def test_the_part_after_a_resume_has_its_own_utc(tmp_path: Path) -> None:
     assert found.t_utc_s == sorted(found.t_utc_s)
 
 
+def test_the_part_behind_a_clock_that_went_back_follows_with_its_own_lengths(tmp_path: Path) -> None:
+    folder = tmp_path / "s"
+    write_session(folder, ends=False)
+    last_s = read_recording(folder).last_utc_s
+    writer = resume_session(folder, Resume(reason="power"), t_mono_ns=3 * NS)
+    writer.clock_pair(3 * NS, (UTC_S - 5000) * NS)
+    writer.command("dmm", "tx", "READ? again", 13 * NS)
+    writer.close("done")
+    found = read_recording(folder)
+    again = next(index for index, one in enumerate(found.messages) if b"again" in one.payload)
+    assert found.t_utc_s[again] == pytest.approx(last_s + 10.0, abs=1e-3)
+
+
 def state_of(session: Recording) -> RecordedState:
     return RecordedState(session, scenery_of(session))
 

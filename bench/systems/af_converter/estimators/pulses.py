@@ -139,5 +139,7 @@ def count_step(counts: Array) -> tuple[int, float]:
     Source:  d whole numbers are all multiples of k with probability k^-d; sum over all k from the step on.
     """
     differences = np.diff(np.unique(counts[counts > 0])).astype(np.int64)
-    step = max(1, int(np.gcd.reduce(differences)))
-    return step, 1.0 if step == 1 else min(1.0, float(special.zeta(max(differences.size, 2), step)))
+    if differences.size < 2:  # one alone is a multiple of itself
+        return 1, 1.0
+    step = int(np.gcd.reduce(differences))
+    return step, 1.0 if step == 1 else min(1.0, float(special.zeta(differences.size, step)))

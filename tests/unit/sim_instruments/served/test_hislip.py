@@ -54,11 +54,11 @@ def test_only_the_loopback_interface_is_bound_and_only_real_time_is_served() -> 
 def test_port_can_be_chosen_and_a_taken_one_is_an_error_that_leaves_nothing(served: Served) -> None:
     before = descriptors()
     with pytest.raises(OSError, match="in use"):
-        InstrumentServers(served.world, hislip_port=served.servers.hislip_port)
+        InstrumentServers(served.world, ports={"hislip": served.servers.hislip_port})
     assert descriptors() == before
     port = served.servers.hislip_port
     served.servers.close()
-    again = InstrumentServers(served.world, hislip_port=port)
+    again = InstrumentServers(served.world, ports={"hislip": port})
     assert again.hislip_port == port
     again.close()
 
