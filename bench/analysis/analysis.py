@@ -21,7 +21,7 @@ from bench.analysis.wording import say
 from bench.model.declaration import AnalysisDeclaration
 from bench.model.errors import BenchError, FitError
 from bench.model.lab_code import failed, own_code
-from bench.model.systems import analyses, analysis_declaration, named
+from bench.model.systems import analyses, analysis_declaration, named, refuse_unknown_analysis
 
 Documents = list[dict[str, Any]]
 
@@ -75,10 +75,11 @@ class AnalysisModule(Protocol):
 
 
 def declared_analysis(name: str) -> AnalysisDeclaration:
-    """Return the declaration of an analysis. Raises: FitError B-FIT-011 for an unknown name."""
+    """Return the declaration of an analysis. Raises: FitError B-FIT-011 for an unknown name; InstallationError."""
     declared = analysis_declaration(name)
     if declared is not None:
         return declared
+    refuse_unknown_analysis(name)
     known = analyses()
     close = difflib.get_close_matches(name, known, n=1)
     raise FitError(

@@ -6,6 +6,7 @@ import json
 import platform
 import sys
 import zipfile
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
@@ -16,9 +17,20 @@ from rich.table import Table
 from bench.commands.console import console
 from bench.commands.origin import named_file
 from bench.model.clock import WallClock
-from bench.model.errors import ExitStatus
-from bench.model.installed import KINDS, driver_packages, offers
-from bench.model.systems import systems
+from bench.model.errors import ExitStatus, InstallationError
+from bench.model.installed import (
+    KINDS,
+    OWN,
+    Kind,
+    Offer,
+    Refusal,
+    driver_packages,
+    driver_refusals,
+    load,
+    offer_of,
+    offers,
+)
+from bench.model.systems import system_refusals
 from bench.plan import Findings, Station, check_station, load_station
 from bench.run.bench.opener import missing_buses
 from bench.run.preflight import Finding, Report, Status, Surroundings, examine_machine
@@ -33,8 +45,8 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
     """Look at what is installed, at the machine and at a station file; write a bundle for whoever is to help, if asked.
 
     The bundle holds what was found, versions and the station file; no session, no environment, no name of a user.
-    Raises: InstallationError B-PKG-001 to -004 first of all; InputError B-RUN-080 if something keeps every run from
-            starting.
+    Raises: InstallationError B-PKG-002 to -004 for the bench itself, first of all; InputError B-RUN-080 if something
+            keeps every run from starting.
     """
     path = None if station is None else named_file("stations", station)
     installed = _installed()
@@ -64,18 +76,43 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
 
 
 def _installed() -> list[Finding]:
-    """Return a line for each distribution that brought systems, worlds or drivers; every declaration is read."""
-    driver_packages()
-    systems()
+    """Return a line for each distribution that brought systems, worlds or drivers; every foreign part is loaded.
+
+    A foreign one that cannot be used is a warning: it stops who names it, and no other run.
+    """
+    refusals = {offer: error for kind in KINDS for offer, error in _refusals(kind)}
     lines: dict[str, list[str]] = {}
-    for kind in KINDS:
-        for offer in offers(kind).values():
-            lines.setdefault(f"{kind} of {offer.release}", []).append(offer.name)
-    return [Finding(kind, Status.OK, ", ".join(names), "read") for kind, names in lines.items()]
+    for offer in [offer for kind in KINDS for offer in offers(kind) if offer not in refusals]:
+        lines.setdefault(f"{offer.kind} of {offer.release}", []).append(offer.name)
+    refused = [
+        Finding(f"{offer.kind} of {offer.release}", Status.WARN, f"{offer.name}: {error.code}", "read", str(error))
+        for offer, error in refusals.items()
+    ]
+    return [*(Finding(kind, Status.OK, ", ".join(names), "read") for kind, names in lines.items()), *refused]
+
+
+def _refusals(kind: Kind) -> Iterator[Refusal]:
+    """Yield the foreign offers of a kind that cannot be used."""
+    if kind == "systems":
+        yield from system_refusals()
+        return
+    parts: dict[Offer, list[str]]
+    if kind == "worlds":
+        parts = {offer: ["world", "options"] for offer in offers(kind)}
+    else:
+        yield from driver_refusals()
+        parts = {package.offer: package.drivers() for package in driver_packages()}
+    for offer, modules in parts.items():
+        try:
+            offer_of(kind, offer.name)
+            for module in () if offer.distribution == OWN else modules:
+                load(f"{offer.package}.{module}")
+        except InstallationError as error:
+            yield Refusal(offer, error)
 
 
 def _offers() -> list[dict[str, str]]:
-    return [asdict(offer) for kind in KINDS for offer in offers(kind).values()]
+    return [asdict(offer) for kind in KINDS for offer in offers(kind)]
 
 
 def _of_station(path: Path) -> list[Finding]:

@@ -9,6 +9,7 @@ from typing import Any
 from bench.analysis import results_schema
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
+from bench.model.systems import system_refusals
 from bench.plan import json_schemas, mapping_schema, vscode_settings
 from bench.session.coefficients import all_modules
 from bench.session.output import write_file
@@ -21,6 +22,8 @@ def schema(folder: Path, vscode: bool) -> int:
     for kind, content in kinds.items():
         write_file(folder / f"{kind}.schema.json", json.dumps(content, indent=1, sort_keys=True) + "\n")
     console().print(f"{len(kinds)} schemas written to {folder}")
+    for offer, error in system_refusals():
+        console().print(f"without {offer.what} of {offer.release}: {error}")
     if vscode:
         _register(folder)
     return ExitStatus.PASS

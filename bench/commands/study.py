@@ -12,7 +12,8 @@ from bench.analysis import Study, Task
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError
 from bench.model.extras import missing_extra
-from bench.model.systems import named, systems
+from bench.model.installed import refuse_unknown
+from bench.model.systems import named, own_systems, system_refusals, systems
 from bench.report import study_html
 from bench.session.output import make_folder, write_file
 from bench.session.view import SOFTWARE
@@ -38,18 +39,26 @@ def study(request: Request) -> int:
     """Run a study.
 
     Returns: 1 if a verdict fails, else 0.
-    Raises:  InputError B-STUDY-001 to B-STUDY-006 before anything is computed, B-CLI-007 if a file cannot be written;
+    Raises:  InputError B-STUDY-001 to B-STUDY-006 and InstallationError B-PKG-001, B-PKG-004 before anything is
+             computed, B-CLI-007 if a file cannot be written;
              RunError B-STUDY-007 if the cluster fails.
     """
-    offered = {name: module for system in systems() for name, module in system.studies.items()}
-    if request.name not in offered:
-        known = f"known: {', '.join(offered)}"
-        raise InputError("B-STUDY-001", f"there is no study {request.name!r}", next_step=known)
-    chosen: Study = named(offered[request.name])
+    chosen: Study = named(_module_of(request.name))
     options = chosen.checked_options(request.runs, request.seed, request.offsets, request.quick)
     make_folder(request.out)
     results = _computed(chosen, chosen.tasks_of(options), request.dask)
     return _written(request, chosen, options, results)
+
+
+def _module_of(name: str) -> str:
+    """Return the module of a study; foreign systems are asked for what the bench does not have."""
+    offered: dict[str, str] = {}
+    for known in (own_systems, systems):
+        offered = {name: module for system in known() for name, module in system.studies.items()}
+        if name in offered:
+            return offered[name]
+    refuse_unknown(f"the study {name!r}", name, system_refusals())
+    raise InputError("B-STUDY-001", f"there is no study {name!r}", next_step=f"known: {', '.join(offered)}")
 
 
 def _computed(chosen: Study, tasks: Sequence[Task], where: str | None) -> list[Any]:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 import re
 from functools import lru_cache
 from pathlib import Path
 
 from bench.model import lab_code
 from bench.model.errors import InputError
-from bench.model.installed import package_of_driver
+from bench.model.installed import driver_refusals, load, package_of_driver, refuse_unknown
 
 _PLAIN = re.compile(r"[a-z0-9_]{1,40}")
 
@@ -36,8 +35,9 @@ def _class_of(name: str, here: Path) -> type:
     if lab_code.own_code("instruments", name) is not None:
         return _class_of_lab(name)
     if package is None:
+        refuse_unknown(f"the driver {name!r}", name, driver_refusals())
         raise InputError("B-PLAN-011", f"there is no driver {name!r} in instruments/", where=name)
-    module = importlib.import_module(f"{package.offer.package}.{name}")
+    module = load(f"{package.offer.package}.{name}")
     driver = getattr(module, "DRIVER", None)
     if not isinstance(driver, type):
         raise InputError("B-PLAN-011", f"instruments/{name}.py holds no driver", where=name)

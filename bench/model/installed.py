@@ -1,5 +1,6 @@
 """The installed parts of the bench: systems, worlds and packages of drivers, each offered by an entry point.
 
+Only what somebody names is loaded, so that a foreign part that cannot be used stops those who name it and nobody else.
 A name is offered by one distribution only. A package that holds drivers says in its ``__init__`` whose it is
 (``__bench__``): the names ``instruments`` and ``bench`` are import names of other distributions too, and whichever is
 installed last wins.
@@ -9,17 +10,19 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Mapping
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from importlib.machinery import ModuleSpec
 from importlib.metadata import entry_points, packages_distributions
 from importlib.util import find_spec, module_from_spec
 from pathlib import Path
-from typing import Literal
+from types import ModuleType
+from typing import Any, Literal, NamedTuple
 
 from bench.model import lab_code
-from bench.model.errors import InstallationError
+from bench.model.errors import BenchError, InstallationError
 
 OWN = "inertial-bench"
 Kind = Literal["systems", "worlds", "instruments"]
@@ -44,27 +47,44 @@ class Offer:
         """Distribution and version."""
         return f"{self.distribution} {self.version}"
 
+    @property
+    def what(self) -> str:
+        """Kind and name, for a message."""
+        return f"the {_NAMED[self.kind]} {self.name!r}"
+
+
+class Refusal(NamedTuple):
+    """A foreign offer that cannot be used, and why."""
+
+    offer: Offer
+    error: InstallationError
+
 
 @cache
-def offers(kind: Kind) -> Mapping[str, Offer]:
-    """Return all offers of one kind, sorted by name.
+def offers(kind: Kind) -> tuple[Offer, ...]:
+    """Return all offers of one kind, sorted by name and distribution; nothing of them is executed.
 
-    Raises: InstallationError B-PKG-001 if two distributions offer one name, B-PKG-002 if the bench itself offers none.
+    Raises: InstallationError B-PKG-002 if the bench itself offers none.
     """
-    by_name: dict[str, Offer] = {}
-    for point in sorted(entry_points(group=f"inertial_bench.{kind}"), key=lambda point: point.name):
+    found: set[Offer] = set()
+    for point in entry_points(group=f"inertial_bench.{kind}"):
         assert point.dist is not None
-        offer = Offer(kind, point.name, point.value, point.dist.name, point.dist.version)
-        other = by_name.setdefault(point.name, offer)
-        if other != offer:
-            raise twice(f"the {_NAMED[kind]} {offer.name!r}", other, offer)
-    if OWN not in {offer.distribution for offer in by_name.values()}:
+        found.add(Offer(kind, point.name, point.value, point.dist.name, point.dist.version))
+    if OWN not in {offer.distribution for offer in found}:
         raise InstallationError(
             "B-PKG-002",
             f"the installed {OWN} offers no {kind}: its metadata are older than this source, or it is not installed",
             next_step="'make demo' installs it, and so does 'pip install -e .' in the folder of the source",
         )
-    return by_name
+    return tuple(sorted(found, key=lambda offer: (offer.name, offer.distribution, offer.package)))
+
+
+def offer_of(kind: Kind, name: str) -> Offer | None:
+    """Return the offer of a name, None without one. Raises: InstallationError B-PKG-001 if there are two, B-PKG-002."""
+    named = [offer for offer in offers(kind) if offer.name == name]
+    if len(named) > 1:
+        raise twice(named[0].what, named[0], named[1])
+    return named[0] if named else None
 
 
 def twice(what: str, first: Offer, second: Offer) -> InstallationError:
@@ -73,19 +93,74 @@ def twice(what: str, first: Offer, second: Offer) -> InstallationError:
     return InstallationError("B-PKG-001", message, next_step="uninstall one of them")
 
 
+def refuse_unknown(what: str, name: str, refusals: Sequence[Refusal]) -> None:
+    """Refuse a name that nothing usable has, if a part that cannot be used may have it; that of this name comes first.
+
+    Args: what: the name with its noun, for the message. Raises: the error of the part, with what it was asked for.
+    """
+    for _, error in sorted(refusals, key=lambda refusal: refusal.offer.name != name)[:1]:
+        message = f"{what} is of nothing that can be used, and {error.message}"
+        raise InstallationError(error.code, message, where=error.where, next_step=error.next_step) from error
+
+
+def load(name: str) -> ModuleType:
+    """Import a module by its full name. Raises: InstallationError B-PKG-004 for one of a foreign part that cannot be.
+
+    Of the bench itself it is raised for a module that is missing; what else one of them raises is passed on.
+    """
+    try:
+        _put_first(name.partition(".")[0])
+        return import_module(name)
+    except BenchError:
+        raise
+    except (Exception, SystemExit) as error:  # a stranger's module may do anything, also end the process
+        offer = _owner(name)
+        missing = isinstance(error, ModuleNotFoundError) and error.name == name
+        if offer is None or (offer.distribution == OWN and not missing):
+            raise
+        raise unusable(offer, name, f"cannot be loaded: {lab_code.in_words(error)}", error) from error
+
+
+def part(offer: Offer, module: str, name: str) -> Any:
+    """Return what a module of an offer holds under a name. Raises: InstallationError B-PKG-004 if it does not."""
+    loaded = load(f"{offer.package}.{module}")
+    if not hasattr(loaded, name):
+        raise unusable(offer, loaded.__name__, f"holds no {name}")
+    return getattr(loaded, name)
+
+
+def unusable(offer: Offer, module: str, why: str, error: BaseException | None = None) -> InstallationError:
+    """Return the error of an offer that cannot be used, B-PKG-004; ``error``: that came from its code, for the line."""
+    spec = spec_of(offer.package.partition(".")[0])
+    origin = "" if spec is None or spec.origin is None else spec.origin
+    folder = Path(origin).parent if origin.endswith("__init__.py") else Path(origin)
+    where = lab_code.place_of(error, folder) if origin and error is not None else origin
+    cure = f"mend {offer.distribution}, install it again or uninstall it; what does not name it goes on without"
+    return InstallationError("B-PKG-004", f"{module} of {offer.release} {why}", where=where, next_step=cure)
+
+
+def _owner(name: str) -> Offer | None:
+    """Return the offer whose package a module is of, or at least its distribution; None for neither."""
+    packages = [(offer.package, offer) for kind in KINDS for offer in offers(kind)]
+    packages += [(package.simulators, package.offer) for package in driver_packages()]
+    top = name.partition(".")[0]
+    related = [(package, offer) for package, offer in packages if package.partition(".")[0] == top]
+    return max(related, key=lambda pair: name.startswith(pair[0]), default=(None, None))[1]
+
+
 @cache
 def checked_package(package: str, distribution: str) -> str:
     """Return the text of a package's ``__init__`` if the package is the one that the distribution brought.
 
     Nothing of the package is executed. Raises: InstallationError B-PKG-003 for a foreign or damaged one.
     """
-    spec = _regular(package)
+    spec = spec_of(package)
     origin = None if spec is None else spec.origin
     text = "" if origin is None else Path(origin).read_text(encoding="utf-8", errors="replace")
     mark = _MARK.search(text)
     if mark is not None and mark[1] == distribution:
-        if spec is not None and find_spec(package) != spec:
-            _import(spec)
+        if distribution == OWN:
+            _put_first(package)
         return text
     owners = packages_distributions().get(package.partition(".")[0], [])
     others = ", ".join(sorted({owner for owner in owners if owner != distribution}))
@@ -98,25 +173,35 @@ def checked_package(package: str, distribution: str) -> str:
     raise InstallationError("B-PKG-003", message, where=origin or "", next_step=cure)
 
 
-def _regular(package: str) -> ModuleSpec | None:
-    """Return where a package with an ``__init__`` is, None if nowhere.
+def spec_of(module: str) -> ModuleSpec | None:
+    """Return where a module is, None if nowhere; nothing is executed, not even the package that it is in.
 
-    A lab folder has folders of such names without one. Python takes the lab's for the package if it was started there
-    and ours is an editable installation, whose finder is asked last.
+    A lab folder has folders of such names without an ``__init__``. Python takes the lab's for the package if it was
+    started there and ours is an editable installation, whose finder is asked last: what has a file comes first.
     """
-    spec = find_spec(package)
-    if spec is None or spec.origin is not None or "." in package:
+    parts = module.split(".")
+    places, spec = None, getattr(sys.modules.get(module), "__spec__", None)
+    if spec is not None and len(parts) > 1:
         return spec
-    specs = (finder.find_spec(package, None) for finder in sys.meta_path)
-    return next((other for other in specs if other is not None and other.origin is not None), None)
+    for end in range(1, len(parts) + 1):
+        name = ".".join(parts[:end])
+        specs = [spec for finder in sys.meta_path if (spec := finder.find_spec(name, places)) is not None]
+        spec = next((spec for spec in specs if spec.origin is not None), specs[0] if specs else None)
+        if spec is None:
+            return None
+        places = spec.submodule_search_locations
+    return spec
 
 
-def _import(spec: ModuleSpec) -> None:
-    """Import a package from where it is, for everybody who names it from now on."""
-    assert spec.loader is not None
-    module = module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
+def _put_first(package: str) -> None:
+    """Import a top-level package that a folder of the same name hides, for everybody who names it from now on."""
+    if getattr(sys.modules.get(package), "__file__", None) is not None:
+        return
+    spec = spec_of(package)
+    if spec is not None and spec.loader is not None and find_spec(package) != spec:
+        module = module_from_spec(spec)
+        sys.modules[spec.name] = module
+        spec.loader.exec_module(module)
 
 
 @dataclass(frozen=True)
@@ -126,18 +211,47 @@ class DriverPackage:
     offer: Offer
     simulators: str
 
+    @property
+    def folder(self) -> Path:
+        """Folder of its modules and of what stands beside them."""
+        spec = spec_of(self.offer.package)
+        assert spec is not None
+        assert spec.origin is not None
+        return Path(spec.origin).parent
+
+    def drivers(self) -> list[str]:
+        """Return the names of its drivers, by the text of its modules: nothing is executed."""
+        return sorted(path.stem for path in self.folder.glob("*.py") if "\nDRIVER = " in path.read_text("utf-8"))
+
 
 @cache
-def driver_packages() -> tuple[DriverPackage, ...]:
-    """Return all packages of drivers, each recognised by its mark. Raises: InstallationError B-PKG-001 to B-PKG-003."""
-    return tuple(_driver_package(offer) for offer in offers("instruments").values())
+def _examined_packages() -> tuple[list[DriverPackage], list[Refusal]]:
+    packages, refusals = [], []
+    for offer in offers("instruments"):
+        try:
+            simulators = _SIMULATORS.search(checked_package(offer.package, offer.distribution))
+            if simulators is not None:
+                checked_package(simulators[1], offer.distribution)
+        except InstallationError as error:
+            if offer.distribution == OWN:
+                raise
+            refusals.append(Refusal(offer, error))
+        else:
+            packages.append(DriverPackage(offer, "" if simulators is None else simulators[1]))
+    return packages, refusals
 
 
-def _driver_package(offer: Offer) -> DriverPackage:
-    simulators = _SIMULATORS.search(checked_package(offer.package, offer.distribution))
-    if simulators is not None:
-        checked_package(simulators[1], offer.distribution)
-    return DriverPackage(offer, "" if simulators is None else simulators[1])
+def driver_packages() -> Sequence[DriverPackage]:
+    """Return the packages of drivers that can be used, each recognised by its mark.
+
+    Raises: InstallationError B-PKG-002; B-PKG-003 for the one of the bench itself.
+    """
+    return _examined_packages()[0]
+
+
+def driver_refusals() -> Sequence[Refusal]:
+    """Return the foreign packages of drivers that lack their mark (B-PKG-003). Raises: as ``driver_packages``."""
+    return _examined_packages()[1]
 
 
 def package_of_driver(name: str) -> DriverPackage | None:
@@ -145,7 +259,7 @@ def package_of_driver(name: str) -> DriverPackage | None:
 
     Raises: InstallationError B-PKG-001 if two hold one of this name, B-PKG-002, B-PKG-003.
     """
-    holding = [package for package in driver_packages() if find_spec(f"{package.offer.package}.{name}") is not None]
+    holding = [package for package in driver_packages() if spec_of(f"{package.offer.package}.{name}") is not None]
     if len(holding) > 1:
         raise twice(f"the driver {name!r}", holding[0].offer, holding[1].offer)
     return holding[0] if holding else None
@@ -165,4 +279,4 @@ def simulator_module(driver: str) -> str | None:
     if package is None or not package.simulators:
         return None
     module = f"{package.simulators}.{driver}"
-    return module if find_spec(module) is not None else None
+    return module if spec_of(module) is not None else None

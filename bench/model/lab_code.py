@@ -47,10 +47,15 @@ class _Source:
 _LOADED: dict[Path, tuple[_Source, ModuleType]] = {}
 
 
+def is_plain(name: str) -> bool:
+    """Return whether a driver or an analysis may have this name."""
+    return _NAME.fullmatch(name) is not None
+
+
 def own_code(kind: CodeKind, name: str) -> Path | None:
     """Return the file of the lab folder that a plain name means, None without one. Raises: InputError B-LAB-001."""
     lab = lab_here()
-    if lab is None or not _NAME.fullmatch(name):
+    if lab is None or not is_plain(name):
         return None
     path = lab.folder / kind / f"{name}.py"
     return path if os.path.lexists(path) else None
@@ -58,7 +63,7 @@ def own_code(kind: CodeKind, name: str) -> Path | None:
 
 def own_code_names(kind: CodeKind, lab: Lab) -> list[str]:
     """Return the names of a lab folder's own drivers, simulators or analyses, sorted."""
-    return sorted(path.stem for path in (lab.folder / kind).glob("*.py") if _NAME.fullmatch(path.stem))
+    return sorted(path.stem for path in (lab.folder / kind).glob("*.py") if is_plain(path.stem))
 
 
 def load(kind: CodeKind, name: str) -> ModuleType | None:
@@ -94,7 +99,7 @@ def failed(kind: CodeKind, name: str, error: Exception) -> tuple[str, str]:
     """Return where in a lab's file an exception came from, and the exception in words."""
     path = own_code(kind, name)
     assert path is not None
-    return _where(path, error), f"{kind}/{name}.py failed: {_in_words(error)}"
+    return place_of(error, path), f"{kind}/{name}.py failed: {in_words(error)}"
 
 
 def code_used(drivers: Collection[str], *, simulated: bool = False, analysis: str = "none") -> dict[str, str]:
@@ -255,19 +260,20 @@ def _executed(source: _Source, kind: CodeKind) -> ModuleType:
 
 
 def _not_loaded(source: _Source, kind: CodeKind, error: BaseException) -> InstallationError:
-    message = f"{kind}/{source.path.name} cannot be loaded: {_in_words(error)}"
-    return InstallationError("B-LAB-006", message, where=_where(source.path, error), next_step="correct the file")
+    message = f"{kind}/{source.path.name} cannot be loaded: {in_words(error)}"
+    return InstallationError("B-LAB-006", message, where=place_of(error, source.path), next_step="correct the file")
 
 
-def _where(path: Path, error: BaseException) -> str:
-    """Return the file and the line in it that an exception came through last."""
-    lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if frame.filename == str(path)]
-    line = (
-        error.lineno if isinstance(error, SyntaxError) and error.filename == str(path) else next(reversed(lines), None)
-    )
-    return f"{path}{'' if line is None else f':{line}'}"
+def place_of(error: BaseException, below: Path) -> str:
+    """Return the file that an exception came through last and the line in it, of those that are or lie below a path."""
+    places = [(frame.filename, frame.lineno) for frame in traceback.extract_tb(error.__traceback__)]
+    if isinstance(error, SyntaxError):
+        places.append((error.filename or "", error.lineno))
+    inside = [f"{name}:{line}" for name, line in places if Path(name).is_relative_to(below)]
+    return inside[-1] if inside else str(below)
 
 
-def _in_words(error: BaseException) -> str:
+def in_words(error: BaseException) -> str:
+    """Return the name of an exception and what it says, in one line."""
     text = " ".join((error.msg if isinstance(error, SyntaxError) else str(error)).split())
     return f"{type(error).__name__}{f': {text}' if text else ''}"

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 import sys
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
@@ -73,7 +72,7 @@ def manual_of(driver: str) -> Manual | None:
     package = package_of_driver(driver)
     if package is None:
         return None
-    path = files(package.offer.package) / f"{driver}.yaml"
+    path = package.folder / f"{driver}.yaml"
     if not path.is_file():
         return None
     return parse_yaml(path.read_bytes(), f"{driver}.yaml", Manual).model
@@ -111,7 +110,7 @@ def _cell(reply: str) -> str:
 def write_pages(folder: Path) -> None:
     """Write the page of every driver that has a table."""
     for package in driver_packages():
-        for path in sorted(Path(str(files(package.offer.package))).glob("*.yaml")):
+        for path in sorted(package.folder.glob("*.yaml")):
             manual = manual_of(path.stem)
             assert manual is not None
             (folder / f"{path.stem}.md").write_text(page(path.stem, manual), encoding="utf-8")

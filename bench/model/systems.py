@@ -1,62 +1,119 @@
 """The systems that are installed, by their declarations; what a declaration names is loaded when it is asked for.
 
+The declarations of the bench itself are read at once. A foreign one is read when a name is asked for that no system of
+the bench has; where it cannot be used, that is told to who asks for all or for something that nobody has.
 An analysis of a lab folder belongs to no system: its one file holds its declaration too.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from difflib import get_close_matches
 from functools import cache
-from importlib import import_module
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 
 from bench.model import lab_code
 from bench.model.declaration import AnalysisDeclaration, System
 from bench.model.errors import InstallationError
-from bench.model.installed import Offer, offers, twice
+from bench.model.installed import OWN, Offer, Refusal, load, offers, part, refuse_unknown, twice, unusable
 from bench.model.yamlio import StrictModel
 
+_Sections = TypeVar("_Sections", bound=StrictModel)
+
+
+class Entry(NamedTuple):
+    """An installed analysis, its system and the offer that it came with."""
+
+    analysis: AnalysisDeclaration
+    system: System
+    offer: Offer
+
 
 @cache
-def systems() -> tuple[System, ...]:
-    """Return all declarations, by name. Raises: InstallationError B-PKG-001, B-PKG-002, B-PKG-004."""
-    return tuple(declared for declared, _ in _offered())
+def _own() -> tuple[tuple[System, Offer], ...]:
+    """Return the systems of the bench. Raises: InstallationError B-PKG-002, B-PKG-004 for its own."""
+    return tuple((_declaration(offer), offer) for offer in offers("systems") if offer.distribution == OWN)
 
 
 @cache
-def _offered() -> tuple[tuple[System, Offer], ...]:
-    return tuple((_declaration(offer), offer) for offer in offers("systems").values())
+def _foreign() -> tuple[list[tuple[System, Offer]], list[Refusal]]:
+    """Return the foreign systems that can be used, and those that cannot: what is offered twice is nobody's."""
+    read: list[tuple[System, Offer]] = []
+    refusals = []
+    for offer in offers("systems"):
+        try:
+            read += [] if offer.distribution == OWN else [(_declaration(offer), offer)]
+        except InstallationError as error:
+            refusals.append(Refusal(offer, error))
+    names = {offer: [offer.what, *(f"the analysis {one.name!r}" for one in system.analyses)]
+             for system, offer in [*_own(), *read]}  # fmt: skip
+    times = Counter(name for of_offer in names.values() for name in of_offer)
+    for _, offer in read:
+        if doubled := [name for name in names[offer] if times[name] > 1]:
+            other = next(other for other in names if other != offer and doubled[0] in names[other])
+            refusals.append(Refusal(offer, twice(doubled[0], other, offer)))
+    refused = {offer for offer, _ in refusals}
+    return [pair for pair in read if pair[1] not in refused], refusals
 
 
 def _declaration(offer: Offer) -> System:
-    name = f"{offer.package}.declaration"
-    try:
-        declared = getattr(import_module(name), "DECLARATION", None)
-    except ImportError as error:
-        raise _unusable(offer, f"cannot be imported: {error}") from error
+    declared = part(offer, "declaration", "DECLARATION")
     if not isinstance(declared, System) or declared.name != offer.name:
-        raise _unusable(offer, f"holds no DECLARATION of the system {offer.name!r}")
+        raise unusable(offer, f"{offer.package}.declaration", f"holds no DECLARATION of {offer.what}")
     return declared
 
 
-def _unusable(offer: Offer, why: str) -> InstallationError:
-    message = f"{offer.package}.declaration of {offer.distribution} {why}"
-    return InstallationError("B-PKG-004", message, next_step=f"install {offer.distribution} again, or uninstall it")
+def own_systems() -> tuple[System, ...]:
+    """Return the declarations of the bench itself, by name. Raises: InstallationError B-PKG-002, B-PKG-004."""
+    return tuple(system for system, _ in _own())
 
 
-@cache
-def analyses() -> Mapping[str, tuple[AnalysisDeclaration, System, Offer]]:
-    """Return all installed analyses by name, each with its system.
+def systems() -> tuple[System, ...]:
+    """Return all declarations that can be used, by name. Raises: as ``own_systems``."""
+    return tuple(sorted((system for system, _ in [*_own(), *_foreign()[0]]), key=lambda system: system.name))
 
-    Raises: InstallationError B-PKG-001 if two have one name.
+
+def system_refusals() -> Sequence[Refusal]:
+    """Return the foreign systems that cannot be used: B-PKG-001 offered twice, B-PKG-004 not to be loaded."""
+    return _foreign()[1]
+
+
+def systems_named(
+    analysis: object, names: Iterable[str], names_of: Callable[[System], Collection[str]]
+) -> tuple[System, ...]:
+    """Return the systems of the bench and the foreign ones that a file names, by name.
+
+    Args:   analysis: that the file names.   names: of its keys; ``names_of`` says which of them are of a system.
+    Raises: InstallationError B-PKG-001, B-PKG-004 for an analysis that nothing usable has and a refused system may.
     """
-    by_name: dict[str, tuple[AnalysisDeclaration, System, Offer]] = {}
-    for system, offer in _offered():
-        for analysis in system.analyses:
-            if analysis.name in by_name:
-                raise twice(f"the analysis {analysis.name!r}", by_name[analysis.name][2], offer)
-            by_name[analysis.name] = analysis, system, offer
-    return by_name
+    own = own_systems()
+    others = set(names) - {name for system in own for name in names_of(system)}
+    entry = None if not isinstance(analysis, str) else installed_analysis(analysis)
+    if isinstance(analysis, str) and entry is None and analysis_declaration(analysis) is None:
+        refuse_unknown_analysis(analysis)
+    named = [] if entry is None else [entry.system.name]
+    foreign = [] if not others else [system.name for system, _ in _foreign()[0] if others & set(names_of(system))]
+    own_names = {system.name for system in own}
+    if not {*named, *foreign} - own_names:
+        return own
+    return tuple(system for system in systems() if system.name in {*own_names, *named, *foreign})
+
+
+def analyses() -> Mapping[str, Entry]:
+    """Return all installed analyses that can be used, by name."""
+    return _by_name([*_own(), *_foreign()[0]])
+
+
+def _by_name(systems: Iterable[tuple[System, Offer]]) -> dict[str, Entry]:
+    return {analysis.name: Entry(analysis, system, offer) for system, offer in systems for analysis in system.analyses}
+
+
+def installed_analysis(name: str) -> Entry | None:
+    """Return an installed analysis, None for a name that no usable system has; foreign ones are asked last."""
+    if not lab_code.is_plain(name):
+        return None
+    return _by_name(_own()).get(name) or analyses().get(name)
 
 
 def analysis_declaration(name: str) -> AnalysisDeclaration | None:
@@ -67,7 +124,20 @@ def analysis_declaration(name: str) -> AnalysisDeclaration | None:
     """
     if lab_code.own_code("analyses", name) is not None:
         return _declaration_of_lab(name)
-    return analyses()[name][0] if name in analyses() else None
+    entry = installed_analysis(name)
+    return None if entry is None else entry.analysis
+
+
+def refuse_unknown_analysis(name: str) -> None:
+    """Refuse an analysis that nobody has, if a system that cannot be used may have it.
+
+    Raises: InstallationError B-PKG-001, B-PKG-004.
+    """
+    if not lab_code.is_plain(name):
+        return
+    close = get_close_matches(name, analyses(), n=1)
+    meant = f" (did you mean {close[0]!r}?)" if close else ""
+    refuse_unknown(f"the analysis {name!r}{meant}", name, system_refusals())
 
 
 def is_size(analysis: str, quantity: str) -> bool:
@@ -80,8 +150,8 @@ def is_size(analysis: str, quantity: str) -> bool:
 
 
 def _declaration_of_lab(name: str) -> AnalysisDeclaration:
-    if name in analyses():
-        raise lab_code.refused_twice("analyses", name, analyses()[name][2].release)
+    if (entry := installed_analysis(name)) is not None:
+        raise lab_code.refused_twice("analyses", name, entry.offer.release)
     module = lab_code.load("analyses", name)
     assert module is not None
     declared = getattr(module, "DECLARATION", None)
@@ -99,7 +169,18 @@ def _declaration_of_lab(name: str) -> AnalysisDeclaration:
 
 def system_of_analysis(name: str) -> System | None:
     """Return the system that an analysis belongs to, None for one of the lab folder and for an unknown name."""
-    return analyses()[name][1] if name in analyses() else None
+    entry = installed_analysis(name)
+    return None if entry is None else entry.system
+
+
+def fields_of(sections: type[StrictModel] | None) -> Collection[str]:
+    """Return the keys of the sections of a system, none without."""
+    return () if sections is None else sections.model_fields
+
+
+def sections_in(model: StrictModel, kind: type[_Sections]) -> tuple[type[_Sections], ...]:
+    """Return the sections of one kind that the form of a file was made with, by ``with_sections``."""
+    return tuple(base for base in type(model).__bases__ if issubclass(base, kind))
 
 
 def with_sections(form: type[StrictModel], sections: Sequence[type[StrictModel]]) -> tuple[type[StrictModel], ...]:
@@ -108,16 +189,16 @@ def with_sections(form: type[StrictModel], sections: Sequence[type[StrictModel]]
     Raises: InstallationError B-PKG-001 if two of them have a field of one name.
     """
     owners: dict[str, type[StrictModel]] = {}
-    for part in (form, *sections):
-        for name in part.model_fields:
-            if owners.setdefault(name, part) is not part:
-                message = f"{owners[name].__module__} and {part.__module__} both declare the section {name!r}"
+    for fields in (form, *sections):
+        for name in fields.model_fields:
+            if owners.setdefault(name, fields) is not fields:
+                message = f"{owners[name].__module__} and {fields.__module__} both declare the section {name!r}"
                 raise InstallationError("B-PKG-001", message, next_step="uninstall the system of one of them")
     return (form, *sections)
 
 
 def named(text: str) -> Any:
-    """Import what a declaration names: ``package.module`` or ``package.module:name``."""
+    """Import what a declaration names: ``package.module`` or ``package.module:name``. Raises: as ``load``."""
     module, _, name = text.partition(":")
-    loaded = import_module(module)
+    loaded = load(module)
     return getattr(loaded, name) if name else loaded

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 
-from bench.model.systems import analyses
+from bench.model.installed import spec_of
+from bench.model.systems import installed_analysis
 from bench.model.texts import ENGLISH, Texts, languages
 
 _QUANTITY, _ENDING = "quantity.", "ending."
@@ -67,14 +67,18 @@ def sequence_title(analysis: str, sequence: str, title: str, language: str = ENG
 @cache
 def _texts(analysis: str, language: str) -> dict[str, str]:
     """Return the texts of the system that an analysis belongs to; none for one of a lab or without a catalogue."""
-    known = _languages(analysis)
-    return Texts(_folder(analysis), language if language in known else ENGLISH).all if known else {}
+    known, folder = _languages(analysis), _folder(analysis)
+    return Texts(folder, language if language in known else ENGLISH).all if known and folder is not None else {}
 
 
 @cache
 def _languages(analysis: str) -> list[str]:
-    return languages(_folder(analysis)) if analysis in analyses() else []
+    folder = _folder(analysis)
+    return [] if folder is None else languages(folder)
 
 
-def _folder(analysis: str) -> Path:
-    return Path(str(import_module(analyses()[analysis][2].package).__file__)).parent
+def _folder(analysis: str) -> Path | None:
+    """Return the folder of the package of an analysis, None for one of a lab and for an unknown name."""
+    entry = installed_analysis(analysis)
+    spec = None if entry is None else spec_of(entry.offer.package)
+    return None if spec is None or spec.origin is None else Path(spec.origin).parent

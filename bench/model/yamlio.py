@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -73,8 +73,11 @@ class Document(Generic[ModelT]):
         return self._places[path]
 
 
-def load_yaml(path: Path, schema: type[ModelT]) -> Document[ModelT]:
-    """Read and check one YAML file. Raises InputErrors with every mistake found, sorted by position."""
+def load_yaml(path: Path, schema: type[ModelT] | Callable[[Any], type[ModelT]]) -> Document[ModelT]:
+    """Read and check one YAML file. Raises InputErrors with every mistake found, sorted by position.
+
+    ``schema``: or a function that tells it by the values of the file.
+    """
     try:
         with path.open("rb") as stream:
             raw = stream.read(MAX_BYTES + 1)
@@ -84,16 +87,17 @@ def load_yaml(path: Path, schema: type[ModelT]) -> Document[ModelT]:
     return parse_yaml(raw, str(path), schema)
 
 
-def parse_yaml(raw: bytes | str, name: str, schema: type[ModelT]) -> Document[ModelT]:
-    """Check YAML text against ``schema``; ``name`` is the file name used in messages."""
+def parse_yaml(raw: bytes | str, name: str, schema: type[ModelT] | Callable[[Any], type[ModelT]]) -> Document[ModelT]:
+    """Check YAML text against ``schema``, as in ``load_yaml``; ``name`` is the file name used in messages."""
     text = _text(raw.encode() if isinstance(raw, str) else raw, name)
     builder = _Builder(name)
     tree = builder.build(text)
     problems = builder.problems
+    form: type[ModelT] = schema if isinstance(schema, type) else schema(tree)
     try:
-        model = schema.model_validate(tree)
+        model = form.model_validate(tree)
     except ValidationError as error:
-        raise _all(problems + _schema_problems(error, name, builder.marks, schema)) from error
+        raise _all(problems + _schema_problems(error, name, builder.marks, form)) from error
     if problems:
         raise _all(problems)
     return Document(model, text, name, builder.marks)

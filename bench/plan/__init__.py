@@ -20,8 +20,8 @@ from bench.plan.language.mapping import (
     LogMapping,
     Overload,
     TimeColumn,
+    language_of_mapping,
     load_mapping,
-    mapping_model,
 )
 from bench.plan.language.notices import Apprise, Mail, Notify, Webhook, web_address
 from bench.plan.language.sequence import Early
@@ -114,10 +114,10 @@ __all__ = [
     "is_other_length",
     "is_reading",
     "json_schemas",
+    "language_of_mapping",
     "left_out_by",
     "load_mapping",
     "load_station",
-    "mapping_model",
     "mapping_schema",
     "names_made_of_logs",
     "plan_json",

@@ -6,9 +6,9 @@ import re
 from typing import Any
 
 from bench.frame import FrameDefinition
-from bench.model.declaration import ChannelKind, stated
+from bench.model.declaration import ChannelKind, UnitSections, stated
 from bench.model.errors import InputError
-from bench.model.systems import analysis_declaration, systems
+from bench.model.systems import analysis_declaration, sections_in
 from bench.model.units import format_quantity, likely, read_quantity
 from bench.model.yamlio import Document
 from bench.plan.expand import TIMED
@@ -134,11 +134,10 @@ def _counted(frame: FrameDefinition, field: str) -> int:
 
 def _kind(uut: UnitUnderTest | None, name: str) -> ChannelKind | None:
     """Return what the data sheet says of a kind of channel, in the section of whichever system has it."""
-    for system in systems():
-        if uut is not None and system.unit is not None and isinstance(uut, system.unit):
-            kind = system.unit.channel_kind(uut, name)
-            if kind is not None:
-                return kind
+    for sections in () if uut is None else sections_in(uut, UnitSections):
+        kind = sections.channel_kind(uut, name)  # type: ignore[arg-type]
+        if kind is not None:
+            return kind
     return None
 
 
@@ -221,9 +220,8 @@ def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:
     constants: dict[str, Any] = {}
     if model.uut is not None:
         constants["uut"] = {"model": model.uut.model, "serial": serial}
-        for system in systems():
-            if system.unit is not None and isinstance(model.uut, system.unit):
-                constants |= system.unit.constants(model.uut)
+        for sections in sections_in(model.uut, UnitSections):
+            constants |= sections.constants(model.uut)  # type: ignore[arg-type]
         if model.uut.limits:
             constants["limits"] = {name: _limit(text) for name, text in model.uut.limits.items()}
         if model.uut.spread:

@@ -22,7 +22,7 @@ from bench.model.yamlio import Document, load_yaml
 from bench.plan.check.stations import check_station
 from bench.plan.drivers import driver_actions
 from bench.plan.findings import Findings, suggestion
-from bench.plan.language.sequence import Sequence, sequence_model
+from bench.plan.language.sequence import Sequence, language_of_sequence
 from bench.plan.station import Station, load_station
 from bench.plan.values import ACTION_PATTERN
 
@@ -103,7 +103,7 @@ def load_both(source: Path, station: Station | None) -> tuple[Document[Sequence]
     looked at.
     """
     findings = Findings()
-    document = _read(lambda: load_yaml(source, sequence_model()), findings)
+    document = _read(lambda: load_yaml(source, language_of_sequence), findings)
     file = None if station is not None else _station_file(source, document, findings)
     if file is not None:
         station = _read(lambda: load_station(file), findings)

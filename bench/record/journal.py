@@ -1,7 +1,10 @@
 """Flushed journal of finished steps: one line each, so that a stopped run knows where it was.
 
 A line is the CRC-32 of its JSON text, started from the number of the line (from 1), in eight hex digits, a blank and
-the text. Zeros, a torn line or a line out of place are never taken for a step.
+the text. Zeros, a torn line or a line out of place are never taken for a step, and are cut away.
+
+This is the first form, and its lines name no version. A later form has other fields (``v`` is to say which it is), so
+a line with a right sum and any field more or less is of other software: it is refused, never cut or read as less.
 """
 
 from __future__ import annotations
@@ -15,6 +18,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from bench.model.errors import InputError
 from bench.model.posix import ALONE, lock_file
 from bench.record.files import Files, OsFiles
 from bench.record.layout import canonical_json
@@ -22,6 +26,8 @@ from bench.record.writer import RecordError
 
 JOURNAL_NAME = "journal.jsonl"
 _CRC_DIGITS = 8
+_FIELDS = {"n": int, "p": str, "t": int, "c": dict}  # of every line, each with its type
+_SETPOINT = {"s": dict}  # of the lines of steps that set something
 
 
 @dataclass(frozen=True)
@@ -52,7 +58,7 @@ class Journal:
 
     The file is locked as long as it is open, so that nobody goes on with a session that a living process still writes.
     Raises: RecordError B-REC-005 if a line cannot be written (the file is cut back then), B-REC-006 if another process
-            has the journal open.
+            has the journal open; InputError B-REC-007 if it was written by other software (nothing is cut then).
     """
 
     def __init__(self, folder: Path, files: Files | None = None) -> None:
@@ -81,6 +87,9 @@ class Journal:
         except OSError as error:
             self.close()
             raise self._failure(error) from error
+        except InputError:
+            self.close()
+            raise
 
     def step(
         self,
@@ -158,26 +167,37 @@ def is_being_written(folder: Path) -> bool:
 
 
 def read_journal(folder: Path) -> JournalState:
-    """Read a journal up to its first line that is not whole; no journal is an empty one."""
+    """Read a journal up to its first line that is not whole; no journal is an empty one.
+
+    Raises: InputError B-REC-007 at a line that is whole and whose form this software does not know.
+    """
     path = folder / JOURNAL_NAME
     content = path.read_bytes() if path.is_file() else b""
     entries: list[JournalEntry] = []
     at = 0
     while (stop := content.find(b"\n", at)) >= 0:
-        entry = _parse(content[at:stop], len(entries) + 1)
-        if entry is None:
+        text = content[at + _CRC_DIGITS + 1 : stop]
+        if content[at : at + _CRC_DIGITS + 1] != b"%08x " % zlib.crc32(text, len(entries) + 1):
             break
-        entries.append(entry)
+        entries.append(_entry(text, f"{path}:{len(entries) + 1}"))
         at = stop + 1
     return JournalState(tuple(entries), at, at < len(content))
 
 
-def _parse(line: bytes, number: int) -> JournalEntry | None:
-    text = line[_CRC_DIGITS + 1 :]
-    if line[: _CRC_DIGITS + 1] != b"%08x " % zlib.crc32(text, number):
-        return None
+def _entry(text: bytes, where: str) -> JournalEntry:
+    """Return the entry of a line whose sum is right. Raises: InputError B-REC-007 for another form than today's."""
     try:
         fields = json.loads(text)
-        return JournalEntry(fields["n"], fields["p"], fields["t"], fields["c"], fields.get("s", {}))
-    except (ValueError, KeyError, TypeError, AttributeError):
-        return None
+    except ValueError:
+        fields = None
+    kinds = {name: type(value) for name, value in fields.items()} if isinstance(fields, dict) else {}
+    if kinds not in (_FIELDS, _FIELDS | _SETPOINT):
+        raise InputError(
+            "B-REC-007",
+            f"the step journal was written by another version of the bench: its sum is right, and its fields "
+            f"{', '.join(sorted(kinds)) or 'are none'} are not {', '.join(sorted(_FIELDS))}",
+            where=where,
+            next_step="go on with the version that wrote it, the one that 'software' in the session's manifest names; "
+            "nothing was changed",
+        )
+    return JournalEntry(fields["n"], fields["p"], fields["t"], fields["c"], fields.get("s", {}))

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.model.clock import NS
+from bench.model.errors import InputError
 from bench.model.events import Record, Resume, event_of
 from bench.record import layout
 from bench.record.files import Files, OsFiles
@@ -23,7 +24,8 @@ class Survey:
     """Content of a session. ``counts``: good messages by topic; ``lost``: messages known to be missing.
 
     ``span_s``: monotonic time from the first to the last good message, second. ``records``: numbers of the records
-    whose window is known. ``steps``: finished steps in the journal of a run that did not end.
+    whose window is known. ``steps``: finished steps in the journal of a run that did not end; ``refused``: why it
+    cannot be read, "" if it can.
     """
 
     folder: str
@@ -35,6 +37,7 @@ class Survey:
     span_s: float
     has_manifest: bool
     steps: int
+    refused: str
 
     @property
     def damaged(self) -> bool:
@@ -54,6 +57,7 @@ class Survey:
             "records": len(self.records), "span_s": self.span_s, "manifest": self.has_manifest,
             "journal_steps": self.steps,
             "damage": [asdict(item) for item in self.damage],
+            **({"journal_refused": self.refused} if self.refused else {}),
         }  # fmt: skip
 
     def lines(self) -> list[str]:
@@ -68,6 +72,8 @@ class Survey:
         said += [f"damaged: {item}" for item in self.damage[:SHOWN]]
         if len(self.damage) > SHOWN:
             said.append(f"damaged: {len(self.damage) - SHOWN} places more; --json lists them")
+        if self.refused:
+            said.append(f"journal: {self.refused}")
         if self.steps:
             said.append(f"journal: {self.steps} steps were finished; the run did not end")
         said.append(f"{self.lost} messages are known to be lost" if self.damaged else "nothing is damaged")
@@ -89,11 +95,20 @@ def recover_session(folder: Path) -> Survey:
             event = event_of(*message.event())
             if isinstance(event, Record) and "number" not in event.unknown:
                 records.add(event.number)
+    steps, refused = _steps(folder)
     return Survey(
         str(folder), tuple(path.name for path in reader.segments), tuple(reader.unfinished), tuple(reader.damage),
         reader.counts, tuple(sorted(records)), (last_ns - (first_ns or 0)) / NS, has_manifest,
-        len(read_journal(folder).entries),
+        steps, refused,
     )  # fmt: skip
+
+
+def _steps(folder: Path) -> tuple[int, str]:
+    """Return how many steps the journal has, and why it cannot be read, "" if it can."""
+    try:
+        return len(read_journal(folder).entries), ""
+    except InputError as error:
+        return 0, str(error)
 
 
 def resume_session(folder: Path, event: Resume, *, t_mono_ns: int, files: Files | None = None) -> SessionWriter:

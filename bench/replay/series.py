@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bench.model.clock import NS
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.yamlio import parse_yaml
-from bench.plan import LogMapping, mapping_model
+from bench.plan import LogMapping, language_of_mapping
 from bench.record import SessionReader
 from bench.replay.delimited import LogCounts, LogParser, lines_of, listed
 from bench.replay.wording import say
@@ -123,7 +123,7 @@ def replay_series(folder: Path) -> ImportedSeries:
             where=str(folder),
             next_step="import the file again, or see 'bench recover' for what the session still holds",
         )
-    mapping = parse_yaml(texts[MAPPING], MAPPING, mapping_model()).model
+    mapping = parse_yaml(texts[MAPPING], MAPPING, language_of_mapping).model
     names = [column.quantity for column in mapping.values.values()]
     parser, digest = LogParser(mapping, str(manifest.get("log", {}).get("file", folder))), hashlib.sha256()
     held = [array("d") for _ in ("t_s", *names)]

@@ -15,7 +15,7 @@ import bench
 from bench.model.installed import package_of_driver
 from bench.model.lab import lab_here
 from bench.model.lab_code import code_used
-from bench.model.systems import analyses
+from bench.model.systems import installed_analysis
 from bench.plan import Station
 
 DISTRIBUTION = "inertial-bench"
@@ -72,7 +72,8 @@ def _version(package: str) -> str:
 
 
 def _distributions(analysis: str, drivers: Iterable[str]) -> dict[str, str]:
-    offers = [analyses()[analysis][2]] if analysis in analyses() else []
+    entry = installed_analysis(analysis)
+    offers = [] if entry is None else [entry.offer]
     packages = [package_of_driver(driver) for driver in sorted(drivers)]
     offers += [package.offer for package in packages if package is not None]
     return {offer.package: offer.release for offer in offers}

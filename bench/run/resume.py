@@ -83,8 +83,8 @@ def read_stopped(folder: Path) -> Stopped:
     """Read a session that is to be gone on with.
 
     Raises: InputError B-RES-001 (its run has ended), B-RES-002 (its run goes on in another process), B-RES-003 (no
-            plan), B-REC-010; InstallationError B-LAB-007 (code of the lab folder is not what it was), B-LAB-004 to
-            B-LAB-006; SessionDamaged B-RES-004, B-REC-012.
+            plan), B-REC-007 (its journal is of another version), B-REC-010; InstallationError B-LAB-007 (code of the
+            lab folder is not what it was), B-LAB-004 to B-LAB-006; SessionDamaged B-RES-004, B-REC-012.
     """
     if is_being_written(folder):
         raise InputError(

@@ -66,9 +66,7 @@ def key_of(folders: Sequence[Path], options: Mapping[str, Any]) -> str | None:
 @cache
 def _software() -> tuple[str, ...]:
     """Return version and source of the bench and of other systems, changed files too, and all that is installed."""
-    packages = {"bench"} | {
-        offer.package.partition(".")[0] for offer in offers("systems").values() if offer.distribution != OWN
-    }
+    packages = {"bench"} | {offer.package.partition(".")[0] for offer in offers("systems") if offer.distribution != OWN}
     digest = hashlib.sha256()
     for package in sorted(packages):
         spec = find_spec(package)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from bench.model.installed import offers
+from bench.model.errors import InputError
+from bench.model.installed import Offer, offer_of, offers, part
 from sim_instruments.worlds.common.options import Check, number_of, switch_of, text_of, unknown_option
 from sim_instruments.worlds.common.world import World
 
@@ -40,11 +40,20 @@ def checked_options(name: str, options: Mapping[str, str]) -> dict[str, Any]:
 
 
 def world_class(name: str) -> type[World]:
-    """Return the world of one kind; it is made from (clock, seed, options)."""
-    kind: type[World] = importlib.import_module(f"{offers('worlds')[name].package}.world").WORLD
+    """Return the world of one kind; it is made from (clock, seed, options). Raises: as ``_offer``, and B-PKG-004."""
+    kind: type[World] = part(_offer(name), "world", "WORLD")
     return kind
 
 
 def _offered(name: str) -> _Offered:
-    module = importlib.import_module(f"{offers('worlds')[name].package}.options")
-    return _Offered(*(getattr(module, group) for group in ("OPTIONS", "NUMBERS", "TEXTS")))
+    offer = _offer(name)
+    return _Offered(*(part(offer, "options", group) for group in ("OPTIONS", "NUMBERS", "TEXTS")))
+
+
+def _offer(name: str) -> Offer:
+    """Return the offer of a kind of world. Raises: InputError B-SIM-001; InstallationError B-PKG-001."""
+    offer = offer_of("worlds", name)
+    if offer is None:
+        known = ", ".join(offer.name for offer in offers("worlds"))
+        raise InputError("B-SIM-001", f"no simulated world is called {name!r}", next_step=f"use one of: {known}")
+    return offer

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 import pkgutil
 import re
 from collections.abc import Callable, Mapping
@@ -12,7 +11,7 @@ from pyvisa import rname
 
 from bench.model.clock import Clock
 from bench.model.errors import InputError
-from bench.model.installed import driver_packages, offers, simulator_module
+from bench.model.installed import driver_packages, load, simulator_module, spec_of
 from sim_instruments.bus.live import LiveDevice
 from sim_instruments.faults.fault import Fault
 from sim_instruments.faults.named import every_fault
@@ -45,10 +44,6 @@ def open_world(
         InputError: B-SIM-001 unknown world, B-SIM-002 bad option, B-SIM-003 no simulator of that driver,
             B-SIM-004 bad or doubled VISA address, B-SIM-020 slots in a world of one unit.
     """
-    worlds = offers("worlds")
-    if name not in worlds:
-        known = ", ".join(worlds)
-        raise InputError("B-SIM-001", f"no simulated world is called {name!r}", next_step=f"use one of: {known}")
     make: Any = world_class(name)
     exchanged = {} if unit_factory is None else {"unit_factory": unit_factory}
     made = {"clock": clock, "seed": seed, "options": checked_options(name, options or {}), **exchanged}
@@ -80,11 +75,12 @@ def check_options(name: str, options: Mapping[str, str]) -> None:
 
 def possible_faults() -> dict[str, Fault]:
     """Return every fault that some simulated bench can have: of links, interfaces and all models."""
-    packages = [importlib.import_module(package.simulators) for package in driver_packages() if package.simulators]
+    packages = [package.simulators for package in driver_packages() if package.simulators]
+    specs = [spec for spec in map(spec_of, packages) if spec is not None]
     names = [
-        f"{package.__name__}.{module.name}"
-        for package in packages
-        for module in pkgutil.iter_modules(package.__path__)
+        f"{spec.name}.{module.name}"
+        for spec in specs
+        for module in pkgutil.iter_modules(spec.submodule_search_locations)
         if not module.ispkg
     ]
     return every_fault(filter(None, map(_model, names)))
@@ -129,4 +125,4 @@ def _simulator(driver: str, role: str) -> type[LiveDevice]:
 
 def _model(module: str) -> type[LiveDevice] | None:
     """Return the simulated model of a module, None if it holds none."""
-    return getattr(importlib.import_module(module), "SIMULATOR", None)
+    return getattr(load(module), "SIMULATOR", None)

@@ -11,10 +11,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.commands.console import console
 from bench.commands.importing.sniff import Seen, sniff
 from bench.model.declaration import Hint
 from bench.model.errors import ExitStatus
-from bench.model.systems import systems
+from bench.model.systems import system_refusals, systems
 
 FILL_IN = "FILL_IN"
 _TIME = re.compile(r"(^|[^a-z])(t|ts|utc|tow|sec|secs|seconds|ms|us|ns)([^a-z]|$)|time|date|stamp|epoch")
@@ -29,6 +30,8 @@ Numbers = NDArray[np.float64]
 def guess(path: Path) -> int:
     """Print the proposal; it runs as soon as each FILL_IN is replaced."""
     sys.stdout.write(proposal(sniff(path), path))
+    for offer, error in system_refusals():
+        console(stderr=True).print(f"without {offer.what} of {offer.release}: {error}")
     return ExitStatus.PASS
 
 

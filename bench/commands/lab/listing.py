@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +15,11 @@ from rich.table import Table
 
 from bench.commands.console import console
 from bench.model.errors import ExitStatus, InputError, InstallationError
-from bench.model.installed import driver_packages
+from bench.model.installed import Refusal, driver_packages, driver_refusals
 from bench.model.lab import Lab, lab_here
 from bench.model.lab_code import CodeKind, check_readable, own_code_names, refused_twice
 from bench.model.shipped import KINDS, Kind, own_names, shipped_folder, shipped_names
-from bench.model.systems import analyses
+from bench.model.systems import analyses, system_refusals
 from bench.model.yamlio import load_yaml
 
 WORDS = (*KINDS, "instruments", "analyses")
@@ -67,13 +66,22 @@ def _entries(lab: Lab | None) -> Iterator[Entry]:
             assert lab is not None
             yield Entry(kind, name, _title(lab.folder / kind / f"{name}.yaml"), f"{lab.name}, {kind}/{name}.yaml")
         yield from (_shipped(kind, name, name in own) for name in shipped_names(kind))
-    drivers = {name: package.offer for package in driver_packages() for name in _drivers(package.offer.package)}
+    drivers = {name: package.offer for package in driver_packages() for name in package.drivers()}
     yield from _own_code("instruments", lab, {name: offer.release for name, offer in drivers.items()})
     for name, offer in drivers.items():
         yield Entry("instruments", name, "", offer.release)
-    yield from _own_code("analyses", lab, {name: offer.release for name, (_, _, offer) in analyses().items()})
-    for name, (_, system, offer) in analyses().items():
-        yield Entry("analyses", name, system.name, offer.release)
+    yield from _refused("instruments", driver_refusals())
+    installed = analyses()
+    yield from _own_code("analyses", lab, {name: entry.offer.release for name, entry in installed.items()})
+    for name, entry in installed.items():
+        yield Entry("analyses", name, entry.system.name, entry.offer.release)
+    yield from _refused("analyses", system_refusals())
+
+
+def _refused(kind: str, refusals: Sequence[Refusal]) -> Iterator[Entry]:
+    """Yield what is installed and cannot be used, with the reason as its title."""
+    for offer, error in refusals:
+        yield Entry(kind, offer.name, f"refused: {error}", offer.release)
 
 
 def _own_code(kind: CodeKind, lab: Lab | None, installed: Mapping[str, str]) -> Iterator[Entry]:
@@ -102,8 +110,3 @@ def _title(path: Path) -> str:
     except InputError:
         return "cannot be read"
     return str(tree.get("title") or "") if isinstance(tree, dict) else ""
-
-
-def _drivers(package: str) -> list[str]:
-    modules = [path for path in files(package).iterdir() if path.name.endswith(".py")]
-    return sorted(path.name.removesuffix(".py") for path in modules if "\nDRIVER = " in path.read_text("utf-8"))

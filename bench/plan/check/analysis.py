@@ -26,15 +26,15 @@ def names_made_of_logs(logs: bool) -> list[str]:
     """Return the names of the analyses that are made of imported logs, or of all others; a lab's own are of these."""
     lab = lab_here()
     own = [] if lab is None or logs else own_code_names("analyses", lab)
-    return [*own, *(name for name, (analysis, _, _) in analyses().items() if (analysis.made_of == "logs") == logs)]
+    return [*own, *(name for name, entry in analyses().items() if (entry.analysis.made_of == "logs") == logs)]
 
 
 def check_named(document: Document[Sequence], findings: Findings) -> None:
     """Note an analysis that does not exist or is not made of records (B-PLAN-077)."""
-    name, known = document.model.analysis, names_made_of_logs(False)
+    name = document.model.analysis
     declared = None if name == NONE else analysis_declaration(name)
     if name != NONE and (declared is None or declared.made_of == "logs"):
-        where = document.where(("analysis",))
+        where, known = document.where(("analysis",)), names_made_of_logs(False)
         if declared is not None:
             message = f"the analysis {name!r} is made of imported logs, not of records"
         else:

@@ -18,7 +18,7 @@ from typing import Any
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
 from bench.model.errors import InputError
-from bench.model.installed import offers
+from bench.model.installed import offer_of
 from bench.plan.check.actions import ActionCheck
 from bench.plan.check.analysis import check_asked
 from bench.plan.check.motion import check_poses
@@ -184,7 +184,7 @@ def check_sets(plan: Plan, station: Station, findings: Findings) -> None:
 
 
 def _possible(world: str, name: str, value: Any, where: str, findings: Findings) -> None:
-    if world not in offers("worlds"):
+    if offer_of("worlds", world) is None:
         return  # the check of the station says so
     simulation = import_module(SIMULATION)
     try:

@@ -15,7 +15,7 @@ from typing import Any
 from bench.frame import load_frame
 from bench.model.drivers import driver_class
 from bench.model.errors import InputError
-from bench.model.installed import offers, simulator_module
+from bench.model.installed import offer_of, offers, simulator_module
 from bench.model.shipped import find_beside
 from bench.model.units import format_quantity, read_quantity
 from bench.model.yamlio import Document, parse_yaml
@@ -23,7 +23,7 @@ from bench.plan.drivers import driver_actions, driver_ladder_A
 from bench.plan.findings import Findings, suggestion
 from bench.plan.language.graphs import check_graphs
 from bench.plan.language.interlocks import OF_UNIT, SIGNALS, Interlock, InterlockRule, rule_of
-from bench.plan.language.sequence import sequence_model
+from bench.plan.language.sequence import language_of_sequence
 from bench.plan.language.standards import Standard
 from bench.plan.station import InstrumentEntry, Station, option_text, wrong_option
 
@@ -153,9 +153,8 @@ def _world(station: Station, findings: Findings) -> None:
     world = station.file.world
     assert world is not None
     simulation = import_module(SIMULATION)
-    worlds = offers("worlds")
-    if world.name not in worlds:
-        known = suggestion(world.name, worlds)
+    if offer_of("worlds", world.name) is None:
+        known = suggestion(world.name, [offer.name for offer in offers("worlds")])
         findings.add("B-PLAN-014", station.document.where(("world", "name")), f"no world {world.name!r}{known}")
         return
     options = simulation.options_of(world.name)
@@ -261,7 +260,7 @@ def plan_rules(
 
 def recorded_rules(text: str, name: str, station: Station, links: Collection[str]) -> tuple[InterlockRule, ...]:
     """Return rules of a sequence that a session with these links holds. Args: name: of the text. Raises: InputError."""
-    document = parse_yaml(text, name, sequence_model())
+    document = parse_yaml(text, name, language_of_sequence)
     return plan_rules(document.model.interlocks, document, station, links, Findings())
 
 

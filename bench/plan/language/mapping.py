@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime, timedelta
 from functools import cache, reduce
 from operator import or_
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import (
     AfterValidator,
@@ -21,9 +21,9 @@ from pydantic import (
     model_validator,
 )
 
-from bench.model.declaration import LogColumn, LogSections
+from bench.model.declaration import LogColumn, LogSections, System
 from bench.model.shipped import refuse_other_kinds
-from bench.model.systems import systems, with_sections
+from bench.model.systems import fields_of, sections_in, systems, systems_named, with_sections
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import Document, Name, StrictModel, load_yaml
 from bench.plan.language.roles import check_roles, naming_roles
@@ -138,6 +138,7 @@ class IgnoredColumn(StrictModel):
 
 
 Column = TimeColumn | LogColumn | IgnoredColumn
+_COLUMNS: tuple[type[StrictModel], ...] = (TimeColumn, ValueColumn, IgnoredColumn)
 
 
 class FileForm(StrictModel):
@@ -228,15 +229,14 @@ class LogMapping(StrictModel):
             raise ValueError(f"two columns have the quantity {twice[0]!r}")
         self._check_units()
         check_roles(self.analysis, self.values)
-        for sections in _sections():
-            if isinstance(self, sections):
-                sections.check_log(self, self)
+        for sections in sections_in(self, LogSections):
+            sections.check_log(self, self)  # type: ignore[arg-type]
         self._check_analysis()
         return self
 
     def _check_analysis(self) -> None:
         roles = {column.role for column in self.values.values()}
-        checked = {"none", *(name for sections in _sections() for name in sections.analyses)}
+        checked = {"none", *(name for sections in sections_in(self, LogSections) for name in sections.analyses)}
         if self.analysis not in checked and not {"temperature", "reading"} <= roles:
             raise ValueError(f"the analysis {self.analysis!r} needs a column of the roles temperature and reading each")
 
@@ -276,14 +276,13 @@ class LogMapping(StrictModel):
             "uut": {"model": self.uut.model, "serial": self.uut.serial},
             "columns": [_column(header, column) for header, column in self._stated.items()],
         }
-        for sections in _sections():
-            if isinstance(self, sections):
-                document |= sections.log_constants(self, self)
+        for sections in sections_in(self, LogSections):
+            document |= sections.log_constants(self, self)  # type: ignore[arg-type]
         return document
 
     def beyond(self, rows: int) -> tuple[tuple[str, ...], str, str] | None:
         """Return what lies outside of a log of so many rows: its place, what is wrong, what to do; else None."""
-        outside = [sections.beyond(self, rows) for sections in _sections() if isinstance(self, sections)]
+        outside = [sections.beyond(self, rows) for sections in sections_in(self, LogSections)]  # type: ignore[arg-type]
         return next((place for place in outside if place is not None), None)
 
 
@@ -301,20 +300,49 @@ def _each(header: str, column: LogColumn) -> list[tuple[str, LogColumn]]:
     return [(f"{before}{number}{behind}", column.of_number(at)) for at, number in enumerate(numbers)]
 
 
-def _sections() -> list[type[LogSections]]:
-    return [system.log for system in systems() if system.log is not None]
-
-
-@cache
 def mapping_model() -> type[LogMapping]:
-    """Return the language with the columns and sections of the systems that are installed.
+    """Return the language with the columns and sections of all systems that can be used.
 
     Raises: InstallationError B-PKG-001 if two systems declare one section.
     """
-    offered = [column for system in systems() for column in system.log_columns]
+    return _language(*_parts(systems()))
+
+
+def language_of_mapping(tree: object) -> type[LogMapping]:
+    """Return the language of one mapping: with what the bench has and the foreign systems that it names declare.
+
+    Args:   tree: plain values of its file.
+    Raises: InstallationError B-PKG-001 if two systems declare one section, or as ``systems_named``.
+    """
+    stated = tree if isinstance(tree, dict) else {}
+    columns = stated.get("columns")
+    each = columns.values() if isinstance(columns, dict) else ()
+    roles = {column.get("role") for column in each if isinstance(column, dict)}
+    engine = {*LogMapping.model_fields, *(role for column in _COLUMNS for role in _roles(column))}
+    names = {name for name in (*stated, *roles) if isinstance(name, str)}
+    return _language(*_parts(systems_named(stated.get("analysis"), names - engine, _names_of)))
+
+
+def _roles(column: type[StrictModel]) -> tuple[str, ...]:
+    return get_args(column.model_fields["role"].annotation)
+
+
+def _names_of(system: System) -> set[str]:
+    """Return the keys and the roles of columns that a system declares."""
+    return {*fields_of(system.log), *(role for column in system.log_columns for role in _roles(column))}
+
+
+def _parts(systems: Iterable[System]) -> tuple[tuple[type[LogSections], ...], tuple[type[LogColumn], ...]]:
+    systems = tuple(systems)
+    sections = tuple(system.log for system in systems if system.log is not None)
+    return sections, tuple(column for system in systems for column in system.log_columns)
+
+
+@cache
+def _language(sections: tuple[type[LogSections], ...], offered: tuple[type[LogColumn], ...]) -> type[LogMapping]:
     column: Any = reduce(or_, [TimeColumn, ValueColumn, *offered, IgnoredColumn])
     columns: Any = (dict[Header, Annotated[column, Field(discriminator="role")]], ...)
-    bases = with_sections(LogMapping, _sections())
+    bases = with_sections(LogMapping, sections)
     made = create_model("LogMapping", __base__=bases, __doc__="One kind of delimited log.", columns=columns)
     assert issubclass(made, LogMapping)
     return made
@@ -330,4 +358,4 @@ def load_mapping(path: Path) -> Document[LogMapping]:
     Raises: InputErrors with every mistake and its position; InputError B-SHIP-002 for a file of another kind.
     """
     refuse_other_kinds("mappings", path)
-    return load_yaml(path, mapping_model())
+    return load_yaml(path, language_of_mapping)

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import cache
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, create_model, model_validator
 
-from bench.model.systems import systems, with_sections
+from bench.model.declaration import System, UnitSections
+from bench.model.systems import fields_of, systems, systems_named, with_sections
 from bench.model.units import likely, quantity, read_quantity
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
 from bench.plan.language.expect import Fit
@@ -171,13 +173,34 @@ class Sequence(StrictModel):
         return value
 
 
-@cache
 def sequence_model() -> type[Sequence]:
-    """Return the language with the sections of the systems that are installed; a key that nobody declares is refused.
+    """Return the language with the sections of all systems that can be used; a key that nobody declares is refused.
 
     Raises: InstallationError B-PKG-001 if two systems declare one section.
     """
-    bases = with_sections(UnitUnderTest, [system.unit for system in systems() if system.unit is not None])
+    return _language(_sections(systems()))
+
+
+def language_of_sequence(tree: object) -> type[Sequence]:
+    """Return the language of one sequence: with the sections of the bench and of the foreign systems that it names.
+
+    Args:   tree: plain values of its file.
+    Raises: InstallationError B-PKG-001 if two systems declare one section, or as ``systems_named``.
+    """
+    stated = tree if isinstance(tree, dict) else {}
+    unit = stated.get("uut")
+    keys = {*(unit if isinstance(unit, dict) else ())} - {*UnitUnderTest.model_fields}
+    named = systems_named(stated.get("analysis"), keys, lambda system: fields_of(system.unit))
+    return _language(_sections(named))
+
+
+def _sections(systems: Iterable[System]) -> tuple[type[UnitSections], ...]:
+    return tuple(system.unit for system in systems if system.unit is not None)
+
+
+@cache
+def _language(sections: tuple[type[UnitSections], ...]) -> type[Sequence]:
+    bases = with_sections(UnitUnderTest, sections)
     unit: Any = create_model(
         "UnitUnderTest", __base__=bases, __doc__="The unit under test as its data sheet declares it."
     )

@@ -101,7 +101,7 @@ def installed() -> Iterator[None]:
 
 def _forget() -> None:
     """Let what is installed be looked up again."""
-    for cached in (installed_module.offers, systems.systems, systems._offered, systems.analyses):
+    for cached in (installed_module.offers, installed_module._examined_packages, systems._own, systems._foreign):
         cached.cache_clear()
 
 

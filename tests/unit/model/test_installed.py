@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from collections.abc import Iterator
 from importlib.abc import MetaPathFinder
@@ -10,19 +11,37 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
+from bench.commands.doctor import _installed
+from bench.commands.lab.listing import print_list
+from bench.commands.schema import schema
 from bench.model import installed, systems
 from bench.model.drivers import driver_class
 from bench.model.errors import InstallationError
+from bench.plan.language.mapping import language_of_mapping
+from bench.plan.language.sequence import language_of_sequence
+from bench.run.preflight import Status
+from sim_instruments.worlds.kinds import kind_options, world_class
 
 CACHES = (
     installed.offers,
     installed.checked_package,
-    installed.driver_packages,
-    systems.systems,
-    systems._offered,
-    systems.analyses,
+    installed._examined_packages,
+    systems._own,
+    systems._foreign,
 )
+BARE = {"sequence": "bare", "station": "none", "steps": [{"settle": "1 s"}]}
+SYSTEM = """\
+from bench.model.declaration import AnalysisDeclaration, System, UnitSections
+
+
+class Probes(UnitSections):
+    probes: int | None = None
+
+
+DECLARATION = System("{name}", (AnalysisDeclaration("{analysis}", "x", ("y",), "records"),), unit=Probes)
+"""
 OWN_DRIVERS = '"""Drivers."""\n\n__bench__ = "stranger"\n'
 
 
@@ -55,9 +74,10 @@ def package(folder: Path, name: str, **modules: str) -> None:
 
 def test_the_shipped_systems_are_registered_as_a_strangers_are() -> None:
     found = installed.offers("systems")
-    assert [*found] == ["af_converter", "gnc", "lock_in", "north", "readings", "time_sync"]
-    assert {offer.distribution for offer in found.values()} == {"inertial-bench"}
-    assert [system.name for system in systems.systems()] == [*found]
+    names = [offer.name for offer in found]
+    assert names == ["af_converter", "gnc", "lock_in", "north", "readings", "time_sync"]
+    assert {offer.distribution for offer in found} == {"inertial-bench"}
+    assert [system.name for system in systems.systems()] == names
     assert [one.simulators for one in installed.driver_packages()] == ["sim_instruments"]
     assert installed.simulator_module("hp_3458a") == "sim_instruments.hp_3458a"
     assert installed.simulator_module("wire") is None
@@ -70,13 +90,19 @@ def test_no_analysis_is_loaded_for_a_declaration() -> None:
 
 
 def test_one_name_of_two_distributions_b_pkg_001(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    distribution(tmp_path, "stranger", systems="north = elsewhere.north")
+    """It stops who names it; a system is never named, so the second one is refused and the shipped one goes on."""
+    distribution(tmp_path, "stranger", systems="north = elsewhere.north", worlds="fog_north = elsewhere.world")
+    package(tmp_path / "elsewhere", "north", init="", declaration=SYSTEM.format(name="north", analysis="other"))
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(InstallationError, match=r"both offer the system 'north'") as caught:
-        installed.offers("systems")
+    with pytest.raises(InstallationError, match=r"both offer the world 'fog_north'") as caught:
+        installed.offer_of("worlds", "fog_north")
     assert (caught.value.code, int(caught.value.exit_status)) == ("B-PKG-001", 2)
     assert "inertial-bench" in caught.value.message
     assert "stranger" in caught.value.message
+    assert installed.offer_of("worlds", "ring_laser") is not None
+    assert systems.analysis_declaration("fog_north") is not None
+    assert systems.analysis_declaration("other") is None
+    assert [(offer.name, error.code) for offer, error in systems.system_refusals()] == [("north", "B-PKG-001")]
 
 
 def test_one_driver_in_two_packages_b_pkg_001(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -129,9 +155,12 @@ def test_a_package_without_its_mark_b_pkg_003(
     distribution(tmp_path, "stranger", instruments="stranger = stranger_drivers")
     package(tmp_path, "stranger_drivers", **({} if text is None else {"init": text}))
     monkeypatch.syspath_prepend(tmp_path)
+    assert driver_class("hp_3458a").__name__ == "Hp3458A"
+    assert [package.offer.distribution for package in installed.driver_packages()] == ["inertial-bench"]
     with pytest.raises(InstallationError, match=says) as caught:
-        installed.driver_packages()
+        driver_class("probe_8")
     assert caught.value.code == "B-PKG-003"
+    assert "'probe_8'" in caught.value.message
     assert "stranger" in caught.value.message
 
 
@@ -143,43 +172,160 @@ def test_a_package_of_another_distribution_is_named_b_pkg_003(monkeypatch: pytes
 
 
 @pytest.mark.parametrize(
-    ("text", "says"),
+    ("text", "says", "line"),
     [
-        ("import nowhere_at_all\n", "cannot be imported"),
-        ("", "holds no DECLARATION"),
-        ("from bench.model.declaration import System\nDECLARATION = System('x', ())\n", "holds no DECLARATION"),
+        ("import nowhere_at_all\n", "cannot be loaded: ModuleNotFoundError: No module named 'nowhere_at_all'", 1),
+        ("import json\njson.loads('{')\n", "cannot be loaded: JSONDecodeError: ", 2),
+        ("import sys\n\nsys.exit(3)\n", "cannot be loaded: SystemExit: 3", 3),
+        ("\nx = (\n", "cannot be loaded: SyntaxError: ", 2),
+        ("", "holds no DECLARATION", 0),
+        ("from bench.model.declaration import System\nDECLARATION = System('x', ())\n", "holds no DECLARATION", 0),
     ],
 )
-def test_a_declaration_that_cannot_be_used_b_pkg_004(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, says: str
+def test_a_declaration_that_cannot_be_used_stops_who_names_it_b_pkg_004(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, says: str, line: int
 ) -> None:
     name = f"stranger_{abs(hash((text, says)))}"
     distribution(tmp_path, "stranger", systems=f"stranger = {name}")
     package(tmp_path, name, init="", declaration=text)
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(InstallationError, match=says) as caught:
-        systems.systems()
-    assert caught.value.code == "B-PKG-004"
+    shipped = language_of_sequence({"analysis": "fog_north", "uut": {"model": "X", "serial": "1"}})
+    assert "fog" in shipped.model_fields["uut"].annotation.__args__[0].model_fields  # type: ignore[union-attr]
+    assert f"{name}.declaration" not in sys.modules
+    for refused in (language_of_sequence, language_of_mapping):
+        with pytest.raises(InstallationError, match=f"the analysis 'curve' is .* of stranger 1.0 {says}") as caught:
+            refused({"analysis": "curve"})
+        assert caught.value.code == "B-PKG-004"
+        place = tmp_path / name / (f"declaration.py:{line}" if line else "__init__.py")
+        assert caught.value.where == str(place)
+    assert [system.name for system in systems.systems()] == [offer.name for offer in own_offers("systems")]
 
 
-def test_one_analysis_or_section_of_two_systems_b_pkg_001(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_the_declaration_that_is_named_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    distribution(tmp_path, "stranger", systems="stranger = stranger_works")
+    package(tmp_path, "stranger_works", init="", declaration=SYSTEM.format(name="stranger", analysis="curve"))
+    monkeypatch.syspath_prepend(tmp_path)
+    for known in ("fog_north", "none", "readings"):
+        language_of_sequence({"analysis": known, "uut": {"model": "X", "fog": {}, "limits": {}}})
+        language_of_mapping({"analysis": known, "columns": {"t": {"role": "time"}, "v": {"role": "reading"}}})
+    assert "stranger_works.declaration" not in sys.modules
+    by_analysis = language_of_sequence({"analysis": "curve"})
+    assert "stranger_works.declaration" in sys.modules
+    assert language_of_sequence({"analysis": "none", "uut": {"probes": 2}}) is by_analysis
+    assert by_analysis.model_validate({**BARE, "uut": {"model": "X", "serial": "1", "probes": 2}}).uut.probes == 2
+    with pytest.raises(ValidationError, match="probes"):
+        language_of_sequence(None).model_validate({**BARE, "uut": {"model": "X", "serial": "1", "probes": 2}})
+
+
+@pytest.mark.parametrize(("module", "text"), [("world", "raise OSError(5, 'no port')\n"), ("options", "1 / 0\n")])
+def test_a_world_that_cannot_be_loaded_stops_who_names_it_b_pkg_004(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, text: str
+) -> None:
+    name = f"stranger_{module}"
+    distribution(tmp_path, "stranger", worlds=f"strange = {name}")
+    sound = {"world": "", "options": "OPTIONS, NUMBERS, TEXTS = {}, {}, {}\n"}
+    package(tmp_path, name, init="", **{**sound, module: text})
+    monkeypatch.syspath_prepend(tmp_path)
+    assert kind_options("fog_north")
+    asked = world_class if module == "world" else kind_options
+    with pytest.raises(InstallationError, match=r"of stranger 1\.0 cannot be loaded: (OSError|ZeroDiv)") as caught:
+        asked("strange")
+    assert caught.value.where == str(tmp_path / name / f"{module}.py:1")
+
+
+@pytest.mark.parametrize("broken", ["init", "probe_9"])
+def test_a_driver_that_cannot_be_loaded_stops_who_names_it_b_pkg_004(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
+) -> None:
+    distribution(tmp_path, "stranger", instruments="stranger = stranger_broken")
+    modules = {"init": OWN_DRIVERS, "probe_9": "\nDRIVER = int\n"}
+    modules[broken] += "raise ValueError('a stranger')\n"
+    package(tmp_path, "stranger_broken", **modules)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert driver_class("hp_3458a").__name__ == "Hp3458A"
+    assert installed.simulator_module("hp_3458a") == "sim_instruments.hp_3458a"
+    assert "stranger_broken" not in sys.modules
+    with pytest.raises(InstallationError, match=r"stranger_broken\.probe_9 of stranger 1\.0 .* a stranger") as caught:
+        driver_class("probe_9")
+    file = "__init__.py:4" if broken == "init" else "probe_9.py:3"
+    assert caught.value.where == str(tmp_path / "stranger_broken" / file)
+
+
+def test_what_a_declaration_names_and_cannot_be_loaded_b_pkg_004(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distribution(tmp_path, "stranger", systems="stranger = stranger_later")
+    package(tmp_path, "stranger_later", init="", analysis="import json\njson.loads(None)\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(InstallationError, match=r"stranger_later\.analysis of stranger 1\.0 cannot be loaded"):
+        systems.named("stranger_later.analysis:analyse")
+    with pytest.raises(ModuleNotFoundError):
+        systems.named("nobody_at_all")
+
+
+def test_one_analysis_of_two_foreign_systems_is_nobodys_b_pkg_001(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name in ("stranger_1", "stranger_2"):
+        distribution(tmp_path, name, systems=f"{name} = {name}")
+        package(tmp_path, name, init="", declaration=SYSTEM.format(name=name, analysis="curve"))
+    monkeypatch.syspath_prepend(tmp_path)
+    assert systems.analysis_declaration("fog_north") is not None
+    with pytest.raises(InstallationError, match="both offer the analysis 'curve'"):
+        language_of_sequence({"analysis": "curve"})
+
+
+def test_one_analysis_or_section_of_a_foreign_system_and_ours_b_pkg_001(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     text = (
         "from bench.model.declaration import AnalysisDeclaration, System, UnitSections\n"
         "class Mine(UnitSections):\n    imu: int | None = None\n"
-        "DECLARATION = System('copy', (AnalysisDeclaration('fog_north', 'x', ('y',), 'records'),), unit=Mine)\n"
+        "DECLARATION = System('{name}', (AnalysisDeclaration('{analysis}', 'x', ('y',), 'records'),), unit=Mine)\n"
     )
-    distribution(tmp_path, "stranger", systems="copy = stranger_copy")
-    package(tmp_path, "stranger_copy", init="", declaration=text)
+    distribution(tmp_path, "stranger", systems="copy = stranger_copy\nmore = stranger_more")
+    package(tmp_path, "stranger_copy", init="", declaration=text.format(name="copy", analysis="fog_north"))
+    package(tmp_path, "stranger_more", init="", declaration=text.format(name="more", analysis="curve"))
     monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(InstallationError, match="both offer the analysis 'fog_north'"):
-        systems.analyses()
-    units = [system.unit for system in systems.systems() if system.unit is not None]
+    entry = systems.installed_analysis("fog_north")
+    assert entry is not None
+    assert entry.offer.distribution == "inertial-bench"
+    (refusal,) = systems.system_refusals()
+    assert "both offer the analysis 'fog_north'" in refusal.error.message
+    language_of_sequence({"analysis": "imu_six_position", "uut": {"imu": {}}})
     with pytest.raises(InstallationError, match="both declare the section 'imu'"):
-        systems.with_sections(installed_form(), units)
+        language_of_sequence({"analysis": "curve"})
 
 
-def installed_form() -> type:
-    """A form of the engine without any field."""
-    from bench.model.yamlio import StrictModel
+def own_offers(kind: installed.Kind) -> list[installed.Offer]:
+    """What the bench itself offers."""
+    return [offer for offer in installed.offers(kind) if offer.distribution == installed.OWN]
 
-    return StrictModel
+
+def test_listing_commands_tell_what_is_refused_and_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    groups = {"systems": "strange_s = stranger_s", "worlds": "strange_w = stranger_w"}
+    distribution(tmp_path, "stranger", **groups, instruments="strange_i = stranger_i")
+    package(tmp_path, "stranger_s", init="raise ValueError('a')\n")
+    package(tmp_path, "stranger_w", init="", world="raise ValueError('b')\n")
+    package(tmp_path, "stranger_i", init="")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert print_list(None, as_json=True) == 0
+    listed = json.loads(capsys.readouterr().out)
+    refused = {entry["name"]: entry["title"] for entry in listed if entry["title"].startswith("refused: ")}
+    assert {name: title.split()[2] for name, title in refused.items()} == {
+        "strange_s": "B-PKG-004:",
+        "strange_i": "B-PKG-003:",
+    }
+    assert f"{tmp_path}/stranger_s/__init__.py:1" in refused["strange_s"]
+    assert {"scale_factor", "hp_3458a"} <= {entry["name"] for entry in listed}
+    assert schema(tmp_path / "schemas", vscode=False) == 0
+    assert (tmp_path / "schemas" / "sequence.schema.json").exists()
+    assert "stranger 1.0" in capsys.readouterr().out
+    warned = {finding.name: finding.value for finding in _installed() if finding.status is Status.WARN}
+    assert warned == {
+        "systems of stranger 1.0": "strange_s: B-PKG-004",
+        "worlds of stranger 1.0": "strange_w: B-PKG-004",
+        "instruments of stranger 1.0": "strange_i: B-PKG-003",
+    }

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import errno
+import json
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 import pytest
 from record_sample import FaultyFiles, io_error, no_space
 
+from bench.model.errors import InputError
 from bench.record import Journal, JournalEntry, RecordError, read_journal
 from bench.record.journal import JOURNAL_NAME, is_being_written
 
@@ -173,3 +176,54 @@ def test_a_step_that_set_something_says_what(tmp_path: Path) -> None:
         {"calibrator.output": {"current": 0.01}},
         {},
     ]
+
+
+def in_another_form(path: Path, change: dict[str, object], first: int = 1) -> bytes:
+    """Write the lines from a number on as another version would, with right sums; returns the content."""
+    content = b""
+    for number, line in enumerate(path.read_bytes().splitlines(), 1):
+        fields = json.loads(line[9:])
+        fields = {**fields, **change} if number >= first else fields
+        text = json.dumps({name: value for name, value in fields.items() if value is not None}).encode()
+        content += b"%08x %b\n" % (zlib.crc32(text, number), text)
+    path.write_bytes(content)
+    return content
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"n": None, "number": 1}, {"v": 2}, {"set": {}}, {"t": "0 s"}, {"c": []}, {"n": True}],
+)
+@pytest.mark.parametrize("first", [1, 3])
+@pytest.mark.parametrize("tail", [b"", b"0123", bytes(40)])
+def test_a_journal_of_another_version_is_refused_and_never_cut_b_rec_007(
+    tmp_path: Path, change: dict[str, object], first: int, tail: bytes
+) -> None:
+    written(tmp_path, 5)
+    path = tmp_path / JOURNAL_NAME
+    content = in_another_form(path, change, first) + tail
+    path.write_bytes(content)
+    for attempt in (lambda: read_journal(tmp_path), lambda: Journal(tmp_path)):
+        with pytest.raises(InputError, match="written by another version") as caught:
+            attempt()
+        assert (caught.value.code, int(caught.value.exit_status)) == ("B-REC-007", 2)
+        assert caught.value.where == f"{path}:{first}"
+    assert path.read_bytes() == content
+    assert not is_being_written(tmp_path)
+
+
+def test_what_is_no_json_and_has_a_right_sum_is_of_another_version(tmp_path: Path) -> None:
+    for text in (b"", b"\x81\xa1n", b"[1]", b"4"):
+        (tmp_path / JOURNAL_NAME).write_bytes(b"%08x %b\n" % (zlib.crc32(text, 1), text))
+        with pytest.raises(InputError, match="B-REC-007"):
+            read_journal(tmp_path)
+
+
+def test_zeros_behind_whole_lines_are_cut_as_before(tmp_path: Path) -> None:
+    entries = written(tmp_path, 3)
+    path = tmp_path / JOURNAL_NAME
+    content = path.read_bytes()
+    path.write_bytes(content + bytes(500) + b"\n" + b'{"n":4}\n')
+    Journal(tmp_path).close()
+    assert path.read_bytes() == content
+    assert list(read_journal(tmp_path).entries) == entries

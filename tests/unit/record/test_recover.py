@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import zlib
 from pathlib import Path
 
 from record_sample import MANIFEST, NS, TEXTS, write_sample
@@ -39,6 +40,15 @@ def test_a_crashed_run(tmp_path: Path) -> None:
     assert (found.records, found.steps, found.unfinished) == ((1, 2, 3), 3, ("session.0001.mcap",))
     assert any("the run did not end" in line for line in found.lines())
     assert json.loads(json.dumps(found.as_json()))["journal_steps"] == 3
+
+
+def test_a_journal_of_another_version_is_told_and_the_rest_is_listed(tmp_path: Path) -> None:
+    write_sample(tmp_path / "s")
+    (tmp_path / "s" / "journal.jsonl").write_bytes(b"%08x {}\n" % zlib.crc32(b"{}", 1))
+    found = recover_session(tmp_path / "s")
+    assert (found.damaged, found.steps) == (False, 0)
+    assert any("B-REC-007" in line for line in found.lines())
+    assert "B-REC-007" in found.as_json()["journal_refused"]
 
 
 def test_a_damaged_session_says_what_is_lost(tmp_path: Path) -> None:

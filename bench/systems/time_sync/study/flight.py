@@ -7,13 +7,12 @@ an estimate, and is used for nothing else: the filter gets the samples alone.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from importlib import import_module
 from typing import Any
 
 import numpy as np
 
 from bench.analysis import Floats
-from bench.model.installed import offers
+from bench.model.installed import load, offer_of
 from bench.systems.time_sync.estimators.kalman.consistency import (
     nees_of_offset,
     nis_summary,
@@ -49,7 +48,9 @@ class Flown:
 
 def simulated(module: str) -> Any:
     """Return a module of the simulator."""
-    return import_module(f"{offers('worlds')[WORLD].package}.{module}")
+    offer = offer_of("worlds", WORLD)
+    assert offer is not None
+    return load(f"{offer.package}.{module}")
 
 
 def fly(task: Task) -> Flown:

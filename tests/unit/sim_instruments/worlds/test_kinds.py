@@ -11,8 +11,10 @@ from bench.model.installed import offers
 from sim_instruments.worlds.common.world import World
 from sim_instruments.worlds.kinds import checked_options, kind_options, world_class
 
+WORLDS = {offer.name: offer.package for offer in offers("worlds")}
 
-@pytest.mark.parametrize("name", offers("worlds"))
+
+@pytest.mark.parametrize("name", WORLDS)
 def test_a_world_is_made_from_clock_seed_and_options(name: str) -> None:
     world = world_class(name)(clock=VirtualClock(), seed=1, options={})  # type: ignore[call-arg]
     start_V, current_A = world.load
@@ -23,9 +25,9 @@ def test_a_world_is_made_from_clock_seed_and_options(name: str) -> None:
     world.close()
 
 
-@pytest.mark.parametrize("name", offers("worlds"))
+@pytest.mark.parametrize("name", WORLDS)
 def test_every_option_says_what_it_is(name: str) -> None:
-    options = import_module(f"{offers('worlds')[name].package}.options")
+    options = import_module(f"{WORLDS[name]}.options")
     told = [*options.OPTIONS.values(), *(entry[0] for entry in (*options.NUMBERS.values(), *options.TEXTS.values()))]
     assert len(told) == len(kind_options(name))
     assert all(told)
