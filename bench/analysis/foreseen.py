@@ -16,9 +16,9 @@ import numpy as np
 
 from bench.analysis.material import Floats, GivenValue, Material, Reading
 from bench.analysis.prediction import Planned
-from bench.analysis.values import EXPECTED, key_of_value
+from bench.analysis.values import EXPECTED
 from bench.analysis.wording import say
-from bench.model.quantities import QUANTITY, conditions_of_value
+from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value
 
 
 def foreseen_material(planned: Planned) -> tuple[Material, list[str]]:

@@ -104,6 +104,8 @@ class Material:
     ``layouts``: of the payloads, by name of the command.
     ``utc_offset_s``: UTC (seconds since 1970) minus the bench clock, None if unknown.
     ``series``: columns of an imported log, (n,) each, "t_s" among them; empty for a session of this bench.
+    ``not_due``: keys (``bench.model.quantities``) of values that the run did not have to give, because its decisions
+    left out every step that reads them.
     ``line_s``: seconds that a frame takes on its line, by link; those of one length on a serial port only.
     """
 
@@ -118,6 +120,7 @@ class Material:
     utc_offset_s: float | None = None
     series: Mapping[str, Floats] = field(default_factory=dict)
     line_s: Mapping[str, float] = field(default_factory=dict)
+    not_due: frozenset[str] = frozenset()
 
     def readings_of(self, row: RecordRow) -> list[Reading]:
         """Return the readings that a record is made of, in order of time; those without a value are among them."""

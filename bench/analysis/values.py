@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +17,7 @@ from bench.analysis.wording import say
 from bench.maths.budget import effective_dof
 from bench.maths.correlated import independent_count
 from bench.model.clock import NS
-from bench.model.quantities import QUANTITY, conditions_of_value
+from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value
 from bench.model.units import read_quantity
 
 EXPECTED = "expected"  # entry of the manifest's section "campaign"
@@ -148,7 +147,7 @@ def values_of(material: Material) -> list[Value]:
 
 def absent(material: Material, values: Iterable[Value]) -> list[str]:
     """Return what should have been read or given and was not, one sentence each."""
-    found = {key_of_value(value.quantity, value.conditions) for value in values}
+    found = {key_of_value(value.quantity, value.conditions) for value in values} | material.not_due
     entries = material.campaign.get(EXPECTED, ())
     return [
         say("value.absent", where=placed(entry["quantity"], entry["conditions"]))
@@ -179,11 +178,6 @@ def place_of(conditions: Mapping[str, Any]) -> str:
 def placed(name: str, conditions: Mapping[str, Any]) -> str:
     """Return a name with the conditions it holds under, in words."""
     return say("place", name=name, conditions=conditions_text(conditions)) if conditions else name
-
-
-def key_of_value(quantity: str, conditions: Mapping[str, Any]) -> str:
-    """Return what tells one value of a plan from another, by its name and the conditions that count for values."""
-    return json.dumps([quantity, dict(conditions)], sort_keys=True)
 
 
 def _readings(material: Material) -> list[tuple[Reading, bool]]:

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
 QUANTITY = "quantity"  # among the conditions of a reading: its name in the results
 _OF_THE_RUN = frozenset({QUANTITY, "purpose", "label", "window_index", "settle_band_degC", "settled"})
+
+
+def key_of_value(quantity: str, conditions: Mapping[str, Any]) -> str:
+    """Return what tells one value of a plan from another, by its name and the conditions that count for values."""
+    return json.dumps([quantity, dict(conditions)], sort_keys=True)
 
 
 def conditions_of_value(conditions: Mapping[str, Any]) -> dict[str, Any]:

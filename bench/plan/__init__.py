@@ -4,7 +4,7 @@ from bench.plan.check.analysis import names_made_of_logs
 from bench.plan.check.everything import check_plan
 from bench.plan.check.stations import check_station, recorded_rules
 from bench.plan.compile import compile_sequence
-from bench.plan.decision import FAIL, HOLD, PlannedDecision, decisions_of, left_out_by
+from bench.plan.decision import FAIL, HOLD, PlannedDecision, decisions_of, left_out_by, unmet_loops
 from bench.plan.drivers import bus_s, declared_action, driver_actions
 from bench.plan.findings import Findings, suggestion
 from bench.plan.frozen import frozen_plan, plan_of_texts
@@ -28,7 +28,7 @@ from bench.plan.language.sequence import Early
 from bench.plan.language.standards import Date, Standard, Stated, Words, told_standard
 from bench.plan.plan import Phase, Plan, PlannedUnit, SetPoint, Step, steps_sha256
 from bench.plan.planned_air import LAB_AIR_degC, planned_temperature, timed_steps
-from bench.plan.readings import is_answered, is_reading, roles_of, round_count
+from bench.plan.readings import is_answered, is_reading, quantities_of, roles_of, round_count, values_not_due
 from bench.plan.schemas import json_schemas, mapping_schema, vscode_settings
 from bench.plan.served import served_station
 from bench.plan.station import Station, StationFile, load_station
@@ -123,6 +123,7 @@ __all__ = [
     "plan_json",
     "plan_of_texts",
     "planned_temperature",
+    "quantities_of",
     "recorded_rules",
     "roles_of",
     "round_count",
@@ -134,7 +135,9 @@ __all__ = [
     "summarise",
     "timed_steps",
     "told_standard",
+    "unmet_loops",
     "unwatched",
+    "values_not_due",
     "vscode_settings",
     "web_address",
 ]

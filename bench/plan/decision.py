@@ -8,11 +8,12 @@ them begins when the longest would end, so planned times are the latest ones.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Self
 
 from bench.model.events import Decision, Event, UnitLeftOut
+from bench.model.units import plain_quantity
 from bench.plan.plan import Place, Step, StepKind
 from bench.plan.values import UNIT
 
@@ -87,6 +88,12 @@ class PlannedDecision(Step):
         called = f"{self.role}.{self.name}" if self.role else self.name
         return f"{called} ({given})" if given else called
 
+    def still(self, value: float) -> dict[str, str]:
+        """Return the words of a loop that has had its last turn: what was read, and how it still compares with what."""
+        newest, *values = (_shown(number, self.unit) for number in (value, *self.branches[0].values))
+        comparison = self.branches[0].comparison
+        return {"reading": self.reading, "newest": newest, "comparison": comparison, "limits": " and ".join(values)}
+
     def outcome(self, value: float | None) -> str:
         """Return what is done with a reading, None for a missing one."""
         return self.missing if value is None else next(b.outcome for b in self.branches if b.fits(value))
@@ -102,9 +109,36 @@ class PlannedDecision(Step):
         return tuple(range(branch.first, branch.stop) for branch in others)
 
 
+def _shown(value: float, unit: str) -> str:
+    return f"{value:g}" if unit == "1" else plain_quantity(value, unit)
+
+
 def decisions_of(steps: Iterable[Step]) -> list[PlannedDecision]:
     """Return the decisions among some steps."""
     return [step for step in steps if isinstance(step, PlannedDecision)]
+
+
+def _made(steps: Sequence[Step], events: Iterable[Event]) -> Iterator[tuple[PlannedDecision, Decision]]:
+    """Yield the decisions among the events of a session, each with its step."""
+    for event in events:
+        step = steps[event.step] if isinstance(event, Decision) and 0 <= event.step < len(steps) else None
+        if isinstance(event, Decision) and isinstance(step, PlannedDecision):
+            yield step, event
+
+
+def ways_not_taken(steps: Sequence[Step], events: Iterable[Event]) -> set[int]:
+    """Return the numbers of the steps that the decisions among the events have left out, whatever else was skipped."""
+    return {n for step, event in _made(steps, events) for stretch in step.left_out(event.outcome) for n in stretch}
+
+
+def unmet_loops(steps: Sequence[Step], events: Iterable[Event]) -> list[tuple[PlannedDecision, float | None]]:
+    """Return the ends of loops that went on without what they wait for, each with its last reading, None if missing."""
+    unmet: dict[int, tuple[PlannedDecision, float | None]] = {}
+    for step, event in _made(steps, events):
+        value = event.readings[0].get("value") if event.readings else None
+        if step.word == WHILE and (event.outcome == GO_ON or (event.outcome == DONE and value is None)):
+            unmet[step.number] = step, value
+    return list(unmet.values())
 
 
 def left_out_by(steps: Sequence[Step], events: Iterable[Event]) -> list[range]:
@@ -117,7 +151,6 @@ def left_out_by(steps: Sequence[Step], events: Iterable[Event]) -> list[range]:
         if isinstance(event, UnitLeftOut):
             own = [step.number for step in steps if step.conditions.get(UNIT) == event.uut]
             stretches += [range(number, number + 1) for number in own]
-        step = steps[event.step] if isinstance(event, Decision) and 0 <= event.step < len(steps) else None
-        if isinstance(event, Decision) and isinstance(step, PlannedDecision):
-            stretches += step.left_out(event.outcome)
+        for step, decision in _made(steps, [event]):
+            stretches += step.left_out(decision.outcome)
     return stretches

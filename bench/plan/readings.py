@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from bench.model.events import Event
 from bench.model.ports import Action, Effect
-from bench.model.quantities import QUANTITY
-from bench.plan.decision import PlannedDecision
+from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value
+from bench.plan.decision import PlannedDecision, ways_not_taken
 from bench.plan.expected import named_conditions
 from bench.plan.language.steps import ReadStep, Record
 from bench.plan.plan import Step
@@ -29,6 +30,29 @@ def reading_calls(step: Step) -> tuple[PlannedCall, ...]:
 def roles_of(steps: Iterable[Step]) -> set[str]:
     """Return the roles and links that steps use, those that records read among them."""
     return {call.role for step in steps for call in (step, *reading_calls(step))}
+
+
+def quantities_of(step: Step) -> list[str]:
+    """Return the quantities that a step reads or asks for."""
+    if isinstance(step, PlannedRecord):
+        names = [reading.quantity for reading in step.readings] + [quantity for quantity, _ in step.signals]
+    else:
+        names = [step.quantity if isinstance(step, PlannedPrompt) else step.conditions.get(QUANTITY, "")]
+    return [name for name in names if name]
+
+
+def values_not_due(steps: Sequence[Step], events: Iterable[Event]) -> frozenset[str]:
+    """Return the keys of the values whose every step the decisions among the events have left out."""
+    gone = ways_not_taken(steps, events)
+    if not gone:
+        return frozenset()
+    due = {key for step in steps if step.number not in gone for key in _keys_of(step)}
+    return frozenset(key for number in gone for key in _keys_of(steps[number])) - due
+
+
+def _keys_of(step: Step) -> list[str]:
+    conditions = conditions_of_value(step.conditions)
+    return [key_of_value(quantity, conditions) for quantity in quantities_of(step)]
 
 
 def is_read_by(decision: PlannedDecision, step: Step) -> bool:

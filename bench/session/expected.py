@@ -10,8 +10,9 @@ from typing import Any, Protocol
 from bench.analysis import Estimate, Estimates, by_foreseen_name, expected_at_end
 from bench.model.clock import NS
 from bench.model.errors import BenchError
+from bench.model.quantities import key_of_value
 from bench.model.systems import analysis_declaration
-from bench.plan import Plan, Step, plan_of_texts
+from bench.plan import Plan, Step, plan_of_texts, values_not_due
 from bench.record import RecordRow
 from bench.session.predicted import predicted
 
@@ -73,11 +74,13 @@ def expectations(session: Recorded, known: Mapping[Name, Mapping[str, Any]]) -> 
     whole = [] if plan is None else predicted(plan, _begin_utc_s(session)).estimates
     if plan is None or not whole:
         return {}
+    not_due = values_not_due(plan.steps, (event for _, event in session.events))
     part = predicted(_up_to_now(plan, session), _begin_utc_s(session)).estimates if session.rows else []
     so_far = by_foreseen_name(part)
     return {
         name: Expected(entry, _at_end_U(known.get(name), so_far.get(name), entry))
         for name, entry in by_foreseen_name(whole).items()
+        if key_of_value(entry["quantity"], entry["conditions"]) not in not_due
     }
 
 

@@ -6,9 +6,8 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from bench.analysis import limits_text, number, place_of
-from bench.model.quantities import QUANTITY
 from bench.model.units import hours
-from bench.plan import Plan, PlannedPrompt, PlannedRecord, Step
+from bench.plan import Plan, quantities_of
 
 _WORDS = {"": "{}", "log": "log({})", "reciprocal": "1/{}"}
 
@@ -52,19 +51,12 @@ def _limits(entry: Mapping[str, Any]) -> str:
 
 
 def _where(plan: Plan, quantity: str) -> str:
-    steps = [step for step in plan.steps if quantity in _names(step)]
+    steps = [step for step in plan.steps if quantity in quantities_of(step)]
     if not steps:
         return "nowhere"
     more = f" and {len(steps) - 1} times more" if len(steps) > 1 else ""
     phase = "" if steps[0].phase == "campaign" else f" of '{steps[0].phase}'"
     return f"{hours(steps[0].at_s)}{phase}{more} ({steps[0].where})"
-
-
-def _names(step: Step) -> list[str]:
-    """Return the quantities that a step reads."""
-    if isinstance(step, PlannedRecord):
-        return [reading.quantity for reading in step.readings] + [quantity for quantity, _ in step.signals]
-    return [step.quantity] if isinstance(step, PlannedPrompt) else [step.conditions.get(QUANTITY, "")]
 
 
 def _fit(fit: Mapping[str, Any]) -> str:

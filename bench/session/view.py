@@ -31,11 +31,11 @@ from bench.model import events
 from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS
 from bench.model.errors import BenchError, FitError, InputError
-from bench.model.events import Environment, Event, Phase, Preflight, Prompt, Retake, UnitLeftOut
+from bench.model.events import Decision, Environment, Event, Phase, Preflight, Prompt, Retake, UnitLeftOut
 from bench.model.lab_code import sha256_of
 from bench.model.systems import analysis_declaration
 from bench.model.yamlio import parse_yaml
-from bench.plan import StationFile, Step
+from bench.plan import StationFile, Step, unmet_loops, values_not_due
 from bench.record import Damage, RecordRow
 from bench.replay import Splice
 from bench.report import Laboratory, Report, ReportModel, RunStory, TemperatureTrace, report_model
@@ -56,6 +56,7 @@ from bench.session.happenings import (
     splice_tables,
     surroundings,
 )
+from bench.session.wording import say
 
 E = TypeVar("E", bound=Event)
 SOFTWARE = f"inertial-bench {__version__}"
@@ -152,7 +153,8 @@ def analyse_view(view: SessionView, method: str | None = None) -> tuple[dict[str
 def _analysed(view: SessionView, method: str | None) -> Analysis:
     """Return the analysis; a unit that was left out before anything was determined has one without estimates."""
     try:
-        return analysis_of(view, method)
+        analysis = analysis_of(view, method)
+        return replace(analysis, missing=[*analysis.missing, *_unmet(view)])
     except FitError as error:
         if not view.events_of(UnitLeftOut):
             raise
@@ -180,6 +182,15 @@ def analysis_of(view: SessionView, method: str | None = None) -> Analysis:
     return doubted(analysis, others, view.splices)
 
 
+def _unmet(view: SessionView) -> list[str]:
+    """Return a sentence for each loop that went on without what it waits for: a result that the sequence promises."""
+    loops = unmet_loops(view.plan_steps, (event for _, event in view.events_of(Decision)))
+    return [
+        say("loop.unread", reading=step.reading) if value is None else say("loop.unmet", **step.still(value))
+        for step, value in loops
+    ]
+
+
 def material_of(view: SessionView) -> Material:
     """Return what the analysis may see of a session."""
     return Material(
@@ -194,6 +205,7 @@ def material_of(view: SessionView) -> Material:
         layouts=_layouts(view),
         utc_offset_s=None if view.utc_offset_ns is None else view.utc_offset_ns / NS,
         line_s=line_times_s(view.manifest, view.texts),
+        not_due=values_not_due(view.plan_steps, (event for _, event in view.events_of(Decision))),
     )
 
 

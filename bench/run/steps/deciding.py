@@ -5,7 +5,6 @@ from __future__ import annotations
 from bench.model.errors import RunError
 from bench.model.events import DECISION, Decision
 from bench.model.stopping import UNTIL
-from bench.model.units import plain_quantity
 from bench.plan import FAIL, HOLD, PlannedDecision
 from bench.run.context import RunContext
 from bench.run.steps.decided import Read
@@ -47,13 +46,7 @@ def _why(step: PlannedDecision, read: Read | None) -> str:
         return f"{step.reading} was never read, so nothing can be decided by it"
     if read.value is None:
         return f"{step.reading} gave no value at step {read.step}, so nothing can be decided by it"
-    newest, *values = (_shown(value, step.unit) for value in (read.value, *step.branches[0].values))
-    limits = " and ".join(values)
-    return f"{step.reading} is {newest} after the last turn, still {step.branches[0].comparison} {limits}"
-
-
-def _shown(value: float, unit: str) -> str:
-    return f"{value:g}" if unit == "1" else plain_quantity(value, unit)
+    return "{reading} is {newest} after the last turn, still {comparison} {limits}".format(**step.still(read.value))
 
 
 def _reading(step: PlannedDecision, read: Read) -> dict[str, object]:
