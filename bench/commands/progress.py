@@ -253,7 +253,7 @@ def doing(document: Document) -> str:
     if document.get("holds"):
         reasons = "; ".join(f"{reason} ({by})" for by, reason in document["holds"].items())
         unconfirmed = (document.get("bench") or {}).get("unconfirmed")
-        left = f"; NOT confirmed safe: {roles_in_words(unconfirmed)}" if unconfirmed else ""
+        left = f"; NOT confirmed off: {roles_in_words(unconfirmed)}" if unconfirmed else ""
         return f"HOLDING{_since(wait, now)}: {reasons}{left}"
     where = f"step {step['number']}/{step['of']}"
     if wait is None:

@@ -37,9 +37,11 @@ def top(session: Path | None, out: Path, language: str = ENGLISH) -> int:
     if watch is None and session is None and on_terminal:
         watch = _waited_for(out)
     if watch is None:
-        advice = "name the folder of a living run, or its --out; 'bench serve' shows finished sessions too"
         said = [line for folder in ([session] if session else _candidates(out)) for line in guard_lines(folder)]
         message = "; ".join(["no run answers here", *said])
+        advice = (
+            "" if said else "name the folder of a living run, or its --out; 'bench serve' shows finished sessions too"
+        )
         raise InputError("B-TUI-001", message, where=str(session or out), next_step=advice)
     glyphs = glyphs_for(os.environ, sys.stdout.encoding or "")
     look = Look(catalogue(ENGLISH if glyphs == ASCII else language), glyphs)

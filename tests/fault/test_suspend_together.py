@@ -24,7 +24,7 @@ from bench.run.guard.diary import read_diary
 pytestmark = pytest.mark.waits
 
 STOPPED_S = 5.0
-AHEAD_S = 1.0  # the guard goes on before its controller, and must not take it for dead
+AHEAD_S = 0.5  # the guard goes on before its controller, and must not take it for dead
 
 
 def stopped_together(served: Served, process: Process, guard: int) -> tuple[float, float]:

@@ -171,7 +171,7 @@ WORDS: Mapping[str, str] = {
 def bench_in_words(bench: Mapping[str, Any]) -> str:
     """Return the state of the bench in one line for a message: ``ENERGISED: supply 18 V, 1.25 A; chamber running``."""
     unconfirmed = bench["unconfirmed"]
-    unsafe = [f"NOT confirmed safe: {roles_in_words(unconfirmed)}"] if unconfirmed else []
+    unsafe = [f"NOT confirmed off: {roles_in_words(unconfirmed)}"] if unconfirmed else []
     on = [f"{part['role']} {figures_of(part)}".strip() for part in bench["parts"] if part["state"] == "on"]
     silent = [part["role"] for part in bench["parts"] if part["state"] == "unknown"]
     unknown = [f"{role} not known" for role in silent if role not in unconfirmed]

@@ -56,7 +56,7 @@ function nowCell(card) {
   if (!count && !card.guard && !card.unconfirmed && !wait && !outcome) return "";
   return make("span", { class: "fleet-now" }, count ? make("strong", { class: "alarm-count" }, icon("alarm"), count) : null,
     ...(card.alarms ?? []).map((alarm) => make("span", { class: "alarm-line" }, `${word("alarm", alarm.severity)} ${withCode(alarm.code, alarm.text, " ")}`)),
-    card.unconfirmed ? make("strong", { class: "not-off" }, t("bench.unconfirmed", { what: unconfirmedText(card.unconfirmed) })) : null,
+    card.unconfirmed ? make("strong", { class: "not-off" }, unconfirmedText(card.unconfirmed)) : null,
     card.guard ? make("span", {}, t("start.guard", { reason: card.guard })) : null, wait ? make("span", {}, wait) : null, outcome);
 }
 

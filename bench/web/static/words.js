@@ -119,25 +119,26 @@ function figures(part) {
   return part.figures.map(({ name, text }) => (SHOWN_PLAIN.has(name) ? written(text) : `${word("bench.figure", name)} ${written(text)}`)).join(", ");
 }
 
-/** What is not confirmed safe, what is on, and what is not known, one line each; nothing for what was confirmed off. */
-function benchParts(bench) {
-  const sorted = [...(bench.parts ?? [])].sort((one, other) => ORDER.indexOf(one.kind) - ORDER.indexOf(other.kind));
-  const on = sorted.filter((part) => part.state === "on").map((part) => make("li", {}, make("strong", {}, part.role), ` ${figures(part)}`));
-  const left = Object.entries(bench.unconfirmed ?? {}).map(([role, state]) => make("li", { class: "unknown" }, make("strong", {},
-    t("bench.unconfirmed", { what: unconfirmedText(state ? `${role} (${state})` : role) }))));
-  const unknown = sorted.filter((part) => part.state === "unknown" && !(part.role in (bench.unconfirmed ?? {}))).map((part) => make("li", { class: "unknown" }, make("strong", {}, part.role),
-    ` ${t("bench.part-unknown")}`));
-  return [...left, ...on, ...unknown];
-}
-
 /** Who has not confirmed it, as the bench names them; "all" while a guard has not said of whom. */
-export const unconfirmedText = (what) => (what === "all" ? t("bench.every-instrument") : what);
+export const unconfirmedText = (what) => t("bench.unconfirmed", { what: what === "all" ? t("bench.every-instrument") : what });
 
 /** What a guard that acted has to say beside its confirmation: that it is at it, goes on trying, or who took the bench over. */
 function guardText(guard) {
   if (!guard || guard.safe) return "";
   if (guard.by) return t("bench.taken-over", { by: guard.by });
   return t(guard.safe === false ? "bench.guard-trying" : "bench.guard-acting", { time: guard.utc ? clock(Date.parse(guard.utc) / 1000) : "" });
+}
+
+/** What is not confirmed safe, what is on, and what is not known, one line each; nothing for what was confirmed off. */
+function benchParts(bench, guard) {
+  const sorted = [...(bench.parts ?? [])].sort((one, other) => ORDER.indexOf(one.kind) - ORDER.indexOf(other.kind));
+  const left = bench.unconfirmed ?? {};
+  const names = Object.entries(left).map(([role, state]) => (state ? `${role} (${state})` : role)).join(", ");
+  const said = [names ? unconfirmedText(names) : "", guardText(guard)].filter(Boolean).map((text) => make("li", { class: "unknown" }, make("strong", {}, text)));
+  const on = sorted.filter((part) => part.state === "on").map((part) => make("li", {}, make("strong", {}, part.role), ` ${figures(part)}`));
+  const unknown = sorted.filter((part) => part.state === "unknown" && !(part.role in left)).map((part) => make("li", { class: "unknown" }, make("strong", {}, part.role),
+    ` ${t("bench.part-unknown")}`));
+  return [...said, ...on, ...unknown];
 }
 
 function since(bench, now_s, guard) {
@@ -166,8 +167,7 @@ export function showBench(element, bench, { heard, now_s, guard = null, replay =
   const remains = (bench?.remains ?? ["mains"]).map((name) => word("bench.remains", name)).join(", ");
   element.replaceChildren(
     make("p", { class: "bench-word" }, icon(`bench-${state}`), make("strong", {}, t(`bench.${state}`)), make("span", { class: "soft" }, said)),
-    make("ul", { class: "bench-parts" }, ...(old || !bench ? [] : benchParts(bench))),
-    ...(old || !guardText(guard) ? [] : [make("p", { class: "not-off" }, guardText(guard))]),
+    make("ul", { class: "bench-parts" }, ...(old || !bench ? [] : benchParts(bench, guard))),
     make("p", { class: "bench-remains soft" }, t("bench.remains", { what: remains })),
   );
 }

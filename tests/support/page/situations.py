@@ -37,6 +37,7 @@ class Situation:
     changes: Mapping[str, Any] = field(default_factory=dict)
     says: tuple[str, ...] = ()
     replies: Mapping[str, Mapping[str, str]] = field(default_factory=lambda: {**QUIET, **WARM})
+    unconfirmed: Mapping[str, str] = field(default_factory=dict)
 
 
 def alarm(text: str, code: str | None = None) -> dict[str, Any]:
@@ -59,6 +60,8 @@ LIVING = {
     "prompt": Situation("WAITING FOR A PERSON", "some", {"state": "waiting", "prompt": QUESTION}, (QUESTION["text"],)),
     "port": Situation("HOLDING", "much", {**held("link port_a", PORT), "alarms": [alarm(PORT, "B-LINK-003")]}, (PORT,)),
     "instrument": Situation("HOLDING", "some", held("instrument dmm", "dmm: no answer"), ("dmm: no answer",)),
+    "mute": Situation("HOLDING", "much", held("instrument calibrator", "calibrator: no answer"),
+                      ("NOT confirmed off: calibrator (B-INST-001)",), unconfirmed={"calibrator": "B-INST-001"}),
     "runaway": Situation("RUNNING", "much", {"alarms": [alarm("air 61.2 degC runs away")]}, ("runs away",)),
     "door": Situation("HOLDING", "much", {**held("interlock door", "door is open"), "alarms": [alarm("door is open")]},
                       ("door is open",)),
@@ -66,18 +69,22 @@ LIVING = {
 OVER = {"pass": "PASS", "fail": "FAIL", "doubtful": "DOUBTFUL", "damaged": "DAMAGED", "guard": "FAULT"}
 
 
-def bench_of(replies: Mapping[str, Mapping[str, str]]) -> dict[str, Any]:
+def bench_of(replies: Mapping[str, Mapping[str, str]], unconfirmed: Mapping[str, str] | None = None) -> dict[str, Any]:
     """The state of the bench as the run's own reducer makes it of replies of now."""
     outputs, now = Outputs(PLACES, 150.0), now_utc_s()
     for role, told in replies.items():
         for question, reply in told.items():
             outputs.on_traffic(role, "tx", question, now - 12.0)
             outputs.on_traffic(role, "rx", reply, now - 12.0)
-    return outputs.document(now)
+    return outputs.document(now, unconfirmed=unconfirmed)
 
 
 def state_of(situation: Situation) -> dict[str, Any]:
-    return {"attention": situation.attention, "bench": bench_of(situation.replies), **situation.changes}
+    return {
+        "attention": situation.attention,
+        "bench": bench_of(situation.replies, situation.unconfirmed),
+        **situation.changes,
+    }
 
 
 def stage_living(out: Path) -> dict[str, ShownRun]:

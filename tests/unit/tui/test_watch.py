@@ -118,7 +118,7 @@ def test_what_was_not_confirmed_at_the_end_is_not_off_whatever_was_heard_before(
     rig = Rig(bench=bench)
     rig.feed.silent, rig.end = True, {**GOOD, "unconfirmed": ["calibrator"]}
     head = " ".join(line.plain for line in page_of(rig.watch.look(), Look(catalogue())).head)
-    assert "UNKNOWN what is on  NOT confirmed safe: calibrator" in head
+    assert "UNKNOWN what is on  NOT confirmed off: calibrator" in head
     assert "OUTPUTS OFF" not in head
 
 

@@ -118,7 +118,7 @@ SITUATIONS = {
 def on_card(met: Met) -> str:
     """The bench of a card, and of the page of a run; the words are those of the catalogue for these keys."""
     bench = met.state["bench"]
-    word = {"off": "OUTPUTS OFF"}.get(bench["state"], bench["state"])
+    word = "OUTPUTS OFF" if bench["state"] == "off" else "on, or not known"
     return word + ("; NOT confirmed" if bench["unconfirmed"] else "")
 
 
