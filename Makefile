@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak archive-drill deviations compare notebooks pictures situations site structure ways validate bench lint wheel lock
+.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site structure ways validate bench lint wheel lock
 
 demo: $(VENV)/.kernel
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -59,6 +59,11 @@ coverage: $(VENV)/.dev
 # not done again, so it can be stopped at any time.
 soak: $(VENV)/.dev
 	$(PY) tests/soak/run.py $(N) $(CAMPAIGN)
+
+# 200 losses of the network, up to five minutes and for good, six benches side by side (docs/faults.md); what stands in
+# tests/fault/losses.csv is not done again. WORDS: of tests/support/losses/loss_drill.py, for example --count 20.
+losses: $(VENV)/.dev
+	$(PY) tests/support/losses/loss_drill.py $(WORDS)
 
 # N sessions of years (docs/archive.md), refitted here, on one worker and on two: the same bytes, and exactly the
 # certificates that a wrong standard concerns. What is recorded in build/archive-drill is not recorded again.

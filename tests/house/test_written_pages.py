@@ -14,8 +14,8 @@ PAGES = [TOP / "README.md", TOP / "CHANGELOG.md", *sorted((TOP / "docs").rglob("
 DECISIONS = sorted((TOP / "docs" / "decisions").glob("*"))
 MATRIX = TOP / "docs" / "faults.md"
 TEST = re.compile(r"`(tests/[a-z_0-9/]+\.py)::(test_\w+)`")
-IN_CI = {1, 8, 10, 12, 13, 14, 15, 16, 20, 21, 22, 23, 24, 25, 28}
-ROWS = 29
+IN_CI = {1, 8, 10, 12, 13, 14, 15, 16, 20, 21, 22, 23, 24, 25, 28, 30}
+ROWS = 30
 RECORD = TOP / "docs" / "validation.md"
 _ROW = re.compile(
     r"^\| (?P<what>[^|]+) \| (?P<against>[^|]+) \| (?P<figure>[^|]+) \| `(?P<test>[^`]+)` \|$", re.MULTILINE
