@@ -114,11 +114,7 @@ def _last(entry: object) -> Card | None:
 
 def _is_put_away(card: Card) -> bool:
     """Return whether a run is gone and its guard has confirmed all of it off: a run that goes on stands before it."""
-<<<<<<< HEAD
-    return bool(card["state"] == "stopped" and card["outputs"] == "off")
-=======
     return (card["state"], card["outputs"]) == ("stopped", "off")
->>>>>>> w-views
 
 
 def _is_run(name: object) -> bool:
