@@ -79,7 +79,8 @@ class Sequencer:
         finally:
             context.stop.shield()
             with context.in_use.take(CHAMBER):
-                unsafe = make_safe(context.instruments, self._safe_order, context.clock)
+                alive = context.stop.is_alive
+                unsafe = make_safe(context.instruments, self._safe_order, context.clock, live=alive)
                 context.health.over(states_of(unsafe))
                 with suppress(Exception):  # it is made safe; this only shows it
                     look(context.instruments)

@@ -86,7 +86,9 @@ def main(station_file: str, folder: str) -> int:
         brief = brief_of(station, Path(folder) / DIARY)
         stack.enter_context(GuardProcess(brief, health, stop, clock, lambda event: None))
         health.begin(station.safe_order)
-        stack.callback(lambda: health.over(states_of(make_safe(bench.instruments, station.safe_order, clock))))
+        stack.callback(
+            lambda: health.over(states_of(make_safe(bench.instruments, station.safe_order, clock, live=stop.is_alive)))
+        )
         stimulate(bench.instruments, source_of(station, {r: type(i) for r, i in bench.instruments.items()}))
         _say(on=stimulated(bench.instruments), identities={role: asdict(who) for role, who in identities.items()})
         _wait(clock, stop)

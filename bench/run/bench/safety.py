@@ -12,7 +12,7 @@ from bench.model.errors import BenchError, RunError
 from bench.model.ports import Instrument
 
 ATTEMPTS = 3
-PAUSE_S = 2.0
+PAUSE_S, PAUSES = 2.0, 4
 QUICK_S = 0.45  # longest wait for an instrument in the first attempt: the ones after it must not wait for a mute one
 # A command that a network or an instrument kept takes effect by then: who was away is confirmed once more behind it.
 LATE_S = 3.0
@@ -88,12 +88,17 @@ def _state_after(error: BaseException | None) -> SafeState:
 
 
 def make_safe(
-    instruments: Mapping[str, Instrument], order: Sequence[str], clock: Clock, mute: Collection[str] = ()
+    instruments: Mapping[str, Instrument],
+    order: Sequence[str],
+    clock: Clock,
+    mute: Collection[str] = (),
+    live: Callable[[str], None] = lambda at: None,
 ) -> list[RunError]:
     """Make every instrument safe, the ones named in ``order`` first; never stops at a failure.
 
     An instrument that fails is tried again after all others are safe: it may only have been silent for a while. One
-    that has just been ``mute`` to everything is not waited for as long as the others.
+    that has just been ``mute`` to everything is not waited for as long as the others. ``live`` is told each half second
+    of a pause.
 
     Returns:
         One B-RUN-060 per instrument that could not be confirmed safe; empty when the whole bench is safe.
@@ -101,7 +106,9 @@ def make_safe(
     way, tried = WayToSafe(instruments, order, clock), 1
     way.attempt(quick=instruments)
     while way.left and (tried < ATTEMPTS or not way.failures):
-        clock.sleep(PAUSE_S)
+        for _ in range(PAUSES):
+            clock.sleep(PAUSE_S / PAUSES)
+            live("a pause before the next attempt to make the bench safe")
         tried += 1 if way.failures else 0
         way.attempt(quick=mute)
     return [_not_safe(role, state, way.failures.get(role)) for role, state in way.left.items()]
