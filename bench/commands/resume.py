@@ -45,8 +45,6 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
     if release(folder):
         return ExitStatus.PASS
     out = console(stderr=True)
-    for line in guard_lines(folder):
-        out.print(line)
     url = chosen_url(history, folder.parent, os.environ)
     check_history_url(url)
     try:
@@ -55,6 +53,8 @@ def resume(folder: Path, sequence: str | None, history: str | None, as_json: boo
         if error.code != ENDED or all((folder / name).is_file() for name in RESULTS):
             raise
         return _of_all_units(folder, url, as_json)
+    for line in guard_lines(folder):
+        out.print(line)
     plan = stopped.plan if sequence is None else _given(stopped, sequence)
     clock = _clock(stopped)
     resumed = resumption(stopped, clock.utc_ns())

@@ -1,4 +1,4 @@
-"""The last words of a guard: who ended a run, why, what is confirmed, what is not, what to do; and where to say them.
+"""The last words of a guard: why it acted, what is confirmed, what is not, what to do; and where to say them.
 
 A run that its guard ended was killed, so that its own terminal shows nothing (a shell says 137, 128 and the number of
 SIGKILL). The guard hears of that terminal as a path: a descriptor that it kept would hold back whoever waits for the
@@ -36,7 +36,7 @@ def plain_word(word: Mapping[str, Any]) -> dict[str, Any]:
     """
     unsafe, by = word.get("unsafe") or {}, str(word.get("by") or "")
     states = {str(role): str(unsafe[role]) if isinstance(unsafe, Mapping) else "" for role in unsafe}
-    safe = False if states or by else word.get("safe")
+    safe = False if by or (states and word.get("safe")) else word.get("safe")
     return {"reason": str(word.get("reason", "")), "safe": safe, "unsafe": states, "utc": word.get("utc"), "by": by}
 
 
@@ -52,7 +52,7 @@ def last_words(word: Mapping[str, Any], session: str) -> str:
     """
     said = plain_word(word)
     utc = f"{str(said['utc'])[:19]}Z" if said["utc"] else "an unknown time"
-    head = f"{session} was ended by its guard ({said['reason']}), last heard of at {utc}."
+    head = f"The guard of {session} has acted ({said['reason']}), last heard of at {utc}."
     names = roles_in_words(said["unsafe"])
     if said["safe"]:
         left = "Confirmed: every instrument is off, or on hold."
@@ -60,8 +60,9 @@ def last_words(word: Mapping[str, Any], session: str) -> str:
     if said["by"]:
         left = f"NOT confirmed when {said['by']} took the bench over: {names or 'any instrument'}."
         return f"{head} {left} Next: {said['by']} has to say what is on; switch off by hand what it does not reach."
-    if said["safe"] is None and not names:
-        return f"{head} NOT confirmed: any instrument; it is at it. Next: look again in a minute, until then hands off."
+    if said["safe"] is None:
+        left = f"NOT confirmed: {names or 'any instrument'}; it is at it."
+        return f"{head} {left} Next: look again in a minute, until then hands off."
     left = f"NOT confirmed: {names or 'which, it does not say'}; every other instrument is off, or on hold."
     advice = "switch these off at their front panels before anybody touches the bench; the guard goes on trying"
     return f"{head} {left} Next: {advice}, then 'bench resume {session}'."

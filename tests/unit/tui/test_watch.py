@@ -216,7 +216,7 @@ def test_no_run_answers(runs: Runs, tmp_path: Path, named: bool) -> None:
 def test_a_run_that_its_guard_ended_says_so(runs: Runs, tmp_path: Path) -> None:
     (folder(tmp_path, "dead", 1) / "guard.jsonl").write_text(ACT + '{"what":"unsafe","instruments":["supply"]}\n')
     for named in (tmp_path / "dead", None):
-        with pytest.raises(InputError, match=r"dead was ended by its guard .* NOT confirmed: supply;"):
+        with pytest.raises(InputError, match=r"dead has acted .* NOT confirmed: supply;"):
             command.top(named, tmp_path)
 
 

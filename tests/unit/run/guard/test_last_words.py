@@ -12,7 +12,7 @@ from bench.run.guard import last_words as module
 from bench.run.guard.last_words import guard_lines, last_words, plain_word, terminal_of, write_to_terminal
 
 WORD = {"reason": "no heartbeat for 2.05 s", "safe": True, "unsafe": {}, "utc": "2026-03-01T01:00:02.123+00:00"}
-HEAD = "night was ended by its guard (no heartbeat for 2.05 s), last heard of at 2026-03-01T01:00:02Z. "
+HEAD = "The guard of night has acted (no heartbeat for 2.05 s), last heard of at 2026-03-01T01:00:02Z. "
 
 
 @pytest.mark.parametrize(
@@ -33,13 +33,17 @@ HEAD = "night was ended by its guard (no heartbeat for 2.05 s), last heard of at
             "NOT confirmed: any instrument; it is at it. Next: look again in a minute, until then hands off.",
         ),
         (
+            {"safe": None, "unsafe": {"calibrator": "unreachable"}},
+            "NOT confirmed: calibrator (unreachable); it is at it. Next: look again in a minute, until then hands off.",
+        ),
+        (
             {"safe": False, "unsafe": ["calibrator"], "by": "kim"},
             "NOT confirmed when kim took the bench over: calibrator. "
             "Next: kim has to say what is on; switch off by hand what it does not reach.",
         ),
     ],
 )
-def test_who_ended_the_run_why_what_is_confirmed_and_what_to_do(changes: dict[str, Any], said: str) -> None:
+def test_why_it_acted_what_is_confirmed_and_what_to_do(changes: dict[str, Any], said: str) -> None:
     assert last_words({**WORD, **changes}, "night") == HEAD + said
 
 
@@ -47,7 +51,7 @@ def test_who_ended_the_run_why_what_is_confirmed_and_what_to_do(changes: dict[st
     ("changes", "safe"),
     [
         ({}, True),
-        ({"safe": None}, None),
+        ({"safe": None, "unsafe": ["dmm"]}, None),
         ({"unsafe": ["dmm"]}, False),
         ({"by": "kim"}, False),
         ({"safe": False}, False),
@@ -61,7 +65,7 @@ def test_a_guard_that_did_not_act_has_no_words(tmp_path: Path) -> None:
     assert guard_lines(tmp_path) == []
     (tmp_path / "guard.jsonl").write_text('{"what":"act","text":"too hot","utc":"2026-03-01T01:00:02+00:00"}\n')
     (line,) = guard_lines(tmp_path)
-    assert line.startswith(f"{tmp_path} was ended by its guard (too hot), last heard of at 2026-03-01T01:00:02Z.")
+    assert line.startswith(f"The guard of {tmp_path} has acted (too hot), last heard of at 2026-03-01T01:00:02Z.")
 
 
 @pytest.mark.parametrize("by_path", [True, False])
