@@ -88,7 +88,8 @@ class Sequencer:
             if error.code in CHAMBER_ASTRAY:
                 unsafe += heat_off(context.instruments.get(CHAMBER))
             context.note(Error(code=error.code, text=str(error), where=error.where, step=self._done))
-        context.note(Safe(failures=[str(failure) for failure in unsafe]))
+        failed = [str(failure) for failure in unsafe]
+        context.note(Safe(failures=failed, roles=[failure.where for failure in unsafe]))
         with suppress(BenchError):  # what a broken link still holds is not worth the outcome
             context.acquisition.stop()
         outcome = self._outcome(error, unsafe)

@@ -14,6 +14,7 @@ import subprocess
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from pathlib import Path
 
 from bench.model.clock import NS, Clock, to_ns
@@ -23,6 +24,7 @@ from bench.model.ports import Effect, Instrument, actions_of
 from bench.run.bench.safety import SafeState, WayToSafe, hurried
 from bench.run.guard.decision import Action, Address, Brief
 from bench.run.guard.diary import Diary
+from bench.run.guard.last_words import last_words, write_to_terminal
 from bench.run.guard.lock import GUARD, BenchLock, bus_keys
 from bench.run.guard.take_over import Request, take_over_request
 
@@ -91,7 +93,7 @@ def act(action: Action, brief: Brief, controller: Controller, opened: Opener, cl
         if bench.left and clock.now_ns() >= told_ns:
             told_ns = clock.now_ns() + to_ns(TOLD_S)
             diary.note("unsafe", instruments=bench.left)
-            threading.Thread(target=_tell, args=(brief, action, bench.left, diary), daemon=True).start()
+            threading.Thread(target=_tell, args=(brief, action, bench.left, clock, diary), daemon=True).start()
     bench.end()
     left = bench.left
     if request is None:
@@ -100,7 +102,7 @@ def act(action: Action, brief: Brief, controller: Controller, opened: Opener, cl
         diary.note("unsafe", instruments=left)
         diary.note("taken over", by=request.by)
     lock.release()
-    _tell(brief, action, left, diary)
+    _tell(brief, action, left, clock, diary, "" if request is None else request.by)
     return not left
 
 
@@ -244,7 +246,13 @@ def _clear(instrument: Instrument, resource: str) -> None:
             clear()
 
 
-def _tell(brief: Brief, action: Action, left: Mapping[str, SafeState], diary: Diary) -> None:
+def _tell(
+    brief: Brief, action: Action, left: Mapping[str, SafeState], clock: Clock, diary: Diary, by: str = ""
+) -> None:
+    """Tell the terminal of the controller and everybody who wants to know of alarms."""
+    utc = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).isoformat()
+    word = {"reason": action.text, "safe": not left, "unsafe": left, "utc": utc, "by": by}
+    write_to_terminal(brief.terminal, last_words(word, str(Path(brief.diary).parent)))
     if not brief.notify:
         return
     done = {"reason": action.reason, "text": action.text, "unsafe": dict(left)}

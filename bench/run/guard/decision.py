@@ -37,6 +37,7 @@ class Brief:
         silence_s: how long the controller may be silent.
         diary: file the guard writes what it did to.
         notify: command (argument list) that is told in JSON on its standard input what was done; empty: nobody.
+        terminal: path of the terminal or file that the controller writes to, for the guard's last words; "": none.
         code: SHA-256 of the drivers that a lab folder brings, by their place in it; the guard loads these or none.
     """
 
@@ -47,6 +48,7 @@ class Brief:
     silence_s: float
     diary: str
     notify: tuple[str, ...] = ()
+    terminal: str = ""
     code: Mapping[str, str] = field(default_factory=dict)
 
     def line(self) -> bytes:

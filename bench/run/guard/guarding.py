@@ -23,6 +23,7 @@ from bench.run.guard.act import heats, put_safe
 from bench.run.guard.decision import Action, Address, Brief, Watched, decide
 from bench.run.guard.diary import DIARY
 from bench.run.guard.health import Health
+from bench.run.guard.last_words import terminal_of
 from bench.run.guard.lock import BenchLock, bench_lock
 from bench.run.guard.notice import notice_command
 from bench.run.guard.start import GuardProcess
@@ -68,6 +69,7 @@ def brief_of(station: Station, diary: Path) -> Brief:
         silence_s=station.file.guard.silence,
         diary=str(diary.absolute()),
         notify=notice_command(station.file.notify),
+        terminal=terminal_of(2),
         code=code_used({entry.driver for entry in entries.values()}),
     )
 
