@@ -3,8 +3,12 @@
 Resistance is measured with four wires through a 34901A: channel n carries the current, channel n+10 is its pair and
 senses, so that only channels 1 to 10 of a slot can be named.
 
+The reference junction is the terminal block's own sensor (INTernal): one that somebody has fixed makes every reading
+wrong by what the block is away from it, and ``CONFigure`` need not undo that.
+
 Source: 34970A User's Guide (CONFigure:TEMPerature, CONFigure:FRESistance, FRESistance:NPLC, ROUTe:SCAN, READ?,
-UNIT:TEMPerature; tutorial, four-wire multiplexers). Not confirmed on hardware: the time a scan takes (10 s is allowed).
+UNIT:TEMPerature, TEMPerature:TRANsducer:TCouple:RJUNction:TYPE; tutorial, four-wire multiplexers). Not confirmed on
+hardware: the time a scan takes (10 s is allowed), the form of several replies to ``RJUN:TYPE?``.
 """
 
 from __future__ import annotations
@@ -109,6 +113,8 @@ class Agilent34970A(ScpiInstrument):
             return
         self.set(f"CONF:TEMP TC,{self.options['thermocouple']},{channels}")
         self.set(f"UNIT:TEMP C,{channels}")
+        junctions = ",".join(["INT"] * len(self.options["channels"]))
+        self.ensure(f"TEMP:TRAN:TC:RJUN:TYPE? {channels}", junctions, f"TEMP:TRAN:TC:RJUN:TYPE INT,{channels}")
 
     def _go_safe(self) -> None:
         self.abort()

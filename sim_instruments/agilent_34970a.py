@@ -2,11 +2,14 @@
 
 Any other channel hangs in the laboratory's air, but for those that the world wires to a source. A channel that was not
 configured measures its voltage (of a thermocouple 0.04 mV per degC against the terminal block). Each slot holds a
-34901A: with four wires channel n (source leads) is paired with n+10 (sense leads), so that n is 1 to 10.
+34901A: with four wires channel n (source leads) is paired with n+10 (sense leads), so that n is 1 to 10. A thermocouple
+whose reference junction is FIXed reads what it would if the terminal block had that temperature, whatever it has.
 
 Source: 34970A User's Guide (CONFigure:TEMPerature, CONFigure:FRESistance, FRESistance:NPLC, ROUTe:SCAN,
-ROUTe:CHANnel:DELay, TRIGger, FORMat:READing, READ?, UNIT:TEMPerature, channel lists; tutorial, four-wire multiplexers).
-Placeholder: number of the error of a channel that cannot have four wires.
+ROUTe:CHANnel:DELay, TRIGger, FORMat:READing, READ?, UNIT:TEMPerature, channel lists; tutorial, four-wire multiplexers);
+reference of the 34980A, which has the same commands (TEMPerature:TRANsducer:TCouple:RJUNction: its TYPE and value end
+with ``*RST`` alone, EXTernal reads 9.9E+37 until a reference was measured). Placeholders: number of the error of a
+channel that cannot have four wires; that ``CONFigure`` leaves the junction as it is, as on the 34980A.
 """
 
 from __future__ import annotations
@@ -36,6 +39,8 @@ SWITCH_S = 0.02  # opening and closing of a channel's relays
 TWO_WIRE_OHM = 4.0
 CYCLES = (0.02, 0.2, 1.0, 2.0, 10.0, 20.0, 100.0, 200.0)
 CHANNELS, PAIRS = 20, 10  # of a 34901A
+BLOCK_DEGC = 23.0
+FIXED_DEGC = (-20.0, 80.0)  # that a reference junction may be fixed at
 NO_FOUR_WIRES = (308, "Channel not able to perform requested operation")
 _TOLD = ("UNIT", "TIME", "CHANnel", "ALARm")  # what may stand beside a reading
 _LIST = re.compile(r"\(@([\d,: ]*)\)")
@@ -54,6 +59,8 @@ class Agilent34970A(ScpiDevice):
     def reset(self) -> None:
         self.scan_list: list[int] = []
         self.thermocouples: set[int] = set()
+        self.junctions: dict[int, str] = {}  # INT where nothing else was set
+        self.fixed_degC: dict[int, float] = {}
         self.ohms: dict[int, OhmsSetting] = {}
         self.delays_s: dict[int, float] = {}
         self.source, self.count = "IMM", 1
@@ -64,6 +71,9 @@ class Agilent34970A(ScpiDevice):
         self.told = {name: bool(draw.integers(2)) for name in _TOLD}
         self.scan_list = [int(channel) for channel in draw.choice(np.arange(101, 121), 3, replace=False)]
         self.delays_s = dict.fromkeys(self.scan_list, float(draw.uniform(0.0, 2.0)))
+        channels = range(101, 104)
+        self.junctions = {channel: str(draw.choice(["INT", "EXT", "FIX"])) for channel in channels}
+        self.fixed_degC = {channel: float(draw.uniform(*FIXED_DEGC)) for channel in channels}
         super().left_by_another(draw)
 
     def _listed_channels(self, text: str) -> list[int]:
@@ -91,7 +101,12 @@ class Agilent34970A(ScpiDevice):
         if source is not None and channel not in self.thermocouples:
             return self.reading(f"{source.voltage_V(self.now_ns):+.8E}")
         degC = self._degC(channel)
-        return self.reading(f"{degC if channel in self.thermocouples else (degC - 23.0) * 4e-5:+.8E}")
+        if channel not in self.thermocouples:
+            return self.reading(f"{(degC - BLOCK_DEGC) * 4e-5:+.8E}")
+        junction = self.junctions.get(channel, "INT")
+        if junction == "FIX":
+            degC += self.fixed_degC.get(channel, 0.0) - BLOCK_DEGC
+        return self.reading(self.overload if junction == "EXT" else f"{degC:+.8E}")
 
     @command(":CONFigure:TEMPerature")
     def _configure(self, text: str) -> None:
@@ -161,6 +176,26 @@ class Agilent34970A(ScpiDevice):
     @command(":ROUTe:CHANnel:DELay?")
     def _get_delay(self, text: str) -> str:
         return ",".join(f"{self.delays_s.get(channel, 0.0):+.8E}" for channel in self._listed_channels(text))
+
+    @command("[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction:TYPE")
+    def _set_junction(self, text: str) -> None:
+        first, channels = (*words(text), "", "")[:2]
+        junction = self.word(first, "INTernal", "EXTernal", "FIXed")
+        self.junctions |= dict.fromkeys(self._listed_channels(channels), junction)
+
+    @command("[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction:TYPE?")
+    def _get_junction(self, text: str) -> str:
+        return ",".join(self.junctions.get(channel, "INT") for channel in self._listed_channels(text))
+
+    @command("[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction")
+    def _set_fixed(self, text: str) -> None:
+        first, channels = (*words(text), "", "")[:2]
+        degC = self.number(first, *FIXED_DEGC)
+        self.fixed_degC |= dict.fromkeys(self._listed_channels(channels), degC)
+
+    @command("[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction?")
+    def _get_fixed(self, text: str) -> str:
+        return ",".join(f"{self.fixed_degC.get(channel, 0.0):+.8E}" for channel in self._listed_channels(text))
 
     @command(":UNIT:TEMPerature")
     def _set_unit(self, text: str) -> None:

@@ -19,9 +19,26 @@ def test_scan() -> None:
 
 def test_other_channels_and_thermocouples() -> None:
     start = [*START[:8], *after(b"CONF:TEMP TC,K,(@203)\n"), *after(b"UNIT:TEMP C,(@203)\n")]
-    script = [*start, *after(b"ROUT:SCAN (@203)\n"), *slow(b"READ?\n", b"+2.5E+01\n"), NO_ERROR]
+    junction = (b"TEMP:TRAN:TC:RJUN:TYPE? (@203)\n", b"INT\n")
+    script = [*start, junction, *after(b"ROUT:SCAN (@203)\n"), *slow(b"READ?\n", b"+2.5E+01\n"), NO_ERROR]
     with scripted("agilent_34970a", script, channels=[203], thermocouple="K") as logger:
         assert logger.scan() == [25.0]
+
+
+JUNCTION, FIXED = b"TEMP:TRAN:TC:RJUN:TYPE? (@101,102)\n", b"INT,FIX\n"
+TO_INTERNAL = after(b"TEMP:TRAN:TC:RJUN:TYPE INT,(@101,102)\n")
+
+
+def test_a_reference_junction_that_somebody_fixed_is_the_internal_one_again() -> None:
+    script = [*START[:-1], (JUNCTION, FIXED), *TO_INTERNAL, (JUNCTION, b"INT, INT\n")]
+    with scripted("agilent_34970a", script) as logger:
+        logger.identify()
+
+
+def test_a_reference_junction_that_stays_fixed_is_refused() -> None:
+    script = [*START[:-1], (JUNCTION, FIXED), *TO_INTERNAL, (JUNCTION, FIXED)]
+    with scripted("agilent_34970a", script) as logger, refused("B-INST-011", "'INT,FIX', but 'INT,INT' was set"):
+        logger.identify()
 
 
 def test_an_open_thermocouple() -> None:

@@ -57,6 +57,7 @@ IDENTIFY = {
         NO_ERROR,
         (b"UNIT:TEMP C,(@101,102)\n", None),
         NO_ERROR,
+        (b"TEMP:TRAN:TC:RJUN:TYPE? (@101,102)\n", b"INT,INT\n"),
     ],
     "agilent_34401a": [(b"*IDN?\n", b"HEWLETT-PACKARD,34401A,0,10-5-2\n"), NO_ERROR],
     "pendulum_cnt_91": [(b"*IDN?\n", b"PENDULUM, CNT-91, 1234567, V1.01 28 Jun 2004\n"), NO_ERROR],

@@ -321,6 +321,23 @@ def test_thermocouples_hang_in_the_laboratory_the_chamber_and_on_the_unit(bench:
     assert true[1] - true[2] > 10
 
 
+def test_a_thermocouple_with_a_fixed_junction_is_wrong_by_what_the_block_is_away_from_it(bench: Bench) -> None:
+    junction = "SENS:TEMP:TRAN:TC:RJUN"
+    bench.send("logger", f"{junction}:TYPE FIX,(@101)", f"{junction} 0.0,(@101)", "CONF:TEMP TC,T,(@101:103)")
+    assert bench.ask("logger", f"{junction}:TYPE? (@101:103)") == "FIX,INT,INT"
+    assert bench.ask("logger", f"{junction}? (@101)") == "+0.00000000E+00"
+    assert float(bench.ask("logger", "ROUT:SCAN (@101)", "READ?")) == pytest.approx(0.0, abs=1.0)
+    bench.send("logger", f"{junction} 30.0,(@101)")
+    assert float(bench.ask("logger", "READ?")) == pytest.approx(30.0, abs=1.0)
+    bench.send("logger", f"{junction}:TYPE EXT,(@101)")
+    assert float(bench.ask("logger", "READ?")) == 9.9e37
+    bench.send("logger", f"{junction}:TYPE INT,(@101)")
+    assert float(bench.ask("logger", "READ?")) == pytest.approx(23.0, abs=1.0)
+    for wrong, number in ((f"{junction} 81,(@101)", -222), (f"{junction}:TYPE ICE,(@101)", -224)):
+        bench.send("logger", wrong)
+        assert error(bench, "logger") == number
+
+
 def test_channel_that_is_no_thermocouple_reads_a_voltage(bench: Bench) -> None:
     assert abs(float(bench.ask("logger", "ROUT:SCAN (@105)", "READ?"))) < 1e-3
     bench.send("logger", "ROUT:SCAN (@121)")
