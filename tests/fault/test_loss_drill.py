@@ -1,7 +1,7 @@
 """Row 30: benches whose network is lost, in every way and at every moment; what the worlds do then, not what is said.
 
-Twenty losses of some seconds here, three in each run, several benches side by side; ``make losses`` has 200 of up to five
-minutes and for good, one in each run.
+Twenty losses of some seconds here, three in each run, several benches side by side; ``make losses`` has 200 of up to
+five minutes and for good, one in each run.
 """
 
 from __future__ import annotations

@@ -130,6 +130,8 @@ class LossyBench:
                 return
             case "refused":
                 self.proxies.refuse(roles)
+            case "reset":
+                self.proxies.reset(roles)
             case "cut":
                 self.proxies.cut(roles)
             case "mute":

@@ -5,7 +5,7 @@ itself. ``begin`` and ``end`` of a loss are the moments at which the network was
 
 **In time**, 5 s, counts for every kind from the first moment at which it can be noticed, and that is:
 
-* ``refused``, ``server``: the begin; every connection is reset then, whoever holds it can see it at once.
+* ``refused``, ``reset``, ``server``: the begin; every connection is reset then, whoever holds it can see it at once.
 * ``mute``, ``down``: the begin, too. Nothing tells a silence but a question without an answer; a run that drives a
   stimulus has to ask often enough to notice it and be done within the 5 s.
 * ``cut``: nothing is in time or late; the instrument can be asked again at once, so it counts like the end of a loss.

@@ -1,8 +1,9 @@
 """TCP proxies in front of a served bench, one port for each role, which lose their connections when they are told to.
 
-All of them are served by one thread. ``refused``: connections are reset, new ones are refused. ``cut``: connections are
-reset, new ones work. ``mute``: connections stay or are taken, and nothing is forwarded; what is held meanwhile comes
-through afterwards, late and in order, as TCP brings it when a network is back.
+All of them are served by one thread. ``refused``: connections are reset, new ones are refused. ``reset``: new ones are
+taken and reset at once, as by a box between. ``cut``: connections are reset, new ones work. ``mute``: connections stay
+or are taken, and nothing is forwarded; what is held meanwhile comes through afterwards, late and in order, as TCP
+brings it when a network is back.
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ class _Proxy:
     server: asyncio.Server | None = None
     forwards: asyncio.Event = field(default_factory=asyncio.Event)
     writers: set[asyncio.StreamWriter] = field(default_factory=set)
+    resets: bool = False
 
 
 class Proxies:
@@ -56,6 +58,12 @@ class Proxies:
     def refuse(self, roles: Collection[str]) -> None:
         """Reset what is connected and refuse new connections."""
         self._do(self._lose(roles, closed=True))
+
+    def reset(self, roles: Collection[str]) -> None:
+        """Reset what is connected, and every new connection as soon as it is taken."""
+        for role in roles:
+            self._proxies[role].resets = True
+        self._do(self._lose(roles, closed=False))
 
     def cut(self, roles: Collection[str]) -> None:
         """Reset what is connected; new connections work."""
@@ -103,16 +111,18 @@ class Proxies:
     async def _restore(self, roles: Collection[str]) -> None:
         for proxy in (self._proxies[role] for role in roles):
             proxy.forwards.set()
+            proxy.resets = False
             if proxy.server is None:
                 await self._listen(proxy)
 
     async def _over(self) -> None:
-        others = asyncio.all_tasks() - {asyncio.current_task()}
-        for task in others:
-            task.cancel()
-        await asyncio.gather(*others, return_exceptions=True)
+        if others := asyncio.all_tasks() - {asyncio.current_task()}:
+            await asyncio.wait(others, timeout=PATIENCE_S / 2)
 
     async def _connected(self, proxy: _Proxy, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        if proxy.resets:
+            _reset(writer)
+            return
         ends = [writer]
         proxy.writers.add(writer)
         try:

@@ -31,8 +31,8 @@ ASK_S, FEED_EACH = 0.07, 3  # between two questions for the status; the feed is 
 FRESH_S = 0.5  # a view that was asked for longer ago says nothing of now: this machine had no time
 PROMPT_S = 2.0  # a person who is asked when the network goes answers so much later
 LONGEST_S = 300.0  # from the last loss to the end
-MOST_RESUMES = 4
-CLOSED = "B-RES-001"
+MOST_TIMES = 5  # that a run is begun or gone on with
+REFUSED, CLOSED, BUSY = 2, "B-RES-001", "B-RUN-080"  # it has ended already; a machine too busy for a pre-flight
 IDENTICAL = "every number is identical"
 
 
@@ -47,15 +47,17 @@ class Drill:
         self._armed: list[float] = []
         self._exits: list[int] = []
         self._unasked_s = math.inf
-        self._resumes, self._finished, self._closed = 0, False, False
+        self._begun, self._finished = 1, False
+        self._noted: subprocess.Popen[bytes] | None = None  # the last process whose end is noted
         self._person_s = self._answer_s = -math.inf  # from when on somebody arms and resumes; answers other prompts
         self._awaited: Loss | None = None  # whose prompt nobody answers before it comes
         self._over = threading.Event()
         apart = next((loss.target for loss in losses if loss.kind == "down"), None)
         self.bench = LossyBench(folder / "bench", losses[0].seed, apart, self._saw)
-        words = ["run", str(sequence), "--station", str(self.bench.station), "--clock", "wall", "--ask"]
+        place = ["--station", str(self.bench.station), "--out", str(self._out)]
+        self._words = ["run", str(sequence), *place, "--clock", "wall", "--ask"]
         self._log = folder / "said.txt"
-        self._run = self._started(*words, "--out", str(self._out))
+        self._run = self._started(*self._words)
         self._watch = threading.Thread(target=self._views, name="views", daemon=True)
         self._watch.start()
 
@@ -193,22 +195,25 @@ class Drill:
         return loss is not None and loss.moment == "prompt" and (self._status.get("step") or 0) >= loss.step
 
     def _go_on(self) -> None:
-        """Go on with a run that has ended early, once a person may; note how it ended."""
-        if self._finished:
+        """Note how a process has ended; go on with a run that ended early, once a person may."""
+        if self._finished or (self._noted is self._run and time.monotonic() < self._person_s):
             return
         status = self._run.returncode
-        said = self._log.read_text(errors="replace")
-        if self._resumes and status == 2 and CLOSED in said.rpartition("$ ")[2]:
-            self._finished = self._closed = True
-            return
-        if len(self._exits) == self._resumes:
-            self._exits.append(status)
-        if status in (0, 1):
-            self._finished = True
-        elif time.monotonic() >= self._person_s and self._resumes < MOST_RESUMES and self._folder():
-            self._resumes += 1
+        said = self._log.read_text(errors="replace").rpartition("$ bench")[2]
+        closed = status == REFUSED and CLOSED in said  # there is nothing left to go on with
+        if self._noted is not self._run:
+            self._noted = self._run
+            self._finished = closed or status in (0, 1)
+            if not closed and not (status == REFUSED and BUSY in said):
+                self._exits.append(status)
+        elif self._begun < MOST_TIMES:
+            self._begun += 1
+            folder = self._folder()
+            if folder is None:
+                self._run = self._started(*self._words)
+                return
             self._unasked_s = min(self._unasked_s, time.monotonic())
-            self._run = self._started("resume", str(self._folder()), *_take_over())
+            self._run = self._started("resume", str(folder), *_take_over())
 
     def _started(self, *words: str) -> subprocess.Popen[bytes]:
         with self._log.open("ab") as stream:

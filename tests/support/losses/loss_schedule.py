@@ -12,8 +12,8 @@ import numpy as np
 STIMULUS = ("calibrator", "switch")  # drives the unit, leads the current to it
 ALL = "all"
 WEIGHTS = {"calibrator": 6, "switch": 4, "supply": 3, ALL: 6}  # every other role: 1
-Kind = Literal["none", "refused", "cut", "mute", "down", "server"]
-KINDS: tuple[Kind, ...] = ("refused", "cut", "mute", "down", "server")
+Kind = Literal["none", "refused", "reset", "cut", "mute", "down", "server"]
+KINDS: tuple[Kind, ...] = ("refused", "reset", "cut", "mute", "down", "server")
 FEW_SERVERS = 2 * KINDS[:-1] + KINDS[-1:]  # a bench that was begun anew takes a person twice: slow
 HOLDING, CLOSING = "holding", "closing"
 MOMENTS = ("prompt", "call", "call", "settle", "record", "verify", "unit", "soak", HOLDING, CLOSING)
@@ -82,7 +82,7 @@ def drawn(
     the plan: losses of one run do not come at once.
     """
     rng = np.random.default_rng((seed, len(scale.name)))
-    kind = kinds[(seed // FULL_EVERY + seed) % len(kinds)]
+    kind = kinds[(seed + 2 * (seed // FULL_EVERY)) % len(kinds)]
     names = [*roles, ALL]
     weights = np.array([WEIGHTS.get(name, 1) for name in names], dtype=float)
     target = ALL if kind == "server" else names[int(rng.choice(len(names), p=weights / weights.sum()))]
