@@ -206,6 +206,10 @@ def test_proxies_lose_one_role_in_each_way_and_give_it_back_at_its_port(echoing:
         with connected("one") as taken, pytest.raises(ConnectionResetError):
             taken.recv(1)
         proxies.restore(["one"])
+        proxies.reset(["one"])
+        with pytest.raises(ConnectionResetError), connected("one") as taken:
+            taken.recv(1)
+        proxies.restore(["one"])
         with connected("one") as back:
             back.settimeout(5.0)
             assert echoed(back) == b"x"
