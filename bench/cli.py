@@ -16,23 +16,12 @@ from typer.exceptions import Abort, TyperException
 import bench
 from bench.commands.archive.app import app as archive_app
 from bench.commands.frame.app import app as frame_app
-from bench.commands.hand.app import commission, drill, talk
+from bench.commands.hand.app import TakeOver, commission, drill, talk
 from bench.commands.history.app import app as history_app
 from bench.commands.lab.app import init, list_all
 from bench.commands.living_app import abort, answer, pause, shelve, top
 from bench.commands.planning.app import plan
-from bench.commands.session_app import (
-    AsJson,
-    SessionFolder,
-    TakeOver,
-    batch,
-    certificate,
-    export,
-    fit,
-    replay,
-    report,
-    study,
-)  # fmt: skip
+from bench.commands.session_app import AsJson, SessionFolder, batch, certificate, export, fit, replay, report, study
 from bench.commands.usage import App, completing
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.extras import extras_named

@@ -14,9 +14,6 @@ from bench.model.segments import session_segments
 
 SessionFolder = Annotated[Path, typer.Argument(help="the folder of a session")]
 AsJson = Annotated[bool, typer.Option("--json", help="print one JSON document on standard output and nothing else")]
-TakeOver = Annotated[
-    bool, typer.Option("--take-over", help="you are at the bench: send home a guard that cannot confirm everything off")
-]
 Fresh = Annotated[bool, typer.Option("--fresh", help="compute everything again, though it is kept from before")]
 Accept = Annotated[
     list[str] | None,

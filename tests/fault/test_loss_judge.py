@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from loss_judge import Kept, Recording, Sample, Span, Verdict, judge, point_of
@@ -172,18 +173,20 @@ def echoing() -> Iterator[int]:
         server.shutdown(socket.SHUT_RDWR)
 
 
+def connected_to(proxies: Proxies, role: str) -> socket.socket:
+    client = socket.create_connection(proxies.places[role], timeout=5.0)
+    client.settimeout(0.3)
+    return client
+
+
+def echoed(client: socket.socket) -> bytes:
+    client.sendall(b"x")
+    return client.recv(10)
+
+
 def test_proxies_lose_one_role_in_each_way_and_give_it_back_at_its_port(echoing: int) -> None:
     proxies = Proxies({"one": "127.0.0.1", "other": "127.0.0.1"}, echoing)
-
-    def connected(role: str) -> socket.socket:
-        client = socket.create_connection(proxies.places[role], timeout=5.0)
-        client.settimeout(0.3)
-        return client
-
-    def echoed(client: socket.socket) -> bytes:
-        client.sendall(b"x")
-        return client.recv(10)
-
+    connected = partial(connected_to, proxies)
     try:
         one, other = connected("one"), connected("other")
         assert echoed(one) == echoed(other) == b"x"

@@ -325,8 +325,8 @@ MUTANTS = [
     Mutant(
         "safe state in any order",
         "bench/run/bench/safety.py",
-        "roles = [role for role in order if role in instruments]",
-        "roles = [role for role in instruments if role not in order]",
+        "first = [role for role in order if role in instruments]",
+        "first = [role for role in instruments if role not in order]",
         ["tests/unit/run/test_sequencer.py::test_an_error_in_a_step_makes_everything_safe_in_order_even_if_one_fails"],
     ),
     Mutant(

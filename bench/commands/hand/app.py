@@ -7,7 +7,11 @@ from typing import Annotated
 
 import typer
 
-from bench.commands.session_app import AsJson, TakeOver
+from bench.commands.session_app import AsJson
+
+TakeOver = Annotated[
+    bool, typer.Option("--take-over", help="you are at the bench: send home a guard that cannot confirm everything off")
+]
 
 
 def talk(

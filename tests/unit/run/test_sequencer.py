@@ -133,7 +133,7 @@ def test_an_error_in_a_step_makes_everything_safe_in_order_even_if_one_fails(tmp
     (failure,) = outcome.unsafe
     assert (failure.code, failure.where) == ("B-RUN-060", "calibrator")
     assert "B-INST-009" in str(failure)
-    assert rig.events("safe") == [{"failures": [str(failure)]}]
+    assert rig.events("safe") == [{"failures": [str(failure)], "roles": ["calibrator"]}]
     assert rig.events("end")[0]["error"] == "B-INST-005"
 
 

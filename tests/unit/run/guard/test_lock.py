@@ -17,13 +17,16 @@ import pytest
 from bench.model import posix
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError
+from bench.model.posix import user_name
 from bench.run.guard.lock import GUARD, BenchLock, bench_lock, bus_keys, lock_folder
+from bench.run.guard.take_over import take_over_request
 
 KEYS = bus_keys(["GPIB0::4::INSTR", "TCPIP0::10.0.0.1::hislip0,4880::INSTR"])
 HOLDER = """\
 import sys
 from pathlib import Path
 from bench.model.clock import WallClock
+from bench.model.posix import user_name
 from bench.run.guard.lock import BenchLock
 lock = BenchLock(sys.argv[3:], sys.argv[2], WallClock(), folder=Path(sys.argv[1]))
 lock.take()
@@ -196,3 +199,33 @@ def test_no_bench_is_taken_where_nothing_would_lock_it(tmp_path: Path, monkeypat
         pass
     assert (refused.value.code, refused.value.exit_status) == ("B-SYS-001", ExitStatus.BAD_INPUT)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_person_takes_the_bench_over_from_a_guard_that_does_not_end(tmp_path: Path) -> None:
+    clock, folder = VirtualClock(), tmp_path / "night"
+    folder.mkdir()
+    guard = BenchLock(KEYS, GUARD, clock, folder=tmp_path)
+    guard.name_session(folder.name, folder)
+    guard.take()
+    with pytest.raises(InputError, match="--take-over"):
+        BenchLock(KEYS, "resume", clock, folder=tmp_path, patience_s=1.0).take()
+    asked: list[str] = []
+
+    def look() -> None:
+        if (request := take_over_request(folder)) is not None:
+            asked.append(request.by)
+            guard.release()
+
+    clock.every(0.1, look)
+    with BenchLock(KEYS, "resume", clock, folder=tmp_path, patience_s=1.0, take_over=True):
+        assert asked == [user_name()]
+    guard.name_session("gone", tmp_path / "gone")
+    with guard, pytest.raises(InputError) as found:
+        BenchLock(KEYS, "talk", clock, folder=tmp_path, patience_s=1.0, take_over=True).take()
+    assert (found.value.code, found.value.where) == ("B-RUN-097", str(tmp_path / "gone"))
+
+
+def test_a_controller_is_not_taken_over(tmp_path: Path, holder: subprocess.Popen[str]) -> None:
+    with pytest.raises(InputError, match="B-RUN-092"):
+        BenchLock(KEYS, "resume", WallClock(), folder=tmp_path, take_over=True).take()
+    assert holder.poll() is None

@@ -140,3 +140,28 @@ def test_it_is_asked_on_the_thread_of_the_steps(tmp_path: Path) -> None:
     rig.listener.on_step = lambda step: setattr(rig.clock, "every", refuse)
     assert rig.run().error is None
     assert rig.listener.steps == [0, 1, 1, 2]
+
+
+class Supply(Instrument):
+    """Powers the unit."""
+
+    @action(effect=Effect.POWER)
+    def output_on(self) -> None:
+        self._call("output_on")
+
+
+@pytest.mark.parametrize(("relays", "code"), [("B-INST-003", "B-RUN-054"), ("", None)])
+def test_supplies_go_off_where_neither_source_nor_relays_do(tmp_path: Path, relays: str, code: str | None) -> None:
+    """Relays that are confirmed open break the path: then the unit stays warm, and the run waits for the source."""
+    rig = stimulus_rig(tmp_path, 30.0)
+    rig.instruments["switch"] = Source("switch", rig)
+    rig.instruments["supply"] = Supply("supply", rig)
+    rig.safe_order = ("calibrator", "switch", "supply")
+    if relays:
+        rig.instruments["switch"].fail["make_safe"] = instrument_error(relays)
+    outcome = rig.run()
+    assert (outcome.error.code if outcome.error else None) == code
+    off_s = [t_s for t_s, name, _ in rig.calls if name == "supply.make_safe"]
+    (hold,) = rig.events("hold")
+    assert hold["by"] == "test"
+    assert (off_s[0] < 5.0) == (code is not None)

@@ -1,0 +1,80 @@
+"""Calls that do not return: waited for no longer than they may take, with signs of life, and taken when they come."""
+
+from __future__ import annotations
+
+import threading
+from typing import Any
+
+import pytest
+
+from bench.model.clock import WallClock
+from bench.model.errors import InstrumentError
+from instruments.aside import Aside, NotReturnedError
+from instruments.bus import BUS_FAILED, BusSession
+from instruments.ladder import Ladder
+
+
+def test_a_call_that_hangs_is_left_and_taken_when_it_comes() -> None:
+    come, lives = threading.Event(), []
+    call = Aside("opening", lambda: come.wait(30.0) and "here")
+    with pytest.raises(NotReturnedError, match=r"opening has not returned for 0\.6 s"):
+        call.wait(0.6, lambda: lives.append(1))
+    assert lives
+    assert call.under_way
+    come.set()
+    assert call.wait(5.0, lambda: None) == "here"
+    with pytest.raises(ZeroDivisionError):
+        Aside("dividing", lambda: 1 / 0).wait(5.0, lambda: None)
+
+
+class Resource:
+    """Of a library that hangs in its next read once ``hangs`` is set, whatever its time limit."""
+
+    resource_name = "TCPIP0::192.0.2.1::hislip0::INSTR"
+
+    def __init__(self) -> None:
+        self.hangs, self.free = False, threading.Event()
+        self.timeout: float | None = None
+
+    def write(self, command: str) -> None:
+        """Take it."""
+
+    def read(self) -> str:
+        if self.hangs:
+            self.free.wait(30.0)
+        return "1"
+
+    def close(self) -> None:
+        self.free.set()
+
+
+def test_a_library_that_hangs_is_a_bus_that_fails_and_opening_again_helps() -> None:
+    lines: list[str] = []
+    first, second = Resource(), Resource()
+    session: Any = BusSession(first, "dmm", WallClock(), lambda *line: lines.append(line[2]))  # type: ignore[arg-type]
+    ladder = Ladder(session, lambda: None, lambda: None, lambda: second, None)  # type: ignore[arg-type, return-value]
+    assert session.query("READ?", int, 0.1) == 1
+    first.hangs = True
+    with pytest.raises(InstrumentError) as failed:
+        session.query("READ?", int, 0.1)
+    assert (failed.value.code, session.lost) == (BUS_FAILED, BUS_FAILED)
+    with pytest.raises(InstrumentError, match="nobody has been there"):  # nothing is put behind a call that hangs
+        session.query("READ?", int, 0.1)
+    session.climb = ladder.climb
+    with session.persistent():
+        assert session.query("READ?", int, 0.1) == 1
+    assert (session.lost, session.silence_s()) == ("", 0.0)
+    assert "<open>" in lines
+
+
+def test_whatever_a_library_raises_is_an_error_of_the_bus() -> None:
+    resource: Any = Resource()
+
+    def read() -> str:
+        raise KeyError("a table of the library")
+
+    resource.read = read
+    session = BusSession(resource, "dmm", WallClock(), lambda *_: None)
+    with pytest.raises(InstrumentError) as failed:
+        session.query("READ?", int, 0.1)
+    assert failed.value.code == BUS_FAILED
