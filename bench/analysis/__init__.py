@@ -84,7 +84,7 @@ from bench.analysis.results import (
     validate_results,
 )
 from bench.analysis.specification import Specification, outlived, outlived_text
-from bench.analysis.values import Value, key_of_value, place_of, placed, values_of
+from bench.analysis.values import Value, place_of, placed, values_of
 
 __all__ = [
     "CONTINUES",
@@ -158,7 +158,6 @@ __all__ = [
     "joined",
     "judged",
     "judged_values",
-    "key_of_value",
     "limits_of",
     "limits_text",
     "link_checks",

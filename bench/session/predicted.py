@@ -14,13 +14,13 @@ from bench.analysis import (
     Prediction,
     foreseen_material,
     judged_values,
-    key_of_value,
     limits_of,
     rule_of,
     values_of,
 )
 from bench.maths.verdict import chance_of_pass
 from bench.model.errors import FitError
+from bench.model.quantities import key_of_value
 from bench.model.systems import analysis_declaration, named
 from bench.model.titles import quantity_title
 from bench.model.units import format_quantity, read_quantity
