@@ -7,6 +7,7 @@ from pathlib import Path
 
 from bench.analysis import number
 from bench.archive.changes import Changes, Concerned
+from bench.maths.verdict import verdict_words
 from bench.model.texts import ENGLISH, Texts
 from bench.report import Section, Table, page, words_of
 from bench.store import conditions_text
@@ -33,7 +34,7 @@ def changes_html(report: Changes, language: str = ENGLISH) -> str:
         words("subtitle", trial=report.trial, started=report.started_utc, software=report.software),
         [section for section in sections if section],
         words_of(language),
-        verdict=("fail" if any(counts.values()) else "none", words("verdict", **counts)),
+        verdict=("bad" if any(counts.values()) else "none", words("verdict", **counts)),
         simulated=report.simulated,
     )
 
@@ -157,4 +158,4 @@ def _with_u(value: float | None, expanded: float | None) -> str:
 def _said(verdict: str, quality: str, words: Texts) -> str:
     if not quality:
         return words("gone")
-    return quality if verdict == "none" else verdict.replace("_", " ")
+    return quality if verdict == "none" else verdict_words(verdict)

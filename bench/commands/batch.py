@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from bench.commands.console import console
+from bench.maths.verdict import is_refused
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.model.extras import missing_extra
 from bench.report import Batch, LeftOut, Outcome, batch_html, batch_json, unit_name
@@ -118,7 +119,7 @@ def _tell(batch: Batch, written: Sequence[Path]) -> None:
     if batch.doubted:
         units = ", ".join(unit_name(unit) for unit in batch.doubted[:_SHOWN])
         out.print(f"{len(batch.doubted)} units with doubt, at least one estimate is not sound: {units}")
-    bad = [part for part in batch.parts if part.outcome in (Outcome.FAIL, Outcome.NO_RESULT)]
+    bad = [part for part in batch.parts if is_refused(part.outcome) or part.outcome == Outcome.NO_RESULT]
     for part in bad[:_SHOWN]:
         said = part.outcome.replace("_", " ")
         out.print(f"{said:<10} {unit_name(part.unit)}  {part.session}: {part.failed} of {part.judged} judged failed")

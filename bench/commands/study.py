@@ -10,6 +10,7 @@ from typing import Any
 
 from bench.analysis import Study, Task
 from bench.commands.console import console
+from bench.maths.verdict import passed
 from bench.model.errors import ExitStatus, InputError
 from bench.model.extras import missing_extra
 from bench.model.installed import refuse_unknown
@@ -104,14 +105,14 @@ def _written(request: Request, chosen: Study, options: Any, results: Sequence[An
         sys.stdout.write(text)
     else:
         _tell(document, [path for path, _ in written])
-    failed = any(estimate["verdict"] == "fail" for estimate in document["estimates"])
-    return ExitStatus.VERDICT_FAIL if failed else ExitStatus.PASS
+    well = passed(estimate["verdict"] for estimate in document["estimates"])
+    return ExitStatus.PASS if well else ExitStatus.VERDICT_FAIL
 
 
 def _tell(document: dict[str, Any], written: Sequence[Path]) -> None:
     out = console()
     judged = [estimate for estimate in document["estimates"] if estimate["verdict"] != "none"]
-    failed = [estimate for estimate in judged if estimate["verdict"] == "fail"]
+    failed = [estimate for estimate in judged if not passed([estimate["verdict"]])]
     out.print(f"{len(judged) - len(failed)} tolerances kept, {len(failed)} not, {document['runs']} runs of each case")
     for estimate in failed:
         where = ", ".join(f"{name} {value}" for name, value in estimate["conditions"].items())

@@ -19,7 +19,7 @@ from rich.text import Text
 
 from bench import analysis
 from bench.analysis import Analysis, doubt_lines, limits_of, stated_value
-from bench.maths.verdict import WORST_FIRST, passed, worst
+from bench.maths.verdict import WORST_FIRST, passed, verdict_words, worst
 from bench.model.errors import ExitStatus, FitError
 
 if TYPE_CHECKING:
@@ -124,7 +124,7 @@ def verdict_status(results: Mapping[str, Any], missing: Sequence[str]) -> int:
 
 def _print_verdicts(out: Console, estimates: Sequence[Estimate]) -> None:
     counts = Counter(estimate["verdict"] for estimate in estimates if estimate["verdict"] != "none")
-    shown = ", ".join(f"{counts[name]} {name.replace('_', ' ')}" for name in WORST_FIRST if counts[name])
+    shown = ", ".join(f"{counts[name]} {verdict_words(name)}" for name in WORST_FIRST if counts[name])
     judged = f"verdicts: {shown}; " if shown else "not judged; "
     out.print(f"{judged}{len(estimates)} values with their uncertainties in results.json", highlight=False)
 
@@ -269,7 +269,7 @@ def print_summary(out: Console, title: str, estimates: Sequence[Estimate], refer
     if by_quantity:
         out.print(_by_channel(by_quantity))
     for estimate in whole[:_MOST_LINES]:
-        judged = [] if limits_of(estimate) is None else [str(estimate["verdict"]).replace("_", " ")]
+        judged = [] if limits_of(estimate) is None else [verdict_words(estimate["verdict"])]
         told = "  ".join(part for part in (_where(estimate), *judged) if part)
         out.print(f"{estimate['quantity']:<28} {_value(estimate)} {_unit(estimate)}  {told}".rstrip())
     if len(whole) > _MOST_LINES:

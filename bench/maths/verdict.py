@@ -7,10 +7,10 @@ JCGM 106:2012 sections 7 to 9.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from bench.model.errors import FitError
 
@@ -21,10 +21,26 @@ Rule = Literal["simple", "guard_band", "non_binary"]
 Limit = float | tuple[float, float]  # a number stands for -limit to limit; either of two may be infinite
 INDETERMINATE: Literal["indeterminate"] = "indeterminate"  # no statement of conformity: the value is doubtful
 Verdict = Literal["pass", "fail", "conditional_pass", "conditional_fail", "indeterminate", "none"]
-WORST_FIRST: tuple[Verdict, ...] = ("fail", "indeterminate", "conditional_fail", "conditional_pass", "pass")
+Look = Literal["good", "warn", "bad", "none"]
 _CERTAIN = 8.5  # standard uncertainties; what a normal distribution has beyond is less than the last digit of 1
-_ACCEPTED = ("pass", "conditional_pass")
-_NOT_PASSED = ("fail", "indeterminate", "conditional_fail")
+
+
+class Meaning(NamedTuple):
+    """What a verdict says: whether it accepts the value (None: no statement), and how it looks wherever it is shown."""
+
+    accepts: bool | None
+    look: Look
+
+
+MEANINGS: Mapping[Verdict, Meaning] = {  # the worst first; every exit status, word and colour is taken from here
+    "fail": Meaning(False, "bad"),
+    "indeterminate": Meaning(None, "warn"),
+    "conditional_fail": Meaning(False, "bad"),
+    "conditional_pass": Meaning(True, "warn"),
+    "pass": Meaning(True, "good"),
+}
+WORST_FIRST: tuple[Verdict, ...] = tuple(MEANINGS)
+_NOT_JUDGED = Meaning(None, "none")
 
 
 @cache
@@ -103,7 +119,22 @@ def passed(verdicts: Iterable[str]) -> bool:
     Raises:  nothing.
     Source:  docs/decisions/0025-doubt.md.
     """
-    return not any(verdict in _NOT_PASSED for verdict in verdicts)
+    return not any(verdict in MEANINGS and not meaning_of(verdict).accepts for verdict in verdicts)
+
+
+def meaning_of(verdict: str) -> Meaning:
+    """Return what a verdict says, nothing for "none" and for words of other software."""
+    return next((meaning for name, meaning in MEANINGS.items() if name == verdict), _NOT_JUDGED)
+
+
+def is_refused(verdict: str) -> bool:
+    """Return whether a verdict refuses the value, conditionally too."""
+    return meaning_of(verdict).accepts is False
+
+
+def verdict_words(verdict: str) -> str:
+    """Return a verdict as English words."""
+    return "not judged" if verdict == "none" else verdict.replace("_", " ")
 
 
 @dataclass(frozen=True)
@@ -136,7 +167,7 @@ def decide(
     if limit is None:
         return Decision(statement, None, None)
     inside = conformance_probability(value, std_uncertainty, *bounds(limit), dof)
-    return Decision(statement, inside, 1.0 - inside if statement in _ACCEPTED else inside)
+    return Decision(statement, inside, 1.0 - inside if meaning_of(statement).accepts else inside)
 
 
 def checked_rule(rule: object) -> str:

@@ -180,7 +180,7 @@ def spec_of(module: str) -> ModuleSpec | None:
     started there and ours is an editable installation, whose finder is asked last: what has a file comes first.
     """
     parts = module.split(".")
-    places: Any = None
+    places: Sequence[str] | None = None
     spec: ModuleSpec | None = getattr(sys.modules.get(module), "__spec__", None)
     if spec is not None and len(parts) > 1:
         return spec

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import Chapter
+from bench.maths.verdict import meaning_of, passed, worst
 from bench.model.errors import InputError
 from bench.model.texts import ENGLISH, Texts, told
 from bench.report.first import FirstPage, first_page
@@ -88,7 +89,7 @@ def page(
     simulated: bool,
     first: FirstPage | None = None,
 ) -> str:
-    """Return sections as one HTML document; ``verdict``: class (none, pass, fail) and words."""
+    """Return sections as one HTML document; ``verdict``: look and words."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined  # the extra 'report'
 
     environment = Environment(
@@ -134,9 +135,8 @@ def study_html(document: Mapping[str, Any], chapters: Sequence[Chapter], softwar
 
 def _verdict(document: Mapping[str, Any], words: Texts) -> tuple[str, str]:
     verdicts = [estimate["verdict"] for estimate in document["estimates"] if estimate["verdict"] != "none"]
-    failed = verdicts.count("fail")
-    kind = "fail" if failed else "pass" if verdicts else "none"
-    return kind, words("study.verdict", kept=len(verdicts) - failed, failed=failed)
+    failed = sum(not passed([verdict]) for verdict in verdicts)
+    return meaning_of(worst(verdicts)).look, words("study.verdict", kept=len(verdicts) - failed, failed=failed)
 
 
 def _sections(name: str, chapters: Sequence[Chapter], words: Texts) -> list[Section]:

@@ -9,7 +9,7 @@ from functools import partial
 from typing import Any
 
 from bench.analysis import doubt_lines, is_sound, limits_of, limits_text, number, unit_text, use_of
-from bench.maths.verdict import passed
+from bench.maths.verdict import meaning_of, worst
 from bench.model.systems import is_size
 from bench.model.texts import Texts, told
 from bench.model.titles import sizes_of_assumptions
@@ -30,12 +30,12 @@ def verdict_counts(model: ReportModel) -> Counter[str]:
 
 
 def overall_verdict(model: ReportModel, words: Texts) -> tuple[str, str]:
-    """Return class (none, pass, fail) and words of the overall verdict."""
+    """Return look (of ``bench.maths.verdict``) and words of the overall verdict."""
     counts = verdict_counts(model)
     if not counts:
         return "none", words(f"verdicts.{_lacking(model) or 'none'}")
     listed = ", ".join(_counted(words, name, counts[name]) for name in sorted(counts))
-    return ("pass" if passed(counts) else "fail"), words("verdicts.overall", counts=listed)
+    return meaning_of(worst(counts)).look, words("verdicts.overall", counts=listed)
 
 
 def _lacking(model: ReportModel) -> str:

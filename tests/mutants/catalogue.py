@@ -147,8 +147,8 @@ MUTANTS = [
     Mutant(
         "risk of the other statement",
         "bench/maths/verdict.py",
-        "1.0 - inside if statement in _ACCEPTED else inside",
-        "inside if statement in _ACCEPTED else 1.0 - inside",
+        "1.0 - inside if meaning_of(statement).accepts else inside",
+        "inside if meaning_of(statement).accepts else 1.0 - inside",
         ["tests/unit/maths/test_verdicts.py::test_risk_at_the_edges_of_the_rules"],
     ),
     Mutant(

@@ -11,6 +11,7 @@ from rich.table import Table
 
 from bench.archive.changes import Changes, Concerned
 from bench.archive.evidence import NO_CHECK, OUT_OF_CONTROL, TOO_FEW
+from bench.maths.verdict import verdict_words
 from bench.store import conditions_text
 
 Row = Mapping[str, Any]
@@ -35,7 +36,7 @@ def print_sessions(out: Console, rows: Sequence[Row]) -> None:
             (row["session_sha256"] or "-")[:8],
             ", ".join(f"{unit['model']} {unit['serial']}" for unit in row["units"]) or "-",
             row["campaign"] or "-",
-            "not judged" if row["verdict"] == "none" else row["verdict"].replace("_", " "),
+            verdict_words(row["verdict"]),
             f"{state} (SIMULATED)" if row["simulated"] else state,
             row["location"].rstrip("/").rpartition("/")[0],
         )
@@ -135,7 +136,7 @@ def _method(entry: Concerned) -> str:
 def _said(verdict: str, quality: str) -> str:
     if not quality:
         return "gone"
-    return quality if verdict == "none" else verdict.replace("_", " ")
+    return quality if verdict == "none" else verdict_words(verdict)
 
 
 def _cut(what: str, count: int) -> str:

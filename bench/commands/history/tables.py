@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound, limits_of, limits_text
+from bench.maths.verdict import verdict_words
 from bench.store import LEAST_FOR_CONTROL, Comparison, Due, Shown, conditions_text
 
 Row = Mapping[str, Any]
@@ -56,7 +57,7 @@ def print_listing(out: Console, rows: Sequence[Row]) -> None:
             row["session_sha256"][:8],
             f"{row['uut_model']} {row['uut_serial']}",
             row["campaign"],
-            _overall(row["verdict"]),
+            verdict_words(row["verdict"]),
             _doubts(row),
             str(row["revision"]),
             ", ".join(row["approved_by"]) or "-",
@@ -99,7 +100,7 @@ def print_shown(out: Console, shown: Shown) -> None:
             estimate["quantity"], conditions_text(estimate["conditions"]), _number(estimate["value"], ".6g"),
             _number(estimate["expanded_uncertainty"], ".3g") if is_sound(estimate) else _quality(estimate),
             estimate["unit"], str(estimate["n"]), limits_text(limits_of(estimate)),
-            estimate["verdict"].replace("_", " "),
+            verdict_words(estimate["verdict"]),
         )  # fmt: skip
     out.print(table)
 
@@ -191,10 +192,6 @@ def rows_table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) 
     for row in rows:
         table.add_row(*row)
     return table
-
-
-def _overall(verdict: str) -> str:
-    return "not judged" if verdict == "none" else verdict.replace("_", " ")
 
 
 def _doubts(row: Row) -> str:

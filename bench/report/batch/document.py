@@ -10,8 +10,9 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
+from bench.maths.verdict import meaning_of, worst
 from bench.model.texts import ENGLISH, Texts
-from bench.report.batch.model import Batch, Member, Outcome, Spread, Unit, Yield
+from bench.report.batch.model import Batch, Member, Spread, Unit, Yield
 from bench.report.batch.tables import left_out_table, spread_tables, unit_table, worst_table, yield_table
 from bench.report.document import page
 from bench.report.sections import Section
@@ -112,7 +113,7 @@ def _verdict(batch: Batch, words: Texts) -> tuple[str, str]:
     text = words("batch.summary", passed=total.passed, failed=total.failed, without=total.without)
     if batch.doubted:
         text = f"{text}; {words('batch.doubted', units=len(batch.doubted))}"
-    return (Outcome.FAIL if total.failed else Outcome.PASS if total.passed else "none"), text
+    return meaning_of(worst(batch.outcomes.values())).look, text
 
 
 def _sections(batch: Batch, words: Texts) -> list[Section]:

@@ -14,18 +14,19 @@ from enum import StrEnum
 from typing import Any, NamedTuple
 
 from bench.analysis import is_sound, limits_of, use_of
-from bench.maths.verdict import INDETERMINATE, clopper_pearson
+from bench.maths.verdict import INDETERMINATE, clopper_pearson, is_refused, worst
 
 _OF_ONE_UNIT = ("unit", "unit_temperature_degC")  # conditions that differ from unit to unit
 WORST = 20
-FAILED = ("fail", "conditional_fail")
 
 
 class Outcome(StrEnum):
     """Outcomes for a unit; of several outcomes of one unit the first of these counts."""
 
     FAIL = "fail"
+    CONDITIONAL_FAIL = "conditional_fail"
     NO_RESULT = "no_result"
+    CONDITIONAL_PASS = "conditional_pass"
     PASS = "pass"
     NOT_JUDGED = "not_judged"
 
@@ -100,10 +101,10 @@ class Batch:
         incomplete = bool(results.get("incomplete"))
         for unit, verdicts in (counts or {whole: Counter()}).items():
             judged = sum(verdicts.values()) - verdicts["none"]
-            failed = sum(verdicts[name] for name in FAILED)
+            failed = sum(count for name, count in verdicts.items() if is_refused(name))
             doubted = verdicts[INDETERMINATE] or any(_concerns(sentence, unit) for sentence in missing)
             lacking = incomplete or not counts or (not failed and doubted)
-            outcome = Outcome.NO_RESULT if lacking else _outcome(judged, failed)
+            outcome = Outcome.NO_RESULT if lacking else _outcome(verdicts)
             self.parts.append(Part(unit, session, results["campaign"], judged, failed, outcome, unsound[unit]))
         self.hashes[session] = str(results["provenance"]["session_sha256"])
         if results["provenance"]["simulated"]:
@@ -148,7 +149,8 @@ class Batch:
         """Of all units, or of those of one campaign by its sessions alone."""
         counts = Counter(_outcomes(part for part in self.parts if campaign in (None, part.campaign)).values())
         without = counts[Outcome.NO_RESULT] + counts[Outcome.NOT_JUDGED]
-        return Yield(counts[Outcome.PASS], counts[Outcome.FAIL], without)
+        failed = sum(count for outcome, count in counts.items() if is_refused(outcome))
+        return Yield(sum(counts.values()) - failed - without, failed, without)
 
     @property
     def spreads(self) -> list[Spread]:
@@ -175,10 +177,10 @@ def _concerns(missing: str, unit: Unit) -> bool:
     return not missing.startswith("unit ") or missing.startswith(f"unit {unit.serial}: ")
 
 
-def _outcome(judged: int, failed: int) -> Outcome:
-    if failed:
-        return Outcome.FAIL
-    return Outcome.PASS if judged else Outcome.NOT_JUDGED
+def _outcome(verdicts: Counter[str]) -> Outcome:
+    """Return the worst verdict; one that is indeterminate beside a refusal says nothing more."""
+    verdict = worst(name for name, count in verdicts.items() if count and name != INDETERMINATE)
+    return Outcome.NOT_JUDGED if verdict == "none" else Outcome(verdict)
 
 
 def _outcomes(parts: Iterable[Part]) -> dict[Unit, Outcome]:
@@ -209,7 +211,7 @@ class Member(NamedTuple):
     @property
     def failed(self) -> bool:
         """Refused, conditionally too."""
-        return self.verdict in FAILED
+        return is_refused(self.verdict)
 
     @property
     def nearness(self) -> tuple[float, float]:

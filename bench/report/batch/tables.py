@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from bench.analysis import decimals_for, limits_text, number, unit_text, with_uncertainty
+from bench.maths.verdict import meaning_of
 from bench.model.systems import is_size
 from bench.model.texts import Texts
 from bench.model.titles import campaign_title, quantity_title
-from bench.report.batch.model import Batch, Member, Outcome, Quantity, Spread, Unit, Yield
+from bench.report.batch.model import Batch, Member, Quantity, Spread, Unit, Yield
 from bench.report.estimate_tables import conditions_text, readable
 from bench.report.tables import Table
 from bench.report.verdict_tables import percent
@@ -41,7 +42,7 @@ def _yield_cells(total: Yield) -> tuple[str, ...]:
 
 def unit_table(batch: Batch, words: Texts) -> Table:
     """Return every unit in every session: judged, failed, verdict; those that did not pass first."""
-    parts = sorted(batch.parts, key=lambda part: (part.outcome == Outcome.PASS, part.unit, part.session))
+    parts = sorted(batch.parts, key=lambda part: (bool(meaning_of(part.outcome).accepts), part.unit, part.session))
     rows = tuple(
         (
             unit_name(part.unit), part.campaign.replace("_", " "), part.session, number(part.judged),

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import is_sound, limits_of, limits_text, number, unit_text, use_of, with_uncertainty
-from bench.maths.verdict import NON_BINARY
+from bench.maths.verdict import NON_BINARY, meaning_of
 from bench.model.systems import analysis_declaration, is_size
 from bench.model.texts import Texts
 from bench.model.titles import quantity_title, value_title
@@ -21,7 +21,6 @@ from bench.report.model import ReportModel
 from bench.report.tables import named, role_of
 from bench.report.verdict_tables import percent
 
-_ACCEPTED = ("pass", "conditional_pass")
 _MOST_STANDARDS = 12
 Row = Mapping[str, Any]
 Statement = tuple[str, str]
@@ -101,8 +100,8 @@ def decision(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
     if not judged:
         return " ".join([*said, words("first.rule.unsound")])
     with_U = [row for row in judged if row.get("expanded_uncertainty")]
-    accepted = [row for row in with_U if row["verdict"] in _ACCEPTED]
-    refused = [row for row in with_U if row["verdict"] not in _ACCEPTED]
+    accepted = [row for row in with_U if meaning_of(row["verdict"]).accepts]
+    refused = [row for row in with_U if not meaning_of(row["verdict"]).accepts]
     for name, rows in (("accepted", accepted), ("refused", refused)):
         risks = [_risk(row) for row in rows if row.get("conformance_probability") is not None]
         if risks:
@@ -114,7 +113,7 @@ def decision(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
 
 def _risk(row: Row) -> float:
     inside = float(row["conformance_probability"])
-    return 1.0 - inside if row["verdict"] in _ACCEPTED else inside
+    return 1.0 - inside if meaning_of(row["verdict"]).accepts else inside
 
 
 def _risk_text(risk: float) -> str:

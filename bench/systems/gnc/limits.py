@@ -16,6 +16,7 @@ from typing import Any
 
 from bench import analysis
 from bench.analysis import Estimate, Estimates, Table, judged, rule_of, stated_limits, use_of, with_uncertainty
+from bench.maths.verdict import WORST_FIRST
 from bench.systems.gnc.declaration import DECLARATION
 from bench.systems.gnc.wording import headers_of, say
 
@@ -52,7 +53,7 @@ SPECIFIED: Mapping[str, float] = {
 
 Limits = Mapping[str, float]
 NOT_TESTED = say("verdict.not_tested")
-_ORDER = ("fail", "conditional_fail", "conditional_pass", "pass", "none")  # the worst axis speaks for the row
+_ORDER = (*WORST_FIRST, "none")  # the worst axis speaks for the row
 
 
 def limits_of(campaign: Mapping[str, Any]) -> Limits:

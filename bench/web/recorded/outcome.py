@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import doubt_lines
-from bench.maths.verdict import worst
+from bench.maths.verdict import INDETERMINATE, WORST_FIRST, passed, worst
 from bench.model.errors import BenchError
 from bench.model.events import End, Error, Safe, event_of
 from bench.model.segments import SEGMENT_NAME
@@ -22,15 +22,14 @@ from bench.run.guard.last_words import guard_said
 BY_OPERATOR = ("B-RUN-010", "B-RUN-011")
 _LAST_CHUNKS = 24  # the end of a run is within them: events and the chain, behind what the links still held
 _TOPICS = frozenset({layout.EVENT, layout.CHAIN})
-_WORDS = {
-    "pass": "pass", "conditional_pass": "pass", "fail": "fail", "conditional_fail": "fail", "indeterminate": "doubtful",
-    "none": "not_judged",
-}  # fmt: skip
+DOUBTFUL, NOT_JUDGED = "doubtful", "not_judged"
+_WORDS = {**{verdict: str(verdict) for verdict in WORST_FIRST}, INDETERMINATE: DOUBTFUL}  # a verdict keeps its name
+OUTCOMES = (*_WORDS.values(), NOT_JUDGED, "no_results", "fault", "stopped", "damaged")
 
 
 @dataclass(frozen=True)
 class SessionOutcome:
-    """``word``: pass, fail, doubtful, not_judged, no_results, fault, stopped, damaged. ``why``: one line, may be "".
+    """``word``: one of ``OUTCOMES``. ``why``: one line, may be "".
 
     ``verdicts`` counts the estimates by verdict, ``doubtful`` those that are not sound. ``off``: whether everything was
     confirmed off at the end, None if nobody says so; a guard that acted after the run counts, also while it is at it.
@@ -85,8 +84,8 @@ def _judged(results: Mapping[str, Any], off: bool | None) -> SessionOutcome:
         verdict = str(estimate.get("verdict"))
         verdicts[verdict] = verdicts.get(verdict, 0) + 1
     unsound = sum(estimate.get("quality", "sound") != "sound" for estimate in estimates)
-    word = _WORDS.get(worst(verdicts), "not_judged")
-    word = "doubtful" if unsound and word in ("pass", "not_judged") else word
+    verdict = worst(verdicts)
+    word = DOUBTFUL if unsound and passed([verdict]) else _WORDS.get(verdict, NOT_JUDGED)
     return SessionOutcome(word, "; ".join(doubt_lines(estimates))[:300], verdicts, unsound, off)
 
 

@@ -130,7 +130,7 @@ function limitText({ limit = null, limits = null }) {
   return low === null ? `\u2264 ${minus(String(high))}` : `\u2265 ${minus(String(low))}`;
 }
 
-const VERDICT_CLASS = { fail: "bad", conditional_fail: "bad", indeterminate: "warn" };
+const VERDICT_CLASS = { fail: "bad", indeterminate: "warn", conditional_fail: "bad", conditional_pass: "warn" };
 
 function cellOf(key, row) {
   const mark = JSON.stringify(row.history ?? []);

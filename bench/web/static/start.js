@@ -8,7 +8,7 @@ const EVERY_ms = 3000;
 const STALE_ms = 5000; // a state that is older is not known any more
 const LIVING = ["starting", "running", "waiting", "holding", "ending", "lost"];
 const ATTENTION = ["much", "some", "none"]; // who needs somebody stands first
-const OUTCOMES = ["pass", "fail", "doubtful", "not_judged", "no_results", "fault", "stopped", "damaged"];
+const OUTCOMES = ["pass", "conditional_pass", "fail", "conditional_fail", "doubtful", "not_judged", "no_results", "fault", "stopped", "damaged"];
 let runs = [];
 let calibrations = [];
 let shown = AT_ONCE;
@@ -76,10 +76,9 @@ function outcome(run) {
 function counts(run) {
   const verdicts = run.outcome?.verdicts;
   if (!verdicts) return "";
-  const some = (...names) => names.reduce((sum, name) => sum + (verdicts[name] ?? 0), 0);
-  const found = { pass: some("pass", "conditional_pass"), fail: some("fail", "conditional_fail"), doubtful: run.outcome.doubtful };
-  return Object.keys(found).filter((name) => found[name]).map((name) => t(`start.counts.${name}`, { count: found[name] })).join(", ")
-    || t("start.counts.none", { count: some(...Object.keys(verdicts)) });
+  const found = { ...verdicts, doubtful: run.outcome.doubtful };
+  return OUTCOMES.filter((name) => found[name]).map((name) => t(`start.counts.${name}`, { count: found[name] })).join(", ")
+    || t("start.counts.none", { count: Object.values(verdicts).reduce((sum, count) => sum + count, 0) });
 }
 
 function sessions() {

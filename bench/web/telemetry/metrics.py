@@ -19,13 +19,13 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from bench import __version__
+from bench.web.recorded.outcome import OUTCOMES
 from bench.web.telemetry.lookout import Lookout, SeenRun
 
 LONGEST_LABEL = 200
 RUN_STATES = ("starting", "running", "waiting", "holding", "ending", "ended", "stopped", "lost")
 ATTENTION = ("none", "some", "much")
 OUTPUTS = ("off", "energised", "moving", "unknown")
-OUTCOMES = ("pass", "fail", "doubtful", "not_judged", "no_results", "fault", "stopped", "damaged")
 LINK_STATES = ("waiting", "streaming", "stale", "silent", "lost")
 SEVERITIES = ("warning", "alarm", "fault")
 _COUNTED = ("frames", "bad", "lost", "duplicate")

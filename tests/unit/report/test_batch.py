@@ -67,8 +67,11 @@ def test_a_conditional_fail_is_no_pass_and_an_estimate_without_a_limit_is_not_ju
     document = results("s1", "A", [coupling(GOOD)])
     document["estimates"] = [near]
     free = estimate("gyro_bias", "deg/h", 3.0, 1.0, {"axis": "x"}, n=6)
-    found = batch_of(document, results("s2", "B", [free]), results("s3", "C", []))
-    assert outcomes(found) == {"A": "fail", "B": "not_judged", "C": "no_result"}
+    barely = results("s4", "D", [coupling(GOOD)])
+    barely["estimates"] = [{**coupling(GOOD), "verdict": verdict} for verdict in ("pass", "conditional_pass")]
+    found = batch_of(document, results("s2", "B", [free]), results("s3", "C", []), barely)
+    assert outcomes(found) == {"A": "conditional_fail", "B": "not_judged", "C": "no_result", "D": "conditional_pass"}
+    assert (found.yield_of().passed, found.yield_of().failed, found.yield_of().without) == (1, 1, 2)
 
 
 def test_units_of_one_session_are_told_apart() -> None:

@@ -244,10 +244,10 @@ def test_simulated_is_said_unless_provenance_denies_it(
     ("verdicts", "kind", "words"),
     [
         (["none", "none"], "none", "Not judged"),
-        (["pass", "none"], "pass", "1 pass"),
-        (["pass", "fail"], "fail", "1 fail, 1 pass"),
-        (["pass", "conditional_fail"], "fail", "1 conditional fail, 1 pass"),
-        (["pass", "conditional_pass"], "pass", "1 conditional pass, 1 pass"),
+        (["pass", "none"], "good", "1 pass"),
+        (["pass", "fail"], "bad", "1 fail, 1 pass"),
+        (["pass", "conditional_fail"], "bad", "1 conditional fail, 1 pass"),
+        (["pass", "conditional_pass"], "warn", "1 conditional pass, 1 pass"),
     ],
 )
 def test_verdict(verdicts: list[str], kind: str, words: str) -> None:

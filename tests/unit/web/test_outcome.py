@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,15 @@ from typing import Any
 import pytest
 from recorded import writable_copy
 
+import bench.web
+from bench.maths.verdict import MEANINGS
 from bench.record import OPEN_MARKER, SessionWriter
 from bench.web.now import now_of, silent_row
 from bench.web.recorded.listing import results_of, session_row
-from bench.web.recorded.outcome import SessionOutcome, outcome_of
+from bench.web.recorded.outcome import OUTCOMES, SessionOutcome, outcome_of
 from bench.web.recorded.past import Past
 
+STATIC = Path(bench.web.__file__).parent / "static"
 Change = Callable[[Path, dict[str, Any]], None]
 SAFE = ("safe", {"failures": []})
 END = {"steps": 3, "records": 1, "slip_s": 0.0, "overruns": 0, "retaken": 0, "lateness_ms": [0.0, 0.0, 0.0]}
@@ -57,15 +61,35 @@ def test_the_recording_that_was_not_touched(session: Path) -> None:
 
 @pytest.mark.parametrize(
     ("verdicts", "word"),
-    [(("pass", "none"), "pass"), (("pass", "conditional_pass"), "pass"), (("pass", "fail"), "fail"),
-     (("conditional_fail", "pass"), "fail"), (("indeterminate", "pass"), "doubtful")],
+    [(("pass", "none"), "pass"), (("pass", "conditional_pass"), "conditional_pass"), (("pass", "fail"), "fail"),
+     (("conditional_fail", "pass"), "conditional_fail"), (("indeterminate", "pass"), "doubtful"),
+     (("indeterminate", "conditional_fail"), "doubtful")],
 )  # fmt: skip
 def test_the_worst_verdict_counts(session: Path, verdicts: tuple[str, ...], word: str) -> None:
     assert judged(session, *verdicts).word == word
 
 
+def test_the_page_has_the_words_and_colours_of_the_one_mapping() -> None:
+    """Scripts and styles cannot import it: they are held against it, verdict by verdict."""
+    scripts = {path.name: path.read_text() for path in STATIC.iterdir() if path.suffix in (".js", ".css", ".svg")}
+    listed = re.search(r"^const OUTCOMES = (\[.*\]);$", scripts["start.js"], re.MULTILINE)
+    assert listed is not None
+    assert sorted(json.loads(listed[1])) == sorted(OUTCOMES)
+    rows = re.search(r"^const VERDICT_CLASS = \{ (.*) \};$", scripts["estimates.js"], re.MULTILINE)
+    assert rows is not None
+    marked = dict(entry.split(": ") for entry in rows[1].replace('"', "").split(", "))
+    assert marked == {name: meaning.look for name, meaning in MEANINGS.items() if meaning.look != "good"}
+    for verdict, meaning in MEANINGS.items():
+        word = "doubtful" if verdict == "indeterminate" else verdict
+        assert f'<symbol id="outcome-{word}"' in scripts["icons.svg"]
+        rules = [line for line in scripts["panels.css"].splitlines() if f'[data-outcome="{word}"]' in line]
+        assert len(rules) == 3
+        assert all(f"var(--{meaning.look})" in rule for rule in rules)
+
+
 def test_a_pass_with_doubt_is_doubtful_and_a_fail_stays_a_fail(session: Path) -> None:
     assert judged(session, "pass", quality="doubtful").word == "doubtful"
+    assert judged(session, "conditional_pass", quality="doubtful").word == "doubtful"
     assert judged(session, "none", quality="refused").word == "doubtful"
     assert judged(session, "fail", quality="doubtful").word == "fail"
 

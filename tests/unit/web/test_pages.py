@@ -33,7 +33,9 @@ FAMILIES = {
     "bench.remains": {"mains", "hot", "cold"},
     "outcome": {
         "pass",
+        "conditional_pass",
         "fail",
+        "conditional_fail",
         "doubtful",
         "not_judged",
         "no_results",
@@ -45,7 +47,7 @@ FAMILIES = {
         "certificate",
         "specimen",
     },
-    "start.counts": {"pass", "fail", "doubtful", "none"},
+    "start.counts": {"pass", "conditional_pass", "fail", "conditional_fail", "doubtful", "none"},
     "log.severity": {"none", "warning", "alarm", "fault"},
     "state": {
         "starting",
