@@ -44,6 +44,9 @@ class Resource:
             self.free.wait(30.0)
         return "1"
 
+    def clear(self) -> None:
+        """Begin anew."""
+
     def close(self) -> None:
         self.free.set()
 
