@@ -39,7 +39,7 @@ class _Part:
 class WayToSafe:
     """Instruments that are made safe in a stated order, in as many attempts as it takes.
 
-    One that failed once is confirmed by a second answer, ``LATE_S`` after the first: something that it was told before
+    What is left may be asked for from another thread. One that failed once is confirmed by a second answer, ``LATE_S`` after the first: something that it was told before
     it was away may still take effect. ``use`` is entered while one of them is talked to.
     """
 
@@ -57,12 +57,12 @@ class WayToSafe:
     @property
     def left(self) -> dict[str, SafeState]:
         """What is not confirmed safe, by role: told to be, or nobody there."""
-        return {role: _state_after(part.error) for role, part in self._parts.items()}
+        return {role: _state_after(part.error) for role, part in list(self._parts.items())}
 
     @property
     def failures(self) -> dict[str, Exception]:
         """The last error of each that is not confirmed; those that only wait for their second answer have none."""
-        return {role: part.error for role, part in self._parts.items() if part.error is not None}
+        return {role: part.error for role, part in list(self._parts.items()) if part.error is not None}
 
     def attempt(self, quick: Collection[str] = ()) -> None:
         """Make everything safe that is left, one after the other; ``quick``: roles that are not waited for."""

@@ -86,7 +86,7 @@ def act(action: Action, brief: Brief, controller: Controller, opened: Opener, cl
     bench.begin()
     told_ns = clock.now_ns() + to_ns(FIRST_TOLD_S)
     request: Request | None = None
-    while bench.left and request is None:
+    while bench.left and request is None and (folder.exists() or not brief.simulated):
         clock.sleep(LOOK_S)
         turn.take()
         request = take_over_request(folder)
@@ -96,10 +96,8 @@ def act(action: Action, brief: Brief, controller: Controller, opened: Opener, cl
             threading.Thread(target=_tell, args=(brief, action, bench.left, clock, diary), daemon=True).start()
     bench.end()
     left = bench.left
-    if request is None:
-        diary.note("safe", instruments=[])
-    else:
-        diary.note("unsafe", instruments=left)
+    diary.note("unsafe" if left else "safe", instruments=left)
+    if request is not None:
         diary.note("taken over", by=request.by)
     lock.release()
     _tell(brief, action, left, clock, diary, "" if request is None else request.by)
@@ -137,12 +135,9 @@ class _Bench:
     """The instruments of the safe-state list, each on its way by a thread of its own."""
 
     def __init__(self, action: Action, brief: Brief, opened: Opener, clock: Clock, diary: Diary, turn: _Turn) -> None:
-        wanted = (
-            brief.instruments if action.left is None else tuple(a for a in brief.instruments if a.role in action.left)
-        )
-        self._addresses = sorted(
-            wanted, key=lambda address: action.heat_off and not heats(driver_class(address.driver))
-        )
+        self._addresses = [a for a in brief.instruments if action.left is None or a.role in action.left]
+        if action.heat_off:
+            self._addresses.sort(key=lambda address: heats(driver_class(address.driver)), reverse=True)
         self._clock, self._diary, self._turn = clock, diary, turn
         remotes = {a.role: _Remote(a, action.heat_off, opened) for a in self._addresses}
         self._ways = {role: WayToSafe({role: remote}, (role,), clock) for role, remote in remotes.items()}

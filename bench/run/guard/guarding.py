@@ -70,6 +70,7 @@ def brief_of(station: Station, diary: Path) -> Brief:
         diary=str(diary.absolute()),
         notify=notice_command(station.file.notify),
         terminal=terminal_of(2),
+        simulated=station.simulated,
         code=code_used({entry.driver for entry in entries.values()}),
     )
 
