@@ -24,6 +24,7 @@ NOT_UNDERSTOOD = "B-INST-004"
 OVERLOAD = "B-INST-007"
 SERIAL_POLL = "<serial poll>"
 DOUBTFUL = (TIMED_OUT, BUS_FAILED, NOT_UNDERSTOOD)  # what the instrument did with a command is not known
+CLOSE_S = 1.0  # for good: then the program ends, and the connection with it
 _POLL_S = 0.25
 _LOOK_AT_DEVICE = "check power, address and cable"
 
@@ -169,7 +170,7 @@ class BusSession(Wire):
 
     def close(self) -> None:
         """Release the session; one that is gone holds nobody up."""
-        self.release()
+        self.release(CLOSE_S)
 
     def _keep_apart(self) -> None:
         if self._spacing_ns:

@@ -94,14 +94,14 @@ class Wire:
         resource.write_termination = "\n"
         resource.read_termination = "\n"
 
-    def release(self) -> None:
-        """Close the resource before it is opened again; nobody waits for one that is gone."""
+    def release(self, wait_s: float = 0.0) -> None:
+        """Close the resource, before it is opened again or for good; one that is gone is waited for ``wait_s``."""
         self.note("tx", "<close>")
-        close = partial(_closed, self._resource)
         if self._clock.virtual:
-            close()
+            _closed(self._resource)
         else:
-            Aside("closing", close)
+            with suppress(NotReturnedError):
+                Aside("closing", partial(_closed, self._resource)).wait(wait_s, lambda: None)
 
     def open_again(self, opener: Callable[[], MessageBasedResource]) -> None:
         """Go on with the address opened anew, or with what an earlier opening has brought. Raises: BusError."""
