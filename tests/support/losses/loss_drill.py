@@ -19,6 +19,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[3]))  # this revision is drilled, whichever is installed
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from block_rows import ROOT, add_row, read_rows, revision_of

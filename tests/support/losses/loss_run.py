@@ -16,6 +16,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
+from block_rows import ROOT
 from loss_bench import LossyBench
 from loss_judge import NO_RESULTS, Kept, Recording, Sample, Span
 from loss_schedule import ALL, CLOSING, HOLDING, Loss, Scale
@@ -26,6 +27,7 @@ from bench.model.errors import BenchError
 from bench.record import SessionReader
 from bench.run.feed.client import FeedClient
 from bench.run.guard.diary import DIARY, read_diary
+from bench.web.recorded.recording import RecordedState, read_recording, scenery_of
 
 ASK_S, FEED_EACH = 0.07, 3  # between two questions for the status; the feed is asked with each third
 FRESH_S = 0.5  # a view that was asked for longer ago says nothing of now: this machine had no time
@@ -220,7 +222,7 @@ class Drill:
             stream.write(f"$ bench {' '.join(words)}\n".encode())
             stream.flush()
             command = [*self.bench.inside, sys.executable, "-m", "bench", *words]
-            return subprocess.Popen(command, stdout=stream, stderr=stream, stdin=subprocess.DEVNULL)
+            return subprocess.Popen(command, stdout=stream, stderr=stream, stdin=subprocess.DEVNULL, cwd=ROOT)
 
     # --- what is seen -------------------------------------------------------------------------------------------
 
@@ -232,21 +234,29 @@ class Drill:
         self._seen.append(Sample(t_s, drives, lives, guard, self._status.get("step"), off))
 
     def _views(self) -> None:
-        """Ask what a terminal and a page ask, until the end."""
-        feed, count = None, 0
+        """Ask what a terminal and a page ask, until the end; of a run that is over they read its recording."""
+        feed, count, over, recorded = None, 0, None, frozenset[str]()
         while not self._over.wait(ASK_S):
             count += 1
-            folder = self._folder()
+            folder, process = self._folder(), self._run
             status: dict[str, Any] = {}
             with suppress(BenchError):
                 status = {} if folder is None else ask_run(folder, "status")
             self._status = status
             if folder is None or count % FEED_EACH:
                 continue
-            feed = feed or FeedClient(folder)
+            asked_s = time.monotonic()
             with suppress(BenchError):
-                asked_s = time.monotonic()
-                self._off = asked_s, _shown_off(feed.poll(1 << 40).header["state"]["bench"])
+                if process.poll() is None:
+                    feed = feed or FeedClient(folder)
+                    self._off = asked_s, _shown_off(feed.poll(1 << 40).header["state"])
+                    continue
+                if over is not process:
+                    over, recorded = process, frozenset()
+                    recording = read_recording(folder)
+                    document = RecordedState(recording, scenery_of(recording)).at(recording.last_utc_s)
+                    recorded = _shown_off(document)
+                self._off = time.monotonic(), recorded
         if feed is not None:
             feed.close()
 
@@ -268,7 +278,7 @@ class Drill:
         if not (self._session() / "results.json").is_file():
             return NO_RESULTS
         command = [sys.executable, "-m", "bench", "replay", str(self._session())]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
         return "identical" if IDENTICAL in done.stdout else f"exit {done.returncode}: {done.stderr.strip()[-160:]}"
 
     def _events(self) -> list[tuple[str, float, dict[str, Any]]]:
@@ -301,7 +311,8 @@ def _middle(prompt: dict[str, Any]) -> float | str:
     return float(math.sqrt(low * high) if low and high else high / 2 if high else 2 * (low or 0.5))
 
 
-def _shown_off(bench: dict[str, Any]) -> frozenset[str]:
+def _shown_off(document: dict[str, Any]) -> frozenset[str]:
+    bench = document["bench"]
     off = {part["role"] for part in bench["parts"] if part["state"] == "off"}
     return frozenset(off | ({ALL} if bench["state"] == "off" else set()))
 
