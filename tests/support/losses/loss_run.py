@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from block_rows import ROOT
-from loss_bench import LossyBench
+from loss_bench import LOOK_S, LossyBench
 from loss_judge import NO_RESULTS, Kept, Recording, Sample, Span
 from loss_schedule import ALL, CLOSING, HOLDING, Loss, Scale
 
@@ -50,6 +50,7 @@ class Drill:
         self._exits: list[int] = []
         self._unasked_s = math.inf
         self._begun, self._finished = 1, False
+        self._held_s = math.inf
         self._noted: subprocess.Popen[bytes] | None = None  # the last process whose end is noted
         self._person_s = self._answer_s = -math.inf  # from when on somebody arms and resumes; answers other prompts
         self._awaited: Loss | None = None  # whose prompt nobody answers before it comes
@@ -90,7 +91,10 @@ class Drill:
         while not self._finished and time.monotonic() < end_s:
             self._tend()
             time.sleep(ASK_S)
-        self._attend(time.monotonic() + self._scale.look_s)
+        end_s = time.monotonic() + self._scale.look_s
+        time.sleep(2 * LOOK_S)
+        while self._seen[-1].drives and time.monotonic() < end_s:
+            time.sleep(LOOK_S)
 
     def recording(self) -> Recording:
         """Return everything that was seen, with what the session says. The run has ended."""
@@ -176,6 +180,7 @@ class Drill:
             self._go_on()
             return
         now_s, prompt = time.monotonic(), self._status.get("prompt")
+        self._held_s = self._held_s if self._status.get("state") == "holding" else now_s  # since when it holds
         with suppress(BenchError):
             if prompt and prompt["arms"]:
                 if now_s >= self._person_s:
@@ -186,7 +191,7 @@ class Drill:
             elif "operator" in self._status.get("reasons", {}) and now_s >= self._person_s:
                 self._armed.append(now_s)
                 ask_run(self._session(), "resume")
-            elif self._status.get("state") == "holding" and now_s >= self._person_s + self._scale.stuck_s:
+            elif now_s >= max(self._person_s, self._held_s) + self._scale.stuck_s:
                 ask_run(self._session(), "abort", "it does not come back")
             else:
                 return
