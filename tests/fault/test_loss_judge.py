@@ -8,7 +8,6 @@ import threading
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 
 import pytest
 from loss_judge import Kept, Recording, Sample, Span, Verdict, judge, point_of
@@ -173,7 +172,14 @@ def echoing() -> Iterator[int]:
         server.shutdown(socket.SHUT_RDWR)
 
 
-def connected_to(proxies: Proxies, role: str) -> socket.socket:
+@pytest.fixture
+def proxies(echoing: int) -> Iterator[Proxies]:
+    found = Proxies({"one": "127.0.0.1", "other": "127.0.0.1"}, echoing)
+    yield found
+    found.close()
+
+
+def connected(proxies: Proxies, role: str) -> socket.socket:
     client = socket.create_connection(proxies.places[role], timeout=5.0)
     client.settimeout(0.3)
     return client
@@ -184,37 +190,36 @@ def echoed(client: socket.socket) -> bytes:
     return client.recv(10)
 
 
-def test_proxies_lose_one_role_in_each_way_and_give_it_back_at_its_port(echoing: int) -> None:
-    proxies = Proxies({"one": "127.0.0.1", "other": "127.0.0.1"}, echoing)
-    connected = partial(connected_to, proxies)
-    try:
-        one, other = connected("one"), connected("other")
+def test_a_cut_resets_one_role_and_a_new_connection_works(proxies: Proxies) -> None:
+    with connected(proxies, "one") as one, connected(proxies, "other") as other:
         assert echoed(one) == echoed(other) == b"x"
         proxies.cut(["one"])
         with pytest.raises(ConnectionResetError):
             one.recv(1)
-        with connected("one") as again:
-            assert echoed(again) == b"x"
-            proxies.mute(["one"])
-            with pytest.raises(TimeoutError):
-                echoed(again)
-            with connected("one"):  # taken, and nothing comes
-                proxies.restore(["one"])
-                again.settimeout(5.0)
-                assert again.recv(10) == b"x"
-        proxies.refuse(["one"])
-        with pytest.raises(ConnectionRefusedError):
-            connected("one")
-        proxies.restore(["one"])
-        proxies.reset(["one"])
-        with pytest.raises(ConnectionResetError), connected("one") as taken:
-            taken.recv(1)
-        proxies.restore(["one"])
-        with connected("one") as back:
-            back.settimeout(5.0)
-            assert echoed(back) == b"x"
-        assert echoed(other) == b"x"
-        one.close()
-        other.close()
-    finally:
-        proxies.close()
+        with connected(proxies, "one") as again:
+            assert echoed(again) == echoed(other) == b"x"
+
+
+def test_what_is_said_to_a_mute_role_comes_through_afterwards(proxies: Proxies) -> None:
+    with connected(proxies, "one") as one:
+        proxies.mute(["one"])
+        with pytest.raises(TimeoutError):
+            echoed(one)
+        with connected(proxies, "one"):  # taken, and nothing comes
+            proxies.restore(["one"])
+            one.settimeout(5.0)
+            assert one.recv(10) == b"x"
+
+
+def test_a_role_that_refuses_or_resets_comes_back_at_its_port(proxies: Proxies) -> None:
+    proxies.refuse(["one"])
+    with pytest.raises(ConnectionRefusedError):
+        connected(proxies, "one")
+    proxies.restore(["one"])
+    proxies.reset(["one"])
+    with pytest.raises(ConnectionResetError), connected(proxies, "one") as taken:
+        taken.recv(1)
+    proxies.restore(["one"])
+    with connected(proxies, "one") as back:
+        back.settimeout(5.0)
+        assert echoed(back) == b"x"

@@ -39,8 +39,9 @@ class _Part:
 class WayToSafe:
     """Instruments that are made safe in a stated order, in as many attempts as it takes.
 
-    What is left may be asked for from another thread. One that failed once is confirmed by a second answer, ``LATE_S`` after the first: something that it was told before
-    it was away may still take effect. ``use`` is entered while one of them is talked to.
+    What is left may be asked for from another thread. One that failed once is confirmed by a second answer, ``LATE_S``
+    after the first: something that it was told before it was away may still take effect. ``use`` is entered while one
+    of them is talked to.
     """
 
     def __init__(

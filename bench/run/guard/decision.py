@@ -38,7 +38,7 @@ class Brief:
         diary: file the guard writes what it did to.
         notify: command (argument list) that is told in JSON on its standard input what was done; empty: nobody.
         terminal: path of the terminal or file that the controller writes to, for the guard's last words; "": none.
-        simulated: whether the bench is; the guard of one ends with the folder of its session, as rehearsals are removed.
+        simulated: whether the bench is; its guard ends with the folder of the session, as rehearsals are removed.
         code: SHA-256 of the drivers that a lab folder brings, by their place in it; the guard loads these or none.
     """
 

@@ -14,6 +14,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
+from block_rows import ROOT
 from loss_proxy import Proxies
 from loss_schedule import ALL, Kind, Loss
 
@@ -168,9 +169,8 @@ class LossyBench:
         log = self.folder.with_name(f"{self.folder.name}.log")
         words = ["sim", "af_rack_sim", "--clean", "--dir", str(self.folder), "--seed", str(self._seed)]
         with log.open("wb") as stream:
-            self._sim = subprocess.Popen(
-                [sys.executable, "-m", "bench", *words], stdout=stream, stderr=stream, stdin=subprocess.DEVNULL
-            )
+            command = [sys.executable, "-m", "bench", *words]
+            self._sim = subprocess.Popen(command, stdout=stream, stderr=stream, stdin=subprocess.DEVNULL, cwd=ROOT)
         end_s = time.monotonic() + START_S
         while "ready" not in log.read_text().split("\n"):
             if self._sim.poll() is not None or time.monotonic() > end_s:

@@ -19,6 +19,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
+sys.path.insert(0, str(Path(__file__).resolve().parents[3]))  # this revision is drilled, whichever is installed
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from block_rows import ROOT, add_row, read_rows, revision_of
@@ -54,6 +55,7 @@ CUT = {
 }
 COUNT, BENCHES = 200, 6
 STOPPED = 130
+MISSED = "missed"  # in place of the exit status: the run had ended before the moment of the loss
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ def _row(span: Span, scale: Scale, recording: Recording, verdict: Verdict) -> Ro
 
 def _missed(loss: Loss, scale: Scale) -> Row:
     place = loss.target, loss.kind, loss.moment, loss.step, loss.length_s
-    return Row(loss.seed, scale.name, *place, math.nan, math.nan, "", "", "", "", "its moment did not come")
+    return Row(loss.seed, scale.name, *place, math.nan, math.nan, MISSED, "", "", "", "")
 
 
 Job = tuple[Sequence[int], Scale]
@@ -182,7 +184,8 @@ def told(row: Row) -> str:
     times = f"path open {row.path_open_s:g} s, off {row.off_after_s:g} s after"
     ends = f"exit {row.exit or '-'} {row.resumed}, guard {row.guard}, replay {row.replay[:20]}"
     where = f"{row.kind} {row.target} at {row.moment} (step {row.step})"
-    return f"{row.seed}: {where} {length}: {times}; {ends}; {row.violations or 'right'}"
+    outcome = "" if row.exit == MISSED else f"{times}; {ends}; {row.violations or 'right'}"
+    return f"{row.seed}: {where} {length}: {outcome or MISSED}"
 
 
 def summary(rows: Sequence[Row]) -> str:
@@ -192,7 +195,7 @@ def summary(rows: Sequence[Row]) -> str:
         "|---|---|---|---|---|---|---|",
     ]
     for kind in sorted({row.kind for row in rows}):
-        those = [row for row in rows if row.kind == kind]
+        those = [row for row in rows if row.kind == kind and row.exit != MISSED]
         went_on = sum(row.exit in ("0", "1") for row in those)
         wrong = sum(bool(row.violations) for row in those)
         times = (_spread([row.path_open_s for row in those]), _spread([row.off_after_s for row in those]))

@@ -16,7 +16,8 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from loss_bench import LossyBench
+from block_rows import ROOT
+from loss_bench import LOOK_S, LossyBench
 from loss_judge import NO_RESULTS, Kept, Recording, Sample, Span
 from loss_schedule import ALL, CLOSING, HOLDING, Loss, Scale
 
@@ -26,6 +27,7 @@ from bench.model.errors import BenchError
 from bench.record import SessionReader
 from bench.run.feed.client import FeedClient
 from bench.run.guard.diary import DIARY, read_diary
+from bench.web.recorded.recording import RecordedState, read_recording, scenery_of
 
 ASK_S, FEED_EACH = 0.07, 3  # between two questions for the status; the feed is asked with each third
 FRESH_S = 0.5  # a view that was asked for longer ago says nothing of now: this machine had no time
@@ -48,6 +50,7 @@ class Drill:
         self._exits: list[int] = []
         self._unasked_s = math.inf
         self._begun, self._finished = 1, False
+        self._held_s = math.inf
         self._noted: subprocess.Popen[bytes] | None = None  # the last process whose end is noted
         self._person_s = self._answer_s = -math.inf  # from when on somebody arms and resumes; answers other prompts
         self._awaited: Loss | None = None  # whose prompt nobody answers before it comes
@@ -88,7 +91,10 @@ class Drill:
         while not self._finished and time.monotonic() < end_s:
             self._tend()
             time.sleep(ASK_S)
-        self._attend(time.monotonic() + self._scale.look_s)
+        end_s = time.monotonic() + self._scale.look_s
+        time.sleep(2 * LOOK_S)
+        while self._seen[-1].drives and time.monotonic() < end_s:
+            time.sleep(LOOK_S)
 
     def recording(self) -> Recording:
         """Return everything that was seen, with what the session says. The run has ended."""
@@ -174,6 +180,7 @@ class Drill:
             self._go_on()
             return
         now_s, prompt = time.monotonic(), self._status.get("prompt")
+        self._held_s = self._held_s if self._status.get("state") == "holding" else now_s  # since when it holds
         with suppress(BenchError):
             if prompt and prompt["arms"]:
                 if now_s >= self._person_s:
@@ -184,7 +191,7 @@ class Drill:
             elif "operator" in self._status.get("reasons", {}) and now_s >= self._person_s:
                 self._armed.append(now_s)
                 ask_run(self._session(), "resume")
-            elif self._status.get("state") == "holding" and now_s >= self._person_s + self._scale.stuck_s:
+            elif now_s >= max(self._person_s, self._held_s) + self._scale.stuck_s:
                 ask_run(self._session(), "abort", "it does not come back")
             else:
                 return
@@ -220,7 +227,7 @@ class Drill:
             stream.write(f"$ bench {' '.join(words)}\n".encode())
             stream.flush()
             command = [*self.bench.inside, sys.executable, "-m", "bench", *words]
-            return subprocess.Popen(command, stdout=stream, stderr=stream, stdin=subprocess.DEVNULL)
+            return subprocess.Popen(command, stdout=stream, stderr=stream, stdin=subprocess.DEVNULL, cwd=ROOT)
 
     # --- what is seen -------------------------------------------------------------------------------------------
 
@@ -232,21 +239,29 @@ class Drill:
         self._seen.append(Sample(t_s, drives, lives, guard, self._status.get("step"), off))
 
     def _views(self) -> None:
-        """Ask what a terminal and a page ask, until the end."""
-        feed, count = None, 0
+        """Ask what a terminal and a page ask, until the end; of a run that is over they read its recording."""
+        feed, count, over, recorded = None, 0, None, frozenset[str]()
         while not self._over.wait(ASK_S):
             count += 1
-            folder = self._folder()
+            folder, process = self._folder(), self._run
             status: dict[str, Any] = {}
             with suppress(BenchError):
                 status = {} if folder is None else ask_run(folder, "status")
             self._status = status
             if folder is None or count % FEED_EACH:
                 continue
-            feed = feed or FeedClient(folder)
+            asked_s = time.monotonic()
             with suppress(BenchError):
-                asked_s = time.monotonic()
-                self._off = asked_s, _shown_off(feed.poll(1 << 40).header["state"]["bench"])
+                if process.poll() is None:
+                    feed = feed or FeedClient(folder)
+                    self._off = asked_s, _shown_off(feed.poll(1 << 40).header["state"])
+                    continue
+                if over is not process:
+                    over, recorded = process, frozenset()
+                    recording = read_recording(folder)
+                    document = RecordedState(recording, scenery_of(recording)).at(recording.last_utc_s)
+                    recorded = _shown_off(document)
+                self._off = time.monotonic(), recorded
         if feed is not None:
             feed.close()
 
@@ -268,7 +283,7 @@ class Drill:
         if not (self._session() / "results.json").is_file():
             return NO_RESULTS
         command = [sys.executable, "-m", "bench", "replay", str(self._session())]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
         return "identical" if IDENTICAL in done.stdout else f"exit {done.returncode}: {done.stderr.strip()[-160:]}"
 
     def _events(self) -> list[tuple[str, float, dict[str, Any]]]:
@@ -301,7 +316,8 @@ def _middle(prompt: dict[str, Any]) -> float | str:
     return float(math.sqrt(low * high) if low and high else high / 2 if high else 2 * (low or 0.5))
 
 
-def _shown_off(bench: dict[str, Any]) -> frozenset[str]:
+def _shown_off(document: dict[str, Any]) -> frozenset[str]:
+    bench = document["bench"]
     off = {part["role"] for part in bench["parts"] if part["state"] == "off"}
     return frozenset(off | ({ALL} if bench["state"] == "off" else set()))
 
