@@ -12,7 +12,7 @@ from typing import Protocol, TypeVar
 
 from pyvisa.resources import MessageBasedResource
 
-from bench.model.clock import Clock, to_ns
+from bench.model.clock import NS, Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Transcript
 from instruments.values import CutOffError, OverloadReadingError, block_content
@@ -178,7 +178,9 @@ class BusSession(Wire):
 
     def _put(self, question: str, timeout_s: float) -> None:
         if self.lost:
-            message = f"{question!r} was not asked: nobody has been there for {self.silence_s():.1f} s"
+            self.tried(self._clock.now_ns())
+            age_s = (self._clock.now_ns() - self.heard_ns) / NS
+            message = f"{question!r} was not asked: nobody is there, the last answer came {age_s:.1f} s ago"
             raise InstrumentError(self.lost, message, where=self.where, next_step=_LOOK_AT_DEVICE)
         if not self.in_step:
             self.clear()

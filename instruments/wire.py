@@ -22,6 +22,7 @@ from instruments.aside import Aside, NotReturnedError
 
 LONGEST_CALL_S = 1.5
 OPEN_S = 1.0  # how long an opening is waited for at a time; one that takes longer is waited for again
+FORGET_S = 3.0  # whoever was not asked for so long may be back, and is given the whole ladder
 RETURN_S = 0.3  # a call comes back that long after its time limit at the latest, or it hangs
 MESSAGE_AVAILABLE = 1 << 4  # status byte, IEEE Std 488.2
 _SLICE_S = 0.5
@@ -71,6 +72,7 @@ class Wire:
         self.patient = False  # the address is opened again however long nobody has been there
         self.heard_ns = clock.now_ns()
         self.silent_since_ns: int | None = None
+        self._missed_ns = 0
         self._opening: Aside[Any] | None = None
         self.echo: tuple[str, str] | None = None
         self._owed_ns: list[int] = []  # when each echo was asked for that has not come
@@ -242,10 +244,15 @@ class Wire:
 
     def missed(self, error: BusError, code: str) -> None:
         """Note that a call failed (``code``); a bus that fails, or an instrument mute to all, is lost."""
-        if self.silent_since_ns is None:
-            self.silent_since_ns = error.began_ns
+        self.tried(error.began_ns)
         if not error.timed_out or self.alive is False:
             self.lost = code
+
+    def tried(self, began_ns: int) -> None:
+        """Note a try without an answer; one that comes long after the last begins a trouble of its own."""
+        if self.silent_since_ns is None or began_ns - self._missed_ns > to_ns(FORGET_S):
+            self.silent_since_ns = began_ns
+        self._missed_ns = self._clock.now_ns()
 
     def silence_s(self) -> float:
         """Return for how long nobody has answered, second; 0 if the last question was answered."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from bench.model.clock import WallClock
+from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import InstrumentError
 from instruments.aside import Aside, NotReturnedError
 from instruments.bus import BUS_FAILED, BusSession
@@ -33,13 +33,15 @@ class Resource:
     resource_name = "TCPIP0::192.0.2.1::hislip0::INSTR"
 
     def __init__(self) -> None:
-        self.hangs, self.free = False, threading.Event()
+        self.hangs, self.gone, self.free = False, False, threading.Event()
         self.timeout: float | None = None
 
     def write(self, command: str) -> None:
         """Take it."""
 
     def read(self) -> str:
+        if self.gone:
+            raise OSError("connection reset")
         if self.hangs:
             self.free.wait(30.0)
         return "1"
@@ -61,7 +63,7 @@ def test_a_library_that_hangs_is_a_bus_that_fails_and_opening_again_helps() -> N
     with pytest.raises(InstrumentError) as failed:
         session.query("READ?", int, 0.1)
     assert (failed.value.code, session.lost) == (BUS_FAILED, BUS_FAILED)
-    with pytest.raises(InstrumentError, match="nobody has been there"):  # nothing is put behind a call that hangs
+    with pytest.raises(InstrumentError, match="nobody is there"):  # nothing is put behind a call that hangs
         session.query("READ?", int, 0.1)
     session.climb = ladder.climb
     with session.persistent():
@@ -81,3 +83,28 @@ def test_whatever_a_library_raises_is_an_error_of_the_bus() -> None:
     with pytest.raises(InstrumentError) as failed:
         session.query("READ?", int, 0.1)
     assert failed.value.code == BUS_FAILED
+
+
+def test_one_that_was_not_asked_for_long_is_given_the_whole_ladder_again() -> None:
+    """After a loss of all of them each is asked by its next step, when the network is long back."""
+    clock, resources = VirtualClock(), [Resource(), Resource()]
+    session: Any = BusSession(resources[0], "dmm", clock, lambda *_: None)  # type: ignore[arg-type]
+    opened: list[Any] = []
+
+    def opener() -> Any:
+        clock.sleep(0.5)
+        if not resources[1:]:
+            opened.append(resources[0])
+            return resources[0]
+        raise OSError("no route to host")
+
+    session.climb = Ladder(session, lambda: None, lambda: None, opener, None).climb
+    resources[0].gone = True
+    for _ in range(2):  # the second time nobody tries to open anything: it has been silent for long enough
+        with pytest.raises(InstrumentError):
+            session.query("READ?", int, 0.1)
+    assert session.silence_s() >= 1.5
+    del resources[0]
+    clock.sleep(20.0)
+    assert session.query("READ?", int, 0.1) == 1
+    assert len(opened) == 1
