@@ -15,6 +15,7 @@ from pyvisa.resources import MessageBasedResource
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.errors import InstrumentError
 from bench.model.ports import Transcript
+from instruments.aside import SLICE_S
 from instruments.values import CutOffError, OverloadReadingError, block_content
 from instruments.wire import MESSAGE_AVAILABLE, BusError, Wire
 
@@ -49,14 +50,18 @@ def bus_lock(resource_name: str) -> threading.RLock:
 
 
 class Conversation:
-    """Holds the lock of the bus while one session talks; ``depth``: how many are under way, one inside the other."""
+    """Holds the lock of the bus while one session talks; ``depth``: how many are under way, one inside the other.
 
-    def __init__(self, lock: threading.RLock) -> None:
-        self._lock = lock
+    ``live`` is called each half second while somebody else talks on it.
+    """
+
+    def __init__(self, lock: threading.RLock, live: Callable[[], None]) -> None:
+        self._lock, self._live = lock, live
         self.depth = 0
 
     def __enter__(self) -> None:
-        self._lock.acquire()
+        while not self._lock.acquire(timeout=SLICE_S):
+            self._live()
         self.depth += 1
 
     def __exit__(self, *_: object) -> None:
@@ -86,7 +91,7 @@ class BusSession(Wire):
         self.where = f"{role} ({resource.resource_name})"
         self.lock = bus_lock(resource.resource_name)
         self.climb: Climb | None = None
-        self._conversation = Conversation(self.lock)
+        self._conversation = Conversation(self.lock, lambda: self.note("tx", "<bus busy>"))
 
     def write(self, command: str, timeout_s: float) -> None:
         """Send one command, once. Raises: InstrumentError B-INST-001 (time-out), B-INST-003 (bus)."""

@@ -69,7 +69,7 @@ class Ladder:
     def _climb(self, error: InstrumentError, ask: Callable[[], T]) -> T:
         rungs: list[Callable[[InstrumentError], bool]] = [self._drained] * (READ_ATTEMPTS - 1)
         # who comes again and again needs one opening each time: the pauses lie between
-        pauses_s = (0.0,) if self._bus.patient and self._bus.lost else PAUSES_S
+        pauses_s = (0.0,) if self._bus.patient else PAUSES_S
         rungs += [partial(self._reopened, pause_s) for pause_s in pauses_s]
         for rung in (*rungs, self._interface_cleared):
             if self._bus.silence_s() >= CLIMB_S and not self._bus.patient:

@@ -6,6 +6,7 @@ or (on a transport whose clear does not reach the instrument) it is asked who it
 
 from __future__ import annotations
 
+import threading
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -53,6 +54,14 @@ class BusError(Exception):
         self.unsupported = isinstance(error, NotImplementedError) or code in _UNSUPPORTED
 
 
+class _Mode(threading.local):
+    """How a thread uses a session: a watcher in a hurry must not hurry, nor be held up by, the steps beside it."""
+
+    cap_s = LONGEST_CALL_S
+    hurried = False  # no time for a recovery
+    patient = False  # the address is opened again however long nobody has been there
+
+
 class Wire:
     """A resource whose terminators are line feeds; every text goes to the transcript with the clock's time.
 
@@ -67,9 +76,7 @@ class Wire:
         self._role = role
         self._clock = clock
         self._transcript = transcript
-        self._cap_s = LONGEST_CALL_S
-        self.hurried = False  # no time for a recovery
-        self.patient = False  # the address is opened again however long nobody has been there
+        self._mode = _Mode()
         self.heard_ns = clock.now_ns()
         self.silent_since_ns: int | None = None
         self._missed_ns = 0
@@ -124,21 +131,33 @@ class Wire:
     @contextmanager
     def hurry(self, limit_s: float) -> Iterator[None]:
         """No call waits longer than ``limit_s`` (second); what fails is told at once and recovered later."""
-        before = self._cap_s, self.hurried
-        self._cap_s, self.hurried = limit_s, True
+        mode = self._mode
+        before = mode.cap_s, mode.hurried
+        mode.cap_s, mode.hurried = limit_s, True
         try:
             yield
         finally:
-            self._cap_s, self.hurried = before
+            mode.cap_s, mode.hurried = before
 
     @contextmanager
     def persistent(self) -> Iterator[None]:
         """Let the address be opened again however long nobody has been there, and what is lost hold nothing up."""
-        before, self.patient = self.patient, True
+        mode = self._mode
+        before, mode.patient = mode.patient, True
         try:
             yield
         finally:
-            self.patient = before
+            mode.patient = before
+
+    @property
+    def hurried(self) -> bool:
+        """Whether this thread has no time for a recovery."""
+        return self._mode.hurried
+
+    @property
+    def patient(self) -> bool:
+        """Whether this thread opens the address again however long nobody has been there."""
+        return self._mode.patient
 
     def note(self, direction: str, text: str) -> None:
         """One line of the transcript: "tx" what the bench does, "rx" what it sees; a sign of life besides."""
@@ -173,7 +192,7 @@ class Wire:
 
     def clear(self) -> None:
         """Get back into step: by device clear, or by asking who is there until that is answered."""
-        self.in_step = self._device_cleared() or self._echoed()
+        self.in_step = self._device_cleared() or (not self.hurried and self._echoed())
 
     def owe(self, question: str) -> None:
         """A question was not answered in time; the answer to the one who is there may be mistaken for an echo."""
@@ -211,7 +230,7 @@ class Wire:
 
         Raises: BusError, UnicodeDecodeError.
         """
-        resource, limit_s = self._resource, min(timeout_s, self._cap_s)
+        resource, limit_s = self._resource, min(timeout_s, self._mode.cap_s)
 
         def limited() -> T:
             if limit_s != self._timeout_s:
@@ -265,7 +284,9 @@ class Wire:
     def _device_cleared(self) -> bool:
         if not self._clears:
             return False
-        for _ in range(_CLEARS):  # the second one finds the acknowledgement that a late reply kept from the first
+        for _ in range(
+            1 if self.hurried else _CLEARS
+        ):  # the second one finds the acknowledgement that a late reply kept from the first
             self.note("tx", "<device clear>")
             try:
                 self.call(_ECHO_S, self._resource.clear)

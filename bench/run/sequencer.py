@@ -72,6 +72,7 @@ class Sequencer:
         """
         context = self._context
         context.health.begin(self._safe_order)
+        error: BenchError | None = None
         try:
             error = self._attempt(start, enter)
         except OperatorStop as stopped:  # a second signal on the way out of a step
@@ -81,12 +82,12 @@ class Sequencer:
             with context.in_use.take(CHAMBER):
                 alive = context.stop.is_alive
                 unsafe = make_safe(context.instruments, self._safe_order, context.clock, live=alive)
-                context.health.over(states_of(unsafe))
+                astray = error is not None and error.code in CHAMBER_ASTRAY
+                unsafe += heat_off(context.instruments.get(CHAMBER)) if astray else []
+                context.health.over(states_of(unsafe), heat_off=astray)
                 with suppress(Exception):  # it is made safe; this only shows it
                     look(context.instruments)
         if error is not None:
-            if error.code in CHAMBER_ASTRAY:
-                unsafe += heat_off(context.instruments.get(CHAMBER))
             context.note(Error(code=error.code, text=str(error), where=error.where, step=self._done))
         failed = [str(failure) for failure in unsafe]
         context.note(Safe(failures=failed, roles=[failure.where for failure in unsafe]))

@@ -127,7 +127,8 @@ class WaitingOperator:
 
     def _wait(self, context: RunContext, asked: _Open) -> Answer:
         while asked.answer is None:
-            context.stop.check_stop()
+            # what cannot be reached has to go off, whoever is asked; any other hold waits for the answer
+            (context.stop.check if context.away else context.stop.check_stop)()
             if context.clock.now_ns() - asked.since_ns > asked.question.limit_s * NS:
                 raise RunError(
                     "B-RUN-070", f"no answer for more than {asked.question.limit_s:g} s: {asked.question.text}",

@@ -79,6 +79,7 @@ def act(action: Action, brief: Brief, controller: Controller, opened: Opener, cl
     if action.left is None:
         diary.note("controller", pid=brief.pid, ended=controller.end(LEAVE_S))
     folder = Path(brief.diary).parent
+    take_over_request(folder)  # of an earlier guard
     lock = BenchLock(bus_keys(entry.resource for entry in brief.instruments), GUARD, clock)
     lock.name_session(folder.name, folder)
     turn = _Turn(lock, brief.pid, clock, diary)
@@ -86,7 +87,7 @@ def act(action: Action, brief: Brief, controller: Controller, opened: Opener, cl
     bench.begin()
     told_ns = clock.now_ns() + to_ns(FIRST_TOLD_S)
     request: Request | None = None
-    while bench.left and request is None and (folder.exists() or not brief.simulated):
+    while bench.left and request is None and not (brief.simulated and _is_gone(folder)):
         clock.sleep(LOOK_S)
         turn.take()
         request = take_over_request(folder)
@@ -99,9 +100,17 @@ def act(action: Action, brief: Brief, controller: Controller, opened: Opener, cl
     diary.note("unsafe" if left else "safe", instruments=left)
     if request is not None:
         diary.note("taken over", by=request.by)
+    take_over_request(folder)  # one that came too late concerns no later guard of this session
     lock.release()
     _tell(brief, action, left, clock, diary, "" if request is None else request.by)
     return not left
+
+
+def _is_gone(folder: Path) -> bool:
+    try:
+        return not folder.exists()
+    except OSError:
+        return False
 
 
 class _Turn:
@@ -139,10 +148,10 @@ class _Bench:
         if action.heat_off:
             self._addresses.sort(key=lambda address: heats(driver_class(address.driver)), reverse=True)
         self._clock, self._diary, self._turn = clock, diary, turn
-        remotes = {a.role: _Remote(a, action.heat_off, opened) for a in self._addresses}
-        self._ways = {role: WayToSafe({role: remote}, (role,), clock) for role, remote in remotes.items()}
         self._threads: list[threading.Thread] = []
         self._over = threading.Event()
+        self._remotes = {a.role: _Remote(a, action.heat_off, opened, self._over) for a in self._addresses}
+        self._ways = {role: WayToSafe({role: remote}, (role,), clock) for role, remote in self._remotes.items()}
 
     @property
     def left(self) -> dict[str, SafeState]:
@@ -164,6 +173,8 @@ class _Bench:
         self._over.set()
         for thread in self._threads:
             thread.join(LOOK_S)
+        for remote in self._remotes.values():
+            remote.close()  # not every instrument bears two connections
 
     def _tried_until_safe(self, role: str, tried: threading.Event) -> None:
         way, said = self._ways[role], ""
@@ -189,8 +200,8 @@ class _Bench:
 class _Remote:
     """One instrument as something that can be made safe: opened, told, confirmed, and closed again if that fails."""
 
-    def __init__(self, address: Address, heat_off: bool, opened: Opener) -> None:
-        self._address, self._heat_off, self._opened = address, heat_off, opened
+    def __init__(self, address: Address, heat_off: bool, opened: Opener, over: threading.Event) -> None:
+        self._address, self._heat_off, self._opened, self._over = address, heat_off, opened, over
         self._open: Instrument | None = None
         self._limit_s: float | None = None
 
@@ -208,15 +219,21 @@ class _Remote:
         try:
             if self._open is None:
                 self._open = self._opened(self._address)
+            if self._over.is_set():  # it took long: the bench is somebody else's by now
+                raise ConnectionAbortedError("the bench was let go")
             with hurried(self._open, self._limit_s):
                 _clear(self._open, self._address.resource)
                 put_safe(self._open, self._heat_off)
         except Exception:
-            if self._open is not None:
-                with suppress(Exception):
-                    self._open.close()
-            self._open = None
+            self.close()
             raise
+
+    def close(self) -> None:
+        """Release the instrument."""
+        instrument, self._open = self._open, None
+        if instrument is not None:
+            with suppress(Exception):
+                instrument.close()
 
 
 def put_safe(instrument: Instrument, heat_off: bool) -> None:

@@ -79,6 +79,7 @@ class Watched:
     values: Mapping[str, float] = field(default_factory=dict)
     at: tuple[str, float] = ("", 0.0)  # what the sequencer was at by its last heartbeat, and for how many seconds
     gone: bool = False  # the pipe is closed and nobody said goodbye
+    heat_off: bool = False  # of a controller that leaves: a source of heat is to be stopped
     goodbye: Mapping[str, str] | None = None  # what the controller that leaves could not confirm safe, and its state
 
 
@@ -103,7 +104,8 @@ def decide(state: Watched, now_ns: int) -> Action | None:
     """
     if state.goodbye is not None:
         told = ", ".join(f"{role} {known}" for role, known in state.goodbye.items())
-        return Action("left", f"the controller left with {told}", left=tuple(state.goodbye)) if told else None
+        text = f"the controller left with {told}"
+        return Action("left", text, state.heat_off, tuple(state.goodbye)) if told else None
     for name, limit in sorted(state.limits.items()):
         value = state.values.get(name)
         if value is not None and value >= limit:

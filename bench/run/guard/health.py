@@ -24,7 +24,7 @@ class Health:
         self._values: dict[str, tuple[float, int]] = {}
         self._sequencer = threading.get_ident()
         self._asking = False
-        self._over = False
+        self.is_over = self.heat_off = False
         self._unconfirmed: dict[str, str] = {}
         self._at = "", clock.now_ns()
 
@@ -56,9 +56,13 @@ class Health:
         """From now on these may be on: whoever leaves without ``over`` leaves all of them behind."""
         self._unconfirmed = dict.fromkeys(roles, "unreachable")
 
-    def over(self, unconfirmed: Mapping[str, str]) -> None:
-        """The bench was made safe, but for these: the rest of the run is paper work, and nothing of it has to hurry."""
-        self._over, self._unconfirmed = True, dict(unconfirmed)
+    def over(self, unconfirmed: Mapping[str, str], *, heat_off: bool = False) -> None:
+        """The bench was made safe, but for these: the rest of the run is paper work, and nothing of it has to hurry.
+
+        ``heat_off``: a source of heat among them is to be stopped, not held.
+        """
+        self._unconfirmed, self.heat_off = dict(unconfirmed), heat_off
+        self.is_over = True
 
     @property
     def unconfirmed(self) -> dict[str, str]:
@@ -67,7 +71,7 @@ class Health:
 
     def silence_s(self) -> Mapping[str, float]:
         """Return seconds since the last sign of life, by part; a part that gave none is left out, at the end all."""
-        if self._over:
+        if self.is_over:
             return {}
         now_ns = self._clock.now_ns()
         silence = {part: (now_ns - stamp_ns) / NS for part, stamp_ns in list(self._stamps_ns.items())}

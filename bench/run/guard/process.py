@@ -127,6 +127,7 @@ def _hear(state: Watched, line: bytes, now_ns: int) -> float | None:
     with suppress(ValueError):
         message = json.loads(line)
         state.goodbye = message.get("goodbye", state.goodbye)
+        state.heat_off = message.get("heat_off", False)
         state.values, state.at = message.get("values", {}), message.get("at", state.at)
         age_s = message.get("air_age_s")
         state.heard_ns = now_ns

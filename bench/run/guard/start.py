@@ -52,12 +52,12 @@ class GuardProcess:
         self._clock = clock
         self._tell = tell
         self._lock = threading.Lock()
-        self._withheld = ""
+        self._withheld, self._said_goodbye = "", False
         self._lost = False
         self._unanswered_ns: int | None = None
         self._begun_ns = clock.now_ns()
 
-    def __enter__(self) -> GuardProcess:
+    def _start(self) -> None:
         command = own_process(GUARD)
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(
@@ -72,6 +72,9 @@ class GuardProcess:
             raise self._not_started()
         os.set_blocking(self._to, False)
         os.set_blocking(self._from, False)
+
+    def __enter__(self) -> GuardProcess:
+        self._start()
         self._tell(Guard(state="ready", pid=self._process.pid))
         self._periodic = self._clock.every(BEAT_S, guarded(self.beat, self._stop))
         self.beat()
@@ -80,16 +83,33 @@ class GuardProcess:
     def __exit__(self, *_: object) -> None:
         self._periodic.cancel()
         with self._lock:
-            left = {role: state for role, state in self._health.unconfirmed.items() if role in self._roles}
-            self._send({"goodbye": left})
+            left = self._say_goodbye()
+            if left and self._process.poll() is not None:  # the one that died is replaced: somebody has to go on
+                self._close_pipes()
+                with suppress(RunError):
+                    self._start()
+                    self._said_goodbye = False
+                    self._say_goodbye()
         self._close_pipes()
         if left:
             _AT_WORK.append(self._process)
         else:
             self._end()
 
+    def _say_goodbye(self) -> dict[str, str]:
+        """Say once what this controller leaves behind; returns it."""
+        left = {role: state for role, state in self._health.unconfirmed.items() if role in self._roles}
+        if not self._said_goodbye:
+            self._said_goodbye = True
+            self._send({"goodbye": left, "heat_off": self._health.heat_off})
+        return left
+
     def beat(self) -> None:
-        """Tell the guard that all is well, if it is."""
+        """Tell the guard that all is well, if it is; what is left at the end is the guard's at once."""
+        if self._health.is_over and self._health.unconfirmed:
+            with self._lock:
+                self._say_goodbye()
+            return
         silence_s = self._health.silence_s()
         silent = [part for part, limit_s in LONGEST_SILENCE_S.items() if silence_s.get(part, 0.0) >= limit_s]
         with self._lock:

@@ -39,7 +39,9 @@ def leave_unit_out(context: RunContext, unit: PlannedUnit, error: BenchError, st
     """
     stimulus = {role for role, instrument in context.instruments.items() if drives(type(instrument))}
     off = [role for role in context.plan.station.safe_order if role in stimulus or role in unit.roles.values()]
-    failures = make_safe({role: context.instruments[role] for role in off}, off, context.clock)
+    failures = make_safe(
+        {role: context.instruments[role] for role in off}, off, context.clock, live=context.stop.is_alive
+    )
     if failures:
         raise RunError(
             "B-RUN-053",

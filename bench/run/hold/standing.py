@@ -14,13 +14,11 @@ the calibrator or of the switch ends the run.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError, RunError
 from bench.model.events import Hold, HoldAlarm, Release, StimulusAlarm, by_instrument
 from bench.model.ports import Effect, actions_of
-from bench.run.bench.safety import WayToSafe
+from bench.run.bench.safety import QUICK_S, WayToSafe, hurried
 from bench.run.context import RunContext
 from bench.run.hold.arming import arm
 from bench.run.steps.setpoints import drives, goes_off
@@ -79,7 +77,7 @@ def stand_still(context: RunContext, wish: Wish, step: int, first: int) -> int:
     way = WayToSafe(off, order, context.clock, context.in_use.take)
     way.attempt(quick=off)
     _tell_driven(context, way, step)
-    _open_the_rest(context, way, order)
+    _open_the_rest(context, way)
     armed = False
     while not armed:
         _until_nothing_holds(context, way, step, began_ns)
@@ -90,24 +88,34 @@ def stand_still(context: RunContext, wish: Wish, step: int, first: int) -> int:
     return held_ns
 
 
-def _open_the_rest(context: RunContext, way: WayToSafe, order: Sequence[str]) -> None:
+def _open_the_rest(context: RunContext, way: WayToSafe) -> None:
     """Switch the supplies off where neither source nor relays are confirmed: they are what is left of the path.
 
     Raises: RunError B-RUN-054 if one could be, because a unit without supply is no longer the unit of the plan.
     """
+    order = context.plan.station.safe_order
     path = {role for role, instrument in context.instruments.items() if drives(type(instrument))} & set(order)
     if not path or not path <= way.failures.keys():
         return
-    rest = {role: context.instruments[role] for role in order if role not in path and _supplies(context, role)}
-    others = WayToSafe(rest, order, context.clock, context.in_use.take)
-    others.attempt(quick=rest)
-    if opened := [role for role in rest if role not in others.left]:
+    opened = [role for role in order if role not in path and _supplies(context, role) and _switched_off(context, role)]
+    if opened:
         raise RunError(
             "B-RUN-054",
             f"neither source nor relays can be confirmed off; switched off instead: {', '.join(opened)}",
             where=", ".join(sorted(path)),
             next_step="find out why they do not answer, then 'bench resume SESSION'",
         )
+
+
+def _switched_off(context: RunContext, role: str) -> bool:
+    """Switch a supply off, whatever its declared safe state, and return whether it confirms that."""
+    instrument = context.instruments[role]
+    try:
+        with context.in_use.take(role), hurried(instrument, QUICK_S):
+            getattr(instrument, "output_off", instrument.make_safe)()
+    except Exception:  # whatever it is: it is told again with the others
+        return False
+    return True
 
 
 def _supplies(context: RunContext, role: str) -> bool:
@@ -125,6 +133,7 @@ def _until_nothing_holds(context: RunContext, way: WayToSafe, step: int, began_n
         held_s = (context.clock.now_ns() - began_ns) / NS
         if way.left and held_s >= tried_s + AGAIN_S:
             way.attempt()
+            _open_the_rest(context, way)
             tried_s = (context.clock.now_ns() - began_ns) / NS
             if tried_s >= told_s + TOLD_S:
                 told_s = tried_s

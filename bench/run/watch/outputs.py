@@ -12,6 +12,7 @@ answers and takes the point again. Only on the wall clock: a bench inside this p
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from typing import Any
@@ -67,11 +68,11 @@ class OutputsWatch:
 class Contact(Observer):
     """Knows by the traffic what is on, and asks it whether it is still there."""
 
-    order = Order.SAFETY
-    vital = True
+    order = Order.SAFETY  # not vital: nothing here may keep a command from its instrument
+    loss = "nobody watches any more whether what is on can be reached"
 
     def __init__(self, context: RunContext) -> None:
-        self._context = context
+        self._context, self._lock = context, threading.Lock()
         off = {role: instrument for role, instrument in context.instruments.items() if goes_off(type(instrument))}
         self._asked = {role: instrument for role, instrument in off.items() if hasattr(instrument, "silence_s")}
         entries = context.plan.station.instruments
@@ -80,14 +81,16 @@ class Contact(Observer):
         )
 
     def traffic(self, role: str, direction: str, text: str, t_mono_ns: int) -> None:
-        self._outputs.on_traffic(role, direction, text, t_mono_ns / NS)
+        with self._lock:
+            self._outputs.on_traffic(role, direction, text, t_mono_ns / NS)
 
     def take(self) -> None:
         """Ask what is on and has not answered for a second; hold the run for what does not answer."""
         context, stop = self._context, self._context.stop
         if stop.over or not stop.interruptible or stop.holds.reasons:
             return
-        parts = self._outputs.document(context.clock.now_ns() / NS)["parts"]
+        with self._lock:
+            parts = self._outputs.document(context.clock.now_ns() / NS)["parts"]
         for role in (part["role"] for part in parts if part["state"] == "on"):
             instrument: Any = self._asked[role]
             if instrument.heard_s() >= CONTACT_S and role not in context.in_use:

@@ -108,3 +108,27 @@ def test_one_that_was_not_asked_for_long_is_given_the_whole_ladder_again() -> No
     clock.sleep(20.0)
     assert session.query("READ?", int, 0.1) == 1
     assert len(opened) == 1
+
+
+def test_a_watcher_in_a_hurry_hurries_nobody_else() -> None:
+    """Two threads on one session, whose hurries overlap: each has its own, and afterwards none is left."""
+    session = BusSession(Resource(), "dmm", WallClock(), lambda *_: None)  # type: ignore[arg-type]
+    inside, leave = threading.Event(), threading.Event()
+
+    def watch() -> None:
+        with session.hurry(0.45):
+            inside.set()
+            leave.wait(5.0)
+
+    watcher = threading.Thread(target=watch)
+    watcher.start()
+    inside.wait(5.0)
+    assert not session.hurried
+    with session.hurry(0.3):
+        leave.set()
+        watcher.join()
+        assert session.hurried
+    assert not session.hurried
+    with session.persistent():
+        assert session.patient
+    assert not session.patient
