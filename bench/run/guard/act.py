@@ -34,6 +34,7 @@ TURN_S = 1.0  # how long the ones behind it wait for an instrument in its first 
 PAUSE_S = 2.0  # between two attempts: one that can be reached again drives for no longer than 5 s
 LOOK_S = 0.1
 FIRST_TOLD_S = 15.0  # a device that restarts may need a minute, and somebody may be beside it
+NOTE_S, LONG_S = 5.0, 120.0  # between two lines of the diary about one that fails alike, at first and later
 TOLD_S = 600.0  # again and again, as long as something is not confirmed
 _NOTIFY_S = 120.0
 _TAIL = 300
@@ -177,7 +178,7 @@ class _Bench:
             remote.close()  # not every instrument bears two connections
 
     def _tried_until_safe(self, role: str, tried: threading.Event) -> None:
-        way, said = self._ways[role], ""
+        way, said, noted_ns = self._ways[role], "", 0
         began_ns = self._clock.now_ns()
         quick: Sequence[str] = (role,)
         while way.left and not self._over.is_set():
@@ -185,9 +186,11 @@ class _Bench:
                 way.attempt(quick=quick)
                 error = way.failures.get(role)
                 text = "answered, and is asked once more" if error is None else " ".join(str(error).split())
-                if way.left and text != said:
+                now_ns = self._clock.now_ns()
+                again_s = NOTE_S if now_ns - began_ns < to_ns(LONG_S) else LONG_S
+                if way.left and (text != said or now_ns >= noted_ns + to_ns(again_s)):
+                    noted_ns, said = now_ns, text
                     self._diary.note("instrument", role=role, safe=False, state=way.left[role], text=text)
-                said = text
             tried.set()
             quick = ()
             if way.left:

@@ -142,7 +142,8 @@ def _path(span: Span, samples: Sequence[Sample], recording: Recording, verdict: 
     """One instrument of the stimulus is lost: what else breaks the path has broken it in time."""
     if span.loss.target not in ROUTE or not any(sample.current for sample in samples[:2]):
         return
-    on_s = max(sample.t_s for sample in samples if sample.current and sample.t_s < span.end_s) - span.begin_s
+    driven_s = [sample.t_s for sample in samples if sample.current and sample.t_s < span.end_s]
+    on_s = max(driven_s, default=span.begin_s) - span.begin_s
     if on_s > IN_TIME_S:
         verdict.violations.append(f"current for {on_s:.1f} s of the loss")
     if (
@@ -243,7 +244,8 @@ def _views(samples: Sequence[Sample], verdict: Verdict) -> None:
         if not sample.off or sample.t_s - samples[0].t_s < VIEW_S or any(one.drives is None for one in past):
             continue
         steady = frozenset[str].intersection(*(one.drives or frozenset() for one in past))
-        wrong = steady & sample.off or (steady if ALL in sample.off else frozenset())
+        # a closed route holds no energy of its own: outputs are off where nothing feeds it
+        wrong = steady & sample.off or (steady - {"switch"} if ALL in sample.off else frozenset())
         if wrong:
             verdict.violations.append(f"a view shows {'+'.join(sorted(wrong))} as off while it is on")
             return
