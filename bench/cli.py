@@ -101,14 +101,14 @@ def check(
     out: Annotated[Path, typer.Option("--out", help="folder for sessions, whose disk --live tries")] = Path("sessions"),
     json: AsJson = False,
     uncommissioned: Uncommissioned = "",
-) -> None:
+) -> int:
     """Load, compile and check everything without touching an instrument; with --live the pre-flight of a run."""
     gc.disable()  # nothing of a check goes round in circles, and to look for that takes a tenth of its time
     try:
         from bench.commands import check as command
 
         request = command.Request(sequence, station, settings or [], plot, json, live, out, uncommissioned, predict)
-        raise typer.Exit(command.check(request))
+        return command.check(request)
     finally:
         gc.enable()
 
@@ -134,7 +134,7 @@ def run(
     json: AsJson = False,
     ask: Annotated[bool, typer.Option("--ask", help="put the prompts to a person on a simulated station too")] = False,
     uncommissioned: Uncommissioned = "",
-) -> None:
+) -> int:
     """Run a campaign; ends with the result table, results.json and report.html in the session's folder."""
     find_shipped("sequences", sequence)  # before all that runs and fits is loaded
     from bench.commands import run as run_command
@@ -142,7 +142,7 @@ def run(
     request = run_command.Request(
         sequence, station, settings or [], clock, seed, out, truth, json, history, ask, uncommissioned
     )
-    raise typer.Exit(run_command.run(request))
+    return run_command.run(request)
 
 
 @app.command(epilog="Example: bench resume sessions/20000101T000000Z_scale_factor_38h_SIM-1")
@@ -157,11 +157,11 @@ def resume(
     ] = None,
     take_over: TakeOver = False,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Go on with a run that crashed, lost its power, was stopped or ended by a fault; from the session's own plan."""
     from bench.commands import resume as resume_command
 
-    raise typer.Exit(resume_command.resume(session, sequence, history, json, take_over=take_over))
+    return resume_command.resume(session, sequence, history, json, take_over=take_over)
 
 
 app.command(epilog='Example: bench talk calibrator "OUT?"')(talk)
@@ -192,17 +192,17 @@ def decode(
         bool, typer.Option("--explain", help="instead: what the capture itself says of its frames")
     ] = False,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Decode any raw capture with a frame definition; counts of good, bad and lost frames; status 1 if none is good."""
     if explained:
         if csv or parquet or json:
             raise typer.BadParameter("goes with none of --csv, --parquet and --json", param_hint="--explain")
         from bench.commands.frame import explain as explain_command
 
-        raise typer.Exit(explain_command.explain(frame, file))
+        return explain_command.explain(frame, file)
     from bench.commands.frame import decode as decode_command
 
-    raise typer.Exit(decode_command.decode(frame, file, csv, parquet, json))
+    return decode_command.decode(frame, file, csv, parquet, json)
 
 
 @app.command(epilog="Example: bench coefficients sessions/SCALE_FACTOR sessions/BIAS --out compensation")
@@ -215,7 +215,7 @@ def coefficients(
     ] = None,
     by: Annotated[str, typer.Option("--by", metavar="NAME", help="who accepts")] = "",
     reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="why it is accepted")] = "",
-) -> None:
+) -> int:
     """Merge the compensation of a scale-factor and a bias session of one unit; a bias only from the bias campaign."""
     from bench.commands import accept as accept_command
     from bench.commands import session as session_command
@@ -223,7 +223,7 @@ def coefficients(
     accepted = accept_command.Acceptance.asked(accept, by, reason)
     if accepted is not None:
         accept_command.accept_in(sessions, accepted)
-    raise typer.Exit(session_command.coefficients(sessions, out))
+    return session_command.coefficients(sessions, out)
 
 
 app.command(epilog="Example: bench export sessions/20000101T000000Z_scale_factor_38h_SIM-1 --to parquet")(export)
@@ -237,17 +237,17 @@ def import_(
     file: Annotated[Path | None, typer.Argument(help="a log: text, NumPy, MATLAB, HDF5, MCAP, a ROS bag")] = None,
     out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
     guess: Annotated[bool, typer.Option("--guess", help="propose a mapping for a log, on standard output")] = False,
-) -> None:
+) -> int:
     """Turn a log of another system into a session; results and report if the mapping names an analysis."""
     if guess:
         from bench.commands.importing import guess as guess_mapping
 
-        raise typer.Exit(guess_mapping(file or mapping))
+        return guess_mapping(file or mapping)
     if file is None:
         raise typer.BadParameter("name the mapping and the log, or the log with --guess", param_hint="FILE")
     from bench.commands import import_log as import_command
 
-    raise typer.Exit(import_command.import_log(mapping, file, out))
+    return import_command.import_log(mapping, file, out)
 
 
 @app.command(epilog="Example: bench recover sessions/20000101T000000Z_scale_factor_38h_SIM-1 --make-up rest.yaml")
@@ -257,11 +257,11 @@ def recover(
         Path | None, typer.Option("--make-up", help="write the shortest sequence that makes up for what is missing")
     ] = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """List what a session holds: damage, and which records are valid, missing or invalid."""
     from bench.commands import recover as recover_command
 
-    raise typer.Exit(recover_command.recover(session, make_up, json))
+    return recover_command.recover(session, make_up, json)
 
 
 @app.command(
@@ -280,11 +280,11 @@ def sim(
         list[str] | None, typer.Option("--set", metavar="world.OPTION=VALUE", help="change an option of the world")
     ] = None,
     clean: Annotated[bool, typer.Option("--clean", help="instruments as after power-on, not as last left")] = False,
-) -> None:
+) -> int:
     """Serve a simulated bench in real time until Ctrl-C; with fault: list faults, switch one, clear, state."""
     from bench.commands import sim as sim_command
 
-    raise typer.Exit(sim_command.sim(words, folder, rate, seed, settings or [], clean=clean))
+    return sim_command.sim(words, folder, rate, seed, settings or [], clean=clean)
 
 
 app.command(epilog='Example: bench pause sessions/20260101T180000Z_scale_factor_38h_17 --reason "door opened"')(pause)
@@ -312,23 +312,23 @@ def serve(
         str | None, typer.Option("--mqtt", metavar="URL", help="tell a broker of every run: mqtts://USER@HOST/PREFIX")
     ] = None,
     fleet: Annotated[Path | None, typer.Option("--fleet", metavar="FILE", help="YAML: show many benches")] = None,
-) -> None:
+) -> int:
     """Serve the live page: runs, sessions and calibrations of a folder; a process of its own that no run waits for."""
     from bench.commands import serve as serve_command
 
     request = serve_command.Request(out, host, port, cert, key, behind_proxy, rotate, history, mqtt, fleet)
-    raise typer.Exit(serve_command.serve(request))
+    return serve_command.serve(request)
 
 
 @app.command(epilog="Example: bench schema --vscode")
 def schema(
     folder: Annotated[Path, typer.Option("--out", help="folder for the schema files")] = Path(".bench-schemas"),
     vscode: Annotated[bool, typer.Option("--vscode", help="register them in .vscode/settings.json")] = False,
-) -> None:
+) -> int:
     """Write JSON Schemas of sequence, frame, station and results files for editors."""
     from bench.commands import schema as schema_command
 
-    raise typer.Exit(schema_command.schema(folder, vscode))
+    return schema_command.schema(folder, vscode)
 
 
 @app.command(epilog="Example: bench doctor --station my_bench --bundle bundle.zip")
@@ -339,11 +339,11 @@ def doctor(
         Path | None, typer.Option("--bundle", help="write what was found, versions and the station file as a ZIP")
     ] = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Is this machine fit for a run? Clock, suspend, power, memory, versions; and the station file, if one is named."""
     from bench.commands import doctor as doctor_command
 
-    raise typer.Exit(doctor_command.doctor(station, out, bundle, json))
+    return doctor_command.doctor(station, out, bundle, json)
 
 
 @app.command()

@@ -10,19 +10,29 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
-from sim_instruments.bus.kept import Kept, number, switch, word
-from sim_instruments.bus.scpi import OUT_OF_RANGE, SETTINGS_CONFLICT, Answers, ScpiDevice, ScpiError, command, words
+from sim_instruments.bus.kept import Held, Kept, held_switch, held_word, number, switch, word
+from sim_instruments.bus.scpi import (
+    OUT_OF_RANGE,
+    SETTINGS_CONFLICT,
+    Answers,
+    Handler,
+    ScpiDevice,
+    ScpiError,
+    command,
+    words,
+)
 
 FREQUENCY_ERROR_PPM = 3.0
 UNIT_THRESHOLD_VPP = 0.5  # smaller signals are not counted by the unit
 INFINITE_OHM = 9.9e37
 BURST_HZ, SWEEP_HZ, FSK_HZ = 100.0, 550.0, 100.0  # after *RST: trigger period, mean of 100 Hz to 1 kHz, hop
 _MODULATED = 0.99  # cycles of a modulated square that the unit's threshold counts
-_MODES = ("BURS", "SWE", "AM", "FM", "FSK")
+_MODES = {"BURS": "BURSt", "SWE": "SWEep", "AM": "AM", "FM": "FM", "FSK": "FSKey"}
 _CREST = {"SIN": 2.0 * math.sqrt(2.0), "SQU": 2.0, "PULS": 2.0, "RAMP": 2.0 * math.sqrt(3.0)}  # peak to peak over RMS
 _HIGHEST_HZ = {"USER": 25e6, "SIN": 80e6, "SQU": 80e6, "RAMP": 1e6, "PULS": 50e6, "NOIS": 80e6, "DC": 80e6}
 
@@ -40,14 +50,11 @@ class Agilent33250A(ScpiDevice):
         "[:SOURce]:VOLTage:LOW?": lambda self: f"{self.offset_V - self.amplitude_V / 2.0:+.13E}",
         "[:SOURce]:VOLTage:UNIT?": lambda self: self.amplitude_unit,
         "[:SOURce]:FUNCtion:SQUare:DCYCle?": lambda self: f"{self.duty_percent:+.13E}",
-        "[:SOURce]:BURSt:STATe?": lambda self: str(int(self.mode == "BURS")),
-        "[:SOURce]:SWEep:STATe?": lambda self: str(int(self.mode == "SWE")),
-        "[:SOURce]:AM:STATe?": lambda self: str(int(self.mode == "AM")),
-        "[:SOURce]:FM:STATe?": lambda self: str(int(self.mode == "FM")),
-        "[:SOURce]:FSKey:STATe?": lambda self: str(int(self.mode == "FSK")),
-        ":OUTPut:POLarity?": lambda self: self.polarity,
         ":OUTPut:LOAD?": lambda self: f"{self.load_ohm:+.13E}",
-        ":OUTPut[:STATe]?": lambda self: "1" if self.on else "0",
+    }
+    held: ClassVar[Mapping[str, Held]] = {
+        ":OUTPut:POLarity": held_word("polarity", "NORMal", "INVerted"),
+        ":OUTPut[:STATe]": held_switch("on", applied=True),
     }
 
     kept: ClassVar[Mapping[str, Kept]] = {
@@ -196,6 +203,14 @@ class Agilent33250A(ScpiDevice):
         off_50 = 30.0 if self.frequency_Hz <= 25e6 else 10.0 if self.frequency_Hz <= 50e6 else 0.0
         self.duty_percent = self.number(text, 50.0 - off_50, 50.0 + off_50)
 
+    def further(self) -> Mapping[str, Handler]:
+        switches = {f"[:SOURce]:{node}:STATe": partial(self._switch_mode, mode) for mode, node in _MODES.items()}
+        asked = {f"[:SOURce]:{node}:STATe?": partial(self._is_mode, mode) for mode, node in _MODES.items()}
+        return switches | asked
+
+    def _is_mode(self, mode: str, _: str) -> str:
+        return str(int(self.mode == mode))
+
     def _switch_mode(self, mode: str, text: str) -> None:
         """One of burst, sweep and modulation at a time: each that is switched on ends the one before."""
         if self.boolean(text):
@@ -203,30 +218,6 @@ class Agilent33250A(ScpiDevice):
         elif self.mode == mode:
             self.mode = ""
         self._apply()
-
-    @command("[:SOURce]:BURSt:STATe")
-    def _set_burst(self, text: str) -> None:
-        self._switch_mode("BURS", text)
-
-    @command("[:SOURce]:SWEep:STATe")
-    def _set_sweep(self, text: str) -> None:
-        self._switch_mode("SWE", text)
-
-    @command("[:SOURce]:AM:STATe")
-    def _set_am(self, text: str) -> None:
-        self._switch_mode("AM", text)
-
-    @command("[:SOURce]:FM:STATe")
-    def _set_fm(self, text: str) -> None:
-        self._switch_mode("FM", text)
-
-    @command("[:SOURce]:FSKey:STATe")
-    def _set_fsk(self, text: str) -> None:
-        self._switch_mode("FSK", text)
-
-    @command(":OUTPut:POLarity")
-    def _set_polarity(self, text: str) -> None:
-        self.polarity = self.word(text, "NORMal", "INVerted")
 
     @command("[:SOURce]:VOLTage:UNIT")
     def _set_unit(self, text: str) -> None:
@@ -243,7 +234,8 @@ class Agilent33250A(ScpiDevice):
         self._set_function("SQU")
         for setter, value in zip((self._set_frequency, self._set_amplitude, self._set_offset), values, strict=False):
             setter(value)
-        self._set_output("ON")
+        self.on = True
+        self._apply()
 
     @command(":OUTPut:LOAD")
     def _set_load(self, text: str) -> None:
@@ -254,11 +246,6 @@ class Agilent33250A(ScpiDevice):
         if load_ohm == INFINITE_OHM and self.amplitude_unit == "DBM":
             self.amplitude_unit = "VPP"
         self.amplitude_V = open_V * (1.0 if load_ohm == INFINITE_OHM else load_ohm / (load_ohm + 50.0))
-        self._apply()
-
-    @command(":OUTPut[:STATe]")
-    def _set_output(self, text: str) -> None:
-        self.on = self.boolean(text)
         self._apply()
 
 

@@ -9,17 +9,16 @@ NPLCycles, ZERO:AUTO, overload reading 9.9E37; 512 readings are kept by INITiate
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
 
 from sim_instruments.agilent_e3631a import AgilentE3631A
-from sim_instruments.bus.kept import INFINITE, Kept, number, switch
+from sim_instruments.bus.kept import INFINITE, Held, Kept, held_count, held_word, number, switch
 from sim_instruments.bus.ohms import RESOLUTION, Ohmmeter, OhmsSetting
-from sim_instruments.bus.scpi import Answers, ScpiDevice, ScpiError, command, header_expression, words
+from sim_instruments.bus.scpi import Answers, Handler, ScpiDevice, ScpiError, command, words
 
 RANGES_V = (0.1, 1.0, 10.0, 100.0, 1000.0)
 OVERLOAD = 9.9e37
@@ -76,11 +75,14 @@ class Agilent34401A(ScpiDevice):
             )
         },
         "[:SENSe]:RESistance:NPLCycles?": lambda self: f"{self.ohms_cycles:+.8E}",
-        ":TRIGger:SOURce?": lambda self: self.source,
         ":TRIGger:COUNt?": lambda self: f"{self.triggers or INFINITE:+.8E}",
-        ":SAMPle:COUNt?": lambda self: str(self.samples),
         ":DATA:POINts?": lambda self: str(len(self._stored)),
         ":ROUTe:TERMinals?": lambda self: "FRON",
+    }
+
+    held: ClassVar[Mapping[str, Held]] = {
+        ":TRIGger:SOURce": held_word("source", "IMMediate", "BUS", "EXTernal"),
+        ":SAMPle:COUNt": held_count("samples", 1, 50000, ""),
     }
 
     kept: ClassVar[Mapping[str, Kept]] = {
@@ -128,12 +130,17 @@ class Agilent34401A(ScpiDevice):
         self.triggers, self.other = int(draw.integers(1, 4)), str(draw.choice(["", *OTHERS]))
         super().left_by_another(draw)
 
-    def _declared(self) -> list[tuple[re.Pattern[str], Callable[[str], str | None]]]:
-        others = {
-            **{f":CONFigure:{header}": partial(self._configure_other, name) for name, header in _HEADERS.items()},
-            **{f":MEASure:{header}?": partial(self._measure_other, name) for name, header in _HEADERS.items()},
+    def further(self) -> Mapping[str, Handler]:
+        configure: dict[str, Handler] = {
+            "VOLTage[:DC]": self._configure,
+            "FRESistance": partial(self._configure_ohms, 4),
+            "RESistance": partial(self._configure_ohms, 2),
+            **{header: partial(self._configure_other, name) for name, header in _HEADERS.items()},
         }
-        return [*super()._declared(), *((header_expression(pattern), method) for pattern, method in others.items())]
+        return {
+            **{f":CONFigure:{header}": method for header, method in configure.items()},
+            **{f":MEASure:{header}?": partial(self._measure_as, method) for header, method in configure.items()},
+        }
 
     @property
     def ohms_range_ohm(self) -> float:
@@ -169,20 +176,14 @@ class Agilent34401A(ScpiDevice):
             return f"{OVERLOAD if true_V > 0 else -OVERLOAD:+.8E}"
         return self.reading(f"{true_V * self._gain + self._offset_V + self._noise.normal(0.0, 2e-6):+.8E}")
 
-    @command(":CONFigure:VOLTage[:DC]")
     def _configure(self, text: str) -> None:
         first = (words(text) or ["DEF"])[0].upper()
         self.range_V = None if first in ("DEF", "AUTO") else self._range(first)
         self.power_line_cycles = 10.0
         self._begin(None)
 
-    @command(":CONFigure:FRESistance")
-    def _configure_four_wires(self, text: str) -> None:
-        self._begin(self._ohmmeter.configured(4, words(text), 10.0))
-
-    @command(":CONFigure:RESistance")
-    def _configure_two_wires(self, text: str) -> None:
-        self._begin(self._ohmmeter.configured(2, words(text), 10.0))
+    def _configure_ohms(self, wires: int, text: str) -> None:
+        self._begin(self._ohmmeter.configured(wires, words(text), 10.0))
 
     def _begin(self, ohms: OhmsSetting | None, other: str = "") -> None:
         self.ohms, self.autozero, self.other = ohms, True, other
@@ -198,8 +199,8 @@ class Agilent34401A(ScpiDevice):
             raise ScpiError(-108, "Parameter not allowed")
         self._begin(None, function)
 
-    def _measure_other(self, function: str, text: str) -> str | None:
-        self._configure_other(function, text)
+    def _measure_as(self, configure: Handler, text: str) -> str | None:
+        configure(text)
         return self._read("")
 
     def _range(self, text: str) -> float:
@@ -245,21 +246,6 @@ class Agilent34401A(ScpiDevice):
             return None  # it waits, or does not end
         self._take()
         return ",".join(self._stored)
-
-    @command(":MEASure:VOLTage[:DC]?")
-    def _measure_voltage(self, text: str) -> str | None:
-        self._configure(text)
-        return self._read("")
-
-    @command(":MEASure:FRESistance?")
-    def _measure_four_wires(self, text: str) -> str | None:
-        self._configure_four_wires(text)
-        return self._read("")
-
-    @command(":MEASure:RESistance?")
-    def _measure_two_wires(self, text: str) -> str | None:
-        self._configure_two_wires(text)
-        return self._read("")
 
     @command("[:SENSe]:FUNCtion")
     def _set_function(self, text: str) -> None:
@@ -307,18 +293,10 @@ class Agilent34401A(ScpiDevice):
         if self.ohms is not None:
             self.ohms.range_ohm = None if self.boolean(text) else self.ohms.range_ohm or 1e3
 
-    @command(":TRIGger:SOURce")
-    def _set_source(self, text: str) -> None:
-        self.source = self.word(text, "IMMediate", "BUS", "EXTernal")
-
     @command(":TRIGger:COUNt")
     def _set_triggers(self, text: str) -> None:
         """Set how many triggers are taken; 0 stands for no end, which only the bus ends."""
         self.triggers = int(self.number(text, 1, 50000, INF=0, INFINITE=0))
-
-    @command(":SAMPle:COUNt")
-    def _set_samples(self, text: str) -> None:
-        self.samples = int(self.number(text, 1, 50000))
 
     @command(":SYSTem:BEEPer[:IMMediate]")
     @command(":SYSTem:REMote")

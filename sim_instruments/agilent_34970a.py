@@ -15,21 +15,22 @@ channel that cannot have four wires; that ``CONFigure`` leaves the junction as i
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Mapping
 from functools import partial
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
+from sim_instruments.bus.kept import Held, held_count, held_number, held_word
 from sim_instruments.bus.ohms import Ohmmeter, OhmsSetting
 from sim_instruments.bus.scpi import (
     MISSING_PARAMETER,
     OUT_OF_RANGE,
     SETTINGS_CONFLICT,
+    Handler,
     ScpiDevice,
     ScpiError,
     command,
-    header_expression,
     words,
 )
 
@@ -43,6 +44,12 @@ BLOCK_DEGC = 23.0
 FIXED_DEGC = (-20.0, 80.0)  # that a reference junction may be fixed at
 NO_FOUR_WIRES = (308, "Channel not able to perform requested operation")
 _TOLD = ("UNIT", "TIME", "CHANnel", "ALARm")  # what may stand beside a reading
+_JUNCTION = "[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction"
+_BY_CHANNEL = {  # settings of single channels, and what one has that was never set
+    ":ROUTe:CHANnel:DELay": (held_number("delays_s", 0.0, 60.0, form="+.8E"), 0.0),
+    f"{_JUNCTION}:TYPE": (held_word("junctions", "INTernal", "EXTernal", "FIXed"), "INT"),
+    _JUNCTION: (held_number("fixed_degC", *FIXED_DEGC, form="+.8E"), 0.0),
+}
 _LIST = re.compile(r"\(@([\d,: ]*)\)")
 
 
@@ -50,6 +57,10 @@ class Agilent34970A(ScpiDevice):
     """Multiplexer with temperature and resistance measurement; each thermocouple has an offset drawn once."""
 
     identity = "HEWLETT-PACKARD,34970A,0,13-2-2"
+    held: ClassVar[Mapping[str, Held]] = {
+        ":TRIGger:SOURce": held_word("source", "IMMediate", "BUS", "EXTernal", "TIMer", "ALARm1", form=None),
+        ":TRIGger:COUNt": held_count("count", 1, 50000),
+    }
 
     def __init__(self, *arguments: Any) -> None:
         super().__init__(*arguments)
@@ -136,14 +147,6 @@ class Agilent34970A(ScpiDevice):
         self._is_now(channels)
         self.ohms |= settings
 
-    @command(":CONFigure:FRESistance")
-    def _configure_four_wires(self, text: str) -> None:
-        self._configure_ohms(4, text)
-
-    @command(":CONFigure:RESistance")
-    def _configure_two_wires(self, text: str) -> None:
-        self._configure_ohms(2, text)
-
     @command("[:SENSe]:FRESistance:NPLCycles")
     def _set_ohms_cycles(self, text: str) -> None:
         first, channels = (*words(text), "", "")[:2]
@@ -167,35 +170,26 @@ class Agilent34970A(ScpiDevice):
             told.append(f'"{name if setting is None else f"{setting.name} {setting.range_ohm or 100.0:+.6E}"}"')
         return ",".join(told)
 
-    @command(":ROUTe:CHANnel:DELay")
-    def _set_delay(self, text: str) -> None:
+    def further(self) -> Mapping[str, Handler]:
+        handlers: dict[str, Handler] = {
+            ":CONFigure:FRESistance": partial(self._configure_ohms, 4),
+            ":CONFigure:RESistance": partial(self._configure_ohms, 2),
+        }
+        for name in _TOLD:
+            handlers[f":FORMat:READing:{name}"] = partial(self._show, name)
+        for header, (setting, default) in _BY_CHANNEL.items():
+            handlers[header] = partial(self._set_channels, setting)
+            handlers[f"{header}?"] = partial(self._tell_channels, setting, default)
+        return handlers
+
+    def _set_channels(self, setting: Held, text: str) -> None:
         first, channels = (*words(text), "", "")[:2]
-        delay_s = self.number(first, 0.0, 60.0)
-        self.delays_s |= dict.fromkeys(self._listed_channels(channels), delay_s)
+        value = setting.read(self, first)
+        getattr(self, setting.attribute).update(dict.fromkeys(self._listed_channels(channels), value))
 
-    @command(":ROUTe:CHANnel:DELay?")
-    def _get_delay(self, text: str) -> str:
-        return ",".join(f"{self.delays_s.get(channel, 0.0):+.8E}" for channel in self._listed_channels(text))
-
-    @command("[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction:TYPE")
-    def _set_junction(self, text: str) -> None:
-        first, channels = (*words(text), "", "")[:2]
-        junction = self.word(first, "INTernal", "EXTernal", "FIXed")
-        self.junctions |= dict.fromkeys(self._listed_channels(channels), junction)
-
-    @command("[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction:TYPE?")
-    def _get_junction(self, text: str) -> str:
-        return ",".join(self.junctions.get(channel, "INT") for channel in self._listed_channels(text))
-
-    @command("[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction")
-    def _set_fixed(self, text: str) -> None:
-        first, channels = (*words(text), "", "")[:2]
-        degC = self.number(first, *FIXED_DEGC)
-        self.fixed_degC |= dict.fromkeys(self._listed_channels(channels), degC)
-
-    @command("[:SENSe]:TEMPerature:TRANsducer:TCouple:RJUNction?")
-    def _get_fixed(self, text: str) -> str:
-        return ",".join(f"{self.fixed_degC.get(channel, 0.0):+.8E}" for channel in self._listed_channels(text))
+    def _tell_channels(self, setting: Held, default: Any, text: str) -> str:
+        values = getattr(self, setting.attribute)
+        return ",".join(format(values.get(channel, default), setting.form) for channel in self._listed_channels(text))
 
     @command(":UNIT:TEMPerature")
     def _set_unit(self, text: str) -> None:
@@ -229,18 +223,6 @@ class Agilent34970A(ScpiDevice):
         more = {"TIME": ",000000012.345", "CHANnel": f",{channel}", "ALARm": ",0"}
         shown = self._reading(channel) + unit * self.told["UNIT"]
         return shown + "".join(text for name, text in more.items() if self.told[name])
-
-    @command(":TRIGger:SOURce")
-    def _set_source(self, text: str) -> None:
-        self.source = self.word(text, "IMMediate", "BUS", "EXTernal", "TIMer", "ALARm1")
-
-    @command(":TRIGger:COUNt")
-    def _set_count(self, text: str) -> None:
-        self.count = int(self.number(text, 1, 50000))
-
-    def _declared(self) -> list[tuple[re.Pattern[str], Callable[[str], str | None]]]:
-        shown = [(header_expression(f":FORMat:READing:{name}"), partial(self._show, name)) for name in _TOLD]
-        return [*super()._declared(), *shown]
 
     def _show(self, name: str, text: str) -> None:
         self.told[name] = self.boolean(text)

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from sim_instruments.agilent_33250a import Agilent33250A
+from sim_instruments.bus.kept import Held, held_count, held_number, held_word
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command, words
 from sim_instruments.faults.fault import Fault, becomes
 
@@ -35,13 +36,15 @@ class Agilent53230A(ScpiDevice):
     identity = "Agilent Technologies,53230A,SIM53230,02.05-1519.666-1.19-4.15-127-155-35"
     answers: ClassVar[Answers] = {
         "[:SENSe]:FUNCtion[:ON]?": lambda _: '"FREQ 1"',
-        "[:SENSe]:FREQuency:GATE:TIME?": lambda self: f"{self.gate_s:+.15E}",
-        "[:SENSe]:FREQuency:GATE:SOURce?": lambda self: self.gate_source,
-        ":SAMPle:COUNt?": lambda self: f"{self.samples:+.14E}",
-        ":TRIGger:COUNt?": lambda self: f"{self.triggers:+.14E}",
-        ":TRIGger:SOURce?": lambda self: self.trigger_source,
-        ":INPut1:IMPedance?": lambda self: f"{self.impedance_ohm:+.14E}",
         "[:SENSe]:ROSCillator:SOURce?": lambda self: self.reference,
+    }
+    held: ClassVar[Mapping[str, Held]] = {
+        "[:SENSe]:FREQuency:GATE:TIME": held_number("gate_s", 1e-6, 1000.0, "s", "+.15E"),
+        "[:SENSe]:FREQuency:GATE:SOURce": held_word("gate_source", "TIME", "IMMediate", "EXTernal"),
+        ":SAMPle:COUNt": held_count("samples", 1, 1_000_000, "+.14E"),
+        ":TRIGger:COUNt": held_count("triggers", 1, 1_000_000, "+.14E"),
+        ":TRIGger:SOURce": held_word("trigger_source", "IMMediate", "EXTernal", "BUS"),
+        ":INPut1:IMPedance": held_number("impedance_ohm", 50.0, 1e6, "Ohm", "+.14E"),
     }
 
     def __init__(self, *arguments: Any) -> None:
@@ -85,30 +88,6 @@ class Agilent53230A(ScpiDevice):
             self.number(words(text)[0].strip(), 1e-3, 4e8)
         self.gate_s, self.gate_source = 0.1, "TIME"
         self.samples, self.triggers, self.trigger_source = 1, 1, "IMM"
-
-    @command("[:SENSe]:FREQuency:GATE:SOURce")
-    def _set_gate_source(self, text: str) -> None:
-        self.gate_source = self.word(text, "TIME", "IMMediate", "EXTernal")
-
-    @command("[:SENSe]:FREQuency:GATE:TIME")
-    def _set_gate(self, text: str) -> None:
-        self.gate_s = self.number(text, 1e-6, 1000.0, "s")
-
-    @command(":SAMPle:COUNt")
-    def _set_samples(self, text: str) -> None:
-        self.samples = int(self.number(text, 1, 1e6))
-
-    @command(":TRIGger:COUNt")
-    def _set_triggers(self, text: str) -> None:
-        self.triggers = int(self.number(text, 1, 1e6))
-
-    @command(":TRIGger:SOURce")
-    def _set_trigger_source(self, text: str) -> None:
-        self.trigger_source = self.word(text, "IMMediate", "EXTernal", "BUS")
-
-    @command(":INPut1:IMPedance")
-    def _set_impedance(self, text: str) -> None:
-        self.impedance_ohm = self.number(text, 50.0, 1e6, "Ohm")
 
     @command("[:SENSe]:ROSCillator:SOURce")
     def _set_reference(self, text: str) -> None:

@@ -8,11 +8,13 @@ Source: E3631A User's Guide (INSTrument, VOLTage, CURRent, APPLy, MEASure, OUTPu
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 
+from sim_instruments.bus.kept import Held, held_switch
 from sim_instruments.bus.scpi import MISSING_PARAMETER, Answers, ScpiDevice, ScpiError, command, words
 
 _READ_S = 0.1
@@ -41,8 +43,10 @@ class AgilentE3631A(ScpiDevice):
         ":INSTrument[:SELect]?": lambda self: self.rails[self.selected].name,
         "[:SOURce]:VOLTage?": lambda self: f"{self.rails[self.selected].voltage_V:+.8E}",
         "[:SOURce]:CURRent?": lambda self: f"{self.rails[self.selected].current_A:+.8E}",
-        ":OUTPut[:STATe]?": lambda self: "1" if self.on else "0",
-        ":OUTPut:TRACk[:STATe]?": lambda self: "1" if self.tracks else "0",
+    }
+    held: ClassVar[Mapping[str, Held]] = {
+        ":OUTPut[:STATe]": held_switch("on"),
+        ":OUTPut:TRACk[:STATe]": held_switch("tracks"),
     }
 
     def __init__(self, *arguments: Any) -> None:
@@ -106,7 +110,7 @@ class AgilentE3631A(ScpiDevice):
         self.selected = self._index(text)
 
     @command(":APPLy")
-    def _apply(self, text: str) -> None:
+    def _set_rail(self, text: str) -> None:
         name, voltage, current = [*words(text), "", "", ""][:3]
         index = self._index(name)
         self._limited(self.rails[index], voltage, current)
@@ -127,14 +131,6 @@ class AgilentE3631A(ScpiDevice):
     @command(":SYSTem:REMote")
     def _remote(self, _: str) -> None:
         """On GPIB it is remote anyway; on RS-232 it is taken before everything else."""
-
-    @command(":OUTPut:TRACk[:STATe]")
-    def _set_tracking(self, text: str) -> None:
-        self.tracks = self.boolean(text)
-
-    @command(":OUTPut[:STATe]")
-    def _set_output(self, text: str) -> None:
-        self.on = self.boolean(text)
 
     @command(":MEASure[:VOLTage]?")
     def _measure_voltage(self, text: str) -> str:

@@ -15,7 +15,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from sim_instruments.bus.kept import Kept, number, switch, word
+from sim_instruments.bus.kept import Held, Kept, held_number, held_switch, number, switch, word
 from sim_instruments.bus.scpi import Answers, ScpiDevice, command
 from sim_instruments.faults.fault import Fault
 
@@ -30,15 +30,20 @@ class Hp6632B(ScpiDevice):
 
     identity = "HEWLETT-PACKARD,6632B,SIM6632,A.03.01"
     answers: ClassVar[Answers] = {
-        "[:SOURce]:VOLTage[:LEVel]?": lambda self: f"{self.voltage_V:.5E}",
-        "[:SOURce]:CURRent[:LEVel]?": lambda self: f"{self.current_A:.5E}",
-        "[:SOURce]:VOLTage:PROTection[:LEVel]?": lambda self: f"{self.trip_V:.5E}",
-        "[:SOURce]:CURRent:PROTection:STATe?": lambda self: "1" if self.over_current_trip else "0",
         "[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]?": lambda self: f"{self._triggered_V():.5E}",
         "[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]?": lambda self: f"{self._triggered_A():.5E}",
-        ":OUTPut[:STATe]?": lambda self: "1" if self.on else "0",
-        ":OUTPut:PROTection:DELay?": lambda self: f"{self.delay_s:.5E}",
         ":STATus:QUEStionable:CONDition?": lambda self: str(_QUESTIONABLE.get(self.tripped, 0)),
+    }
+
+    held: ClassVar[Mapping[str, Held]] = {
+        "[:SOURce]:VOLTage[:LEVel]": held_number("voltage_V", 0.0, HIGHEST_V, "V", ".5E", applied=True),
+        "[:SOURce]:CURRent[:LEVel]": held_number("current_A", 0.0, HIGHEST_A, "A", ".5E", applied=True),
+        "[:SOURce]:VOLTage:PROTection[:LEVel]": held_number("trip_V", 0.0, HIGHEST_TRIP_V, "V", ".5E", applied=True),
+        "[:SOURce]:CURRent:PROTection:STATe": held_switch("over_current_trip", applied=True),
+        "[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]": held_number("next_V", 0.0, HIGHEST_V, "V"),
+        "[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]": held_number("next_A", 0.0, HIGHEST_A, "A"),
+        ":OUTPut[:STATe]": held_switch("on", applied=True),
+        ":OUTPut:PROTection:DELay": held_number("delay_s", 0.0, 2147483.647, "s", ".5E"),
     }
 
     kept: ClassVar[Mapping[str, Kept]] = {
@@ -133,30 +138,12 @@ class Hp6632B(ScpiDevice):
             "supply", (), f"the unit loses its supply for {RESTART_S:g} s; its counter starts anew", restart_unit),
     }  # fmt: skip
 
-    @command("[:SOURce]:VOLTage[:LEVel]")
-    def _set_voltage(self, text: str) -> None:
-        self.voltage_V = self.number(text, 0.0, HIGHEST_V, "V")
-        self._apply()
-
-    @command("[:SOURce]:CURRent[:LEVel]")
-    def _set_current(self, text: str) -> None:
-        self.current_A = self.number(text, 0.0, HIGHEST_A, "A")
-        self._apply()
-
     def _triggered_V(self) -> float:
         """Voltage that a trigger sets, volt: without one the immediate level, as the guide has it."""
         return self.voltage_V if self.next_V is None else self.next_V
 
     def _triggered_A(self) -> float:
         return self.current_A if self.next_A is None else self.next_A
-
-    @command("[:SOURce]:VOLTage[:LEVel]:TRIGgered[:AMPLitude]")
-    def _set_next_voltage(self, text: str) -> None:
-        self.next_V = self.number(text, 0.0, HIGHEST_V, "V")
-
-    @command("[:SOURce]:CURRent[:LEVel]:TRIGgered[:AMPLitude]")
-    def _set_next_current(self, text: str) -> None:
-        self.next_A = self.number(text, 0.0, HIGHEST_A, "A")
 
     @command(":INITiate[:IMMediate]:NAME")
     def _arm(self, text: str) -> None:
@@ -174,25 +161,6 @@ class Hp6632B(ScpiDevice):
         if self.armed:
             self.armed, self.voltage_V, self.current_A = False, self._triggered_V(), self._triggered_A()
             self._apply()
-
-    @command("[:SOURce]:VOLTage:PROTection[:LEVel]")
-    def _set_trip(self, text: str) -> None:
-        self.trip_V = self.number(text, 0.0, HIGHEST_TRIP_V, "V")
-        self._apply()
-
-    @command("[:SOURce]:CURRent:PROTection:STATe")
-    def _set_over_current(self, text: str) -> None:
-        self.over_current_trip = self.boolean(text)
-        self._apply()
-
-    @command(":OUTPut[:STATe]")
-    def _set_output(self, text: str) -> None:
-        self.on = self.boolean(text)
-        self._apply()
-
-    @command(":OUTPut:PROTection:DELay")
-    def _set_delay(self, text: str) -> None:
-        self.delay_s = self.number(text, 0.0, 2147483.647, "s")
 
     @command(":OUTPut:PROTection:CLEar")
     def _clear_protection(self, _: str) -> None:

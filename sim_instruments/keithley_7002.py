@@ -11,10 +11,12 @@ waits 15 ms for them; reply of ``:CLOS:STAT?`` as a list of single crosspoints i
 from __future__ import annotations
 
 import re
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, ClassVar
 
 import numpy as np
 
+from sim_instruments.bus.kept import Held, held_switch
 from sim_instruments.bus.scpi import MISSING_PARAMETER, ScpiDevice, ScpiError, command
 
 ROWS, COLUMNS = 4, 10
@@ -34,6 +36,7 @@ class Keithley7002(ScpiDevice):
     no_error = '0,"No error"'
     error_format = '{0},"{1}"'
     queue_length = 10
+    held: ClassVar[Mapping[str, Held]] = {":INITiate:CONTinuous": held_switch("_continuous", None)}
 
     def __init__(self, *arguments: Any) -> None:
         self._closed: set[Point] = set()
@@ -100,10 +103,6 @@ class Keithley7002(ScpiDevice):
     @staticmethod
     def _listed(points: set[Point]) -> str:
         return f"(@{','.join('!'.join(map(str, point)) for point in sorted(points))})"
-
-    @command(":INITiate:CONTinuous")
-    def _set_continuous(self, text: str) -> None:
-        self._continuous = self.boolean(text)
 
     @command(":ABORt")
     def _abort(self, _: str) -> None:

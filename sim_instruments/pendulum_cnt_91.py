@@ -7,8 +7,7 @@ no limit of edges per second but 6,000 in 10 ms, settings that can be changed on
 
 from __future__ import annotations
 
-import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
@@ -21,10 +20,10 @@ from sim_instruments.bus.scpi import (
     OUT_OF_RANGE,
     SETTINGS_CONFLICT,
     Answers,
+    Handler,
     ScpiDevice,
     ScpiError,
     command,
-    header_expression,
 )
 from sim_instruments.bus.time_tag_blocks import TagBlocks
 
@@ -34,8 +33,8 @@ INIT_IGNORED = (-213, "Init ignored")
 _PS = 10**12
 FILTER_PS = 1_600_000  # delay of the low-pass of 100 kHz
 _INPUT_WORDS = {
-    "SLOPe": ("POS", "NEG"), "IMPedance": ("1.0E+06", "5.0E+01"), "ATTenuation": ("1", "10"), "FILTer": ("0", "1"),
-    "LEVel:AUTO": ("0", "1"),
+    "COUPling": ("AC", "DC"), "SLOPe": ("POS", "NEG"), "IMPedance": ("1.0E+06", "5.0E+01"), "ATTenuation": ("1", "10"),
+    "FILTer": ("0", "1"), "LEVel:AUTO": ("0", "1"),
 }  # fmt: skip
 _INPUT = {node: words[0] for node, words in _INPUT_WORDS.items()}  # settings of an input after *RST, but for its level
 _LEVEL_STEP_V = 0.0025
@@ -71,8 +70,6 @@ class PendulumCnt91(ScpiDevice):
         ":STReam:CLOCk?": lambda self: str(self.clock_Hz),
         ":INPut1:LEVel?": lambda self: f"{self.level_V[1]:+.8E}",
         ":INPut2:LEVel?": lambda self: f"{self.level_V[2]:+.8E}",
-        ":INPut1:COUPling?": lambda self: self.coupling[1],
-        ":INPut2:COUPling?": lambda self: self.coupling[2],
     }
 
     kept: ClassVar[Mapping[str, of_no_effect.Kept]] = {
@@ -90,7 +87,7 @@ class PendulumCnt91(ScpiDevice):
         self._clock_error = float(self.options.get("clock_error_ppm", 0.0)) * 1e-6
 
     def reset(self) -> None:
-        self.level_V, self.coupling = {1: 0.0, 2: 0.0}, {1: "AC", 2: "AC"}
+        self.level_V = {1: 0.0, 2: 0.0}
         self.inputs = {number: dict(_INPUT) for number in (1, 2)}
         self.clock_Hz, self.continuous, self.running = CLOCKS_HZ[0], False, False
         self.blocks.clear()
@@ -98,7 +95,6 @@ class PendulumCnt91(ScpiDevice):
     def left_by_another(self, draw: np.random.Generator) -> None:
         for number in (1, 2):
             self.level_V[number] = round(float(draw.uniform(-5.0, 5.0)) / _LEVEL_STEP_V) * _LEVEL_STEP_V
-            self.coupling[number] = str(draw.choice(["AC", "DC"]))
             self.inputs[number] = {node: str(draw.choice(words)) for node, words in _INPUT_WORDS.items()}
         self.clock_Hz, self.continuous = int(draw.choice(CLOCKS_HZ)), bool(draw.integers(2))
         super().left_by_another(draw)
@@ -134,12 +130,12 @@ class PendulumCnt91(ScpiDevice):
         A level that they do not cross, a divider by ten, a coupling without dc and a load of 50 ohm lose them all; the
         other slope turns the levels over, the filter delays the edges.
         """
-        if all(node == _INPUT for node in self.inputs.values()) and set(self.coupling.values()) == {"DC"}:
+        if all(node == {**_INPUT, "COUPling": "DC"} for node in self.inputs.values()):
             return t_ps, channel, levels[0], levels[1]
         kept, late_ps, level = np.ones(t_ps.size, dtype=bool), np.zeros(t_ps.size, np.int64), levels[0].copy()
         for number, node in self.inputs.items():
             mine = channel == number - 1
-            crossed = node["IMPedance"] == "1.0E+06" and node["ATTenuation"] == "1" and self.coupling[number] == "DC"
+            crossed = node["IMPedance"] == "1.0E+06" and node["ATTenuation"] == "1" and node["COUPling"] == "DC"
             kept &= ~mine | (crossed and node["LEVel:AUTO"] == "0")
             late_ps[mine] = FILTER_PS * (node["FILTer"] == "1")
             level[mine] ^= np.uint8(node["SLOPe"] == "NEG")
@@ -202,20 +198,20 @@ class PendulumCnt91(ScpiDevice):
         self._catch_up()
         return str(self.blocks.dropped)
 
-    def _declared(self) -> list[tuple[re.Pattern[str], Callable[[str], str | None]]]:
-        found = super()._declared()
+    def further(self) -> Mapping[str, Handler]:
+        handlers: dict[str, Handler] = {}
         for number in (1, 2):
+            handlers[f":INPut{number}:LEVel"] = partial(self._set_level, number)
             for node in _INPUT_WORDS:
-                header = f":INPut{number}:{node}"
-                found.append((header_expression(header), partial(self._set_input, number, node)))
-                found.append((header_expression(f"{header}?"), partial(self._input, number, node)))
-        return found
+                handlers[f":INPut{number}:{node}"] = partial(self._set_input, number, node)
+                handlers[f":INPut{number}:{node}?"] = partial(self._input, number, node)
+        return handlers
 
     def _set_input(self, number: int, node: str, text: str) -> None:
         words = _INPUT_WORDS[node]
         if words == ("0", "1"):
             self.inputs[number][node] = str(int(self.boolean(text)))
-        elif node == "SLOPe":
+        elif words[0].isalpha():
             self.inputs[number][node] = self.word(text, *words)
         else:
             value = self.number(text, *sorted(map(float, words)))
@@ -223,24 +219,6 @@ class PendulumCnt91(ScpiDevice):
 
     def _input(self, number: int, node: str, _: str) -> str:
         return self.inputs[number][node]
-
-    # --- inputs ------------------------------------------------------------------------------------------------
-
-    @command(":INPut1:LEVel")
-    def _set_level_a(self, text: str) -> None:
-        self._set_level(1, text)
-
-    @command(":INPut2:LEVel")
-    def _set_level_b(self, text: str) -> None:
-        self._set_level(2, text)
-
-    @command(":INPut1:COUPling")
-    def _set_coupling_a(self, text: str) -> None:
-        self.coupling[1] = self.word(text, "AC", "DC")
-
-    @command(":INPut2:COUPling")
-    def _set_coupling_b(self, text: str) -> None:
-        self.coupling[2] = self.word(text, "AC", "DC")
 
     def _set_level(self, number: int, text: str) -> None:
         level_V = self.number(text, -5.0, 5.0)

@@ -4,8 +4,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
@@ -14,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 
-from bench.commands.console import console
+from bench.commands.console import console, print_json
 from bench.commands.origin import say_origins
 from bench.frame import Pace, pace_of
 from bench.model.assumptions import assumptions_of
@@ -68,7 +66,7 @@ def check(request: Request) -> int:
         document |= {name: plan.campaign[name] for name in ("expected", "fits") if name in plan.campaign}
         document["predicted"] = told
         live = {} if report is None else {"preflight": report.event().document()}
-        sys.stdout.write(json.dumps({**document, **live}, indent=1) + "\n")
+        print_json({**document, **live})
     else:
         _print(console(), plan, summary, decoding, request.plot, report, lines)
     if report is not None and (refusal := report.refusal()) is not None:

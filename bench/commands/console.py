@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
+import sys
 from typing import Any
 
+from rich import box
 from rich.console import Console
+from rich.table import Table
+
+from bench.model.errors import ExitStatus
 
 PLAIN_COLUMNS = 110
 
@@ -42,3 +48,19 @@ def console(stderr: bool = False) -> Console:
     elif not stderr:
         terminal.width = max(terminal.width, PLAIN_COLUMNS)
     return terminal
+
+
+def plain_table(title: str) -> Table:
+    """Return an empty table in the form of all tables of the command line; ``title``: "" for none."""
+    return Table(title=title or None, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+
+
+def print_json(document: Any, **form: Any) -> int:
+    """Print one JSON document on standard output; return the exit status. ``form``: further settings of the writer."""
+    sys.stdout.write(json.dumps(document, indent=1, **form) + "\n")
+    return ExitStatus.PASS
+
+
+def print_sorted_json(document: Any) -> int:
+    """Print a JSON document with its keys in order, and no number that JSON does not have."""
+    return print_json(document, sort_keys=True, ensure_ascii=False, allow_nan=False)

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import json
 import platform
-import sys
 import zipfile
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
 
-from rich import box
 from rich.console import Console
-from rich.table import Table
 
-from bench.commands.console import console
+from bench.commands.console import console, plain_table, print_json
 from bench.commands.origin import named_file
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InstallationError
@@ -65,7 +62,7 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
             if path is not None:
                 archive.writestr(path.name, path.read_text(encoding="utf-8"))
     if as_json:
-        sys.stdout.write(json.dumps(document, indent=1) + "\n")
+        print_json(document)
     else:
         print_preflight(console(), report, "Doctor")
         if bundle is not None:
@@ -142,7 +139,7 @@ def _buses(station: Station) -> list[Finding]:
 
 def print_preflight(out: Console, report: Report, title: str = "Pre-flight") -> None:
     """Print one line for each finding, and under the table a sentence for each that is not simply in order."""
-    table = Table(title=title, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+    table = plain_table(title)
     for name in _COLUMNS:
         table.add_column(name, no_wrap=name in _COLUMNS[:2], overflow="fold")
     for finding in report.findings:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import console
+from bench.commands.console import console, print_json
 from bench.model.errors import BenchError, ExitStatus, InputError, InputErrors
 from bench.model.units import hours
 from bench.plan import Plan, check_plan, compile_sequence, frozen_plan
@@ -45,7 +44,7 @@ def _states(session: Path) -> tuple[Plan, list[RecordState]]:
 def _tell(survey: Survey, states: list[RecordState], more: list[str], as_json: bool) -> None:
     if as_json:
         document: dict[str, Any] = {**survey.as_json(), "record_states": [state.as_json() for state in states]}
-        print(json.dumps(document, indent=1))  # noqa: T201
+        print_json(document)
         return
     for line in [*survey.lines(), *(summary_lines(states) if states else []), *more]:
         console().print(line)

@@ -25,12 +25,12 @@ Language = Annotated[str, typer.Option("--lang", metavar="LANGUAGE", help="en or
 Method = Annotated[str | None, typer.Option("--method", help="a method of the analysis; a wrong one lists them")]
 
 
-def replay(session: SessionFolder, json: AsJson = False) -> None:
+def replay(session: SessionFolder, json: AsJson = False) -> int:
     """Decode the raw bytes again through today's decoder and fits; says whether every number is identical."""
     session_segments(session)  # before what decodes and fits is loaded
     from bench.commands import session as session_command
 
-    raise typer.Exit(session_command.replay(session, json))
+    return session_command.replay(session, json)
 
 
 def fit(
@@ -44,7 +44,7 @@ def fit(
     accept: Accept = None,
     by: By = "",
     reason: Reason = "",
-) -> None:
+) -> int:
     """Results of a session by a method of your choice; nothing is written into the session unless you accept."""
     session_segments(session)
     from bench.commands import accept as accept_command
@@ -53,7 +53,7 @@ def fit(
     accepted = accept_command.Acceptance.asked(accept, by, reason)
     if accepted is not None:
         accept_command.accept(session, accepted, method, make_up or [])
-    raise typer.Exit(fit_command.fit(session, method, json, make_up or [], fresh))
+    return fit_command.fit(session, method, json, make_up or [], fresh)
 
 
 def report(
@@ -72,20 +72,20 @@ def report(
     accept: Accept = None,
     by: By = "",
     reason: Reason = "",
-) -> None:
+) -> int:
     """Write report.html again from the session alone; or say whether results and report are what it gives."""
     session_segments(session)
     if verify:
         from bench.commands import verify as verify_command
 
-        raise typer.Exit(verify_command.verify(session, json))
+        return verify_command.verify(session, json)
     from bench.commands import accept as accept_command
     from bench.commands import fit as fit_command
 
     accepted = accept_command.Acceptance.asked(accept, by, reason)
     if accepted is not None:
         accept_command.accept(session, accepted)
-    raise typer.Exit(fit_command.report(session, pdf, fresh, laboratory, lang))
+    return fit_command.report(session, pdf, fresh, laboratory, lang)
 
 
 def certificate(
@@ -104,13 +104,13 @@ def certificate(
         str | None,
         typer.Option("--history", metavar="URL", help="where it is entered; default: beside the session"),
     ] = None,
-) -> None:
+) -> int:
     """Write a Digital Calibration Certificate (PTB DCC 3.2.1, D-SI units) of a session."""
     session_segments(session)
     from bench.commands import certificate as certificate_command
 
     request = certificate_command.Request(session, laboratory, out, schema, specimen, history)
-    raise typer.Exit(certificate_command.certificate(request))
+    return certificate_command.certificate(request)
 
 
 def export(
@@ -120,7 +120,7 @@ def export(
     unit: Annotated[
         str | None, typer.Option("--unit", metavar="SERIAL", help="with '--to session': which of several units")
     ] = None,
-) -> None:
+) -> int:
     """Write events, readings, records, estimates and decoded frames as tables for other tools (extra 'python').
 
     With '--unit SERIAL --to session': the session of one unit out of one that several share, for its customer.
@@ -128,18 +128,18 @@ def export(
     session_segments(session)
     from bench.commands import export as export_command
 
-    raise typer.Exit(export_command.export(session, form, out, unit))
+    return export_command.export(session, form, out, unit)
 
 
 def batch(
     sessions: Annotated[list[Path], typer.Argument(metavar="SESSION...", help="sessions, or folders of sessions")],
     out: Annotated[Path, typer.Option("--out", help="folder for batch.json and batch.html")] = Path(),
     json: Annotated[bool, typer.Option("--json", help="print batch.json on standard output and nothing else")] = False,
-) -> None:
+) -> int:
     """Fit many sessions and compare their units: yield, distributions, the worst values."""
     from bench.commands import batch as batch_command
 
-    raise typer.Exit(batch_command.batch(sessions, out, json))
+    return batch_command.batch(sessions, out, json)
 
 
 def study(
@@ -160,9 +160,9 @@ def study(
     ] = None,
     out: Annotated[Path, typer.Option("--out", help="folder for study.json and report.html")] = Path("study"),
     json: Annotated[bool, typer.Option("--json", help="print study.json on standard output and nothing else")] = False,
-) -> None:
+) -> int:
     """Repeat a published simulation study, many runs of each case, and hold it against the published numbers."""
     from bench.commands import study as study_command
 
     request = study_command.Request(name, runs, seed, offsets, quick, dask, out, json)
-    raise typer.Exit(study_command.study(request))
+    return study_command.study(request)

@@ -12,13 +12,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from rich import box
 from rich.console import Console
 from rich.table import Table as TerminalTable
 from rich.text import Text
 
 from bench import analysis
 from bench.analysis import Analysis, doubt_lines, limits_of, stated_value
+from bench.commands.console import plain_table
 from bench.maths.verdict import WORST_FIRST, passed, verdict_words, worst
 from bench.model.errors import ExitStatus, FitError
 
@@ -141,7 +141,7 @@ def _print_doubt(out: Console, estimates: Sequence[Estimate]) -> None:
 
 
 def _print_scale_factors(out: Console, title: str, rows: Sequence[tuple[str, ...]]) -> None:
-    table = TerminalTable(title=title, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+    table = plain_table(title)
     for name in _COLUMNS:
         table.add_column(name, justify="left" if name in ("kind", "verdict") else "right", no_wrap=True)
     for row in rows:
@@ -233,7 +233,7 @@ def _say_left_out(out: Console, title: str, not_tested: int, more: int) -> None:
 
 
 def _print_table(out: Console, title: str, table: Table, rows: Sequence[tuple[str, ...]]) -> None:
-    shown = TerminalTable(title=title, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+    shown = plain_table(title)
     for index, text in enumerate(table.headers):
         left = table.prose or index < table.stub
         whole = None if table.prose else max((len(row[index]) for row in rows), default=1)  # a value is not broken
@@ -278,7 +278,7 @@ def print_summary(out: Console, title: str, estimates: Sequence[Estimate], refer
 
 def _by_channel(by_quantity: Mapping[str, Mapping[Any, Estimate]]) -> TerminalTable:
     shown = list(by_quantity)[:_MOST_COLUMNS]
-    table = TerminalTable(box=box.SIMPLE, collapse_padding=True, pad_edge=False)
+    table = plain_table("")
     table.add_column("ch", justify="right", no_wrap=True)
     for quantity in shown:
         unit = _unit(next(iter(by_quantity[quantity].values())))

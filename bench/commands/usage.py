@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NoReturn, Protocol
 
 import typer
 from typer.core import TyperArgument, TyperCommand, TyperGroup, TyperOption
@@ -83,11 +83,18 @@ def _named(params: list[Any]) -> None:
 
 
 class Command(TyperCommand):
-    """A command whose help has a line for each argument and option, without the types of the programming language."""
+    """A command that returns its exit status.
+
+    Its help has a line for each argument and option, without the types of the programming language.
+    """
 
     def __init__(self, *words: Any, **settings: Any) -> None:
         super().__init__(*words, **settings)
         _named(self.params)
+
+    def invoke(self, ctx: Any) -> NoReturn:
+        """Carry it out, and end with the status that it returns."""
+        raise typer.Exit(super().invoke(ctx) or 0)
 
     def collect_usage_pieces(self, ctx: Any) -> list[str]:
         """Return what stands behind the name of the command."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import sys
 from collections.abc import Mapping
 from datetime import date
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 from xml.etree import ElementTree as ET
 
 from bench.analysis import results_json, without_check_standard
-from bench.commands.console import console
+from bench.commands.console import console, print_json
 from bench.frame import BENCH
 from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
 from bench.record import FOLDER, HEAD, LEVELS_S, OPEN_MARKER, SessionReader, read_head
@@ -109,7 +108,7 @@ def _computed(verification: Verification, folder: Path, view: SessionView) -> No
 
 def _tell(verification: Verification, folder: Path, view: SessionView, as_json: bool) -> None:
     if as_json:
-        sys.stdout.write(json.dumps(_document(verification, folder, view), indent=1, ensure_ascii=False) + "\n")
+        print_json(_document(verification, folder, view), ensure_ascii=False)
         return
     out = console()
     for change in verification.changes:

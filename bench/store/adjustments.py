@@ -13,8 +13,7 @@ from bench.model.clock import Clock, WallClock
 from bench.store.database import reading, writing
 from bench.store.errors import StoreError
 from bench.store.selection import find_calibration
-from bench.store.stated_tables import states
-from bench.store.tables import calibrations
+from bench.store.tables import calibrations, states
 
 STATES = ("as_found", "as_left")
 _FOUND, _LEFT = STATES

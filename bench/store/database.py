@@ -17,8 +17,7 @@ from sqlalchemy.exc import ArgumentError
 from sqlalchemy.pool import NullPool
 
 from bench.store.errors import StoreError, explained, masked
-from bench.store.stated_tables import add_stated_tables
-from bench.store.tables import ARCHIVE, METADATA, VERSION, doubts, history
+from bench.store.tables import ARCHIVE, METADATA, STATED, VERSION, doubts, history
 
 WAIT_S = 3
 _WRITE_LIMIT_MS = 10_000
@@ -34,7 +33,7 @@ _LOCK = 0x62656E6368  # any number, the same for every writer of this software
 # From a version of the tables to the next one; a history is brought up to date when it is opened.
 UPGRADES: Mapping[int, Callable[[Connection], None]] = {
     1: doubts.create,
-    2: add_stated_tables,
+    2: lambda connection: METADATA.create_all(connection, STATED),
     3: lambda connection: METADATA.create_all(connection, ARCHIVE),
 }
 _EXAMPLES = "use sqlite:///folder/history.sqlite or postgresql://user@host/database"

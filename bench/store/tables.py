@@ -6,6 +6,9 @@ A calibration is one session. Each set of numbers computed from it stays; a revi
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 from sqlalchemy import (
     BigInteger,
     Boolean,
@@ -19,38 +22,44 @@ from sqlalchemy import (
     Text,
     UniqueConstraint,
 )
+from sqlalchemy.types import TypeEngine
 
 VERSION = 4
 METADATA = MetaData()
+
+
+def _id() -> Column[int]:
+    return Column("id", Integer, primary_key=True)
 
 
 def _key(name: str, target: str) -> Column[int]:
     return Column(name, Integer, ForeignKey(target), nullable=False)
 
 
+def _filled(kind: type[TypeEngine[Any]], *names: str) -> Iterator[Column[Any]]:
+    """Yield columns of one type that are never null."""
+    for name in names:
+        yield Column(name, kind, nullable=False)
+
+
 history = Table(
     "history",
     METADATA,
-    Column("version", Integer, nullable=False),
-    Column("software", Text, nullable=False),
+    *_filled(Integer, "version"),
+    *_filled(Text, "software"),
 )
 
 calibrations = Table(
     "calibrations",
     METADATA,
-    Column("id", Integer, primary_key=True),
-    Column("session", Text, nullable=False),
+    _id(),
+    *_filled(Text, "session"),
     Column("session_sha256", Text, nullable=False, unique=True),
-    Column("campaign", Text, nullable=False),
-    Column("uut_model", Text, nullable=False),
-    Column("uut_serial", Text, nullable=False),
-    Column("started_utc_ns", BigInteger, nullable=False),
-    Column("simulated", Boolean, nullable=False),
-    Column("sequence", Text, nullable=False),
-    Column("station", Text, nullable=False),
-    Column("plan_sha256", Text, nullable=False),
-    Column("frame_sha256", Text, nullable=False),
-    Column("imported_utc_ns", BigInteger, nullable=False),
+    *_filled(Text, "campaign", "uut_model", "uut_serial"),
+    *_filled(BigInteger, "started_utc_ns"),
+    *_filled(Boolean, "simulated"),
+    *_filled(Text, "sequence", "station", "plan_sha256", "frame_sha256"),
+    *_filled(BigInteger, "imported_utc_ns"),
     Index("calibrations_of_unit", "uut_serial", "uut_model", "started_utc_ns"),
 )
 
@@ -58,12 +67,7 @@ standards = Table(
     "standards",
     METADATA,
     _key("calibration_id", "calibrations.id"),
-    Column("role", Text, nullable=False),
-    Column("model", Text, nullable=False),
-    Column("serial", Text, nullable=False),
-    Column("certificate", Text, nullable=False),
-    Column("calibrated", Text, nullable=False),
-    Column("due", Text, nullable=False),
+    *_filled(Text, "role", "model", "serial", "certificate", "calibrated", "due"),
     Column("traceability_relative", Double),  # 95 %; null if the register does not state it
     UniqueConstraint("calibration_id", "role"),
 )
@@ -73,35 +77,42 @@ shared_components = Table(
     "shared_components",
     METADATA,
     _key("calibration_id", "calibrations.id"),
-    Column("quantity", Text, nullable=False),
-    Column("unit", Text, nullable=False),
-    Column("role", Text, nullable=False),
-    Column("standard", Text, nullable=False),  # model, serial number and certificate
-    Column("std_uncertainty", Double, nullable=False),
+    *_filled(
+        Text,
+        "quantity",
+        "unit",
+        "role",
+        "standard",  # model, serial number and certificate
+    ),
+    *_filled(Double, "std_uncertainty"),
     UniqueConstraint("calibration_id", "quantity"),
 )
 
 result_sets = Table(
     "result_sets",
     METADATA,
-    Column("id", Integer, primary_key=True),
+    _id(),
     _key("calibration_id", "calibrations.id"),
-    Column("results_sha256", Text, nullable=False),
-    Column("method", Text, nullable=False),
-    Column("software", Text, nullable=False),
+    *_filled(Text, "results_sha256", "method", "software"),
     Column("decision_rule", Text),
-    Column("notes", Text, nullable=False),  # JSON list
-    Column("estimates", Integer, nullable=False),
+    *_filled(
+        Text,
+        "notes",  # JSON list
+    ),
+    *_filled(Integer, "estimates"),
     UniqueConstraint("calibration_id", "results_sha256"),
 )
 
 parameters = Table(
     "parameters",
     METADATA,
-    Column("id", Integer, primary_key=True),
-    Column("quantity", Text, nullable=False),
-    Column("unit", Text, nullable=False),
-    Column("conditions", Text, nullable=False),  # canonical JSON, without what was measured
+    _id(),
+    *_filled(
+        Text,
+        "quantity",
+        "unit",
+        "conditions",  # canonical JSON, without what was measured
+    ),
     Column("sha256", Text, nullable=False, unique=True),
 )
 
@@ -109,16 +120,15 @@ estimates = Table(
     "estimates",
     METADATA,
     _key("result_set_id", "result_sets.id"),
-    Column("position", Integer, nullable=False),  # in results.json
+    *_filled(
+        Integer,
+        "position",  # in results.json
+    ),
     _key("parameter_id", "parameters.id"),
-    Column("value", Double, nullable=False),
-    Column("std_uncertainty", Double, nullable=False),
-    Column("coverage_factor", Double, nullable=False),
-    Column("expanded_uncertainty", Double, nullable=False),
-    Column("n", Integer, nullable=False),
-    Column("dropped", Integer, nullable=False),
+    *_filled(Double, "value", "std_uncertainty", "coverage_factor", "expanded_uncertainty"),
+    *_filled(Integer, "n", "dropped"),
     Column("limit_value", Double),
-    Column("verdict", Text, nullable=False),
+    *_filled(Text, "verdict"),
     Column("change_limit", Double),  # stability limit: how far the value may be from that of the calibration before
     Column("measured", Text),  # JSON: measured conditions
     Column("further", Text),  # JSON: fields of later versions of results.json
@@ -132,10 +142,16 @@ doubts = Table(
     "doubts",
     METADATA,
     _key("result_set_id", "result_sets.id"),
-    Column("position", Integer, nullable=False),  # in results.json
+    *_filled(
+        Integer,
+        "position",  # in results.json
+    ),
     _key("parameter_id", "parameters.id"),
-    Column("verdict", Text, nullable=False),
-    Column("document", Text, nullable=False),  # JSON: the entry of results.json
+    *_filled(
+        Text,
+        "verdict",
+        "document",  # JSON: the entry of results.json
+    ),
     UniqueConstraint("result_set_id", "position"),
 )
 
@@ -143,58 +159,95 @@ quality_counts = Table(
     "quality_counts",
     METADATA,
     _key("result_set_id", "result_sets.id"),
-    Column("name", Text, nullable=False),
-    Column("count", BigInteger, nullable=False),
+    *_filled(Text, "name"),
+    *_filled(BigInteger, "count"),
     UniqueConstraint("result_set_id", "name"),
 )
 
 report_revisions = Table(
     "report_revisions",
     METADATA,
-    Column("id", Integer, primary_key=True),
+    _id(),
     _key("calibration_id", "calibrations.id"),
-    Column("number", Integer, nullable=False),
+    *_filled(Integer, "number"),
     _key("result_set_id", "result_sets.id"),
     Column("report_sha256", Text),  # null if no report was written
-    Column("software", Text, nullable=False),
-    Column("reason", Text, nullable=False),
-    Column("created_utc_ns", BigInteger, nullable=False),
+    *_filled(Text, "software", "reason"),
+    *_filled(BigInteger, "created_utc_ns"),
     UniqueConstraint("calibration_id", "number"),
 )
 
 approvals = Table(
     "approvals",
     METADATA,
-    Column("id", Integer, primary_key=True),
+    _id(),
     _key("revision_id", "report_revisions.id"),
-    Column("approved_by", Text, nullable=False),
-    Column("statement", Text, nullable=False),
-    Column("approved_utc_ns", BigInteger, nullable=False),
+    *_filled(Text, "approved_by", "statement"),
+    *_filled(BigInteger, "approved_utc_ns"),
 )
+
+# What people state beside the results: rows are only ever added, the newest of a calibration, unit or station counts.
+# A calibration before an adjustment or repair of its unit (as_found), or after one (as_left).
+states = Table(
+    "states",
+    METADATA,
+    _id(),
+    _key("calibration_id", "calibrations.id"),
+    *_filled(
+        Text,
+        "state",
+        "what",  # was adjusted or repaired
+        "stated_by",
+    ),
+    *_filled(BigInteger, "stated_utc_ns"),
+)
+
+# Between these times a unit, or all units on a station, were in control: limits of charts rest on that.
+phases = Table(
+    "phases",
+    METADATA,
+    _id(),
+    *_filled(
+        Text,
+        "subject",  # "unit" or "station"
+        "name",  # model and serial number, or the name of the station
+    ),
+    *_filled(BigInteger, "from_utc_ns", "until_utc_ns"),
+    *_filled(Double, "run_length"),
+    *_filled(Text, "stated_by", "reason"),
+    *_filled(BigInteger, "stated_utc_ns"),
+)
+
+STATED = (states, phases)
 
 # The archive: where the recorded sessions are, and what they say of themselves (docs/decisions/0042-archive.md).
 archived_sessions = Table(
     "archived_sessions",
     METADATA,
-    Column("id", Integer, primary_key=True),
+    _id(),
     Column("location", Text, nullable=False, unique=True),  # URL of the folder
-    Column("fingerprint", Text, nullable=False),  # of names, sizes and times of its files: unchanged, it is passed over
-    Column("bytes", BigInteger, nullable=False),
-    Column("session", Text, nullable=False),
+    *_filled(
+        Text,
+        "fingerprint",  # of names, sizes and times of its files: unchanged, it is passed over
+    ),
+    *_filled(BigInteger, "bytes"),
+    *_filled(Text, "session"),
     Column("session_sha256", Text),  # null if it was never read whole
-    Column("campaign", Text, nullable=False),
-    Column("station", Text, nullable=False),
+    *_filled(Text, "campaign", "station"),
     Column("started_utc_ns", BigInteger),
-    Column("simulated", Boolean, nullable=False),
-    Column("plan_sha256", Text, nullable=False),
-    Column("frame_sha256", Text, nullable=False),
-    Column("software", Text, nullable=False),  # of the released results, as the method and what follows
-    Column("method", Text, nullable=False),
-    Column("verdict", Text, nullable=False),  # the worst
-    Column("quality", Text, nullable=False),  # the worst; "" without results
-    Column("code", Text, nullable=False),  # of the error, "" for a whole session
-    Column("fault", Text, nullable=False),
-    Column("verified_utc_ns", BigInteger, nullable=False),
+    *_filled(Boolean, "simulated"),
+    *_filled(
+        Text,
+        "plan_sha256",
+        "frame_sha256",
+        "software",  # of the released results, as the method and what follows
+        "method",
+        "verdict",  # the worst
+        "quality",  # the worst; "" without results
+        "code",  # of the error, "" for a whole session
+        "fault",
+    ),
+    *_filled(BigInteger, "verified_utc_ns"),
     Index("archived_by_hash", "session_sha256"),
     Index("archived_by_time", "campaign", "station", "verdict", "started_utc_ns"),
 )
@@ -203,9 +256,11 @@ archived_units = Table(
     "archived_units",
     METADATA,
     _key("archived_id", "archived_sessions.id"),
-    Column("check_standard", Boolean, nullable=False),  # beside the unit under test, to watch the bench
-    Column("model", Text, nullable=False),
-    Column("serial", Text, nullable=False),
+    *_filled(
+        Boolean,
+        "check_standard",  # beside the unit under test, to watch the bench
+    ),
+    *_filled(Text, "model", "serial"),
     UniqueConstraint("archived_id", "model", "serial"),
     Index("archived_of_unit", "serial", "archived_id"),
 )
@@ -214,10 +269,7 @@ archived_standards = Table(
     "archived_standards",
     METADATA,
     _key("archived_id", "archived_sessions.id"),
-    Column("role", Text, nullable=False),
-    Column("model", Text, nullable=False),
-    Column("serial", Text, nullable=False),
-    Column("certificate", Text, nullable=False),
+    *_filled(Text, "role", "model", "serial", "certificate"),
     UniqueConstraint("archived_id", "role"),
     Index("archived_of_standard", "serial", "archived_id"),
     Index("archived_of_certificate", "certificate", "archived_id"),
@@ -226,22 +278,22 @@ archived_standards = Table(
 certificates = Table(
     "certificates",
     METADATA,
-    Column("id", Integer, primary_key=True),
-    Column("number", Text, nullable=False),
+    _id(),
+    *_filled(Text, "number"),
     Column("certificate_sha256", Text, nullable=False, unique=True),
-    Column("session", Text, nullable=False),
-    Column("session_sha256", Text, nullable=False),
-    Column("results_sha256", Text, nullable=False),
+    *_filled(Text, "session", "session_sha256", "results_sha256"),
     Column("report_sha256", Text),
-    Column("uut_model", Text, nullable=False),
-    Column("uut_serial", Text, nullable=False),
-    Column("customer", Text, nullable=False),
-    Column("issued", Text, nullable=False),  # day, "" for a specimen
-    Column("specimen", Boolean, nullable=False),
+    *_filled(
+        Text,
+        "uut_model",
+        "uut_serial",
+        "customer",
+        "issued",  # day, "" for a specimen
+    ),
+    *_filled(Boolean, "specimen"),
     Column("replaces", Text),  # number of the certificate that it stands for
-    Column("software", Text, nullable=False),
-    Column("method", Text, nullable=False),
-    Column("entered_utc_ns", BigInteger, nullable=False),
+    *_filled(Text, "software", "method"),
+    *_filled(BigInteger, "entered_utc_ns"),
     Index("certificates_of_session", "session_sha256"),
     Index("certificates_by_number", "number"),
 )
@@ -250,10 +302,7 @@ certified_standards = Table(
     "certified_standards",
     METADATA,
     _key("certificate_id", "certificates.id"),
-    Column("role", Text, nullable=False),
-    Column("model", Text, nullable=False),
-    Column("serial", Text, nullable=False),
-    Column("certificate", Text, nullable=False),
+    *_filled(Text, "role", "model", "serial", "certificate"),
     UniqueConstraint("certificate_id", "role"),
 )
 
@@ -261,39 +310,50 @@ certified_standards = Table(
 trials = Table(
     "trials",
     METADATA,
-    Column("id", Integer, primary_key=True),
+    _id(),
     Column("name", Text, nullable=False, unique=True),  # digest of all that its numbers depend on
-    Column("software", Text, nullable=False),
-    Column("method", Text, nullable=False),  # "" for the one of each campaign
-    Column("register", Text, nullable=False),  # JSON: the standards in place of recorded certificates
-    Column("selection", Text, nullable=False),  # JSON
-    Column("sessions", Integer, nullable=False),
-    Column("started_utc_ns", BigInteger, nullable=False),
-    Column("state", Text, nullable=False),  # running, done
+    *_filled(
+        Text,
+        "software",
+        "method",  # "" for the one of each campaign
+        "register",  # JSON: the standards in place of recorded certificates
+        "selection",  # JSON
+    ),
+    *_filled(Integer, "sessions"),
+    *_filled(BigInteger, "started_utc_ns"),
+    *_filled(
+        Text,
+        "state",  # running, done
+    ),
 )
 
 trial_rows = Table(
     "trial_rows",
     METADATA,
     _key("trial_id", "trials.id"),
-    Column("session_sha256", Text, nullable=False),
-    Column("position", Integer, nullable=False),
+    *_filled(Text, "session_sha256"),
+    *_filled(Integer, "position"),
     Column("parameter_id", Integer, ForeignKey("parameters.id")),  # null for a session that gave nothing
-    Column("uut_model", Text, nullable=False),
-    Column("uut_serial", Text, nullable=False),
+    *_filled(Text, "uut_model", "uut_serial"),
     Column("value", Double),  # null if it is refused, or there is none any more
     Column("expanded_uncertainty", Double),
-    Column("verdict", Text, nullable=False),
-    Column("quality", Text, nullable=False),  # "" where there is no such estimate
-    Column("method", Text, nullable=False),
+    *_filled(
+        Text,
+        "verdict",
+        "quality",  # "" where there is no such estimate
+        "method",
+    ),
     Column("released_value", Double),
     Column("released_expanded_uncertainty", Double),
-    Column("released_verdict", Text, nullable=False),
-    Column("released_quality", Text, nullable=False),
-    Column("released_method", Text, nullable=False),
-    Column("released_software", Text, nullable=False),
-    Column("code", Text, nullable=False),  # of the error that kept the session from giving results, else ""
-    Column("fault", Text, nullable=False),
+    *_filled(
+        Text,
+        "released_verdict",
+        "released_quality",
+        "released_method",
+        "released_software",
+        "code",  # of the error that kept the session from giving results, else ""
+        "fault",
+    ),
     UniqueConstraint("trial_id", "session_sha256", "position"),
 )
 

@@ -1,8 +1,13 @@
-"""Settings of a SCPI instrument that change nothing in the simulation: kept within their limits, and told again."""
+"""Settings of a SCPI instrument: those an attribute holds, and those that change nothing in the simulation.
+
+What changes nothing is kept within its limits, and told again.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 INFINITE = 9.9e37
 
@@ -58,3 +63,39 @@ def word(*choices: str) -> Kept:
 def switch(on: bool) -> Kept:
     """Return a setting that is on or off. Source: definition."""
     return Kept(on)
+
+
+@dataclass(frozen=True)
+class Held:
+    """A setting that an attribute of the instrument holds.
+
+    ``read``: makes its value of a parameter.   ``form``: how a question tells it, None if nobody can ask.
+    ``applied``: the instrument acts on it at once.
+    """
+
+    attribute: str
+    read: Callable[[Any, str], Any]
+    form: str | None
+    applied: bool
+
+
+def held_number(
+    attribute: str, low: float, high: float, unit: str = "", form: str | None = None, *, applied: bool = False
+) -> Held:
+    """Return a number within limits. Source: definition."""
+    return Held(attribute, lambda device, text: device.number(text, low, high, unit), form, applied)
+
+
+def held_count(attribute: str, low: int, high: int, form: str | None = None) -> Held:
+    """Return a whole number within limits. Source: definition."""
+    return Held(attribute, lambda device, text: int(device.number(text, low, high)), form, applied=False)
+
+
+def held_word(attribute: str, *choices: str, form: str | None = "") -> Held:
+    """Return one of some words. Source: definition."""
+    return Held(attribute, lambda device, text: device.word(text, *choices), form, applied=False)
+
+
+def held_switch(attribute: str, form: str | None = "d", *, applied: bool = False) -> Held:
+    """Return what is on or off. Source: definition."""
+    return Held(attribute, lambda device, text: device.boolean(text), form, applied)

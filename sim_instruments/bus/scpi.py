@@ -12,7 +12,7 @@ from typing import Any, ClassVar, TypeVar
 import numpy as np
 
 from bench.model.clock import NS
-from sim_instruments.bus.kept import Kept
+from sim_instruments.bus.kept import Held, Kept, held_count
 from sim_instruments.bus.live import LiveDevice
 
 UNDEFINED_HEADER = (-113, "Undefined header")
@@ -37,6 +37,7 @@ _MULTIPLIERS = {"": 1.0, "G": 1e9, "MA": 1e6, "K": 1e3, "M": 1e-3, "U": 1e-6, "N
 
 Method = TypeVar("Method", bound=Callable[..., Any])
 Answers = Mapping[str, Callable[[Any], str]]
+Handler = Callable[[str], str | None]
 
 
 class ScpiError(Exception):
@@ -100,10 +101,12 @@ def _multiplier(suffix: str, unit: str) -> float:
 class ScpiDevice(LiveDevice):
     """A SCPI instrument: one reply per message, real error queue, ``*OPC?`` waits for what is pending.
 
-    ``answers`` are those that its state alone gives, by the header of the question.
+    ``answers`` are those that its state alone gives, by the header of the question; ``held`` are settings that need no
+    more than to be held, by header.
     """
 
     answers: ClassVar[Answers] = {}
+    held: ClassVar[Mapping[str, Held]] = {}
     kept: ClassVar[Mapping[str, Kept]] = {}  # settings without effect, by header
     no_error = '+0,"No error"'
     scpi_version = "1999.0"
@@ -119,7 +122,7 @@ class ScpiDevice(LiveDevice):
         self.busy_until_ns = 0
         self._settings = {header: setting.told for header, setting in self.kept.items()}
         self._handlers = self._declared()
-        self._known: dict[str, Callable[[str], str | None] | None] = {}
+        self._known: dict[str, Handler | None] = {}
         self._reply_after_s = 0.0
         self.reset()
 
@@ -203,7 +206,7 @@ class ScpiDevice(LiveDevice):
         if replies:
             self.reply(";".join(replies), after_s=self._reply_after_s)
 
-    def _carry_out(self, handler: Callable[[str], str | None] | None, parameters: str) -> str | None:
+    def _carry_out(self, handler: Handler | None, parameters: str) -> str | None:
         if handler is None:
             self.error(*UNDEFINED_HEADER)
             return None
@@ -213,7 +216,7 @@ class ScpiDevice(LiveDevice):
             self.error(*problem.args)
             return None
 
-    def _find(self, header: str, path: str) -> tuple[Callable[[str], str | None] | None, str]:
+    def _find(self, header: str, path: str) -> tuple[Handler | None, str]:
         """Return the handler of a header and the node path the next header of the same message continues from."""
         name = header.upper()
         if name[0] in "*:" or not path:
@@ -224,7 +227,7 @@ class ScpiDevice(LiveDevice):
             return handler, f"{path}:{name}".rpartition(":")[0]
         return self._handler(":" + name), (":" + name).rpartition(":")[0]
 
-    def _handler(self, name: str) -> Callable[[str], str | None] | None:
+    def _handler(self, name: str) -> Handler | None:
         try:
             return self._known[name]
         except KeyError:
@@ -232,8 +235,15 @@ class ScpiDevice(LiveDevice):
             self._known[name] = handler
             return handler
 
-    def _declared(self) -> list[tuple[re.Pattern[str], Callable[[str], str | None]]]:
-        handlers = {
+    def further(self) -> Mapping[str, Handler]:
+        """Return handlers of headers that are alike, which no method declares one by one."""
+        return {}
+
+    def _apply(self) -> None:
+        """Act on what is set."""
+
+    def _declared(self) -> list[tuple[re.Pattern[str], Handler]]:
+        handlers: dict[str, Handler] = {
             pattern: getattr(self, attribute)
             for attribute in sorted(dir(type(self)))
             for pattern in getattr(getattr(type(self), attribute), "_scpi_patterns", ())
@@ -241,8 +251,21 @@ class ScpiDevice(LiveDevice):
         for header, setting in self.kept.items():
             handlers[header] = partial(self._keep, header, setting)
             handlers[f"{header}?"] = partial(self._tell_kept, header, setting)
+        for header, held in {**_HELD, **self.held}.items():
+            handlers[header] = partial(self._hold, held)
+            if held.form is not None:
+                handlers[f"{header}?"] = partial(self._tell_held, held)
         handlers |= {pattern: partial(self._told, tell) for pattern, tell in {**_ANSWERS, **self.answers}.items()}
+        handlers |= self.further()
         return [(header_expression(pattern), handler) for pattern, handler in handlers.items()]
+
+    def _hold(self, setting: Held, text: str) -> None:
+        setattr(self, setting.attribute, setting.read(self, text))
+        if setting.applied:
+            self._apply()
+
+    def _tell_held(self, setting: Held, _: str) -> str:
+        return format(getattr(self, setting.attribute), setting.form or "")
 
     def _keep(self, header: str, setting: Kept, text: str) -> None:
         value: float | str | bool = text.strip("\"'")
@@ -320,14 +343,6 @@ class ScpiDevice(LiveDevice):
         value, self.event_status = self.event_status, 0
         return str(value)
 
-    @command("*ESE")
-    def _set_event_enable(self, text: str) -> None:
-        self.event_enable = int(self.number(text, 0, 255))
-
-    @command("*SRE")
-    def _set_service_enable(self, text: str) -> None:
-        self.service_enable = int(self.number(text, 0, 255))
-
     @command(":SYSTem:ERRor[:NEXT]?")
     def _next_error(self, _: str) -> str:
         if not self.errors:
@@ -338,9 +353,8 @@ class ScpiDevice(LiveDevice):
 _ANSWERS: Answers = {  # of every model
     "*IDN?": lambda self: self.faults.identity or self.identity,
     "*STB?": lambda self: str(self.status_byte()),
-    "*ESE?": lambda self: str(self.event_enable),
-    "*SRE?": lambda self: str(self.service_enable),
     "*TST?": lambda _: "0",
     "*OPT?": lambda _: "0",
     ":SYSTem:VERSion?": lambda self: self.scpi_version,
 }
+_HELD = {"*ESE": held_count("event_enable", 0, 255, ""), "*SRE": held_count("service_enable", 0, 255, "")}

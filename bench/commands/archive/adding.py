@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Sequence
 
 from bench.archive import index
@@ -11,7 +9,7 @@ from bench.archive.index import Looked
 from bench.archive.selecting import selection_of
 from bench.commands.archive.computing import compute_at
 from bench.commands.archive.progress import Lines
-from bench.commands.console import console
+from bench.commands.console import console, print_json
 from bench.model.errors import ExitStatus
 from bench.store import list_sessions
 
@@ -42,7 +40,7 @@ def _tell(looked: Looked, done: str, as_json: bool) -> int:
             "damaged": [dict(zip(names, entry, strict=True)) for entry in damaged],
             "unread": [{"location": location, "fault": fault} for location, fault in looked.unread],
         }
-        sys.stdout.write(json.dumps(document, indent=1, ensure_ascii=False) + "\n")
+        print_json(document, ensure_ascii=False)
     else:
         out = console()
         for location, code, fault in damaged:

@@ -35,12 +35,12 @@ def add(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Enter sessions, every byte of them verified; what is known and has not changed is passed over."""
     from bench.commands.archive import adding as work
     from bench.commands.history.show import Place
 
-    raise typer.Exit(work.add(Place(history, out).of(), folders, everything, dask, json))
+    return work.add(Place(history, out).of(), folders, everything, dask, json)
 
 
 @app.command("list", epilog="Example: bench archive list --select uut=SIM-1 --select since=2026-01-01")
@@ -50,23 +50,23 @@ def list_all(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """One line per session, in order of time."""
     from bench.commands.archive import listing as work
     from bench.commands.history.show import Place
 
-    raise typer.Exit(work.list_all(Place(history, out).of(), select or [], to, json))
+    return work.list_all(Place(history, out).of(), select or [], to, json)
 
 
 @app.command(epilog="Example: bench archive verify --dask local:4")
 def verify(
     select: Select = None, dask: Dask = None, history: History = None, out: Out = None, json: AsJson = False
-) -> None:
+) -> int:
     """Read sessions again, every byte; exit status 5 if one is damaged, changed or gone."""
     from bench.commands.archive import adding as work
     from bench.commands.history.show import Place
 
-    raise typer.Exit(work.verify(Place(history, out).of(), select or [], dask, json))
+    return work.verify(Place(history, out).of(), select or [], dask, json)
 
 
 @app.command(epilog="Example: bench archive where SIM-0001")
@@ -77,12 +77,12 @@ def where(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Which sessions and certificates depend on a unit, a standard, a certificate, a frame or a release."""
     from bench.commands.archive import listing as work
     from bench.commands.history.show import Place
 
-    raise typer.Exit(work.where(Place(history, out).of(), word, json))
+    return work.where(Place(history, out).of(), word, json)
 
 
 @app.command(epilog="Example: bench archive refit --with-standards corrected.yaml --to trial --dask local:2")
@@ -97,13 +97,13 @@ def refit(
     dask: Dask = None,
     history: History = None,
     out: Out = None,
-) -> None:
+) -> int:
     """Compute sessions again from their raw bytes, beside the released values; exit status 1 if one gives none."""
     from bench.commands.archive import refitting as work
     from bench.commands.history.show import Place
 
     request = work.Request(to, method, with_standards, select or [], dask)
-    raise typer.Exit(work.refit(Place(history, out).of(), request))
+    return work.refit(Place(history, out).of(), request)
 
 
 @app.command(epilog="Example: bench archive changes trial --html changes.html")
@@ -114,9 +114,9 @@ def changes(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """What a refit would change: quantities, verdicts, certificates, and the last good evidence of each standard."""
     from bench.commands.archive import changing as work
     from bench.commands.history.show import Place
 
-    raise typer.Exit(work.changes(Place(history, out).of(), trial, html, lang, json))
+    return work.changes(Place(history, out).of(), trial, html, lang, json)

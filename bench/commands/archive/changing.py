@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from contextlib import suppress
 from pathlib import Path
 
@@ -12,7 +11,7 @@ from bench.archive.evidence import evidence_of
 from bench.archive.journal import HEAD
 from bench.archive.page import FOLDER, changes_html
 from bench.commands.archive import tables
-from bench.commands.console import console
+from bench.commands.console import console, print_sorted_json
 from bench.model.errors import ExitStatus
 from bench.model.texts import check_language
 from bench.session.output import write_file
@@ -32,8 +31,7 @@ def changes(url: str, trial: str, html: Path | None, language: str, as_json: boo
     if html is not None:
         write_file(html, changes_html(report, language))
     if as_json:
-        text = json.dumps(report.as_json(), indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False)
-        sys.stdout.write(text + "\n")
+        print_sorted_json(report.as_json())
     else:
         tables.print_changes(console(), report)
         if html is not None:

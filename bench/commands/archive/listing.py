@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from bench.archive.selecting import selection_of
 from bench.commands.archive import tables
-from bench.commands.console import console
+from bench.commands.console import console, print_sorted_json
 from bench.model.errors import ExitStatus
 from bench.session.output import writing
 from bench.store import certificate_document, check_form, dependents, list_sessions, session_document, write_rows
@@ -32,9 +30,12 @@ def list_all(url: str, select: Sequence[str], to: Path | None, as_json: bool) ->
     if to is not None:
         with writing(to):
             count = write_rows(to, COLUMNS, map(_flat, documents))
-        return _json({"file": str(to), "rows": count}) if as_json else _say(f"{count} sessions written to {to}")
+        if as_json:
+            return print_sorted_json({"file": str(to), "rows": count})
+        console().print(f"{count} sessions written to {to}")
+        return ExitStatus.PASS
     if as_json:
-        return _json({"sessions": documents})
+        return print_sorted_json({"sessions": documents})
     tables.print_sessions(console(), documents)
     return ExitStatus.PASS
 
@@ -45,7 +46,9 @@ def where(url: str, word: str, as_json: bool) -> int:
     sessions = [session_document(row) for row in found.sessions]
     issued = [certificate_document(row) for row in found.certificates]
     if as_json:
-        return _json({"word": word, "kinds": list(found.kinds), "sessions": sessions, "certificates": issued})
+        return print_sorted_json(
+            {"word": word, "kinds": list(found.kinds), "sessions": sessions, "certificates": issued}
+        )
     out = console()
     out.print(f"{word}: {', '.join(found.kinds) or 'named by certificates only'}")
     tables.print_sessions(out, sessions)
@@ -58,13 +61,3 @@ def _flat(document: dict[str, Any]) -> dict[str, Any]:
     units = [f"{unit['model']} {unit['serial']}" for unit in document["units"]]
     standards = [f"{used['model']} {used['serial']} {used['certificate']}" for used in document["standards"]]
     return {**document, "units": ", ".join(units), "standards": ", ".join(standards)}
-
-
-def _json(document: Any) -> int:
-    sys.stdout.write(json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False) + "\n")
-    return ExitStatus.PASS
-
-
-def _say(text: str) -> int:
-    console().print(text)
-    return ExitStatus.PASS

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from bench.archive.changes import Changes, Concerned
 from bench.archive.evidence import NO_CHECK, OUT_OF_CONTROL, TOO_FEW
+from bench.commands.console import plain_table
 from bench.maths.verdict import verdict_words
 from bench.store import conditions_text
 
@@ -144,7 +144,7 @@ def _cut(what: str, count: int) -> str:
 
 
 def _table(title: str, heads: Sequence[str]) -> Table:
-    table = Table(title=title, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+    table = plain_table(title)
     for name in heads:
         table.add_column(name, overflow="fold", no_wrap=name in _WHOLE)
     return table

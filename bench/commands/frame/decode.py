@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from bench.commands.console import console
+from bench.commands.console import console, print_json
 from bench.commands.origin import named_file
 from bench.frame import Counted, FrameDefinition, MessageBatch, Tables, decode_capture, load_frame
 from bench.model.errors import ExitStatus, InputError
@@ -29,7 +28,7 @@ def decode(frame: str, file: Path, csv: Path | None, parquet: Path | None, as_js
         tables = [open_tables.enter_context(Tables(definition, path)) for path in (csv, parquet) if path is not None]
         counted = _decoded(definition, file, tables)
     if as_json:
-        sys.stdout.write(json.dumps(counted.summary(), indent=1) + "\n")
+        print_json(counted.summary())
     else:
         _tell(counted, file, tables)
     if counted.counts.frames:

@@ -22,11 +22,11 @@ def talk(
     station: Annotated[str, typer.Option("--station", help="a station file or name")] = "af_bench_sim",
     out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
     take_over: TakeOver = False,
-) -> None:
+) -> int:
     """Reach an instrument by hand; every command and reply goes to a session of its own."""
     from bench.commands.hand import by_hand
 
-    raise typer.Exit(by_hand.talk(instrument, command, station, out, take_over=take_over))
+    return by_hand.talk(instrument, command, station, out, take_over=take_over)
 
 
 def commission(
@@ -36,11 +36,11 @@ def commission(
     yes: Annotated[
         bool, typer.Option("--yes", help="send what energises or moves without asking; for a simulated bench")
     ] = False,
-) -> None:
+) -> int:
     """Walk through a real instrument for the first time: each command its driver uses, held against its manual."""
     from bench.commands.hand import commission as commission_command
 
-    raise typer.Exit(commission_command.commission(instrument, station, by, yes=yes))
+    return commission_command.commission(instrument, station, by, yes=yes)
 
 
 def drill(
@@ -48,8 +48,8 @@ def drill(
     out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
     take_over: TakeOver = False,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Kill a controller that drives a harmless stimulus, and prove that the guard leaves the bench safe within 5 s."""
     from bench.commands.hand import by_hand
 
-    raise typer.Exit(by_hand.drill(station, out, json, take_over=take_over))
+    return by_hand.drill(station, out, json, take_over=take_over)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import console
+from bench.commands.console import console, print_json
 from bench.commands.origin import named_file
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError
@@ -64,7 +63,7 @@ def drill(station_name: str, out: Path, as_json: bool, *, take_over: bool = Fals
     make_folder(out)
     document = run_drill(station, path, out, WallClock(), take_over=take_over)
     if as_json:
-        print(json.dumps(document, indent=1))  # noqa: T201
+        print_json(document)
     else:
         _tell(document)
     return ExitStatus.PASS if document["passed"] else ExitStatus.SAFE_AFTER_FAULT

@@ -38,20 +38,20 @@ def list_all(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """One line per calibration, in order of time."""
     from bench.commands.history import show as work
     from bench.store import Filters
 
-    raise typer.Exit(work.list_all(work.Place(history, out), Filters(uut, campaign, quantity), json))
+    return work.list_all(work.Place(history, out), Filters(uut, campaign, quantity), json)
 
 
 @app.command(epilog="Example: bench history show 20260401T080000Z_scale_factor_38h_A1")
-def show(session: Session, history: History = None, out: Out = None, json: AsJson = False) -> None:
+def show(session: Session, history: History = None, out: Out = None, json: AsJson = False) -> int:
     """One calibration: revisions, approvals, standards, every estimate."""
     from bench.commands.history import show as work
 
-    raise typer.Exit(work.show(work.Place(history, out), session, json))
+    return work.show(work.Place(history, out), session, json)
 
 
 @app.command(epilog="Example: bench history compare --uut SIM-1 --quantity dsf_n --plot drift.svg")
@@ -65,14 +65,14 @@ def compare(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Drift with its interval, E_n, control limits and due date of a unit; or two of its calibrations."""
     from bench.commands.history import show as work
     from bench.store import Filters
 
     filters = Filters(uut, campaign, quantity)
     place = work.Place(history, out)
-    raise typer.Exit(work.compare(place, sessions or [], filters, max_interval, plot, json))
+    return work.compare(place, sessions or [], filters, max_interval, plot, json)
 
 
 @app.command(epilog="Example: bench history due --max-interval 730")
@@ -84,13 +84,13 @@ def due(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """When each unit is due again by its drift; exit status 1 if a real one is overdue."""
     from bench.commands.history import show as work
     from bench.store import Filters
 
     place = work.Place(history, out)
-    raise typer.Exit(work.due(place, Filters(uut, campaign, quantity), max_interval, json))
+    return work.due(place, Filters(uut, campaign, quantity), max_interval, json)
 
 
 @app.command(epilog="Example: bench history export history.csv --uut SIM-1")
@@ -102,12 +102,12 @@ def export(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Every estimate of every revision, one a row."""
     from bench.commands.history import show as work
     from bench.store import Filters
 
-    raise typer.Exit(work.export(work.Place(history, out), file, Filters(uut, campaign, quantity), json))
+    return work.export(work.Place(history, out), file, Filters(uut, campaign, quantity), json)
 
 
 @app.command("import", epilog="Example: bench history import sessions/*")
@@ -117,12 +117,12 @@ def import_sessions(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Add recorded sessions with their results; one that is known already changes nothing."""
     from bench.commands.history import show as work
     from bench.commands.history.entering import import_sessions as add
 
-    raise typer.Exit(add(work.Place(history, out), sessions, reason, json))
+    return add(work.Place(history, out), sessions, reason, json)
 
 
 @app.command(epilog='Example: bench history approve SESSION --by "A. Meyer" --statement "checked and released"')
@@ -133,11 +133,11 @@ def approve(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Approve the newest revision of a session; earlier approvals stay."""
     from bench.commands.history import show as work
 
-    raise typer.Exit(work.approve_session(work.Place(history, out), session, by, statement, json))
+    return work.approve_session(work.Place(history, out), session, by, statement, json)
 
 
 @app.command(epilog="Example: bench history charts --uut SIM-1 --plot charts.svg")
@@ -157,13 +157,13 @@ def charts(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Control charts: Shewhart, EWMA and CUSUM; exit status 1 if a real one signals."""
     from bench.commands.history import charts as work
     from bench.commands.history.show import Place
     from bench.store import Filters
 
-    done = work.charts(
+    return work.charts(
         Place(history, out),
         Filters(uut, campaign, quantity),
         certificates=certificates,
@@ -172,7 +172,6 @@ def charts(
         plot=plot,
         as_json=json,
     )
-    raise typer.Exit(done)
 
 
 @app.command(
@@ -189,14 +188,14 @@ def freeze(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """State the first phase of control charts; another statement begins a new one."""
     from bench.commands.history import charts as work
     from bench.commands.history.show import Place
 
     subject = ("unit", uut) if bench is None else ("station", bench)
     days = None if since is None else since.date(), until.date()
-    raise typer.Exit(work.freeze_phase(Place(history, out), subject, days, run_length, by, reason, json))
+    return work.freeze_phase(Place(history, out), subject, days, run_length, by, reason, json)
 
 
 @app.command(epilog='Example: bench history adjusted SESSION as_left --what "gain of channel 3" --by "A. Meyer"')
@@ -208,9 +207,9 @@ def adjusted(
     history: History = None,
     out: Out = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Mark a calibration as found or as left; drift never crosses an adjustment."""
     from bench.commands.history import charts as work
     from bench.commands.history.show import Place
 
-    raise typer.Exit(work.adjusted(Place(history, out), session, state, what, by, json))
+    return work.adjusted(Place(history, out), session, state, what, by, json)

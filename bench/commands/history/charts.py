@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from datetime import date
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 
-from bench.commands.console import console
+from bench.commands.console import console, print_sorted_json
 from bench.commands.history.show import Place, named
 from bench.commands.history.tables import rows_table
 from bench.maths.control.limits import KINDS
@@ -52,7 +49,7 @@ def charts(
 
         draw_charts(subject, plot)
     if as_json:
-        _json(subject.as_json())
+        print_sorted_json(subject.as_json())
     else:
         _print(console(), subject)
     signalled = any(series.signals for series in subject.shown)
@@ -71,7 +68,7 @@ def freeze_phase(
     """State the first phase of a unit or a station."""
     done = control.freeze(place.of(), subject, days, run_length, by, reason)
     if as_json:
-        return _json(done)
+        return print_sorted_json(done)
     console().print(f"{done['name']}: {done['calibrations']} calibrations until {done['until_utc'][:10]}, by {by}")
     return ExitStatus.PASS
 
@@ -80,7 +77,7 @@ def adjusted(place: Place, session: str, state: str, what: str, by: str, as_json
     """State that a calibration shows its unit before or after an adjustment."""
     done = state_calibration(place.of([session]), named(session), state, what, by)
     if as_json:
-        return _json({"session": done["session"], "state": state, "what": what, "stated_by": by})
+        return print_sorted_json({"session": done["session"], "state": state, "what": what, "stated_by": by})
     console().print(f"{done['session']}: {state.replace('_', ' ')}, {what}")
     return ExitStatus.PASS
 
@@ -123,8 +120,3 @@ def _rows(series: control.ChartedSeries) -> list[tuple[str, ...]]:
             since = (day, f"{change.size:+.3g}", f"{change.expanded:.2g}")
         rows.append((series.label, series.names[point], ", ".join(kinds), *since, series.parameter.unit))
     return rows
-
-
-def _json(document: Any) -> int:
-    sys.stdout.write(json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False) + "\n")
-    return ExitStatus.PASS

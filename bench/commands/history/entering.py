@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import console
+from bench.commands.console import console, print_json
 from bench.commands.history.show import Place
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.record import SessionReader
@@ -40,7 +38,7 @@ def import_sessions(place: Place, folders: list[Path], reason: str, as_json: boo
             console(stderr=True).print(str(error))
             status = error.exit_status
     if as_json:
-        sys.stdout.write(json.dumps({"sessions": [vars(recorded) for recorded in done]}, indent=1) + "\n")
+        print_json({"sessions": [vars(recorded) for recorded in done]})
     else:
         for recorded in done:
             console().print(f"{recorded.outcome:<10} {recorded.session}, revision {recorded.revision}")

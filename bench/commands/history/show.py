@@ -4,14 +4,12 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from bench.commands.console import console
+from bench.commands.console import console, print_sorted_json
 from bench.commands.history import tables
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
@@ -48,7 +46,7 @@ def list_all(place: Place, filters: Filters, as_json: bool) -> int:
     """Return one line per calibration."""
     rows = list_calibrations(place.of(), filters)
     if as_json:
-        return _json({"calibrations": rows})
+        return print_sorted_json({"calibrations": rows})
     tables.print_listing(console(), rows)
     return ExitStatus.PASS
 
@@ -57,7 +55,7 @@ def show(place: Place, session: str, as_json: bool) -> int:
     """Return everything about one calibration."""
     shown = show_calibration(place.of([session]), named(session))
     if as_json:
-        return _json(shown.as_json())
+        return print_sorted_json(shown.as_json())
     tables.print_shown(console(), shown)
     return ExitStatus.PASS
 
@@ -77,7 +75,7 @@ def compare(
             )
         pair = compare_pair(url, named(sessions[0]), named(sessions[1]))
         if as_json:
-            return _json(pair)
+            return print_sorted_json(pair)
         tables.print_pair(console(), pair)
         return ExitStatus.PASS
     comparison = compare_unit(url, filters)
@@ -87,7 +85,7 @@ def compare(
 
         draw(comparison, plot)
     if as_json:
-        return _json(tables.comparison_document(comparison, due, WallClock().utc_ns()))
+        return print_sorted_json(tables.comparison_document(comparison, due, WallClock().utc_ns()))
     tables.print_comparison(console(), comparison, due)
     if plot is not None:
         console().print(f"plot     {plot}")
@@ -106,7 +104,7 @@ def due(place: Place, filters: Filters, most_days: int, as_json: bool) -> int:
     now_ns = WallClock().utc_ns()
     rows = [due.as_json(now_ns) for due in dues]
     if as_json:
-        _json({"due": rows})
+        print_sorted_json({"due": rows})
     else:
         tables.print_due(console(), rows)
     return ExitStatus.VERDICT_FAIL if any(row["overdue"] and not row["simulated"] for row in rows) else ExitStatus.PASS
@@ -117,7 +115,7 @@ def export(place: Place, path: Path, filters: Filters, as_json: bool) -> int:
     with writing(path):
         rows = export_history(place.of(), filters, path)
     if as_json:
-        return _json({"file": str(path), "rows": rows})
+        return print_sorted_json({"file": str(path), "rows": rows})
     console().print(f"{rows} estimates written to {path}")
     return ExitStatus.PASS
 
@@ -128,7 +126,7 @@ def approve_session(place: Place, session: str, by: str, statement: str, as_json
     report_sha256 = digest_of_file(report) if report.is_file() else None
     done = approve(place.of([session]), named(session), by, statement, report_sha256)
     if as_json:
-        return _json({**vars(done), "approved_by": by, "statement": statement})
+        return print_sorted_json({**vars(done), "approved_by": by, "statement": statement})
     console().print(f"{done.session}: revision {done.revision} approved by {by}")
     return ExitStatus.PASS
 
@@ -139,8 +137,3 @@ def named(session: str) -> str:
     with suppress(OSError, ValueError, KeyError, TypeError):
         return str(json.loads(results.read_text(encoding="utf-8"))["provenance"]["session_sha256"])
     return session
-
-
-def _json(document: Any) -> int:
-    sys.stdout.write(json.dumps(document, indent=1, sort_keys=True, ensure_ascii=False, allow_nan=False) + "\n")
-    return ExitStatus.PASS

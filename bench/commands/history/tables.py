@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from rich import box
 from rich.console import Console
 from rich.table import Table
 
 from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound, limits_of, limits_text
+from bench.commands.console import plain_table
 from bench.maths.verdict import verdict_words
 from bench.store import LEAST_FOR_CONTROL, Comparison, Due, Shown, conditions_text
 
@@ -180,7 +180,7 @@ def print_due(out: Console, rows: Sequence[Row]) -> None:
 
 
 def _table(title: str, heads: Sequence[str]) -> Table:
-    table = Table(title=title or None, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)
+    table = plain_table(title)
     for name in heads:
         table.add_column(name, justify="left" if name in _LEFT else "right", overflow="fold", no_wrap=name in _WHOLE)
     return table

@@ -16,12 +16,12 @@ def init(
     model: Annotated[str | None, typer.Option("--model", help="of the unit under test")] = None,
     serial: Annotated[str | None, typer.Option("--serial", help="its serial number")] = None,
     station: Annotated[str | None, typer.Option("--station", help="the simulated bench to begin with")] = None,
-) -> None:
+) -> int:
     """Make a laboratory's own folder: sequences, stations, frames and code of its own."""
     from bench.commands.lab import init as init_command
 
     given = {"name": name, "model": model, "serial": serial, "station": station}
-    raise typer.Exit(init_command.init(folder, given))
+    return init_command.init(folder, given)
 
 
 def list_all(
@@ -29,8 +29,8 @@ def list_all(
         str | None, typer.Argument(help="sequences, stations, frames, instruments or analyses; default: all")
     ] = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """List what a sequence or a command can name, and where it comes from: this lab folder or an installation."""
     from bench.commands.lab import listing
 
-    raise typer.Exit(listing.print_list(kind, json))
+    return listing.print_list(kind, json)

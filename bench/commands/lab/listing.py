@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -13,7 +11,7 @@ from pydantic import RootModel
 from rich import box
 from rich.table import Table
 
-from bench.commands.console import console
+from bench.commands.console import console, print_json
 from bench.model.errors import ExitStatus, InputError, InstallationError
 from bench.model.installed import Refusal, driver_packages, driver_refusals
 from bench.model.lab import Lab, lab_here
@@ -45,7 +43,7 @@ def print_list(kind: str | None, as_json: bool) -> int:
     lab = lab_here()
     entries = [entry for entry in _entries(lab) if kind in (None, entry.kind)]
     if as_json:
-        sys.stdout.write(json.dumps([asdict(entry) for entry in entries], indent=1) + "\n")
+        print_json([asdict(entry) for entry in entries])
         return ExitStatus.PASS
     for word in WORDS:
         rows = [entry for entry in entries if entry.kind == word]

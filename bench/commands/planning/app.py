@@ -31,9 +31,9 @@ def plan(
     out: Annotated[Path | None, typer.Option("--out", help="write the sequence")] = None,
     plot: Annotated[Path | None, typer.Option("--plot", help="draw hours against uncertainty as SVG")] = None,
     json: AsJson = False,
-) -> None:
+) -> int:
     """Find the shortest sequence that reaches an uncertainty, and say what each change buys and what is still seen."""
     from bench.commands.planning import plan as plan_command
 
     request = plan_command.Request(sequence, station, targets or [], within, lag, out, plot, json)
-    raise typer.Exit(plan_command.plan(request))
+    return plan_command.plan(request)

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import re
-import sys
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
 from bench.commands.check import checked_plan
-from bench.commands.console import console
+from bench.commands.console import console, print_json
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.units import parse_quantity
 from bench.model.yamlio import NAME_PATTERN
@@ -55,7 +53,7 @@ def plan(request: Request) -> int:
     if request.out is not None:
         write_file(request.out, text)
     if request.json:
-        sys.stdout.write(json.dumps(found.document(), indent=1) + "\n")
+        print_json(found.document())
     else:
         out = console()
         out.print(f"{given.name}: {given.title}")

@@ -28,8 +28,7 @@ from bench.model.events.course import (
     UnitLeftOut,
     by_instrument,
 )
-from bench.model.events.event import Event, Severity
-from bench.model.events.stored import event_of
+from bench.model.events.event import Event, Severity, event_of
 from bench.model.events.taken import (
     Answer,
     Decision,

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
-from bench.model.events.event import Event, Severity, left_out, number
+from bench.model.events.event import Event, Severity, event, left_out, number
 
 OPERATOR = "operator"  # who holds a run by a pause
 LEFT_OUT = "unit left out"  # who leaves out the steps of a unit
@@ -18,11 +17,10 @@ def by_instrument(role: str) -> str:
     return f"instrument {role}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("phase")
 class Phase(Event):
     """A phase of the plan begins."""
 
-    kind: ClassVar[str] = "phase"
     name: str
     t_start_ns: int
 
@@ -30,7 +28,7 @@ class Phase(Event):
         return f"phase {self.name} begins"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("resume")
 class Resume(Event):
     """A session is gone on with at step ``start``, in a new segment; monotonic time may begin anew behind it.
 
@@ -38,7 +36,6 @@ class Resume(Event):
     ``utc_back_s``: how far UTC is behind the last that was recorded, which is why.
     """
 
-    kind: ClassVar[str] = "resume"
     reason: str
     start: int | None = left_out()
     stopped_mono_ns: int | None = left_out()
@@ -56,12 +53,10 @@ class Resume(Event):
         return f"gone on with after: {self.reason}{back}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("suspend", at_terminal=True)
 class Suspend(Event):
     """Nothing of the run went on for a while: the machine was asleep, or its processes were stopped."""
 
-    kind: ClassVar[str] = "suspend"
-    at_terminal: ClassVar[bool] = True
     seconds: float
     seen: Literal["boottime", "late beat"]
 
@@ -74,12 +69,10 @@ class Suspend(Event):
         return f"{what} for {number(self.seconds, '.1f')} s ({self.seen}), and nobody watched the bench"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("hold", at_terminal=True)
 class Hold(Event):
     """The run begins to stand still; ``by``: who wishes it. That its stimulus is off is confirmed by nobody yet."""
 
-    kind: ClassVar[str] = "hold"
-    at_terminal: ClassVar[bool] = True
     step: int
     by: str
     reason: str
@@ -96,12 +89,10 @@ class Hold(Event):
         return f"holding at step {self.step}: {self.reason} ({self.by})"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("release", at_terminal=True)
 class Release(Event):
     """The run goes on after it stood still at a step."""
 
-    kind: ClassVar[str] = "release"
-    at_terminal: ClassVar[bool] = True
     step: int
     seconds: float
 
@@ -109,12 +100,10 @@ class Release(Event):
         return f"going on after {number(self.seconds, '.0f')} s"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("armed", at_terminal=True)
 class Armed(Event):
     """Somebody at the bench lets it be energised again after a hold; or nobody is asked, for a declared ``reason``."""
 
-    kind: ClassVar[str] = "armed"
-    at_terminal: ClassVar[bool] = True
     step: int
     by: str = left_out("")
     reason: str = left_out("")
@@ -123,12 +112,10 @@ class Armed(Event):
         return f"armed at the bench by {self.by}" if self.by else f"nobody is asked to arm the bench: {self.reason}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("skip", at_terminal=True)
 class Skip(Event):
     """The steps from ``first`` up to ``stop`` are left out."""
 
-    kind: ClassVar[str] = "skip"
-    at_terminal: ClassVar[bool] = True
     by: str
     reason: str
     first: int
@@ -142,12 +129,10 @@ class Skip(Event):
         return f"steps {self.first} to {self.stop - 1} left out: {self.reason} ({self.by})"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("unit_left_out", at_terminal=True)
 class UnitLeftOut(Event):
     """A unit of several is left out from ``step`` on; ``confirmed``: the instruments that were confirmed off for it."""
 
-    kind: ClassVar[str] = "unit_left_out"
-    at_terminal: ClassVar[bool] = True
     slot: str
     step: int
     code: str
@@ -167,11 +152,10 @@ class UnitLeftOut(Event):
         return f"{unit} is left out from step {self.step} on: {self.reason}; confirmed off: {off}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("slip")
 class Slip(Event):
     """The steps after this one are later than planned."""
 
-    kind: ClassVar[str] = "slip"
     step: int
     seconds: float
     reason: str
@@ -180,12 +164,10 @@ class Slip(Event):
         return f"step {self.step}: {number(self.seconds, '.3g')} s later than planned ({self.reason})"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("late", at_terminal=True)
 class Late(Event):
     """A soak of the chamber ``role`` is not stable at the end of its slot; ``policy``: hold, skip or abort."""
 
-    kind: ClassVar[str] = "late"
-    at_terminal: ClassVar[bool] = True
     step: int
     policy: str
     last_degC: float
@@ -200,11 +182,10 @@ class Late(Event):
         return f"step {self.step}: {soak}, last {last} degC, {slope} degC/min: {self.policy}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("overrun")
 class Overrun(Event):
     """The steps before this one took longer than the plan leaves for them."""
 
-    kind: ClassVar[str] = "overrun"
     step: int
     seconds: float
 
@@ -213,11 +194,10 @@ class Overrun(Event):
         return f"step {self.step}: began {late} s late, what was before it took longer"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("retake")
 class Retake(Event):
     """A record is taken back; its number is given again."""
 
-    kind: ClassVar[str] = "retake"
     record: int
     reason: str
 
@@ -225,12 +205,10 @@ class Retake(Event):
         return f"record {self.record} is taken again: {self.reason}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("gap", at_terminal=True)
 class Gap(Event):
     """A record that should follow another one without a gap begins anew."""
 
-    kind: ClassVar[str] = "gap"
-    at_terminal: ClassVar[bool] = True
     step: int
     record: int
     first_counter: int
@@ -239,7 +217,7 @@ class Gap(Event):
         return f"record {self.record} is begun anew, frames between it and the record before are lost"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("settled")
 class Settled(Event):
     """How settled the temperature was at the end of a soak of the chamber ``role``: every sample of the last ``for_s``.
 
@@ -247,7 +225,6 @@ class Settled(Event):
     what no sample says.
     """
 
-    kind: ClassVar[str] = "settled"
     step: int
     role: str
     target_degC: float
@@ -266,11 +243,10 @@ class Settled(Event):
         return f"{found} at {self.target_degC:g} degC; chance that it leaves its band: {chance}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("reentry")
 class Reentry(Event):
     """The temperature is back at what a step needs; ``soaked``: by a soak of its whole slot."""
 
-    kind: ClassVar[str] = "reentry"
     step: int
     target_degC: float | None
     soaked: bool
@@ -282,14 +258,13 @@ class Reentry(Event):
         return f"back at {unit} degC{', soaked' if self.soaked else ''}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("error")
 class Error(Event):
     """A reading that failed, a fault of the recorder, or the error that ends the run (an ``End`` follows then).
 
     ``text`` is all of it; ``where``: what it belongs to; ``segment``, ``errno``: of a fault of the recorder.
     """
 
-    kind: ClassVar[str] = "error"
     code: str
     text: str
     step: int | None = left_out()
@@ -313,11 +288,10 @@ class Error(Event):
         return self.text or self.code
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("safe")
 class Safe(Event):
     """The bench was made safe; ``failures``: what could not be confirmed, ``roles``: the instruments of these."""
 
-    kind: ClassVar[str] = "safe"
     failures: Sequence[str]
     roles: Sequence[str] = left_out(())
 
@@ -334,11 +308,10 @@ class Safe(Event):
         return "; ".join(map(str, self.failures)) or "what drives, heats or moves was confirmed off, or on hold"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("end")
 class End(Event):
     """The run is over; ``error``: code of what ended it, None if every step was done."""
 
-    kind: ClassVar[str] = "end"
     steps: int
     records: int
     slip_s: float
@@ -359,20 +332,17 @@ class End(Event):
         return "the run is done" if self.error is None else f"the run ended: {self.error}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("closed")
 class Closed(Event):
     """The recorder has closed the session: "done", or the code of the error."""
 
-    kind: ClassVar[str] = "closed"
     reason: str
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("config", at_terminal=True)
 class Config(Event):
     """A file that the run was made from has changed while it went on."""
 
-    kind: ClassVar[str] = "config"
-    at_terminal: ClassVar[bool] = True
     file: str
     change: str
 

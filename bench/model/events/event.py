@@ -11,7 +11,18 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, Field, dataclass, field, fields
 from types import NoneType, UnionType
-from typing import Any, ClassVar, Literal, Self, Union, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    ClassVar,
+    Literal,
+    Self,
+    TypeVar,
+    Union,
+    dataclass_transform,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 Severity = Literal["none", "warning", "alarm", "fault"]
 _LEFT_OUT, _RAW = "left_out", "raw"
@@ -100,6 +111,28 @@ class Event:
     @property
     def _is_worded(self) -> bool:
         return type(self)._words is not Event._words
+
+
+Model = TypeVar("Model", bound=Event)
+_CLASSES: dict[tuple[str, str], type[Event]] = {}  # by kind, and by ``what`` where a kind has a class for each
+
+
+@dataclass_transform(kw_only_default=True, frozen_default=True)
+def event(kind: str, *, at_terminal: bool = False) -> Callable[[type[Model]], type[Model]]:
+    """Make a class one of the events that a session may hold. ``at_terminal``: a person there reads it."""
+
+    def register(model: type[Model]) -> type[Model]:
+        model.kind, model.at_terminal = kind, at_terminal
+        _CLASSES[kind, vars(model).get("what", "")] = model
+        return dataclass(frozen=True, kw_only=True)(model)
+
+    return register
+
+
+def event_of(kind: str, document: Mapping[str, Any]) -> Event:
+    """Return the event that a session holds. An event of a kind that is not known is an ``Event`` with its fields."""
+    model = _CLASSES.get((kind, str(document.get("what")))) or _CLASSES.get((kind, ""))
+    return Event(raw=document) if model is None else model.read(document)
 
 
 def number(value: float, form: str = "g") -> str:

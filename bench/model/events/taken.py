@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any
 
-from bench.model.events.event import Event, left_out, number
+from bench.model.events.event import Event, event, left_out, number
 
 Conditions = Mapping[str, Any]
 _RATIO = "1"  # unit of a ratio or a count
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("record")
 class Record(Event):
     """A record was taken: a window of frames of one link. ``samples``, ``pulse_timing`` and ``signals``: what
     is kept of it.
@@ -20,7 +19,6 @@ class Record(Event):
     A record of readings has no link and no frames; ``readings`` of it have a value, ``unread`` have none.
     """
 
-    kind: ClassVar[str] = "record"
     number: int
     link: str
     first_counter: int
@@ -36,11 +34,10 @@ class Record(Event):
     unread: int | None = left_out()
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("reading")
 class Reading(Event):
     """An action of an instrument gave a value; None with ``quality`` and an error if it should have given one."""
 
-    kind: ClassVar[str] = "reading"
     step: int
     role: str
     name: str
@@ -52,7 +49,7 @@ class Reading(Event):
     arguments: Mapping[str, Any] | None = left_out()
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("decision", at_terminal=True)
 class Decision(Event):
     """A step has decided by what was read last: ``word`` if, while or choose; ``outcome``: the branch that is done.
 
@@ -60,8 +57,6 @@ class Decision(Event):
     asked for; empty if none was taken.
     """
 
-    kind: ClassVar[str] = "decision"
-    at_terminal: ClassVar[bool] = True
     step: int
     word: str
     readings: Sequence[Mapping[str, Any]]
@@ -76,7 +71,7 @@ class Decision(Event):
         return f"step {self.step}: {self.word} {self.by}: {self.outcome}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("thermal_lag", at_terminal=True)
 class ThermalLag(Event):
     """How the unit came to rest in a soak that its lag may end: ``share`` is the standard uncertainty over the lag.
 
@@ -84,8 +79,6 @@ class ThermalLag(Event):
     standard uncertainties.   ``saved_s``: rest of the slot that was left out, 0 for a whole one.
     """
 
-    kind: ClassVar[str] = "thermal_lag"
-    at_terminal: ClassVar[bool] = True
     step: int
     lag_s: float
     share: float
@@ -101,11 +94,10 @@ class ThermalLag(Event):
         return f"step {self.step}: {', '.join(filter(None, (known, near, saved)))}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("answer")
 class Answer(Event):
     """The unit answered a command that carries no number; ``payload`` in hex."""
 
-    kind: ClassVar[str] = "answer"
     step: int
     role: str
     name: str
@@ -113,11 +105,10 @@ class Answer(Event):
     payload: str
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("exchange")
 class Exchange(Event):
     """A numbered command and what came back; ``status`` is None if nobody answered, payloads are in hex."""
 
-    kind: ClassVar[str] = "exchange"
     step: int
     item: str
     name: str
@@ -134,14 +125,13 @@ class Exchange(Event):
     conditions: Conditions
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("prompt")
 class Prompt(Event):
     """A person has answered a question; ``value`` is None if it was a confirmation.
 
     ``quantity``: what of the unit under test the value is, under which ``conditions``; None for what is no measurement.
     """
 
-    kind: ClassVar[str] = "prompt"
     step: int
     text: str
     confirm: str
@@ -167,32 +157,29 @@ def _read(reading: Mapping[str, Any]) -> str:
     return f"{reading.get('name')} {shown}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("environment")
 class Environment(Event):
     """True temperatures of the chamber's air and of the unit, once a minute.
 
     Where several units share a campaign there is one without ``uut``, of the hottest of them, and one of each unit.
     """
 
-    kind: ClassVar[str] = "environment"
     air_degC: float | None
     unit_degC: float | None
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("surroundings")
 class Surroundings(Event):
     """Temperatures that a logger scanned, by channel."""
 
-    kind: ClassVar[str] = "surroundings"
     role: str
     degC: Mapping[str, float]
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("preflight")
 class Preflight(Event):
     """Findings of the pre-flight before a run; each has name, status, value, limit and text."""
 
-    kind: ClassVar[str] = "preflight"
     ok: int
     warn: int
     fail: int

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, ClassVar, Literal
 
-from bench.model.events.event import Event, Severity, left_out, number
+from bench.model.events.event import Event, Severity, event, left_out, number
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("alarm")
 class Alarm(Event):
     """Somebody should look. Each ``what`` has a class of its own."""
 
-    kind: ClassVar[str] = "alarm"
     what: str
 
     @property
@@ -32,11 +30,10 @@ class Alarm(Event):
         return self.what
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("alarm", at_terminal=True)
 class HoldAlarm(Alarm):
     """The run has stood still for long."""
 
-    at_terminal: ClassVar[bool] = True
     what: str = "hold"
     step: int
     seconds: float
@@ -47,11 +44,10 @@ class HoldAlarm(Alarm):
         return f"still holding at step {self.step} after {number(self.seconds, '.0f')} s: {reasons}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("alarm", at_terminal=True)
 class StimulusAlarm(Alarm):
     """An instrument of the stimulus could not be made safe; it is tried on."""
 
-    at_terminal: ClassVar[bool] = True
     what: str = "stimulus"
     step: int
     role: str
@@ -74,7 +70,7 @@ class StimulusAlarm(Alarm):
         return f"{self.role} is not confirmed safe at step {self.step}: {self.code}: {self.text}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("alarm")
 class PromptAlarm(Alarm):
     """A person is asked who does not sit at the terminal."""
 
@@ -92,7 +88,7 @@ class PromptAlarm(Alarm):
         return f"somebody must answer: {self.text}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("alarm", at_terminal=True)
 class Deviation(Alarm):
     """A quantity is not what was set, or is again (``state`` over); nobody declared it, and the run only says so.
 
@@ -100,7 +96,6 @@ class Deviation(Alarm):
     sensor that says so; ``door``: whether the door of the chamber is or was open, None if nothing tells.
     """
 
-    at_terminal: ClassVar[bool] = True
     what: str = "deviation"
     name: str
     of: str
@@ -144,12 +139,10 @@ def _given(value: float | None) -> str:
     return "none" if value is None else number(value, ".4g")
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("interlock", at_terminal=True)
 class Interlock(Event):
     """A watched value is beyond its limit, or back; ``value`` is None if there was no reading."""
 
-    kind: ClassVar[str] = "interlock"
-    at_terminal: ClassVar[bool] = True
     name: str
     signal: str
     of: str
@@ -185,14 +178,13 @@ class Interlock(Event):
         return f"interlock {self.name}: {signal} is {value}: {self.action}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("link")
 class Link(Event):
     """A link was opened, is lost or silent, is back, or lost bytes; each state has its own fields.
 
     ``frame`` to ``buf_overrun``: errors that the kernel has counted since the last look.
     """
 
-    kind: ClassVar[str] = "link"
     link: str
     state: Literal["open", "lost", "silent", "back", "kernel errors", "behind"]
     kernel_counts: bool | None = left_out()
@@ -237,11 +229,10 @@ class Link(Event):
         return f"link {self.link} is {self.state}{'' if self.reason is None else f': {self.reason}'}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("guard")
 class Guard(Event):
     """The guard is ready or lost, a heartbeat was withheld from it, or it has acted."""
 
-    kind: ClassVar[str] = "guard"
     state: Literal["ready", "withheld", "lost", "acted"]
     pid: int | None = left_out()
     parts: Sequence[str] | None = left_out()
@@ -263,15 +254,13 @@ class Guard(Event):
         return f"guard {self.state}{f': {self.text}' if self.text else ''}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("verdict", at_terminal=True)
 class Verdict(Event):
     """The early judge has judged what is recorded so far; ``ok`` is None if nothing can be judged yet.
 
     A check has ok, name, value, limit and text.
     """
 
-    kind: ClassVar[str] = "verdict"
-    at_terminal: ClassVar[bool] = True
     ok: bool | None
     records: int | None = left_out()
     checks: Sequence[Mapping[str, Any]] | None = left_out()
@@ -300,12 +289,10 @@ def _check(check: Mapping[str, Any]) -> str:
     return f"{check.get('name')} {value:.3g}, limit {limit:.3g} ({check.get('text')})"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("notify", at_terminal=True)
 class Notify(Event):
     """A message to a person did not get through, or was left out."""
 
-    kind: ClassVar[str] = "notify"
-    at_terminal: ClassVar[bool] = True
     way: str
     message: str
     sent: bool
@@ -323,12 +310,10 @@ class Notify(Event):
         return f"a notification by {self.way} did not get through ({self.why})"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("clock_step", at_terminal=True)
 class ClockStep(Event):
     """UTC has moved against the monotonic clock."""
 
-    kind: ClassVar[str] = "clock_step"
-    at_terminal: ClassVar[bool] = True
     step_s: float
     t_utc_ns: int
 
@@ -341,7 +326,7 @@ class ClockStep(Event):
         return f"{jump}; durations are not touched"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("control")
 class Control(Event):
     """A person has given a command from elsewhere; ``text``: what it was answered with.
 
@@ -349,7 +334,6 @@ class Control(Event):
     answered. ``place``: where it comes from, "bench" or "afar"; None in a session that does not say it.
     """
 
-    kind: ClassVar[str] = "control"
     what: str
     by: str
     reason: str
@@ -366,21 +350,18 @@ class Control(Event):
         return f"{self.what} by {self.by}{f': {self.reason}' if self.reason else ''}{refused}"
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("inhibit")
 class Inhibit(Event):
     """The machine is kept awake, or is not any more."""
 
-    kind: ClassVar[str] = "inhibit"
     held: bool
     text: str
 
 
-@dataclass(frozen=True, kw_only=True)
+@event("disk", at_terminal=True)
 class Disk(Event):
     """The disk takes nothing. No event of a session, which cannot be written just then: the run only tells it."""
 
-    kind: ClassVar[str] = "disk"
-    at_terminal: ClassVar[bool] = True
     recorded: ClassVar[bool] = False
     code: str
     text: str

@@ -12,8 +12,7 @@ from bench.store.database import reading, writing
 from bench.store.errors import StoreError
 from bench.store.reading import utc_text
 from bench.store.selection import find_unit, unknown
-from bench.store.stated_tables import phases
-from bench.store.tables import calibrations
+from bench.store.tables import calibrations, phases
 
 LEAST = 8  # calibrations of a first phase; fewer say too little about the scatter
 BY_DEFAULT = 12  # calibrations, where nobody has stated a first phase
