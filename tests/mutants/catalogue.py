@@ -102,7 +102,7 @@ MUTANTS = [
     ),
     Mutant(
         "unit that runs ahead of the chamber",
-        "bench/systems/af_converter/estimators/thermal_lag.py",
+        "bench/systems/af_converter/estimators/gates.py",
         "mean - lag_s * np.diff(unit_degC)",
         "mean + lag_s * np.diff(unit_degC)",
         ["tests/unit/systems/af_converter/test_hysteresis_parts.py::test_lag_and_its_means_against_an_integrator"],
