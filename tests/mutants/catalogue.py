@@ -171,7 +171,7 @@ MUTANTS = [
     ),
     Mutant(
         "cross coupling in the place of its transpose",
-        "bench/systems/gnc/estimators/six_position.py",
+        "bench/systems/gnc/estimators/triad.py",
         "matrix = solution[:3].T",
         "matrix = solution[:3]",
         ["tests/unit/systems/gnc/test_imu_six_position.py::test_fifty_units_within_50_ppm"],
