@@ -1,8 +1,6 @@
 """The DMM method as an analysis: the current meter's readings beside the records are the reference; notes and tables.
 
 Source: AF-converter paper section 3.1.2; docs/decisions/0007-dmm-method.md.
-
-Determines fits and estimates from the records and readings of a campaign by the DMM method.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """What the data of a DMM campaign say against its model, group by group, and what the points taken again say.
 
-What cannot be is told by ``plausible``. Half differences and half sums of all levels must lie on one straight line
+Half differences and half sums of all levels must lie on one straight line
 within the uncertainties of meter and counts, and a line that is carried by one level is not that of the converter. A
 point that is taken again must show the same unit against the same meter.
 Source: docs/decisions/0025-doubt.md; docs/decisions/0007-dmm-method.md.

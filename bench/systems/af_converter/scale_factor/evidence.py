@@ -1,6 +1,6 @@
 """What the data of a scale-factor campaign say against its model, group by group.
 
-What cannot be is told by ``plausible``. The levels must lie on one straight line within their uncertainties: a line
+The levels must lie on one straight line within their uncertainties: a line
 that is carried by one level is not that of the converter.
 Source: docs/decisions/0025-doubt.md.
 
