@@ -102,7 +102,7 @@ MUTANTS = [
     ),
     Mutant(
         "unit that runs ahead of the chamber",
-        "bench/systems/af_converter/estimators/thermal_lag.py",
+        "bench/systems/af_converter/estimators/gates.py",
         "mean - lag_s * np.diff(unit_degC)",
         "mean + lag_s * np.diff(unit_degC)",
         ["tests/unit/systems/af_converter/test_hysteresis_parts.py::test_lag_and_its_means_against_an_integrator"],
@@ -171,7 +171,7 @@ MUTANTS = [
     ),
     Mutant(
         "cross coupling in the place of its transpose",
-        "bench/systems/gnc/estimators/six_position.py",
+        "bench/systems/gnc/estimators/triad.py",
         "matrix = solution[:3].T",
         "matrix = solution[:3]",
         ["tests/unit/systems/gnc/test_imu_six_position.py::test_fifty_units_within_50_ppm"],

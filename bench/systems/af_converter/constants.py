@@ -1,21 +1,39 @@
-"""Converter constants, as a scale-factor analysis reads them from the manifest of a session."""
+"""Converter constants, as a scale-factor analysis reads them from the manifest of a session.
+
+The register of standards, as the analyses of AF converters read it from the manifest of a session.
+
+Every standard enters once: each of its errors has one label, wherever it stands.
+Source: docs/decisions/0036-standards-once.md.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
 from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from bench.analysis import Common, Evidence, Material, outlived, outlived_text
 from bench.model.errors import FitError
-from bench.systems.af_converter.estimators.readings import Converter
+from bench.systems.af_converter.estimators.readings import GAIN, Converter, RangeSpecification, RelativeError
+from bench.systems.af_converter.wording import say
 
 PLAUSIBLE_ERROR = 0.05  # of the nominal scale factor, where the sequence states nothing
 
 
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]
+Register = Mapping[str, Mapping[str, Any]]
+CALIBRATOR = "calibrator"
+FUNCTION_GENERATOR = "function_generator"
+METER = "dmm"
+FREQUENCY = "frequency"  # error of the function generator
+DRIFT_UNKNOWN = say("standard.no_drift")
+REGISTER = say("source.register")
+_ALL_RANGES = "calibration of all ranges"  # where the register states it for the standard as a whole
+_FG_RECTANGULAR_LIMIT = 3e-6  # paper section 4.1: stability of the function generator below 3 ppm
 
 
 class _Tolerant(BaseModel):
@@ -124,3 +142,183 @@ def read_campaign(campaign: Mapping[str, Any]) -> Campaign:
             where="manifest: campaign." + ".".join(str(part) for part in first["loc"]),
             next_step="check the campaign section of the sequence the session was made with",
         ) from error
+
+
+@dataclass(frozen=True)
+class Standards:
+    """Uncertainties (standard, relative or ampere) and corrections of the standards that matter here.
+
+    ``drift``: of the calibrator over the campaign; ``drift_source`` says who knows it. ``calibrator_dof``,
+    ``generator_dof``: degrees of freedom of what their certificates state.   ``register``: what they were read from.
+    """
+
+    ranges: Mapping[float, RangeSpecification]
+    drift: float | None
+    function_generator: float
+    notes: tuple[str, ...] = field(default=())
+    drift_source: str = REGISTER
+    calibrator_dof: float = math.inf
+    generator_dof: float = math.inf
+    register: Register = field(default_factory=dict)
+
+    @property
+    def drift_ppm(self) -> float:
+        """Return what the drift of the calibrator adds to each scale-factor error, standard, ppm; 0 if not known."""
+        return (self.drift or 0.0) * 1e6
+
+    def dof_of(self, label: str) -> float:
+        """Return the degrees of freedom of an error of the calibrator."""
+        calibrations = (entry.calibration for entry in self.ranges.values())
+        known = [error.dof for error in calibrations if error is not None and error.label == label]
+        return min(known, default=self.calibrator_dof)
+
+
+def read_ranges(standards: Register, role: str) -> dict[float, RangeSpecification]:
+    """Return uncertainty (95 %, k = 2) and correction of each range of a standard, by full scale in ampere.
+
+    Raises: FitError B-FIT-009 if the register has no such standard or one of its numbers is missing.
+    """
+    try:
+        entry = standards[role]
+        corrections = {float(correction["range_A"]): correction for correction in entry.get("corrections") or ()}
+        return {
+            float(line["range_A"]): _range(line, corrections.get(float(line["range_A"]), {}), entry)
+            for line in entry["uncertainty"]
+        }
+    except (KeyError, TypeError, ValueError, AttributeError) as error:
+        raise _register_error(role, error) from error
+
+
+def _range(line: Mapping[str, Any], correction: Mapping[str, Any], entry: Mapping[str, Any]) -> RangeSpecification:
+    kind, common = line.get("specification"), line.get("common_with")
+    calibration = _calibration(line, entry)
+    return RangeSpecification(
+        relative=float(line["relative"]),
+        floor_A=float(line["floor_A"]),
+        gain=float(correction.get("gain", 0.0)),
+        offset_A=float(correction.get("offset_A", 0.0)),
+        label=str(common) if kind == "absolute" and common else GAIN,
+        calibration=calibration,
+        traced=kind == "absolute" or calibration is not None,
+    )
+
+
+def _calibration(line: Mapping[str, Any], entry: Mapping[str, Any]) -> RelativeError | None:
+    """Return the error of a range that its certificate states beside a relative specification, None if it does not."""
+    dof = _at_least_one(line.get("dof", entry.get("dof")))
+    if line.get("certificate_U") is not None:
+        label = line.get("common_with") or f"calibration of the range {float(line['range_A']):g} A"
+        return RelativeError(str(label), float(line["certificate_U"]) / float(line.get("k", 2.0)), dof)
+    traceability = _half(entry, "traceability_relative")
+    return None if traceability is None else RelativeError(_ALL_RANGES, traceability, dof)
+
+
+def _register_error(role: str, error: Exception) -> FitError:
+    return FitError(
+        "B-FIT-009",
+        f"the standards register does not say what the fit needs of the {role} ({error!r})",
+        where=f"manifest: standards.{role}",
+        next_step="give range, relative and floor of each range in the station file",
+    )
+
+
+def read_standards(standards: Register) -> Standards:
+    """Read the register as it stood when the session was made; uncertainties without a factor are 95 %, k = 2.
+
+    Raises: FitError B-FIT-009 if the calibrator or one of its numbers is missing.
+    """
+    ranges, generator = read_ranges(standards, CALIBRATOR), read_generator(standards)
+    drift = _half(standards[CALIBRATOR], "drift_relative")
+    notes = untraced(ranges, CALIBRATOR)
+    if drift is None:
+        notes.append(DRIFT_UNKNOWN)
+    degrees = read_dof(standards, CALIBRATOR), read_dof(standards, FUNCTION_GENERATOR)
+    return Standards(ranges, drift, generator, tuple(notes), REGISTER, *degrees, standards)
+
+
+def untraced(ranges: Mapping[float, RangeSpecification], role: str) -> list[str]:
+    """Return a note if the uncertainty of a standard does not hold that of its own calibration."""
+    name = say("name.meter") if role == METER else say("name.calibrator") if role == CALIBRATOR else role
+    return [] if all(entry.traced for entry in ranges.values()) else [say("standard.untraced", name=name)]
+
+
+def read_generator(standards: Register) -> float:
+    """Relative standard uncertainty of the function generator; where the register states none, that of the paper.
+
+    Raises: FitError B-FIT-009 if what it states is not usable.
+    """
+    try:
+        return _function_generator(standards.get(FUNCTION_GENERATOR, {}))
+    except (KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise _register_error(FUNCTION_GENERATOR, error) from error
+
+
+def read_dof(standards: Register, role: str) -> float:
+    """Return degrees of freedom of what a standard's certificate states; infinite where the register states none.
+
+    Raises: FitError B-FIT-009 for fewer than one, or what is no number.
+    """
+    try:
+        return _at_least_one(standards.get(role, {}).get("dof"))
+    except (TypeError, ValueError) as error:
+        raise _register_error(role, error) from error
+
+
+def _at_least_one(stated: Any) -> float:
+    degrees = math.inf if stated is None else float(stated)
+    if not degrees >= 1.0:
+        raise ValueError(f"{degrees:g} degrees of freedom, at least 1 is due")
+    return degrees
+
+
+def _half(entry: Mapping[str, Any], key: str) -> float | None:
+    return None if entry.get(key) is None else float(entry[key]) / 2.0
+
+
+def _function_generator(entry: Mapping[str, Any]) -> float:
+    stated = entry.get("uncertainty") or ()
+    if not stated:
+        own = _FG_RECTANGULAR_LIMIT / math.sqrt(3.0)
+        return math.hypot(own, _half(entry, "traceability_relative") or 0.0)
+    calibration = _calibration(stated[0], entry)
+    return math.hypot(float(stated[0]["relative"]) / 2.0, calibration.std if calibration else 0.0)
+
+
+def common_errors(standards: Register, role: str, parts: Mapping[str, float], campaign: Mapping[str, float]) -> Common:
+    """Return what a result shares with others: signed parts of a standard's errors, and of errors of the campaign.
+
+    An error that the register names ``common_with`` keeps that name; any other is named after model, serial number and
+    certificate of its standard, and without these no other session can know it: it is one of the campaign then.
+    """
+    entry = standards.get(role, {})
+    named = {str(line["common_with"]) for line in entry.get("uncertainty") or () if line.get("common_with")}
+    known = bool(entry.get("serial") and entry.get("certificate"))
+    of_standards, of_campaign = {}, dict(campaign)
+    for label, part in parts.items():
+        if label in named:
+            of_standards[label] = part
+        elif known:
+            of_standards[f"{entry.get('model', '')} {entry['serial']} {entry['certificate']}: {label}".strip()] = part
+        else:
+            of_campaign[f"{role}: {label}"] = part
+    return {"standards": of_standards, "campaign": of_campaign}
+
+
+def expired(material: Material, role: str, ranges_A: Collection[float], quantities: Collection[str]) -> list[Evidence]:
+    """Return evidence against what was measured with ranges whose specification did not hold until the end.
+
+    Nothing where a session does not say when it was taken, or a register states no age.
+    """
+    if material.utc_offset_s is None or not material.rows:
+        return []
+    end_s = material.utc_offset_s + 1e-9 * max(row.window.t_end_ns for row in material.rows)
+    gone = [
+        entry
+        for entry in outlived(material.standards, role, end_s)
+        if any(math.isclose(entry.range_A, range_A, rel_tol=1e-6) for range_A in ranges_A)
+    ]
+    if not gone:
+        return []
+    days = gone[0].had_s / 86_400.0 if math.isfinite(gone[0].had_s) else None
+    sentence = say("standard.expired", what=outlived_text(gone))
+    return [Evidence("specification_expired", sentence, days, 0.0, quantities=quantities)]  # no chance makes a date

@@ -52,7 +52,7 @@ DECLARATION = System(
             made_of="tests",
             items=_ITEMS,
             page="docs/gnc-module.md",
-            predicted=f"{_HERE}.predicted.unit_test:predicted",
+            predicted=f"{_HERE}.predicted:of_unit_test",
         ),
         AnalysisDeclaration(
             "imu_calibration",
@@ -63,7 +63,7 @@ DECLARATION = System(
             fields=_TRIADS,
             main=(*_FOUND, "accel_cross_coupling", "gyro_cross_coupling"),
             assumptions=f"{_TAKEN}:of_calibration",
-            predicted=f"{_HERE}.predicted.calibration:predicted",
+            predicted=f"{_HERE}.predicted:of_calibration",
             design=f"{_HERE}.calibration.design:design",
         ),
         AnalysisDeclaration(
@@ -76,7 +76,7 @@ DECLARATION = System(
             main=("gyro_bias", "accel_bias", "gyro_bias_stability", "accel_bias_stability"),
             sizes=("gyro_bias_stability", "accel_bias_stability"),
             assumptions=f"{_TAKEN}:of_bias",
-            predicted=f"{_HERE}.predicted.bias:predicted",
+            predicted=f"{_HERE}.predicted:of_bias",
         ),
         AnalysisDeclaration(
             "magnetometer",
@@ -86,7 +86,7 @@ DECLARATION = System(
             conditions=(*_POSE, "rate_deg_s"),
             main=("mag_offset", "mag_gain", "mag_angle"),
             assumptions=f"{_TAKEN}:of_magnetometer",
-            predicted=f"{_HERE}.predicted.magnetometer:predicted",
+            predicted=f"{_HERE}.predicted:of_magnetometer",
             fields=("tick", "mag", "temperature"),
         ),
         AnalysisDeclaration(

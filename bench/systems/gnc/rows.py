@@ -14,11 +14,16 @@ from numpy.typing import NDArray
 
 from bench.analysis import CONTINUES, Floats, Material, Table, number, with_uncertainty
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.bad_samples import bad_samples, bridged
 from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock, unwrapped_ticks_s
-from bench.systems.gnc.estimators.earth_rate import Pose, Site
-from bench.systems.gnc.estimators.records import tick_seconds
-from bench.systems.gnc.estimators.sample_checks import FROZEN, SATURATED, SampleChecks, check_samples
+from bench.systems.gnc.estimators.earth_rate import Pose, Site, tick_seconds
+from bench.systems.gnc.estimators.sample_checks import (
+    FROZEN,
+    SATURATED,
+    SampleChecks,
+    bad_samples,
+    bridged,
+    check_samples,
+)
 from bench.systems.gnc.wording import channel_name, headers_of, record_name, say
 
 if TYPE_CHECKING:

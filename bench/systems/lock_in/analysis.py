@@ -11,14 +11,18 @@ from collections.abc import Sequence
 from bench.analysis import Analysis, Material, check_method, no_result
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS
-from bench.systems.lock_in.estimates import Requirement, exponent_estimates, record_estimates, requirement_of
 from bench.systems.lock_in.evidence import evidence
-from bench.systems.lock_in.figures import campaign_figures
-from bench.systems.lock_in.notes import notes
+from bench.systems.lock_in.figures import campaign_figures, turnaround_figures
 from bench.systems.lock_in.records import flagged, laser_records, none_usable, not_recorded
-from bench.systems.lock_in.result import LaserResult, laser_result
-from bench.systems.lock_in.tables import tables
-from bench.systems.lock_in.turnaround_figures import turnaround_figures
+from bench.systems.lock_in.report import notes, tables
+from bench.systems.lock_in.result import (
+    LaserResult,
+    Requirement,
+    exponent_estimates,
+    laser_result,
+    record_estimates,
+    requirement_of,
+)
 from bench.systems.lock_in.wording import label, say
 
 METHODS: tuple[str, ...] = COMPENSATORS

@@ -3,6 +3,10 @@
 The constants must be the same in every group of turnarounds, the output must be a random walk all along, and the walk
 before compensation must be the one that the constants make. Nothing of a laser's truth is needed for that.
 Source: docs/decisions/0025-doubt.md.
+
+What cannot be in a record of a ring laser: counts, time stamps, dither and lock-in beyond what one can have.
+
+That needs no statistics.
 """
 
 from __future__ import annotations
@@ -21,21 +25,86 @@ from bench.maths.allan_terms import TERMS
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import GLOBAL, RAW, SINGLE
-from bench.systems.lock_in.estimators.constancy import Constancy, constancy, parts_of, runs
-from bench.systems.lock_in.estimators.expected_constants import NominalLaser
-from bench.systems.lock_in.estimators.expected_outputs import expected_output
+from bench.systems.lock_in.estimators.expected_constants import NominalLaser, expected_output
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants
 from bench.systems.lock_in.estimators.random_walk import RandomWalk, random_walk
-from bench.systems.lock_in.estimators.steadiness import change, enough, line, wander
-from bench.systems.lock_in.plausibility import CONSTANTS, RATIOS, WALKS, implausible
+from bench.systems.lock_in.estimators.steadiness import (
+    Constancy,
+    change,
+    constancy,
+    enough,
+    line,
+    parts_of,
+    runs,
+    wander,
+)
 from bench.systems.lock_in.result import LaserResult, walk_dof, walk_std_deg_rth
 from bench.systems.lock_in.wording import label, say
 
+CONSTANTS = ("lock_in_rate", "backscatter_phase")
+RATIOS = ("random_walk_ratio", "alignment_time_ratio")
+BIASES = ("bias_instability", "bias_alignment_error")
+WALKS = ("angle_random_walk", "quantisation_noise", "alignment_time", "path_length_exponent", *BIASES, *RATIOS)
+_SENSOR_OFF = 0.05  # of the dither amplitude, five times what its sensor is good to
+_LEAST_SCATTER = 0.02  # of the dither's amplitude; with less the jumps are no random walk (docs/ring-laser.md)
+_MOST_JUMP_rad = 0.5  # the fit is of first order in it
+_MOST_STEP_rad = 0.2  # of the phase in one step of the time stamps, where the rate is largest
+_MOST_REPEATED = 0.01  # of the blocks
 _TIMES, _SWINGS, _PHASES = 4, 4, 8  # groups of turnarounds
 _FIRST_ORDER = 0.1  # of the largest jump squared: of the rate, relative, and of the phase, rad
 _TAIL = 60  # degrees of freedom of an F-test: variances are no normal variables, so a chi-squared is too short
 _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the fits cost nothing in a right world
 _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
+
+
+def implausible(laser: LaserResult) -> Iterator[Evidence]:
+    """Yield what cannot be, of one record."""
+    yield from _counts(laser)
+    yield from _dither(laser)
+    yield from _stamps(laser)
+    yield from _lock_in(laser)
+
+
+def _certain(code: str, sentence: str, figure: float, laser: LaserResult, quantities: Sequence[str] = ()) -> Evidence:
+    return Evidence(code, sentence, figure, 0.0, math.inf, quantities, laser.record.place(laser.clock_Hz))
+
+
+def _counts(laser: LaserResult) -> Iterator[Evidence]:
+    odd, repeated, blocks = len(laser.found.odd_s), laser.events.repeated, laser.record.blocks
+    if not laser.found.odd_left_out:
+        sentence = say("evidence.count_odd", name=laser.name, count=odd)
+        yield _certain("count_odd", sentence, float(odd), laser, WALKS)
+    if repeated > max(1.0, _MOST_REPEATED * blocks):
+        sentence = say("evidence.repeated_blocks", repeated=repeated, blocks=blocks, name=laser.name)
+        yield _certain("repeated_blocks", sentence, float(repeated), laser)
+
+
+def _dither(laser: LaserResult) -> Iterator[Evidence]:
+    sensed, counted, scatter = laser.record.dither_deg_s, laser.counted_dither_deg_s, laser.found.dither_scatter
+    if sensed is not None and abs(counted / sensed - 1.0) > _SENSOR_OFF:
+        sentence = say("evidence.dither_disagrees", name=laser.name, counted=counted, sensed=sensed)
+        yield _certain("dither_disagrees", sentence, counted / sensed - 1.0, laser)
+    if scatter is not None and scatter < _LEAST_SCATTER:
+        percent = {"scatter": 100 * scatter, "least": 100 * _LEAST_SCATTER}
+        sentence = say("evidence.dither_too_regular", name=laser.name, **percent)
+        yield _certain("dither_too_regular", sentence, scatter, laser, (*WALKS, *CONSTANTS))
+
+
+def _stamps(laser: LaserResult) -> Iterator[Evidence]:
+    step = laser.events.step_ticks
+    turned = laser.found.swing_rad * laser.found.omega_rad_s / 2.0 * step / laser.clock_Hz
+    if turned > _MOST_STEP_rad:
+        sentence = say("evidence.coarse_time_stamps", name=laser.name, step=step, turned=turned)
+        yield _certain("coarse_time_stamps", sentence, turned, laser)
+
+
+def _lock_in(laser: LaserResult) -> Iterator[Evidence]:
+    squares = [2.0 * float(np.nanmean(np.square(fit.jumps.dpsi_rad))) for fit in laser.found.constants]
+    largest = math.sqrt(max(squares, default=0.0))
+    if largest > _MOST_JUMP_rad:
+        sentence = say("evidence.implausible_lock_in", name=laser.name, largest=largest, most=_MOST_JUMP_rad)
+        place = laser.record.place(laser.clock_Hz)
+        yield Evidence("implausible_lock_in", sentence, largest, 0.0, math.inf, CONSTANTS, place, refuses=True)
 
 
 def evidence(results: Sequence[LaserResult]) -> list[Evidence]:

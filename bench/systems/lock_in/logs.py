@@ -27,7 +27,7 @@ from bench.analysis import (
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import GYRO_TERMS, NoiseTerms, allan_variance_of, fit_noise_terms
 from bench.model.errors import FitError
-from bench.systems.lock_in.estimators.bias import bias_alignment_error_deg
+from bench.systems.lock_in.estimators.steadiness import bias_alignment_error_deg
 from bench.systems.lock_in.wording import say
 
 METHODS: tuple[str, ...] = ("allan",)

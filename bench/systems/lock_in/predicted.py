@@ -23,9 +23,7 @@ from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.record import RecordRow
 from bench.systems.lock_in.compensation import GLOBAL, RAW, SINGLE, Compensated, Shown
-from bench.systems.lock_in.estimates import exponent_estimates, record_estimates, requirement_of
-from bench.systems.lock_in.estimators.expected_constants import NominalLaser, expected_constants
-from bench.systems.lock_in.estimators.expected_outputs import expected_output
+from bench.systems.lock_in.estimators.expected_constants import NominalLaser, expected_constants, expected_output
 from bench.systems.lock_in.estimators.random_walk import (
     expected_quantisation_deg,
     expected_random_walk,
@@ -34,7 +32,13 @@ from bench.systems.lock_in.estimators.random_walk import (
     walk_of_phase_deg_rth,
 )
 from bench.systems.lock_in.records import CLOCK, Events, LaserRecord, laser_records, not_recorded
-from bench.systems.lock_in.result import LaserResult, first_order_off
+from bench.systems.lock_in.result import (
+    LaserResult,
+    exponent_estimates,
+    first_order_off,
+    record_estimates,
+    requirement_of,
+)
 from bench.systems.lock_in.wording import say
 
 

@@ -4,29 +4,173 @@ White noise of known size, one calibration and one direction of north is all tha
 scatter as their noise, errors at known azimuths must be those of noise about one common error, which the calibration
 explains, both lock-ins and the waveform must tell the same, and the signal must be as large at every place.
 Source: docs/decisions/0025-doubt.md; F tests of linear models, the union bound for the rivals and for the splits.
+
+What the raw waveforms of a north finder say: noise of every place, amplitude of every place, rate of the table.
+
+What could be true instead of one error that all known azimuths share: a short fixed list, fitted beside it.
+
+A drift and one step in time (a bench that moves), a wave once per turn of the dividing head (tilt, a magnet on the
+bench) and twice (unlike gains, an amplitude that goes with twice the angle of the table). The probability of each is
+multiplied by the length of the list, that of the step by its places too.
+Source: docs/decisions/0025-doubt.md; F test of nested linear models.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
 import numpy as np
 from scipy import special
 
 from bench.analysis import Estimates, Evidence, Floats
 from bench.systems.north.errors_at_known import Errors, LEAST_deg, errors_of, f_test, t_test
+from bench.systems.north.estimators.likelihood import LikelihoodNorth
 from bench.systems.north.estimators.phasors import wrapped_deg
-from bench.systems.north.raw_evidence import raw_evidence
-from bench.systems.north.rivals import OF_ALL, best_step, rivals
-from bench.systems.north.sets import CALIBRATION
+from bench.systems.north.sets import CALIBRATION, SEARCH, TEST, NorthSet
 from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, LITERAL, QUADRANT, Solution
-from bench.systems.north.wording import method_name, say
+from bench.systems.north.wording import item_name, method_name, say
 
+_FEWEST = 4
+_MOST_RATE = 0.05  # of the stated rate; a serial line hands samples over in blocks
+_OF_RATE = ("azimuth", "azimuth_error", "azimuth_rms_error", "index_placement")
+_OF_NOISE = ("azimuth", "azimuth_error", "noise", "azimuth_bound")
+
+Pairs = list[tuple[NorthSet, LikelihoodNorth]]
+OF_ALL = ("index_placement", "scale", "azimuth_bound")  # what hangs on the azimuths as well
+_LIST = 4
+_FEWEST_TO_STEP = 4
 _AZIMUTHS = ("azimuth", "azimuth_error", "azimuth_rms_error")
 _BY_LOCK_INS = (LEAST_SQUARES, QUADRANT, LITERAL)
 _NO_SIGNAL_deg = 20.0  # of one set: a direction is lost in its noise
 _FEWEST_DIFFERENCES = 4
+
+
+def raw_evidence(solution: Solution, widths_deg: Mapping[str, float]) -> list[Evidence]:
+    """Return what every check of the waveforms says; moves in expanded uncertainties."""
+    pairs = [(own, raw) for own, raw in zip(solution.sets, solution.raw, strict=True) if raw is not None]
+    narrowest_deg = min(widths_deg.values(), default=math.inf) or 1e-9
+    return [
+        *_noise(pairs), *_amplitude(pairs, solution, narrowest_deg), *_rate(solution),
+    ]  # fmt: skip
+
+
+def _noise(pairs: Pairs) -> Iterator[Evidence]:
+    """Yield the place whose noise is most above that of all others: all share one noise in the intervals."""
+    places = list(dict.fromkeys(own.group for own, _ in pairs))
+    if len(places) < _FEWEST:
+        return
+    variance = np.array([float(raw.noise_V) ** 2 for _, raw in pairs])
+    dof = np.array([int(raw.samples) for _, raw in pairs], np.float64)
+    worst: tuple[float, float, Any] = (1.0, 1.0, places[0])
+    for place in places:
+        own = np.array([each.group == place for each, _ in pairs])
+        rest = float(np.average(variance[~own], weights=dof[~own]))
+        here = float(np.average(variance[own], weights=dof[own]))
+        if rest > 0.0:
+            chance = float(special.fdtrc(dof[own].sum(), dof[~own].sum(), here / rest))
+            pooled = math.sqrt(here / float(np.average(variance, weights=dof)))
+            worst = min(worst, (chance, pooled, place))
+    chance, pooled, (item, place_name, head_deg, parameters) = worst
+    sentence = say("evidence.noise_changes", item=item_name(item), head=head_deg, ratio=pooled)
+    about = {"item": item, "head_deg": head_deg} | ({"place": place_name} if place_name else {})
+    about |= {"parameters": parameters} if parameters else {}
+    probability = min(1.0, max(chance * len(places), 1e-300))
+    yield Evidence("noise_changes", sentence, pooled, probability, pooled - 1.0, _OF_NOISE, about)
+
+
+def _amplitude(pairs: Pairs, solution: Solution, width_deg: float) -> Iterator[Evidence]:
+    """Yield whether the signal at a place to be found is as large as at the mark: the Earth's rate is the same."""
+    size = {item: np.array([float(raw.amplitude) for own, raw in pairs if own.item == item]) for item in (TEST, SEARCH)}
+    at_mark, there = size[TEST], size[SEARCH]
+    if at_mark.size < _FEWEST or not there.size:
+        return
+    one = float(np.mean([float(raw.noise_V) * math.sqrt(2.0 / int(raw.samples)) for _, raw in pairs]))
+    scatter = max(one, float(np.std(at_mark, ddof=1)))
+    share = float(there.mean() / at_mark.mean()) - 1.0
+    leans = [math.hypot(*own.tilt_mrad) for own, _ in pairs if own.tilt_mrad is not None]
+    leaning = 2e-3 * max(leans, default=0.0) * math.tan(math.radians(abs(solution.site.latitude_deg)))
+    beyond = max(0.0, abs(share) - leaning)
+    due = scatter / float(at_mark.mean()) * math.sqrt(1.0 / at_mark.size + 1.0 / there.size)
+    score, probability = t_test(beyond, due, at_mark.size - 1.0)
+    sentence = say("evidence.amplitude_at_place", share=100.0 * share, score=score)
+    move = math.degrees(beyond) / width_deg
+    yield Evidence(
+        "amplitude_at_place",
+        sentence,
+        share,
+        probability,
+        move,
+        ("azimuth", "scale", "azimuth_bound"),
+        {"item": SEARCH},
+    )
+
+
+def _rate(solution: Solution) -> Iterator[Evidence]:
+    """Yield a table that turns otherwise than stated: rate and sense decide what the lock-ins' phases mean."""
+    for own in solution.sets:
+        turned = own.turned_deg_s()
+        if not math.isfinite(turned) or abs(turned - own.rate_deg_s) <= _MOST_RATE * abs(own.rate_deg_s):
+            continue
+        sentence = say("evidence.rate_not_as_stated", turned=turned, name=own.name, stated=own.rate_deg_s)
+        for method in _BY_LOCK_INS:
+            yield Evidence(
+                "rate_not_as_stated", sentence, turned, 0.0, quantities=_OF_RATE, conditions={"method": method},
+                refuses=turned * own.rate_deg_s < 0.0,
+            )  # fmt: skip
+        return
+
+
+def rivals(method: str, errors: Errors) -> Iterator[Evidence]:
+    """Yield each rival that the known azimuths can tell from a common error; moves in degrees."""
+    time = errors.times_s - errors.times_s.mean() if len(errors.times_s) else errors.times_s
+    turned = np.deg2rad(errors.heads_deg)
+    for code, columns in (
+        ("north_drifts", time[:, None]),
+        ("once_per_turn", np.column_stack((np.cos(turned), np.sin(turned)))),
+        ("twice_per_turn", np.column_stack((np.cos(2.0 * turned), np.sin(2.0 * turned)))),
+    ):
+        if len(time) < columns.shape[1] + 2:
+            continue
+        gain, size_deg, rank = _gain(errors, columns)
+        if rank == columns.shape[1]:
+            ratio, probability = f_test(gain, rank, 1.0, errors.noise_dof)
+            yield _rival(code, size_deg, probability, ratio, method=method_name(method))
+    if len(time) >= _FEWEST_TO_STEP:
+        order = np.argsort(errors.times_s)
+        step_deg, gain, where = best_step(errors.mean_deg[order], errors.weights[order])
+        ratio, probability = f_test(gain, 1, 1.0, errors.noise_dof)
+        head_deg = errors.heads_deg[order][where]
+        chance = probability * (len(time) - 1)
+        yield _rival("north_steps", abs(step_deg), chance, ratio, method=method_name(method), head=head_deg)
+
+
+def _rival(code: str, size_deg: float, probability: float, ratio: float, **values: object) -> Evidence:
+    sentence = say(f"rival.{code}", **values, size=size_deg, ratio=math.sqrt(ratio))
+    return Evidence(code, sentence, size_deg, min(1.0, probability * _LIST), size_deg, OF_ALL)
+
+
+def _gain(errors: Errors, columns: Floats) -> tuple[float, float, int]:
+    """Return what columns beside the mean take off chi-square, the change they make in deg, their rank."""
+    root = np.sqrt(errors.weights)
+    centred = columns - np.average(columns, axis=0, weights=errors.weights)
+    _, left = errors.common_error()
+    values, _, rank, _ = np.linalg.lstsq(centred * root[:, None], left * root, rcond=1e-9)
+    fitted_deg = centred @ values
+    return float(np.sum(errors.weights * fitted_deg**2)), float(np.ptp(fitted_deg)), int(rank)
+
+
+def best_step(value: Floats, weights: Floats) -> tuple[float, float, int]:
+    """Return the step in a series that takes most off chi-square, what it takes off, and its first index behind."""
+    whole = np.cumsum(weights)
+    before = whole[:-1]
+    behind = whole[-1] - before
+    sums = np.cumsum(weights * value)
+    steps = (sums[-1] - sums[:-1]) / behind - sums[:-1] / before
+    gains = steps**2 * before * behind / whole[-1]
+    where = int(np.argmax(gains))
+    return float(steps[where]), float(gains[where]), where + 1
 
 
 def evidence(solution: Solution, entries: Estimates) -> list[Evidence]:

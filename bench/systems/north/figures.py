@@ -9,11 +9,19 @@ import math
 import numpy as np
 
 from bench.analysis import Figure, Floats, Series, band, series
-from bench.systems.north.accuracy import COVERAGE, measured_s, scatter_over_time
 from bench.systems.north.estimators.eight_samples import IndexCalibration
 from bench.systems.north.estimators.phasors import heading_deg, phase_deg, wrapped_deg
 from bench.systems.north.sets import POSITIONS, TEST, Waveform, waveform_of
-from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, LITERAL, METHODS, Solution
+from bench.systems.north.solution import (
+    COVERAGE,
+    LEAST_SQUARES,
+    LIKELIHOOD,
+    LITERAL,
+    METHODS,
+    Solution,
+    measured_s,
+    scatter_over_time,
+)
 from bench.systems.north.wording import method_name, say
 
 _BINS = 72  # of a turn, 5 degrees each

@@ -17,15 +17,21 @@ from bench.analysis import Bound, Material, Planned, Prediction
 from bench.model.clock import NS
 from bench.model.quality import Quality
 from bench.record import RecordRow
-from bench.systems.north.accuracy import expected_accuracies
-from bench.systems.north.analysis import azimuth_error_limit_deg
+from bench.systems.north.analysis import azimuth_error_limit_deg, north_estimates
 from bench.systems.north.assumptions import EARTH_DEG_H
-from bench.systems.north.estimates import north_estimates
+from bench.systems.north.estimators.formulas import lock_in_noise
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
-from bench.systems.north.estimators.lock_in_noise import lock_in_noise
 from bench.systems.north.estimators.phasors import POSITIONS, oriented, phase_deg
 from bench.systems.north.sets import COSINE, MEASURE, SEARCH, SINE, VARYING, NorthSet, north_sets
-from bench.systems.north.solution import LEAST_SQUARES, LIKELIHOOD, METHODS, QUADRANT, Site, Solution
+from bench.systems.north.solution import (
+    LEAST_SQUARES,
+    LIKELIHOOD,
+    METHODS,
+    QUADRANT,
+    Site,
+    Solution,
+    expected_accuracies,
+)
 from bench.systems.north.solve import HARMONICS, site_of, solved
 from bench.systems.north.wording import method_name, say
 

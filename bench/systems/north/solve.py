@@ -22,8 +22,7 @@ from bench.systems.north.estimators.eight_samples import (
 from bench.systems.north.estimators.formulas import literal_north, quadrant_north
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
 from bench.systems.north.estimators.phasors import heading_deg, oriented, phase_deg, tilt_correction_deg, wrapped_deg
-from bench.systems.north.screening import far_samples, screen
-from bench.systems.north.sets import CALIBRATION, SEARCH, NorthSet, waveform_of
+from bench.systems.north.sets import CALIBRATION, SEARCH, NorthSet, far_samples, screen, waveform_of
 from bench.systems.north.solution import (
     LEAST_SQUARES,
     LIKELIHOOD,

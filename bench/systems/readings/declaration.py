@@ -12,7 +12,7 @@ DECLARATION = System(
             "bench.systems.readings.analysis",
             ("polynomial",),
             made_of="values",
-            predicted="bench.systems.readings.predicted:predicted",
+            predicted="bench.systems.readings.analysis:predicted",
         ),
     ),
 )

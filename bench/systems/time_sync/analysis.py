@@ -8,18 +8,15 @@ from __future__ import annotations
 from bench.analysis import Analysis, Material, check_method, no_result
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
-from bench.systems.time_sync.estimators.kalman.consistency import observability
+from bench.systems.time_sync.estimators.kalman.innovation import observability
 from bench.systems.time_sync.evidence import evidence, held
-from bench.systems.time_sync.figures import figures
 from bench.systems.time_sync.filtering import METHODS as _METHODS
-from bench.systems.time_sync.filtering import Filtered, filtered
+from bench.systems.time_sync.filtering import Filtered, filtered, trajectory_figures
 from bench.systems.time_sync.image import Image, first_pulse_s, image_of
 from bench.systems.time_sync.limits import demands_of, densities_of, latency_of, spread_of
-from bench.systems.time_sync.notes import notes
 from bench.systems.time_sync.records import Recording, clocks_of, recording
+from bench.systems.time_sync.report import figures, notes, tables
 from bench.systems.time_sync.samples import prepared
-from bench.systems.time_sync.tables import tables
-from bench.systems.time_sync.trajectory import trajectory_figures
 from bench.systems.time_sync.wording import say
 
 METHODS: tuple[str, ...] = _METHODS

@@ -11,7 +11,7 @@ import numpy as np
 
 from bench.analysis import Estimates, estimate
 from bench.maths.verdict import coverage_factor
-from bench.systems.time_sync.estimators.kalman.consistency import Observability
+from bench.systems.time_sync.estimators.kalman.innovation import Observability
 from bench.systems.time_sync.estimators.kalman.setup import NIS_BLOCKS, STANDARD_GRAVITY_m_s2
 from bench.systems.time_sync.estimators.sar.response import Response
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, Filtered, Offset, ratio_of

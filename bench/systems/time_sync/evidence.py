@@ -22,8 +22,7 @@ from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
 from bench.systems.time_sync.estimators.differences import Differences, Guess, Noise, Solved, differences
 from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, ImuDensities
-from bench.systems.time_sync.estimators.odd_readings import MOST
-from bench.systems.time_sync.estimators.port_clocks import LEAST_FRAMES, PortClock, port_clock
+from bench.systems.time_sync.estimators.port_clocks import LEAST_FRAMES, MOST, PortClock, port_clock
 from bench.systems.time_sync.estimators.rivals import OneMotion, Rival, one_motion
 from bench.systems.time_sync.filtering import GROUPS, METHODS, OFFSET_STD_s
 from bench.systems.time_sync.records import Recording, Stream

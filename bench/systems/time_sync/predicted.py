@@ -17,7 +17,7 @@ from bench.maths.strapdown_earth import earth_rate, gradient, normal_gravity
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates
-from bench.systems.time_sync.estimators.kalman.consistency import observability
+from bench.systems.time_sync.estimators.kalman.innovation import observability
 from bench.systems.time_sync.estimators.kalman.setup import FilterSetup, ImuSamples
 from bench.systems.time_sync.estimators.port_clocks import PortClock, StampNoise, clock_difference, expected_clock
 from bench.systems.time_sync.filtering import METHODS, SEEN, filtered

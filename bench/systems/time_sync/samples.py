@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from bench.maths.geodesy import TangentFrame, body_to_level
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.setup import ImuSamples
-from bench.systems.time_sync.estimators.odd_readings import odd_readings
-from bench.systems.time_sync.estimators.port_clocks import even_tags_s
+from bench.systems.time_sync.estimators.port_clocks import even_tags_s, odd_readings
 from bench.systems.time_sync.records import Recording, Stream
 from bench.systems.time_sync.wording import say
 

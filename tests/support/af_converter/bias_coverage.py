@@ -7,11 +7,10 @@ from typing import Any
 import numpy as np
 from bias_simulation import K0_C, Ramp, WALK_A_rth, WHITE_A_rtHz
 
-from bench.systems.af_converter.estimators.gates import series_covariance
+from bench.systems.af_converter.estimators.gates import Drive, series_covariance, usable_drive
 from bench.systems.af_converter.estimators.hysteresis.fit import HysteresisFit, fit_hysteresis
 from bench.systems.af_converter.estimators.hysteresis.model import Gates, ModelShape, mean_of_walk
 from bench.systems.af_converter.estimators.hysteresis.search import Bounds
-from bench.systems.af_converter.estimators.thermal_lag import Drive, usable_drive
 
 WIDTH_AT = 4
 

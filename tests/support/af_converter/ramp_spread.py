@@ -15,9 +15,16 @@ from bias_simulation import MASTER_ppm, Ramp, Unit, campaign, heat, ramp, rows
 
 from bench.analysis import Trace
 from bench.systems.af_converter.bias_ramp.estimates import channel_estimates, compensated_A, master_clock_estimates
-from bench.systems.af_converter.bias_ramp.fit import JOINT, ChannelFit, drive_of, fit_channel, fit_master_clock
+from bench.systems.af_converter.bias_ramp.fit import (
+    JOINT,
+    ChannelFit,
+    channel_readings,
+    drive_of,
+    fit_channel,
+    fit_master_clock,
+    ramp_records,
+)
 from bench.systems.af_converter.bias_ramp.noise import channel_noise, noise_estimates
-from bench.systems.af_converter.bias_ramp.records import channel_readings, ramp_records
 from bench.systems.af_converter.constants import Campaign, Typical, read_campaign
 
 Place = tuple[str, str, float | None]  # quantity, kind, temperature

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from bench.systems.gnc.estimators.earth_rate import Pose
-from bench.systems.gnc.estimators.records import RotationRecord
+from bench.systems.gnc.estimators.earth_rate import Pose, RotationRecord
 
 EARTH_DEG_S = 15.041067 / 3600.0  # one turn in a sidereal day
 CYCLE = {"x": (0, 1, 2), "y": (1, 2, 0), "z": (2, 0, 1)}

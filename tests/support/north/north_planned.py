@@ -15,10 +15,9 @@ from numpy.typing import NDArray
 
 from bench.analysis import Estimates, Material, Planned, Reading
 from bench.record import RecordRow
-from bench.systems.north.accuracy import accuracies
-from bench.systems.north.estimates import north_estimates
+from bench.systems.north.analysis import north_estimates
 from bench.systems.north.sets import north_sets
-from bench.systems.north.solution import Solution
+from bench.systems.north.solution import Solution, accuracies
 from bench.systems.north.solve import site_of, solve
 
 Float = NDArray[np.float64]

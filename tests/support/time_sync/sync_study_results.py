@@ -7,8 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from bench.systems.time_sync.study.results import ERRORS, Chip, Cut, FlightResult, IdealResult, ImageResult, Results
-from bench.systems.time_sync.study.study import StudyOptions, Task, VELOCITY_m_s, YAW_deg, tasks_of
+from bench.systems.time_sync.study.study import (
+    ERRORS,
+    Chip,
+    Cut,
+    FlightResult,
+    IdealResult,
+    ImageResult,
+    Results,
+    StudyOptions,
+    Task,
+    VELOCITY_m_s,
+    YAW_deg,
+    tasks_of,
+)
 
 RUNS = 50
 _EDGES_s = (20.0, 40.0)

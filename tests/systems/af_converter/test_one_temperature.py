@@ -18,7 +18,7 @@ from scipy import stats
 from bench.analysis import Analysis, Estimates, Material, Planned
 from bench.systems.af_converter.group_fit import UNKNOWN_SLOPE_ppm_degC
 from bench.systems.af_converter.scale_factor.analysis import analyse
-from bench.systems.af_converter.scale_factor.determined import determine
+from bench.systems.af_converter.scale_factor.estimates import determine
 from bench.systems.af_converter.scale_factor.predicted import predicted
 from bench.systems.af_converter.wording import say
 

@@ -20,9 +20,9 @@ from scipy import stats
 from bench.analysis import Planned, Reading
 from bench.plan import compile_sequence
 from bench.session.predicted import planned_of, predicted
-from bench.systems.af_converter.dmm_method.determined import determine
+from bench.systems.af_converter.dmm_method.analysis import determine
+from bench.systems.af_converter.dmm_method.estimates import DISPLAY_PART
 from bench.systems.af_converter.dmm_method.predicted import predicted as by_meter
-from bench.systems.af_converter.dmm_method.readings import DISPLAY_PART
 
 INSIDE = 0.999
 FIRST = 2000

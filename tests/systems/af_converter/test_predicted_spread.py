@@ -16,7 +16,7 @@ import pytest
 from scipy import stats
 
 from bench.analysis import Material, Planned
-from bench.systems.af_converter.scale_factor.determined import determine
+from bench.systems.af_converter.scale_factor.estimates import determine
 from bench.systems.af_converter.scale_factor.predicted import predicted
 
 DRIFT = 2e-6  # of the calibrator, 95 %, declared: seen in temperature coefficients, hardly in scale-factor errors

@@ -23,7 +23,7 @@ from bench.plan import check_plan, compile_sequence
 from bench.session.designed import problem_of
 from bench.session.predicted import predicted
 from bench.systems.af_converter.bias_ramp.design.campaign import Candidate, Ramps
-from bench.systems.af_converter.bias_ramp.evidence import CHECKS, listed_rivals
+from bench.systems.af_converter.bias_ramp.estimates import CHECKS, listed_rivals
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.hysteresis.rivals import SECOND_LAG, Noise, compare
 

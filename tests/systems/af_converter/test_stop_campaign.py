@@ -26,7 +26,7 @@ from bench.run.steps.position import in_point, point_start, point_stop
 from bench.session.service import read_view
 from bench.session.view import analyse_view, material_of
 from bench.systems.af_converter.scale_factor.budgets import components_of
-from bench.systems.af_converter.scale_factor.determined import determine
+from bench.systems.af_converter.scale_factor.estimates import determine
 from bench.web.recorded.past import Past
 
 PLACES = ("first stage", "decision", "second stage", "behind the second stage")

@@ -13,7 +13,7 @@ from spread_study import Key, Study
 from bench.analysis import Analysis
 from bench.session.planned import planned_of
 from bench.systems.gnc import bias, magnetometer
-from bench.systems.gnc.predicted.unit_test import predicted as predicted_unit_test
+from bench.systems.gnc.predicted import of_unit_test
 
 SHORT = {"position": "60 s", "check_position": "20 s"}
 
@@ -85,7 +85,7 @@ def test_a_few_unit_tests_scatter_as_predicted() -> None:
 def test_a_request_of_another_form_is_named() -> None:
     planned = planned_of(plan_of("gnc_unit_test", units="GNC-01"))
     cut = [replace(one, sent=one.sent[:-1]) if one.name == "timer" else one for one in planned.exchanges]
-    found = predicted_unit_test(replace(planned, exchanges=cut))
+    found = of_unit_test(replace(planned, exchanges=cut))
     assert {entry["quantity"] for entry in found.estimates} == {"imu_rate", "imu_acceleration"}
     (sentence,) = found.missing
     assert sentence.startswith("timer: not predicted, as a request of ")

@@ -18,8 +18,7 @@ from bench.analysis import Evidence, is_sound
 from bench.analysis.doubt import weigh
 from bench.systems.lock_in.analysis import analyse
 from bench.systems.lock_in.compensation import GLOBAL
-from bench.systems.lock_in.evidence import evidence
-from bench.systems.lock_in.plausibility import CONSTANTS
+from bench.systems.lock_in.evidence import CONSTANTS, evidence
 
 GROSS = [(switch, size) for switch in worlds.SWITCHES for size in switch.sizes[1:]]
 NAMES = [f"{switch.name}-{size:g}" for switch, size in GROSS]

@@ -17,7 +17,7 @@ from bench.analysis import PROMPT, Planned
 from bench.cli import app
 from bench.plan import compile_sequence
 from bench.session.predicted import planned_of, predicted, predicted_lines
-from bench.systems.north.estimators.lock_in_noise import lock_in_noise
+from bench.systems.north.estimators.formulas import lock_in_noise
 from bench.systems.north.predicted import predicted as predict
 
 SHORT = {

@@ -7,8 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bench.systems.readings.estimators.functions import function_of
-from bench.systems.readings.estimators.polynomial import Array, Curve, Points, fit_polynomial
+from bench.systems.readings.estimators.polynomial import Array, Curve, Points, fit_polynomial, function_of
 
 # Campbell Scientific, 109SS temperature probe, instruction manual, table C-1: BetaTHERM 10K3MCD1, ohm.
 BETATHERM_DEGC = np.arange(-40.0, 1.0, 5.0)

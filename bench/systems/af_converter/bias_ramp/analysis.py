@@ -17,22 +17,24 @@ from bench.systems.af_converter.bias_ramp.estimates import (
     DSF_STD,
     channel_estimates,
     compensation,
+    evidence,
     master_clock_estimates,
     temperatures,
 )
-from bench.systems.af_converter.bias_ramp.evidence import evidence
 from bench.systems.af_converter.bias_ramp.fit import (
     FALLING,
     JOINT,
     RISING,
     ChannelFit,
+    RampRecords,
+    channel_readings,
     drive_of,
     fit_channel,
     fit_master_clock,
+    ramp_records,
 )
 from bench.systems.af_converter.bias_ramp.fit import METHODS as FIT_METHODS
 from bench.systems.af_converter.bias_ramp.noise import channel_noise, noise_estimates, noise_figures, noise_table
-from bench.systems.af_converter.bias_ramp.records import RampRecords, channel_readings, ramp_records
 from bench.systems.af_converter.bias_ramp.report import (
     bias_budgets,
     components,
@@ -42,10 +44,10 @@ from bench.systems.af_converter.bias_ramp.report import (
     tables,
 )
 from bench.systems.af_converter.constants import Campaign, read_campaign
+from bench.systems.af_converter.estimators.gates import Drive
 from bench.systems.af_converter.estimators.hysteresis.fit import LAG
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.oscillator import OscillatorFit
-from bench.systems.af_converter.estimators.thermal_lag import Drive
 from bench.systems.af_converter.wording import say
 
 METHODS: tuple[str, ...] = FIT_METHODS

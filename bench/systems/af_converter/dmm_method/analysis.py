@@ -6,28 +6,98 @@ Source: AF-converter paper section 3.1.2; docs/decisions/0007-dmm-method.md.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Analysis, Material, Table
-from bench.systems.af_converter.constants import Campaign, read_campaign
-from bench.systems.af_converter.dmm_method.agreement import agreement_table
-from bench.systems.af_converter.dmm_method.determined import determine
-from bench.systems.af_converter.dmm_method.estimates import DmmFit, budget
-from bench.systems.af_converter.dmm_method.evidence import QUANTITIES, evidence
-from bench.systems.af_converter.dmm_method.readings import MeterLog
+from bench.analysis import Analysis, Estimates, Material, Table
+from bench.model.errors import FitError
+from bench.systems.af_converter.constants import METER, Campaign, expired, read_campaign, read_ranges, untraced
+from bench.systems.af_converter.dmm_method.estimates import (
+    DmmFit,
+    MeterLog,
+    bias_estimates,
+    budget,
+    leakage_estimates,
+    scale_factor_estimates,
+    shift_estimates,
+)
+from bench.systems.af_converter.dmm_method.evidence import ALL_QUANTITIES, agreement_table, evidence, without_odd_level
 from bench.systems.af_converter.estimators.dmm_method import METHODS as FIT_METHODS
-from bench.systems.af_converter.group_fit import conditions_of
-from bench.systems.af_converter.groups import Group
-from bench.systems.af_converter.register import METER, expired, read_ranges, untraced
+from bench.systems.af_converter.estimators.dmm_method import fit_dmm_method
+from bench.systems.af_converter.estimators.readings import RangeSpecification
+from bench.systems.af_converter.group_fit import conditions_of, missing_groups, require_closed
+from bench.systems.af_converter.groups import Group, campaign_rows, group_rows, place_name
 from bench.systems.af_converter.wording import say
 
+_OF_ONE_GROUP = ("B-FIT-001", "B-FIT-005", "B-FIT-012", "B-FIT-050")
+Refused = list[tuple[Group, FitError]]
 METHODS: tuple[str, ...] = FIT_METHODS
 STEADY_degC = 0.05  # at 8 ppm/degC less than half a ppm between the first record of a channel and its last
 _TESTS = ("repeat_shift", "switch_leakage")
+
+
+@dataclass(frozen=True)
+class Determined:
+    """Fits and estimates of a campaign. ``missing``: a sentence for each group without a result."""
+
+    fits: list[DmmFit]
+    groups: list[Group]
+    log: MeterLog
+    estimates: Estimates
+    missing: list[str]
+
+
+def determine(material: Material, method: str) -> Determined:
+    """Return fits and estimates of a campaign, without what explains them. Raises: as ``analysis.analyse``."""
+    constants, register = read_campaign(material.campaign), read_ranges(material.standards, METER)
+    chosen = campaign_rows(material.rows)
+    groups, log = group_rows(chosen, constants.master_Hz), MeterLog(chosen, material.readings)
+    fits, refused = _fit_all(groups, log, constants, register, method)
+    if not fits:
+        raise refused[0][1]
+    entries: Estimates = []
+    for fitted in fits:
+        entries += scale_factor_estimates(fitted, constants, material.standards) + bias_estimates(fitted, constants)
+        entries += leakage_estimates(fitted, constants)
+    entries += shift_estimates(fits, [group for group in groups if group.repeat], log, constants, register)
+    first_visits = [row for row in chosen if not row.window.conditions.get("repeat")]
+    missing = missing_groups(first_visits, {fitted.group.place for fitted in fits}, refused, constants)
+    return Determined(fits, groups, log, entries, missing)
+
+
+def _fit_all(
+    groups: Iterable[Group], log: MeterLog, campaign: Campaign, register: dict[float, RangeSpecification], method: str
+) -> tuple[list[DmmFit], Refused]:
+    fits: list[DmmFit] = []
+    refused: Refused = []
+    for group in groups:
+        if group.repeat:
+            continue
+        try:
+            fits.append(_fit_one(group, log, campaign, register, method))
+        except FitError as error:
+            if error.code not in _OF_ONE_GROUP:
+                raise
+            error.where = place_name(group.place)
+            refused.append((group, error))
+    return fits, refused
+
+
+def _fit_one(
+    group: Group, log: MeterLog, campaign: Campaign, register: Mapping[float, RangeSpecification], method: str
+) -> DmmFit:
+    require_closed(group)
+    meter = log.meter(group.numbers)
+    converter = campaign.converter(group.channel)
+    fit = fit_dmm_method(group.closed, meter, converter, register, method)
+    even, meter = without_odd_level(group, meter, converter, register, fit)
+    if even is not group:
+        fit = fit_dmm_method(even.closed, meter, converter, register, method)
+    return DmmFit(even, meter, fit)
 
 
 def analyse(material: Material, method: str = "joint") -> Analysis:
@@ -51,7 +121,7 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
         estimates=entries,
         evidence=[
             *evidence(fits, repeats, entries, constants, register, method),
-            *expired(material, METER, {float(at) for fitted in fits for at in fitted.meter.range_A}, QUANTITIES),
+            *expired(material, METER, {float(at) for fitted in fits for at in fitted.meter.range_A}, ALL_QUANTITIES),
         ],
         components=budget(fits, constants),
         groups=[_quality(fitted, constants) for fitted in fits],

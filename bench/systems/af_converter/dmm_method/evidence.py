@@ -1,42 +1,49 @@
 """What the data of a DMM campaign say against its model, group by group, and what the points taken again say.
 
-What cannot be is told by ``plausible``. Half differences and half sums of all levels must lie on one straight line
+Half differences and half sums of all levels must lie on one straight line
 within the uncertainties of meter and counts, and a line that is carried by one level is not that of the converter. A
 point that is taken again must show the same unit against the same meter.
 Source: docs/decisions/0025-doubt.md; docs/decisions/0007-dmm-method.md.
+
+Agreement of the DMM method with the calibrator method on the same records, what both share being left out.
+
+Both count the same pulses, and a register may say that both standards were calibrated with the same one.
+Source: docs/decisions/0036-standards-once.md; ISO/IEC 17043 for E_n.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-from bench.analysis import Estimates, Evidence
+from bench.analysis import Estimates, Evidence, Material, Table, covariance_by_standards
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.systems.af_converter.constants import Campaign
-from bench.systems.af_converter.dmm_method.estimates import DmmFit
+from bench.systems.af_converter.constants import CALIBRATOR, Campaign, Standards, common_errors, read_standards
+from bench.systems.af_converter.dmm_method.estimates import DmmFit, shared_by_standards
 from bench.systems.af_converter.estimators.dmm_method import DmmScaleFactor, Meter, fit_dmm_method
-from bench.systems.af_converter.estimators.readings import Converter, RangeSpecification
-from bench.systems.af_converter.group_fit import ODD, SCALE_FACTORS
+from bench.systems.af_converter.estimators.readings import Converter, RangeSpecification, noise_parts
+from bench.systems.af_converter.estimators.scale_factor import ScaleFactor, fit_scale_factor, usable_rows
+from bench.systems.af_converter.group_fit import ODD, QUANTITIES, SCALE_FACTORS, about, plausible
 from bench.systems.af_converter.groups import Group, place_name
-from bench.systems.af_converter.plausible import about, plausible
 from bench.systems.af_converter.wording import say
 
 Array = NDArray[np.float64]
 Register = Mapping[float, RangeSpecification]
-QUANTITIES = (*SCALE_FACTORS, "dsf_mean")
+ALL_QUANTITIES = (*SCALE_FACTORS, "dsf_mean")
 _NO_CHANCE = 1e-9  # of a chi-square: something is wrong with the group
 _LIKELY = 1e-3  # of that of the others, if one level alone is wrong
 _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the refits cost nothing in a right world
 _ANY_GAIN = 1e-2  # relative, of a range of which nothing is known
 _GAINED = 6.6  # of chi-square with one more unknown: once in a hundred
 _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
+_HEADS = ("channel", "quantity", "degC", "dmm", "calibrator", "difference", "U", "E_n")
 
 
 def evidence(
@@ -101,7 +108,9 @@ def _straight(fitted: DmmFit, campaign: Campaign, register: Register, method: st
     where = place_name(fitted.group.place)
     sentence = say("evidence.meter_not_straight", place=where, chi2=reduced, without=without, move=move)
     figure = reduced if math.isfinite(reduced) else None
-    return Evidence("lack_of_fit", sentence, figure, max(probability, _SMALLEST), move, QUANTITIES, about(fitted.group))
+    return Evidence(
+        "lack_of_fit", sentence, figure, max(probability, _SMALLEST), move, ALL_QUANTITIES, about(fitted.group)
+    )
 
 
 def _carried(fitted: DmmFit, campaign: Campaign, register: Register) -> tuple[str, float]:
@@ -143,7 +152,9 @@ def _range_off(fits: Sequence[DmmFit], campaign: Campaign, register: Register) -
         # the gain of a range is the same in all channels: their gains of chi-square are not independent
         probability = min(1.0, len(fits) * float(special.chdtrc(1, max(gained)))) if several else 1.0
         sentence = say("evidence.meter_range_off", range=1e3 * range_A, move=max(moves))
-        yield Evidence("meter_range_off", sentence, 1e3 * range_A, max(probability, _SMALLEST), max(moves), QUANTITIES)
+        yield Evidence(
+            "meter_range_off", sentence, 1e3 * range_A, max(probability, _SMALLEST), max(moves), ALL_QUANTITIES
+        )
 
 
 def _same(one_A: float, other_A: float) -> bool:
@@ -199,3 +210,55 @@ def _between_polarities(first: Group, again: Group) -> float:
 def _smallest_ppm(fits: Sequence[DmmFit], quantities: Sequence[str]) -> float:
     known = [fitted.fit.std_ppm[name] for fitted in fits for name in quantities if name in fitted.fit.std_ppm]
     return min(known, default=math.inf)
+
+
+def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campaign) -> list[Table]:
+    """Return differences to the calibrator method, where the register holds the calibrator and both have a result."""
+    if CALIBRATOR not in material.standards:
+        return []
+    standards = read_standards(material.standards)
+    rows: list[list[Any]] = []
+    for fitted in fits:
+        converter = campaign.converter(fitted.group.channel)
+        try:
+            other = fit_scale_factor(fitted.group.closed, converter, standards.ranges)
+        except FitError:
+            continue  # the DMM method stands by itself
+        for index, name in enumerate(QUANTITIES):
+            if name not in fitted.fit.value_ppm:
+                continue
+            value_ppm, other_ppm = fitted.fit.value_ppm[name], float(other.dsf_ppm[index])
+            std_ppm = difference_std_ppm(fitted, other, index, campaign, standards)
+            expanded = coverage_factor() * std_ppm
+            place = [fitted.group.channel, name, fitted.group.temperature_degC]
+            difference = value_ppm - other_ppm
+            rows.append([*place, value_ppm, other_ppm, difference, expanded, difference / expanded])
+    if not rows:
+        return []
+    largest = max(abs(row[-1]) for row in rows)
+    headers = [say(f"agreement.head.{head}") for head in _HEADS]
+    return [Table(say("agreement.title"), say("agreement.caption", largest=largest), headers, rows)]
+
+
+def difference_std_ppm(
+    fitted: DmmFit, other: ScaleFactor, index: int, campaign: Campaign, standards: Standards
+) -> float:
+    """Return the standard uncertainty of DSF_N (index 0) or DSF_P (1) by the meter minus the same by the calibrator.
+
+    Args:    fitted: of the DMM method.   other: of the calibrator method, by the same closed rows.
+    Returns: ppm.
+    Raises:  nothing.
+    Source:  JCGM 100:2008 equation (16), with the covariance by the counts and by what the standards share.
+    """
+    name, rows = QUANTITIES[index], fitted.group.closed
+    usable = usable_rows(rows)
+    of_counts = np.sum(list(noise_parts(rows.take(usable), campaign.converter(fitted.group.channel)).values()), axis=0)
+    by_counts = other.operator_ppm[index][usable] @ of_counts @ fitted.fit.operators_ppm[name][usable]
+    parts = {label: float(effect_ppm[index]) for label, effect_ppm in other.standard_ppm.items()}
+    by_standards = covariance_by_standards(
+        {"common": common_errors(standards.register, CALIBRATOR, parts, {})},
+        {"common": shared_by_standards(fitted, name, standards.register)},
+    )
+    of_calibrator = math.fsum(part**2 for part in parts.values()) + standards.drift_ppm**2
+    variance = fitted.fit.std_ppm[name] ** 2 + float(other.noise_ppm2[index, index]) + of_calibrator
+    return math.sqrt(max(variance - 2.0 * (float(by_counts) + by_standards), 0.0))

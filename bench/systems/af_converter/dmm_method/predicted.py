@@ -11,12 +11,11 @@ from typing import Any
 
 from bench.analysis import Material, Planned, Prediction, Reading
 from bench.model.clock import NS
-from bench.systems.af_converter.constants import read_campaign
-from bench.systems.af_converter.dmm_method.determined import determine
-from bench.systems.af_converter.dmm_method.readings import CHECK, CONFIGURE, MEASURE, ZERO
+from bench.systems.af_converter.constants import METER, read_campaign, read_ranges
+from bench.systems.af_converter.dmm_method.analysis import determine
+from bench.systems.af_converter.dmm_method.estimates import CHECK, CONFIGURE, MEASURE, ZERO
 from bench.systems.af_converter.estimators.dmm_method import METHODS
 from bench.systems.af_converter.nominal import stimulated_row
-from bench.systems.af_converter.register import METER, read_ranges
 
 
 def predicted(planned: Planned) -> Prediction:

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 
 from bench.maths.least_squares import solve
 from bench.systems.af_converter.estimators.correlated_noise import CorrelatedNoise, fit_noise
+from bench.systems.af_converter.estimators.gates import Drive
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG, HysteresisFit, fit_hysteresis
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates, HysteresisModel, ModelShape
 from bench.systems.af_converter.estimators.hysteresis.search import Bounds
-from bench.systems.af_converter.estimators.thermal_lag import Drive
 
 Array = NDArray[np.float64]
 Counts = NDArray[np.int64]

@@ -19,7 +19,7 @@ from bench.systems.af_converter.group_fit import (
     missing_groups,
 )
 from bench.systems.af_converter.scale_factor.budgets import budget_tables, components
-from bench.systems.af_converter.scale_factor.determined import determine
+from bench.systems.af_converter.scale_factor.estimates import determine
 from bench.systems.af_converter.scale_factor.evidence import evidence
 from bench.systems.af_converter.scale_factor.notes import notes, zero_gain_notes, zero_gain_table
 from bench.systems.af_converter.wording import say

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis import Estimate, Estimates, Reading, estimate, with_uncertainty
-from bench.systems.af_converter.constants import Campaign
-from bench.systems.af_converter.dmm_method.readings import CHECK, ReadingSet, reading_sets
+from bench.systems.af_converter.constants import DRIFT_UNKNOWN, Campaign, Standards
+from bench.systems.af_converter.dmm_method.estimates import CHECK, ReadingSet, reading_sets
 from bench.systems.af_converter.estimators.readings import Readings
 from bench.systems.af_converter.group_fit import (
     QUANTITIES,
@@ -25,7 +25,6 @@ from bench.systems.af_converter.group_fit import (
     conditions_of,
     refit,
 )
-from bench.systems.af_converter.register import DRIFT_UNKNOWN, Standards
 from bench.systems.af_converter.wording import say
 
 if TYPE_CHECKING:

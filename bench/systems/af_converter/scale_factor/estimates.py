@@ -2,36 +2,49 @@
 
 Table 1 of the paper states stability, so it judges what compensation leaves over and what changed since the calibration
 before; a scale-factor error itself has no limit.
+
+Determines fits, drift of the calibrator and estimates from the records of a scale-factor campaign.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis import Estimate, Estimates, count_problem, covariance_by_standards, estimate, sharing
+from bench.analysis import Estimate, Estimates, Material, count_problem, covariance_by_standards, estimate, sharing
 from bench.maths.budget import effective_dof
 from bench.systems.af_converter.coefficients import UNITS
-from bench.systems.af_converter.constants import Campaign
-from bench.systems.af_converter.estimators.readings import (
-    clock_ratio,
-    count_noise,
-    master_clock_error,
-    scatter_A2,
-)
-from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial
-from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, GroupFit, conditions_of, standard_labels
-from bench.systems.af_converter.groups import unit_temperatures
-from bench.systems.af_converter.register import (
+from bench.systems.af_converter.constants import (
     CALIBRATOR,
     FREQUENCY,
     FUNCTION_GENERATOR,
+    Campaign,
     Register,
     Standards,
     common_errors,
+    read_campaign,
+    read_standards,
+)
+from bench.systems.af_converter.estimators.readings import clock_ratio, count_noise, master_clock_error, scatter_A2
+from bench.systems.af_converter.estimators.temperature import TemperaturePolynomial
+from bench.systems.af_converter.group_fit import (
+    QUANTITIES,
+    Fitted,
+    GroupFit,
+    conditions_of,
+    fit_groups,
+    standard_labels,
+)
+from bench.systems.af_converter.groups import campaign_rows, group_rows, unit_temperatures
+from bench.systems.af_converter.scale_factor.calibrator_drift import (
+    CalibratorDrift,
+    calibrator_drift,
+    drift_estimates,
+    repeats,
 )
 from bench.systems.af_converter.wording import say
 
@@ -285,3 +298,40 @@ def _drift_ppm(
         return standards.drift_ppm
     time_s = np.array([visit.fit.time_s for visit in visits])
     return float(polynomial.operator[order] @ (time_s - time_s.mean()) * fitted.drift_ppm_s(standards))
+
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
+
+
+@dataclass(frozen=True)
+class Determined:
+    """Fits and estimates of a campaign. ``standards``: with the drift of the calibrator that it leaves possible."""
+
+    constants: Campaign
+    standards: Standards
+    rows: Sequence[RecordRow]
+    fitted: Fitted
+    drift: CalibratorDrift
+    estimates: Estimates
+
+
+def determine(material: Material, method: str) -> Determined:
+    """Return fits and estimates of a campaign, without what explains them. Raises: as ``analysis.analyse``."""
+    constants, declared = read_campaign(material.campaign), read_standards(material.standards)
+    rows = campaign_rows(material.rows)
+    fitted = fit_groups(group_rows(rows, constants.master_Hz), constants, declared, method)
+    again = repeats(fitted, constants, declared, method)
+    drift = calibrator_drift(again, fitted, rows, material.readings)
+    standards = drift.applied_to(declared)
+    entries: Estimates = []
+    for visit in fitted.groups:
+        if visit.group.repeat == 0:
+            entries += scale_factor_estimates(visit, fitted, constants, standards)
+            entries += bias_estimates(visit, fitted, constants)
+    entries += residual_estimates(fitted, constants, standards)
+    entries += coefficient_estimates(fitted, constants, standards)
+    entries += clock_estimates(rows, constants, standards)
+    entries += drift_estimates(again, fitted, constants) + drift.estimates
+    entries += change_estimates(entries, constants)
+    return Determined(constants, standards, rows, fitted, drift, entries)

@@ -14,12 +14,11 @@ from numpy.typing import NDArray
 
 from bench.analysis import LEAST_MOVE, Table
 from bench.maths.verdict import coverage_factor
-from bench.systems.af_converter.constants import Campaign
+from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.readings import Readings
 from bench.systems.af_converter.estimators.scale_factor import ScaleFactor
 from bench.systems.af_converter.group_fit import QUANTITIES, Fitted, UNKNOWN_SLOPE_ppm_degC, refit
 from bench.systems.af_converter.groups import Group, LONGEST_REACH_s, place_name
-from bench.systems.af_converter.register import Standards
 from bench.systems.af_converter.wording import kind_name, say
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ from bench.systems.af_converter.estimators.scale_factor import METHODS
 from bench.systems.af_converter.group_fit import Fitted, UNKNOWN_SLOPE_ppm_degC, missing_groups
 from bench.systems.af_converter.groups import place_name
 from bench.systems.af_converter.nominal import stimulated_row
-from bench.systems.af_converter.scale_factor.determined import determine
+from bench.systems.af_converter.scale_factor.estimates import determine
 from bench.systems.af_converter.wording import say
 
 _STEP_ppm = 0.01 * UNKNOWN_SLOPE_ppm_degC  # what 0.01 degC counts without coefficients

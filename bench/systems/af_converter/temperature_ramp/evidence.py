@@ -26,11 +26,11 @@ from bench.systems.af_converter.estimators.drift_ramp import (
     ramp_shape,
     search_bounds,
 )
+from bench.systems.af_converter.estimators.gates import usable_drive
 from bench.systems.af_converter.estimators.hysteresis import rivals
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates, HysteresisModel
 from bench.systems.af_converter.estimators.hysteresis.search import Bounds, Problem, descend
-from bench.systems.af_converter.estimators.thermal_lag import usable_drive
 from bench.systems.af_converter.temperature_ramp.fits import RampColumns, ReadingFit, minute_means
 from bench.systems.af_converter.wording import say
 

@@ -1,7 +1,7 @@
 """Calibration of the accelerometers by positions and of the gyros by turns, with the check of what the compensation
 leaves.
 
-Source: GNC-module paper section 4.2 1), equations (1) to (4) as corrected in ``estimators.six_position`` and
+Source: GNC-module paper section 4.2 1), equations (1) to (4) as corrected in ``estimators.triad`` and
 ``bench.systems.gnc.estimators.rotations``; table 3 limits the coupling after compensation.
 """
 
@@ -17,13 +17,18 @@ from bench.analysis import Analysis, Estimates, Floats, Material, check_method, 
 from bench.model.errors import FitError
 from bench.systems.gnc.calibration.evidence import evidence
 from bench.systems.gnc.calibration.report import (
+    TURNS,
+    UPS,
+    Calibration,
     calibration_notes,
     matrix_table,
     position_figure,
+    position_fit,
     rotation_figures,
     rotation_files,
+    rotation_record,
+    sets_of,
 )
-from bench.systems.gnc.calibration.sets import TURNS, UPS, Calibration, position_fit, rotation_record, sets_of
 from bench.systems.gnc.coefficients import triad_section
 from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import fit_rotations

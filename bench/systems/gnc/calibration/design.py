@@ -24,15 +24,13 @@ from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from bench.plan import MEASUREMENT, Plan, PlannedCall, PlannedRecord, Step, bus_s
 from bench.systems.gnc.calibration.analysis import estimates_of, fit_positions
+from bench.systems.gnc.calibration.report import TURNS, UPS, Calibration, sets_of
 from bench.systems.gnc.calibration.rivals import FOUND, rival_powers
-from bench.systems.gnc.calibration.sets import TURNS, UPS, Calibration, sets_of
 from bench.systems.gnc.estimators.clocks import UnitClock
-from bench.systems.gnc.estimators.records import MARGIN_S
+from bench.systems.gnc.estimators.earth_rate import MARGIN_S
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 from bench.systems.gnc.limits import limits_of
-from bench.systems.gnc.predicted.calibration import ITEMS, fitted
-from bench.systems.gnc.predicted.declared import noise_of
-from bench.systems.gnc.predicted.records import nominal_material
+from bench.systems.gnc.predicted import ITEMS, fitted, noise_of, nominal_material
 from bench.systems.gnc.rows import SampledRow, sampled_rows
 
 POSITION, CHECK, TURN = "position", "check_position", "turn_record"  # parameters that the records take their length of

@@ -15,7 +15,7 @@ from scipy import special
 
 from bench.analysis import Evidence
 from bench.maths.verdict import coverage_factor
-from bench.systems.gnc.calibration.sets import Calibration
+from bench.systems.gnc.calibration.report import Calibration
 from bench.systems.gnc.estimators.sample_checks import FROZEN
 from bench.systems.gnc.estimators.triad import AXES, TriadFit
 from bench.systems.gnc.limits import Limits

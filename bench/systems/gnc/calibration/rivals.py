@@ -19,10 +19,10 @@ from scipy import special
 from bench.analysis import FALSE_DOUBT, Estimates, Floats
 from bench.design import Power
 from bench.systems.gnc.calibration.analysis import estimates_of, fit_positions, fit_turns
-from bench.systems.gnc.calibration.sets import Calibration, sets_of
+from bench.systems.gnc.calibration.report import Calibration, sets_of
 from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.limits import limits_of
-from bench.systems.gnc.predicted.declared import noise_of
+from bench.systems.gnc.predicted import noise_of
 from bench.systems.gnc.rows import SENSORS, SampledRow
 
 FOUND = ("scale_error", "cross_coupling", "bias")  # of both triads: what a calibration is made for

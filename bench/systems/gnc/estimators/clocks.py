@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.records import tick_seconds
+from bench.systems.gnc.estimators.earth_rate import tick_seconds
 from bench.systems.gnc.wording import say
 
 Array = NDArray[np.float64]

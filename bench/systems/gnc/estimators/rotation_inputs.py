@@ -15,14 +15,17 @@ from numpy.typing import NDArray
 
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.earth_rate import (
+    MARGIN_S,
+    RotationRecord,
+    Samples,
     Site,
     earth_rate_local_deg_s,
     mounting_matrix,
+    resting,
     table_to_local,
     turn_axis_in_body,
     turned_about,
 )
-from bench.systems.gnc.estimators.records import MARGIN_S, RotationRecord, Samples, resting
 from bench.systems.gnc.estimators.triad import AXES
 
 Array = NDArray[np.float64]

@@ -23,10 +23,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.systems.gnc.estimators.earth_rate import Site
-from bench.systems.gnc.estimators.records import (
+from bench.systems.gnc.estimators.earth_rate import (
     RotationRecord,
     Samples,
+    Site,
     good_samples,
     noise_density,
     noise_dof,

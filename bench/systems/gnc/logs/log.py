@@ -1,16 +1,33 @@
-"""Columns of an imported log of an inertial unit: accelerometers and gyros as arrays, stretches by label."""
+"""Columns of an imported log of an inertial unit: accelerometers and gyros as arrays, stretches by label.
+
+What an imported log of an inertial unit says against the numbers that are found in it.
+
+Each sensor moves as its noise makes it, answers mainly to its own axis, and the rests of a log fit one ellipsoid that
+stays where it is. Source: docs/decisions/0025-doubt.md.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from scipy import special
 
-from bench.analysis import Floats, Material
+from bench.analysis import Estimate, Evidence, Floats, Material
+from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators.multi_position import NormFit
+from bench.systems.gnc.estimators.sample_checks import frozen_runs
+from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.rows import AXES
+from bench.systems.gnc.wording import channel_name, quantity_word, say
+
+MOTION_ERRORS = ("level_error", "velocity_error")
+_PLAUSIBLE = 0.1  # of an axis's own sensitivity, from the two others
+_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 
 
 @dataclass(frozen=True)
@@ -80,3 +97,122 @@ def _unusable(why: str) -> FitError:
         why,
         next_step="map time, three accelerometers and the gravity of the site (docs/importing.md)",
     )
+
+
+def stuck_sensors(stretches: Mapping[str, Sequence[Floats]], quantities: Mapping[str, Sequence[str]]) -> list[Evidence]:
+    """Return each sensor that stands still longer than its noise allows, at one chance in a million a stretch.
+
+    Args: stretches: by kind ("accelerometer", "gyro"), parts of the log that are used, (n, 3) each.
+          quantities: that depend on a kind; empty for all.
+    """
+    found = []
+    for kind, parts in stretches.items():
+        for k, axis in enumerate(AXES):
+            hung = [place for place, part in enumerate(parts, 1) if frozen_runs(axis, part[:, k])]
+            if hung:
+                key = "evidence.hung_log" if len(parts) == 1 else "evidence.hung_stretch"
+                text = say(key, sensor=channel_name(f"{kind} {axis}"), stretches=", ".join(map(str, hung)))
+                found.append(Evidence("stands_still", text, float(len(hung)), 0.0, quantities=quantities[kind]))
+    return found
+
+
+def wide_sizes(entries: Sequence[Estimate]) -> list[Evidence]:
+    """Return each error of the motions whose interval is wider than the error itself: too few motions tell its size.
+
+    Args: entries: the estimates of one log; those of motions are ``level_error`` and ``velocity_error``.
+    """
+    found = []
+    for entry in entries:
+        name, value, wide = entry["quantity"], entry["value"], entry["expanded_uncertainty"]
+        if name in MOTION_ERRORS and wide > value:
+            text = say(
+                "evidence.few_motions",
+                quantity=quantity_word(name),
+                motions=entry["n"],
+                value=value,
+                wide=wide,
+                unit=entry["unit"],
+            )
+            found.append(Evidence("too_few_motions", text, wide / value if value else None, 0.0, quantities=(name,)))
+    return found
+
+
+def own_axes(prefix: str, fit: TriadFit) -> list[Evidence]:
+    """Return a refusal where a sensor does not answer mainly to its own axis; sensors may count in any unit."""
+    own = fit.sensitivity.diagonal()
+    cross = np.abs(fit.sensitivity - np.diag(own)) / np.maximum(np.abs(own), _SMALLEST)[:, None]
+    worst = float(cross.max())
+    if worst <= _PLAUSIBLE and bool(np.all(own > 0.0)):
+        return []
+    row, column = np.unravel_index(int(np.argmax(cross)), cross.shape)
+    text = say(
+        "evidence.other_axis" if np.all(own > 0.0) else "evidence.wrong_sign",
+        sensor=AXES[row],
+        triad=say(f"triad.{prefix}"),
+        axis=AXES[column],
+        share=100 * worst,
+        bound=100 * _PLAUSIBLE,
+    )
+    return [
+        Evidence("implausible_axis", text, worst, 0.0, quantities=(f"{prefix}_matrix", f"{prefix}_bias"), refuses=True)
+    ]
+
+
+def of_rests(fit: NormFit, mean: Floats, time_s: Floats) -> list[Evidence]:
+    """Return what could be true instead of one ellipsoid that stays: zeros that drift, sensors that bend, a bad rest.
+
+    Args:   fit: of the rests.   mean: (n, 3) reading of each.   time_s: (n,) middle of each.
+    Source: F test of columns added in first order (Draper and Smith, Applied Regression Analysis, section 6.1);
+            largest studentised residual, Boole's bound (Cook and Weisberg, Residuals and Influence, 2.2.2).
+    """
+    jacobian = fit.jacobian(mean)
+    by_axis = jacobian[:, 6:]  # change of the length with the zero of each sensor
+    height = (mean - fit.zero) * fit.matrix.diagonal() / fit.gravity
+    since = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), _SMALLEST)
+    rivals = (
+        ("zeros_drift", by_axis * since[:, None]),
+        ("sensors_bend", by_axis * height**3),
+    )
+    found = [_rival(code, fit, jacobian, columns) for code, columns in rivals]
+    return [seen for seen in (*found, _odd_rest(fit, jacobian)) if seen is not None]
+
+
+def _rival(code: str, fit: NormFit, jacobian: Floats, columns: Floats) -> Evidence | None:
+    """Return how odd the lengths are if nothing of a rival is in them, and what it would move."""
+    both = np.column_stack([jacobian, columns])
+    scale = np.linalg.norm(both, axis=0)
+    dof = len(fit.residual) - both.shape[1]
+    if dof < 1 or np.linalg.matrix_rank(both / scale) < both.shape[1]:
+        return None
+    solution = np.linalg.lstsq(both / scale, fit.residual, rcond=None)[0]
+    left = float(np.sum((fit.residual - (both / scale) @ solution) ** 2))
+    gained = max(float(np.sum(fit.residual**2)) - left, 0.0)
+    ratio = gained / columns.shape[1] / max(left / dof, _SMALLEST)
+    probability = float(special.fdtrc(columns.shape[1], dof, ratio))
+    move = float(np.max(np.abs(solution[:9] / scale[:9]) / _expanded(fit)))
+    remains = math.sqrt(left / len(fit.residual))
+    text = say("evidence.rival", what=say(f"rival.{code}"), rms=fit.residual_rms, left=remains, move=move)
+    return Evidence(code, text, ratio, max(probability, _SMALLEST), move)
+
+
+def _odd_rest(fit: NormFit, jacobian: Floats) -> Evidence | None:
+    """Return how odd the rest is that fits worst, and what leaving it out would move."""
+    count, dof = len(fit.residual), fit.dof - 1
+    if dof < 1:
+        return None
+    base = np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))[0]
+    free = np.maximum(1.0 - np.sum(base**2, axis=1), _SMALLEST)
+    total = float(np.sum(fit.residual**2))
+    without = np.maximum((total - fit.residual**2 / free) / dof, _SMALLEST)
+    score = np.abs(fit.residual) / np.sqrt(without * free)
+    worst = int(np.argmax(score))
+    probability = min(1.0, 2.0 * count * float(special.stdtr(dof, -score[worst])))
+    step = np.linalg.pinv(jacobian)[:, worst] * fit.residual[worst] / free[worst]
+    move = float(np.max(np.abs(step) / _expanded(fit)))
+    off, times = float(fit.residual[worst]), float(score[worst])
+    text = say("evidence.odd_rest", rest=worst + 1, count=count, off=off, times=times, move=move)
+    return Evidence("odd_rest", text, float(score[worst]), max(probability, _SMALLEST), move)
+
+
+def _expanded(fit: NormFit) -> Floats:
+    return np.asarray(coverage_factor(fit.dof) * np.maximum(np.sqrt(fit.covariance.diagonal()), _SMALLEST))

@@ -22,8 +22,8 @@ from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneComparison, compare_methods
 from bench.systems.gnc.field_evidence import shown_unit, surface_evidence
+from bench.systems.gnc.magnetometer import Sphere, noise_notes, sphere_of
 from bench.systems.gnc.rows import AXES
-from bench.systems.gnc.sphere import Sphere, noise_notes, sphere_of
 from bench.systems.gnc.wording import headers_of, say
 
 METHODS: tuple[str, ...] = ("ellipsoid", "turn_about_z")

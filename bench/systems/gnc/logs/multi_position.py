@@ -25,8 +25,7 @@ from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import check_ticks
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
-from bench.systems.gnc.logs.evidence import of_rests, stuck_sensors
-from bench.systems.gnc.logs.log import ImuLog, imu_log
+from bench.systems.gnc.logs.log import ImuLog, imu_log, of_rests, stuck_sensors
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
 from bench.systems.gnc.wording import headers_of, say
 

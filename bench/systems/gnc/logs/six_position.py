@@ -24,14 +24,12 @@ from bench.analysis import (
 )
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.systems.gnc.calibration.sets import UPS
-from bench.systems.gnc.estimators.records import RotationRecord, static_means
+from bench.systems.gnc.calibration.report import UPS
+from bench.systems.gnc.estimators.earth_rate import RotationRecord, static_means
 from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import fit_turns_from_rest
-from bench.systems.gnc.estimators.six_position import fit_six_position
-from bench.systems.gnc.estimators.triad import TriadFit
-from bench.systems.gnc.logs.evidence import own_axes, stuck_sensors
-from bench.systems.gnc.logs.log import ImuLog, imu_log
+from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position
+from bench.systems.gnc.logs.log import ImuLog, imu_log, own_axes, stuck_sensors
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
 from bench.systems.gnc.wording import refused, say
 

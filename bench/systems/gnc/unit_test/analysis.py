@@ -1,22 +1,231 @@
 """The unit tests of GNC modules: every exchange of a session judged again from what was sent and what came back.
 
 Source: GNC-module paper, table 1 and section 3 (2).
+
+Report of the unit tests: tables of units, items, measured values and wrong results; and what is filed of each
+unit: a folder per test item with its result and its log, and a summary.
+
+Source: GNC-module paper, section 5.2 (results in a folder per test item) and section 4.1 (what a test log shows).
 """
 
 from __future__ import annotations
 
+import json
+import re
 from collections import Counter
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
 
-from bench.analysis import UNIT, Analysis, Estimates, Material, check_method, estimate
+from bench.analysis import UNIT, Analysis, Estimates, Material, Table, check_method, estimate
 from bench.model.errors import FitError
 from bench.systems.gnc.limits import table_3
-from bench.systems.gnc.unit_test.report import folders_of, item_table, measured_table, title_of, unit_table, wrong_table
-from bench.systems.gnc.unit_test.units import NOT_TESTED, STATIC, SUPPLY, ItemResult, UnitResult, unit_results
-from bench.systems.gnc.wording import say
+from bench.systems.gnc.unit_test.units import (
+    IDENTITY,
+    ITEMS,
+    NOT_TESTED,
+    STATIC,
+    SUPPLY,
+    ItemResult,
+    UnitResult,
+    unit_results,
+)
+from bench.systems.gnc.wording import headers_of, kind_name, quantity_name, say
 
 METHODS: tuple[str, ...] = ("exchanges",)
+
+
+if TYPE_CHECKING:
+    from bench.analysis import Material
+    from bench.systems.gnc.unit_test.units import ItemResult
+
+_MOST_WRONG = 200  # rows that are printed; the folders of the units hold all
+
+
+def title_of(item: str) -> str:
+    """Return name of an item as people read it."""
+    return say(f"item.{item}") if item in (STATIC, SUPPLY, IDENTITY, *ITEMS) else item
+
+
+def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Table:
+    """Start, elapsed time, end and verdict of each unit; ``offset_s``: UTC minus bench clock, None if unknown."""
+    rows: list[list[Any]] = []
+    for unit in units:
+        span_s = unit.span_s
+        times: list[Any] = ["–", "–", "–"]
+        if span_s is not None:
+            times = [_moment(span_s[0], offset_s), f"{span_s[1] - span_s[0]:.3f}", _moment(span_s[1], offset_s)]
+        failed = [title_of(item.item) for item in unit.all if item.verdict == "fail"]
+        rows.append([unit.unit, *times, len(unit.wrong), say.listed(failed or ["–"]), _verdict(unit.verdict)])
+    clock = "s" if offset_s is None else "UTC"
+    begin, end = (say(f"units.head.{name}", clock=clock) for name in ("start", "end"))
+    elapsed, *others = headers_of("units", "elapsed", "wrong", "failed", "verdict")
+    headers = [say("units.head.unit"), begin, elapsed, end, *others]
+    return Table(say("units.title"), say("units.caption"), headers, rows, prose=True, lead=True)
+
+
+def _moment(at_s: float, offset_s: float | None) -> str:
+    """Date and time in UTC; without it the seconds of the bench clock."""
+    if offset_s is None:
+        return f"{at_s:.3f}"
+    return datetime.fromtimestamp(at_s + offset_s, UTC).strftime("%Y-%m-%d %H:%M:%S.%f")[:-3]
+
+
+def item_table(units: Sequence[UnitResult]) -> Table:
+    """Table 1: one row per unit, one column per item."""
+    names = list(dict.fromkeys(item.item for unit in units for item in unit.all))
+    rows = []
+    for unit in units:
+        by_item = {item.item: _verdict(item.verdict) for item in unit.all}
+        rows.append([unit.unit, *(by_item.get(name, _verdict("not tested")) for name in names)])
+    headers = [say("units.head.unit"), *map(title_of, names)]
+    return Table(say("table1.title"), say("table1.caption"), headers, rows, prose=True, lead=True)
+
+
+def measured_table(units: Sequence[UnitResult]) -> list[Table]:
+    """Return lowest and highest value of what the tests measured, by quantity; the limits it is judged by."""
+    values: dict[tuple[str, str, str], list[float]] = {}
+    limits: dict[tuple[str, str, str], float | None] = {}
+    for unit in units:
+        for item in unit.all:
+            for measured in item.findings.measured:
+                key = measured.quantity, _place(measured.conditions), measured.unit
+                values.setdefault(key, []).append(measured.value)
+                limits[key] = measured.limit
+    rows = [
+        [
+            quantity_name(quantity),
+            place,
+            len(members),
+            min(members),
+            max(members),
+            unit,
+            _limit(limits[quantity, place, unit]),
+        ]
+        for (quantity, place, unit), members in values.items()
+    ]
+    headers = headers_of("measured", "quantity", "of", "values", "lowest", "highest", "unit", "limit")
+    return [Table(say("measured.title"), say("measured.caption"), headers, rows)] if rows else []
+
+
+def wrong_table(units: Sequence[UnitResult]) -> list[Table]:
+    """Return every wrong result: what was sent, expected, received."""
+    rows = [
+        [unit.unit, title_of(item.item), wrong.what, wrong.sent or say("nothing"), wrong.expected, wrong.received]
+        for unit in units
+        for item in unit.all
+        for wrong in item.findings.wrong
+    ]
+    if not rows:
+        return []
+    more = len(rows) - _MOST_WRONG
+    caption = say("wrong.caption_more", more=more) if more > 0 else say("wrong.caption")
+    headers = headers_of("wrong", "unit", "item", "what", "sent", "expected", "received")
+    return [Table(say("wrong.title"), caption, headers, rows[:_MOST_WRONG], prose=True, lead=True)]
+
+
+def _verdict(text: str) -> str:
+    return say(f"verdict.{text.replace(' ', '_')}")
+
+
+def _place(conditions: Mapping[str, Any]) -> str:
+    """Return conditions as people say them: ``supply``, ``accelerometer``, ``0.5 ms``; a dash for none."""
+    said = (
+        kind_name(value) if isinstance(value, str) else say(f"measured.{name}", value=value)
+        for name, value in conditions.items()
+    )
+    return say.listed(list(said) or ["–"])
+
+
+def _limit(value: float | None) -> Any:
+    return "–" if value is None else f"{value:g}"
+
+
+def folders_of(units: Sequence[UnitResult], material: Material) -> dict[str, str]:
+    """Relative path to text: ``<unit>/<item>/result.json``, ``<unit>/<item>/log.txt``, ``<unit>/summary.json``."""
+    offset_s = material.utc_offset_s
+    texts = {}
+    for unit in units:
+        folder = folder_name(unit.unit)
+        for item in unit.all:
+            if item.runs:
+                texts[f"{folder}/{item.item}/result.json"] = _json(_result(unit.unit, item, offset_s))
+                texts[f"{folder}/{item.item}/log.txt"] = _log(unit.unit, item, offset_s)
+        texts[f"{folder}/summary.json"] = _json(_summary(unit, offset_s))
+    return texts
+
+
+def folder_name(text: str) -> str:
+    """A serial number as the name of a folder: letters, digits, dot, dash and underscore only, no leading dot."""
+    return re.sub(r"[^A-Za-z0-9._-]", "_", text).lstrip(".") or "_"
+
+
+def _result(unit: str, item: ItemResult, offset_s: float | None) -> dict[str, Any]:
+    return {
+        "unit": unit,
+        "item": item.item,
+        "verdict": item.verdict,
+        "exchanges": item.runs,
+        "repeated": item.retries,
+        **_times(item.begin_s, item.end_s, offset_s),
+        "wrong": [
+            {"at_s": wrong.at_s, "what": wrong.what, "sent": wrong.sent, "expected": wrong.expected,
+             "received": wrong.received}
+            for wrong in item.findings.wrong
+        ],
+        "measured": [
+            {"quantity": measured.quantity, "unit": measured.unit, "value": measured.value,
+             "conditions": dict(measured.conditions), "limit": measured.limit}
+            for measured in item.findings.measured
+        ],
+        "remarks": item.findings.remarks,
+    }  # fmt: skip
+
+
+def _summary(unit: UnitResult, offset_s: float | None) -> dict[str, Any]:
+    begin_s, end_s = unit.span_s or (None, None)
+    items = {item.item: item.verdict for item in unit.all}
+    return {"unit": unit.unit, "verdict": unit.verdict, **_times(begin_s, end_s, offset_s), "items": items}
+
+
+def _times(begin_s: float | None, end_s: float | None, offset_s: float | None) -> dict[str, Any]:
+    """Return times of the bench clock; UTC labels beside them where the session says how the two belong together."""
+    if begin_s is None or end_s is None:
+        return {"begin_s": None, "elapsed_s": None, "end_s": None}
+    times: dict[str, Any] = {"begin_s": begin_s, "elapsed_s": end_s - begin_s, "end_s": end_s}
+    if offset_s is not None:
+        times |= {"begin_utc": _utc(begin_s + offset_s), "end_utc": _utc(end_s + offset_s)}
+    return times
+
+
+def _log(unit: str, item: ItemResult, offset_s: float | None) -> str:
+    times = _times(item.begin_s, item.end_s, offset_s)
+    lines = [
+        f"unit     {unit}",
+        f"item     {title_of(item.item)}",
+        f"start    {_stamp(times, 'begin')}",
+        f"elapsed  {times['elapsed_s']:.3f} s",
+        f"end      {_stamp(times, 'end')}",
+        f"verdict  {item.verdict.upper()}: {len(item.findings.wrong)} wrong in {item.runs} exchanges, "
+        f"{item.retries} repeated",
+    ]
+    for wrong in item.findings.wrong:
+        lines += ["", f"{wrong.at_s:.3f} s  {wrong.what}", f"  sent      {wrong.sent or 'nothing'}"]
+        lines += [f"  expected  {wrong.expected}", f"  received  {wrong.received}"]
+    return "\n".join([*lines, *(f"remark   {remark}" for remark in item.findings.remarks)]) + "\n"
+
+
+def _stamp(times: Mapping[str, Any], name: str) -> str:
+    utc = times.get(f"{name}_utc")
+    return f"{times[f'{name}_s']:.3f} s" + (f"  {utc}" if utc else "")
+
+
+def _utc(seconds: float) -> str:
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"
+
+
+def _json(document: Mapping[str, Any]) -> str:
+    return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n"
 
 
 def analyse(material: Material, method: str = METHODS[0]) -> Analysis:

@@ -19,8 +19,7 @@ from bench.systems.gnc.unit_test.processor import (
     judge_spi,
     judge_timer,
 )
-from bench.systems.gnc.unit_test.sensors import judge_ad, judge_gps, judge_imu, judge_supply
-from bench.systems.gnc.unit_test.static_checks import judge_static
+from bench.systems.gnc.unit_test.sensors import judge_ad, judge_gps, judge_imu, judge_static, judge_supply
 from bench.systems.gnc.wording import say
 
 if TYPE_CHECKING:

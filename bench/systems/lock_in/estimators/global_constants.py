@@ -9,8 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import FitError
-from bench.systems.lock_in.estimators.motion import DitherMotion, dither_columns, lock_in_shapes
-from bench.systems.lock_in.estimators.single_turnarounds import jumps_of, stepped_motion
+from bench.systems.lock_in.estimators.single_turnarounds import (
+    DitherMotion,
+    dither_columns,
+    jumps_of,
+    lock_in_shapes,
+    stepped_motion,
+)
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, spread
 
 Array = NDArray[np.float64]

@@ -22,7 +22,7 @@ from bench.maths.allan import (
 from bench.maths.allan_terms import allan_variance_of, fit_noise_terms
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.edges import EdgeLevels
-from bench.systems.lock_in.estimators.motion import solve_rows
+from bench.systems.lock_in.estimators.single_turnarounds import solve_rows
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, half_period_ticks
 
 Array = NDArray[np.float64]

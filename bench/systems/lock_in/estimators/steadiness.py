@@ -2,15 +2,28 @@
 
 A random walk's increments are white, so in a cosine transform each coefficient is independent of all others and of the
 same variance; quantisation adds to the high frequencies alone.
+
+Whether the two constants of the lock-in are the same in every group of turnarounds, and follow no run.
+
+The score of a turnaround is what its crossings still say against the constants; where the model holds its mean is zero
+in every group that one cares to make, and scores of different turnarounds have nothing to do with each other.
+
+Bias instability of an output and the alignment error that it leaves, however long the alignment takes.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import fft, special
+
+from bench.maths.allan import AllanDeviation
+from bench.maths.allan_terms import fit_noise_terms
+from bench.systems.lock_in.estimators.global_constants import GlobalConstants
+from bench.systems.lock_in.estimators.random_walk import TERMS, EARTH_RATE_deg_h
 
 Array = NDArray[np.float64]
 _SLOWEST = 6  # coefficients of the cosine transform, three cycles of the record: below what the Allan deviation sees
@@ -20,6 +33,11 @@ _HARMONICS = 3  # of the rounding error, whose powers fall with the square of th
 _BESIDE = 4  # pairs, by which the frequency of the dither is not known better
 _FEWEST = 200  # increments
 _PERIODS = 5  # in a sum, the shortest averaging time of the Allan deviation
+Int64 = NDArray[np.int64]
+_LAGS = 5
+_FEWEST_TURNAROUNDS = 20  # turnarounds of a group
+_UNKNOWN = 1e6  # condition of the two constants, if a group does not tell one of them
+_BIAS = "bias_instability"
 
 
 @dataclass(frozen=True)
@@ -115,3 +133,107 @@ def _without(increment: Array, known: NDArray[np.bool_], wave: Array) -> Array:
     left = increment.copy()
     left[known] -= fft.idct(wave, norm="ortho")
     return left
+
+
+@dataclass(frozen=True)
+class Constancy:
+    """``probability``: of groups at least as unlike in a laser of constant lock-in.   ``figure``: chi-squared per
+    degree of freedom.   ``kappa_moves``, ``beta_moves_rad``: relative change of the lock-in rate, and change of the
+    phase, if every group counts by its turnarounds, not by its weight in the fit. ``turned``: lock-in of each group
+    over that of the fit, (G,), complex: size and turn of the phase; empty where the groups tell nothing.
+    """
+
+    probability: float
+    figure: float
+    kappa_moves: float
+    beta_moves_rad: float
+    turned: NDArray[np.complex128]
+
+
+def constancy(fit: GlobalConstants, group: Int64) -> Constancy:
+    """Return whether the constants differ between groups of the usable turnarounds.
+
+    Args:    fit: with u usable turnarounds.   group: of each, (u,), 0 to G - 1.
+    Returns: Constancy; of groups that do not tell both constants, nothing odd. By Hotelling's T squared
+             with as many degrees of freedom as the smallest group has turnarounds.
+    Source:  score test with the scatter of the turnarounds themselves; Hotelling (1931).
+    """
+    count = int(group.max()) + 1
+    size = np.bincount(group, minlength=count)
+    change, precision = np.empty((count, 2)), np.empty((count, 2, 2))
+    for g in range(count):
+        score, weight = fit.score[group == g], fit.information[group == g].sum(axis=0)
+        if size[g] < _FEWEST_TURNAROUNDS or np.linalg.cond(weight) > _UNKNOWN:
+            return Constancy(1.0, 0.0, 0.0, 0.0, np.empty(0, np.complex128))
+        scatter = score.T @ score - np.outer(score.sum(axis=0), score.sum(axis=0)) / size[g]
+        change[g] = np.linalg.solve(weight, score.sum(axis=0))
+        precision[g] = weight @ np.linalg.inv(scatter) @ weight
+    pooled = np.linalg.solve(precision.sum(axis=0), np.einsum("gpq,gq->p", precision, change))
+    off = change - pooled
+    chi2, dof = float(np.einsum("gp,gpq,gq->", off, precision, off)), 2 * (count - 1)
+    turned = (fit.kappa_rad_s + (change[:, 0] + 1j * change[:, 1]) * np.exp(-1j * fit.beta_rad)) / fit.kappa_rad_s
+    return Constancy(
+        float(special.fdtrc(dof, int(size.min()), chi2 / dof)),
+        chi2 / dof,
+        float(np.average(np.abs(turned), weights=size)) - 1.0,
+        float(np.average(np.angle(turned), weights=size)),
+        turned,
+    )
+
+
+def runs(fit: GlobalConstants) -> tuple[float, float]:
+    """Return the probability of scores at least as correlated if turnarounds are independent, and by how much the
+    standard uncertainty of the constants would have to be multiplied.
+
+    Args:    fit: its turnarounds in order of time, (u,).
+    Source:  Ljung and Box, Biometrika 65 (1978) 297, with correlations that do not ask for equal variances.
+    """
+    score, lags = fit.score, range(1, _LAGS + 1)
+    products = [score[lag:] * score[:-lag] for lag in lags]
+    z = np.array([product.sum(axis=0) / np.sqrt(np.square(product).sum(axis=0)) for product in products])
+    shared = np.array([product.sum(axis=0) for product in products]) / np.square(score).sum(axis=0)
+    factor = np.sqrt(np.maximum(1.0 + 2.0 * shared.sum(axis=0), 0.0))
+    return float(special.chdtrc(z.size, float(np.square(z).sum()))), float(factor.max())
+
+
+def parts_of(values: Array, count: int) -> Int64:
+    """Return which of ``count`` parts of equal size each value is in, by its order, (n,).
+
+    Source: definition of quantiles.
+    """
+    order = np.empty(values.size, np.int64)
+    order[np.argsort(values, kind="stable")] = np.arange(values.size)
+    return np.asarray(order * count // values.size)
+
+
+@dataclass(frozen=True)
+class BiasInstability:
+    """Bias instability B, deg/h; ``std_deg_h`` is NaN where it was fitted as 0.
+
+    ``upper_deg_h``: not exceeded with 95 % confidence.   ``shown``: without it the fit is worse than chance explains.
+    """
+
+    value_deg_h: float
+    std_deg_h: float
+    upper_deg_h: float
+    shown: bool
+
+
+def bias_instability(output: AllanDeviation) -> BiasInstability:
+    """Fit B beside random walk and quantisation to the Allan deviation of an output, deg/h.
+
+    Raises: FitError of ``fit_noise_terms``.
+    Source: IEEE Std 952-1997 annex C, equation C.13.
+    """
+    term = fit_noise_terms(output, (*TERMS, _BIAS))[_BIAS]
+    shown = term.significant and term.coefficient > 0.0
+    return BiasInstability(term.coefficient, term.std_uncertainty, term.upper_limit, shown)
+
+
+def bias_alignment_error_deg(bias_deg_h: float, latitude_deg: float) -> float:
+    """Return the heading error of a gyrocompass by a bias of its gyroscopes, psi = B / (W_e cos lat), degree.
+
+    Args:    bias_deg_h: bias stability, for which the bias instability is taken.   latitude_deg: of the site.
+    Source:  lock-in paper equation (1): it does not fall with the time of the alignment.
+    """
+    return math.degrees(bias_deg_h / (EARTH_RATE_deg_h * math.cos(math.radians(latitude_deg))))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from bench.maths.strapdown import Track, navigate
 from bench.maths.strapdown_earth import earth_rate
-from bench.systems.time_sync.estimators.kalman.covariance import first_model, refresh_model, skew
+from bench.systems.time_sync.estimators.kalman.filter import first_model, refresh_model, skew
 from bench.systems.time_sync.estimators.kalman.innovation import rotation_between
 from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, FilterSetup, ImuDensities, ImuSamples
 from bench.systems.time_sync.estimators.kalman.stream import filled_noise

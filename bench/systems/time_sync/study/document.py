@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from bench.analysis import Chapter, Table
-from bench.systems.time_sync.study.errors import error_estimates
+from bench.systems.time_sync.study.errors import error_estimates, recovery_estimates
 from bench.systems.time_sync.study.figures import (
     error_figures,
     image_figures,
@@ -19,9 +19,7 @@ from bench.systems.time_sync.study.figures import (
     recovered_figure,
 )
 from bench.systems.time_sync.study.images import image_estimates
-from bench.systems.time_sync.study.recovery import recovery_estimates
-from bench.systems.time_sync.study.results import Cut, Results, unjudged
-from bench.systems.time_sync.study.study import ERRORLESS, NAME, SIGMA_R, StudyOptions, tasks_of
+from bench.systems.time_sync.study.study import ERRORLESS, NAME, SIGMA_R, Cut, Results, StudyOptions, tasks_of, unjudged
 from bench.systems.time_sync.study.tables import (
     Estimates,
     bias_table,

@@ -9,11 +9,9 @@ import numpy as np
 
 from bench.analysis import Figure, Series, picture, series
 from bench.systems.time_sync.estimators.sar.image import levels_dB
-from bench.systems.time_sync.study.errors import unaugmented
+from bench.systems.time_sync.study.errors import augmented, unaugmented
 from bench.systems.time_sync.study.images import figures_of, image_group
-from bench.systems.time_sync.study.recovery import augmented
-from bench.systems.time_sync.study.results import FlightResult, Results
-from bench.systems.time_sync.study.study import BASE, LOOSE, TIGHT, RECOVERED_ms, SHOWN_ms
+from bench.systems.time_sync.study.study import BASE, LOOSE, TIGHT, FlightResult, RECOVERED_ms, Results, SHOWN_ms
 
 _TIME = "time / s"
 _FLOWN = ("linear", "acceleration", "turn")

@@ -13,13 +13,13 @@ import numpy as np
 
 from bench.analysis import Floats
 from bench.model.installed import load, offer_of
-from bench.systems.time_sync.estimators.kalman.consistency import (
+from bench.systems.time_sync.estimators.kalman.filter import run_filter
+from bench.systems.time_sync.estimators.kalman.innovation import (
     nees_of_offset,
     nis_summary,
     observability,
     state_errors,
 )
-from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.setup import (
     OFFSET,
     FilterRun,
@@ -27,8 +27,7 @@ from bench.systems.time_sync.estimators.kalman.setup import (
     ImuSamples,
     STANDARD_GRAVITY_m_s2,
 )
-from bench.systems.time_sync.study.results import ERRORS, FlightResult
-from bench.systems.time_sync.study.study import SIGMA_R, APERTURE_s, SETTLED_s, Task
+from bench.systems.time_sync.study.study import ERRORS, SIGMA_R, APERTURE_s, FlightResult, SETTLED_s, Task
 
 WORLD = "time_sync"  # by name: the bench never imports its simulators
 _TO_ug, _TO_deg_h = 1e6 / STANDARD_GRAVITY_m_s2, float(np.rad2deg(3600.0))

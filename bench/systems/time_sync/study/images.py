@@ -7,8 +7,15 @@ from typing import Any
 import numpy as np
 
 from bench.analysis import Estimate, Estimates, Floats
-from bench.systems.time_sync.study.results import Results, measured
-from bench.systems.time_sync.study.study import AUGMENTED, ERRORLESS, UNAUGMENTED, Group, IMAGE_SPEED_m_s
+from bench.systems.time_sync.study.study import (
+    AUGMENTED,
+    ERRORLESS,
+    UNAUGMENTED,
+    Group,
+    IMAGE_SPEED_m_s,
+    Results,
+    measured,
+)
 from bench.systems.time_sync.study.tasks import FIGURES, IMAGED
 
 IDEAL_RESOLUTION_m, IDEAL_RANGE_m, IDEAL_PSLR_dB, IDEAL_ISLR_dB = 0.2490, 2.656, -13.26, -10.12

@@ -7,7 +7,6 @@ from typing import Any
 
 from bench.analysis import Table, number, with_uncertainty
 from bench.systems.time_sync.study.errors import over_time, unaugmented
-from bench.systems.time_sync.study.results import Results
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
     BASE,
@@ -19,6 +18,7 @@ from bench.systems.time_sync.study.study import (
     POSITION_m,
     RATE_deg_s,
     RECOVERED_ms,
+    Results,
     SPEED_m_s,
     VELOCITY_m_s,
     YAW_deg,

@@ -19,8 +19,19 @@ from bench.systems.time_sync.estimators.sar.image import image_chip
 from bench.systems.time_sync.estimators.sar.pulses import Pulses, positions_at
 from bench.systems.time_sync.estimators.sar.response import Response, SEARCH_m, impulse_response
 from bench.systems.time_sync.study.flight import Flown, flight_result, fly, simulated
-from bench.systems.time_sync.study.results import Chip, Cut, FlightResult, IdealResult, ImageResult
-from bench.systems.time_sync.study.study import ERRORLESS, TIGHT, APERTURE_s, Group, LONG_s, Task
+from bench.systems.time_sync.study.study import (
+    ERRORLESS,
+    TIGHT,
+    APERTURE_s,
+    Chip,
+    Cut,
+    FlightResult,
+    Group,
+    IdealResult,
+    ImageResult,
+    LONG_s,
+    Task,
+)
 
 _CHIP_m = 16.0  # half length: 30 ms at 250 m/s move the target by 8 m
 IMAGED = TIGHT  # noise of the filters whose solutions are focused

@@ -12,10 +12,9 @@ from scipy import special
 from bench.analysis import Material, analyse
 from bench.maths.budget import combine_all
 from bench.model.errors import FitError
-from bench.systems.af_converter.constants import Campaign, read_campaign
+from bench.systems.af_converter.constants import Campaign, Standards, read_campaign, read_standards
 from bench.systems.af_converter.group_fit import Fitted, fit_groups
 from bench.systems.af_converter.groups import campaign_rows, group_rows
-from bench.systems.af_converter.register import Standards, read_standards
 from bench.systems.af_converter.scale_factor.budgets import (
     TRIALS,
     budget_tables,

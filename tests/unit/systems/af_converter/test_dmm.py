@@ -31,9 +31,9 @@ from spoken import english_left
 from bench.analysis import Analysis, Material, Reading
 from bench.model.errors import FitError
 from bench.model.texts import told
-from bench.systems.af_converter.constants import read_campaign
+from bench.systems.af_converter.constants import read_campaign, read_ranges
 from bench.systems.af_converter.dmm_method import analysis as dmm_method
-from bench.systems.af_converter.dmm_method.readings import MeterLog, reading_sets
+from bench.systems.af_converter.dmm_method.estimates import MeterLog, reading_sets
 from bench.systems.af_converter.estimators.dmm_method import (
     condition_number,
     fit_dmm_method,
@@ -43,7 +43,6 @@ from bench.systems.af_converter.estimators.dmm_method import (
 )
 from bench.systems.af_converter.estimators.readings import noise_parts, pulse_currents_A
 from bench.systems.af_converter.groups import Group, campaign_rows, group_rows
-from bench.systems.af_converter.register import read_ranges
 
 
 def misses(seeds: range, **meter: bool) -> dict[str, list[bool]]:

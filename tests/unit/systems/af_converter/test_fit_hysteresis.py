@@ -13,7 +13,7 @@ from bias_simulation import K0_C, Ramp, covariance, draw, flow, heat, ramp, slac
 from scipy.optimize import least_squares
 from whitened_covariance import covariance_of
 
-from bench.systems.af_converter.estimators.gates import series_covariance
+from bench.systems.af_converter.estimators.gates import Drive, series_covariance, usable_drive
 from bench.systems.af_converter.estimators.hysteresis.fit import (
     HALF_WIDTH,
     LAG,
@@ -30,7 +30,6 @@ from bench.systems.af_converter.estimators.hysteresis.model import (
     ModelShape,
     mean_of_walk,
 )
-from bench.systems.af_converter.estimators.thermal_lag import Drive, usable_drive
 
 
 @cache

@@ -16,7 +16,7 @@ from trials import without_budgets
 
 from bench.analysis import Material, analyse
 from bench.systems.af_converter.group_fit import Fitted, fit_groups
-from bench.systems.af_converter.scale_factor import determined
+from bench.systems.af_converter.scale_factor import estimates
 
 SCALE_FACTORS = ("dsf_n", "dsf_p")
 
@@ -68,7 +68,7 @@ def table_2(request: pytest.FixtureRequest) -> Table2:
             return fitted
 
         with pytest.MonkeyPatch.context() as patch, without_budgets():
-            patch.setattr(determined, "fit_groups", kept)
+            patch.setattr(estimates, "fit_groups", kept)
             analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
         fresh = set()
         for one in analysis.estimates:

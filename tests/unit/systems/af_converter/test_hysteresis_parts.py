@@ -10,6 +10,14 @@ from bias_simulation import slack
 from scipy.integrate import solve_ivp
 
 from bench.model.errors import FitError
+from bench.systems.af_converter.estimators.gates import (
+    Drive,
+    hidden_degC,
+    lagged,
+    lagged_means,
+    require_known,
+    usable_drive,
+)
 from bench.systems.af_converter.estimators.hysteresis.fit import branch_difference
 from bench.systems.af_converter.estimators.hysteresis.model import (
     Gates,
@@ -18,14 +26,6 @@ from bench.systems.af_converter.estimators.hysteresis.model import (
     cell_means,
     mean_of_walk,
     play,
-)
-from bench.systems.af_converter.estimators.thermal_lag import (
-    Drive,
-    hidden_degC,
-    lagged,
-    lagged_means,
-    require_known,
-    usable_drive,
 )
 
 CORNERS_s = (0.0, 7200.0, 43_200.0, 46_800.0, 82_800.0, 90_000.0)

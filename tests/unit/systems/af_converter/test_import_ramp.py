@@ -17,10 +17,10 @@ from bench.model.texts import told
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
 from bench.systems.af_converter.estimators.drift_ramp import block_means, drift_columns, fit_drift, fit_ramp_hysteresis
+from bench.systems.af_converter.estimators.gates import usable_drive
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.model import Gates, HysteresisModel, ModelShape
 from bench.systems.af_converter.estimators.segments import branches, find_segments
-from bench.systems.af_converter.estimators.thermal_lag import usable_drive
 from bench.systems.af_converter.temperature_ramp.analysis import analyse
 from bench.systems.af_converter.temperature_ramp.fits import minute_means, ramp_columns
 

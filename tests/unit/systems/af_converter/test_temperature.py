@@ -13,7 +13,7 @@ from bench.analysis import Analysis, Material, analyse
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.af_converter import groups
-from bench.systems.af_converter.constants import read_campaign
+from bench.systems.af_converter.constants import read_campaign, read_standards
 from bench.systems.af_converter.group_fit import fit_groups
 from bench.systems.af_converter.groups import (
     LONGEST_REACH_s,
@@ -22,7 +22,6 @@ from bench.systems.af_converter.groups import (
     group_rows,
     unit_temperatures,
 )
-from bench.systems.af_converter.register import read_standards
 
 SEED = 21
 MISTAKEN = 15  # campaigns that show a mistake by its size

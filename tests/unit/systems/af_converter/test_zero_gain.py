@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 
 from bench.analysis import Analysis, Material, analyse
-from bench.systems.af_converter.constants import read_campaign
+from bench.systems.af_converter.constants import read_campaign, read_standards
 from bench.systems.af_converter.estimators.scale_factor import fit_scale_factor
 from bench.systems.af_converter.groups import campaign_rows, group_rows
-from bench.systems.af_converter.register import read_standards
 from bench.systems.af_converter.scale_factor.notes import one_zero_pair
 
 TITLE = "Zeros in every range of the calibrator"

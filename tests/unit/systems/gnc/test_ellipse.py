@@ -11,7 +11,6 @@ from scipy import optimize, stats
 
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.ellipse import PARAMETERS, PlaneParameters, corrected, fit_ellipse
-from bench.systems.gnc.estimators.magnetometer.misshape import misshape
 from bench.systems.gnc.estimators.magnetometer.plane import (
     ELLIPSE,
     EXTREMES,
@@ -21,6 +20,7 @@ from bench.systems.gnc.estimators.magnetometer.plane import (
     roll_uncertainty,
 )
 from bench.systems.gnc.estimators.magnetometer.quadric import fit_quadric
+from bench.systems.gnc.estimators.magnetometer.section import misshape
 
 POINTS = np.array([(1, 7), (2, 6), (5, 8), (7, 7), (9, 5), (3, 7), (6, 2), (8, 4)], float)
 

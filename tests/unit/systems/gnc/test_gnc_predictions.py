@@ -13,7 +13,7 @@ from bench.analysis import Planned, Prediction
 from bench.model.errors import FitError
 from bench.plan import Plan, compile_sequence
 from bench.session.predicted import predicted
-from bench.systems.gnc.predicted.magnetometer import predicted as of_magnetometer
+from bench.systems.gnc.predicted import of_magnetometer
 
 NOISE = "gyro_random_walk: 0.3 deg/sqrt(h), "
 

@@ -18,12 +18,12 @@ from spoken import english_left
 from bench.analysis import Material
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.between_rests import fit_between_rests
+from bench.systems.gnc.estimators.earth_rate import RotationRecord, static_means
 from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_position
-from bench.systems.gnc.estimators.records import RotationRecord, static_means
 from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import fit_turns_from_rest
-from bench.systems.gnc.estimators.six_position import fit_six_position
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
+from bench.systems.gnc.estimators.triad import fit_six_position
 from bench.systems.gnc.logs import multi_position as imu_multi_position
 from bench.systems.gnc.logs import six_position as imu_six_position
 

@@ -12,8 +12,7 @@ from imu_fit_simulation import Unit, draw, rotation, rotations
 
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.earth_rate import Site
-from bench.systems.gnc.estimators.records import RotationRecord, tick_seconds
+from bench.systems.gnc.estimators.earth_rate import RotationRecord, Site, tick_seconds
 from bench.systems.gnc.estimators.rotation_inputs import Declared
 from bench.systems.gnc.estimators.rotations import RotationFit, fit_rotations
 

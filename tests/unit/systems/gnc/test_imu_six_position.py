@@ -11,9 +11,8 @@ from scipy import signal, stats
 
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.records import quantisation_variance, static_means
-from bench.systems.gnc.estimators.six_position import fit_six_position
-from bench.systems.gnc.estimators.triad import TriadFit
+from bench.systems.gnc.estimators.earth_rate import quantisation_variance, static_means
+from bench.systems.gnc.estimators.triad import TriadFit, fit_six_position
 
 Keep = Callable[[str, object], None]
 Found = tuple[TriadFit, np.ndarray, np.ndarray]

@@ -9,7 +9,7 @@ from scipy import linalg, stats
 from bench.systems.gnc.estimators.magnetometer import wander
 from bench.systems.gnc.estimators.magnetometer.ellipse import fit_ellipse
 from bench.systems.gnc.estimators.magnetometer.ellipsoid import EllipsoidFit, fit_ellipsoid
-from bench.systems.gnc.estimators.magnetometer.odd_readings import odd_readings
+from bench.systems.gnc.estimators.magnetometer.wander import odd_readings
 from bench.systems.gnc.field_evidence import plausible_plane, plausible_sphere
 
 IRON = np.array([[1.05, 0.03, -0.02], [0.01, 0.96, 0.04], [-0.03, 0.0, 1.02]])

@@ -14,7 +14,7 @@ from bench.analysis.doubt import weigh
 from bench.systems.gnc.bias import analyse
 from bench.systems.gnc.estimators.multi_position import fit_multi_position
 from bench.systems.gnc.estimators.triad import TriadFit
-from bench.systems.gnc.logs.evidence import of_rests, own_axes, stuck_sensors
+from bench.systems.gnc.logs.log import of_rests, own_axes, stuck_sensors
 
 SEED = 611
 POSE, OVER = (20.0, 0.0, 0.0), (20.0, 0.0, 180.0)

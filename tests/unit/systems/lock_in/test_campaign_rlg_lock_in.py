@@ -19,10 +19,9 @@ from bench.model.quality import Quality
 from bench.model.texts import told
 from bench.systems.lock_in.analysis import METHODS, analyse
 from bench.systems.lock_in.compensation import COMPENSATORS
-from bench.systems.lock_in.estimates import requirement_of
 from bench.systems.lock_in.records import laser_records
-from bench.systems.lock_in.result import Measured, laser_result, squared
-from bench.systems.lock_in.tables import tables
+from bench.systems.lock_in.report import tables
+from bench.systems.lock_in.result import Measured, laser_result, requirement_of, squared
 
 SEED, SECONDS = 704, 3.2
 SLOW_HZ, FAST_HZ = 20_000_000, 100_000_000

@@ -13,13 +13,20 @@ from scipy import stats
 
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, Compensated, Shown
-from bench.systems.lock_in.estimates import Requirement, exponent_estimates, record_estimates
-from bench.systems.lock_in.estimators.bias import BiasInstability
 from bench.systems.lock_in.estimators.random_walk import RandomWalk
+from bench.systems.lock_in.estimators.steadiness import BiasInstability
 from bench.systems.lock_in.figures import campaign_figures
 from bench.systems.lock_in.records import LaserRecord
-from bench.systems.lock_in.result import LaserResult, misfit, size_dof, walk_std_deg_rth
-from bench.systems.lock_in.tables import tables
+from bench.systems.lock_in.report import tables
+from bench.systems.lock_in.result import (
+    LaserResult,
+    Requirement,
+    exponent_estimates,
+    misfit,
+    record_estimates,
+    size_dof,
+    walk_std_deg_rth,
+)
 
 GAIN = np.pi * 0.28 / (2.0 * 632.8e-9)  # of 28 cm, rad/rad
 NOTHING = np.empty(0)

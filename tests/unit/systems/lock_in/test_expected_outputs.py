@@ -9,8 +9,12 @@ import numpy as np
 import pytest
 
 from bench.systems.lock_in.compensation import SINGLE
-from bench.systems.lock_in.estimators.expected_constants import NominalLaser, expected_turnarounds
-from bench.systems.lock_in.estimators.expected_outputs import ExpectedOutput, expected_output
+from bench.systems.lock_in.estimators.expected_constants import (
+    ExpectedOutput,
+    NominalLaser,
+    expected_output,
+    expected_turnarounds,
+)
 from bench.systems.lock_in.estimators.random_walk import expected_random_walk, gyro_gain, walk_of_phase_deg_rth
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds
 

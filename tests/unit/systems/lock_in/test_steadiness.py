@@ -8,9 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.systems.lock_in.estimators.constancy import constancy, parts_of, runs
 from bench.systems.lock_in.estimators.random_walk import odd_steps
-from bench.systems.lock_in.estimators.steadiness import change, line, wander
+from bench.systems.lock_in.estimators.steadiness import change, constancy, line, parts_of, runs, wander
 
 RUNS, PERIODS = 400, 800
 TIME = np.arange(PERIODS)

@@ -16,12 +16,10 @@ from bench.analysis import Analysis, Series, with_uncertainty
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.model.texts import told
-from bench.systems.north.accuracy import accuracies
-from bench.systems.north.analysis import AZIMUTH_ERROR, analyse
+from bench.systems.north.analysis import AZIMUTH_ERROR, analyse, north_estimates
 from bench.systems.north.declaration import DECLARATION
-from bench.systems.north.estimates import north_estimates
 from bench.systems.north.sets import NorthSet, north_sets
-from bench.systems.north.solution import METHODS, Azimuths, Site, Solution
+from bench.systems.north.solution import METHODS, Azimuths, Site, Solution, accuracies
 
 SEED = 705
 GYRO = Gyro(noise_V=0.2, placement_deg=(4.0, -7.0), gains=(1.1, 0.9), lock_in_offset_V=(0.01, -0.02))

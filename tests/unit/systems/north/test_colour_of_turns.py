@@ -9,11 +9,10 @@ import pytest
 from fog_material import Gyro, NorthRig, campaign
 from scipy import stats
 
-from bench.systems.north.accuracy import accuracies
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
-from bench.systems.north.notes import north_notes
+from bench.systems.north.report import north_notes
 from bench.systems.north.sets import north_sets, waveform_of
-from bench.systems.north.solution import LIKELIHOOD, Solution
+from bench.systems.north.solution import LIKELIHOOD, Solution, accuracies
 from bench.systems.north.solve import site_of, solved
 
 SEED = 41

@@ -10,9 +10,9 @@ from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
 
 from bench.analysis import build_results
 from bench.model.errors import FitError
-from bench.systems.north.accuracy import accuracies, rms_std_deg
 from bench.systems.north.analysis import METHODS, analyse
 from bench.systems.north.sets import north_sets
+from bench.systems.north.solution import accuracies, rms_std_deg
 from bench.systems.north.solve import site_of, solve
 
 SEED = 702

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from bench.systems.north.estimators.likelihood import likelihood_north
+from bench.systems.north.report import FALSE_CLAIM, harmonic_table
 from bench.systems.north.solve import HARMONICS
-from bench.systems.north.tables import FALSE_CLAIM, harmonic_table
 
 SEED = 51
 

@@ -11,10 +11,10 @@ from north_coverage import eight_of, rows_of, waveform_of
 
 from bench.model.clock import NS, VirtualClock
 from bench.systems.north.figures import error_figures, signal_figures
+from bench.systems.north.report import error_table, parameter_table, result_table
 from bench.systems.north.sets import NorthSet
 from bench.systems.north.solution import METHODS, Site, Solution
 from bench.systems.north.solve import solve
-from bench.systems.north.tables import error_table, parameter_table, result_table
 from bench.systems.north.wording import method_name
 from sim_instruments.worlds.north.world import FogWorld
 

@@ -16,7 +16,7 @@ from bench.analysis.doubt import stated, weigh
 from bench.report.plots.graphs import analysis_pictures
 from bench.systems.time_sync import analysis as time_sync_analysis
 from bench.systems.time_sync import filtering as time_sync_filter
-from bench.systems.time_sync import tables as time_sync_tables
+from bench.systems.time_sync import report as time_sync_tables
 from bench.systems.time_sync.analysis import METHODS
 from bench.systems.time_sync.filtering import COMPENSATED
 from bench.systems.time_sync.records import Clocks, recording

@@ -9,14 +9,15 @@ from scipy import stats
 from sync_flights import BASE, LEVEL_UNTIL_S, LaneOffsets, flight, level_matrices
 
 from bench.systems.time_sync.estimators.kalman import filter as sync_filter
-from bench.systems.time_sync.estimators.kalman.consistency import (
+from bench.systems.time_sync.estimators.kalman.filter import run_filter
+from bench.systems.time_sync.estimators.kalman.innovation import (
+    NIS_BOUNDS,
+    NIS_DOF,
     nees_of_offset,
     nis_summary,
     observability,
     state_errors,
 )
-from bench.systems.time_sync.estimators.kalman.filter import run_filter
-from bench.systems.time_sync.estimators.kalman.innovation import NIS_BOUNDS, NIS_DOF
 from bench.systems.time_sync.estimators.kalman.setup import FilterRun, FilterSetup, ImuSamples
 from sim_instruments.worlds.time_sync.flight.imu import imu_runs
 from sim_instruments.worlds.time_sync.flight.path import FlightPath

@@ -9,8 +9,14 @@ from sync_flights import LaneOffsets, turning
 
 from bench.maths.strapdown import navigate, small_rotation
 from bench.maths.strapdown_earth import earth_rate
-from bench.systems.time_sync.estimators.kalman.covariance import first_model, propagate, refresh_model, skew, transition
-from bench.systems.time_sync.estimators.kalman.filter import run_filter
+from bench.systems.time_sync.estimators.kalman.filter import (
+    first_model,
+    propagate,
+    refresh_model,
+    run_filter,
+    skew,
+    transition,
+)
 from bench.systems.time_sync.estimators.kalman.innovation import rotation_between
 from bench.systems.time_sync.estimators.kalman.setup import OFFSET, STATES, FilterSetup, ImuDensities, ImuSamples
 from sim_instruments.worlds.time_sync.flight.imu import ImuClass, imu_runs

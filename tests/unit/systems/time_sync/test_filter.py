@@ -12,8 +12,8 @@ from sync_flights import BASE, END_S, LEVEL_UNTIL_S, TURN_UNTIL_S, Flight, fligh
 
 from bench.systems.time_sync.estimators.kalman import filter as sync_filter
 from bench.systems.time_sync.estimators.kalman import innovation as sync_innovation
-from bench.systems.time_sync.estimators.kalman.consistency import nis_summary
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
+from bench.systems.time_sync.estimators.kalman.innovation import nis_summary
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, FilterRun, FilterSetup
 from sim_instruments.worlds.time_sync.flight.egi import EgiRuns
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bench.systems.time_sync.estimators.odd_readings import odd_readings
+from bench.systems.time_sync.estimators.port_clocks import odd_readings
 
 Array = NDArray[np.float64]
 N = 3000

@@ -14,15 +14,18 @@ from scipy.spatial.transform import Rotation
 from bench.model.errors import FitError, InputError
 from bench.systems.time_sync.estimators.sar.response import SEARCH_m
 from bench.systems.time_sync.study.flight import fly, headings, setup_of
-from bench.systems.time_sync.study.results import ERRORS, FlightResult, measured, rms_std
 from bench.systems.time_sync.study.study import (
     BASE,
+    ERRORS,
     TIGHT,
+    FlightResult,
     Group,
     StudyOptions,
     Task,
     checked_options,
     image_tasks,
+    measured,
+    rms_std,
     tasks_of,
 )
 from bench.systems.time_sync.study.tasks import _focused, image_result, predicted_shift_m, run_task, scene_of

@@ -13,7 +13,6 @@ from sync_study_results import changed, made_results
 
 from bench.report.document import study_html
 from bench.systems.time_sync.study.document import study_chapters, study_document, study_json
-from bench.systems.time_sync.study.results import Results
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
     BASE,
@@ -22,6 +21,7 @@ from bench.systems.time_sync.study.study import (
     TIGHT,
     UNAUGMENTED,
     RECOVERED_ms,
+    Results,
     StudyOptions,
 )
 

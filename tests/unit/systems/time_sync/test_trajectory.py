@@ -8,9 +8,9 @@ from time_sync_material import geodetic
 
 from bench.analysis import Figure, Floats, Series
 from bench.maths.geodesy import TangentFrame
+from bench.systems.time_sync.filtering import trajectory_figures
 from bench.systems.time_sync.records import Stream
 from bench.systems.time_sync.samples import EgiSamples
-from bench.systems.time_sync.trajectory import trajectory_figures
 
 FRAME = TangentFrame(37.5, 126.95)
 T_s = 7.0 + 0.02 * np.arange(25_000)  # 500 s at 50 Hz

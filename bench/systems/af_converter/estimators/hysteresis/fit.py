@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.maths.least_squares import solve
+from bench.systems.af_converter.estimators.gates import Drive
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates, HysteresisModel, Level, ModelShape
 from bench.systems.af_converter.estimators.hysteresis.search import (
     Bounds,
@@ -27,7 +28,6 @@ from bench.systems.af_converter.estimators.hysteresis.search import (
     solution_at,
     spacing_degC,
 )
-from bench.systems.af_converter.estimators.thermal_lag import Drive
 
 Array = NDArray[np.float64]
 Whiten = Callable[[Array], Array]

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import FitError
-from bench.systems.af_converter.estimators.thermal_lag import Drive, lagged, lagged_means
+from bench.systems.af_converter.estimators.gates import Drive, lagged, lagged_means
 
 Array = NDArray[np.float64]
 WIDTH = "hysteresis width"

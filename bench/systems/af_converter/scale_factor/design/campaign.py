@@ -21,20 +21,27 @@ from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from bench.model.units import format_quantity
-from bench.systems.af_converter.constants import read_campaign
+from bench.systems.af_converter.constants import read_campaign, read_standards
 from bench.systems.af_converter.group_fit import QUANTITIES
-from bench.systems.af_converter.register import read_standards
-from bench.systems.af_converter.scale_factor.design.drifts import coefficients_at_least, drift_powers
-from bench.systems.af_converter.scale_factor.design.rivals import visit_powers, visit_readings
-from bench.systems.af_converter.scale_factor.design.template import Point, Template, template_of
-from bench.systems.af_converter.scale_factor.design.tours import (
+from bench.systems.af_converter.scale_factor.design.drifts import (
+    coefficients_at_least,
+    drift_powers,
+    visit_powers,
+    visit_readings,
+)
+from bench.systems.af_converter.scale_factor.design.template import (
     COEFFICIENTS,
+    Point,
+    Template,
     Tour,
     is_monotone,
     missing_repeats,
+    template_of,
     tours,
+    write_length,
+    write_levels,
+    write_stops,
 )
-from bench.systems.af_converter.scale_factor.design.writing import write_length, write_levels, write_stops
 from bench.systems.af_converter.scale_factor.predicted import predicted
 from bench.systems.af_converter.wording import kind_name
 

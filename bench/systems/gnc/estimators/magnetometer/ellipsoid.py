@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.errors import FitError
-from bench.systems.gnc.estimators.magnetometer.odd_readings import odd_readings
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric, fit_quadric
+from bench.systems.gnc.estimators.magnetometer.wander import odd_readings
 from bench.systems.gnc.wording import say
 
 Array = NDArray[np.float64]

@@ -4,13 +4,27 @@ The plane of the turn is that of the readings themselves, z = p + q x + r y, so 
 mounting needs to be known.
 
 Source: coordinate geometry of a quadric; covariance by first derivatives, JCGM 102:2011 section 6.2.
+
+Is the surface an ellipse or ellipsoid at all? What its residuals say of its third and fourth order.
+
+An axis that saturates or is not linear, a field that depends on the attitude (steel that turns with the unit, a
+gradient) bend the surface in a way that no hard and soft iron does. The bend is fitted beside them, to first order.
+
+Source: F test of further columns (Draper and Smith, Applied Regression Analysis, section 6.1); where noise wanders,
+Student's t of each of them by blocks, union bound.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations_with_replacement
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy import special
 
+from bench.maths.verdict import coverage_factor
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters, parameters_of
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric
 from bench.systems.gnc.estimators.magnetometer.wander import uncertainty
@@ -18,6 +32,9 @@ from bench.systems.gnc.estimators.magnetometer.wander import uncertainty
 Array = NDArray[np.float64]
 _STEP = 1e-6
 _TRIANGLE = np.triu_indices(3)
+_ORDERS = (3, 4)
+_APART = 0.03  # part of a column that the quadric and the others must leave of it
+_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 
 
 def section_of(quadric: Quadric, turn: Array) -> PlaneParameters:
@@ -60,3 +77,60 @@ def _section(place: Array) -> Array:
         return np.full(5, np.nan)
     upper = np.linalg.cholesky(along.T @ along / left).T
     return parameters_of(np.concatenate((middle, upper[np.triu_indices(2)])))
+
+
+@dataclass(frozen=True)
+class Misshape:
+    """``probability``: of so much bend by noise alone.   ``size``: its root mean square, unit of the readings.
+    ``move``: largest change of a parameter of the quadric by it, in its expanded uncertainty.
+    """
+
+    probability: float
+    size: float
+    move: float
+
+
+def misshape(quadric: Quadric, points: Array, begins: Sequence[int] = ()) -> Misshape:
+    """Return how much the readings bend the surface that was fitted to them.
+
+    Args:    points: (n, d), those of the fit.   begins: first point of each record, if there are several.
+    Returns: Misshape.
+    Source:  see the head of this file.
+    """
+    count, size = quadric.jacobian.shape
+    basis, triangle = np.linalg.qr(quadric.jacobian)
+    bends = _bends(quadric.corrected(points))
+    inside = basis.T @ bends
+    bends -= basis @ inside
+    information, vectors = np.linalg.eigh(bends.T @ bends)
+    kept = information > _APART**2 * count
+    rank = int(kept.sum())
+    if count <= size + rank + 1 or not rank or quadric.noise == 0.0:
+        return Misshape(1.0, 0.0, 0.0)
+    weights = vectors[:, kept] / np.sqrt(information[kept])
+    left = bends @ weights
+    seen = left.T @ quadric.distance
+    rest = quadric.distance - left @ seen
+    shift = np.linalg.solve(triangle, inside @ (weights @ seen))
+    expanded = coverage_factor() * np.sqrt(np.diag(quadric.covariance))
+    bent = uncertainty(np.column_stack((basis, left)), rest, begins)
+    if bent.chosen is None:
+        ratio = float(seen @ seen) / rank / bent.noise**2
+        probability = float(special.fdtrc(rank, count - size - rank, ratio))
+    else:
+        slope = np.eye(size + rank)[size:]
+        score = np.abs(seen) / np.sqrt(np.maximum(np.diag(bent.covariance)[size:], _SMALLEST))
+        probability = float(min(1.0, 2.0 * rank * special.stdtr(bent.dof(slope), -score).min()))
+    return Misshape(
+        max(probability, _SMALLEST), float(np.sqrt(seen @ seen / count)), float(np.abs(shift / expanded).max())
+    )
+
+
+def _bends(directions: Array) -> Array:
+    """Monomials of third and fourth order of unit vectors, (n, columns)."""
+    unit = directions / np.linalg.norm(directions, axis=1)[:, None]
+    return np.column_stack([
+        np.prod(unit[:, list(each)], axis=1)
+        for order in _ORDERS
+        for each in combinations_with_replacement(range(unit.shape[1]), order)
+    ])  # fmt: skip

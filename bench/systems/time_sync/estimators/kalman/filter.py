@@ -4,35 +4,181 @@ Every lane has its own estimates, all lanes of a group one covariance, linearise
 
 Source: Lee et al., JKSAS 48(4), 2020, section 3.1, corrected: errors are estimate minus truth, the sample is predicted
 from the filter's own states at t - T_hat, the offset's process noise is zero.
+
+Covariance of the 16 states: error model, propagation, update. Axes: groups first, then the matrix.
+
+Source: error model of a strapdown system in a frame fixed to the Earth, rotation vector in t, estimate minus truth;
+update in Joseph's form (Bucy and Joseph 1968), which stays positive whatever the gain.
+
+How far a filter really is off, when the errors of the EGI are not the white noise that it takes them for.
+
+The gains of the filter are what they are. Its errors and those of the EGI together, 16 and 9, go through the same
+linear steps, and their covariance with them: errors of position and velocity wander for tens of seconds, that of the
+heading for minutes, roll and pitch stay. No draws are needed.
+
+Source: covariance analysis of a suboptimal filter with augmented states, Gelb, Applied Optimal Estimation (1974),
+section 7.2; Gauss-Markov errors, Brown and Hwang (2012), section 4.6.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.maths.strapdown import Strapdown, small_rotation
+from bench.maths.strapdown_earth import earth_rate, gradient
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.kalman.covariance import (
-    first_covariance,
-    first_model,
-    gain,
-    measurement_rows,
-    propagate,
-    refresh_model,
-    transition,
-    update,
-)
 from bench.systems.time_sync.estimators.kalman.innovation import EgiSample, History, NisSums, innovation, motion_noise
-from bench.systems.time_sync.estimators.kalman.real_covariance import RealCovariance
-from bench.systems.time_sync.estimators.kalman.setup import OFFSET, EgiSource, FilterRun, FilterSetup, ImuSource
+from bench.systems.time_sync.estimators.kalman.setup import (
+    OFFSET,
+    STATES,
+    EgiSource,
+    EgiSpread,
+    FilterRun,
+    FilterSetup,
+    ImuDensities,
+    ImuSource,
+)
 from bench.systems.time_sync.estimators.kalman.stream import Keeping, egi_samples, filled_noise, first_sample, imu_steps
 
 Array = NDArray[np.float64]
-
+_EGI = 9  # errors of the EGI: position, velocity, rotation vector
 _LONGEST_STEP_s = 0.2  # of the covariance, where EGI samples are lost
+
+
+def skew(vector: Array) -> Array:
+    """[vector x] of (..., 3): (..., 3, 3)."""
+    out = np.zeros((*vector.shape, 3))
+    out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -vector[..., 2], vector[..., 1], -vector[..., 0]
+    out[..., 1, 0], out[..., 2, 0], out[..., 2, 1] = vector[..., 2], -vector[..., 1], vector[..., 0]
+    return out
+
+
+def first_covariance(setup: FilterSetup) -> Array:
+    """Diagonal covariance at the begin, (G, 16, 16); the offset's variance is zero where it is not a state."""
+    accel, gyro = setup.imu.bias_sigmas
+    attitude = np.deg2rad(setup.attitude_sigma_deg)
+    sigmas = np.repeat([setup.position_sigma_m, setup.velocity_sigma_m_s, attitude, accel, gyro], 3)
+    out = np.zeros((setup.groups, STATES, STATES))
+    for group, augmented in enumerate(setup.augmented):
+        out[group, range(STATES), range(STATES)] = np.append(sigmas, setup.offset_sigma_s * augmented) ** 2
+    return out
+
+
+def first_model(setup: FilterSetup) -> Array:
+    """Error model (G, 16, 16) with what does not change; ``refresh_model`` fills in the rest."""
+    rate = skew(earth_rate(setup.latitude_deg))
+    F = np.zeros((setup.groups, STATES, STATES))
+    F[:, range(3), range(3, 6)] = 1.0
+    F[:, range(3, 6), range(3)] = gradient(setup.latitude_deg)
+    F[:, 3:6, 3:6] = -2.0 * rate
+    F[:, 6:9, 6:9] = -rate
+    return F
+
+
+def refresh_model(F: Array, force: Array, C: Array) -> None:
+    """Put specific force in t (G, 3) m/s^2 and body-to-t matrix (G, 3, 3), both means of the estimates, into F."""
+    F[:, 3:6, 6:9] = -skew(force)
+    F[:, 3:6, 9:12] = -C
+    F[:, 6:9, 12:15] = -C
+
+
+def transition(F: Array, dt: float) -> Array:
+    """Return what errors become within ``dt`` seconds, (G, 16, 16), to second order."""
+    step = F * dt
+    phi = 0.5 * np.matmul(step, step)
+    phi += step
+    phi += np.eye(STATES)
+    return np.asarray(phi)
+
+
+def propagate(P: Array, phi: Array, noise: Array) -> Array:
+    """Return covariance after a transition; ``noise`` (16,): variance that each state gains in that time."""
+    out: Array = np.matmul(np.matmul(phi, P), phi.transpose(0, 2, 1))
+    out[:, range(STATES), range(STATES)] += noise
+    return out
+
+
+def measurement_rows(F: Array, age_s: Array, sensitivity: Array) -> Array:
+    """Return rows of the innovation (estimate minus EGI: position, velocity, rotation) over the states, (G, 9, 16).
+
+    Args:   F: error model.   age_s: (G,) how long ago the EGI sample was valid; the errors of then are those of now
+            less F times that.   sensitivity: (G, 9) velocity, acceleration, rate at that time.
+    Source: Lee et al. 2020, equation (13), h = -[v; a; w]: more offset means an older, hence smaller, prediction.
+    """
+    H = -age_s[:, None, None] * F[:, :9]
+    H[:, range(9), range(9)] += 1.0
+    H[:, :, OFFSET] = -sensitivity
+    return H
+
+
+def gain(P: Array, H: Array, noise: Array) -> tuple[Array, Array]:
+    """Kalman gain (G, 16, z) and covariance of the innovation (G, z, z); ``noise`` (G, z) variances."""
+    PHt = np.matmul(P, H.transpose(0, 2, 1))
+    S = np.matmul(H, PHt)
+    rows = range(H.shape[1])
+    S[:, rows, rows] += noise
+    return np.matmul(PHt, np.linalg.inv(S)), S
+
+
+def update(P: Array, K: Array, H: Array, noise: Array) -> Array:
+    """Return covariance after the correction, Joseph's form, made symmetric."""
+    rest = -np.matmul(K, H)
+    rest[:, range(STATES), range(STATES)] += 1.0
+    out: Array = np.matmul(np.matmul(rest, P), rest.transpose(0, 2, 1))
+    out += np.matmul(K * noise[:, None], K.transpose(0, 2, 1))
+    return np.asarray(0.5 * (out + out.transpose(0, 2, 1)))
+
+
+class RealCovariance:
+    """Covariance (G, 25, 25) of errors of the filter and of the EGI, from the first solution on.
+
+    Args: groups: filters.   spread: errors of the EGI.   imu: of the inertial unit.
+    """
+
+    def __init__(self, groups: int, spread: EgiSpread, imu: ImuDensities) -> None:
+        heading, level = math.radians(spread.heading_deg), math.radians(spread.level_deg)
+        sigma = np.array([*(spread.position_m,) * 3, *(spread.velocity_m_s,) * 3, level, level, heading])
+        self._variance = sigma**2
+        self._rate = np.repeat([1.0 / spread.wander_s, 0.0, 1.0 / spread.heading_wander_s], [6, 2, 1])
+        self._S = np.zeros((groups, STATES + _EGI, STATES + _EGI))
+        first, own = np.arange(_EGI), np.arange(STATES, STATES + _EGI)
+        for rows in (first, own):  # the filter begins with a solution, and with its errors
+            self._S[:, rows, first] = self._S[:, rows, own] = self._variance
+        accel, gyro = imu.bias_sigmas
+        self._S[:, range(9, 15), range(9, 15)] = np.repeat([accel, gyro], 3) ** 2
+
+    def propagate(self, phi: Array, noise: Array) -> None:
+        """Take the errors of the filter on; ``phi`` (G, 16, 16), ``noise`` (16,): as those of the filter itself."""
+        S = self._S
+        S[:, :STATES] = np.matmul(phi, S[:, :STATES])
+        S[:, :, :STATES] = np.matmul(S[:, :, :STATES], phi.transpose(0, 2, 1))
+        S[:, range(STATES), range(STATES)] += noise
+
+    def wander(self, dt: float) -> None:
+        """Take the errors of the EGI on from one solution to the next."""
+        kept = np.exp(-self._rate * dt)
+        S, own = self._S, np.arange(STATES, STATES + _EGI)
+        S[:, STATES:] *= kept[:, None]
+        S[:, :, STATES:] *= kept
+        S[:, own, own] += self._variance * (1.0 - kept**2)
+
+    def update(self, K: Array, H: Array) -> None:
+        """Correct by a solution; ``K`` (G, 16, z), ``H`` (G, z, 16): gain and rows of the last z of 9 differences."""
+        S = self._S
+        change = np.concatenate((-H, np.zeros((*H.shape[:2], _EGI))), axis=2)
+        change[:, range(H.shape[1]), range(STATES + _EGI - H.shape[1], STATES + _EGI)] = 1.0
+        step = np.matmul(K, change)
+        S[:, :STATES] += np.matmul(step, S)
+        S[:, :, :STATES] += np.matmul(S, step.transpose(0, 2, 1))
+
+    @property
+    def of_filter(self) -> Array:
+        """Return the covariance of the errors of the filter, (G, 16, 16)."""
+        return self._S[:, :STATES, :STATES].copy()
 
 
 class _Filter:

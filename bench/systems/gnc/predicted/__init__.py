@@ -1,1 +1,0 @@
-"""What campaigns of a GNC module will know of their results, before their first hour."""
