@@ -18,7 +18,7 @@ _HEADERS = (
 def agreement_parts(model: ReportModel, words: Texts) -> tuple[tuple[str, ...], Table | None]:
     """Return the sentences and the table; none where nothing was predicted."""
     by_quantity: dict[str, list[Agreement]] = {}
-    for agreement in agreements(model.predicted, model.results.get("estimates", ())):
+    for agreement in agreements(model.predicted, model.rows):
         by_quantity.setdefault(agreement.predicted["quantity"], []).append(agreement)
     if not by_quantity:
         return (), None

@@ -96,7 +96,7 @@ def _at_full_scale(row: Row | None, full_scale: float | None, factor: float) -> 
 def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
     """Return temperature coefficients, one row per channel and quantity, about the reference temperature."""
     entries: dict[tuple[str, str], dict[str, Row]] = {}
-    for row in model.results.get("estimates", ()):
+    for row in model.rows:
         quantity, _, order = row["quantity"].rpartition("_")
         if order in _COEFFICIENTS:
             entries.setdefault((str(row["conditions"].get("channel", "–")), quantity), {})[order] = row
@@ -120,7 +120,7 @@ def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
 
 def _add_reference_values(model: ReportModel, entries: dict[tuple[str, str], dict[str, Row]]) -> None:
     """Add the value of a quantity at its reference temperature where the fit gives no constant."""
-    for row in model.results.get("estimates", ()):
+    for row in model.rows:
         conditions = row["conditions"]
         entry = entries.get((str(conditions.get("channel", "–")), row["quantity"]))
         if entry and "tc0" not in entry:
@@ -177,7 +177,7 @@ def _by_title(model: ReportModel, words: Texts, rows: Sequence[Row]) -> list[tup
 def _further(model: ReportModel) -> list[Row]:
     return [
         row
-        for row in model.results.get("estimates", ())
+        for row in model.rows
         if row["quantity"] not in _SCALE_FACTOR and row["quantity"].rpartition("_")[2] not in _COEFFICIENTS
     ]
 
@@ -232,12 +232,12 @@ def other_table(model: ReportModel, words: Texts) -> Table | None:
     for row in chosen:
         scale, unit = readable([row])
         apart = {name: value for name, value in row["conditions"].items() if name not in alike}
-        where = conditions_text(words, apart, _campaign(model))
+        where = conditions_text(words, apart, model.analysis)
         title = model.title_of(row["quantity"], words.language)
         stated = "–" if row["value"] is None else unit_text(unit)  # of nothing no unit is stated
         rows.append((title, where or "–", value_text(row, scale), stated))
     headers = map(words, ("column.quantity", "column.conditions", "column.value_expanded", "column.unit"))
-    shared = words("others.alike", conditions=conditions_text(words, alike, _campaign(model))) if alike else ""
+    shared = words("others.alike", conditions=conditions_text(words, alike, model.analysis)) if alike else ""
     return Table(f"{words('others.table')} {shared}".rstrip(), tuple(headers), tuple(rows), stub=2) if rows else None
 
 
@@ -303,14 +303,10 @@ def _label_and_unit(words: Texts, name: str, campaign: str) -> tuple[str, str]:
     return own or (match[1] if match and unit else name).replace("_", " "), unit
 
 
-def _campaign(model: ReportModel) -> str:
-    return str(model.results.get("campaign", ""))
-
-
 def coverage_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what is stated for each quantity: how many values, their standard and expanded uncertainties, and k."""
     by_quantity: dict[str, list[Row]] = {}
-    for row in model.results.get("estimates", ()):
+    for row in model.rows:
         by_quantity.setdefault(row["quantity"], []).append(row)
     rows = []
     for quantity, group in by_quantity.items():
@@ -382,14 +378,14 @@ def _table(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row], 
     lines: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
         rest = {name: value for name, value in row["conditions"].items() if name != pivot_of(row)}
-        lines.setdefault((row["quantity"], conditions_text(words, rest, _campaign(model))), []).append(row)
+        lines.setdefault((row["quantity"], conditions_text(words, rest, model.analysis)), []).append(row)
     body = []
     for (quantity, where), group in lines.items():
         scale, unit = readable(group)
         by_name = {_across(row): value_text(row, scale) for row in group}
         title = model.title_of(quantity, words.language)
         body.append((title, where or "–", unit_text(unit), *(by_name.get(name, "–") for name in names)))
-    across, campaign = str(pivot_of(rows[0])), _campaign(model)
+    across, campaign = str(pivot_of(rows[0])), model.analysis
     shown = (condition_value(words, across, name, campaign) for name in names)
     headers = (words("column.quantity"), words("column.conditions"), words("column.unit"), *shown)
     return Table(caption, headers, tuple(body), stub=3)

@@ -199,15 +199,26 @@ class ReportModel:
         """True for the log of another system: nothing of it was measured by a bench."""
         return self.origin.get("clock") == _CLOCK_OF_A_LOG
 
+    @property
+    def analysis(self) -> str:
+        """Name of the analysis, "" if the results do not say it."""
+        return str(self.results.get("campaign", ""))
+
+    @property
+    def rows(self) -> Sequence[Mapping[str, Any]]:
+        """All estimates, in the order of results.json."""
+        found: Sequence[Mapping[str, Any]] = self.results.get("estimates", ())
+        return found
+
     def subject(self, language: str = ENGLISH) -> str:
         """Return the title of the campaign, that of a shipped sequence in a language."""
-        campaign, sequence = str(self.results.get("campaign", "")), str(self.origin.get("sequence", ""))
+        campaign, sequence = self.analysis, str(self.origin.get("sequence", ""))
         return unit_text(sequence_title(campaign, sequence, self.title, language))
 
     def title_of(self, quantity: str, language: str = ENGLISH) -> str:
         """Return the name of a quantity for people."""
-        return quantity_title(str(self.results.get("campaign", "")), quantity, language)
+        return quantity_title(self.analysis, quantity, language)
 
     def estimates(self, quantity: str) -> list[Mapping[str, Any]]:
         """Return the estimates of one quantity, in the order of results.json."""
-        return [row for row in self.results.get("estimates", ()) if row["quantity"] == quantity]
+        return [row for row in self.rows if row["quantity"] == quantity]

@@ -25,7 +25,7 @@ _NO_CHANNEL = "–"
 
 def verdict_counts(model: ReportModel) -> Counter[str]:
     """Return how many estimates carry each verdict other than none."""
-    rows = model.results.get("estimates", ())
+    rows = model.rows
     return Counter(str(row["verdict"]) for row in rows if row.get("verdict", "none") != "none")
 
 
@@ -50,7 +50,7 @@ def doubt_paragraphs(model: ReportModel, words: Texts) -> tuple[str, ...]:
     lacking = _lacking(model)
     said = [words(f"doubt.{lacking}")] if lacking else []
     said += [words("doubt.damaged", count=number(model.run.damage))] if model.run.damage else []
-    lines = doubt_lines(model.results.get("estimates", ()))
+    lines = doubt_lines(model.rows)
     title = partial(model.title_of, language=words.language)
     said += [sentence(line, title) for line in told(lines, words.language)]
     return (*said, words("doubt.means")) if lines else tuple(said)
@@ -62,15 +62,15 @@ def assumption_table(model: ReportModel, words: Texts) -> Table | None:
     title = partial(model.title_of, language=words.language)
     rows = tuple(tuple(sentence(told(entry[name], words.language), title) for name in _ASSUMED) for entry in taken)
     headers = tuple(words(f"column.{name}") for name in _ASSUMED)
-    sizes = sizes_of_assumptions(str(model.results.get("campaign", "")), words.language)
+    sizes = sizes_of_assumptions(model.analysis, words.language)
     return Table(f"{words('assumptions.table')} {sizes}".rstrip(), headers, rows, prose=True) if rows else None
 
 
 def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     """Return verdicts, one row per quantity and channel: the estimate nearest to its limit; None without verdicts."""
-    analysis = str(model.results.get("campaign", ""))
+    analysis = model.analysis
     judged: dict[tuple[str, Any], list[Mapping[str, Any]]] = {}
-    for row in model.results.get("estimates", ()):
+    for row in model.rows:
         if limits_of(row) is not None and row.get("verdict", "none") != "none":
             judged.setdefault((row["quantity"], row["conditions"].get("channel", _NO_CHANNEL)), []).append(row)
     rows = tuple(

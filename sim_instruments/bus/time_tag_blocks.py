@@ -12,6 +12,8 @@ from collections import deque
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_instruments.arrays import Int64
+
 SYNC = b"\xa5\x5a\xc3\x3c"
 MOST_EVENTS = 6000  # of a block
 BLOCKS_PER_S = 100
@@ -21,7 +23,6 @@ _TRAILER = 4  # crc-32 over everything behind the sync word
 _WORD = 4
 _WRAP = 1 << 32
 
-Int64 = NDArray[np.int64]
 Words = NDArray[np.uint32]
 
 

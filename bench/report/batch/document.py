@@ -12,7 +12,7 @@ from typing import Any
 
 from bench.maths.verdict import meaning_of, worst
 from bench.model.texts import ENGLISH, Texts
-from bench.report.batch.model import Batch, Member, Spread, Unit, Yield
+from bench.report.batch.model import Batch, Member, Spread, Yield
 from bench.report.batch.tables import left_out_table, spread_tables, unit_table, worst_table, yield_table
 from bench.report.document import page
 from bench.report.sections import Section
@@ -37,10 +37,10 @@ def batch_document(batch: Batch, software: str) -> dict[str, Any]:
             "units": _yield(batch.yield_of()),
             "campaigns": {name: _yield(batch.yield_of(name)) for name in batch.campaigns},
         },
-        "units": [{**_unit(unit), "verdict": outcome} for unit, outcome in batch.outcomes.items()],
+        "units": [{**unit._asdict(), "verdict": outcome} for unit, outcome in batch.outcomes.items()],
         "parts": [
             {
-                **_unit(part.unit), "session": part.session, "campaign": part.campaign, "judged": part.judged,
+                **part.unit._asdict(), "session": part.session, "campaign": part.campaign, "judged": part.judged,
                 "failed": part.failed, "verdict": part.outcome, "not_sound": part.unsound,
             }
             for part in batch.parts
@@ -52,19 +52,13 @@ def batch_document(batch: Batch, software: str) -> dict[str, Any]:
             }
             for name, sha256 in batch.hashes.items()
         ],
-        "left_out": [
-            {"session": left_out.session, "code": left_out.code, "text": left_out.text} for left_out in batch.left_out
-        ],
+        "left_out": [vars(left_out) for left_out in batch.left_out],
         "quantities": [_spread(spread) for spread in batch.spreads],
         "worst": [
             {"quantity": quantity.name, "unit": quantity.unit, "conditions": quantity.where, **_member(member)}
             for quantity, member in batch.worst
         ],
     }  # fmt: skip
-
-
-def _unit(unit: Unit) -> dict[str, str]:
-    return {"model": unit.model, "serial": unit.serial}
 
 
 def _yield(total: Yield) -> dict[str, Any]:
@@ -76,8 +70,9 @@ def _yield(total: Yield) -> dict[str, Any]:
 
 def _member(member: Member) -> Mapping[str, Any]:
     return {
-        **_unit(member.unit), "session": member.session, "value": member.value, "expanded_uncertainty": member.expanded,
-        **_limits(member.limits), "verdict": member.verdict, "conformance_probability": member.probability,
+        **member.unit._asdict(), "session": member.session, "value": member.value,
+        "expanded_uncertainty": member.expanded, **_limits(member.limits), "verdict": member.verdict,
+        "conformance_probability": member.probability,
     }  # fmt: skip
 
 

@@ -75,7 +75,7 @@ def _title(model: ReportModel, laboratory: Laboratory | None, words: Texts) -> s
 
 def _is_test(model: ReportModel) -> bool:
     """Return True for a test (ISO/IEC 17025 7.8.3): items that pass or fail, where a calibration gives values."""
-    declared = analysis_declaration(str(model.results.get("campaign", "")))
+    declared = analysis_declaration(model.analysis)
     return declared is not None and declared.made_of == "tests"
 
 

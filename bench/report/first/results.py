@@ -74,7 +74,7 @@ def main_rows(model: ReportModel) -> list[Row]:
 
     What another method gives is there to compare with, and stands behind; but for a quantity that no other gives.
     """
-    found = model.results.get("estimates", ())
+    found = model.rows
     method = model.results.get("method")
     named = any(row["conditions"].get("method") == method for row in found)  # else a way of the analysis, not of one
     entries = [row for row in found if not named or row["conditions"].get("method", method) == method]
@@ -100,7 +100,7 @@ def shown_results(model: ReportModel, words: Texts) -> Shown:
     by_quantity: dict[str, list[Row]] = {}
     for row in main_rows(model):
         by_quantity.setdefault(str(row["quantity"]), []).append(row)
-    analysis = str(model.results.get("campaign", ""))
+    analysis = model.analysis
     grids = [
         _grid(analysis, quantity_title(analysis, name, words.language), rows) for name, rows in by_quantity.items()
     ]

@@ -46,7 +46,7 @@ def statements(
 def _judged(model: ReportModel) -> list[Row]:
     return [
         row
-        for row in model.results.get("estimates", ())
+        for row in model.rows
         if limits_of(row) is not None and row.get("verdict", "none") != "none" and is_sound(row)
     ]
 
@@ -60,7 +60,7 @@ def _nearest(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
     expanded = row.get("expanded_uncertainty") or 0.0
     left = min(row["value"] - limits[0], limits[1] - row["value"]) - expanded
     probability = row.get("conformance_probability")
-    campaign = str(model.results.get("campaign", ""))
+    campaign = model.analysis
     where = conditions_text(words, {key: of for key, of in row["conditions"].items() if key != MEASURED}, campaign)
     suffix = "" if unit == "1" else f" {unit_text(unit)}"
     return words(
@@ -92,7 +92,7 @@ def decision(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
 
     Of an accepted value it is the probability that the true value is outside its limits; of a refused one, inside.
     """
-    limited = any(limits_of(row) is not None for row in model.results.get("estimates", ()))
+    limited = any(limits_of(row) is not None for row in model.rows)
     if not judged and not limited:
         return words("first.rule.none")
     origin = words("first.rule.by.log" if model.of_a_log else "first.rule.by.sequence")
@@ -124,7 +124,7 @@ def _risk_text(risk: float) -> str:
 
 
 def _method(model: ReportModel, words: Texts) -> str:
-    campaign, by = str(model.results.get("campaign", "")), str(model.results.get("method", "–"))
+    campaign, by = model.analysis, str(model.results.get("method", "–"))
     told = {**model.results, "method": value_title(campaign, "method", by, words.language)}
     method = method_of(told, words.language)
     parts = [named(method.description)]
@@ -170,7 +170,7 @@ def _degC(span: tuple[float, float], words: Texts) -> str:
 
 def _traceability(model: ReportModel, laboratory: Laboratory | None, words: Texts) -> str:
     said = [] if laboratory is None else [laboratory.traceability]
-    declared = analysis_declaration(str(model.results.get("campaign", "")))
+    declared = analysis_declaration(model.analysis)
     if declared is not None and declared.bench_clock:
         said.append(words("first.traceability.bench_clock"))
     listed = [_standard(words, role, entry) for role, entry in sorted(model.standards.items())]
@@ -223,5 +223,5 @@ def mark_refused(model: ReportModel, laboratory: Laboratory, shown: Sequence[Row
         return [words("first.accreditation.nothing")]
     judged = _judged(model)
     rows = [*shown, *([max(judged, key=_use)] if judged else [])]
-    reasons = not_covered(laboratory.accreditation, str(model.results.get("campaign", "")), rows)
+    reasons = not_covered(laboratory.accreditation, model.analysis, rows)
     return [f"{quantity}: {reason}" for quantity, reason in reasons.items()]

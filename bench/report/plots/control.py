@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bench.analysis import Floats
-from bench.report.plots.history import MOST_PANELS, save_history
+from bench.report.plots.history import figure_of, save_history
 from bench.report.plots.style import BLUE, GREY, INK, VERMILION, drawing
-
-_PANELS_PER_ROW = 3
 
 
 @dataclass(frozen=True)
@@ -35,18 +31,9 @@ class ControlPanel:
 
 def plot_control(panels: Sequence[ControlPanel], title: str, simulated: bool, path: Path) -> None:
     """Draw at most ``MOST_PANELS`` panels into a .svg or .png file; the same panels give the same bytes."""
-    shown = list(panels[:MOST_PANELS])
-    columns = min(_PANELS_PER_ROW, len(shown)) or 1
-    rows = math.ceil(len(shown) / columns) or 1
     with drawing():
-        figure = Figure(figsize=(3.4 * columns + 0.4, 2.3 * rows + 1.2), layout="constrained")
-        grid = figure.subplots(rows, columns, squeeze=False).flat
-        for axes, panel in zip(grid, shown, strict=False):
-            _draw(axes, panel)
-        for axes in list(grid)[len(shown) :]:
-            axes.set_axis_off()
-        figure.suptitle(title, fontsize=9.5)
-        if shown:
+        figure = figure_of(panels, title, _draw, 1.2)
+        if panels:
             handles, labels = figure.axes[0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
         save_history(figure, simulated, path)
@@ -66,7 +53,4 @@ def _draw(axes: Axes, panel: ControlPanel) -> None:
     axes.plot(panel.year[at], np.zeros(int(at.sum())), "s", color=VERMILION, label="signal")
     axes.set_ylim(-1.15 * max(1.0, worst.max()), 1.15 * max(1.0, worst.max()))
     axes.set_title(panel.title)
-    axes.set_xlabel("Year")
     axes.set_ylabel("Statistic / limit")
-    axes.ticklabel_format(axis="x", useOffset=False)
-    axes.locator_params(axis="x", nbins=5, integer=True)

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -22,6 +23,7 @@ _PANELS_PER_ROW = 3
 _LEAST_YEARS = 2.0  # to each side of calibrations that were made at one time
 _WATERMARK = "SIMULATED — not a calibration"
 _LINE_POINTS = 60
+P = TypeVar("P")
 
 
 @dataclass(frozen=True)
@@ -49,18 +51,26 @@ def line_years(first: float, last: float) -> Floats:
 
 def plot_history(panels: Sequence[Panel], title: str, simulated: bool, path: Path) -> None:
     """Draw at most ``MOST_PANELS`` panels into a .svg or .png file; the same panels give the same bytes."""
-    shown = list(panels[:MOST_PANELS])
-    columns = min(_PANELS_PER_ROW, len(shown))
-    rows = math.ceil(len(shown) / columns)
     with drawing():
-        figure = Figure(figsize=(3.4 * columns + 0.4, 2.3 * rows + 0.8), layout="constrained")
-        grid = figure.subplots(rows, columns, squeeze=False).flat
-        for axes, panel in zip(grid, shown, strict=False):
-            _draw(axes, panel)
-        for axes in list(grid)[len(shown) :]:
-            axes.set_axis_off()
-        figure.suptitle(title, fontsize=9.5)
-        save_history(figure, simulated, path)
+        save_history(figure_of(panels, title, _draw, 0.8), simulated, path)
+
+
+def figure_of(panels: Sequence[P], title: str, draw: Callable[[Axes, P], None], more_in: float) -> Figure:
+    """Return a figure of at most ``MOST_PANELS`` panels; ``more_in``: its height beside them, inch."""
+    shown = panels[:MOST_PANELS]
+    columns = min(_PANELS_PER_ROW, len(shown)) or 1
+    rows = math.ceil(len(shown) / columns) or 1
+    figure = Figure(figsize=(3.4 * columns + 0.4, 2.3 * rows + more_in), layout="constrained")
+    grid = figure.subplots(rows, columns, squeeze=False).flat
+    for axes, panel in zip(grid, shown, strict=False):
+        draw(axes, panel)
+        axes.set_xlabel("Year")
+        axes.ticklabel_format(axis="x", useOffset=False)
+        axes.locator_params(axis="x", nbins=5, integer=True)
+    for axes in list(grid)[len(shown) :]:
+        axes.set_axis_off()
+    figure.suptitle(title, fontsize=9.5)
+    return figure
 
 
 def save_history(figure: Figure, simulated: bool, path: Path) -> None:
@@ -92,7 +102,4 @@ def _draw(axes: Axes, panel: Panel) -> None:
     if span == 0.0:
         axes.set_xlim(middle - _LEAST_YEARS, middle + _LEAST_YEARS)
     axes.set_title(panel.title)
-    axes.set_xlabel("Year")
     axes.set_ylabel(panel.unit)
-    axes.ticklabel_format(axis="x", useOffset=False)
-    axes.locator_params(axis="x", nbins=5, integer=True)

@@ -12,12 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
+from sim_instruments.arrays import Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import AF_CLOCK_HZ, CHANNELS, GATE_S, KINDS, WHITE_A_RTHZ
 from sim_instruments.worlds.af_converter.unit_constants import NguTruth
 from sim_instruments.worlds.common.thermal import TemperatureFunction, UnitTemperature
-
-Int64 = NDArray[np.int64]
 
 BLOCK_GATES = 1000
 CHARGE_BITS = 40  # charge unit = design pulse charge / 2^40: 10 s at full scale fit 64 bits, rounding is below 1 pA

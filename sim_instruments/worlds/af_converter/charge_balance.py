@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame import best_engine, kernel_quanta
+from sim_instruments.arrays import Int64
 
-Int64 = NDArray[np.int64]
 Pulses = NDArray[np.integer]
 
 

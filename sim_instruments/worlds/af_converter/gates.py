@@ -9,11 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
+from sim_instruments.arrays import Int64
 from sim_instruments.worlds.af_converter.block import BLOCK_GATES, CHARGE_BITS, BlockFactory, GateBlock
 from sim_instruments.worlds.af_converter.charge_balance import ChargeBalance, Pulses
 from sim_instruments.worlds.af_converter.constants import CHANNELS, KINDS
-
-Int64 = NDArray[np.int64]
 
 _FULL_SCALE_A = np.array([kind.full_scale_A for kind in KINDS])
 _BITS = 1 << np.arange(CHANNELS)

@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame import FrameDefinition
+from sim_instruments.arrays import Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.charge_balance import Pulses
 from sim_instruments.worlds.af_converter.constants import CHANNELS, GATE_MASTER_PULSES, INTEGRATED_GATES
 from sim_instruments.worlds.af_converter.gates import GateRows
 from sim_instruments.worlds.common.port import Port
 from sim_instruments.worlds.common.thermal import TemperatureFunction
-
-Int64 = NDArray[np.int64]
 
 _OVER_RANGE_BIT = 1
 _MODE_BIT = 12

@@ -12,13 +12,13 @@ from typing import Any
 
 from bench.model.clock import Clock
 from bench.model.ports import RecordWindow
+from sim_instruments.arrays import Int64
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import CURRENT_A, START_V
 from sim_instruments.worlds.af_converter.ngu import Ngu
 from sim_instruments.worlds.af_converter.options import OPTIONS, TEXTS
 from sim_instruments.worlds.af_converter.truth import estimates
-from sim_instruments.worlds.common.port import Int64
 from sim_instruments.worlds.common.thermal import LAB_DEGC, PlaceInAir, SharedAir, Thermal
 from sim_instruments.worlds.common.wiring import CHANNELS, Wiring
 from sim_instruments.worlds.common.world import Unit, World
@@ -101,6 +101,8 @@ class AfSlots(World):
     Args: slots: links and instruments of each by letter.   clock, seed, options: as of every world.
     """
 
+    load = START_V, CURRENT_A
+
     def __init__(self, slots: Mapping[str, Any], *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
         own = dict.fromkeys(OPTIONS, True) | {key: value for key, value in options.items() if key not in TEXTS}
         texts = {key: value for key, value in options.items() if key in TEXTS}
@@ -128,10 +130,6 @@ class AfSlots(World):
         shared = SharedAir(factor, thermals)
         super().__init__(clock=clock, seed=seed, unit=every, thermal=shared, options=own)
         self.wiring = Wiring(every, seed, CHANNELS * len(slots))
-
-    @property
-    def load(self) -> tuple[float, float]:
-        return START_V, CURRENT_A
 
     def fed_by(self, role: str) -> Unit:
         letter = next((letter for letter, slot in self._slots.items() if role in slot["roles"].values()), None)

@@ -11,12 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bench.model.errors import InputError
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.constants import CHANNELS, KINDS, REFERENCE_DEGC, WALK_A_RTH
 from sim_instruments.worlds.common.thermal import follow, play_after
-
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 _STEP_S = 10.0
 _BLOCK = 4096

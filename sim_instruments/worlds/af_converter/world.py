@@ -33,6 +33,7 @@ class AfWorld(World):
     """
 
     ports: ClassVar[tuple[str, ...]] = ("port_a", "port_b")
+    load = START_V, CURRENT_A
 
     def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any], unit_factory: UnitFactory = Ngu) -> None:
         own = dict.fromkeys(OPTIONS, True) | {key: value for key, value in options.items() if key not in TEXTS}
@@ -44,10 +45,6 @@ class AfWorld(World):
     @classmethod
     def in_slots(cls, slots: Mapping[str, Any], **made: Any) -> World:
         return AfSlots(slots, **made)
-
-    @property
-    def load(self) -> tuple[float, float]:
-        return START_V, CURRENT_A
 
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
         return estimates(self.converters.truth, self.thermal, windows)

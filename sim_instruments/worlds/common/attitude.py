@@ -12,10 +12,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
+from sim_instruments.arrays import Float, Int64
 
 EARTH_RATE_RAD_S = 7.292115e-5
 STANDARD_GRAVITY_M_S2 = 9.80665  # the "g" of the bench's units

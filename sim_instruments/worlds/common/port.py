@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
+from sim_instruments.arrays import Int64
 from sim_instruments.faults.switchboard import LinkFaults
 
-Int64 = NDArray[np.int64]
 BITS_PER_BYTE = 10  # start bit, eight bits, stop bit
 
 

@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import NS
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 UInt64 = NDArray[np.uint64]
 
 GRID_S = 1.0  # of the slow noise; straight lines between

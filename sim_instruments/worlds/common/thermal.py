@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from bench.model.clock import NS
+from sim_instruments.arrays import Float
 
-Float = NDArray[np.float64]
 TemperatureFunction = Callable[[NDArray[np.int64]], Float]
 _Tables = tuple[NDArray[np.int64], Float]
 _Moments = tuple[list[int], list[tuple[float, ...]]]

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import math
 import threading
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, ClassVar, Protocol
@@ -240,3 +241,16 @@ def live_world(world_id: str) -> World | None:
 def entry(quantity: str, unit: str, value: Any, conditions: Mapping[str, Any]) -> dict[str, Any]:
     """Return one line of a list of true values, as the contract's ``estimates`` have it."""
     return {"quantity": quantity, "unit": unit, "value": float(value), "conditions": dict(conditions)}
+
+
+def impossible(name: str, value: Any, due: str) -> InputError:
+    """Return the error of an operation with a value that cannot be; ``due``: what can."""
+    return InputError("B-SIM-019", f"{name} cannot be {value!r}", where="sets of a prompt", next_step=f"give {due}")
+
+
+def plain_number(value: Any) -> float:
+    """Return a value as a number, nan if it is none."""
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        return math.nan

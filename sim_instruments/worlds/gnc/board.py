@@ -16,8 +16,9 @@ import numpy as np
 from bench.frame import load_frame
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.shipped import find_shipped
+from sim_instruments.arrays import Int64
 from sim_instruments.faults.switchboard import LinkFaults
-from sim_instruments.worlds.common.port import BITS_PER_BYTE, Int64, OnePortUnit
+from sim_instruments.worlds.common.port import BITS_PER_BYTE, OnePortUnit
 from sim_instruments.worlds.gnc.commands import HANDLERS, BadParameterError, Job, Status
 from sim_instruments.worlds.gnc.link import BOARD, SILENCE_NS, US, BoardReceiver, Request, Stream
 from sim_instruments.worlds.gnc.magnetometer import Correction
@@ -206,13 +207,13 @@ class GncBoard(OnePortUnit):
             return
         self._busy = True
         receiver = self._receiver
-        self._at(t_ns + to_ns(job.duration_s), lambda end_ns: self._finish(request, job, t_ns, end_ns, receiver))
+        self._at(t_ns + to_ns(job.duration_s), lambda end_ns: self._finish(request, job, end_ns, receiver))
 
-    def _finish(self, request: Request, job: Job, begin_ns: int, end_ns: int, receiver: BoardReceiver) -> None:
+    def _finish(self, request: Request, job: Job, end_ns: int, receiver: BoardReceiver) -> None:
         if receiver is not self._receiver:  # the power was away meanwhile
             return
         self._busy = False
-        status, payload = job.finish(begin_ns, end_ns)
+        status, payload = job.finish(end_ns)
         frame = self._framed(request, "answer", status=int(status), payload=payload)
         self._answers[request.source, request.sequence, request.command, request.payload] = frame
         if len(self._answers) > KEPT_ANSWERS:

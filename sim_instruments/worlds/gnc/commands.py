@@ -65,10 +65,10 @@ Outcome = tuple[Status, bytes]
 
 @dataclass(frozen=True)
 class Job:
-    """A command that was understood: it takes so long, and ``finish(begin_ns, end_ns)`` gives what is answered."""
+    """A command that was understood: it takes so long, and ``finish(end_ns)`` gives what is answered."""
 
     duration_s: float
-    finish: Callable[[int, int], Outcome]
+    finish: Callable[[int], Outcome]
 
 
 class Board(Protocol):
@@ -111,13 +111,13 @@ def identify(board: Board, payload: bytes) -> Job:
     _require(not payload)
     serials = (text.encode("ascii", "replace")[:12].ljust(12) for text in (BOARD_SERIAL, board.module.serial))
     answer = struct.pack("<B12s12sH", PROTOCOL, *serials, FIRMWARE)
-    return Job(ANSWER_S, lambda _begin, _end: (Status.PASS, answer))
+    return Job(ANSWER_S, lambda _: (Status.PASS, answer))
 
 
 def cpu(board: Board, payload: bytes) -> Job:
     (seed,) = _unpack("<I", payload)
 
-    def finish(_begin_ns: int, _end_ns: int) -> Outcome:
+    def finish(_: int) -> Outcome:
         result = board.module.processor.arithmetic(seed)
         numbers = (*[OPERATIONS] * 4, *result.wrong, result.memory_wrong, result.first_expected, result.first_received)
         return _judged(not any(result.wrong) and not result.memory_wrong), struct.pack("<9H2I", *numbers)
@@ -129,7 +129,7 @@ def timer(board: Board, payload: bytes) -> Job:
     setting_us, ticks = _unpack("<IB", payload)
     _require(100 <= setting_us <= 10_000 and 1 <= ticks <= TICKS)
 
-    def finish(_begin_ns: int, _end_ns: int) -> Outcome:
+    def finish(_: int) -> Outcome:
         intervals_us, interrupts = board.module.processor.timer_intervals_us(setting_us, ticks)
         padded = intervals_us + [0] * (TICKS - len(intervals_us))
         return Status.PASS, struct.pack("<20IB", *padded, interrupts)
@@ -144,7 +144,7 @@ def memory(board: Board, payload: bytes) -> Job:
     _require((operation is Operation.WRITE_READ) != (region in FLASH))
     _require(start % WORD == length % WORD == 0 and 0 < length <= SIZE[region] - start)
 
-    def finish(_begin_ns: int, _end_ns: int) -> Outcome:
+    def finish(_: int) -> Outcome:
         memories = board.module.memories
         result = memories.do(region, operation, pattern, start, length)
         numbers = (
@@ -165,7 +165,7 @@ def imu(board: Board, payload: bytes) -> Job:
     _require(samples >= 1)
     duration_s = IMU_S + samples / IMU_RATE_HZ
 
-    def finish(_begin_ns: int, end_ns: int) -> Outcome:
+    def finish(end_ns: int) -> Outcome:
         if "imu_bus_dead" in board.module.faults:
             return Status.HARDWARE_ERROR, bytes(3 * 4 * 6 + 5)
         t_ns = end_ns - NS // IMU_RATE_HZ * np.arange(samples, 0, -1, dtype=np.int64)
@@ -189,14 +189,14 @@ def gps(board: Board, payload: bytes) -> Job:
     degrees = (round(fix.latitude_deg * 1e7), round(fix.longitude_deg * 1e7))
     numbers = (fix.fix, fix.satellites, *degrees, round(fix.height_m * 1e3), round(fix.time_to_fix_s * 1e3))
     answer = struct.pack("<2B3iH", *numbers)
-    return Job(min(fix.time_to_fix_s, GIVE_UP_S), lambda _begin, _end: (status, answer))
+    return Job(min(fix.time_to_fix_s, GIVE_UP_S), lambda _: (status, answer))
 
 
 def ad(board: Board, payload: bytes) -> Job:
     (dip,) = _unpack("<B", payload)
     _require(dip <= 5)
 
-    def finish(_begin_ns: int, end_ns: int) -> Outcome:
+    def finish(end_ns: int) -> Outcome:
         field = board.module.field_counts(end_ns) * MAG_LSB_GAUSS
         sources_V = np.array([board.board_V, *board.module.power.rails_V, 0.0])
         read_V = board.module.converter.read_V(sources_V, board.dip_switch(), field)
@@ -208,13 +208,13 @@ def ad(board: Board, payload: bytes) -> Job:
 def io(board: Board, payload: bytes) -> Job:
     output, source, level = _unpack("<3B", payload)
     _require(output in LINES and source in LINES and output != source and level <= 1)
-    return Job(IO_S, lambda _begin, _end: (Status.PASS, bytes(io_test(board.module.faults, output, source, level))))
+    return Job(IO_S, lambda _: (Status.PASS, bytes(io_test(board.module.faults, output, source, level))))
 
 
 def spi(board: Board, payload: bytes) -> Job:
     (word,) = _unpack("<H", payload)
 
-    def finish(_begin_ns: int, _end_ns: int) -> Outcome:
+    def finish(_: int) -> Outcome:
         received, observed = spi_test(board.module.faults, word)
         return _judged(received == observed == word), struct.pack("<2H", received, observed)
 
@@ -222,7 +222,7 @@ def spi(board: Board, payload: bytes) -> Job:
 
 
 def sci(board: Board, payload: bytes) -> Job:
-    def finish(_begin_ns: int, _end_ns: int) -> Outcome:
+    def finish(_: int) -> Outcome:
         echo = sci_test(board.module.faults, payload)
         return Status.TIMEOUT if payload and not echo else _judged(echo == payload), echo
 
@@ -234,7 +234,7 @@ def can(board: Board, payload: bytes) -> Job:
     (identifier,) = struct.unpack("<I", payload[:4])
     _require(identifier < 1 << 29)
 
-    def finish(_begin_ns: int, _end_ns: int) -> Outcome:
+    def finish(_: int) -> Outcome:
         echoed = can_test(board.module.faults, identifier, payload[4:])
         if echoed is None:
             return Status.HARDWARE_ERROR, payload[:4]
@@ -248,7 +248,7 @@ def stream_start(board: Board, payload: bytes) -> Job:
     sensors, rate_Hz, samples = _unpack("<BHI", payload)
     _require(1 <= sensors <= 7 and 1 <= rate_Hz <= HIGHEST_HZ)
 
-    def finish(_begin_ns: int, end_ns: int) -> Outcome:
+    def finish(end_ns: int) -> Outcome:
         board.start_stream(sensors, rate_Hz, samples, end_ns)
         return Status.PASS, b""
 
@@ -257,13 +257,13 @@ def stream_start(board: Board, payload: bytes) -> Job:
 
 def stream_stop(board: Board, payload: bytes) -> Job:
     _require(not payload)
-    return Job(ANSWER_S, lambda _begin, _end: (Status.PASS, struct.pack("<I", board.stop_stream())))
+    return Job(ANSWER_S, lambda _: (Status.PASS, struct.pack("<I", board.stop_stream())))
 
 
 def roll(board: Board, payload: bytes) -> Job:
     _require(not payload)
 
-    def finish(_begin_ns: int, end_ns: int) -> Outcome:
+    def finish(end_ns: int) -> Outcome:
         roll_deg, corrected = board.correction.roll(board.module.field_counts(end_ns))
         return Status.PASS, struct.pack("<4h", round(roll_deg * 100), *corrected)
 
@@ -274,7 +274,7 @@ def set_magnetometer(board: Board, payload: bytes) -> Job:
     x, y, z, gain, sin_alpha = _unpack("<5h", payload)
     _require(gain > 0 and abs(sin_alpha) <= 30_000)
 
-    def finish(_begin_ns: int, _end_ns: int) -> Outcome:
+    def finish(_: int) -> Outcome:
         board.correction = Correction((x, y, z), gain * 1e-4, sin_alpha * 1e-5)
         return Status.PASS, b""
 
@@ -285,7 +285,7 @@ def inject(board: Board, payload: bytes) -> Job:
     (code,) = _unpack("<B", payload)
     _require(code in BY_CODE)
 
-    def finish(_begin_ns: int, _end_ns: int) -> Outcome:
+    def finish(_: int) -> Outcome:
         board.module.faults.add(BY_CODE[code])
         return Status.PASS, b""
 

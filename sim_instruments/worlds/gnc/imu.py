@@ -11,9 +11,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.model.clock import NS
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import (
     OnTheBench,
@@ -41,9 +41,6 @@ from sim_instruments.worlds.gnc.imu_errors import (
     PowerPeriods,
 )
 from sim_instruments.worlds.gnc.magnetometer import EarthField, Magnetometer, field_gauss
-
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 _STEP_NS = 5_000_000  # an interval is split into steps no longer than this
 _NODES = (0.5 - 0.5 / np.sqrt(3.0), 0.5 + 0.5 / np.sqrt(3.0))  # Gauss and Legendre: exact to the third power of time

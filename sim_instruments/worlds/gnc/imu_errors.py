@@ -8,13 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bench.model.clock import NS
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import Tilt
-
-Float = NDArray[np.float64]
 
 REFERENCE_DEGC = 25.0
 WARM_UP_DEGC = 6.0
@@ -29,7 +28,6 @@ VRW_G_RTS = 0.1e-3
 MAGNETIC_NOISE_GAUSS = 0.5e-3
 THERMOMETER_NOISE_DEGC = 0.02
 _LARGEST_DRAW = 2.5  # standard deviations
-Int64 = NDArray[np.int64]
 
 
 @dataclass(frozen=True)

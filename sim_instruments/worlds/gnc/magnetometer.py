@@ -12,14 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import AxisMotion, Site, Tilt, angles_deg, in_body_axes, in_inner_axes
 from sim_instruments.worlds.gnc.imu_errors import drawn
-
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 # The turntable's own iron: a part that stands still (local frame), and the magnet and the permeable steel of the
 # inner gimbal, which turn with the unit and so cannot be told from the unit's own.

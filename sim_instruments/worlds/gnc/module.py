@@ -6,14 +6,12 @@ from collections.abc import Iterable
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim_instruments.arrays import Int64
 from sim_instruments.worlds.gnc.imu import SAMPLE_NS, Counts
 from sim_instruments.worlds.gnc.imu_errors import PowerPeriods
 from sim_instruments.worlds.gnc.peripherals import Converter, Power, Receiver
 from sim_instruments.worlds.gnc.processor import Memories, ModuleDraws, Processor
-
-Int64 = NDArray[np.int64]
 
 CRYSTAL_SIGMA_PPM = 10.0
 CRYSTAL_TURN_DEGC, CRYSTAL_PPM_DEGC2 = 25.0, -0.035  # a tuning-fork crystal is slow on both sides

@@ -12,11 +12,9 @@ from collections.abc import Mapping, Set
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim_instruments.arrays import Float
 from sim_instruments.worlds.gnc.processor import ModuleDraws
-
-Float = NDArray[np.float64]
 
 CHANNELS = 8
 VOLT_PER_GAUSS, MAGNETOMETER_ZERO_V = 0.2, 2.5

@@ -9,10 +9,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.worlds.common.world import entry
 from sim_instruments.worlds.gnc.imu import ACCEL_LSB_G, GYRO_LSB_DEG_S, SAMPLE_NS, GncImu
 from sim_instruments.worlds.gnc.imu_errors import (
@@ -25,8 +25,6 @@ from sim_instruments.worlds.gnc.imu_errors import (
 )
 from sim_instruments.worlds.gnc.magnetometer import field_gauss
 
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 Entry = dict[str, Any]
 
 AXES = "xyz"

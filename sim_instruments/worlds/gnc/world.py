@@ -6,12 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 from bench.model.clock import Clock
-from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.world import World
+from sim_instruments.worlds.common.world import World, impossible
 from sim_instruments.worlds.gnc.board import PORT, START_V, GncBoard
 from sim_instruments.worlds.gnc.imu import GncImu
 from sim_instruments.worlds.gnc.imu_errors import ImuOptions
@@ -111,7 +110,7 @@ class GncWorld(World):
 
 def _require(possible: bool, name: str, value: Any, due: str) -> None:
     if not possible:
-        raise InputError("B-SIM-019", f"{name} cannot be {value!r}", where="sets of a prompt", next_step=f"give {due}")
+        raise impossible(name, value, due)
 
 
 WORLD = GncWorld

@@ -8,11 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame import load_frame
 from bench.model.clock import NS
 from bench.model.shipped import find_shipped
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.port import Port
 from sim_instruments.worlds.common.thermal import LAB_DEGC
@@ -25,9 +25,6 @@ from sim_instruments.worlds.lock_in.core import (
     RingLaser,
     quantum_deg_rt_h,
 )
-
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 PPM = 1e-6
 MM = 1000.0

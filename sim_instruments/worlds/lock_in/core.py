@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_instruments.arrays import Float
 from sim_instruments.worlds.lock_in.crossings import Crossings
 from sim_instruments.worlds.lock_in.half_cycles import Drive
 
-Float = NDArray[np.float64]
 UInt8 = NDArray[np.uint8]
 
 WAVELENGTH_M = 632.8e-9

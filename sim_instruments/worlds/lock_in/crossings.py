@@ -13,10 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.worlds.lock_in.half_cycles import Drive, Motion, circle
-
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 _NEWTON, _BISECTIONS = 4, 54
 _PICOSECOND = 1e-12

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from sim_instruments.arrays import Float
+
 Complex = NDArray[np.complex128]
 
 SEGMENTS = 10  # stretches of a half cycle

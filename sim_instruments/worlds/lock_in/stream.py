@@ -14,13 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.worlds.lock_in.core import AT_ONCE, BEAT, PICK_OFF, RingLaser, levels
 from sim_instruments.worlds.lock_in.crossings import crossings
 from sim_instruments.worlds.lock_in.half_cycles import integrate
 
-Int64 = NDArray[np.int64]
 UInt8 = NDArray[np.uint8]
-Float = NDArray[np.float64]
 Columns = tuple[Int64, UInt8, UInt8, UInt8]
 Draw = Callable[..., np.random.Generator]
 

@@ -6,16 +6,13 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.model.clock import NS, Clock, to_ns
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.port import OnePortUnit
 from sim_instruments.worlds.lock_in.block import Housekeeping, LaserBlock
 from sim_instruments.worlds.lock_in.stream import PS, Columns, EdgeStream, joined
-
-Int64 = NDArray[np.int64]
-Float = NDArray[np.float64]
 
 PORT = "rlg"
 START_V = 13.5  # the discharge does not start below

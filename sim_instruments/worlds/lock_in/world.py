@@ -9,10 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bench.model.clock import Clock
-from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.world import World, entry
+from sim_instruments.worlds.common.world import World, entry, impossible, plain_number
 from sim_instruments.worlds.lock_in.block import LaserBlock
 from sim_instruments.worlds.lock_in.core import RingLaser
 from sim_instruments.worlds.lock_in.options import USUAL
@@ -113,15 +112,8 @@ class RlgWorld(World):
         least, most, unit = LEAST_PATH_M, MOST_PATH_M, "m"
         if name == "backscatter_phase":
             least, most, unit = -MOST_PHASE_DEG, MOST_PHASE_DEG, "deg"
-        try:
-            number = float(value)
-        except (TypeError, ValueError):
-            number = math.nan
-        if not least <= number <= most:
-            raise InputError(
-                "B-SIM-019", f"{name} cannot be {value!r}", where="sets of a prompt",
-                next_step=f"give {least:g} to {most:g} {unit}",
-            )  # fmt: skip
+        if not least <= plain_number(value) <= most:
+            raise impossible(name, value, f"{least:g} to {most:g} {unit}")
 
     @property
     def load(self) -> tuple[float, float]:

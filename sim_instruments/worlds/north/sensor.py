@@ -18,18 +18,15 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.model.clock import NS
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import EARTH_RATE_RAD_S
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.sensor_noise import WhiteNoise
 from sim_instruments.worlds.north.options import FogOptions
 from sim_instruments.worlds.north.variation import Constant, Linear, Variation, drawn_slow, drawn_steps
-
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 SAMPLE_NS = 1_000_000
 TURN_DEG = 360.0

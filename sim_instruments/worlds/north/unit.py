@@ -7,17 +7,14 @@ are those of the analogue output. The port listens to nothing.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame import load_frame
 from bench.model.clock import NS, Clock, to_ns
 from bench.model.shipped import find_shipped
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.worlds.common.port import OnePortUnit
 from sim_instruments.worlds.common.thermal import LAB_DEGC
 from sim_instruments.worlds.north.sensor import SAMPLE_NS, TURN_DEG, FogSensor
-
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 PORT, FRAME = "fog", "fog_1k"
 BOOT_S = 2.0

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from sim_instruments.arrays import Float
 
 SHARE = 0.2
 SLOWEST_HZ, FASTEST_HZ = 0.02, 0.1  # of what is called slow

@@ -13,21 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.model.clock import Clock
-from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.world import World, entry
+from sim_instruments.worlds.common.world import World, entry, impossible, plain_number
 from sim_instruments.worlds.north.options import FogOptions
 from sim_instruments.worlds.north.sensor import FogSensor
 from sim_instruments.worlds.north.unit import PORT, FogUnit
 
 _PLACE = ("item", "place", "parameters", "head_deg")
 UNKNOWN = ("test", "search")  # items whose azimuth an analysis finds; that of a calibration is stated
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 SITE = Site(latitude_deg=37.0, gravity_m_s2=9.799, azimuth_deg=20.0)
 PLACES = ("mark", "field")
@@ -64,6 +62,7 @@ class FogWorld(World):
     """
 
     ports = (PORT,)
+    load = START_V, CURRENT_A
     operations: ClassVar[tuple[str, ...]] = ("head", "place", "parameters")
 
     def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
@@ -101,11 +100,11 @@ class FogWorld(World):
         """Raises: InputError B-SIM-018, B-SIM-019."""
         super().check_operation(name, value)
         if name == "place" and str(value) not in PLACES:
-            raise _impossible(name, value, f"one of {', '.join(PLACES)}")
+            raise impossible(name, value, f"one of {', '.join(PLACES)}")
         if name == "parameters" and str(value) not in PARAMETERS:
-            raise _impossible(name, value, f"one of {', '.join(PARAMETERS)}")
-        if name == "head" and not -360.0 <= _number(value) <= 360.0:
-            raise _impossible(name, value, "an angle of -360 to 360 degrees")
+            raise impossible(name, value, f"one of {', '.join(PARAMETERS)}")
+        if name == "head" and not -360.0 <= plain_number(value) <= 360.0:
+            raise impossible(name, value, "an angle of -360 to 360 degrees")
 
     # --- what the instruments see ------------------------------------------------------------------------------
 
@@ -138,23 +137,8 @@ class FogWorld(World):
         y = east * math.cos(heading) - north * math.sin(heading)
         return x, y
 
-    @property
-    def load(self) -> tuple[float, float]:
-        return START_V, CURRENT_A
-
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
         return _true_values(self.sensor, self.heading_deg, windows)
-
-
-def _number(value: Any) -> float:
-    try:
-        return float(value)
-    except (TypeError, ValueError):
-        return math.nan
-
-
-def _impossible(name: str, value: Any, due: str) -> InputError:
-    return InputError("B-SIM-019", f"{name} cannot be {value!r}", where="sets of a prompt", next_step=f"give {due}")
 
 
 WORLD = FogWorld

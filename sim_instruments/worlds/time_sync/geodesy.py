@@ -12,9 +12,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from sim_instruments.arrays import Float
 
 SEMI_AXIS_M = 6_378_137.0
 FLATTENING = 1.0 / 298.257223563

@@ -15,12 +15,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim_instruments.arrays import Int64
 from sim_instruments.worlds.time_sync.flight.flights import Flight
 from sim_instruments.worlds.time_sync.stream import TICK_S, Numbered, UnitClock
 
 Array = NDArray[np.float64]
 Complex = NDArray[np.complex64]
-Int64 = NDArray[np.int64]
 
 SPEED_OF_LIGHT_m_s = 299_792_458.0
 _PULSES_AT_ONCE = 2000  # keeps what is on the way in the processor's cache

@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.time_sync.flight.egi import EgiErrorStepper
 from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights
@@ -17,8 +17,6 @@ from sim_instruments.worlds.time_sync.flight.path import LATITUDE_DEG, FlightPat
 from sim_instruments.worlds.time_sync.geodesy import TangentPlane
 from sim_instruments.worlds.time_sync.stream import TICK_S, UnitClock
 
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 EGI_PERIOD_S, IMU_PERIOD_S = 0.02, 0.005
 LONGITUDE_DEG = 127.0
 ORIGIN = TangentPlane(LATITUDE_DEG, LONGITUDE_DEG)

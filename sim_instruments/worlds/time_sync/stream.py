@@ -15,17 +15,15 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.frame import load_frame
 from bench.model.clock import NS
 from bench.model.shipped import find_shipped
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.common.port import Port
 from sim_instruments.worlds.time_sync.options import SyncOptions
 
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 Drawing = Callable[[np.random.Generator, int], Float]
 
 TICK_S = 1e-7

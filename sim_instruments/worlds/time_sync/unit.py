@@ -10,10 +10,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bench.model.clock import Clock, VirtualClock, to_ns
+from sim_instruments.arrays import Float, Int64
 from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.worlds.common.port import PortedUnit
 from sim_instruments.worlds.time_sync.flight.flights import Flights
@@ -22,8 +20,6 @@ from sim_instruments.worlds.time_sync.radar import LATENCY_S, PERIOD_S, RadarPul
 from sim_instruments.worlds.time_sync.samples import EGI_PERIOD_S, IMU_PERIOD_S, EgiSamples, ImuSamples
 from sim_instruments.worlds.time_sync.stream import Clocks, Drawing, Numbered, Spell, SyncStream
 
-Float = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 Columns = Callable[[Int64, Int64], Mapping[str, Any]]
 
 EGI, IMU, RADAR = PORTS = ("egi", "imu", "radar")

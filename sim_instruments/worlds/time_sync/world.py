@@ -10,12 +10,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from bench.model.clock import Clock
-from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from bench.model.units import parse_quantity
 from sim_instruments.worlds.common.motion import AxisMotion
 from sim_instruments.worlds.common.thermal import Thermal
-from sim_instruments.worlds.common.world import World, entry
+from sim_instruments.worlds.common.world import World, entry, impossible
 from sim_instruments.worlds.time_sync.flight.flights import Flight, Flights, TableAxis
 from sim_instruments.worlds.time_sync.flight.path import STANDARD_GRAVITY_M_S2
 from sim_instruments.worlds.time_sync.options import SyncOptions
@@ -77,6 +76,7 @@ class SyncWorld(World):
     """
 
     ports = PORTS
+    load = START_V, CURRENT_A
     operations: ClassVar[tuple[str, ...]] = ("speed", "acceleration", "radar")
 
     def __init__(self, *, clock: Clock, seed: int, options: Mapping[str, Any]) -> None:
@@ -113,15 +113,11 @@ class SyncWorld(World):
         super().check_operation(name, value)
         if name == "radar":
             if value not in _RADAR:
-                raise _impossible(name, value, "on or off")
+                raise impossible(name, value, "on or off")
         elif name == "speed" and not 0.0 <= _number(value, "m/s") <= MOST_SPEED_M_S:
-            raise _impossible(name, value, f"0 to {MOST_SPEED_M_S:g} m/s")
+            raise impossible(name, value, f"0 to {MOST_SPEED_M_S:g} m/s")
         elif name == "acceleration" and not abs(_number(value, "m/s2")) <= MOST_ACCELERATION_M_S2:
-            raise _impossible(name, value, f"-{MOST_ACCELERATION_M_S2:g} to {MOST_ACCELERATION_M_S2:g} m/s2")
-
-    @property
-    def load(self) -> tuple[float, float]:
-        return START_V, CURRENT_A
+            raise impossible(name, value, f"-{MOST_ACCELERATION_M_S2:g} to {MOST_ACCELERATION_M_S2:g} m/s2")
 
     def truth(self, windows: Sequence[RecordWindow]) -> list[dict[str, Any]]:
         return estimates(self.units.powers, self.flights, self.sync_options.noise, windows)
@@ -134,10 +130,6 @@ def _number(value: Any, unit: str) -> float:
     with contextlib.suppress(ValueError):
         return parse_quantity(value, unit)
     return math.nan
-
-
-def _impossible(name: str, value: Any, due: str) -> InputError:
-    return InputError("B-SIM-019", f"{name} cannot be {value!r}", where="sets of a prompt", next_step=f"give {due}")
 
 
 WORLD = SyncWorld

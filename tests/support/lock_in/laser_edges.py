@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim_instruments.worlds.lock_in.core import AT_ONCE, BEAT, PICK_OFF, Float, RingLaser, UInt8, levels
+from sim_instruments.arrays import Float
+from sim_instruments.worlds.lock_in.core import AT_ONCE, BEAT, PICK_OFF, RingLaser, UInt8, levels
 from sim_instruments.worlds.lock_in.crossings import Crossings, crossings
 from sim_instruments.worlds.lock_in.half_cycles import integrate
 

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim_instruments.arrays import Float
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.time_sync.flight.egi_filter import EgiClass, EgiErrorFilter
 from sim_instruments.worlds.time_sync.flight.path import LATITUDE_DEG, FlightPath
-
-Float = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim_instruments.arrays import Float
 from sim_instruments.worlds.time_sync.flight.path import (
     STANDARD_GRAVITY_M_S2,
     FlightPath,
@@ -21,8 +21,6 @@ from sim_instruments.worlds.time_sync.flight.path import (
     gravity_gradient_s2,
     normal_gravity_m_s2,
 )
-
-Float = NDArray[np.float64]
 
 LANES = 64  # matrix products always have this shape, so that no result depends on how many units there are
 _KICKS = 6  # normal numbers of one step: velocity and attitude

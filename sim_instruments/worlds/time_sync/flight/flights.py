@@ -11,16 +11,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bench.model.clock import NS
+from sim_instruments.arrays import Int64
 from sim_instruments.worlds.common.motion import AxisMotion, Piece
 from sim_instruments.worlds.time_sync.flight.imu import ImuErrors
 from sim_instruments.worlds.time_sync.flight.path import FlightPath
 from sim_instruments.worlds.time_sync.stream import UnitClock
-
-Int64 = NDArray[np.int64]
 
 STANDING = 1000  # number of the time before the first flight, whose number is 0
 RAMP_S = 1e-3

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sim_instruments.arrays import Float
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.time_sync.flight.path import (
     LATITUDE_DEG,
@@ -17,8 +17,6 @@ from sim_instruments.worlds.time_sync.flight.path import (
     gravity_m_s2,
 )
 from sim_instruments.worlds.time_sync.stream import Numbered
-
-Float = NDArray[np.float64]
 
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(3)
 _BLOCK = 4096  # samples of one generator

@@ -14,9 +14,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-Float = NDArray[np.float64]
+from sim_instruments.arrays import Float
+
 LATITUDE_DEG = 37.5
 EARTH_RATE_RAD_S = 7.292115e-5
 RADIUS_M = 6_371_000.0
