@@ -14,8 +14,7 @@ from bench.analysis.problems import flag_problem
 from bench.analysis.replies import number_of
 from bench.analysis.specification import Specification, age_s, age_text, specification_of
 from bench.analysis.wording import say
-from bench.maths.budget import effective_dof
-from bench.maths.correlated import independent_count
+from bench.maths.budget import effective_dof, independent_count
 from bench.model.clock import NS
 from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value
 from bench.model.units import read_quantity

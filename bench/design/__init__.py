@@ -4,11 +4,23 @@ Decision: docs/decisions/0049-the-shortest-plan.md.
 """
 
 from bench.design.edits import SequenceText
-from bench.design.problem import LEAST_POWER, Given, Power, Problem
-from bench.design.search import descended
-from bench.design.shortest import Design, best_within, designed
+from bench.design.shortest import (
+    LEAST_POWER,
+    Design,
+    Given,
+    Key,
+    Power,
+    Problem,
+    Target,
+    best_within,
+    default_targets,
+    descended,
+    designed,
+    reached,
+    read_target,
+    refuse_below_floor,
+)
 from bench.design.soaks import slot_s
-from bench.design.targets import Key, Target, default_targets, reached, read_target, refuse_below_floor
 
 __all__ = [
     "LEAST_POWER",

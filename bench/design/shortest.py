@@ -1,20 +1,272 @@
-"""Finds the shortest campaign that reaches its targets under the rules of its analysis, and the best one in a time."""
+"""Finds the shortest campaign that reaches its targets under the rules of its analysis, and the best one in a time.
+
+What an analysis says of its campaigns so that the shortest one can be found: what is free, and what must stay.
+
+Targets of a plan: which uncertainty of which quantity, and the floor that the standards set.
+
+The random part is what no other result shares: the uncertainty without the errors of standards and campaign.
+
+Searches the best of finitely many candidates by exchanges, each of which must make it better.
+
+Source: Fedorov, Theory of Optimal Experiments (1972), chapter 3: exchange algorithms.
+"""
 
 from __future__ import annotations
 
+import math
+import re
 from bisect import bisect_left
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Generic, TypeVar
+from typing import Generic, NamedTuple, Protocol, TypeVar
 
-from bench.design.problem import Problem
-from bench.design.search import Rank, descended
-from bench.design.targets import Target, misses, reached
+from bench.analysis import Estimate, Estimates
+from bench.maths.verdict import coverage_factor
+from bench.model.errors import InputError
+from bench.model.units import read_quantity
+from bench.plan import Plan
 
+RANDOM = "random"
+_TARGET = re.compile(r"\s*(\w+)(\.random)?\s*=\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S*)\s*")
+_SLACK = 1.0 + 1e-9
+_ALIKE = 1.001  # of an uncertainty that is no larger, to the digits that anybody states
 C = TypeVar("C")
+LEAST_POWER = 0.9  # against a rival that costs 1 U; below it a plan counts as blind to it
+C_contra = TypeVar("C_contra", contravariant=True)
+Rank = tuple[float, ...]
 _HALVINGS = 8  # of the range of factors: 32^(1 / 256) = 1.014 is left of it
 _LOOSEST, _TIGHTEST = 8.0, 0.25
+
+
+class Key(NamedTuple):
+    """A quantity, the part of its uncertainty ("" all of it), and a kind of channels ("" all kinds)."""
+
+    quantity: str
+    part: str
+    kind: str
+
+    @property
+    def name(self) -> str:
+        """Return the key as a person writes it."""
+        return f"{self.quantity}{'.' + self.part if self.part else ''}{f' ({self.kind})' if self.kind else ''}"
+
+
+@dataclass(frozen=True)
+class Target:
+    """An expanded uncertainty (95 %) that a plan must reach, in the unit of its quantity."""
+
+    key: Key
+    U: float
+
+    def takes_in(self, key: Key) -> bool:
+        """Return whether the target is for what a key names."""
+        return key[:2] == self.key[:2] and self.key.kind in ("", key.kind)
+
+    def holds(self, known: Mapping[Key, float]) -> bool:
+        """Return whether the largest uncertainty of the quantity does not exceed the target."""
+        return self.reached(known) <= self.U * _SLACK
+
+    def reached(self, known: Mapping[Key, float]) -> float:
+        """Return the largest uncertainty of what the target takes in; infinite if there is nothing of it."""
+        return max((U for key, U in known.items() if self.takes_in(key)), default=math.inf)
+
+
+def reached(estimates: Estimates) -> dict[Key, float]:
+    """Return the largest expanded uncertainty of each quantity and kind, all of it and its random part."""
+    known: dict[Key, float] = {}
+    for entry in _first_visits(estimates):
+        kind = str(entry["conditions"].get("kind", ""))
+        for part, U in (("", entry["expanded_uncertainty"]), (RANDOM, random_U(entry))):
+            key = Key(entry["quantity"], part, kind)
+            known[key] = max(known.get(key, 0.0), U)
+    return known
+
+
+def _first_visits(estimates: Estimates) -> list[Estimate]:
+    """Return the estimates without those of repeats, of which no target is."""
+    return [entry for entry in estimates if "repeat" not in entry["conditions"]]
+
+
+def random_U(entry: Estimate) -> float:
+    """Return the expanded uncertainty (95 %) of an estimate without what it shares with others, by its own factor."""
+    common = entry.get("common")
+    parts = [] if common is None else [*common["standards"].values(), *common["campaign"].values()]
+    own = entry["std_uncertainty"] ** 2 - math.fsum(part**2 for part in parts)
+    return entry["coverage_factor"] * math.sqrt(max(own, 0.0))
+
+
+def read_target(text: str, estimates: Estimates) -> Target:
+    """Read ``dsf_n=22ppm`` or ``dsf_n.random=0.6ppm``. Raises: InputError B-DES-001."""
+    match = _TARGET.fullmatch(text)
+    units = {entry["quantity"]: entry["unit"] for entry in _first_visits(estimates)}
+    quantity, part, number, unit = match.groups() if match else ("", "", "0", "")
+    if quantity not in units:
+        message = f"{text!r} is no target of this campaign" if match else f"{text!r} is not QUANTITY=U"
+        known = ", ".join(units)
+        raise InputError("B-DES-001", message, where="--target", next_step=f"write QUANTITY=U of: {known}")
+    U = _in_unit(number, unit, units[quantity])
+    if not 0.0 < U < math.inf:
+        message = f"{text!r} states no uncertainty above zero with a unit"
+        step = f"write a number with the unit {units[quantity]}, or another of its kind"
+        raise InputError("B-DES-001", message, where="--target", next_step=step)
+    return Target(Key(quantity, RANDOM if part else "", ""), U)
+
+
+def _in_unit(number: str, unit: str, due: str) -> float:
+    """Return a number with a unit in the unit that is due, NaN without one or with one of another dimension."""
+    if unit == due:
+        return float(number)
+    stated, one = read_quantity(f"{number} {unit}"), read_quantity(f"1 {due}")
+    return stated[0] / one[0] if stated and one and stated[1] == one[1] else math.nan
+
+
+def default_targets(wanted: Iterable[tuple[str, str]], known: Mapping[Key, float]) -> list[Target]:
+    """Return as targets what a campaign reaches in the quantities that are wanted, of each kind, to a thousandth."""
+    return [Target(key, _ALIKE * known[key]) for part in wanted for key in known if key[:2] == part]
+
+
+def refuse_below_floor(targets: Iterable[Target], estimates: Estimates) -> None:
+    """Refuse targets that no plan with these standards reaches. Raises: InputError B-DES-002 with the floor.
+
+    The floor is what the errors of the standards alone leave; ``estimates``: of all given levels.
+    """
+    for target in targets:
+        entries = [entry for entry in estimates if entry["quantity"] == target.key.quantity]
+        for entry in [] if target.key.part else entries:
+            common = entry.get("common")
+            parts = common["standards"] if common is not None else {}
+            floor = coverage_factor() * math.sqrt(math.fsum(part**2 for part in parts.values()))
+            if floor > target.U:
+                raise _below(target, floor, parts, entry["unit"])
+
+
+def _below(target: Target, floor: float, parts: Mapping[str, float], unit: str) -> InputError:
+    k, label = coverage_factor(), max(parts, key=lambda name: abs(parts[name]))
+    others = k * math.sqrt(math.fsum(part**2 for name, part in parts.items() if name != label))
+    message = (
+        f"{target.key.name}={target.U:.6g} {unit} is below {floor:.3g} {unit}, which the standards alone leave; "
+        f"{k * abs(parts[label]):.3g} {unit} of it is {label!r}"
+    )
+    if others < target.U:
+        better = f"know {label!r} to {math.sqrt(target.U**2 - others**2):.3g} {unit}, or ask for {floor:.3g} {unit}"
+    else:
+        better = f"without it {others:.3g} {unit} would be left; ask for {floor:.3g} {unit}"
+    return InputError("B-DES-002", message, where="--target", next_step=better)
+
+
+def misses(targets: Sequence[Target], known: Mapping[Key, float]) -> list[str]:
+    """Return the targets that are not reached, a sentence each."""
+    return [
+        f"{target.key.name} is {target.reached(known):.3g}, not {target.U:.3g}"
+        for target in targets
+        if not target.holds(known)
+    ]
+
+
+@dataclass(frozen=True)
+class Given:
+    """The campaign that a shorter one is made of; ``lag_s``: of the unit behind the set-point of the chamber."""
+
+    plan: Plan
+    text: str
+    lag_s: float | None
+
+
+@dataclass(frozen=True)
+class Power:
+    """How surely a rival of the model would be seen, were it large enough to cost an estimate 1 U.
+
+    ``rival``: what else could be true; ``quantity``: whose U; ``power``: probability that the checks tell it.
+    """
+
+    rival: str
+    quantity: str
+    power: float
+
+
+class Problem(Protocol[C]):
+    """The campaigns that may stand in the place of a given one.
+
+    A candidate is hashable and leaves out the length of records, which is one for all. The search halves the lengths as
+    if a longer one knew every target better. That is so of most candidates, not of all: a record of other length weighs
+    the noises of the levels differently. There it may overlook a shorter plan; what it returns is fitted itself.
+
+    ``today``: the candidate and the length that were given.   ``starts``: where the search begins.
+    ``wanted``: quantities with the part of their uncertainty ("" all, "random") that a plan must reach as the given one
+    does, where nobody says otherwise.
+    """
+
+    today: tuple[C, float]
+    starts: Sequence[C]
+    wanted: Sequence[tuple[str, str]]
+
+    def moves(self, candidate: C) -> Iterable[C]:
+        """Return what one change makes of a candidate."""
+
+    def lengths_s(self, candidate: C) -> Sequence[float]:
+        """Return the lengths of records that a candidate may have, ascending."""
+
+    def duration_s(self, candidate: C, length_s: float) -> float:
+        """Return how long the campaign takes."""
+
+    def estimates(self, candidate: C, length_s: float) -> Estimates:
+        """Return what the campaign will give, by the fit itself; one channel stands for all that are alike."""
+
+    def at_least(self, candidate: C, length_s: float) -> Mapping[Key, float]:
+        """Return bounds of uncertainties that cost little: what misses a target by them need not be fitted.
+
+        They must hold for candidates under the rules; another, which is refused anyway, may know a little more.
+        """
+
+    def broken(self, candidate: C, length_s: float) -> list[str]:
+        """Return the rules that the campaign breaks, a sentence each: hours are not bought with blindness."""
+
+    def powers(self, candidate: C, length_s: float) -> list[Power]:
+        """Return how surely each listed rival would be seen."""
+
+    def told(self, candidate: C, length_s: float) -> dict[str, str]:
+        """Return what the campaign does, by the name of each thing that is free."""
+
+    def changes(self, candidate: C, length_s: float) -> Iterable[tuple[str, C, float]]:
+        """Yield the way from the given campaign to a candidate, one named change after the other."""
+
+    def written(self, candidate: C, length_s: float, name: str, heading: Sequence[str]) -> str:
+        """Return the campaign as a sequence of this name, under a heading of comments. Raises: InputError B-DES-005."""
+
+
+class Ranking(Protocol[C_contra]):
+    """Rank candidates: less is better, None stands for one that is not better than ``least``."""
+
+    def __call__(self, candidate: C_contra, least: Rank | None) -> Rank | None:
+        """Return the rank of a candidate."""
+
+
+def descended(starts: Iterable[C], moves: Callable[[C], Iterable[C]], rank: Ranking[C]) -> tuple[C, Rank] | None:
+    """Return the best candidate that steepest descent finds, with its rank.
+
+    Args:    starts: one that is no better than what was found already is not followed.
+             moves: the candidates that one exchange makes of a candidate.   rank: is asked for a rank below the best
+             so far, so that most candidates need not be evaluated in full.
+    Returns: None if no start has a rank.
+    """
+    best: tuple[C, Rank] | None = None
+    for start in starts:
+        here = _better([start], rank, best)
+        while here is not None:
+            best = here
+            here = _better(moves(best[0]), rank, best)
+    return best
+
+
+def _better(candidates: Iterable[C], rank: Ranking[C], best: tuple[C, Rank] | None) -> tuple[C, Rank] | None:
+    least = None if best is None else best[1]
+    found = None
+    for candidate in candidates:
+        ranked = rank(candidate, least)
+        if ranked is not None and (least is None or ranked < least):
+            found, least = (candidate, ranked), ranked
+    return found
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,9 @@ from bench.frame.capture import Counted, decode_capture
 from bench.frame.commands import CommandLayout
 from bench.frame.definition import FrameDefinition, load_frame, parse_frame
 from bench.frame.explain import LOOKED_AT_BYTES, Guess, LineGuess, draft, guesses, line_guess
-from bench.frame.kernel_quanta import kernel_quanta
+from bench.frame.kernel_engine import kernel_quanta
 from bench.frame.layout import Message
 from bench.frame.pace import Pace, pace_of
-from bench.frame.rates import means, rates_among, rates_Hz, trailing_means
 from bench.frame.signals import (
     BENCH,
     BENCH_FIELDS,
@@ -26,7 +25,7 @@ from bench.frame.signals import (
     signal_of,
 )
 from bench.frame.spec import FrameSpec
-from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder
+from bench.frame.stream import LinkBatch, LinkCounts, LinkDecoder, means, rates_among, rates_Hz, trailing_means
 from bench.frame.table import Tables, cells_of
 
 __all__ = [

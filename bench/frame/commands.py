@@ -9,8 +9,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from bench.frame.compiling.fields import Fail, place_fields
-from bench.frame.element import read_element
-from bench.frame.layout import Field, Message, field_content
+from bench.frame.layout import Field, Message, field_content, read_element
 from bench.frame.spec import CommandSpec, FieldSpec, FrameSpec
 from bench.model.errors import InputError
 from bench.model.units import read_quantity

@@ -12,8 +12,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.frame.element import read_part
-from bench.frame.layout import Item, Message, Part
+from bench.frame.layout import Item, Message, Part, read_part
 from bench.model.errors import InputError
 
 Contents = tuple[bytes, bytes]

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.frame.batch import Extract, FrameBatch, FrameCounts, MessageBatch
-from bench.frame.element import read_element, read_part
-from bench.frame.layout import Field, Layout, Message
+from bench.frame.layout import Field, Layout, Message, read_element, read_part
 from bench.frame.parts import rows_of_parts, unpacked, wire_length
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import Literal, NamedTuple
 
-from bench.frame.element import read_part
-from bench.frame.layout import Layout, Message
+from bench.frame.layout import Layout, Message, read_part
 from bench.frame.parts import unpacked, why_no_length, wire_length
 from bench.frame.reference import checks_of
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 from bench.frame.catalogue import ALIASES, CATALOGUE, CrcModel, find_model
 from bench.frame.commands import CommandLayout, compile_commands
-from bench.frame.compiling.parts import Placed, place
+from bench.frame.compiling.fields import Placed, place
 from bench.frame.crc import CHECKSUM_ALIASES, CHECKSUMS, Check, Crc, find_checksum
 from bench.frame.layout import OFFSET, Field, Layout, Message, Span
 from bench.frame.parts import blank_row

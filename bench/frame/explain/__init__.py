@@ -1,7 +1,6 @@
 """What a raw capture says about its own frames or lines, for the author of a definition."""
 
-from bench.frame.explain.draft import draft
+from bench.frame.explain.draft import LineGuess, draft, line_guess
 from bench.frame.explain.frames import LOOKED_AT_BYTES, Guess, checks_that_fit, guesses
-from bench.frame.explain.lines import LineGuess, line_guess
 
 __all__ = ["LOOKED_AT_BYTES", "Guess", "LineGuess", "checks_that_fit", "draft", "guesses", "line_guess"]

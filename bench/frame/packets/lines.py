@@ -17,8 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from bench.frame.batch import Extract
-from bench.frame.element import read_element
-from bench.frame.layout import Field, Layout, Message
+from bench.frame.layout import Field, Layout, Message, read_element
 from bench.frame.packets.decoder import PacketDecoder
 from bench.frame.packets.escape import Packet
 from bench.frame.refusal import Refusal

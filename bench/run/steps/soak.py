@@ -10,7 +10,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.maths.settling import Window, window_of
+from bench.maths.relaxation import Window, window_of
 from bench.model.clock import NS, to_ns
 from bench.model.errors import RunError
 from bench.model.events import Late, Settled, Slip

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.maths.control.charts import Charts, Signal, chart
-from bench.maths.control.limits import KINDS, Limits
+from bench.maths.control.limits import KINDS, Charts, Limits, Signal, chart
 from bench.maths.control.predictions import Change
 from bench.store.series import Parameter
 

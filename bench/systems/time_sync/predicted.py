@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bench.analysis import PROMPT, Planned, Prediction
 from bench.maths.geodesy import TangentFrame
-from bench.maths.strapdown_earth import earth_rate, gradient, normal_gravity
+from bench.maths.strapdown import earth_rate, gradient, normal_gravity
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
 from bench.systems.time_sync.estimates import SyncResult, sync_estimates

@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from bench.maths.control.charts import chart
-from bench.maths.control.limits import KINDS, Limits, limits_for
+from bench.maths.control.limits import KINDS, Limits, chart, limits_for
 from bench.maths.control.predictions import Readings, first_phase, predictions
 from bench.maths.control.run_lengths import CUSUM_REFERENCE, EWMA_WEIGHT, ewma_std, normal_scores
 

@@ -16,7 +16,7 @@ from shorter_ramp import GIVEN, SHORTEST, given, problem, written
 
 from bench.analysis import FALSE_DOUBT
 from bench.design import LEAST_POWER, default_targets, designed, reached
-from bench.design.targets import misses
+from bench.design.shortest import misses
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import InputError
 from bench.plan import check_plan, compile_sequence

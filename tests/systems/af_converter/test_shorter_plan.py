@@ -19,7 +19,7 @@ from trials import without_budgets
 from bench.analysis import Material, build_results
 from bench.cli import main
 from bench.design import default_targets, reached
-from bench.design.targets import misses
+from bench.design.shortest import misses
 from bench.model.errors import InputError
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.session.designed import Asked, problem_of, proposed

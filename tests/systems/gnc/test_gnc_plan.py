@@ -14,7 +14,7 @@ from scipy import stats
 from shorter_calibration import SHORTEST
 
 from bench.design import reached
-from bench.design.targets import misses
+from bench.design.shortest import misses
 from bench.model.errors import InputError
 from bench.plan import Plan, check_plan, compile_sequence
 from bench.session.designed import Asked, Proposal, problem_of, proposed

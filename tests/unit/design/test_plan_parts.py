@@ -22,7 +22,7 @@ from bench.design import (
     refuse_below_floor,
     slot_s,
 )
-from bench.design.targets import misses
+from bench.design.shortest import misses
 from bench.model.errors import InputError
 
 LAG_s, WITHIN_degC, FOR_s = 1620.0, 1.0, 600.0

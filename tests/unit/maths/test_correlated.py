@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from bench.maths.correlated import independent_count
+from bench.maths.budget import independent_count
 from bench.maths.verdict import coverage_factor
 
 N, CAMPAIGNS = 2000, 300

@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy import stats
 
-from bench.maths.settling import _tail, window_of
+from bench.maths.relaxation import _tail, window_of
 from bench.model.clock import NS
 from bench.run.steps.soak import MOST_CHANCE, Stability
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bench.maths.strapdown import Strapdown, Track, navigate, small_rotation
-from bench.maths.strapdown_earth import earth_rate, gradient, normal_gravity
+from bench.maths.strapdown import Strapdown, Track, earth_rate, gradient, navigate, normal_gravity, small_rotation
 from sim_instruments.worlds.time_sync.flight.imu import exact_increments
 from sim_instruments.worlds.time_sync.flight.path import MANOEUVRES
 

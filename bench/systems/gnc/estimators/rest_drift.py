@@ -23,8 +23,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.maths.strapdown import navigate
-from bench.maths.strapdown_earth import earth_rate, normal_gravity
+from bench.maths.strapdown import earth_rate, navigate, normal_gravity
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals
 

@@ -17,8 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.maths.strapdown import Track, navigate
-from bench.maths.strapdown_earth import earth_rate
+from bench.maths.strapdown import Track, earth_rate, navigate
 from bench.systems.time_sync.estimators.kalman.filter import first_model, refresh_model, skew
 from bench.systems.time_sync.estimators.kalman.innovation import rotation_between
 from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, FilterSetup, ImuDensities, ImuSamples

@@ -9,8 +9,7 @@ import pytest
 from control_simulation import FIRST, OWN, SHARED, history
 from scipy import stats
 
-from bench.maths.control.charts import chart
-from bench.maths.control.limits import limits_for
+from bench.maths.control.limits import chart, limits_for
 from bench.maths.control.predictions import (
     Readings,
     Scatter,

@@ -7,8 +7,7 @@ import pytest
 from numpy.typing import NDArray
 from sync_flights import LaneOffsets, turning
 
-from bench.maths.strapdown import navigate, small_rotation
-from bench.maths.strapdown_earth import earth_rate
+from bench.maths.strapdown import earth_rate, navigate, small_rotation
 from bench.systems.time_sync.estimators.kalman.filter import (
     first_model,
     propagate,

@@ -28,8 +28,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.maths.strapdown import Strapdown, small_rotation
-from bench.maths.strapdown_earth import earth_rate, gradient
+from bench.maths.strapdown import Strapdown, earth_rate, gradient, small_rotation
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.innovation import EgiSample, History, NisSums, innovation, motion_noise
 from bench.systems.time_sync.estimators.kalman.setup import (
