@@ -42,9 +42,9 @@ PLANTED = {
 }
 MOST_FILES = 30
 SIBLINGS = {"instruments", "sim_instruments", "tests/protocol"}  # one model each
-BESIDE = ("sim_instruments", "sim_instruments.seeds")  # no models, in the folder of the models
+BESIDE = {f"sim_instruments{name}" for name in ("", ".arrays", ".seeds")}  # no models, in the folder of the models
 MODELS = {module_of(path) for path in (TOP / "sim_instruments").glob("*.py")}.difference(BESIDE)
-SHARED = tuple(f"sim_instruments.{room}" for room in ("bus", "faults", "seeds", "worlds.common"))
+SHARED = tuple(f"sim_instruments.{room}" for room in ("arrays", "bus", "faults", "seeds", "worlds.common"))
 OF_A_SYSTEM = re.compile(r"sim_instruments\.worlds\.(?!common\b|kinds\b|simulation\b)")
 
 

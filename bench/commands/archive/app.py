@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from bench.commands.history.app import AsJson, History, Out
+from bench.commands.history.app import AsJson, History, Out, history_url
 from bench.commands.session_app import Language
 from bench.commands.usage import App
 
@@ -38,9 +38,8 @@ def add(
 ) -> int:
     """Enter sessions, every byte of them verified; what is known and has not changed is passed over."""
     from bench.commands.archive import adding as work
-    from bench.commands.history.show import Place
 
-    return work.add(Place(history, out).of(), folders, everything, dask, json)
+    return work.add(history_url(history, out), folders, everything, dask, json)
 
 
 @app.command("list", epilog="Example: bench archive list --select uut=SIM-1 --select since=2026-01-01")
@@ -53,9 +52,8 @@ def list_all(
 ) -> int:
     """One line per session, in order of time."""
     from bench.commands.archive import listing as work
-    from bench.commands.history.show import Place
 
-    return work.list_all(Place(history, out).of(), select or [], to, json)
+    return work.list_all(history_url(history, out), select or [], to, json)
 
 
 @app.command(epilog="Example: bench archive verify --dask local:4")
@@ -64,9 +62,8 @@ def verify(
 ) -> int:
     """Read sessions again, every byte; exit status 5 if one is damaged, changed or gone."""
     from bench.commands.archive import adding as work
-    from bench.commands.history.show import Place
 
-    return work.verify(Place(history, out).of(), select or [], dask, json)
+    return work.verify(history_url(history, out), select or [], dask, json)
 
 
 @app.command(epilog="Example: bench archive where SIM-0001")
@@ -80,9 +77,8 @@ def where(
 ) -> int:
     """Which sessions and certificates depend on a unit, a standard, a certificate, a frame or a release."""
     from bench.commands.archive import listing as work
-    from bench.commands.history.show import Place
 
-    return work.where(Place(history, out).of(), word, json)
+    return work.where(history_url(history, out), word, json)
 
 
 @app.command(epilog="Example: bench archive refit --with-standards corrected.yaml --to trial --dask local:2")
@@ -100,10 +96,9 @@ def refit(
 ) -> int:
     """Compute sessions again from their raw bytes, beside the released values; exit status 1 if one gives none."""
     from bench.commands.archive import refitting as work
-    from bench.commands.history.show import Place
 
     request = work.Request(to, method, with_standards, select or [], dask)
-    return work.refit(Place(history, out).of(), request)
+    return work.refit(history_url(history, out), request)
 
 
 @app.command(epilog="Example: bench archive changes trial --html changes.html")
@@ -117,6 +112,5 @@ def changes(
 ) -> int:
     """What a refit would change: quantities, verdicts, certificates, and the last good evidence of each standard."""
     from bench.commands.archive import changing as work
-    from bench.commands.history.show import Place
 
-    return work.changes(Place(history, out).of(), trial, html, lang, json)
+    return work.changes(history_url(history, out), trial, html, lang, json)

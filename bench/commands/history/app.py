@@ -30,6 +30,13 @@ AsJson = Annotated[bool, typer.Option("--json", help="print one JSON document on
 Longest = Annotated[int, typer.Option("--max-interval", metavar="DAYS", min=1, max=3653, help="longest interval")]
 
 
+def history_url(history: str | None, out: Path | None) -> str:
+    """Return the URL of the history that the options name."""
+    from bench.commands.history.show import Place
+
+    return Place(history, out).of()
+
+
 @app.command("list", epilog="Example: bench history list --uut SIM-1 --quantity dsf_n")
 def list_all(
     uut: Unit = None,
