@@ -17,6 +17,7 @@ import time
 from collections.abc import Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[3]))  # this revision is drilled, whichever is installed
@@ -60,7 +61,10 @@ MISSED = "missed"  # in place of the exit status: the run had ended before the m
 
 @dataclass(frozen=True)
 class Row:
-    """One loss and what came of it; seconds are NaN where nothing was driven. ``step``: at which it came."""
+    """One loss and what came of it; seconds are NaN where nothing was driven. ``step``: at which it came.
+
+    ``gap_s``: the longest time between two looks at the world, which are 0.2 s apart on a machine that has the time.
+    """
 
     seed: int
     scale: str
@@ -77,6 +81,7 @@ class Row:
     replay: str
     violations: str
     revision: str = ""
+    gap_s: float = 0.0
 
 
 def sequence_in(folder: Path, scale: Scale) -> Path:
@@ -137,6 +142,7 @@ def _row(span: Span, scale: Scale, recording: Recording, verdict: Verdict) -> Ro
         loss.seed, scale.name, loss.target, loss.kind, loss.moment, loss.step, loss.length_s,
         round(verdict.path_open_s, 1), round(verdict.off_after_s, 1), first, recording.guard,
         " ".join(filter(None, others)), recording.replay, "; ".join(verdict.violations),
+        gap_s=round(max((b.t_s - a.t_s for a, b in pairwise(recording.samples)), default=0.0), 1),
     )  # fmt: skip
 
 
