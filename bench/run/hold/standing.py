@@ -14,6 +14,8 @@ the calibrator or of the switch ends the run.
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError, RunError
 from bench.model.events import Hold, HoldAlarm, Release, StimulusAlarm, by_instrument
@@ -108,13 +110,18 @@ def _open_the_rest(context: RunContext, way: WayToSafe) -> None:
 
 
 def _switched_off(context: RunContext, role: str) -> bool:
-    """Switch a supply off, whatever its declared safe state, and return whether it confirms that."""
+    """Switch a supply off, whatever its declared safe state; return whether it was told to be.
+
+    One that does not answer is told nothing: a command that comes late would switch it off under a run that went on.
+    """
     instrument = context.instruments[role]
-    try:
-        with context.in_use.take(role), hurried(instrument, QUICK_S):
+    with context.in_use.take(role), hurried(instrument, QUICK_S):
+        try:
+            getattr(instrument, "look", lambda: None)()
+        except Exception:  # whatever it is
+            return False
+        with suppress(Exception):  # the end of the run makes it safe again, and says what is not confirmed
             getattr(instrument, "output_off", instrument.make_safe)()
-    except Exception:  # whatever it is: it is told again with the others
-        return False
     return True
 
 

@@ -149,16 +149,27 @@ class Supply(Instrument):
     def output_on(self) -> None:
         self._call("output_on")
 
+    def look(self) -> None:
+        self._call("look")
 
-@pytest.mark.parametrize(("relays", "code"), [("B-INST-003", "B-RUN-054"), ("", None)])
-def test_supplies_go_off_where_neither_source_nor_relays_do(tmp_path: Path, relays: str, code: str | None) -> None:
-    """Relays that are confirmed open break the path: then the unit stays warm, and the run waits for the source."""
+
+CASES = [("B-INST-003", "", "B-RUN-054"), ("", "", None), ("B-INST-003", "B-INST-003", None)]
+
+
+@pytest.mark.parametrize(("relays", "supply", "code"), CASES)
+def test_supplies_go_off_where_neither_source_nor_relays_do(
+    tmp_path: Path, relays: str, supply: str, code: str | None
+) -> None:
+    """Relays that are confirmed open break the path; a supply that does not answer is told nothing: it might come late."""
     rig = stimulus_rig(tmp_path, 30.0)
     rig.instruments["switch"] = Source("switch", rig)
     rig.instruments["supply"] = Supply("supply", rig)
     rig.safe_order = ("calibrator", "switch", "supply")
     if relays:
         rig.instruments["switch"].fail["make_safe"] = instrument_error(relays)
+        rig.clock.every(30.0, rig.instruments["switch"].fail.clear)
+    if supply:
+        rig.instruments["supply"].fail["look"] = instrument_error(supply)
     outcome = rig.run()
     assert (outcome.error.code if outcome.error else None) == code
     off_s = [t_s for t_s, name, _ in rig.calls if name == "supply.make_safe"]
