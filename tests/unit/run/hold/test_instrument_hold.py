@@ -160,7 +160,7 @@ CASES = [("B-INST-003", "", "B-RUN-054"), ("", "", None), ("B-INST-003", "B-INST
 def test_supplies_go_off_where_neither_source_nor_relays_do(
     tmp_path: Path, relays: str, supply: str, code: str | None
 ) -> None:
-    """Relays that are confirmed open break the path; a supply that does not answer is told nothing: it might come late."""
+    """Relays that are confirmed open break the path; a supply that is mute is told nothing: it might come late."""
     rig = stimulus_rig(tmp_path, 30.0)
     rig.instruments["switch"] = Source("switch", rig)
     rig.instruments["supply"] = Supply("supply", rig)
