@@ -79,7 +79,8 @@ class Proxies:
 
     def close(self) -> None:
         """End all connections and the thread."""
-        self._do(self._restore(self._proxies))  # who waits for the way to be open again may end
+        with suppress(OSError):  # a port that was refused may be somebody else's by now
+            self._do(self._restore(self._proxies))  # who waits for the way to be open again may end
         self._do(self._lose(self._proxies, closed=True))
         self._do(self._over())
         self._loop.call_soon_threadsafe(self._loop.stop)
