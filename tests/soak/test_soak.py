@@ -33,7 +33,7 @@ def test_a_seed_is_reproduced(tmp_path: Path) -> None:
 
 
 def test_a_bench_that_is_left_on_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sequencer, "make_safe", lambda *_: [])
+    monkeypatch.setattr(sequencer, "make_safe", lambda *_, **__: [])
     soaked = campaign_of(SHORT, tmp_path).soaked(0, tmp_path, ())
     assert any("unsafe: supply" in text for text in soaked.violations)
     assert soaked.ended == "done"

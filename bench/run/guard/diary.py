@@ -90,7 +90,7 @@ def guard_word(folder: Path) -> Mapping[str, Any] | None:
                 word["unsafe"][str(entry.get("role"))] = str(entry.get("state", "unreachable"))
         elif what in ("safe", "unsafe"):
             states = entry.get("instruments") or {}
-            unsafe = dict(states) if isinstance(states, dict) else dict.fromkeys(map(str, states), "unreachable")
+            unsafe = dict(states) if isinstance(states, dict) else dict.fromkeys(map(str, states), "")
             word |= {"safe": what == "safe", "unsafe": unsafe, "utc": entry.get("utc")}
         elif what == "taken over":
             word |= {"by": str(entry.get("by", "")), "utc": entry.get("utc")}
