@@ -12,7 +12,8 @@ from __future__ import annotations
 import math
 import sys
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from operator import lt
 from typing import Protocol
@@ -299,6 +300,19 @@ class Acquisition:
             for reader in self.readers.values():
                 self._poll(reader)
             self.decode()
+
+    @contextmanager
+    def at_rest(self) -> Iterator[None]:
+        """Bring every link up to date, and let nothing arrive before this is left.
+
+        What is written meanwhile is stamped behind all bytes that were decoded and before all others: a replay, which
+        goes by the stamps, then takes the same bytes for it. Raises: as ``catch_up``.
+        """
+        with self.lock, ExitStack() as gates:
+            for reader in self.readers.values():
+                gates.enter_context(reader.at_rest())
+            self.catch_up()
+            yield
 
     def refresh(self) -> None:
         """Bring every link up to date; for the sequencer alone, and one of its checks: it may be told to stand still.

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import threading
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -122,11 +123,17 @@ class LinkReader:
         )
         self._lock = threading.RLock()  # recording: the order in the session is that of the stream
         self._decoding = threading.RLock()  # nobody who records waits for it
-        self._gate = threading.Lock()  # reading and stamping: the order of the stamps is that of the bytes
+        self._gate = threading.RLock()  # reading and stamping: the order of the stamps is that of the bytes
         self._arrived: deque[tuple[int, bytes]] = deque()
         self._held = 0
         self._decoded_ns = -1
         self._marks: deque[tuple[int, int]] = deque(maxlen=_MARKS)
+
+    @contextmanager
+    def at_rest(self) -> Iterator[None]:
+        """Let no other thread read or record."""
+        with self._lock, self._gate:  # in the order of ``record``
+            yield
 
     # --- reading ---------------------------------------------------------------------------------------------------
 

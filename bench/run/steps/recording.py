@@ -74,8 +74,7 @@ def _take(context: RunContext, step: PlannedRecord, number: int) -> RecordRow:
     last = window.first_counter + window.frames - 1
     deadline = window.t_end_ns + to_ns(patience_s(context, step))
     context.acquisition.wait_until(lambda: reader.last_counter >= last, deadline)
-    with context.acquisition.lock:  # a replay takes the frames received up to the time of the event, no others
-        context.acquisition.catch_up()
+    with context.acquisition.at_rest():  # a replay takes the frames received up to the time of the event, no others
         signals = tuple(signal for _, signal in step.signals)
         context.event(_event_of(window, pulse_timing=step.pulse_timing, samples=step.samples, signals=signals))
         return context.cutters[step.role].close(number)

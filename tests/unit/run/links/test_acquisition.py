@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
@@ -242,3 +243,24 @@ def test_patience_with_a_disk() -> None:
     assert len(said) == 2  # once per trouble
     with pytest.raises(RecordError, match="64 MB"):
         tick(5)
+
+
+def test_nothing_is_stamped_between_the_last_bytes_that_count_and_the_event(tmp_path: Path) -> None:
+    """A replay goes by the stamps: a thread that reads in between would change what it takes for the record."""
+    rig = Rig(tmp_path)
+    acquisition = rig.context().acquisition
+    reader = next(iter(acquisition.readers.values()))
+    rig.clock.sleep(1.0)
+    done = threading.Event()
+
+    def read() -> None:
+        reader.receive()
+        done.set()
+
+    with acquisition.at_rest():
+        before = reader.last_byte_ns
+        other = threading.Thread(target=read, daemon=True)
+        other.start()
+        assert not done.wait(0.2)
+        assert reader.last_byte_ns == before
+    assert done.wait(5.0)
