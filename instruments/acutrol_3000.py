@@ -282,7 +282,7 @@ class Acutrol3000(BaseInstrument):
         self.check_errors(f":dem:rate {axis}")
         due_ns = began_ns + to_ns(turn.hand_over_s)
         for before_s in (turn.hand_over_s - turn.up_s - _FIRST_LOOK_S, _LAST_LOOK_S):
-            self.clock.sleep_until_ns(max(self.clock.now_ns(), due_ns - to_ns(before_s)))
+            self.bus.pause((due_ns - self.clock.now_ns()) / NS - before_s)
             position = self.measure_position(axis)
             now_ns = self.clock.now_ns()
             expected = turn.done((now_ns - began_ns) / NS)
@@ -291,7 +291,7 @@ class Acutrol3000(BaseInstrument):
                 message = f"turn: axis {axis} is {astray:.0f} deg from where it should be after {expected:.0f} deg"
                 raise self.error("B-INST-011", message, "look at the table: it slips, is blocked or is not driven")
             due_ns = now_ns + to_ns(turn.left_s(expected + astray))
-        self.clock.sleep_until_ns(max(self.clock.now_ns(), due_ns))
+        self.bus.pause((due_ns - self.clock.now_ns()) / NS)
         self.bus.write(f":mode:pos {axis}", self.timeout_s)
         late_s = (self.clock.now_ns() - due_ns) / NS
         self.check_errors(f":mode:pos {axis}")

@@ -17,7 +17,7 @@ from bench.model.clock import NS, Clock
 from bench.model.errors import BenchError
 from bench.model.events import End, Error, Resume, Safe, event_of
 from bench.record import OPEN_MARKER, SessionReader, TrendReader
-from bench.run.guard.last_words import guard_said
+from bench.run.guard.diary import guard_word
 
 AIR, UNIT = "bench.air", "bench.unit"
 OLD_S = 3.0  # a run that has said nothing for so long is called lost
@@ -152,7 +152,7 @@ class Watch:
     def _missed(self) -> None:
         seen = self.seen
         seen.age_s = (self._clock.now_ns() - self._heard_ns) / NS
-        end, seen.guard = self._ended(), guard_said(self._folder)
+        end, seen.guard = self._ended(), guard_word(self._folder)
         if end is not None:
             unconfirmed = () if seen.guard and seen.guard["safe"] else end.get("unconfirmed") or ()
             seen.document = {

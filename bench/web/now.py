@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.record import is_being_written
-from bench.run.guard.last_words import guard_said
+from bench.run.guard.diary import guard_word
 
 MOST_ALARMS = 3
 ALL = "all"  # in the place of a role: a guard that is at it has not said yet which instruments are safe
@@ -42,7 +42,7 @@ def silent_row(folder: Path) -> dict[str, Any]:
 
     "lost": its process is still there; "stopped": it is gone.
     """
-    guard = guard_said(folder)
+    guard = guard_word(folder)
     bench = dict(_UNKNOWN_BENCH) if guard is None else guarded_bench(guard)
     now: dict[str, Any] = {"attention": "much", "bench": bench, "guard": guard, "alarm_count": 0, "alarms": []}
     return {"state": "lost" if is_being_written(folder) else "stopped", "now": now}

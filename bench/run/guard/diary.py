@@ -72,8 +72,9 @@ def read_diary(path: Path) -> list[dict[str, Any]]:
 def guard_word(folder: Path) -> Mapping[str, Any] | None:
     """Return what the guard of a run that is gone did; None if it did not act.
 
-    ``{"reason", "safe": True, False or None (at it), "unsafe": state by role, "utc": of its last word, "by": who took
-    the bench over, "" if nobody}``. While it is at it ``unsafe`` grows and shrinks with what each instrument said.
+    ``{"reason", "safe": True where nothing contradicts it, False or None (at it), "unsafe": state by role, "" if
+    unknown, "utc": of its last word, "by": who took the bench over before it was confirmed, "" if nobody}``. While it
+    is at it ``unsafe`` grows and shrinks with what each instrument said.
     """
     word: dict[str, Any] | None = None
     for entry in read_diary(folder / DIARY):
@@ -91,7 +92,7 @@ def guard_word(folder: Path) -> Mapping[str, Any] | None:
         elif what in ("safe", "unsafe"):
             states = entry.get("instruments") or {}
             unsafe = dict(states) if isinstance(states, dict) else dict.fromkeys(map(str, states), "")
-            word |= {"safe": what == "safe", "unsafe": unsafe, "utc": entry.get("utc")}
+            word |= {"safe": what == "safe" and not unsafe, "unsafe": unsafe, "utc": entry.get("utc")}
         elif what == "taken over":
-            word |= {"by": str(entry.get("by", "")), "utc": entry.get("utc")}
+            word |= {"safe": False, "by": str(entry.get("by", "")), "utc": entry.get("utc")}
     return word

@@ -22,24 +22,6 @@ WRITE_S = 2.0  # a terminal that somebody has stopped (Ctrl-S) takes nothing
 _SHOW_CURSOR = "\x1b[?25h"  # a progress display that was killed leaves it hidden
 
 
-def guard_said(folder: Path) -> dict[str, Any] | None:
-    """Return what the guard of a session said last, as ``plain_word`` has it; None if it did not act."""
-    word = guard_word(folder)
-    return None if word is None else plain_word(word)
-
-
-def plain_word(word: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the word of a guard with ``safe`` true only where nothing contradicts it.
-
-    ``{"reason", "safe": True, False, or None (at it), "unsafe": {role: state, "" if unknown}, "utc", "by"}``: "by" took
-    the bench over before it was confirmed, "" if nobody did.
-    """
-    unsafe, by = word.get("unsafe") or {}, str(word.get("by") or "")
-    states = {str(role): str(unsafe[role]) if isinstance(unsafe, Mapping) else "" for role in unsafe}
-    safe = False if by or (states and word.get("safe")) else word.get("safe")
-    return {"reason": str(word.get("reason", "")), "safe": safe, "unsafe": states, "utc": word.get("utc"), "by": by}
-
-
 def roles_in_words(unconfirmed: Mapping[str, str]) -> str:
     """Return instruments that are not confirmed safe with what is known of each: ``calibrator (unreachable), dmm``."""
     return ", ".join(f"{role} ({state})" if state else role for role, state in unconfirmed.items())
@@ -48,19 +30,18 @@ def roles_in_words(unconfirmed: Mapping[str, str]) -> str:
 def last_words(word: Mapping[str, Any], session: str) -> str:
     """Return what a guard leaves to whoever looks next, one paragraph.
 
-    Args: word: of ``guard_word``; its "unsafe" has roles, or states by role.   session: folder or name of the session.
+    Args: word: of ``guard_word``.   session: folder or name of the session.
     """
-    said = plain_word(word)
-    utc = f"{str(said['utc'])[:19]}Z" if said["utc"] else "an unknown time"
-    head = f"The guard of {session} has acted ({said['reason']}), last heard of at {utc}."
-    names = roles_in_words(said["unsafe"])
-    if said["safe"]:
+    utc = f"{str(word['utc'])[:19]}Z" if word["utc"] else "an unknown time"
+    head = f"The guard of {session} has acted ({word['reason']}), last heard of at {utc}."
+    names = roles_in_words(word["unsafe"])
+    if word["safe"]:
         left = "Confirmed: every instrument is off, or on hold."
         return f"{head} {left} Next: find out why, then 'bench resume {session}'."
-    if said["by"]:
-        left = f"NOT confirmed when {said['by']} took the bench over: {names or 'any instrument'}."
-        return f"{head} {left} Next: {said['by']} has to say what is on; switch off by hand what it does not reach."
-    if said["safe"] is None:
+    if word["by"]:
+        left = f"NOT confirmed when {word['by']} took the bench over: {names or 'any instrument'}."
+        return f"{head} {left} Next: {word['by']} has to say what is on; switch off by hand what it does not reach."
+    if word["safe"] is None:
         left = f"NOT confirmed: {names or 'any instrument'}; it is at it."
         return f"{head} {left} Next: look again in a minute, until then hands off."
     left = f"NOT confirmed: {names or 'which, it does not say'}; every other instrument is off, or on hold."

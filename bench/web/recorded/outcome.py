@@ -17,7 +17,7 @@ from bench.model.errors import BenchError
 from bench.model.events import End, Error, Safe, event_of
 from bench.model.segments import SEGMENT_NAME
 from bench.record import OPEN_MARKER, Message, SegmentChunks, layout
-from bench.run.guard.last_words import guard_said
+from bench.run.guard.diary import guard_word
 
 BY_OPERATOR = ("B-RUN-010", "B-RUN-011")
 _LAST_CHUNKS = 24  # the end of a run is within them: events and the chain, behind what the links still held
@@ -57,7 +57,7 @@ def outcome_of(folder: Path, results: Mapping[str, Any]) -> SessionOutcome:
 
 
 def _at_the_end(folder: Path, ended: _Ending, results: Mapping[str, Any]) -> SessionOutcome:
-    guard = guard_said(folder)
+    guard = guard_word(folder)
     if (folder / OPEN_MARKER).exists():
         word, why = ("stopped", "") if guard is None else ("fault", guard["reason"])
         return SessionOutcome(word, why, off=None if guard is None else bool(guard["safe"]))

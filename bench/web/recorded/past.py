@@ -20,7 +20,7 @@ from bench.model.folders import cache_folder
 from bench.model.processes import TREND, own_process
 from bench.record import FOLDER, TrendReader, TrendWindow
 from bench.replay import RAW_S_PER_POINT, history, needs_build, raw_window, trend_place
-from bench.run.guard.last_words import guard_said
+from bench.run.guard.diary import guard_word
 from bench.session.partial_fits import finished_estimates
 from bench.web.now import guarded_bench
 from bench.web.points import Points, binned
@@ -133,7 +133,7 @@ def _kept(folder: Path, stamp: Stamp) -> _Kept:
 
 def after_the_run(folder: Path) -> dict[str, Any]:
     """Return ``guard`` and ``bench`` of the state document where a guard acted behind the recording; else nothing."""
-    guard = guard_said(folder)
+    guard = guard_word(folder)
     return {} if guard is None else {"guard": guard, "bench": guarded_bench(guard)}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 from pathlib import Path
 from typing import Any
@@ -9,9 +10,11 @@ from typing import Any
 import pytest
 
 from bench.run.guard import last_words as module
-from bench.run.guard.last_words import guard_lines, last_words, plain_word, terminal_of, write_to_terminal
+from bench.run.guard.diary import guard_word
+from bench.run.guard.last_words import guard_lines, last_words, terminal_of, write_to_terminal
 
-WORD = {"reason": "no heartbeat for 2.05 s", "safe": True, "unsafe": {}, "utc": "2026-03-01T01:00:02.123+00:00"}
+UTC = "2026-03-01T01:00:02.123+00:00"
+WORD: dict[str, Any] = {"reason": "no heartbeat for 2.05 s", "safe": True, "unsafe": {}, "utc": UTC, "by": ""}
 HEAD = "The guard of night has acted (no heartbeat for 2.05 s), last heard of at 2026-03-01T01:00:02Z. "
 
 
@@ -29,7 +32,7 @@ HEAD = "The guard of night has acted (no heartbeat for 2.05 s), last heard of at
             "then 'bench resume night'.",
         ),
         (
-            {"safe": None, "unsafe": []},
+            {"safe": None, "unsafe": {}},
             "NOT confirmed: any instrument; it is at it. Next: look again in a minute, until then hands off.",
         ),
         (
@@ -37,7 +40,7 @@ HEAD = "The guard of night has acted (no heartbeat for 2.05 s), last heard of at
             "NOT confirmed: calibrator (unreachable); it is at it. Next: look again in a minute, until then hands off.",
         ),
         (
-            {"safe": False, "unsafe": ["calibrator"], "by": "kim"},
+            {"safe": False, "unsafe": {"calibrator": ""}, "by": "kim"},
             "NOT confirmed when kim took the bench over: calibrator. "
             "Next: kim has to say what is on; switch off by hand what it does not reach.",
         ),
@@ -48,17 +51,23 @@ def test_why_it_acted_what_is_confirmed_and_what_to_do(changes: dict[str, Any], 
 
 
 @pytest.mark.parametrize(
-    ("changes", "safe"),
+    ("entries", "safe"),
     [
-        ({}, True),
-        ({"safe": None, "unsafe": ["dmm"]}, None),
-        ({"unsafe": ["dmm"]}, False),
-        ({"by": "kim"}, False),
-        ({"safe": False}, False),
+        ([{"what": "safe"}], True),
+        ([{"what": "instrument", "role": "dmm"}], None),
+        ([{"what": "safe", "instruments": ["dmm"]}], False),
+        ([{"what": "safe"}, {"what": "taken over", "by": "kim"}], False),
+        ([{"what": "unsafe"}], False),
     ],
 )
-def test_a_word_that_contradicts_itself_confirms_nothing(changes: dict[str, Any], safe: bool | None) -> None:
-    assert plain_word({**WORD, **changes})["safe"] is safe
+def test_a_word_that_contradicts_itself_confirms_nothing(
+    entries: list[dict[str, Any]], safe: bool | None, tmp_path: Path
+) -> None:
+    lines = [json.dumps(entry) + "\n" for entry in ({"what": "act", "text": "too hot"}, *entries)]
+    (tmp_path / "guard.jsonl").write_text("".join(lines))
+    word = guard_word(tmp_path)
+    assert word is not None
+    assert word["safe"] is safe
 
 
 def test_a_guard_that_did_not_act_has_no_words(tmp_path: Path) -> None:
