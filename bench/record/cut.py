@@ -60,7 +60,7 @@ class RecordCutter:
         """
         keeper = SampleKeeper(self._scales) if sampled and self._scales else None
         beside = beside_keeper(window, chained) if keeper is not None else None
-        kept = signal_keeper(window, signals)
+        kept = signal_keeper(window, signals, chained)
         item = OpenWindow(window, until_ns, self._shapes, timed, self._period_ns, keeper, beside, kept)
         insort(self._open, item, key=lambda item: item.first)
 

@@ -36,11 +36,12 @@ def beside_keeper(window: RecordWindow, chained: bool) -> BesideKeeper:
     return BesideKeeper(begin_ns - 1, window.t_end_ns + _LATE_NS)
 
 
-def signal_keeper(window: RecordWindow, signals: Sequence[Signal]) -> SignalKeeper | None:
-    """Return what keeps signals for a record, None if it names none."""
+def signal_keeper(window: RecordWindow, signals: Sequence[Signal], chained: bool) -> SignalKeeper | None:
+    """Return what keeps signals for a record, ``chained`` as above; None if it names none."""
     if not signals:
         return None
-    return SignalKeeper(signals, window.t_start_ns - OVERLAP_NS, window.t_end_ns + _LATE_NS)
+    begin_ns = window.t_start_ns - (OVERLAP_NS if chained else 0)
+    return SignalKeeper(signals, begin_ns - 1, window.t_end_ns + _LATE_NS)
 
 
 def is_off_target(conditions: Mapping[str, Any], unit_degC: float) -> bool:

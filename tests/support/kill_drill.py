@@ -294,7 +294,8 @@ def _judge(done: Drilled, out: Path, status: int | None, said: str) -> None:
     rows = {str(number): sums_of(row) for number, row in found.items()}
     done.flagged = sum(row.quality != Quality.GOOD for row in found.values())
     _nothing_lost(done, out, folder, rows)
-    if status != 0 and not done.flagged:  # a result that lacks flagged records is not 0, and says so
+    had_ended = status == 2 and "B-RES-001" in said  # the kill came behind the last word; all that follows is judged
+    if status != 0 and not done.flagged and not had_ended:  # a result that lacks flagged records is not 0, and says so
         done.trouble.append(f"ended with {status}: {said}")
     if not (folder / "results.json").is_file():
         if not done.flagged:

@@ -30,20 +30,26 @@ def begin_window(context: RunContext, step: PlannedRecord, number: int) -> Recor
     Raises: RunError B-RUN-021 if the unit is silent where a window begins anew.
     """
     with context.acquisition.lock:
-        start_ns = context.clock.now_ns()
+        gates_ns = context.clock.now_ns()
         context.acquisition.refresh()
+        start_ns = context.clock.now_ns()  # all that was decoded came before it: a replay, too, keeps only what follows
         window = context.ahead.pop(step.number, None)
         if window is None:
-            window = _begin_anew(context, step, number, start_ns)
+            window = _begin_anew(context, step, number, gates_ns, start_ns)
             for place, later in enumerate(_together(context, step), 1):
-                begun = context.ahead[later.number] = _begin_anew(context, later, number + place, start_ns)
+                begun = _begin_anew(context, later, number + place, gates_ns, start_ns)
+                context.ahead[later.number] = begun
                 _open_followers(context, later, begun)
         _open_followers(context, step, window)
     return window
 
 
-def _begin_anew(context: RunContext, step: PlannedRecord, number: int, start_ns: int) -> RecordWindow:
-    window = _anew(context, step, number, start_ns)
+def _begin_anew(context: RunContext, step: PlannedRecord, number: int, gates_ns: int, start_ns: int) -> RecordWindow:
+    first = _first_counter(context, step, number, gates_ns)
+    end_ns = start_ns + to_ns(step.seconds)
+    if is_chained(context, step):
+        end_ns = _due_ns(context, step.role, first + _frames(context, step))
+    window = _window(context, step, number, first, start_ns, end_ns)
     _open(context, step, window)
     if step.follows:
         context.event(Gap(step=step.number, record=number, first_counter=window.first_counter))
@@ -80,8 +86,8 @@ def silent(link: str, message: str) -> RunError:
     )
 
 
-def _anew(context: RunContext, step: PlannedRecord, number: int, start_ns: int) -> RecordWindow:
-    """The first frame is the first whose gate began after ``start_ns``, as far as the bytes received can tell.
+def _first_counter(context: RunContext, step: PlannedRecord, number: int, gates_ns: int) -> int:
+    """Return the counter of the first frame whose gate began after ``gates_ns``, as far as the bytes received tell.
 
     A frame of which no byte is here yet (11 us at 921,600 Bd, plus the delay of the port) makes the first gate begin
     that much too early; the settle time before a record is a thousand times longer. When frames are overdue, on a
@@ -89,15 +95,11 @@ def _anew(context: RunContext, step: PlannedRecord, number: int, start_ns: int) 
     """
     reader = context.acquisition.readers[step.role]
     rate = float(context.plan.campaign["rate_Hz"])
-    if reader.last_counter < 0 or start_ns - reader.last_frame_ns > to_ns(SILENCE_S + 2.0 / rate):
+    if reader.last_counter < 0 or gates_ns - reader.last_frame_ns > to_ns(SILENCE_S + 2.0 / rate):
         raise silent(step.role, f"no good frame for {SILENCE_S:g} s before record {number}")
-    overdue = int((start_ns - reader.last_frame_ns) * rate // NS)
+    overdue = int((gates_ns - reader.last_frame_ns) * rate // NS)
     coming = overdue + 1 if overdue >= BEHIND_FRAMES else int(reader.mid_frame)
-    first = reader.last_counter + coming + OPEN_GATE + 1
-    end_ns = start_ns + to_ns(step.seconds)
-    if is_chained(context, step):
-        end_ns = _due_ns(context, step.role, first + _frames(context, step))
-    return _window(context, step, number, first, start_ns, end_ns)
+    return reader.last_counter + coming + OPEN_GATE + 1
 
 
 def _open_followers(context: RunContext, step: PlannedRecord, window: RecordWindow) -> None:

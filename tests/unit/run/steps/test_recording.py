@@ -68,6 +68,25 @@ def test_a_link_that_is_behind_does_not_make_a_record_begin_in_the_settling(
     assert (row.frames, row.lost) == (200, 0)
 
 
+def test_what_was_received_while_the_links_were_read_lies_before_the_record(tmp_path: Path) -> None:
+    """It is decoded before the record is opened; a replay goes by the stamps and must leave it out, too."""
+    start_ns, read_ns = 500 * GATE_NS + GATE_NS // 2, 3 * GATE_NS
+    rig = recording(tmp_path, start_s=start_ns / NS)
+    stamps_ns: list[int] = []
+
+    class Slow(PortA):
+        def read(self, size: int = 1) -> bytes:
+            if self.clock.now_ns() >= start_ns and not stamps_ns:
+                stamps_ns.append(self.clock.now_ns() + read_ns)
+                rig.clock.sleep_until_ns(stamps_ns[0])
+            return PortA.read(self, size)
+
+    rig.port_a.__class__ = Slow
+    (row,) = rig.run().rows
+    assert stamps_ns[0] == start_ns + read_ns <= row.window.t_start_ns
+    assert (row.frames, row.lost) == (200, 0)
+
+
 def test_a_record_ends_by_the_counter_and_sums_its_frames_only(tmp_path: Path) -> None:
     rig = recording(tmp_path)
     rig.port_a.npp = np.arange(10)
