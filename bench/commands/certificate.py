@@ -7,7 +7,6 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
@@ -22,6 +21,7 @@ from bench.analysis import (
     without_check_standard,
 )
 from bench.commands.console import console
+from bench.commands.requests import CertificateRequest
 from bench.model.clock import NS, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
 from bench.model.events import Environment
@@ -54,19 +54,7 @@ SOFTWARE_PATH = "provenance.software"  # another version may give the same numbe
 REL_TOL = 1e-9  # in another environment floats agree to this, and no better
 
 
-@dataclass(frozen=True)
-class Request:
-    """A certificate as the command line asked for it."""
-
-    session: Path
-    laboratory: Path | None
-    out: Path | None
-    schema: Path | None
-    specimen: bool
-    history: str | None = None
-
-
-def certificate(request: Request) -> int:
+def certificate(request: CertificateRequest) -> int:
     """Write the certificate; nothing is written unless the recording gives every number of results.json again.
 
     Raises: InputError B-DCC-001 to -004, -006 to -010, -012 to -017, B-YAML-..., B-CLI-007;
@@ -97,7 +85,7 @@ def certificate(request: Request) -> int:
     return ExitStatus.PASS
 
 
-def _entered(request: Request, text: str, calibration: Calibration) -> BenchError | None:
+def _entered(request: CertificateRequest, text: str, calibration: Calibration) -> BenchError | None:
     """Enter the certificate into the archive; returns why it is not there, None too where nobody keeps a history."""
     named = request.history or os.environ.get(VARIABLE)
     try:
@@ -112,7 +100,7 @@ def _entered(request: Request, text: str, calibration: Calibration) -> BenchErro
     return None
 
 
-def _laboratory(request: Request) -> Laboratory:
+def _laboratory(request: CertificateRequest) -> Laboratory:
     if request.laboratory is not None:
         return load_laboratory(request.laboratory)
     kept = laboratory_of(request.session)
@@ -128,7 +116,7 @@ def _laboratory(request: Request) -> Laboratory:
     )
 
 
-def _calibration(request: Request, laboratory: Laboratory) -> Calibration:
+def _calibration(request: CertificateRequest, laboratory: Laboratory) -> Calibration:
     folder = request.session
     if not (folder / "results.json").exists():  # a run that was stopped has none
         _refuse_unfinished(folder, read_view(folder))

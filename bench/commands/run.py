@@ -5,8 +5,6 @@ from __future__ import annotations
 import json
 import os
 import sys
-from dataclasses import dataclass
-from pathlib import Path
 
 from rich.console import Console
 
@@ -14,6 +12,7 @@ from bench.analysis import results_json
 from bench.commands.check import checked_plan
 from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
 from bench.commands.console import console
+from bench.commands.requests import RunRequest
 from bench.commands.tables import print_results, print_units, print_without_results, print_written, verdict_status
 from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import ExitStatus, FitError, InputError
@@ -28,30 +27,13 @@ from bench.session.units import RESULTS, finish_units
 from bench.session.view import SessionView
 
 
-@dataclass(frozen=True)
-class Request:
-    """Arguments of ``bench run``."""
-
-    sequence: str
-    station: str | None
-    settings: list[str]
-    clock: str | None
-    seed: int
-    out: Path
-    truth: bool
-    json: bool
-    history: str | None = None
-    ask: bool = False
-    uncommissioned: str = ""
-
-
-def run(request: Request) -> int:
+def run(request: RunRequest) -> int:
     """Run a campaign and return the exit status of the contract."""
     plan, done = conducted(request, console(stderr=True))
     return _finish(plan, done, request)
 
 
-def conducted(request: Request, errors: Console) -> tuple[Plan, Conducted]:
+def conducted(request: RunRequest, errors: Console) -> tuple[Plan, Conducted]:
     """Run a campaign to its end and write simulated truth if it is asked for; a person is told on ``errors``.
 
     Raises: InputErrors, before anything is switched on; what ends a run early is part of what is returned.
@@ -75,7 +57,7 @@ def conducted(request: Request, errors: Console) -> tuple[Plan, Conducted]:
     return plan, done
 
 
-def _finish(plan: Plan, done: Conducted, request: Request) -> int:
+def _finish(plan: Plan, done: Conducted, request: RunRequest) -> int:
     out = console(stderr=request.json)
     error = done.outcome.error
     for failure in done.outcome.unsafe:
@@ -94,7 +76,7 @@ def _finish(plan: Plan, done: Conducted, request: Request) -> int:
     return left_unsafe(done, out) if done.outcome.unsafe else status
 
 
-def _units(view: SessionView, done: Conducted, request: Request, out: Console) -> int:
+def _units(view: SessionView, done: Conducted, request: RunRequest, out: Console) -> int:
     """As ``_results``, of each unit of a campaign that several share."""
     outcomes = finish_units(done.folder, chosen_url(request.history, request.out, os.environ))
     _say_happenings(view, out)
@@ -103,7 +85,7 @@ def _units(view: SessionView, done: Conducted, request: Request, out: Console) -
     return print_units(outcomes, out, console(stderr=True))
 
 
-def _results(view: SessionView, done: Conducted, request: Request, out: Console) -> int:
+def _results(view: SessionView, done: Conducted, request: RunRequest, out: Console) -> int:
     """Write first, tell afterwards."""
     url = chosen_url(request.history, request.out, os.environ)
     try:

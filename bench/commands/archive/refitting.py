@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from pathlib import Path
-
 from bench.archive.selecting import selection_of
 from bench.archive.trial import Asked, refit_sessions
 from bench.commands.archive.computing import compute_at
 from bench.commands.archive.progress import Lines
 from bench.commands.console import console
+from bench.commands.requests import RefitRequest
 from bench.model.errors import ExitStatus
 from bench.session.register import load_register
 from bench.store import list_sessions
 
 
-@dataclass(frozen=True)
-class Request:
-    """The command line; ``standards``: a file, None for those that were recorded; ``dask``: None for this process."""
-
-    to: Path
-    method: str | None
-    standards: Path | None
-    select: Sequence[str]
-    dask: str | None
-
-
-def refit(url: str, request: Request) -> int:
+def refit(url: str, request: RefitRequest) -> int:
     """Compute sessions again; returns 1 if one gives no results, else 0."""
-    register = {} if request.standards is None else load_register(request.standards)
-    rows = list_sessions(url, selection_of(request.select))
-    asked = Asked(request.method, register, dict(word.split("=", 1) for word in request.select))
+    register = {} if request.with_standards is None else load_register(request.with_standards)
+    select = request.select or []
+    rows = list_sessions(url, selection_of(select))
+    asked = Asked(request.method, register, dict(word.split("=", 1) for word in select))
     done = refit_sessions(url, rows, asked, request.to, compute_at(request.dask), Lines())
     out = console()
     for code, count in done.failed.items():

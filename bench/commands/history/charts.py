@@ -8,8 +8,9 @@ from pathlib import Path
 from rich.console import Console
 
 from bench.commands.console import console, print_sorted_json
-from bench.commands.history.show import Place, named
+from bench.commands.history.show import named
 from bench.commands.history.tables import rows_table
+from bench.commands.requests import Place
 from bench.maths.control.limits import KINDS
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, InputError

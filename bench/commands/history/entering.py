@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.commands.console import console, print_json
-from bench.commands.history.show import Place
+from bench.commands.requests import Place
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.record import SessionReader
 from bench.report import Laboratory, laboratory_of
