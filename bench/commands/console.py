@@ -50,6 +50,16 @@ def console(stderr: bool = False) -> Console:
     return terminal
 
 
+def say(text: object) -> None:
+    """Print a line on standard output."""
+    console().print(text)
+
+
+def warn(text: object) -> None:
+    """Print a line on standard error."""
+    console(stderr=True).print(text)
+
+
 def plain_table(title: str) -> Table:
     """Return an empty table in the form of all tables of the command line; ``title``: "" for none."""
     return Table(title=title or None, box=box.SIMPLE, title_justify="left", collapse_padding=True, pad_edge=False)

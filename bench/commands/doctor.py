@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.console import console, plain_table, print_json
+from bench.commands.console import console, plain_table, print_json, say
 from bench.commands.origin import named_file
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InstallationError
@@ -66,7 +66,7 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
     else:
         print_preflight(console(), report, "Doctor")
         if bundle is not None:
-            console().print(f"bundle: {bundle}")
+            say(f"bundle: {bundle}")
     if (refusal := report.refusal()) is not None:
         raise refusal
     return ExitStatus.PASS

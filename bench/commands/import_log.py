@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import declared_analysis
-from bench.commands.console import console
+from bench.commands.console import console, say
 from bench.commands.tables import print_results, print_written, verdict_status
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, FitError, InputError
@@ -39,11 +39,9 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     _segments_inside(document, surveyed)
     folder = _write(document, file, surveyed, out)
     counts = surveyed.counts
-    console().print(
-        f"{file}: {counts.rows} rows, {counts.overload_rows} with an overload, {counts.bad_rows} cannot be read"
-    )
+    say(f"{file}: {counts.rows} rows, {counts.overload_rows} with an overload, {counts.bad_rows} cannot be read")
     if mapping.analysis == NO_ANALYSIS:
-        console().print(f"session  {folder}")
+        say(f"session  {folder}")
         return ExitStatus.PASS
     return _results(folder, out)
 

@@ -11,7 +11,7 @@ from rich.console import Console
 
 from bench.analysis import results_json
 from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
-from bench.commands.console import console
+from bench.commands.console import console, warn
 from bench.commands.control import release
 from bench.commands.origin import named_file
 from bench.commands.tables import print_results, print_units, print_without_results, print_written, verdict_status
@@ -143,6 +143,6 @@ def _results(folder: Path, url: str, as_json: bool) -> int:
 
 
 def _stopped_again(error: BenchError, done: Conducted, out: Console) -> int:
-    console(stderr=True).print(str(error))
+    warn(str(error))
     out.print(f"The bench is {how_left(done)}; {done.folder} can be gone on with: bench resume {done.folder}")
     return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status

@@ -11,7 +11,7 @@ from rich.console import Console
 from bench.analysis import results_json
 from bench.commands.check import checked_plan
 from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
-from bench.commands.console import console
+from bench.commands.console import console, warn
 from bench.commands.requests import RunRequest
 from bench.commands.tables import print_results, print_units, print_without_results, print_written, verdict_status
 from bench.model.clock import Clock, VirtualClock
@@ -61,10 +61,10 @@ def _finish(plan: Plan, done: Conducted, request: RunRequest) -> int:
     out = console(stderr=request.json)
     error = done.outcome.error
     for failure in done.outcome.unsafe:
-        console(stderr=True).print(str(failure))
+        warn(str(failure))
     view = view_of(plan, done)
     if error is not None:
-        console(stderr=True).print(str(error))
+        warn(str(error))
         records = f"{len(view.rows)} of {plan.record_count} records"
         out.print(f"The bench is {how_left(done)}; {records} are in {done.folder}")
         return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status

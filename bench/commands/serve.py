@@ -64,7 +64,7 @@ def _shown(request: ServeRequest) -> tuple[Path, tuple[FleetBench, ...] | None]:
     out = request.out or Path("sessions")
     if not out.is_dir():
         advice = "name the folder of the sessions with --out; 'bench run' makes one"
-        raise InputError("B-WEB-005", "there is no such folder", where=str(out), next_step=advice)
+        raise InputError("B-WEB-005", "there is no such folder", where=out, next_step=advice)
     return out, None
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import Study, Task
-from bench.commands.console import console
+from bench.commands.console import console, warn
 from bench.commands.requests import StudyRequest
 from bench.maths.verdict import passed
 from bench.model.errors import ExitStatus, InputError
@@ -84,7 +84,7 @@ def _written(request: StudyRequest, chosen: Study, options: Any, results: Sequen
         page = study_html(document, chosen.study_chapters(options, document, studied), SOFTWARE)
         written.append((request.out / PAGE_NAME, page))
     except ModuleNotFoundError as error:
-        console(stderr=True).print(str(missing_extra(error)))
+        warn(str(missing_extra(error)))
     for path, content in written:
         write_file(path, content)
     if request.json:

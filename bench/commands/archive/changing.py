@@ -11,7 +11,7 @@ from bench.archive.evidence import evidence_of
 from bench.archive.journal import HEAD
 from bench.archive.page import FOLDER, changes_html
 from bench.commands.archive import tables
-from bench.commands.console import console, print_sorted_json
+from bench.commands.console import console, print_sorted_json, say
 from bench.model.errors import ExitStatus
 from bench.model.texts import check_language
 from bench.session.output import write_file
@@ -35,7 +35,7 @@ def changes(url: str, trial: str, html: Path | None, language: str, as_json: boo
     else:
         tables.print_changes(console(), report)
         if html is not None:
-            console().print(f"wrote    {html}")
+            say(f"wrote    {html}")
     return ExitStatus.PASS
 
 

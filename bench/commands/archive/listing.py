@@ -8,7 +8,7 @@ from typing import Any
 
 from bench.archive.selecting import selection_of
 from bench.commands.archive import tables
-from bench.commands.console import console, print_sorted_json
+from bench.commands.console import console, print_sorted_json, say
 from bench.model.errors import ExitStatus
 from bench.session.output import writing
 from bench.store import certificate_document, check_form, dependents, list_sessions, session_document, write_rows
@@ -32,7 +32,7 @@ def list_all(url: str, select: Sequence[str], to: Path | None, as_json: bool) ->
             count = write_rows(to, COLUMNS, map(_flat, documents))
         if as_json:
             return print_sorted_json({"file": str(to), "rows": count})
-        console().print(f"{count} sessions written to {to}")
+        say(f"{count} sessions written to {to}")
         return ExitStatus.PASS
     if as_json:
         return print_sorted_json({"sessions": documents})

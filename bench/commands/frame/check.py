@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from bench.commands.console import console
+from bench.commands.console import say
 from bench.commands.origin import named_file
 from bench.frame import load_frame, pace_of
 from bench.model.clock import WallClock
@@ -13,6 +13,6 @@ def check(frame: str) -> int:
     """Print what a definition describes and how it is decoded. Raises: InputErrors with every mistake in it."""
     definition = load_frame(named_file("frames", frame))
     messages = ", ".join(definition.messages)
-    console().print(f"{definition.name}: messages {messages}; golden frames are right; sha256 {definition.sha256}")
-    console().print(str(pace_of(definition, WallClock())))
+    say(f"{definition.name}: messages {messages}; golden frames are right; sha256 {definition.sha256}")
+    say(str(pace_of(definition, WallClock())))
     return ExitStatus.PASS

@@ -23,7 +23,7 @@ def decode(frame: str, file: Path, csv: Path | None, parquet: Path | None, as_js
     """
     definition = load_frame(named_file("frames", frame))
     if parquet is not None and parquet.suffix != ".parquet":
-        raise InputError("B-FRAME-032", "does not end in .parquet", where=str(parquet), next_step="name it so")
+        raise InputError("B-FRAME-032", "does not end in .parquet", where=parquet, next_step="name it so")
     with ExitStack() as open_tables:
         tables = [open_tables.enter_context(Tables(definition, path)) for path in (csv, parquet) if path is not None]
         counted = _decoded(definition, file, tables)
@@ -54,7 +54,7 @@ def _decoded(definition: FrameDefinition, file: Path, tables: list[Tables]) -> C
 def unreadable(error: OSError, file: Path) -> InputError:
     """Return the error of a capture that cannot be read."""
     advice = "give the file of a raw capture, or - for standard input"
-    return InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=str(file), next_step=advice)
+    return InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=file, next_step=advice)
 
 
 def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:

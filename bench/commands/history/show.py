@@ -6,7 +6,7 @@ import json
 from contextlib import suppress
 from pathlib import Path
 
-from bench.commands.console import console, print_sorted_json
+from bench.commands.console import console, print_sorted_json, say
 from bench.commands.history import tables
 from bench.commands.requests import Place
 from bench.model.clock import WallClock
@@ -72,7 +72,7 @@ def compare(
         return print_sorted_json(tables.comparison_document(comparison, due, WallClock().utc_ns()))
     tables.print_comparison(console(), comparison, due)
     if plot is not None:
-        console().print(f"plot     {plot}")
+        say(f"plot     {plot}")
     return ExitStatus.PASS
 
 
@@ -100,7 +100,7 @@ def export(place: Place, path: Path, filters: Filters, as_json: bool) -> int:
         rows = export_history(place.of(), filters, path)
     if as_json:
         return print_sorted_json({"file": str(path), "rows": rows})
-    console().print(f"{rows} estimates written to {path}")
+    say(f"{rows} estimates written to {path}")
     return ExitStatus.PASS
 
 
@@ -111,7 +111,7 @@ def approve_session(place: Place, session: str, by: str, statement: str, as_json
     done = approve(place.of([session]), named(session), by, statement, report_sha256)
     if as_json:
         return print_sorted_json({**vars(done), "approved_by": by, "statement": statement})
-    console().print(f"{done.session}: revision {done.revision} approved by {by}")
+    say(f"{done.session}: revision {done.revision} approved by {by}")
     return ExitStatus.PASS
 
 
