@@ -23,7 +23,7 @@ def add(
     json: AsJson = False,
 ) -> int:
     """Enter sessions, every byte of them verified; what is known and has not changed is passed over."""
-    from bench.commands.archive import adding as work
+    from bench.commands.archive import computing as work
 
     return work.add(place.of(), folders, everything, dask, json)
 
@@ -45,7 +45,7 @@ def list_all(
 @app.command(epilog="Example: bench archive verify --dask local:4")
 def verify(*, select: Select = None, dask: Dask = None, place: Place, json: AsJson = False) -> int:
     """Read sessions again, every byte; exit status 5 if one is damaged, changed or gone."""
-    from bench.commands.archive import adding as work
+    from bench.commands.archive import computing as work
 
     return work.verify(place.of(), select or [], dask, json)
 
@@ -67,7 +67,7 @@ def where(
 @app.command(epilog="Example: bench archive refit --with-standards corrected.yaml --to trial --dask local:2")
 def refit(request: RefitRequest, place: Place) -> int:
     """Compute sessions again from their raw bytes, beside the released values; exit status 1 if one gives none."""
-    from bench.commands.archive import refitting as work
+    from bench.commands.archive import computing as work
 
     return work.refit(place.of(), request)
 
@@ -82,6 +82,6 @@ def changes(
     json: AsJson = False,
 ) -> int:
     """What a refit would change: quantities, verdicts, certificates, and the last good evidence of each standard."""
-    from bench.commands.archive import changing as work
+    from bench.commands.archive import listing as work
 
     return work.changes(place.of(), trial, html, lang, json)

@@ -32,6 +32,6 @@ def new(
 @app.command(epilog="Example: bench frame check frames/my_device.yaml")
 def check(frame: Annotated[str, typer.Argument(help="a frame file, or the name of one")]) -> int:
     """Check a definition against its golden frames, and say how fast it is decoded here."""
-    from bench.commands.frame import check as work
+    from bench.commands.frame import decode as work
 
     return work.check(frame)
