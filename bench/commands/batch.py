@@ -39,7 +39,7 @@ def batch(named: Sequence[Path], out: Path, as_json: bool) -> int:
     try:
         written.append((out / PAGE_NAME, batch_html(batch, SOFTWARE)))
     except ModuleNotFoundError as error:
-        warn(str(missing_extra(error)))
+        warn(missing_extra(error))
     for path, text in written:
         write_file(path, text)
     if as_json:

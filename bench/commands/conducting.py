@@ -163,7 +163,7 @@ class TerminalOperator:
                     parse_quantity(_typed(f"value in {plain_unit(question.unit)} (or stop): "), question.unit),
                 )
             except ValueError as error:
-                warn(str(error))
+                warn(error)
 
 
 def _typed(prompt: str) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 
 from bench.analysis import declared_analysis
 from bench.commands.console import console, say
-from bench.commands.tables import print_results, print_written, verdict_status
+from bench.commands.tables import print_finished
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
@@ -77,9 +77,7 @@ def _results(folder: Path, out: Path) -> int:
     Returns: 1 if a verdict fails, a result is missing or an estimate is not sound, else 0.
     """
     finished = finish(folder, read_view(folder), chosen_url(None, out, os.environ))
-    print_results(console(), finished.results, finished.analysis)
-    print_written(finished, console(), console(stderr=True))
-    return verdict_status(finished.results, finished.analysis.missing)
+    return print_finished(finished, console())
 
 
 def _write(document: Document[LogMapping], file: Path, surveyed: Survey, out: Path) -> Path:

@@ -8,12 +8,11 @@ import sys
 
 from rich.console import Console
 
-from bench.analysis import results_json
 from bench.commands.check import checked_plan
 from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
 from bench.commands.console import console, warn
 from bench.commands.requests import RunRequest
-from bench.commands.tables import print_results, print_units, print_without_results, print_written, verdict_status
+from bench.commands.tables import print_finished, print_units, print_without_results
 from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.events import event_of
@@ -61,10 +60,10 @@ def _finish(plan: Plan, done: Conducted, request: RunRequest) -> int:
     out = console(stderr=request.json)
     error = done.outcome.error
     for failure in done.outcome.unsafe:
-        warn(str(failure))
+        warn(failure)
     view = view_of(plan, done)
     if error is not None:
-        warn(str(error))
+        warn(error)
         records = f"{len(view.rows)} of {plan.record_count} records"
         out.print(f"The bench is {how_left(done)}; {records} are in {done.folder}")
         return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status
@@ -82,7 +81,7 @@ def _units(view: SessionView, done: Conducted, request: RunRequest, out: Console
     _say_happenings(view, out)
     if request.json:
         sys.stdout.write((done.folder / RESULTS).read_text(encoding="utf-8"))
-    return print_units(outcomes, out, console(stderr=True))
+    return print_units(outcomes, out)
 
 
 def _results(view: SessionView, done: Conducted, request: RunRequest, out: Console) -> int:
@@ -92,14 +91,9 @@ def _results(view: SessionView, done: Conducted, request: RunRequest, out: Conso
         finished = finish(done.folder, view, url)
     except FitError as error:
         _say_happenings(view, out)
-        return print_without_results(error, done.folder, out, console(stderr=True))
+        return print_without_results(error, done.folder, out)
     _say_happenings(view, out)
-    if request.json:
-        sys.stdout.write(results_json(finished.results))
-    else:
-        print_results(out, finished.results, finished.analysis)
-    print_written(finished, out, console(stderr=True))
-    return verdict_status(finished.results, finished.analysis.missing)
+    return print_finished(finished, out, request.json)
 
 
 def _say_happenings(view: SessionView, out: Console) -> None:

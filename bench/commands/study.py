@@ -84,7 +84,7 @@ def _written(request: StudyRequest, chosen: Study, options: Any, results: Sequen
         page = study_html(document, chosen.study_chapters(options, document, studied), SOFTWARE)
         written.append((request.out / PAGE_NAME, page))
     except ModuleNotFoundError as error:
-        warn(str(missing_extra(error)))
+        warn(missing_extra(error))
     for path, content in written:
         write_file(path, content)
     if request.json:

@@ -37,7 +37,7 @@ def talk(role: str, command: str | None, station_name: str, out: Path, *, take_o
             try:
                 reply = session.send(line)
             except BenchError as error:
-                warn(str(error))
+                warn(error)
                 if command is not None:
                     return error.exit_status
             else:

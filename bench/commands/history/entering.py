@@ -35,7 +35,7 @@ def import_sessions(place: Place, folders: list[Path], reason: str, as_json: boo
             else:
                 done.append(import_session(url, folder, reason))
         except BenchError as error:
-            warn(str(error))
+            warn(error)
             status = error.exit_status
     if as_json:
         print_json({"sessions": [vars(recorded) for recorded in done]})

@@ -52,7 +52,6 @@ def chart_unit(url: str, filters: Filters, run_length: float | None = None) -> C
             f"phase ({BY_DEFAULT}, or {LEAST} that somebody states), or they do not tell how much they scatter"
         )
     notes += _odd_ones(series, begun)
-    shown = wanted(charted, filters)
     simulated = bool(series.calibrations and series.calibrations[-1]["simulated"])
     said = None if phase is None else phase_document(phase)
     return ChartedSubject(
