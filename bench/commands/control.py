@@ -8,7 +8,7 @@ import socket
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import console, say
+from bench.commands.console import say
 from bench.model.errors import ExitStatus, InputError
 from bench.model.posix import unix_socket
 from bench.model.units import parse_quantity
@@ -52,14 +52,12 @@ def _refused(folder: Path, command: str, why: str) -> InputError:
 
 def pause(folder: Path, reason: str) -> int:
     """Let a run stand still until it is resumed."""
-    say(ask(folder, "pause", " ".join(reason.split()))["text"])
-    return ExitStatus.PASS
+    return _passed_on(folder, "pause", reason)
 
 
 def abort(folder: Path, reason: str) -> int:
     """End a run at its next check; its bench is made safe and its session closed."""
-    say(ask(folder, "abort", " ".join(reason.split()))["text"])
-    return ExitStatus.PASS
+    return _passed_on(folder, "abort", reason)
 
 
 def shelve(folder: Path, alarm: str, duration: str, reason: str) -> int:
@@ -69,8 +67,7 @@ def shelve(folder: Path, alarm: str, duration: str, reason: str) -> int:
     except ValueError as error:
         advice = "for example --for '30 min'"
         raise InputError("B-CTRL-004", str(error), where="--for", next_step=advice) from error
-    say(ask(folder, "shelve", " ".join(reason.split()), alarm=alarm, seconds=seconds)["text"])
-    return ExitStatus.PASS
+    return _passed_on(folder, "shelve", reason, alarm=alarm, seconds=seconds)
 
 
 def answer(folder: Path, value: str) -> int:
@@ -79,9 +76,13 @@ def answer(folder: Path, value: str) -> int:
     if not isinstance(asked, dict):
         advice = "'bench top' shows what the run does"
         raise InputError("B-CTRL-002", "the run asks nothing", where=folder, next_step=advice)
-    out = console()
-    out.print(asked["text"])
-    out.print(ask(folder, "answer", prompt=asked["id"], value=value or None)["text"])
+    say(asked["text"])
+    return _passed_on(folder, "answer", prompt=asked["id"], value=value or None)
+
+
+def _passed_on(folder: Path, command: str, reason: str = "", **about: object) -> int:
+    """Pass a command on, its reason on one line, and say what the run says to it."""
+    say(ask(folder, command, " ".join(reason.split()), **about)["text"])
     return ExitStatus.PASS
 
 

@@ -52,8 +52,9 @@ def print_listing(out: Console, rows: Sequence[Row]) -> None:
     heads = ("session", "sha-256", "unit", "campaign", "verdict", "not sound", "revision", "approved by")
     table = rows_table(f"{len(rows)} calibrations", heads)
     for row in rows:
+        state = "" if row["state"] is None else f" ({row['state'].replace('_', ' ')})"
         table.add_row(
-            row["session"] + _mark(row["simulated"]) + _state(row["state"]),
+            row["session"] + _mark(row["simulated"]) + state,
             row["session_sha256"][:8],
             f"{row['uut_model']} {row['uut_serial']}",
             row["campaign"],
@@ -192,10 +193,6 @@ def _doubts(row: Row) -> str:
 
 def _quality(estimate: Row) -> str:
     return "accepted" if "acceptance" in estimate else str(estimate["quality"])
-
-
-def _state(state: str | None) -> str:
-    return "" if state is None else f" ({state.replace('_', ' ')})"
 
 
 def _mark(simulated: bool) -> str:
