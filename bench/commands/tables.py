@@ -271,7 +271,8 @@ def print_summary(out: Console, title: str, estimates: Sequence[Estimate], refer
         out.print(_by_channel(by_quantity))
     for estimate in whole[:_MOST_LINES]:
         judged = [] if limits_of(estimate) is None else [verdict_words(estimate["verdict"])]
-        told = "  ".join(part for part in (_where(estimate), *judged) if part)
+        where = ", ".join(f"{name} {value}" for name, value in estimate["conditions"].items())
+        told = "  ".join(part for part in (where, *judged) if part)
         out.print(f"{estimate['quantity']:<28} {_value(estimate)} {_unit(estimate)}  {told}".rstrip())
     if len(whole) > _MOST_LINES:
         out.print(f"... and {len(whole) - _MOST_LINES} more in results.json")
@@ -303,7 +304,3 @@ def _value(estimate: Estimate) -> str:
 
 def _unit(estimate: Estimate) -> str:
     return ("n" if _scale(estimate) != 1.0 else "") + str(estimate["unit"])
-
-
-def _where(estimate: Estimate) -> str:
-    return ", ".join(f"{name} {value}" for name, value in estimate["conditions"].items())

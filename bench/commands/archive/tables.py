@@ -7,7 +7,7 @@ from typing import Any
 
 from rich.console import Console
 
-from bench.archive.changes import Changes, Concerned
+from bench.archive.changes import Changes, Concerned, verdict_text
 from bench.archive.evidence import NO_CHECK, OUT_OF_CONTROL, TOO_FEW
 from bench.commands.console import headed_table
 from bench.maths.verdict import verdict_words
@@ -104,7 +104,7 @@ def _print_flips(out: Console, report: Changes) -> None:
     table = headed_table(_cut("verdicts or qualities are others", len(report.flips)), heads, whole=_WHOLE)
     for flip in report.flips[:SHOWN]:
         numbers = (flip.released_value, flip.released_expanded_uncertainty, flip.value, flip.expanded_uncertainty)
-        then, now = _said(flip.released_verdict, flip.released_quality), _said(flip.verdict, flip.quality)
+        then, now = verdict_text(flip.released_verdict, flip.released_quality), verdict_text(flip.verdict, flip.quality)
         table.add_row(
             flip.session, flip.uut, f"{flip.quantity}, {flip.unit}", conditions_text(flip.conditions),
             *("-" if number is None else f"{number:.6g}" for number in numbers), f"{then} -> {now}",
@@ -132,12 +132,6 @@ def _print_concerned(out: Console, report: Changes) -> None:
 def _method(entry: Concerned) -> str:
     then, now = entry.released_method, entry.method or "-"
     return then if then == now else f"{then} -> {now}"
-
-
-def _said(verdict: str, quality: str) -> str:
-    if not quality:
-        return "gone"
-    return quality if verdict == "none" else verdict_words(verdict)
 
 
 def _cut(what: str, count: int) -> str:

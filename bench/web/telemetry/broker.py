@@ -158,7 +158,7 @@ class Broker:
 
     def _refused(self, why: str) -> InputError:
         advice = f"check the user in --mqtt, {PASSWORD}, and the certificate ($SSL_CERT_FILE names one of your own)"
-        return InputError("B-WEB-026", f"the broker cannot be used: {why}", where=self._address, next_step=advice)
+        return InputError("B-WEB-026", f"the broker cannot be used: {why}", where=str(self._address), next_step=advice)
 
     # --- on the thread of paho -----------------------------------------------------------------------------------
 
