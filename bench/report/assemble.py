@@ -56,9 +56,7 @@ def report_model(
         prompts: operator prompts and answers.   figures, tables, notes: of the analysis.   run: what happened.
         main: quantities that the first page states.   predicted: estimates as the plan predicts them.
     """
-    if prepare_s is None:
-        ends = (step.at_s + step.duration_s for step in plan_steps if step.phase == "prepare")
-        prepare_s = max(ends, default=0.0)
+    ready_s = _prepare_s(plan_steps) if prepare_s is None else prepare_s
     return ReportModel(
         title=str(manifest.get("title") or results.get("campaign", "Campaign")),
         results=results,
@@ -66,7 +64,7 @@ def report_model(
         standards=manifest.get("standards", {}),
         origin={name: manifest[name] for name in _ORIGIN if name in manifest},
         identities=manifest.get("identities", {}),
-        timetable=timetable(plan_steps, prepare_s),
+        timetable=timetable(plan_steps, ready_s),
         trace=trace or TemperatureTrace(),
         residuals=tuple(residual for item in residuals if (residual := _residual(item)) is not None),
         components=tuple(components),
@@ -118,6 +116,10 @@ def started_utc(session: str) -> str:
     if match and match[1] == _NO_YEAR:
         return ""
     return "{}-{}-{}T{}:{}:{}Z".format(*match.groups()) if match else ""
+
+
+def _prepare_s(steps: Sequence[Step]) -> float:
+    return max((step.at_s + step.duration_s for step in steps if step.phase == "prepare"), default=0.0)
 
 
 def _residual(item: Mapping[str, Any]) -> Residual | None:

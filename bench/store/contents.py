@@ -125,11 +125,7 @@ def _contents(document: Mapping[str, Any], manifest: Mapping[str, Any], started_
         quality=[{"name": name, "count": int(count)} for name, count in sorted(document["quality"].items())],
         parameters=[parameter_row(estimate) for estimate in document["estimates"]],
         estimates=[_estimate(number, entry, limits) for number, entry in numbered if is_sound(entry)],
-        doubts=[
-            {"position": number, "verdict": str(entry["verdict"]), "document": canonical(entry)}
-            for number, entry in numbered
-            if not is_sound(entry)
-        ],
+        doubts=[_doubt(number, entry) for number, entry in numbered if not is_sound(entry)],
     )
 
 
@@ -168,6 +164,10 @@ def _estimate(position: int, estimate: Mapping[str, Any], limits: Mapping[tuple[
         "measured": canonical(measured) if measured else None,
         "further": canonical(further) if further else None,
     }
+
+
+def _doubt(position: int, entry: Mapping[str, Any]) -> Row:
+    return {"position": position, "verdict": str(entry["verdict"]), "document": canonical(entry)}
 
 
 def _change_limits(manifest: Mapping[str, Any]) -> dict[tuple[str, Any], float]:
