@@ -106,10 +106,11 @@ def run(
     from rich.console import Console
 
     from bench.commands import run as run_command
+    from bench.commands.requests import RunRequest
     from bench.session.finish import finish
     from bench.session.history import chosen_url
 
-    request = run_command.Request(
+    request = RunRequest(
         str(sequence), _text(station), _pairs(settings), clock, seed, Path(out), truth, json=False, history=history,
         ask=ask, uncommissioned=uncommissioned,
     )  # fmt: skip

@@ -14,14 +14,22 @@ import typer
 from typer.exceptions import Abort, TyperException
 
 import bench
+from bench.commands import bench_app, session_app
 from bench.commands.archive.app import app as archive_app
 from bench.commands.frame.app import app as frame_app
-from bench.commands.hand.app import TakeOver, commission, drill, talk
 from bench.commands.history.app import app as history_app
-from bench.commands.lab.app import init, list_all
-from bench.commands.living_app import abort, answer, pause, shelve, top
-from bench.commands.planning.app import plan
-from bench.commands.session_app import AsJson, SessionFolder, batch, certificate, export, fit, replay, report, study
+from bench.commands.requests import (
+    AsJson,
+    CheckRequest,
+    PlanRequest,
+    RunRequest,
+    ServeRequest,
+    SessionFolder,
+    SessionsOut,
+    StationName,
+    StudyRequest,
+    TakeOver,
+)
 from bench.commands.usage import App, completing
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.model.extras import extras_named
@@ -39,26 +47,8 @@ app = App(
 app.add_typer(history_app, name="history")
 app.add_typer(archive_app, name="archive")
 app.add_typer(frame_app, name="frame")
-
-Sequence = Annotated[
-    str, typer.Argument(help="a sequence file, or the name of a shipped one", autocompletion=completing("sequences"))
-]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="change a parameter of the sequence or world.<option>"),
-]
-Uncommissioned = Annotated[
-    str,
-    typer.Option("--uncommissioned", metavar="REASON", help="use drivers that were never tried on these instruments"),
-]
-StationName = Annotated[
-    str | None,
-    typer.Option(
-        "--station",
-        help="a station file or name; default: the one the sequence names",
-        autocompletion=completing("stations"),
-    ),
-]
+app.add_typer(bench_app.app)
+app.add_typer(session_app.app)
 
 
 def _print_version(wanted: bool) -> None:
@@ -82,99 +72,79 @@ def options(
         os.environ[TRUST] = "1"
 
 
-app.command(epilog="Example: bench init our_lab --name 'Our laboratory' --model NGU --serial 17")(init)
-app.command("list", epilog="Example: bench list sequences")(list_all)
+@app.command(epilog="Example: bench init our_lab --name 'Our laboratory' --model NGU --serial 17")
+def init(
+    folder: Annotated[Path, typer.Argument(help="a new folder")],
+    name: Annotated[str | None, typer.Option(help="of the laboratory")] = None,
+    model: Annotated[str | None, typer.Option(help="of the unit under test")] = None,
+    serial: Annotated[str | None, typer.Option(help="its serial number")] = None,
+    station: Annotated[str | None, typer.Option(help="the simulated bench to begin with")] = None,
+) -> int:
+    """Make a laboratory's own folder: sequences, stations, frames and code of its own."""
+    from bench.commands.lab import init as work
+
+    return work.init(folder, {"name": name, "model": model, "serial": serial, "station": station})
+
+
+@app.command("list", epilog="Example: bench list sequences")
+def list_all(
+    kind: Annotated[
+        str | None, typer.Argument(help="sequences, stations, frames, instruments or analyses; default: all")
+    ] = None,
+    json: AsJson = False,
+) -> int:
+    """List what a sequence or a command can name, and where it comes from: this lab folder or an installation."""
+    from bench.commands.lab import listing as work
+
+    return work.print_list(kind, json)
 
 
 @app.command(epilog="Example: bench check scale_factor_38h --plot timetable.svg")
-def check(
-    sequence: Sequence,
-    station: StationName = None,
-    settings: Settings = None,
-    plot: Annotated[Path | None, typer.Option("--plot", help="draw the timetable as SVG")] = None,
-    live: Annotated[
-        bool, typer.Option("--live", help="look at the real bench too; reads only, switches nothing on")
-    ] = False,
-    predict: Annotated[
-        bool, typer.Option("--predict", help="predict uncertainties even where that takes much longer than the check")
-    ] = False,
-    out: Annotated[Path, typer.Option("--out", help="folder for sessions, whose disk --live tries")] = Path("sessions"),
-    json: AsJson = False,
-    uncommissioned: Uncommissioned = "",
-) -> int:
+def check(request: CheckRequest) -> int:
     """Load, compile and check everything without touching an instrument; with --live the pre-flight of a run."""
     gc.disable()  # nothing of a check goes round in circles, and to look for that takes a tenth of its time
     try:
-        from bench.commands import check as command
+        from bench.commands import check as work
 
-        request = command.Request(sequence, station, settings or [], plot, json, live, out, uncommissioned, predict)
-        return command.check(request)
+        return work.check(request)
     finally:
         gc.enable()
 
 
-app.command(epilog="Example: bench plan scale_factor_38h --lag '27 min' --out shorter.yaml")(plan)
+@app.command(epilog="Example: bench plan scale_factor_38h --lag '27 min' --out shorter.yaml")
+def plan(request: PlanRequest) -> int:
+    """Find the shortest sequence that reaches an uncertainty, and say what each change buys and what is still seen."""
+    from bench.commands.planning import plan as work
+
+    return work.plan(request)
 
 
 @app.command(epilog="Example: bench run scale_factor_38h --clock virtual --seed 1 --out sessions")
-def run(
-    sequence: Sequence,
-    station: StationName = None,
-    settings: Settings = None,
-    clock: Annotated[
-        str | None, typer.Option("--clock", help="virtual or wall; default: virtual on a simulated station, else wall")
-    ] = None,
-    seed: Annotated[int, typer.Option("--seed", help="of the simulated bench", min=0)] = 1,
-    out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
-    truth: Annotated[bool, typer.Option("--truth", help="write the simulated truth beside the session")] = False,
-    history: Annotated[
-        str | None,
-        typer.Option("--history", metavar="URL", help="calibration history; default: history.sqlite in --out"),
-    ] = None,
-    json: AsJson = False,
-    ask: Annotated[bool, typer.Option("--ask", help="put the prompts to a person on a simulated station too")] = False,
-    uncommissioned: Uncommissioned = "",
-) -> int:
+def run(request: RunRequest) -> int:
     """Run a campaign; ends with the result table, results.json and report.html in the session's folder."""
-    find_shipped("sequences", sequence)  # before all that runs and fits is loaded
-    from bench.commands import run as run_command
+    find_shipped("sequences", request.sequence)  # before all that runs and fits is loaded
+    from bench.commands import run as work
 
-    request = run_command.Request(
-        sequence, station, settings or [], clock, seed, out, truth, json, history, ask, uncommissioned
-    )
-    return run_command.run(request)
+    return work.run(request)
 
 
 @app.command(epilog="Example: bench resume sessions/20000101T000000Z_scale_factor_38h_SIM-1")
 def resume(
     session: SessionFolder,
     sequence: Annotated[
-        str | None, typer.Option("--sequence", help="refuse to go on unless this sequence gives the same plan")
+        str | None, typer.Option(help="refuse to go on unless this sequence gives the same plan")
     ] = None,
     history: Annotated[
         str | None,
-        typer.Option("--history", metavar="URL", help="URL of the calibration history; default: beside the session"),
+        typer.Option(metavar="URL", help="URL of the calibration history; default: beside the session"),
     ] = None,
     take_over: TakeOver = False,
     json: AsJson = False,
 ) -> int:
     """Go on with a run that crashed, lost its power, was stopped or ended by a fault; from the session's own plan."""
-    from bench.commands import resume as resume_command
+    from bench.commands import resume as work
 
-    return resume_command.resume(session, sequence, history, json, take_over=take_over)
-
-
-app.command(epilog='Example: bench talk calibrator "OUT?"')(talk)
-app.command(epilog="Example: bench commission turntable --station my_bench.yaml --by 'A. Technician'")(commission)
-app.command(epilog="Example: bench drill --station af_bench_sim")(drill)
-app.command(epilog="Example: bench replay sessions/20000101T000000Z_scale_factor_38h_SIM-1")(replay)
-app.command(epilog="Example: bench fit sessions/20000101T000000Z_scale_factor_38h_SIM-1 --method paper")(fit)
-app.command(epilog="Example: bench report sessions/20000101T000000Z_scale_factor_38h_SIM-1 --pdf")(report)
-
-
-app.command(epilog="Example: bench certificate sessions/20260101T180000Z_scale_factor_38h_17 --schema dcc.xsd")(
-    certificate
-)
+    return work.resume(session, sequence, history, json, take_over=take_over)
 
 
 @app.command(epilog="Example: bench decode vn100_binary F00379 --csv vn100.csv")
@@ -184,10 +154,8 @@ def decode(
         typer.Argument(help="a frame file, or the name of a shipped one", autocompletion=completing("frames")),
     ],
     file: Annotated[Path, typer.Argument(help="a raw capture of any length; - reads standard input")],
-    csv: Annotated[Path | None, typer.Option("--csv", help="write the decoded fields")] = None,
-    parquet: Annotated[
-        Path | None, typer.Option("--parquet", help="write the decoded fields (extra 'parquet')")
-    ] = None,
+    csv: Annotated[Path | None, typer.Option(help="write the decoded fields")] = None,
+    parquet: Annotated[Path | None, typer.Option(help="write the decoded fields (extra 'parquet')")] = None,
     explained: Annotated[
         bool, typer.Option("--explain", help="instead: what the capture itself says of its frames")
     ] = False,
@@ -197,71 +165,31 @@ def decode(
     if explained:
         if csv or parquet or json:
             raise typer.BadParameter("goes with none of --csv, --parquet and --json", param_hint="--explain")
-        from bench.commands.frame import explain as explain_command
+        from bench.commands.frame import explain as explanation
 
-        return explain_command.explain(frame, file)
-    from bench.commands.frame import decode as decode_command
+        return explanation.explain(frame, file)
+    from bench.commands.frame import decode as work
 
-    return decode_command.decode(frame, file, csv, parquet, json)
-
-
-@app.command(epilog="Example: bench coefficients sessions/SCALE_FACTOR sessions/BIAS --out compensation")
-def coefficients(
-    sessions: Annotated[list[Path], typer.Argument(metavar="SESSION...", help="sessions of one unit")],
-    out: Annotated[Path, typer.Option("--out", help="folder for coefficients.json and coefficients.h")] = Path(),
-    accept: Annotated[
-        list[str] | None,
-        typer.Option("--accept", metavar="QUANTITY", help="release doubtful values, as 'bench fit' does"),
-    ] = None,
-    by: Annotated[str, typer.Option("--by", metavar="NAME", help="who accepts")] = "",
-    reason: Annotated[str, typer.Option("--reason", metavar="TEXT", help="why it is accepted")] = "",
-) -> int:
-    """Merge the compensation of a scale-factor and a bias session of one unit; a bias only from the bias campaign."""
-    from bench.commands import accept as accept_command
-    from bench.commands import session as session_command
-
-    accepted = accept_command.Acceptance.asked(accept, by, reason)
-    if accepted is not None:
-        accept_command.accept_in(sessions, accepted)
-    return session_command.coefficients(sessions, out)
-
-
-app.command(epilog="Example: bench export sessions/20000101T000000Z_scale_factor_38h_SIM-1 --to parquet")(export)
-app.command(epilog="Example: bench batch sessions --out batch")(batch)
-app.command(epilog="Example: bench study time_sync --dask local:2 --out study")(study)
+    return work.decode(frame, file, csv, parquet, json)
 
 
 @app.command("import", epilog="Example: bench import docs/mappings/tckit_1v_ramp.yaml log.dsv --out sessions")
 def import_(
     mapping: Annotated[Path, typer.Argument(help="a mapping: what the columns of the log mean; the log with --guess")],
     file: Annotated[Path | None, typer.Argument(help="a log: text, NumPy, MATLAB, HDF5, MCAP, a ROS bag")] = None,
-    out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
+    out: SessionsOut = Path("sessions"),
     guess: Annotated[bool, typer.Option("--guess", help="propose a mapping for a log, on standard output")] = False,
 ) -> int:
     """Turn a log of another system into a session; results and report if the mapping names an analysis."""
     if guess:
-        from bench.commands.importing import guess as guess_mapping
+        from bench.commands.importing import guess as propose
 
-        return guess_mapping(file or mapping)
+        return propose(file or mapping)
     if file is None:
         raise typer.BadParameter("name the mapping and the log, or the log with --guess", param_hint="FILE")
-    from bench.commands import import_log as import_command
+    from bench.commands import import_log as work
 
-    return import_command.import_log(mapping, file, out)
-
-
-@app.command(epilog="Example: bench recover sessions/20000101T000000Z_scale_factor_38h_SIM-1 --make-up rest.yaml")
-def recover(
-    session: SessionFolder,
-    make_up: Annotated[
-        Path | None, typer.Option("--make-up", help="write the shortest sequence that makes up for what is missing")
-    ] = None,
-    json: AsJson = False,
-) -> int:
-    """List what a session holds: damage, and which records are valid, missing or invalid."""
-    from bench.commands import recover as recover_command
-
-    return recover_command.recover(session, make_up, json)
+    return work.import_log(mapping, file, out)
 
 
 @app.command(
@@ -274,50 +202,33 @@ def sim(
         typer.Argument(metavar="STATION | fault [NAME [TARGET] [VALUE]...]", help="a station, or a fault to switch"),
     ],
     folder: Annotated[Path, typer.Option("--dir", help="folder of the served bench")] = Path("bench-sim"),
-    rate: Annotated[float, typer.Option("--rate", help="how many times faster than real time the bench runs")] = 1.0,
-    seed: Annotated[int, typer.Option("--seed", help="of the simulated bench", min=0)] = 1,
+    rate: Annotated[float, typer.Option(help="how many times faster than real time the bench runs")] = 1.0,
+    seed: Annotated[int, typer.Option(help="of the simulated bench", min=0)] = 1,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="world.OPTION=VALUE", help="change an option of the world")
     ] = None,
     clean: Annotated[bool, typer.Option("--clean", help="instruments as after power-on, not as last left")] = False,
 ) -> int:
     """Serve a simulated bench in real time until Ctrl-C; with fault: list faults, switch one, clear, state."""
-    from bench.commands import sim as sim_command
+    from bench.commands import sim as work
 
-    return sim_command.sim(words, folder, rate, seed, settings or [], clean=clean)
+    return work.sim(words, folder, rate, seed, settings or [], clean=clean)
 
 
-app.command(epilog='Example: bench pause sessions/20260101T180000Z_scale_factor_38h_17 --reason "door opened"')(pause)
-app.command(epilog="Example: bench abort sessions/20260101T180000Z_scale_factor_38h_17")(abort)
-app.command(epilog="Example: bench shelve sessions/NAME 2 --for '30 min' --reason 'the door is being mended'")(shelve)
-app.command(epilog="Example: bench answer sessions/20260101T180000Z_scale_factor_38h_17 '0.2 ohm'")(answer)
-app.command(epilog="Example: bench top")(top)
+@app.command(epilog="Example: bench study time_sync --dask local:2 --out study")
+def study(request: StudyRequest) -> int:
+    """Repeat a published simulation study, many runs of each case, and hold it against the published numbers."""
+    from bench.commands import study as work
+
+    return work.study(request)
 
 
 @app.command(epilog="Example: bench serve --out sessions")
-def serve(
-    out: Annotated[Path | None, typer.Option("--out", help="folder of the sessions to show; default: sessions")] = None,
-    host: Annotated[str, typer.Option("--host", help="address to listen on")] = "127.0.0.1",
-    port: Annotated[int, typer.Option("--port", help="0: any free one", min=0, max=65535)] = 8321,
-    cert: Annotated[Path | None, typer.Option("--cert", help="TLS certificate, PEM")] = None,
-    key: Annotated[Path | None, typer.Option("--key", help="TLS key, PEM")] = None,
-    behind_proxy: Annotated[
-        str | None, typer.Option("--behind-proxy", metavar="URL", help="people reach it at this https address")
-    ] = None,
-    rotate: Annotated[bool, typer.Option("--rotate", help="new tokens and a new key: logs everybody out")] = False,
-    history: Annotated[
-        str | None, typer.Option("--history", metavar="URL", help="of calibrations; default: history.sqlite in --out")
-    ] = None,
-    mqtt: Annotated[
-        str | None, typer.Option("--mqtt", metavar="URL", help="tell a broker of every run: mqtts://USER@HOST/PREFIX")
-    ] = None,
-    fleet: Annotated[Path | None, typer.Option("--fleet", metavar="FILE", help="YAML: show many benches")] = None,
-) -> int:
+def serve(request: ServeRequest) -> int:
     """Serve the live page: runs, sessions and calibrations of a folder; a process of its own that no run waits for."""
-    from bench.commands import serve as serve_command
+    from bench.commands import serve as work
 
-    request = serve_command.Request(out, host, port, cert, key, behind_proxy, rotate, history, mqtt, fleet)
-    return serve_command.serve(request)
+    return work.serve(request)
 
 
 @app.command(epilog="Example: bench schema --vscode")
@@ -326,24 +237,24 @@ def schema(
     vscode: Annotated[bool, typer.Option("--vscode", help="register them in .vscode/settings.json")] = False,
 ) -> int:
     """Write JSON Schemas of sequence, frame, station and results files for editors."""
-    from bench.commands import schema as schema_command
+    from bench.commands import schema as work
 
-    return schema_command.schema(folder, vscode)
+    return work.schema(folder, vscode)
 
 
 @app.command(epilog="Example: bench doctor --station my_bench --bundle bundle.zip")
 def doctor(
     station: StationName = None,
-    out: Annotated[Path, typer.Option("--out", help="folder for sessions")] = Path("sessions"),
+    out: SessionsOut = Path("sessions"),
     bundle: Annotated[
-        Path | None, typer.Option("--bundle", help="write what was found, versions and the station file as a ZIP")
+        Path | None, typer.Option(help="write what was found, versions and the station file as a ZIP")
     ] = None,
     json: AsJson = False,
 ) -> int:
     """Is this machine fit for a run? Clock, suspend, power, memory, versions; and the station file, if one is named."""
-    from bench.commands import doctor as doctor_command
+    from bench.commands import doctor as work
 
-    return doctor_command.doctor(station, out, bundle, json)
+    return work.doctor(station, out, bundle, json)
 
 
 @app.command()

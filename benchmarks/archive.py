@@ -65,12 +65,13 @@ def main(words: Sequence[str]) -> int:
 
 
 def _certify(folders: Sequence[Path]) -> None:
-    from bench.commands.certificate import Request, certificate
+    from bench.commands.certificate import certificate
+    from bench.commands.requests import CertificateRequest
 
     for folder in folders:
         if not (folder / "certificate.specimen.xml").exists():
             with redirect_stdout(StringIO()):
-                certificate(Request(folder, LABORATORY, None, None, specimen=True))
+                certificate(CertificateRequest(folder, LABORATORY, specimen=True))
 
 
 def _measured(*words: str) -> tuple[float, float, float]:

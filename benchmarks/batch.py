@@ -15,7 +15,8 @@ from tempfile import TemporaryDirectory
 from time import perf_counter, process_time
 
 from bench.commands.batch import batch
-from bench.commands.run import Request, run
+from bench.commands.requests import RunRequest
+from bench.commands.run import run
 
 SEQUENCE = "gnc_unit_test"
 MOST = 200
@@ -24,7 +25,7 @@ MOST = 200
 def make_session(out: Path, number: int) -> None:
     """A unit test of a module of its own."""
     settings = [f"units=GNC-{number:03d}", f"batch=B-{number:03d}"]
-    run(Request(SEQUENCE, None, settings, "virtual", number, out, truth=False, json=False))
+    run(RunRequest(SEQUENCE, settings=settings, clock="virtual", seed=number, out=out))
 
 
 @contextmanager

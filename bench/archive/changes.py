@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from bench.archive.evidence import Evidence
+from bench.maths.verdict import verdict_words
 from bench.store import StoredTrial
 
 Row = Mapping[str, Any]
@@ -225,3 +226,10 @@ def _certificate(row: Row, members: Sequence[Row]) -> Concerned:
         method=str(members[0]["method"]),
         code=str(members[0]["code"]),
     )
+
+
+def verdict_text(verdict: str, quality: str, gone: str = "gone") -> str:
+    """Return how an estimate was judged, or why it was not; ``gone``: the word for one that there is not."""
+    if not quality:
+        return gone
+    return quality if verdict == "none" else verdict_words(verdict)

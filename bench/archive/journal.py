@@ -94,6 +94,6 @@ def _other(path: Path, message: str) -> InputError:
     return InputError(
         "B-ARC-006",
         f"{message}: other sessions, method, standards or software",
-        where=str(path),
+        where=path,
         next_step="name another folder with --to",
     )

@@ -6,8 +6,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from bench.analysis import number
-from bench.archive.changes import Changes, Concerned
-from bench.maths.verdict import verdict_words
+from bench.archive.changes import Changes, Concerned, verdict_text
 from bench.model.texts import ENGLISH, Texts
 from bench.report import Section, Table, page, words_of
 from bench.store import conditions_text
@@ -97,8 +96,8 @@ def _flips(report: Changes, words: Texts) -> Section:
             flip.session, flip.uut, flip.quantity, conditions_text(flip.conditions),
             _with_u(flip.released_value, flip.released_expanded_uncertainty),
             _with_u(flip.value, flip.expanded_uncertainty), flip.unit,
-            _said(flip.released_verdict, flip.released_quality, words),
-            _said(flip.verdict, flip.quality, words),
+            verdict_text(flip.released_verdict, flip.released_quality, words("gone")),
+            verdict_text(flip.verdict, flip.quality, words("gone")),
         )
         for flip in report.flips
     ]  # fmt: skip
@@ -153,9 +152,3 @@ def _with_u(value: float | None, expanded: float | None) -> str:
     if value is None:
         return "–"
     return f"{value:.6g}".replace("-", "−") + ("" if expanded is None else f" ± {expanded:.3g}")
-
-
-def _said(verdict: str, quality: str, words: Texts) -> str:
-    if not quality:
-        return words("gone")
-    return quality if verdict == "none" else verdict_words(verdict)

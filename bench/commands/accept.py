@@ -6,11 +6,12 @@ The recording is not touched. The files computed from it are written again, so t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from bench.analysis import results_json
 from bench.commands.console import console
+from bench.commands.requests import Acceptance
 from bench.model.clock import WallClock
 from bench.model.errors import InputError
 from bench.report import laboratory_of
@@ -21,32 +22,13 @@ from bench.session.service import analysed
 from bench.session.view import SessionView, analyse_view, report_html
 
 
-@dataclass(frozen=True)
-class Acceptance:
-    """What is accepted, by whom and why, as the command line gives it."""
-
-    quantities: Sequence[str]
-    by: str
-    reason: str
-
-    @classmethod
-    def asked(cls, quantities: Sequence[str] | None, by: str, reason: str) -> Acceptance | None:
-        """Return it, None if nothing is accepted. Raises: InputError B-ACC-003 for a name or reason alone."""
-        if quantities:
-            return cls(quantities, by, reason)
-        if by or reason:
-            next_step = "name the estimate: --accept QUANTITY"
-            raise InputError("B-ACC-003", "--by and --reason say nothing without --accept", next_step=next_step)
-        return None
-
-
 def accept(folder: Path, acceptance: Acceptance, method: str | None = None, make_up: Sequence[Path] = ()) -> None:
     """Write acceptances.json, and again what the session gives by its own method.
 
     Raises: InputError B-ACC-001 to -004, B-CLI-007, B-CLI-008; SessionDamaged for a session that is not whole.
     """
     results, _, view = analysed(folder, method, strict=True, make_up=make_up)
-    fresh = new_acceptances(results, acceptance.quantities, acceptance.by, acceptance.reason, WallClock().utc_ns())
+    fresh = new_acceptances(results, acceptance.asked(), acceptance.by, acceptance.reason, WallClock().utc_ns())
     known = [*view.acceptances, *fresh]
     out = console(stderr=True)
     out.print(
@@ -59,11 +41,11 @@ def accept(folder: Path, acceptance: Acceptance, method: str | None = None, make
 
 def accept_in(folders: Sequence[Path], acceptance: Acceptance) -> None:
     """Accept in those of some sessions that have the doubtful estimates. Raises: those of ``accept``."""
-    for quantity in acceptance.quantities:
+    for quantity in acceptance.asked():
         missed: list[InputError] = []
         for folder in folders:
             try:
-                accept(folder, replace(acceptance, quantities=[quantity]))
+                accept(folder, replace(acceptance, accept=[quantity]))
             except InputError as error:
                 if error.code != "B-ACC-001":
                     raise

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
-from bench.commands.console import console
+from bench.commands.console import console, warn
 from bench.maths.verdict import is_refused
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.model.extras import missing_extra
@@ -39,7 +39,7 @@ def batch(named: Sequence[Path], out: Path, as_json: bool) -> int:
     try:
         written.append((out / PAGE_NAME, batch_html(batch, SOFTWARE)))
     except ModuleNotFoundError as error:
-        console(stderr=True).print(str(missing_extra(error)))
+        warn(missing_extra(error))
     for path, text in written:
         write_file(path, text)
     if as_json:
@@ -59,7 +59,7 @@ def session_folders(path: Path) -> list[Path]:
         raise InputError(
             "B-CLI-013",
             "is no session, and holds none",
-            where=str(path),
+            where=path,
             next_step="name folders with session.0001.mcap, or a folder of such folders",
         )
     return folders

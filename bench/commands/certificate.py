@@ -7,7 +7,6 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any
@@ -21,7 +20,8 @@ from bench.analysis import (
     validate_results,
     without_check_standard,
 )
-from bench.commands.console import console
+from bench.commands.console import say, warn
+from bench.commands.requests import CertificateRequest
 from bench.model.clock import NS, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError, SessionDamaged
 from bench.model.events import Environment
@@ -54,19 +54,7 @@ SOFTWARE_PATH = "provenance.software"  # another version may give the same numbe
 REL_TOL = 1e-9  # in another environment floats agree to this, and no better
 
 
-@dataclass(frozen=True)
-class Request:
-    """A certificate as the command line asked for it."""
-
-    session: Path
-    laboratory: Path | None
-    out: Path | None
-    schema: Path | None
-    specimen: bool
-    history: str | None = None
-
-
-def certificate(request: Request) -> int:
+def certificate(request: CertificateRequest) -> int:
     """Write the certificate; nothing is written unless the recording gives every number of results.json again.
 
     Raises: InputError B-DCC-001 to -004, -006 to -010, -012 to -017, B-YAML-..., B-CLI-007;
@@ -77,7 +65,7 @@ def certificate(request: Request) -> int:
         raise InputError(
             "B-DCC-001",
             "the session is simulated: nothing was measured that could be certified",
-            where=str(request.session),
+            where=request.session,
             next_step="'--specimen' writes a marked specimen",
         )
     laboratory = _laboratory(request)
@@ -91,13 +79,13 @@ def certificate(request: Request) -> int:
     write_file(path, text)
     untold = _entered(request, text, calibration)
     held = "" if schema is None else f", holds {schema.path.name}"
-    console().print(f"wrote    {path}{held}")
+    say(f"wrote    {path}{held}")
     if untold is not None:
-        console(stderr=True).print(f"{untold}; the certificate is written, the same command enters it later")
+        warn(f"{untold}; the certificate is written, the same command enters it later")
     return ExitStatus.PASS
 
 
-def _entered(request: Request, text: str, calibration: Calibration) -> BenchError | None:
+def _entered(request: CertificateRequest, text: str, calibration: Calibration) -> BenchError | None:
     """Enter the certificate into the archive; returns why it is not there, None too where nobody keeps a history."""
     named = request.history or os.environ.get(VARIABLE)
     try:
@@ -112,7 +100,7 @@ def _entered(request: Request, text: str, calibration: Calibration) -> BenchErro
     return None
 
 
-def _laboratory(request: Request) -> Laboratory:
+def _laboratory(request: CertificateRequest) -> Laboratory:
     if request.laboratory is not None:
         return load_laboratory(request.laboratory)
     kept = laboratory_of(request.session)
@@ -123,12 +111,12 @@ def _laboratory(request: Request) -> Laboratory:
     raise InputError(
         "B-DCC-002",
         "a certificate needs a laboratory: who calibrates, for whom, who signs",
-        where=str(request.session),
+        where=request.session,
         next_step="name its file by --laboratory; docs/laboratory.yaml is an example",
     )
 
 
-def _calibration(request: Request, laboratory: Laboratory) -> Calibration:
+def _calibration(request: CertificateRequest, laboratory: Laboratory) -> Calibration:
     folder = request.session
     if not (folder / "results.json").exists():  # a run that was stopped has none
         _refuse_unfinished(folder, read_view(folder))
@@ -148,7 +136,7 @@ def _calibration(request: Request, laboratory: Laboratory) -> Calibration:
         raise InputError(
             "B-DCC-006",
             f"not calibrated at the time of the measurement, {began} to {ended}: {'; '.join(late) or 'any standard'}",
-            where=str(folder),
+            where=folder,
             next_step="have the standards calibrated and measure again",
         )
     return Calibration(
@@ -179,7 +167,7 @@ def _stored(folder: Path) -> tuple[dict[str, Any], dict[str, str]]:
         raise InputError(
             "B-DCC-004",
             f"there are no results to certify: {reason}",
-            where=str(path),
+            where=path,
             next_step="certify a session whose run ended with results",
         ) from error
     validate_results(document, str(path))
@@ -187,7 +175,7 @@ def _stored(folder: Path) -> tuple[dict[str, Any], dict[str, str]]:
         raise InputError(
             "B-DCC-015",
             f"no estimate is sound: {doubt_lines(document['estimates'])[0]}",
-            where=str(path),
+            where=path,
             next_step="correct what is named and measure again; what is accepted by a person is not certified either",
         )
     return document, digests
@@ -198,7 +186,7 @@ def _refuse_unfinished(folder: Path, view: SessionView) -> None:
         raise InputError(
             "B-DCC-003",
             "the run has not ended, or was stopped before its end",
-            where=str(folder),
+            where=folder,
             next_step="'bench resume' goes on with it",
         )
 
@@ -206,7 +194,7 @@ def _refuse_unfinished(folder: Path, view: SessionView) -> None:
 def _refuse_other_numbers(folder: Path, stored: Mapping[str, Any], view: SessionView) -> None:
     """Each number of results.json must follow from the recording, today."""
     if not view.has_analysis:
-        raise InputError("B-DCC-004", "the sequence of this session asks for no analysis", where=str(folder))
+        raise InputError("B-DCC-004", "the sequence of this session asks for no analysis", where=folder)
     if stored["provenance"]["session_sha256"] != view.session_sha256:
         raise _other("results.json is of another recording", folder)
     now = json.loads(results_json(analyse_view(view)[0]))
@@ -231,7 +219,7 @@ def _agrees(difference: Difference) -> bool:
 
 def _other(message: str, folder: Path) -> SessionDamaged:
     next_step = f"'bench replay {folder}' lists what differs"
-    return SessionDamaged("B-DCC-005", message, where=str(folder), next_step=next_step)
+    return SessionDamaged("B-DCC-005", message, where=folder, next_step=next_step)
 
 
 def _refuse_expired(standards: Mapping[str, Mapping[str, Any]], ended_ns: int, folder: Path) -> None:
@@ -241,7 +229,7 @@ def _refuse_expired(standards: Mapping[str, Mapping[str, Any]], ended_ns: int, f
         raise InputError(
             "B-DCC-016",
             "; ".join(map(outlived_text, gone)),
-            where=str(folder),
+            where=folder,
             next_step="have the standard calibrated and measure again",
         )
 
@@ -255,7 +243,7 @@ def _refuse_below_capability(laboratory: Laboratory, stored: Mapping[str, Any], 
         raise InputError(
             "B-DCC-017",
             "; ".join(f"{quantity}: {reason}" for quantity, reason in wrong.items()),
-            where=str(folder),
+            where=folder,
             next_step="state in the register what is missing in U, or take 'accreditation' out of the laboratory file",
         )
 
@@ -267,7 +255,7 @@ def _span_utc_ns(folder: Path) -> tuple[int, int]:
         raise InputError(
             "B-DCC-013",
             "the session does not say when it was recorded: it holds no UTC beside its own time",
-            where=str(folder),
+            where=folder,
             next_step="certify a session that does; docs/session-format.md says how",
         )
     times_ns = [int(pair["t_utc_ns"]) for pair in pairs]
@@ -299,6 +287,6 @@ def _refuse_to_replace(path: Path, text: str, specimen: bool) -> None:
         raise InputError(
             "B-DCC-012",
             "is there already and says something else",
-            where=str(path),
+            where=path,
             next_step="remove it if it was never issued; otherwise write to another file by --out",
         )

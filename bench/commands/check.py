@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +14,7 @@ from rich.console import Console
 
 from bench.commands.console import console, print_json
 from bench.commands.origin import say_origins
+from bench.commands.requests import CheckRequest
 from bench.frame import Pace, pace_of
 from bench.model.assumptions import assumptions_of
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, WallClock
@@ -29,22 +30,7 @@ if TYPE_CHECKING:
     from bench.run.preflight import Report
 
 
-@dataclass(frozen=True)
-class Request:
-    """Arguments of ``bench check``; ``out``: where sessions of a run would go; ``predict``: however long that takes."""
-
-    sequence: str
-    station: str | None
-    settings: list[str]
-    plot: Path | None
-    json: bool
-    live: bool = False
-    out: Path = Path("sessions")
-    uncommissioned: str = ""
-    predict: bool = False
-
-
-def check(request: Request) -> int:
+def check(request: CheckRequest) -> int:
     """Check a sequence; print steps, duration, finish time, disk use and hazards; draw the timetable if asked.
 
     Raises: InputErrors; with ``live``, after the table, InputError B-RUN-080 or InstrumentError B-RUN-081.
@@ -79,7 +65,7 @@ def start_utc_ns(plan: Plan) -> int:
     return VIRTUAL_START_UTC_NS if plan.station.in_process else WallClock().utc_ns()
 
 
-def _examined(plan: Plan, request: Request) -> Report:
+def _examined(plan: Plan, request: CheckRequest) -> Report:
     from bench.run.preflight import (
         examine,  # a whole room of the house: loading it takes longer than the check of a sequence
     )
@@ -162,10 +148,10 @@ def settings_of(pairs: Sequence[str]) -> dict[str, str]:
     return settings
 
 
-def checked_plan(sequence: str, station: str | None, settings: Sequence[str]) -> Plan:
+def checked_plan(sequence: str, station: str | None, settings: Sequence[str] | None = None) -> Plan:
     """Compile and check a sequence. Raises InputErrors with every mistake."""
     bench = None if station is None else load_station(find_shipped("stations", station))
-    plan = compile_sequence(find_shipped("sequences", sequence), bench, settings_of(settings))
+    plan = compile_sequence(find_shipped("sequences", sequence), bench, settings_of(settings or ()))
     say_origins(plan.files)
     if mistakes := check_plan(plan, plan.station):
         raise InputErrors(mistakes)

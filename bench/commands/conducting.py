@@ -14,7 +14,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.console import console
+from bench.commands.console import warn
 from bench.commands.progress import watcher
 from bench.model.clock import Clock, WallClock
 from bench.model.errors import ExitStatus, OperatorStop, RunError
@@ -131,7 +131,7 @@ class StdinTerminal:
 
     def tell(self, text: str) -> None:
         """Say something about the question."""
-        console(stderr=True).print(text)
+        warn(text)
 
 
 def terminal_here() -> StdinTerminal | None:
@@ -150,7 +150,7 @@ class TerminalOperator:
                 where="prompt",
                 next_step="run from a terminal",
             )
-        console(stderr=True).print(question.text)
+        warn(question.text)
         if not question.unit:
             while True:
                 reply = _typed("done? [yes/stop] ").lower()
@@ -163,7 +163,7 @@ class TerminalOperator:
                     parse_quantity(_typed(f"value in {plain_unit(question.unit)} (or stop): "), question.unit),
                 )
             except ValueError as error:
-                console(stderr=True).print(str(error))
+                warn(error)
 
 
 def _typed(prompt: str) -> str:

@@ -6,6 +6,7 @@ import errno
 import json
 import os
 import sys
+from collections.abc import Container, Iterable, Sequence
 from typing import Any
 
 from rich import box
@@ -48,6 +49,36 @@ def console(stderr: bool = False) -> Console:
     elif not stderr:
         terminal.width = max(terminal.width, PLAIN_COLUMNS)
     return terminal
+
+
+def say(text: object) -> None:
+    """Print a line on standard output."""
+    console().print(str(text))
+
+
+def warn(text: object) -> None:
+    """Print a line on standard error."""
+    console(stderr=True).print(str(text))
+
+
+def headed_table(
+    title: str,
+    heads: Sequence[str],
+    rows: Iterable[Sequence[str]] = (),
+    *,
+    whole: Container[str] = (),
+    left: Container[str] | None = None,
+) -> Table:
+    """Return a table with folding columns; ``whole``: heads of those that do not fold, ``left``: not of
+    numbers, None for all."""
+    table = plain_table(title)
+    for name in heads:
+        table.add_column(
+            name, justify="left" if left is None or name in left else "right", overflow="fold", no_wrap=name in whole
+        )
+    for row in rows:
+        table.add_row(*row)
+    return table
 
 
 def plain_table(title: str) -> Table:

@@ -8,7 +8,7 @@ import socket
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import console
+from bench.commands.console import say
 from bench.model.errors import ExitStatus, InputError
 from bench.model.posix import unix_socket
 from bench.model.units import parse_quantity
@@ -47,19 +47,17 @@ def _place() -> str:
 
 def _refused(folder: Path, command: str, why: str) -> InputError:
     advice = ADVICE.get(command, "'bench top SESSION' shows what the run does")
-    return InputError("B-CTRL-002", why, where=str(folder), next_step=advice)
+    return InputError("B-CTRL-002", why, where=folder, next_step=advice)
 
 
 def pause(folder: Path, reason: str) -> int:
     """Let a run stand still until it is resumed."""
-    console().print(ask(folder, "pause", " ".join(reason.split()))["text"])
-    return ExitStatus.PASS
+    return _passed_on(folder, "pause", reason)
 
 
 def abort(folder: Path, reason: str) -> int:
     """End a run at its next check; its bench is made safe and its session closed."""
-    console().print(ask(folder, "abort", " ".join(reason.split()))["text"])
-    return ExitStatus.PASS
+    return _passed_on(folder, "abort", reason)
 
 
 def shelve(folder: Path, alarm: str, duration: str, reason: str) -> int:
@@ -69,8 +67,7 @@ def shelve(folder: Path, alarm: str, duration: str, reason: str) -> int:
     except ValueError as error:
         advice = "for example --for '30 min'"
         raise InputError("B-CTRL-004", str(error), where="--for", next_step=advice) from error
-    console().print(ask(folder, "shelve", " ".join(reason.split()), alarm=alarm, seconds=seconds)["text"])
-    return ExitStatus.PASS
+    return _passed_on(folder, "shelve", reason, alarm=alarm, seconds=seconds)
 
 
 def answer(folder: Path, value: str) -> int:
@@ -78,17 +75,21 @@ def answer(folder: Path, value: str) -> int:
     asked = ask(folder, "status").get("prompt")
     if not isinstance(asked, dict):
         advice = "'bench top' shows what the run does"
-        raise InputError("B-CTRL-002", "the run asks nothing", where=str(folder), next_step=advice)
-    out = console()
-    out.print(asked["text"])
-    out.print(ask(folder, "answer", prompt=asked["id"], value=value or None)["text"])
+        raise InputError("B-CTRL-002", "the run asks nothing", where=folder, next_step=advice)
+    say(asked["text"])
+    return _passed_on(folder, "answer", prompt=asked["id"], value=value or None)
+
+
+def _passed_on(folder: Path, command: str, reason: str = "", **about: object) -> int:
+    """Pass a command on, its reason on one line, and say what the run says to it."""
+    say(ask(folder, command, " ".join(reason.split()), **about)["text"])
     return ExitStatus.PASS
 
 
 def release(folder: Path) -> bool:
     """Let a paused run go on; False if no run of this session is alive. Raises: as ``ask``, but not B-CTRL-001."""
     try:
-        console().print(ask(folder, "resume")["text"])
+        say(ask(folder, "resume")["text"])
     except InputError as error:
         if error.code == "B-CTRL-001":
             return False
@@ -99,7 +100,7 @@ def release(folder: Path) -> bool:
 def _exchange(folder: Path, line: bytes) -> dict[str, Any]:
     if not folder.is_dir():
         message = "there is no such folder"
-        raise InputError("B-CTRL-001", message, where=str(folder), next_step="name the folder of a session")
+        raise InputError("B-CTRL-001", message, where=folder, next_step="name the folder of a session")
     with _opened(folder) as connection:
         connection.settimeout(ANSWER_S)
         try:
@@ -110,7 +111,7 @@ def _exchange(folder: Path, line: bytes) -> dict[str, Any]:
             raise InputError(
                 "B-CTRL-001",
                 f"no run of this session is alive ({error.strerror or error})",
-                where=str(folder),
+                where=folder,
                 next_step="'bench resume SESSION' goes on with a session that ended early",
             ) from error
         try:
@@ -127,13 +128,13 @@ def _opened(folder: Path) -> socket.socket:
     except OSError as error:
         advice = "a run in real time needs Linux, and a command for it the machine it goes on at"
         raise InputError(
-            "B-CTRL-001", f"no run is alive here: {error.strerror}", where=str(folder), next_step=advice
+            "B-CTRL-001", f"no run is alive here: {error.strerror}", where=folder, next_step=advice
         ) from error
 
 
 def _no_answer(folder: Path, error: Exception) -> InputError:
     advice = "try again; Ctrl-C in the run's own terminal or SIGTERM stops it as well"
-    return InputError("B-CTRL-003", f"the run gave no answer ({error})", where=str(folder), next_step=advice)
+    return InputError("B-CTRL-003", f"the run gave no answer ({error})", where=folder, next_step=advice)
 
 
 def _line(connection: socket.socket) -> bytes:

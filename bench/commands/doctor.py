@@ -11,7 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.console import console, plain_table, print_json
+from bench.commands.console import console, headed_table, print_json, say
 from bench.commands.origin import named_file
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InstallationError
@@ -53,7 +53,7 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
     document = {
         "machine": system,
         "software": software(),
-        "installed": _offers(),
+        "installed": [asdict(offer) for kind in KINDS for offer in offers(kind)],
         "findings": report.event().document(),
     }
     if bundle is not None:
@@ -66,7 +66,7 @@ def doctor(station: str | None, out: Path, bundle: Path | None, as_json: bool) -
     else:
         print_preflight(console(), report, "Doctor")
         if bundle is not None:
-            console().print(f"bundle: {bundle}")
+            say(f"bundle: {bundle}")
     if (refusal := report.refusal()) is not None:
         raise refusal
     return ExitStatus.PASS
@@ -108,10 +108,6 @@ def _refusals(kind: Kind) -> Iterator[Refusal]:
             yield Refusal(offer, error)
 
 
-def _offers() -> list[dict[str, str]]:
-    return [asdict(offer) for kind in KINDS for offer in offers(kind)]
-
-
 def _of_station(path: Path) -> list[Finding]:
     """Return the static check of a station by itself."""
     mistakes = Findings()
@@ -139,18 +135,10 @@ def _buses(station: Station) -> list[Finding]:
 
 def print_preflight(out: Console, report: Report, title: str = "Pre-flight") -> None:
     """Print one line for each finding, and under the table a sentence for each that is not simply in order."""
-    table = plain_table(title)
-    for name in _COLUMNS:
-        table.add_column(name, no_wrap=name in _COLUMNS[:2], overflow="fold")
-    for finding in report.findings:
-        table.add_row(_MARKS[finding.status], finding.name, finding.value, finding.limit)
-    out.print(table)
+    rows = [(_MARKS[finding.status], finding.name, finding.value, finding.limit) for finding in report.findings]
+    out.print(headed_table(title, _COLUMNS, rows, whole=_COLUMNS[:2]))
     for status in (Status.FAIL, Status.WARN, Status.SKIPPED):
         for finding in report.of(status):
-            out.print(_remark(finding))
+            out.print(f"{_MARKS[finding.status]:4} {finding.name}: {finding.text or 'no judgement'}")
     counts = [f"{len(report.of(status))} {status}" for status in Status]
     out.print(", ".join(counts))
-
-
-def _remark(finding: Finding) -> str:
-    return f"{_MARKS[finding.status]:4} {finding.name}: {finding.text or 'no judgement'}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from bench.commands.console import console
+from bench.commands.console import say, warn
 from bench.model.errors import ExitStatus, InputError
 from bench.session.one_unit import extract
 from bench.tables import Session, export_session
@@ -24,14 +24,14 @@ def export(folder: Path, form: str, out: Path | None, unit: str | None = None) -
     if unit is not None:
         target = out or Path(f"{folder.resolve().name}-{unit}")
         sha256 = extract(folder, unit, target)
-        console().print(f"wrote    {target}")
-        console().print(f"session  {sha256}: nothing of another unit is in it")
+        say(f"wrote    {target}")
+        say(f"session  {sha256}: nothing of another unit is in it")
         return ExitStatus.PASS
     session = Session(folder)
     target = out or Path(f"{folder.resolve().name}-{form}")
     for name, rows in export_session(session, form, target).items():
-        console().print(f"  {name:<28} {rows:>10} rows")
-    console().print(f"wrote    {target}")
+        say(f"  {name:<28} {rows:>10} rows")
+    say(f"wrote    {target}")
     for remark in session.remarks:
-        console(stderr=True).print(remark)
+        warn(remark)
     return ExitStatus.SESSION_DAMAGED if session.damaged else ExitStatus.PASS

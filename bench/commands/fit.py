@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bench.analysis import results_json
-from bench.commands.console import console
+from bench.commands.console import console, say, warn
 from bench.commands.tables import print_results, verdict_status
 from bench.model.errors import ExitStatus
 from bench.model.texts import ENGLISH, check_language
@@ -34,7 +34,7 @@ def fit(folder: Path, method: str | None, as_json: bool, make_up: Sequence[Path]
     else:
         print_results(console(), shown.results, shown.analysis)
         for remark in shown.remarks:
-            console().print(remark)
+            say(remark)
     if fitted.from_cache:
         console(stderr=as_json).print(FROM_CACHE)
     return _status(shown) or _judged(shown)
@@ -63,15 +63,15 @@ def report(
     name = "report" if language == ENGLISH else f"report.{language}"
     path = folder / f"{name}.html"
     write_file(path, fitted.report.html())
-    console().print(f"report   {path}")
+    say(f"report   {path}")
     if pdf:
         paper = folder / f"{name}.pdf"
         write_file(paper, fitted.paper())
-        console().print(f"report   {paper}")
+        say(f"report   {paper}")
     for reason in fitted.report.not_accredited:
-        console(stderr=True).print(f"not stated under the accreditation (B-DCC-017): {reason}")
+        warn(f"not stated under the accreditation (B-DCC-017): {reason}")
     if fitted.from_cache:
-        console().print(FROM_CACHE)
+        say(FROM_CACHE)
     return _status(fitted.shown)
 
 

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import declared_analysis
-from bench.commands.console import console
-from bench.commands.tables import print_results, print_written, verdict_status
+from bench.commands.console import console, say
+from bench.commands.tables import print_finished
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.yamlio import Document
@@ -39,11 +39,9 @@ def import_log(mapping_file: Path, file: Path, out: Path) -> int:
     _segments_inside(document, surveyed)
     folder = _write(document, file, surveyed, out)
     counts = surveyed.counts
-    console().print(
-        f"{file}: {counts.rows} rows, {counts.overload_rows} with an overload, {counts.bad_rows} cannot be read"
-    )
+    say(f"{file}: {counts.rows} rows, {counts.overload_rows} with an overload, {counts.bad_rows} cannot be read")
     if mapping.analysis == NO_ANALYSIS:
-        console().print(f"session  {folder}")
+        say(f"session  {folder}")
         return ExitStatus.PASS
     return _results(folder, out)
 
@@ -79,9 +77,7 @@ def _results(folder: Path, out: Path) -> int:
     Returns: 1 if a verdict fails, a result is missing or an estimate is not sound, else 0.
     """
     finished = finish(folder, read_view(folder), chosen_url(None, out, os.environ))
-    print_results(console(), finished.results, finished.analysis)
-    print_written(finished, console(), console(stderr=True))
-    return verdict_status(finished.results, finished.analysis.missing)
+    return print_finished(finished, console())
 
 
 def _write(document: Document[LogMapping], file: Path, surveyed: Survey, out: Path) -> Path:

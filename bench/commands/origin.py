@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from bench.commands.console import console
+from bench.commands.console import warn
 from bench.model.shipped import KINDS, Kind, find_shipped, replaced_by_lab
 
 
@@ -25,4 +25,4 @@ def say_origins(files: Mapping[str, str]) -> None:
 
 def _say(sentence: str) -> None:
     if sentence:
-        console(stderr=True).print(sentence)
+        warn(sentence)

@@ -6,11 +6,10 @@ Where the run is comes from the state document of its feed, in a few words.
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 from rich.console import Console, RenderableType
@@ -62,16 +61,9 @@ class PlainLines:
         """Nothing stands in the way of a question here."""
         yield
 
-    @contextmanager
-    def follow(self, context: RunContext) -> Iterator[None]:
+    def follow(self, context: RunContext) -> AbstractContextManager[None]:
         """Say where the run is when it has been quiet for long; real time, whatever the clock of the run."""
-        follower = Follower(context.folder)
-        ticker = self._clock.every(LOOK_EVERY_S, lambda: self.sign_of_life(follower))
-        try:
-            yield
-        finally:
-            ticker.cancel()
-            follower.close()
+        return followed(context, self._clock, LOOK_EVERY_S, self.sign_of_life)
 
     def sign_of_life(self, follower: Follower) -> None:
         """One line of where the run is, if nothing was said for nine minutes; of what it waits for, always."""
@@ -156,9 +148,7 @@ class ProgressBar:
         self._progress.start()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         with suppress(OSError):  # the terminal may be gone; the results must still be written
             self._progress.stop()
 
@@ -178,16 +168,9 @@ class ProgressBar:
             with suppress(OSError):
                 after.start()
 
-    @contextmanager
-    def follow(self, context: RunContext) -> Iterator[None]:
+    def follow(self, context: RunContext) -> AbstractContextManager[None]:
         """Show what the run says of itself, twice a second; nobody waits for it, and it asks as everybody may."""
-        follower = Follower(context.folder)
-        ticker = WallClock().every(0.5, lambda: self.show(follower))
-        try:
-            yield
-        finally:
-            ticker.cancel()
-            follower.close()
+        return followed(context, WallClock(), 0.5, self.show)
 
     def show(self, follower: Follower) -> None:
         """The newest state document; without an answer everything stays as it is."""
@@ -245,6 +228,18 @@ class Follower:
     def close(self) -> None:
         """Ask no more."""
         self._client.close()
+
+
+@contextmanager
+def followed(context: RunContext, clock: Clock, every_s: float, look: Callable[[Follower], None]) -> Iterator[None]:
+    """Look at what a run says of itself, again and again for as long as it goes on."""
+    follower = Follower(context.folder)
+    ticker = clock.every(every_s, lambda: look(follower))
+    try:
+        yield
+    finally:
+        ticker.cancel()
+        follower.close()
 
 
 def doing(document: Document) -> str:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import console, print_json
+from bench.commands.console import print_json, say
 from bench.model.errors import BenchError, ExitStatus, InputError, InputErrors
 from bench.model.units import hours
 from bench.plan import Plan, check_plan, compile_sequence, frozen_plan
@@ -47,15 +47,13 @@ def _tell(survey: Survey, states: list[RecordState], more: list[str], as_json: b
         print_json(document)
         return
     for line in [*survey.lines(), *(summary_lines(states) if states else []), *more]:
-        console().print(line)
+        say(line)
 
 
 def _written(plan: Plan, states: list[RecordState], path: Path) -> str:
     """Write the make-up sequence and prove that it compiles for the session's station."""
     if path.exists():
-        raise InputError(
-            "B-RES-009", "exists already", where=str(path), next_step="name a file that does not exist yet"
-        )
+        raise InputError("B-RES-009", "exists already", where=path, next_step="name a file that does not exist yet")
     text, points, overlap = make_up_sequence(plan, states)
     write_file(path, text)
     made = compile_sequence(path, plan.station)

@@ -9,12 +9,11 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.analysis import results_json
 from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
-from bench.commands.console import console
+from bench.commands.console import console, warn
 from bench.commands.control import release
 from bench.commands.origin import named_file
-from bench.commands.tables import print_results, print_units, print_without_results, print_written, verdict_status
+from bench.commands.tables import print_finished, print_units, print_without_results
 from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import BenchError, ExitStatus, FitError, InputError
 from bench.model.events import Resume
@@ -118,7 +117,7 @@ def _of_all_units(folder: Path, url: str, as_json: bool) -> int:
     outcomes = finish_units(folder, url)
     if as_json:
         sys.stdout.write((folder / "results.json").read_text(encoding="utf-8"))
-    return print_units(outcomes, console(stderr=as_json), console(stderr=True))
+    return print_units(outcomes, console(stderr=as_json))
 
 
 def _results(folder: Path, url: str, as_json: bool) -> int:
@@ -133,16 +132,11 @@ def _results(folder: Path, url: str, as_json: bool) -> int:
     try:
         finished = finish(folder, view, url)
     except FitError as error:
-        return print_without_results(error, folder, out, console(stderr=True))
-    if as_json:
-        sys.stdout.write(results_json(finished.results))
-    else:
-        print_results(out, finished.results, finished.analysis)
-    print_written(finished, out, console(stderr=True))
-    return verdict_status(finished.results, finished.analysis.missing)
+        return print_without_results(error, folder, out)
+    return print_finished(finished, out, as_json)
 
 
 def _stopped_again(error: BenchError, done: Conducted, out: Console) -> int:
-    console(stderr=True).print(str(error))
+    warn(error)
     out.print(f"The bench is {how_left(done)}; {done.folder} can be gone on with: bench resume {done.folder}")
     return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status

@@ -5,16 +5,14 @@ from __future__ import annotations
 import json
 import os
 import sys
-from dataclasses import dataclass
-from pathlib import Path
 
 from rich.console import Console
 
-from bench.analysis import results_json
 from bench.commands.check import checked_plan
 from bench.commands.conducting import conduct_watched, how_left, left_unsafe, wall_clock
-from bench.commands.console import console
-from bench.commands.tables import print_results, print_units, print_without_results, print_written, verdict_status
+from bench.commands.console import console, warn
+from bench.commands.requests import RunRequest
+from bench.commands.tables import print_finished, print_units, print_without_results
 from bench.model.clock import Clock, VirtualClock
 from bench.model.errors import ExitStatus, FitError, InputError
 from bench.model.events import event_of
@@ -28,30 +26,13 @@ from bench.session.units import RESULTS, finish_units
 from bench.session.view import SessionView
 
 
-@dataclass(frozen=True)
-class Request:
-    """Arguments of ``bench run``."""
-
-    sequence: str
-    station: str | None
-    settings: list[str]
-    clock: str | None
-    seed: int
-    out: Path
-    truth: bool
-    json: bool
-    history: str | None = None
-    ask: bool = False
-    uncommissioned: str = ""
-
-
-def run(request: Request) -> int:
+def run(request: RunRequest) -> int:
     """Run a campaign and return the exit status of the contract."""
     plan, done = conducted(request, console(stderr=True))
     return _finish(plan, done, request)
 
 
-def conducted(request: Request, errors: Console) -> tuple[Plan, Conducted]:
+def conducted(request: RunRequest, errors: Console) -> tuple[Plan, Conducted]:
     """Run a campaign to its end and write simulated truth if it is asked for; a person is told on ``errors``.
 
     Raises: InputErrors, before anything is switched on; what ends a run early is part of what is returned.
@@ -75,14 +56,14 @@ def conducted(request: Request, errors: Console) -> tuple[Plan, Conducted]:
     return plan, done
 
 
-def _finish(plan: Plan, done: Conducted, request: Request) -> int:
+def _finish(plan: Plan, done: Conducted, request: RunRequest) -> int:
     out = console(stderr=request.json)
     error = done.outcome.error
     for failure in done.outcome.unsafe:
-        console(stderr=True).print(str(failure))
+        warn(failure)
     view = view_of(plan, done)
     if error is not None:
-        console(stderr=True).print(str(error))
+        warn(error)
         records = f"{len(view.rows)} of {plan.record_count} records"
         out.print(f"The bench is {how_left(done)}; {records} are in {done.folder}")
         return ExitStatus.SAFE_AFTER_FAULT if done.outcome.unsafe else error.exit_status
@@ -94,30 +75,25 @@ def _finish(plan: Plan, done: Conducted, request: Request) -> int:
     return left_unsafe(done, out) if done.outcome.unsafe else status
 
 
-def _units(view: SessionView, done: Conducted, request: Request, out: Console) -> int:
+def _units(view: SessionView, done: Conducted, request: RunRequest, out: Console) -> int:
     """As ``_results``, of each unit of a campaign that several share."""
     outcomes = finish_units(done.folder, chosen_url(request.history, request.out, os.environ))
     _say_happenings(view, out)
     if request.json:
         sys.stdout.write((done.folder / RESULTS).read_text(encoding="utf-8"))
-    return print_units(outcomes, out, console(stderr=True))
+    return print_units(outcomes, out)
 
 
-def _results(view: SessionView, done: Conducted, request: Request, out: Console) -> int:
+def _results(view: SessionView, done: Conducted, request: RunRequest, out: Console) -> int:
     """Write first, tell afterwards."""
     url = chosen_url(request.history, request.out, os.environ)
     try:
         finished = finish(done.folder, view, url)
     except FitError as error:
         _say_happenings(view, out)
-        return print_without_results(error, done.folder, out, console(stderr=True))
+        return print_without_results(error, done.folder, out)
     _say_happenings(view, out)
-    if request.json:
-        sys.stdout.write(results_json(finished.results))
-    else:
-        print_results(out, finished.results, finished.analysis)
-    print_written(finished, out, console(stderr=True))
-    return verdict_status(finished.results, finished.analysis.missing)
+    return print_finished(finished, out, request.json)
 
 
 def _say_happenings(view: SessionView, out: Console) -> None:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import results_schema
-from bench.commands.console import console
+from bench.commands.console import say
 from bench.model.errors import ExitStatus, InputError
 from bench.model.systems import system_refusals
 from bench.plan import json_schemas, mapping_schema, vscode_settings
@@ -21,9 +21,9 @@ def schema(folder: Path, vscode: bool) -> int:
     kinds |= {module.NAME: module.coefficients_schema() for module in all_modules()}
     for kind, content in kinds.items():
         write_file(folder / f"{kind}.schema.json", json.dumps(content, indent=1, sort_keys=True) + "\n")
-    console().print(f"{len(kinds)} schemas written to {folder}")
+    say(f"{len(kinds)} schemas written to {folder}")
     for offer, error in system_refusals():
-        console().print(f"without {offer.what} of {offer.release}: {error}")
+        say(f"without {offer.what} of {offer.release}: {error}")
     if vscode:
         _register(folder)
     return ExitStatus.PASS
@@ -39,8 +39,8 @@ def _register(folder: Path) -> None:
         raise InputError(
             "B-CLI-002",
             f"is not plain JSON ({error}); nothing was changed",
-            where=str(path),
+            where=path,
             next_step="remove the comments, or register the schemas by hand",
         ) from error
     write_file(path, json.dumps(settings, indent=1) + "\n")
-    console().print(f"registered in {path} (the YAML extension of the editor reads them)")
+    say(f"registered in {path} (the YAML extension of the editor reads them)")

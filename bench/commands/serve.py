@@ -8,13 +8,13 @@ import socket
 import ssl
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import typer
 
+from bench.commands.requests import ServeRequest
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.session.history import VARIABLE, check_history_url
@@ -30,23 +30,7 @@ BACKLOG = 128
 LOOPBACK_NAMES = {"localhost", "127.0.0.1", "::1"}
 
 
-@dataclass(frozen=True)
-class Request:
-    """The page server as the command line asks for it; ``out`` None: the folder ``sessions``."""
-
-    out: Path | None = None
-    host: str = "127.0.0.1"
-    port: int = 8321
-    cert: Path | None = None
-    key: Path | None = None
-    behind_proxy: str | None = None
-    rotate: bool = False
-    history: str | None = None
-    mqtt: str | None = None
-    fleet: Path | None = None
-
-
-def serve(request: Request) -> int:
+def serve(request: ServeRequest) -> int:
     """Serve until Ctrl-C or SIGTERM.
 
     Raises: InputError B-WEB-001 to B-WEB-007, B-WEB-025, B-WEB-026, B-FLEET-001 to B-FLEET-005, StoreError
@@ -66,7 +50,7 @@ def serve(request: Request) -> int:
     return ExitStatus.PASS
 
 
-def _shown(request: Request) -> tuple[Path, tuple[FleetBench, ...] | None]:
+def _shown(request: ServeRequest) -> tuple[Path, tuple[FleetBench, ...] | None]:
     """Return the folder of the sessions to show; or ``fleet.yaml`` and its benches."""
     if request.fleet is not None:
         for option, value in (("--out", request.out), ("--mqtt", request.mqtt)):
@@ -80,7 +64,7 @@ def _shown(request: Request) -> tuple[Path, tuple[FleetBench, ...] | None]:
     out = request.out or Path("sessions")
     if not out.is_dir():
         advice = "name the folder of the sessions with --out; 'bench run' makes one"
-        raise InputError("B-WEB-005", "there is no such folder", where=str(out), next_step=advice)
+        raise InputError("B-WEB-005", "there is no such folder", where=out, next_step=advice)
     return out, None
 
 
@@ -100,7 +84,7 @@ def _broker(url: str | None) -> Iterator[Callable[[Lookout], Awaitable[None]] | 
         broker.stop()
 
 
-def _check_reach(request: Request) -> None:
+def _check_reach(request: ServeRequest) -> None:
     tls = request.cert is not None
     if (request.cert is None) != (request.key is None):
         given, due = ("--cert", "--key") if tls else ("--key", "--cert")
@@ -169,7 +153,7 @@ def _listen(host: str, port: int) -> socket.socket:
 
 
 def _serving(
-    request: Request,
+    request: ServeRequest,
     shown: Path,
     listener: socket.socket,
     tokens: Tokens,

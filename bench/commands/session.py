@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import results_json
-from bench.commands.console import console
+from bench.commands.console import console, say, warn
 from bench.commands.tables import print_results
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.record import SessionReader
@@ -36,14 +36,14 @@ def replay(folder: Path, as_json: bool) -> int:
     else:
         print_results(console(), results, analysis)
         for note in view.remarks:
-            console().print(note)
+            say(note)
     if differences:
         for difference in differences[:SHOWN_DIFFERENCES]:
-            console(stderr=True).print(f"  {difference}")
+            warn(f"  {difference}")
         raise SessionDamaged(
             "B-CLI-009",
             f"{len(differences)} values differ between results.json and the replay, the first are listed above",
-            where=str(folder),
+            where=folder,
             next_step=_why(stored, results),
         )
     if added:
@@ -79,7 +79,7 @@ def _stored_results(folder: Path) -> Mapping[str, Any]:
         raise InputError(
             "B-CLI-010",
             f"cannot be read ({error}), so there is nothing to compare with",
-            where=str(path),
+            where=path,
             next_step="'bench fit' prints the results of the session",
         ) from error
     return stored
@@ -92,10 +92,10 @@ def coefficients(folders: Sequence[Path], out: Path) -> int:
     """
     merged = merged_coefficients([_of_folder(folder) for folder in folders])
     for path in merged.write(out):
-        console().print(f"wrote    {path}")
+        say(f"wrote    {path}")
     for source in merged.document["sources"]:
         for result in source["missing"]:
-            console().print(f"MISSING  {result}")
+            say(f"MISSING  {result}")
     return ExitStatus.PASS
 
 
@@ -109,6 +109,6 @@ def _of_folder(folder: Path) -> Coefficients:
     raise InputError(
         "B-COEF-005",
         "the session gives no coefficients",
-        where=str(folder),
+        where=folder,
         next_step="name a session of a scale-factor or bias campaign with more than one temperature",
     )

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from bench.analysis import Study, Task
-from bench.commands.console import console
+from bench.commands.console import console, warn
+from bench.commands.requests import StudyRequest
 from bench.maths.verdict import passed
 from bench.model.errors import ExitStatus, InputError
 from bench.model.extras import missing_extra
@@ -22,21 +22,7 @@ from bench.session.view import SOFTWARE
 JSON_NAME, PAGE_NAME = "study.json", "report.html"
 
 
-@dataclass(frozen=True)
-class Request:
-    """The command line. ``dask``: where to compute, None for this process."""
-
-    name: str
-    runs: int | None
-    seed: int
-    offsets: str
-    quick: bool
-    dask: str | None
-    out: Path
-    as_json: bool
-
-
-def study(request: Request) -> int:
+def study(request: StudyRequest) -> int:
     """Run a study.
 
     Returns: 1 if a verdict fails, else 0.
@@ -89,7 +75,7 @@ class Progress:
         self._out.print(text)
 
 
-def _written(request: Request, chosen: Study, options: Any, results: Sequence[Any]) -> int:
+def _written(request: StudyRequest, chosen: Study, options: Any, results: Sequence[Any]) -> int:
     studied = chosen.results_of(options, results)
     document = chosen.study_document(options, studied, SOFTWARE)
     text = chosen.study_json(document)
@@ -98,10 +84,10 @@ def _written(request: Request, chosen: Study, options: Any, results: Sequence[An
         page = study_html(document, chosen.study_chapters(options, document, studied), SOFTWARE)
         written.append((request.out / PAGE_NAME, page))
     except ModuleNotFoundError as error:
-        console(stderr=True).print(str(missing_extra(error)))
+        warn(missing_extra(error))
     for path, content in written:
         write_file(path, content)
-    if request.as_json:
+    if request.json:
         sys.stdout.write(text)
     else:
         _tell(document, [path for path, _ in written])

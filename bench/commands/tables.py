@@ -7,6 +7,7 @@ down, quantities across, and the rest in lines.
 from __future__ import annotations
 
 import re
+import sys
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -18,7 +19,7 @@ from rich.text import Text
 
 from bench import analysis
 from bench.analysis import Analysis, doubt_lines, limits_of, stated_value
-from bench.commands.console import plain_table
+from bench.commands.console import plain_table, warn
 from bench.maths.verdict import WORST_FIRST, passed, verdict_words, worst
 from bench.model.errors import ExitStatus, FitError
 
@@ -55,7 +56,7 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
     uut = f"{results['uut']['model']} {results['uut']['serial']}"
     title = f"{results['campaign']} of {uut}{simulated}, method {analysis.method}"
     rows = _rows(results["estimates"])
-    lead = _lead_tables(analysis.tables)
+    lead = [table for table in analysis.tables if table.lead]
     _print_doubt(out, results["estimates"])
     if rows:
         _print_scale_factors(out, title, rows)
@@ -79,17 +80,27 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
     )
 
 
-def print_written(finished: Finished, out: Console, errors: Console) -> None:
+def print_finished(finished: Finished, out: Console, as_json: bool = False) -> int:
+    """Print the results, as a table or as results.json, and what was written; return the exit status."""
+    if as_json:
+        sys.stdout.write(analysis.results_json(finished.results))
+    else:
+        print_results(out, finished.results, finished.analysis)
+    print_written(finished, out)
+    return verdict_status(finished.results, finished.analysis.missing)
+
+
+def print_written(finished: Finished, out: Console) -> None:
     """Name the files that were written, then the trouble."""
     for kind, where in finished.written:
         out.print(f"{kind:<8} {where}")
     for text in finished.trouble:
-        errors.print(text)
+        warn(text)
 
 
-def print_without_results(error: FitError, folder: Path, out: Console, errors: Console) -> int:
+def print_without_results(error: FitError, folder: Path, out: Console) -> int:
     """Tell where a whole session without any result is and what is left to do; return the exit status."""
-    errors.print(str(error))
+    warn(error)
     out.print(
         f"Every step was done; no result can be computed from {folder}: "
         f"'bench recover {folder}' says which records are not valid and can write a sequence for them"
@@ -97,21 +108,19 @@ def print_without_results(error: FitError, folder: Path, out: Console, errors: C
     return ExitStatus.VERDICT_FAIL
 
 
-def print_units(outcomes: Sequence[UnitFinished], out: Console, errors: Console) -> int:
+def print_units(outcomes: Sequence[UnitFinished], out: Console) -> int:
     """Tell what came of each unit of a session that several share; returns the worst exit status."""
     statuses = [int(ExitStatus.PASS)]
     for done in outcomes:
         out.print()
         if done.finished is None:
-            errors.print(f"unit {done.serial}: {done.error}")
+            warn(f"unit {done.serial}: {done.error}")
             statuses.append(ExitStatus.VERDICT_FAIL)
             continue
-        print_results(out, done.finished.results, done.finished.analysis)
-        print_written(done.finished, out, errors)
+        statuses.append(print_finished(done.finished, out))
         if done.finished.results.get("incomplete"):
             out.print(f"unit {done.serial} was left out: its report says why and what there is of it")
             statuses.append(ExitStatus.VERDICT_FAIL)
-        statuses.append(verdict_status(done.finished.results, done.finished.analysis.missing))
     out.print(f"session  {outcomes[0].folder.parents[1]}")
     return max(statuses)
 
@@ -187,10 +196,7 @@ def _row(channel: int, temperature_degC: float, group: Mapping[str, Estimate]) -
         str(known["conditions"]["kind"]),
         f"{temperature_degC:g}",
         "-" if measured_degC is None else f"{measured_degC:.2f}",
-        *(
-            _number(group[name]["value"], form)
-            for name, form in zip(_SCALE_FACTORS, ("+.2f", "+.2f", "+.3f"), strict=True)
-        ),
+        *(_number(group[name]["value"], form) for name, form in _SCALE_FACTORS.items()),
         _number(_largest(group[name]["expanded_uncertainty"] for name in ("dsf_n", "dsf_p")), ".1f"),
     )
 
@@ -207,11 +213,6 @@ def _largest(values: Iterable[float | None]) -> float | None:
 
 def _worst(verdicts: set[str]) -> str:
     return worst(verdicts).replace("_", " ")
-
-
-def _lead_tables(tables: Sequence[analysis.Table]) -> list[analysis.Table]:
-    """Return the tables that are read first."""
-    return [table for table in tables if table.lead]
 
 
 def _print_lead_tables(out: Console, tables: Sequence[analysis.Table]) -> None:
@@ -270,7 +271,8 @@ def print_summary(out: Console, title: str, estimates: Sequence[Estimate], refer
         out.print(_by_channel(by_quantity))
     for estimate in whole[:_MOST_LINES]:
         judged = [] if limits_of(estimate) is None else [verdict_words(estimate["verdict"])]
-        told = "  ".join(part for part in (_where(estimate), *judged) if part)
+        where = ", ".join(f"{name} {value}" for name, value in estimate["conditions"].items())
+        told = "  ".join(part for part in (where, *judged) if part)
         out.print(f"{estimate['quantity']:<28} {_value(estimate)} {_unit(estimate)}  {told}".rstrip())
     if len(whole) > _MOST_LINES:
         out.print(f"... and {len(whole) - _MOST_LINES} more in results.json")
@@ -302,7 +304,3 @@ def _value(estimate: Estimate) -> str:
 
 def _unit(estimate: Estimate) -> str:
     return ("n" if _scale(estimate) != 1.0 else "") + str(estimate["unit"])
-
-
-def _where(estimate: Estimate) -> str:
-    return ", ".join(f"{name} {value}" for name, value in estimate["conditions"].items())

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import console
+from bench.commands.console import console, say
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
 from bench.model.texts import ENGLISH, check_language
@@ -78,7 +78,7 @@ def _watched(folders: list[Path]) -> Watch | None:
 
 def _waited_for(out: Path) -> Watch:
     """Return a run as soon as one answers; Ctrl-C ends the waiting."""
-    console().print(f"no run answers in {out} yet: waiting for one to begin, Ctrl-C leaves")
+    say(f"no run answers in {out} yet: waiting for one to begin, Ctrl-C leaves")
     clock = WallClock()
     while (watch := _watched(_candidates(out))) is None:
         clock.sleep(AGAIN_S)

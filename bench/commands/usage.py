@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Any, ClassVar, NoReturn, Protocol
 
@@ -159,7 +162,27 @@ class App(typer.Typer):
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[[Any], Any]:
         """Register a command, as ``typer.Typer.command`` does."""
-        return super().command(name, **{"cls": Command, **settings})
+        register = super().command(name, **{"cls": Command, **settings})
+        return lambda function: register(spread(function))
+
+
+def spread(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Return a command that takes the fields of its dataclasses one by one, each an option or argument of its own."""
+    given = signature(function, eval_str=True).parameters
+    kinds: dict[str, Any] = {name: taken.annotation for name, taken in given.items() if is_dataclass(taken.annotation)}
+
+    @wraps(function)
+    def command(**values: Any) -> Any:
+        for name, kind in kinds.items():
+            values[name] = kind(**{field.name: values.pop(field.name) for field in fields(kind)})
+        return function(**values)
+
+    parameters: list[Parameter] = []
+    for name, taken in given.items():
+        parameters += signature(kinds[name], eval_str=True).parameters.values() if name in kinds else [taken]
+    named = [taken.replace(kind=Parameter.KEYWORD_ONLY) for taken in parameters]
+    command.__signature__ = Signature(named)  # type: ignore[attr-defined]  # what typer looks at
+    return command
 
 
 def completing(kind: Kind) -> Callable[[str], list[str]]:

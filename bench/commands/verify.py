@@ -74,7 +74,7 @@ def verify(folder: Path, as_json: bool) -> int:
         raise SessionDamaged(
             "B-CLI-012",
             f"{len(verification.changes)} things are not what the raw bytes of the session give, they are listed above",
-            where=str(folder),
+            where=folder,
             next_step="compare with a copy of the session; 'bench recover' lists what a damaged one still holds",
         )
     return ExitStatus.PASS
@@ -98,7 +98,7 @@ def _computed(verification: Verification, folder: Path, view: SessionView) -> No
         raise InputError(
             "B-CLI-010",
             "is not there, so there is nothing to compare with",
-            where=str(folder / RESULTS),
+            where=folder / RESULTS,
             next_step="'bench fit' prints the results of the session",
         )
     check_reports(verification, folder, Pages(view, results, analysis, stored or {}, laboratory_of(folder)))

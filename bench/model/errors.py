@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from enum import IntEnum
+from pathlib import Path
 
 
 class ExitStatus(IntEnum):
@@ -33,11 +34,11 @@ class BenchError(Exception):
 
     exit_status = ExitStatus.INTERNAL
 
-    def __init__(self, code: str, message: str, *, where: str = "", next_step: str = "") -> None:
+    def __init__(self, code: str, message: str, *, where: str | Path = "", next_step: str = "") -> None:
         super().__init__(message)
         self.code = code
         self.message = message
-        self.where = where
+        self.where = str(where)
         self.next_step = next_step
 
     def __str__(self) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from bench.analysis import NOTED, ORDINARY, Agreement, agreements, number, significant, unit_text
 from bench.model.texts import Texts, told
-from bench.report.estimate_tables import readable, span
+from bench.report.estimate_tables import readable, span, two_places
 from bench.report.model import ReportModel
 from bench.report.tables import Table
 
@@ -38,12 +38,8 @@ def _row(model: ReportModel, words: Texts, group: Sequence[Agreement], planned: 
     scale, shown = readable([{"unit": unit, "value": U} for U in (*before, *after)])
     count = str(planned) if len(group) == planned else words("agreement.count", known=len(group), planned=planned)
     spans = (span(words, [scale * U for U in values], significant) for values in (before, after))
-    ratio = span(words, [pair.ratio for pair in group], _ratio_text)
+    ratio = span(words, [pair.ratio for pair in group], two_places)
     return model.title_of(quantity, words.language), unit_text(shown), count, *spans, ratio
-
-
-def _ratio_text(ratio: float) -> str:
-    return number(ratio, 2)
 
 
 def _sentences(model: ReportModel, words: Texts, by_quantity: dict[str, list[Agreement]]) -> Iterator[str]:
@@ -59,7 +55,7 @@ def _sentences(model: ReportModel, words: Texts, by_quantity: dict[str, list[Agr
             most = max((pair.ratio for pair in pairs), key=lambda ratio: abs(ratio - 1.0))
             name = model.title_of(quantity, words.language)
             counted = words(
-                f"agreement.counted_{side}", quantity=name, count=len(pairs), of=len(group), most=_ratio_text(most)
+                f"agreement.counted_{side}", quantity=name, count=len(pairs), of=len(group), most=two_places(most)
             )
             noted.setdefault(cause, []).append(counted)
     per_cent = number(100.0 * NOTED)

@@ -58,25 +58,32 @@ class Report:
         return self._first.not_accredited
 
     def html(self) -> str:
-        """Return one self-contained page; the same model gives the same bytes."""
-        return html_page(self._model, self._first, self.sections, self._words)
+        """Return one HTML document that needs no other file, no network and no script.
+
+        The same model gives the same bytes in the same environment; no date and no random id enters.
+        """
+        first, verdict = self._first, overall_verdict(self._model, self._words)
+        return page(
+            first.subject,
+            first.number,
+            self.sections,
+            self._words,
+            verdict=verdict,
+            simulated=self._model.simulated,
+            first=first,
+        )
 
     def pdf(self) -> bytes:
-        """Return A4 pages; one model gives the same bytes. Raises: InputError B-REP-001 without the extra 'pdf'."""
-        return pdf_pages(self._model, self.sections, self._words, self._first)
+        """Return A4 pages; no date and no random id enters, the fonts are inside: one model gives the same bytes.
+
+        Raises: InputError B-REP-001 if typst, the extra 'pdf', is not installed, B-TXT-002 without a font.
+        """
+        check_font(self._words.language)
+        return bytes(_typeset(document_files(self._model, self.sections, self._words, self._first), "pdf", None))
 
     def pages(self, dots_per_inch: float = 100.0) -> list[bytes]:
         """Return the pages of the PDF as PNG pictures. Raises: InputError B-REP-001."""
         return png_pages(self._model, self.sections, self._words, dots_per_inch, self._first)
-
-
-def html_page(model: ReportModel, first: FirstPage, sections: list[Section], words: Texts) -> str:
-    """Return the report as one HTML document that needs no other file, no network and no script.
-
-    The same model gives the same bytes in the same environment; no date and no random id enters.
-    """
-    verdict = overall_verdict(model, words)
-    return page(first.subject, first.number, sections, words, verdict=verdict, simulated=model.simulated, first=first)
 
 
 def page(
@@ -160,15 +167,6 @@ def _sections(name: str, chapters: Sequence[Chapter], words: Texts) -> list[Sect
     ]
 
 
-def pdf_pages(model: ReportModel, sections: list[Section], words: Texts, first: FirstPage | None = None) -> bytes:
-    """Return the report as a PDF of A4 pages; no date and no random id enters, the fonts are inside.
-
-    Raises: InputError B-REP-001 if typst, the extra 'pdf', is not installed, B-TXT-002 without a font for the language.
-    """
-    check_font(words.language)
-    return bytes(_typeset(document_files(model, sections, words, first), "pdf", None))
-
-
 def png_pages(
     model: ReportModel,
     sections: list[Section],
@@ -212,7 +210,7 @@ def document_files(
     files = {"main": (TEMPLATES / "report.typ").read_bytes()}
     chapters = [_chapter(section, words) for section in sections]
     for section in sections:
-        files |= {_file(picture): _figure(picture) for picture in section.pictures}
+        files |= {_file(picture): legible(picture.svg).encode() for picture in section.pictures}
     text = json.dumps(
         {**_frame(model, first or first_page(model, None, words), words), "chapters": chapters}, ensure_ascii=False
     )
@@ -271,7 +269,3 @@ def _table(sheet: Sheet, table: Table, continued: str, *, first: bool) -> dict[s
 
 def _file(picture: Picture) -> str:
     return f"{Path(picture.name).name}.svg"
-
-
-def _figure(picture: Picture) -> bytes:
-    return legible(picture.svg).encode()

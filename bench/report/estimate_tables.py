@@ -315,7 +315,7 @@ def coverage_table(model: ReportModel, words: Texts) -> Table | None:
         scale, unit = readable(group)
         spans = (
             span(words, [scale * row["std_uncertainty"] for row in group if row.get("std_uncertainty")], significant),
-            span(words, [row["coverage_factor"] for row in group if row.get("coverage_factor")], _factor_text),
+            span(words, [row["coverage_factor"] for row in group if row.get("coverage_factor")], two_places),
             span(words, [scale * row["expanded_uncertainty"] for row in group if row.get("expanded_uncertainty")],
                   significant),
         )  # fmt: skip
@@ -333,8 +333,9 @@ def span(words: Texts, values: Sequence[float], text_of: Callable[[float], str])
     return low if low == high else words("coverage.span", low=low, high=high)
 
 
-def _factor_text(factor: float) -> str:
-    return number(factor, 2)
+def two_places(value: float) -> str:
+    """Return a number to hundredths, as a coverage factor or a ratio is told."""
+    return number(value, 2)
 
 
 def components_table(model: ReportModel, words: Texts) -> Table | None:

@@ -5,7 +5,7 @@ Results come first; what they rest on, which few read and some look up, is an an
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from string import ascii_uppercase
@@ -59,13 +59,10 @@ class Section:
 def sections_of(model: ReportModel, words: Texts) -> list[Section]:
     """Return all chapters that have content; every figure is drawn here, once for all that is written."""
     body = [section for section in (*_on_results(model, words), *_on_the_run(model, words)) if section]
-    return body + _lettered([section for section in _annex(model, words) if section], words)
-
-
-def _lettered(sections: Sequence[Section], words: Texts) -> list[Section]:
-    return [
+    annex = [section for section in _annex(model, words) if section]
+    return body + [
         replace(section, annex=letter, title=words("annex.title", letter=letter, title=section.title))
-        for letter, section in zip(ascii_uppercase, sections, strict=False)
+        for letter, section in zip(ascii_uppercase, annex, strict=False)
     ]
 
 

@@ -5,13 +5,14 @@ A history is a SQLite file or a PostgreSQL server, named by a URL.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
-from sqlalchemy import Connection, Engine, create_engine, event, inspect, select, text
+from sqlalchemy import Connection, Engine, Select, Table, create_engine, event, inspect, select, text
 from sqlalchemy.engine import URL, make_url
 from sqlalchemy.exc import ArgumentError
 from sqlalchemy.pool import NullPool
@@ -77,6 +78,25 @@ def reading(url: str) -> Iterator[Connection]:
         with _transaction(address, write=False) as connection:
             _require_version(connection, address)
             yield connection
+
+
+def rows_of(connection: Connection, query: Select[Any]) -> list[dict[str, Any]]:
+    """Return the rows of a query, each by the names of its columns."""
+    return [dict(row) for row in connection.execute(query).mappings()]
+
+
+def add_row(connection: Connection, table: Table, row: Mapping[str, Any]) -> int:
+    """Insert a row and return its key."""
+    key = connection.execute(table.insert(), row).inserted_primary_key
+    assert key is not None
+    return int(key[0])
+
+
+def add_rows(connection: Connection, table: Table, rows: Iterable[Mapping[str, Any]], **keys: int) -> None:
+    """Insert rows, each with the same keys; none is no statement."""
+    entries = [{**keys, **row} for row in rows]
+    if entries:
+        connection.execute(table.insert(), entries)
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from bench.analysis import DOUBTFUL, REFUSED
 from bench.maths.verdict import worst
 from bench.model.clock import NS
 from bench.store.adjustments import states_of
-from bench.store.database import reading
+from bench.store.database import reading, rows_of
 from bench.store.selection import Filters, find_calibration, selected, units
 from bench.store.tables import (
     approvals,
@@ -43,7 +43,7 @@ def list_calibrations(url: str, filters: Filters) -> list[Row]:
     Raises: StoreError B-STORE-001 to B-STORE-005, B-STORE-007, B-STORE-009.
     """
     with reading(url) as connection:
-        rows = [dict(row) for row in connection.execute(selected(connection, filters)).mappings()]
+        rows = rows_of(connection, selected(connection, filters))
         kept = [row["result_set_id"] for row in rows]
         verdicts = _verdicts(connection, kept)
         unsound = _unsound(connection)
@@ -185,7 +185,7 @@ def _revisions(connection: Connection, calibration: int) -> list[Row]:
         .where(report_revisions.c.calibration_id == calibration)
         .order_by(report_revisions.c.number)
     )
-    rows = [dict(row) for row in connection.execute(query).mappings()]
+    rows = rows_of(connection, query)
     approved = _approvals(connection, [row["id"] for row in rows])
     names = ("number", "method", "results_sha256", "report_sha256", "software", "reason")
     return [
@@ -208,4 +208,4 @@ def _revisions(connection: Connection, calibration: int) -> list[Row]:
 def _rows(connection: Connection, table: Table, calibration: int) -> list[Row]:
     columns = [column for column in table.c if column.name != "calibration_id"]
     query = select(*columns).where(table.c.calibration_id == calibration).order_by(columns[0])
-    return [dict(row) for row in connection.execute(query).mappings()]
+    return rows_of(connection, query)

@@ -14,7 +14,7 @@ from bench.model.clock import Clock, WallClock
 from bench.store import tables
 from bench.store.adjustments import add_state
 from bench.store.contents import Contents, Row, contents_of
-from bench.store.database import reading, writing
+from bench.store.database import add_row, add_rows, reading, writing
 from bench.store.errors import StoreError
 from bench.store.selection import find_calibration
 from bench.store.tables import approvals
@@ -112,34 +112,22 @@ def _id(connection: Connection, table: Table, **keys: Any) -> int | None:
     return connection.execute(query).scalar_one_or_none()
 
 
-def _add(connection: Connection, table: Table, row: Row) -> int:
-    """Insert one row; its key."""
-    key = connection.execute(table.insert(), row).inserted_primary_key
-    assert key is not None
-    return int(key[0])
-
-
-def _insert(connection: Connection, table: Table, rows: Sequence[Row], **keys: int) -> None:
-    if rows:
-        connection.execute(table.insert(), [{**keys, **row} for row in rows])
-
-
 def _new_calibration(connection: Connection, contents: Contents, now_ns: int) -> int:
     row = {**contents.calibration, "imported_utc_ns": now_ns}
-    calibration = _add(connection, tables.calibrations, row)
-    _insert(connection, tables.standards, contents.standards, calibration_id=calibration)
-    _insert(connection, tables.shared_components, contents.shared, calibration_id=calibration)
+    calibration = add_row(connection, tables.calibrations, row)
+    add_rows(connection, tables.standards, contents.standards, calibration_id=calibration)
+    add_rows(connection, tables.shared_components, contents.shared, calibration_id=calibration)
     return calibration
 
 
 def _new_results(connection: Connection, contents: Contents, calibration: int) -> int:
     row = {**contents.result_set, "calibration_id": calibration}
-    result_set = _add(connection, tables.result_sets, row)
+    result_set = add_row(connection, tables.result_sets, row)
     known = parameter_keys(connection, contents.parameters)
     for table, entries in ((tables.estimates, contents.estimates), (tables.doubts, contents.doubts)):
         rows = [{"parameter_id": known[contents.parameters[entry["position"]]["sha256"]], **entry} for entry in entries]
-        _insert(connection, table, rows, result_set_id=result_set)
-    _insert(connection, tables.quality_counts, contents.quality, result_set_id=result_set)
+        add_rows(connection, table, rows, result_set_id=result_set)
+    add_rows(connection, tables.quality_counts, contents.quality, result_set_id=result_set)
     return result_set
 
 
@@ -148,7 +136,7 @@ def parameter_keys(connection: Connection, wanted: Sequence[Row]) -> dict[str, i
     by_hash = {row["sha256"]: row for row in wanted}
     query = select(tables.parameters.c.sha256, tables.parameters.c.id).where(tables.parameters.c.sha256.in_(by_hash))
     known = {row.sha256 for row in connection.execute(query)}
-    _insert(connection, tables.parameters, [row for sha256, row in by_hash.items() if sha256 not in known])
+    add_rows(connection, tables.parameters, [row for sha256, row in by_hash.items() if sha256 not in known])
     return {row.sha256: row.id for row in connection.execute(query)}
 
 

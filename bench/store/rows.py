@@ -19,12 +19,12 @@ _BATCH = 50_000
 def check_form(path: Path) -> None:
     """Refuse a file that cannot be. Raises: StoreError B-STORE-012: another suffix, or Parquet is not installed."""
     if path.suffix not in FORMATS:
-        raise StoreError("B-STORE-012", "is neither .csv nor .parquet", where=str(path), next_step="name such a file")
+        raise StoreError("B-STORE-012", "is neither .csv nor .parquet", where=path, next_step="name such a file")
     if path.suffix == ".parquet" and find_spec("pyarrow") is None:
         raise StoreError(
             "B-STORE-012",
             "Parquet needs a library that is not installed",
-            where=str(path),
+            where=path,
             next_step="install it with: pip install 'inertial-bench[parquet]', or export to .csv",
         )
 

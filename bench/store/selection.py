@@ -10,6 +10,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, Select, and_, func, or_, select
 
 from bench.analysis import OF_UNIT
+from bench.store.database import rows_of
 from bench.store.errors import StoreError
 from bench.store.tables import calibrations, estimates, parameters, report_revisions, result_sets
 
@@ -60,10 +61,10 @@ def selected(connection: Connection, filters: Filters) -> Select[Any]:
         model, serial = find_unit(connection, filters.uut)
         query = query.where(calibrations.c.uut_model == model, calibrations.c.uut_serial == serial)
     if filters.campaign is not None:
-        _require(connection, "campaign", filters.campaign, calibrations.c.campaign)
+        require(connection, "campaign", filters.campaign, calibrations.c.campaign)
         query = query.where(calibrations.c.campaign == filters.campaign)
     if filters.quantity is not None:
-        _require(connection, "quantity", filters.quantity, parameters.c.quantity)
+        require(connection, "quantity", filters.quantity, parameters.c.quantity)
         has = (
             select(estimates.c.result_set_id)
             .join(parameters, parameters.c.id == estimates.c.parameter_id)
@@ -107,7 +108,7 @@ def find_calibration(connection: Connection, name: str) -> dict[str, Any]:
     rule: ColumnElement[bool] = or_(by_name, calibrations.c.session.startswith(f"{wanted}{OF_UNIT}", autoescape=True))
     if len(wanted) >= _LEAST_HASH:
         rule = or_(rule, calibrations.c.session_sha256.startswith(wanted.lower(), autoescape=True))
-    rows = [dict(row) for row in connection.execute(latest_revisions().where(rule)).mappings()]
+    rows = rows_of(connection, latest_revisions().where(rule))
     exact = [row for row in rows if wanted in (row["session"], row["session_sha256"])]  # not its check standard
     if len(rows) == 1 or len(exact) == 1:
         return (exact or rows)[0]
@@ -140,7 +141,12 @@ def unknown(kind: str, name: str | None, choices: Sequence[str] | dict[str, Any]
     )
 
 
-def _require(connection: Connection, kind: str, name: str, column: ColumnElement[str]) -> None:
-    known = connection.execute(select(column).distinct().order_by(column)).scalars().all()
+def values_of(connection: Connection, column: ColumnElement[str]) -> Sequence[str]:
+    """Return the values of a column, each once, in their order."""
+    return connection.execute(select(column).distinct().order_by(column)).scalars().all()
+
+
+def require(connection: Connection, kind: str, name: str, column: ColumnElement[str]) -> None:
+    known = values_of(connection, column)
     if name not in known:
         raise unknown(kind, name, known)

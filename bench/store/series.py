@@ -17,7 +17,7 @@ from bench.maths.drift import NO_STANDARD
 from bench.model.clock import NS
 from bench.store.adjustments import levels_of
 from bench.store.contents import canonical
-from bench.store.database import reading
+from bench.store.database import reading, rows_of
 from bench.store.errors import StoreError
 from bench.store.selection import Filters, find_calibration, find_unit, selected
 from bench.store.tables import doubts, estimates, parameters, shared_components
@@ -92,7 +92,7 @@ def read_series(url: str, filters: Filters) -> Series:
     with reading(url) as connection:
         uut = find_unit(connection, filters.uut)
         whole = Filters(" ".join(uut), filters.campaign, filters.quantity)
-        rows = [dict(row) for row in connection.execute(selected(connection, whole)).mappings()]
+        rows = rows_of(connection, selected(connection, whole))
         notes = []
         if any(row["simulated"] for row in rows) and not all(row["simulated"] for row in rows):
             left_out = sum(row["simulated"] for row in rows)

@@ -17,7 +17,7 @@ from bench.run.feed.outputs import figures_of
 from bench.run.guard.last_words import roles_in_words
 from bench.tui.folding import cut, folded, joined, spread
 from bench.tui.look import Look, duration
-from bench.tui.tables import alarms, estimates, instruments, links, log, records, temperature
+from bench.tui.tables import alarms, estimates, instruments, links, log, records, temperature, titled
 from bench.tui.watch import Seen
 
 STYLES = {
@@ -222,7 +222,7 @@ def prompt(seen: Seen, look: Look) -> list[Text]:
         lines += folded(_limits(asked, look), look.width, first="  ")
     presence = "bench" if asked.get("presence") == "bench" else "anywhere"
     how = folded(look.texts(f"prompt.answer.{presence}", folder=look.clean(seen.folder)), look.width, first="  ")
-    return [Text(""), Text(look.texts("section.prompt"), style=ASKED), *lines, *how]
+    return titled(look, "section.prompt", [*lines, *how], ASKED)
 
 
 def _limits(asked: Mapping[str, Any], look: Look) -> str:
@@ -234,8 +234,6 @@ def _limits(asked: Mapping[str, Any], look: Look) -> str:
 def holds(seen: Seen, look: Look) -> list[Text]:
     """Return why the run stands still."""
     reasons: Mapping[str, Any] = seen.document.get("holds") or {}
-    if not reasons:
-        return []
-    title = Text(look.texts("section.holds"), style="bold yellow")
     lines = [f"{look.clean(by)}: {look.clean(reason)}" for by, reason in reasons.items()]
-    return [Text(""), title, *(part for line in lines for part in folded(line, look.width, QUIET, "  ", "    "))]
+    parts = [part for line in lines for part in folded(line, look.width, QUIET, "  ", "    ")]
+    return titled(look, "section.holds", parts, "bold yellow")

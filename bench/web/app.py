@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 
 from starlette.applications import Starlette
@@ -12,6 +12,7 @@ from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import Response
 from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.types import Lifespan
 
 from bench.model.errors import BenchError
 from bench.web import commands, pages, runs
@@ -51,16 +52,29 @@ def create_app(serving: Serving, tell: Callable[[Lookout], Awaitable[None]] | No
             await lookout.stop()
             await hub.stop()
 
+    app = guarded_app(serving, _routes(Scrapes(lookout), Overview(hub, lookout)), lifespan)
+    app.state.hub = hub
+    app.state.lookout = lookout
+    return app
+
+
+def guarded_app(serving: Serving, routes: Sequence[BaseRoute], lifespan: Lifespan[Starlette]) -> Starlette:
+    """Return an application behind the gate, whose ``app.state`` holds ``serving``, with what every page needs."""
+    common = [
+        Route("/login", login.login, methods=["GET", "POST"]),
+        Route("/logout", login.logout, methods=["POST"]),
+        Route("/static/{file}", pages.static),
+        Route("/api/v1/session", login.session),
+        Route("/api/v1/texts", pages.texts),
+    ]
     app = Starlette(
-        routes=_routes(Scrapes(lookout), Overview(hub, lookout)),
+        routes=[*common, *routes],
         middleware=[Middleware(Gate, serving=serving)],
         exception_handlers={BenchError: on_bench_error, HTTPException: on_http_error},
         lifespan=lifespan,
     )
     app.router.redirect_slashes = False  # a redirect would name the path again
     app.state.serving = serving
-    app.state.hub = hub
-    app.state.lookout = lookout
     return app
 
 
@@ -81,12 +95,7 @@ def _routes(scrapes: Scrapes, overview: Overview) -> list[BaseRoute]:
         Route("/metrics", scrapes.answer),
         Route("/", pages.index),
         Route("/runs/{run}", _of_a_run(pages.run_page)),
-        Route("/login", login.login, methods=["GET", "POST"]),
-        Route("/logout", login.logout, methods=["POST"]),
-        Route("/static/{file}", pages.static),
         Route("/bokeh/{file}", pages.bokeh),
-        Route("/api/v1/session", login.session),
-        Route("/api/v1/texts", pages.texts),
         Route("/api/v1/runs", runs.runs),
         Route("/api/v1/runs/{run}", _of_a_run(runs.run)),
         Route("/api/v1/runs/{run}/history", _of_a_run(runs.history)),

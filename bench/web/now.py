@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from datetime import datetime
 from pathlib import Path
@@ -54,6 +55,12 @@ def guarded_bench(guard: Mapping[str, Any]) -> dict[str, Any]:
         return {**_UNKNOWN_BENCH, "unconfirmed": guard["unsafe"] or {ALL: ""}}
     utc_s = _utc_s(guard["utc"])
     return {**_UNKNOWN_BENCH, "state": "off", "confirmed_utc_s": utc_s, "ended_utc_s": utc_s, "unconfirmed": {}}
+
+
+def number_of(value: object) -> float | None:
+    """Return a finite number that somebody else's document says, None for anything else."""
+    is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    return float(value) if is_number else None  # type: ignore[arg-type]
 
 
 def _utc_s(text: object) -> float | None:

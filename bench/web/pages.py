@@ -25,7 +25,8 @@ _TYPES = {".js": "text/javascript", ".mjs": "text/javascript", ".svg": "image/sv
 
 
 @cache
-def _templates() -> Environment:
+def templates() -> Environment:
+    """Return what renders the pages; what a page does not say is an error."""
     return Environment(
         loader=FileSystemLoader(_HERE / "templates"),
         autoescape=True,
@@ -57,7 +58,7 @@ def _modules(first: str) -> tuple[str, ...]:
 
 def _page(request: Request, template: str, *, status: int = 200, **values: object) -> Response:
     language = language_of(request)
-    page = _templates().get_template(template)
+    page = templates().get_template(template)
     known: dict[str, object] = {
         "t": Texts(_HERE, language),
         "language": language,

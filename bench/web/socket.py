@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Callable, Mapping
+from contextlib import AbstractAsyncContextManager, suppress
+from functools import partial
 from typing import Any, Protocol
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
@@ -22,12 +23,9 @@ GONE = (WebSocketDisconnect, RuntimeError)  # the page, or the server's own watc
 
 async def socket(websocket: WebSocket) -> None:
     """Serve one page until it goes away; the gate has let it in."""
-    await websocket.accept()
     hub: Hub = websocket.app.state.hub
-    viewer = Viewer(websocket.scope["user"].role)
     try:
-        async with hub.watching(websocket.query_params.get("run", ""), viewer) as watched:
-            await serve_viewer(websocket, viewer, watched)
+        await serve_page(websocket, partial(hub.watching, websocket.query_params.get("run", "")))
     except BenchError as error:
         with suppress(*GONE):
             await websocket.close(NO_SUCH_RUN, error.code)
@@ -42,6 +40,14 @@ class Shown(Protocol):
 
     async def move(self, said: Mapping[str, Any]) -> None:
         """Take what a viewer of a recording says."""
+
+
+async def serve_page(websocket: WebSocket, watching: Callable[[Viewer], AbstractAsyncContextManager[Shown]]) -> None:
+    """Let one in that looks, and serve it for as long as it does."""
+    await websocket.accept()
+    viewer = Viewer(websocket.scope["user"].role)
+    async with watching(viewer) as watched:
+        await serve_viewer(websocket, viewer, watched)
 
 
 async def serve_viewer(websocket: WebSocket, viewer: Viewer, watched: Shown) -> None:

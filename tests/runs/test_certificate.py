@@ -20,8 +20,9 @@ from rehearsal import Inside, bench
 
 from bench.analysis import results_json
 from bench.commands import certificate as command
-from bench.commands.certificate import Request, certificate
+from bench.commands.certificate import certificate
 from bench.commands.import_log import import_log
+from bench.commands.requests import CertificateRequest
 from bench.model.errors import BenchError, ExitStatus
 from bench.record import SessionReader
 from bench.report.dcc import session_of
@@ -42,12 +43,12 @@ def session(golden: Path, tmp_path: Path) -> Path:
     return writable_copy(golden, tmp_path / golden.name)
 
 
-def request(session: Path, **more: Any) -> Request:
+def request(session: Path, **more: Any) -> CertificateRequest:
     given: dict[str, Any] = {"laboratory": None, "out": None, "schema": None, "specimen": True}
-    return Request(session, **(given | more))
+    return CertificateRequest(session, **(given | more))
 
 
-def refused(asked: Request) -> BenchError:
+def refused(asked: CertificateRequest) -> BenchError:
     with pytest.raises(BenchError) as caught:
         certificate(asked)
     assert not list(asked.session.glob("certificate*.xml"))
@@ -178,7 +179,7 @@ def test_a_real_session_needs_a_laboratory_and_standards(tmp_path: Path) -> None
     assert "2024-10-20 to 2024-10-20: any standard" in str(error)
 
 
-Real = Callable[..., Request]
+Real = Callable[..., CertificateRequest]
 
 
 @pytest.fixture
@@ -190,7 +191,7 @@ def real(session: Path, monkeypatch: pytest.MonkeyPatch) -> Real:
     path.write_text(json.dumps(document))
     plain = command.read_view
 
-    def ask(due: str = "2000-11-01", calibrated: str = "1999-11-01", **more: Any) -> Request:
+    def ask(due: str = "2000-11-01", calibrated: str = "1999-11-01", **more: Any) -> CertificateRequest:
         def view(folder: Path, strict: bool = False) -> Any:
             found = plain(folder, strict=strict)
             dates = {"due": due, "calibrated": calibrated}

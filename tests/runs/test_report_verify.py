@@ -16,8 +16,9 @@ import pytest
 from recorded import writable_copy
 from rehearsal import ROOT
 
-from bench.commands.certificate import Request, certificate
+from bench.commands.certificate import certificate
 from bench.commands.fit import report
+from bench.commands.requests import CertificateRequest
 from bench.commands.verify import verify
 from bench.model.errors import ExitStatus, InputError, SessionDamaged
 from bench.report import Report, ReportModel
@@ -302,7 +303,7 @@ def test_no_session_at_all(tmp_path: Path) -> None:
 @pytest.fixture
 def certified(session: Path) -> Path:
     """A session with a specimen of its certificate."""
-    assert certificate(Request(session, None, None, None, True)) == ExitStatus.PASS
+    assert certificate(CertificateRequest(session, specimen=True)) == ExitStatus.PASS
     return session
 
 

@@ -70,8 +70,9 @@ def record_ramp(out: Path) -> None:
 def record_golden(out: Path) -> None:
     """Run the smallest campaign with an analysis, two channels."""
     from bench.commands import run as command
+    from bench.commands.requests import RunRequest
 
-    command.run(command.Request(GOLDEN_SEQUENCE, None, [], "virtual", 3, out, False, False, None))
+    command.run(RunRequest(GOLDEN_SEQUENCE, clock="virtual", seed=3, out=out))
 
 
 @dataclass

@@ -1,17 +1,33 @@
-"""``bench archive list`` and ``where``."""
+"""``bench archive list``, ``where`` and ``changes``: what the archive knows."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from bench.archive.changes import changes_of
+from bench.archive.evidence import evidence_of
+from bench.archive.journal import HEAD
+from bench.archive.page import FOLDER, changes_html
 from bench.archive.selecting import selection_of
 from bench.commands.archive import tables
-from bench.commands.console import console, print_sorted_json
+from bench.commands.console import console, print_sorted_json, say
 from bench.model.errors import ExitStatus
-from bench.session.output import writing
-from bench.store import certificate_document, check_form, dependents, list_sessions, session_document, write_rows
+from bench.model.texts import check_language
+from bench.session.output import write_file, writing
+from bench.store import (
+    Selection,
+    certificate_document,
+    check_form,
+    dependents,
+    list_sessions,
+    read_trial,
+    session_document,
+    write_rows,
+)
 
 COLUMNS = (
     ("session", "string"), ("session_sha256", "string"), ("location", "string"), ("started_utc", "string"),
@@ -32,7 +48,7 @@ def list_all(url: str, select: Sequence[str], to: Path | None, as_json: bool) ->
             count = write_rows(to, COLUMNS, map(_flat, documents))
         if as_json:
             return print_sorted_json({"file": str(to), "rows": count})
-        console().print(f"{count} sessions written to {to}")
+        say(f"{count} sessions written to {to}")
         return ExitStatus.PASS
     if as_json:
         return print_sorted_json({"sessions": documents})
@@ -61,3 +77,31 @@ def _flat(document: dict[str, Any]) -> dict[str, Any]:
     units = [f"{unit['model']} {unit['serial']}" for unit in document["units"]]
     standards = [f"{used['model']} {used['serial']} {used['certificate']}" for used in document["standards"]]
     return {**document, "units": ", ".join(units), "standards": ", ".join(standards)}
+
+
+def changes(url: str, trial: str, html: Path | None, language: str, as_json: bool) -> int:
+    """Print what a trial would change; ``html``: write it as a page too, in a language.
+
+    Raises: StoreError B-STORE-009 for another trial; InputError B-TXT-001, B-CLI-007, B-PKG-005.
+    """
+    check_language(language, FOLDER)
+    stored = read_trial(url, _named(trial))
+    rows = list_sessions(url, Selection())
+    sessions = {row["session_sha256"] or row["location"]: row for row in rows}
+    report = changes_of(stored, sessions, evidence_of(url, rows, stored.trial.register))
+    if html is not None:
+        write_file(html, changes_html(report, language))
+    if as_json:
+        print_sorted_json(report.as_json())
+    else:
+        tables.print_changes(console(), report)
+        if html is not None:
+            say(f"wrote    {html}")
+    return ExitStatus.PASS
+
+
+def _named(trial: str) -> str:
+    """Return the name of a trial; its folder stands for it."""
+    with suppress(OSError, ValueError, KeyError, TypeError):
+        return str(json.loads(Path(trial, HEAD).read_bytes())["name"])
+    return trial

@@ -6,11 +6,10 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
-from bench.archive.changes import Changes, Concerned
+from bench.archive.changes import Changes, Concerned, verdict_text
 from bench.archive.evidence import NO_CHECK, OUT_OF_CONTROL, TOO_FEW
-from bench.commands.console import plain_table
+from bench.commands.console import headed_table
 from bench.maths.verdict import verdict_words
 from bench.store import conditions_text
 
@@ -28,7 +27,7 @@ _WHY = {
 def print_sessions(out: Console, rows: Sequence[Row]) -> None:
     """One line per session."""
     heads = ("session", "sha-256", "unit", "campaign", "verdict", "state", "in")
-    table = _table(f"{len(rows)} sessions", heads)
+    table = headed_table(f"{len(rows)} sessions", heads, whole=_WHOLE)
     for row in rows:
         state = row["code"] or row["quality"] or "no results"
         table.add_row(
@@ -45,7 +44,9 @@ def print_sessions(out: Console, rows: Sequence[Row]) -> None:
 
 def print_certificates(out: Console, rows: Sequence[Row]) -> None:
     """One line per certificate."""
-    table = _table(f"{len(rows)} certificates", ("number", "unit", "customer", "session", "issued", "state"))
+    table = headed_table(
+        f"{len(rows)} certificates", ("number", "unit", "customer", "session", "issued", "state"), whole=_WHOLE
+    )
     for row in rows:
         state = ["specimen"] if row["specimen"] else []
         state += [f"replaced by {number}" for number in row["replaced_by"]]
@@ -87,7 +88,7 @@ def _print_quantities(out: Console, report: Changes) -> None:
     if not changed:
         return
     heads = ("quantity", "campaign", "compared", "changed", "|change|>U", "least", "5 %", "median", "95 %", "greatest")
-    table = _table("Changes in units of the released U", heads)
+    table = headed_table("Changes in units of the released U", heads, whole=_WHOLE)
     for entry in changed:
         shares = [f"{share:+.3g}" for share in entry.percentiles] or ["-"] * 5
         counts = (str(entry.compared), str(entry.changed), str(entry.above_one))
@@ -100,10 +101,10 @@ def _print_flips(out: Console, report: Changes) -> None:
         out.print("No verdict is another one.")
         return
     heads = ("session", "unit", "quantity", "conditions", "released", "U 95 %", "now", "U 95 %", "verdict")
-    table = _table(_cut("verdicts or qualities are others", len(report.flips)), heads)
+    table = headed_table(_cut("verdicts or qualities are others", len(report.flips)), heads, whole=_WHOLE)
     for flip in report.flips[:SHOWN]:
         numbers = (flip.released_value, flip.released_expanded_uncertainty, flip.value, flip.expanded_uncertainty)
-        then, now = _said(flip.released_verdict, flip.released_quality), _said(flip.verdict, flip.quality)
+        then, now = verdict_text(flip.released_verdict, flip.released_quality), verdict_text(flip.verdict, flip.quality)
         table.add_row(
             flip.session, flip.uut, f"{flip.quantity}, {flip.unit}", conditions_text(flip.conditions),
             *("-" if number is None else f"{number:.6g}" for number in numbers), f"{then} -> {now}",
@@ -116,7 +117,7 @@ def _print_concerned(out: Console, report: Changes) -> None:
         out.print("No certificate is concerned.")
         return
     heads = ("number", "customer", "unit", "change/U", "of", "flips", "method", "state")
-    table = _table(_cut("certificates are concerned", len(report.certificates)), heads)
+    table = headed_table(_cut("certificates are concerned", len(report.certificates)), heads, whole=_WHOLE)
     for entry in report.certificates[:SHOWN]:
         state = ["specimen"] if entry.specimen else []
         state += [f"replaced by {number}" for number in entry.replaced_by]
@@ -133,18 +134,5 @@ def _method(entry: Concerned) -> str:
     return then if then == now else f"{then} -> {now}"
 
 
-def _said(verdict: str, quality: str) -> str:
-    if not quality:
-        return "gone"
-    return quality if verdict == "none" else verdict_words(verdict)
-
-
 def _cut(what: str, count: int) -> str:
     return f"{count} {what}" + (f", the first {SHOWN} of them; --json has all" if count > SHOWN else "")
-
-
-def _table(title: str, heads: Sequence[str]) -> Table:
-    table = plain_table(title)
-    for name in heads:
-        table.add_column(name, overflow="fold", no_wrap=name in _WHOLE)
-    return table

@@ -20,18 +20,18 @@ def frame() -> None:
 @app.command(epilog="Example: bench frame new capture.bin --name my_device --out frames/my_device.yaml")
 def new(
     capture: Annotated[Path, typer.Argument(help="a raw capture of any length; - reads standard input")],
-    name: Annotated[str, typer.Option("--name", help="of the definition")] = "my_device",
-    out: Annotated[Path | None, typer.Option("--out", help="the file; default: standard output")] = None,
+    name: Annotated[str, typer.Option(help="of the definition")] = "my_device",
+    out: Annotated[Path | None, typer.Option(help="the file; default: standard output")] = None,
 ) -> int:
     """Write a first definition from a capture: sync bytes, length and check, as its bytes show them."""
-    from bench.commands.frame import explain
+    from bench.commands.frame import explain as work
 
-    return explain.new(capture, name, out)
+    return work.new(capture, name, out)
 
 
 @app.command(epilog="Example: bench frame check frames/my_device.yaml")
 def check(frame: Annotated[str, typer.Argument(help="a frame file, or the name of one")]) -> int:
     """Check a definition against its golden frames, and say how fast it is decoded here."""
-    from bench.commands.frame import check as check_command
+    from bench.commands.frame import decode as work
 
-    return check_command.check(frame)
+    return work.check(frame)

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 
-from bench.commands.console import console, print_json
+from bench.commands.console import console, print_json, say
 from bench.commands.origin import named_file
-from bench.frame import Counted, FrameDefinition, MessageBatch, Tables, decode_capture, load_frame
+from bench.frame import Counted, FrameDefinition, MessageBatch, Tables, decode_capture, load_frame, pace_of
+from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
 
 COUNTS = ("good", "bad", "lost", "duplicate", "suspect", "other", "skipped_bytes", "bytes")
@@ -23,7 +24,7 @@ def decode(frame: str, file: Path, csv: Path | None, parquet: Path | None, as_js
     """
     definition = load_frame(named_file("frames", frame))
     if parquet is not None and parquet.suffix != ".parquet":
-        raise InputError("B-FRAME-032", "does not end in .parquet", where=str(parquet), next_step="name it so")
+        raise InputError("B-FRAME-032", "does not end in .parquet", where=parquet, next_step="name it so")
     with ExitStack() as open_tables:
         tables = [open_tables.enter_context(Tables(definition, path)) for path in (csv, parquet) if path is not None]
         counted = _decoded(definition, file, tables)
@@ -54,7 +55,7 @@ def _decoded(definition: FrameDefinition, file: Path, tables: list[Tables]) -> C
 def unreadable(error: OSError, file: Path) -> InputError:
     """Return the error of a capture that cannot be read."""
     advice = "give the file of a raw capture, or - for standard input"
-    return InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=str(file), next_step=advice)
+    return InputError("B-FRAME-030", f"cannot be read: {error.strerror}", where=file, next_step=advice)
 
 
 def _tell(counted: Counted, file: Path, tables: list[Tables]) -> None:
@@ -95,3 +96,12 @@ def _nothing_good(counted: Counted) -> str:
     sync = counted.definition.layout.sync.hex(" ")
     begin = f"the sync bytes {sync} begin no" if sync else "there is no"
     return f"nothing good: {begin} frame of a possible length in {seen.bytes} bytes"
+
+
+def check(frame: str) -> int:
+    """Print what a definition describes and how it is decoded. Raises: InputErrors with every mistake in it."""
+    definition = load_frame(named_file("frames", frame))
+    messages = ", ".join(definition.messages)
+    say(f"{definition.name}: messages {messages}; golden frames are right; sha256 {definition.sha256}")
+    say(str(pace_of(definition, WallClock())))
+    return ExitStatus.PASS

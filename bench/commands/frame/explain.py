@@ -43,7 +43,7 @@ def new(capture: Path, name: str, out: Path | None) -> int:
     if out is None:
         sys.stdout.write(text)
     elif out.is_file():
-        raise InputError("B-CLI-007", "is there already", where=str(out), next_step="name another file")
+        raise InputError("B-CLI-007", "is there already", where=out, next_step="name another file")
     else:
         write_file(out, text)
     return ExitStatus.PASS

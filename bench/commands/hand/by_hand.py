@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import console, print_json
+from bench.commands.console import console, print_json, warn
 from bench.commands.origin import named_file
 from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import BenchError, ExitStatus, InputError
@@ -37,7 +37,7 @@ def talk(role: str, command: str | None, station_name: str, out: Path, *, take_o
             try:
                 reply = session.send(line)
             except BenchError as error:
-                console(stderr=True).print(str(error))
+                warn(error)
                 if command is not None:
                     return error.exit_status
             else:

@@ -54,7 +54,7 @@ def commission(role: str, station_name: str, by: str, *, yes: bool) -> int:
             out.print(f"{identity.manufacturer} {identity.model}, firmware {identity.firmware or 'not told'}")
             if left := instrument.drain_errors():
                 out.print(f"errors that the last user left: {told_once(left)}", highlight=False, markup=False)
-            tried = walk(instrument, manual, (lambda text: True) if yes else _asked, tell)
+            tried = walk(instrument, manual, (lambda text: True) if yes else typer.confirm, tell)
         finally:
             bench.close()
     at = datetime.fromtimestamp(clock.utc_ns() // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
@@ -63,7 +63,3 @@ def commission(role: str, station_name: str, by: str, *, yes: bool) -> int:
     out.print(", ".join(f"{count} {outcome}" for outcome, count in counts.items()))
     out.print(f"record   {written}")
     return ExitStatus.PASS if set(counts) <= {AS_DOCUMENTED, NOT_TRIED} else ExitStatus.VERDICT_FAIL
-
-
-def _asked(text: str) -> bool:
-    return typer.confirm(text, default=False)

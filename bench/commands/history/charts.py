@@ -7,9 +7,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from bench.commands.console import console, print_sorted_json
-from bench.commands.history.show import Place, named
+from bench.commands.console import console, print_sorted_json, say
+from bench.commands.history.show import named
 from bench.commands.history.tables import rows_table
+from bench.commands.requests import Place
 from bench.maths.control.limits import KINDS
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus, InputError
@@ -69,7 +70,7 @@ def freeze_phase(
     done = control.freeze(place.of(), subject, days, run_length, by, reason)
     if as_json:
         return print_sorted_json(done)
-    console().print(f"{done['name']}: {done['calibrations']} calibrations until {done['until_utc'][:10]}, by {by}")
+    say(f"{done['name']}: {done['calibrations']} calibrations until {done['until_utc'][:10]}, by {by}")
     return ExitStatus.PASS
 
 
@@ -78,7 +79,7 @@ def adjusted(place: Place, session: str, state: str, what: str, by: str, as_json
     done = state_calibration(place.of([session]), named(session), state, what, by)
     if as_json:
         return print_sorted_json({"session": done["session"], "state": state, "what": what, "stated_by": by})
-    console().print(f"{done['session']}: {state.replace('_', ' ')}, {what}")
+    say(f"{done['session']}: {state.replace('_', ' ')}, {what}")
     return ExitStatus.PASS
 
 

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from bench.commands.console import console, print_json
-from bench.commands.history.show import Place
+from bench.commands.console import print_json, say, warn
+from bench.commands.requests import Place
 from bench.model.errors import BenchError, ExitStatus, InputError
 from bench.record import SessionReader
 from bench.report import Laboratory, laboratory_of
@@ -31,17 +31,17 @@ def import_sessions(place: Place, folders: list[Path], reason: str, as_json: boo
     for folder in folders:
         try:
             if len(folders) > 1 and (why := _no_calibration(folder)):
-                console(stderr=True).print(f"{'skipped':<10} {folder}: {why}")
+                warn(f"{'skipped':<10} {folder}: {why}")
             else:
                 done.append(import_session(url, folder, reason))
         except BenchError as error:
-            console(stderr=True).print(str(error))
+            warn(error)
             status = error.exit_status
     if as_json:
         print_json({"sessions": [vars(recorded) for recorded in done]})
     else:
         for recorded in done:
-            console().print(f"{recorded.outcome:<10} {recorded.session}, revision {recorded.revision}")
+            say(f"{recorded.outcome:<10} {recorded.session}, revision {recorded.revision}")
     return status
 
 
@@ -82,12 +82,12 @@ def _computed(reader: SessionReader) -> Mapping[str, Any]:
         raise StoreError(
             "B-STORE-013",
             "the run did not finish and has no results",
-            where=str(reader.folder),
+            where=reader.folder,
             next_step="'bench fit' prints what its records give; only complete campaigns enter the history",
         )
     view = read_view(reader.folder, strict=True)
     if not view.has_analysis:
-        raise InputError("B-CLI-008", "the sequence of this session asks for no analysis", where=str(reader.folder))
+        raise InputError("B-CLI-008", "the sequence of this session asks for no analysis", where=reader.folder)
     return analyse_view(view)[0]
 
 

@@ -59,7 +59,7 @@ def _control(series: charts.ChartedSeries) -> plots.ControlPanel:
 
 def _require_format(path: Path) -> None:
     if path.suffix not in plots.FORMATS:
-        raise InputError("B-CLI-007", "is neither .svg nor .png", where=str(path), next_step="name such a file")
+        raise InputError("B-CLI-007", "is neither .svg nor .png", where=path, next_step="name such a file")
 
 
 def _clearest(history: ParameterHistory) -> float:

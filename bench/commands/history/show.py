@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 
-from bench.commands.console import console, print_sorted_json
+from bench.commands.console import console, print_sorted_json, say
 from bench.commands.history import tables
+from bench.commands.requests import Place
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus, InputError
-from bench.session.history import chosen_url
 from bench.session.output import writing
 from bench.store import (
     Filters,
@@ -27,19 +24,6 @@ from bench.store import (
     show_calibration,
     units_of,
 )
-
-
-@dataclass(frozen=True)
-class Place:
-    """The place of the history: a URL, or history.sqlite in the folder of the sessions."""
-
-    url: str | None
-    out: Path | None
-
-    def of(self, sessions: Sequence[str] = ()) -> str:
-        """Return the history asked for, else the one beside the first session that is named by its folder."""
-        beside = next((Path(name).resolve().parent for name in sessions if Path(name).is_dir()), Path("sessions"))
-        return chosen_url(self.url, beside if self.out is None else self.out, os.environ)
 
 
 def list_all(place: Place, filters: Filters, as_json: bool) -> int:
@@ -88,7 +72,7 @@ def compare(
         return print_sorted_json(tables.comparison_document(comparison, due, WallClock().utc_ns()))
     tables.print_comparison(console(), comparison, due)
     if plot is not None:
-        console().print(f"plot     {plot}")
+        say(f"plot     {plot}")
     return ExitStatus.PASS
 
 
@@ -116,7 +100,7 @@ def export(place: Place, path: Path, filters: Filters, as_json: bool) -> int:
         rows = export_history(place.of(), filters, path)
     if as_json:
         return print_sorted_json({"file": str(path), "rows": rows})
-    console().print(f"{rows} estimates written to {path}")
+    say(f"{rows} estimates written to {path}")
     return ExitStatus.PASS
 
 
@@ -127,7 +111,7 @@ def approve_session(place: Place, session: str, by: str, statement: str, as_json
     done = approve(place.of([session]), named(session), by, statement, report_sha256)
     if as_json:
         return print_sorted_json({**vars(done), "approved_by": by, "statement": statement})
-    console().print(f"{done.session}: revision {done.revision} approved by {by}")
+    say(f"{done.session}: revision {done.revision} approved by {by}")
     return ExitStatus.PASS
 
 

@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound, limits_of, limits_text
-from bench.commands.console import plain_table
+from bench.commands.console import headed_table
 from bench.maths.verdict import verdict_words
 from bench.store import LEAST_FOR_CONTROL, Comparison, Due, Shown, conditions_text
 
@@ -50,10 +50,11 @@ _LONGEST = "longest interval"
 def print_listing(out: Console, rows: Sequence[Row]) -> None:
     """One line per calibration."""
     heads = ("session", "sha-256", "unit", "campaign", "verdict", "not sound", "revision", "approved by")
-    table = _table(f"{len(rows)} calibrations", heads)
+    table = rows_table(f"{len(rows)} calibrations", heads)
     for row in rows:
+        state = "" if row["state"] is None else f" ({row['state'].replace('_', ' ')})"
         table.add_row(
-            row["session"] + _mark(row["simulated"]) + _state(row["state"]),
+            row["session"] + _mark(row["simulated"]) + state,
             row["session_sha256"][:8],
             f"{row['uut_model']} {row['uut_serial']}",
             row["campaign"],
@@ -94,7 +95,7 @@ def print_shown(out: Console, shown: Shown) -> None:
         out.print(f"  {line}", markup=False, highlight=False)
     if all(estimate["verdict"] == "none" for estimate in shown.estimates):
         out.print("  not judged: no estimate has a limit")
-    table = _table("Estimates", ("quantity", "conditions", "value", "U 95 %", "unit", "n", "limit", "verdict"))
+    table = rows_table("Estimates", ("quantity", "conditions", "value", "U 95 %", "unit", "n", "limit", "verdict"))
     for estimate in shown.estimates:
         table.add_row(
             estimate["quantity"], conditions_text(estimate["conditions"]), _number(estimate["value"], ".6g"),
@@ -110,7 +111,7 @@ def print_pair(out: Console, pair: Row) -> None:
     first, second = pair["sessions"]
     out.print(f"{pair['uut_model']} {pair['uut_serial']}: {first} (method {pair['methods'][0]})")
     out.print(f"  against {second} (method {pair['methods'][1]})")
-    table = _table("", ("quantity", "conditions", "first", "second", "change", "U 95 %", "unit", "E_n"))
+    table = rows_table("", ("quantity", "conditions", "first", "second", "change", "U 95 %", "unit", "E_n"))
     for parameter in pair["parameters"]:
         table.add_row(
             parameter["quantity"], conditions_text(parameter["conditions"]),
@@ -143,7 +144,7 @@ def print_comparison(out: Console, comparison: Comparison, due: Sequence[Due]) -
     """Drift, agreement and control of every parameter, and the due dates."""
     series = comparison.series
     heads = ("parameter", "calibr.", "last", "U 95 %", "unit", "drift/year", "U 95 %", "E_n last", "|E_n|>1", "out")
-    table = _table(f"{' '.join(series.uut)}: {len(series.calibrations)} calibrations", heads)
+    table = rows_table(f"{' '.join(series.uut)}: {len(series.calibrations)} calibrations", heads)
     for history in comparison.parameters:
         document = history.as_json(series)
         table.add_row(
@@ -169,7 +170,7 @@ def print_comparison(out: Console, comparison: Comparison, due: Sequence[Due]) -
 
 def print_due(out: Console, rows: Sequence[Row]) -> None:
     """One line per unit and campaign."""
-    table = _table("", ("unit under test", "campaign", "last", "due", "governed by", "state"))
+    table = rows_table("", ("unit under test", "campaign", "last", "due", "governed by", "state"))
     for row in sorted(rows, key=lambda row: str(row["due_utc"])):
         unit = f"{row['uut_model']} {row['uut_serial']}{_mark(row['simulated'])}"
         state = "-" if row["simulated"] else "OVERDUE" if row["overdue"] else "valid"
@@ -179,19 +180,9 @@ def print_due(out: Console, rows: Sequence[Row]) -> None:
     out.print(table)
 
 
-def _table(title: str, heads: Sequence[str]) -> Table:
-    table = plain_table(title)
-    for name in heads:
-        table.add_column(name, justify="left" if name in _LEFT else "right", overflow="fold", no_wrap=name in _WHOLE)
-    return table
-
-
-def rows_table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
-    """Return a table of texts in the form of all tables of ``bench history``."""
-    table = _table(title, heads)
-    for row in rows:
-        table.add_row(*row)
-    return table
+def rows_table(title: str, heads: Sequence[str], rows: Sequence[Sequence[str]] = ()) -> Table:
+    """Return a table of the history: what is no number stands left, what is short is not folded."""
+    return headed_table(title, heads, rows, whole=_WHOLE, left=_LEFT)
 
 
 def _doubts(row: Row) -> str:
@@ -202,10 +193,6 @@ def _doubts(row: Row) -> str:
 
 def _quality(estimate: Row) -> str:
     return "accepted" if "acceptance" in estimate else str(estimate["quality"])
-
-
-def _state(state: str | None) -> str:
-    return "" if state is None else f" ({state.replace('_', ' ')})"
 
 
 def _mark(simulated: bool) -> str:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.commands.console import console
+from bench.commands.console import warn
 from bench.commands.importing.sniff import Seen, sniff
 from bench.model.declaration import Hint
 from bench.model.errors import ExitStatus
@@ -31,7 +31,7 @@ def guess(path: Path) -> int:
     """Print the proposal; it runs as soon as each FILL_IN is replaced."""
     sys.stdout.write(proposal(sniff(path), path))
     for offer, error in system_refusals():
-        console(stderr=True).print(f"without {offer.what} of {offer.release}: {error}")
+        warn(f"without {offer.what} of {offer.release}: {error}")
     return ExitStatus.PASS
 
 

@@ -51,7 +51,7 @@ def _of_table(path: Path, kind: str) -> Seen:
 def _of_text(path: Path) -> Seen:
     raw = list(islice(file_lines(path), ROWS))
     if not raw:
-        raise InputError("B-IMP-001", "is empty", where=str(path), next_step="name the file of the log")
+        raise InputError("B-IMP-001", "is empty", where=path, next_step="name the file of the log")
     try:
         lines, encoding = [line.decode("utf-8-sig") for line in raw], "utf-8"
     except UnicodeDecodeError:
@@ -67,7 +67,7 @@ def _of_text(path: Path) -> Seen:
         raise InputError(
             "B-IMP-004",
             "holds no table that can be told",
-            where=str(path),
+            where=path,
             next_step="write the mapping by hand (docs/importing.md), or name another file",
         )
     named = not any(_is_number(text) for text in rows[begin])

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
 
-from bench.commands.console import console
+from bench.commands.console import console, say
 from bench.commands.schema import schema
 from bench.model.errors import ExitStatus, InputError
 from bench.model.lab import FILE
@@ -63,9 +63,7 @@ def init(folder: Path, given: dict[str, str | None]) -> int:
         B-SHIP-001 for a station that does not exist, B-CLI-007 if it cannot be written.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(
-            "B-LAB-002", "is there already and not empty", where=str(folder), next_step="name a new folder"
-        )
+        raise InputError("B-LAB-002", "is there already and not empty", where=folder, next_step="name a new folder")
     proposed = {"name": folder.resolve().name, **_DEFAULTS}
     answers = Answers(**{key: value or _asked(key, proposed[key]) for key, value in given.items()})
     for key, (pattern, what) in _FORMS.items():
@@ -81,7 +79,7 @@ def init(folder: Path, given: dict[str, str | None]) -> int:
         schema(Path("schemas"), vscode=True)
     first = _PLACES["first_check"] in contents
     then = f"try: cd {folder} && bench check first_check" if first else f"sequences go into {folder}/sequences"
-    console().print(f"lab folder {folder}: {answers.name}; {then}")
+    say(f"lab folder {folder}: {answers.name}; {then}")
     return ExitStatus.PASS
 
 
@@ -100,7 +98,7 @@ def _asked(key: str, proposed: str) -> str:
     if not sys.stdin.isatty():
         return proposed
     if key == "station":
-        console().print(f"simulated benches: {', '.join(shipped_names('stations'))}")
+        say(f"simulated benches: {', '.join(shipped_names('stations'))}")
     console().print(f"{_QUESTIONS[key][0]} [{proposed}] ", end="")
     return sys.stdin.readline().strip() or proposed
 

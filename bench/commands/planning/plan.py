@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import re
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 
 from bench.commands.check import checked_plan
 from bench.commands.console import console, print_json
+from bench.commands.requests import PlanRequest
 from bench.model.errors import ExitStatus, InputError, InputErrors
 from bench.model.units import parse_quantity
 from bench.model.yamlio import NAME_PATTERN
@@ -20,29 +20,15 @@ _EXAMPLES = {"--within": "'26 h'", "--lag": "'27 min'"}
 _FACTORS = (1.0, 1.25, 1.6, 2.0, 3.0)  # of the targets, for the figure
 
 
-@dataclass(frozen=True)
-class Request:
-    """Arguments of ``bench plan``."""
-
-    sequence: str
-    station: str | None
-    targets: list[str]
-    within: str | None
-    lag: str | None
-    out: Path | None
-    plot: Path | None
-    json: bool
-
-
-def plan(request: Request) -> int:
+def plan(request: PlanRequest) -> int:
     """Find a plan, check it as it will be written, write it, and print what it gains and loses.
 
     Raises: InputError B-DES-...; InputErrors if what is written does not compile.
     """
-    given = checked_plan(request.sequence, request.station, [])
+    given = checked_plan(request.sequence, request.station)
     within_s, lag_s = _seconds("--within", request.within), _seconds("--lag", request.lag)
     name = _name(request.out, given)
-    found = proposed(given, Asked(request.targets, within_s, lag_s))
+    found = proposed(given, Asked(request.targets or [], within_s, lag_s))
     text = found.text(name)
     _check(found, text, request.out)
     if request.plot is not None:

@@ -29,7 +29,7 @@ def yield_table(batch: Batch, words: Texts) -> Table:
         "batch.yield",
         "batch.interval",
     )
-    return Table(words("batch.yield_table"), tuple(words(key) for key in heads), tuple(rows))
+    return Table(words("batch.yield_table"), tuple(map(words, heads)), tuple(rows))
 
 
 def _yield_cells(total: Yield) -> tuple[str, ...]:
@@ -56,7 +56,7 @@ def unit_table(batch: Batch, words: Texts) -> Table:
     )
     key = "batch.unit_table" if len(parts) <= _MOST_ROWS else "batch.unit_table_cut"
     caption = words(key, shown=number(len(rows)), all=number(len(parts)))
-    return Table(caption, tuple(words(key) for key in heads), rows, stub=3)
+    return Table(caption, tuple(map(words, heads)), rows, stub=3)
 
 
 def unit_name(unit: Unit) -> str:
@@ -81,7 +81,7 @@ def spread_tables(batch: Batch, words: Texts) -> list[Table]:
             "all": number(len(spreads)),
         }
         if rows:
-            tables.append(Table(words(key, **shown), tuple(words(head) for head in heads), rows, stub=2))
+            tables.append(Table(words(key, **shown), tuple(map(words, heads)), rows, stub=2))
     return tables
 
 
@@ -126,7 +126,7 @@ def worst_table(batch: Batch, words: Texts) -> Table | None:
         "batch.unit", "batch.quantity", "batch.conditions", "batch.value", "batch.limit", "batch.measure",
         "batch.conformance", "batch.verdict", "batch.session",
     )  # fmt: skip
-    return Table(words("batch.worst_table"), tuple(words(key) for key in heads), rows, stub=3) if rows else None
+    return Table(words("batch.worst_table"), tuple(map(words, heads)), rows, stub=3) if rows else None
 
 
 def _worst_row(quantity: Quantity, member: Member, words: Texts) -> tuple[str, ...]:
@@ -148,4 +148,4 @@ def left_out_table(batch: Batch, words: Texts) -> Table | None:
     """Return sessions that are not, or not wholly, in the batch."""
     rows = tuple((left_out.session, left_out.code, left_out.text) for left_out in batch.left_out)
     heads = ("batch.session", "batch.code", "batch.why")
-    return Table(words("batch.left_out_table"), tuple(words(key) for key in heads), rows, prose=True) if rows else None
+    return Table(words("batch.left_out_table"), tuple(map(words, heads)), rows, prose=True) if rows else None

@@ -25,7 +25,7 @@ def administrative(calibration: Calibration) -> Element:
     return dcc(
         "administrativeData",
         dcc("dccSoftware", _own_software()),
-        _ref_type_definitions(),
+        dcc("refTypeDefinitions", *map(_definition, ("basic", "bench"))),
         _core(calibration),
         dcc("items", _item(calibration)),
         _laboratory(calibration),
@@ -38,10 +38,6 @@ def administrative(calibration: Calibration) -> Element:
 def _own_software() -> Element:
     release = leaf("release", f"v{__version__}")
     return dcc("software", words("name", "inertial-bench"), release, leaf("type", "application"))
-
-
-def _ref_type_definitions() -> Element:
-    return dcc("refTypeDefinitions", *(_definition(name) for name in ("basic", "bench")))
 
 
 def _definition(name: str) -> Element:

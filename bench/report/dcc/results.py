@@ -21,6 +21,7 @@ from bench.report.dcc.elements import Element, dcc, leaf, number_list, si, words
 PROBABILITY = "0.95"
 Estimate = Mapping[str, Any]
 _SAME_K = 1e-3
+_PLAIN = SiUnit(ONE)
 _LEAST_K = 1.0  # D-SI has no smaller coverage factor
 STATUS = {
     "pass": "pass", "fail": "fail", "conditional_pass": "conditionalPass", "conditional_fail": "conditionalFail",
@@ -119,9 +120,8 @@ def _columns(table: Table, unit: SiUnit) -> list[Element]:
     columns += [_words(name, [_text(estimate["conditions"][name]) for estimate in rows]) for name in table.texts]
     columns += [dcc("quantity", words("name", name), words("noQuantity", text)) for name, text in table.common]
     columns.append(_values(table, unit))
-    columns += [_counts(name, [estimate[name] for estimate in rows]) for name in ("n", "dropped")]
-    if rows[0].get("dof") is not None:
-        columns.append(_counts("dof", [estimate["dof"] for estimate in rows]))
+    counted = ("n", "dropped") if rows[0].get("dof") is None else ("n", "dropped", "dof")
+    columns += [_numbered(f"column.{name}", f"bench_{name}", [row[name] for row in rows]) for name in counted]
     return columns
 
 
@@ -170,9 +170,10 @@ def _numbers(rows: Sequence[Estimate], name: str, power: int = 0) -> str:
     return " ".join(si_number(estimate[name], power) for estimate in rows)
 
 
-def _counts(name: str, values: Sequence[float]) -> Element:
-    listed = number_list([si_number(value) for value in values], ONE)
-    return dcc("quantity", words("name", TEXTS(f"column.{name}")), listed, refType=f"bench_{name}")
+def _numbered(key: str, ref_type: str, values: Sequence[float], unit: SiUnit = _PLAIN) -> Element:
+    """Return a column of numbers, one a row, named by a text of the catalogue."""
+    listed = number_list([si_number(value, unit.power) for value in values], unit.token)
+    return dcc("quantity", words("name", TEXTS(key)), listed, refType=ref_type)
 
 
 def quantity_name(quantity: str) -> str:
@@ -203,13 +204,14 @@ def conformity(rows: Sequence[Mapping[str, Any]], unit: SiUnit) -> Element | Non
         return None
     sides = zip(("toleranceLimitLower", "toleranceLimitUpper"), zip(*map(limits_of, rows), strict=True), strict=True)
     quantities = [
-        _quantity(name, [si_number(limit, unit.power) for limit in limits], unit.token)
+        _numbered(f"conformity.{name}", f"basic_{name}", limits, unit)
         for name, limits in sides
         if all(map(math.isfinite, limits))
     ]
     inside = [estimate.get("conformance_probability") for estimate in rows]
     if None not in inside:
-        quantities.append(_probability([float(value or 0.0) for value in inside]))
+        chances = [float(value or 0.0) for value in inside]
+        quantities.append(_numbered("conformity.probability", "bench_conformanceProbability", chances))
     judged = dcc(
         "metaData",
         words("declaration", TEXTS("conformity.declaration")),
@@ -218,14 +220,3 @@ def conformity(rows: Sequence[Mapping[str, Any]], unit: SiUnit) -> Element | Non
         refType="basic_conformity",
     )
     return dcc("measurementMetaData", judged)
-
-
-def _probability(values: Sequence[float]) -> Element:
-    listed = number_list([si_number(value) for value in values], ONE)
-    name = words("name", TEXTS("conformity.probability"))
-    return dcc("quantity", name, listed, refType="bench_conformanceProbability")
-
-
-def _quantity(name: str, values: Sequence[str], token: str) -> Element:
-    named = words("name", TEXTS(f"conformity.{name}"))
-    return dcc("quantity", named, number_list(values, token), refType=f"basic_{name}")

@@ -74,7 +74,7 @@ def not_valid(violations: list[Violation], where: Path, schema: Path) -> InputEr
     return InputError(
         "B-DCC-009",
         f"does not hold {schema.name} in {len(violations)} places:{listed}",
-        where=str(where),
+        where=where,
         next_step="check that the schema is the published one; if it is, report this",
     )
 
@@ -145,4 +145,4 @@ def _xmlschema() -> Any:
 
 
 def _unusable(path: Path, message: str, next_step: str) -> InputError:
-    return InputError("B-DCC-008", message, where=str(path), next_step=next_step)
+    return InputError("B-DCC-008", message, where=path, next_step=next_step)

@@ -1,13 +1,11 @@
 """Pictures of a report; importing this loads matplotlib, which takes longer than most commands take to run."""
 
-from bench.report.plots.control import ControlPanel, plot_control
 from bench.report.plots.currents import current_picture, residual_picture
-from bench.report.plots.figures import plot_timetable, timetable_picture
+from bench.report.plots.figures import plot_timetable, plot_trade, timetable_picture
 from bench.report.plots.graphs import analysis_pictures
-from bench.report.plots.history import FORMATS, MOST_PANELS, Panel, line_years, plot_history
+from bench.report.plots.history import FORMATS, MOST_PANELS, ControlPanel, Panel, line_years, plot_control, plot_history
 from bench.report.plots.strips import strip_pictures
 from bench.report.plots.temperatures import asymmetry_picture, bias_picture, dsf_picture, surroundings_picture
-from bench.report.plots.trade import plot_trade
 
 __all__ = [
     "FORMATS",

@@ -1,13 +1,15 @@
-"""Figures of the timetable: planned and actual temperature above the lanes of what is measured when."""
+"""Figures of a timetable, planned and actual temperature above its lanes; and of what uncertainty costs in hours."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import ScalarFormatter
 
 from bench.analysis import Floats
 from bench.model.texts import ENGLISH, Texts
@@ -130,3 +132,21 @@ def thin(t_s: Floats, value: Floats, most: int = _MOST_POINTS) -> tuple[Floats, 
         keep.update((int(start + part.argmin()), int(start + part.argmax())))
     index = np.array(sorted(keep))
     return t_s[index], value[index]
+
+
+def plot_trade(name: str, points: Sequence[tuple[float, float]], today_h: float, path_svg: Path) -> None:
+    """Write hours against the factor on all targets, (n, 2), as an SVG file; a line marks the given campaign."""
+    with drawing():
+        figure = Figure(figsize=(5.6, 3.4), layout="constrained")
+        axes = figure.subplots()
+        axes.axhline(today_h, color=INK, linewidth=0.9, linestyle="--", label=f"{name}, as given")
+        axes.plot(*zip(*points, strict=True), color=BLUE, marker="o", label="shortest plan under the rules")
+        axes.set_xscale("log")
+        axes.set_xticks([factor for factor, _ in points])
+        axes.get_xaxis().set_major_formatter(ScalarFormatter())
+        axes.get_xaxis().set_minor_formatter(lambda *_: "")
+        axes.set_ylim(bottom=0.0)
+        axes.set_xlabel("expanded uncertainty over that of the targets")
+        axes.set_ylabel("campaign in h")
+        axes.legend()
+        path_svg.write_text(svg_text(figure, "trade"), encoding="utf-8")

@@ -8,7 +8,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, select
 
 from bench.model.clock import Clock, WallClock
-from bench.store.database import reading, writing
+from bench.store.database import add_row, add_rows, reading, rows_of, writing
 from bench.store.tables import certificates, certified_standards
 
 Row = dict[str, Any]
@@ -55,23 +55,20 @@ def enter(connection: Connection, issued: Issued, now_ns: int) -> None:
     if connection.execute(known).first() is not None:
         return
     row = {name: value for name, value in vars(issued).items() if name != "standards"}
-    key = connection.execute(certificates.insert(), {**row, "entered_utc_ns": now_ns}).inserted_primary_key
-    assert key is not None
+    number = add_row(connection, certificates, {**row, "entered_utc_ns": now_ns})
     names = ("role", "model", "serial", "certificate")
-    rows = [{"certificate_id": int(key[0]), **dict(zip(names, line, strict=True))} for line in issued.standards]
-    if rows:
-        connection.execute(certified_standards.insert(), rows)
+    rows = [dict(zip(names, line, strict=True)) for line in issued.standards]
+    add_rows(connection, certified_standards, rows, certificate_id=number)
 
 
 def certificates_of(connection: Connection, rule: ColumnElement[bool]) -> list[Row]:
     """Return the certificates for which a rule holds, by number, each with the numbers that stand for it now."""
     query = select(certificates).where(rule).order_by(certificates.c.number, certificates.c.id)
-    rows = [dict(row) for row in connection.execute(query).mappings()]
     numbers = select(certificates.c.replaces, certificates.c.number).where(certificates.c.replaces.is_not(None))
     by_number: dict[str, list[str]] = {}
     for replaced, number in connection.execute(numbers.order_by(certificates.c.number)):
         by_number.setdefault(replaced, []).append(number)
-    return [{**row, "replaced_by": by_number.get(row["number"], [])} for row in rows]
+    return [{**row, "replaced_by": by_number.get(row["number"], [])} for row in rows_of(connection, query)]
 
 
 def certificate_document(row: Row) -> Row:

@@ -9,7 +9,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, Connection, or_, select
 
 from bench.store.archive.certificates import certificates_of
-from bench.store.archive.sessions import called, has, rows_of
+from bench.store.archive.sessions import archived, called, has
 from bench.store.database import reading
 from bench.store.selection import unknown
 from bench.store.tables import archived_sessions, archived_standards, archived_units, certificates, certified_standards
@@ -35,7 +35,7 @@ def dependents(url: str, word: str) -> Dependents:
     Raises: StoreError B-STORE-009 if it names nothing, B-STORE-001 to B-STORE-005, B-STORE-007.
     """
     with reading(url) as connection:
-        found = {kind: rows for kind, rule in _meanings(word).items() if (rows := rows_of(connection, rule))}
+        found = {kind: rows for kind, rule in _meanings(word).items() if (rows := archived(connection, rule))}
         sessions = {row["id"]: row for rows in found.values() for row in rows}
         issued = _certificates(connection, word, [row["session_sha256"] for row in sessions.values()])
         if any(row["number"] == word for row in issued):

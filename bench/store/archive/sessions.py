@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
 
@@ -10,9 +10,9 @@ from sqlalchemy import ColumnElement, Connection, Select, Table, and_, delete, f
 
 from bench.model.clock import Clock, WallClock
 from bench.store.archive.certificates import Issued, enter
-from bench.store.database import reading, writing
+from bench.store.database import add_row, add_rows, reading, rows_of, writing
 from bench.store.reading import utc_text
-from bench.store.selection import unknown
+from bench.store.selection import unknown, values_of
 from bench.store.tables import archived_sessions, archived_standards, archived_units
 
 Row = dict[str, Any]
@@ -107,24 +107,16 @@ def _enter(connection: Connection, session: ArchivedSession, now_ns: int) -> Non
         connection.execute(table.update().where(table.c.id == known.id), now)
         return
     if known is None:
-        key = connection.execute(table.insert(), row).inserted_primary_key
-        assert key is not None
-        number = int(key[0])
+        number = add_row(connection, table, row)
     else:
         number = int(known.id)
         connection.execute(table.update().where(table.c.id == number), row)
         for part in (archived_units, archived_standards):
             connection.execute(delete(part).where(part.c.archived_id == number))
-    _insert(connection, archived_units, number, session.units)
-    _insert(connection, archived_standards, number, session.standards)
+    add_rows(connection, archived_units, map(vars, session.units), archived_id=number)
+    add_rows(connection, archived_standards, map(vars, session.standards), archived_id=number)
     for certificate in session.certificates:
         enter(connection, certificate, now_ns)
-
-
-def _insert(connection: Connection, table: Table, number: int, parts: Iterable[Unit | UsedStandard]) -> None:
-    rows = [{"archived_id": number, **vars(part)} for part in parts]
-    if rows:
-        connection.execute(table.insert(), rows)
 
 
 def fingerprints(url: str) -> dict[str, str]:
@@ -140,17 +132,17 @@ def list_sessions(url: str, selection: Selection) -> list[Row]:
     Raises: StoreError B-STORE-009 for a word that names nothing, B-STORE-001 to B-STORE-005, B-STORE-007.
     """
     with reading(url) as connection:
-        rows = rows_of(connection, _wanted(selection))
+        rows = archived(connection, _wanted(selection))
         if not rows:
             _require(connection, selection)
     return rows
 
 
-def rows_of(connection: Connection, *rules: ColumnElement[bool]) -> list[Row]:
+def archived(connection: Connection, *rules: ColumnElement[bool]) -> list[Row]:
     """Return the sessions for which all rules hold, by time, each with its units and its standards."""
     query = select(archived_sessions).where(*rules)
     order = (archived_sessions.c.started_utc_ns, archived_sessions.c.session, archived_sessions.c.location)
-    rows = [dict(row) for row in connection.execute(query.order_by(*order)).mappings()]
+    rows = rows_of(connection, query.order_by(*order))
     these = query.with_only_columns(archived_sessions.c.id)
     units, standards = (_parts(connection, table, these) for table in (archived_units, archived_standards))
     return [{**row, "units": units.get(row["id"], []), "standards": standards.get(row["id"], [])} for row in rows]
@@ -212,8 +204,7 @@ def _require(connection: Connection, selection: Selection) -> None:
         if name is None:
             continue
         if not connection.execute(select(func.count()).where(column == name if rule is None else rule)).scalar_one():
-            known = connection.execute(select(column).distinct().order_by(column)).scalars().all()
-            raise unknown(kind, name, known)
+            raise unknown(kind, name, values_of(connection, column))
 
 
 def session_document(row: Row) -> Row:

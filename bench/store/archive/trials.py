@@ -12,7 +12,7 @@ from sqlalchemy import Connection, delete, select
 from bench.model.clock import Clock, WallClock
 from bench.store.archive.certificates import certificates_of
 from bench.store.contents import canonical, parameter_row
-from bench.store.database import reading, writing
+from bench.store.database import reading, rows_of, writing
 from bench.store.reading import utc_text
 from bench.store.recording import parameter_keys
 from bench.store.selection import unknown
@@ -120,7 +120,7 @@ def read_trial(url: str, name: str) -> StoredTrial:
 
 def _find(connection: Connection, name: str) -> Row:
     query = select(trials).where(trials.c.name.startswith(name, autoescape=True))
-    found = [dict(row) for row in connection.execute(query).mappings()] if len(name) >= _LEAST_NAME else []
+    found = rows_of(connection, query) if len(name) >= _LEAST_NAME else []
     if len(found) != 1:
         known = connection.execute(select(trials.c.name).order_by(trials.c.id)).scalars().all()
         raise unknown("trial", name, known, several=len(found) > 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,6 +11,7 @@ from numpy.typing import NDArray
 
 from bench.maths.control.limits import KINDS, Charts, Limits, Signal, chart
 from bench.maths.control.predictions import Change
+from bench.store.selection import Filters
 from bench.store.series import Parameter
 
 Array = NDArray[np.float64]
@@ -115,3 +117,12 @@ class ChartedSubject:
 def judged(score: Array, first: int, limits: Limits) -> Charts:
     """Plot the scores behind a first phase."""
     return chart(score[first:], limits)
+
+
+def wanted(charted: Sequence[ChartedSeries], filters: Filters) -> list[ChartedSeries]:
+    return [
+        series
+        for series in charted
+        if filters.campaign in (None, series.parameter.campaign)
+        and filters.quantity in (None, series.parameter.quantity)
+    ]

@@ -11,7 +11,7 @@ from bench.model.clock import NS, Clock, WallClock
 from bench.store.database import reading, writing
 from bench.store.errors import StoreError
 from bench.store.reading import utc_text
-from bench.store.selection import find_unit, unknown
+from bench.store.selection import find_unit, require
 from bench.store.tables import calibrations, phases
 
 LEAST = 8  # calibrations of a first phase; fewer say too little about the scatter
@@ -91,17 +91,10 @@ def _midnight_ns(day: date) -> int:
 
 
 def _name(connection: Connection, kind: str, name: str | None) -> str:
-    return " ".join(find_unit(connection, name)) if kind == "unit" else find_station(connection, name or "")
-
-
-def find_station(connection: Connection, name: str) -> str:
-    """Return the name of a station that the history knows. Raises: StoreError B-STORE-009."""
-    known = (
-        connection.execute(select(calibrations.c.station).distinct().order_by(calibrations.c.station)).scalars().all()
-    )
-    if name not in known:
-        raise unknown("station", name, known)
-    return name
+    if kind == "unit":
+        return " ".join(find_unit(connection, name))
+    require(connection, "station", name or "", calibrations.c.station)
+    return name or ""
 
 
 def _count(connection: Connection, kind: str, name: str, from_ns: int, until_ns: int) -> int:

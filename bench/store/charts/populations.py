@@ -13,11 +13,12 @@ from bench.maths.control.common_mode import LEAST_FREEDOM, Population, certifica
 from bench.maths.control.limits import limits_for
 from bench.maths.control.predictions import Readings, predictions, step_until
 from bench.maths.drift import NO_STANDARD
-from bench.store.charts.chart import RUN_LENGTH, ChartedSeries, ChartedSubject, judged
-from bench.store.charts.phases import find_station, phase_document, phase_of
+from bench.store.charts.chart import RUN_LENGTH, ChartedSeries, ChartedSubject, judged, wanted
+from bench.store.charts.phases import phase_document, phase_of
 from bench.store.database import reading
-from bench.store.selection import Filters, units
+from bench.store.selection import Filters, require, units
 from bench.store.series import YEAR_S, Parameter, Series, read_series
+from bench.store.tables import calibrations
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -62,7 +63,7 @@ def chart_certificates(url: str, filters: Filters, run_length: float | None = No
             f"{few} of {len(charted)} quantities judge no certificate: units calibrated with two of them leave fewer "
             f"than {LEAST_FREEDOM} degrees of freedom"
         )
-    shown = _wanted(charted, filters)
+    shown = wanted(charted, filters)
     return ChartedSubject("certificates", "all units", simulated, declared, None, charted, shown, notes)
 
 
@@ -101,7 +102,7 @@ def chart_station(url: str, station: str, filters: Filters, run_length: float | 
     Raises:  StoreError B-STORE-001 to B-STORE-005, B-STORE-007, B-STORE-009.
     """
     with reading(url) as connection:
-        find_station(connection, station)
+        require(connection, "station", station, calibrations.c.station)
         phase = phase_of(connection, "station", station)
     histories, simulated, notes = _histories(url)
     declared = run_length or (RUN_LENGTH if phase is None else phase["run_length"])
@@ -116,7 +117,7 @@ def chart_station(url: str, station: str, filters: Filters, run_length: float | 
             f"than {_ENOUGH} degrees of freedom ({LEAST_FREEDOM} in a first phase that somebody states)"
         )
     said = None if phase is None else phase_document(phase)
-    shown = _wanted(charted, filters)
+    shown = wanted(charted, filters)
     return ChartedSubject("station", station, simulated, declared, said, charted, shown, notes)
 
 
@@ -257,12 +258,3 @@ def _unit_series(series: Series, rows: Labels, table: Array, column: int, place:
     return UnitSeries(
         readings, [str(row["session"]) for row in calibrations], [str(row["station"]) for row in calibrations]
     )
-
-
-def _wanted(charted: Sequence[ChartedSeries], filters: Filters) -> list[ChartedSeries]:
-    return [
-        series
-        for series in charted
-        if filters.campaign in (None, series.parameter.campaign)
-        and filters.quantity in (None, series.parameter.quantity)
-    ]

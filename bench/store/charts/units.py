@@ -18,7 +18,7 @@ from bench.maths.control.predictions import (
     predictions,
 )
 from bench.model.errors import FitError
-from bench.store.charts.chart import RUN_LENGTH, ChartedSeries, ChartedSubject, judged
+from bench.store.charts.chart import RUN_LENGTH, ChartedSeries, ChartedSubject, judged, wanted
 from bench.store.charts.phases import BY_DEFAULT, LEAST, phase_document, phase_of
 from bench.store.database import reading
 from bench.store.selection import Filters
@@ -45,11 +45,6 @@ def chart_unit(url: str, filters: Filters, run_length: float | None = None) -> C
     columns = [_column(series, number, phase) for number in range(len(series.parameters))]
     begun = [(number, rows, first, scatter) for number, (rows, first, scatter) in enumerate(columns) if scatter]
     charted = [_charted(series, *entry, declared, len(begun)) for entry in begun]
-    wanted = [
-        entry
-        for entry in charted
-        if filters.campaign in (None, entry.parameter.campaign) and filters.quantity in (None, entry.parameter.quantity)
-    ]
     notes = list(series.notes)
     if len(begun) < len(columns):
         notes.append(
@@ -59,7 +54,9 @@ def chart_unit(url: str, filters: Filters, run_length: float | None = None) -> C
     notes += _odd_ones(series, begun)
     simulated = bool(series.calibrations and series.calibrations[-1]["simulated"])
     said = None if phase is None else phase_document(phase)
-    return ChartedSubject("unit", " ".join(series.uut), simulated, declared, said, charted, wanted, notes)
+    return ChartedSubject(
+        "unit", " ".join(series.uut), simulated, declared, said, charted, wanted(charted, filters), notes
+    )
 
 
 def _odd_ones(series: Series, begun: Sequence[tuple[int, NDArray[np.int64], int, Scatter]]) -> list[str]:

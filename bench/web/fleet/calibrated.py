@@ -56,12 +56,13 @@ class Calibrated:
         async with self._one:
             until_ns, rows = self._kept.get(what, (0, []))
             if self._clock.now_ns() >= until_ns:
-                rows = await asyncio.get_running_loop().run_in_executor(self._worker, _read, read, self._url)
+                rows = await asyncio.get_running_loop().run_in_executor(self._worker, read_history, read, self._url)
                 self._kept[what] = (self._clock.now_ns() + to_ns(KEPT_S), rows)
         return rows
 
 
-def _read(read: Callable[[str], list[Row]], url: str) -> list[Row]:
+def read_history(read: Callable[[str], list[Row]], url: str) -> list[Row]:
+    """Return what is read of a history, nothing if nobody has calibrated yet."""
     try:
         return read(url)
     except BenchError as error:

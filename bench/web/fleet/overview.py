@@ -23,7 +23,7 @@ from bench.web.hub import Hub
 from bench.web.now import now_of
 from bench.web.recorded.listing import run_folder, session_row
 from bench.web.room import Room, Viewer
-from bench.web.socket import serve_viewer
+from bench.web.socket import serve_page
 from bench.web.telemetry import Lookout, SeenRun
 
 PROTO = 1
@@ -60,10 +60,7 @@ class Overview:
 
     async def socket(self, websocket: WebSocket) -> None:
         """Serve one who looks at many benches; the gate has let it in."""
-        await websocket.accept()
-        viewer = Viewer(websocket.scope["user"].role)
-        async with self._in_room(viewer):
-            await serve_viewer(websocket, viewer, self)
+        await serve_page(websocket, self._in_room)
 
     async def move(self, said: Mapping[str, Any]) -> None:
         """Living runs have no cursor."""
@@ -102,12 +99,12 @@ class Overview:
         return {"proto": PROTO, "runs": {name: cards[name] for name in told[:MOST_RUNS]}, "last": self._last}
 
     @asynccontextmanager
-    async def _in_room(self, viewer: Viewer) -> AsyncIterator[None]:
+    async def _in_room(self, viewer: Viewer) -> AsyncIterator[Overview]:
         self.room.enter(viewer)
         if self._following is None:
             self._following = asyncio.create_task(self._follow())
         try:
-            yield
+            yield self
         finally:
             self.room.viewers.discard(viewer)
             if not self.room.viewers and self._following is not None:

@@ -13,6 +13,7 @@ from typing import Any
 from bench.model.clock import NS, Clock
 from bench.web.fleet.fleet_file import FleetBench
 from bench.web.fleet.overview import ATTENTION, MOST_RUNS, PROTO
+from bench.web.now import number_of
 from bench.web.recorded.listing import RUN_NAME
 
 SILENT_S = 3.5
@@ -129,7 +130,7 @@ def _run(name: str, entry: Mapping[str, Any]) -> Card:
     return {
         "run": name,
         **{key: _text(entry.get(key)) for key in _TEXTS},
-        **{key: _number(entry.get(key)) for key in _NUMBERS},
+        **{key: number_of(entry.get(key)) for key in _NUMBERS},
         "uut": {key: _text(uut.get(key)) for key in ("model", "serial")} if isinstance(uut, Mapping) else None,
         "simulated": entry.get("simulated") is True,
         "attention": attention if attention in ATTENTION else "much",
@@ -143,8 +144,3 @@ def _run(name: str, entry: Mapping[str, Any]) -> Card:
 
 def _text(value: object) -> str | None:
     return None if value is None else str(value).encode("utf-8", "replace").decode()[:LONGEST_TEXT]
-
-
-def _number(value: object) -> float | None:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if is_number else None  # type: ignore[arg-type]

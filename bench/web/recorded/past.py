@@ -208,7 +208,7 @@ class Trends:
         raise InputError(
             "B-WEB-022",
             f"the trend of this session cannot be made ({failed})",
-            where=str(folder),
+            where=folder,
             next_step="zoom in to see single readings; 'bench recover' lists what the session holds",
         )
 

@@ -5,17 +5,15 @@ HTML without a script, and nothing but itself to load.
 from __future__ import annotations
 
 import re
-from functools import cache
 from pathlib import Path
 from urllib.parse import parse_qs
 
-from jinja2 import Environment, FileSystemLoader, StrictUndefined, Template
 from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, RedirectResponse, Response
 
 from bench import __version__
 from bench.model.texts import Texts
-from bench.web.pages import language_of
+from bench.web.pages import language_of, templates
 from bench.web.security.logins import Login, clean_name
 from bench.web.security.tokens import draw_id
 from bench.web.serving import Serving
@@ -100,8 +98,12 @@ def login_page(
     """Return the form; ``back_to`` is where a login leads, ``wrong`` the key of the text that says what went wrong
     with what was typed as ``name``."""
     texts = Texts(FOLDER, language_of(request))
-    page = _template().render(
-        text=texts, name=name, back_to=safe_way_back(back_to), wrong=texts(wrong, seconds=wait_s) if wrong else ""
+    page = (
+        templates()
+        .get_template("login.html.j2")
+        .render(
+            text=texts, name=name, back_to=safe_way_back(back_to), wrong=texts(wrong, seconds=wait_s) if wrong else ""
+        )
     )
     return HTMLResponse(page, status, {"Retry-After": str(wait_s)} if wait_s else None)
 
@@ -109,11 +111,3 @@ def login_page(
 def safe_way_back(path: str) -> str:
     """Return ``path`` if it is a page of this server, else its first page: a login leads nowhere else."""
     return path if _BACK.fullmatch(path) else "/"
-
-
-@cache
-def _template() -> Template:
-    environment = Environment(
-        loader=FileSystemLoader(FOLDER / "templates"), autoescape=True, undefined=StrictUndefined, trim_blocks=True
-    )
-    return environment.get_template("login.html.j2")

@@ -126,7 +126,7 @@ def _read(path: Path, bench_token: str) -> tuple[Tokens, bool]:
                 f"the file of the tokens has mode {stat.S_IMODE(status.st_mode):04o}, others may use it; due: 0600"
             )
             advice = "'chmod 600' it if nobody has read it, else 'bench serve --rotate' makes new tokens"
-            raise InputError("B-WEB-006", message, where=str(path), next_step=advice)
+            raise InputError("B-WEB-006", message, where=path, next_step=advice)
         try:
             kept = {**json.load(file)}
             is_whole = BENCH in kept
@@ -146,14 +146,12 @@ def _hexadecimal(text: str) -> str:
 def _refuse_open_folder(folder: Path) -> None:
     if not is_own(folder.stat()):
         message = "others may change what is in this folder, which keeps the tokens of the page"
-        raise InputError("B-WEB-006", message, where=str(folder), next_step="'chmod 700' it, as its owner")
+        raise InputError("B-WEB-006", message, where=folder, next_step="'chmod 700' it, as its owner")
 
 
 def _unusable(path: Path, why: str) -> InputError:
     advice = "'bench serve --rotate' makes new tokens; check the folder and $XDG_CONFIG_HOME"
-    return InputError(
-        "B-WEB-007", f"the tokens of the page cannot be kept here: {why}", where=str(path), next_step=advice
-    )
+    return InputError("B-WEB-007", f"the tokens of the page cannot be kept here: {why}", where=path, next_step=advice)
 
 
 class LoginLimit:

@@ -7,7 +7,6 @@ Source: OpenMetrics 1.0; the text is written by prometheus_client.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
@@ -19,6 +18,7 @@ from starlette.requests import Request
 from starlette.responses import Response
 
 from bench import __version__
+from bench.web.now import number_of
 from bench.web.recorded.outcome import OUTCOMES
 from bench.web.telemetry.lookout import Lookout, SeenRun
 
@@ -155,7 +155,7 @@ def _add_estimates(table: _Table, run: str, state: Document) -> None:
 
 
 def _limits(row: Document) -> Iterator[tuple[str, Any]]:
-    limit, limits = _number(row.get("limit")), _mapping(row.get("limits"))
+    limit, limits = number_of(row.get("limit")), _mapping(row.get("limits"))
     if limit is not None:
         yield from (("low", -limit), ("high", limit))
     else:
@@ -172,13 +172,13 @@ class _Table:
 
     def gauge(self, name: str, text: str, labels: dict[str, str], value: object, unit: str = "") -> None:
         """Add a value, if it is a number."""
-        number = _number(value)
+        number = number_of(value)
         if number is not None and self._is_new(name, labels):
             self._family(GaugeMetricFamily, name, text, labels, unit=unit).add_metric(list(labels.values()), number)
 
     def counter(self, name: str, text: str, labels: dict[str, str], what: str, value: object) -> None:
         """Add a count of one sort, if it is a number."""
-        labels, number = {**labels, "what": what}, _number(value)
+        labels, number = {**labels, "what": what}, number_of(value)
         if number is not None and self._is_new(name, labels):
             self._family(CounterMetricFamily, name, text, labels).add_metric(list(labels.values()), number)
 
@@ -218,11 +218,6 @@ def _rows(value: object) -> list[Document]:
     return [_mapping(entry) for entry in value] if isinstance(value, list) else []
 
 
-def _number(value: object) -> float | None:
-    is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if is_number else None  # type: ignore[arg-type]
-
-
 def _difference(later: object, earlier: object) -> float | None:
-    a, b = _number(later), _number(earlier)
+    a, b = number_of(later), number_of(earlier)
     return None if a is None or b is None else a - b

@@ -11,6 +11,7 @@ import pytest
 from rehearsal import ROOT
 
 from bench.commands.planning import plan as command
+from bench.commands.requests import PlanRequest
 from bench.design import Design, Key, Target, default_targets, reached
 from bench.model.errors import InputError
 from bench.plan import Plan, PlannedSoak, check_plan, compile_sequence
@@ -138,8 +139,8 @@ def test_what_would_not_be_what_was_found_is_not_written(
     assert list(tmp_path.iterdir()) == []
 
 
-def request(out: Path, sequence: str | Path = GIVEN, plot: Path | None = None) -> command.Request:
-    return command.Request(str(sequence), None, [], None, "27 min", out, plot, True)
+def request(out: Path, sequence: str | Path = GIVEN, plot: Path | None = None) -> PlanRequest:
+    return PlanRequest(str(sequence), lag="27 min", out=out, plot=plot, json=True)
 
 
 def test_what_is_written_is_what_was_checked(

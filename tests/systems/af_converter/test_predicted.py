@@ -13,7 +13,8 @@ import pytest
 from rehearsal import ROOT, rehearsed
 from units_campaign import CUTS, OF_ONE, compiled_text, cut, single_plan, units_plan
 
-from bench.commands.check import Request, check
+from bench.commands.check import check
+from bench.commands.requests import CheckRequest
 from bench.maths.verdict import verdict
 from bench.model.errors import FitError, InputErrors
 from bench.plan import compile_sequence
@@ -83,10 +84,10 @@ def test_what_a_plan_does_not_determine_is_named(tmp_path: Path) -> None:
 def test_it_is_printed_and_in_the_document(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     single_plan(tmp_path)
     path = str(tmp_path / "units_tiny.yaml")
-    assert check(Request(path, None, [], None, json=False)) == 0
+    assert check(CheckRequest(path, json=False)) == 0
     said = capsys.readouterr().out
     assert "predicted    Scale-factor error N: U at least " in said
-    assert check(Request(path, None, [], None, json=True)) == 0
+    assert check(CheckRequest(path, json=True)) == 0
     document = json.loads(capsys.readouterr().out)["predicted"]
     assert [REPEATED in sentence for sentence in document["missing"]] == [True]
     for entry in document["estimates"]:

@@ -14,7 +14,8 @@ import pytest
 
 from bench.commands import study as study_command
 from bench.commands.cluster import run_on_cluster
-from bench.commands.study import Request, study
+from bench.commands.requests import StudyRequest
+from bench.commands.study import study
 from bench.model.errors import InputError
 from bench.systems.time_sync import study as published
 from bench.systems.time_sync.study.study import BASE, NAME, TIGHT, Group, StudyOptions, Task
@@ -55,10 +56,10 @@ def test_workers_give_the_same_bytes_even_if_one_dies() -> None:
     assert sorted(listener.done_tasks, key=TASKS.index) == TASKS
 
 
-def request(out: Path, **other: Any) -> Request:
+def request(out: Path, **other: Any) -> StudyRequest:
     """A study of two runs; ``other`` fields."""
-    asked = {"runs": 2, "seed": 1, "offsets": "0,20", "quick": True, "dask": None, "as_json": False, **other}
-    return Request(name=asked.pop("name", NAME), out=out, **asked)
+    asked = {"runs": 2, "seed": 1, "offsets": "0,20", "quick": True, "dask": None, "json": False, **other}
+    return StudyRequest(name=asked.pop("name", NAME), out=out, **asked)
 
 
 def test_an_unknown_study(tmp_path: Path) -> None:
@@ -79,7 +80,7 @@ def test_files_and_exit_status(
     monkeypatch.setattr(published, "study_document", lambda *_: document)
     monkeypatch.setattr(published, "study_chapters", lambda *_: [])
     monkeypatch.setattr(study_command, "study_html", lambda *_: "<html>")
-    assert study(request(tmp_path / "out", as_json=True)) == (1 if spoilt else 0)
+    assert study(request(tmp_path / "out", json=True)) == (1 if spoilt else 0)
     said = capsys.readouterr()
     assert json.loads(said.out) == document == json.loads((tmp_path / "out" / "study.json").read_text("utf-8"))
     assert (tmp_path / "out" / "report.html").read_text("utf-8") == "<html>"

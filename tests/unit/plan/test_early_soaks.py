@@ -9,6 +9,7 @@ import yaml
 from plan_sample import changed, make_bench, mistakes
 
 from bench.commands import check as command
+from bench.commands.requests import CheckRequest
 from bench.plan import PlannedSoak, compile_sequence
 from bench.plan.step_kinds import plan_json, steps_of
 from bench.session.makeup import _written
@@ -52,7 +53,7 @@ def test_what_cannot_end_a_soak_is_one_mistake(tmp_path: Path, old: str, new: st
 def test_the_check_says_that_its_times_are_the_longest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for text, said in ((changed(SLOT, DONE), True), (changed(SLOT, SLOT), False)):
         path = make_bench(tmp_path, text)
-        command.check(command.Request(str(path), None, [], None, json=False))
+        command.check(CheckRequest(str(path)))
         assert ("times are the longest" in capsys.readouterr().out) == said
 
 

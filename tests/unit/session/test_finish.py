@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from bench.commands import resume, run
+from bench.commands.requests import RunRequest
 from bench.model.errors import ExitStatus, FitError
 
 FOLDER = Path("sessions/S")
@@ -22,7 +23,7 @@ def test_after_a_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixt
     monkeypatch.setattr(run, "finish", no_result)
     view: Any = SimpleNamespace(events=[], events_of=lambda model: [])
     done: Any = SimpleNamespace(folder=FOLDER)
-    request = run.Request("s", None, [], None, 1, Path("sessions"), truth=False, json=False)
+    request = RunRequest("s")
     assert run._results(view, done, request, run.console()) == ExitStatus.VERDICT_FAIL
     said = capsys.readouterr()
     assert "B-FIT-005" in said.err

@@ -27,7 +27,8 @@ from websockets.frames import Frame, Opcode
 from websockets.protocol import State
 from websockets.server import ServerProtocol
 
-from bench.commands.serve import Request, serve
+from bench.commands.requests import ServeRequest
+from bench.commands.serve import serve
 from bench.model.clock import WallClock
 from bench.model.errors import InputError
 from bench.web import serving
@@ -140,7 +141,7 @@ def test_tls_on_every_address(tmp_path: Path, certificate: tuple[Path, Path]) ->
 
 def refused(**fields: object) -> InputError:
     with pytest.raises(InputError) as raised:
-        serve(Request(**{"out": Path(), "port": 0, **fields}))  # type: ignore[arg-type]
+        serve(ServeRequest(**{"out": Path(), "port": 0, **fields}))  # type: ignore[arg-type]
     return raised.value
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from bench.commands.serve import Request, serve
+from bench.commands.requests import ServeRequest
+from bench.commands.serve import serve
 from bench.model.errors import InputError
 from bench.web.fleet.fleet_file import load_fleet
 
@@ -150,6 +151,6 @@ def test_all_mistakes_are_said_at_once_in_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize("option", [{"out": Path("sessions")}, {"mqtt": "mqtt://127.0.0.1"}])
 def test_what_belongs_to_one_bench_b_fleet_005(tmp_path: Path, option: dict[str, object]) -> None:
     with pytest.raises(InputError) as raised:
-        serve(Request(fleet=written(tmp_path, f"benches:\n{REMOTE}"), **option))  # type: ignore[arg-type]
+        serve(ServeRequest(fleet=written(tmp_path, f"benches:\n{REMOTE}"), **option))  # type: ignore[arg-type]
     assert raised.value.code == "B-FLEET-005"
     assert next(iter(option)) in raised.value.where

@@ -11,7 +11,8 @@ import store_sample
 from web_rig import Page, served
 
 from bench.commands.history import show
-from bench.commands.serve import Request, serve
+from bench.commands.requests import Place, ServeRequest
+from bench.commands.serve import serve
 from bench.model.errors import BenchError
 from bench.store import Filters, record_calibration
 from bench.web.fleet.app import create_fleet_app
@@ -37,7 +38,7 @@ def page(url: str, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
 
 def test_who_is_due_is_what_the_command_says(page: Page, url: str, capsys: pytest.CaptureFixture[str]) -> None:
     answer = page.ask("GET", "/api/v1/due", page.cookie(VIEWER)).json
-    assert show.due(show.Place(url, None), Filters(), LONGEST_DAYS, True) == 1
+    assert show.due(Place(url, None), Filters(), LONGEST_DAYS, True) == 1
     said = json.loads(capsys.readouterr().out)["due"]
     assert len(said) == 2
     assert answer["due"] == sorted(said, key=lambda due: due["due_utc"])
@@ -48,7 +49,7 @@ def test_sessions_over_all_are_the_history_newest_first(
     page: Page, url: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     answer = page.ask("GET", "/api/v1/calibrations", page.cookie(VIEWER)).json
-    show.list_all(show.Place(url, None), Filters(), True)
+    show.list_all(Place(url, None), Filters(), True)
     assert answer["calibrations"] == json.loads(capsys.readouterr().out)["calibrations"][::-1]
     assert [row["uut_serial"] for row in answer["calibrations"]] == ["B2", "A1", "A1", "A1"]
 
@@ -76,5 +77,5 @@ def test_an_address_that_can_never_be_opened_is_refused_before_anything_is_serve
     fleet = tmp_path / "fleet.yaml"
     fleet.write_text(f"benches:\n  - {{name: here, folder: '{tmp_path}'}}\n")
     with pytest.raises(BenchError) as raised:
-        serve(Request(fleet=fleet, history="nonsense"))
+        serve(ServeRequest(fleet=fleet, history="nonsense"))
     assert raised.value.code == "B-STORE-001"
