@@ -17,7 +17,7 @@ from bench.plan.check.analysis import check_limits, check_named
 from bench.plan.check.everything import NO_SERIAL, SERIAL, check_steps, short
 from bench.plan.check.stations import check_station, plan_rules
 from bench.plan.drivers import with_bus_time
-from bench.plan.expand import Expander, TooManySteps
+from bench.plan.expand import Expander, Node, TooManySteps
 from bench.plan.expected import check_judged
 from bench.plan.findings import Findings, suggestion
 from bench.plan.fits import fits_of
@@ -30,7 +30,7 @@ from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedRecord
 from bench.plan.stopping import is_other_length
 from bench.plan.unroll import Unroller
-from bench.plan.values import Scope, plain, traced
+from bench.plan.values import plain, traced
 
 
 def compile_sequence(
@@ -81,12 +81,12 @@ class _Compiler:
             check_counted(document, link, frames[link], findings)
         rate_Hz = (frames[link].rate_Hz if link in frames else None) or math.nan
         expander = Expander(document, self.station, channels, rate_Hz, frames, findings)
-        scope = Scope(self._variables(expander), expander.role_attribute, {})
-        serial = self._serial(expander, scope)
-        expander.units = planned_units(expander, scope)
+        root = expander.node(variables=self._variables(expander))
+        serial = self._serial(root)
+        expander.units = planned_units(root)
         expander.campaign = self._campaign(constants, rate_Hz, serial)
-        lengths = self._expand(expander, scope)
-        campaign = {**expander.campaign, **self._values(expander, scope)}
+        lengths = self._expand(root)
+        campaign = {**expander.campaign, **self._values(root)}
         plan = self._assembled(expander, lengths, frames, link, campaign)
         rules = plan_rules(document.model.interlocks, document, self.station, plan.frames, findings)
         plan = replace(plan, interlocks=rules_of_units(rules, plan.units))
@@ -157,16 +157,16 @@ class _Compiler:
                 self.findings.add("B-PLAN-048", where, f"frame {name!r} names no rate", advice)
         return frames
 
-    def _serial(self, expander: Expander, scope: Scope) -> str:
+    def _serial(self, root: Node) -> str:
         """Return serial number of the unit under test; it becomes part of the session's folder name."""
-        uut = self.document.model.uut
-        serial = "" if uut is None else str(plain(expander.resolve(uut.serial, scope, ("uut", "serial"))))
+        uut, node = self.document.model.uut, root.below("uut", "serial")
+        serial = "" if uut is None else str(plain(node.resolve(uut.serial)))
         if uut is not None and not SERIAL.fullmatch(serial):
-            expander.fail("B-PLAN-025", ("uut", "serial"), f"{short(serial)} {NO_SERIAL}")
+            node.fail("B-PLAN-025", f"{short(serial)} {NO_SERIAL}")
         return serial
 
-    def _expand(self, expander: Expander, scope: Scope) -> dict[str, float]:
-        model = self.document.model
+    def _expand(self, root: Node) -> dict[str, float]:
+        model, expander = self.document.model, root.plan
         lengths: dict[str, float] = {}
         phases: list[tuple[Phase, list[Step_], str]] = [
             ("prepare", model.prepare, "prepare"),
@@ -177,9 +177,9 @@ class _Compiler:
         try:
             for phase, steps, key in phases:
                 expander.begin(phase)
-                unroller.run(steps, (key,), scope)
+                unroller.run(steps, root.below(key))
                 if phase == "campaign":
-                    unroller.timeline(model.timeline, ("timeline",), scope)
+                    unroller.timeline(model.timeline, root.below("timeline"))
                 lengths[phase] = expander.at_s
         except TooManySteps:
             return lengths
@@ -187,11 +187,10 @@ class _Compiler:
         return lengths
 
     def _variables(self, expander: Expander) -> dict[str, Any]:
-        empty = Scope({}, expander.role_attribute, {})
         variables = {}
         for name, raw in self.parameters.items():
             path = ("parameters", name)
-            value = expander.resolve(raw, empty, path)
+            value = expander.node(*path).resolve(raw)
             if isinstance(value, tuple):
                 value = tuple(
                     traced(v, self._origin(expander, f"{name}[{i}]", (*path, i))) for i, v in enumerate(value)
@@ -239,10 +238,10 @@ class _Compiler:
         }
         return campaign | unit_constants(model, serial)
 
-    def _values(self, expander: Expander, scope: Scope) -> dict[str, Any]:
+    def _values(self, root: Node) -> dict[str, Any]:
         """Return the values that are named and the fits through them, for the manifest; nothing if there are none."""
-        check_judged(expander)
-        values = {"expected": expander.expected.entries, "fits": fits_of(expander, scope)}
+        check_judged(root.plan)
+        values = {"expected": root.plan.expected.entries, "fits": fits_of(root)}
         return {name: entries for name, entries in values.items() if entries}
 
 
