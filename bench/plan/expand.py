@@ -10,9 +10,8 @@ from typing import Any, NoReturn
 
 from bench.frame import FrameDefinition
 from bench.model.units import likely
-from bench.model.yamlio import Document
 from bench.plan.drivers import range_after
-from bench.plan.findings import Findings, suggestion
+from bench.plan.findings import Draft, suggestion
 from bench.plan.language import sequence as language
 from bench.plan.named_values import NamedValues
 from bench.plan.plan import Phase, PlannedUnit, Step, StepKind
@@ -34,23 +33,21 @@ class TooManySteps(Exception):
     """The plan grew over MAX_STEPS."""
 
 
-class Expander:
+class Expander(Draft[language.Sequence]):
     """State of one expansion, and what each kind of step needs to append itself."""
 
     def __init__(
         self,
-        document: Document[language.Sequence],
+        draft: Draft[language.Sequence],
         station: Station,
         channels: Mapping[int, Channel],
         rate_Hz: float,
         frames: Mapping[str, FrameDefinition],
-        findings: Findings,
     ) -> None:
-        self.document = document
+        super().__init__(draft.document, draft.findings)
         self.station = station
         self.channels = channels
         self.rate_Hz = rate_Hz
-        self.model = document.model
         self.link = next(iter(self.model.frame), "")  # that records count; "" where they are made of readings
         counted = frames.get(self.link)  # one that cannot be read forbids nothing
         self.counts_pulses = bool(self.link) and (counted is None or counts_pulses(counted))
@@ -58,7 +55,6 @@ class Expander:
         self.command_links = [n for n in self.model.frame if n not in frames or COMMAND in frames[n].messages]
         self.frames = frames
         self.layouts = {link: definition.commands for link, definition in frames.items()}
-        self.findings = findings
         self.steps: list[Step] = []
         self.phase: Phase = "prepare"
         self.at_s = 0.0
@@ -74,7 +70,7 @@ class Expander:
         self.campaign: Mapping[str, Any] = {}  # constants of the unit, as in the manifest
         self.units: tuple[PlannedUnit, ...] = ()
         self.unit: PlannedUnit | None = None  # of the loop over the units that is expanded
-        self._short = PurePath(document.name).name
+        self._short = PurePath(self.document.name).name
 
     def add(
         self, node: Node, kind: StepKind, role: str, name: str, arguments: Mapping[str, Any],
@@ -128,14 +124,6 @@ class Expander:
         """Note that the plan grows without end, and give it up. Raises: TooManySteps."""
         node.fail("B-PLAN-036", f"the plan has more than {MAX_STEPS} steps or turns of its loops", "shorten them")
         raise TooManySteps
-
-    def fail(self, code: str, path: Path, message: str, next_step: str = "", origin: str = "") -> None:
-        """Note a mistake at a place of the sequence file."""
-        self.findings.add(code, self.document.where(path), message, next_step, origin)
-
-    def line(self, path: Path) -> str:
-        """Return ``line N`` of a place of the sequence file."""
-        return "line " + self.document.where(path).split(":")[-2]
 
     def node(self, *path: str | int, variables: Mapping[str, Any] | None = None) -> Node:
         """Return a place outside of all loops, which may name these variables."""

@@ -185,4 +185,4 @@ def _arguments(node: Node, body: Node, procedure: language.Procedure, given: Map
 
 def _traced(node: Node, raw: Any, what: str) -> Any:
     """Return the value of what stands at a place; a quantity remembers it."""
-    return traced(node.resolve(raw), f"{what}, {node.plan.line(node.path)}")
+    return traced(node.resolve(raw), f"{what}, line {node.plan.line(node.path)}")

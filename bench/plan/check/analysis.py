@@ -13,8 +13,7 @@ from bench.model.lab import lab_here
 from bench.model.lab_code import own_code_names
 from bench.model.systems import analyses, analysis_declaration, system_of_analysis
 from bench.model.units import parse_quantity
-from bench.model.yamlio import Document
-from bench.plan.findings import Findings, suggestion
+from bench.plan.findings import Draft, Findings, suggestion
 from bench.plan.language.sequence import Sequence
 from bench.plan.plan import Plan, Step
 from bench.plan.step_kinds import PlannedCall, PlannedCommand, PlannedRecord
@@ -29,52 +28,52 @@ def names_made_of_logs(logs: bool) -> list[str]:
     return [*own, *(name for name, entry in analyses().items() if (entry.analysis.made_of == "logs") == logs)]
 
 
-def check_named(document: Document[Sequence], findings: Findings) -> None:
+def check_named(draft: Draft[Sequence]) -> None:
     """Note an analysis that does not exist or is not made of records (B-PLAN-077)."""
-    name = document.model.analysis
+    name = draft.model.analysis
     declared = None if name == NONE else analysis_declaration(name)
     if name != NONE and (declared is None or declared.made_of == "logs"):
-        where, known = document.where(("analysis",)), names_made_of_logs(False)
+        known = names_made_of_logs(False)
         if declared is not None:
             message = f"the analysis {name!r} is made of imported logs, not of records"
         else:
             message = f"there is no analysis {name!r}{suggestion(name, (NONE, *known))}"
-        findings.add("B-PLAN-077", where, message, f"write one of: {', '.join((*known, NONE))}")
+        draft.fail("B-PLAN-077", ("analysis",), message, f"write one of: {', '.join((*known, NONE))}")
 
 
-def check_limits(document: Document[Sequence], findings: Findings) -> None:
+def check_limits(draft: Draft[Sequence]) -> None:
     """Note limits that no analysis knows, with the unit of something else, or of errors not above 0 (B-PLAN-093)."""
-    uut, declared = document.model.uut, analysis_declaration(document.model.analysis)
-    system = system_of_analysis(document.model.analysis)
+    uut, declared = draft.model.uut, analysis_declaration(draft.model.analysis)
+    system = system_of_analysis(draft.model.analysis)
     shared: Mapping[str, Limit] = {} if system is None else system.limits
     known: Mapping[str, Limit] = declared.limits if declared is not None and declared.limits else shared
-    _check_rule(document, findings)
+    _check_rule(draft)
     for name, text in ({} if uut is None else uut.limits).items():
-        where = document.where(("uut", "limits", name))
+        path = ("uut", "limits", name)
         if not known:
-            message = f"nothing judges the limit {name!r}: the analysis {document.model.analysis!r} has no such limits"
-            findings.add("B-PLAN-093", where, message, "remove it, or name the analysis that judges it")
+            message = f"nothing judges the limit {name!r}: the analysis {draft.model.analysis!r} has no such limits"
+            draft.fail("B-PLAN-093", path, message, "remove it, or name the analysis that judges it")
             continue
         if name not in known:
             message = f"no analysis knows the limit {name!r}{suggestion(name, known)}"
             if declared is not None and declared.limits:
                 message = f"the analysis {declared.name} knows no limit {name!r}{suggestion(name, known)}"
-            findings.add("B-PLAN-093", where, message, f"use one of: {', '.join(known)}")
+            draft.fail("B-PLAN-093", path, message, f"use one of: {', '.join(known)}")
             continue
         try:
             value = parse_quantity(text, known[name].dimension)
         except ValueError as error:
-            findings.add("B-PLAN-093", where, f"limit {name}: {error}")
+            draft.fail("B-PLAN-093", path, f"limit {name}: {error}")
             continue
         if known[name].above_zero and not value > 0.0:
-            findings.add("B-PLAN-093", where, f"limit {name}: {text} is not above zero")
+            draft.fail("B-PLAN-093", path, f"limit {name}: {text} is not above zero")
 
 
-def _check_rule(document: Document[Sequence], findings: Findings) -> None:
+def _check_rule(draft: Draft[Sequence]) -> None:
     """Note a decision rule of a sequence that has no analysis (B-PLAN-098)."""
-    if document.model.analysis == NONE and "decision" in document.model.model_fields_set:
+    if draft.model.analysis == NONE and "decision" in draft.model.model_fields_set:
         message = "nothing is judged by this decision rule: the sequence asks for no analysis"
-        findings.add("B-PLAN-098", document.where(("decision",)), message, "remove it, or name an analysis")
+        draft.fail("B-PLAN-098", ("decision",), message, "remove it, or name an analysis")
 
 
 def check_asked(plan: Plan, findings: Findings) -> None:

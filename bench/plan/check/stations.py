@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,12 +18,12 @@ from bench.model.errors import InputError
 from bench.model.installed import offer_of, offers, simulator_module
 from bench.model.shipped import find_beside
 from bench.model.units import format_quantity, read_quantity
-from bench.model.yamlio import Document, parse_yaml
+from bench.model.yamlio import parse_yaml
 from bench.plan.drivers import driver_actions, driver_ladder_A
-from bench.plan.findings import Findings, suggestion
+from bench.plan.findings import Draft, Findings, suggestion
 from bench.plan.language.graphs import check_graphs
 from bench.plan.language.interlocks import OF_UNIT, SIGNALS, Interlock, InterlockRule, rule_of
-from bench.plan.language.sequence import language_of_sequence
+from bench.plan.language.sequence import Sequence, language_of_sequence
 from bench.plan.language.standards import Standard
 from bench.plan.station import InstrumentEntry, Station, option_text, wrong_option
 
@@ -235,25 +235,23 @@ def _listed(ranges_A: Collection[float]) -> str:
 
 def station_rules(station: Station, findings: Findings) -> dict[str, InterlockRule]:
     """Return rules of a station by name; mistakes are noted."""
-    return _rules(station.file.interlocks, station.document, station, findings)
+    return _rules(station.file.interlocks, Draft(station.document, findings), station)
 
 
-def plan_rules(
-    entries: Mapping[str, Interlock], document: Document[Any], station: Station, links: Collection[str],
-    findings: Findings,
-) -> tuple[InterlockRule, ...]:  # fmt: skip
+def plan_rules(draft: Draft[Sequence], station: Station, links: Collection[str]) -> tuple[InterlockRule, ...]:
     """Return rules of a sequence on its station, in order of names. Mistakes of the station are noted by its own check.
 
     A rule of the station for what the sequence's links do not tell is left out; one of the sequence is a mistake.
-    Args:      entries: the section ``interlocks`` of the sequence.   document: where it was read from.
-               links: of the units that the sequence measures.
+    Args:      draft: the sequence.   links: of the units that it measures.
     Findings:  B-PLAN-097 (a signal that comes over a link which the sequence does not name).
     """
-    own = _rules(entries, document, station, findings)
+    own = _rules(draft.model.interlocks, draft, station)
     for rule in own.values():
         if not _is_told(rule, links):
             message = f"interlock {rule.name}: {rule.signal} comes over a link, and the sequence does not name it"
-            findings.add("B-PLAN-097", rule.where, message, "name the link under 'frame', or take the interlock out")
+            draft.findings.add(
+                "B-PLAN-097", rule.where, message, "name the link under 'frame', or take the interlock out"
+            )
     rules = {**station_rules(station, Findings()), **own}
     return tuple(rules[name] for name in sorted(rules) if _is_told(rules[name], links))
 
@@ -261,7 +259,7 @@ def plan_rules(
 def recorded_rules(text: str, name: str, station: Station, links: Collection[str]) -> tuple[InterlockRule, ...]:
     """Return rules of a sequence that a session with these links holds. Args: name: of the text. Raises: InputError."""
     document = parse_yaml(text, name, language_of_sequence)
-    return plan_rules(document.model.interlocks, document, station, links, Findings())
+    return plan_rules(Draft(document, Findings()), station, links)
 
 
 def _is_told(rule: InterlockRule, links: Collection[str]) -> bool:
@@ -271,15 +269,6 @@ def _is_told(rule: InterlockRule, links: Collection[str]) -> bool:
     return bool(links) or rule.signal not in OF_UNIT
 
 
-def _rules(
-    entries: Mapping[str, Interlock], document: Document[Any], station: Station, findings: Findings
-) -> dict[str, InterlockRule]:
-    made = {
-        name: rule_of(name, entry, _place(document, name), station.links, station.instruments, findings)
-        for name, entry in entries.items()
-    }
+def _rules(entries: Mapping[str, Interlock], draft: Draft[Any], station: Station) -> dict[str, InterlockRule]:
+    made = {name: rule_of(name, entry, draft, station.links, station.instruments) for name, entry in entries.items()}
     return {name: rule for name, rule in made.items() if rule is not None}
-
-
-def _place(document: Document[Any], name: str) -> Callable[[str], str]:
-    return lambda key: document.where(("interlocks", name, key))
