@@ -111,9 +111,6 @@ class _Shared(Followed):
 
     bus_s: float = 0.0
 
-    def copy(self) -> _Shared:
-        return _Shared(self.bus_s)
-
     def key(self) -> int:
         return 0
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-Array = NDArray[np.float64]
+from bench.maths.array_types import Array
+
 EWMA_WEIGHT = 0.2  # of the newest score
 CUSUM_REFERENCE = 0.5  # half the shift, in standard deviations, that a CUSUM is quickest for
 _STATES, _COARSE = 81, 41  # of a chain; odd: the middle one is zero

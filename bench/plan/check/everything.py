@@ -131,9 +131,6 @@ class _Bus(Followed):
 
     first: Step | None = None
 
-    def copy(self) -> _Bus:
-        return _Bus(self.first)
-
     def key(self) -> Hashable:
         return self.first and (self.first.kind, self.first.role, self.first.name)
 
