@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Generic
 
-from bench.model.errors import InputError, InputErrors
+from bench.model.errors import InputError, InputErrors, listed
 from bench.model.yamlio import Document, ModelT, Path_
-
-MAX_LISTED = 100
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
@@ -51,11 +49,8 @@ class Findings:
         return sorted(unique.values(), key=lambda error: _position(error.where))
 
     def sorted(self) -> list[InputError]:
-        """Return the first MAX_LISTED mistakes by file and position, and how many more there are (B-YAML-017)."""
-        mistakes = self.all()
-        more = mistakes[MAX_LISTED:]
-        note = f"{len(more)} more mistakes are not listed"
-        return mistakes[:MAX_LISTED] + ([InputError("B-YAML-017", note, where=more[0].where)] if more else [])
+        """Return the first mistakes by file and position, and how many more there are (B-YAML-017)."""
+        return listed(self.all())
 
 
 @dataclass
