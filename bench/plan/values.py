@@ -18,9 +18,11 @@ ACTION_PATTERN = NAME_PATTERN + r"\." + NAME_PATTERN
 ActionName = Annotated[str, StringConstraints(pattern=f"^{ACTION_PATTERN}$")]
 Scalar = bool | int | float | str
 REFERENCE = re.compile(r"\{(" + NAME_PATTERN + r")(?:\.(" + NAME_PATTERN + r"))?\}")
-SUFFIX = {"A": "A", "V": "V", "Hz": "Hz", "s": "s", "C": "C", "ohm": "ohm", "W": "W", "F": "F", "degC": "degC"}
-SUFFIX |= {"degC/min": "degC_min", "deg/s": "deg_s", "g": "g", "1": "", "1/degC": "per_degC"}
-SUFFIX |= {"deg": "deg", "deg/s2": "deg_s2", "m/s": "m_s", "m/s2": "m_s2", "gauss": "gauss", "m": "m"}
+_UNITS = (
+    "A", "V", "Hz", "s", "C", "ohm", "W", "F", "degC", "degC/min", "deg", "deg/s", "deg/s2", "g", "gauss", "m", "m/s",
+    "m/s2",
+)  # fmt: skip
+SUFFIX = {unit: unit.replace("/", "_") for unit in _UNITS} | {"1": "", "1/degC": "per_degC"}
 UNIT = "unit"  # condition of what is done for one of several units: its serial number
 _SIGNS = {"+": 1, "-": -1}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -105,19 +106,11 @@ def _patterns(frames: Mapping[str, FrameDefinition]) -> list[str]:
 def _known(entry: GraphEntry, frames: Mapping[str, FrameDefinition]) -> list[Signal]:
     signals: list[Signal] = []
     for text in entry.signals:
-        for name in _names(text):
-            try:
-                signals.append(signal_of(name, frames))
-            except InputError:
-                continue
+        with suppress(InputError):
+            for name in expand(text):
+                with suppress(InputError):
+                    signals.append(signal_of(name, frames))
     return list(dict.fromkeys(signals))[:MOST_CURVES]
-
-
-def _names(text: str) -> tuple[str, ...]:
-    try:
-        return expand(text)
-    except InputError:
-        return ()
 
 
 def _default(frames: Mapping[str, FrameDefinition], measured: str) -> list[Graph]:
