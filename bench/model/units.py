@@ -167,6 +167,14 @@ def read_quantity(text: str) -> tuple[float, str] | None:
         return None
 
 
+def read_stated(text: object, example: str) -> tuple[float, str]:
+    """Read a quantity of any dimension as ``read_quantity``. Raises: ValueError, with an example of what is due."""
+    quantity = read_quantity(text) if isinstance(text, str) else None
+    if quantity is None:
+        raise ValueError(f"{text!r} is not a quantity with its unit, for example '{example}'{likely(text)}")
+    return quantity
+
+
 def dimension_of(unit: str) -> str:
     """Return the dimension of a unit, which is its base unit. Raises: ValueError naming the unit that was meant."""
     known = read_quantity(f"1 {unit}")

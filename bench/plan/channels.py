@@ -214,10 +214,9 @@ def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:
         constants["uut"] = {"model": model.uut.model, "serial": serial}
         for sections in sections_in(model.uut, UnitSections):
             constants |= sections.constants(model.uut)  # type: ignore[arg-type]
-        if model.uut.limits:
-            constants["limits"] = {name: _limit(text) for name, text in model.uut.limits.items()}
-        if model.uut.spread:
-            constants["spread"] = {name: _limit(text) for name, text in model.uut.spread.items()}
+        for key, texts in (("limits", model.uut.limits), ("spread", model.uut.spread)):
+            if texts:
+                constants[key] = {name: _limit(text) for name, text in texts.items()}
     if model.check_standard is not None:
         constants["check_standard"] = model.check_standard.model_dump()
     if model.site is not None:

@@ -25,7 +25,7 @@ from bench.plan.language.graphs import check_graphs
 from bench.plan.language.interlocks import OF_UNIT, SIGNALS, Interlock, InterlockRule, rule_of
 from bench.plan.language.sequence import Sequence, language_of_sequence
 from bench.plan.language.standards import Standard
-from bench.plan.station import InstrumentEntry, Station, StationFile, World, option_text, wrong_option
+from bench.plan.station import InstrumentEntry, Station, StationFile, World, option_mistakes, option_text
 
 SIMULATION = "sim_instruments.worlds.simulation"  # by name: the bench never imports its simulators
 _ADDRESS = re.compile(r"(ASRL|GPIB|PRLGX-ASRL|PRLGX-TCPIP|PXI|TCPIP|USB|VICP|VXI)([^:]*)(?:::(.+))?", re.IGNORECASE)
@@ -159,11 +159,8 @@ def _world(draft: Draft[StationFile], world: World) -> None:
     options = simulation.options_of(world.name)
     before = len(draft.findings.all())
     for name, value in world.options.items():
-        path = ("world", "options", name)
-        if name not in options:
-            draft.fail("B-PLAN-004", path, f"the world has no option {name!r}{suggestion(name, options)}")
-        elif value is not None and (due := wrong_option(name, option_text(value))):
-            draft.fail("B-PLAN-015", path, f"world option {name} is {value!r}; {due}")
+        for code, message in option_mistakes(name, value, options):
+            draft.fail(code, ("world", "options", name), message)
     if len(draft.findings.all()) == before:
         given = {name: option_text(value) for name, value in world.options.items() if value is not None}
         try:

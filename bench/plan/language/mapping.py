@@ -162,13 +162,9 @@ class FileForm(StrictModel):
     )
 
     @model_validator(mode="after")
-    def _decimal_is_not_delimiter(self) -> FileForm:
+    def _consistent(self) -> FileForm:
         if self.decimal == self.delimiter:
             raise ValueError(f"{self.decimal!r} cannot be both decimal sign and delimiter")
-        return self
-
-    @model_validator(mode="after")
-    def _names_or_header(self) -> FileForm:
         if self.names is not None and self.header is not None:
             raise ValueError("a file has either a 'header' line or 'names' of its columns")
         if self.names is not None and len(set(self.names)) < len(self.names):

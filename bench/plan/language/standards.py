@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, model_validator
 
 from bench.model.declaration import stated
-from bench.model.units import likely, quantity, read_quantity
+from bench.model.units import quantity, read_stated
 from bench.model.yamlio import Name, StrictModel
 
 Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -29,14 +29,11 @@ def _date(value: object) -> date:
 Date = Annotated[date, BeforeValidator(_date), WithJsonSchema({"type": "string", "format": "date"})]
 
 
-def _stated(text: object) -> tuple[float, str]:
-    quantity = read_quantity(text) if isinstance(text, str) else None
-    if quantity is None:
-        raise ValueError(f"{text!r} is not a quantity with its unit, for example '100.02 ohm'{likely(text)}")
-    return quantity
-
-
-Stated = Annotated[tuple[float, str], BeforeValidator(_stated), WithJsonSchema({"type": "string"})]
+Stated = Annotated[
+    tuple[float, str],
+    BeforeValidator(lambda text: read_stated(text, "100.02 ohm")),
+    WithJsonSchema({"type": "string"}),
+]
 
 
 class RangeUncertainty(StrictModel):
