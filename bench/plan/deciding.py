@@ -12,7 +12,8 @@ from bench.plan.decision import CHOOSE, DONE, FAIL, GO_ON, HOLD, IF, WHILE, Bran
 from bench.plan.drivers import declared_action
 from bench.plan.expand import Expander, Node
 from bench.plan.findings import suggestion
-from bench.plan.language.steps import CallStep, ChooseStep, Comparison, IfStep, WhileStep
+from bench.plan.language.expect import Comparison
+from bench.plan.language.steps import CallStep, ChooseStep, IfStep, WhileStep
 from bench.plan.readings import is_read_by, reading_calls
 from bench.plan.step_kinds import PlannedCall, PlannedPrompt
 from bench.plan.values import Quantity, plain

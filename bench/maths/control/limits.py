@@ -76,7 +76,7 @@ def _limits(run_length: float, dof: float) -> Limits:
     )
 
 
-def false_rate(chart: Callable[[float, Scores], float], limit: float, dof: float, least: float = 1e-6) -> float:
+def false_rate(chart: Callable[[float, Scores], float], limit: float, dof: float, least: float) -> float:
     """Return the rate of false signals of a chart, averaged over first phases.
 
     Args:    chart: run length by limit and scores.   limit: of that chart.   dof: of the first phase.

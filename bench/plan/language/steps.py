@@ -19,7 +19,7 @@ from pydantic import (
 
 from bench.model.units import parse_quantity
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
-from bench.plan.language.expect import ReadingExpect, ReplyExpect, SignalExpect, with_expect
+from bench.plan.language.expect import Comparison, ReadingExpect, ReplyExpect, SignalExpect, with_expect
 from bench.plan.language.prompt import Arguments, Prompt, Text
 from bench.plan.values import ACTION_PATTERN, ActionName, Scalar, templated, within
 
@@ -27,7 +27,6 @@ Duration = Annotated[Any, *templated("s", 0.0, 1e7)]
 _CLOCK = re.compile(r"(\d{1,3}):([0-5]\d):([0-5]\d)")
 VERBS = ("for", "if", "while", "choose", "settle", "record", "soak", "prompt", "verify", "unit", "test", "send")
 EXPECT = "expect"
-COMPARISONS = ("above", "below", "within", "equals")
 
 
 def _one_entry(value: dict[Any, Any]) -> dict[Any, Any]:
@@ -268,28 +267,6 @@ def _before_tag(value: object) -> str:
 ReadBefore = Annotated[
     Annotated[Name, Tag("<quantity>")] | Annotated[CallStep, Tag("<call>")], Discriminator(_before_tag)
 ]
-
-
-class Comparison(StrictModel):
-    """One comparison of a reading. ``within`` includes both of its limits, ``above`` and ``below`` exclude theirs."""
-
-    above: Scalar | None = None
-    below: Scalar | None = None
-    within: Annotated[list[Scalar], Field(min_length=2, max_length=2)] | None = None
-    equals: Scalar | None = None
-
-    @model_validator(mode="after")
-    def _single(self) -> Comparison:
-        given = [word for word in COMPARISONS if getattr(self, word) is not None]
-        if len(given) != 1:
-            found = f"{' and '.join(given)} found" if given else "none found"
-            raise ValueError(f"one comparison is due, of {', '.join(COMPARISONS)}; {found}")
-        return self
-
-    @property
-    def word(self) -> str:
-        """Return which comparison it is."""
-        return next(word for word in COMPARISONS if getattr(self, word) is not None)
 
 
 class Condition(Comparison):
