@@ -19,8 +19,8 @@ from bench.design.shortest import (
     reached,
     read_target,
     refuse_below_floor,
+    slot_s,
 )
-from bench.design.soaks import slot_s
 
 __all__ = [
     "LEAST_POWER",

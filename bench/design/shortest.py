@@ -8,6 +8,8 @@ The random part is what no other result shares: the uncertainty without the erro
 
 Searches the best of finitely many candidates by exchanges, each of which must make it better.
 
+The length of a soak by the thermal lag of the unit, in place of one slot for all steps of temperature.
+
 Source: Fedorov, Theory of Optimal Experiments (1972), chapter 3: exchange algorithms.
 """
 
@@ -37,6 +39,7 @@ C_contra = TypeVar("C_contra", contravariant=True)
 Rank = tuple[float, ...]
 _HALVINGS = 8  # of the range of factors: 32^(1 / 256) = 1.014 is left of it
 _LOOSEST, _TIGHTEST = 8.0, 0.25
+WHOLE_s = 60.0  # a slot of a soak is a whole number of minutes
 
 
 class Key(NamedTuple):
@@ -327,3 +330,17 @@ def best_within(problem: Problem[C], targets: Sequence[Target], most_s: float) -
         else:
             low = middle
     return best
+
+
+def slot_s(step_degC: float, ramp_degC_min: float, within_degC: float, for_s: float, lag_s: float) -> float:
+    """Return the slot after which a unit has been inside the band for as long as it must, second.
+
+    Args:    step_degC: from the temperature before to the target.   ramp_degC_min: of the set-point.   within_degC,
+             for_s: half-width of the band, and how long the unit must be in it.   lag_s: of the unit behind the
+             set-point.
+    Source:  first-order lag behind a ramp: it trails by rate times lag, and what is left decays with the lag.
+    """
+    ramp_s = 60.0 * abs(step_degC) / ramp_degC_min
+    behind_degC = ramp_degC_min / 60.0 * lag_s * -math.expm1(-ramp_s / lag_s)
+    settled_s = lag_s * math.log(max(behind_degC / within_degC, 1.0))
+    return WHOLE_s * math.ceil((ramp_s + settled_s + for_s) / WHOLE_s)

@@ -16,13 +16,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, special
 
+from bench.maths.array_types import Array, Int64
 from bench.model.errors import FitError
-
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 WHITE_ANGLE, FLICKER_ANGLE, WHITE_RATE, FLICKER_RATE, RANDOM_WALK = 2, 1, 0, -1, -2
 _FEWEST_AVERAGES = 30  # fewer do not tell one power law from the next

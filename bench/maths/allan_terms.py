@@ -15,14 +15,12 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
 from bench.maths.allan import AllanDeviation, confidence_limits, degrees_of_freedom
+from bench.maths.array_types import Array, Int64
 from bench.maths.least_squares import solve
 from bench.model.errors import FitError
-
-Array = NDArray[np.float64]
 
 TERMS = ("quantisation_noise", "white_noise", "bias_instability", "random_walk", "rate_ramp")
 UNITS = {
@@ -44,7 +42,6 @@ _LIMIT_STEPS = 2
 _FEWEST_DOF = 4.0
 _ONE_SIDED = 1.645  # 95 % of a normal distribution lie below
 _SIGNIFICANT = 2.706  # chi squared that a term at its boundary 0 gains by chance in 5 % of all records
-Int64 = NDArray[np.int64]
 
 SCATTERING = ("quantisation_noise", "white_noise", "bias_instability", "random_walk")
 _EXPONENTS = (2, 0, -1, -2)  # power of frequency in the spectrum of the rate, of each of these
@@ -116,7 +113,7 @@ class _Problem:
     scatter: VarianceCovariance
 
     @classmethod
-    def of(cls, curve: AllanDeviation, terms: Sequence[str], used: NDArray[np.int64]) -> _Problem:
+    def of(cls, curve: AllanDeviation, terms: Sequence[str], used: Int64) -> _Problem:
         design = np.column_stack([allan_variance_of(name, curve.tau_s[used]) for name in terms])
         scatter = variance_covariance(curve.factors[used], curve.differences[used], curve.interval_s)
         return cls(tuple(terms), np.asarray(np.square(curve.deviation[used])), design, scatter)

@@ -15,12 +15,11 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.array_types import Array
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
 TYPE_A, TYPE_B = "A", "B"
 FEWEST = 2.0  # two readings are needed for any scatter
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.array_types import Array, Int64
 from bench.maths.least_squares import LinearFit, solve
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
-Labels = NDArray[np.int64]
+Labels = Int64
 NO_STANDARD = -1
 _LEAST_OWN = 1e-4  # part of a variance that is always taken as the calibration's own, however much a standard claims
 _AS_STATED = 1e-3  # of the degrees of freedom
@@ -202,7 +201,7 @@ def individuals_chart(readings: Array) -> IndividualsChart:
 
 def days_to_limit(
     value: Array, std: Array, rate: Array, rate_std: Array, low: Array, high: Array, *, most_days: int
-) -> NDArray[np.int64]:
+) -> Int64:
     """Return whole days until ``value + rate t -+ k u(t)`` reaches a limit, ``u(t)^2 = std^2 + (rate_std t)^2``.
 
     Args:    value, std: (p,) what is known at t = 0.   rate, rate_std: (p,) per day; NaN means that no drift is known.

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from bench.maths.array_types import Array, Int64
+
 _SPLIT = float((1 << 27) + 1)
 
 
@@ -192,7 +193,7 @@ def _back_substitute(upper: Extended, sides: Extended) -> Extended:
     return rest
 
 
-def _undetermined(upper: Extended, rank: int, order: NDArray[np.int64]) -> Undetermined:
+def _undetermined(upper: Extended, rank: int, order: Int64) -> Undetermined:
     """Return which columns take part in the combinations that vanish."""
     columns = len(order)
     null = np.eye(columns)[:, rank:]

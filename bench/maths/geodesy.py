@@ -13,9 +13,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bench.maths.array_types import Array
+
 SEMI_MAJOR_m = 6_378_137.0
 FLATTENING = 1.0 / 298.257223563
 _ECCENTRICITY2 = FLATTENING * (2.0 - FLATTENING)

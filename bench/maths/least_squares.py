@@ -15,12 +15,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.array_types import Array
 from bench.maths.extended import Extended, ExtendedFit, Undetermined, solve_extended, stacked
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
 _RANK_TOLERANCE = 1e-9  # smallest singular value of the scaled design, relative to the largest
 _EXACT_RANK_TOLERANCE = 1e-20  # the same for columns that are known to twice the precision
 _CONDITION_LIMIT = 1e3  # of the scaled, whitened design: the error of doubles goes with its square

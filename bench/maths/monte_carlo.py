@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bench.maths.array_types import Array
+
 Draw = Callable[[np.random.Generator, int], Array]  # (generator, trials) -> values of the result, (trials,)
 Statement = Literal["agrees", "not resolved", "differs"]
 BLOCK = 10_000  # trials: at least 100 / (1 - p), JCGM 101:2008 section 7.9.4

@@ -26,9 +26,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bench.maths.array_types import Array
+
 _LEAST = 10  # means
 _COVERAGE = 3.0  # 99.7 % of one look, because a soak is looked at again and again and ends at the first that fits
 _OTHERWISE = 0.05  # of a lag: by so much air and convection may change it from one temperature to another

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bench.maths.array_types import Array
+
 FEWEST = 4  # readings from which on a trend or an odd reading can be told from noise
 
 

@@ -21,9 +21,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bench.maths.array_types import Array
 
 EARTH_RATE_rad_s = 7.292115e-5
 EARTH_RADIUS_m = 6_371_000.0  # of the gradient

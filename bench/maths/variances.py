@@ -10,10 +10,10 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-Array = NDArray[np.float64]
+from bench.maths.array_types import Array
+
 PROBABILITY = 0.95
 _OF_ONE, _OF_SEVERAL = 1000, 300  # parts of equal probability of the law of each variance
 

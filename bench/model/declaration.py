@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Literal, Protocol, TypeVar
 
 from pydantic import Field, PrivateAttr
 
 from bench.model.units import read_quantity
 from bench.model.yamlio import StrictModel
 
+_Stated = TypeVar("_Stated")
 MadeOf = Literal["records", "samples", "readings", "values", "tests", "logs"]
 
 
@@ -268,6 +269,6 @@ def unit_of(unit: str) -> tuple[float, str]:
     return known
 
 
-def stated(constants: Mapping[str, float | None]) -> dict[str, float]:
+def stated(constants: Mapping[str, _Stated | None]) -> dict[str, _Stated]:
     """Return the constants that are stated."""
     return {name: value for name, value in constants.items() if value is not None}

@@ -5,9 +5,11 @@ Every error has a stable code ``B-AREA-NNN`` (listed in docs/errors.md) and maps
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from enum import IntEnum
 from pathlib import Path
+
+MAX_LISTED = 100
 
 
 class ExitStatus(IntEnum):
@@ -64,6 +66,13 @@ class InputErrors(InputError):
 
     def __str__(self) -> str:
         return "\n".join(str(error) for error in self.errors)
+
+
+def listed(mistakes: Sequence[InputError]) -> list[InputError]:
+    """Return the first MAX_LISTED of mistakes in order, and how many more there are (B-YAML-017)."""
+    more = mistakes[MAX_LISTED:]
+    note = f"{len(more)} more mistakes are not listed"
+    return [*mistakes[:MAX_LISTED], *(InputError("B-YAML-017", note, where=first.where) for first in more[:1])]
 
 
 class InstallationError(BenchError):

@@ -12,57 +12,45 @@ from pydantic import BeforeValidator, WithJsonSchema
 
 _PREFIX = {"p": -12, "n": -9, "u": -6, "m": -3, "": 0, "k": 3, "M": 6, "G": 9}
 _PREFIXED = ("A", "V", "Hz", "s", "C", "ohm", "W", "F")
+_BASES = (  # beside them, without prefixes
+    "degC", "degC/min", "1", "deg", "deg/s", "deg/s2", "deg/sqrt(s)", "g/sqrt(Hz)", "g", "m/s", "m/s2", "gauss", "m",
+    "A/degC", "1/degC", "1/degC2", "1/degC3",
+)  # fmt: skip
 
 # unit text -> (dimension, factor to the base unit of that dimension)
 _UNITS: dict[str, tuple[str, Decimal]] = {
     f"{prefix}{base}": (base, Decimal(1).scaleb(exponent)) for base in _PREFIXED for prefix, exponent in _PREFIX.items()
 }
+_UNITS |= {base: (base, Decimal(1)) for base in _BASES}
 _UNITS |= {
     "min": ("s", Decimal(60)),
     "h": ("s", Decimal(3600)),
-    "degC": ("degC", Decimal(1)),
-    "degC/min": ("degC/min", Decimal(1)),
     "ppm": ("1", Decimal("1e-6")),
     "%": ("1", Decimal("0.01")),
-    "1": ("1", Decimal(1)),
-    "deg": ("deg", Decimal(1)),
     "arcmin": ("deg", Decimal(1) / 60),
     "arcsec": ("deg", Decimal(1) / 3600),
     "rad": ("deg", Decimal("57.29577951308232087679815481")),
-    "deg/s": ("deg/s", Decimal(1)),
     "deg/h": ("deg/s", Decimal(1) / 3600),
     "rad/s": ("deg/s", Decimal("57.29577951308232087679815481")),
-    "deg/s2": ("deg/s2", Decimal(1)),
-    "deg/sqrt(s)": ("deg/sqrt(s)", Decimal(1)),
     "deg/s/sqrt(Hz)": ("deg/sqrt(s)", Decimal(1)),
     "deg/sqrt(h)": ("deg/sqrt(s)", Decimal(1) / 60),
     "deg/h/sqrt(Hz)": ("deg/sqrt(s)", Decimal(1) / 3600),
-    "g/sqrt(Hz)": ("g/sqrt(Hz)", Decimal(1)),
     "mg/sqrt(Hz)": ("g/sqrt(Hz)", Decimal("1e-3")),
     "ug/sqrt(Hz)": ("g/sqrt(Hz)", Decimal("1e-6")),
-    "g": ("g", Decimal(1)),
     "mg": ("g", Decimal("1e-3")),
     "ug": ("g", Decimal("1e-6")),
-    "m/s": ("m/s", Decimal(1)),
-    "m/s2": ("m/s2", Decimal(1)),
-    "gauss": ("gauss", Decimal(1)),
     "mgauss": ("gauss", Decimal("1e-3")),
     "ugauss": ("gauss", Decimal("1e-6")),
     "T": ("gauss", Decimal("1e4")),
     "mT": ("gauss", Decimal(10)),
     "uT": ("gauss", Decimal("1e-2")),
     "nT": ("gauss", Decimal("1e-5")),
-    "m": ("m", Decimal(1)),
     "cm": ("m", Decimal("1e-2")),
     "mm": ("m", Decimal("1e-3")),
-    "A/degC": ("A/degC", Decimal(1)),
     "nA/degC": ("A/degC", Decimal("1e-9")),
     "ppm/degC": ("1/degC", Decimal("1e-6")),
-    "1/degC": ("1/degC", Decimal(1)),
     "ppm/degC2": ("1/degC2", Decimal("1e-6")),
-    "1/degC2": ("1/degC2", Decimal(1)),
     "ppm/degC3": ("1/degC3", Decimal("1e-6")),
-    "1/degC3": ("1/degC3", Decimal(1)),
 }
 
 # Symbols of the SI brochure, in each sign that keyboards have for them, and what is written in their place.
@@ -179,6 +167,14 @@ def read_quantity(text: str) -> tuple[float, str] | None:
         return None
 
 
+def read_stated(text: object, example: str) -> tuple[float, str]:
+    """Read a quantity of any dimension as ``read_quantity``. Raises: ValueError, with an example of what is due."""
+    quantity = read_quantity(text) if isinstance(text, str) else None
+    if quantity is None:
+        raise ValueError(f"{text!r} is not a quantity with its unit, for example '{example}'{likely(text)}")
+    return quantity
+
+
 def dimension_of(unit: str) -> str:
     """Return the dimension of a unit, which is its base unit. Raises: ValueError naming the unit that was meant."""
     known = read_quantity(f"1 {unit}")
@@ -220,9 +216,6 @@ def quantity(dimension: str, low: float | None = None, high: float | None = None
     return BeforeValidator(read), WithJsonSchema(schema)
 
 
-_DISPLAY_PREFIX = (("G", 9), ("M", 6), ("k", 3), ("", 0), ("m", -3), ("u", -6), ("n", -9), ("p", -12))
-
-
 def plain_quantity(value: float, unit: str) -> str:
     """Return it as a person writes it: ``0.5 ohm``, ``1 Mohm``, ``2 h``; a prefix only for very large or small.
 
@@ -250,7 +243,8 @@ def format_quantity(value: float, unit: str, digits: int = 6) -> str:
 
 def prefix_of(value: float) -> tuple[int, str]:
     """Return exponent of ten and name of the SI prefix in which a value is 1 or more; (0, "") below all of them."""
-    fitting = ((exponent, prefix) for prefix, exponent in _DISPLAY_PREFIX if abs(value) >= 10.0**exponent * (1 - 1e-12))
+    largest_first = reversed(_PREFIX.items())
+    fitting = ((exponent, prefix) for prefix, exponent in largest_first if abs(value) >= 10.0**exponent * (1 - 1e-12))
     return next(fitting, (0, ""))
 
 

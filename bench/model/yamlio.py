@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -19,12 +19,11 @@ from typing import Annotated, Any, Generic, NoReturn, TypeVar, get_args
 import yaml
 from pydantic import BaseModel, ConfigDict, StringConstraints, ValidationError
 
-from bench.model.errors import InputError, InputErrors
+from bench.model.errors import InputError, InputErrors, listed
 
 MAX_BYTES = 1_000_000
 MAX_DEPTH = 50
 MAX_VALUES = 50_000
-MAX_LISTED = 100
 _LOADER: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
 _NOT_TEXT = re.compile("[^\t\n\r\x20-\x7e\x85\xa0-\ud7ff\ue000-\ufefe\uff00-\ufffd\U00010000-\U0010ffff]")
@@ -48,12 +47,16 @@ class StrictModel(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, populate_by_name=True, defer_build=True)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, order=True)
 class Mark:
     """Position in a YAML file, both 1-based."""
 
     line: int
     column: int
+
+    def of(self, name: str) -> str:
+        """Return ``file:line:column`` in a file of this name."""
+        return f"{name}:{self.line}:{self.column}"
 
 
 @dataclass(frozen=True)
@@ -69,7 +72,7 @@ class Document(Generic[ModelT]):
     def where(self, path: Path_ = ()) -> str:
         """Return ``file:line:column`` of the value at ``path``, or of its nearest parent that stands in the file."""
         if path not in self._places:  # a loop asks for the same place at every turn
-            self._places[path] = _where(self.name, self.marks, path)
+            self._places[path] = _mark_at(self.marks, path).of(self.name)
         return self._places[path]
 
 
@@ -97,9 +100,9 @@ def parse_yaml(raw: bytes | str, name: str, schema: type[ModelT] | Callable[[Any
     try:
         model = form.model_validate(tree)
     except ValidationError as error:
-        raise _all(problems + _schema_problems(error, name, builder.marks, form)) from error
+        raise _all(problems + _schema_problems(error, builder.marks, form), name) from error
     if problems:
-        raise _all(problems)
+        raise _all(problems, name)
     return Document(model, text, name, builder.marks)
 
 
@@ -109,14 +112,13 @@ def _text(raw: bytes, name: str) -> str:
     try:
         text = raw.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        line = raw.count(b"\n", 0, error.start) + 1
-        column = error.start - raw.rfind(b"\n", 0, error.start)
-        raise InputError("B-YAML-003", "is not UTF-8 text", where=f"{name}:{line}:{column}") from error
+        mark = Mark(raw.count(b"\n", 0, error.start) + 1, error.start - raw.rfind(b"\n", 0, error.start))
+        raise InputError("B-YAML-003", "is not UTF-8 text", where=mark.of(name)) from error
     wrong = _NOT_TEXT.search(text)
     if wrong is not None:
         at = wrong.start()
-        where = f"{name}:{text.count(chr(10), 0, at) + 1}:{at - text.rfind(chr(10), 0, at)}"
-        raise InputError("B-YAML-016", f"holds the control character U+{ord(wrong[0]):04X}", where=where)
+        mark = Mark(text.count("\n", 0, at) + 1, at - text.rfind("\n", 0, at))
+        raise InputError("B-YAML-016", f"holds the control character U+{ord(wrong[0]):04X}", where=mark.of(name))
     return text
 
 
@@ -129,47 +131,32 @@ def _mark_at(marks: dict[Path_, Mark], path: Path_) -> Mark:
     return marks.get(place, Mark(1, 1))
 
 
-def _where(name: str, marks: dict[Path_, Mark], path: Path_) -> str:
-    mark = _mark_at(marks, path)
-    return f"{name}:{mark.line}:{mark.column}"
-
-
 @dataclass(frozen=True, order=True)
 class _Problem:
-    line: int
-    column: int
+    mark: Mark
     code: str
     message: str
-    where: str
     next_step: str = ""
 
-    def error(self) -> InputError:
-        return InputError(self.code, self.message, where=self.where, next_step=self.next_step)
+    def error(self, name: str) -> InputError:
+        return InputError(self.code, self.message, where=self.mark.of(name), next_step=self.next_step)
 
 
-def _all(problems: list[_Problem]) -> InputErrors:
-    """Return every problem once, in order of position, at most MAX_LISTED of them."""
-    unique = sorted(set(problems))
-    errors = [problem.error() for problem in unique[:MAX_LISTED]]
-    if len(unique) > MAX_LISTED:
-        where = unique[MAX_LISTED].where
-        errors.append(InputError("B-YAML-017", f"{len(unique) - MAX_LISTED} more mistakes are not listed", where=where))
-    return InputErrors(errors)
+def _all(problems: list[_Problem], name: str) -> InputErrors:
+    """Return every problem of a file once, in order of position, as many as are listed."""
+    return InputErrors(listed([problem.error(name) for problem in sorted(set(problems))]))
 
 
-def _schema_problems(
-    error: ValidationError, name: str, marks: dict[Path_, Mark], schema: type[BaseModel]
-) -> list[_Problem]:
+def _schema_problems(error: ValidationError, marks: dict[Path_, Mark], schema: type[BaseModel]) -> list[_Problem]:
     problems = []
     for item in error.errors(include_url=False):
-        mark = _mark_at(marks, tuple(item["loc"]))
         named = (part for part in reversed(item["loc"]) if isinstance(part, str) and not part.startswith("<"))
         key = next(named, "")
         code, message = _explain(item, key)
         known = keys_of(schema) if item["type"] == "extra_forbidden" else ()
         close = difflib.get_close_matches(key, known, 1)
         advice = "it is a key of another part" if key in known else f"did you mean {close[0]!r}?" if close else ""
-        problems.append(_Problem(mark.line, mark.column, code, message, f"{name}:{mark.line}:{mark.column}", advice))
+        problems.append(_Problem(_mark_at(marks, tuple(item["loc"])), code, message, advice))
     return problems
 
 
@@ -235,27 +222,20 @@ class _Builder:
         root: list[Any] = []
         stack: list[_Level] = []
         try:
-            for event in self._events(text):
+            for event in yaml.parse(text, Loader=_LOADER):
                 self._take(event, stack, root)
         except yaml.YAMLError as error:
-            line, column = _position(error, text)
             reason = getattr(error, "problem", None) or str(error).splitlines()[0]
-            where = f"{self.name}:{line}:{column}"
-            self.problems.append(_Problem(line, column, "B-YAML-004", f"is not YAML: {reason}", where))
-            raise _all(self.problems) from error
+            self.problems.append(_Problem(_position(error, text), "B-YAML-004", f"is not YAML: {reason}"))
+            raise _all(self.problems, self.name) from error
         return root[0] if root else None
 
-    def _events(self, text: str) -> Iterator[Any]:
-        yield from yaml.parse(text, Loader=_LOADER)
-
     def _note(self, code: str, message: str, event: Any, next_step: str = "") -> None:
-        mark = _mark_of(event)
-        where = f"{self.name}:{mark.line}:{mark.column}"
-        self.problems.append(_Problem(mark.line, mark.column, code, message, where, next_step))
+        self.problems.append(_Problem(_mark_of(event), code, message, next_step))
 
     def _refuse(self, code: str, message: str, event: Any, next_step: str = "") -> NoReturn:
         self._note(code, message, event, next_step)
-        raise _all(self.problems)
+        raise _all(self.problems, self.name)
 
     def _take(self, event: Any, stack: list[_Level], root: list[Any]) -> None:
         if isinstance(event, yaml.AliasEvent):
@@ -331,15 +311,15 @@ def _mark_of(event: Any) -> Mark:
     return Mark(event.start_mark.line + 1, event.start_mark.column + 1)
 
 
-def _position(error: yaml.YAMLError, text: str) -> tuple[int, int]:
+def _position(error: yaml.YAMLError, text: str) -> Mark:
     """Return where the parser stopped; a file that ends too early is wrong at its last character, not a line later."""
     mark: Any = getattr(error, "problem_mark", None) or getattr(error, "context_mark", None)
     if mark is None:
-        return 1, 1
+        return Mark(1, 1)
     last = text.count("\n")
     if mark.line > last:
-        return last + 1, len(text) - text.rfind("\n")
-    return mark.line + 1, mark.column + 1
+        return Mark(last + 1, len(text) - text.rfind("\n"))
+    return Mark(mark.line + 1, mark.column + 1)
 
 
 def _plain(text: str) -> Any:

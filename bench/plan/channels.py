@@ -10,9 +10,8 @@ from bench.model.declaration import ChannelKind, UnitSections, stated
 from bench.model.errors import InputError
 from bench.model.systems import analysis_declaration, sections_in
 from bench.model.units import format_quantity, likely, read_quantity
-from bench.model.yamlio import Document
 from bench.plan.expand import TIMED
-from bench.plan.findings import Findings, suggestion
+from bench.plan.findings import Draft, suggestion
 from bench.plan.language.sequence import Sequence, Site, UnitUnderTest
 from bench.plan.values import Channel, Quantity, read_text, traced
 
@@ -33,97 +32,92 @@ def channel_numbers(raw: int | str | list[int | str]) -> list[int]:
     return list(range(first, last + 1))
 
 
-def declared_channels(document: Document[Sequence], findings: Findings) -> dict[int, Channel]:
-    """Return all channels of a sequence by number; mistakes go to ``findings`` (B-PLAN-020, -021, -022, -099)."""
+def declared_channels(draft: Draft[Sequence]) -> dict[int, Channel]:
+    """Return all channels of a sequence by number; mistakes go to the draft (B-PLAN-020, -021, -022, -099)."""
     channels: dict[int, Channel] = {}
-    for index, group in enumerate(document.model.channels):
-        where = document.where(("channels", index, "numbers"))
-        levels = _levels(document, index, findings)
+    for index, group in enumerate(draft.model.channels):
+        path = ("channels", index, "numbers")
+        levels = _levels(draft, index)
         try:
             numbers = channel_numbers(group.numbers)
         except ValueError as error:
-            findings.add("B-PLAN-020", where, str(error))
+            draft.fail("B-PLAN-020", path, str(error))
             continue
         for number in numbers:
             if number in channels:
-                findings.add("B-PLAN-021", where, f"channel {number} is declared twice", "keep one of them")
+                draft.fail("B-PLAN-021", path, f"channel {number} is declared twice", "keep one of them")
             channels[number] = Channel(number, group.kind, levels, index)
-    _check_standard(document, channels, findings)
+    _check_standard(draft, channels)
     return channels
 
 
-def _check_standard(document: Document[Sequence], channels: dict[int, Channel], findings: Findings) -> None:
+def _check_standard(draft: Draft[Sequence], channels: dict[int, Channel]) -> None:
     """Note a check standard on a channel that the campaign does not measure (B-PLAN-099)."""
-    named = document.model.check_standard
+    named = draft.model.check_standard
     if named is not None and not (named.channel in channels and channels[named.channel].levels):
-        where = document.where(("check_standard", "channel"))
         measured = ", ".join(str(number) for number, channel in sorted(channels.items()) if channel.levels)
         message = f"the check standard is on channel {named.channel}, which this campaign does not measure"
-        findings.add("B-PLAN-099", where, message, f"name one of the channels with levels: {measured or 'none'}")
+        advice = f"name one of the channels with levels: {measured or 'none'}"
+        draft.fail("B-PLAN-099", ("check_standard", "channel"), message, advice)
 
 
-def _levels(document: Document[Sequence], index: int, findings: Findings) -> tuple[Quantity, ...]:
-    name = document.model.channels[index].levels
+def _levels(draft: Draft[Sequence], index: int) -> tuple[Quantity, ...]:
+    name = draft.model.channels[index].levels
     if name is None:
         return ()
-    table = document.model.tables.get(name)
+    table = draft.model.tables.get(name)
     if table is None:
-        where = document.where(("channels", index, "levels"))
-        findings.add("B-PLAN-022", where, f"there is no table {name!r}{suggestion(name, document.model.tables)}")
+        message = f"there is no table {name!r}{suggestion(name, draft.model.tables)}"
+        draft.fail("B-PLAN-022", ("channels", index, "levels"), message)
         return ()
     levels = []
     for position, raw in enumerate(table):
-        where = document.where(("tables", name, position))
+        path = ("tables", name, position)
         value = read_text(raw) if isinstance(raw, str) else raw
         if isinstance(value, Quantity) and value.dimension == "A" and value.value > 0:
-            line = where.split(":")[-2]
-            levels.append(traced(value, f"{name}[{position}], line {line}"))
+            levels.append(traced(value, f"{name}[{position}], line {draft.line(path)}"))
         else:
             message = f"level {raw!r} is not a positive current with its unit{likely(raw, 'A')}"
-            findings.add("B-PLAN-022", where, message)
+            draft.fail("B-PLAN-022", path, message)
     return tuple(levels)
 
 
-def campaign_channels(
-    document: Document[Sequence], channels: dict[int, Channel], findings: Findings
-) -> list[dict[str, Any]]:
+def campaign_channels(draft: Draft[Sequence], channels: dict[int, Channel]) -> list[dict[str, Any]]:
     """Return channel constants for the analysis, in SI base units; [] if the sequence does not describe the unit.
 
     A kind that the unit lacks (B-PLAN-023), that the channel is not of (B-PLAN-028) and a level over full scale
-    (B-PLAN-024) go to ``findings``.
+    (B-PLAN-024) go to the draft.
     """
-    uut = document.model.uut
+    uut = draft.model.uut
     entries = []
-    for index, group in enumerate(document.model.channels if uut is not None else ()):
+    for index, group in enumerate(draft.model.channels if uut is not None else ()):
         kind = _kind(uut, group.kind)
         if kind is None:
-            where = document.where(("channels", index, "kind"))
-            findings.add("B-PLAN-023", where, f"uut.kinds does not describe {group.kind!r}")
+            draft.fail("B-PLAN-023", ("channels", index, "kind"), f"uut.kinds does not describe {group.kind!r}")
             continue
-        _check_kind(document, index, kind, findings)
-        _check_levels(document, index, kind.full_scale, findings)
-        _check_noise(document, group.kind, kind, findings)
+        _check_kind(draft, index, kind)
+        _check_levels(draft, index, kind.full_scale)
+        _check_noise(draft, group.kind, kind)
         entries += [_constants(c, kind) for c in channels.values() if c.group == index]
     return sorted(entries, key=lambda entry: int(entry["number"]))
 
 
-def check_counted(document: Document[Sequence], link: str, frame: FrameDefinition, findings: Findings) -> None:
+def check_counted(draft: Draft[Sequence], link: str, frame: FrameDefinition) -> None:
     """Note declared channels whose pulses the frames of the recorded link do not count (B-PLAN-027)."""
-    name = document.model.frame[link]
+    name = draft.model.frame[link]
     counted = min((_counted(frame, field) for field in TIMED), default=0)
-    if document.model.channels and not counted:
+    if draft.model.channels and not counted:
         message = f"the frame {name!r} of {link} counts no pulses, and records of channels are made of them"
-        findings.add("B-PLAN-027", document.where(("frame", link)), message, "name the link that counts them first")
+        draft.fail("B-PLAN-027", ("frame", link), message, "name the link that counts them first")
         return
-    for index, group in enumerate(document.model.channels):
+    for index, group in enumerate(draft.model.channels):
         try:
             missing = [number for number in channel_numbers(group.numbers) if number > counted]
         except ValueError:
             continue  # noted where the channels are declared
         for number in missing:
-            where = document.where(("channels", index, "numbers"))
             message = f"there is no channel {number}: the frame {name!r} of {link} counts pulses of {counted} channels"
-            findings.add("B-PLAN-027", where, message, "correct the number, or the frame")
+            draft.fail("B-PLAN-027", ("channels", index, "numbers"), message, "correct the number, or the frame")
 
 
 def _counted(frame: FrameDefinition, field: str) -> int:
@@ -141,73 +135,71 @@ def _kind(uut: UnitUnderTest | None, name: str) -> ChannelKind | None:
     return None
 
 
-def _check_kind(document: Document[Sequence], index: int, kind: ChannelKind, findings: Findings) -> None:
+def _check_kind(draft: Draft[Sequence], index: int, kind: ChannelKind) -> None:
     """Note channels that are not among those which the data sheet has of their kind (B-PLAN-028)."""
     if kind.channels is None:
         return
-    group = document.model.channels[index]
-    stated = document.where(("uut", "kinds", group.kind, "channels"))
+    group = draft.model.channels[index]
+    path = ("uut", "kinds", group.kind, "channels")
     try:
         of_kind = channel_numbers(kind.channels)
     except ValueError as error:
-        findings.add("B-PLAN-020", stated, str(error))
+        draft.fail("B-PLAN-020", path, str(error))
         return
     try:
         others = [number for number in channel_numbers(group.numbers) if number not in of_kind]
     except ValueError:
         return  # noted where the channels are declared
     if others:
-        listed, line = ", ".join(map(str, others)), stated.split(":")[-2]
-        message = (
-            f"declared as {group.kind}: {listed}; the unit has {group.kind} channels {kind.channels} (line {line})"
-        )
-        findings.add("B-PLAN-028", document.where(("channels", index, "kind")), message, "correct the kind")
+        declared = f"declared as {group.kind}: {', '.join(map(str, others))}"
+        message = f"{declared}; the unit has {group.kind} channels {kind.channels} (line {draft.line(path)})"
+        draft.fail("B-PLAN-028", ("channels", index, "kind"), message, "correct the kind")
 
 
-def _check_levels(document: Document[Sequence], index: int, full_scale_A: float, findings: Findings) -> None:
-    name = document.model.channels[index].levels
+def _check_levels(draft: Draft[Sequence], index: int, full_scale_A: float) -> None:
+    name = draft.model.channels[index].levels
     if name is None:
         return
-    for position, raw in enumerate(document.model.tables.get(name, [])):
+    for position, raw in enumerate(draft.model.tables.get(name, [])):
         level = read_quantity(raw) if isinstance(raw, str) else None
         if level is not None and level[0] > full_scale_A:
-            where = document.where(("tables", name, position))
-            group = document.model.channels[index]
-            declared = [
-                document.where(path).split(":")[-2] for path in (("channels", index), ("uut", "kinds", group.kind))
-            ]
+            group = draft.model.channels[index]
+            lines = [draft.line(place) for place in (("channels", index), ("uut", "kinds", group.kind))]
             message = (
                 f"level {raw} is above the full scale {format_quantity(full_scale_A, 'A')} of channels {group.numbers} "
-                f"(line {declared[0]}), kind {group.kind} (line {declared[1]})"
+                f"(line {lines[0]}), kind {group.kind} (line {lines[1]})"
             )
-            findings.add("B-PLAN-024", where, message, "correct the level, the kind or the full scale")
+            advice = "correct the level, the kind or the full scale"
+            draft.fail("B-PLAN-024", ("tables", name, position), message, advice)
 
 
-def _check_noise(document: Document[Sequence], name: str, kind: ChannelKind, findings: Findings) -> None:
+def _check_noise(draft: Draft[Sequence], name: str, kind: ChannelKind) -> None:
     """Note what the analysis needs of a kind of channel and the data sheet does not say (B-PLAN-026)."""
-    analysis = document.model.analysis
+    analysis = draft.model.analysis
     asked = analysis_declaration(analysis)
     for key in () if asked is None else asked.of_channel:
         if getattr(kind, key) is None:
-            where = document.where(("uut", "kinds", name))
+            where = draft.document.where(("uut", "kinds", name))
             message = f"the analysis {analysis} needs {key} of {name!r}"
-            findings.extend(InputError("B-PLAN-026", message, where=where, next_step="take it from the data sheet"))
+            draft.findings.extend(
+                InputError("B-PLAN-026", message, where=where, next_step="take it from the data sheet")
+            )
 
 
-def check_declared(document: Document[Sequence], findings: Findings) -> None:
+def check_declared(draft: Draft[Sequence]) -> None:
     """Note what the analysis needs of the unit under test and the sequence does not say (B-PLAN-026)."""
-    uut, analysis = document.model.uut, document.model.analysis
+    uut, analysis = draft.model.uut, draft.model.analysis
     asked = analysis_declaration(analysis)
     if asked is None or not asked.of_unit:
         return
     if uut is None:
         message = f"the analysis {analysis} needs 'uut', the data sheet of the unit under test"
-        findings.add("B-PLAN-026", document.where(("analysis",)), message, "describe the unit under 'uut'")
+        draft.fail("B-PLAN-026", ("analysis",), message, "describe the unit under 'uut'")
     else:
         for name in asked.of_unit:
             if getattr(uut, name) is None:
                 message = f"the analysis {analysis} needs {name} of the unit"
-                findings.add("B-PLAN-026", document.where(("uut",)), message, "take it from the unit's data sheet")
+                draft.fail("B-PLAN-026", ("uut",), message, "take it from the unit's data sheet")
 
 
 def _constants(channel: Channel, kind: ChannelKind) -> dict[str, Any]:
@@ -222,10 +214,9 @@ def unit_constants(model: Sequence, serial: str) -> dict[str, Any]:
         constants["uut"] = {"model": model.uut.model, "serial": serial}
         for sections in sections_in(model.uut, UnitSections):
             constants |= sections.constants(model.uut)  # type: ignore[arg-type]
-        if model.uut.limits:
-            constants["limits"] = {name: _limit(text) for name, text in model.uut.limits.items()}
-        if model.uut.spread:
-            constants["spread"] = {name: _limit(text) for name, text in model.uut.spread.items()}
+        for key, texts in (("limits", model.uut.limits), ("spread", model.uut.spread)):
+            if texts:
+                constants[key] = {name: _limit(text) for name, text in texts.items()}
     if model.check_standard is not None:
         constants["check_standard"] = model.check_standard.model_dump()
     if model.site is not None:

@@ -11,15 +11,14 @@ from typing import Any
 from bench.frame import FrameDefinition, load_frame
 from bench.model.errors import InputError, InputErrors
 from bench.model.shipped import find_beside, find_shipped
-from bench.model.yamlio import Document
 from bench.plan.channels import campaign_channels, check_counted, check_declared, declared_channels, unit_constants
 from bench.plan.check.analysis import check_limits, check_named
 from bench.plan.check.everything import NO_SERIAL, SERIAL, check_steps, short
 from bench.plan.check.stations import check_station, plan_rules
 from bench.plan.drivers import with_bus_time
-from bench.plan.expand import Expander, TooManySteps
+from bench.plan.expand import Expander, Node, TooManySteps
 from bench.plan.expected import check_judged
-from bench.plan.findings import Findings, suggestion
+from bench.plan.findings import Draft, Findings, suggestion
 from bench.plan.fits import fits_of
 from bench.plan.language.sequence import Sequence
 from bench.plan.language.steps import Step_
@@ -30,7 +29,7 @@ from bench.plan.station import Station
 from bench.plan.step_kinds import PlannedRecord
 from bench.plan.stopping import is_other_length
 from bench.plan.unroll import Unroller
-from bench.plan.values import Scope, plain, traced
+from bench.plan.values import plain, traced
 
 
 def compile_sequence(
@@ -54,45 +53,42 @@ def compile_sequence(
     except InputErrors as error:
         findings.extend(error)
     values = apply_parameters(document, parameters, findings)
-    plan = _Compiler(source, document, station, values, frozenset(parameters), findings).plan()
+    plan = _Compiler(document, findings, source, station, values, frozenset(parameters)).plan()
     return replace(plan, settings=dict(overrides or {}))
 
 
 @dataclass
-class _Compiler:
+class _Compiler(Draft[Sequence]):
     source: Path
-    document: Document[Sequence]
     station: Station
     parameters: Mapping[str, Any]
     given: frozenset[str]
-    findings: Findings
 
     def plan(self) -> Plan:
         """Return the plan. A draft with mistakes is checked as far as that can be done, so that all come at once."""
-        document, findings = self.document, self.findings
         frames = self._frames()
-        check_declared(document, findings)
-        check_named(document, findings)
-        check_limits(document, findings)
-        channels = declared_channels(document, findings)
-        constants = campaign_channels(document, channels, findings)
-        link = next(iter(document.model.frame), "")
+        check_declared(self)
+        check_named(self)
+        check_limits(self)
+        channels = declared_channels(self)
+        constants = campaign_channels(self, channels)
+        link = next(iter(self.model.frame), "")
         if link in frames:
-            check_counted(document, link, frames[link], findings)
+            check_counted(self, link, frames[link])
         rate_Hz = (frames[link].rate_Hz if link in frames else None) or math.nan
-        expander = Expander(document, self.station, channels, rate_Hz, frames, findings)
-        scope = Scope(self._variables(expander), expander.role_attribute, {})
-        serial = self._serial(expander, scope)
-        expander.units = planned_units(expander, scope)
+        expander = Expander(self, self.station, channels, rate_Hz, frames)
+        root = expander.node(variables=self._variables(expander))
+        serial = self._serial(root)
+        expander.units = planned_units(root)
         expander.campaign = self._campaign(constants, rate_Hz, serial)
-        lengths = self._expand(expander, scope)
-        campaign = {**expander.campaign, **self._values(expander, scope)}
+        lengths = self._expand(root)
+        campaign = {**expander.campaign, **self._values(root)}
         plan = self._assembled(expander, lengths, frames, link, campaign)
-        rules = plan_rules(document.model.interlocks, document, self.station, plan.frames, findings)
+        rules = plan_rules(self, self.station, plan.frames)
         plan = replace(plan, interlocks=rules_of_units(rules, plan.units))
-        if findings:
+        if self.findings:
             self._check_draft(plan, expander.doubtful)
-            raise InputErrors(findings.sorted())
+            raise InputErrors(self.findings.sorted())
         return plan
 
     def _check_draft(self, draft: Plan, doubtful: Collection[int]) -> None:
@@ -109,7 +105,7 @@ class _Compiler:
         self, expander: Expander, lengths: Mapping[str, float], frames: Mapping[str, FrameDefinition], link: str,
         campaign: Mapping[str, Any],
     ) -> Plan:  # fmt: skip
-        model = self.document.model
+        model = self.model
         steps, units = with_bus_time(expander.steps, self.station), expander.units
         of_units = {unit.links[name]: frame for unit in units for name, frame in model.frame.items()}
         of_all = sum(_bytes_s(definition) for definition in frames.values()) * max(1, len(units))
@@ -139,34 +135,34 @@ class _Compiler:
     def _frames(self) -> dict[str, FrameDefinition]:
         """Return frame definitions by link, without those that cannot be used."""
         frames = {}
-        for link, name in self.document.model.frame.items():
-            where = self.document.where(("frame", link))
-            if self.document.model.units is None and link not in self.station.links:
+        for link, name in self.model.frame.items():
+            path = ("frame", link)
+            if self.model.units is None and link not in self.station.links:
                 known = suggestion(link, self.station.links)
-                self.findings.add("B-PLAN-046", where, f"station {self.station.name} has no link {link!r}{known}")
+                self.fail("B-PLAN-046", path, f"station {self.station.name} has no link {link!r}{known}")
             try:
                 frames[link] = load_frame(find_beside(self.source, "frames", name))
             except InputErrors as error:
                 self.findings.extend(error)
                 continue
             except InputError as error:
-                self.findings.add("B-PLAN-045", where, error.message, error.next_step)
+                self.fail("B-PLAN-045", path, error.message, error.next_step)
                 continue
             if frames[link].rate_Hz is None:
                 advice = "add 'rate: ... Hz' to the frame"
-                self.findings.add("B-PLAN-048", where, f"frame {name!r} names no rate", advice)
+                self.fail("B-PLAN-048", path, f"frame {name!r} names no rate", advice)
         return frames
 
-    def _serial(self, expander: Expander, scope: Scope) -> str:
+    def _serial(self, root: Node) -> str:
         """Return serial number of the unit under test; it becomes part of the session's folder name."""
-        uut = self.document.model.uut
-        serial = "" if uut is None else str(plain(expander.resolve(uut.serial, scope, ("uut", "serial"))))
+        uut, node = self.model.uut, root.below("uut", "serial")
+        serial = "" if uut is None else str(plain(node.resolve(uut.serial)))
         if uut is not None and not SERIAL.fullmatch(serial):
-            expander.fail("B-PLAN-025", ("uut", "serial"), f"{short(serial)} {NO_SERIAL}")
+            node.fail("B-PLAN-025", f"{short(serial)} {NO_SERIAL}")
         return serial
 
-    def _expand(self, expander: Expander, scope: Scope) -> dict[str, float]:
-        model = self.document.model
+    def _expand(self, root: Node) -> dict[str, float]:
+        model, expander = self.model, root.plan
         lengths: dict[str, float] = {}
         phases: list[tuple[Phase, list[Step_], str]] = [
             ("prepare", model.prepare, "prepare"),
@@ -177,9 +173,9 @@ class _Compiler:
         try:
             for phase, steps, key in phases:
                 expander.begin(phase)
-                unroller.run(steps, (key,), scope)
+                unroller.run(steps, root.below(key))
                 if phase == "campaign":
-                    unroller.timeline(model.timeline, ("timeline",), scope)
+                    unroller.timeline(model.timeline, root.below("timeline"))
                 lengths[phase] = expander.at_s
         except TooManySteps:
             return lengths
@@ -187,35 +183,32 @@ class _Compiler:
         return lengths
 
     def _variables(self, expander: Expander) -> dict[str, Any]:
-        empty = Scope({}, expander.role_attribute, {})
         variables = {}
         for name, raw in self.parameters.items():
             path = ("parameters", name)
-            value = expander.resolve(raw, empty, path)
+            value = expander.node(*path).resolve(raw)
             if isinstance(value, tuple):
-                value = tuple(
-                    traced(v, self._origin(expander, f"{name}[{i}]", (*path, i))) for i, v in enumerate(value)
-                )
-            variables[name] = traced(value, self._origin(expander, name, path))
+                value = tuple(traced(v, self._origin(f"{name}[{i}]", (*path, i))) for i, v in enumerate(value))
+            variables[name] = traced(value, self._origin(name, path))
         return variables
 
-    def _origin(self, expander: Expander, shown: str, path: tuple[str | int, ...]) -> str:
-        return f"--set {shown}" if path[1] in self.given else f"parameter {shown}, {expander.line(path)}"
+    def _origin(self, shown: str, path: tuple[str | int, ...]) -> str:
+        return f"--set {shown}" if path[1] in self.given else f"parameter {shown}, line {self.line(path)}"
 
     def _promised(self, duration_s: float, records: int) -> tuple[InputError, ...]:
         """Check the length that the file states for itself; with parameters changed by hand it is not asked."""
-        model = self.document.model
-        findings = Findings()
+        model = self.model
+        draft = Draft(self.document, Findings())
         if model.duration not in (None, duration_s):
             message = f"the campaign lasts {duration_s:.10g} s by plan, not {model.duration:.10g} s"
-            findings.add("B-PLAN-047", self.document.where(("duration",)), message)
+            draft.fail("B-PLAN-047", ("duration",), message)
         if model.records not in (None, records):
             message = f"the campaign holds {records} records, not {model.records}"
-            findings.add("B-PLAN-047", self.document.where(("records",)), message)
-        return tuple(findings.sorted()) if self.parameters == model.parameters else ()
+            draft.fail("B-PLAN-047", ("records",), message)
+        return tuple(draft.findings.sorted()) if self.parameters == model.parameters else ()
 
     def _texts(self, frames: Mapping[str, FrameDefinition]) -> dict[str, str]:
-        model = self.document.model
+        model = self.model
         texts = {f"sequences/{model.sequence}.yaml": self.document.text}
         texts[f"stations/{self.station.name}.yaml"] = self.station.document.text
         for link, definition in frames.items():
@@ -223,13 +216,13 @@ class _Compiler:
         return texts
 
     def _files(self) -> dict[str, str]:
-        model = self.document.model
+        model = self.model
         files = {f"sequences/{model.sequence}.yaml": self.document.name}
         files[f"stations/{self.station.name}.yaml"] = self.station.document.name
         return files | {f"frames/{name}.yaml": str(_found(self.source, name)) for name in model.frame.values()}
 
     def _campaign(self, channels: list[dict[str, Any]], rate_Hz: float, serial: str) -> dict[str, Any]:
-        model = self.document.model
+        model = self.model
         campaign: dict[str, Any] = {
             "analysis": model.analysis,
             "reference_temperature_degC": model.reference_temperature,
@@ -239,10 +232,10 @@ class _Compiler:
         }
         return campaign | unit_constants(model, serial)
 
-    def _values(self, expander: Expander, scope: Scope) -> dict[str, Any]:
+    def _values(self, root: Node) -> dict[str, Any]:
         """Return the values that are named and the fits through them, for the manifest; nothing if there are none."""
-        check_judged(expander)
-        values = {"expected": expander.expected.entries, "fits": fits_of(expander, scope)}
+        check_judged(root.plan)
+        values = {"expected": root.plan.expected.entries, "fits": fits_of(root)}
         return {name: entries for name, entries in values.items() if entries}
 
 

@@ -10,16 +10,16 @@ from typing import Any
 from bench.model.units import likely, read_quantity
 from bench.plan.decision import CHOOSE, DONE, FAIL, GO_ON, HOLD, IF, WHILE, Branch, PlannedDecision
 from bench.plan.drivers import declared_action
-from bench.plan.expand import Expander, Path
+from bench.plan.expand import Expander, Node
 from bench.plan.findings import suggestion
-from bench.plan.language.comparison import Comparison
+from bench.plan.language.expect import Comparison
 from bench.plan.language.steps import CallStep, ChooseStep, IfStep, WhileStep
 from bench.plan.readings import is_read_by, reading_calls
 from bench.plan.step_kinds import PlannedCall, PlannedPrompt
-from bench.plan.values import Quantity, Scope, plain
+from bench.plan.values import Quantity, plain
 
 THEN, ELSE, TURN = "then", "else", "turn"
-Run = Callable[[Sequence[Any], Path, Scope], None]
+Run = Callable[[Sequence[Any], Node], None]
 
 
 @dataclass(frozen=True)
@@ -58,82 +58,84 @@ def join(plan: Expander, ways: Sequence[Known]) -> None:
     ).again(plan)
 
 
-def expand_if(plan: Expander, step: IfStep, path: Path, scope: Scope, run: Run) -> None:
+def expand_if(node: Node, step: IfStep, run: Run) -> None:
     """Append a decision and both of its branches."""
-    decision = _decision(plan, IF, step.if_.reading, (*path, "if"), scope)
-    comparison, values = _compared(plan, decision, step.if_, (*path, "if"), scope)
-    bodies = [(THEN, comparison, values, step.then, (*path, "then")), (ELSE, "", (), step.else_ or [], (*path, "else"))]
-    _branches(plan, decision, bodies, ELSE if step.else_ is not None else HOLD, scope, run)
+    here = node.below("if")
+    decision = _decision(here, IF, step.if_.reading)
+    bodies = [(THEN, *_compared(here, decision, step.if_), step.then, node.below("then"))]
+    _branches(node, decision, bodies, step.else_, run)
 
 
-def expand_choose(plan: Expander, step: ChooseStep, path: Path, scope: Scope, run: Run) -> None:
+def expand_choose(node: Node, step: ChooseStep, run: Run) -> None:
     """Append a decision and the branch of each of its cases."""
-    decision = _decision(plan, CHOOSE, step.choose, (*path, "choose"), scope)
+    decision = _decision(node.below("choose"), CHOOSE, step.choose)
     bodies = []
     for index, case in enumerate(step.cases):
-        here = (*path, "cases", index)
-        bodies.append((f"case {index + 1}", *_compared(plan, decision, case, here, scope), case.do, (*here, "do")))
-    bodies.append((ELSE, "", (), step.else_ or [], (*path, "else")))
-    _branches(plan, decision, bodies, ELSE if step.else_ is not None else HOLD, scope, run)
+        here = node.below("cases", index)
+        bodies.append((f"case {index + 1}", *_compared(here, decision, case), case.do, here.below("do")))
+    _branches(node, decision, bodies, step.else_, run)
 
 
-_Body = tuple[str, str, tuple[float, ...], Sequence[Any], Path]
+_Body = tuple[str, str, tuple[float, ...], Sequence[Any], Node]
 
 
 def _branches(
-    plan: Expander, decision: PlannedDecision, bodies: Iterable[_Body], missing: str, scope: Scope, run: Run
+    node: Node, decision: PlannedDecision, bodies: Iterable[_Body], otherwise: Sequence[Any] | None, run: Run
 ) -> None:
+    plan, missing = node.plan, HOLD if otherwise is None else ELSE
     before, ways, branches = Known.of(plan), [], []
-    for outcome, comparison, values, steps, path in bodies:
+    for outcome, comparison, values, steps, here in (*bodies, (ELSE, "", (), otherwise or [], node.below("else"))):
         before.again(plan)
         first = len(plan.steps)
-        run(steps, path, scope)
+        run(steps, here)
         ways.append(Known.of(plan))
         branches.append(Branch(outcome, first, len(plan.steps), comparison, values))
     join(plan, ways)
     plan.steps[decision.number] = replace(decision, branches=tuple(branches), missing=missing)
 
 
-def expand_while(plan: Expander, step: WhileStep, path: Path, scope: Scope, run: Run) -> None:
+def expand_while(node: Node, step: WhileStep, run: Run) -> None:
     """Append every turn with the decision before it, and the decision behind the last one."""
-    here, decisions, ways = (*path, "while"), [], []
+    here, plan = node.below("while"), node.plan
+    decisions, ways = [], []
     for turn in range(1, step.at_most + 1):
-        decisions.append(_decision(plan, WHILE, step.while_.reading, here, scope))
+        decisions.append(_decision(here, WHILE, step.while_.reading))
         ways.append(Known.of(plan))
-        run(step.do, (*path, "do"), scope.extended({TURN: turn}, {TURN: turn}))
+        run(step.do, node.below("do").inside({TURN: turn}, {TURN: turn}))
         if turn == 1:
-            _reads_again(plan, decisions[0], here)
-    decisions.append(_decision(plan, WHILE, step.while_.reading, here, scope))
+            _reads_again(here, decisions[0])
+    decisions.append(_decision(here, WHILE, step.while_.reading))
     ways.append(Known.of(plan))
     join(plan, ways)
     end, missing = len(plan.steps), {None: HOLD, GO_ON: DONE}.get(step.else_, step.else_ or HOLD)
     for decision in decisions:
         last = decision is decisions[-1]
         first, outcome = decision.number + 1, (step.else_ or FAIL) if last else TURN
-        turn_on = Branch(outcome, first, end, *_compared(plan, decision, step.while_, here, scope))
+        turn_on = Branch(outcome, first, end, *_compared(here, decision, step.while_))
         branches = (turn_on, Branch(DONE, end, end))
         plan.steps[decision.number] = replace(decision, branches=branches, missing=missing)
 
 
-def _reads_again(plan: Expander, decision: PlannedDecision, path: Path) -> None:
+def _reads_again(node: Node, decision: PlannedDecision) -> None:
     """Note a loop that could never end because nothing in it takes its reading (B-PLAN-110)."""
-    body = (plan.steps[at] for at in range(decision.number + 1, len(plan.steps)))
+    steps = node.plan.steps
+    body = (steps[at] for at in range(decision.number + 1, len(steps)))
     if not any(is_read_by(decision, step) for step in body):
         message = f"the loop goes by {decision.reading}, and nothing in it reads that again"
-        plan.fail("B-PLAN-110", path, message, "read it in 'do', so that the condition can change")
+        node.fail("B-PLAN-110", message, "read it in 'do', so that the condition can change")
 
 
-def _decision(plan: Expander, word: str, reading: str | CallStep, path: Path, scope: Scope) -> PlannedDecision:
+def _decision(node: Node, word: str, reading: str | CallStep) -> PlannedDecision:
     """Append a decision whose branches are not known yet. Its reading must be taken before it (B-PLAN-110)."""
-    role, name, given = "", reading, {}
+    role, name, given, plan = "", reading, {}, node.plan
     if isinstance(reading, CallStep):
         called, arguments = next(iter(reading.root.items()))
         role, name = called.split(".")
-        at = (*path, called) if path[-1] == CHOOSE else (*path, "reading", called)
-        given = {key: plain(plan.resolve(raw, scope, (*at, key))) for key, raw in (arguments or {}).items()}
+        here = node if word == CHOOSE else node.below("reading")
+        given = {key: plain(value) for key, value in here.below(called).values(arguments or {}).items()}
     number = len(plan.steps)
     more = {"word": word, "arguments": given, "unit": "", "branches": (), "missing": HOLD, "retry_step": number}
-    plan.add("decide", role, str(name), more, scope, path)
+    plan.add(node, "decide", role, str(name), more)
     decision = plan.steps[number]
     assert isinstance(decision, PlannedDecision)
     before = (plan.steps[at] for at in range(number - 1, -1, -1))
@@ -141,7 +143,7 @@ def _decision(plan: Expander, word: str, reading: str | CallStep, path: Path, sc
     if taken is None:
         known = suggestion(decision.reading, {name for step in plan.steps[:number] for name in _readings(plan, step)})
         message = f"nothing before this step reads {decision.reading}{known}"
-        plan.fail("B-PLAN-110", path, message, "put the reading before the decision")
+        node.fail("B-PLAN-110", message, "put the reading before the decision")
         return decision
     same_phase = [taken.number] if taken.phase == plan.phase else []
     back = [number, *same_phase, *([] if plan.retry_step is None else [plan.retry_step])]
@@ -162,27 +164,26 @@ def _unit(plan: Expander, role: str, name: str) -> str:
     return "" if declared is None else declared.returns
 
 
-def _compared(
-    plan: Expander, decision: PlannedDecision, comparison: Comparison, path: Path, scope: Scope
-) -> tuple[str, tuple[float, ...]]:
+def _compared(node: Node, decision: PlannedDecision, comparison: Comparison) -> tuple[str, tuple[float, ...]]:
     """Return the comparison and its values in the unit of the reading; what cannot be compared is noted (B-PLAN-111).
 
     Nothing is said of a reading that nothing takes.
     """
     word = comparison.word
-    written = getattr(comparison, word)
-    values = tuple(
-        _value(plan, decision, raw, (*path, word, index) if word == "within" else (*path, word), scope)
-        for index, raw in enumerate(written if word == "within" else [written])
+    written, here = getattr(comparison, word), node.below(word)
+    values = (
+        tuple(_value(here.below(index), decision, raw) for index, raw in enumerate(written))
+        if word == "within"
+        else (_value(here, decision, written),)
     )
     if len(values) == 2 and values[0] > values[1]:
         message = f"no reading is within {written[0]} and {written[1]}: the first is above the second"
-        plan.fail("B-PLAN-111", (*path, word), message, "exchange them")
+        here.fail("B-PLAN-111", message, "exchange them")
     return word, values
 
 
-def _value(plan: Expander, decision: PlannedDecision, raw: Any, path: Path, scope: Scope) -> float:
-    value = plan.resolve(raw, scope, path)
+def _value(node: Node, decision: PlannedDecision, raw: Any) -> float:
+    value = node.resolve(raw)
     unit = decision.unit
     if value is None or not unit:
         return math.nan
@@ -196,5 +197,5 @@ def _value(plan: Expander, decision: PlannedDecision, raw: Any, path: Path, scop
         shown = f"{value.value:g} {value.dimension}" if isinstance(value, Quantity) else repr(plain(value))
         message = f"{decision.reading} is read in {unit}; {shown} cannot be compared with it{likely(value, unit)}"
     origin = value.origin if isinstance(value, Quantity) else ""
-    plan.fail("B-PLAN-111", path, message, f"write a quantity in {unit}" if unit != "1" else "write a number", origin)
+    node.fail("B-PLAN-111", message, f"write a quantity in {unit}" if unit != "1" else "write a number", origin)
     return math.nan

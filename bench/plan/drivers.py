@@ -33,12 +33,7 @@ def no_instrument(station: Station, role: str) -> str:
 
 def driver_actions(name: str) -> Mapping[str, Action]:
     """Return declared actions of a driver, by name."""
-    return _actions(driver_class(name))
-
-
-@lru_cache(maxsize=64)
-def _actions(driver: type) -> Mapping[str, Action]:
-    return actions_of(driver)
+    return actions_of(driver_class(name))
 
 
 def driver_ladder_A(name: str) -> tuple[float, ...]:
@@ -110,9 +105,6 @@ class _Shared(Followed):
     """Bus time of the calls since the last step that waits, second; of several ways the longest."""
 
     bus_s: float = 0.0
-
-    def copy(self) -> _Shared:
-        return _Shared(self.bus_s)
 
     def key(self) -> int:
         return 0

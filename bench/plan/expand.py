@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, NoReturn
 
 from bench.frame import FrameDefinition
 from bench.model.units import likely
-from bench.model.yamlio import Document
 from bench.plan.drivers import range_after
-from bench.plan.findings import Findings, suggestion
+from bench.plan.findings import Draft, suggestion
 from bench.plan.language import sequence as language
 from bench.plan.named_values import NamedValues
 from bench.plan.plan import Phase, PlannedUnit, Step, StepKind
@@ -25,6 +25,7 @@ TIMED = ("npp", "ppp")  # counts whose pulses can be timed
 COMMAND = "command"  # the message of a frame definition that carries commands to the unit
 MAY_END = ("call", "verify", "send", "unit", "soak")  # kinds of step that 'finally' may hold
 NO_TIME = Quantity(0.0, "s")
+_WHOLE = 1e-6  # of a frame or a round
 DURATION = "duration"  # its key among the origins of a step
 
 
@@ -32,30 +33,28 @@ class TooManySteps(Exception):
     """The plan grew over MAX_STEPS."""
 
 
-class Expander:
+class Expander(Draft[language.Sequence]):
     """State of one expansion, and what each kind of step needs to append itself."""
 
     def __init__(
         self,
-        document: Document[language.Sequence],
+        draft: Draft[language.Sequence],
         station: Station,
         channels: Mapping[int, Channel],
         rate_Hz: float,
         frames: Mapping[str, FrameDefinition],
-        findings: Findings,
     ) -> None:
-        self.document = document
+        super().__init__(draft.document, draft.findings)
         self.station = station
         self.channels = channels
         self.rate_Hz = rate_Hz
-        link = next(iter(document.model.frame), None)
-        counted = None if link is None else frames.get(link)  # one that cannot be read forbids nothing
-        self.counts_pulses = link is not None and (counted is None or counts_pulses(counted))
-        self.has_samples = link is not None and (counted is None or has_samples(counted))
-        self.command_links = [n for n in document.model.frame if n not in frames or COMMAND in frames[n].messages]
+        self.link = next(iter(self.model.frame), "")  # that records count; "" where they are made of readings
+        counted = frames.get(self.link)  # one that cannot be read forbids nothing
+        self.counts_pulses = bool(self.link) and (counted is None or counts_pulses(counted))
+        self.has_samples = bool(self.link) and (counted is None or has_samples(counted))
+        self.command_links = [n for n in self.model.frame if n not in frames or COMMAND in frames[n].messages]
         self.frames = frames
         self.layouts = {link: definition.commands for link, definition in frames.items()}
-        self.findings = findings
         self.steps: list[Step] = []
         self.phase: Phase = "prepare"
         self.at_s = 0.0
@@ -71,10 +70,10 @@ class Expander:
         self.campaign: Mapping[str, Any] = {}  # constants of the unit, as in the manifest
         self.units: tuple[PlannedUnit, ...] = ()
         self.unit: PlannedUnit | None = None  # of the loop over the units that is expanded
-        self._short = PurePath(document.name).name
+        self._short = PurePath(self.document.name).name
 
     def add(
-        self, kind: StepKind, role: str, name: str, arguments: Mapping[str, Any], scope: Scope, path: Path,
+        self, node: Node, kind: StepKind, role: str, name: str, arguments: Mapping[str, Any],
         duration: Quantity | None = NO_TIME, conditions: Mapping[str, Any] | None = None,
     ) -> None:  # fmt: skip
         """Append a step at the present planned time and advance it by ``duration`` (None: its mistake is noted).
@@ -83,18 +82,18 @@ class Expander:
         static check. An argument that is None could not be read; a limit of a prompt may be left open.
         """
         if len(self.steps) >= MAX_STEPS:
-            self.too_many(path)
+            self.too_many(node)
         if self.phase == "finally" and kind not in MAY_END:
             message = f"a {kind} step cannot stand in 'finally': only calls and a soak leave the bench in order"
-            self.fail("B-PLAN-037", path, message)
+            node.fail("B-PLAN-037", message)
         if duration is None:
             self.doubtful.add(len(self.steps))
         duration_s = 0.0 if duration is None else duration.value
         unread = None if kind in ("call", "prompt") else math.nan
         numbers = {key: unread if value is None else plain(value) for key, value in arguments.items()}
-        where = self._short + self.document.where(path).removeprefix(self.document.name)
-        known = scope.context if conditions is None else conditions
-        role = self.place(role, path)
+        where = self._short + self.document.where(node.path).removeprefix(self.document.name)
+        known = node.scope.context if conditions is None else conditions
+        role = self.place(role, node)
         place = len(self.steps), self.phase, self.at_s, duration_s, role, name, known, where
         self.steps.append(KINDS[kind].read(place, numbers))
         quantities = {k: v for k, v in arguments.items() if isinstance(v, Quantity)}
@@ -107,13 +106,13 @@ class Expander:
         self.declared.append({k: self.document.where(("channels", v.group, "numbers")) for k, v in channels.items()})
         self.at_s = round(self.at_s + duration_s, 9)
 
-    def place(self, name: str, path: Path) -> str:
+    def place(self, name: str, node: Node) -> str:
         """Return the station's name of a link or role: inside a loop over the units that of the unit's slot."""
         if self.unit is not None:
             return self.unit.links.get(name) or self.unit.roles.get(name, name)
         if any(name in unit.links or name in unit.roles for unit in self.units):
             message = f"{name} is there once for each unit, and the step does not say for which"
-            self.fail("B-PLAN-141", path, message, "put the step inside 'for: unit', 'in: units'")
+            node.fail("B-PLAN-141", message, "put the step inside 'for: unit', 'in: units'")
         return name
 
     def keep_dimensions(self, quantities: Mapping[str, Quantity], steps: int) -> None:
@@ -121,39 +120,14 @@ class Expander:
         for dimensions in self.dimensions[-steps:] if quantities else ():
             dimensions.update({name: value.dimension for name, value in quantities.items()})
 
-    def too_many(self, path: Path) -> NoReturn:
+    def too_many(self, node: Node) -> NoReturn:
         """Note that the plan grows without end, and give it up. Raises: TooManySteps."""
-        self.fail("B-PLAN-036", path, f"the plan has more than {MAX_STEPS} steps or turns of its loops", "shorten them")
+        node.fail("B-PLAN-036", f"the plan has more than {MAX_STEPS} steps or turns of its loops", "shorten them")
         raise TooManySteps
 
-    def fail(self, code: str, path: Path, message: str, next_step: str = "", origin: str = "") -> None:
-        """Note a mistake at a place of the sequence file."""
-        self.findings.add(code, self.document.where(path), message, next_step, origin)
-
-    def line(self, path: Path) -> str:
-        """Return ``line N`` of a place of the sequence file."""
-        return "line " + self.document.where(path).split(":")[-2]
-
-    def resolve(self, raw: Any, scope: Scope, path: Path) -> Any:
-        """Return resolved value, or None after noting the mistake (B-PLAN-030, -031)."""
-        try:
-            return scope.resolve(raw)
-        except UnknownVariable as error:
-            self.fail("B-PLAN-030", path, str(error))
-        except ValueError as error:
-            self.fail("B-PLAN-031", path, str(error))
-        return None
-
-    def quantity(self, raw: Any, dimension: str, scope: Scope, path: Path) -> Quantity | None:
-        """Return a field that is already a number in the base unit, or still a reference; None after a mistake."""
-        value = Quantity(raw, dimension) if isinstance(raw, float) else self.resolve(raw, scope, path)
-        if isinstance(value, Quantity) and value.dimension == dimension:
-            return value
-        if value is not None:
-            origin = value.origin if isinstance(value, Quantity) else ""
-            message = f"{raw} is {_describe(value)}; a quantity in {dimension} is due{likely(value, dimension)}"
-            self.fail("B-PLAN-031", path, message, origin=origin)
-        return None
+    def node(self, *path: str | int, variables: Mapping[str, Any] | None = None) -> Node:
+        """Return a place outside of all loops, which may name these variables."""
+        return Node(self, path, Scope(variables or {}, self.role_attribute, {}))
 
     def role_attribute(self, role: str, attribute: str) -> Any:
         """Return ``{role.range}``: the lowest range of its standard that holds the level last programmed, ampere."""
@@ -186,6 +160,52 @@ class Expander:
         self.at_s = 0.0
 
 
+@dataclass(frozen=True)
+class Node:
+    """A place of the sequence file as it is expanded: the plan so far, the path of the place, variables it may name."""
+
+    plan: Expander
+    path: Path
+    scope: Scope
+
+    def below(self, *keys: str | int) -> Node:
+        """Return a place below this one."""
+        return Node(self.plan, (*self.path, *keys), self.scope)
+
+    def inside(self, variables: Mapping[str, Any], context: Mapping[str, Any] | None = None) -> Node:
+        """Return the same place with more variables; ``context`` adds to what identifies the position in the loops."""
+        return Node(self.plan, self.path, self.scope.extended(variables, context))
+
+    def fail(self, code: str, message: str, next_step: str = "", origin: str = "") -> None:
+        """Note a mistake at this place."""
+        self.plan.fail(code, self.path, message, next_step, origin)
+
+    def resolve(self, raw: Any, *keys: str | int) -> Any:
+        """Return the value of what stands under ``keys``, or None after noting the mistake (B-PLAN-030, -031)."""
+        try:
+            return self.scope.resolve(raw)
+        except UnknownVariable as error:
+            self.below(*keys).fail("B-PLAN-030", str(error))
+        except ValueError as error:
+            self.below(*keys).fail("B-PLAN-031", str(error))
+        return None
+
+    def values(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the values of what stands below, by key."""
+        return {name: self.resolve(raw, name) for name, raw in arguments.items()}
+
+    def quantity(self, raw: Any, dimension: str, *keys: str | int) -> Quantity | None:
+        """Return a field that is already a number in the base unit, or still a reference; None after a mistake."""
+        value = Quantity(raw, dimension) if isinstance(raw, float) else self.resolve(raw, *keys)
+        if isinstance(value, Quantity) and value.dimension == dimension:
+            return value
+        if value is not None:
+            origin = value.origin if isinstance(value, Quantity) else ""
+            message = f"{raw} is {_describe(value)}; a quantity in {dimension} is due{likely(value, dimension)}"
+            self.below(*keys).fail("B-PLAN-031", message, origin=origin)
+        return None
+
+
 def counts_pulses(definition: FrameDefinition) -> bool:
     """Return whether a message of these frames holds what the pulses of a record are timed by."""
     messages = definition.layout.messages
@@ -195,6 +215,11 @@ def counts_pulses(definition: FrameDefinition) -> bool:
 def has_samples(definition: FrameDefinition) -> bool:
     """Return whether a message of these frames holds samples."""
     return any(item.per == "sample" for message in definition.layout.messages for item in message.fields)
+
+
+def is_whole(times: float) -> bool:
+    """Return whether a record holds frames or rounds of readings a whole number of times, once at least."""
+    return times >= 1 and abs(times - round(times)) <= _WHOLE
 
 
 def _describe(value: Any) -> str:

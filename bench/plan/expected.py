@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from bench.frame import BENCH, Signal, signal_of
+from bench.model.declaration import stated
 from bench.model.errors import InputError
 from bench.model.quantities import QUANTITY, conditions_of_value
 from bench.model.systems import analysis_declaration
@@ -18,32 +19,31 @@ from bench.plan.check.analysis import NONE
 from bench.plan.drivers import declared_action
 from bench.plan.language.expect import Bounds, Expect, ReadingExpect, ReplyExpect, SignalExpect
 from bench.plan.language.prompt import PromptValue
-from bench.plan.values import Quantity, Scope, as_reference
+from bench.plan.values import Quantity, as_reference
 
 if TYPE_CHECKING:
-    from bench.plan.expand import Expander, Path
+    from bench.plan.expand import Expander, Node
 
 _SHARES = ("%", "ppm", "ppb")
 _MEASURE = "measure_"
 
 
 def named_conditions(
-    plan: Expander, called: tuple[str, str], expect: ReadingExpect | None, conditions: Mapping[str, Any], path: Path,
-    scope: Scope,
-) -> dict[str, Any]:  # fmt: skip
+    node: Node, called: tuple[str, str], expect: ReadingExpect | None, conditions: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return the conditions of a reading with its name, if it has one, and keep what is expected of it.
 
     Without ``expect`` it is named after instrument and action where the analysis is made of all values.
     Findings: B-PLAN-120, B-PLAN-121.
     """
-    role, action = called
+    (role, action), plan = called, node.plan
     unit = _unit(plan, role, action)
     if expect is None:
         if unit is None or plan.phase != "campaign" or not takes_all(plan):
             return dict(conditions)
     elif unit is None:
         message = f"{role}.{action} gives no number, so nothing can be expected of it"
-        plan.fail("B-PLAN-120", path, message, "expect something of an action that returns a value")
+        node.fail("B-PLAN-120", message, "expect something of an action that returns a value")
         return dict(conditions)
     entry: dict[str, Any] = {
         "quantity": _default_name(role, action, str(unit)) if expect is None else expect.name,
@@ -51,17 +51,18 @@ def named_conditions(
         "conditions": conditions_of_value(conditions),
     }
     if expect is not None:
-        entry |= _limits_and_span(plan, expect, str(unit), (*path, "expect"), scope)
-        entry |= _scatter(plan, expect, str(unit), (*path, "expect", "scatter"), scope)
-    keep(plan, entry, f"{role}.{action}", path)
+        here = node.below("expect")
+        entry |= _limits_and_span(here, expect, str(unit))
+        entry |= _scatter(here.below("scatter"), expect, str(unit))
+    keep(node, entry, f"{role}.{action}")
     return {**conditions, QUANTITY: entry["quantity"]}
 
 
-def _scatter(plan: Expander, expect: ReadingExpect, unit: str, path: Path, scope: Scope) -> dict[str, float]:
+def _scatter(node: Node, expect: ReadingExpect, unit: str) -> dict[str, float]:
     """Return the standard deviation of one reading, if it is declared; B-PLAN-120 unless it is above zero."""
-    scatter = bound_in(plan, expect.scatter, unit, path, scope)
+    scatter = bound_in(node, expect.scatter, unit)
     if scatter is not None and not scatter > 0.0:
-        plan.fail("B-PLAN-120", path, f"a scatter of {expect.scatter} is not above zero", "state it above zero")
+        node.fail("B-PLAN-120", f"a scatter of {expect.scatter} is not above zero", "state it above zero")
         return {}
     return {} if scatter is None else {"scatter": scatter}
 
@@ -72,40 +73,39 @@ def _default_name(role: str, action: str, unit: str) -> str:
     return f"{name}_temperature" if unit == "degC" and not name.endswith("temperature") else name
 
 
-def keep_given(plan: Expander, value: PromptValue, conditions: Mapping[str, Any], path: Path) -> None:
+def keep_given(node: Node, value: PromptValue) -> None:
     """Keep a value that a person gives, where the analysis is made of all values (B-PLAN-120, B-PLAN-121)."""
-    if value.quantity is None or not takes_all(plan):
+    if value.quantity is None or not takes_all(node.plan):
         return
+    bare = node.plan.node(*node.path)
     ends = {"low": value.low, "high": value.high, "uncertainty": value.uncertainty}
-    read = {name: bound_in(plan, text, value.unit, (*path, name)) for name, text in ends.items()}
-    entry = {"quantity": value.quantity, "unit": value.unit, "conditions": conditions_of_value(conditions)}
-    keep(plan, entry | {name: end for name, end in read.items() if end is not None}, "a person", path)
+    read = {name: bound_in(bare.below(name), text, value.unit) for name, text in ends.items()}
+    entry = {"quantity": value.quantity, "unit": value.unit, "conditions": conditions_of_value(node.scope.context)}
+    keep(node, entry | stated(read), "a person")
 
 
-def keep_signals(
-    plan: Expander, expects: Sequence[SignalExpect], conditions: Mapping[str, Any], path: Path, scope: Scope
-) -> list[tuple[str, str]]:
+def keep_signals(node: Node, expects: Sequence[SignalExpect], conditions: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Keep what is expected of numbers that the unit streams during a record; return quantity and signal of each.
 
     Findings: B-PLAN-120 (no such number, a limit in another unit), B-PLAN-121.
     """
-    kept = []
+    kept, plan = [], node.plan
     for index, expect in enumerate(expects):
-        here = (*path, "expect", index)
+        here = node.below("expect", index)
         try:
             signal = signal_of(expect.signal, plan.frames)
         except InputError as error:
-            if plan.frames.keys() >= plan.document.model.frame.keys():  # else the frame says what is wrong with it
-                plan.fail("B-PLAN-120", (*here, "signal"), error.message, error.next_step)
+            if plan.frames.keys() >= plan.model.frame.keys():  # else the frame says what is wrong with it
+                here.below("signal").fail("B-PLAN-120", error.message, error.next_step)
             continue
         if signal.link == BENCH or signal.minus:
             message = f"{expect.signal} is no number of a frame"
-            plan.fail("B-PLAN-120", (*here, "signal"), message, "name link.field, or link.field[element]")
+            here.below("signal").fail("B-PLAN-120", message, "name link.field, or link.field[element]")
             continue
         factor, unit = read_quantity(f"1 {signal.unit or 1}") or (1.0, signal.unit)
         entry: dict[str, Any] = {"quantity": expect.name, "unit": unit, "conditions": conditions_of_value(conditions)}
         entry |= {"signal": signal.name, "factor": factor, "resolution": factor * _resolution(plan, signal)}
-        keep(plan, entry | _limits_and_span(plan, expect, unit, here, scope), signal.name, here)
+        keep(here, entry | _limits_and_span(here, expect, unit), signal.name)
         kept.append((expect.name, signal.name))
     return kept
 
@@ -118,38 +118,36 @@ def _resolution(plan: Expander, signal: Signal) -> float:
 
 
 def reply_conditions(
-    plan: Expander, expect: ReplyExpect | None, asked: tuple[str, str], conditions: Mapping[str, Any], path: Path,
-    scope: Scope,
-) -> dict[str, Any]:  # fmt: skip
+    node: Node, expect: ReplyExpect | None, asked: tuple[str, str], conditions: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return the conditions of a step with the name of its reply, if it has one, and keep what is expected of it.
 
     ``asked``: a unit or an instrument, and the words of its question. Findings: B-PLAN-120, B-PLAN-121.
     """
     if expect is None:
         return dict(conditions)
-    here = (*path, "expect")
+    here = node.below("expect")
     entry: dict[str, Any] = {"quantity": expect.name, "conditions": conditions_of_value(conditions)}
-    said = {"pattern": expect.pattern, "unit": expect.unit, "of_unit": asked[0] in plan.document.model.frame}
+    said = {"pattern": expect.pattern, "unit": expect.unit, "of_unit": asked[0] in node.plan.model.frame}
     if expect.unit is None:
         entry |= {"unit": "1", "low": 1.0, "high": 1.0, "reply": {**said, "equals": expect.equals}}
     else:
         unit = dimension_of(expect.unit)
-        entry |= {"unit": unit, "reply": said, **_limits_and_span(plan, expect, unit, here, scope)}
-        uncertainty = bound_in(plan, expect.uncertainty, unit, (*here, "uncertainty"), scope)
-        entry |= {} if uncertainty is None else {"uncertainty": uncertainty}
-    keep(plan, entry, f"{asked[0]} {asked[1]}", here)
+        entry |= {"unit": unit, "reply": said, **_limits_and_span(here, expect, unit)}
+        entry |= stated({"uncertainty": bound_in(here.below("uncertainty"), expect.uncertainty, unit)})
+    keep(here, entry, f"{asked[0]} {asked[1]}")
     return {**conditions, QUANTITY: expect.name}
 
 
-def keep(plan: Expander, entry: dict[str, Any], read_by: str, path: Path) -> None:
+def keep(node: Node, entry: dict[str, Any], read_by: str) -> None:
     """Keep a value that is named; one name for two is noted (B-PLAN-121)."""
-    if wrong := plan.expected.add(entry, read_by):
-        plan.fail("B-PLAN-121", path, wrong, "give each its own name, or its own conditions")
+    if wrong := node.plan.expected.add(entry, read_by):
+        node.fail("B-PLAN-121", wrong, "give each its own name, or its own conditions")
 
 
 def takes_all(plan: Expander) -> bool:
     """Return whether the analysis of the sequence is made of all values."""
-    declared = analysis_declaration(plan.document.model.analysis)
+    declared = analysis_declaration(plan.model.analysis)
     return declared is not None and declared.made_of == "values"
 
 
@@ -159,38 +157,38 @@ def _unit(plan: Expander, role: str, action: str) -> str | None:
     return None if declared is None else declared.returns or None
 
 
-def _limits_and_span(plan: Expander, expect: Expect, unit: str, path: Path, scope: Scope) -> dict[str, float]:
-    span = bound_in(plan, expect.stable, unit, (*path, "stable"), scope)
-    return limits_in(plan, expect, unit, path, scope) | ({} if span is None else {"span": span})
+def _limits_and_span(node: Node, expect: Expect, unit: str) -> dict[str, float]:
+    span = bound_in(node.below("stable"), expect.stable, unit)
+    return limits_in(node, expect, unit) | stated({"span": span})
 
 
-def limits_in(plan: Expander, bounds: Bounds, unit: str, path: Path, scope: Scope) -> dict[str, float]:
+def limits_in(node: Node, bounds: Bounds, unit: str) -> dict[str, float]:
     """Return low and high of what is expected, in base units, those that are stated (B-PLAN-120)."""
     if bounds.equals is not None:
-        value = bound_in(plan, bounds.equals, unit, (*path, "equals"), scope)
-        reach = None if value is None else _reach(plan, bounds, value, unit, (*path, "tolerance"), scope)
+        value = bound_in(node.below("equals"), bounds.equals, unit)
+        reach = None if value is None else _reach(node.below("tolerance"), bounds, value, unit)
         low, high = (None, None) if value is None or reach is None else (value - reach, value + reach)
     elif bounds.within is not None:
-        low, high = (bound_in(plan, end, unit, (*path, "within", k), scope) for k, end in enumerate(bounds.within))
+        low, high = (bound_in(node.below("within", k), end, unit) for k, end in enumerate(bounds.within))
     else:
-        low, high = (bound_in(plan, getattr(bounds, end), unit, (*path, end), scope) for end in ("min", "max"))
+        low, high = (bound_in(node.below(end), getattr(bounds, end), unit) for end in ("min", "max"))
     if low is not None and high is not None and low > high:
         message = f"no value is inside its limits: {low:g} {unit} is above {high:g} {unit}"
-        plan.fail("B-PLAN-120", path, message, "exchange them")
-    return {name: end for name, end in (("low", low), ("high", high)) if end is not None}
+        node.fail("B-PLAN-120", message, "exchange them")
+    return stated({"low": low, "high": high})
 
 
-def _reach(plan: Expander, bounds: Bounds, value: float, unit: str, path: Path, scope: Scope) -> float | None:
+def _reach(node: Node, bounds: Bounds, value: float, unit: str) -> float | None:
     """Return a tolerance in its base unit. It may be a share of the value it belongs to, in another unit than that."""
     text, equals = str(bounds.tolerance), str(bounds.equals)
-    read = _read(plan, text, path, scope)
+    read = _read(node, text)
     if read is None or read.dimension != "1":
-        return None if read is None else bound_in(plan, text, unit, path, scope)
+        return None if read is None else bound_in(node, text, unit)
     if unit != "1":
         return read.value * abs(value)
     if as_reference(text) is not None or as_reference(equals) is not None:
         message = f"{text} may be a share of the value or in its unit: both are plain numbers"
-        plan.fail("B-PLAN-120", path, message, "write value and tolerance here, or 'within'", read.origin)
+        node.fail("B-PLAN-120", message, "write value and tolerance here, or 'within'", read.origin)
         return None
     return read.value * abs(value) if _symbol(text) in _SHARES and _symbol(text) != _symbol(equals) else read.value
 
@@ -199,26 +197,26 @@ def _symbol(text: str) -> str:
     return text.lstrip("+-0123456789.eE ")
 
 
-def bound_in(plan: Expander, text: str | None, unit: str, path: Path, scope: Scope | None = None) -> float | None:
+def bound_in(node: Node, text: str | None, unit: str) -> float | None:
     """Return a bound in its base unit."""
     if text is None:
         return None
-    value = _read(plan, text, path, scope or Scope({}, plan.role_attribute, {}))
+    value = _read(node, text)
     if value is None:
         return None
     if value.dimension == unit:
         return value.value
     message = f"{text} is in {value.dimension}; the value it is held against is in {unit}{likely(text, unit)}"
-    plan.fail("B-PLAN-120", path, message, "write it in that unit", value.origin)
+    node.fail("B-PLAN-120", message, "write it in that unit", value.origin)
     return None
 
 
-def _read(plan: Expander, text: str, path: Path, scope: Scope) -> Quantity | None:
+def _read(node: Node, text: str) -> Quantity | None:
     """Return a bound as a quantity; the unit of a coefficient may be one of no quantity of the language."""
     if as_reference(text) is not None:
-        value = plan.resolve(text, scope, path)
+        value = node.resolve(text)
         if value is not None and not isinstance(value, Quantity):
-            _no_bound(plan, text, path)
+            _no_bound(node, text)
         return value if isinstance(value, Quantity) else None
     known = read_quantity(text)
     if known is not None:
@@ -229,18 +227,18 @@ def _read(plan: Expander, text: str, path: Path, scope: Scope) -> Quantity | Non
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        _no_bound(plan, text, path)
+        _no_bound(node, text)
         return None
     return Quantity(value, unit)
 
 
-def _no_bound(plan: Expander, text: str, path: Path) -> None:
-    plan.fail("B-PLAN-120", path, f"{text!r} is not a quantity with its unit", "write a number and its unit")
+def _no_bound(node: Node, text: str) -> None:
+    node.fail("B-PLAN-120", f"{text!r} is not a quantity with its unit", "write a number and its unit")
 
 
 def check_judged(plan: Expander) -> None:
     """Note values that are named and fits in a sequence without an analysis: nothing judges them (B-PLAN-122)."""
-    model = plan.document.model
+    model = plan.model
     if model.analysis == NONE and plan.expected.entries:
         message = "the sequence names values, and no analysis, so nothing judges them"
         plan.fail("B-PLAN-122", ("analysis",), message, "write 'analysis: readings', or another one")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from difflib import get_close_matches
+from typing import Generic
 
-from bench.model.errors import InputError, InputErrors
-
-MAX_LISTED = 100
+from bench.model.errors import InputError, InputErrors, listed
+from bench.model.yamlio import Document, ModelT, Path_
 
 
 def suggestion(word: str, known: Iterable[str]) -> str:
@@ -48,11 +49,29 @@ class Findings:
         return sorted(unique.values(), key=lambda error: _position(error.where))
 
     def sorted(self) -> list[InputError]:
-        """Return the first MAX_LISTED mistakes by file and position, and how many more there are (B-YAML-017)."""
-        mistakes = self.all()
-        more = mistakes[MAX_LISTED:]
-        note = f"{len(more)} more mistakes are not listed"
-        return mistakes[:MAX_LISTED] + ([InputError("B-YAML-017", note, where=more[0].where)] if more else [])
+        """Return the first mistakes by file and position, and how many more there are (B-YAML-017)."""
+        return listed(self.all())
+
+
+@dataclass
+class Draft(Generic[ModelT]):
+    """A file as it is checked, and the mistakes that are found in it."""
+
+    document: Document[ModelT]
+    findings: Findings
+
+    @property
+    def model(self) -> ModelT:
+        """What the file says."""
+        return self.document.model
+
+    def fail(self, code: str, path: Path_, message: str, next_step: str = "", origin: str = "") -> None:
+        """Note a mistake at a place of the file."""
+        self.findings.add(code, self.document.where(path), message, next_step, origin)
+
+    def line(self, path: Path_) -> str:
+        """Return the number of the line of a place of the file."""
+        return self.document.where(path).split(":")[-2]
 
 
 def _position(where: str) -> tuple[str, int, int]:

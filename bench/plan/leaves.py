@@ -13,7 +13,7 @@ from pydantic import BaseModel
 from bench.model.ports import Effect
 from bench.model.units import parse_quantity, plain_quantity
 from bench.plan.drivers import declared_action, no_instrument
-from bench.plan.expand import NO_TIME, TIMED, Expander, Path
+from bench.plan.expand import NO_TIME, TIMED, Node, is_whole
 from bench.plan.expected import keep_given, keep_signals, named_conditions, reply_conditions
 from bench.plan.language.expect import ReadingExpect
 from bench.plan.language.steps import (
@@ -35,91 +35,92 @@ from bench.plan.readings import expand_readings
 from bench.plan.step_kinds import WIRING
 from bench.plan.stopping import expand_until
 from bench.plan.unit_commands import expand_test, expand_unit
-from bench.plan.values import REFERENCE, UNIT, Quantity, Scope, named, plain
+from bench.plan.values import REFERENCE, UNIT, Quantity, named, plain
 
 MOST_SAMPLES = 2_000_000  # of one record: it is held in memory until the analysis
 MOST_TIMED_FRAMES = 100_000  # the square of the frame's number times its pulses still sums up exactly
 
 
-def expand(plan: Expander, step: Any, path: Path, scope: Scope) -> None:
+def expand(node: Node, step: Any) -> None:
     """Append the steps of one structured step."""
-    _EXPANDERS[type(step)](plan, step, path, scope)
+    _EXPANDERS[type(step)](node, step)
 
 
-def expand_entry(plan: Expander, entry: TimelineEntry, path: Path, scope: Scope) -> None:
+def expand_entry(node: Node, entry: TimelineEntry) -> None:
     """Append the steps of one line of the flat form."""
     if entry.call is not None:
-        expand(plan, entry.call, (*path, "call"), scope)
+        expand(node.below("call"), entry.call)
     for word, kind in _OF_A_LINE.items():
         value = getattr(entry, word)
         if value is not None:
-            expand(plan, kind.model_construct(**{word: value, "expect": entry.expect}), path, scope)
+            expand(node, kind.model_construct(**{word: value, "expect": entry.expect}))
 
 
-def _values(plan: Expander, arguments: Mapping[str, Any], path: Path, scope: Scope) -> dict[str, Any]:
-    return {name: plan.resolve(raw, scope, (*path, name)) for name, raw in arguments.items()}
-
-
-def _role(plan: Expander, role: str, path: Path) -> str:
+def _role(node: Node, role: str) -> str:
     """Return the station's name of a role; one that it does not have is noted (B-PLAN-040)."""
+    plan = node.plan
     placed = plan.unit.roles.get(role, role) if plan.unit is not None else role
     if placed not in plan.station.instruments and not any(role in unit.roles for unit in plan.units):
-        plan.fail("B-PLAN-040", path, no_instrument(plan.station, role))
+        node.fail("B-PLAN-040", no_instrument(plan.station, role))
     return placed
 
 
-def _duration(plan: Expander, raw: Any, scope: Scope, path: Path) -> Quantity | None:
-    seconds = plan.quantity(raw, "s", scope, path)
+def _duration(node: Node, raw: Any, *keys: str) -> Quantity | None:
+    seconds = node.quantity(raw, "s", *keys)
     if seconds is not None and seconds.value < 0:
-        plan.fail("B-PLAN-031", path, f"the duration {seconds.value:g} s is negative", origin=seconds.origin)
+        node.below(*keys).fail("B-PLAN-031", f"the duration {seconds.value:g} s is negative", origin=seconds.origin)
         return None
     return seconds
 
 
-def _read(plan: Expander, step: ReadStep, path: Path, scope: Scope) -> None:
-    _call(plan, step.call, path, scope, step.expect)
+def _read(node: Node, step: ReadStep) -> None:
+    _call(node, step.call, step.expect)
 
 
-def _call(plan: Expander, step: CallStep, path: Path, scope: Scope, expect: ReadingExpect | None = None) -> None:
+def _call(node: Node, step: CallStep, expect: ReadingExpect | None = None) -> None:
+    plan = node.plan
     called, arguments = next(iter(step.root.items()))
     role, name = called.split(".")
-    placed = _role(plan, role, path)
-    values = _values(plan, arguments or {}, (*path, called), scope)
+    placed, here = _role(node, role), node.below(called)
+    values = here.values(arguments or {})
     if "current" in values:
         plan.programmed(role, values["current"], values.get("range") == "locked")
     declared = declared_action(plan.station, placed, name)
     if declared is not None and declared.effect is Effect.THERMAL:
         plan.settle_band_degC = None  # the temperature moves on: the band of the soak before says nothing any more
-    conditions = named_conditions(plan, (role, name), expect, scope.context, path, scope)
-    plan.add("call", role, name, values, scope, (*path, called), conditions=conditions)
+    plan.add(
+        here, "call", role, name, values, conditions=named_conditions(node, (role, name), expect, node.scope.context)
+    )
 
 
-def _verify(plan: Expander, step: VerifyStep, path: Path, scope: Scope) -> None:
+def _verify(node: Node, step: VerifyStep) -> None:
     role, name = step.verify.split(".")
-    _role(plan, role, (*path, "verify"))
-    plan.add("verify", role, name, {}, scope, (*path, "verify"))
+    here = node.below("verify")
+    _role(here, role)
+    node.plan.add(here, "verify", role, name, {})
 
 
-def _send(plan: Expander, step: SendStep, path: Path, scope: Scope) -> None:
+def _send(node: Node, step: SendStep) -> None:
     role, text = next(iter(step.send.items()))
-    _role(plan, role, (*path, "send", role))
-    conditions = reply_conditions(plan, step.expect, (role, text), scope.context, path, scope)
-    plan.add("send", role, "", {"text": text}, scope, (*path, "send"), conditions=conditions)
+    here = node.below("send")
+    _role(here.below(role), role)
+    conditions = reply_conditions(node, step.expect, (role, text), node.scope.context)
+    node.plan.add(here, "send", role, "", {"text": text}, conditions=conditions)
 
 
-def _settle(plan: Expander, step: SettleStep, path: Path, scope: Scope) -> None:
-    seconds = _duration(plan, step.settle, scope, (*path, "settle"))
-    plan.add("settle", "", "", {"bus_s": 0.0}, scope, (*path, "settle"), seconds)
+def _settle(node: Node, step: SettleStep) -> None:
+    here = node.below("settle")
+    node.plan.add(here, "settle", "", "", {"bus_s": 0.0}, _duration(here, step.settle))
 
 
-def _record(plan: Expander, step: RecordStep, at: Path, scope: Scope) -> None:
+def _record(outer: Node, step: RecordStep) -> None:
     """Append one record step, or one for each of its windows: whole frames or rounds of readings, and conditions."""
-    record, path = step.record, (*at, "record")
-    seconds = _duration(plan, record.seconds, scope, (*path, "seconds"))
+    record, node, plan = step.record, outer.below("record"), outer.plan
+    seconds = _duration(node, record.seconds, "seconds")
     if seconds is not None and not math.isnan(plan.rate_Hz):
-        _whole_frames(plan, seconds, (*path, "seconds"))
-    conditions = {**scope.context}
-    for name, value in _values(plan, record.conditions, (*path, "conditions"), scope).items():
+        _whole_frames(node.below("seconds"), seconds)
+    conditions = {**node.scope.context}
+    for name, value in node.below("conditions").values(record.conditions).items():
         conditions[named(name, value)] = plain(value)
     conditions["purpose"] = record.purpose
     if plan.settle_band_degC is not None and "temperature_degC" in conditions:
@@ -127,62 +128,60 @@ def _record(plan: Expander, step: RecordStep, at: Path, scope: Scope) -> None:
     arguments: dict[str, Any] = {
         "seconds": seconds,
         "retry": record.retry,
-        "max_lost": plan.quantity(record.max_lost, "1", scope, (*path, "max_lost")),
+        "max_lost": node.quantity(record.max_lost, "1", "max_lost"),
         "purpose": record.purpose,
         "retry_step": len(plan.steps) if plan.retry_step is None else plan.retry_step,
     }
-    read, quantities = expand_readings(plan, record, seconds, conditions, path, scope)
+    read, quantities = expand_readings(node, record, seconds, conditions)
     arguments |= read
-    if signals := keep_signals(plan, record.expect, conditions, path, scope):
+    if signals := keep_signals(node, record.expect, conditions):
         arguments["signals"] = signals
     if record.label is not None:
         conditions["label"] = record.label
     if record.pulse_timing:
         arguments["pulse_timing"] = True
-        _can_keep(plan, _PULSES, plan.counts_pulses, seconds, (*path, "pulse_timing"))
+        _can_keep(node.below("pulse_timing"), _PULSES, plan.counts_pulses, seconds)
     if record.samples:
         arguments["samples"] = True
-        _can_keep(plan, _SAMPLES, plan.has_samples, seconds, (*path, "samples"))
+        _can_keep(node.below("samples"), _SAMPLES, plan.has_samples, seconds)
 
     def take(length: Quantity | None, more: Mapping[str, Any], own: Mapping[str, Any]) -> None:
-        _windows(plan, record, {**arguments, "seconds": length, **more}, {**conditions, **own}, path, scope, length)
+        _windows(node, record, {**arguments, "seconds": length, **more}, {**conditions, **own}, length)
 
     if record.until is None or seconds is None:
         take(seconds, {}, {})
     else:
-        expand_until(plan, record, seconds, conditions, path, scope, take)
+        expand_until(node, record, seconds, conditions, take)
     plan.keep_dimensions(quantities, record.windows or 1)
 
 
 def _windows(
-    plan: Expander, record: Record, arguments: Mapping[str, Any], conditions: Mapping[str, Any], path: Path,
-    scope: Scope, seconds: Quantity | None,
-) -> None:  # fmt: skip
-    link = next(iter(plan.document.model.frame), "")
-    name = record.label or record.purpose
+    node: Node, record: Record, arguments: Mapping[str, Any], conditions: Mapping[str, Any], seconds: Quantity | None
+) -> None:
+    name, plan = record.label or record.purpose, node.plan
     if record.windows is not None and record.windows > 1 and record.retry:
         message = f"{record.windows} windows without a gap cannot be taken again (retry {record.retry})"
-        plan.fail("B-PLAN-068", (*path, "retry"), message, "leave 'retry' out; lost frames are counted in each window")
+        advice = "leave 'retry' out; lost frames are counted in each window"
+        node.below("retry").fail("B-PLAN-068", message, advice)
     for index in range(record.windows or 1):
         follows = {"follows": True} if record.follows or index else {}
         numbered = {} if record.windows is None else {"window_index": index}
         own, known = {**arguments, **follows}, {**conditions, **numbered}
         if plan.units:
-            _of_units(plan, name, own, known, path, scope, seconds)
+            _of_units(node, name, own, known, seconds)
         else:
-            plan.add("record", link, name, own, scope, path, seconds, known)
+            plan.add(node, "record", plan.link, name, own, seconds, known)
 
 
 def _of_units(
-    plan: Expander, name: str, arguments: Mapping[str, Any], conditions: Mapping[str, Any], path: Path, scope: Scope,
-    seconds: Quantity | None,
-) -> None:  # fmt: skip
+    node: Node, name: str, arguments: Mapping[str, Any], conditions: Mapping[str, Any], seconds: Quantity | None
+) -> None:
     """Append a record of the unit of the loop, or one of each unit at once where there is no loop over them.
 
     A wiring record of one unit comes with one of every other, which nothing may move; that of the unit itself is the
     last of them, so that a current which moves another unit is named as such. Planned time passes in the first.
     """
-    link, within = next(iter(plan.document.model.frame)), plan.unit
+    plan, within = node.plan, node.plan.unit
     others = [unit for unit in plan.units if unit is not within] if within is None or name == WIRING else []
     told = {key: value for key, value in conditions.items() if key != UNIT}
     beside = {} if within is None else {"purpose": WIRING, "beside": within.slot}
@@ -193,7 +192,7 @@ def _of_units(
         plan.unit = unit
         more = {"together": True} if index else {}
         length = NO_TIME if index and seconds is not None else seconds
-        plan.add("record", link, name, {**arguments, **more}, scope, path, length, {**known, UNIT: unit.serial})
+        plan.add(node, "record", plan.link, name, {**arguments, **more}, length, {**known, UNIT: unit.serial})
     plan.unit = within
 
 
@@ -220,83 +219,87 @@ _SAMPLES = _Kept(
 )  # fmt: skip
 
 
-def _can_keep(plan: Expander, kept: _Kept, carried: bool, seconds: Quantity | None, path: Path) -> None:
+def _can_keep(node: Node, kept: _Kept, carried: bool, seconds: Quantity | None) -> None:
     """Note what keeps a record from keeping more than its sums (B-PLAN-069, -092)."""
+    rate_Hz = node.plan.rate_Hz
     if not carried:
-        frame = next(iter(plan.document.model.frame.values()), None)
+        frame = next(iter(node.plan.model.frame.values()), None)
         counted = "a record of readings" if frame is None else f"frame {frame!r}"
-        plan.fail(kept.code, path, f"{counted} has {kept.lacks}", kept.advice)
-    elif seconds is not None and seconds.value * plan.rate_Hz > kept.most:
-        message = f"{kept.what.format(round(seconds.value * plan.rate_Hz))} do not fit; {kept.most} are allowed"
-        plan.fail(kept.code, path, message, "take shorter records; 'windows' makes many without a gap")
+        node.fail(kept.code, f"{counted} has {kept.lacks}", kept.advice)
+    elif seconds is not None and seconds.value * rate_Hz > kept.most:
+        message = f"{kept.what.format(round(seconds.value * rate_Hz))} do not fit; {kept.most} are allowed"
+        node.fail(kept.code, message, "take shorter records; 'windows' makes many without a gap")
 
 
-def _whole_frames(plan: Expander, seconds: Quantity, path: Path) -> None:
-    frames = seconds.value * plan.rate_Hz
-    if frames < 1 or abs(frames - round(frames)) > 1e-6:
-        message = f"{seconds.value:g} s is not a whole number of frames at {plan.rate_Hz:g} Hz"
-        plan.fail("B-PLAN-042", path, message, origin=seconds.origin)
+def _whole_frames(node: Node, seconds: Quantity) -> None:
+    rate_Hz = node.plan.rate_Hz
+    if not is_whole(seconds.value * rate_Hz):
+        message = f"{seconds.value:g} s is not a whole number of frames at {rate_Hz:g} Hz"
+        node.fail("B-PLAN-042", message, origin=seconds.origin)
 
 
-def _soak(plan: Expander, slot: SoakStep, at: Path, scope: Scope) -> None:
-    step, path = slot.soak, (*at, "soak")
-    _role(plan, step.chamber, (*path, "chamber"))
-    slot_s = _duration(plan, step.slot, scope, (*path, "slot"))
-    stable = step.stable
-    if stable.sensor == "unit" and not plan.document.model.frame:
+def _soak(outer: Node, slot: SoakStep) -> None:
+    step, node, plan = slot.soak, outer.below("soak"), outer.plan
+    _role(node.below("chamber"), step.chamber)
+    slot_s = _duration(node, step.slot, "slot")
+    stable, judged = step.stable, node.below("stable")
+    if stable.sensor == "unit" and not plan.model.frame:
         message = "the soak waits for the temperature that the unit tells, and the sequence names no link to it"
-        plan.fail("B-PLAN-097", (*path, "stable"), message, "write 'sensor: air'")
-    for_s = plan.quantity(stable.for_, "s", scope, (*path, "stable", "for"))
-    if for_s is not None and slot_s is not None and for_s.value > slot_s.value:
-        message = f"stable for {for_s.value:g} s does not fit in a slot of {slot_s.value:g} s"
-        plan.fail("B-PLAN-043", (*path, "stable", "for"), message, origin=for_s.origin or slot_s.origin)
-    limit_s = slot_s if step.hold_limit is None else _duration(plan, step.hold_limit, scope, (*path, "hold_limit"))
-    within = plan.quantity(stable.within, "degC", scope, (*path, "stable", "within"))
+        judged.fail("B-PLAN-097", message, "write 'sensor: air'")
+    for_s = judged.quantity(stable.for_, "s", "for")
+    _fits_in(judged.below("for"), "B-PLAN-043", "stable for {} s does not fit", for_s, slot_s)
+    limit_s = slot_s if step.hold_limit is None else _duration(node, step.hold_limit, "hold_limit")
+    within = judged.quantity(stable.within, "degC", "within")
     plan.settle_band_degC = None if within is None else within.value
     arguments = {
-        "temperature": plan.quantity(step.temperature, "degC", scope, (*path, "temperature")),
-        "ramp": plan.quantity(step.ramp, "degC/min", scope, (*path, "ramp")),
+        "temperature": node.quantity(step.temperature, "degC", "temperature"),
+        "ramp": node.quantity(step.ramp, "degC/min", "ramp"),
         "slot": slot_s,
         "within": within,
         "for": for_s,
         "sensor": stable.sensor,
         "late": step.late,
         "hold_limit": limit_s,
-        **_done(plan, step, slot_s, path, scope),
+        **_done(node.below("done"), step, slot_s),
     }
-    plan.add("soak", step.chamber, "soak", arguments, scope, path, slot_s)
+    plan.add(node, "soak", step.chamber, "soak", arguments, slot_s)
 
 
-def _done(plan: Expander, soak: Soak, slot_s: Quantity | None, at: Path, scope: Scope) -> dict[str, Quantity | None]:
+def _fits_in(node: Node, code: str, what: str, part_s: Quantity | None, slot_s: Quantity | None) -> None:
+    """Note a time that is longer than the slot it is part of."""
+    if part_s is not None and slot_s is not None and part_s.value > slot_s.value:
+        message = f"{what.format(f'{part_s.value:g}')} in a slot of {slot_s.value:g} s"
+        node.fail(code, message, origin=part_s.origin or slot_s.origin)
+
+
+def _done(node: Node, soak: Soak, slot_s: Quantity | None) -> dict[str, Quantity | None]:
     """Return how near its end the unit must be, and the least time, of a soak that may be over before its slot is."""
-    done, path = soak.done, (*at, "done")
+    done = soak.done
     if done is None:
         return {}
-    residual = plan.quantity(done.residual, "degC", scope, (*path, "residual"))
-    least_s = _duration(plan, done.least, scope, (*path, "least"))
+    residual = node.quantity(done.residual, "degC", "residual")
+    least_s = _duration(node, done.least, "least")
     if soak.stable.sensor != "unit":
         message = "the unit's lag decides, and the soak is judged by the air"
-        plan.fail("B-PLAN-156", path, message, "write 'sensor: unit', or leave 'done' out")
-    if plan.phase == "finally":
-        plan.fail("B-PLAN-156", path, "what leaves the bench in order is never shortened", "leave 'done' out")
+        node.fail("B-PLAN-156", message, "write 'sensor: unit', or leave 'done' out")
+    if node.plan.phase == "finally":
+        node.fail("B-PLAN-156", "what leaves the bench in order is never shortened", "leave 'done' out")
     if residual is not None and residual.value <= 0.0:
         message = f"a residual of {residual.value:g} degC is never reached"
-        plan.fail("B-PLAN-156", (*path, "residual"), message, "allow more", residual.origin)
-    if least_s is not None and slot_s is not None and least_s.value > slot_s.value:
-        message = f"at least {least_s.value:g} s do not fit in a slot of {slot_s.value:g} s"
-        plan.fail("B-PLAN-156", (*path, "least"), message, origin=least_s.origin or slot_s.origin)
+        node.below("residual").fail("B-PLAN-156", message, "allow more", residual.origin)
+    _fits_in(node.below("least"), "B-PLAN-156", "at least {} s do not fit", least_s, slot_s)
     return {"residual": residual, "least": least_s}
 
 
-def _prompt(plan: Expander, asked: PromptStep, at: Path, scope: Scope) -> None:
+def _prompt(outer: Node, asked: PromptStep) -> None:
     """Append an operator prompt; limits come out in the base unit of the value."""
-    step, path = asked.prompt, (*at, "prompt")
-    arguments: dict[str, Any] = {"text": _filled(plan, step.text, scope, (*path, "text")), "confirm": step.confirm}
+    step, node = asked.prompt, outer.below("prompt")
+    arguments: dict[str, Any] = {"text": _filled(node.below("text"), step.text), "confirm": step.confirm}
     arguments |= {"presence": step.presence} if step.presence != "bench" else {}
     if step.sets:
-        sets = _values(plan, step.sets, (*path, "sets"), scope)
-        arguments["sets"] = {name: plain(value) for name, value in sets.items()}
+        arguments["sets"] = {name: plain(value) for name, value in node.below("sets").values(step.sets).items()}
     if step.value is not None:
+        here = node.below("value")
         arguments["unit"] = step.value.unit
         arguments["quantity"] = step.value.quantity or ""
         arguments["required"] = step.value.required
@@ -305,24 +308,24 @@ def _prompt(plan: Expander, asked: PromptStep, at: Path, scope: Scope) -> None:
             try:
                 arguments[key] = None if text is None else parse_quantity(text, step.value.unit)
             except ValueError as error:
-                plan.fail("B-PLAN-031", (*path, "value", key), str(error))
+                here.below(key).fail("B-PLAN-031", str(error))
         low, high = arguments.get("low"), arguments.get("high")
         if low is None and high is None:
-            plan.fail("B-PLAN-044", (*path, "value"), "a value needs a limit: low, high or both")
+            here.fail("B-PLAN-044", "a value needs a limit: low, high or both")
         elif low is not None and high is not None and low > high:
             message = f"no value is inside its limits: low {step.value.low} is above high {step.value.high}"
-            plan.fail("B-PLAN-044", (*path, "value"), message, "exchange them")
-        keep_given(plan, step.value, scope.context, (*path, "value"))
-    plan.add("prompt", "", "", arguments, scope, path)
+            here.fail("B-PLAN-044", message, "exchange them")
+        keep_given(here, step.value)
+    node.plan.add(node, "prompt", "", "", arguments)
 
 
-def _filled(plan: Expander, text: str, scope: Scope, path: Path) -> str:
+def _filled(node: Node, text: str) -> str:
     """Return a text for a person with its variables written out; nobody is shown a brace (B-PLAN-030)."""
     if left := re.search(r"\{[^{}]*\}?|\}", REFERENCE.sub("", text)):
-        plan.fail("B-PLAN-030", path, f"{left[0]!r} in the text is no variable", "write {name}, in lower case")
+        node.fail("B-PLAN-030", f"{left[0]!r} in the text is no variable", "write {name}, in lower case")
 
     def value(match: re.Match[str]) -> str:
-        resolved = plan.resolve(match[0], scope, path)
+        resolved = node.resolve(match[0])
         return (
             plain_quantity(resolved.value, resolved.dimension)
             if isinstance(resolved, Quantity)
@@ -332,7 +335,7 @@ def _filled(plan: Expander, text: str, scope: Scope, path: Path) -> str:
     return REFERENCE.sub(value, text)
 
 
-_EXPANDERS: dict[type, Callable[[Expander, Any, Path, Scope], None]] = {
+_EXPANDERS: dict[type, Callable[[Node, Any], None]] = {
     CallStep: _call,
     ReadStep: _read,
     VerifyStep: _verify,

@@ -89,7 +89,7 @@ class _Chamber:
 
 
 def planned_temperature(
-    steps: Sequence[Step], prepare_s: float = 0.0, start_degC: float = LAB_AIR_degC
+    steps: Sequence[Step], prepare_s: float, start_degC: float = LAB_AIR_degC
 ) -> tuple[Floats, Floats]:
     """Return corners of the planned air temperature through all phases: it ramps from where it is, then holds.
 

@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bench.model.events import Event
 from bench.model.ports import Action, Effect
 from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value
 from bench.plan.decision import PlannedDecision, ways_not_taken
+from bench.plan.expand import Node, is_whole
 from bench.plan.expected import named_conditions
 from bench.plan.language.steps import ReadStep, Record
 from bench.plan.plan import Step
 from bench.plan.step_kinds import WIRING, PlannedCall, PlannedPrompt, PlannedRecord
-from bench.plan.values import Quantity, Scope, plain
-
-if TYPE_CHECKING:
-    from bench.plan.expand import Expander, Path
+from bench.plan.values import Quantity, plain
 
 READINGS, EVERY = "readings", "every"
-_WHOLE = 1e-6  # of a round
 
 
 def reading_calls(step: Step) -> tuple[PlannedCall, ...]:
@@ -87,36 +84,35 @@ def is_reading(action: Action) -> bool:
 
 
 def expand_readings(
-    plan: Expander, record: Record, seconds: Quantity | None, conditions: Mapping[str, Any], path: Path, scope: Scope
+    node: Node, record: Record, seconds: Quantity | None, conditions: Mapping[str, Any]
 ) -> tuple[dict[str, Any], dict[str, Quantity]]:
     """Return the arguments of a record that say what is read, and the quantities in them by ``reading_place``.
 
     Findings: B-PLAN-096 (a record of neither frames nor readings, or of both), B-PLAN-042 (part of a round).
     """
-    link = next(iter(plan.document.model.frame), None)
+    link, code = node.plan.link, "B-PLAN-096"
     if not record.readings:
-        if link is None:
+        if not link:
             advice = "write 'readings: [role.action]' and 'every', or name the link under 'frame'"
-            _refuse(plan, path, "the record has neither frames nor readings: the sequence names no link", advice)
+            node.fail(code, "the record has neither frames nor readings: the sequence names no link", advice)
         elif record.every is not None:
-            _refuse(plan, (*path, EVERY), "'every' says when readings are taken, and the record has none")
+            node.below(EVERY).fail(code, "'every' says when readings are taken, and the record has none")
         return {}, {}
-    if link is not None:
-        _refuse(plan, (*path, READINGS), f"the record counts frames of {link}, so it cannot be made of readings")
+    if link:
+        node.below(READINGS).fail(code, f"the record counts frames of {link}, so it cannot be made of readings")
     elif record.purpose == WIRING:
-        _refuse(plan, path, "a wiring check counts frames; it cannot be made of readings")
-    every = seconds if record.every is None else plan.quantity(record.every, "s", scope, (*path, EVERY))
-    _whole_rounds(plan, seconds, every, path)
+        node.fail(code, "a wiring check counts frames; it cannot be made of readings")
+    every = seconds if record.every is None else node.quantity(record.every, "s", EVERY)
+    _whole_rounds(node, seconds, every)
     calls: list[dict[str, Any]] = []
     quantities: dict[str, Quantity] = {}
     for index, reading in enumerate(record.readings):
         call, expect = (reading.call, reading.expect) if isinstance(reading, ReadStep) else (reading, None)
         called, given = next(iter(call.root.items()))
         role, name = called.split(".")
-        place = (*path, READINGS, index)
-        here = (*place, called)
-        values = {key: plan.resolve(raw, scope, (*here, key)) for key, raw in (given or {}).items()}
-        quantity = named_conditions(plan, (role, name), expect, conditions, place, scope).get(QUANTITY, "")
+        place = node.below(READINGS, index)
+        values = place.below(called).values(given or {})
+        quantity = named_conditions(place, (role, name), expect, conditions).get(QUANTITY, "")
         arguments = {key: plain(value) for key, value in values.items()}
         calls.append({"role": role, "name": name, "arguments": arguments, QUANTITY: quantity})
         quantities |= {reading_place(index, key): v for key, v in values.items() if isinstance(v, Quantity)}
@@ -129,14 +125,9 @@ def argument_dimensions(dimensions: Mapping[str, str], index: int) -> dict[str, 
     return {name.removeprefix(before): unit for name, unit in dimensions.items() if name.startswith(before)}
 
 
-def _whole_rounds(plan: Expander, seconds: Quantity | None, every: Quantity | None, path: Path) -> None:
+def _whole_rounds(node: Node, seconds: Quantity | None, every: Quantity | None) -> None:
     if seconds is None or every is None:
         return
-    rounds = seconds.value / every.value if every.value > 0 else 0.0
-    if rounds < 1 or abs(rounds - round(rounds)) > _WHOLE:
+    if not is_whole(seconds.value / every.value if every.value > 0 else 0.0):
         message = f"{seconds.value:g} s is not a whole number of rounds of readings, one each {every.value:g} s"
-        plan.fail("B-PLAN-042", path, message, origin=seconds.origin)
-
-
-def _refuse(plan: Expander, path: Path, message: str, advice: str = "") -> None:
-    plan.fail("B-PLAN-096", path, message, advice)
+        node.fail("B-PLAN-042", message, origin=seconds.origin)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -303,12 +303,9 @@ class Station:
         """
         known = self.file.world.options if self.file.world is not None else {}
         findings = Findings()
-        for name in sorted(set(overrides) - set(known)):
-            message = f"the world has no option {name!r}{suggestion(name, known)}"
-            findings.add("B-PLAN-004", f"--set world.{name}", message)
-        for name in sorted(set(overrides) & set(known)):
-            if due := wrong_option(name, overrides[name]):
-                findings.add("B-PLAN-015", f"--set world.{name}", f"world option {name} is {overrides[name]!r}; {due}")
+        for name, text in overrides.items():
+            for code, message in option_mistakes(name, text, known):
+                findings.add(code, f"--set world.{name}", message)
         if findings:
             raise InputErrors(findings.sorted())
         return replace(self, world_options={**self.world_options, **overrides})
@@ -330,7 +327,15 @@ def load_station(path: Path) -> Station:
     return Station(document, options, path)
 
 
-def wrong_option(name: str, text: str) -> str:
+def option_mistakes(name: str, value: Scalar | None, known: Collection[str]) -> Iterator[tuple[str, str]]:
+    """Yield code and message of what is wrong with an option of a world that knows some: B-PLAN-004, -015."""
+    if name not in known:
+        yield "B-PLAN-004", f"the world has no option {name!r}{suggestion(name, known)}"
+    elif value is not None and (due := _wrong_option(name, option_text(value))):
+        yield "B-PLAN-015", f"world option {name} is {value!r}; {due}"
+
+
+def _wrong_option(name: str, text: str) -> str:
     """Return what is due if an option of a simulated world cannot have this value, else "".
 
     As everywhere a name with the suffix of a unit is a number; every other option is on or off.

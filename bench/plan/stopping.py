@@ -19,11 +19,11 @@ from bench.model.systems import analysis_declaration, named
 from bench.model.units import format_quantity, hours
 from bench.plan.deciding import Known, join
 from bench.plan.decision import Branch, PlannedDecision, decisions_of
-from bench.plan.expand import Expander, Path
+from bench.plan.expand import Expander, Node
 from bench.plan.language.steps import Record, Until
 from bench.plan.plan import Plan, Step
 from bench.plan.step_kinds import MEASUREMENT, PlannedRecord
-from bench.plan.values import Quantity, Scope
+from bench.plan.values import Quantity
 
 NEEDED = "records"  # what the decision goes by: how many more, each as long as one of the first stage
 _SCATTER = "scatter"
@@ -33,34 +33,31 @@ _LENGTHS = sorted({*(2**power for power in range(10)), *(3 * 2**power for power 
 Take = Callable[[Quantity, Mapping[str, Any], Mapping[str, Any]], None]  # length, more arguments, more conditions
 
 
-def expand_until(
-    plan: Expander, record: Record, seconds: Quantity, conditions: Mapping[str, Any], path: Path, scope: Scope,
-    take: Take,
-) -> None:  # fmt: skip
+def expand_until(node: Node, record: Record, seconds: Quantity, conditions: Mapping[str, Any], take: Take) -> None:
     """Append the records of a point that may end early; one that may not lasts as long as it could.
 
     Args:      seconds: length of one record.   take: appends a record.
     Findings:  B-PLAN-160 (no rule for such a record), B-PLAN-161 (a target that no length reaches).
     """
-    until, here = record.until, (*path, UNTIL)
+    until, here, plan = record.until, node.below(UNTIL), node.plan
     assert until is not None
     longest = _times(seconds, until.most)
     asked = analysis_declaration(str(plan.campaign.get("analysis")))
     if refusal := _refusal(plan, record, until, "" if asked is None else asked.point):
-        plan.fail("B-PLAN-160", here, *refusal)
+        here.fail("B-PLAN-160", *refusal)
         return take(longest, {}, {})
     point: Point = named(asked.point)  # type: ignore[union-attr]
     if not point.may_end(conditions):
         return take(longest, {}, {})
     try:
-        rule = _rule(plan, point, until, seconds.value, conditions, here, scope)
+        rule = _rule(here, point, until, seconds.value, conditions)
     except FitError as error:
-        plan.fail("B-PLAN-160", here, error.message, "state the unit's constants and the conditions of the record")
+        here.fail("B-PLAN-160", error.message, "state the unit's constants and the conditions of the record")
         rule = None
     if rule is None:
         return take(longest, {}, {})
     if until.by == _SCATTER:
-        return _stages(plan, rule, seconds, path, scope, take)
+        return _stages(node, rule, seconds, take)
     return take(_times(seconds, rule.least), {"longest": longest.value}, {})
 
 
@@ -100,16 +97,15 @@ def _first_of(until: Until) -> int:
     return until.least or (LEAST_FIRST if until.by == _SCATTER else 1)
 
 
-def _rule(
-    plan: Expander, point: Point, until: Until, seconds: float, conditions: Mapping[str, Any], path: Path, scope: Scope
-) -> _Rule | None:
+def _rule(node: Node, point: Point, until: Until, seconds: float, conditions: Mapping[str, Any]) -> _Rule | None:
     """Return the rule of a point, None after noting a mistake. Raises: FitError of the point."""
-    given = plan.resolve(until.random, scope, (*path, "random"))
+    here, campaign = node.below("random"), node.plan.campaign
+    given = here.resolve(until.random)
     if given is None:
         return None
     if not isinstance(given, Quantity) or given.dimension not in ("1", point.UNIT) or given.value <= 0:
         message = f"{until.random} is no ratio and no quantity in {point.UNIT} above zero"
-        plan.fail("B-PLAN-031", (*path, "random"), message, "write for example '2 ppm'")
+        here.fail("B-PLAN-031", message, "write for example '2 ppm'")
         return None
     level = point.level(conditions)
     target = given.value * (level if given.dimension == "1" else 1.0)
@@ -118,7 +114,7 @@ def _rule(
     def known(records: int) -> float:
         """Return what is known of the standard uncertainty after so many records: of scatter only that of quanta."""
         cuts = 1 + (of_scatter and records > first)
-        quantised, declared = point.random(plan.campaign, conditions, records * seconds, cuts)
+        quantised, declared = point.random(campaign, conditions, records * seconds, cuts)
         return quantised if of_scatter else declared
 
     least = first
@@ -133,12 +129,13 @@ def _rule(
         f"a mean with a random component of {format_quantity(target, point.UNIT, 3)} is asked for; after "
         f"{until.most * seconds:g} s {what} {format_quantity(bound, point.UNIT, 3)} ({1e6 * bound / level:.3g} ppm)"
     )
-    plan.fail("B-PLAN-161", (*path, "random"), message, "ask for no less than that, or allow more records")
+    here.fail("B-PLAN-161", message, "ask for no less than that, or allow more records")
     return None
 
 
-def _stages(plan: Expander, rule: _Rule, seconds: Quantity, path: Path, scope: Scope, take: Take) -> None:
+def _stages(node: Node, rule: _Rule, seconds: Quantity, take: Take) -> None:
     """Append the records of the first stage, the decision, and a branch for each length of a second one."""
+    plan = node.plan
     begin = len(plan.steps)
     for index in range(rule.first):
         take(seconds, {"follows": True} if index else {}, {STAGE: FIRST, STAGE_INDEX: index})
@@ -146,7 +143,7 @@ def _stages(plan: Expander, rule: _Rule, seconds: Quantity, path: Path, scope: S
     asked = {"first": list(range(begin, number)), "target": rule.target, "least": rule.least}
     retry_step = begin if plan.retry_step is None else plan.retry_step
     more = {"word": UNTIL, "arguments": asked, "unit": "1", "branches": (), "missing": _outcome(lengths[-1])}
-    plan.add("decide", "", NEEDED, {**more, "retry_step": retry_step}, scope, path)
+    plan.add(node, "decide", "", NEEDED, {**more, "retry_step": retry_step})
     before, branches = Known.of(plan), [Branch(_outcome(0), number + 1, number + 1, "within", (0.0, 0.0))]
     ways = [before]
     for length in lengths:

@@ -9,7 +9,7 @@ from functools import cache, partial
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
 from bench.model.ports import Effect
 from bench.model.units import format_quantity
-from bench.plan.check.actions import Judged
+from bench.plan.check.actions import NOT_JUDGED, Judged
 from bench.plan.check.state import BenchState
 from bench.plan.drivers import declared_action
 from bench.plan.findings import Findings
@@ -86,7 +86,7 @@ def _hazards(plan: Plan) -> Iterator[str]:
     state = BenchState(plan, plan.station, Findings())  # what holds energy before every instrument is made safe
 
     def take(state: BenchState, step: Step) -> None:
-        judged = Judged(None, {})
+        judged = NOT_JUDGED
         if isinstance(step, PlannedCall):
             judged = Judged(declared(step.role, step.name), step.arguments)
         state.take(step, judged)

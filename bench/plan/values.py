@@ -18,9 +18,11 @@ ACTION_PATTERN = NAME_PATTERN + r"\." + NAME_PATTERN
 ActionName = Annotated[str, StringConstraints(pattern=f"^{ACTION_PATTERN}$")]
 Scalar = bool | int | float | str
 REFERENCE = re.compile(r"\{(" + NAME_PATTERN + r")(?:\.(" + NAME_PATTERN + r"))?\}")
-SUFFIX = {"A": "A", "V": "V", "Hz": "Hz", "s": "s", "C": "C", "ohm": "ohm", "W": "W", "F": "F", "degC": "degC"}
-SUFFIX |= {"degC/min": "degC_min", "deg/s": "deg_s", "g": "g", "1": "", "1/degC": "per_degC"}
-SUFFIX |= {"deg": "deg", "deg/s2": "deg_s2", "m/s": "m_s", "m/s2": "m_s2", "gauss": "gauss", "m": "m"}
+_UNITS = (
+    "A", "V", "Hz", "s", "C", "ohm", "W", "F", "degC", "degC/min", "deg", "deg/s", "deg/s2", "g", "gauss", "m", "m/s",
+    "m/s2",
+)  # fmt: skip
+SUFFIX = {unit: unit.replace("/", "_") for unit in _UNITS} | {"1": "", "1/degC": "per_degC"}
 UNIT = "unit"  # condition of what is done for one of several units: its serial number
 _SIGNS = {"+": 1, "-": -1}
 
@@ -91,10 +93,6 @@ class Channel:
     levels: tuple[Quantity, ...]
     group: int
 
-    def attribute(self, name: str) -> Any:
-        """Return value of ``{channel.name}``; KeyError if there is none."""
-        return {"number": self.number, "kind": self.kind, "levels": self.levels}[name]
-
 
 @dataclass(frozen=True, slots=True)
 class UnitInSlot:
@@ -103,10 +101,6 @@ class UnitInSlot:
     serial: str
     slot: str
     card: int | None
-
-    def attribute(self, name: str) -> Any:
-        """Return value of ``{unit.name}``; KeyError if there is none."""
-        return {"serial": self.serial, "slot": self.slot, "card": self.card}[name]
 
 
 class UnknownVariable(Exception):
@@ -152,18 +146,17 @@ class Scope:
             if not reference.attribute or value is None:  # None: its mistake is noted already
                 return value
             if isinstance(value, Channel | UnitInSlot):
-                try:
-                    return value.attribute(reference.attribute)
-                except KeyError:
-                    noun, names = _ATTRIBUTES[type(value)]
-                    known = suggestion(reference.attribute, names)
-                    raise UnknownVariable(f"{reference}: a {noun} has no {reference.attribute!r}{known}") from None
+                noun, names = _ATTRIBUTES[type(value)]
+                if reference.attribute in names:
+                    return getattr(value, reference.attribute)
+                known = suggestion(reference.attribute, names)
+                raise UnknownVariable(f"{reference}: a {noun} has no {reference.attribute!r}{known}")
         elif reference.attribute:
             return self._role_attribute(reference.name, reference.attribute)
         raise UnknownVariable(f"{reference} is not a variable here{suggestion(reference.name, self.variables)}")
 
 
-_ATTRIBUTES = {
+_ATTRIBUTES = {  # what ``{channel.name}`` and ``{unit.name}`` may ask for
     Channel: ("channel", ("number", "kind", "levels")),
     UnitInSlot: ("unit", ("serial", "slot", "card")),
 }

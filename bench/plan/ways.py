@@ -8,6 +8,7 @@ is met by every state that the branches may leave. A plan without decisions has 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable, Mapping
+from copy import copy
 from dataclasses import dataclass, field
 from typing import Any, Generic, Self, TypeVar
 
@@ -22,8 +23,8 @@ class Followed:
     """What is followed on a way."""
 
     def copy(self) -> Self:
-        """Return one that goes on by itself."""
-        raise NotImplementedError
+        """Return one that goes on by itself: what can be changed in place is copied by the class that has it."""
+        return copy(self)
 
     def key(self) -> Hashable:
         """Return what tells it from others; it is equal for two that need not be told apart."""

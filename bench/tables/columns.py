@@ -21,11 +21,11 @@ UNITS = "units"
 CONDITION = "condition_"
 _NUMBERS = ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "dof", "limit",
             "conformance_probability")  # fmt: skip
-_SUFFIXES = {
-    "_ns": "ns", "_s": "s", "_min": "min", "_A": "A", "_V": "V", "_m": "m", "_Hz": "Hz", "_Pa": "Pa", "_degC": "degC",
-    "_ppm": "ppm", "_nA": "nA", "_mrad": "mrad", "_deg": "deg", "_deg_s": "deg/s", "_deg_h": "deg/h", "_g": "g",
-    "_gauss": "gauss", "_m_s": "m/s", "_m_s2": "m/s2",
-}  # fmt: skip
+_UNITS = (
+    "ns", "s", "min", "A", "V", "m", "Hz", "Pa", "degC", "ppm", "nA", "mrad", "deg", "deg/s", "deg/h", "g", "gauss",
+    "m/s", "m/s2",
+)  # fmt: skip
+_SUFFIXES = {f"_{unit.replace('/', '_')}": unit for unit in _UNITS}
 _LONGEST_FIRST = sorted(_SUFFIXES, key=len, reverse=True)
 
 

@@ -85,24 +85,19 @@ def table_of_records(replayed: Replayed, definitions: Mapping[str, FrameDefiniti
 def _of_windows(rows: Sequence[RecordRow]) -> dict[str, list[Any]]:
     problems = [sample_problem(row) if row.samples is not None else row_problem(row) for row in rows]
     return {
-        "t_end_ns": [row.window.t_end_ns for row in rows],
-        "number": [row.window.number for row in rows],
-        "link": [row.window.link for row in rows],
-        "step": [row.window.step for row in rows],
-        "uut": [row.window.uut for row in rows],
+        **_attributes([row.window for row in rows], ("t_end_ns", "number", "link", "step", "uut")),
         "valid": [not problem for problem in problems],
         "problem": problems,
         "flags": [" ".join(str(flag.name) for flag in Quality if flag in row.quality) for row in rows],
         "first_counter": [row.window.first_counter for row in rows],
         "frames_asked": [row.window.frames for row in rows],
-        "frames": [row.frames for row in rows],
-        "lost": [row.lost for row in rows],
-        "bad": [row.bad for row in rows],
-        "duplicate": [row.duplicate for row in rows],
-        "suspect": [row.suspect for row in rows],
-        "readings": [row.readings for row in rows],
-        "unread": [row.unread for row in rows],
+        **_attributes(rows, ("frames", "lost", "bad", "duplicate", "suspect", "readings", "unread")),
     }
+
+
+def _attributes(rows: Sequence[object], names: Sequence[str]) -> dict[str, list[Any]]:
+    """Return columns of what rows have under these names."""
+    return {name: [getattr(row, name) for row in rows] for name in names}
 
 
 def _sums(row: RecordRow) -> dict[str, int]:

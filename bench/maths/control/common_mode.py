@@ -9,13 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
+from bench.maths.array_types import Array
 from bench.maths.control.predictions import Readings, Scatter, level_and_drift
 from bench.maths.control.run_lengths import normal_scores
 
-Array = NDArray[np.float64]
 LEAST_FREEDOM = 8  # degrees of freedom of the scatter of all units; with fewer nothing is judged
 _ROUNDS = 60  # of taking out means by turns: a table without holes needs one
 _LEAST = 1e-10  # relative; what is below it is rounding

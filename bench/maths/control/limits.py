@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 from scipy.optimize import brentq
 
+from bench.maths.array_types import Array
 from bench.maths.control.run_lengths import (
     CUSUM_REFERENCE,
     EWMA_WEIGHT,
@@ -27,7 +27,6 @@ from bench.maths.control.run_lengths import (
     ewma_std,
 )
 
-Array = NDArray[np.float64]
 KINDS = ("shewhart", "ewma", "cusum")
 _NODES = 24
 _NEGLIGIBLE = 1e-3  # part of the rate, given up at the end of the integral
@@ -77,7 +76,7 @@ def _limits(run_length: float, dof: float) -> Limits:
     )
 
 
-def false_rate(chart: Callable[[float, Scores], float], limit: float, dof: float, least: float = 1e-6) -> float:
+def false_rate(chart: Callable[[float, Scores], float], limit: float, dof: float, least: float) -> float:
     """Return the rate of false signals of a chart, averaged over first phases.
 
     Args:    chart: run length by limit and scores.   limit: of that chart.   dof: of the first phase.

@@ -15,13 +15,13 @@ from numpy.typing import NDArray
 from scipy import linalg, special
 from scipy.optimize import brentq
 
+from bench.maths.array_types import Array, Int64
 from bench.maths.control.run_lengths import normal_scores
 from bench.maths.drift import NO_STANDARD
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
-Labels = NDArray[np.int64]
+Labels = Int64
 _LEAST_SCATTER = 1e-4  # of the smallest variance stated: where readings do not scatter at all, no change is nothing
 _STEP = 1e-3  # relative, of a derivative
 _UNDETERMINED = 1e-4  # part of a row that the rows before it do not hold; of a drift: an hour of a year

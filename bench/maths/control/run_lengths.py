@@ -1,4 +1,4 @@
-"""Average run lengths of Shewhart, EWMA and CUSUM charts of normal scores: how many points until the first signal.
+"""Average run lengths of EWMA and CUSUM charts of normal scores: how many points until the first signal.
 
 A chart plots scores that are standard normal while nothing has changed. A score is made with an estimated standard
 deviation: ``x / ratio`` takes its place in Student's distribution of the degrees of freedom, and the score has the
@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-Array = NDArray[np.float64]
+from bench.maths.array_types import Array
+
 EWMA_WEIGHT = 0.2  # of the newest score
 CUSUM_REFERENCE = 0.5  # half the shift, in standard deviations, that a CUSUM is quickest for
 _STATES, _COARSE = 81, 41  # of a chain; odd: the middle one is zero
@@ -58,30 +58,18 @@ def normal_scores(quotient: Array, dof: Array) -> Array:
     return np.asarray(np.sign(quotient) * np.minimum(-special.ndtri(np.maximum(tail, 1e-300)), _FARTHEST))
 
 
-def shewhart_run_length(limit: float, scores: Scores | None = None) -> float:
-    """Return the average run length of single scores beyond -limit or +limit.
-
-    Args:    limit: in standard deviations.   scores: their distribution, standard normal without it.
-    Returns: points until the first signal, on average.
-    Raises:  nothing.
-    Source:  Montgomery, Introduction to Statistical Quality Control, section 5.3 (geometric distribution).
-    """
-    low, high = (scores or Scores()).below(np.array([-limit, limit]))
-    return float(1.0 / max(low + 1.0 - high, 1e-300))
-
-
-def ewma_run_length(limit: float, scores: Scores | None = None, weight: float = EWMA_WEIGHT) -> float:
+def ewma_run_length(limit: float, scores: Scores, weight: float = EWMA_WEIGHT) -> float:
     """Return the average run length of ``e = (1 - weight) e + weight score`` from e = 0, two-sided, by a Markov chain.
 
     Two chains of different width, extrapolated: one alone gives up to 1 % less where the weight is small.
 
     Args:    limit: in standard deviations of e after many points, ``sqrt(weight / (2 - weight))``.
-             scores: their distribution, standard normal without it.   weight: of the newest score, 0 to 1.
+             scores: their distribution.   weight: of the newest score, 0 to 1.
     Returns: points until the first signal, on average.
     Raises:  nothing.
     Source:  J. M. Lucas, M. S. Saccucci, Technometrics 32 (1990) 1, appendix (Markov chain).
     """
-    coarse, fine = (_ewma_chain(limit, scores or Scores(), weight, states) for states in (_COARSE, _STATES))
+    coarse, fine = (_ewma_chain(limit, scores, weight, states) for states in (_COARSE, _STATES))
     return fine + (fine - coarse) / ((_STATES / _COARSE) ** 2 - 1.0)  # its error goes with the width squared
 
 
@@ -98,26 +86,24 @@ def ewma_std(weight: float = EWMA_WEIGHT) -> float:
     return math.sqrt(weight / (2.0 - weight))
 
 
-def cusum_run_length(limit: float, scores: Scores | None = None, reference: float = CUSUM_REFERENCE) -> float:
+def cusum_run_length(limit: float, scores: Scores) -> float:
     """Return the average run length of a two-sided CUSUM from zero, by a Markov chain for each side.
 
-    Each side is ``s = max(0, s + score - reference)``, the other one with negative scores; a signal is s > limit.
+    Each side is ``s = max(0, s + score - CUSUM_REFERENCE)``, the other one with negative scores; a signal is s > limit.
 
-    Args:    limit: decision interval in standard deviations.   scores: their distribution, standard normal without it.
-             reference: reference value, in standard deviations.
+    Args:    limit: decision interval in standard deviations.   scores: their distribution.
     Returns: points until the first signal, on average; of both sides by 1 / L = 1 / L+ + 1 / L-.
     Raises:  nothing.
     Source:  D. Brook, D. A. Evans, Biometrika 59 (1972) 539 (chain); J. M. Lucas, R. B. Crosier, Technometrics 24
              (1982) 199 (both sides).
     """
-    law = scores or Scores()
-    return 1.0 / sum(1.0 / _one_sided(limit, side, reference) for side in (law, law.mirrored()))
+    return 1.0 / sum(1.0 / _one_sided(limit, side) for side in (scores, scores.mirrored()))
 
 
-def _one_sided(limit: float, scores: Scores, reference: float) -> float:
+def _one_sided(limit: float, scores: Scores) -> float:
     width = 2.0 * limit / (2 * _STATES - 1)
     steps = np.arange(1 - _STATES, _STATES + 1, dtype=np.float64) - 0.5  # edges of the states, seen from each other
-    below = scores.below(steps * width + reference)
+    below = scores.below(steps * width + CUSUM_REFERENCE)
     place = np.arange(_STATES)[None, :] - np.arange(_STATES)[:, None] + _STATES - 1
     moves = below[place + 1] - below[place]
     moves[:, 0] = below[place[:, 0] + 1]  # all that falls below is zero

@@ -53,16 +53,12 @@ class Resume(Event):
         return f"gone on with after: {self.reason}{back}"
 
 
-@event("suspend", at_terminal=True)
+@event("suspend", at_terminal=True, severity="alarm")
 class Suspend(Event):
     """Nothing of the run went on for a while: the machine was asleep, or its processes were stopped."""
 
     seconds: float
     seen: Literal["boottime", "late beat"]
-
-    @property
-    def severity(self) -> Severity:
-        return "alarm"
 
     def _words(self) -> str:
         what = "the machine was asleep" if self.seen == "boottime" else "this process was stopped"
@@ -129,7 +125,7 @@ class Skip(Event):
         return f"steps {self.first} to {self.stop - 1} left out: {self.reason} ({self.by})"
 
 
-@event("unit_left_out", at_terminal=True)
+@event("unit_left_out", at_terminal=True, severity="alarm")
 class UnitLeftOut(Event):
     """A unit of several is left out from ``step`` on; ``confirmed``: the instruments that were confirmed off for it."""
 
@@ -138,10 +134,6 @@ class UnitLeftOut(Event):
     code: str
     reason: str
     confirmed: Sequence[str]
-
-    @property
-    def severity(self) -> Severity:
-        return "alarm"
 
     @property
     def error_code(self) -> str | None:
@@ -258,7 +250,7 @@ class Reentry(Event):
         return f"back at {unit} degC{', soaked' if self.soaked else ''}"
 
 
-@event("error")
+@event("error", severity="warning")
 class Error(Event):
     """A reading that failed, a fault of the recorder, or the error that ends the run (an ``End`` follows then).
 
@@ -271,10 +263,6 @@ class Error(Event):
     where: str | None = left_out()
     segment: int | None = left_out()
     errno: int | None = left_out()
-
-    @property
-    def severity(self) -> Severity:
-        return "warning"
 
     @property
     def topic(self) -> str:

@@ -44,6 +44,7 @@ class Event:
     kind: ClassVar[str] = ""
     at_terminal: ClassVar[bool] = False
     recorded: ClassVar[bool] = True  # it stands in the session
+    severities: ClassVar[Mapping[str, Severity]] = {}  # by ``state``, "" for any other one
 
     uut: str | None = left_out()
     raw: Mapping[str, Any] | None = field(default=None, repr=False, compare=False, metadata={_RAW: True})
@@ -68,7 +69,7 @@ class Event:
     @property
     def severity(self) -> Severity:
         """How bad it is."""
-        return "none"
+        return self.severities.get(getattr(self, "state", ""), self.severities.get("", "none"))
 
     @property
     def topic(self) -> str:
@@ -118,11 +119,18 @@ _CLASSES: dict[tuple[str, str], type[Event]] = {}  # by kind, and by ``what`` wh
 
 
 @dataclass_transform(kw_only_default=True, frozen_default=True)
-def event(kind: str, *, at_terminal: bool = False) -> Callable[[type[Model]], type[Model]]:
-    """Make a class one of the events that a session may hold. ``at_terminal``: a person there reads it."""
+def event(
+    kind: str, *, at_terminal: bool = False, severity: Severity | Mapping[str, Severity] | None = None
+) -> Callable[[type[Model]], type[Model]]:
+    """Make a class one of the events that a session may hold.
+
+    ``at_terminal``: a person there reads it.   ``severity``: of all of them, or by ``state``; None: as the base has it.
+    """
 
     def register(model: type[Model]) -> type[Model]:
         model.kind, model.at_terminal = kind, at_terminal
+        if severity is not None:
+            model.severities = {"": severity} if isinstance(severity, str) else severity
         _CLASSES[kind, vars(model).get("what", "")] = model
         return dataclass(frozen=True, kw_only=True)(model)
 

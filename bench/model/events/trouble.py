@@ -8,15 +8,11 @@ from typing import Any, ClassVar, Literal
 from bench.model.events.event import Event, Severity, event, left_out, number
 
 
-@event("alarm")
+@event("alarm", severity="alarm")
 class Alarm(Event):
     """Somebody should look. Each ``what`` has a class of its own."""
 
     what: str
-
-    @property
-    def severity(self) -> Severity:
-        return "alarm"
 
     @property
     def topic(self) -> str:
@@ -44,7 +40,7 @@ class HoldAlarm(Alarm):
         return f"still holding at step {self.step} after {number(self.seconds, '.0f')} s: {reasons}"
 
 
-@event("alarm", at_terminal=True)
+@event("alarm", at_terminal=True, severity="fault")
 class StimulusAlarm(Alarm):
     """An instrument of the stimulus could not be made safe; it is tried on."""
 
@@ -53,10 +49,6 @@ class StimulusAlarm(Alarm):
     role: str
     code: str
     text: str
-
-    @property
-    def severity(self) -> Severity:
-        return "fault"
 
     @property
     def topic(self) -> str:
@@ -178,7 +170,7 @@ class Interlock(Event):
         return f"interlock {self.name}: {signal} is {value}: {self.action}"
 
 
-@event("link")
+@event("link", severity={"lost": "alarm", "silent": "alarm", "kernel errors": "warning", "behind": "warning"})
 class Link(Event):
     """A link was opened, is lost or silent, is back, or lost bytes; each state has its own fields.
 
@@ -202,13 +194,6 @@ class Link(Event):
         return self.state not in ("open", "behind")
 
     @property
-    def severity(self) -> Severity:
-        by_state: dict[str, Severity] = {
-            "lost": "alarm", "silent": "alarm", "kernel errors": "warning", "behind": "warning",
-        }  # fmt: skip
-        return by_state.get(self.state, "none")
-
-    @property
     def topic(self) -> str:
         passing = self.state in ("kernel errors", "behind")
         return f"link {self.link} {self.state}" if passing else f"link {self.link}"
@@ -229,7 +214,7 @@ class Link(Event):
         return f"link {self.link} is {self.state}{'' if self.reason is None else f': {self.reason}'}"
 
 
-@event("guard")
+@event("guard", severity={"acted": "fault", "lost": "alarm", "withheld": "alarm"})
 class Guard(Event):
     """The guard is ready or lost, a heartbeat was withheld from it, or it has acted."""
 
@@ -238,11 +223,6 @@ class Guard(Event):
     parts: Sequence[str] | None = left_out()
     reason: str | None = left_out()
     text: str | None = left_out()
-
-    @property
-    def severity(self) -> Severity:
-        by_state: dict[str, Severity] = {"acted": "fault", "lost": "alarm", "withheld": "alarm"}
-        return by_state.get(self.state, "none")
 
     @property
     def topic(self) -> str:
@@ -289,7 +269,7 @@ def _check(check: Mapping[str, Any]) -> str:
     return f"{check.get('name')} {value:.3g}, limit {limit:.3g} ({check.get('text')})"
 
 
-@event("notify", at_terminal=True)
+@event("notify", at_terminal=True, severity="warning")
 class Notify(Event):
     """A message to a person did not get through, or was left out."""
 
@@ -299,10 +279,6 @@ class Notify(Event):
     why: str
 
     @property
-    def severity(self) -> Severity:
-        return "warning"
-
-    @property
     def topic(self) -> str:
         return f"notify {self.way}"
 
@@ -310,16 +286,12 @@ class Notify(Event):
         return f"a notification by {self.way} did not get through ({self.why})"
 
 
-@event("clock_step", at_terminal=True)
+@event("clock_step", at_terminal=True, severity="warning")
 class ClockStep(Event):
     """UTC has moved against the monotonic clock."""
 
     step_s: float
     t_utc_ns: int
-
-    @property
-    def severity(self) -> Severity:
-        return "warning"
 
     def _words(self) -> str:
         jump = f"UTC has jumped by {number(self.step_s, '+.3f')} s (clock set, or the machine was asleep)"
@@ -358,17 +330,13 @@ class Inhibit(Event):
     text: str
 
 
-@event("disk", at_terminal=True)
+@event("disk", at_terminal=True, severity="fault")
 class Disk(Event):
     """The disk takes nothing. No event of a session, which cannot be written just then: the run only tells it."""
 
     recorded: ClassVar[bool] = False
     code: str
     text: str
-
-    @property
-    def severity(self) -> Severity:
-        return "fault"
 
     @property
     def error_code(self) -> str | None:

@@ -31,6 +31,9 @@ class Judged:
     usable: Mapping[str, Any]
 
 
+NOT_JUDGED = Judged(None, {})
+
+
 class ActionCheck:
     """Checks calls against the declarations of the drivers; the same call is looked at once."""
 
@@ -43,7 +46,7 @@ class ActionCheck:
     def check_reading(self, record: Step, index: int, call: PlannedCall) -> Judged:
         """Return declared action of one of a record's readings; one that is no reading is noted (B-PLAN-096)."""
         dimensions = argument_dimensions(self._plan.dimensions[record.number], index)
-        judged = Judged(*self._fresh(call, dimensions))
+        judged = self._fresh(call, dimensions)
         if judged.action is not None and not is_reading(judged.action):
             message = f"{call.role}.{call.name} is no reading: it gives no value, or it changes the bench"
             self._add("B-PLAN-096", record, message, "read an action that returns a value, and call this one before")
@@ -52,38 +55,38 @@ class ActionCheck:
     def check(self, step: Step) -> Judged:
         """Return declared action of a call or verify step; if it names none a mistake was noted."""
         if not isinstance(step, PlannedCall | PlannedVerify | PlannedSend | PlannedSoak):
-            return Judged(None, {})
+            return NOT_JUDGED
         key = (step.where, step.role, step.name, tuple((n, _hashable(v)) for n, v in step.told().items()))
         if key not in self._seen:
-            self._seen[key] = Judged(*self._fresh(step, self._plan.dimensions[step.number]))
+            self._seen[key] = self._fresh(step, self._plan.dimensions[step.number])
         return self._seen[key]
 
-    def _fresh(self, step: Step, dimensions: Mapping[str, str]) -> tuple[Action | None, Mapping[str, Any]]:
+    def _fresh(self, step: Step, dimensions: Mapping[str, str]) -> Judged:
         entry = self._station.instruments.get(step.role)
         if entry is None:
             self._add("B-PLAN-040", step, no_instrument(self._station, step.role))
-            return None, {}
+            return NOT_JUDGED
         try:
             actions = driver_actions(entry.driver)
         except InputError as error:
             where = self._station.document.where(("instruments", step.role, "driver"))
             self._findings.add(error.code, where, error.message)
-            return None, {}
+            return NOT_JUDGED
         if isinstance(step, PlannedSoak):
             self._soak(step, entry)
-            return None, {}
+            return NOT_JUDGED
         if isinstance(step, PlannedSend):
             if not hasattr(driver_class(entry.driver), "raw"):
                 self._add("B-PLAN-053", step, f"the driver of {step.role} takes no raw commands", "write a call")
-            return None, {}
+            return NOT_JUDGED
         action = actions.get(step.name)
         if action is None:
             self._no_action(step, entry, actions)
-            return None, {}
+            return NOT_JUDGED
         usable = self._arguments(step, action, entry, dimensions)
         if isinstance(step, PlannedVerify) and (action.effect is not Effect.NONE or action.returns):
             self._add("B-PLAN-054", step, f"{step.role}.{step.name} does not answer true or false")
-        return action, usable
+        return Judged(action, usable)
 
     def _no_action(self, step: Step, entry: InstrumentEntry, actions: Mapping[str, Action]) -> None:
         """Note a wrong action where it is called; where the driver has none of those called, it is the driver."""

@@ -10,7 +10,7 @@ are valid until the end and cover the ranges that are used; the station can be o
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Hashable
+from collections.abc import Collection, Hashable, Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, date, datetime, timedelta
 from importlib import import_module
@@ -25,20 +25,29 @@ from bench.plan.check.motion import check_poses
 from bench.plan.check.records import check_record, check_windows
 from bench.plan.check.state import BenchState
 from bench.plan.check.stations import SIMULATION, check_station, check_used_ranges
-from bench.plan.check.units import check_units
 from bench.plan.drivers import bus_s
 from bench.plan.expand import DURATION
 from bench.plan.findings import Findings
 from bench.plan.language.standards import Standard
-from bench.plan.plan import Plan, Step
+from bench.plan.plan import Plan, PlannedUnit, Step
 from bench.plan.readings import roles_of
 from bench.plan.station import Station
-from bench.plan.step_kinds import PlannedPrompt, PlannedRecord, PlannedSettle, PlannedSoak, PlannedVerify
+from bench.plan.step_kinds import (
+    MEASUREMENT,
+    WIRING,
+    PlannedCommand,
+    PlannedPrompt,
+    PlannedRecord,
+    PlannedSettle,
+    PlannedSoak,
+    PlannedVerify,
+)  # fmt: skip
+from bench.plan.values import UNIT
 from bench.plan.ways import Followed, walk
 
 SERIAL = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,39}")  # a folder of the session is named after it
 NO_SERIAL = "is not a serial number: letters, digits, '.', '_' and '-', at most 40"
-_UNIT = "unit"
+IDENTIFY = "identify"  # the command whose answer says who the unit is
 
 
 def check_plan(plan: Plan, station: Station | None = None, start_utc_ns: int | None = None) -> list[InputError]:
@@ -131,9 +140,6 @@ class _Bus(Followed):
 
     first: Step | None = None
 
-    def copy(self) -> _Bus:
-        return _Bus(self.first)
-
     def key(self) -> Hashable:
         return self.first and (self.first.kind, self.first.role, self.first.name)
 
@@ -177,7 +183,7 @@ def check_sets(plan: Plan, station: Station, findings: Findings) -> None:
         for name, value in step.sets.items() if isinstance(step, PlannedPrompt) else ():
             if value is None:
                 continue  # its mistake is noted already
-            if name == _UNIT and not SERIAL.fullmatch(str(value)):
+            if name == UNIT and not SERIAL.fullmatch(str(value)):
                 findings.add("B-PLAN-025", step.where, f"unit {short(value)} {NO_SERIAL}")
             elif station.file.world is not None:
                 _possible(station.file.world.name, name, value, step.where, findings)
@@ -197,3 +203,34 @@ def short(value: Any) -> str:
     """Return a value in quotes, cut where it is too long to be read."""
     text = repr(str(value))
     return text if len(text) <= 60 else f"{text[:56]}...'"
+
+
+def check_units(plan: Plan, station: Station, findings: Findings) -> None:
+    """Note a unit whose serial number or wiring nothing proves before it is measured (B-PLAN-142)."""
+    where = station.document.where(("slots",)) if plan.units else ""
+    for unit in plan.units:
+        own = [step for step in plan.steps if step.conditions.get(UNIT) == unit.serial]
+        for missing in _missing(unit, own):
+            message = f"unit {unit.serial} in slot {unit.slot}: {missing}"
+            findings.add("B-PLAN-142", where, message, "add it to 'prepare', inside 'for: unit', 'in: units'")
+
+
+def _missing(unit: PlannedUnit, steps: Sequence[Step]) -> Iterator[str]:
+    """Yield what is not proved of a unit, in words."""
+    records = [step for step in steps if isinstance(step, PlannedRecord)]
+    measured = [record for record in records if record.purpose == MEASUREMENT]
+    if not measured:
+        yield "nothing of it is measured"
+        return
+    before = [step for step in steps if step.number < measured[0].number]
+    if not any(isinstance(step, PlannedCommand) and step.name == IDENTIFY for step in before):
+        yield f"it is not asked for its serial number ({IDENTIFY!r}) before it is measured"
+    wired = {_input(record) for record in before if isinstance(record, PlannedRecord) and record.purpose == WIRING}
+    driven = {_input(record) for record in measured if record.conditions.get("polarity")}
+    if unproved := sorted(driven - wired, key=str):
+        channel, polarity = unproved[0]
+        yield f"no wiring record proves channel {channel}, polarity {polarity}, before it is measured"
+
+
+def _input(record: PlannedRecord) -> tuple[object, object]:
+    return record.conditions.get("channel"), record.conditions.get("polarity")

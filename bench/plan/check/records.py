@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Hashable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 from bench.model.ports import Effect
@@ -130,9 +130,6 @@ class _Chain(Followed):
     before: PlannedRecord | None = None
     gap: str = "no record stands before it"
     calls: tuple[Step, ...] = ()
-
-    def copy(self) -> _Chain:
-        return replace(self)
 
     def key(self) -> Hashable:
         return self.before and self.before.number, self.gap, tuple(call.number for call in self.calls)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -18,14 +18,14 @@ from bench.model.errors import InputError
 from bench.model.installed import offer_of, offers, simulator_module
 from bench.model.shipped import find_beside
 from bench.model.units import format_quantity, read_quantity
-from bench.model.yamlio import Document, parse_yaml
+from bench.model.yamlio import parse_yaml
 from bench.plan.drivers import driver_actions, driver_ladder_A
-from bench.plan.findings import Findings, suggestion
+from bench.plan.findings import Draft, Findings, suggestion
 from bench.plan.language.graphs import check_graphs
 from bench.plan.language.interlocks import OF_UNIT, SIGNALS, Interlock, InterlockRule, rule_of
-from bench.plan.language.sequence import language_of_sequence
+from bench.plan.language.sequence import Sequence, language_of_sequence
 from bench.plan.language.standards import Standard
-from bench.plan.station import InstrumentEntry, Station, option_text, wrong_option
+from bench.plan.station import InstrumentEntry, Station, StationFile, World, option_mistakes, option_text
 
 SIMULATION = "sim_instruments.worlds.simulation"  # by name: the bench never imports its simulators
 _ADDRESS = re.compile(r"(ASRL|GPIB|PRLGX-ASRL|PRLGX-TCPIP|PXI|TCPIP|USB|VICP|VXI)([^:]*)(?:::(.+))?", re.IGNORECASE)
@@ -34,15 +34,16 @@ _KINDS = ("INSTR", "SOCKET", "RAW", "BACKPLANE", "MEMACC", "SERVANT", "INTFC")
 
 def check_station(station: Station, findings: Findings) -> None:
     """Note every mistake of a station that opening it would meet later."""
-    _addresses(station, findings)
-    _links(station, findings)
+    draft = Draft(station.document, findings)
+    _addresses(draft)
+    _links(draft)
     for role, entry in station.instruments.items():
-        _driver(station, role, entry, findings)
+        _driver(draft, role, entry)
     if station.file.world is not None:
-        _world(station, findings)
+        _world(draft, station.file.world)
     check_register(station, findings)
     station_rules(station, findings)
-    _graphs(station, findings)
+    _graphs(draft)
 
 
 def canonical_address(resource: str) -> str | None:
@@ -68,62 +69,62 @@ def canonical_address(resource: str) -> str | None:
     return "::".join([f"{interface.upper()}{board.upper() or '0'}", *parts, kind])
 
 
-def _addresses(station: Station, findings: Findings) -> None:
+def _addresses(draft: Draft[StationFile]) -> None:
     taken: dict[str, str] = {}
-    for role, entry in station.instruments.items():
-        where = station.document.where(("instruments", role, "resource"))
+    for role, entry in draft.model.instruments.items():
+        path = ("instruments", role, "resource")
         address = canonical_address(entry.resource)
         if address is None:
             message = f"{role}: {entry.resource!r} is not a VISA address"
-            findings.add("B-PLAN-012", where, message, "write it as GPIB0::4::INSTR")
+            draft.fail("B-PLAN-012", path, message, "write it as GPIB0::4::INSTR")
         elif address in taken:
             message = f"{role} and {taken[address]} both stand at {address}"
-            findings.add("B-PLAN-013", where, message, "give each its own address")
+            draft.fail("B-PLAN-013", path, message, "give each its own address")
         else:
             taken[address] = role
 
 
-def _links(station: Station, findings: Findings) -> None:
+def _links(draft: Draft[StationFile]) -> None:
     taken: dict[str, str] = {}
-    for name, link in station.links.items():
-        where = station.document.where(("links", name))
-        if name in station.instruments:
-            findings.add("B-PLAN-013", where, f"{name!r} is a link and an instrument", "give each its own name")
+    for name, link in draft.model.links.items():
+        path = ("links", name)
+        if name in draft.model.instruments:
+            draft.fail("B-PLAN-013", path, f"{name!r} is a link and an instrument", "give each its own name")
         if link.url is not None and link.url in taken:
             message = f"the links {name} and {taken[link.url]} both use {link.url}"
-            findings.add("B-PLAN-013", where, message, "give each its own port")
+            draft.fail("B-PLAN-013", path, message, "give each its own port")
         if link.url is not None:
             taken.setdefault(link.url, name)
 
 
-def _graphs(station: Station, findings: Findings) -> None:
+def _graphs(draft: Draft[StationFile]) -> None:
     """Graphs are checked against the frames that the unit sends after power on, where those can be read."""
-    if not station.file.graphs:
+    if not draft.model.graphs:
         return
     frames = {}
-    for name, link in station.links.items():
+    for name, link in draft.model.links.items():
         try:
-            frames[name] = load_frame(find_beside(Path(station.document.name), "frames", link.frame))
+            frames[name] = load_frame(find_beside(Path(draft.document.name), "frames", link.frame))
         except InputError:
             return  # the sequence that uses the link says so
-    check_graphs(station.file.graphs, frames, lambda path: station.document.where(("graphs", *path)), findings)
+    check_graphs(draft, frames)
 
 
-def _driver(station: Station, role: str, entry: InstrumentEntry, findings: Findings) -> None:
-    place = ("instruments", role, "driver")
+def _driver(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> None:
+    path = ("instruments", role, "driver")
     try:
         driver = driver_class(entry.driver)
     except InputError as error:
-        findings.add(error.code, station.document.where(place), error.message)
+        draft.fail(error.code, path, error.message)
         return
-    _limits(station, role, entry, findings)
-    _options(station, role, entry, driver, findings)
-    if station.simulated and simulator_module(entry.driver) is None:
+    _limits(draft, role, entry)
+    _options(draft, role, entry, driver)
+    if draft.model.simulated and simulator_module(entry.driver) is None:
         message = f"there is no simulator of the driver {entry.driver!r}"
-        findings.add("B-PLAN-016", station.document.where(place), message, "use a driver that has one")
+        draft.fail("B-PLAN-016", path, message, "use a driver that has one")
 
 
-def _options(station: Station, role: str, entry: InstrumentEntry, driver: type, findings: Findings) -> None:
+def _options(draft: Draft[StationFile], role: str, entry: InstrumentEntry, driver: type) -> None:
     known = getattr(driver, "default_options", {})
     wrong = [(option, f"has no option {option!r}{suggestion(option, known)}") for option in entry.options
              if option not in known]  # fmt: skip
@@ -131,56 +132,51 @@ def _options(station: Station, role: str, entry: InstrumentEntry, driver: type, 
     if not wrong and judge is not None and (judged := judge({**known, **entry.options})):
         wrong = [judged]
     for option, why in wrong:
-        where = station.document.where(("instruments", role, "options", option))
-        findings.add("B-INST-020", where, f"{role} ({entry.driver}): {why}", "correct the station file")
+        message = f"{role} ({entry.driver}): {why}"
+        draft.fail("B-INST-020", ("instruments", role, "options", option), message, "correct the station file")
 
 
-def _limits(station: Station, role: str, entry: InstrumentEntry, findings: Findings) -> None:
+def _limits(draft: Draft[StationFile], role: str, entry: InstrumentEntry) -> None:
     """A limit of what no action takes protects nothing."""
     actions = driver_actions(entry.driver).values()
     taken = {parameter.name: parameter for action in actions for parameter in action.parameters}
     for name, (lowest, _) in entry.limits.items():
-        where, limit = station.document.where(("instruments", role, "limits", name)), read_quantity(lowest)
+        path, limit = ("instruments", role, "limits", name), read_quantity(lowest)
         if name not in taken:
             message = f"no action of {role} ({entry.driver}) takes {name!r}{suggestion(name, taken)}"
-            findings.add("B-PLAN-095", where, message, "correct the name, or the limit holds for nothing")
+            draft.fail("B-PLAN-095", path, message, "correct the name, or the limit holds for nothing")
         elif limit is not None and limit[1] != taken[name].dimension:
             message = f"{name} of {role} ({entry.driver}) is no quantity in {limit[1]}"
-            findings.add("B-PLAN-095", where, message, f"write it in {taken[name].dimension or 'no unit at all'}")
+            draft.fail("B-PLAN-095", path, message, f"write it in {taken[name].dimension or 'no unit at all'}")
 
 
-def _world(station: Station, findings: Findings) -> None:
-    world = station.file.world
-    assert world is not None
+def _world(draft: Draft[StationFile], world: World) -> None:
     simulation = import_module(SIMULATION)
     if offer_of("worlds", world.name) is None:
         known = suggestion(world.name, [offer.name for offer in offers("worlds")])
-        findings.add("B-PLAN-014", station.document.where(("world", "name")), f"no world {world.name!r}{known}")
+        draft.fail("B-PLAN-014", ("world", "name"), f"no world {world.name!r}{known}")
         return
     options = simulation.options_of(world.name)
-    before = len(findings.all())
+    before = len(draft.findings.all())
     for name, value in world.options.items():
-        where = station.document.where(("world", "options", name))
-        if name not in options:
-            findings.add("B-PLAN-004", where, f"the world has no option {name!r}{suggestion(name, options)}")
-        elif value is not None and (due := wrong_option(name, option_text(value))):
-            findings.add("B-PLAN-015", where, f"world option {name} is {value!r}; {due}")
-    if len(findings.all()) == before:
+        for code, message in option_mistakes(name, value, options):
+            draft.fail(code, ("world", "options", name), message)
+    if len(draft.findings.all()) == before:
         given = {name: option_text(value) for name, value in world.options.items() if value is not None}
         try:
             simulation.check_options(world.name, given)
         except InputError as error:
-            where = station.document.where(("world", "options"))
-            findings.add("B-PLAN-015", where, error.message, error.next_step)
+            draft.fail("B-PLAN-015", ("world", "options"), error.message, error.next_step)
 
 
 def check_register(station: Station, findings: Findings) -> None:
     """Note ranges of the register that the instrument does not have (B-PLAN-065) and, in it, corrections without an
     uncertainty or two lines for one range (B-PLAN-064): such a line would silently not be applied."""
+    draft = Draft(station.document, findings)
     for role, entry in station.instruments.items():
         if entry.standard is not None:
-            _check_lines(station, role, entry.standard, findings)
-            _check_ladder(station, role, entry, entry.standard, findings)
+            _check_lines(draft, role, entry.standard)
+            _check_ladder(draft, role, entry.driver, entry.standard)
 
 
 def _lines(standard: Standard) -> dict[str, list[float]]:
@@ -190,32 +186,32 @@ def _lines(standard: Standard) -> dict[str, list[float]]:
     }
 
 
-def _check_lines(station: Station, role: str, standard: Standard, findings: Findings) -> None:
+def _check_lines(draft: Draft[StationFile], role: str, standard: Standard) -> None:
     lines = _lines(standard)
     for key, ranges in lines.items():
         times = Counter(ranges)
         for index, range_A in enumerate(ranges):
-            where = station.document.where(("instruments", role, "standard", key, index))
+            path = ("instruments", role, "standard", key, index)
             shown = format_quantity(range_A, "A")
             if times[range_A] > 1:
-                findings.add("B-PLAN-064", where, f"{role}: {key} has {times[range_A]} lines for {shown}", "keep one")
+                draft.fail("B-PLAN-064", path, f"{role}: {key} has {times[range_A]} lines for {shown}", "keep one")
             if range_A not in lines["uncertainty"]:
                 known = _listed(lines["uncertainty"])
                 message = f"{role}: the correction of {shown} belongs to no range with an uncertainty ({known})"
-                findings.add("B-PLAN-064", where, message, "correct the range, or state its uncertainty")
+                draft.fail("B-PLAN-064", path, message, "correct the range, or state its uncertainty")
 
 
-def _check_ladder(station: Station, role: str, entry: InstrumentEntry, standard: Standard, findings: Findings) -> None:
+def _check_ladder(draft: Draft[StationFile], role: str, driver: str, standard: Standard) -> None:
     try:
-        ladder_A = driver_ladder_A(entry.driver)
+        ladder_A = driver_ladder_A(driver)
     except InputError:
         return  # noted where the drivers are checked
     for key, ranges in _lines(standard).items() if ladder_A else ():
         for index, range_A in enumerate(ranges):
             if range_A not in ladder_A:
-                where = station.document.where(("instruments", role, "standard", key, index))
-                message = f"{role} has no range {format_quantity(range_A, 'A')}; {entry.driver} has {_listed(ladder_A)}"
-                findings.add("B-PLAN-065", where, message, "write the range as the instrument names it")
+                path = ("instruments", role, "standard", key, index)
+                message = f"{role} has no range {format_quantity(range_A, 'A')}; {driver} has {_listed(ladder_A)}"
+                draft.fail("B-PLAN-065", path, message, "write the range as the instrument names it")
 
 
 def check_used_ranges(station: Station, used_A: Mapping[str, Collection[float]], findings: Findings) -> None:
@@ -235,25 +231,23 @@ def _listed(ranges_A: Collection[float]) -> str:
 
 def station_rules(station: Station, findings: Findings) -> dict[str, InterlockRule]:
     """Return rules of a station by name; mistakes are noted."""
-    return _rules(station.file.interlocks, station.document, station, findings)
+    return _rules(station.file.interlocks, Draft(station.document, findings), station)
 
 
-def plan_rules(
-    entries: Mapping[str, Interlock], document: Document[Any], station: Station, links: Collection[str],
-    findings: Findings,
-) -> tuple[InterlockRule, ...]:  # fmt: skip
+def plan_rules(draft: Draft[Sequence], station: Station, links: Collection[str]) -> tuple[InterlockRule, ...]:
     """Return rules of a sequence on its station, in order of names. Mistakes of the station are noted by its own check.
 
     A rule of the station for what the sequence's links do not tell is left out; one of the sequence is a mistake.
-    Args:      entries: the section ``interlocks`` of the sequence.   document: where it was read from.
-               links: of the units that the sequence measures.
+    Args:      draft: the sequence.   links: of the units that it measures.
     Findings:  B-PLAN-097 (a signal that comes over a link which the sequence does not name).
     """
-    own = _rules(entries, document, station, findings)
+    own = _rules(draft.model.interlocks, draft, station)
     for rule in own.values():
         if not _is_told(rule, links):
             message = f"interlock {rule.name}: {rule.signal} comes over a link, and the sequence does not name it"
-            findings.add("B-PLAN-097", rule.where, message, "name the link under 'frame', or take the interlock out")
+            draft.findings.add(
+                "B-PLAN-097", rule.where, message, "name the link under 'frame', or take the interlock out"
+            )
     rules = {**station_rules(station, Findings()), **own}
     return tuple(rules[name] for name in sorted(rules) if _is_told(rules[name], links))
 
@@ -261,7 +255,7 @@ def plan_rules(
 def recorded_rules(text: str, name: str, station: Station, links: Collection[str]) -> tuple[InterlockRule, ...]:
     """Return rules of a sequence that a session with these links holds. Args: name: of the text. Raises: InputError."""
     document = parse_yaml(text, name, language_of_sequence)
-    return plan_rules(document.model.interlocks, document, station, links, Findings())
+    return plan_rules(Draft(document, Findings()), station, links)
 
 
 def _is_told(rule: InterlockRule, links: Collection[str]) -> bool:
@@ -271,15 +265,6 @@ def _is_told(rule: InterlockRule, links: Collection[str]) -> bool:
     return bool(links) or rule.signal not in OF_UNIT
 
 
-def _rules(
-    entries: Mapping[str, Interlock], document: Document[Any], station: Station, findings: Findings
-) -> dict[str, InterlockRule]:
-    made = {
-        name: rule_of(name, entry, _place(document, name), station.links, station.instruments, findings)
-        for name, entry in entries.items()
-    }
+def _rules(entries: Mapping[str, Interlock], draft: Draft[Any], station: Station) -> dict[str, InterlockRule]:
+    made = {name: rule_of(name, entry, draft, station.links, station.instruments) for name, entry in entries.items()}
     return {name: rule for name, rule in made.items() if rule is not None}
-
-
-def _place(document: Document[Any], name: str) -> Callable[[str], str]:
-    return lambda key: document.where(("interlocks", name, key))

@@ -9,10 +9,11 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, 
 
 from bench.model.units import known_unit, likely
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
-from bench.plan.values import as_reference
+from bench.plan.values import Scalar, as_reference
 
 MOST_DEGREE = 6
 NONLINEARITY = "nonlinearity"
+COMPARISONS = ("above", "below", "within", "equals")
 
 
 def _bound(value: object) -> object:
@@ -156,6 +157,28 @@ class Fit(StrictModel):
         if unknown := [result for result in self.expect if result not in known]:
             raise ValueError(f"the fit has no result {unknown[0]!r}; it has {', '.join(known)}")
         return self
+
+
+class Comparison(StrictModel):
+    """One comparison of a reading. ``within`` includes both of its limits, ``above`` and ``below`` exclude theirs."""
+
+    above: Scalar | None = None
+    below: Scalar | None = None
+    within: Annotated[list[Scalar], Field(min_length=2, max_length=2)] | None = None
+    equals: Scalar | None = None
+
+    @model_validator(mode="after")
+    def _single(self) -> Comparison:
+        given = [word for word in COMPARISONS if getattr(self, word) is not None]
+        if len(given) != 1:
+            found = f"{' and '.join(given)} found" if given else "none found"
+            raise ValueError(f"one comparison is due, of {', '.join(COMPARISONS)}; {found}")
+        return self
+
+    @property
+    def word(self) -> str:
+        """Return which comparison it is."""
+        return next(word for word in COMPARISONS if getattr(self, word) is not None)
 
 
 def with_expect(schema: dict[str, Any], expect: dict[str, Any]) -> dict[str, Any]:

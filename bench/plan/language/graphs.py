@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import Annotated, Any
 
@@ -11,8 +12,8 @@ from pydantic import Field, StringConstraints
 from bench.frame import BENCH, BENCH_FIELDS, FrameDefinition, Signal, all_signals, expand, rate_of, signal_of
 from bench.model.errors import InputError
 from bench.model.units import quantity
-from bench.model.yamlio import StrictModel
-from bench.plan.findings import Findings, suggestion
+from bench.model.yamlio import Path_, StrictModel
+from bench.plan.findings import Draft, suggestion
 
 MOST_GRAPHS, MOST_CURVES = 3, 10
 WINDOW_S = 60.0
@@ -67,32 +68,29 @@ def _graph(title: str, signals: Sequence[Signal], window_s: float, frames: Mappi
     return Graph(title, signals[0].unit, names, window_s, tuple(rates) if len(rates) == len(names) else ())
 
 
-def check_graphs(
-    entries: Sequence[GraphEntry], frames: Mapping[str, FrameDefinition], place: Any, findings: Findings
-) -> None:
-    """Note what a graph cannot show.
+def check_graphs(draft: Draft[Any], frames: Mapping[str, FrameDefinition]) -> None:
+    """Note what a graph of a station cannot show.
 
-    Args:     place: gives file:line:column of (number of the graph, key).
     Findings: B-PLAN-084 (no such signal), B-PLAN-085 (too many curves), B-PLAN-086 (more than one unit).
     """
-    for number, entry in enumerate(entries):
-        where = place((number, "signals"))
-        signals = [signal for text in entry.signals for signal in _checked(text, frames, where, findings)]
+    for number, entry in enumerate(draft.model.graphs):
+        path = ("graphs", number, "signals")
+        signals = [signal for text in entry.signals for signal in _checked(draft, path, text, frames)]
         units = sorted({signal.unit or "1" for signal in signals})
         if len(signals) > MOST_CURVES:
             message = f"graph {entry.title!r} has {len(signals)} curves, {MOST_CURVES} can be told apart"
-            findings.add("B-PLAN-085", where, message, "leave some out, or make two graphs")
+            draft.fail("B-PLAN-085", path, message, "leave some out, or make two graphs")
         if len(units) > 1:
             message = f"graph {entry.title!r} has signals in {' and '.join(units)}; it has one axis"
-            findings.add("B-PLAN-086", where, message, "make a graph of each unit")
+            draft.fail("B-PLAN-086", path, message, "make a graph of each unit")
 
 
-def _checked(text: str, frames: Mapping[str, FrameDefinition], where: str, findings: Findings) -> list[Signal]:
+def _checked(draft: Draft[Any], path: Path_, text: str, frames: Mapping[str, FrameDefinition]) -> list[Signal]:
     try:
         return [signal_of(name, frames) for name in expand(text)]
     except InputError as error:
         advice = suggestion(text, [*_patterns(frames), *(f"{BENCH}.{field}" for field in BENCH_FIELDS)])
-        findings.add("B-PLAN-084", where, f"{error.message}{advice}")
+        draft.fail("B-PLAN-084", path, f"{error.message}{advice}")
         return []
 
 
@@ -108,19 +106,11 @@ def _patterns(frames: Mapping[str, FrameDefinition]) -> list[str]:
 def _known(entry: GraphEntry, frames: Mapping[str, FrameDefinition]) -> list[Signal]:
     signals: list[Signal] = []
     for text in entry.signals:
-        for name in _names(text):
-            try:
-                signals.append(signal_of(name, frames))
-            except InputError:
-                continue
+        with suppress(InputError):
+            for name in expand(text):
+                with suppress(InputError):
+                    signals.append(signal_of(name, frames))
     return list(dict.fromkeys(signals))[:MOST_CURVES]
-
-
-def _names(text: str) -> tuple[str, ...]:
-    try:
-        return expand(text)
-    except InputError:
-        return ()
 
 
 def _default(frames: Mapping[str, FrameDefinition], measured: str) -> list[Graph]:

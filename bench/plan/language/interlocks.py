@@ -15,7 +15,7 @@ from bench.model.drivers import driver_class
 from bench.model.errors import InputError
 from bench.model.units import parse_quantity, quantity
 from bench.model.yamlio import Name, StrictModel
-from bench.plan.findings import Findings, suggestion
+from bench.plan.findings import Draft, suggestion
 
 Level = Annotated[str, StringConstraints(min_length=1, max_length=60)]
 Duration = Annotated[float, *quantity("s", 0.0, 86_400.0)]
@@ -97,93 +97,104 @@ class InterlockRule:
         return not above and not below
 
 
+@dataclass(frozen=True)
+class _Entry:
+    """An interlock as it is checked: its name, what a file says of it, and the file."""
+
+    name: str
+    said: Interlock
+    draft: Draft[Any]
+
+    def fail(self, code: str, key: str, message: str, next_step: str = "") -> None:
+        """Note a mistake at one of its keys."""
+        self.draft.fail(code, ("interlocks", self.name, key), f"interlock {self.name}: {message}", next_step)
+
+
 def rule_of(
-    name: str, entry: Interlock, place: Any, links: Mapping[str, Any], roles: Mapping[str, Any], findings: Findings
+    name: str, entry: Interlock, draft: Draft[Any], links: Mapping[str, Any], roles: Mapping[str, Any]
 ) -> InterlockRule | None:
     """Return the rule of one entry, None if it cannot be used.
 
-    Args:   place: gives file:line:column of a key of the entry.   links, roles: what the station has.
+    Args:   draft: the file, whose section ``interlocks`` has the entry.   links, roles: what the station has.
     Findings: B-PLAN-080 (signal or what it is of), B-PLAN-081 (levels), B-PLAN-082 (a level that is no quantity of
     the signal's unit), B-PLAN-083 (an action that comes too late for the signal).
     """
-    signal = SIGNALS.get(entry.signal)
+    signal, checked = SIGNALS.get(entry.signal), _Entry(name, entry, draft)
     if signal is None:
-        message = f"interlock {name}: there is no signal {entry.signal!r}{suggestion(entry.signal, SIGNALS)}"
-        findings.add("B-PLAN-080", place("signal"), message)
+        message = f"there is no signal {entry.signal!r}{suggestion(entry.signal, SIGNALS)}"
+        checked.fail("B-PLAN-080", "signal", message)
         return None
-    _check_of(name, entry, signal, place, links, roles, findings)
+    _check_of(checked, signal, links, roles)
     if entry.signal in AFTER_THE_FACT and entry.action in ("retake", "skip"):
-        message = f"interlock {name}: {entry.signal} is known when its record is over; {entry.action} comes too late"
-        findings.add("B-PLAN-083", place("action"), message, "use hold, abort or warn")
-    levels = {key: _level(name, key, entry, signal, place, findings) for key in _LEVELS}
+        message = f"{entry.signal} is known when its record is over; {entry.action} comes too late"
+        checked.fail("B-PLAN-083", "action", message, "use hold, abort or warn")
+    levels = {key: _level(checked, key, signal) for key in _LEVELS}
     rule = InterlockRule(
         name=name, signal=entry.signal, of=entry.of or "", channel=entry.channel, unit=signal.dimension,
         high=levels["high"], low=levels["low"],
         release_high=levels["high"] if entry.release_high is None else levels["release_high"],
         release_low=levels["low"] if entry.release_low is None else levels["release_low"],
         dwell_s=entry.dwell, release_after_s=entry.dwell if entry.release_after is None else entry.release_after,
-        stale_s=entry.stale, action=entry.action, where=place("signal"),
+        stale_s=entry.stale, action=entry.action,
+        where=draft.document.where(("interlocks", name, "signal")),
     )  # fmt: skip
-    _check_sides(rule, entry, place, findings)
+    _check_sides(checked, rule)
     return rule
 
 
 _LEVELS = ("high", "low", "release_high", "release_low")
 
 
-def _check_of(
-    name: str, entry: Interlock, signal: Signal, place: Any, links: Mapping[str, Any], roles: Mapping[str, Any],
-    findings: Findings,
-) -> None:  # fmt: skip
+def _check_of(checked: _Entry, signal: Signal, links: Mapping[str, Any], roles: Mapping[str, Any]) -> None:
+    entry = checked.said
     if signal.of and entry.of is None:
-        message = f"interlock {name}: which {signal.of} is {entry.signal} of?"
-        findings.add("B-PLAN-080", place("signal"), message, f"add 'of:' with the name of the {signal.of}")
+        message = f"which {signal.of} is {entry.signal} of?"
+        checked.fail("B-PLAN-080", "signal", message, f"add 'of:' with the name of the {signal.of}")
     elif not signal.of and entry.of is not None:
-        findings.add("B-PLAN-080", place("of"), f"interlock {name}: {entry.signal} needs no 'of'", "take it out")
+        checked.fail("B-PLAN-080", "of", f"{entry.signal} needs no 'of'", "take it out")
     elif signal.of:
         known = links if signal.of == "link" else roles
         if entry.of not in known:
-            message = f"interlock {name}: there is no {signal.of} {entry.of!r}{suggestion(str(entry.of), known)}"
-            findings.add("B-PLAN-080", place("of"), message)
+            checked.fail("B-PLAN-080", "of", f"there is no {signal.of} {entry.of!r}{suggestion(str(entry.of), known)}")
     if (entry.channel is not None) != (signal.of == "instrument"):
         wrong = "needs a channel" if entry.channel is None else "has no channel"
-        findings.add("B-PLAN-080", place("channel"), f"interlock {name}: the signal {entry.signal} {wrong}")
+        checked.fail("B-PLAN-080", "channel", f"the signal {entry.signal} {wrong}")
     elif entry.channel is not None and entry.of is not None and entry.of in roles:
-        _check_channel(name, entry, roles[entry.of], place, findings)
+        _check_channel(checked, roles[entry.of])
 
 
-def _check_channel(name: str, entry: Interlock, role: Any, place: Any, findings: Findings) -> None:
+def _check_channel(checked: _Entry, role: Any) -> None:
     """Note an instrument that scans no channels, or not this one: the interlock would never have a reading."""
     try:
         known = getattr(driver_class(role.driver), "default_options", {})
     except InputError:
         return  # the check of the station says so
-    channels = {**known, **role.options}.get("channels")
+    channels, entry = {**known, **role.options}.get("channels"), checked.said
     if channels is None:
-        message = f"interlock {name}: {entry.of} ({role.driver}) scans no channels"
-        findings.add("B-PLAN-080", place("of"), message, "name the data logger")
+        checked.fail("B-PLAN-080", "of", f"{entry.of} ({role.driver}) scans no channels", "name the data logger")
     elif isinstance(channels, list) and entry.channel not in channels:
-        message = f"interlock {name}: {entry.of} does not scan channel {entry.channel}, only {channels}"
-        findings.add("B-PLAN-080", place("channel"), message, "use one of them, or add it to 'channels' of the logger")
+        message = f"{entry.of} does not scan channel {entry.channel}, only {channels}"
+        checked.fail("B-PLAN-080", "channel", message, "use one of them, or add it to 'channels' of the logger")
 
 
-def _level(name: str, key: str, entry: Interlock, signal: Signal, place: Any, findings: Findings) -> float | None:
-    text = getattr(entry, key)
+def _level(checked: _Entry, key: str, signal: Signal) -> float | None:
+    text = getattr(checked.said, key)
     if text is None:
         return None
     try:
         return parse_quantity(text, signal.dimension)
     except ValueError as error:
-        findings.add("B-PLAN-082", place(key), f"interlock {name}: {key}: {error}")
+        checked.fail("B-PLAN-082", key, f"{key}: {error}")
         return None
 
 
-def _check_sides(rule: InterlockRule, entry: Interlock, place: Any, findings: Findings) -> None:
+def _check_sides(checked: _Entry, rule: InterlockRule) -> None:
     """Note levels in the wrong order, a release level that is beyond its trip level or has none, no level at all."""
 
     def wrong(key: str, message: str, advice: str = "") -> None:
-        findings.add("B-PLAN-081", place(key), f"interlock {rule.name}: {message}", advice)
+        checked.fail("B-PLAN-081", key, message, advice)
 
+    entry = checked.said
     if entry.high is None and entry.low is None:
         wrong("signal", "it has neither 'high' nor 'low'", "add the level at which it trips")
     for side in ("high", "low"):

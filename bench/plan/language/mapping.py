@@ -20,13 +20,13 @@ from pydantic import (
     create_model,
     model_validator,
 )
+from pydantic_core import InitErrorDetails
 
 from bench.model.declaration import LogColumn, LogSections, System
 from bench.model.shipped import refuse_other_kinds
-from bench.model.systems import fields_of, sections_in, systems, systems_named, with_sections
+from bench.model.systems import analysis_declaration, fields_of, sections_in, systems, systems_named, with_sections
 from bench.model.units import quantity, read_quantity
 from bench.model.yamlio import Document, Name, StrictModel, load_yaml
-from bench.plan.language.roles import check_roles, naming_roles
 
 UnitName = Annotated[str, StringConstraints(min_length=1, max_length=80)]
 Header = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -37,6 +37,7 @@ _NUMBERS = re.compile(r"\{(\d{1,6})\.\.(\d{1,6})\}")
 _MOST = 4000  # columns that differ by a number
 _PROBE = datetime(2001, 12, 23, 21, 43, 56)
 _ZONE = r"^(UTC|[+-](0[0-9]|1[0-4]):[0-5][0-9])$"
+_OF_ANY = ("time", "temperature", "ignore")  # roles that an analysis of logs need not name
 
 
 def _unit(text: str) -> str:
@@ -161,13 +162,9 @@ class FileForm(StrictModel):
     )
 
     @model_validator(mode="after")
-    def _decimal_is_not_delimiter(self) -> FileForm:
+    def _consistent(self) -> FileForm:
         if self.decimal == self.delimiter:
             raise ValueError(f"{self.decimal!r} cannot be both decimal sign and delimiter")
-        return self
-
-    @model_validator(mode="after")
-    def _names_or_header(self) -> FileForm:
         if self.names is not None and self.header is not None:
             raise ValueError("a file has either a 'header' line or 'names' of its columns")
         if self.names is not None and len(set(self.names)) < len(self.names):
@@ -210,7 +207,7 @@ class LogMapping(StrictModel):
         try:
             return handler(tree)
         except ValidationError as error:
-            raise naming_roles(error, tree) from error
+            raise _naming_roles(error, tree) from error
 
     @model_validator(mode="after")
     def _columns_fit_together(self) -> LogMapping:
@@ -228,7 +225,7 @@ class LogMapping(StrictModel):
         if twice := [name for name, count in names.items() if count > 1]:
             raise ValueError(f"two columns have the quantity {twice[0]!r}")
         self._check_units()
-        check_roles(self.analysis, self.values)
+        _check_roles(self.analysis, self.values)
         for sections in sections_in(self, LogSections):
             sections.check_log(self, self)  # type: ignore[arg-type]
         self._check_analysis()
@@ -284,6 +281,35 @@ class LogMapping(StrictModel):
         """Return what lies outside of a log of so many rows: its place, what is wrong, what to do; else None."""
         outside = [sections.beyond(self, rows) for sections in sections_in(self, LogSections)]  # type: ignore[arg-type]
         return next((place for place in outside if place is not None), None)
+
+
+def _due_roles(analysis: object) -> tuple[str, ...]:
+    """Return the roles that columns may play for an analysis of logs; empty where any may."""
+    declared = analysis_declaration(analysis) if isinstance(analysis, str) else None
+    return () if declared is None or not declared.roles else tuple(dict.fromkeys((*declared.roles, *_OF_ANY)))
+
+
+def _check_roles(analysis: str, values: Mapping[str, LogColumn]) -> None:
+    """Refuse a column whose role is one of other analyses only. Raises: ValueError."""
+    roles = _due_roles(analysis)
+    for header, column in values.items():
+        if roles and column.role not in roles:
+            raise ValueError(
+                f"column {header!r}: {column.role!r} is no role of the analysis {analysis!r}; it takes: "
+                f"{', '.join(roles)}"
+            )
+
+
+def _naming_roles(error: ValidationError, tree: object) -> ValidationError:
+    """Return the same mistakes of a mapping; where a role is unknown, the due ones are those of its analysis."""
+    roles = _due_roles(tree.get("analysis") if isinstance(tree, Mapping) else None)
+    details = []
+    for item in error.errors(include_url=False):
+        context: dict[str, Any] = dict(item.get("ctx", {}))
+        if item["type"] == "union_tag_invalid" and roles:
+            context["expected_tags"] = ", ".join(map(repr, roles))
+        details.append(InitErrorDetails(type=item["type"], loc=item["loc"], input=item["input"], ctx=context))
+    return ValidationError.from_exception_data(error.title, details)
 
 
 def _each(header: str, column: LogColumn) -> list[tuple[str, LogColumn]]:

@@ -11,7 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, 
 
 from bench.model.declaration import System, UnitSections
 from bench.model.systems import fields_of, systems, systems_named, with_sections
-from bench.model.units import likely, quantity, read_quantity
+from bench.model.units import quantity, read_stated
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
 from bench.plan.language.expect import Fit
 from bench.plan.language.interlocks import Interlock
@@ -36,15 +36,12 @@ class Early(StrictModel):
 
 
 def _limit(text: object) -> object:
-    if not isinstance(text, str) or read_quantity(text) is None:
-        raise ValueError(f"{text!r} is not a quantity with its unit, for example '10 deg/h'{likely(text)}")
+    read_stated(text, "10 deg/h")
     return text
 
 
 def _spread(text: object) -> object:
-    _limit(text)
-    found = read_quantity(str(text))
-    if found is not None and not 0.0 < found[0] < math.inf:
+    if not 0.0 < read_stated(text, "10 deg/h")[0] < math.inf:
         raise ValueError(f"{text!r} is no standard deviation: it is above zero, for example '25 ppm'")
     return text
 

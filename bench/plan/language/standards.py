@@ -7,7 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, StringConstraints, WithJsonSchema, model_validator
 
-from bench.model.units import likely, quantity, read_quantity
+from bench.model.declaration import stated
+from bench.model.units import quantity, read_stated
 from bench.model.yamlio import Name, StrictModel
 
 Words = Annotated[str, StringConstraints(min_length=1, max_length=200)]
@@ -28,14 +29,11 @@ def _date(value: object) -> date:
 Date = Annotated[date, BeforeValidator(_date), WithJsonSchema({"type": "string", "format": "date"})]
 
 
-def _stated(text: object) -> tuple[float, str]:
-    quantity = read_quantity(text) if isinstance(text, str) else None
-    if quantity is None:
-        raise ValueError(f"{text!r} is not a quantity with its unit, for example '100.02 ohm'{likely(text)}")
-    return quantity
-
-
-Stated = Annotated[tuple[float, str], BeforeValidator(_stated), WithJsonSchema({"type": "string"})]
+Stated = Annotated[
+    tuple[float, str],
+    BeforeValidator(lambda text: read_stated(text, "100.02 ohm")),
+    WithJsonSchema({"type": "string"}),
+]
 
 
 class RangeUncertainty(StrictModel):
@@ -76,7 +74,6 @@ class RangeUncertainty(StrictModel):
 
     def told(self) -> dict[str, Any]:
         """Return it for the session's manifest, in base units."""
-        told = {"range_A": self.range, "relative": self.relative, "floor_A": self.floor}
         more: dict[str, Any] = {
             "specification": self.specification,
             "age_s": self.age,
@@ -85,7 +82,7 @@ class RangeUncertainty(StrictModel):
             "dof": self.degrees_of_freedom,
             "common_with": self.common_with,
         }
-        return told | {name: value for name, value in more.items() if value is not None}
+        return {"range_A": self.range, "relative": self.relative, "floor_A": self.floor, **stated(more)}
 
 
 class RangeCorrection(StrictModel):
@@ -120,7 +117,7 @@ class Specification(StrictModel):
         """Return it for the session's manifest, in base units."""
         more = {"range": None if self.range is None else self.range[0], "age_s": self.age}
         told = {"reads": self.reads, "unit": self.floor[1], "relative": self.relative, "floor": self.floor[0]}
-        return told | {name: value for name, value in more.items() if value is not None}
+        return told | stated(more)
 
 
 class Standard(StrictModel):
@@ -166,17 +163,11 @@ def told_standard(driver: str, standard: Standard) -> dict[str, Any]:
         "due": standard.due.isoformat(),
         "uncertainty": [line.told() for line in standard.uncertainty],
         "corrections": [{"range_A": c.range, "gain": c.gain, "offset_A": c.offset} for c in standard.corrections],
+        "laboratory": standard.laboratory,
+        "specifications": [specification.told() for specification in standard.specifications] or None,
+        "traceability_relative": standard.traceability,
+        "dof": standard.degrees_of_freedom,
+        "drift_relative": standard.drift,
+        "stated": {name: {"value": value, "unit": unit} for name, (value, unit) in standard.stated.items()} or None,
     }
-    if standard.laboratory is not None:
-        entry["laboratory"] = standard.laboratory
-    if standard.specifications:
-        entry["specifications"] = [specification.told() for specification in standard.specifications]
-    if standard.traceability is not None:
-        entry["traceability_relative"] = standard.traceability
-    if standard.degrees_of_freedom is not None:
-        entry["dof"] = standard.degrees_of_freedom
-    if standard.drift is not None:
-        entry["drift_relative"] = standard.drift
-    if standard.stated:
-        entry["stated"] = {name: {"value": value, "unit": unit} for name, (value, unit) in standard.stated.items()}
-    return entry
+    return stated(entry)

@@ -6,6 +6,7 @@ import re
 from typing import Annotated, Any, Literal
 
 from pydantic import (
+    AfterValidator,
     BeforeValidator,
     Discriminator,
     Field,
@@ -18,8 +19,7 @@ from pydantic import (
 
 from bench.model.units import parse_quantity
 from bench.model.yamlio import NAME_PATTERN, Name, StrictModel
-from bench.plan.language.comparison import Comparison
-from bench.plan.language.expect import ReadingExpect, ReplyExpect, SignalExpect, with_expect
+from bench.plan.language.expect import Comparison, ReadingExpect, ReplyExpect, SignalExpect, with_expect
 from bench.plan.language.prompt import Arguments, Prompt, Text
 from bench.plan.values import ACTION_PATTERN, ActionName, Scalar, templated, within
 
@@ -29,9 +29,10 @@ VERBS = ("for", "if", "while", "choose", "settle", "record", "soak", "prompt", "
 EXPECT = "expect"
 
 
-def _one_entry(value: dict[Any, Any]) -> None:
+def _one_entry(value: dict[Any, Any]) -> dict[Any, Any]:
     if len(value) != 1:
         raise ValueError(f"one entry is due, {len(value)} found")
+    return value
 
 
 class _OrText:
@@ -41,12 +42,9 @@ class _OrText:
         return {"anyOf": [{"type": "string"}, handler(core)]}
 
 
-def _record_shorthand(value: object) -> object:
-    return {"seconds": value} if isinstance(value, str) else value
-
-
-def _prompt_shorthand(value: object) -> object:
-    return {"text": value} if isinstance(value, str) else value
+def _or_text(key: str) -> tuple[BeforeValidator, _OrText]:
+    """Pydantic annotation: a mapping, or a text that is the value of this key of it."""
+    return BeforeValidator(lambda value: {key: value} if isinstance(value, str) else value), _OrText()
 
 
 def _clock_time(value: object) -> float:
@@ -91,25 +89,17 @@ def _named_call(value: object) -> object:
     return {value: None} if isinstance(value, str) else value
 
 
-def _call_schema(pattern: str) -> WithJsonSchema:
+def _call_form(pattern: str) -> tuple[BeforeValidator, AfterValidator, WithJsonSchema]:
+    """Pydantic annotation: one name with its arguments, or the name alone."""
     values = {"type": ["string", "number", "boolean"]}
     arguments = {"anyOf": [{"type": "object", "additionalProperties": values}, {"type": "null"}]}
     named = {"type": "object", "patternProperties": {pattern: arguments}, "additionalProperties": False}
-    return WithJsonSchema({"anyOf": [{"type": "string", "pattern": pattern}, {**named, "maxProperties": 1}]})
+    schema = {"anyOf": [{"type": "string", "pattern": pattern}, {**named, "maxProperties": 1}]}
+    return BeforeValidator(_named_call), AfterValidator(_one_entry), WithJsonSchema(schema)
 
 
-class CallStep(RootModel[Annotated[dict[ActionName, Arguments | None], _call_schema(f"^{ACTION_PATTERN}$")]]):
+class CallStep(RootModel[Annotated[dict[ActionName, Arguments | None], *_call_form(f"^{ACTION_PATTERN}$")]]):
     """An action of an instrument: ``calibrator.standby`` or ``switch.route: {channel: 1, polarity: +}``."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _word(cls, value: object) -> object:
-        return _named_call(value)
-
-    @model_validator(mode="after")
-    def _single(self) -> CallStep:
-        _one_entry(self.root)
-        return self
 
 
 class ReadStep(StrictModel):
@@ -172,6 +162,10 @@ class Record(StrictModel):
     conditions: Arguments = Field(default_factory=dict)
 
 
+RecordOrText = Annotated[Record, *_or_text("seconds")]
+PromptOrText = Annotated[Prompt, *_or_text("text")]
+
+
 class SettleStep(StrictModel):
     """Wait until this much planned time has passed; bus time of the calls before it is included."""
 
@@ -187,13 +181,13 @@ class SoakStep(StrictModel):
 class RecordStep(StrictModel):
     """Take data."""
 
-    record: Annotated[Record, BeforeValidator(_record_shorthand), _OrText()]
+    record: RecordOrText
 
 
 class PromptStep(StrictModel):
     """Ask the operator."""
 
-    prompt: Annotated[Prompt, BeforeValidator(_prompt_shorthand), _OrText()]
+    prompt: PromptOrText
 
 
 class VerifyStep(StrictModel):
@@ -318,13 +312,8 @@ class ChooseStep(StrictModel):
 _PROCEDURE = f"^(?!(?:{'|'.join(VERBS)})$){NAME_PATTERN}$"
 
 
-class ProcedureStep(RootModel[Annotated[dict[Name, Arguments | None], _call_schema(_PROCEDURE)]]):
+class ProcedureStep(RootModel[Annotated[dict[Name, Arguments | None], *_call_form(_PROCEDURE)]]):
     """A procedure by its name: ``point: {current: 1 mA, polarity: +}``."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _word(cls, value: object) -> object:
-        return _named_call(value)
 
 
 def step_tag(value: object) -> str | None:
@@ -374,9 +363,9 @@ class TimelineEntry(StrictModel):
     send: dict[Name, Text] | None = None
     call: Reading_ | None = None
     unit: UnitCall | None = None
-    record: Annotated[Record, BeforeValidator(_record_shorthand), _OrText()] | None = None
+    record: RecordOrText | None = None
     soak: Soak | None = None
-    prompt: Annotated[Prompt, BeforeValidator(_prompt_shorthand), _OrText()] | None = None
+    prompt: PromptOrText | None = None
     verify: ActionName | None = None
     expect: ReplyExpect | None = Field(None, description="of the reply to 'send' or 'unit'")
 

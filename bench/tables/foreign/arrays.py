@@ -1,4 +1,4 @@
-"""Arrays of one length as columns of a table: NumPy and MATLAB files.
+"""Arrays of one length as columns of a table: NumPy, MATLAB and HDF5 files.
 
 A matrix ``a`` of k columns gives ``a[0]`` to ``a[k-1]``, a record array ``a.field``, the only matrix of an .npy file
 ``0`` to ``k-1``. Complex numbers give ``a.real`` and ``a.imag``; of a complex matrix, whose rows may lie either way,
@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from bench.model.errors import InputError
+from bench.tables.library import library
 
 BLOCK_ROWS = 10_000
 _LISTED = 6
@@ -148,3 +149,20 @@ def _of_variable(name: str, value: Any) -> dict[str, ArrayColumn]:
     for field in getattr(value, "_fieldnames", ()):
         columns |= _of_variable(f"{name}.{field}", getattr(value, field))
     return columns
+
+
+def hdf5_table(path: Path) -> ArrayTable:
+    """Return the columns of all datasets by their path, such as ``group/array[0]``.
+
+    Raises: InputError B-TAB-001 if h5py is not installed; OSError for a damaged file.
+    """
+    h5py = library("h5py")
+    file = h5py.File(path, "r")
+    columns: dict[str, ArrayColumn] = {}
+
+    def visit(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset):
+            columns.update(columns_of(name, item, across="MATLAB_class" in item.attrs))
+
+    file.visititems(visit)
+    return ArrayTable(columns)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Protocol
 
 from bench.model.errors import BenchError, InputError
-from bench.tables.foreign import arrays, hdf5, messages
+from bench.tables.foreign import arrays, messages
 
 NPY, NPZ, MAT, HDF5, MCAP, BAG = "npy", "npz", "mat", "hdf5", "mcap", "rosbag"
 _BEGINNINGS = (
@@ -20,6 +20,7 @@ _BEGINNINGS = (
     (b"#ROSBAG V2.0", BAG),
     (b"SQLite format 3\x00", BAG),
 )
+_TABLES = {NPY: arrays.npy_table, NPZ: arrays.npz_table, MAT: arrays.mat_table, HDF5: arrays.hdf5_table}
 _LONGEST = max(len(begin) for begin, _ in _BEGINNINGS)
 
 
@@ -57,10 +58,8 @@ def open_table(path: Path, kind: str, topic: str | None) -> ForeignTable:
         table: ForeignTable
         if kind in (MCAP, BAG):
             table = messages.bag_table(path, topic) if kind == BAG else messages.mcap_table(path, topic)
-        elif kind == HDF5:
-            table = hdf5.hdf5_table(path)
         else:
-            table = {NPY: arrays.npy_table, NPZ: arrays.npz_table, MAT: arrays.mat_table}[kind](path)
+            table = _TABLES[kind](path)
     except BenchError:
         raise
     except Exception as error:  # the libraries raise what they like for a damaged file

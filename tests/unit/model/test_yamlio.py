@@ -12,9 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import Field, RootModel
 
-from bench.model.errors import ExitStatus, InputError, InputErrors
+from bench.model.errors import MAX_LISTED, ExitStatus, InputError, InputErrors
 from bench.model.units import quantity
-from bench.model.yamlio import MAX_BYTES, MAX_DEPTH, MAX_LISTED, MAX_VALUES, StrictModel, load_yaml, parse_yaml
+from bench.model.yamlio import MAX_BYTES, MAX_DEPTH, MAX_VALUES, StrictModel, load_yaml, parse_yaml
 
 
 class Anything(RootModel[Any]):

@@ -16,7 +16,6 @@ from bench.maths.control.run_lengths import (
     cusum_run_length,
     ewma_run_length,
     normal_scores,
-    shewhart_run_length,
 )
 
 SEED = 23
@@ -43,6 +42,17 @@ CUSUM = {
     4.0: (168, 26.6, 8.38, 4.75, 3.34, 2.62, 2.19, 1.71),
     5.0: (465, 38.0, 10.4, 5.75, 4.01, 3.11, 2.57, 2.01),
 }
+
+
+def shewhart_run_length(limit: float, scores: Scores | None = None) -> float:
+    """Return the average run length of single scores beyond -limit or +limit.
+
+    Args:    limit: in standard deviations.   scores: their distribution, standard normal without it.
+    Returns: points until the first signal, on average.
+    Source:  Montgomery, Introduction to Statistical Quality Control, section 5.3 (geometric distribution).
+    """
+    low, high = (scores or Scores()).below(np.array([-limit, limit]))
+    return float(1.0 / max(low + 1.0 - high, 1e-300))
 
 
 def beside(table: tuple[float, ...], chart: Callable[[Scores], float]) -> float:
