@@ -14,10 +14,11 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.material import Floats, GivenValue, Material, Reading
+from bench.analysis.material import GivenValue, Material, Reading
 from bench.analysis.prediction import Planned
 from bench.analysis.values import EXPECTED
 from bench.analysis.wording import say
+from bench.maths.arrays import Floats
 from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value
 
 

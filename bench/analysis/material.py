@@ -11,15 +11,14 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.model.clock import NS
 
 if TYPE_CHECKING:
     from bench.frame import CommandLayout
     from bench.record import RecordRow, Samples, SignalValues
 
-Floats = NDArray[np.float64]
 CONTINUES = "continues"
 
 

@@ -9,11 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis.material import Floats, GivenValue, Material, Reading
+from bench.analysis.material import GivenValue, Material, Reading
 from bench.analysis.problems import flag_problem
 from bench.analysis.replies import number_of
 from bench.analysis.specification import Specification, age_s, age_text, specification_of
 from bench.analysis.wording import say
+from bench.maths.arrays import Floats
 from bench.maths.budget import effective_dof, independent_count
 from bench.model.clock import NS
 from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value

@@ -10,9 +10,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import CONTINUES, Floats, Material, Table, number, with_uncertainty
+from bench.maths.arrays import Integers
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock, unwrapped_ticks_s
 from bench.systems.gnc.estimators.earth_rate import Pose, Site, tick_seconds
@@ -138,7 +138,7 @@ def power_on_of(rows: Sequence[SampledRow]) -> dict[int, int]:
     return {rows[place].number: number for number, places in enumerate(power_ons(_stamps(rows))) for place in places}
 
 
-def _stamps(rows: Sequence[SampledRow]) -> list[tuple[NDArray[np.int64], Floats]]:
+def _stamps(rows: Sequence[SampledRow]) -> list[tuple[Integers, Floats]]:
     return [(row.samples.columns["tick"].astype(np.int64), row.samples.t_ns.astype(np.float64) * 1e-9) for row in rows]
 
 

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from bench.analysis import Floats
+from bench.maths.arrays import Integers
 from bench.systems.north.estimators.phasors import wrapped_deg
 from bench.systems.north.sets import TEST
 from bench.systems.north.solution import LIKELIHOOD, Solution
@@ -29,7 +29,7 @@ class Errors:
     """
 
     about_deg: Floats
-    group: NDArray[np.int64]
+    group: Integers
     heads_deg: Floats
     times_s: Floats
     mean_deg: Floats

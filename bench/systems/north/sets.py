@@ -21,10 +21,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from bench.analysis import Floats, Material, Reading, flag_problem
+from bench.maths.arrays import Flags, Integers
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
@@ -79,7 +79,7 @@ class NorthSet:
     tilt_mrad: tuple[float, float] | None = None
     faults: list[str] = field(default_factory=list)
     raw_faults: list[str] = field(default_factory=list)
-    left_out: NDArray[np.bool_] | None = None
+    left_out: Flags | None = None
     parameters: str = ""
     begin_s: float = math.inf
     end_s: float = -math.inf
@@ -252,7 +252,7 @@ class Waveform:
 
     u_V: Floats
     theta_deg: Floats
-    record: NDArray[np.int64]
+    record: Integers
     rate_Hz: float
 
     @property
@@ -375,7 +375,7 @@ def _pinned(column: Floats) -> int:
     return int(counts[-1]) if len(values) > 1 and counts[-1] > _MORE_THAN_NEXT * counts[-2] else 0
 
 
-def far_samples(waveform: Waveform, fit: LikelihoodNorth, orders: Sequence[int]) -> NDArray[np.bool_] | None:
+def far_samples(waveform: Waveform, fit: LikelihoodNorth, orders: Sequence[int]) -> Flags | None:
     """Return which samples are unlike all others, (n,); None for none, or for more than one in a thousand."""
     theta = np.deg2rad(waveform.theta_deg)
     left_V = waveform.u_V - float(fit.offset_V)

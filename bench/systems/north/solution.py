@@ -12,16 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import Floats
+from bench.maths.arrays import Flags, Integers
 from bench.maths.variances import of_variances
 from bench.systems.north.estimators.eight_samples import IndexCalibration
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north, time_to_accuracy_s
 from bench.systems.north.estimators.phasors import heading_deg, tilt_std_deg, wrapped_deg
 from bench.systems.north.sets import SEARCH, TEST, NorthSet, Waveform, waveform_of
 
-Flags = NDArray[np.bool_]
 LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL = "least_squares", "likelihood", "quadrant", "literal"
 METHODS: tuple[str, ...] = (LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL)
 COVERAGE = 1.96  # 95 % of a normal distribution
@@ -129,7 +128,7 @@ class Solution:
         return list(dict.fromkeys(north_set.parameters for north_set in self.sets if north_set.item == TEST)) or [""]
 
     @property
-    def sense(self) -> NDArray[np.int64]:
+    def sense(self) -> Integers:
         """(n,) +1 counter-clockwise, -1 clockwise."""
         return np.array([north_set.sense for north_set in self.sets])
 

@@ -12,6 +12,7 @@ import numpy as np
 from scipy import special
 
 from bench.analysis import Floats
+from bench.maths.arrays import Flags
 from bench.model.errors import FitError
 from bench.systems.north.estimators.eight_samples import (
     IndexCalibration,
@@ -30,7 +31,6 @@ from bench.systems.north.solution import (
     METHODS,
     QUADRANT,
     Azimuths,
-    Flags,
     Site,
     Solution,
 )

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from bench.analysis import (
@@ -21,13 +20,13 @@ from bench.analysis import (
     estimate,
     value_and_uncertainty,
 )
+from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.units import with_prefix
 from bench.systems.time_sync.estimators.common_motion import CommonMotion, common_motion
 from bench.systems.time_sync.wording import say
 
-Array = NDArray[np.float64]
 METHODS: tuple[str, ...] = ("common_motion",)
 _STREAMS = ("one", "other")
 _RIVAL = 0.95  # of the correlation: another shift that fits nearly as well
@@ -60,7 +59,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def _streams(material: Material) -> tuple[Mapping[str, tuple[Array, Array]], float]:
+def _streams(material: Material) -> tuple[Mapping[str, tuple[Floats, Floats]], float]:
     """Return stamps and signals of each stream, and whole seconds taken out of the stamps of the first one."""
     columns = material.campaign.get("columns", ())
     row_s = material.series.get("t_s", np.empty(0))

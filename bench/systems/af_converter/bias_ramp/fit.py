@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis import Floats, Trace, count_problem
+from bench.maths.arrays import Flags
 from bench.model.errors import FitError
 from bench.record import UNIT_TEMPERATURE
 from bench.systems.af_converter.constants import FUNCTION_GENERATOR, Campaign, Channel, read_dof, read_generator
@@ -77,7 +78,7 @@ class ChannelReadings:
     """Readings i_AFbias of one channel, (k,), with their intervals and noise; ``used``: which of the windows, (m,)."""
 
     channel: Channel
-    used: NDArray[np.bool_]
+    used: Flags
     bias_A: Floats
     gates: Gates
     noise: Whitener

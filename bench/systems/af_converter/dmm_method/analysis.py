@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import Analysis, Estimates, Material, Table
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import METER, Campaign, expired, read_campaign, read_ranges, untraced
 from bench.systems.af_converter.dmm_method.estimates import (
@@ -166,7 +166,7 @@ def notes(
     return [*sentences, say("meter.gains"), say("meter.no_temperature"), say("note.bias_is_diagnostic")]
 
 
-def _warmth_degC(fitted: DmmFit, groups: Sequence[Group]) -> NDArray[np.float64]:
+def _warmth_degC(fitted: DmmFit, groups: Sequence[Group]) -> Floats:
     """Return the unit's temperatures of a channel, those of its points that were taken again included."""
     again = (group for group in groups if group.repeat and group.place[:2] == fitted.group.place[:2])
     return np.concatenate([group.closed.unit_temperature_degC for group in (fitted.group, *again)])

@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis import Estimate, Floats, estimate
+from bench.maths.arrays import Flags
 from bench.model.errors import InputError
 
 NAME = "time_sync"
@@ -200,7 +201,7 @@ class FlightResult:
         """Place of a group."""
         return self.groups.index(group)
 
-    def during(self, begin_s: float, end_s: float) -> NDArray[np.bool_]:
+    def during(self, begin_s: float, end_s: float) -> Flags:
         """Return which times lie in an interval, its ends included."""
         return np.asarray((self.t_s >= begin_s - 1e-9) & (self.t_s <= end_s + 1e-9))
 
