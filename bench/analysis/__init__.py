@@ -60,7 +60,7 @@ from bench.analysis.estimates import (
 from bench.analysis.expected import judged_values
 from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series
 from bench.analysis.foreseen import foreseen_material
-from bench.analysis.form import Closed, check_form, schema_of
+from bench.analysis.form import Closed, Document, check_form, schema_of
 from bench.analysis.material import CONTINUES, Exchange, GivenValue, Material, Reading, Trace, joined
 from bench.analysis.numbers import (
     cell,
@@ -108,6 +108,7 @@ __all__ = [
     "Check",
     "Closed",
     "Common",
+    "Document",
     "Documents",
     "Estimate",
     "Estimates",

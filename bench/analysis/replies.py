@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping
 from decimal import Decimal
-from typing import Any
 
+from bench.analysis.form import Document
 from bench.model.units import read_quantity
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"
 
 
-def number_of(reply: str, read: Mapping[str, Any]) -> tuple[float, float] | None:
+def number_of(reply: str, read: Document) -> tuple[float, float] | None:
     """Return the number in a reply and the value of its last digit, both in the base unit; None if there is none.
 
     Without ``unit`` the number is 1 if the reply is the text that is due, else 0. ``read`` is the entry "reply" of a

@@ -36,7 +36,7 @@ def budget_table(title: str, unit: str, value: float, budget: Budget) -> Table:
     )
     stated = with_uncertainty(value, budget.expanded_uncertainty)
     caption = say("budget.caption", value=stated, unit=unit, k=f"{budget.coverage_factor:.2f}")
-    return Table(title, caption, [say(f"budget.head.{head}") for head in _HEADERS], rows)
+    return Table(title, caption, say.heads("budget", *_HEADERS), rows)
 
 
 def correlation_table(title: str, caption: str, names: Sequence[str], matrix: Floats) -> Table:

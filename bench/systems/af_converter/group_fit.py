@@ -374,7 +374,7 @@ def _followed(group: Group, campaign: Campaign) -> Floats:
     n_A, p_A = pulse_currents_A(rows, campaign.converter(group.channel))
     levels, driven_A = rows.level_A > 0, n_A - p_A
     bias_A = float(driven_A[~levels].mean()) if not levels.all() else 0.0
-    return np.asarray((rows.polarity * (driven_A - bias_A))[levels] / rows.level_A[levels])
+    return (rows.polarity * (driven_A - bias_A))[levels] / rows.level_A[levels]
 
 
 def _refusal(code: str, sentence: str, figure: float, group: Group) -> Evidence:

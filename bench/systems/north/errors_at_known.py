@@ -70,7 +70,7 @@ def errors_of(solution: Solution, method: str) -> Errors | None:
         if not own.any():
             continue
         first_deg = float(azimuths.azimuth_deg[own][0])
-        beside_deg = np.asarray(wrapped_deg(azimuths.azimuth_deg[own] - first_deg))
+        beside_deg = wrapped_deg(azimuths.azimuth_deg[own] - first_deg)
         about_deg[own] = beside_deg - beside_deg.mean()
         if item == TEST:
             known_deg = float(solution.known_deg[own][0])

@@ -149,7 +149,7 @@ class Solution:
 
     def error_deg(self, method: str) -> Floats:
         """(n,) azimuth minus stated azimuth of the tests, folded into (-180, 180], NaN elsewhere."""
-        error_deg = np.asarray(wrapped_deg(self.by_method[method].azimuth_deg - self.known_deg))
+        error_deg = wrapped_deg(self.by_method[method].azimuth_deg - self.known_deg)
         return np.where(self.of(TEST), error_deg, math.nan)
 
     def means(self, method: str) -> list[Mean]:
@@ -273,7 +273,7 @@ def half_turns_off(error_deg: Floats) -> Floats:
     Source: Mardia and Jupp, Directional Statistics, section 9.1: axes are averaged with the angle doubled.
     """
     mean_deg = float(np.rad2deg(np.angle(np.mean(np.exp(2j * np.deg2rad(error_deg)))))) / 2.0
-    return np.asarray(mean_deg + wrapped_deg(2.0 * (error_deg - mean_deg)) / 2.0)
+    return mean_deg + wrapped_deg(2.0 * (error_deg - mean_deg)) / 2.0
 
 
 def rms_std_deg(rms_deg: float, scatter_deg: float, shared_deg: float, n: int) -> float:

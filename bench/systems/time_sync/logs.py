@@ -11,6 +11,7 @@ from scipy import special
 
 from bench.analysis import (
     Analysis,
+    Document,
     Evidence,
     Figure,
     Material,
@@ -50,7 +51,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="stream_offset",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=entries,
         evidence=_evidence(found),
         notes=[say("note.streams"), say("note.blocks")],
@@ -84,7 +85,7 @@ def _streams(material: Material) -> tuple[Mapping[str, tuple[Floats, Floats]], f
     return {"one": (taken["one"][0] - coarse_s, taken["one"][1]), "other": taken["other"]}, coarse_s
 
 
-def _signals(material: Material, stream: str) -> list[Mapping[str, Any]]:
+def _signals(material: Material, stream: str) -> list[Document]:
     """Return the columns with motions of a stream, in the order that both streams have them in."""
     motions = (column for column in material.campaign.get("columns", ()) if column["role"] == "motion")
     return sorted((column for column in motions if column["stream"] == stream), key=lambda column: column["of"])
@@ -118,7 +119,7 @@ def _table(found: CommonMotion, coarse_s: float) -> Table:
     rows: list[list[Any]] = [
         [name, *value_and_uncertainty(scale * (coarse_s + value), scale * factor * std)] for name, value, std in parts
     ]
-    headers = [say(f"streams.head.{name}", unit=unit) for name in ("part", "offset", "U")]
+    headers = say.heads("streams", "part", "offset", "U", unit=unit)
     caption = say("streams.caption", correlation=found.correlation)
     return Table(say("result.title"), caption, headers, rows, lead=True)
 

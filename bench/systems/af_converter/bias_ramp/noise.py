@@ -144,7 +144,7 @@ def noise_table(noises: Sequence[ChannelNoise]) -> Table:
                     figures(term.upper_limit * _nA),
                 ]
             )
-    headers = [say(f"noise.head.{head}") for head in ("channel", "term", "unit", "coefficient", "u", "upper")]
+    headers = say.heads("noise", "channel", "term", "unit", "coefficient", "u", "upper")
     return Table(say("noise.title"), say("noise.caption"), headers, rows)
 
 

@@ -53,7 +53,7 @@ def _fits(fits: Iterable[ChannelFit]) -> Table:
                 _text(fit.reduced_chi2, 3),
             ]
         )
-    headers = [say(f"joint.head.{head}") for head in _JOINT]
+    headers = say.heads("joint", *_JOINT)
     return Table(say("joint.title"), say("joint.caption"), headers, rows)
 
 
@@ -71,7 +71,7 @@ def _widths(fits: Iterable[ChannelFit]) -> Table:
             value, std = width_at(channel.fit, at - channel.offset_degC)
             numbers = (value * _nA, coverage_factor() * std * _nA, air[index] * _nA, sensor[index] * _nA)
             rows.append([channel.readings.channel.number, f"{at:g}", *(_text(number, 2) for number in numbers)])
-    headers = [say(f"widths.head.{head}") for head in ("channel", "degC", "joint", "U", "air", "sensor")]
+    headers = say.heads("widths", "channel", "degC", "joint", "U", "air", "sensor")
     return Table(say("widths.title"), say("widths.caption"), headers, rows)
 
 
@@ -82,7 +82,7 @@ def _budget(fits: Iterable[ChannelFit], campaign: Campaign) -> Table:
         parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
         rows += [[channel.readings.channel.number, name, f"{value * _nA:.3g}"] for name, value in parts.items()]
     reference = campaign.reference_temperature_degC
-    headers = [say(f"bias.head.{head}") for head in ("channel", "component", "u")]
+    headers = say.heads("bias", "channel", "component", "u")
     return Table(say("bias.components_title", degC=reference), say("bias.components_caption"), headers, rows)
 
 

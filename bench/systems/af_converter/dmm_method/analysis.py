@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Estimates, Material, Table
+from bench.analysis import Analysis, Document, Estimates, Material, Table
 from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import METER, Campaign, expired, read_campaign, read_ranges, untraced
@@ -117,7 +117,7 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
     return Analysis(
         campaign=constants.analysis,
         method=method,
-        uut=dict(constants.uut),
+        uut=constants.uut,
         estimates=entries,
         evidence=[
             *evidence(fits, repeats, entries, constants, register, method),
@@ -146,7 +146,7 @@ def _quality(fitted: DmmFit, campaign: Campaign) -> dict[str, Any]:
 
 
 def notes(
-    fits: Sequence[DmmFit], groups: Sequence[Group], estimates: Sequence[Mapping[str, Any]], campaign: Campaign
+    fits: Sequence[DmmFit], groups: Sequence[Group], estimates: Sequence[Document], campaign: Campaign
 ) -> list[str]:
     """Return all notes but those on missing groups."""
     sentences = _refusal(fits) + [_assumption(name, estimates) for name in _TESTS]
@@ -193,7 +193,7 @@ def _refusal(fits: Sequence[DmmFit]) -> list[str]:
     ]
 
 
-def _assumption(quantity: str, estimates: Sequence[Mapping[str, Any]]) -> str:
+def _assumption(quantity: str, estimates: Sequence[Document]) -> str:
     tested = [estimate for estimate in estimates if estimate["quantity"] == quantity]
     what = say(f"meter.by.{quantity}")
     if not tested:
@@ -208,7 +208,7 @@ def _assumption(quantity: str, estimates: Sequence[Mapping[str, Any]]) -> str:
     )  # fmt: skip
 
 
-def _shown(estimate: Mapping[str, Any]) -> tuple[tuple[float, float], str]:
+def _shown(estimate: Document) -> tuple[tuple[float, float], str]:
     scale, unit = (1e9, "nA") if estimate["unit"] == "A" else (1.0, str(estimate["unit"]))
     return (scale * estimate["value"], scale * estimate["expanded_uncertainty"]), unit
 

@@ -233,7 +233,7 @@ def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campai
     if not rows:
         return []
     largest = max(abs(row[-1]) for row in rows)
-    headers = [say(f"agreement.head.{head}") for head in _HEADS]
+    headers = say.heads("agreement", *_HEADS)
     return [Table(say("agreement.title"), say("agreement.caption", largest=largest), headers, rows)]
 
 

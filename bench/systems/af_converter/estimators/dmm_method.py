@@ -130,7 +130,7 @@ class _Problem:
         driven = self.level_A > 0
         chosen = np.tile(driven, pairs.shape[0] // driven.size)
         weight = np.tile(1.0 / self.level_A[driven], pairs.shape[0] // driven.size)
-        return np.asarray(weight[:, None] * pairs[chosen])
+        return weight[:, None] * pairs[chosen]
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ def reference_A_of(rows: Readings, meter: Meter, standard: Mapping[float, RangeS
     entries = [specification(standard, float(range_A)) for range_A in meter.range_A]
     gain = np.array([entry.gain for entry in entries])
     offset_A = np.where(np.isfinite(meter.zero_std_A), 0.0, [entry.offset_A for entry in entries])
-    return np.asarray(rows.polarity * (meter.current_A * (1.0 + gain) + offset_A))
+    return rows.polarity * (meter.current_A * (1.0 + gain) + offset_A)
 
 
 def pair_rows(rows: Readings) -> tuple[Floats, Floats]:
@@ -316,4 +316,4 @@ def _everywhere(values: Floats, usable: Flags) -> Floats:
 
 def _has_partner(rows: Readings, readable: Flags) -> Flags:
     plus, minus = (rows.level_A[readable & (rows.polarity == sign)] for sign in (1.0, -1.0))
-    return np.asarray(np.isin(rows.level_A, np.intersect1d(plus, minus)))
+    return np.isin(rows.level_A, np.intersect1d(plus, minus))

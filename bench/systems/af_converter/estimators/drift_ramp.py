@@ -43,7 +43,7 @@ class Blocks:
 
     def mean(self, values: Floats) -> Floats:
         """Means (m,) of the values (k,) of the rows."""
-        return np.asarray(np.bincount(self.member, values) / self.count)
+        return np.bincount(self.member, values) / self.count
 
     def hours(self) -> Floats:
         """Return time from the middle of the record, (m,), hours."""

@@ -56,7 +56,7 @@ class PulseRecords:
     @property
     def frame_s(self) -> Floats:
         """Nominal length of a frame, (m,), second; NaN without a gate."""
-        return np.asarray(np.where(self.gate_s > 0, self.gate_s, np.nan) / np.maximum(self.frames, 1))
+        return np.where(self.gate_s > 0, self.gate_s, np.nan) / np.maximum(self.frames, 1)
 
     @property
     def follows(self) -> Flags:

@@ -32,7 +32,7 @@ def clock_ratio(af_count: Floats, gate_s: Floats, af_clock_Hz: float) -> Floats:
     Source:  AF-converter paper equation (1); docs/decisions/0004.
     """
     counted = np.where(af_count > 0, af_count, np.nan)
-    return np.asarray(af_clock_Hz * gate_s / counted)
+    return af_clock_Hz * gate_s / counted
 
 
 def master_clock_error(fg_count: Floats, gate_s: Floats, fg_Hz: float) -> Floats:
@@ -44,7 +44,7 @@ def master_clock_error(fg_count: Floats, gate_s: Floats, fg_Hz: float) -> Floats
     Source:  AF-converter paper section 4.1; docs/decisions/0004.
     """
     counted = np.where(fg_count > 0, fg_count, np.nan)
-    return np.asarray(fg_Hz * gate_s / counted - 1.0)
+    return fg_Hz * gate_s / counted - 1.0
 
 
 def count_noise(count: Floats) -> Floats:
@@ -144,18 +144,18 @@ def quantisation_A2(rows: Readings, converter: Converter) -> Floats:
 
     Source: docs/decisions/0004; rectangular distribution of JCGM 100:2008 4.3.7.
     """
-    return np.asarray((converter.k0_C / rows.gate_s) ** 2 / 6.0 * (1.0 + rows.gaps))
+    return (converter.k0_C / rows.gate_s) ** 2 / 6.0 * (1.0 + rows.gaps)
 
 
 def clock_A2(rows: Readings, converter: Converter) -> Floats:
     """Variance of the measured current by the quantised AF-clock count, (m,)."""
     current = converter.k0_C * (rows.n_count - rows.p_count) / rows.gate_s
-    return np.asarray((current * count_noise(rows.af_count)) ** 2 * (1.0 + rows.gaps))
+    return (current * count_noise(rows.af_count)) ** 2 * (1.0 + rows.gaps)
 
 
 def white_A2(rows: Readings, converter: Converter) -> Floats:
     """Variance of an average over the gate of white noise with a one-sided density, (m,)."""
-    return np.asarray(converter.white_A_rtHz**2 / (2.0 * rows.gate_s))
+    return converter.white_A_rtHz**2 / (2.0 * rows.gate_s)
 
 
 def walk_A2(rows: Readings, converter: Converter) -> Floats:
@@ -167,14 +167,14 @@ def walk_A2(rows: Readings, converter: Converter) -> Floats:
     middle_s = rows.time_s - start_s
     shared_s = np.minimum.outer(middle_s, middle_s)
     shared_s[np.diag_indices_from(shared_s)] -= rows.gate_s / 6.0
-    return np.asarray(converter.walk_A_rth**2 / 3600.0 * shared_s)
+    return converter.walk_A_rth**2 / 3600.0 * shared_s
 
 
 def scatter_A2(rows: Readings, converter: Converter) -> Floats:
     """Variance of rows that are known by the scatter of their records, (m,), 0 for others; never below quantisation."""
     seen_A2 = (converter.k0_C * converter.af_clock_Hz) ** 2 * rows.scatter
     least_A2 = quantisation_A2(rows, converter) + clock_A2(rows, converter)
-    return np.asarray(np.where(rows.scatter_dof > 0, np.maximum(seen_A2, least_A2), 0.0))
+    return np.where(rows.scatter_dof > 0, np.maximum(seen_A2, least_A2), 0.0)
 
 
 def noise_parts(rows: Readings, converter: Converter) -> dict[str, Floats]:
@@ -199,7 +199,7 @@ def interpolation_A2(rows: Readings, response_A_degC: Floats) -> Floats:
     Source:  JCGM 100:2008 5.2 (correlated input quantities).
     """
     effect_A = response_A_degC * rows.temperature_std_degC
-    return np.asarray(np.outer(effect_A, effect_A) * np.equal.outer(rows.temperature_gap, rows.temperature_gap))
+    return np.outer(effect_A, effect_A) * np.equal.outer(rows.temperature_gap, rows.temperature_gap)
 
 
 def specification(standard: Mapping[float, RangeSpecification], range_A: float) -> RangeSpecification:

@@ -49,17 +49,17 @@ class RateEstimate:
     @property
     def std_uncertainty_A(self) -> Floats:
         """Standard uncertainty of the mean current over the interval, (m, c), ampere."""
-        return np.asarray(np.sqrt(self.quantisation_A**2 + self.clock_A**2 + self.white_A**2))
+        return np.sqrt(self.quantisation_A**2 + self.clock_A**2 + self.white_A**2)
 
     @property
     def length_s(self) -> Floats:
         """Length of the interval, (m, c), second."""
-        return np.asarray(self.end_s - self.start_s)
+        return self.end_s - self.start_s
 
     @property
     def middle_s(self) -> Floats:
         """Middle of the interval, (m, c), second after the first frame of the record began."""
-        return np.asarray((self.start_s + self.end_s) / 2.0)
+        return (self.start_s + self.end_s) / 2.0
 
     @property
     def quantum_C(self) -> Floats:
@@ -167,7 +167,7 @@ def slope(pulses: Pulses, frames: Integers) -> Floats:
     n = frames[:, None]
     below = np.maximum(n, 1).astype(np.float64)
     weighted = (n + 1) * pulses.moment1 - pulses.moment2
-    return np.asarray(6.0 * weighted / (below * (below + 1.0) * (below + 2.0)))
+    return 6.0 * weighted / (below * (below + 1.0) * (below + 2.0))
 
 
 def _leak(rate: Floats, frames: Floats) -> Floats:
@@ -288,4 +288,4 @@ def _joined(continues: Flags, estimator: NDArray[np.str_]) -> Flags:
     """An interval continues the one before only if that one was taken by the same estimator."""
     same = np.zeros(continues.shape, dtype=np.bool_)
     same[1:] = estimator[1:] == estimator[:-1]
-    return np.asarray(same & continues)
+    return same & continues

@@ -71,7 +71,7 @@ class ScaleFactor:
     @property
     def covariance_ppm2(self) -> Floats:
         """Covariance (2, 2) of the fit without the calibrator's gains."""
-        return np.asarray(self.noise_ppm2 + sum(np.outer(part, part) for part in self.shared_ppm.values()))
+        return self.noise_ppm2 + sum(np.outer(part, part) for part in self.shared_ppm.values())
 
     @property
     def standard_ppm(self) -> dict[str, Floats]:
@@ -178,12 +178,12 @@ def thermal_response_A_degC(n_A: Floats, p_A: Floats, referral: Referral) -> Flo
     Source: derivative of AF-converter paper equation (1) with respect to the scale-factor errors.
     """
     slope_n, slope_p = referral.slope_ppm_degC
-    return np.asarray(1e-6 * (slope_n * n_A - slope_p * p_A))
+    return 1e-6 * (slope_n * n_A - slope_p * p_A)
 
 
 def unreferred_A(rows: Readings, n_A: Floats, p_A: Floats, to_degC: float) -> Floats:
     """Return what 1 ppm/degC of DSF_N and of DSF_P makes of rows at other temperatures, (m, 2), ampere, signed."""
-    return np.asarray(1e-6 * np.column_stack([n_A, -p_A]) * (rows.unit_temperature_degC - to_degC)[:, None])
+    return 1e-6 * np.column_stack([n_A, -p_A]) * (rows.unit_temperature_degC - to_degC)[:, None]
 
 
 def usable_rows(rows: Readings) -> Flags:

@@ -92,12 +92,12 @@ class TrialModel:
             signed = rows.polarity * (rows.range_A == full_A)
             same_level = np.equal.outer(rows.level_A, rows.level_A) & (rows.level_A > 0)
             covariance += variance * np.outer(signed, signed) * (1.0 + same_level)
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+        return np.linalg.inv(np.linalg.cholesky(covariance))
 
 
 def _triangular(generator: Generator, shape: tuple[int, int]) -> Floats:
     """Difference of the two uniform fractions of a pulse at the ends of a gate, in pulses."""
-    return np.asarray(generator.random(shape) - generator.random(shape))
+    return generator.random(shape) - generator.random(shape)
 
 
 def _counted(
@@ -139,7 +139,7 @@ def _reference(
         effects += [sigma_A * inside, *(sigma_A * (inside & (rows.level_A == level_A)) for level_A in levels_A)]
     dof += [model.standard_dof] * (len(effects) - len(dof))
     error_A = _student_t(generator, trials, np.array(dof)) @ np.array(effects)
-    return np.asarray(reference_current_A(rows, standard) + rows.polarity * error_A)
+    return reference_current_A(rows, standard) + rows.polarity * error_A
 
 
 def _student_t(generator: Generator, trials: int, dof: Floats) -> Floats:
@@ -150,14 +150,14 @@ def _student_t(generator: Generator, trials: int, dof: Floats) -> Floats:
     drawn = generator.standard_normal((trials, dof.size))
     finite = np.isfinite(dof)
     drawn[:, finite] *= np.sqrt(dof[finite] / generator.chisquare(dof[finite], (trials, int(finite.sum()))))
-    return np.asarray(drawn)
+    return drawn
 
 
 def _interpolated(generator: Generator, trials: int, rows: Readings) -> Floats:
     """Errors (trials, m) of interpolated unit temperatures; rows of one gap share theirs."""
     gaps, place = np.unique(rows.temperature_gap, return_inverse=True)
     drawn = generator.standard_normal((trials, gaps.size))
-    return np.asarray(drawn[:, place] * rows.temperature_std_degC)
+    return drawn[:, place] * rows.temperature_std_degC
 
 
 def _refit(transform: Floats, rows: Readings, n_A: Floats, p_A: Floats, readings_A: Floats) -> Floats:

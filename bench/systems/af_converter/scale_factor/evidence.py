@@ -80,7 +80,7 @@ class _Series:
         if information * variance.min() < _LEAST_SHARE:
             return None
         taken = left / variance / information
-        return np.asarray(taken - (taken @ self.design) @ self.operator)
+        return taken - (taken @ self.design) @ self.operator
 
     def move(self, at_s: float, step_ppm: float, entries: Estimates) -> float:
         """Return how far a step moves a coefficient, in its expanded uncertainty; the constant goes with the values."""

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Evidence, Floats, Material
+from bench.analysis import Document, Evidence, Floats, Material
 from bench.maths.arrays import Flags, Integers
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.drift_ramp import (
@@ -54,7 +54,7 @@ def bad_rows(t_s: Floats, columns: Mapping[str, Floats]) -> Flags:
     repeated = np.concatenate(([False], t_s[1:] <= np.maximum.accumulate(t_s)[:-1]))
     odd = np.any([_unlike(values) for values in columns.values()], axis=0)
     few = np.count_nonzero(odd) <= max(1.0, _MOST * t_s.size)
-    return np.asarray(repeated | odd if few else repeated)
+    return repeated | odd if few else repeated
 
 
 def _unlike(values: Floats) -> Flags:
@@ -63,7 +63,7 @@ def _unlike(values: Floats) -> Flags:
     off = np.abs(values - np.nanmedian(np.delete(beside, _BESIDE, axis=1), axis=1))
     sigma = 1.4826 * float(np.median(off))
     low, high = np.quantile(values, (0.05, 0.95))
-    return np.asarray(off > max(_SIGMAS * sigma, _SPAN * float(high - low), 1e-9 * abs(float(np.median(values)))))
+    return off > max(_SIGMAS * sigma, _SPAN * float(high - low), 1e-9 * abs(float(np.median(values))))
 
 
 def row_notes(t_s: Floats, bad: Floats) -> list[str]:
@@ -260,7 +260,7 @@ def minute_means(t_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     return np.bincount(member, t_s) / count, np.bincount(member, values) / count
 
 
-def plain_campaign(campaign: Mapping[str, Any]) -> tuple[dict[str, Any], float]:
+def plain_campaign(campaign: Document) -> tuple[dict[str, Any], float]:
     """Unit under test and reference temperature."""
     return dict(campaign["uut"]), float(campaign.get("reference_temperature_degC", 20.0))
 

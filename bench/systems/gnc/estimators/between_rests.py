@@ -131,7 +131,7 @@ def turn_scale(accel: Floats, gyro: Floats, rests: StaticIntervals, rate_Hz: flo
     increments = side_by_side(turned) * rough
 
     def misses(scale: float) -> Floats:
-        return np.asarray((carried(increments * scale, unit[chosen]) - unit[chosen + 1]).ravel())
+        return (carried(increments * scale, unit[chosen]) - unit[chosen + 1]).ravel()
 
     ladder = np.geomspace(*_SEARCH, 60)
     best = float(ladder[np.argmin([misses(scale) @ misses(scale) for scale in ladder])])
@@ -177,7 +177,7 @@ class BetweenRestsFit:
     @property
     def counts_per_unit(self) -> Floats:
         """(3,) indicated unit per deg/s: 1 / K_ii."""
-        return np.asarray(1.0 / self.matrix.diagonal())
+        return 1.0 / self.matrix.diagonal()
 
 
 def fit_between_rests(
@@ -221,7 +221,7 @@ def _search(padded: Floats, unit: Floats) -> tuple[Floats, Floats, Floats]:
     from scipy import optimize
 
     def residual(x: Floats) -> Floats:
-        return np.asarray((carried(padded @ x.reshape(3, 3).T, unit[:-1]) - unit[1:]).ravel())
+        return (carried(padded @ x.reshape(3, 3).T, unit[:-1]) - unit[1:]).ravel()
 
     solution = optimize.least_squares(
         residual, np.eye(3).ravel(), method="lm", xtol=1e-10, ftol=1e-10, max_nfev=_TRIALS
@@ -272,7 +272,7 @@ def carried(increment: Floats, vector: Floats) -> Floats:
         turns = _product(turns[:, 1::2], turns[:, 0::2])
     scalar, axis = turns[:, 0, :1], turns[:, 0, 1:]
     twice = 2.0 * np.cross(axis, vector)
-    return np.asarray(vector + scalar * twice + np.cross(axis, twice))
+    return vector + scalar * twice + np.cross(axis, twice)
 
 
 def _quaternions(rotation: Floats) -> Floats:

@@ -105,7 +105,7 @@ def averages_of(samples: Floats, interval_s: float, averages: int = AVERAGES, av
             next_step="look at the link's damaged frames; take the record again",
         )
     centre = float(part[good].mean())  # sums of deviations keep their digits
-    return np.asarray(centre + np.add.reduceat(np.where(good, part - centre, 0.0), bounds[:-1]) / counts)
+    return centre + np.add.reduceat(np.where(good, part - centre, 0.0), bounds[:-1]) / counts
 
 
 def bias_stability(

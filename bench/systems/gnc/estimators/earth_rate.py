@@ -76,13 +76,13 @@ def table_to_local(site: Site) -> Floats:
 
 def attitude(pose: Pose, site: Site) -> Floats:
     """(3, 3) matrix that takes a vector from the body to East, North, Up. Source: the formula of this module."""
-    return np.asarray(table_to_local(site) @ body_to_table(pose))
+    return table_to_local(site) @ body_to_table(pose)
 
 
 def body_to_table(pose: Pose) -> Floats:
     """(3, 3) from the body to the frame of the table's base."""
     outer, middle = turned_about(2, pose.outer_deg), turned_about(1, pose.middle_deg)
-    return np.asarray(outer @ middle @ turned_about(0, pose.inner_deg) @ mounting_matrix(pose.mounting))
+    return outer @ middle @ turned_about(0, pose.inner_deg) @ mounting_matrix(pose.mounting)
 
 
 def turned_about(axis: int, angle_deg: float) -> Floats:
@@ -108,7 +108,7 @@ def earth_rate_body_deg_s(pose: Pose, site: Site) -> Floats:
     Raises:  nothing.
     Source:  the formula of this module.
     """
-    return np.asarray(attitude(pose, site).T @ earth_rate_local_deg_s(site.latitude_deg))
+    return attitude(pose, site).T @ earth_rate_local_deg_s(site.latitude_deg)
 
 
 def earth_rate_covariance(pose: Pose, site: Site) -> Floats:
@@ -124,7 +124,7 @@ def earth_rate_covariance(pose: Pose, site: Site) -> Floats:
         there = Site(inputs[0], inputs[1])
         tilt = np.radians(inputs[2:])
         seen = earth_rate_body_deg_s(pose, there)
-        return np.asarray(seen + np.cross(seen, tilt))
+        return seen + np.cross(seen, tilt)
 
     std = np.array([site.latitude_std_deg, site.azimuth_std_deg, *[site.tilt_std_deg] * 3])
     at = np.array([site.latitude_deg, site.azimuth_deg, 0.0, 0.0, 0.0])
@@ -220,7 +220,7 @@ def tick_seconds(tick_us: NDArray[np.integer]) -> Floats:
     Source:  the frame of the GNC module: tick wraps at 2^32 us.
     """
     steps = np.mod(np.diff(tick_us.astype(np.int64)), _WRAP_US)
-    return np.asarray(np.concatenate([[0.0], np.cumsum(steps) * 1e-6]))
+    return np.concatenate([[0.0], np.cumsum(steps) * 1e-6])
 
 
 def good_samples(record: RotationRecord) -> Samples:

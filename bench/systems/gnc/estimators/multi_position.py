@@ -47,12 +47,12 @@ class NormFit:
     @property
     def counts_per_unit(self) -> Floats:
         """(3,) indicated unit per unit of gravity: 1 / U_ii."""
-        return np.asarray(1.0 / self.matrix.diagonal())
+        return 1.0 / self.matrix.diagonal()
 
     @property
     def counts_per_unit_std(self) -> Floats:
         """(3,) standard uncertainty of ``counts_per_unit``."""
-        return np.asarray(np.sqrt(self.covariance.diagonal()[[0, 3, 5]]) * self.counts_per_unit**2)
+        return np.sqrt(self.covariance.diagonal()[[0, 3, 5]]) * self.counts_per_unit**2
 
     @property
     def zero_std(self) -> Floats:
@@ -61,7 +61,7 @@ class NormFit:
 
     def apply(self, indicated: Floats) -> Floats:
         """(n, 3) calibrated specific force, unit of gravity."""
-        return np.asarray((indicated - self.zero) @ self.matrix.T)
+        return (indicated - self.zero) @ self.matrix.T
 
     def jacobian(self, indicated: Floats) -> Floats:
         """(n, 9) change of the length of the calibrated force with each parameter of ``covariance``."""

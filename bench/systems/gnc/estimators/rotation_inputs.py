@@ -112,8 +112,8 @@ def _seen(record: RotationRecord, angle_deg: Floats, step_s: Floats) -> Floats:
     middle, fixed = turned_about(1, -pose.middle_deg), mounting_matrix(pose.mounting).T
     moving = _integral_of_rotation(0 if record.turned == "inner" else 2, -angle_deg * along, step_s)
     if record.turned == "inner":
-        return np.asarray(fixed @ moving @ inner @ middle @ outer)
-    return np.asarray(fixed @ inner @ middle @ moving @ outer)
+        return fixed @ moving @ inner @ middle @ outer
+    return fixed @ inner @ middle @ moving @ outer
 
 
 def _integral_of_rotation(axis: int, angle_deg: Floats, step_s: Floats) -> Floats:
@@ -174,7 +174,7 @@ class Inputs:
     def earth(self) -> Floats:
         """Integral of the Earth's rate over each record in body axes, (r, 3), deg."""
         site = Site(float(self.local[0]), float(self.local[1]))
-        return np.asarray(self.seen @ (table_to_local(site).T @ earth_rate_local_deg_s(site.latitude_deg)))
+        return self.seen @ (table_to_local(site).T @ earth_rate_local_deg_s(site.latitude_deg))
 
     @property
     def vector(self) -> Floats:

@@ -61,7 +61,7 @@ class SensorNoise:
 
         Args, Returns, Source: as ``wander``.
         """
-        return np.asarray(np.diag(self.density / length_s) + self.wander(begin_s, length_s))
+        return np.diag(self.density / length_s) + self.wander(begin_s, length_s)
 
     def allan_variance(self, tau_s: float) -> float:
         """Return the expected Allan variance: half of that of the difference of two means that follow each other.

@@ -89,7 +89,7 @@ def moving_variance(samples: Floats, half: int) -> Floats:
     squares = np.cumsum(np.vstack([np.zeros(3), centred**2]), axis=0)
     mean = (sums[width:] - sums[:-width]) / width
     inside = (squares[width:] - squares[:-width]) / width - mean**2
-    return np.asarray(np.pad(inside, ((half, half), (0, 0)), constant_values=np.inf))
+    return np.pad(inside, ((half, half), (0, 0)), constant_values=np.inf)
 
 
 def _no_rest(message: str) -> FitError:

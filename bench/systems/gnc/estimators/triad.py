@@ -59,7 +59,7 @@ class TriadFit:
     def sensitivity_covariance(self) -> Floats:
         """(9, 9) of S, row by row: dS = -S dK S, so the Jacobian is -(S kron S^T). Source: JCGM 102:2011 section 6."""
         jacobian = np.kron(self.sensitivity, self.sensitivity.T)
-        return np.asarray(jacobian @ self.covariance[:9, :9] @ jacobian.T)
+        return jacobian @ self.covariance[:9, :9] @ jacobian.T
 
     @property
     def matrix_std(self) -> Floats:
@@ -79,26 +79,26 @@ class TriadFit:
     @property
     def scale_error_ppm(self) -> Floats:
         """(3,) 1e6 (S_ii - 1): positive = more output per input."""
-        return np.asarray(1e6 * (self.sensitivity.diagonal() - 1.0))
+        return 1e6 * (self.sensitivity.diagonal() - 1.0)
 
     @property
     def scale_error_std_ppm(self) -> Floats:
         """Standard uncertainty of the scale-factor errors, (3,), ppm."""
-        return np.asarray(1e6 * self.sensitivity_std.diagonal())
+        return 1e6 * self.sensitivity_std.diagonal()
 
     @property
     def cross_coupling(self) -> Floats:
         """(3, 3) S with a zero diagonal: row sensor, column axis of the input."""
-        return np.asarray(self.sensitivity - np.diag(self.sensitivity.diagonal()))
+        return self.sensitivity - np.diag(self.sensitivity.diagonal())
 
     @property
     def cross_coupling_std(self) -> Floats:
         """Standard uncertainty of the cross coupling, (3, 3), zero on the diagonal."""
-        return np.asarray(self.sensitivity_std - np.diag(self.sensitivity_std.diagonal()))
+        return self.sensitivity_std - np.diag(self.sensitivity_std.diagonal())
 
     def apply(self, indicated: Floats, *, bias_sign: int) -> Floats:
         """K N + bias_sign * bias for (n, 3) indicated values; +1 for an accelerometer, -1 for a gyroscope."""
-        return np.asarray(indicated @ self.matrix.T + bias_sign * self.bias)
+        return indicated @ self.matrix.T + bias_sign * self.bias
 
 
 def improbable(chi2: float, dof: int, below: float = _IMPROBABLE) -> bool:
@@ -201,7 +201,7 @@ def _scaled(matrix: Floats, covariance: Floats) -> Floats:
     if covariance.ndim == 3:
         return spread_out(matrix @ covariance @ matrix.T)
     scale = np.kron(np.eye(len(covariance) // 3), matrix)
-    return np.asarray(scale @ covariance @ scale.T)
+    return scale @ covariance @ scale.T
 
 
 def spread_out(blocks: Floats) -> Floats:
@@ -230,4 +230,4 @@ def _parameters(operator: Floats, rows: Floats, poses: int) -> Floats:
     for sensor in range(3):
         weights[3 * sensor : 3 * sensor + 3, sensor::3] = operator[:3]
         weights[9 + sensor, sensor::3] = operator[3]
-    return np.asarray(weights @ rows @ weights.T)
+    return weights @ rows @ weights.T

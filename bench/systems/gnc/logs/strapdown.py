@@ -53,7 +53,7 @@ from bench.systems.gnc.estimators.rest_drift import (
 from bench.systems.gnc.estimators.static_intervals import MULTIPLE, StaticIntervals, STEADY_deg_s, find_rests
 from bench.systems.gnc.logs.log import ImuLog, imu_log, stuck_sensors, wide_sizes
 from bench.systems.gnc.rows import STANDARD_GRAVITY_M_S2
-from bench.systems.gnc.wording import headers_of, quantity_word, refused, say
+from bench.systems.gnc.wording import quantity_word, refused, say
 
 _WALK = math.degrees(1.0) * 60.0  # rad/sqrt(s) in deg/sqrt(h)
 _CLASS_OF = {"gyro_drift": "gyro_deg_h", "angle_random_walk": "walk_deg_rt_h", "accelerometer_drift": "accel_mg"}
@@ -213,7 +213,7 @@ def _rest_table(drifts: list[RestDrift]) -> Table:
         ]
         for d in drifts
     ]
-    headers = headers_of("drift", "over", "stretches", "attitude", "walk", "velocity", "distance")
+    headers = say.heads("drift", "over", "stretches", "attitude", "walk", "velocity", "distance")
     return Table(say("drift.title"), say("drift.caption"), headers, rows, lead=True)
 
 
@@ -233,7 +233,7 @@ def _class_table(rates: Estimates) -> Table:
              _class_name(str(rate["conditions"]["sensor_class"])), *bounds]
         )  # fmt: skip
     reach = [say("class.up_to", name=_class_name(sensor_class.name)) for sensor_class in CLASSES]
-    headers = [*headers_of("class", "figure", "unit", "found", "class"), *reach]
+    headers = [*say.heads("class", "figure", "unit", "found", "class"), *reach]
     return Table(say("class.title"), say("class.caption"), headers, rows, lead=True)
 
 
@@ -241,7 +241,7 @@ def _between_table(between: BetweenRests) -> Table:
     speed = np.linalg.norm(between.velocity_error_m_s, axis=1)
     columns = (between.bias_s, between.motion_s, between.tilted_deg, between.level_error_deg, speed)
     rows = [[int(rest) + 1, *(float(column[k]) for column in columns)] for k, rest in enumerate(between.rest)]
-    headers = headers_of("between", "rest", "length", "motion", "tipped", "level", "velocity")
+    headers = say.heads("between", "rest", "length", "motion", "tipped", "level", "velocity")
     return Table(say("between.title"), say("between.caption"), headers, rows)
 
 
@@ -288,7 +288,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="imu_strapdown",
         method=result.method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=entries,
         notes=notes_of(result),
         missing=list(result.missing),

@@ -122,14 +122,14 @@ def covariance_of_walk(laser: NominalLaser, time_s: Floats) -> Floats:
     Source:  definition of a random walk.
     """
     since = time_s - time_s[:, :1]
-    return np.asarray(laser.walk_rad_rt_s**2 * np.minimum(since[:, :, None], since[:, None, :]))
+    return laser.walk_rad_rt_s**2 * np.minimum(since[:, :, None], since[:, None, :])
 
 
 def _noise(laser: NominalLaser, time_s: Floats) -> Floats:
     """Covariance of the phases at the crossings beside a constant, (u, k, k), rad^2."""
     walk = covariance_of_walk(laser, time_s)
     step_rad = laser.rate_rad_s * np.sin(laser.omega_rad_s * time_s) * laser.tick_s / math.sqrt(12.0)
-    return np.asarray(walk + np.square(step_rad)[:, :, None] * np.eye(time_s.shape[1]))
+    return walk + np.square(step_rad)[:, :, None] * np.eye(time_s.shape[1])
 
 
 @dataclass(frozen=True)
@@ -197,14 +197,14 @@ def _slope(turns: Turnarounds, compensator: Callable[[Turnarounds], Jumps], foun
     """Return by what the jumps go with the phase of one crossing, (u,)."""
     phase = turns.phase_rad.copy()
     phase[:, place] += _SMALL_rad
-    return np.asarray((compensator(replace(turns, phase_rad=phase)).dpsi_rad - found) / _SMALL_rad)
+    return (compensator(replace(turns, phase_rad=phase)).dpsi_rad - found) / _SMALL_rad
 
 
 def _rate(laser: NominalLaser, time_s: Floats) -> Floats:
-    return np.asarray(laser.rate_rad_s * np.sin(laser.omega_rad_s * time_s))
+    return laser.rate_rad_s * np.sin(laser.omega_rad_s * time_s)
 
 
 def _centred(jump: Floats, sign: Integers) -> Floats:
     """Return jumps less the mean of their sense, which is a rate, (u,)."""
     mean = [float(np.mean(jump[sign == sense])) for sense in (-1, 1)]
-    return np.asarray(jump - np.where(sign < 0, *mean))
+    return jump - np.where(sign < 0, *mean)

@@ -93,7 +93,7 @@ class Projection:
 
     def residual(self, values: Floats) -> Floats:
         """Return values without what the columns explain, (u, k, r)."""
-        return np.asarray(values - self.columns @ self.solve(values))
+        return values - self.columns @ self.solve(values)
 
 
 def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstants:

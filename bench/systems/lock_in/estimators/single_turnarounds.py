@@ -82,14 +82,14 @@ class DitherMotion:
         omega = self.omega_rad_s
         cosine, sine = self.sign * self.coefficients[:, 1], -self.sign * self.coefficients[:, 2] * omega
         shift = -self.sign * self.rate_rad_s * omega / np.hypot(sine, cosine)
-        return np.asarray((np.arctan2(sine, cosine) + np.arcsin(np.clip(shift, -1.0, 1.0))) / omega)
+        return (np.arctan2(sine, cosine) + np.arcsin(np.clip(shift, -1.0, 1.0))) / omega
 
     @cached_property
     def curvature_rad_s2(self) -> Floats:
         """Size of the second derivative of the phase where it turns round, (u,)."""
         turn = self.omega_rad_s * self.zero_rate_s
         odd = self.coefficients[:, 2] * self.omega_rad_s
-        return np.asarray(self.sign * (self.coefficients[:, 1] * np.cos(turn) - odd * np.sin(turn)))
+        return self.sign * (self.coefficients[:, 1] * np.cos(turn) - odd * np.sin(turn))
 
     @cached_property
     def psi0_rad(self) -> Floats:
@@ -100,7 +100,7 @@ class DitherMotion:
         """Time x, (u, k), of which the phase is an exact parabola, psi0 + s a x^2 / 2."""
         risen = self.sign[:, None] * (self.phase(time_s) - self.psi0_rad[:, None])
         x = np.sqrt(2.0 * np.maximum(risen, 0.0) / self.curvature_rad_s2[:, None])
-        return np.asarray(np.copysign(x, time_s - self.zero_rate_s[:, None]))
+        return np.copysign(x, time_s - self.zero_rate_s[:, None])
 
 
 def dither_columns(time_s: Floats, omega_rad_s: float) -> Floats:
@@ -135,7 +135,7 @@ class LockInShapes:
 
     def jump(self, constants: Floats) -> Floats:
         """Return what lock-in adds from far before to far behind by kc and ks, (u, 2): (u,), rad."""
-        return np.asarray(-2.0 * (constants[:, 0] * self.sine_end + constants[:, 1] * self.cosine_end))
+        return -2.0 * (constants[:, 0] * self.sine_end + constants[:, 1] * self.cosine_end)
 
 
 def lock_in_shapes(time_s: Floats, motion: DitherMotion) -> LockInShapes:
@@ -193,11 +193,11 @@ def _parabola(time_s: Floats, phase: Floats) -> tuple[Floats, Floats]:
 
 
 def _vertex(coefficients: Floats) -> Floats:
-    return np.asarray(-coefficients[:, 1] / (2.0 * coefficients[:, 2]))
+    return -coefficients[:, 1] / (2.0 * coefficients[:, 2])
 
 
 def _value(coefficients: Floats, time_s: Floats) -> Floats:
-    return np.asarray(coefficients[:, 0] + time_s * (coefficients[:, 1] + time_s * coefficients[:, 2]))
+    return coefficients[:, 0] + time_s * (coefficients[:, 1] + time_s * coefficients[:, 2])
 
 
 def dither_shape(turns: Turnarounds, crossings: int = 4) -> Jumps:

@@ -202,7 +202,7 @@ def parts_of(values: Floats, count: int) -> Integers:
     """
     order = np.empty(values.size, np.int64)
     order[np.argsort(values, kind="stable")] = np.arange(values.size)
-    return np.asarray(order * count // values.size)
+    return order * count // values.size
 
 
 @dataclass(frozen=True)

@@ -212,7 +212,7 @@ def _grazing(edges: EdgeLevels, before: Integers, behind: Integers, enough: Flag
 def _any_within(flags: Flags, first: Integers, behind: Integers) -> Flags:
     """Return whether a flag is set at first ... behind - 1, (n,)."""
     set_at = np.flatnonzero(flags)
-    return np.asarray(np.searchsorted(set_at, behind) > np.searchsorted(set_at, first))
+    return np.searchsorted(set_at, behind) > np.searchsorted(set_at, first)
 
 
 def _require(usable: Flags, crossings: int, counts: Mapping[str, int]) -> None:

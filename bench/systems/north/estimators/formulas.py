@@ -99,7 +99,7 @@ def _quadrant(u1: Floats, u2: Floats) -> Complex:
     towards = big_2 * np.cos(apart) + 1j * (big_1 - big_2 * np.sin(apart))
     length = np.abs(towards)
     mean = (np.abs(of_1) + np.abs(of_2)) / 2.0
-    return np.asarray(np.where(length > 0.0, towards / np.where(length > 0.0, length, 1.0) * mean, 0.0))
+    return np.where(length > 0.0, towards / np.where(length > 0.0, length, 1.0) * mean, 0.0)
 
 
 @dataclass(frozen=True)
@@ -124,7 +124,7 @@ class LiteralFailures:
     def any(self) -> Flags:
         """Sets in which something failed, (...)."""
         flipped = (self.flipped_17 > 0) | (self.flipped_18 > 0)
-        return np.asarray(self.half_turn | flipped | self.amplitude_19 | self.amplitude_20 | self.u2_zero)
+        return self.half_turn | flipped | self.amplitude_19 | self.amplitude_20 | self.u2_zero
 
 
 @dataclass(frozen=True)
@@ -186,7 +186,7 @@ def _flipped(terms: Floats, angle_deg: Floats) -> Integers:
 
 def _amplitude_failed(amplitude: Floats, right: Floats, angle: Floats) -> Flags:
     nothing = np.minimum(np.abs(np.sin(angle)), np.abs(np.cos(angle))) <= _NOTHING
-    return np.asarray(nothing | ~(np.abs(np.abs(amplitude) - right) <= _WRONG_AMPLITUDE * right))
+    return nothing | ~(np.abs(np.abs(amplitude) - right) <= _WRONG_AMPLITUDE * right)
 
 
 def lock_in_noise(noise: float, rate_Hz: float, time_constant_s: float, poles: int, mean_s: float = 0.0) -> float:

@@ -59,7 +59,7 @@ class CommonMotion:
     @property
     def left(self) -> Floats:
         """What the common motion leaves, (n, k), unit of the signals."""
-        return np.asarray(self.motion_other - self.motion_one)
+        return self.motion_other - self.motion_one
 
 
 def common_motion(one_s: Floats, one: Floats, other_s: Floats, other: Floats) -> CommonMotion:
@@ -154,7 +154,7 @@ def _correlations(a: Floats, b: Floats, lags: Integers) -> Floats:
     sums = product(a, other), product(one, b)
     cross = product(a, b) - sums[0] * sums[1] / count
     squares = (product(a * a, other) - sums[0] ** 2 / count) * (product(one, b * b) - sums[1] ** 2 / count)
-    return np.asarray(cross / np.sqrt(np.maximum(squares, np.finfo(float).tiny)))
+    return cross / np.sqrt(np.maximum(squares, np.finfo(float).tiny))
 
 
 @dataclass(frozen=True)

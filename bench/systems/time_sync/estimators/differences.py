@@ -158,7 +158,7 @@ class _Path:
         self.X = self._transitions(C, egi.latitude_deg)
 
     def _over_nodes(self, increments: Floats) -> Floats:
-        return np.asarray(np.add.reduceat(increments, self._node[:-1], axis=0))
+        return np.add.reduceat(increments, self._node[:-1], axis=0)
 
     def _transitions(self, C: Floats, latitude_deg: float) -> Floats:
         """Return errors at the nodes by errors at the begin, and by 1 of both scales: (nodes, 15, 17)."""
@@ -212,7 +212,7 @@ class _Blocks:
     def mean(self, values: Floats) -> Floats:
         """Return means of values (m, ...) over the blocks, (b, ...)."""
         shape = (-1, *(1,) * (values.ndim - 1))
-        return np.asarray(np.add.reduceat(values, self._first, axis=0) / self.count.reshape(shape))
+        return np.add.reduceat(values, self._first, axis=0) / self.count.reshape(shape)
 
     def later(self, rows: Floats, from_s: Floats) -> Floats:
         """Return means over the blocks of rows (m, ...), zero up to each time: (k, b, ...)."""
@@ -234,14 +234,14 @@ class _Blocks:
             out[:, axis, :, axis] = math.radians(egi.level_deg) ** 2
         out[:, 8, :, 8] = math.radians(egi.heading_deg) ** 2 * heading
         flat = out.reshape(self.at_s.size * _SEEN, -1)
-        return np.asarray(flat + np.diag(np.tile(_FLOOR**2, self.at_s.size)))
+        return flat + np.diag(np.tile(_FLOOR**2, self.at_s.size))
 
     def _alike(self, time_s: float) -> Floats:
         """Return covariance of the means of an error of unit variance that wanders and returns, (b, b)."""
         part = self._length_s / time_s
         out = np.exp(-np.abs(self.at_s[:, None] - self.at_s) / time_s) * (math.sinh(0.5 * part) / (0.5 * part)) ** 2
         np.fill_diagonal(out, 2.0 / part * (1.0 + math.expm1(-part) / part))
-        return np.asarray(out)
+        return out
 
 
 def _shown(motion: Floats, variance: Floats) -> Floats:
@@ -260,4 +260,4 @@ def _linear(at_s: Floats, t_s: Floats, values: Floats) -> Floats:
     before = np.clip(np.searchsorted(t_s, at_s, side="right") - 1, 0, t_s.size - 2)
     part = (at_s - t_s[before]) / (t_s[before + 1] - t_s[before])
     shape = (-1, *(1,) * (values.ndim - 1))
-    return np.asarray(values[before] + part.reshape(shape) * (values[before + 1] - values[before]))
+    return values[before] + part.reshape(shape) * (values[before + 1] - values[before])

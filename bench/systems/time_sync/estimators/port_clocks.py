@@ -214,7 +214,7 @@ def even_tags_s(device_s: Floats, counter: Integers) -> Floats:
     line = np.polynomial.polynomial.polyfit((at - middle) / half, device_s, 1)
     even_s = line[0] + line[1] * (at - middle) / half
     off_s = device_s - even_s
-    return np.asarray(even_s if float(np.sqrt(np.mean(off_s**2))) <= _EVEN_s else device_s)
+    return even_s if float(np.sqrt(np.mean(off_s**2))) <= _EVEN_s else device_s
 
 
 def tag_noise_s(device_s: Floats, counter: Integers) -> float:

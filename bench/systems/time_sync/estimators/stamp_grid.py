@@ -94,7 +94,7 @@ def expected_covariance(grid: Grid, jitter_s: float, frames: int) -> Floats:
     inverse = _inverse(delay, grid.place, noise, np.array([0.0, 0.0, math.log(jitter)]))
     seen = None if inverse is None else inverse * delay.size / frames
     covariance = _shown(seen, jitter)
-    return np.asarray((_BOUND if covariance is None else covariance) * grid.step_s**2)
+    return (_BOUND if covariance is None else covariance) * grid.step_s**2
 
 
 def _shown(covariance: Floats | None, jitter: float) -> Floats | None:
@@ -102,7 +102,7 @@ def _shown(covariance: Floats | None, jitter: float) -> Floats | None:
     if jitter < _LEAST_EXCESS or covariance is None or np.any(np.diag(covariance)[:2] > np.diag(_BOUND)[:2]):
         return None
     by_jitter = np.array([1.0, 1.0, jitter])
-    return np.asarray(covariance * np.outer(by_jitter, by_jitter))
+    return covariance * np.outer(by_jitter, by_jitter)
 
 
 def _log_likelihood(delay: Floats, place: Floats, noise: float, at: Floats) -> tuple[Floats, Floats]:
@@ -140,7 +140,7 @@ def _covariance(delay: Floats, place: Floats, noise: float, at: Floats) -> Float
     part = np.minimum(((place + 1.0) * 0.5 * _BLOCKS).astype(np.int64), _BLOCKS - 1)
     blocks = np.stack([np.bincount(part, scores[:, k], _BLOCKS) for k in range(3)], axis=1)
     robust = inverse @ (blocks.T @ blocks) @ inverse
-    return np.asarray(max((inverse, robust), key=lambda covariance: float(np.trace(covariance[:2, :2]))))
+    return max((inverse, robust), key=lambda covariance: float(np.trace(covariance[:2, :2])))
 
 
 def _inverse(delay: Floats, place: Floats, noise: float, at: Floats) -> Floats | None:
@@ -154,4 +154,4 @@ def _inverse(delay: Floats, place: Floats, noise: float, at: Floats) -> Floats |
     information = 0.5 * (information + information.T)
     if not np.all(np.isfinite(information)) or np.linalg.eigvalsh(information)[0] <= 0.0:
         return None
-    return np.asarray(np.linalg.inv(information))
+    return np.linalg.inv(information)

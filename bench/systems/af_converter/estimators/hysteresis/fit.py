@@ -31,6 +31,7 @@ from bench.systems.af_converter.estimators.hysteresis.search import (
 
 Whiten = Callable[[Floats], Floats]
 LAG, HALF_WIDTH = "thermal lag", "play half-width"
+_BRANCH_ORDER = 3  # degree of the polynomial of a branch
 _SIGNIFICANT = 4.0  # standard deviations of the width, below which its half-width means nothing
 _INSIDE = 2.0  # standard deviations that must fit between an estimate and the bounds of its search
 
@@ -152,7 +153,7 @@ def _inside(solution: Solution, bounds: Bounds) -> Flags:
     place = solution.parameters[-2:]
     precision = 1.0 / np.diag(solution.covariance)[-2:] - 1.0 / bounds.std**2
     std = np.where(precision > 0, 1.0 / np.sqrt(np.where(precision > 0, precision, 1.0)), np.inf)
-    return np.asarray((place - _INSIDE * std > bounds.low) & (place + _INSIDE * std < bounds.high))
+    return (place - _INSIDE * std > bounds.low) & (place + _INSIDE * std < bounds.high)
 
 
 def width_at(fit: HysteresisFit, temperature_degC: float) -> tuple[float, float]:
@@ -198,32 +199,32 @@ def crossed_over(fit: HysteresisFit) -> Flags:
 
     Source: |P - T| = r where the play follows.
     """
-    return np.asarray(np.abs(fit.play_column) > 0.5 * (1.0 - 1e-6))
+    return np.abs(fit.play_column) > 0.5 * (1.0 - 1e-6)
 
 
 def branch_difference(
-    temperature_degC: Floats, readings: Floats, rising: Flags, falling: Flags, at_degC: Floats, order: int = 3
+    temperature_degC: Floats, readings: Floats, rising: Flags, falling: Flags, at_degC: Floats
 ) -> Floats:
     """Falling minus rising polynomial at temperatures; NaN outside what both branches cover.
 
     Args:    temperature_degC, readings: (m,).   rising, falling: (m,) masks of the branches.   at_degC: (k,).
-             order: degree of both polynomials; all readings weigh the same.
+             All readings weigh the same.
     Returns: (k,), unit of the readings; all NaN if a branch has no more readings than coefficients.
     Raises:  FitError B-FIT-001 if the temperatures of a branch do not determine its polynomial.
     Source:  see the module.
     """
     both = [(temperature_degC[mask], readings[mask]) for mask in (falling, rising)]
-    if min(temperature.size for temperature, _ in both) <= order + 1:
+    if min(temperature.size for temperature, _ in both) <= _BRANCH_ORDER + 1:
         return np.full(at_degC.shape, np.nan)
     low = max(float(temperature.min()) for temperature, _ in both)
     high = min(float(temperature.max()) for temperature, _ in both)
-    values = [_polynomial(temperature, y, order, at_degC) for temperature, y in both]
+    values = [_polynomial(temperature, y, at_degC) for temperature, y in both]
     return np.where((at_degC >= low) & (at_degC <= high), values[0] - values[1], np.nan)
 
 
-def _polynomial(temperature_degC: Floats, readings: Floats, order: int, at_degC: Floats) -> Floats:
+def _polynomial(temperature_degC: Floats, readings: Floats, at_degC: Floats) -> Floats:
     middle, reach = float(np.mean(temperature_degC)), float(np.ptp(temperature_degC)) / 2.0 or 1.0
-    basis, triangle = np.linalg.qr(np.vander((temperature_degC - middle) / reach, order + 1, increasing=True))
-    names = [f"coefficient {k} of a branch" for k in range(order + 1)]
-    fit = solve(triangle, basis.T @ readings, np.eye(order + 1), names)
+    basis, triangle = np.linalg.qr(np.vander((temperature_degC - middle) / reach, _BRANCH_ORDER + 1, increasing=True))
+    names = [f"coefficient {k} of a branch" for k in range(_BRANCH_ORDER + 1)]
+    fit = solve(triangle, basis.T @ readings, np.eye(_BRANCH_ORDER + 1), names)
     return np.asarray(np.polynomial.polynomial.polyval((at_degC - middle) / reach, fit.parameters))

@@ -55,7 +55,7 @@ def cell_means(temperature_degC: Floats, output_degC: Floats) -> Floats:
     """
     moved, run = np.diff(output_degC), np.abs(np.diff(temperature_degC))
     share = np.abs(moved) / np.where(run > 0, run, 1.0)
-    return np.asarray(output_degC[:-1] + moved * share / 2.0)
+    return output_degC[:-1] + moved * share / 2.0
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Gates:
     @property
     def middle_s(self) -> Floats:
         """(m,), second."""
-        return np.asarray((self.start_s + self.end_s) / 2.0)
+        return (self.start_s + self.end_s) / 2.0
 
 
 @dataclass(frozen=True)
@@ -142,7 +142,7 @@ class HysteresisModel:
 
     def _gate_means(self, cells: Floats) -> Floats:
         integral = np.concatenate(([0.0], np.cumsum(cells * self._step_s)))
-        return np.asarray((integral[self._stop] - integral[self._first]) / self._gate_s)
+        return (integral[self._stop] - integral[self._first]) / self._gate_s
 
 
 @dataclass(frozen=True)

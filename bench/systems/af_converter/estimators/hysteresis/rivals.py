@@ -222,7 +222,7 @@ class _State:
         """Twice minus the log-likelihood, for each square of what is left."""
         if self.noise.known:
             return squares
-        return np.asarray(2.0 * self.noise.log_volume + self.dof * np.log(np.maximum(squares, _TINY)))
+        return 2.0 * self.noise.log_volume + self.dof * np.log(np.maximum(squares, _TINY))
 
     def squares(self, stacked: Floats, width: int) -> tuple[Floats, Floats]:
         """Squares of what every candidate leaves, (k,), and how many columns each adds."""
@@ -248,7 +248,7 @@ def _orthonormal(columns: Floats, scale: float = 0.0) -> Floats:
     length = np.linalg.norm(columns, axis=0)
     left, singular, _ = np.linalg.svd(columns / np.where(length > 0, length, 1.0), full_matrices=False)
     kept = (singular > _RANK * max(float(singular[0]), 1e-300)) & (length.max() > _RANK * scale)
-    return np.asarray(left[:, kept])
+    return left[:, kept]
 
 
 def _outcome(rival: Rival, base: Base, states: Sequence[_State], best: float) -> Outcome:

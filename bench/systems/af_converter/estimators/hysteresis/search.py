@@ -66,7 +66,7 @@ class Problem:
     def projected(self, lag_s: float, half_width_degC: float) -> Floats:
         """White residual (m,) of the best linear parameters at these nonlinear ones."""
         basis = np.linalg.qr(self.whiten(self.model.columns(lag_s, half_width_degC)))[0]
-        return np.asarray(self.white - basis @ (basis.T @ self.white))
+        return self.white - basis @ (basis.T @ self.white)
 
     def chi2(self, lag_s: float, half_width_degC: float) -> float:
         """Chi-square of the best linear parameters at these nonlinear ones."""

@@ -50,7 +50,7 @@ class PlaneParameters:
     @property
     def std(self) -> Floats:
         """(5,) standard uncertainties, the expected error of the method included."""
-        return np.asarray(np.sqrt(np.diag(self.covariance) + self.bias**2))
+        return np.sqrt(np.diag(self.covariance) + self.bias**2)
 
     def corrected(self, x_out: Floats, y_out: Floats) -> tuple[Floats, Floats]:
         """Return components without zero, gain and non-orthogonality, in units of axis X.

@@ -73,7 +73,7 @@ class EllipsoidFit:
 
     def corrected(self, field: Floats, *, triangular: bool = False) -> Floats:
         """Return readings (n, 3) without hard and soft iron, unit of ``norm``."""
-        return np.asarray((field - self.hard_iron) @ (self.triangular if triangular else self.symmetric).T)
+        return (field - self.hard_iron) @ (self.triangular if triangular else self.symmetric).T
 
 
 def fit_ellipsoid(

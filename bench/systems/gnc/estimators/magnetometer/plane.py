@@ -228,7 +228,7 @@ def roll_deg(x: Floats, y: Floats) -> Floats:
     Returns: (n,), degrees, -180 to 180.
     Source:  see the head of this file.
     """
-    return np.asarray(np.rad2deg(np.arctan2(-np.asarray(y), np.asarray(x))))
+    return np.rad2deg(np.arctan2(-np.asarray(y), np.asarray(x)))
 
 
 def roll_uncertainty(parameters: PlaneParameters, noise: float) -> RollUncertainty:

@@ -62,7 +62,7 @@ class Quadric:
 
     def corrected(self, points: Floats) -> Floats:
         """Return points on a circle or sphere of radius 1 about the origin, the shape of ``points`` (n, d)."""
-        return np.asarray((points - self.centre) @ self.shape.T)
+        return (points - self.centre) @ self.shape.T
 
 
 def fit_quadric(points: Floats, begins: Sequence[int] = (), noise: float | None = None) -> Quadric:

@@ -128,7 +128,7 @@ def update(P: Floats, K: Floats, H: Floats, noise: Floats) -> Floats:
     rest[:, range(STATES), range(STATES)] += 1.0
     out: Floats = np.matmul(np.matmul(rest, P), rest.transpose(0, 2, 1))
     out += np.matmul(K * noise[:, None], K.transpose(0, 2, 1))
-    return np.asarray(0.5 * (out + out.transpose(0, 2, 1)))
+    return 0.5 * (out + out.transpose(0, 2, 1))
 
 
 class RealCovariance:

@@ -119,7 +119,7 @@ class History:
 
     def _take(self, j: NDArray[np.intp]) -> Floats:
         flat = (j % self._size) * self._column.size + self._column
-        return np.asarray(self._ring.take(flat))
+        return self._ring.take(flat)
 
     def _changes(self, j0: NDArray[np.intp], j1: NDArray[np.intp]) -> tuple[Floats, Floats]:
         """Mean acceleration and rate (3, G) of the groups between two samples of each lane, without corrections."""
@@ -277,7 +277,7 @@ def nees_of_offset(errors_s: Floats, covariance: Floats) -> Floats:
     NaN where the offset is not a state.
     """
     variance = covariance[..., OFFSET, OFFSET][..., None]
-    return np.asarray(errors_s**2 / np.where(variance > 0.0, variance, np.nan))
+    return errors_s**2 / np.where(variance > 0.0, variance, np.nan)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,8 @@ from bench.systems.time_sync.estimators.sar.pulses import Pulses, Sums, at_place
 
 Complex128 = NDArray[np.complex128]
 
+_HALF_RANGE_m = 20.0  # of a chip
+_CELLS = 0.4  # step of the grid of a chip, in resolution cells
 _LEAST_SHARE = 0.3  # of the highest magnitude
 APART_m = (6.0, 12.0)  # in azimuth and range: less is the same target or its side lobes
 _NOISE_RATIO = 8.0  # of the highest magnitude over the median
@@ -214,13 +216,10 @@ def image_chip(
     positions_m: Floats,
     target_m: Floats,
     half_azimuth_m: float = 12.0,
-    half_range_m: float = 20.0,
-    cells: float = 0.4,
 ) -> Chip:
     """Image about a surveyed point, as in the paper's figures 9 and 13.
 
-    Args:    pulses.   positions_m: (n, 3).   target_m: (3,) middle of the chip.   half_azimuth_m, half_range_m: of the
-             chip.   cells: step of the grid in resolution cells.
+    Args:    pulses.   positions_m: (n, 3).   target_m: (3,) middle of the chip.   half_azimuth_m: of the chip.
     Returns: Chip; offsets count from the target.
     Raises:  FitError B-FIT-120 if pulses and positions do not belong together or the antenna does not move.
     Source:  as `bench.systems.time_sync.estimators.sar.image.focus_sums`.
@@ -228,8 +227,8 @@ def image_chip(
     axes = image_axes(pulses, positions_m, target_m)
     block_m = axes.block_m(half_azimuth_m, 4 * BLOCK_PHASE_rad)
     sums = sums_of(pulses, positions_m, axes.origin_m, block_m, coarse=True)
-    along = symmetric(half_azimuth_m, cells * axes.azimuth_cell_m)
-    return chip_of(sums, axes, along, symmetric(half_range_m, cells * axes.range_cell_m))
+    along = symmetric(half_azimuth_m, _CELLS * axes.azimuth_cell_m)
+    return chip_of(sums, axes, along, symmetric(_HALF_RANGE_m, _CELLS * axes.range_cell_m))
 
 
 def symmetric(half_m: float, step_m: float) -> Floats:

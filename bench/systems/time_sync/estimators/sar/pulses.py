@@ -138,7 +138,7 @@ def _kernel(gates: int) -> Floats:
     places = np.arange(_FINER * (gates - 1) + 1) / _FINER
     away = places - np.arange(gates)[:, None]
     window = np.i0(_KAISER * np.sqrt(np.clip(1.0 - (away / _HALF_GATES) ** 2, 0.0, None))) / np.i0(_KAISER)
-    return np.asarray(np.where(np.abs(away) < _HALF_GATES, np.sinc(away) * window, 0.0))
+    return np.where(np.abs(away) < _HALF_GATES, np.sinc(away) * window, 0.0)
 
 
 def positions_at(pulse_s: Floats, epoch_s: Floats, position_m: Floats, velocity_m_s: Floats) -> Floats:
@@ -166,4 +166,4 @@ def positions_at(pulse_s: Floats, epoch_s: Floats, position_m: Floats, velocity_
     advance = position_m[low + 1] - position_m[low]
     begin, end = velocity_m_s[low] * step, velocity_m_s[low + 1] * step
     cubic = x * (begin + x * (3.0 * advance - 2.0 * begin - end + x * (begin + end - 2.0 * advance)))
-    return np.asarray(position_m[low] + cubic)
+    return position_m[low] + cubic

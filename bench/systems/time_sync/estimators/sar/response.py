@@ -198,4 +198,4 @@ def _vertex(power: Floats) -> Floats:
     x, y = (axis.ravel() for axis in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], indexing="ij"))
     design = np.stack([np.ones(9), x, y, x * x, x * y, y * y], axis=1)
     _, slope_x, slope_y, xx, xy, yy = np.linalg.lstsq(design, power.ravel())[0]
-    return np.asarray(np.linalg.solve([[2 * xx, xy], [xy, 2 * yy]], [-slope_x, -slope_y]))
+    return np.linalg.solve([[2 * xx, xy], [xy, 2 * yy]], [-slope_x, -slope_y])
