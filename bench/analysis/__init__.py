@@ -58,7 +58,7 @@ from bench.analysis.estimates import (
     use_of,
 )
 from bench.analysis.expected import judged_values
-from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series
+from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series, worded_table
 from bench.analysis.foreseen import foreseen_material
 from bench.analysis.form import Closed, Document, check_form, schema_of
 from bench.analysis.material import CONTINUES, Exchange, GivenValue, Material, Reading, Trace, joined
@@ -194,4 +194,5 @@ __all__ = [
     "weigh",
     "with_uncertainty",
     "without_check_standard",
+    "worded_table",
 ]

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
@@ -12,7 +14,6 @@ import numpy as np
 from bench.analysis.form import Document
 from bench.analysis.material import GivenValue, Material, Reading
 from bench.analysis.problems import flag_problem
-from bench.analysis.replies import number_of
 from bench.analysis.specification import Specification, age_s, age_text, specification_of
 from bench.analysis.wording import say
 from bench.maths.arrays import Floats
@@ -22,6 +23,7 @@ from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value
 from bench.model.units import read_quantity
 
 EXPECTED = "expected"  # entry of the manifest's section "campaign"
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"  # in a reply
 _RECTANGLE = math.sqrt(12.0)  # from the step of a number to the standard uncertainty of what is rounded to it
 
 
@@ -267,6 +269,30 @@ def _reply_value(entry: Document, replies: Sequence[Reading]) -> Iterator[Value]
         resolution=float(steps.max()),
         told=str(replies[-1].value).strip() if read.get("unit") is None else "",
     )
+
+
+def number_of(reply: str, read: Document) -> tuple[float, float] | None:
+    """Return the number in a reply and the value of its last digit, both in the base unit; None if there is none.
+
+    Without ``unit`` the number is 1 if the reply is the text that is due, else 0. ``read`` is the entry "reply" of a
+    value in the manifest: "pattern", "unit", "equals"; a pattern that cannot be used finds nothing.
+    """
+    unit, pattern = read.get("unit"), read.get("pattern")
+    try:
+        match = re.search(pattern or (_NUMBER if unit else r"(?s)\s*(.*?)\s*\Z"), reply)
+    except re.error:
+        return None
+    text = "" if match is None else match[1 if match.re.groups else 0] or ""
+    if unit is None:
+        return float(match is not None and text == read.get("equals")), 0.0
+    if not re.fullmatch(_NUMBER, text.strip()):
+        return None
+    number = Decimal(text.strip())
+    exponent = number.as_tuple().exponent
+    value, _ = read_quantity(f"{number} {unit}") or (math.nan, "")
+    step, _ = read_quantity(f"1 {unit}") or (math.nan, "")
+    last = step * 10.0**exponent if isinstance(exponent, int) else 0.0
+    return (value, last) if math.isfinite(value) else None
 
 
 def _given_value(entry: Document, given: GivenValue) -> Value:

@@ -23,6 +23,7 @@ from bench.analysis import (
     curve,
     estimate,
     no_result,
+    worded_table,
 )
 from bench.maths.allan import allan_deviation
 from bench.model.errors import FitError
@@ -269,8 +270,8 @@ def _tables(estimates: Sequence[Document]) -> list[Table]:
     ]
     headers = [say("bias.head.quantity"), *AXES]
     return [
-        Table(say("bias.title"), say("bias.caption"), headers, rows[:2], lead=True),
-        Table(say("table2.title"), say("table2.caption"), headers, rows[2:], lead=True),
+        worded_table(say, "bias", headers, rows[:2], lead=True),
+        worded_table(say, "table2", headers, rows[2:], lead=True),
     ]
 
 

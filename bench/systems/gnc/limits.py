@@ -25,6 +25,7 @@ from bench.analysis import (
     stated_limits,
     use_of,
     with_uncertainty,
+    worded_table,
 )
 from bench.maths.verdict import WORST_FIRST
 from bench.systems.gnc.declaration import DECLARATION
@@ -131,10 +132,9 @@ def table_3(estimates: Estimates, campaign: Document) -> Table:
         _row(promised, [entry for entry in estimates if entry["quantity"] in promised.quantities], limits, rule)
         for promised in ROWS
     ]
-    title, caption = say("table3.title"), say("table3.caption")
     headers = say.heads("table3", "parameter", "unit", "measured", "limit", "of", "verdict")
     tested = any(row[-1] != NOT_TESTED for row in rows)  # of nothing but "not tested" nobody reads first
-    return Table(title, caption, headers, rows, lead=tested)
+    return worded_table(say, "table3", headers, rows, lead=tested)
 
 
 def _row(row: Row, entries: Estimates, limits: Limits, rule: str) -> list[Any]:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.analysis import CONTINUES, Document, Floats, Material, Table, number, with_uncertainty
+from bench.analysis import CONTINUES, Document, Floats, Material, Table, number, with_uncertainty, worded_table
 from bench.maths.arrays import Integers
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock, unwrapped_ticks_s
@@ -305,7 +305,7 @@ def check_table(checked_rows: Sequence[CheckedRow]) -> Table:
             ]
         )
     headers = say.heads("samples", "record", "item", "samples", "missing", "jitter", "clock", "found")
-    return Table(say("samples.title"), say("samples.caption"), headers, rows)
+    return worded_table(say, "samples", headers, rows)
 
 
 def _clock(checks: SampleChecks) -> str:

@@ -21,6 +21,7 @@ from bench.analysis import (
     curve,
     estimate,
     with_uncertainty,
+    worded_table,
 )
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import GYRO_TERMS, NoiseTerms, allan_variance_of, fit_noise_terms
@@ -124,7 +125,7 @@ def _table(entries: Estimates) -> Table:
         for entry in entries
     ]
     headers = say.heads("", "quantity", "unit", "value")
-    return Table(say("log.title"), say("log.caption"), headers, rows, lead=True)
+    return worded_table(say, "log", headers, rows, lead=True)
 
 
 def _figure(deviation: AllanDeviation, terms: NoiseTerms) -> Figure:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from bench.analysis import Table, number, with_uncertainty
+from bench.analysis import Table, number, with_uncertainty, worded_table
 from bench.maths.verdict import coverage_factor
 from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, LikelihoodNorth
 from bench.systems.north.estimators.phasors import INDEX_TO_NORTH, TURNS
@@ -83,8 +83,7 @@ def convention_table(solution: Solution) -> Table:
         for sense in sorted(senses, reverse=True)
     ]
     rows.append([say("convention.tilt"), say("convention.tilt_means")])
-    title, caption = say("convention.title"), say("convention.caption")
-    return Table(title, caption, say.heads("", "quantity", "meaning"), rows, prose=True, lead=True)
+    return worded_table(say, "convention", say.heads("", "quantity", "meaning"), rows, prose=True, lead=True)
 
 
 def method_table(accuracy: list[Accuracy], solution: Solution, limit_deg: float) -> Table:
@@ -124,7 +123,7 @@ def error_table(solution: Solution) -> list[Table]:
         for place in places
     ]
     headers = [*say.heads("", "head", *(["parameters"] if several else []), "stated"), *map(method_name, METHODS)]
-    return [Table(say("errors.title"), say("errors.caption"), headers, rows)] if rows else []
+    return [worded_table(say, "errors", headers, rows)] if rows else []
 
 
 def parameter_table(solution: Solution) -> list[Table]:
@@ -142,8 +141,7 @@ def parameter_table(solution: Solution) -> list[Table]:
         rows.append([method_name(method), *cells])
     counted = say.heads("", "sets", "rms", "gross")
     headers = [say("head.of_kind", kind=kind, what=what) for kind in solution.kinds for what in counted]
-    title, caption = say("parameters.title"), say("parameters.caption")
-    return [Table(title, caption, [*say.heads("", "method"), *headers], rows, lead=True)]
+    return [worded_table(say, "parameters", [*say.heads("", "method"), *headers], rows, lead=True)]
 
 
 def failure_table(solution: Solution) -> Table:
@@ -171,7 +169,7 @@ def calibration_table(solution: Solution) -> list[Table]:
     if not rows:
         return []
     headers = say.heads("", "rotation", "index", "placement", "gain", "offset", "sets")
-    return [Table(say("index.title"), say("index.caption"), headers, rows)]
+    return [worded_table(say, "index", headers, rows)]
 
 
 def tilt_table(solution: Solution) -> list[Table]:
@@ -191,7 +189,7 @@ def tilt_table(solution: Solution) -> list[Table]:
     if not rows:
         return []
     headers = say.heads("", "what", "head", "x_tilt", "y_tilt", "correction")
-    return [Table(say("tilt.title"), say("tilt.caption"), headers, list(rows.values()))]
+    return [worded_table(say, "tilt", headers, list(rows.values()))]
 
 
 def harmonic_table(solution: Solution) -> list[Table]:

@@ -23,6 +23,7 @@ from bench.analysis import (
     series,
     significant,
     with_uncertainty,
+    worded_table,
 )
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
@@ -129,7 +130,7 @@ def _consistency(result: SyncResult) -> Table:
         ratios = [ratio_of(run, group, block) for block in range(len(NIS_BLOCKS))]
         rows.append([filter_name(name), *(significant(ratio) if math.isfinite(ratio) else "–" for ratio in ratios)])
     headers = say.heads("consistency", "filter", *NIS_BLOCKS)
-    return Table(say("consistency.title"), say("consistency.caption"), headers, rows)
+    return worded_table(say, "consistency", headers, rows)
 
 
 def _biases(result: SyncResult) -> Table:

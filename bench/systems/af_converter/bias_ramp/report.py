@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Figure, Floats, Series, Table, band, series
+from bench.analysis import Figure, Floats, Series, Table, band, series, worded_table
 from bench.maths.budget import Component, combine_all
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.bias_ramp.estimates import DSF_STD, bias_parts, on_sensor, temperatures
@@ -54,7 +54,7 @@ def _fits(fits: Iterable[ChannelFit]) -> Table:
             ]
         )
     headers = say.heads("joint", *_JOINT)
-    return Table(say("joint.title"), say("joint.caption"), headers, rows)
+    return worded_table(say, "joint", headers, rows)
 
 
 def estimators_of(channel: ChannelFit) -> str:
@@ -72,7 +72,7 @@ def _widths(fits: Iterable[ChannelFit]) -> Table:
             numbers = (value * _nA, coverage_factor() * std * _nA, air[index] * _nA, sensor[index] * _nA)
             rows.append([channel.readings.channel.number, f"{at:g}", *(_text(number, 2) for number in numbers)])
     headers = say.heads("widths", "channel", "degC", "joint", "U", "air", "sensor")
-    return Table(say("widths.title"), say("widths.caption"), headers, rows)
+    return worded_table(say, "widths", headers, rows)
 
 
 def _budget(fits: Iterable[ChannelFit], campaign: Campaign) -> Table:

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Document, Estimates, Material, Table
+from bench.analysis import Analysis, Document, Estimates, Material, Table, worded_table
 from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import METER, Campaign, expired, read_campaign, read_ranges, untraced
@@ -224,4 +224,4 @@ def zero_table(log: MeterLog) -> list[Table]:
     if not rows:
         return []
     headers = [say(f"meter.zeros.{head}") for head in ("range", "zero", "u")]
-    return [Table(say("meter.zeros.title"), say("meter.zeros.caption"), headers, rows)]
+    return [worded_table(say, "meter.zeros", headers, rows)]

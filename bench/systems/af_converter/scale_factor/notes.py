@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from bench.analysis import LEAST_MOVE, Table
+from bench.analysis import LEAST_MOVE, Table, worded_table
 from bench.maths.arrays import Flags
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.constants import Campaign, Standards
@@ -135,7 +135,7 @@ def zero_gain_table(fitted: Fitted, campaign: Campaign, standards: Standards, me
     if not rows:
         return []
     headers = [say(f"zeros.{head}") for head in ("kind", "every", "pair")]
-    return [Table(say("zeros.title"), say("zeros.caption"), headers, rows)]
+    return [worded_table(say, "zeros", headers, rows)]
 
 
 def zero_gain_notes(tables: list[Table]) -> list[str]:

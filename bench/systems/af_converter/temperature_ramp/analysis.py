@@ -24,6 +24,7 @@ from bench.analysis import (
     estimate,
     no_result,
     series,
+    worded_table,
 )
 from bench.systems.af_converter.estimators.drift_ramp import BRANCH, DRIFT_NAMES, TEMPERATURE_NAMES, Blocks, block_means
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
@@ -125,7 +126,7 @@ def _segments(columns: RampColumns) -> Table:
         for segment in columns.segments
     ]  # fmt: skip
     headers = say.heads("log", "kind", "start", "length", "rate", "from", "to")
-    return Table(say("log.segments.title"), say("log.segments.caption"), headers, rows)
+    return worded_table(say, "log.segments", headers, rows)
 
 
 def _totals(columns: RampColumns) -> Table:
@@ -160,7 +161,7 @@ def _left(columns: RampColumns, fits: Sequence[ReadingFit]) -> Table:
             rows.append([fit.name, model, *_rounded(*fit.joint.width, fit.joint.fit.residual)])
     headers = say.heads("log", "reading", "model")
     headers += say.heads("log", "apart", "std", "rms", unit=columns.unit)
-    return Table(say("log.left.title"), say("log.left.caption"), headers, rows)
+    return worded_table(say, "log.left", headers, rows)
 
 
 def _rounded(value: float, std: float, residual: Floats) -> list[float]:

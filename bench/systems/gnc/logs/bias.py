@@ -27,6 +27,7 @@ from bench.analysis import (
     curve,
     estimate,
     with_uncertainty,
+    worded_table,
 )
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import GYRO_TERMS, UNITS, NoiseTerms, allan_variance_of, fit_noise_terms
@@ -221,7 +222,7 @@ def _table(sensors: Sequence[Resting], entries: Estimates) -> Table:
         rows.append([sensor.name, scatter, *(own.get(name, "–") for name in names)])
     of_quantities = [say("in_unit", quantity=quantity_word(quantity), unit=unit) for quantity, unit in names]
     headers = [*say.heads("resting", "sensor", "sample"), *of_quantities]
-    return Table(say("resting.title"), say("resting.caption"), headers, rows, lead=True)
+    return worded_table(say, "resting", headers, rows, lead=True)
 
 
 def _figures(sensors: Sequence[Resting]) -> list[Figure]:

@@ -27,6 +27,7 @@ from bench.analysis import (
     no_result,
     number,
     with_uncertainty,
+    worded_table,
 )
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
@@ -214,7 +215,7 @@ def _rest_table(drifts: list[RestDrift]) -> Table:
         for d in drifts
     ]
     headers = say.heads("drift", "over", "stretches", "attitude", "walk", "velocity", "distance")
-    return Table(say("drift.title"), say("drift.caption"), headers, rows, lead=True)
+    return worded_table(say, "drift", headers, rows, lead=True)
 
 
 def _rms_text(drift: RestDrift, value: float) -> str:
@@ -234,7 +235,7 @@ def _class_table(rates: Estimates) -> Table:
         )  # fmt: skip
     reach = [say("class.up_to", name=_class_name(sensor_class.name)) for sensor_class in CLASSES]
     headers = [*say.heads("class", "figure", "unit", "found", "class"), *reach]
-    return Table(say("class.title"), say("class.caption"), headers, rows, lead=True)
+    return worded_table(say, "class", headers, rows, lead=True)
 
 
 def _between_table(between: BetweenRests) -> Table:
@@ -242,7 +243,7 @@ def _between_table(between: BetweenRests) -> Table:
     columns = (between.bias_s, between.motion_s, between.tilted_deg, between.level_error_deg, speed)
     rows = [[int(rest) + 1, *(float(column[k]) for column in columns)] for k, rest in enumerate(between.rest)]
     headers = say.heads("between", "rest", "length", "motion", "tipped", "level", "velocity")
-    return Table(say("between.title"), say("between.caption"), headers, rows)
+    return worded_table(say, "between", headers, rows)
 
 
 def figures_of(result: Found) -> list[Figure]:

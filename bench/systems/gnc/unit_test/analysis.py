@@ -17,7 +17,7 @@ from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, check_method, estimate
+from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, check_method, estimate, worded_table
 from bench.model.errors import FitError
 from bench.systems.gnc.limits import table_3
 from bench.systems.gnc.unit_test.units import (
@@ -61,7 +61,7 @@ def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Table:
     begin, end = say.heads("units", "start", "end", clock=clock)
     elapsed, *others = say.heads("units", "elapsed", "wrong", "failed", "verdict")
     headers = [say("units.head.unit"), begin, elapsed, end, *others]
-    return Table(say("units.title"), say("units.caption"), headers, rows, prose=True, lead=True)
+    return worded_table(say, "units", headers, rows, prose=True, lead=True)
 
 
 def _moment(at_s: float, offset_s: float | None) -> str:
@@ -79,7 +79,7 @@ def item_table(units: Sequence[UnitResult]) -> Table:
         by_item = {item.item: _verdict(item.verdict) for item in unit.all}
         rows.append([unit.unit, *(by_item.get(name, _verdict("not tested")) for name in names)])
     headers = [say("units.head.unit"), *map(title_of, names)]
-    return Table(say("table1.title"), say("table1.caption"), headers, rows, prose=True, lead=True)
+    return worded_table(say, "table1", headers, rows, prose=True, lead=True)
 
 
 def measured_table(units: Sequence[UnitResult]) -> list[Table]:
@@ -105,7 +105,7 @@ def measured_table(units: Sequence[UnitResult]) -> list[Table]:
         for (quantity, place, unit), members in values.items()
     ]
     headers = say.heads("measured", "quantity", "of", "values", "lowest", "highest", "unit", "limit")
-    return [Table(say("measured.title"), say("measured.caption"), headers, rows)] if rows else []
+    return [worded_table(say, "measured", headers, rows)] if rows else []
 
 
 def wrong_table(units: Sequence[UnitResult]) -> list[Table]:
