@@ -58,10 +58,10 @@ from bench.analysis.estimates import (
     use_of,
 )
 from bench.analysis.expected import judged_values
-from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series
+from bench.analysis.figures import Figure, Series, Style, Table, band, curve, picture, series, worded_table
 from bench.analysis.foreseen import foreseen_material
-from bench.analysis.form import Closed, check_form, schema_of
-from bench.analysis.material import CONTINUES, Exchange, Floats, GivenValue, Material, Reading, Trace, joined
+from bench.analysis.form import Closed, Document, check_form, schema_of
+from bench.analysis.material import CONTINUES, Exchange, GivenValue, Material, Reading, Trace, joined
 from bench.analysis.numbers import (
     cell,
     decimals_for,
@@ -85,6 +85,7 @@ from bench.analysis.results import (
 )
 from bench.analysis.specification import Specification, outlived, outlived_text
 from bench.analysis.values import Value, place_of, placed, values_of
+from bench.maths.arrays import Floats
 
 __all__ = [
     "CONTINUES",
@@ -107,6 +108,7 @@ __all__ = [
     "Check",
     "Closed",
     "Common",
+    "Document",
     "Documents",
     "Estimate",
     "Estimates",
@@ -192,4 +194,5 @@ __all__ = [
     "weigh",
     "with_uncertainty",
     "without_check_standard",
+    "worded_table",
 ]

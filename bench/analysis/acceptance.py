@@ -9,13 +9,13 @@ Source: docs/decisions/0025-doubt.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, StringConstraints
 
 from bench.analysis.doubt import DOUBTFUL, REFUSED, base_quantity
-from bench.analysis.form import Closed
+from bench.analysis.form import Closed, Document
 from bench.model.errors import InputError
 
 _SAME_VALUE = 1e-9  # relative; another machine may round the last digits otherwise
@@ -34,14 +34,14 @@ class Accepted(Closed):
     reason: _Said
     utc: str
 
-    def is_for(self, entry: Mapping[str, Any], method: str) -> bool:
+    def is_for(self, entry: Document, method: str) -> bool:
         """Return whether an entry of results.json by a method is the estimate that was accepted."""
         named = self.quantity == entry["quantity"] and self.method == method
         conditions = entry["conditions"]
         same = self.conditions.keys() == conditions.keys()
         return named and same and all(_alike(value, conditions[name]) for name, value in self.conditions.items())
 
-    def holds_for(self, entry: Mapping[str, Any]) -> bool:
+    def holds_for(self, entry: Document) -> bool:
         """Return whether the estimate still is what was accepted: doubtful, the same value, no other doubt."""
         return (
             entry["quality"] == DOUBTFUL
@@ -64,7 +64,7 @@ def _alike(first: object, second: object) -> bool:
 
 
 def with_acceptances(
-    entries: Sequence[Mapping[str, Any]], accepted: Sequence[Accepted], method: str
+    entries: Sequence[Document], accepted: Sequence[Accepted], method: str
 ) -> tuple[list[dict[str, Any]], list[str]]:
     """Return entries of results.json, marked where an acceptance holds, and sentences about those that do not."""
     marked, held = [], set()
@@ -83,7 +83,7 @@ def with_acceptances(
     return marked, list(dict.fromkeys(lost))
 
 
-def acceptable(entries: Sequence[Mapping[str, Any]], named: str) -> list[Mapping[str, Any]]:
+def acceptable(entries: Sequence[Document], named: str) -> list[Document]:
     """Return the doubtful estimates that a person names: "dsf_n", or "dsf_n channel=2" for those of one condition.
 
     A temperature coefficient, residual or change belongs to its quantity.
@@ -123,5 +123,5 @@ def _condition_is(condition: object, text: str) -> bool:
     return str(condition) == text
 
 
-def _place(entry: Mapping[str, Any]) -> str:
+def _place(entry: Document) -> str:
     return ", ".join(f"{name} {value}" for name, value in entry["conditions"].items())

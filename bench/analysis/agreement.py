@@ -8,10 +8,11 @@ from __future__ import annotations
 import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, TypeVar
+from typing import TypeVar
 
+from bench.analysis.form import Document
 from bench.record import UNIT_TEMPERATURE
 
 NOTED = 0.10  # of the predicted U: what differs by less is not worth a sentence
@@ -20,7 +21,7 @@ MEASURED = (UNIT_TEMPERATURE, "hours")  # conditions that a run measures: a pred
 _MOST = 0.5  # of the growth of a variance: who brings more is named
 _LEAST_SHARE = 1e-6  # of the variance achieved; below it nothing has grown
 
-Entry = Mapping[str, Any]
+Entry = Document
 E = TypeVar("E", bound=Entry)
 Name = tuple[str, str, int]
 

@@ -15,6 +15,7 @@ from bench.analysis.doubt import Evidence
 from bench.analysis.estimates import Estimates
 from bench.analysis.expected import judged_values
 from bench.analysis.figures import Figure, Table
+from bench.analysis.form import Document
 from bench.analysis.material import Material
 from bench.analysis.values import EXPECTED
 from bench.analysis.wording import say
@@ -40,7 +41,7 @@ class Analysis:
 
     campaign: str
     method: str
-    uut: Mapping[str, Any]
+    uut: Document
     estimates: Estimates
     evidence: list[Evidence] = field(default_factory=list)
     residuals: Documents = field(default_factory=list)  # one per row of the fit
@@ -175,8 +176,8 @@ class Study(Protocol):
     def study_document(self, options: Any, found: Any, software: str) -> dict[str, Any]:
         """Return the document of the study."""
 
-    def study_json(self, document: Mapping[str, Any]) -> str:
+    def study_json(self, document: Document) -> str:
         """Return the text of the document."""
 
-    def study_chapters(self, options: Any, document: Mapping[str, Any], found: Any) -> Sequence[Chapter]:
+    def study_chapters(self, options: Any, document: Document, found: Any) -> Sequence[Chapter]:
         """Return the chapters of the page."""

@@ -8,16 +8,16 @@ Source: ISO/IEC 17025:2017, 7.7.1; docs/decisions/0025-doubt.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
 from bench.analysis.analysis import Analysis
+from bench.analysis.form import Document
 
 OF_UNIT = ":"  # between the name of a session and the serial number of one of its units
 
 
-def without_check_standard(document: Mapping[str, Any], campaign: Mapping[str, Any]) -> Mapping[str, Any]:
+def without_check_standard(document: Document, campaign: Document) -> Document:
     """Return results.json of the unit under test alone; ``campaign``: that section of the manifest."""
     channel = check_channel(campaign)
     if channel is None:
@@ -25,7 +25,7 @@ def without_check_standard(document: Mapping[str, Any], campaign: Mapping[str, A
     return {**document, "estimates": [entry for entry in document["estimates"] if not _is_of(entry, channel)]}
 
 
-def of_check_standard(document: Mapping[str, Any], campaign: Mapping[str, Any]) -> Mapping[str, Any] | None:
+def of_check_standard(document: Document, campaign: Document) -> Document | None:
     """Return results.json of the check standard alone, as a session of its own; None if the campaign has none."""
     channel = check_channel(campaign)
     if channel is None:
@@ -35,7 +35,7 @@ def of_check_standard(document: Mapping[str, Any], campaign: Mapping[str, Any]) 
     return of_serial({**document, "uut": {**document["uut"], "model": named["model"]}}, named["serial"], of_it)
 
 
-def of_serial(document: Mapping[str, Any], serial: str, estimates: list[Any]) -> Mapping[str, Any]:
+def of_serial(document: Document, serial: str, estimates: list[Any]) -> Document:
     """Return results.json of one of several units of a session."""
     provenance = document["provenance"]
     return {
@@ -47,7 +47,7 @@ def of_serial(document: Mapping[str, Any], serial: str, estimates: list[Any]) ->
     }
 
 
-def compensation_of_unit(analysis: Analysis, campaign: Mapping[str, Any]) -> tuple[Analysis, Mapping[str, Any]]:
+def compensation_of_unit(analysis: Analysis, campaign: Document) -> tuple[Analysis, Document]:
     """Return an analysis without what compensates the check standard, and the campaign without its channel."""
     channel = check_channel(campaign)
     if channel is None:
@@ -57,11 +57,11 @@ def compensation_of_unit(analysis: Analysis, campaign: Mapping[str, Any]) -> tup
     return replace(analysis, compensation=compensation), {**campaign, "channels": channels}
 
 
-def check_channel(campaign: Mapping[str, Any]) -> int | None:
+def check_channel(campaign: Document) -> int | None:
     """Return the channel of the check standard, None for a campaign without one."""
     named = campaign.get("check_standard")
     return None if named is None else int(named["channel"])
 
 
-def _is_of(entry: Mapping[str, Any], channel: int) -> bool:
+def _is_of(entry: Document, channel: int) -> bool:
     return bool(entry["conditions"].get("channel") == channel)

@@ -10,7 +10,7 @@ from pydantic import BaseModel, Field
 
 from bench.analysis.analysis import Analysis
 from bench.analysis.doubt import DOUBTFUL, base_quantity, is_sound
-from bench.analysis.form import Closed, check_form
+from bench.analysis.form import Closed, Document, check_form
 from bench.maths.verdict import Verdict, worst
 from bench.model.errors import InputError
 
@@ -35,7 +35,7 @@ class UnitUnderTest(Closed):
     serial: str
 
 
-def source_of(analysis: Analysis, results: Mapping[str, Any]) -> dict[str, Any]:
+def source_of(analysis: Analysis, results: Document) -> dict[str, Any]:
     """Return where coefficients come from: session, method, hashes, the worst verdict and what is missing."""
     accepted = _accepted(analysis, results)
     return {
@@ -50,7 +50,7 @@ def source_of(analysis: Analysis, results: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def sound_compensation(analysis: Analysis, results: Mapping[str, Any]) -> Analysis:
+def sound_compensation(analysis: Analysis, results: Document) -> Analysis:
     """Return the analysis with the coefficients of sound and of accepted estimates; the others are named as missing.
 
     A parameter goes with the estimates of its name under its conditions; where nothing has its name, with all.
@@ -69,7 +69,7 @@ def sound_compensation(analysis: Analysis, results: Mapping[str, Any]) -> Analys
     return replace(analysis, compensation=kept, missing=missing)
 
 
-def _goes_with(parameter: Mapping[str, Any], entry: Mapping[str, Any], named: Collection[str]) -> bool:
+def _goes_with(parameter: Document, entry: Document, named: Collection[str]) -> bool:
     """Return whether a coefficient rests on an estimate; a section of several holds all of its kind and method."""
     if "parameter" not in parameter:
         about = {"kind": parameter["section"], "method": parameter.get("method")}
@@ -81,7 +81,7 @@ def _goes_with(parameter: Mapping[str, Any], entry: Mapping[str, Any], named: Co
     )
 
 
-def _accepted(analysis: Analysis, results: Mapping[str, Any]) -> list[str]:
+def _accepted(analysis: Analysis, results: Document) -> list[str]:
     """Return a sentence for each coefficient that rests on a doubtful value somebody released."""
     released = [entry for entry in results["estimates"] if "acceptance" in entry]
     named = {base_quantity(entry["quantity"]) for entry in results["estimates"]}
@@ -97,20 +97,20 @@ def _accepted(analysis: Analysis, results: Mapping[str, Any]) -> list[str]:
     return said
 
 
-def _of(parameter: Mapping[str, Any]) -> str:
+def _of(parameter: Document) -> str:
     return "" if parameter.get("channel") is None else f"channel {parameter['channel']}: "
 
 
-def _name(parameter: Mapping[str, Any]) -> str:
+def _name(parameter: Document) -> str:
     return str(parameter["parameter"] if "parameter" in parameter else parameter["section"])
 
 
-def _refusal(parameter: Mapping[str, Any], entry: Mapping[str, Any]) -> str:
+def _refusal(parameter: Document, entry: Document) -> str:
     what = f"{_of(parameter)}no coefficients of {_name(parameter)}"
     return f"{what}, {entry['quality']}: {entry['reasons'][0]['sentence']}"
 
 
-def same_unit(documents: Sequence[Mapping[str, Any]], next_step: str) -> None:
+def same_unit(documents: Sequence[Document], next_step: str) -> None:
     """Refuse documents that do not belong together.
 
     Raises: InputError B-COEF-001 (another unit), B-COEF-003 (simulated and real).
@@ -120,7 +120,7 @@ def same_unit(documents: Sequence[Mapping[str, Any]], next_step: str) -> None:
         _same(documents[0], other, "simulated", "B-COEF-003", "are partly simulated, partly measured", next_step)
 
 
-def _same(first: Mapping[str, Any], other: Mapping[str, Any], name: str, code: str, what: str, next_step: str) -> None:
+def _same(first: Document, other: Document, name: str, code: str, what: str, next_step: str) -> None:
     if first[name] != other[name]:
         places = ", ".join(str(document["sources"][0]["session"]) for document in (first, other))
         both = f"{_words(first[name])} and {_words(other[name])}"
@@ -136,7 +136,7 @@ def validate_coefficients(document: object, where: str, form: type[BaseModel]) -
     check_form(form, document, "B-COEF-006", where, "correct the analysis that makes these coefficients")
 
 
-def c_preamble(document: Mapping[str, Any]) -> str:
+def c_preamble(document: Document) -> str:
     """Return the comment that opens a C header: unit, simulated or not, signs, sources."""
     unit = document["uut"]
     lines = [f"Compensation of {unit['model']}, serial number {unit['serial']}."]

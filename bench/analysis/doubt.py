@@ -11,11 +11,12 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from bench.analysis.estimates import Estimate
+from bench.analysis.form import Document
 from bench.analysis.numbers import with_uncertainty
 from bench.analysis.wording import say
 from bench.maths.verdict import INDETERMINATE
@@ -51,7 +52,7 @@ class Evidence:
     probability: float
     move: float = math.inf
     quantities: Collection[str] = ()
-    conditions: Mapping[str, Any] = field(default_factory=dict)
+    conditions: Document = field(default_factory=dict)
     refuses: bool = False
     interval: EvidenceInterval | None = None
 
@@ -128,12 +129,12 @@ def stated(entry: Estimate, against: Sequence[Evidence]) -> dict[str, Any]:
     return document
 
 
-def is_sound(entry: Mapping[str, Any]) -> bool:
+def is_sound(entry: Document) -> bool:
     """Return whether nothing casts doubt on an entry of results.json; documents of schema 1 know no doubt."""
     return bool(entry.get("quality", SOUND) == SOUND)
 
 
-def stated_value(entry: Mapping[str, Any], scale: float = 1.0) -> str:
+def stated_value(entry: Document, scale: float = 1.0) -> str:
     """Return value and expanded uncertainty of an entry of results.json times ``scale``, or what is left of them."""
     value, expanded = entry["value"], entry.get("expanded_uncertainty")
     if value is None:
@@ -144,7 +145,7 @@ def stated_value(entry: Mapping[str, Any], scale: float = 1.0) -> str:
     return say("stated.accepted" if "acceptance" in entry else "stated.doubtful", value=text)
 
 
-def doubt_lines(entries: Iterable[Mapping[str, Any]]) -> list[str]:
+def doubt_lines(entries: Iterable[Document]) -> list[str]:
     """Return what is wrong in a line for each kind of reason, the worst first: its sentence with the largest figure, at
     how many places more, and how many estimates it takes in. Empty for sound estimates.
     """

@@ -7,6 +7,7 @@ import math
 from collections.abc import Mapping
 from typing import Any, NotRequired, TypedDict
 
+from bench.analysis.form import Document
 from bench.maths.verdict import NON_BINARY, Limit, Verdict, bounds, checked_rule, coverage_factor, decide
 from bench.model import declaration
 from bench.model.errors import FitError
@@ -66,7 +67,7 @@ def estimate(
     unit: str,
     value: float,
     std_uncertainty: float,
-    conditions: Mapping[str, Any],
+    conditions: Document,
     *,
     n: int,
     dropped: int = 0,
@@ -116,7 +117,7 @@ def sharing(entry: Estimate, common: Common) -> Estimate:
     return {**entry, "common": {"standards": standards, "campaign": campaign}} if standards or campaign else entry
 
 
-def covariance_by_standards(first: Mapping[str, Any], second: Mapping[str, Any]) -> float:
+def covariance_by_standards(first: Document, second: Document) -> float:
     """Return the covariance of two entries of results.json by the standards that both were measured with.
 
     In the product of their units; 0 where an entry does not say what it has in common with others.
@@ -126,7 +127,7 @@ def covariance_by_standards(first: Mapping[str, Any], second: Mapping[str, Any])
     return math.fsum(here[label] * there[label] for label in here.keys() & there.keys())
 
 
-def rule_of(decision: Mapping[str, Any] | None) -> str:
+def rule_of(decision: Document | None) -> str:
     """Return the decision rule of a campaign, from the entry "decision" of its manifest section; non-binary by default.
 
     Raises: FitError B-FIT-041 for an unknown rule.
@@ -144,7 +145,7 @@ def judged(entry: Estimate, rule: str) -> Estimate:
     return {**entry, "verdict": decision.verdict, "conformance_probability": decision.conformance_probability}
 
 
-def limits_of(entry: Mapping[str, Any]) -> tuple[float, float] | None:
+def limits_of(entry: Document) -> tuple[float, float] | None:
     """Return lowest and highest value that an entry of results.json may have, infinite on an open side; else None."""
     limits = entry.get("limits")
     if limits is None:
@@ -169,7 +170,7 @@ def use_of(value: float, limits: tuple[float, float], reach: float = 0.0) -> flo
 
 
 def stated_limits(
-    campaign: Mapping[str, Any], declared: Mapping[str, declaration.Limit], code: str, unknown: str
+    campaign: Document, declared: Mapping[str, declaration.Limit], code: str, unknown: str
 ) -> dict[str, float]:
     """Return the limits that a campaign states, by name, in the base unit of their dimension.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -83,3 +83,10 @@ class Table:
     rows: Sequence[Sequence[Any]]
     prose: bool = False
     lead: bool = False
+
+
+def worded_table(
+    say: Callable[[str], str], name: str, headers: Sequence[str], rows: Sequence[Sequence[Any]], **kinds: bool
+) -> Table:
+    """Return a table with its title and caption in the words of a catalogue; ``kinds``: as of ``Table``."""
+    return Table(say(f"{name}.title"), say(f"{name}.caption"), headers, rows, **kinds)

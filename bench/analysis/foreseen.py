@@ -7,17 +7,18 @@ Decision: docs/decisions/0046-uncertainty-before-the-first-hour.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from statistics import NormalDist
-from typing import Any
 
 import numpy as np
 
-from bench.analysis.material import Floats, GivenValue, Material, Reading
+from bench.analysis.form import Document
+from bench.analysis.material import GivenValue, Material, Reading
 from bench.analysis.prediction import Planned
 from bench.analysis.values import EXPECTED
 from bench.analysis.wording import say
+from bench.maths.arrays import Floats
 from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value
 
 
@@ -51,7 +52,7 @@ def foreseen_material(planned: Planned) -> tuple[Material, list[str]]:
     return material, missing
 
 
-def _wanting(entry: Mapping[str, Any], readings: Sequence[Reading]) -> str:
+def _wanting(entry: Document, readings: Sequence[Reading]) -> str:
     """Return what the plan does not say of a value, "" if it says enough."""
     if "signal" in entry or entry.get("reply", {}).get("of_unit"):
         return "of_unit"
@@ -62,7 +63,7 @@ def _wanting(entry: Mapping[str, Any], readings: Sequence[Reading]) -> str:
     return "no_scatter" if len(readings) > 1 and "scatter" not in entry else ""
 
 
-def _values(entry: Mapping[str, Any], count: int) -> list[float]:
+def _values(entry: Document, count: int) -> list[float]:
     """Return so many readings about the middle of the limits; their standard deviation is that of the entry."""
     middle = (entry["low"] + entry["high"]) / 2.0
     if count == 1:
@@ -71,7 +72,7 @@ def _values(entry: Mapping[str, Any], count: int) -> list[float]:
     return list((middle + entry["scatter"] * pattern / pattern.std(ddof=1)).tolist())
 
 
-def _given(entry: Mapping[str, Any]) -> GivenValue:
+def _given(entry: Document) -> GivenValue:
     low, high = entry.get("low"), entry.get("high")
     value = 0.0 if low is None or high is None else (low + high) / 2.0
     return GivenValue(0.0, 0, entry["quantity"], value, entry["unit"], low, high, entry["conditions"])

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from bench.model.errors import InputError
+
+Document = Mapping[str, Any]  # a part of a plan, a manifest or results.json, as it is read
 
 
 class Closed(BaseModel):

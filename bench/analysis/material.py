@@ -11,15 +11,15 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.analysis.form import Document
+from bench.maths.arrays import Floats
 from bench.model.clock import NS
 
 if TYPE_CHECKING:
     from bench.frame import CommandLayout
     from bench.record import RecordRow, Samples, SignalValues
 
-Floats = NDArray[np.float64]
 CONTINUES = "continues"
 
 
@@ -51,8 +51,8 @@ class Reading:
     role: str
     name: str
     value: Any
-    conditions: Mapping[str, Any] = field(default_factory=dict)
-    arguments: Mapping[str, Any] = field(default_factory=dict)
+    conditions: Document = field(default_factory=dict)
+    arguments: Document = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class GivenValue:
     unit: str
     low: float | None
     high: float | None
-    conditions: Mapping[str, Any] = field(default_factory=dict)
+    conditions: Document = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -92,7 +92,7 @@ class Exchange:
     refused: bool
     sent: bytes
     received: bytes
-    conditions: Mapping[str, Any] = field(default_factory=dict)
+    conditions: Document = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -110,8 +110,8 @@ class Material:
     """
 
     rows: Sequence[RecordRow]
-    campaign: Mapping[str, Any]
-    standards: Mapping[str, Mapping[str, Any]]
+    campaign: Document
+    standards: Mapping[str, Document]
     trace: Trace = field(default_factory=Trace)
     readings: Sequence[Reading] = ()
     exchanges: Sequence[Exchange] = ()

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
 
 from bench.analysis.estimates import Estimates
+from bench.analysis.form import Document
 from bench.analysis.material import Exchange, Reading, Trace
 from bench.model.ports import RecordWindow
 
@@ -30,8 +30,8 @@ class Planned:
     """
 
     windows: Sequence[RecordWindow]
-    campaign: Mapping[str, Any]
-    standards: Mapping[str, Mapping[str, Any]]
+    campaign: Document
+    standards: Mapping[str, Document]
     timed: Collection[int] = ()
     trace: Trace = field(default_factory=Trace)
     readings: Sequence[Reading] = ()
@@ -50,7 +50,7 @@ class Bound:
 
     quantity: str
     unit: str
-    conditions: Mapping[str, Any]
+    conditions: Document
     bound: float
     ratio: float
 

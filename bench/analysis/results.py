@@ -13,7 +13,7 @@ from bench.analysis.acceptance import Accepted, with_acceptances
 from bench.analysis.analysis import Analysis
 from bench.analysis.doubt import stated, weigh
 from bench.analysis.estimates import judged, rule_of
-from bench.analysis.form import Closed, check_form, schema_of
+from bench.analysis.form import Closed, Document, check_form, schema_of
 from bench.analysis.wording import say
 from bench.maths.verdict import Rule, Verdict
 from bench.model.assumptions import Assumption
@@ -191,11 +191,11 @@ def build_results(
     session_name: str,
     analysis: Analysis,
     counts: Mapping[str, int],
-    provenance: Mapping[str, Any],
-    decision: Mapping[str, Any] | None = None,
+    provenance: Document,
+    decision: Document | None = None,
     *,
     assumptions: Sequence[Assumption] = (),
-    splices: Sequence[Mapping[str, Any]] = (),
+    splices: Sequence[Document] = (),
     incomplete: bool = False,
     acceptances: Sequence[Accepted] = (),
 ) -> dict[str, Any]:
@@ -242,7 +242,7 @@ def stated_estimates(analysis: Analysis, rule: str) -> list[dict[str, Any]]:
     return [stated(judged(entry, rule), against) for entry in analysis.estimates]
 
 
-def _unjudged(estimate: Mapping[str, Any]) -> dict[str, Any]:
+def _unjudged(estimate: Document) -> dict[str, Any]:
     """Return an estimate of a run that has not ended: what is still to come may change it."""
     return {**estimate, "verdict": "none", "conformance_probability": None}
 
@@ -253,7 +253,7 @@ def validate_results(document: object, where: str = "results.json") -> None:
     check_form(Results, document, "B-FIT-010", where, next_step)
 
 
-def results_json(document: Mapping[str, Any]) -> str:
+def results_json(document: Document) -> str:
     """Return canonical text of a document: sorted keys, shortest exact floats, one trailing newline."""
     return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
 

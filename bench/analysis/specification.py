@@ -9,8 +9,8 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
 
+from bench.analysis.form import Document
 from bench.analysis.material import Reading
 from bench.analysis.wording import say
 from bench.model.units import format_quantity
@@ -33,7 +33,7 @@ class Specification:
 
 
 def specification_of(
-    standards: Mapping[str, Mapping[str, Any]], reading: Reading, value: float, age_s: float | None
+    standards: Mapping[str, Document], reading: Reading, value: float, age_s: float | None
 ) -> Specification | None:
     """Return the line of the register that holds for a reading; None if none does.
 
@@ -55,7 +55,7 @@ def specification_of(
     return Specification(float(line["relative"]), float(line["floor"]))
 
 
-def age_s(standards: Mapping[str, Mapping[str, Any]], role: str, utc_s: float | None) -> float | None:
+def age_s(standards: Mapping[str, Document], role: str, utc_s: float | None) -> float | None:
     """Return how long ago an instrument was calibrated, seconds, at a UTC; None where either is not known."""
     calibrated = standards.get(role, {}).get("calibrated")
     if calibrated is None or utc_s is None:
@@ -94,7 +94,7 @@ def outlived_text(ranges: Sequence[Outlived]) -> str:
     return say("outlived.one_more" if more else "outlived", **told)
 
 
-def outlived(standards: Mapping[str, Mapping[str, Any]], role: str, end_utc_s: float) -> list[Outlived]:
+def outlived(standards: Mapping[str, Document], role: str, end_utc_s: float) -> list[Outlived]:
     """Return the ranges of a standard whose specification did not hold at the end of a measurement.
 
     A register that does not say when the standard was calibrated cannot say that its specification held.

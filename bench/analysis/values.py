@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Any
 
 import numpy as np
 
-from bench.analysis.material import Floats, GivenValue, Material, Reading
+from bench.analysis.form import Document
+from bench.analysis.material import GivenValue, Material, Reading
 from bench.analysis.problems import flag_problem
-from bench.analysis.replies import number_of
 from bench.analysis.specification import Specification, age_s, age_text, specification_of
 from bench.analysis.wording import say
+from bench.maths.arrays import Floats
 from bench.maths.budget import effective_dof, independent_count
 from bench.model.clock import NS
 from bench.model.quantities import QUANTITY, conditions_of_value, key_of_value
 from bench.model.units import read_quantity
 
 EXPECTED = "expected"  # entry of the manifest's section "campaign"
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?"  # in a reply
 _RECTANGLE = math.sqrt(12.0)  # from the step of a number to the standard uncertainty of what is rounded to it
 
 
@@ -37,7 +41,7 @@ class Value:
 
     quantity: str
     unit: str
-    conditions: Mapping[str, Any]
+    conditions: Document
     t_s: Floats
     readings: Floats
     dropped: int
@@ -155,7 +159,7 @@ def absent(material: Material, values: Iterable[Value]) -> list[str]:
     ]
 
 
-def conditions_text(conditions: Mapping[str, Any]) -> str:
+def conditions_text(conditions: Document) -> str:
     """Return conditions as words, "" for none."""
     return ", ".join(_condition(name, value) for name, value in conditions.items())
 
@@ -169,12 +173,12 @@ def _condition(name: str, value: Any) -> str:
     return f"{what.replace('_', ' ')} {shown} {unit}".rstrip()
 
 
-def place_of(conditions: Mapping[str, Any]) -> str:
+def place_of(conditions: Document) -> str:
     """Return conditions as words behind a quantity, "" for none."""
     return f" at {conditions_text(conditions)}" if conditions else ""
 
 
-def placed(name: str, conditions: Mapping[str, Any]) -> str:
+def placed(name: str, conditions: Document) -> str:
     """Return a name with the conditions it holds under, in words."""
     return say("place", name=name, conditions=conditions_text(conditions)) if conditions else name
 
@@ -191,7 +195,13 @@ def _readings(material: Material) -> list[tuple[Reading, bool]]:
     return [(reading, good) for reading, good in named if QUANTITY in reading.conditions]
 
 
-def _read_value(entry: Mapping[str, Any], readings: Sequence[Reading], dropped: int, material: Material) -> Value:
+def _stated(entry: Document) -> dict[str, Any]:
+    """Return what a sequence says of a value: its name, unit and conditions, and what is expected of it."""
+    of_value = {name: entry[name] for name in ("quantity", "unit", "conditions")}
+    return of_value | {name: entry.get(name) for name in ("low", "high", "span")}
+
+
+def _read_value(entry: Document, readings: Sequence[Reading], dropped: int, material: Material) -> Value:
     numbers = np.array([float(reading.value) for reading in readings])
     first, mean = readings[0], float(numbers.mean())
     utc_s = None if material.utc_offset_s is None else material.utc_offset_s + first.t_s
@@ -205,22 +215,17 @@ def _read_value(entry: Mapping[str, Any], readings: Sequence[Reading], dropped: 
         age=age_text(age),
     )
     return Value(
-        quantity=entry["quantity"],
-        unit=entry["unit"],
-        conditions=entry["conditions"],
+        **_stated(entry),
         t_s=np.array([reading.t_s for reading in readings]),
         readings=numbers,
         dropped=dropped,
         specification=specification,
         unstated="" if specification is not None else unstated,
         dof_b=float(material.standards.get(first.role, {}).get("dof", math.inf)),
-        low=entry.get("low"),
-        high=entry.get("high"),
-        span=entry.get("span"),
     )
 
 
-def _signal_value(entry: Mapping[str, Any], material: Material) -> Iterator[Value]:
+def _signal_value(entry: Document, material: Material) -> Iterator[Value]:
     """Yield the value of a number that the unit streams, over all good records under its conditions; or nothing.
 
     It is what the unit says, so no instrument has a part in its uncertainty.
@@ -233,23 +238,18 @@ def _signal_value(entry: Mapping[str, Any], material: Material) -> Iterator[Valu
     finite = np.isfinite(readings)
     if finite.any():
         yield Value(
-            quantity=entry["quantity"],
-            unit=entry["unit"],
-            conditions=entry["conditions"],
+            **_stated(entry),
             t_s=np.concatenate([signal.t_ns for signal in good])[finite] / NS,
             readings=readings[finite],
             dropped=sum(signal.values.size for _, signal in kept) - int(finite.sum()),
             specification=None,
             unstated="",
-            low=entry.get("low"),
-            high=entry.get("high"),
-            span=entry.get("span"),
             resolution=entry.get("resolution", 0.0),
             independent=sum(independent_count(part[np.isfinite(part)]) for part in parts),
         )
 
 
-def _reply_value(entry: Mapping[str, Any], replies: Sequence[Reading]) -> Iterator[Value]:
+def _reply_value(entry: Document, replies: Sequence[Reading]) -> Iterator[Value]:
     """Yield the value of replies that are text, or nothing if none has the number that is due."""
     read, uncertainty = entry["reply"], entry.get("uncertainty")
     found = [(reply.t_s, number_of(str(reply.value), read)) for reply in replies]
@@ -260,35 +260,49 @@ def _reply_value(entry: Mapping[str, Any], replies: Sequence[Reading]) -> Iterat
     stated = uncertainty is not None or read.get("of_unit") or read.get("unit") is None
     unstated = say("value.unstated.reply", role=replies[0].role)
     yield Value(
-        quantity=entry["quantity"],
-        unit=entry["unit"],
-        conditions=entry["conditions"],
+        **_stated(entry),
         t_s=t_s,
         readings=readings,
         dropped=len(replies) - len(numbers),
         specification=None if uncertainty is None else Specification(0.0, float(uncertainty)),
         unstated="" if stated else unstated,
-        low=entry.get("low"),
-        high=entry.get("high"),
-        span=entry.get("span"),
         resolution=float(steps.max()),
         told=str(replies[-1].value).strip() if read.get("unit") is None else "",
     )
 
 
-def _given_value(entry: Mapping[str, Any], given: GivenValue) -> Value:
+def number_of(reply: str, read: Document) -> tuple[float, float] | None:
+    """Return the number in a reply and the value of its last digit, both in the base unit; None if there is none.
+
+    Without ``unit`` the number is 1 if the reply is the text that is due, else 0. ``read`` is the entry "reply" of a
+    value in the manifest: "pattern", "unit", "equals"; a pattern that cannot be used finds nothing.
+    """
+    unit, pattern = read.get("unit"), read.get("pattern")
+    try:
+        match = re.search(pattern or (_NUMBER if unit else r"(?s)\s*(.*?)\s*\Z"), reply)
+    except re.error:
+        return None
+    text = "" if match is None else match[1 if match.re.groups else 0] or ""
+    if unit is None:
+        return float(match is not None and text == read.get("equals")), 0.0
+    if not re.fullmatch(_NUMBER, text.strip()):
+        return None
+    number = Decimal(text.strip())
+    exponent = number.as_tuple().exponent
+    value, _ = read_quantity(f"{number} {unit}") or (math.nan, "")
+    step, _ = read_quantity(f"1 {unit}") or (math.nan, "")
+    last = step * 10.0**exponent if isinstance(exponent, int) else 0.0
+    return (value, last) if math.isfinite(value) else None
+
+
+def _given_value(entry: Document, given: GivenValue) -> Value:
     uncertainty = entry.get("uncertainty")
     unstated = say("value.unstated.gauge")
     return Value(
-        quantity=entry["quantity"],
-        unit=entry["unit"],
-        conditions=entry["conditions"],
+        **_stated(entry),
         t_s=np.array([given.t_s]),
         readings=np.array([float(given.value or 0.0)]),
         dropped=0,
         specification=None if uncertainty is None else Specification(0.0, float(uncertainty)),
         unstated="" if uncertainty is not None else unstated,
-        low=entry.get("low"),
-        high=entry.get("high"),
-        span=entry.get("span"),
     )

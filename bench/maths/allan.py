@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import optimize, special
 
-from bench.maths.array_types import Array, Int64
+from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 
 WHITE_ANGLE, FLICKER_ANGLE, WHITE_RATE, FLICKER_RATE, RANDOM_WALK = 2, 1, 0, -1, -2
@@ -46,18 +46,18 @@ class AllanDeviation:
     interval_s: float
     samples: int
     modified: bool
-    factors: Int64
-    tau_s: Array
-    deviation: Array
-    low: Array
-    high: Array
-    differences: Int64
-    dof: Array
-    exponents: Int64
+    factors: Integers
+    tau_s: Floats
+    deviation: Floats
+    low: Floats
+    high: Floats
+    differences: Integers
+    dof: Floats
+    exponents: Integers
 
 
 def allan_deviation(
-    rate: Array,
+    rate: Floats,
     interval_s: float,
     *,
     modified: bool = False,
@@ -107,7 +107,7 @@ def allan_deviation(
     )
 
 
-def confidence_limits(deviation: Array, dof: Array, probability: float) -> tuple[Array, Array]:
+def confidence_limits(deviation: Floats, dof: Floats, probability: float) -> tuple[Floats, Floats]:
     """Return two-sided limits of a deviation whose square has a chi-squared distribution.
 
     Args:    deviation: (k,).   dof: equivalent degrees of freedom, (k,).   probability: of the interval.
@@ -120,7 +120,7 @@ def confidence_limits(deviation: Array, dof: Array, probability: float) -> tuple
     )
 
 
-def _variances(rate: Array, factors: Sequence[int] | None, modified: bool) -> list[tuple[int, float, int]]:
+def _variances(rate: Floats, factors: Sequence[int] | None, modified: bool) -> list[tuple[int, float, int]]:
     """Return factor, variance and differences of every factor that leaves a difference."""
     wanted = [2**k for k in range(rate.size.bit_length())] if factors is None else sorted(set(factors))
     fitting = [factor for factor in wanted if factor >= 1 and (3 if modified else 2) * factor <= rate.size]
@@ -128,7 +128,7 @@ def _variances(rate: Array, factors: Sequence[int] | None, modified: bool) -> li
     return [point for point in points if point[2] > 0]
 
 
-def _variance(rate: Array, factor: int, modified: bool) -> tuple[float, int]:
+def _variance(rate: Floats, factor: int, modified: bool) -> tuple[float, int]:
     """Return Allan variance and the number of differences in it; intervals cancel, so they are counted as one."""
     good = np.isfinite(rate)
     mean = rate[good].mean() if good.any() else 0.0
@@ -144,7 +144,7 @@ def _variance(rate: Array, factor: int, modified: bool) -> tuple[float, int]:
     return (float(np.square(difference[whole]).mean()) / scale if whole.any() else 0.0), int(whole.sum())
 
 
-def noise_exponents(rate: Array, factors: Int64) -> Int64:
+def noise_exponents(rate: Floats, factors: Integers) -> Integers:
     """Return power law of the rate's spectrum at each averaging factor.
 
     Args:    rate: (n,), NaN in gaps.   factors: samples per average, ascending, (k,).
@@ -161,7 +161,7 @@ def noise_exponents(rate: Array, factors: Int64) -> Int64:
     return np.array(exponents, np.int64)
 
 
-def _exponent(averages: Array, otherwise: int) -> int:
+def _exponent(averages: Floats, otherwise: int) -> int:
     """Return differences until the lag-1 autocorrelation is that of a stationary fractional process; no gaps."""
     series = averages
     for differenced in (0, 1, 2):
@@ -180,8 +180,8 @@ def _exponent(averages: Array, otherwise: int) -> int:
 
 
 def _at_few_averages(
-    samples: int, factors: Int64, variance: Array, differences: Int64, exponents: Int64, dof: Array
-) -> tuple[Int64, Array]:
+    samples: int, factors: Integers, variance: Floats, differences: Integers, exponents: Integers, dof: Floats
+) -> tuple[Integers, Floats]:
     """Return exponents and degrees of freedom, those of few averages from the noise that all averaging times show.
 
     Fewer than 30 averages do not tell their own power law, and that of shorter times need not go on: quantisation ends
@@ -199,7 +199,7 @@ def _at_few_averages(
     return exponents, dof
 
 
-def _shares(factor: Array, variance: Array, dof: Array) -> Array:
+def _shares(factor: Floats, variance: Floats, dof: Floats) -> Floats:
     """Return part of each power law in the Allan variances, (k, 4)."""
     laws = np.column_stack([factor**power for power in _POWERS])
     model, squares = variance, np.zeros(len(_POWERS))
@@ -217,7 +217,7 @@ def _shares(factor: Array, variance: Array, dof: Array) -> Array:
     return np.asarray(parts / parts.sum(axis=1, keepdims=True))
 
 
-def _mixed_dof(factor: int, differences: int, share: Array) -> float:
+def _mixed_dof(factor: int, differences: int, share: Floats) -> float:
     """Return degrees of freedom of an Allan variance of several power laws; ``share`` of each in it, (4,)."""
     length = min(differences, _CORRELATED * factor)
     lags = np.arange(-factor, length + factor + 1)
@@ -249,7 +249,7 @@ def degrees_of_freedom(factor: int, differences: int, exponent: int, *, modified
     return _equivalent(covariance, differences)
 
 
-def _equivalent(covariance: Array, differences: int) -> float:
+def _equivalent(covariance: Floats, differences: int) -> float:
     """Return degrees of freedom of a mean square of differences whose covariances at lags 0 to l are these."""
     length = covariance.size - 1
     shared = np.square(covariance / covariance[0])
@@ -259,14 +259,14 @@ def _equivalent(covariance: Array, differences: int) -> float:
     return float(max(1.0, differences / (weight @ shared)))
 
 
-def _difference_covariance(lags: Int64, factor: int, exponent: int) -> Array:
+def _difference_covariance(lags: Integers, factor: int, exponent: int) -> Floats:
     """Return covariance of second differences of the angle over ``factor`` samples, up to its size."""
     far = _angle_covariance(lags - 2 * factor, exponent) + _angle_covariance(lags + 2 * factor, exponent)
     near = _angle_covariance(lags - factor, exponent) + _angle_covariance(lags + factor, exponent)
     return np.asarray(6.0 * _angle_covariance(lags, exponent) - 4.0 * near + far)
 
 
-def _angle_covariance(lags: Int64, exponent: int) -> Array:
+def _angle_covariance(lags: Integers, exponent: int) -> Floats:
     """Return generalised covariance of the angle at lags in samples, up to its size."""
     t = np.abs(lags).astype(np.float64)
     if exponent == WHITE_ANGLE:
@@ -278,11 +278,11 @@ def _angle_covariance(lags: Int64, exponent: int) -> Array:
     return _flicker(t) if exponent == FLICKER_RATE else t**3
 
 
-def _flicker(t: Array) -> Array:
+def _flicker(t: Floats) -> Floats:
     size = np.abs(t)
     return np.asarray(np.square(size) * np.log(np.where(size > 0.0, size, 1.0)))
 
 
-def _moving_sum(values: Array, length: int) -> Array:
+def _moving_sum(values: Floats, length: int) -> Floats:
     total = np.concatenate(([0.0], np.cumsum(values)))
     return np.asarray(total[length:] - total[:-length])

@@ -18,7 +18,7 @@ import numpy as np
 from scipy import optimize
 
 from bench.maths.allan import AllanDeviation, confidence_limits, degrees_of_freedom
-from bench.maths.array_types import Array, Int64
+from bench.maths.arrays import Floats, Integers
 from bench.maths.least_squares import solve
 from bench.model.errors import FitError
 
@@ -73,7 +73,7 @@ class NoiseTerms:
     """Fit of the terms to a deviation: ``fitted`` (k,) is the deviation they give at the averaging times."""
 
     terms: tuple[NoiseTerm, ...]
-    fitted: Array
+    fitted: Floats
     chi2: float
     dof: int
 
@@ -81,7 +81,7 @@ class NoiseTerms:
         return next(term for term in self.terms if term.name == name)
 
 
-def allan_variance_of(name: str, tau_s: Array) -> Array:
+def allan_variance_of(name: str, tau_s: Floats) -> Floats:
     """Return Allan variance that the unit coefficient of a term gives.
 
     quantisation Q: 3 Q^2 / tau^2; white noise N (angle random walk, two-sided density): N^2 / tau; bias instability B:
@@ -108,21 +108,21 @@ class _Problem:
     """Allan variances of the averaging times that are used, what each term gives there, and their covariance."""
 
     terms: tuple[str, ...]
-    variance: Array
-    design: Array
+    variance: Floats
+    design: Floats
     scatter: VarianceCovariance
 
     @classmethod
-    def of(cls, curve: AllanDeviation, terms: Sequence[str], used: Int64) -> _Problem:
+    def of(cls, curve: AllanDeviation, terms: Sequence[str], used: Integers) -> _Problem:
         design = np.column_stack([allan_variance_of(name, curve.tau_s[used]) for name in terms])
         scatter = variance_covariance(curve.factors[used], curve.differences[used], curve.interval_s)
         return cls(tuple(terms), np.asarray(np.square(curve.deviation[used])), design, scatter)
 
-    def covariance(self, squares: Array) -> Array:
+    def covariance(self, squares: Floats) -> Floats:
         """Of the variances, if these are the squared coefficients."""
         return self.scatter.matrix(dict(zip(self.terms, squares.tolist(), strict=True)))
 
-    def nonnegative(self, covariance: Array, without: int | None = None) -> tuple[Array, float]:
+    def nonnegative(self, covariance: Floats, without: int | None = None) -> tuple[Floats, float]:
         """Return squared coefficients and chi squared, of all terms or of all but one."""
         factor = np.linalg.cholesky(covariance)
         white = np.linalg.solve(factor, self.design)
@@ -152,7 +152,7 @@ def expected_deviation(terms: Mapping[str, float], samples: int, interval_s: flo
             f"{samples} samples leave no averaging time of an Allan deviation",
             next_step="plan at least three samples without a gap between them",
         )
-    tau_s: Array = factors * np.float64(interval_s)
+    tau_s: Floats = factors * np.float64(interval_s)
     differences = samples - 2 * factors + 1
     parts = np.array([terms.get(name, 0.0) ** 2 * allan_variance_of(name, tau_s) for name in SCATTERING])
     exponents = np.array(_EXPONENTS)[np.argmax(parts, axis=0)]
@@ -216,7 +216,7 @@ def _require(curve: AllanDeviation, terms: Sequence[str]) -> None:
         )
 
 
-def _term(problem: _Problem, place: int, squares: Array, covariance: Array, chi2: float) -> NoiseTerm:
+def _term(problem: _Problem, place: int, squares: Floats, covariance: Floats, chi2: float) -> NoiseTerm:
     square = float(squares[place])
     coefficient, spread, free = float(np.sqrt(square)), float("nan"), (float("nan"), float("nan"))
     if square > 0.0:
@@ -237,7 +237,7 @@ def _term(problem: _Problem, place: int, squares: Array, covariance: Array, chi2
     )
 
 
-def _free(problem: _Problem, place: int, squares: Array) -> tuple[float, float]:
+def _free(problem: _Problem, place: int, squares: Floats) -> tuple[float, float]:
     """Return a coefficient and its standard uncertainty where the squares of all terms may be negative."""
     supposed = squares.copy()
     for _ in range(_LIMIT_STEPS):
@@ -249,7 +249,7 @@ def _free(problem: _Problem, place: int, squares: Array) -> tuple[float, float]:
     return coefficient, float(np.sqrt(fit.covariance[place, place])) / (2.0 * coefficient)
 
 
-def _highest(problem: _Problem, place: int, squares: Array) -> float:
+def _highest(problem: _Problem, place: int, squares: Floats) -> float:
     """Return upper limit of a squared coefficient with all other terms free; it scatters more the more there is."""
     supposed = squares.copy()
     for _ in range(_LIMIT_STEPS):
@@ -267,16 +267,16 @@ class VarianceCovariance:
     the product of a square and that of the rate ramp, which does not scatter itself but takes the others' scatter up.
     """
 
-    products: Array
-    ramp: Array
+    products: Floats
+    ramp: Floats
 
-    def matrix(self, squares: Mapping[str, float]) -> Array:
+    def matrix(self, squares: Mapping[str, float]) -> Floats:
         """(k, k), fourth power of the rate's unit; names as in ``bench.maths.allan_terms.TERMS``, 0 if not there."""
         noise = np.array([squares.get(name, 0.0) for name in SCATTERING])
         return np.asarray(self.products @ noise @ noise + squares.get("rate_ramp", 0.0) * (self.ramp @ noise))
 
 
-def variance_covariance(factors: Int64, differences: Int64, interval_s: float) -> VarianceCovariance:
+def variance_covariance(factors: Integers, differences: Integers, interval_s: float) -> VarianceCovariance:
     """Return covariance of overlapping Allan variances of one record of Gaussian noise.
 
     Args:    factors: samples per average, (k,).   differences: in each variance, (k,).   interval_s: of one sample.
@@ -305,7 +305,7 @@ def _covariance_of(
     return VarianceCovariance(products, ramp)
 
 
-def _angle_covariance(interval_s: float, length: int) -> Array:
+def _angle_covariance(interval_s: float, length: int) -> Floats:
     """Return generalised angle covariances at lags 0 ... length samples for unit coefficients, (4, length + 1)."""
     t_s = interval_s * np.arange(length + 1)
     covariance = np.zeros((len(SCATTERING), length + 1))
@@ -316,7 +316,7 @@ def _angle_covariance(interval_s: float, length: int) -> Array:
     return covariance
 
 
-def _difference_covariance(angle: Array, pair: Int64, interval_s: float) -> tuple[Int64, Array]:
+def _difference_covariance(angle: Floats, pair: Integers, interval_s: float) -> tuple[Integers, Floats]:
     """Return lags in samples, and the covariances (4, lags) of the differences of averages over ``pair`` samples."""
     reach = _REACH * int(pair.sum())
     lags = np.arange(-reach, reach + 1)

@@ -16,7 +16,7 @@ from functools import cached_property
 
 import numpy as np
 
-from bench.maths.array_types import Array
+from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 
@@ -77,7 +77,7 @@ class Budgets:
     """Budgets by name of the result, and the correlation (n, n) between the results in that order."""
 
     budgets: Mapping[str, Budget]
-    correlation: Array
+    correlation: Floats
 
 
 def combine_all(results: Mapping[str, Sequence[Component]]) -> Budgets:
@@ -150,7 +150,7 @@ def _same_dof(first: float, second: float) -> bool:
     return first == second or math.isclose(first, second, rel_tol=1e-12)
 
 
-def _correlation(budgets: Sequence[Budget]) -> Array:
+def _correlation(budgets: Sequence[Budget]) -> Floats:
     """Return correlation of results: what their common errors bring to the product of both."""
     matrix = np.eye(len(budgets))
     shared = [
@@ -166,7 +166,7 @@ def _correlation(budgets: Sequence[Budget]) -> Array:
     return matrix
 
 
-def independent_count(readings: Array) -> float:
+def independent_count(readings: Floats) -> float:
     """Return how many independent readings give a mean as certain as that of serially correlated ones.
 
     Args:    readings: (n,), at equal intervals, any unit.

@@ -6,12 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.maths.array_types import Array, Int64
+from bench.maths.arrays import Floats, Integers
 from bench.maths.least_squares import LinearFit, solve
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 
-Labels = Int64
 NO_STANDARD = -1
 _LEAST_OWN = 1e-4  # part of a variance that is always taken as the calibration's own, however much a standard claims
 _AS_STATED = 1e-3  # of the degrees of freedom
@@ -33,8 +32,8 @@ class DriftLine:
     t_mean: float  # years
     mean: float
     rate: float  # per year
-    covariance: Array  # (2, 2)
-    residual: Array  # (m,) value - line, in the order of the readings
+    covariance: Floats  # (2, 2)
+    residual: Floats  # (m,) value - line, in the order of the readings
     chi2: float
     dof: int
     between_std: float
@@ -54,11 +53,11 @@ class DriftLine:
         """Half-width of the 95 % interval of the rate, per year."""
         return self.factor * self.rate_std
 
-    def at(self, t: Array) -> Array:
+    def at(self, t: Floats) -> Floats:
         """Return the line at times, (k,), years."""
         return np.asarray(self.mean + self.rate * (t - self.t_mean))
 
-    def std_at(self, t: Array) -> Array:
+    def std_at(self, t: Floats) -> Floats:
         """Return standard uncertainty of the line at times, (k,), years."""
         later = t - self.t_mean
         variance = self.covariance[0, 0] + 2.0 * later * self.covariance[0, 1] + later**2 * self.covariance[1, 1]
@@ -66,7 +65,7 @@ class DriftLine:
 
 
 def fit_drift_line(
-    t: Array, value: Array, std: Array, shared: Array, standard: Labels, level: Labels | None = None
+    t: Floats, value: Floats, std: Floats, shared: Floats, standard: Integers, level: Integers | None = None
 ) -> DriftLine:
     """Fit a drift line by generalised least squares, the error of a shared standard being common to its calibrations.
 
@@ -115,7 +114,7 @@ def fit_drift_line(
     )
 
 
-def _line(readings: Array, own: Array, shared: Array, standard: Labels) -> tuple[LinearFit, Array]:
+def _line(readings: Floats, own: Floats, shared: Floats, standard: Integers) -> tuple[LinearFit, Floats]:
     """Return levels and rate of columns (level ..., t, value), and the residual made white."""
     white = _whitened(readings / own[:, None], shared / own, standard)
     turned, triangle = np.linalg.qr(white[:, :-1])
@@ -124,7 +123,7 @@ def _line(readings: Array, own: Array, shared: Array, standard: Labels) -> tuple
     return fitted, white[:, -1] - white[:, :-1] @ fitted.parameters
 
 
-def _whitened(rows: Array, shared: Array, standard: Labels) -> Array:
+def _whitened(rows: Floats, shared: Floats, standard: Integers) -> Floats:
     """Return rows (m, k) that are white but for what the members of a certificate share, made white.
 
     The covariance of a certificate is ``1 + a a'``; its inverse square root is ``1 - c a a'`` with
@@ -141,7 +140,7 @@ def _whitened(rows: Array, shared: Array, standard: Labels) -> Array:
     return white
 
 
-def en_scores(change: Array, expanded: tuple[Array, Array], shared_expanded: tuple[Array, Array]) -> Array:
+def en_scores(change: Floats, expanded: tuple[Floats, Floats], shared_expanded: tuple[Floats, Floats]) -> Floats:
     """Return E_n of two calibrations, what both took from the same standard being left out.
 
     ``E_n = change / sqrt(U1^2 + U2^2 - 2 S1 S2)``; |E_n| <= 1 means that they agree within their uncertainties.
@@ -181,7 +180,7 @@ class IndividualsChart:
         return _RANGE_LIMIT * self.mean_range
 
 
-def individuals_chart(readings: Array) -> IndividualsChart:
+def individuals_chart(readings: Floats) -> IndividualsChart:
     """Return Shewhart chart of individual readings with moving ranges of two (I-MR).
 
     Args:    readings: (m,), m >= 2, in order of time; of a drifting parameter: its residuals about the drift line.
@@ -200,8 +199,8 @@ def individuals_chart(readings: Array) -> IndividualsChart:
 
 
 def days_to_limit(
-    value: Array, std: Array, rate: Array, rate_std: Array, low: Array, high: Array, *, most_days: int
-) -> Int64:
+    value: Floats, std: Floats, rate: Floats, rate_std: Floats, low: Floats, high: Floats, *, most_days: int
+) -> Integers:
     """Return whole days until ``value + rate t -+ k u(t)`` reaches a limit, ``u(t)^2 = std^2 + (rate_std t)^2``.
 
     Args:    value, std: (p,) what is known at t = 0.   rate, rate_std: (p,) per day; NaN means that no drift is known.

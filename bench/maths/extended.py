@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.maths.array_types import Array, Int64
+from bench.maths.arrays import Floats, Integers
 
 _SPLIT = float((1 << 27) + 1)
 
@@ -26,8 +26,8 @@ _SPLIT = float((1 << 27) + 1)
 class Extended:
     """Numbers ``high + low``, both of one shape; ``low`` is at most half a unit in the last place of ``high``."""
 
-    high: Array
-    low: Array
+    high: Floats
+    low: Floats
 
     @classmethod
     def of(cls, values: ArrayLike) -> Extended:
@@ -97,26 +97,26 @@ def stacked(*parts: Extended) -> Extended:
     return Extended(np.concatenate([p.high for p in parts]), np.concatenate([p.low for p in parts]))
 
 
-def _two_sum(a: Array, b: Array) -> tuple[Array, Array]:
+def _two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     total = a + b
     part = total - a
     return total, (a - (total - part)) + (b - part)
 
 
-def _fast_two_sum(a: Array, b: Array) -> tuple[Array, Array]:
+def _fast_two_sum(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     """Return the same where |a| >= |b|."""
     total = a + b
     return total, b - (total - a)
 
 
-def _two_product(a: Array, b: Array) -> tuple[Array, Array]:
+def _two_product(a: Floats, b: Floats) -> tuple[Floats, Floats]:
     product = a * b
     a_high, a_low = _split(a)
     b_high, b_low = _split(b)
     return product, ((a_high * b_high - product) + a_high * b_low + a_low * b_high) + a_low * b_low
 
 
-def _split(a: Array) -> tuple[Array, Array]:
+def _split(a: Floats) -> tuple[Floats, Floats]:
     """Return halves of 26 bits, whose products are exact; for sizes below 1e300."""
     scaled = _SPLIT * a
     high = scaled - (scaled - a)
@@ -132,10 +132,10 @@ class ExtendedFit:
             root @ root.T = (X'X)^-1; ``residual`` (m,) readings minus design times parameters.
     """
 
-    parameters: Array
-    pseudo_inverse: Array
-    root: Array
-    residual: Array
+    parameters: Floats
+    pseudo_inverse: Floats
+    root: Floats
+    residual: Floats
 
 
 @dataclass(frozen=True)
@@ -143,7 +143,7 @@ class Undetermined:
     """A design whose columns depend on each other: rank, and the largest weight of each column in that, (p,)."""
 
     rank: int
-    weight: Array
+    weight: Floats
 
 
 def solve_extended(design: Extended, readings: Extended, tolerance: float) -> ExtendedFit | Undetermined:
@@ -193,7 +193,7 @@ def _back_substitute(upper: Extended, sides: Extended) -> Extended:
     return rest
 
 
-def _undetermined(upper: Extended, rank: int, order: Int64) -> Undetermined:
+def _undetermined(upper: Extended, rank: int, order: Integers) -> Undetermined:
     """Return which columns take part in the combinations that vanish."""
     columns = len(order)
     null = np.eye(columns)[:, rank:]

@@ -14,14 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.maths.array_types import Array
+from bench.maths.arrays import Floats
 
 SEMI_MAJOR_m = 6_378_137.0
 FLATTENING = 1.0 / 298.257223563
 _ECCENTRICITY2 = FLATTENING * (2.0 - FLATTENING)
 
 
-def geocentric_m(latitude_deg: Array, longitude_deg: Array, height_m: Array) -> Array:
+def geocentric_m(latitude_deg: Floats, longitude_deg: Floats, height_m: Floats) -> Floats:
     """Return Earth-fixed Cartesian coordinates.
 
     Args:    latitude_deg, longitude_deg: geodetic, (n,).   height_m: above the ellipsoid, (n,).
@@ -36,7 +36,7 @@ def geocentric_m(latitude_deg: Array, longitude_deg: Array, height_m: Array) -> 
     return np.stack([out_m * np.cos(longitude), out_m * np.sin(longitude), up_m], axis=-1)
 
 
-def level_axes(latitude_deg: Array, longitude_deg: Array) -> Array:
+def level_axes(latitude_deg: Floats, longitude_deg: Floats) -> Floats:
     """Return north, east and down where the ellipsoid has this latitude and longitude.
 
     Args:    latitude_deg, longitude_deg: geodetic, (n,).
@@ -53,7 +53,7 @@ def level_axes(latitude_deg: Array, longitude_deg: Array) -> Array:
     return np.stack([north, east, down], axis=-2)
 
 
-def body_to_level(roll_deg: Array, pitch_deg: Array, heading_deg: Array) -> Array:
+def body_to_level(roll_deg: Floats, pitch_deg: Floats, heading_deg: Floats) -> Floats:
     """Return direction cosines of a vehicle (forward, right, down) in its level frame (north, east, down).
 
     Args:    roll_deg, pitch_deg, heading_deg: (n,); turned in the order heading, pitch, roll.
@@ -78,7 +78,7 @@ class TangentFrame:
     latitude_deg: float
     longitude_deg: float
 
-    def positions_m(self, latitude_deg: Array, longitude_deg: Array, height_m: Array) -> Array:
+    def positions_m(self, latitude_deg: Floats, longitude_deg: Floats, height_m: Floats) -> Floats:
         """Return positions in this frame.
 
         Args:    as ``geocentric_m``, (n,) each.
@@ -88,7 +88,7 @@ class TangentFrame:
         """
         return np.asarray((geocentric_m(latitude_deg, longitude_deg, height_m) - self._origin_m) @ self._axes.T)
 
-    def heights_m(self, positions_m: Array) -> Array:
+    def heights_m(self, positions_m: Floats) -> Floats:
         """Return heights above the ellipsoid of positions in this frame, which leaves the ground as it goes.
 
         Args:    positions_m: (n, 3), north, east, down.
@@ -108,7 +108,7 @@ class TangentFrame:
         down_m = SEMI_MAJOR_m * np.sqrt(1.0 - _ECCENTRICITY2 * sine**2)
         return np.asarray(out_m * np.cos(latitude) + z_m * sine - down_m)
 
-    def from_level(self, latitude_deg: Array, longitude_deg: Array) -> Array:
+    def from_level(self, latitude_deg: Floats, longitude_deg: Floats) -> Floats:
         """Return what takes a vector from the level frame of a vehicle to this one.
 
         Args:    latitude_deg, longitude_deg: of the vehicle, (n,).
@@ -119,9 +119,9 @@ class TangentFrame:
         return np.asarray(self._axes @ np.swapaxes(level_axes(latitude_deg, longitude_deg), -1, -2))
 
     @property
-    def _origin_m(self) -> Array:
+    def _origin_m(self) -> Floats:
         return geocentric_m(*(np.array([coordinate]) for coordinate in (self.latitude_deg, self.longitude_deg, 0.0)))
 
     @property
-    def _axes(self) -> Array:
+    def _axes(self) -> Floats:
         return level_axes(np.array(self.latitude_deg), np.array(self.longitude_deg))

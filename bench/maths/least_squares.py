@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.maths.array_types import Array
+from bench.maths.arrays import Floats
 from bench.maths.extended import Extended, ExtendedFit, Undetermined, solve_extended, stacked
 from bench.model.errors import FitError
 
@@ -33,15 +33,15 @@ class LinearFit:
     covariance ``operator @ W @ operator.T``, whatever weights were used.
     """
 
-    parameters: Array  # (p,)
-    covariance: Array  # (p, p)
-    operator: Array  # (p, m)
-    residual: Array  # (m,) y - X b
+    parameters: Floats  # (p,)
+    covariance: Floats  # (p, p)
+    operator: Floats  # (p, m)
+    residual: Floats  # (m,) y - X b
     chi2: float
     dof: int
 
 
-def solve(design: Array | Extended, readings: Array, covariance: Array, names: Sequence[str]) -> LinearFit:
+def solve(design: Floats | Extended, readings: Floats, covariance: Floats, names: Sequence[str]) -> LinearFit:
     """Generalised least squares: whiten by the Cholesky factor, scale the columns, decompose, test the rank.
 
     Args:    design: (m, p), taken as exact. High powers should come from ``bench.maths.extended.polynomial_columns``:
@@ -82,7 +82,9 @@ def solve(design: Array | Extended, readings: Array, covariance: Array, names: S
     )
 
 
-def _in_extended(design: Extended, readings: Array, factor: Array, scale: Array, names: Sequence[str]) -> ExtendedFit:
+def _in_extended(
+    design: Extended, readings: Floats, factor: Floats, scale: Floats, names: Sequence[str]
+) -> ExtendedFit:
     """Whitening and factorisation in twice the precision."""
     scaled = Extended(design.high / scale, design.low / scale)
     both = stacked(scaled.transposed, Extended.of(readings[None, :])).transposed
@@ -110,7 +112,7 @@ def _undetermined(rows: int, names: Sequence[str], undetermined: Undetermined) -
 # --- the noise -------------------------------------------------------------------------------------------------------
 
 
-def _factor(covariance: Array) -> Array:
+def _factor(covariance: Floats) -> Floats:
     """Return standard deviations (m,) where the readings are independent, else the lower Cholesky factor (m, m)."""
     variance = covariance.diagonal()
     factor = np.full(covariance.shape, np.nan)
@@ -128,14 +130,14 @@ def _factor(covariance: Array) -> Array:
     return np.asarray(factor)
 
 
-def _whitened(factor: Array, rows: Array) -> Array:
+def _whitened(factor: Floats, rows: Floats) -> Floats:
     """Return factor^-1 @ rows by numpy's own solver, because scipy's triangular one wakes every core for 14 rows."""
     if factor.ndim == 1:
         return np.asarray((rows.T / factor).T)
     return np.asarray(np.linalg.solve(factor, rows), dtype=np.float64)
 
 
-def _whitened_extended(factor: Array, rows: Extended) -> Extended:
+def _whitened_extended(factor: Floats, rows: Extended) -> Extended:
     """Return the same in twice the precision: one row after the other, from the top."""
     if factor.ndim == 1:
         return rows / Extended.of(factor[:, None])
@@ -146,11 +148,11 @@ def _whitened_extended(factor: Array, rows: Extended) -> Extended:
     return done
 
 
-def _coloured(factor: Array, white: Array) -> Array:
+def _coloured(factor: Floats, white: Floats) -> Floats:
     return np.asarray(factor * white if factor.ndim == 1 else factor @ white)
 
 
-def _unwhitened_operator(factor: Array, pseudo_inverse: Array) -> Array:
+def _unwhitened_operator(factor: Floats, pseudo_inverse: Floats) -> Floats:
     if factor.ndim == 1:
         return pseudo_inverse / factor
     return np.asarray(np.linalg.solve(factor.T, pseudo_inverse.T).T, dtype=np.float64)

@@ -12,9 +12,9 @@ from typing import Literal
 
 import numpy as np
 
-from bench.maths.array_types import Array
+from bench.maths.arrays import Floats
 
-Draw = Callable[[np.random.Generator, int], Array]  # (generator, trials) -> values of the result, (trials,)
+Draw = Callable[[np.random.Generator, int], Floats]  # (generator, trials) -> values of the result, (trials,)
 Statement = Literal["agrees", "not resolved", "differs"]
 BLOCK = 10_000  # trials: at least 100 / (1 - p), JCGM 101:2008 section 7.9.4
 _NEARLY = 1.05
@@ -50,7 +50,7 @@ class Check:
     statement: Statement
 
 
-def shortest_interval(values: Array, probability: float = 0.95) -> tuple[float, float]:
+def shortest_interval(values: Floats, probability: float = 0.95) -> tuple[float, float]:
     """Return shortest interval that holds a share of the trials.
 
     The smallest of all lengths settles only with the cube root of the number of trials, because near it they hardly
@@ -70,7 +70,7 @@ def shortest_interval(values: Array, probability: float = 0.95) -> tuple[float, 
     return float(ordered[first]), float(ordered[first + held])
 
 
-def _lowest(lengths: Array) -> int:
+def _lowest(lengths: Floats) -> int:
     """Place of the vertex of a parabola through the small lengths; of the smallest one where there is no vertex."""
     smallest = int(np.argmin(lengths))
     near = np.flatnonzero(lengths <= _NEARLY * lengths[smallest])
@@ -131,7 +131,7 @@ def check_interval(value: float, std: float, expanded: float, distribution: Dist
     return Check(low, high, tolerance, statement)
 
 
-def _summary(blocks: list[Array]) -> Distribution:
+def _summary(blocks: list[Floats]) -> Distribution:
     ends = np.array([shortest_interval(block) for block in blocks])
     noise = np.std(ends, axis=0, ddof=1) / math.sqrt(len(blocks))
     values = np.concatenate(blocks)

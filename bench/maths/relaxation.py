@@ -27,7 +27,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.maths.array_types import Array
+from bench.maths.arrays import Floats
 
 _LEAST = 10  # means
 _COVERAGE = 3.0  # 99.7 % of one look, because a soak is looked at again and again and ends at the first that fits
@@ -70,13 +70,13 @@ class Relaxation:
 class _Fit:
     """End, amplitude, change of the logarithm of the lag, amplitude of the slower part; covariance; sum of squares."""
 
-    parameters: Array
-    covariance: Array
+    parameters: Floats
+    covariance: Floats
     square: float
     slower_s: float
 
 
-def relaxation_of(t_s: Array, degC: Array, now_s: float, longest_s: float, known: Lag | None) -> Relaxation | None:
+def relaxation_of(t_s: Floats, degC: Floats, now_s: float, longest_s: float, known: Lag | None) -> Relaxation | None:
     """Return how far a temperature is from its end; None if there are too few means to tell.
 
     Args:    t_s, degC: means over times of one length, (n,), rising, behind air that stands still.   now_s: the moment.
@@ -105,7 +105,7 @@ def relaxation_of(t_s: Array, degC: Array, now_s: float, longest_s: float, known
     return Relaxation(residual, bound, Lag(lag_s, share))
 
 
-def _one_lag(t_s: Array, degC: Array, longest_s: float) -> float:
+def _one_lag(t_s: Floats, degC: Floats, longest_s: float) -> float:
     """Return the lag of one exponential that explains most."""
     lags_s = np.geomspace(t_s[1], longest_s, _GRID)
     columns = np.exp(-t_s / lags_s[:, None])
@@ -114,7 +114,7 @@ def _one_lag(t_s: Array, degC: Array, longest_s: float) -> float:
     return float(lags_s[int(explained.argmax())])
 
 
-def _fits(t_s: Array, degC: Array, lag_s: float, longest_s: float, known: Lag) -> tuple[list[_Fit], float]:
+def _fits(t_s: Floats, degC: Floats, lag_s: float, longest_s: float, known: Lag) -> tuple[list[_Fit], float]:
     """Return the fit with each slower rival, near a lag, and the variance of a mean; what is known counts as a reading.
 
     The variance is that of the fit which leaves least by the means alone.
@@ -139,7 +139,7 @@ def _fits(t_s: Array, degC: Array, lag_s: float, longest_s: float, known: Lag) -
     return [_Fit(*rival) for rival in rivals], variance
 
 
-def _variance(left: Array) -> float:
+def _variance(left: Floats) -> float:
     """Return the variance of residuals, as large as their likeness to their neighbours makes it."""
     free, square = 5, float(left @ left)
     alike = float(left[1:] @ left[:-1]) / max(square, 1e-300)
@@ -174,7 +174,7 @@ class Window:
     chance: float | None
 
 
-def window_of(t_s: Array, degC: Array, low_degC: float, high_degC: float) -> Window:
+def window_of(t_s: Floats, degC: Floats, low_degC: float, high_degC: float) -> Window:
     """Return what a window says.
 
     Args:    t_s, degC: all samples, (n,), in order of time, at least one.   low_degC, high_degC: the band.
@@ -191,7 +191,7 @@ def window_of(t_s: Array, degC: Array, low_degC: float, high_degC: float) -> Win
     return Window(degC.size, float(degC.mean()), slope, spread, chance)
 
 
-def _means(t_s: Array, degC: Array) -> Array | None:
+def _means(t_s: Floats, degC: Floats) -> Floats | None:
     """Return means of tenths of the window; None if one has fewer than two samples."""
     edges = np.linspace(t_s[0], t_s[-1], _BLOCKS + 1)
     starts = np.searchsorted(t_s, edges[:-1])
@@ -200,13 +200,13 @@ def _means(t_s: Array, degC: Array) -> Array | None:
     return np.asarray(np.add.reduceat(degC, starts) / np.diff(np.append(starts, t_s.size)))
 
 
-def _rise(blocks: Array) -> float:
+def _rise(blocks: Floats) -> float:
     """Return the slope of the line through the means, in degC per block."""
     places = np.arange(_BLOCKS) - (_BLOCKS - 1) / 2.0
     return float(places @ blocks / (places @ places))
 
 
-def _chance(blocks: Array, rise: float, scatter: float, low_degC: float, high_degC: float) -> float:
+def _chance(blocks: Floats, rise: float, scatter: float, low_degC: float, high_degC: float) -> float:
     half = _BLOCKS // 2
     wander = _GROWTH * math.sqrt(float(np.mean((blocks[half:] - blocks[:-half] - half * rise) ** 2)))
     level = float(blocks[-_LEVEL:].mean()) + _LEVEL / 2.0 * rise  # carried on from the middle of these blocks to now

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.maths.array_types import Array
+from bench.maths.arrays import Floats
 
 FEWEST = 4  # readings from which on a trend or an odd reading can be told from noise
 
@@ -20,7 +20,7 @@ class Oddness:
     probability: float
 
 
-def trend(t_s: Array, readings: Array) -> Oddness | None:
+def trend(t_s: Floats, readings: Floats) -> Oddness | None:
     """Test readings for a straight drift in time.
 
     Args:    t_s: times, (n,), seconds.   readings: (n,), any unit.
@@ -41,7 +41,7 @@ def trend(t_s: Array, readings: Array) -> Oddness | None:
     return Oddness(slope * float(np.ptp(t_s)), probability)
 
 
-def odd_one(readings: Array) -> Oddness | None:
+def odd_one(readings: Floats) -> Oddness | None:
     """Test whether the reading that is farthest from the mean belongs to the others.
 
     Args:    readings: (n,), any unit.

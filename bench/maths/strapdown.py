@@ -22,7 +22,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from bench.maths.array_types import Array
+from bench.maths.arrays import Floats
 
 EARTH_RATE_rad_s = 7.292115e-5
 EARTH_RADIUS_m = 6_371_000.0  # of the gradient
@@ -40,36 +40,36 @@ def normal_gravity(latitude_deg: float) -> float:
     return float(_EQUATOR_m_s2 * (1.0 + _SOMIGLIANA * sine2) / np.sqrt(1.0 - _ECCENTRICITY_SQUARED * sine2))
 
 
-def gradient(latitude_deg: float) -> Array:
+def gradient(latitude_deg: float) -> Floats:
     """Return diagonal of the gravity gradient (north, east, down), 1/s^2: change of gravity per metre of position."""
     return normal_gravity(latitude_deg) / EARTH_RADIUS_m * np.array([-1.0, -1.0, 2.0])
 
 
-def earth_rate(latitude_deg: float) -> Array:
+def earth_rate(latitude_deg: float) -> Floats:
     """Return rate of the Earth in t, (3,), rad/s."""
     angle = np.deg2rad(latitude_deg)
     return EARTH_RATE_rad_s * np.array([np.cos(angle), 0.0, -np.sin(angle)])
 
 
-def vectors(lanes: tuple[int, ...]) -> Array:
+def vectors(lanes: tuple[int, ...]) -> Floats:
     """Return room for vectors as ``cross`` wants them: (5, *lanes), rows 3 and 4 repeat rows 0 and 1."""
     return np.zeros((5, *lanes))
 
 
-def repeat_rows(vector: Array) -> Array:
+def repeat_rows(vector: Floats) -> Floats:
     """Fill rows 3 and 4 of a (5, ...) vector from rows 0 and 1."""
     vector[3:] = vector[:2]
     return vector
 
 
-def cross(a: Array, b: Array, out: Array, spare: Array) -> Array:
+def cross(a: Floats, b: Floats, out: Floats, spare: Floats) -> Floats:
     """Return a x b of (5, ...) vectors into ``out`` (3, ...)."""
     np.multiply(a[1:4], b[2:5], out)
     np.multiply(a[2:5], b[1:4], spare)
     return np.subtract(out, spare, out)
 
 
-def small_rotation(vector: Array) -> Array:
+def small_rotation(vector: Floats) -> Floats:
     """Return exp([vector x]) for angles below 0.1 rad, by its series.
 
     Args:    vector: (3, ...) rad.
@@ -86,7 +86,7 @@ def small_rotation(vector: Array) -> Array:
     return out
 
 
-def _series(square: Array) -> tuple[Array, Array]:
+def _series(square: Floats) -> tuple[Floats, Floats]:
     """Return sin(x)/x and (1 - cos(x))/x^2 from x^2."""
     sine = 1.0 - square * (1.0 / 6.0 - square * (1.0 / 120.0 - square / 5040.0))
     versine = 0.5 - square * (1.0 / 24.0 - square * (1.0 / 720.0 - square / 40320.0))
@@ -118,7 +118,7 @@ class Strapdown:
         self._matrix, self._cube = np.zeros((3, 3, *lanes)), np.zeros((3, 3, 3, *lanes))
         self._rows, self._rows_spare = np.zeros((3, 5, *lanes)), np.zeros((3, 3, *lanes))
 
-    def step(self, dv: Array, dtheta: Array, dt: float) -> None:
+    def step(self, dv: Floats, dtheta: Floats, dt: float) -> None:
         """Go on by one interval.
 
         Args: dv m/s, dtheta rad: (3, *lanes) or what broadcasts to it, body.   dt: s.
@@ -130,7 +130,7 @@ class Strapdown:
         self._theta, self._theta_before = self._theta_before, self._theta
         self._dv, self._dv_before = self._dv_before, self._dv
 
-    def _compensate(self, dv: Array, dtheta: Array, dt: float) -> None:
+    def _compensate(self, dv: Floats, dtheta: Floats, dt: float) -> None:
         for raw, bias, out in ((dtheta, self.bias_theta, self._theta), (dv, self.bias_v, self._dv)):
             np.multiply(bias, dt, self._spare)
             np.subtract(raw, self._spare, out[:3])
@@ -145,7 +145,7 @@ class Strapdown:
         np.add(self._theta[:3], self._a, self._phi[:3])
         repeat_rows(self._phi)
 
-    def _velocity_increment(self) -> Array:
+    def _velocity_increment(self) -> Floats:
         """Return sculling and rotation: velocity increment in the body as it was at the begin of the interval."""
         cross(self._theta_before, self._dv, self._a, self._spare)
         cross(self._dv_before, self._theta, self._b, self._spare)
@@ -160,7 +160,7 @@ class Strapdown:
         self._a += self._b
         return self._a
 
-    def _move(self, dv: Array, dt: float) -> None:
+    def _move(self, dv: Floats, dt: float) -> None:
         np.multiply(self.C, dv, self._matrix)
         increment = np.add.reduce(self._matrix, axis=1, out=self._b)
         self.specific += increment
@@ -202,7 +202,7 @@ class Strapdown:
         np.multiply(self._earth, self.C, self._cube)
         np.add.reduce(self._cube, axis=1, out=self.C)
 
-    def _across(self, matrix: Array, out: Array) -> Array:
+    def _across(self, matrix: Floats, out: Floats) -> Floats:
         """Return rows of ``matrix`` times the rotation vector."""
         rows, phi = self._rows, self._phi
         rows[:, :3] = matrix
@@ -218,19 +218,19 @@ class Track:
     to t, (n, 3, 3) or (n, R, 3, 3).
     """
 
-    t_s: Array
-    p: Array
-    v: Array
-    C: Array
+    t_s: Floats
+    p: Floats
+    v: Floats
+    C: Floats
 
 
 def navigate(
-    t_s: Array,
-    dv: Array,
-    dtheta: Array,
-    p0: Array,
-    v0: Array,
-    C0: Array,
+    t_s: Floats,
+    dv: Floats,
+    dtheta: Floats,
+    p0: Floats,
+    v0: Floats,
+    C0: Floats,
     latitude_deg: float,
     begin_s: float | None = None,
 ) -> Track:

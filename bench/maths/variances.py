@@ -12,13 +12,13 @@ from collections.abc import Callable
 import numpy as np
 from scipy import special
 
-from bench.maths.array_types import Array
+from bench.maths.arrays import Floats
 
 PROBABILITY = 0.95
 _OF_ONE, _OF_SEVERAL = 1000, 300  # parts of equal probability of the law of each variance
 
 
-def of_variances(function: Callable[..., Array], *dof: float) -> tuple[float, float]:
+def of_variances(function: Callable[..., Floats], *dof: float) -> tuple[float, float]:
     """Return standard deviation and half-width of a function of independent estimated variances.
 
     Args:    function: of one array (n,) for each variance, factors on what was estimated, to (n,); it is the estimate
@@ -41,7 +41,7 @@ def of_variances(function: Callable[..., Array], *dof: float) -> tuple[float, fl
     return float(np.std(drawn)), float(within[math.ceil(PROBABILITY * within.size) - 1])
 
 
-def _estimated_over_true(dof: float, count: int) -> Array:
+def _estimated_over_true(dof: float, count: int) -> Floats:
     """Return (count,) ratios of an estimated variance to the true one, each as probable as the others."""
     if math.isinf(dof):
         return np.ones(1)

@@ -32,28 +32,23 @@ class Assumption:
 
 
 def assumed(
-    say: Callable[[str], str],
+    say: Callable[..., str],
     code: str,
     quantities: tuple[str, ...] = (),
     *,
     key: str = "",
-    taken: str = "",
-    unseen: str = "",
-    effect: str = "",
+    taken: str = "taken",
+    unseen: str = "unseen",
+    effect: str = "effect",
+    **fields: object,
 ) -> Assumption:
     """Return an assumption in the words of a catalogue, under ``key`` or its code.
 
-    ``taken``, ``unseen``, ``effect``: given where these depend on the campaign.
+    ``taken``, ``unseen``, ``effect``: endings of their keys, given where these depend on the campaign.
+    ``fields``: what stands in the sentences.
     """
-    entry = f"assumption.{key or code}"
-    return Assumption(
-        code,
-        taken or say(f"{entry}.taken"),
-        unseen or say(f"{entry}.unseen"),
-        effect or say(f"{entry}.effect"),
-        say(f"{entry}.shown"),
-        quantities,
-    )
+    sentences = [say(f"assumption.{key or code}.{ending}", **fields) for ending in (taken, unseen, effect, "shown")]
+    return Assumption(code, sentences[0], sentences[1], sentences[2], sentences[3], quantities)
 
 
 def assumptions_of(campaign: Mapping[str, Any]) -> list[Assumption]:

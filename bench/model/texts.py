@@ -82,6 +82,11 @@ class Sayings:
         text = _catalogue(self._folder / "texts" / f"{ENGLISH}.json")[key]
         return Said(text.format(**values) if values else text, str(self._folder), key, values)
 
+    def heads(self, table: str, *names: str, **values: object) -> list[str]:
+        """Return the heads of the columns of a table; ``table``: "" for heads that are of no table in particular."""
+        prefix = f"{table}.head" if table else "head"
+        return [self(f"{prefix}.{name}", **values) for name in names]
+
     def listed(self, parts: Iterable[str], key: str = "list") -> str:
         """Return parts as one, "" for none; ``key``: of the text that joins {first} and {rest}."""
         each = list(parts)

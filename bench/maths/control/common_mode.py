@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import linalg
 
-from bench.maths.array_types import Array
+from bench.maths.arrays import Floats
 from bench.maths.control.predictions import Readings, Scatter, level_and_drift
 from bench.maths.control.run_lengths import normal_scores
 
@@ -28,8 +28,8 @@ class Population:
     drift of every unit taken out.
     """
 
-    normal: Array
-    moment: Array
+    normal: Floats
+    moment: Floats
     variance: float  # of one calibration; NaN without degrees of freedom
     freedom: int
 
@@ -47,13 +47,13 @@ class Steps:
     and ``expected_std``, with what it states itself; ``score``: standard normal while every certificate holds.
     """
 
-    moved: Array
-    std: Array
-    expected_std: Array
-    score: Array
+    moved: Floats
+    std: Floats
+    expected_std: Floats
+    score: Floats
 
 
-def common_mode(table: Array) -> Array:
+def common_mode(table: Floats) -> Floats:
     """Return what the parameters of a unit have in common in each calibration, up to a constant.
 
     Args:    table: (n, p) calibrations by parameters, any unit, NaN where a calibration has no such parameter.
@@ -95,7 +95,7 @@ def population(units: Sequence[Readings], certificates: int) -> Population:
     return Population(normal, moment, rest / freedom if freedom > 0 else np.nan, freedom)
 
 
-def certificate_steps(units: Sequence[Readings], stated: Array, limit: float) -> Steps:
+def certificate_steps(units: Sequence[Readings], stated: Floats, limit: float) -> Steps:
     """Judge each certificate by all units: what they moved by at once, against what it states.
 
     Every certificate has an error of its own, normal with the standard uncertainty it states; nothing scales it. A

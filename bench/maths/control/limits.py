@@ -17,7 +17,7 @@ import numpy as np
 from scipy import special
 from scipy.optimize import brentq
 
-from bench.maths.array_types import Array
+from bench.maths.arrays import Floats
 from bench.maths.control.run_lengths import (
     CUSUM_REFERENCE,
     EWMA_WEIGHT,
@@ -122,14 +122,14 @@ class Signal:
 class Charts:
     """The three charts of a series of scores, (n,) each; NaN scores are passed over, their points repeat the state."""
 
-    shewhart: Array
-    ewma: Array  # in its own standard deviations
-    cusum_up: Array
-    cusum_down: Array  # negative
+    shewhart: Floats
+    ewma: Floats  # in its own standard deviations
+    cusum_up: Floats
+    cusum_down: Floats  # negative
     signals: tuple[Signal, ...]  # in order of the points
 
 
-def chart(scores: Array, limits: Limits) -> Charts:
+def chart(scores: Floats, limits: Limits) -> Charts:
     """Plot scores on all three charts, from zero on; a chart goes on behind a signal.
 
     Args:    scores: (n,), standard normal in control, NaN where there is none.   limits: of the charts.
@@ -151,7 +151,7 @@ def chart(scores: Array, limits: Limits) -> Charts:
     return Charts(scores, plotted[0], plotted[1], plotted[2], tuple(signals))
 
 
-def _signals(kind: str, line: Array, limit: float) -> list[Signal]:
+def _signals(kind: str, line: Floats, limit: float) -> list[Signal]:
     """Return the first point of each stretch beyond the limits on one side."""
     beyond = np.where(np.abs(line) > limit, np.sign(line), 0.0)
     before = np.concatenate([[0.0], beyond[:-1]])

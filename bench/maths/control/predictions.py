@@ -11,17 +11,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, special
 from scipy.optimize import brentq
 
-from bench.maths.array_types import Array, Int64
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.control.run_lengths import normal_scores
 from bench.maths.drift import NO_STANDARD
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 
-Labels = Int64
 _LEAST_SCATTER = 1e-4  # of the smallest variance stated: where readings do not scatter at all, no change is nothing
 _STEP = 1e-3  # relative, of a derivative
 _UNDETERMINED = 1e-4  # part of a row that the rows before it do not hold; of a drift: an hour of a year
@@ -38,15 +36,15 @@ class Readings:
     none); ``level``: a label that changes where the unit was adjusted; ``owner``: which unit, None for a single one.
     """
 
-    t: Array  # years
-    value: Array
-    std: Array
-    shared: Array
-    standard: Labels
-    level: Labels
-    owner: Labels | None = None
+    t: Floats  # years
+    value: Floats
+    std: Floats
+    shared: Floats
+    standard: Integers
+    level: Integers
+    owner: Integers | None = None
 
-    def of(self, rows: slice | NDArray[np.bool_] | Labels) -> Readings:
+    def of(self, rows: slice | Flags | Integers) -> Readings:
         """Return some of them."""
         owner = None if self.owner is None else self.owner[rows]
         readings = (self.t[rows], self.value[rows], self.std[rows], self.shared[rows])
@@ -72,10 +70,10 @@ class Scatter:
 class Predictions:
     """Calibrations against those before them, (n,) each; NaN where those determine no prediction."""
 
-    expected: Array
-    std: Array  # of value - expected
-    dof: Array  # of std; infinite where the first phase has no part in it
-    score: Array  # standard normal while nothing changes
+    expected: Floats
+    std: Floats  # of value - expected
+    dof: Floats  # of std; infinite where the first phase has no part in it
+    score: Floats  # standard normal while nothing changes
 
 
 def first_phase(readings: Readings, count: int) -> Scatter:
@@ -173,7 +171,7 @@ class Change:
         return coverage_factor(self.dof) * self.std
 
 
-def step_until(error: Array, std: Array, last: int, dof: float) -> Change | None:
+def step_until(error: Floats, std: Floats, last: int, dof: float) -> Change | None:
     """Estimate the likeliest step in errors of predictions up to ``last`` that are independent of each other.
 
     Args:    error, std: (n,) value minus prediction with its standard deviation; NaN where there is none.
@@ -215,7 +213,7 @@ def change_until(readings: Readings, scatter: Scatter, last: int) -> Change | No
     return _likeliest(size, power, np.where(usable, size**2 * power, -np.inf), scatter.dof)
 
 
-def _likeliest(size: Array, power: Array, gain: Array, dof: float) -> Change | None:
+def _likeliest(size: Floats, power: Floats, gain: Floats, dof: float) -> Change | None:
     """Return the step of the largest gain in chi-square, and between which places it may be."""
     best = int(gain.argmax())
     if not np.isfinite(gain[best]):
@@ -224,7 +222,7 @@ def _likeliest(size: Array, power: Array, gain: Array, dof: float) -> Change | N
     return Change(best, int(likely[0]), int(likely[-1]), float(size[best]), float(power[best] ** -0.5), dof)
 
 
-def level_and_drift(readings: Readings) -> Array:
+def level_and_drift(readings: Readings) -> Floats:
     """Return columns of the levels and of the drift of each unit, (n, k), years from its first calibration on."""
     owner = np.zeros_like(readings.level) if readings.owner is None else readings.owner
     columns = []
@@ -235,18 +233,18 @@ def level_and_drift(readings: Readings) -> Array:
     return np.column_stack(columns).astype(np.float64)
 
 
-def _shared(readings: Readings) -> Array:
+def _shared(readings: Readings) -> Floats:
     same = (readings.standard[:, None] == readings.standard) & (readings.standard != NO_STANDARD)
     return np.where(same, np.outer(readings.shared, readings.shared), 0.0)
 
 
-def _whitener(readings: Readings, scatter: Scatter, variance: float) -> Array:
+def _whitener(readings: Readings, scatter: Scatter, variance: float) -> Floats:
     """Return the lower Cholesky factor of the covariance of the readings, (n, n)."""
     beyond = np.maximum(readings.std**2 - readings.shared**2 - scatter.own * (1.0 + 1e-9), 0.0)
     return np.asarray(np.linalg.cholesky(np.diag(variance + beyond) + _shared(readings)))
 
 
-def _left_over(design: Array, shared: Array, value: Array, variance: float) -> tuple[float, float]:
+def _left_over(design: Floats, shared: Floats, value: Floats, variance: float) -> tuple[float, float]:
     """Return the generalised residual sum of squares, and how fast its expectation falls with the variance."""
     factor = np.linalg.cholesky(shared + variance * np.eye(value.size))
     inverse = linalg.solve_triangular(factor, np.eye(value.size), lower=True)
@@ -257,7 +255,7 @@ def _left_over(design: Array, shared: Array, value: Array, variance: float) -> t
     return float(left @ left), float(np.sum(rows**2))
 
 
-def _sequential(readings: Readings, scatter: Scatter, variance: float) -> tuple[Array, Array]:
+def _sequential(readings: Readings, scatter: Scatter, variance: float) -> tuple[Floats, Floats]:
     """Return the prediction of each reading from those before it and the standard deviation of its error, (n,) each."""
     factor = _whitener(readings, scatter, variance)
     rows = linalg.solve_triangular(factor, np.column_stack([level_and_drift(readings), readings.value]), lower=True)

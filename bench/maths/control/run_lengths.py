@@ -14,7 +14,7 @@ from functools import cache
 import numpy as np
 from scipy import special
 
-from bench.maths.array_types import Array
+from bench.maths.arrays import Floats
 
 EWMA_WEIGHT = 0.2  # of the newest score
 CUSUM_REFERENCE = 0.5  # half the shift, in standard deviations, that a CUSUM is quickest for
@@ -35,7 +35,7 @@ class Scores:
     ratio: float = 1.0
     dof: float = math.inf
 
-    def below(self, score: Array) -> Array:
+    def below(self, score: Floats) -> Floats:
         """Return the probability of a score not above each of ``score``, any shape."""
         return np.asarray(special.ndtr(self.ratio * _quotients(score, self.dof) - self.shift))
 
@@ -44,7 +44,7 @@ class Scores:
         return Scores(-self.shift, self.ratio, self.dof)
 
 
-def normal_scores(quotient: Array, dof: Array) -> Array:
+def normal_scores(quotient: Floats, dof: Floats) -> Floats:
     """Return scores that are standard normal if the quotients follow Student's distribution.
 
     Args:    quotient: reading minus prediction over its estimated standard deviation, any shape.
@@ -110,13 +110,13 @@ def _one_sided(limit: float, scores: Scores) -> float:
     return _steps_to_leave(moves)[0]
 
 
-def _steps_to_leave(moves: Array) -> list[float]:
+def _steps_to_leave(moves: Floats) -> list[float]:
     """Return how many steps a chain takes on average to leave its states, from each of them."""
     left: list[float] = np.linalg.solve(np.eye(moves.shape[0]) - moves, np.ones(moves.shape[0])).tolist()
     return left
 
 
-def _quotients(score: Array, dof: float) -> Array:
+def _quotients(score: Floats, dof: float) -> Floats:
     """Return the quotients of scores, the inverse of ``normal_scores``."""
     if math.isinf(dof):
         return score
@@ -125,6 +125,6 @@ def _quotients(score: Array, dof: float) -> Array:
 
 
 @cache
-def _table(dof: float) -> tuple[Array, Array]:
+def _table(dof: float) -> tuple[Floats, Floats]:
     at = np.linspace(-_FARTHEST, _FARTHEST, _GRID)
     return at, np.sign(at) * -special.stdtrit(dof, special.ndtr(-np.abs(at)))

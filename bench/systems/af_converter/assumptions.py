@@ -15,6 +15,7 @@ from bench.systems.af_converter.wording import say
 
 CLOCK_STEADY = 5e-6  # relative, within a visit of half an hour: a bad oscillator moves less
 _SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
+_BY_DMM = ("dsf_n", "dsf_p", "dsf_mean")
 _COEFFICIENTS = ("dsf_n_tc1", "dsf_n_tc2", "dsf_p_tc1", "dsf_p_tc2")
 _nA, _PPM = 1e9, 1e6
 
@@ -26,7 +27,7 @@ def of_levels(campaign: Mapping[str, Any]) -> list[Assumption]:
         assumed(say, "calibrator_drift", (*_SCALE_FACTORS, *_COEFFICIENTS)),
         _sensor(campaign),
         assumed(say, "converter_linearity", _SCALE_FACTORS),
-        assumed(say, "clock_counts", _SCALE_FACTORS, unseen=_say("clock_counts.unseen", ppm=_PPM * CLOCK_STEADY)),
+        assumed(say, "clock_counts", _SCALE_FACTORS, ppm=_PPM * CLOCK_STEADY),
         *_bias(campaign),
     ]
 
@@ -43,10 +44,27 @@ def of_log(campaign: Mapping[str, Any]) -> list[Assumption]:
     return [assumed(say, "temperature_sensor_gain", key="log_sensor"), assumed(say, "steady_stimulus")]
 
 
+def of_dmm_method(campaign: Mapping[str, Any]) -> list[Assumption]:
+    """Return what a campaign by the DMM method takes for granted, from the section "campaign" of its plan.
+
+    Sizes were seen with a meter of 20 ppm and a gyro and an accelerometer channel at one temperature.
+    Source: docs/decisions/0007-dmm-method.md.
+    """
+    bound = min((float(channel.get("plausible_error", 0.05)) for channel in campaign.get("channels", ())), default=0.05)
+    percent = 100.0 * bound
+    return [
+        assumed(say, "meter_gain", _BY_DMM, percent=percent),
+        assumed(say, "steady_meter", _BY_DMM),
+        assumed(say, "all_current_through_the_unit", _BY_DMM, percent=percent),
+        assumed(say, "linear_at_full_scale", (*_BY_DMM, "dsf_asymmetry")),
+        assumed(say, "clock_of_polarity", ("dsf_asymmetry",)),
+    ]
+
+
 def _gain(campaign: Mapping[str, Any]) -> Assumption:
     levels_A = {level_A for channel in campaign.get("channels", ()) for level_A in channel.get("levels_A", ())}
-    unseen = _say("calibrator_gain.unseen_levels", count=len(levels_A)) if levels_A else ""
-    return assumed(say, "calibrator_gain", ("dsf_n", "dsf_p"), unseen=unseen)
+    unseen = "unseen_levels" if levels_A else "unseen"
+    return assumed(say, "calibrator_gain", ("dsf_n", "dsf_p"), unseen=unseen, count=len(levels_A))
 
 
 def _sensor(campaign: Mapping[str, Any]) -> Assumption:
@@ -55,19 +73,16 @@ def _sensor(campaign: Mapping[str, Any]) -> Assumption:
         say,
         "temperature_sensor_gain",
         (*_SCALE_FACTORS, *_COEFFICIENTS),
-        unseen="" if u95_degC is None else _say("temperature_sensor_gain.unseen_stated", u95=u95_degC),
-        effect=_say("temperature_sensor_gain.effect", reference=reference_degC or 20.0),
+        unseen="unseen" if u95_degC is None else "unseen_stated",
+        u95=u95_degC,
+        reference=reference_degC or 20.0,
     )
 
 
 def _bias(campaign: Mapping[str, Any]) -> list[Assumption]:
     """Return what the bias and the clock errors take for granted."""
-    unseen = _say("generator_frequency.unseen", MHz=campaign.get("fg_Hz", 1e7) / 1e6)
+    generator_MHz = campaign.get("fg_Hz", 1e7) / 1e6
     return [
         assumed(say, "open_route_leakage", ("bias", "bias_residual")),
-        assumed(say, "generator_frequency", ("master_clock_error",), unseen=unseen),
+        assumed(say, "generator_frequency", ("master_clock_error",), MHz=generator_MHz),
     ]
-
-
-def _say(key: str, **values: float) -> str:
-    return say(f"assumption.{key}", **values)

@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bench.analysis import Table, number, significant, with_uncertainty
+from bench.maths.arrays import Floats
 from bench.maths.budget import Budget
 from bench.systems.af_converter.wording import say
 
@@ -38,10 +36,10 @@ def budget_table(title: str, unit: str, value: float, budget: Budget) -> Table:
     )
     stated = with_uncertainty(value, budget.expanded_uncertainty)
     caption = say("budget.caption", value=stated, unit=unit, k=f"{budget.coverage_factor:.2f}")
-    return Table(title, caption, [say(f"budget.head.{head}") for head in _HEADERS], rows)
+    return Table(title, caption, say.heads("budget", *_HEADERS), rows)
 
 
-def correlation_table(title: str, caption: str, names: Sequence[str], matrix: NDArray[np.float64]) -> Table:
+def correlation_table(title: str, caption: str, names: Sequence[str], matrix: Floats) -> Table:
     """Correlation between results, both ways by name; three decimals, but 1 for a result with itself alone."""
     rows = [
         [name, *(_correlation(float(matrix[row, column]), row == column) for column in range(len(names)))]

@@ -5,7 +5,7 @@ same as a C99 header that a navigation engineer can paste.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 from bench.analysis import (
     Analysis,
     Closed,
+    Document,
     Source,
     UnitUnderTest,
     c_preamble,
@@ -140,7 +141,7 @@ def scale_factor_compensation(fitted: Fitted, campaign: Campaign) -> list[dict[s
     return entries
 
 
-def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]) -> dict[str, Any]:
+def coefficients_of(analysis: Analysis, results: Document, campaign: Document) -> dict[str, Any]:
     """Return the document of one session.
 
     Args:    analysis, results: of the session; ``campaign``: that section of its manifest.
@@ -172,7 +173,7 @@ def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Ma
     return document
 
 
-def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def merged(documents: Sequence[Document]) -> dict[str, Any]:
     """Return one document of the sessions of one unit, parameters by name and channel.
 
     A campaign may measure some channels only; those that several measure must have the same nominal constants.
@@ -203,7 +204,7 @@ def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     }
 
 
-def _nominal(documents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def _nominal(documents: Sequence[Document]) -> list[dict[str, Any]]:
     stated: dict[int, tuple[dict[str, Any], str]] = {}
     for document in documents:
         session = str(document["sources"][0]["session"])
@@ -223,7 +224,7 @@ def coefficients_schema() -> dict[str, Any]:
     return schema_of(Coefficients)
 
 
-def header_text(document: Mapping[str, Any]) -> str:
+def header_text(document: Document) -> str:
     """Return the header of a checked document; the same document gives the same bytes.
 
     Tables are indexed by channel number, 0 unused, all of one length: no channel that is in one of them lies outside
@@ -248,7 +249,7 @@ def header_text(document: Mapping[str, Any]) -> str:
     return "\n".join([*parts, f"#endif /* {guard} */\n"])
 
 
-def _nominal_charges(nominal: Sequence[Mapping[str, Any]], last: int) -> str:
+def _nominal_charges(nominal: Sequence[Document], last: int) -> str:
     if not nominal:
         return ""
     charges = {int(constants["channel"]): constants for constants in nominal}
@@ -265,7 +266,7 @@ def _nominal_charges(nominal: Sequence[Mapping[str, Any]], last: int) -> str:
     return "\n".join([*head, *lines, "};\n"])
 
 
-def _table(name: str, members: Sequence[Mapping[str, Any]], width: int, last: int) -> str:
+def _table(name: str, members: Sequence[Document], width: int, last: int) -> str:
     if members[0]["channel"] is None:
         return f"static const compensation_polynomial {name} = {_initialiser(members[0], width)};\n"
     by_channel = {int(parameter["channel"]): parameter for parameter in members}
@@ -276,7 +277,7 @@ def _table(name: str, members: Sequence[Mapping[str, Any]], width: int, last: in
     return f"static const compensation_polynomial {name}[{len(lines)}] = {{\n" + "\n".join(lines) + "\n};\n"
 
 
-def _initialiser(parameter: Mapping[str, Any] | None, width: int) -> str:
+def _initialiser(parameter: Document | None, width: int) -> str:
     coefficients = [] if parameter is None else [float(value) for value in parameter["coefficients"]]
     numbers = ", ".join(repr(value) for value in [*coefficients, *[0.0] * (width - len(coefficients))])
     low, high = (0.0, 0.0) if parameter is None else parameter["valid_degC"]

@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from bench.analysis import Common, Evidence, Material, outlived, outlived_text
+from bench.analysis import Common, Document, Evidence, Material, outlived, outlived_text
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.readings import GAIN, Converter, RangeSpecification, RelativeError
 from bench.systems.af_converter.wording import say
@@ -25,7 +25,7 @@ PLAUSIBLE_ERROR = 0.05  # of the nominal scale factor, where the sequence states
 
 _Positive = Annotated[float, Field(gt=0)]
 _NotNegative = Annotated[float, Field(ge=0)]
-Register = Mapping[str, Mapping[str, Any]]
+Register = Mapping[str, Document]
 CALIBRATOR = "calibrator"
 FUNCTION_GENERATOR = "function_generator"
 METER = "dmm"
@@ -90,13 +90,13 @@ class Campaign(_Tolerant):
     af_clock_Hz: _Positive
     fg_Hz: _Positive = 1e7
     master_Hz: _Positive
-    uut: Mapping[str, Any] = Field(default_factory=dict)
+    uut: Document = Field(default_factory=dict)
     channels: tuple[Channel, ...]
     temperature_sensor_u95_degC: _NotNegative | None = None
     gradient_degC: _NotNegative | None = None
     thermal_lag_s: _Positive | None = None
     master_curve_ppm: tuple[float, float, float] | None = None
-    previous: tuple[Mapping[str, Any], ...] = ()
+    previous: tuple[Document, ...] = ()
 
     def channel(self, number: int) -> Channel:
         """Constants of one channel. Raises FitError B-FIT-008 for a channel the campaign does not declare."""
@@ -130,7 +130,7 @@ class Campaign(_Tolerant):
         return math.hypot(self.sensor_std_degC, self.gradient_std_degC)
 
 
-def read_campaign(campaign: Mapping[str, Any]) -> Campaign:
+def read_campaign(campaign: Document) -> Campaign:
     """Check the campaign section of a manifest. Raises FitError B-FIT-008 naming the first wrong field."""
     try:
         return Campaign.model_validate(campaign)
@@ -189,7 +189,7 @@ def read_ranges(standards: Register, role: str) -> dict[float, RangeSpecificatio
         raise _register_error(role, error) from error
 
 
-def _range(line: Mapping[str, Any], correction: Mapping[str, Any], entry: Mapping[str, Any]) -> RangeSpecification:
+def _range(line: Document, correction: Document, entry: Document) -> RangeSpecification:
     kind, common = line.get("specification"), line.get("common_with")
     calibration = _calibration(line, entry)
     return RangeSpecification(
@@ -203,7 +203,7 @@ def _range(line: Mapping[str, Any], correction: Mapping[str, Any], entry: Mappin
     )
 
 
-def _calibration(line: Mapping[str, Any], entry: Mapping[str, Any]) -> RelativeError | None:
+def _calibration(line: Document, entry: Document) -> RelativeError | None:
     """Return the error of a range that its certificate states beside a relative specification, None if it does not."""
     dof = _at_least_one(line.get("dof", entry.get("dof")))
     if line.get("certificate_U") is not None:
@@ -271,11 +271,11 @@ def _at_least_one(stated: Any) -> float:
     return degrees
 
 
-def _half(entry: Mapping[str, Any], key: str) -> float | None:
+def _half(entry: Document, key: str) -> float | None:
     return None if entry.get(key) is None else float(entry[key]) / 2.0
 
 
-def _function_generator(entry: Mapping[str, Any]) -> float:
+def _function_generator(entry: Document) -> float:
     stated = entry.get("uncertainty") or ()
     if not stated:
         own = _FG_RECTANGULAR_LIMIT / math.sqrt(3.0)

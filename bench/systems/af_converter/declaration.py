@@ -182,7 +182,7 @@ DECLARATION = System(
             ("joint", "as_printed"),
             reading="measure_current",
             main=_MAIN,
-            assumptions=f"{_HERE}.dmm_method.assumptions:assumptions",
+            assumptions=f"{_HERE}.assumptions:of_dmm_method",
             predicted=f"{_HERE}.dmm_method.predicted:predicted",
             **_AT_ONE_TEMPERATURE,
             **_DATA_SHEET,

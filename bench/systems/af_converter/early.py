@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Check
+from bench.analysis import Analysis, Check, Document
 from bench.model.clock import NS
 from bench.record import RecordRow
 from bench.systems.af_converter.constants import Campaign, read_campaign
@@ -20,7 +20,7 @@ _MAD = 0.6745  # median of the absolute value of a standard normal variable
 
 
 def checks(
-    rows: Sequence[RecordRow], campaign: Mapping[str, Any], fit: Callable[[], Analysis], limits: Mapping[str, float]
+    rows: Sequence[RecordRow], campaign: Document, fit: Callable[[], Analysis], limits: Mapping[str, float]
 ) -> Iterator[Check]:
     """Yield all checks of what is recorded so far; ``campaign``: that section of the manifest; ``fit``: a partial fit.
 

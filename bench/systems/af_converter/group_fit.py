@@ -17,9 +17,9 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import Evidence
+from bench.maths.arrays import Flags, Floats
 from bench.model.errors import FitError
 from bench.systems.af_converter.assumptions import CLOCK_STEADY
 from bench.systems.af_converter.constants import Campaign, Standards
@@ -36,7 +36,6 @@ from bench.systems.af_converter.estimators.temperature import TemperaturePolynom
 from bench.systems.af_converter.groups import Group, Place, place_name, place_of
 from bench.systems.af_converter.wording import say
 
-Array = NDArray[np.float64]
 _FOLLOWS = 0.5  # of the level: a counter that moves less does not follow the stimulus
 _NEARLY_ALL = 0.9
 _PPM = 1e6
@@ -215,7 +214,7 @@ def _odd_row(rows: Readings, converter: Converter, standards: Standards, referra
 
 
 def refit(
-    visit: GroupFit, kept: NDArray[np.bool_], fitted: Fitted, campaign: Campaign, standards: Standards, method: str
+    visit: GroupFit, kept: Flags, fitted: Fitted, campaign: Campaign, standards: Standards, method: str
 ) -> ScaleFactor | None:
     """Return the fit of a group by those of its closed rows alone, None if they do not determine it."""
     referral = fitted.referral(visit.group.channel, visit.fit.unit_temperature_degC)
@@ -339,7 +338,7 @@ def about(group: Group) -> dict[str, float]:
     return {"channel": group.channel, "temperature_degC": group.temperature_degC}
 
 
-def plausible(group: Group, dsf_ppm: Array, campaign: Campaign) -> Iterator[Evidence]:
+def plausible(group: Group, dsf_ppm: Floats, campaign: Campaign) -> Iterator[Evidence]:
     """Yield what cannot be: a counter that follows the other polarity or none, an error beyond the declared bound.
 
     ``dsf_ppm``: scale-factor errors that the group gave, of either counter or their mean.
@@ -366,7 +365,7 @@ def plausible(group: Group, dsf_ppm: Array, campaign: Campaign) -> Iterator[Evid
             yield _refusal("implausible_scale_factor", sentence, worst_ppm, group)
 
 
-def _followed(group: Group, campaign: Campaign) -> Array:
+def _followed(group: Group, campaign: Campaign) -> Floats:
     """Return what each level drives beyond the zeros, (l,), relative to it: 1 for its own counter, -1 for the other.
 
     A level that is no larger than the bias of the converter drives no less than the others, once the bias is off.
@@ -375,7 +374,7 @@ def _followed(group: Group, campaign: Campaign) -> Array:
     n_A, p_A = pulse_currents_A(rows, campaign.converter(group.channel))
     levels, driven_A = rows.level_A > 0, n_A - p_A
     bias_A = float(driven_A[~levels].mean()) if not levels.all() else 0.0
-    return np.asarray((rows.polarity * (driven_A - bias_A))[levels] / rows.level_A[levels])
+    return (rows.polarity * (driven_A - bias_A))[levels] / rows.level_A[levels]
 
 
 def _refusal(code: str, sentence: str, figure: float, group: Group) -> Evidence:

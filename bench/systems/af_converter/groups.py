@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis import count_problem
+from bench.analysis import Document, count_problem
 from bench.model.errors import FitError
 from bench.model.stopping import STAGE, STAGE_INDEX
 from bench.record import UNIT_TEMPERATURE, is_off_target
@@ -76,7 +76,7 @@ def place_name(place: Place) -> str:
     return say("place", channel=channel, degC=temperature_degC)
 
 
-def place_of(conditions: Mapping[str, Any]) -> Place:
+def place_of(conditions: Document) -> Place:
     """Group that a record with these conditions belongs to."""
     return int(conditions["channel"]), float(conditions["temperature_degC"]), int(conditions.get("repeat", 0))
 
@@ -96,7 +96,7 @@ def campaign_rows(rows: Iterable[RecordRow]) -> list[RecordRow]:
     return chosen
 
 
-def _belongs(conditions: Mapping[str, Any]) -> bool:
+def _belongs(conditions: Document) -> bool:
     return conditions.get("purpose", _PURPOSE) == _PURPOSE and {"channel", "temperature_degC"} <= conditions.keys()
 
 

@@ -10,15 +10,15 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Integers
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import UNIT_TEMPERATURE, RecordRow
 from bench.systems.af_converter.constants import Campaign
 
-Columns = Mapping[str, NDArray[np.int64]]
+Columns = Mapping[str, Integers]
 
 _MANY = 100  # pulses in a frame; of more it is their number that counts, not the instant of each
 

@@ -7,10 +7,9 @@ piece, of the counts and of the AF clock, and the white noise of the converter. 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from bench.analysis import count_problem
+from bench.analysis import Document, count_problem
 from bench.systems.af_converter.constants import read_campaign
 from bench.systems.af_converter.estimators.points import random_A
 
@@ -20,20 +19,18 @@ if TYPE_CHECKING:
 UNIT = "A"
 
 
-def may_end(conditions: Mapping[str, Any]) -> bool:
+def may_end(conditions: Document) -> bool:
     """Return whether the point may end early: a level of a first visit. Zeros and repeats hold up all other points."""
     closed = conditions.get("route", "closed") != "open" and bool(conditions.get("polarity"))
     return closed and level(conditions) > 0.0 and not conditions.get("repeat", 0)
 
 
-def level(conditions: Mapping[str, Any]) -> float:
+def level(conditions: Document) -> float:
     """Return the magnitude of the calibrator's current, ampere."""
     return abs(float(conditions.get("current_A") or 0.0))
 
 
-def random(
-    campaign: Mapping[str, Any], conditions: Mapping[str, Any], seconds: float, cuts: int
-) -> tuple[float, float]:
+def random(campaign: Document, conditions: Document, seconds: float, cuts: int) -> tuple[float, float]:
     """Return standard uncertainties of the mean current, ampere: by quantisation alone, and with the declared noise.
 
     Raises: FitError B-FIT-008 for a channel or noise that is not declared.
@@ -42,7 +39,7 @@ def random(
     return random_A(converter, level(conditions), seconds, cuts)
 
 
-def mean(row: RecordRow, campaign: Mapping[str, Any]) -> float:
+def mean(row: RecordRow, campaign: Document) -> float:
     """Return the mean current of a record by nominal scale factors, signed, ampere; NaN for one that does not count.
 
     Source: AF-converter paper equations (1), (2): K0 C with C = r N / t is K0 f_AF0 N / n_AF, the gate cancels.

@@ -24,7 +24,7 @@ def of_calibration(campaign: Mapping[str, Any]) -> list[Assumption]:
     """Return what a calibration of accelerometers and gyros takes for granted."""
     return [
         _gravity(campaign),
-        _table_angle(),
+        assumed(say, "table_angle", _GYRO, turn=_TURN_deg),
         _mounting(campaign),
         assumed(say, "temperature_sensor"),
         _latitude(campaign),
@@ -48,29 +48,27 @@ def of_magnetometer(campaign: Mapping[str, Any]) -> list[Assumption]:
 
 def _gravity(campaign: Mapping[str, Any]) -> Assumption:
     gravity = (campaign.get("site") or {}).get("gravity_m_s2")
-    taken = "" if gravity is None else _say("local_gravity.taken_stated", gravity=float(gravity))
-    return assumed(say, "local_gravity", _ACCEL, taken=taken)
-
-
-def _table_angle() -> Assumption:
-    return assumed(say, "table_angle", _GYRO, unseen=_say("table_angle.unseen", turn=_TURN_deg))
+    if gravity is None:
+        return assumed(say, "local_gravity", _ACCEL)
+    return assumed(say, "local_gravity", _ACCEL, taken="taken_stated", gravity=float(gravity))
 
 
 def _mounting(campaign: Mapping[str, Any]) -> Assumption:
     tilt_deg = float((campaign.get("site") or {}).get("tilt_std_deg", 0.0))
-    effect = _say("mounting.effect", arcmin=1e6 * math.radians(1.0 / 60.0))
-    if not tilt_deg:
-        return assumed(say, "mounting", (*_ACCEL, *_GYRO), effect=effect)
-    taken = _say("mounting.taken_stated", tilt=60.0 * tilt_deg)
-    unseen = _say("mounting.unseen_stated", wide=120.0 * tilt_deg)
-    return assumed(say, "mounting", (*_ACCEL, *_GYRO), taken=taken, unseen=unseen, effect=effect)
+    return assumed(
+        say,
+        "mounting",
+        (*_ACCEL, *_GYRO),
+        taken="taken_stated" if tilt_deg else "taken",
+        unseen="unseen_stated" if tilt_deg else "unseen",
+        arcmin=1e6 * math.radians(1.0 / 60.0),
+        tilt=60.0 * tilt_deg,
+        wide=120.0 * tilt_deg,
+    )
 
 
 def _latitude(campaign: Mapping[str, Any]) -> Assumption:
     latitude = (campaign.get("site") or {}).get("latitude_deg")
-    taken = "" if latitude is None else _say("earth_rate.taken_stated", latitude=float(latitude))
-    return assumed(say, "earth_rate", ("gyro_bias",), taken=taken)
-
-
-def _say(key: str, **values: float) -> str:
-    return say(f"assumption.{key}", **values)
+    if latitude is None:
+        return assumed(say, "earth_rate", ("gyro_bias",))
+    return assumed(say, "earth_rate", ("gyro_bias",), taken="taken_stated", latitude=float(latitude))

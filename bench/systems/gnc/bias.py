@@ -9,11 +9,22 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Estimates, Figure, Material, Table, check_method, curve, estimate, no_result
+from bench.analysis import (
+    Analysis,
+    Document,
+    Estimates,
+    Figure,
+    Material,
+    Table,
+    check_method,
+    curve,
+    estimate,
+    no_result,
+    worded_table,
+)
 from bench.maths.allan import allan_deviation
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.bias_mean import BiasMean, declared_mean, flip_bias, mean_bias
@@ -63,7 +74,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="imu_bias",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=estimates,
         notes=[*no_result(missing), *notes, *check_notes(looked_at)],
         missing=missing,
@@ -250,7 +261,7 @@ def _about(first: SampledRow, second: SampledRow) -> str | None:
     return AXES[int(np.argmax(cosines))]
 
 
-def _tables(estimates: Sequence[Mapping[str, Any]]) -> list[Table]:
+def _tables(estimates: Sequence[Document]) -> list[Table]:
     """Bias of each axis, and table 2 of the paper for all axes (it prints X only): value and expanded uncertainty."""
     factors = {"gyro_bias": 1.0, "accel_bias": 1e3} | dict.fromkeys(_ROWS, 1.0)
     rows = [
@@ -259,12 +270,12 @@ def _tables(estimates: Sequence[Mapping[str, Any]]) -> list[Table]:
     ]
     headers = [say("bias.head.quantity"), *AXES]
     return [
-        Table(say("bias.title"), say("bias.caption"), headers, rows[:2], lead=True),
-        Table(say("table2.title"), say("table2.caption"), headers, rows[2:], lead=True),
+        worded_table(say, "bias", headers, rows[:2], lead=True),
+        worded_table(say, "table2", headers, rows[2:], lead=True),
     ]
 
 
-def _cell(estimates: Sequence[Mapping[str, Any]], quantity: str, axis: str, factor: float) -> str:
+def _cell(estimates: Sequence[Document], quantity: str, axis: str, factor: float) -> str:
     for entry in estimates:
         if entry["quantity"] == quantity and entry["conditions"].get("axis") == axis:
             value, wide = factor * entry["value"], factor * entry["expanded_uncertainty"]

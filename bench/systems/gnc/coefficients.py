@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import Field
@@ -16,6 +16,7 @@ from pydantic import Field
 from bench.analysis import (
     Analysis,
     Closed,
+    Document,
     Source,
     UnitUnderTest,
     c_preamble,
@@ -154,7 +155,7 @@ def magnetometer_section(method: str, plane: PlaneParameters, span_degC: tuple[f
     }
 
 
-def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Mapping[str, Any]) -> dict[str, Any]:
+def coefficients_of(analysis: Analysis, results: Document, campaign: Document) -> dict[str, Any]:
     """Return the document of one session. Raises: InputError B-COEF-006 for a section that is not in the form."""
     session = str(results["session"])
     document = {
@@ -169,7 +170,7 @@ def coefficients_of(analysis: Analysis, results: Mapping[str, Any], campaign: Ma
     return document
 
 
-def merged(documents: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+def merged(documents: Sequence[Document]) -> dict[str, Any]:
     """Return one document of the sessions of one unit: calibration and magnetometer.
 
     Raises: InputError B-COEF-001 (another unit), B-COEF-002 (a section twice), B-COEF-003 (simulated and real).
@@ -198,7 +199,7 @@ def coefficients_schema() -> dict[str, Any]:
     return schema_of(ImuCoefficients)
 
 
-def header_text(document: Mapping[str, Any]) -> str:
+def header_text(document: Document) -> str:
     """Return the header of a checked document; the same document gives the same bytes.
 
     Numbers are the shortest text that gives the same double back.
@@ -221,7 +222,7 @@ def header_text(document: Mapping[str, Any]) -> str:
     return "\n".join([*parts, f"#endif /* {guard} */\n"])
 
 
-def _triad(section: Mapping[str, Any], operator: str, sign: str) -> str:
+def _triad(section: Document, operator: str, sign: str) -> str:
     rows = ", ".join(_vector(row) for row in section["matrix"])
     return _TRIAD.format(
         name=f"IMU_{section['section'].upper()}",
@@ -235,7 +236,7 @@ def _triad(section: Mapping[str, Any], operator: str, sign: str) -> str:
     )
 
 
-def _magnetometer(section: Mapping[str, Any], sign: str) -> str:
+def _magnetometer(section: Document, sign: str) -> str:
     angle = math.radians(section["alpha_deg"])
     return _MAGNETOMETER.format(
         offset=_vector(section["offset"]),

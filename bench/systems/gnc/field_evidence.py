@@ -15,12 +15,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import special
 
-from bench.analysis import Estimates, Evidence, Exchange, Floats, Material, estimate
+from bench.analysis import Document, Estimates, Evidence, Exchange, Floats, Material, estimate
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import BenchError
 from bench.systems.gnc.estimators.magnetometer.ellipse import EllipseFit, PlaneParameters
@@ -40,7 +39,7 @@ _ROUNDING = 1e-18  # variance, gauss^2
 ROLL, SET, RETURNED = "roll", "set_magnetometer", "returned"
 _LEAST = 3  # angles that leave something over beside the direction of the field
 _STEP_deg, _STEP_gauss = 0.01 / 12.0**0.5, 120e-6 / 12.0**0.5
-_NONE: Mapping[str, Any] = {"offset": [0.0, 0.0, 0.0], "gain": 1.0, "sin_alpha": 0.0}
+_NONE: Document = {"offset": [0.0, 0.0, 0.0], "gain": 1.0, "sin_alpha": 0.0}
 
 
 def surface_evidence(
@@ -48,7 +47,7 @@ def surface_evidence(
     points: Floats,
     begins: Sequence[int],
     what: str,
-    about: Mapping[str, Any],
+    about: Document,
     unit: str = "gauss",
 ) -> list[Evidence]:
     """Return what the residuals of a curve or surface say: noise longer than the record tells, another shape.
@@ -75,7 +74,7 @@ def surface_evidence(
     ]
 
 
-def plausible_plane(fit: EllipseFit, about: Mapping[str, Any]) -> list[Evidence]:
+def plausible_plane(fit: EllipseFit, about: Document) -> list[Evidence]:
     """Return what no magnetometer in the Earth's field shows in a turn; empty where all is as it may be."""
     found = fit.parameters
     reasons = _field(found.radius, 0.0) + _iron(float(np.abs(found.offset).max()), found.radius)
@@ -122,7 +121,7 @@ def _distortion(part: float) -> list[tuple[str, str, float]]:
     return [("implausible_soft_iron", text, 100 * part)]
 
 
-def section_evidence(plane: EllipseFit, sphere: EllipsoidFit, turn: Floats, about: Mapping[str, Any]) -> Evidence:
+def section_evidence(plane: EllipseFit, sphere: EllipsoidFit, turn: Floats, about: Document) -> Evidence:
     """Return whether the ellipse of a turn is the section of the ellipsoid at its readings ``turn`` (n, 3).
 
     The size of the field is left out: it may change from record to record, which moves neither iron nor gain.
@@ -227,7 +226,7 @@ def answers_of(material: Material) -> list[RollAnswer]:
     return answers
 
 
-def _answer(exchange: Exchange, fields: Mapping[str, Any], now: Mapping[str, Any]) -> RollAnswer:
+def _answer(exchange: Exchange, fields: Document, now: Document) -> RollAnswer:
     x, y = float(fields["mag"][0]), float(fields["mag"][1])
     sine = float(now["sin_alpha"])
     return RollAnswer(

@@ -15,10 +15,21 @@ from dataclasses import dataclass
 from typing import Any
 
 from bench import analysis
-from bench.analysis import Estimate, Estimates, Table, judged, rule_of, stated_limits, use_of, with_uncertainty
+from bench.analysis import (
+    Document,
+    Estimate,
+    Estimates,
+    Table,
+    judged,
+    rule_of,
+    stated_limits,
+    use_of,
+    with_uncertainty,
+    worded_table,
+)
 from bench.maths.verdict import WORST_FIRST
 from bench.systems.gnc.declaration import DECLARATION
-from bench.systems.gnc.wording import headers_of, say
+from bench.systems.gnc.wording import say
 
 # in the base unit of the dimension that the declaration states
 SPECIFIED: Mapping[str, float] = {
@@ -56,7 +67,7 @@ NOT_TESTED = say("verdict.not_tested")
 _ORDER = (*WORST_FIRST, "none")  # the worst axis speaks for the row
 
 
-def limits_of(campaign: Mapping[str, Any]) -> Limits:
+def limits_of(campaign: Document) -> Limits:
     """Return every limit in the base unit of its dimension (V, A, deg, deg/s, g, gauss, m, degC, 1).
 
     Raises: FitError B-GNC-001 for a limit of the sequence that no analysis knows, or in a unit that does not fit.
@@ -111,7 +122,7 @@ ROWS: tuple[Row, ...] = (
 )
 
 
-def table_3(estimates: Estimates, campaign: Mapping[str, Any]) -> Table:
+def table_3(estimates: Estimates, campaign: Document) -> Table:
     """Return the table; a row shows the axis that is worst, by the rule of the campaign.
 
     Raises: FitError B-GNC-001 (limits), B-FIT-041 (rule).
@@ -121,10 +132,9 @@ def table_3(estimates: Estimates, campaign: Mapping[str, Any]) -> Table:
         _row(promised, [entry for entry in estimates if entry["quantity"] in promised.quantities], limits, rule)
         for promised in ROWS
     ]
-    title, caption = say("table3.title"), say("table3.caption")
-    headers = headers_of("table3", "parameter", "unit", "measured", "limit", "of", "verdict")
+    headers = say.heads("table3", "parameter", "unit", "measured", "limit", "of", "verdict")
     tested = any(row[-1] != NOT_TESTED for row in rows)  # of nothing but "not tested" nobody reads first
-    return Table(title, caption, headers, rows, lead=tested)
+    return worded_table(say, "table3", headers, rows, lead=tested)
 
 
 def _row(row: Row, entries: Estimates, limits: Limits, rule: str) -> list[Any]:

@@ -61,7 +61,7 @@ from bench.systems.gnc.rows import (
     temperature_span,
     usable,
 )
-from bench.systems.gnc.wording import headers_of, refused, say
+from bench.systems.gnc.wording import refused, say
 
 _MOST_SAMPLES = 20_000  # an even choice of more says nothing that these do not
 _CIRCLE_SAMPLES = 2_000
@@ -203,7 +203,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="magnetometer",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=[*estimates, *sphere.estimates],
         evidence=[*_evidence(turns, sphere), *sphere.evidence],
         notes=[
@@ -296,7 +296,7 @@ def _table(fit: PlaneComparison) -> Table:
     phases = fit.extremes.phases
     key = "plane.caption_phases" if phases else "plane.caption"
     caption = say(key, rms=rms, largest=largest, phases=phases)
-    headers = headers_of("plane", "parameter", "extremes", "ellipse", "difference")
+    headers = say.heads("plane", "parameter", "extremes", "ellipse", "difference")
     return Table(say("plane.title"), caption, headers, rows, prose=True, lead=True)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import CONTINUES, UNIT, Estimates, Floats, Material, Planned, Prediction, Reading
+from bench.analysis import CONTINUES, UNIT, Document, Estimates, Floats, Material, Planned, Prediction, Reading
 from bench.model.clock import NS
 from bench.model.errors import FitError
 from bench.model.ports import RecordWindow
@@ -67,7 +67,7 @@ _LABORATORY_degC = 25.0
 _SENSORS = {"gyro": "gyro", "accel": "accelerometer"}
 
 
-def noise_of(campaign: Mapping[str, Any], kind: str, missing: list[str]) -> SensorNoise | None:
+def noise_of(campaign: Document, kind: str, missing: list[str]) -> SensorNoise | None:
     """Return the declared noise of the "gyro" or "accelerometer"; None, and what to declare, without one.
 
     A sensor of no noise and no step would have no uncertainty: it counts as not declared.
@@ -81,7 +81,7 @@ def noise_of(campaign: Mapping[str, Any], kind: str, missing: list[str]) -> Sens
     return SensorNoise(float(imu[_WALKS[kind]]), wandering, step, 1.0 / float(campaign["rate_Hz"]))
 
 
-def magnetic_noise(campaign: Mapping[str, Any]) -> float:
+def magnetic_noise(campaign: Document) -> float:
     """Return the standard deviation of a reading of the magnetometer with its rounding, gauss.
 
     Raises: FitError B-GNC-008 if it is not declared, or declared to be nothing.
@@ -94,7 +94,7 @@ def magnetic_noise(campaign: Mapping[str, Any]) -> float:
     return math.hypot(noise, rounding)
 
 
-def field_local_gauss(campaign: Mapping[str, Any]) -> Floats:
+def field_local_gauss(campaign: Document) -> Floats:
     """Return the magnetic field of the site, East, North, Up. Raises: FitError B-GNC-008 if it is not declared."""
     field = (campaign.get("site") or {}).get("magnetic_field")
     if field is None:
@@ -163,7 +163,7 @@ def _row(
 def _angle_deg(window: RecordWindow, calls: Sequence[Reading], edges_s: Floats) -> Floats:
     """Return what the turning axis of the table has turned since the begin of a record, at the edges of its samples."""
     if "rate_deg_s" in window.conditions:
-        return np.asarray(float(window.conditions["rate_deg_s"]) * edges_s)
+        return float(window.conditions["rate_deg_s"]) * edges_s
     first_s, last_s = window.t_start_ns / NS, window.t_end_ns / NS
     angle_deg = np.zeros(edges_s.size)
     for call in calls:
@@ -180,7 +180,7 @@ def _trapezoid(time_s: Floats, turn: Reading) -> Floats:
     time_s = np.clip(time_s, 0.0, whole_s)
     early, late = np.minimum(time_s, ramp_s), np.maximum(time_s - (whole_s - ramp_s), 0.0)
     way = acceleration * early**2 / 2.0 + peak * np.maximum(time_s - ramp_s, 0.0) - acceleration * late**2 / 2.0
-    return np.asarray(math.copysign(1.0, angle) * way)
+    return math.copysign(1.0, angle) * way
 
 
 def _along(window: RecordWindow) -> float:
@@ -200,7 +200,7 @@ def _seen(window: RecordWindow, angle_deg: Floats, vector: Floats, site: Site) -
         seen = _turned_back(0, middle_deg, fixed) @ mounting
     else:
         seen = _turned_back(2, middle_deg, outer.T @ table_to_local(site).T @ vector) @ middle @ inner @ mounting
-    return np.asarray(np.round(seen, _DIGITS))
+    return np.round(seen, _DIGITS)
 
 
 def _turned_back(axis: int, angle_deg: Floats, vector: Floats) -> Floats:
@@ -225,7 +225,7 @@ def of_calibration(planned: Planned) -> Prediction:
     return Prediction(estimates_of(parts, limits_of(planned.campaign)), [*missing, *parts.missing])
 
 
-def fitted(rows: Sequence[SampledRow], campaign: Mapping[str, Any]) -> Calibration:
+def fitted(rows: Sequence[SampledRow], campaign: Document) -> Calibration:
     """Return the fits of records without noise, with the noise that is declared. Raises: FitError as ``predicted``."""
     parts = Calibration(sets_of(rows), clock_of(rows), power_on_of(rows))
     undeclared: list[str] = []

@@ -7,12 +7,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.analysis import CONTINUES, Floats, Material, Table, number, with_uncertainty
+from bench.analysis import CONTINUES, Document, Floats, Material, Table, number, with_uncertainty, worded_table
+from bench.maths.arrays import Integers
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.clocks import UnitClock, power_ons, unit_clock, unwrapped_ticks_s
 from bench.systems.gnc.estimators.earth_rate import Pose, Site, tick_seconds
@@ -24,7 +24,7 @@ from bench.systems.gnc.estimators.sample_checks import (
     bridged,
     check_samples,
 )
-from bench.systems.gnc.wording import channel_name, headers_of, record_name, say
+from bench.systems.gnc.wording import channel_name, record_name, say
 
 if TYPE_CHECKING:
     from bench.record import RecordRow, Samples
@@ -45,7 +45,7 @@ class SampledRow:
     """A record with its samples. ``time_s``: since its first sample, by the clock of the unit."""
 
     number: int
-    conditions: Mapping[str, Any]
+    conditions: Document
     samples: Samples
     lost: int
 
@@ -84,7 +84,7 @@ class SampledRow:
         return self.samples.scaled("temperature")
 
 
-def pose_of(number: int, conditions: Mapping[str, Any]) -> Pose:
+def pose_of(number: int, conditions: Document) -> Pose:
     """Return the pose of a record. Raises: FitError B-GNC-004 if its conditions name none."""
     try:
         outer, middle, inner = (float(conditions[name]) for name in ("outer_deg", "middle_deg", "inner_deg"))
@@ -138,7 +138,7 @@ def power_on_of(rows: Sequence[SampledRow]) -> dict[int, int]:
     return {rows[place].number: number for number, places in enumerate(power_ons(_stamps(rows))) for place in places}
 
 
-def _stamps(rows: Sequence[SampledRow]) -> list[tuple[NDArray[np.int64], Floats]]:
+def _stamps(rows: Sequence[SampledRow]) -> list[tuple[Integers, Floats]]:
     return [(row.samples.columns["tick"].astype(np.int64), row.samples.t_ns.astype(np.float64) * 1e-9) for row in rows]
 
 
@@ -146,7 +146,7 @@ def _sampled(row: RecordRow, samples: Samples) -> SampledRow:
     return SampledRow(row.window.number, row.window.conditions, samples, row.lost)
 
 
-def site_of(campaign: Mapping[str, Any]) -> Site:
+def site_of(campaign: Document) -> Site:
     """Latitude and azimuth of the table, and how well it holds a pose (0 if the campaign does not say).
 
     Raises: FitError B-GNC-005 if the campaign does not state the first two.
@@ -159,7 +159,7 @@ def site_of(campaign: Mapping[str, Any]) -> Site:
         raise _no_site(error) from error
 
 
-def gravity_g(campaign: Mapping[str, Any]) -> float:
+def gravity_g(campaign: Document) -> float:
     """Local gravity in g of 9.80665 m/s2. Raises: FitError B-GNC-005 if the campaign does not state it."""
     site = campaign.get("site") or {}
     try:
@@ -204,7 +204,7 @@ class CheckedRow:
         return ""
 
 
-def checked(rows: Sequence[SampledRow], kinds: Sequence[str], campaign: Mapping[str, Any]) -> list[CheckedRow]:
+def checked(rows: Sequence[SampledRow], kinds: Sequence[str], campaign: Document) -> list[CheckedRow]:
     """Look at the samples of these sensors in every record."""
     limits, due_Hz = _limits(kinds, campaign.get("imu") or {}), campaign.get("rate_Hz")
     return [CheckedRow(row, _check(row, kinds, limits, due_Hz)) for row in rows]
@@ -262,7 +262,7 @@ def _check(row: SampledRow, kinds: Sequence[str], limits: Mapping[str, float], d
     )
 
 
-def _limits(kinds: Sequence[str], imu: Mapping[str, Any]) -> dict[str, float]:
+def _limits(kinds: Sequence[str], imu: Document) -> dict[str, float]:
     """Return steps of the output at the end of each range; a sensor without declared range and step is left out."""
     steps = {}
     for kind in kinds:
@@ -304,8 +304,8 @@ def check_table(checked_rows: Sequence[CheckedRow]) -> Table:
                 what,
             ]
         )
-    headers = headers_of("samples", "record", "item", "samples", "missing", "jitter", "clock", "found")
-    return Table(say("samples.title"), say("samples.caption"), headers, rows)
+    headers = say.heads("samples", "record", "item", "samples", "missing", "jitter", "clock", "found")
+    return worded_table(say, "samples", headers, rows)
 
 
 def _clock(checks: SampleChecks) -> str:

@@ -50,8 +50,3 @@ def quantity_name(name: str) -> str:
 def refused(what: str, why: str, code: str) -> str:
     """Return what has no result, and the error that is the reason."""
     return say("missing.refused", what=what, why=why, code=code)
-
-
-def headers_of(table: str, *names: str) -> list[str]:
-    """Return the heads of a table."""
-    return [say(f"{table}.head.{name}") for name in names]

@@ -74,7 +74,7 @@ def analysis_of(
     return Analysis(
         campaign=campaign,
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=[*estimates, *exponent_estimates(results, method)],
         evidence=evidence(results),
         notes=[*no_result(missing), *notes(results, requirement, method)],

@@ -34,5 +34,7 @@ def _latitude(campaign: Mapping[str, Any]) -> Assumption:
     if latitude_deg is None:
         return assumed(say, "latitude", ("alignment_time",))
     share = 2.0 * math.radians(1.0) * abs(math.tan(math.radians(float(latitude_deg))))
-    effect = say("assumption.latitude.effect_stated", latitude=float(latitude_deg), share=100.0 * share)
-    return assumed(say, "latitude", ("alignment_time",), effect=effect)
+    return assumed(
+        say, "latitude", ("alignment_time",),
+        effect="effect_stated", latitude=float(latitude_deg), share=100.0 * share,
+    )  # fmt: skip

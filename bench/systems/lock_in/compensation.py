@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from bench.analysis import Floats
+from bench.maths.arrays import Flags, Integers
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.edges import edge_levels
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants, global_constants
@@ -24,7 +25,7 @@ from bench.systems.lock_in.estimators.random_walk import (
 )
 from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, turnarounds
-from bench.systems.lock_in.records import Bools, Events, Int64, Stretch
+from bench.systems.lock_in.records import Events, Stretch
 from bench.systems.lock_in.wording import say
 
 Compensator = Callable[[Turnarounds], Jumps]
@@ -96,13 +97,13 @@ class _Counted:
 
     turns: Turnarounds
     psi_rad: Floats
-    pickoff_rising: Bools
+    pickoff_rising: Flags
     swing_rad: float
     edges: int
     repaired: int
     breaks: int
     seconds: float
-    odd: Int64
+    odd: Integers
     odd_s: list[float]
 
 
@@ -177,7 +178,7 @@ def _part(counted: _Counted) -> _Part:
     return _Part(counted, jumps, constants, increments, refused)
 
 
-def left_out(odd: Int64, of: int) -> bool:
+def left_out(odd: Integers, of: int) -> bool:
     """Return whether odd half periods are few enough to be left out: one in a thousand, and one at least.
 
     Two in succession are one: what happens at the pick-off's edge is in the steps to it and from it.

@@ -53,7 +53,7 @@ def best_by_path(results: Sequence[LaserResult]) -> list[LaserResult]:
 
 def _alignment(results: Sequence[LaserResult], requirement: Requirement, method: str) -> Figure:
     def error_mil(time_to_one_mil_s: float) -> Floats:
-        return np.asarray(np.sqrt(time_to_one_mil_s / _TIMES_s))
+        return np.sqrt(time_to_one_mil_s / _TIMES_s)
 
     parts = []
     for walk in _WALKS:
@@ -328,7 +328,7 @@ def _detrended(values: Floats) -> Floats:
     if np.count_nonzero(good) < 2:
         return values
     trend = np.polynomial.Polynomial.fit(place[good], values[good], 1)
-    return np.asarray(values - trend(place))
+    return values - trend(place)
 
 
 def _known(name: str, x: Floats, y: Floats, style: Style = "points") -> Series:

@@ -7,13 +7,11 @@ Source: IEEE Std 647 and 952-1997 annex C (noise terms); lock-in paper equation 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from bench.analysis import (
     Analysis,
+    Document,
     Estimates,
     Figure,
     Floats,
@@ -23,6 +21,7 @@ from bench.analysis import (
     curve,
     estimate,
     with_uncertainty,
+    worded_table,
 )
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import GYRO_TERMS, NoiseTerms, allan_variance_of, fit_noise_terms
@@ -50,7 +49,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="rlg_count_log",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=entries,
         notes=[
             say("log.intervals", count=rate_deg_h.size, seconds=interval_s),
@@ -79,7 +78,7 @@ def _rates(material: Material) -> tuple[Floats, float]:
     return turned * float(material.campaign["count_scale_deg"]) * 3600.0 / interval_s, interval_s
 
 
-def _column(material: Material) -> Mapping[str, Any]:
+def _column(material: Material) -> Document:
     columns = material.campaign.get("columns", ())
     found = [column for column in columns if column.get("role") in ("count", "count_increment")]
     if len(found) != 1:
@@ -104,7 +103,7 @@ def _estimates(rate_deg_h: Floats, deviation: AllanDeviation, terms: NoiseTerms)
     return entries
 
 
-def _alignment(terms: NoiseTerms, laser: Mapping[str, Any] | None, n: int) -> Estimates:
+def _alignment(terms: NoiseTerms, laser: Document | None, n: int) -> Estimates:
     """Return the alignment error that the bias leaves, where the log shows one and the mapping says the latitude."""
     bias = terms["bias_instability"]
     if laser is None or not bias.significant or not bias.coefficient > 0.0:
@@ -125,8 +124,8 @@ def _table(entries: Estimates) -> Table:
         ]
         for entry in entries
     ]
-    headers = [say(f"head.{name}") for name in ("quantity", "unit", "value")]
-    return Table(say("log.title"), say("log.caption"), headers, rows, lead=True)
+    headers = say.heads("", "quantity", "unit", "value")
+    return worded_table(say, "log", headers, rows, lead=True)
 
 
 def _figure(deviation: AllanDeviation, terms: NoiseTerms) -> Figure:

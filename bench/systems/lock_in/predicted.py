@@ -11,13 +11,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
-from bench.analysis import Material, Planned, Prediction
+from bench.analysis import Document, Material, Planned, Prediction
 from bench.model.clock import NS
 from bench.model.errors import FitError
 from bench.model.quality import Quality
@@ -71,7 +69,7 @@ def predicted(planned: Planned) -> Prediction:
     return Prediction([*estimates, *exponent_estimates(results, GLOBAL)], missing)
 
 
-def _result(record: LaserRecord, declared: Mapping[str, Any]) -> LaserResult:
+def _result(record: LaserRecord, declared: Document) -> LaserResult:
     """Return what a record will say. Raises: FitError B-FIT-097 to -099 for a weak dither or a record too short."""
     assert record.row is not None
     window, path_m = record.row.window, record.path_length_m
@@ -101,7 +99,7 @@ def _result(record: LaserRecord, declared: Mapping[str, Any]) -> LaserResult:
     return LaserResult(record, clock_Hz, Events(clock_Hz, (), 0, 0, 0), found, walks, {}, shared=shared)
 
 
-def _nominal(record: LaserRecord, declared: Mapping[str, Any], clock_Hz: float) -> NominalLaser | None:
+def _nominal(record: LaserRecord, declared: Document, clock_Hz: float) -> NominalLaser | None:
     """Return the declared laser at the path and the phase of a record; None without a phase."""
     if record.backscatter_deg is None:
         return None

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bench.analysis import Material
+from bench.maths.arrays import Flags, Integers
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.lock_in.wording import say
@@ -24,8 +25,6 @@ from bench.systems.lock_in.wording import say
 if TYPE_CHECKING:
     from bench.record import RecordRow, Samples
 
-Int64 = NDArray[np.int64]
-Bools = NDArray[np.bool_]
 
 PATH, CLOCK, PHASE = "path_length_m", "clock_Hz", "phase_setting_deg"
 _BACKSCATTER = "backscatter_phase_deg"  # as PHASE, of a campaign that does not vary it
@@ -164,11 +163,11 @@ class Stretch:
     """
 
     begin_tick: int
-    ticks: Int64
-    rising: Bools
-    cosine: Bools
-    pickoff_ticks: Int64
-    pickoff_rising: Bools
+    ticks: Integers
+    rising: Flags
+    cosine: Flags
+    pickoff_ticks: Integers
+    pickoff_rising: Flags
 
 
 @dataclass(frozen=True)
@@ -252,7 +251,7 @@ def _events(samples: Samples, clock_Hz: float, lost_blocks: int) -> Events:
     )  # fmt: skip
 
 
-def _repeated(blobs: Any) -> Bools:
+def _repeated(blobs: Any) -> Flags:
     """Return which blocks are the same as an earlier one: no beat does that."""
     first: dict[bytes, int] = {}
     return np.array([first.setdefault(blob, at) != at for at, blob in enumerate(blobs)], np.bool_)
@@ -264,12 +263,12 @@ def step_ticks(stretches: Sequence[Stretch]) -> int:
     return max(1, int(np.gcd.reduce(steps))) if steps else 1
 
 
-def _stretch(tick: Int64, edges: Int64, blobs: list[bytes]) -> Stretch:
+def _stretch(tick: Integers, edges: Integers, blobs: list[bytes]) -> Stretch:
     """Decode some blocks at a time: a record of 20 s has 6 million edges."""
     parts = [slice(at, at + _BLOCKS) for at in range(0, len(blobs), _BLOCKS)]
     beats = sum(int(np.count_nonzero((_words(blobs[part]) & _CHANNEL) == 0)) for part in parts)
     ticks, rising, cosine = np.empty(beats, np.int64), np.empty(beats, np.bool_), np.empty(beats, np.bool_)
-    pickoffs: list[tuple[Int64, Bools]] = []
+    pickoffs: list[tuple[Integers, Flags]] = []
     at = 0
     for part in parts:
         words = _words(blobs[part])

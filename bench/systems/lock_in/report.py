@@ -59,12 +59,8 @@ def _table(
         place = [f"{100 * laser.record.path_length_m:g}", f"{laser.clock_Hz / 1e6:g}"]
         place += [] if not several else ["–" if phase is None else f"{phase:g}"]
         whole += [[*place, *line] for line in lines]
-    places = _heads("path", "clock", *(["phase_set"] if several else []))
+    places = say.heads("", "path", "clock", *(["phase_set"] if several else []))
     return Table(headers=[*places, *headers], rows=whole, **words)
-
-
-def _heads(*names: str) -> list[str]:
-    return [say(f"head.{name}") for name in names]
 
 
 def _comparison(results: Sequence[LaserResult], method: str) -> Table:
@@ -73,7 +69,7 @@ def _comparison(results: Sequence[LaserResult], method: str) -> Table:
         phase = laser.backscatter_deg
         seen = "–" if phase is None else f"{phase.value:.1f}"
         rows.append([[seen, *(_ratio(laser, name) for name in COMPENSATORS)]])
-    headers = [*_heads("found"), *map(label, COMPENSATORS)]
+    headers = [*say.heads("", "found"), *map(label, COMPENSATORS)]
     title, caption = say("comparison.title"), say("comparison.caption", method=label(method))
     return _table(results, headers, rows, title=title, caption=caption, lead=True)
 
@@ -113,7 +109,7 @@ def _alignment(results: Sequence[LaserResult], requirement: Requirement, method:
         "alignment.caption", error=requirement.error_deg, mil=mil, latitude=requirement.latitude_deg,
         method=label(method),
     )  # fmt: skip
-    headers = _heads("before", "after", "factor", "by_bias")
+    headers = say.heads("", "before", "after", "factor", "by_bias")
     return _table(results, headers, rows, title=say("alignment.title"), caption=caption, lead=True)
 
 
@@ -135,13 +131,13 @@ def _constants(results: Sequence[LaserResult]) -> Table:
         cells = [_text(laser.lock_in_deg_s, 1e3), _text(laser.backscatter_deg)]
         cells += ["–" if sensed is None else f"{sensed:.2f}", f"{laser.counted_dither_deg_s:.2f}"]
         rows.append([[*cells, "–" if share is None else f"{100 * share:.1f}"]])
-    headers = _heads("lock_in_rate", "backscatter", "dither_sensed", "dither_counted", "left")
+    headers = say.heads("", "lock_in_rate", "backscatter", "dither_sensed", "dither_counted", "left")
     return _table(results, headers, rows, title=say("constants.title"), caption=say("constants.caption"))
 
 
 def _walks(results: Sequence[LaserResult]) -> Table:
     rows = [[_walk_row(laser, method) for method in (RAW, *COMPENSATORS) if method in laser.walks] for laser in results]
-    headers = _heads("output", "random_walk", "quantisation", "theory", "chi2")
+    headers = say.heads("", "output", "random_walk", "quantisation", "theory", "chi2")
     return _table(results, headers, rows, title=say("walks.title"), caption=say("walks.caption"))
 
 
@@ -163,8 +159,10 @@ def _material(results: Sequence[LaserResult]) -> Table:
         cells = [f"{sums.seconds:.2f}", sums.edges, sums.turnarounds, sums.grazing, why or "0"]
         lost = [sums.stretches, events.lost_blocks, events.lost_edges, sums.breaks + sums.repaired]
         rows.append([[*cells, *lost]])
-    headers = _heads("time", "edges", "turnarounds", "grazing", "not_used", "stretches", "blocks_lost", "dropped",
-                     "missing_inside")  # fmt: skip
+    headers = say.heads(
+        "", "time", "edges", "turnarounds", "grazing", "not_used", "stretches", "blocks_lost", "dropped",
+        "missing_inside",
+    )  # fmt: skip
     return _table(results, headers, rows, title=say("material.title"), caption=say("material.caption"))
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from bench.analysis import Estimates, estimate, stated_limits
+from bench.analysis import Document, Estimates, estimate, stated_limits
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW, Compensated, compensated
@@ -276,7 +276,7 @@ class Requirement:
     latitude_deg: float
 
 
-def requirement_of(campaign: Mapping[str, Any]) -> Requirement:
+def requirement_of(campaign: Document) -> Requirement:
     """Read ``limits`` and ``site`` of the campaign; without a limit the error is one NATO mil (360 deg / 6400).
 
     Raises: FitError B-RLG-004 (a limit that no ring laser has, or in a wrong unit), B-RLG-005 (no latitude).

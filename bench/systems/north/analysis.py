@@ -10,12 +10,11 @@ Estimates of a north finder for results.json: azimuths and their errors, accurac
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Estimates, Material, check_method, estimate, stated_limits
+from bench.analysis import Analysis, Document, Estimates, Material, check_method, estimate, stated_limits
 from bench.model.errors import FitError
 from bench.systems.north.declaration import DECLARATION
 from bench.systems.north.estimators.eight_samples import IndexCalibration
@@ -134,7 +133,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="fog_north",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=estimates,
         evidence=evidence(solution, estimates),
         notes=north_notes(solution, method, accuracy),
@@ -144,7 +143,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def azimuth_error_limit_deg(campaign: Mapping[str, Any]) -> float:
+def azimuth_error_limit_deg(campaign: Document) -> float:
     """Return the largest azimuth error allowed, degrees.
 
     Raises: FitError B-FOG-001 for a limit of the sequence that is not one of a north finder, in a wrong unit or not

@@ -23,14 +23,17 @@ def assumptions(campaign: Mapping[str, Any]) -> list[Assumption]:
     latitude_deg = float(site.get("latitude_deg", 0.0))
     mark_deg = float(site.get("azimuth_std_deg", 0.0))
     return [
-        _magnetic(latitude_deg),
+        assumed(
+            say,
+            "magnetic_effect",
+            (*_AZIMUTHS, "index_placement", "scale"),
+            rate=0.01 * _horizontal_deg_h(latitude_deg),
+        ),
         *_poses(latitude_deg, mark_deg, float(site.get("tilt_std_deg", 0.0))),
         assumed(say, "zero_of_table", (*_AZIMUTHS, "index_placement")),
         assumed(say, "dividing_head", (*_AZIMUTHS, "index_placement", "scale")),
         assumed(say, "delay_of_lock_ins", _AZIMUTHS),
-        assumed(
-            say, "scale_factor", ("scale",), effect=_say("scale_factor.effect", rate=_horizontal_deg_h(latitude_deg))
-        ),
+        assumed(say, "scale_factor", ("scale",), rate=_horizontal_deg_h(latitude_deg)),
     ]
 
 
@@ -38,35 +41,26 @@ def _horizontal_deg_h(latitude_deg: float) -> float:
     return EARTH_DEG_H * math.cos(math.radians(latitude_deg))
 
 
-def _magnetic(latitude_deg: float) -> Assumption:
-    unseen = _say("magnetic_effect.unseen", rate=0.01 * _horizontal_deg_h(latitude_deg))
-    return assumed(say, "magnetic_effect", (*_AZIMUTHS, "index_placement", "scale"), unseen=unseen)
-
-
 def _poses(latitude_deg: float, mark_deg: float, tilt_deg: float) -> list[Assumption]:
     tangent = abs(math.tan(math.radians(latitude_deg)))
     stated = say("stated.angle", angle=mark_deg) if mark_deg else say("stated.not")
     change_deg = math.degrees(1e-3 * math.radians(1.0)) * (1.0 + tangent**2)
     return [
-        assumed(
-            say, "azimuth_of_mark", (*_AZIMUTHS, "index_placement"), taken=_say("azimuth_of_mark.taken", stated=stated)
-        ),
+        assumed(say, "azimuth_of_mark", (*_AZIMUTHS, "index_placement"), stated=stated),
         assumed(
             say,
             "latitude",
             _AZIMUTHS,
-            taken=_say("latitude.taken", latitude=latitude_deg),
-            effect=_say("latitude.effect", turn=math.degrees(1e-3 * tangent), change=change_deg),
+            latitude=latitude_deg,
+            turn=math.degrees(1e-3 * tangent),
+            change=change_deg,
         ),
         assumed(
             say,
             "axis_of_table",
             _AZIMUTHS,
-            taken=_say("axis_of_table.taken", tilt=tilt_deg) if tilt_deg else _say("axis_of_table.taken_unstated"),
-            effect=_say("axis_of_table.effect", turn=math.degrees(1e-4 * tangent)),
+            taken="taken" if tilt_deg else "taken_unstated",
+            tilt=tilt_deg,
+            turn=math.degrees(1e-4 * tangent),
         ),
     ]
-
-
-def _say(key: str, **values: object) -> str:
-    return say(f"assumption.{key}", **values)

@@ -6,10 +6,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from bench.analysis import Floats
+from bench.maths.arrays import Integers
 from bench.systems.north.estimators.phasors import wrapped_deg
 from bench.systems.north.sets import TEST
 from bench.systems.north.solution import LIKELIHOOD, Solution
@@ -29,7 +29,7 @@ class Errors:
     """
 
     about_deg: Floats
-    group: NDArray[np.int64]
+    group: Integers
     heads_deg: Floats
     times_s: Floats
     mean_deg: Floats
@@ -70,7 +70,7 @@ def errors_of(solution: Solution, method: str) -> Errors | None:
         if not own.any():
             continue
         first_deg = float(azimuths.azimuth_deg[own][0])
-        beside_deg = np.asarray(wrapped_deg(azimuths.azimuth_deg[own] - first_deg))
+        beside_deg = wrapped_deg(azimuths.azimuth_deg[own] - first_deg)
         about_deg[own] = beside_deg - beside_deg.mean()
         if item == TEST:
             known_deg = float(solution.known_deg[own][0])

@@ -253,7 +253,7 @@ def _known(method: str, errors: Errors) -> Iterator[Evidence]:
 def _two_methods(solution: Solution) -> Iterator[Evidence]:
     """Yield the mean of what least squares finds beside likelihood, and whether it changes in time."""
     by_samples, by_waveform = solution.by_method[LEAST_SQUARES], solution.by_method[LIKELIHOOD]
-    apart_deg = np.asarray(wrapped_deg(by_samples.azimuth_deg - by_waveform.azimuth_deg))
+    apart_deg = wrapped_deg(by_samples.azimuth_deg - by_waveform.azimuth_deg)
     seen = np.isfinite(apart_deg) & ~solution.of(CALIBRATION)
     apart_deg = apart_deg[seen]
     if not apart_deg.size:

@@ -105,8 +105,8 @@ def _lock_in(solution: Solution, number: int, kind: str) -> list[Figure]:
 
 def _curve_V(index: IndexCalibration, number: int, phi_deg: Floats) -> Floats:
     if number == 1:
-        return np.asarray(index.f1 * np.sin(np.deg2rad(phi_deg + index.f2_deg)) + index.f3)
-    return np.asarray(index.f4 * np.cos(np.deg2rad(phi_deg + index.f5_deg)) + index.f6)
+        return index.f1 * np.sin(np.deg2rad(phi_deg + index.f2_deg)) + index.f3
+    return index.f4 * np.cos(np.deg2rad(phi_deg + index.f5_deg)) + index.f6
 
 
 def _phasors(solution: Solution) -> list[Figure]:

@@ -123,11 +123,11 @@ def _analysis(
         factor, unit = with_prefix(max(abs(value), expanded), entry["unit"])
         cells = value_and_uncertainty(factor * value, factor * expanded)
         rows.append([say(f"quantity.{entry['quantity']}"), unit, *cells])
-    headers = [say(f"head.{name}") for name in ("quantity", "unit", "value", "expanded")]
+    headers = say.heads("", "quantity", "unit", "value", "expanded")
     return Analysis(
         campaign="north_log",
         method=METHODS[0],
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=entries,
         evidence=evidence,
         notes=notes,

@@ -7,13 +7,12 @@ the lock-ins scatter is declared, and stands where an analysis takes what the fi
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
-from bench.analysis import Bound, Material, Planned, Prediction
+from bench.analysis import Bound, Document, Material, Planned, Prediction
 from bench.model.clock import NS
 from bench.model.quality import Quality
 from bench.record import RecordRow
@@ -101,7 +100,7 @@ def _nominal(planned: Planned, site: Site) -> _Nominal:
     return _Nominal(amplitude_V, scale_V * noise_deg_s * _S_PER_H, rate_Hz, float(fog["table_swing_deg"]))
 
 
-def _configured(planned: Planned, role: str) -> Mapping[str, Any] | None:
+def _configured(planned: Planned, role: str) -> Document | None:
     """Return the settings that a lock-in has last, None if the plan sets none."""
     settings = [each.arguments for each in planned.readings if (each.role, each.name) == (role, _CONFIGURE)]
     return settings[-1] if settings else None

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from bench.analysis import Table, number, with_uncertainty
+from bench.analysis import Table, number, with_uncertainty, worded_table
 from bench.maths.verdict import coverage_factor
 from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, LikelihoodNorth
 from bench.systems.north.estimators.phasors import INDEX_TO_NORTH, TURNS
@@ -66,14 +66,10 @@ def result_table(solution: Solution, method: str, limit_deg: float) -> Table:
         else say("result.caption", method=method_name(method))
     )
     kinds = ["parameters"] if several else []
-    headers = _heads("what", "place", *kinds, "head", "stated", "azimuth", "error", "repeats")
+    headers = say.heads("", "what", "place", *kinds, "head", "stated", "azimuth", "error", "repeats")
     found_north = any(mean.item == SEARCH for mean in solution.means(method))
     title = say("result.title") if found_north else say("result.title_known")
     return Table(title, caption, headers, rows, lead=True)
-
-
-def _heads(*names: str) -> list[str]:
-    return [say(f"head.{name}") for name in names]
 
 
 def convention_table(solution: Solution) -> Table:
@@ -87,8 +83,7 @@ def convention_table(solution: Solution) -> Table:
         for sense in sorted(senses, reverse=True)
     ]
     rows.append([say("convention.tilt"), say("convention.tilt_means")])
-    title, caption = say("convention.title"), say("convention.caption")
-    return Table(title, caption, _heads("quantity", "meaning"), rows, prose=True, lead=True)
+    return worded_table(say, "convention", say.heads("", "quantity", "meaning"), rows, prose=True, lead=True)
 
 
 def method_table(accuracy: list[Accuracy], solution: Solution, limit_deg: float) -> Table:
@@ -106,7 +101,7 @@ def method_table(accuracy: list[Accuracy], solution: Solution, limit_deg: float)
         "methods.caption", measured=measured_s(solution), bound=bound, penalty=SQUARE_PENALTY, coverage=COVERAGE,
         limit=limit_deg, bench=bench_s(solution),
     )  # fmt: skip
-    headers = _heads("method", "sets", "rms", "mean", "scatter", "scatter_over_bound", "gross", "time")
+    headers = say.heads("", "method", "sets", "rms", "mean", "scatter", "scatter_over_bound", "gross", "time")
     return Table(say("methods.title"), caption, headers, rows, lead=True)
 
 
@@ -127,8 +122,8 @@ def error_table(solution: Solution) -> list[Table]:
         + [number(means[place].error_deg, 3) if place in means else "–" for means in by_method.values()]
         for place in places
     ]
-    headers = [*_heads("head", *(["parameters"] if several else []), "stated"), *map(method_name, METHODS)]
-    return [Table(say("errors.title"), say("errors.caption"), headers, rows)] if rows else []
+    headers = [*say.heads("", "head", *(["parameters"] if several else []), "stated"), *map(method_name, METHODS)]
+    return [worded_table(say, "errors", headers, rows)] if rows else []
 
 
 def parameter_table(solution: Solution) -> list[Table]:
@@ -144,11 +139,9 @@ def parameter_table(solution: Solution) -> list[Table]:
             off = int(np.sum(np.abs(error_deg[seen]) > QUARTER_TURN_deg))
             cells += [int(seen.sum()), number(rms_deg, 3), off]
         rows.append([method_name(method), *cells])
-    headers = [
-        say("head.of_kind", kind=kind, what=what) for kind in solution.kinds for what in _heads("sets", "rms", "gross")
-    ]
-    title, caption = say("parameters.title"), say("parameters.caption")
-    return [Table(title, caption, [*_heads("method"), *headers], rows, lead=True)]
+    counted = say.heads("", "sets", "rms", "gross")
+    headers = [say("head.of_kind", kind=kind, what=what) for kind in solution.kinds for what in counted]
+    return [worded_table(say, "parameters", [*say.heads("", "method"), *headers], rows, lead=True)]
 
 
 def failure_table(solution: Solution) -> Table:
@@ -157,7 +150,7 @@ def failure_table(solution: Solution) -> Table:
     count = int(seen.sum())
     rows = [[say(f"failures.{name}"), int(np.sum(flags[seen] > 0)), count] for name, flags in solution.failures.items()]
     caption = say("failures.caption", method=method_name(LITERAL))
-    return Table(say("failures.title"), caption, _heads("fails", "sets", "of"), rows)
+    return Table(say("failures.title"), caption, say.heads("", "fails", "sets", "of"), rows)
 
 
 def calibration_table(solution: Solution) -> list[Table]:
@@ -175,8 +168,8 @@ def calibration_table(solution: Solution) -> list[Table]:
             rows.append([*row, number(1e3 * float(offset), 3), index.sets])
     if not rows:
         return []
-    headers = _heads("rotation", "index", "placement", "gain", "offset", "sets")
-    return [Table(say("index.title"), say("index.caption"), headers, rows)]
+    headers = say.heads("", "rotation", "index", "placement", "gain", "offset", "sets")
+    return [worded_table(say, "index", headers, rows)]
 
 
 def tilt_table(solution: Solution) -> list[Table]:
@@ -195,8 +188,8 @@ def tilt_table(solution: Solution) -> list[Table]:
             rows.setdefault(north_set.group, row)
     if not rows:
         return []
-    headers = _heads("what", "head", "x_tilt", "y_tilt", "correction")
-    return [Table(say("tilt.title"), say("tilt.caption"), headers, list(rows.values()))]
+    headers = say.heads("", "what", "head", "x_tilt", "y_tilt", "correction")
+    return [worded_table(say, "tilt", headers, list(rows.values()))]
 
 
 def harmonic_table(solution: Solution) -> list[Table]:
@@ -219,7 +212,7 @@ def harmonic_table(solution: Solution) -> list[Table]:
         )
         rows.append([order, *shown])
     caption = say("harmonics.caption", count=len(raw), chance=100.0 * FALSE_CLAIM)
-    return [Table(say("harmonics.title"), caption, _heads("harmonic", "share", "square"), rows)]
+    return [Table(say("harmonics.title"), caption, say.heads("", "harmonic", "share", "square"), rows)]
 
 
 def _harmonic_noise_V2(waveform: LikelihoodNorth) -> float:

@@ -21,10 +21,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-from bench.analysis import Floats, Material, Reading, flag_problem
+from bench.analysis import Document, Floats, Material, Reading, flag_problem
+from bench.maths.arrays import Flags, Integers
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
@@ -79,7 +79,7 @@ class NorthSet:
     tilt_mrad: tuple[float, float] | None = None
     faults: list[str] = field(default_factory=list)
     raw_faults: list[str] = field(default_factory=list)
-    left_out: NDArray[np.bool_] | None = None
+    left_out: Flags | None = None
     parameters: str = ""
     begin_s: float = math.inf
     end_s: float = -math.inf
@@ -146,7 +146,7 @@ def north_sets(material: Material) -> list[NorthSet]:
     return sorted(sets.values(), key=lambda north_set: north_set.begin_s)
 
 
-def _keep(sets: dict[tuple[Any, ...], NorthSet], conditions: Mapping[str, Any], row: RecordRow | None) -> NorthSet:
+def _keep(sets: dict[tuple[Any, ...], NorthSet], conditions: Document, row: RecordRow | None) -> NorthSet:
     """The set of these conditions, new if need be, with the record in it."""
     key = (
         str(conditions["item"]), str(conditions.get("place", "")), float(conditions.get("head_deg", 0.0)),
@@ -171,7 +171,7 @@ def _around(reading: Reading, rows: Iterable[RecordRow]) -> dict[str, Any]:
     return near[-1] | own if near else own
 
 
-def agree(first: Mapping[str, Any], second: Mapping[str, Any], keys: Sequence[str] = _PLACE) -> bool:
+def agree(first: Document, second: Document, keys: Sequence[str] = _PLACE) -> bool:
     """Return whether two sets of conditions say nothing different about where a sample belongs."""
     return all(first[key] == second[key] for key in keys if key in first and key in second)
 
@@ -200,7 +200,7 @@ def _fill(north_set: NorthSet, samples: Mapping[tuple[int, str], Reading]) -> No
                 north_set.faults.append(say("fault.gyroscope_off", seconds=lost_s, index=k))
 
 
-def _stated(value: Mapping[str, Any], role: str, name: str) -> float:
+def _stated(value: Document, role: str, name: str) -> float:
     """Return a number of a reading. Raises: FitError B-FOG-002 if the reading has none of this name."""
     try:
         return float(value[name])
@@ -218,7 +218,7 @@ def _lost_s(row: RecordRow) -> float:
     return length_s * row.lost / (row.frames + row.lost)
 
 
-def _wrong(value: Mapping[str, Any], rate_deg_s: float) -> list[str]:
+def _wrong(value: Document, rate_deg_s: float) -> list[str]:
     faults = [say(f"fault.{word}") for word in ("overload", "unlocked") if value.get(word)]
     if not math.isfinite(float(value["x_V"])):
         faults.append(say("fault.no_number"))
@@ -252,7 +252,7 @@ class Waveform:
 
     u_V: Floats
     theta_deg: Floats
-    record: NDArray[np.int64]
+    record: Integers
     rate_Hz: float
 
     @property
@@ -375,7 +375,7 @@ def _pinned(column: Floats) -> int:
     return int(counts[-1]) if len(values) > 1 and counts[-1] > _MORE_THAN_NEXT * counts[-2] else 0
 
 
-def far_samples(waveform: Waveform, fit: LikelihoodNorth, orders: Sequence[int]) -> NDArray[np.bool_] | None:
+def far_samples(waveform: Waveform, fit: LikelihoodNorth, orders: Sequence[int]) -> Flags | None:
     """Return which samples are unlike all others, (n,); None for none, or for more than one in a thousand."""
     theta = np.deg2rad(waveform.theta_deg)
     left_V = waveform.u_V - float(fit.offset_V)

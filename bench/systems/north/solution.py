@@ -12,16 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import Floats
+from bench.maths.arrays import Flags, Integers
 from bench.maths.variances import of_variances
 from bench.systems.north.estimators.eight_samples import IndexCalibration
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north, time_to_accuracy_s
 from bench.systems.north.estimators.phasors import heading_deg, tilt_std_deg, wrapped_deg
 from bench.systems.north.sets import SEARCH, TEST, NorthSet, Waveform, waveform_of
 
-Flags = NDArray[np.bool_]
 LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL = "least_squares", "likelihood", "quadrant", "literal"
 METHODS: tuple[str, ...] = (LEAST_SQUARES, LIKELIHOOD, QUADRANT, LITERAL)
 COVERAGE = 1.96  # 95 % of a normal distribution
@@ -129,7 +128,7 @@ class Solution:
         return list(dict.fromkeys(north_set.parameters for north_set in self.sets if north_set.item == TEST)) or [""]
 
     @property
-    def sense(self) -> NDArray[np.int64]:
+    def sense(self) -> Integers:
         """(n,) +1 counter-clockwise, -1 clockwise."""
         return np.array([north_set.sense for north_set in self.sets])
 
@@ -150,7 +149,7 @@ class Solution:
 
     def error_deg(self, method: str) -> Floats:
         """(n,) azimuth minus stated azimuth of the tests, folded into (-180, 180], NaN elsewhere."""
-        error_deg = np.asarray(wrapped_deg(self.by_method[method].azimuth_deg - self.known_deg))
+        error_deg = wrapped_deg(self.by_method[method].azimuth_deg - self.known_deg)
         return np.where(self.of(TEST), error_deg, math.nan)
 
     def means(self, method: str) -> list[Mean]:
@@ -274,7 +273,7 @@ def half_turns_off(error_deg: Floats) -> Floats:
     Source: Mardia and Jupp, Directional Statistics, section 9.1: axes are averaged with the angle doubled.
     """
     mean_deg = float(np.rad2deg(np.angle(np.mean(np.exp(2j * np.deg2rad(error_deg)))))) / 2.0
-    return np.asarray(mean_deg + wrapped_deg(2.0 * (error_deg - mean_deg)) / 2.0)
+    return mean_deg + wrapped_deg(2.0 * (error_deg - mean_deg)) / 2.0
 
 
 def rms_std_deg(rms_deg: float, scatter_deg: float, shared_deg: float, n: int) -> float:

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import Any
 
 import numpy as np
 from scipy import special
 
-from bench.analysis import Floats
+from bench.analysis import Document, Floats
+from bench.maths.arrays import Flags
 from bench.model.errors import FitError
 from bench.systems.north.estimators.eight_samples import (
     IndexCalibration,
@@ -30,7 +30,6 @@ from bench.systems.north.solution import (
     METHODS,
     QUADRANT,
     Azimuths,
-    Flags,
     Site,
     Solution,
 )
@@ -85,7 +84,7 @@ def solved(
     return solution
 
 
-def site_of(campaign: Mapping[str, Any]) -> Site:
+def site_of(campaign: Document) -> Site:
     """Latitude of the bench, azimuth of the mark and how well both poses are known.
 
     Raises: FitError B-FOG-003 if the campaign does not state the first two.

@@ -12,7 +12,7 @@ What plain readings will show of their repeatability, where their scatter is dec
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from bench.analysis import (
     Analysis,
+    Document,
     Estimate,
     Estimates,
     Evidence,
@@ -48,7 +49,7 @@ from bench.systems.readings.estimators.polynomial import Curve, Function, Points
 from bench.systems.readings.wording import say
 
 NONLINEARITY = "nonlinearity"
-Asked = Mapping[str, Any]
+Asked = Document
 _CURVE_POINTS = 121
 _HEADERS = ("against", "measured", "fitted", "departure", "u_departure", "n")
 METHODS: tuple[str, ...] = ("polynomial",)
@@ -62,7 +63,7 @@ class Fitted:
     """
 
     asked: Asked
-    conditions: Mapping[str, Any]
+    conditions: Document
     x: Points
     y: Points
     curve: Curve | None
@@ -106,7 +107,7 @@ def _functions(asked: Asked) -> tuple[Function, Function]:
     return x, function_of(asked.get("function", ""), asked["units"][NONLINEARITY])
 
 
-def fits_of(campaign: Mapping[str, Any], values: Sequence[Value]) -> list[Fitted]:
+def fits_of(campaign: Document, values: Sequence[Value]) -> list[Fitted]:
     """Return all fits of a campaign, one for each set of conditions that it names under ``per``."""
     fits = []
     for asked in campaign.get("fits", ()):
@@ -119,7 +120,7 @@ def fits_of(campaign: Mapping[str, Any], values: Sequence[Value]) -> list[Fitted
     return fits
 
 
-def _fitted(asked: Asked, conditions: Mapping[str, Any], of: Sequence[Value], values: Sequence[Value]) -> Fitted:
+def _fitted(asked: Asked, conditions: Document, of: Sequence[Value], values: Sequence[Value]) -> Fitted:
     pairs = [(other, value) for value in of if (other := _beside(asked["against"], value, of, values)) is not None]
     x, y = (_points([pair[side] for pair in pairs]) for side in (0, 1))
     unstated = next((value.unstated for pair in pairs for value in pair if value.unstated), "")
@@ -199,7 +200,7 @@ def estimates_of(fit: Fitted) -> Estimates:
     return entries
 
 
-def _limits(expected: Mapping[str, Any] | None) -> tuple[float, float] | None:
+def _limits(expected: Document | None) -> tuple[float, float] | None:
     if expected is None or not {"low", "high"} & expected.keys():
         return None
     return expected.get("low", -math.inf), expected.get("high", math.inf)
@@ -238,7 +239,7 @@ def powers_text(powers: Sequence[int]) -> str:
 def fit_table(fit: Fitted) -> Table:
     """Return the points of a fit, and by how much each departs from the polynomial."""
     curve, asked = fit.curve, fit.asked
-    headers = [say(f"fit.head.{name}") for name in _HEADERS]
+    headers = say.heads("fit", *_HEADERS)
     if curve is None:
         return Table(fit.title, say("fit.none", why=fit.refused), headers, [])
     departure, departure_std = fit.departures

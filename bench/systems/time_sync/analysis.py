@@ -49,7 +49,7 @@ def analysis_of(campaign: str, taken: Recording, material: Material, method: str
     return Analysis(
         campaign=campaign,
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=sync_estimates(result),
         evidence=evidence(result, held_against, taken),
         groups=[{"reduced_chi2": held_against.fit.chi2 / held_against.fit.dof, "dof": held_against.fit.dof}],

@@ -11,7 +11,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from bench.model.assumptions import Assumption
+from bench.model.assumptions import Assumption, assumed
 from bench.systems.time_sync.wording import say
 
 _QUANTILE = 3.9  # standard deviations at which a check of a recording speaks
@@ -32,36 +32,25 @@ def assumptions(campaign: Mapping[str, Any]) -> list[Assumption]:
     drift_ppm = 1e6 * _DRIFT * worse
     return [
         _latency(campaign.get("latency")),
-        _assumed("one_offset", _OFFSETS, step=_MS * _STEP_s * worse, drift=drift_ppm),
-        _assumed("one_age", _OFFSETS, age=_MS * _AGE_s * worse),
-        _assumed("one_place", _OFFSETS, lever=_LEVER_m * worse),
-        _assumed("same_axes", (*_OFFSETS, "accel_bias"), axes=_AXES_deg * tilted),
-        _assumed(
+        assumed(say, "one_offset", _OFFSETS, step=_MS * _STEP_s * worse, drift=drift_ppm),
+        assumed(say, "one_age", _OFFSETS, age=_MS * _AGE_s * worse),
+        assumed(say, "one_place", _OFFSETS, lever=_LEVER_m * worse),
+        assumed(say, "same_axes", (*_OFFSETS, "accel_bias"), axes=_AXES_deg * tilted),
+        assumed(
+            say,
             "scales_of_inertial_unit",
             (*_OFFSETS, "gyro_bias", "accel_bias"),
             gyro=1e6 * _GYRO,
             accelerometer=1e6 * _ACCELEROMETER,
         ),
-        _assumed("steady_delay", (*_STAMPS, *_OFFSETS), drift=drift_ppm),
-        _assumed("errors_as_stated", _OFFSETS),
+        assumed(say, "steady_delay", (*_STAMPS, *_OFFSETS), drift=drift_ppm),
+        assumed(say, "errors_as_stated", _OFFSETS),
     ]
 
 
 def _latency(stated: Mapping[str, Any] | None) -> Assumption:
     quantities = (*_OFFSETS, "time_offset_from_stamps")
     if stated is None:
-        return _assumed("latency_as_stated", quantities, "unseen_unstated")
+        return assumed(say, "latency_as_stated", quantities, unseen="unseen_unstated")
     seen_ms = _MS * _QUANTILE * math.sqrt(2.0) * float(stated["std_s"])
-    return _assumed("latency_as_stated", quantities, seen=seen_ms)
-
-
-def _assumed(code: str, quantities: tuple[str, ...], unseen: str = "unseen", **sizes: float) -> Assumption:
-    """Return an assumption in the words of the catalogue; ``sizes`` are those that pass unseen."""
-    return Assumption(
-        code,
-        say(f"assumption.{code}.taken"),
-        say(f"assumption.{code}.{unseen}", **sizes),
-        say(f"assumption.{code}.effect"),
-        say(f"assumption.{code}.shown"),
-        quantities,
-    )
+    return assumed(say, "latency_as_stated", quantities, seen=seen_ms)

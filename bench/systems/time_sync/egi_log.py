@@ -9,15 +9,14 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import Analysis, Material, check_method
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.time_sync.analysis import METHODS as _METHODS
 from bench.systems.time_sync.analysis import analysis_of
 from bench.systems.time_sync.records import EGI, NS, Recording, Stream, check_clock
 
-Array = NDArray[np.float64]
 METHODS: tuple[str, ...] = _METHODS
 _FEWEST = 200  # rows of either unit
 _NAVIGATING = 3.0
@@ -59,7 +58,7 @@ def _three(name: str, axes: Sequence[str]) -> list[str]:
     return [f"{name}_{axis}" for axis in axes]
 
 
-def _stream(series: Mapping[str, Array], stamp: str, columns: Mapping[str, Sequence[str]]) -> Stream:
+def _stream(series: Mapping[str, Floats], stamp: str, columns: Mapping[str, Sequence[str]]) -> Stream:
     """Return whole rows of one unit, counted by its stamps."""
     names = [stamp, *(name for parts in columns.values() for name in parts)]
     sent = np.isfinite(np.column_stack([series[name] for name in names])).all(axis=1)

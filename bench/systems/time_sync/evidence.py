@@ -14,10 +14,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special, stats
 
 from bench.analysis import Evidence
+from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
 from bench.systems.time_sync.estimators.differences import Differences, Guess, Noise, Solved, differences
@@ -28,7 +28,6 @@ from bench.systems.time_sync.filtering import GROUPS, METHODS, OFFSET_STD_s
 from bench.systems.time_sync.records import Recording, Stream
 from bench.systems.time_sync.wording import say
 
-Array = NDArray[np.float64]
 OFFSETS = ("time_offset", "time_offset_uncertainty")
 OF_FILTER = (*OFFSETS, "accel_bias", "gyro_bias", "image_shift")
 OF_STAMPS = ("time_offset_from_stamps", "time_offset_drift", "clock_rate", "receive_jitter")
@@ -42,7 +41,7 @@ DRIFTS = "offset_drifts"
 class Held:
     """Solutions held against the inertial unit: ``at_s`` (b,) of the blocks; ``offset_s`` by their fit, ``fit``."""
 
-    at_s: Array
+    at_s: Floats
     guess_s: float
     shift_s: float
     fit: OneMotion
@@ -184,7 +183,7 @@ def _steady_clocks(result: SyncResult, taken: Recording) -> Iterator[Evidence]:
             yield Evidence("delays_unsteady", sentence, 1e3 * apart_s, probability, move, quantities)
 
 
-def _halves(port: PortClock, stream: Stream, at_s: Array) -> tuple[float, float]:
+def _halves(port: PortClock, stream: Stream, at_s: Floats) -> tuple[float, float]:
     """Return by how much the lines of both halves are apart where they meet, s, and the probability of it."""
     middle = at_s.size // 2
     if middle < LEAST_FRAMES:

@@ -14,9 +14,9 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import Figure, series
+from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.setup import (
@@ -33,7 +33,6 @@ from bench.systems.time_sync.records import Clocks, Stream
 from bench.systems.time_sync.samples import EgiSamples, Prepared
 from bench.systems.time_sync.wording import say
 
-Array = NDArray[np.float64]
 AUGMENTED_LOOSE, AUGMENTED_TIGHT = "augmented_loose", "augmented_tight"
 NONE = "not_compensated"
 COMPENSATED = AUGMENTED_TIGHT  # for the image, which needs velocity and tilt: the noise of the one without offset
@@ -94,12 +93,12 @@ class Filtered:
     at_s: float
     samples: int
 
-    def history_s(self, method: str) -> tuple[Array, Array]:
+    def history_s(self, method: str) -> tuple[Floats, Floats]:
         """Return offset of one method over time and its standard uncertainty by the filter, (m,) each."""
         group = GROUPS.index(method)
         return self.run.offset_s[:, group, 0] + self.shift_s, self.run.sigma[:, group, OFFSET]
 
-    def bias_std(self, method: str) -> Array:
+    def bias_std(self, method: str) -> Floats:
         """Return what the stated errors of both units leave of the biases, (6,): accelerometers m/s^2, gyros rad/s."""
         variances = np.diagonal(_real(self.run)[GROUPS.index(method)])[_BIASES]
         return np.asarray(self.offsets[method].inflation * np.sqrt(variances))
@@ -186,7 +185,7 @@ def _offset(run: FilterRun, name: str, coarse_s: float, drift_std: float, middle
                   normalised, seen)  # fmt: skip
 
 
-def _real(run: FilterRun) -> Array:
+def _real(run: FilterRun) -> Floats:
     return np.zeros_like(run.first_covariance) if run.real_covariance is None else run.real_covariance
 
 
@@ -214,7 +213,7 @@ def ratio_of(run: FilterRun, group: int, block: int = 0) -> float:
     return float(np.average(run.nis[use, group, block], weights=count[use]) / run.nis_dof[block])
 
 
-def _learnt_s(t_s: Array, std_s: Array, first_std_s: float) -> float:
+def _learnt_s(t_s: Floats, std_s: Floats, first_std_s: float) -> float:
     """When the filter learnt the offset: mean time by how much each moment added to the information."""
     gained = np.diff(1.0 / std_s**2, prepend=1.0 / first_std_s**2)
     gained = np.maximum(gained, 0.0)
@@ -253,6 +252,6 @@ def trajectory_figures(egi: EgiSamples, radar: Stream | None) -> list[Figure]:
     ]
 
 
-def _spread(size: int, most: int) -> NDArray[np.int64]:
+def _spread(size: int, most: int) -> Integers:
     """Return places of at most so many samples, the first and the last among them."""
     return np.unique(np.rint(np.linspace(0, size - 1, min(size, most))).astype(np.int64))

@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.sar.image import Chip, image_chip, point_targets
 from bench.systems.time_sync.estimators.sar.pulses import Pulses, positions_at
@@ -19,7 +19,6 @@ from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, NONE, Filtere
 from bench.systems.time_sync.records import Stream
 from bench.systems.time_sync.samples import steady_s
 
-Array = NDArray[np.float64]
 LEAST_PULSES = 2000
 
 
@@ -39,7 +38,7 @@ class Image:
     sent: int
 
     @property
-    def shifts_m(self) -> Array:
+    def shifts_m(self) -> Floats:
         """Of each target along the track, not compensated against compensated; positive = ahead."""
         return np.array([
             plain.azimuth_shift_m - compensated.azimuth_shift_m

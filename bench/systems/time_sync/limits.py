@@ -5,9 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
-from bench.analysis import stated_limits
+from bench.analysis import Document, stated_limits
 from bench.model.errors import FitError
 from bench.systems.time_sync.declaration import DECLARATION
 from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, ImuDensities
@@ -35,7 +34,7 @@ class Latency:
     std_s: float
 
 
-def demands_of(campaign: Mapping[str, Any]) -> Demands:
+def demands_of(campaign: Document) -> Demands:
     """Return limits of the campaign, those of ``SPECIFIED_s`` where it states none.
 
     Raises: FitError B-SYNC-005 for a limit that no time offset has, in a wrong unit or not above zero.
@@ -48,7 +47,7 @@ def demands_of(campaign: Mapping[str, Any]) -> Demands:
     return Demands(limits[UNCERTAINTY], limits[DIFFERENCE])
 
 
-def latency_of(campaign: Mapping[str, Any]) -> Latency | None:
+def latency_of(campaign: Document) -> Latency | None:
     """Return what the makers state of both latencies, None if the campaign says nothing.
 
     Raises: FitError B-SYNC-006 if it is incomplete or negative.
@@ -57,7 +56,7 @@ def latency_of(campaign: Mapping[str, Any]) -> Latency | None:
     return None if stated is None else Latency(**stated)
 
 
-def densities_of(campaign: Mapping[str, Any]) -> ImuDensities:
+def densities_of(campaign: Document) -> ImuDensities:
     """Errors of the inertial unit as its data sheet states them; of the paper's Table 2 if the campaign says nothing.
 
     Raises: FitError B-SYNC-006 if the section is incomplete or a value is not above zero.
@@ -74,7 +73,7 @@ def densities_of(campaign: Mapping[str, Any]) -> ImuDensities:
     )
 
 
-def spread_of(campaign: Mapping[str, Any], position_sigma_m: float) -> EgiSpread:
+def spread_of(campaign: Document, position_sigma_m: float) -> EgiSpread:
     """Errors of the EGI: the position as it states it in its frames, the rest as the campaign states them.
 
     Those of a navigation-grade unit with GPS (``EgiSpread``) if the campaign says nothing.
@@ -85,9 +84,7 @@ def spread_of(campaign: Mapping[str, Any], position_sigma_m: float) -> EgiSpread
     return replace(spread, **(_stated(campaign, "egi", names) or {}))
 
 
-def _stated(
-    campaign: Mapping[str, Any], section: str, names: Sequence[str], *, zero: bool = False
-) -> dict[str, float] | None:
+def _stated(campaign: Document, section: str, names: Sequence[str], *, zero: bool = False) -> dict[str, float] | None:
     """Return the figures of a section, None without it; all must be there and above zero, or ``zero`` if it may be."""
     stated = campaign.get(section)
     if stated is None:

@@ -7,11 +7,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from bench.analysis import (
     Analysis,
+    Document,
     Evidence,
     Figure,
     Material,
@@ -21,13 +21,13 @@ from bench.analysis import (
     estimate,
     value_and_uncertainty,
 )
+from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.units import with_prefix
 from bench.systems.time_sync.estimators.common_motion import CommonMotion, common_motion
 from bench.systems.time_sync.wording import say
 
-Array = NDArray[np.float64]
 METHODS: tuple[str, ...] = ("common_motion",)
 _STREAMS = ("one", "other")
 _RIVAL = 0.95  # of the correlation: another shift that fits nearly as well
@@ -51,7 +51,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="stream_offset",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=entries,
         evidence=_evidence(found),
         notes=[say("note.streams"), say("note.blocks")],
@@ -60,7 +60,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def _streams(material: Material) -> tuple[Mapping[str, tuple[Array, Array]], float]:
+def _streams(material: Material) -> tuple[Mapping[str, tuple[Floats, Floats]], float]:
     """Return stamps and signals of each stream, and whole seconds taken out of the stamps of the first one."""
     columns = material.campaign.get("columns", ())
     row_s = material.series.get("t_s", np.empty(0))
@@ -85,7 +85,7 @@ def _streams(material: Material) -> tuple[Mapping[str, tuple[Array, Array]], flo
     return {"one": (taken["one"][0] - coarse_s, taken["one"][1]), "other": taken["other"]}, coarse_s
 
 
-def _signals(material: Material, stream: str) -> list[Mapping[str, Any]]:
+def _signals(material: Material, stream: str) -> list[Document]:
     """Return the columns with motions of a stream, in the order that both streams have them in."""
     motions = (column for column in material.campaign.get("columns", ()) if column["role"] == "motion")
     return sorted((column for column in motions if column["stream"] == stream), key=lambda column: column["of"])
@@ -119,7 +119,7 @@ def _table(found: CommonMotion, coarse_s: float) -> Table:
     rows: list[list[Any]] = [
         [name, *value_and_uncertainty(scale * (coarse_s + value), scale * factor * std)] for name, value, std in parts
     ]
-    headers = [say(f"streams.head.{name}", unit=unit) for name in ("part", "offset", "U")]
+    headers = say.heads("streams", "part", "offset", "U", unit=unit)
     caption = say("streams.caption", correlation=found.correlation)
     return Table(say("result.title"), caption, headers, rows, lead=True)
 

@@ -28,7 +28,7 @@ from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.sar.image import Complex128, levels_dB
 from bench.systems.time_sync.estimators.sar.phase_history import Scene, compressed, scene_of
 from bench.systems.time_sync.estimators.sar.response import Response
-from bench.systems.time_sync.wording import headers_of, say
+from bench.systems.time_sync.wording import say
 
 METHODS: tuple[str, ...] = ("backprojection",)
 _FLOOR_dB = -40.0
@@ -60,7 +60,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="radar_image",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=_estimates(scene, strongest, len(samples), dropped),
         evidence=_evidence(scene, strongest),
         notes=[
@@ -147,7 +147,7 @@ def _table(scene: Scene) -> Table:
             (response.range_pslr_dB, 2), (response.islr_dB, 2), (response.range_islr_dB, 2),
         ]  # fmt: skip
         rows.append([len(rows) + 1, *at, *(f"{value:.{digits}f}" for value, digits in figures)])
-    headers = headers_of(
+    headers = say.heads(
         "places", "target", "x", "y", "azimuth_width", "range_width", "azimuth_pslr", "range_pslr", "azimuth_islr",
         "range_islr",
     )  # fmt: skip

@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import PROMPT, Planned, Prediction
+from bench.maths.arrays import Floats
 from bench.maths.geodesy import TangentFrame
 from bench.maths.strapdown import earth_rate, gradient, normal_gravity
 from bench.model.clock import NS
@@ -26,7 +26,6 @@ from bench.systems.time_sync.records import EGI, ITEM, RADAR, Clocks
 from bench.systems.time_sync.samples import EgiSamples, Prepared
 from bench.systems.time_sync.wording import filter_name, say
 
-Array = NDArray[np.float64]
 _LINK, _TURN = "imu", ("turntable", "turn")
 _DECLARED = ("inertial", "egi")
 
@@ -128,7 +127,7 @@ def planned_samples(planned: Planned) -> Prepared:
     return Prepared(imu, egi, 0, 0, 0, 0)
 
 
-def _motion(planned: Planned, t_s: Array, step_s: float) -> tuple[Array, Array, Array]:
+def _motion(planned: Planned, t_s: Floats, step_s: float) -> tuple[Floats, Floats, Floats]:
     """Return speed (m/s), acceleration along the track (m/s^2) and yaw rate (rad/s, to the right), (n,) each, at t_s.
 
     A person sets speed and acceleration by prompts; the table turns clockwise by a negative angle.
@@ -146,17 +145,17 @@ def _motion(planned: Planned, t_s: Array, step_s: float) -> tuple[Array, Array, 
     return speed_m_s + np.cumsum(along_m_s2) * step_s, along_m_s2, yaw_rate
 
 
-def _integral(values: Array, step_s: float) -> Array:
+def _integral(values: Floats, step_s: float) -> Floats:
     """Return the integral of means over steps, (n, ...), at all n + 1 ends, from zero on."""
     return np.concatenate((np.zeros_like(values[:1]), np.cumsum(values, axis=0) * step_s))
 
 
-def _along(yaw: Array, size: Array) -> Array:
+def _along(yaw: Floats, size: Floats) -> Floats:
     """Return level vectors of these sizes in the direction of a yaw, (n, 3)."""
     return np.asarray(size[:, None] * np.stack((np.cos(yaw), np.sin(yaw), np.zeros_like(yaw)), axis=1))
 
 
-def _level(yaw: Array) -> Array:
+def _level(yaw: Floats) -> Floats:
     """Return body to tangent frame of level vehicles, (n, 3, 3)."""
     turn = np.zeros((yaw.size, 3, 3))
     turn[:, 0, 0] = turn[:, 1, 1] = np.cos(yaw)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import Material
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.time_sync.estimators.port_clocks import (
@@ -30,8 +30,6 @@ from bench.systems.time_sync.limits import Latency
 if TYPE_CHECKING:
     from bench.record import RecordRow, Samples
 
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 ITEM = "time_sync"
 EGI, RADAR = "egi", "radar"
 COLUMNS: Mapping[str, tuple[str, ...]] = {
@@ -53,10 +51,10 @@ class Stream:
     first and the last that are not there.
     """
 
-    tick_s: Array
-    counter: Int64
-    received_ns: Int64
-    columns: Mapping[str, Array]
+    tick_s: Floats
+    counter: Integers
+    received_ns: Integers
+    columns: Mapping[str, Floats]
 
     def __len__(self) -> int:
         return len(self.counter)
@@ -66,7 +64,7 @@ class Stream:
         """Frames between the first and the last that are missing."""
         return int(self.counter[-1] - self.counter[0]) + 1 - len(self)
 
-    def part(self, keep: slice | NDArray[np.bool_]) -> Stream:
+    def part(self, keep: slice | Flags) -> Stream:
         """Some of the samples."""
         columns = {name: column[keep] for name, column in self.columns.items()}
         return Stream(self.tick_s[keep], self.counter[keep], self.received_ns[keep], columns)
@@ -179,8 +177,8 @@ class Clocks:
     difference: StampsDifference
     latency: Latency | None
     line_s: float
-    imu_s: Array
-    egi_s: Array
+    imu_s: Floats
+    egi_s: Floats
 
     @property
     def offset_s(self) -> float | None:
@@ -207,7 +205,7 @@ def clocks_of(taken: Recording, middle_s: float, latency: Latency | None, line_s
     return Clocks(imu, egi, coarse_s, difference, latency, on_line_s, imu_s, egi_s)
 
 
-def _received_s(stream: Stream, origin_ns: int) -> Array:
+def _received_s(stream: Stream, origin_ns: int) -> Floats:
     return np.asarray((stream.received_ns - origin_ns) * NS)
 
 

@@ -23,6 +23,7 @@ from bench.analysis import (
     series,
     significant,
     with_uncertainty,
+    worded_table,
 )
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
@@ -30,7 +31,7 @@ from bench.systems.time_sync.estimators.kalman.setup import LOOSE, NIS_BLOCKS, T
 from bench.systems.time_sync.estimators.sar.image import levels_dB
 from bench.systems.time_sync.filtering import COMPENSATED, GROUPS, METHODS, NONE, ratio_of
 from bench.systems.time_sync.image import Image
-from bench.systems.time_sync.wording import filter_name, headers_of, manoeuvre_name, say
+from bench.systems.time_sync.wording import filter_name, manoeuvre_name, say
 
 _MS = 1e3
 _MOST_POINTS = 1200
@@ -65,7 +66,7 @@ def _result(result: SyncResult) -> Table:
         rows.append([say("result.filter_minus_stamps"), apart, say("role.judged")])
     limits = {"interval": _MS * result.demands.uncertainty_s, "difference": _MS * result.demands.difference_s}
     caption = say("result.caption" if result.chosen.seen else "result.caption_unseen", **limits)
-    return Table(say("result.title"), caption, headers_of("result", "by", "offset", "role"), rows, lead=True)
+    return Table(say("result.title"), caption, say.heads("result", "by", "offset", "role"), rows, lead=True)
 
 
 def _role(result: SyncResult, name: str) -> str:
@@ -86,7 +87,7 @@ def _filters(result: SyncResult) -> Table:
             _part(offset.prior_std_s), _part(offset.drift_std_s), _part(offset.std_s), significant(offset.normalised),
             significant(float(result.seen.associated[-1, group])), say("yes" if offset.seen else "no"),
         ])  # fmt: skip
-    headers = headers_of(
+    headers = say.heads(
         "filters", "filter", "believed", "stated", "nis", "beforehand", "drift", "all", "variance", "eigenvalue",
         "observable",
     )  # fmt: skip
@@ -119,7 +120,7 @@ def _clocks(result: SyncResult) -> Table:
         latency = clocks.latency
         stated = say("clocks.latencies", egi=_MS * latency.egi_s, imu=_MS * latency.imu_s, std=_MS * latency.std_s)
     caption = say("clocks.caption", stated=stated, longer=_MS * clocks.line_s)
-    headers = headers_of("clocks", "clock", "frames", "rate", "jitter", "noise", "step")
+    headers = say.heads("clocks", "clock", "frames", "rate", "jitter", "noise", "step")
     return Table(say("clocks.title"), caption, headers, rows)
 
 
@@ -128,8 +129,8 @@ def _consistency(result: SyncResult) -> Table:
     for group, name in enumerate(GROUPS):
         ratios = [ratio_of(run, group, block) for block in range(len(NIS_BLOCKS))]
         rows.append([filter_name(name), *(significant(ratio) if math.isfinite(ratio) else "–" for ratio in ratios)])
-    headers = headers_of("consistency", "filter", *NIS_BLOCKS)
-    return Table(say("consistency.title"), say("consistency.caption"), headers, rows)
+    headers = say.heads("consistency", "filter", *NIS_BLOCKS)
+    return worded_table(say, "consistency", headers, rows)
 
 
 def _biases(result: SyncResult) -> Table:
@@ -140,7 +141,7 @@ def _biases(result: SyncResult) -> Table:
         gyro = math.degrees(3600.0) * np.array([run.gyro_bias[-1, group, 0, axis], std[3 + axis]])
         rows.append([letter, *(with_uncertainty(float(bias[0]), factor * float(bias[1])) for bias in (accel, gyro))])
     caption = say("biases.caption", name=filter_name(result.method))
-    return Table(say("biases.title"), caption, headers_of("biases", "axis", "accelerometer", "gyro"), rows)
+    return Table(say("biases.title"), caption, say.heads("biases", "axis", "accelerometer", "gyro"), rows)
 
 
 def _image(image: Image, result: SyncResult) -> Table:
@@ -157,7 +158,7 @@ def _image(image: Image, result: SyncResult) -> Table:
     left_s = result.found.offsets[COMPENSATED].offset_s - result.found.shift_s  # the rest is out of the tags of both
     due_m = -image.speed_m_s * left_s
     caption = say("image.caption", pulses=image.pulses, due=due_m, speed=image.speed_m_s, left=_MS * left_s)
-    headers = headers_of("image", "target", "navigation", "shift", "resolution", "pslr", "islr", "peak")
+    headers = say.heads("image", "target", "navigation", "shift", "resolution", "pslr", "islr", "peak")
     return Table(say("image.title"), caption, headers, rows)
 
 
@@ -174,7 +175,7 @@ def _received(result: SyncResult) -> Table:
         [say("received.odd_samples"), ready.odd_imu],
     ]
     caption = say("received.caption", name=manoeuvre_name(result.manoeuvre))
-    return Table(say("received.title"), caption, headers_of("received", "what", "number"), rows)
+    return Table(say("received.title"), caption, say.heads("received", "what", "number"), rows)
 
 
 def figures(result: SyncResult) -> list[Figure]:

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats
 from bench.maths.geodesy import TangentFrame, body_to_level
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.setup import ImuSamples
@@ -15,8 +15,6 @@ from bench.systems.time_sync.estimators.port_clocks import even_tags_s, odd_read
 from bench.systems.time_sync.records import Recording, Stream
 from bench.systems.time_sync.wording import say
 
-Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 LONGEST_GAP = 20  # samples of the inertial unit, 0.1 s: a longer gap is not bridged
 LEAST_s = 15.0  # of a recording
 _LEAST_SHARE = 0.5  # of the recording that must be in one piece
@@ -33,15 +31,15 @@ class EgiSamples:
     ``position_std_m``: as the unit states it, the median.
     """
 
-    t_s: Array
-    p: Array
-    v: Array
-    C: Array
+    t_s: Floats
+    p: Floats
+    v: Floats
+    C: Floats
     frame: TangentFrame
     position_std_m: float
     groups: int = 1
 
-    def block(self, k0: int, k1: int) -> tuple[Array, Array, Array]:
+    def block(self, k0: int, k1: int) -> tuple[Floats, Floats, Floats]:
         """Return samples k0 to k1 - 1, the same for every group."""
         count = min(k1, self.t_s.size) - k0
         p, v, C = self.p[k0:k1], self.v[k0:k1], self.C[k0:k1]
@@ -111,7 +109,7 @@ def prepared(taken: Recording) -> Prepared:
     )
 
 
-def steady_s(stream: Stream) -> Array:
+def steady_s(stream: Stream) -> Floats:
     """Return the time tags of a stream without their noise, (n,), as ``even_tags_s``."""
     return even_tags_s(stream.tick_s, stream.counter)
 
@@ -151,7 +149,7 @@ def _filled(imu: Stream) -> ImuSamples:
     there = np.zeros(counter.size, bool)
     there[imu.counter - imu.counter[0]] = True
 
-    def even(column: Array) -> Array:
+    def even(column: Floats) -> Floats:
         parts = [np.interp(counter, imu.counter, column[:, axis]) for axis in range(3)]
         return np.stack(parts, axis=1)[:, None, :]
 
@@ -159,7 +157,7 @@ def _filled(imu: Stream) -> ImuSamples:
     return ImuSamples(t_s, even(imu.columns["delta_velocity"]), even(imu.columns["delta_angle"]), ~there)
 
 
-def _navigating(egi: Stream) -> Bools:
+def _navigating(egi: Stream) -> Flags:
     return np.asarray((egi.columns["status"] == 0) & (egi.columns["mode"] == _NAVIGATING))
 
 

@@ -19,8 +19,3 @@ def filter_name(name: str) -> str:
 def manoeuvre_name(name: str) -> str:
     """Return the word for a manoeuvre; one that the catalogue does not have stands as it is."""
     return say(f"manoeuvre.{name}") if name in _MANOEUVRES else name or say("received.not_stated")
-
-
-def headers_of(table: str, *names: str) -> list[str]:
-    """Return the heads of a table."""
-    return [say(f"{table}.head.{name}") for name in names]

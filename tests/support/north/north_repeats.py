@@ -11,7 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from bench.systems.north.estimators.phasors import Array, Complex, angle_deg, half_width_deg
+from bench.maths.arrays import Floats
+from bench.systems.north.estimators.phasors import Complex, angle_deg, half_width_deg
 
 FEWEST = 2
 
@@ -25,19 +26,19 @@ class MeanNorth:
         scatter_deg: standard deviation of one repeat.   phasor: mean phasor.   repeats: their number.
     """
 
-    phi_deg: Array
-    std_deg: Array
+    phi_deg: Floats
+    std_deg: Floats
     dof: float
-    scatter_deg: Array
+    scatter_deg: Floats
     phasor: Complex
     repeats: int
 
     @property
-    def amplitude(self) -> Array:
+    def amplitude(self) -> Floats:
         """Length of the mean phasor."""
         return np.asarray(np.abs(self.phasor))
 
-    def half_width_deg(self, probability: float = 0.95) -> Array:
+    def half_width_deg(self, probability: float = 0.95) -> Floats:
         """Half the interval that covers phi with this probability, degrees; Student's t for few repeats."""
         return half_width_deg(self.std_deg, self.dof, probability)
 

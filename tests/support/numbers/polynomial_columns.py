@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.maths.extended import Array, Extended, stacked
+from bench.maths.arrays import Floats
+from bench.maths.extended import Extended, stacked
 
 
-def polynomial_columns(x: Array, order: int) -> Extended:
+def polynomial_columns(x: Floats, order: int) -> Extended:
     """Columns 1, x, x^2 ... x^order, each power right to about 31 digits; a power in doubles is right to 15.
 
     Args:    x: (m,), any unit, taken as exact.   order: highest power, >= 0.

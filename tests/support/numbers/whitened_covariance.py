@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from bench.systems.af_converter.estimators.gates import Array, Whitener
+from bench.maths.arrays import Floats
+from bench.systems.af_converter.estimators.gates import Whitener
 
 
-def covariance_of(whitener: Whitener) -> Array:
+def covariance_of(whitener: Whitener) -> Floats:
     """Return the covariance V itself, (m, m), in the unit of the readings squared."""
     rows = whitener.factor.shape[1]
     factor = sum(

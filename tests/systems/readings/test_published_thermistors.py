@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from bench.systems.readings.estimators.polynomial import Array, Curve, Points, fit_polynomial, function_of
+from bench.maths.arrays import Floats
+from bench.systems.readings.estimators.polynomial import Curve, Points, fit_polynomial, function_of
 
 # Campbell Scientific, 109SS temperature probe, instruction manual, table C-1: BetaTHERM 10K3MCD1, ohm.
 BETATHERM_DEGC = np.arange(-40.0, 1.0, 5.0)
@@ -24,17 +25,17 @@ US_SENSOR_OHM = np.array(
 US_SENSOR = [1.12766979300187e-3, 2.34444184128213e-4, 8.47692130592308e-8, 1.17512193579615e-11]
 
 
-def _exact(mean: Array, std: float) -> Points:
+def _exact(mean: Floats, std: float) -> Points:
     every = np.ones_like(mean)
     return Points(mean, std * every, np.nan * every, 0.0 * mean, 0.0 * mean, every)
 
 
-def fitted(ohm: Array, degC: Array, powers: tuple[int, ...]) -> Curve:
+def fitted(ohm: Floats, degC: Floats, powers: tuple[int, ...]) -> Curve:
     of_x, of_y = function_of("log", "ohm"), function_of("reciprocal", "degC")
     return fit_polynomial(of_x.points(_exact(ohm, 1e-9)), of_y.points(_exact(degC, 1e-3)), powers)
 
 
-def degC_at(curve: Curve, ohm: Array) -> Array:
+def degC_at(curve: Curve, ohm: Floats) -> Floats:
     return function_of("reciprocal", "degC").back(curve.at(np.log(ohm)))
 
 

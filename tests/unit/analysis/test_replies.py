@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from bench.analysis.replies import number_of
+from bench.analysis.values import number_of
 
 
 @pytest.mark.parametrize(

@@ -76,7 +76,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign=campaign.analysis,
         method=method,
-        uut=dict(campaign.uut),
+        uut=campaign.uut,
         estimates=entries,
         components=components(fits, campaign),
         groups=_quality_of_fit(fits, records),

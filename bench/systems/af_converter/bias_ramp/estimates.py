@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from bench.analysis import LEAST_MOVE, Estimate, Estimates, Evidence, Floats, estimate
+from bench.analysis import LEAST_MOVE, Document, Estimate, Estimates, Evidence, Floats, estimate
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
 from bench.systems.af_converter.coefficients import compensation_entry
@@ -96,7 +96,7 @@ def channel_estimates(channel: ChannelFit, campaign: Campaign, dropped: int) -> 
     ]
 
 
-def _bias(channel: ChannelFit, campaign: Campaign, about: Mapping[str, Any], counts: Mapping[str, int]) -> Estimates:
+def _bias(channel: ChannelFit, campaign: Campaign, about: Document, counts: Mapping[str, int]) -> Estimates:
     coefficients, _ = on_sensor(channel)
     reference_degC = campaign.reference_temperature_degC
     entries = []
@@ -114,9 +114,7 @@ def _bias(channel: ChannelFit, campaign: Campaign, about: Mapping[str, Any], cou
     return entries
 
 
-def _hysteresis(
-    channel: ChannelFit, campaign: Campaign, about: Mapping[str, Any], counts: Mapping[str, int]
-) -> Estimates:
+def _hysteresis(channel: ChannelFit, campaign: Campaign, about: Document, counts: Mapping[str, int]) -> Estimates:
     fit = channel.fit
     if not channel.there_and_back:
         return []
@@ -144,13 +142,13 @@ def compensated_A(channel: ChannelFit, campaign: Campaign) -> Floats:
     known = np.isfinite(channel.sensor_degC)
     temperature = np.where(known, channel.sensor_degC, channel.fit.unit_degC + channel.offset_degC)
     x = temperature - campaign.reference_temperature_degC
-    return np.asarray(channel.readings.bias_A - np.polynomial.polynomial.polyval(x, coefficients))
+    return channel.readings.bias_A - np.polynomial.polynomial.polyval(x, coefficients)
 
 
 def _residual(
     channel: ChannelFit,
     campaign: Campaign,
-    about: Mapping[str, Any],
+    about: Document,
     counts: Mapping[str, int],
 ) -> Estimate:
     """Largest mean over an hour of what the polynomial leaves; hysteresis and random walk are in it, as in use."""

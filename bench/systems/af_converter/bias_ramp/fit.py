@@ -9,12 +9,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Floats, Trace, count_problem
+from bench.analysis import Document, Floats, Trace, count_problem
+from bench.maths.arrays import Flags
 from bench.model.errors import FitError
 from bench.record import UNIT_TEMPERATURE
 from bench.systems.af_converter.constants import FUNCTION_GENERATOR, Campaign, Channel, read_dof, read_generator
@@ -77,7 +78,7 @@ class ChannelReadings:
     """Readings i_AFbias of one channel, (k,), with their intervals and noise; ``used``: which of the windows, (m,)."""
 
     channel: Channel
-    used: NDArray[np.bool_]
+    used: Flags
     bias_A: Floats
     gates: Gates
     noise: Whitener
@@ -117,7 +118,7 @@ def ramp_records(rows: Sequence[RecordRow], master_Hz: float) -> RampRecords:
     )
 
 
-def _belongs(conditions: Mapping[str, Any]) -> bool:
+def _belongs(conditions: Document) -> bool:
     open_input = conditions.get("route") == "open" and "channel" not in conditions
     return open_input and "branch" in conditions and conditions.get("purpose", _PURPOSE) == _PURPOSE
 
@@ -296,9 +297,7 @@ def _widest(drive: Drive) -> float:
     return max(0.6, min(_WIDEST_degC, _WIDEST_SHARE * float(np.ptp(drive.degC))))
 
 
-def fit_master_clock(
-    records: RampRecords, campaign: Campaign, standards: Mapping[str, Mapping[str, Any]]
-) -> OscillatorFit:
+def fit_master_clock(records: RampRecords, campaign: Campaign, standards: Mapping[str, Document]) -> OscillatorFit:
     """Cubic of dMSTR about the reference temperature. Raises FitError B-FIT-026 if the windows do not determine it."""
     pulses = records.pulses
     length_s = (pulses.frames + pulses.lost) * pulses.frame_s

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from bench.analysis import Estimates, Figure, Floats, Table, estimate, series, significant
+from bench.analysis import Estimates, Figure, Floats, Table, estimate, series, significant, worded_table
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import TERMS, UNITS, NoiseTerm, NoiseTerms, expected_deviation, fit_noise_terms
 from bench.model.errors import FitError
@@ -144,8 +144,8 @@ def noise_table(noises: Sequence[ChannelNoise]) -> Table:
                     figures(term.upper_limit * _nA),
                 ]
             )
-    headers = [say(f"noise.head.{head}") for head in ("channel", "term", "unit", "coefficient", "u", "upper")]
-    return Table(say("noise.title"), say("noise.caption"), headers, rows)
+    headers = say.heads("noise", "channel", "term", "unit", "coefficient", "u", "upper")
+    return worded_table(say, "noise", headers, rows)
 
 
 def noise_figures(noises: Sequence[ChannelNoise]) -> list[Figure]:

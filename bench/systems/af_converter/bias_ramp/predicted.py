@@ -62,7 +62,7 @@ class _Unit:
         """Return the bias of a kind of channel, mean over each gate, (m,)."""
         typical = self.kinds[kind]
         linear = [typical.bias_A, typical.bias_tc1_A_degC, 0.0, 0.0, typical.hysteresis_width_A]
-        return np.asarray(self.model(gates).columns(self.lag_s, typical.play_half_width_degC) @ linear)
+        return self.model(gates).columns(self.lag_s, typical.play_half_width_degC) @ linear
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Figure, Floats, Series, Table, band, series
+from bench.analysis import Figure, Floats, Series, Table, band, series, worded_table
 from bench.maths.budget import Component, combine_all
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.bias_ramp.estimates import DSF_STD, bias_parts, on_sensor, temperatures
@@ -53,8 +53,8 @@ def _fits(fits: Iterable[ChannelFit]) -> Table:
                 _text(fit.reduced_chi2, 3),
             ]
         )
-    headers = [say(f"joint.head.{head}") for head in _JOINT]
-    return Table(say("joint.title"), say("joint.caption"), headers, rows)
+    headers = say.heads("joint", *_JOINT)
+    return worded_table(say, "joint", headers, rows)
 
 
 def estimators_of(channel: ChannelFit) -> str:
@@ -71,8 +71,8 @@ def _widths(fits: Iterable[ChannelFit]) -> Table:
             value, std = width_at(channel.fit, at - channel.offset_degC)
             numbers = (value * _nA, coverage_factor() * std * _nA, air[index] * _nA, sensor[index] * _nA)
             rows.append([channel.readings.channel.number, f"{at:g}", *(_text(number, 2) for number in numbers)])
-    headers = [say(f"widths.head.{head}") for head in ("channel", "degC", "joint", "U", "air", "sensor")]
-    return Table(say("widths.title"), say("widths.caption"), headers, rows)
+    headers = say.heads("widths", "channel", "degC", "joint", "U", "air", "sensor")
+    return worded_table(say, "widths", headers, rows)
 
 
 def _budget(fits: Iterable[ChannelFit], campaign: Campaign) -> Table:
@@ -82,7 +82,7 @@ def _budget(fits: Iterable[ChannelFit], campaign: Campaign) -> Table:
         parts = bias_parts(channel, np.eye(coefficients.size)[0], campaign)
         rows += [[channel.readings.channel.number, name, f"{value * _nA:.3g}"] for name, value in parts.items()]
     reference = campaign.reference_temperature_degC
-    headers = [say(f"bias.head.{head}") for head in ("channel", "component", "u")]
+    headers = say.heads("bias", "channel", "component", "u")
     return Table(say("bias.components_title", degC=reference), say("bias.components_caption"), headers, rows)
 
 

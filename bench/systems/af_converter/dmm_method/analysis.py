@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.analysis import Analysis, Estimates, Material, Table
+from bench.analysis import Analysis, Document, Estimates, Material, Table, worded_table
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import METER, Campaign, expired, read_campaign, read_ranges, untraced
 from bench.systems.af_converter.dmm_method.estimates import (
@@ -117,7 +117,7 @@ def analyse(material: Material, method: str = "joint") -> Analysis:
     return Analysis(
         campaign=constants.analysis,
         method=method,
-        uut=dict(constants.uut),
+        uut=constants.uut,
         estimates=entries,
         evidence=[
             *evidence(fits, repeats, entries, constants, register, method),
@@ -146,7 +146,7 @@ def _quality(fitted: DmmFit, campaign: Campaign) -> dict[str, Any]:
 
 
 def notes(
-    fits: Sequence[DmmFit], groups: Sequence[Group], estimates: Sequence[Mapping[str, Any]], campaign: Campaign
+    fits: Sequence[DmmFit], groups: Sequence[Group], estimates: Sequence[Document], campaign: Campaign
 ) -> list[str]:
     """Return all notes but those on missing groups."""
     sentences = _refusal(fits) + [_assumption(name, estimates) for name in _TESTS]
@@ -166,7 +166,7 @@ def notes(
     return [*sentences, say("meter.gains"), say("meter.no_temperature"), say("note.bias_is_diagnostic")]
 
 
-def _warmth_degC(fitted: DmmFit, groups: Sequence[Group]) -> NDArray[np.float64]:
+def _warmth_degC(fitted: DmmFit, groups: Sequence[Group]) -> Floats:
     """Return the unit's temperatures of a channel, those of its points that were taken again included."""
     again = (group for group in groups if group.repeat and group.place[:2] == fitted.group.place[:2])
     return np.concatenate([group.closed.unit_temperature_degC for group in (fitted.group, *again)])
@@ -193,7 +193,7 @@ def _refusal(fits: Sequence[DmmFit]) -> list[str]:
     ]
 
 
-def _assumption(quantity: str, estimates: Sequence[Mapping[str, Any]]) -> str:
+def _assumption(quantity: str, estimates: Sequence[Document]) -> str:
     tested = [estimate for estimate in estimates if estimate["quantity"] == quantity]
     what = say(f"meter.by.{quantity}")
     if not tested:
@@ -208,7 +208,7 @@ def _assumption(quantity: str, estimates: Sequence[Mapping[str, Any]]) -> str:
     )  # fmt: skip
 
 
-def _shown(estimate: Mapping[str, Any]) -> tuple[tuple[float, float], str]:
+def _shown(estimate: Document) -> tuple[tuple[float, float], str]:
     scale, unit = (1e9, "nA") if estimate["unit"] == "A" else (1.0, str(estimate["unit"]))
     return (scale * estimate["value"], scale * estimate["expanded_uncertainty"]), unit
 
@@ -224,4 +224,4 @@ def zero_table(log: MeterLog) -> list[Table]:
     if not rows:
         return []
     headers = [say(f"meter.zeros.{head}") for head in ("range", "zero", "u")]
-    return [Table(say("meter.zeros.title"), say("meter.zeros.caption"), headers, rows)]
+    return [worded_table(say, "meter.zeros", headers, rows)]

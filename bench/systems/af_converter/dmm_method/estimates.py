@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis import Common, Estimate, Estimates, Reading, estimate, sharing
+from bench.analysis import Common, Document, Estimate, Estimates, Reading, estimate, sharing
 from bench.systems.af_converter.constants import METER, Campaign, Register, common_errors
 from bench.systems.af_converter.estimators.dmm_method import DmmScaleFactor, Meter
 from bench.systems.af_converter.estimators.readings import (
@@ -62,7 +62,7 @@ class ReadingSet:
     """Readings on one range without a change of it; values in ampere."""
 
     range_A: float
-    conditions: Mapping[str, Any]
+    conditions: Document
     begin_s: float
     end_s: float
     values_A: list[float] = field(default_factory=list)

@@ -19,10 +19,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from bench.analysis import Estimates, Evidence, Material, Table, covariance_by_standards
+from bench.maths.arrays import Flags, Floats
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import CALIBRATOR, Campaign, Standards, common_errors, read_standards
@@ -34,7 +34,6 @@ from bench.systems.af_converter.group_fit import ODD, QUANTITIES, SCALE_FACTORS,
 from bench.systems.af_converter.groups import Group, place_name
 from bench.systems.af_converter.wording import say
 
-Array = NDArray[np.float64]
 Register = Mapping[float, RangeSpecification]
 ALL_QUANTITIES = (*SCALE_FACTORS, "dsf_mean")
 _NO_CHANCE = 1e-9  # of a chi-square: something is wrong with the group
@@ -86,13 +85,11 @@ def probability_of(fit: DmmScaleFactor) -> float:
     return float(special.chdtrc(fit.dof, fit.chi2)) if math.isfinite(fit.chi2) and fit.dof else 1.0
 
 
-def _values_ppm(fit: DmmScaleFactor) -> Array:
+def _values_ppm(fit: DmmScaleFactor) -> Floats:
     return np.array([fit.value_ppm[name] for name in ("dsf_n", "dsf_p", "dsf_mean") if name in fit.value_ppm])
 
 
-def _refit(
-    group: Group, meter: Meter, kept: NDArray[np.bool_], converter: Converter, register: Register
-) -> DmmScaleFactor | None:
+def _refit(group: Group, meter: Meter, kept: Flags, converter: Converter, register: Register) -> DmmScaleFactor | None:
     try:
         return fit_dmm_method(group.closed.take(kept), meter.take(kept), converter, register)
     except FitError:
@@ -236,7 +233,7 @@ def agreement_table(fits: Iterable[DmmFit], material: Material, campaign: Campai
     if not rows:
         return []
     largest = max(abs(row[-1]) for row in rows)
-    headers = [say(f"agreement.head.{head}") for head in _HEADS]
+    headers = say.heads("agreement", *_HEADS)
     return [Table(say("agreement.title"), say("agreement.caption", largest=largest), headers, rows)]
 
 

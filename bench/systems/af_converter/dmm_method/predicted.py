@@ -5,11 +5,10 @@ The readings are those of a meter without noise: what counts of it is its regist
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import Any
 
-from bench.analysis import Material, Planned, Prediction, Reading
+from bench.analysis import Document, Material, Planned, Prediction, Reading
 from bench.model.clock import NS
 from bench.systems.af_converter.constants import METER, read_campaign, read_ranges
 from bench.systems.af_converter.dmm_method.analysis import determine
@@ -53,7 +52,7 @@ def _readings(planned: Planned, ranges_A: Sequence[float]) -> Iterator[Reading]:
             yield replace(at, value=_current_A(reading.conditions, following))
 
 
-def _current_A(own: Mapping[str, Any], following: Mapping[str, Any]) -> float:
+def _current_A(own: Document, following: Document) -> float:
     """Return what flows while the meter reads, by its own conditions and those of the next record."""
     if {ZERO, CHECK} & own.keys():
         return float(own.get(CHECK) or 0.0)

@@ -14,11 +14,11 @@ from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 from scipy.linalg import lapack
 
-Array = NDArray[np.float64]
+from bench.maths.arrays import Floats
+
 _STEP = 5e-2  # of the numeric derivatives, in logarithms
 _SHARES = (1e-4, 0.01, 0.1, 0.3, 0.6, 0.9)  # of the white part in the variance, where the search begins
 _TIMES = 9  # correlation times where the search begins, from a third of a step to the whole record
@@ -35,9 +35,9 @@ class CorrelatedNoise:
     white: float
     slow: float
     time_s: float
-    spread: Array
+    spread: Floats
 
-    def variance_of(self, weights: Array, t_s: Array) -> tuple[float, float]:
+    def variance_of(self, weights: Floats, t_s: Floats) -> tuple[float, float]:
         """Variance of ``weights @ readings``, and the degrees of freedom with which it is known.
 
         Args:    weights, t_s: (m,).
@@ -52,7 +52,7 @@ class CorrelatedNoise:
         def alike(time_s: float) -> float:
             return float(np.sum(square * np.exp(-lags_s / time_s)))
 
-        def at(point: Array) -> float:
+        def at(point: Floats) -> float:
             white, slow, time_s = np.exp(point)
             return float(white * diagonal + slow * alike(float(time_s)))
 
@@ -62,7 +62,7 @@ class CorrelatedNoise:
         dof = 2.0 * value**2 / spread if spread > 0 else _MOST_DOF
         return value, float(np.clip(dof, _FEWEST_DOF, _MOST_DOF))
 
-    def whitening(self, t_s: Array) -> Whitening:
+    def whitening(self, t_s: Floats) -> Whitening:
         """Return V^-1/2 of readings at these times, (m,), in order."""
         return whitening(t_s, (self.white, self.slow, self.time_s))
 
@@ -74,12 +74,12 @@ class Whitening:
     ``std`` (m,): of what each reading says beyond those before it.   ``log_volume``: log|V| / 2.
     """
 
-    stays: Array
-    learnt: Array
-    std: Array
+    stays: Floats
+    learnt: Floats
+    std: Floats
     log_volume: float
 
-    def of(self, columns: Array) -> Array:
+    def of(self, columns: Floats) -> Floats:
         """V^-1/2 applied to (m,) or (m, p): what each reading says beyond those before it, in standard deviations.
 
         Source:  prediction error decomposition. What is expected of all readings is a triangular system of two bands.
@@ -93,7 +93,7 @@ class Whitening:
         return np.asarray((table - expected) / self.std[:, None]).reshape(columns.shape)
 
 
-def whitening(t_s: Array, noise: tuple[float, float, float]) -> Whitening:
+def whitening(t_s: Floats, noise: tuple[float, float, float]) -> Whitening:
     """Return what takes the correlation out of columns; takes m steps, not m^3.
 
     The slow part is a Markov process, so a Kalman filter of one state predicts each reading from all before it.
@@ -112,7 +112,7 @@ def whitening(t_s: Array, noise: tuple[float, float, float]) -> Whitening:
     return Whitening(kept * (white / total)[:-1], kept * (predicted / total)[:-1], np.sqrt(total), log_volume)
 
 
-def fit_noise(t_s: Array, readings: Array, design: Array) -> CorrelatedNoise:
+def fit_noise(t_s: Floats, readings: Floats, design: Floats) -> CorrelatedNoise:
     """Size and duration of the noise of readings about a linear model, by restricted likelihood.
 
     The restricted likelihood knows that the model has taken a part of the noise away; plain residuals would look
@@ -126,7 +126,7 @@ def fit_noise(t_s: Array, readings: Array, design: Array) -> CorrelatedNoise:
     step_s, length_s = float(np.median(np.diff(t_s))), float(t_s[-1] - t_s[0])
     low, high = np.array([_SHARES[0], np.log(step_s / 3)]), np.array([0.999, np.log(length_s)])
 
-    def parts(place: Array) -> tuple[float, float, float]:
+    def parts(place: Floats) -> tuple[float, float, float]:
         share, log_time = np.clip(place, low, high)
         return share, 1.0 - share, np.exp(log_time)
 
@@ -145,7 +145,7 @@ def fit_noise(t_s: Array, readings: Array, design: Array) -> CorrelatedNoise:
     return CorrelatedNoise(variance * share, variance * rest, float(time_s), spread)
 
 
-def _profiled(t_s: Array, columns: Array, unit: tuple[float, float, float]) -> tuple[float, float]:
+def _profiled(t_s: Floats, columns: Floats, unit: tuple[float, float, float]) -> tuple[float, float]:
     """Minus the restricted log-likelihood for a covariance of unknown size, and the best size."""
     log_volume, square = _volume_and_square(t_s, columns, unit)
     dof = columns.shape[0] - columns.shape[1] + 1
@@ -153,14 +153,14 @@ def _profiled(t_s: Array, columns: Array, unit: tuple[float, float, float]) -> t
     return log_volume + dof / 2.0 * float(np.log(size)), size
 
 
-def _restricted(t_s: Array, columns: Array, place: Array) -> float:
+def _restricted(t_s: Floats, columns: Floats, place: Floats) -> float:
     """Minus the restricted log-likelihood, up to a constant."""
     white, slow, time_s = (float(value) for value in np.exp(place))
     log_volume, square = _volume_and_square(t_s, columns, (white, slow, time_s))
     return log_volume + square / 2.0
 
 
-def _volume_and_square(t_s: Array, columns: Array, noise: tuple[float, float, float]) -> tuple[float, float]:
+def _volume_and_square(t_s: Floats, columns: Floats, noise: tuple[float, float, float]) -> tuple[float, float]:
     """log|V|/2 + log|X'V^-1 X|/2, and the square of the whitened residual; columns: readings, then X."""
     filtered = whitening(t_s, noise)
     white = filtered.of(columns)
@@ -169,7 +169,7 @@ def _volume_and_square(t_s: Array, columns: Array, noise: tuple[float, float, fl
     return filtered.log_volume + float(np.sum(np.log(np.abs(np.diag(triangle))))), float(left @ left)
 
 
-def _spread(cost: Callable[[Array], float], place: Array) -> Array:
+def _spread(cost: Callable[[Floats], float], place: Floats) -> Floats:
     """Inverse curvature at the minimum; a direction that the residuals leave open is taken as known to a factor e."""
     steps = np.eye(place.size) * _STEP
     curvature = np.empty((place.size, place.size))

@@ -17,8 +17,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats
 from bench.maths.least_squares import LinearFit, solve
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.readings import (
@@ -33,7 +33,6 @@ from bench.systems.af_converter.estimators.readings import (
 )
 from bench.systems.af_converter.estimators.scale_factor import require_polarities, usable_rows
 
-Array = NDArray[np.float64]
 METHODS: tuple[str, ...] = ("joint", "as_printed")
 LARGEST_CONDITION = (
     20.0  # of the relative rows; 1.8 (gyro) and 2.3 (accelerometer) with common-mode rows, hundreds without
@@ -46,12 +45,12 @@ _CONTRASTS = {"dsf_n": (1.0, 0.0), "dsf_p": (0.0, 1.0), "dsf_asymmetry": (1.0, -
 class Meter:
     """Readings of the meter beside each row, (m,) each; positive, whatever the switch does behind it."""
 
-    current_A: Array  # mean of the readings, minus the zero of the range where it was measured
-    std_A: Array  # noise of that mean
-    zero_std_A: Array  # noise of the zero that was subtracted; NaN where none was measured
-    range_A: Array
+    current_A: Floats  # mean of the readings, minus the zero of the range where it was measured
+    std_A: Floats  # noise of that mean
+    zero_std_A: Floats  # noise of the zero that was subtracted; NaN where none was measured
+    range_A: Floats
 
-    def take(self, rows: NDArray[np.bool_]) -> Meter:
+    def take(self, rows: Flags) -> Meter:
         """The rows where the mask is true."""
         return Meter(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
@@ -71,7 +70,7 @@ class DmmScaleFactor:
     std_ppm: Mapping[str, float]
     parts_ppm: Mapping[str, Mapping[str, float]]
     standard_ppm: Mapping[str, Mapping[str, float]]
-    operators_ppm: Mapping[str, Array]
+    operators_ppm: Mapping[str, Floats]
     condition: float
     refusal: str
     unit_temperature_degC: float
@@ -114,29 +113,29 @@ def fit_dmm_method(
 @dataclass(frozen=True)
 class _Problem:
     rows: Readings
-    readings_A: Array  # (m,) signed meter current minus counted current
-    design_A: Array  # (m, 2) counted currents for DSF_N and DSF_P
-    pairs: Array  # (2 p, m) half differences of the p levels, then half sums
-    level_A: Array  # (p,)
-    parts: Mapping[str, Array]  # independent noise, (m, m) each
-    gains_A: Array  # (m, r) one standard deviation of each range's gain
-    labelled_A: Mapping[str, Array]  # label -> (m,) one standard deviation of what ranges or standards share
+    readings_A: Floats  # (m,) signed meter current minus counted current
+    design_A: Floats  # (m, 2) counted currents for DSF_N and DSF_P
+    pairs: Floats  # (2 p, m) half differences of the p levels, then half sums
+    level_A: Floats  # (p,)
+    parts: Mapping[str, Floats]  # independent noise, (m, m) each
+    gains_A: Floats  # (m, r) one standard deviation of each range's gain
+    labelled_A: Mapping[str, Floats]  # label -> (m,) one standard deviation of what ranges or standards share
 
     @property
-    def difference(self) -> Array:
+    def difference(self) -> Floats:
         return self.pairs[: self.level_A.size]
 
-    def relative(self, pairs: Array) -> Array:
+    def relative(self, pairs: Floats) -> Floats:
         """Return rows with a stimulus as multiples of it: what equation (18) makes of (17)."""
         driven = self.level_A > 0
         chosen = np.tile(driven, pairs.shape[0] // driven.size)
         weight = np.tile(1.0 / self.level_A[driven], pairs.shape[0] // driven.size)
-        return np.asarray(weight[:, None] * pairs[chosen])
+        return weight[:, None] * pairs[chosen]
 
 
 @dataclass(frozen=True)
 class _Solution:
-    operators: Mapping[str, Array]  # name -> (m,): what each row's reading adds to the quantity, per unit
+    operators: Mapping[str, Floats]  # name -> (m,): what each row's reading adds to the quantity, per unit
     fit: LinearFit
     chi2: float
     condition: float
@@ -163,7 +162,7 @@ def _set_up(
     )
 
 
-def reference_A_of(rows: Readings, meter: Meter, standard: Mapping[float, RangeSpecification]) -> Array:
+def reference_A_of(rows: Readings, meter: Meter, standard: Mapping[float, RangeSpecification]) -> Floats:
     """Signed current the meter saw go to the unit, (m,): its readings corrected by its certificate.
 
     Raises: FitError B-FIT-003 for a range the register does not hold.
@@ -172,10 +171,10 @@ def reference_A_of(rows: Readings, meter: Meter, standard: Mapping[float, RangeS
     entries = [specification(standard, float(range_A)) for range_A in meter.range_A]
     gain = np.array([entry.gain for entry in entries])
     offset_A = np.where(np.isfinite(meter.zero_std_A), 0.0, [entry.offset_A for entry in entries])
-    return np.asarray(rows.polarity * (meter.current_A * (1.0 + gain) + offset_A))
+    return rows.polarity * (meter.current_A * (1.0 + gain) + offset_A)
 
 
-def pair_rows(rows: Readings) -> tuple[Array, Array]:
+def pair_rows(rows: Readings) -> tuple[Floats, Floats]:
     """Levels (p,) and the matrix (2 p, m) of half differences, then half sums, of each level's two polarities.
 
     Source: AF-converter paper equations (14), (17); docs/decisions/0007 for the sums.
@@ -187,7 +186,7 @@ def pair_rows(rows: Readings) -> tuple[Array, Array]:
     return np.asarray(levels), np.vstack([0.5 * (plus - minus), 0.5 * (plus + minus)])
 
 
-def meter_parts(rows: Readings, meter: Meter, standard: Mapping[float, RangeSpecification]) -> dict[str, Array]:
+def meter_parts(rows: Readings, meter: Meter, standard: Mapping[float, RangeSpecification]) -> dict[str, Floats]:
     """Covariance (m, m) by the meter without its gains, ampere squared: noise, zero of a range, linearity at a level.
 
     A zero that was measured leaves its noise, one that was not the floor of the specification.
@@ -206,7 +205,7 @@ def meter_parts(rows: Readings, meter: Meter, standard: Mapping[float, RangeSpec
     }
 
 
-def condition_number(relative_design: Array) -> float:
+def condition_number(relative_design: Floats) -> float:
     """Condition number of relative rows after scaling the columns (K_N, K_P, nuisances) to unit length.
 
     Args:    relative_design: (m, p) in units of the stimulus.
@@ -219,7 +218,7 @@ def condition_number(relative_design: Array) -> float:
     return float(singular[0] / singular[-1]) if singular[-1] > 0 else float("inf")
 
 
-def require_separable(relative_design: Array, rows: str) -> None:
+def require_separable(relative_design: Floats, rows: str) -> None:
     """Refuse rows that do not tell K_N from K_P.
 
     Args:    relative_design: (m, p) in units of the stimulus.   rows: name of the rows for the message.
@@ -273,11 +272,11 @@ def _as_printed(problem: _Problem) -> _Solution:
     return _Solution(operators, fit, float("nan"), condition_number(design), refusal)
 
 
-def _gain_effects(error_A: Array, meter: Meter) -> Array:
+def _gain_effects(error_A: Floats, meter: Meter) -> Floats:
     return np.column_stack([error_A * (meter.range_A == range_A) for range_A in np.unique(meter.range_A)])
 
 
-def _result(problem: _Problem, solution: _Solution, usable: NDArray[np.bool_]) -> DmmScaleFactor:
+def _result(problem: _Problem, solution: _Solution, usable: Flags) -> DmmScaleFactor:
     parts: dict[str, dict[str, float]] = {}
     standard: dict[str, dict[str, float]] = {}
     for name, operator in solution.operators.items():
@@ -309,12 +308,12 @@ def _result(problem: _Problem, solution: _Solution, usable: NDArray[np.bool_]) -
     )
 
 
-def _everywhere(values: Array, usable: NDArray[np.bool_]) -> Array:
+def _everywhere(values: Floats, usable: Flags) -> Floats:
     everywhere = np.zeros(usable.size)
     everywhere[usable] = values
     return everywhere
 
 
-def _has_partner(rows: Readings, readable: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _has_partner(rows: Readings, readable: Flags) -> Flags:
     plus, minus = (rows.level_A[readable & (rows.polarity == sign)] for sign in (1.0, -1.0))
-    return np.asarray(np.isin(rows.level_A, np.intersect1d(plus, minus)))
+    return np.isin(rows.level_A, np.intersect1d(plus, minus))

@@ -12,8 +12,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats, Integers
 from bench.maths.least_squares import solve
 from bench.systems.af_converter.estimators.correlated_noise import CorrelatedNoise, fit_noise
 from bench.systems.af_converter.estimators.gates import Drive
@@ -21,8 +21,6 @@ from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates, HysteresisModel, ModelShape
 from bench.systems.af_converter.estimators.hysteresis.search import Bounds
 
-Array = NDArray[np.float64]
-Counts = NDArray[np.int64]
 BRANCH, DRIFT_NAMES = "up minus down", ("drift rate", "drift curvature")
 TEMPERATURE_NAMES = ("b0", "b1", "b2", "b3")
 NAMES = (*TEMPERATURE_NAMES, BRANCH, *DRIFT_NAMES)
@@ -37,17 +35,17 @@ class Blocks:
     ``member`` (k,): number of the block of each row.   ``start_s``, ``end_s``, ``middle_s`` (m,): ends, mean time.
     """
 
-    member: Counts
-    count: Array
-    start_s: Array
-    end_s: Array
-    middle_s: Array
+    member: Integers
+    count: Floats
+    start_s: Floats
+    end_s: Floats
+    middle_s: Floats
 
-    def mean(self, values: Array) -> Array:
+    def mean(self, values: Floats) -> Floats:
         """Means (m,) of the values (k,) of the rows."""
-        return np.asarray(np.bincount(self.member, values) / self.count)
+        return np.bincount(self.member, values) / self.count
 
-    def hours(self) -> Array:
+    def hours(self) -> Floats:
         """Return time from the middle of the record, (m,), hours."""
         return np.asarray((self.middle_s - (self.start_s[0] + self.end_s[-1]) / 2.0) / 3600.0)
 
@@ -59,11 +57,11 @@ class DriftFit:
     """
 
     names: tuple[str, ...]
-    parameters: Array
-    operator: Array
-    residual: Array
+    parameters: Floats
+    operator: Floats
+    residual: Floats
     noise: CorrelatedNoise
-    middle_s: Array
+    middle_s: Floats
 
     def estimate(self, name: str) -> tuple[float, float, float]:
         """Return value, standard uncertainty and degrees of freedom of a parameter."""
@@ -83,7 +81,7 @@ class BranchDifference:
     n: int
 
 
-def block_means(t_s: Array, count: int) -> Blocks:
+def block_means(t_s: Floats, count: int) -> Blocks:
     """Divide a record into blocks of one length.
 
     Args:    t_s: (k,), in order.   count: blocks from the first time to the last.
@@ -97,7 +95,7 @@ def block_means(t_s: Array, count: int) -> Blocks:
     return Blocks(member, size, start_s, start_s + length_s, np.bincount(member, t_s) / size)
 
 
-def drift_columns(blocks: Blocks) -> Array:
+def drift_columns(blocks: Blocks) -> Floats:
     """Return time and its square about the middle of the record, (m, 2), hours and hours squared.
 
     Args:    blocks: of the readings.
@@ -107,7 +105,7 @@ def drift_columns(blocks: Blocks) -> Array:
     return np.column_stack((hours, hours**2))
 
 
-def drift_design(blocks: Blocks, temperature_degC: Array, branch: Array, reference_degC: float) -> Array:
+def drift_design(blocks: Blocks, temperature_degC: Floats, branch: Floats, reference_degC: float) -> Floats:
     """Return the columns (m, 7) of a fit, in the order of ``NAMES``.
 
     Args:    as for ``fit_drift``.
@@ -118,7 +116,7 @@ def drift_design(blocks: Blocks, temperature_degC: Array, branch: Array, referen
 
 
 def fit_drift(
-    blocks: Blocks, temperature_degC: Array, readings: Array, branch: Array, reference_degC: float,
+    blocks: Blocks, temperature_degC: Floats, readings: Floats, branch: Floats, reference_degC: float,
     noise: CorrelatedNoise | None = None,
 ) -> DriftFit:  # fmt: skip
     """Fit cubic in temperature, quadratic in time and the up/down term.
@@ -138,7 +136,11 @@ def fit_drift(
 
 
 def branch_differences(
-    drift: DriftFit, temperature_degC: Array, readings: Array, ramps: tuple[Counts, Counts], at_degC: Sequence[float]
+    drift: DriftFit,
+    temperature_degC: Floats,
+    readings: Floats,
+    ramps: tuple[Integers, Integers],
+    at_degC: Sequence[float],
 ) -> list[BranchDifference]:
     """Up minus down at equal temperature, the way one would read it off a plot of the two branches.
 
@@ -204,7 +206,7 @@ def ramp_shape(blocks: Blocks, reference_degC: float) -> ModelShape:
 
 
 def fit_ramp_hysteresis(
-    blocks: Blocks, readings: Array, drive: Drive, noise: CorrelatedNoise, reference_degC: float
+    blocks: Blocks, readings: Floats, drive: Drive, noise: CorrelatedNoise, reference_degC: float
 ) -> RampHysteresis:
     """Fit polynomial, width, lag, half-width and quadratic drift together.
 
@@ -231,7 +233,7 @@ def fit_ramp_hysteresis(
 
 
 def _width_from(
-    model: HysteresisModel, fit: HysteresisFit, readings: Array, noise: CorrelatedNoise, blocks: Blocks
+    model: HysteresisModel, fit: HysteresisFit, readings: Floats, noise: CorrelatedNoise, blocks: Blocks
 ) -> float:
     """Width for another start of the play, lag and half-width as found; rectangular between the two extremes."""
     whiten = noise.whitening(blocks.middle_s).of

@@ -20,12 +20,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.linalg import LinAlgError, cholesky_banded, lapack
 
+from bench.maths.arrays import Flags, Floats
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
 _PARABOLIC = "omega"
 _WHITE = {False: 1.0, True: 1.2}  # mean square of the weight over a gate: flat, parabola
 _WALK = {False: 1.0 / 3.0, True: 13.0 / 35.0}  # variance of the mean of a walk over a gate, in gates
@@ -42,9 +42,9 @@ class Whitener:
     ``factor``: lower diagonals (3, m) of the Cholesky factor of the covariance of [y_0, y_1 - y_0, ...].
     """
 
-    factor: Array
+    factor: Floats
 
-    def whiten(self, x: Array) -> Array:
+    def whiten(self, x: Floats) -> Floats:
         """V^-1/2 x for x of (m,) or (m, p), in the unit of x over that of the readings; linear in x."""
         steps = np.diff(x, axis=0, prepend=np.zeros_like(x[:1]))
         white, _ = lapack.dtbtrs(self.factor, steps, uplo="L")
@@ -53,7 +53,7 @@ class Whitener:
 
 def series_covariance(
     estimator: ArrayLike,
-    times_s: Array,
+    times_s: Floats,
     gate_s: ArrayLike,
     q_C: ArrayLike,
     white_A_rtHz: float,
@@ -91,11 +91,11 @@ def series_covariance(
     return Whitener(_factor(band))
 
 
-def _choose(by_shape: dict[bool, float], parabolic: NDArray[np.bool_]) -> Array:
+def _choose(by_shape: dict[bool, float], parabolic: Flags) -> Floats:
     return np.where(parabolic, by_shape[True], by_shape[False])
 
 
-def _quantisation_and_white(gate_s: Array, quantum_C: Array, linked: NDArray[np.bool_], white_A_rtHz: Array) -> Array:
+def _quantisation_and_white(gate_s: Floats, quantum_C: Floats, linked: Flags, white_A_rtHz: Floats) -> Floats:
     """Band of the differences of readings whose own covariance has a diagonal and one neighbour on each side."""
     edge = quantum_C / gate_s / np.sqrt(12.0)
     own = 2.0 * edge**2 + white_A_rtHz**2 / (2.0 * gate_s)
@@ -110,7 +110,7 @@ def _quantisation_and_white(gate_s: Array, quantum_C: Array, linked: NDArray[np.
     return band
 
 
-def _walk(times_s: Array, gate_s: Array, inside: Array, rate_A2_s: float) -> Array:
+def _walk(times_s: Floats, gate_s: Floats, inside: Floats, rate_A2_s: float) -> Floats:
     """Band of the differences of gate means of a walk: what is left of the gate before, the gap, and the own part."""
     gap_s = np.maximum(np.diff(times_s) - (gate_s[1:] + gate_s[:-1]) / 2.0, 0.0)
     own = inside * gate_s
@@ -122,7 +122,7 @@ def _walk(times_s: Array, gate_s: Array, inside: Array, rate_A2_s: float) -> Arr
     return rate_A2_s * band
 
 
-def _check(times_s: Array, gate_s: Array) -> None:
+def _check(times_s: Floats, gate_s: Floats) -> None:
     if not (np.all(np.diff(times_s) > 0) and np.all(gate_s > 0)):
         raise FitError(
             "B-FIT-025",
@@ -131,7 +131,7 @@ def _check(times_s: Array, gate_s: Array) -> None:
         )
 
 
-def _factor(band: Array) -> Array:
+def _factor(band: Floats) -> Floats:
     try:
         return np.asarray(cholesky_banded(band, lower=True), dtype=np.float64)
     except (LinAlgError, ValueError):
@@ -149,12 +149,12 @@ class Drive:
     ``start_degC``: temperature of the unit at the first time, None = that of the drive (they are in equilibrium).
     """
 
-    t_s: Array  # (k,), strictly rising
-    degC: Array  # (k,)
+    t_s: Floats  # (k,), strictly rising
+    degC: Floats  # (k,)
     start_degC: float | None = None
 
 
-def usable_drive(t_s: Array, degC: Array, start_degC: float | None = None) -> Drive:
+def usable_drive(t_s: Floats, degC: Floats, start_degC: float | None = None) -> Drive:
     """A drive from readings, some of which may be missing (NaN) or come twice.
 
     Args:    t_s, degC: (k,), in any order.   start_degC: see Drive.
@@ -173,7 +173,7 @@ def usable_drive(t_s: Array, degC: Array, start_degC: float | None = None) -> Dr
     return Drive(times, degC[known][index], start_degC)
 
 
-def lagged(t_s: Array, drive_degC: Array, lag_s: float, start_degC: float | None = None) -> Array:
+def lagged(t_s: Floats, drive_degC: Floats, lag_s: float, start_degC: float | None = None) -> Floats:
     """Return temperature of the unit at the times of the drive, exact for straight lines between them.
 
     Args:    t_s, drive_degC: (k,), times rising, second.   lag_s: first-order lag, 0 = none, second.
@@ -194,7 +194,7 @@ def lagged(t_s: Array, drive_degC: Array, lag_s: float, start_degC: float | None
     return np.asarray(unit[:, 0])
 
 
-def lagged_means(t_s: Array, drive_degC: Array, unit_degC: Array, lag_s: float) -> Array:
+def lagged_means(t_s: Floats, drive_degC: Floats, unit_degC: Floats, lag_s: float) -> Floats:
     """Return mean of the unit's temperature between neighbouring times, (k - 1,), exact.
 
     Args:    as for ``lagged``; unit_degC: its answer.
@@ -238,7 +238,7 @@ def hidden_degC(drive: Drive, k: int) -> float:
     return misses[0] * misses[1] / max(sum(misses), 1e-12)
 
 
-def _slope(t_s: Array, degC: Array) -> float:
+def _slope(t_s: Floats, degC: Floats) -> float:
     if t_s.size < 2:
         return 0.0
     centred = t_s - t_s.mean()

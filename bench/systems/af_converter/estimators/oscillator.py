@@ -9,15 +9,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats
 from bench.maths.budget import effective_dof
 from bench.maths.least_squares import solve
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.gates import Whitener, series_covariance
 from bench.systems.af_converter.estimators.readings import master_clock_error
 
-Array = NDArray[np.float64]
 GENERATOR_STD = 3e-6 / np.sqrt(3.0)  # rectangular within 3 ppm, relative
 FIT, GENERATOR, SENSOR = "fit", "function generator", "temperature sensor"
 _STEP_degC = 0.1  # temperatures nearer than this count as one
@@ -32,11 +31,11 @@ class OscillatorWindows:
     ``unit_degC``: temperature of the unit, NaN = unknown; ``contiguous``: begins where the one before ended.
     """
 
-    times_s: Array
-    gate_s: Array
-    fg_count: Array
-    unit_degC: Array
-    contiguous: NDArray[np.bool_]
+    times_s: Floats
+    gate_s: Floats
+    fg_count: Floats
+    unit_degC: Floats
+    contiguous: Flags
 
 
 @dataclass(frozen=True)
@@ -52,11 +51,11 @@ class OscillatorFit:
     """
 
     reference_degC: float
-    coefficients_ppm: Array
-    covariance_ppm2: Array
+    coefficients_ppm: Floats
+    covariance_ppm2: Floats
     generator_std_ppm: float
     sensor_std_degC: float
-    residual_ppm: Array
+    residual_ppm: Floats
     reduced_chi2: float
     autocorrelation: float
     next_order_sigma: float
@@ -113,7 +112,7 @@ class OscillatorFit:
         """Return standard uncertainty of the coefficient of x^order, ppm/degC^order, everything included."""
         return float(np.linalg.norm(list(self.coefficient_components_ppm(order).values())))
 
-    def _powers(self, temperature_degC: float) -> Array:
+    def _powers(self, temperature_degC: float) -> Floats:
         return np.asarray((temperature_degC - self.reference_degC) ** np.arange(self.coefficients_ppm.size))
 
 
@@ -171,7 +170,7 @@ def fit_oscillator(
     )
 
 
-def _kept(windows: OscillatorWindows, used: NDArray[np.bool_]) -> OscillatorWindows:
+def _kept(windows: OscillatorWindows, used: Flags) -> OscillatorWindows:
     """Return the usable windows; one after a dropped window no longer follows its neighbour."""
     beside = np.concatenate(([False], used[:-1]))
     return OscillatorWindows(
@@ -198,7 +197,7 @@ def _require(windows: OscillatorWindows, order: int) -> None:
         )
 
 
-def _noise(windows: OscillatorWindows, x: Array, error: Array, order: int) -> Whitener:
+def _noise(windows: OscillatorWindows, x: Floats, error: Floats, order: int) -> Whitener:
     """Return covariance of the relative errors: telescoping counts, and at least as much of independent noise."""
     design = np.vander(x, order + 1, increasing=True)
     residual = solve(design, error, np.eye(error.size), _names(order)).residual
@@ -209,7 +208,7 @@ def _noise(windows: OscillatorWindows, x: Array, error: Array, order: int) -> Wh
     return series_covariance("gated", windows.times_s, windows.gate_s, quantum, white, 0.0, windows.contiguous)
 
 
-def _weighted(whitener: Whitener, x: Array, error: Array, order: int) -> tuple[Array, Array, float, float]:
+def _weighted(whitener: Whitener, x: Floats, error: Floats, order: int) -> tuple[Floats, Floats, float, float]:
     """Return coefficients, covariance, reduced chi-square and lag-1 autocorrelation of the whitened residuals."""
     basis, triangle = np.linalg.qr(whitener.whiten(np.vander(x, order + 1, increasing=True)))
     white = whitener.whiten(error)

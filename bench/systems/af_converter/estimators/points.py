@@ -11,10 +11,9 @@ from collections.abc import Hashable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags
 from bench.model.stopping import FIRST
 from bench.systems.af_converter.estimators.readings import Converter, Readings
-
-Array = NDArray[np.float64]
 
 
 def random_A(converter: Converter, level_A: float, seconds: float, cuts: int) -> tuple[float, float]:
@@ -33,7 +32,7 @@ def random_A(converter: Converter, level_A: float, seconds: float, cuts: int) ->
 
 def joined(
     rows: Readings, places: Sequence[Hashable], stages: Sequence[int], follows: Sequence[bool]
-) -> tuple[Readings, NDArray[np.bool_]]:
+) -> tuple[Readings, Flags]:
     """Return readings of which each is a whole point, and which rows (m,) are the first of theirs.
 
     Counts and gates add up; records without a gap between them cut no pulse there. ``scatter`` of a point is the

@@ -10,14 +10,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.systems.af_converter.estimators.readings import clock_ratio, count_noise
 
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Mask = NDArray[np.bool_]
 TIMING = ("moment1", "moment2", "first", "last", "at_first", "at_last")
 
 
@@ -29,13 +27,13 @@ class Pulses:
     last frame with a pulse (-1: none), ``at_first``, ``at_last``: pulses in them. Meaningless where not timed.
     """
 
-    count: Int64
-    moment1: Int64
-    moment2: Int64
-    first: Int64
-    last: Int64
-    at_first: Int64
-    at_last: Int64
+    count: Integers
+    moment1: Integers
+    moment2: Integers
+    first: Integers
+    last: Integers
+    at_first: Integers
+    at_last: Integers
 
 
 @dataclass(frozen=True)
@@ -46,22 +44,22 @@ class PulseRecords:
     ``timed`` (bool): the record has timing, so no frame is missing; ``n``, ``p``: pulses of each polarity.
     """
 
-    first_counter: Int64
-    frames: Int64
-    lost: Int64
-    gate_s: Array
-    af_count: Array
-    timed: Mask
+    first_counter: Integers
+    frames: Integers
+    lost: Integers
+    gate_s: Floats
+    af_count: Floats
+    timed: Flags
     n: Pulses
     p: Pulses
 
     @property
-    def frame_s(self) -> Array:
+    def frame_s(self) -> Floats:
         """Nominal length of a frame, (m,), second; NaN without a gate."""
-        return np.asarray(np.where(self.gate_s > 0, self.gate_s, np.nan) / np.maximum(self.frames, 1))
+        return np.where(self.gate_s > 0, self.gate_s, np.nan) / np.maximum(self.frames, 1)
 
     @property
-    def follows(self) -> Mask:
+    def follows(self) -> Flags:
         """True where a record begins with the frame right after the record before it, both without a gap; (m,).
 
         A record that lost frames does not reach the next one: its good frames are fewer than its counters.
@@ -84,11 +82,11 @@ class PulseConverters:
     white_A_rtHz: ArrayLike
     af_clock_Hz: float
 
-    def ratio(self, records: PulseRecords) -> Array:
+    def ratio(self, records: PulseRecords) -> Floats:
         """Clock ratio r of each record, (m, 1), which turns counted rates into current; NaN without AF clock."""
         return clock_ratio(records.af_count, records.gate_s, self.af_clock_Hz)[:, None]
 
-    def ratio_std(self, records: PulseRecords) -> Array:
+    def ratio_std(self, records: PulseRecords) -> Floats:
         """Relative standard uncertainty of the clock ratio of each record, (m, 1)."""
         return count_noise(records.af_count)[:, None]
 
@@ -131,7 +129,7 @@ def _pulses(name: str, sums: Sequence[Mapping[str, Any]], timing: Sequence[Mappi
     return Pulses(count, **columns)
 
 
-def count_step(counts: Array) -> tuple[int, float]:
+def count_step(counts: Floats) -> tuple[int, float]:
     """Return the largest step of which counts are multiples, apart from a remainder that all share.
 
     Args:    counts: of gates that differ, (m,); zeros and counts that occur twice say nothing.

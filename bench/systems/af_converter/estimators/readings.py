@@ -14,17 +14,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
 QUANTISATION = "quantisation of the counts"
 SCATTER = "scatter of the records of a point"
 GAIN = "gain"
 
 
-def clock_ratio(af_count: Array, gate_s: Array, af_clock_Hz: float) -> Array:
+def clock_ratio(af_count: Floats, gate_s: Floats, af_clock_Hz: float) -> Floats:
     """Return ratio r = (1 + dMSTR) / (1 + dAF) = f_AF0 * t_INT0 / n_AF, which turns counted rates into current.
 
     Args:    af_count: AF-clock pulses counted in each gate, (m,).   gate_s: nominal gate t_INT0 = master pulses over
@@ -33,10 +32,10 @@ def clock_ratio(af_count: Array, gate_s: Array, af_clock_Hz: float) -> Array:
     Source:  AF-converter paper equation (1); docs/decisions/0004.
     """
     counted = np.where(af_count > 0, af_count, np.nan)
-    return np.asarray(af_clock_Hz * gate_s / counted)
+    return af_clock_Hz * gate_s / counted
 
 
-def master_clock_error(fg_count: Array, gate_s: Array, fg_Hz: float) -> Array:
+def master_clock_error(fg_count: Floats, gate_s: Floats, fg_Hz: float) -> Floats:
     """Relative error dMSTR of the master clock: 1 + dMSTR = f_FG * t_INT0 / n_FG; positive = runs fast.
 
     Args:    fg_count: function-generator pulses counted in each gate, (m,).   gate_s: nominal gate, (m,), second.
@@ -45,10 +44,10 @@ def master_clock_error(fg_count: Array, gate_s: Array, fg_Hz: float) -> Array:
     Source:  AF-converter paper section 4.1; docs/decisions/0004.
     """
     counted = np.where(fg_count > 0, fg_count, np.nan)
-    return np.asarray(fg_Hz * gate_s / counted - 1.0)
+    return fg_Hz * gate_s / counted - 1.0
 
 
-def count_noise(count: Array) -> Array:
+def count_noise(count: Floats) -> Floats:
     """Relative standard uncertainty of a gated count, (m,): difference of two uniform residues over the count.
 
     Source: docs/decisions/0004 (quantisation); two uniform residues of one pulse have the variance 1/6.
@@ -103,22 +102,22 @@ class RangeSpecification:
 class Readings:
     """Rows of one channel at one temperature, in order of time; all arrays (m,)."""
 
-    polarity: Array  # +1 or -1: how the switch connects the calibrator
-    level_A: Array  # nominal magnitude of the calibrator current, 0 for a zero row
-    range_A: Array  # full scale of the calibrator range in use
-    n_count: Array
-    p_count: Array
-    af_count: Array
-    gate_s: Array  # nominal gate from the master count
-    gaps: Array  # lost frames inside the gate: each cuts the counts once more
-    time_s: Array  # middle of the gate, any origin
-    unit_temperature_degC: Array
-    temperature_std_degC: Array  # standard uncertainty of an interpolated temperature, 0 where measured
-    temperature_gap: Array  # rows with the same number share one error of interpolation
-    scatter: Array  # variance of (n - p) / af_count by the scatter of records; for rows with ``scatter_dof`` only
-    scatter_dof: Array  # its degrees of freedom; 0: the noise is as declared
+    polarity: Floats  # +1 or -1: how the switch connects the calibrator
+    level_A: Floats  # nominal magnitude of the calibrator current, 0 for a zero row
+    range_A: Floats  # full scale of the calibrator range in use
+    n_count: Floats
+    p_count: Floats
+    af_count: Floats
+    gate_s: Floats  # nominal gate from the master count
+    gaps: Floats  # lost frames inside the gate: each cuts the counts once more
+    time_s: Floats  # middle of the gate, any origin
+    unit_temperature_degC: Floats
+    temperature_std_degC: Floats  # standard uncertainty of an interpolated temperature, 0 where measured
+    temperature_gap: Floats  # rows with the same number share one error of interpolation
+    scatter: Floats  # variance of (n - p) / af_count by the scatter of records; for rows with ``scatter_dof`` only
+    scatter_dof: Floats  # its degrees of freedom; 0: the noise is as declared
 
-    def take(self, rows: NDArray[np.bool_]) -> Readings:
+    def take(self, rows: Flags) -> Readings:
         """The rows where the mask is true."""
         return Readings(**{name: getattr(self, name)[rows] for name in self.__dataclass_fields__})
 
@@ -128,10 +127,10 @@ class Effects:
     """Common unknowns with a prior: readings shift by ``matrix @ z`` with z independent, zero mean, unit variance."""
 
     labels: tuple[str, ...]
-    matrix: Array  # (m, k), ampere
+    matrix: Floats  # (m, k), ampere
 
 
-def pulse_currents_A(rows: Readings, converter: Converter) -> tuple[Array, Array]:
+def pulse_currents_A(rows: Readings, converter: Converter) -> tuple[Floats, Floats]:
     """Return currents K0 C_N and K0 C_P, (m,) each, ampere, corrected by the clock ratio.
 
     Source: AF-converter paper equations (1), (2).
@@ -140,26 +139,26 @@ def pulse_currents_A(rows: Readings, converter: Converter) -> tuple[Array, Array
     return np.asarray(scale * rows.n_count), np.asarray(scale * rows.p_count)
 
 
-def quantisation_A2(rows: Readings, converter: Converter) -> Array:
+def quantisation_A2(rows: Readings, converter: Converter) -> Floats:
     """Variance of gated counts, (m,): the difference of two uniform residues of one pulse, (q / t)^2 / 6 per stretch.
 
     Source: docs/decisions/0004; rectangular distribution of JCGM 100:2008 4.3.7.
     """
-    return np.asarray((converter.k0_C / rows.gate_s) ** 2 / 6.0 * (1.0 + rows.gaps))
+    return (converter.k0_C / rows.gate_s) ** 2 / 6.0 * (1.0 + rows.gaps)
 
 
-def clock_A2(rows: Readings, converter: Converter) -> Array:
+def clock_A2(rows: Readings, converter: Converter) -> Floats:
     """Variance of the measured current by the quantised AF-clock count, (m,)."""
     current = converter.k0_C * (rows.n_count - rows.p_count) / rows.gate_s
-    return np.asarray((current * count_noise(rows.af_count)) ** 2 * (1.0 + rows.gaps))
+    return (current * count_noise(rows.af_count)) ** 2 * (1.0 + rows.gaps)
 
 
-def white_A2(rows: Readings, converter: Converter) -> Array:
+def white_A2(rows: Readings, converter: Converter) -> Floats:
     """Variance of an average over the gate of white noise with a one-sided density, (m,)."""
-    return np.asarray(converter.white_A_rtHz**2 / (2.0 * rows.gate_s))
+    return converter.white_A_rtHz**2 / (2.0 * rows.gate_s)
 
 
-def walk_A2(rows: Readings, converter: Converter) -> Array:
+def walk_A2(rows: Readings, converter: Converter) -> Floats:
     """Covariance (m, m) of gate averages of a random walk that starts with the first row.
 
     For gates that do not overlap it is sigma^2 times the earlier middle; on the diagonal a sixth of a gate less.
@@ -168,17 +167,17 @@ def walk_A2(rows: Readings, converter: Converter) -> Array:
     middle_s = rows.time_s - start_s
     shared_s = np.minimum.outer(middle_s, middle_s)
     shared_s[np.diag_indices_from(shared_s)] -= rows.gate_s / 6.0
-    return np.asarray(converter.walk_A_rth**2 / 3600.0 * shared_s)
+    return converter.walk_A_rth**2 / 3600.0 * shared_s
 
 
-def scatter_A2(rows: Readings, converter: Converter) -> Array:
+def scatter_A2(rows: Readings, converter: Converter) -> Floats:
     """Variance of rows that are known by the scatter of their records, (m,), 0 for others; never below quantisation."""
     seen_A2 = (converter.k0_C * converter.af_clock_Hz) ** 2 * rows.scatter
     least_A2 = quantisation_A2(rows, converter) + clock_A2(rows, converter)
-    return np.asarray(np.where(rows.scatter_dof > 0, np.maximum(seen_A2, least_A2), 0.0))
+    return np.where(rows.scatter_dof > 0, np.maximum(seen_A2, least_A2), 0.0)
 
 
-def noise_parts(rows: Readings, converter: Converter) -> dict[str, Array]:
+def noise_parts(rows: Readings, converter: Converter) -> dict[str, Floats]:
     """Independent part of the covariance by name, each (m, m), ampere squared.
 
     What scatter tells of a row stands for its quantisation and white noise, which the scatter holds.
@@ -193,14 +192,14 @@ def noise_parts(rows: Readings, converter: Converter) -> dict[str, Array]:
     return parts if declared.all() else {**parts, SCATTER: np.diag(scatter_A2(rows, converter))}
 
 
-def interpolation_A2(rows: Readings, response_A_degC: Array) -> Array:
+def interpolation_A2(rows: Readings, response_A_degC: Floats) -> Floats:
     """Covariance (m, m) of rows whose unit temperature is interpolated; rows of one gap share the error.
 
     Args:    response_A_degC: change of each row's reading per degC of unit temperature, (m,), signed.
     Source:  JCGM 100:2008 5.2 (correlated input quantities).
     """
     effect_A = response_A_degC * rows.temperature_std_degC
-    return np.asarray(np.outer(effect_A, effect_A) * np.equal.outer(rows.temperature_gap, rows.temperature_gap))
+    return np.outer(effect_A, effect_A) * np.equal.outer(rows.temperature_gap, rows.temperature_gap)
 
 
 def specification(standard: Mapping[float, RangeSpecification], range_A: float) -> RangeSpecification:
@@ -224,7 +223,7 @@ def calibrator_effects(rows: Readings, standard: Mapping[float, RangeSpecificati
 
     Raises: FitError B-FIT-003 for a range the register does not hold.
     """
-    columns: dict[str, Array] = {}
+    columns: dict[str, Floats] = {}
     for range_A in sorted(set(rows.range_A.tolist())):
         sigma_A = specification(standard, range_A).floor_A / 2.0
         inside = rows.range_A == range_A
@@ -245,7 +244,7 @@ def linearity_label(range_A: float, level_A: float) -> str:
     return f"linearity of the range {range_A:g} A at {level_A:g} A"
 
 
-def relative_errors(range_A: Array, standard: Mapping[float, RangeSpecification]) -> dict[str, Array]:
+def relative_errors(range_A: Floats, standard: Mapping[float, RangeSpecification]) -> dict[str, Floats]:
     """Return relative standard uncertainty of each row, (m,), by the label of an error in proportion to the current.
 
     Args:    range_A: range of the standard in use, (m,).   standard: its register.

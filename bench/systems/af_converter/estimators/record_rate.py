@@ -14,16 +14,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.systems.af_converter.estimators.pulses import PulseConverters, PulseRecords, Pulses
 
-Array = NDArray[np.float64]
 _UNSETTLED_PULSES = np.sqrt(6.0)  # u = one pulse in the gate: half of the largest error, see gated
 _SETTLED_PULSES = 2
 _HARMONICS = 64  # of the saw-tooth of the integrator; the locked error by the last one is under 1 % of a pulse
 _PEAK = 0.2181  # largest value of (sin x - x cos x) / (2 x^2)
 _UNSURE = 1.0  # by how much the pulses of a record may be off while the saw-tooth is locked to the frames
 _LEAST_PULSES = 2
-Mask = NDArray[np.bool_]
 GATED, OMEGA, RECIPROCAL = "gated", "omega", "reciprocal"
 
 
@@ -39,38 +38,36 @@ class RateEstimate:
     estimator in the record before.
     """
 
-    current_A: Array
-    quantisation_A: Array
-    clock_A: Array
-    white_A: Array
-    start_s: Array
-    end_s: Array
-    continues: NDArray[np.bool_]
+    current_A: Floats
+    quantisation_A: Floats
+    clock_A: Floats
+    white_A: Floats
+    start_s: Floats
+    end_s: Floats
+    continues: Flags
 
     @property
-    def std_uncertainty_A(self) -> Array:
+    def std_uncertainty_A(self) -> Floats:
         """Standard uncertainty of the mean current over the interval, (m, c), ampere."""
-        return np.asarray(np.sqrt(self.quantisation_A**2 + self.clock_A**2 + self.white_A**2))
+        return np.sqrt(self.quantisation_A**2 + self.clock_A**2 + self.white_A**2)
 
     @property
-    def length_s(self) -> Array:
+    def length_s(self) -> Floats:
         """Length of the interval, (m, c), second."""
-        return np.asarray(self.end_s - self.start_s)
+        return self.end_s - self.start_s
 
     @property
-    def middle_s(self) -> Array:
+    def middle_s(self) -> Floats:
         """Middle of the interval, (m, c), second after the first frame of the record began."""
-        return np.asarray((self.start_s + self.end_s) / 2.0)
+        return (self.start_s + self.end_s) / 2.0
 
     @property
-    def quantum_C(self) -> Array:
+    def quantum_C(self) -> Floats:
         """Charge of the pulse that would give a gated count this quantisation: (quantum / length)^2 / 6; (m, c)."""
         return np.asarray(self.quantisation_A * self.length_s * np.sqrt(6.0))
 
 
-def on_whole_records(
-    records: PulseRecords, shape: tuple[int, ...], *, continues: bool
-) -> tuple[Array, Array, NDArray[np.bool_]]:
+def on_whole_records(records: PulseRecords, shape: tuple[int, ...], *, continues: bool) -> tuple[Floats, Floats, Flags]:
     """Start, end and ``continues`` of an estimator that takes each record from end to end, (m, c) each.
 
     Args:    records: m records.   shape: (m, c).   continues: neighbours share the error of their common cut.
@@ -159,7 +156,7 @@ def omega(records: PulseRecords, converters: PulseConverters) -> RateEstimate:
     )
 
 
-def slope(pulses: Pulses, frames: NDArray[np.int64]) -> Array:
+def slope(pulses: Pulses, frames: Integers) -> Floats:
     """Least-squares slope of the cumulative count, (m, c), pulses per frame, from exact integers.
 
     Args:    pulses: one polarity.   frames: n of each record, (m,).
@@ -170,10 +167,10 @@ def slope(pulses: Pulses, frames: NDArray[np.int64]) -> Array:
     n = frames[:, None]
     below = np.maximum(n, 1).astype(np.float64)
     weighted = (n + 1) * pulses.moment1 - pulses.moment2
-    return np.asarray(6.0 * weighted / (below * (below + 1.0) * (below + 2.0)))
+    return 6.0 * weighted / (below * (below + 1.0) * (below + 2.0))
 
 
-def _leak(rate: Array, frames: Array) -> Array:
+def _leak(rate: Floats, frames: Floats) -> Floats:
     """Standard deviation of the slope by a saw-tooth of height 1 and ``rate`` teeth a frame, times the frames."""
     order = np.arange(1.0, _HARMONICS + 1.0)
     turns = np.remainder(order * rate[..., None], 1.0)
@@ -221,7 +218,7 @@ def reciprocal(records: PulseRecords, converters: PulseConverters) -> RateEstima
 
 def _one_polarity(
     records: PulseRecords, own: Pulses, other: Pulses, k_C: ArrayLike
-) -> tuple[Array, Array, Array, Mask]:
+) -> tuple[Floats, Floats, Floats, Flags]:
     """First and last counter (NaN: not usable), charge between them, and whether the first is of the record before.
 
     The pulse before the record serves only if it was the last of either polarity there, and none of the other
@@ -234,9 +231,9 @@ def _one_polarity(
     ends = timed & (own.count > 0) & (own.at_last == 1)
     later = (other.count == 0) | (other.first > own.last)
     earlier = (other.count > 0) & (other.last < own.first)
-    from_before: Mask = ends & later & (before >= 0)
+    from_before: Flags = ends & later & (before >= 0)
     inside = ends & (later | earlier) & (own.count > 1) & (own.at_first == 1) & ~from_before
-    absent: Array = np.where(from_before | inside, 0.0, np.nan)
+    absent: Floats = np.where(from_before | inside, 0.0, np.nan)
     first = np.where(from_before, before, own.first) + absent
     pulses = np.where(from_before, own.count, own.count - 1) + absent
     return first, own.last + absent, pulses * np.asarray(k_C, dtype=np.float64), from_before
@@ -255,7 +252,7 @@ class RecordRates(RateEstimate):
     """
 
     estimator: NDArray[np.str_]
-    joined: NDArray[np.bool_]
+    joined: Flags
 
 
 def record_rates(records: PulseRecords, converters: PulseConverters, only: str | None = None) -> RecordRates:
@@ -287,8 +284,8 @@ def record_rates(records: PulseRecords, converters: PulseConverters, only: str |
     return RecordRates(**fields, estimator=estimator, joined=_joined(fields["continues"], estimator))
 
 
-def _joined(continues: NDArray[np.bool_], estimator: NDArray[np.str_]) -> NDArray[np.bool_]:
+def _joined(continues: Flags, estimator: NDArray[np.str_]) -> Flags:
     """An interval continues the one before only if that one was taken by the same estimator."""
     same = np.zeros(continues.shape, dtype=np.bool_)
     same[1:] = estimator[1:] == estimator[:-1]
-    return np.asarray(same & continues)
+    return same & continues

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats
 from bench.maths.least_squares import LinearFit, solve
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.readings import (
@@ -29,7 +29,6 @@ from bench.systems.af_converter.estimators.readings import (
     specification,
 )
 
-Array = NDArray[np.float64]
 METHODS: tuple[str, ...] = ("gls", "paper", "ols")
 UNREFERRED = "unknown temperature coefficients"
 _PPM = 1e6
@@ -52,30 +51,30 @@ class ScaleFactor:
     calibrator's errors in proportion to its current, which are added outside the fit.
     """
 
-    dsf_ppm: Array  # (2,)
-    noise_ppm2: Array  # (2, 2) independent noise
-    shared_ppm: Mapping[str, Array]  # label -> (2,) one-sigma effect of what channels and temperatures share
-    gains_ppm: Mapping[str, Array]  # label -> (2,), signed
-    operator_ppm: Array  # (2, m): what an ampere of each row's reference adds; 0 where dropped
-    drift_ppm_s: Array  # (2,) for each ppm per second that the calibrator gains, about the mean time of the rows
-    unreferred_degC: Array  # (2, 2) for each ppm/degC of DSF_N, DSF_P (columns) that the rows are not referred by
+    dsf_ppm: Floats  # (2,)
+    noise_ppm2: Floats  # (2, 2) independent noise
+    shared_ppm: Mapping[str, Floats]  # label -> (2,) one-sigma effect of what channels and temperatures share
+    gains_ppm: Mapping[str, Floats]  # label -> (2,), signed
+    operator_ppm: Floats  # (2, m): what an ampere of each row's reference adds; 0 where dropped
+    drift_ppm_s: Floats  # (2,) for each ppm per second that the calibrator gains, about the mean time of the rows
+    unreferred_degC: Floats  # (2, 2) for each ppm/degC of DSF_N, DSF_P (columns) that the rows are not referred by
     time_s: float  # that mean time
-    parts_ppm: Mapping[str, Array]  # component -> (2,) standard uncertainties, for the budget
+    parts_ppm: Mapping[str, Floats]  # component -> (2,) standard uncertainties, for the budget
     unit_temperature_degC: float
-    residual_A: Array  # (m,) for the rows handed in; NaN where dropped
-    std_A: Array  # (m,) standard deviation the covariance model expects of a row
+    residual_A: Floats  # (m,) for the rows handed in; NaN where dropped
+    std_A: Floats  # (m,) standard deviation the covariance model expects of a row
     chi2: float  # of the weighted fit; NaN for the methods without a covariance
     dof: int
     n: int
     dropped: int
 
     @property
-    def covariance_ppm2(self) -> Array:
+    def covariance_ppm2(self) -> Floats:
         """Covariance (2, 2) of the fit without the calibrator's gains."""
-        return np.asarray(self.noise_ppm2 + sum(np.outer(part, part) for part in self.shared_ppm.values()))
+        return self.noise_ppm2 + sum(np.outer(part, part) for part in self.shared_ppm.values())
 
     @property
-    def standard_ppm(self) -> dict[str, Array]:
+    def standard_ppm(self) -> dict[str, Floats]:
         """Signed one-sigma effect (2,) of every error of the calibrator, by label."""
         return {**self.gains_ppm, **self.shared_ppm}
 
@@ -137,13 +136,13 @@ class _Problem:
 
     rows: Readings
     unit_temperature_degC: float
-    reference_A: Array  # (m,)
-    readings_A: Array  # (m,) reference minus counted current
-    design_A: Array  # (m, 4)
-    away_A: Array  # (m, 2) for each ppm/degC of DSF_N, DSF_P, at the row's own temperature
-    parts: Mapping[str, Array]  # independent noise, (m, m) each
+    reference_A: Floats  # (m,)
+    readings_A: Floats  # (m,) reference minus counted current
+    design_A: Floats  # (m, 4)
+    away_A: Floats  # (m, 2) for each ppm/degC of DSF_N, DSF_P, at the row's own temperature
+    parts: Mapping[str, Floats]  # independent noise, (m, m) each
     effects: Effects
-    covariance_A2: Array  # (m, m) noise and effects
+    covariance_A2: Floats  # (m, m) noise and effects
 
 
 def _set_up(
@@ -173,27 +172,27 @@ def _set_up(
     )
 
 
-def thermal_response_A_degC(n_A: Array, p_A: Array, referral: Referral) -> Array:
+def thermal_response_A_degC(n_A: Floats, p_A: Floats, referral: Referral) -> Floats:
     """Return what the temperature coefficients make of a degC of unit temperature in each row, (m,), signed.
 
     Source: derivative of AF-converter paper equation (1) with respect to the scale-factor errors.
     """
     slope_n, slope_p = referral.slope_ppm_degC
-    return np.asarray(1e-6 * (slope_n * n_A - slope_p * p_A))
+    return 1e-6 * (slope_n * n_A - slope_p * p_A)
 
 
-def unreferred_A(rows: Readings, n_A: Array, p_A: Array, to_degC: float) -> Array:
+def unreferred_A(rows: Readings, n_A: Floats, p_A: Floats, to_degC: float) -> Floats:
     """Return what 1 ppm/degC of DSF_N and of DSF_P makes of rows at other temperatures, (m, 2), ampere, signed."""
-    return np.asarray(1e-6 * np.column_stack([n_A, -p_A]) * (rows.unit_temperature_degC - to_degC)[:, None])
+    return 1e-6 * np.column_stack([n_A, -p_A]) * (rows.unit_temperature_degC - to_degC)[:, None]
 
 
-def usable_rows(rows: Readings) -> NDArray[np.bool_]:
+def usable_rows(rows: Readings) -> Flags:
     """Mask (m,) of the rows with finite values, a gate and an AF clock."""
     finite = np.all([np.isfinite(getattr(rows, name)) for name in rows.__dataclass_fields__], axis=0)
     return np.asarray(finite & (rows.gate_s > 0) & (rows.af_count > 0))
 
 
-def reference_current_A(rows: Readings, standard: Mapping[float, RangeSpecification]) -> Array:
+def reference_current_A(rows: Readings, standard: Mapping[float, RangeSpecification]) -> Floats:
     """Signed current the calibrator is believed to deliver, (m,): set-point corrected by its certificate."""
     entries = [specification(standard, float(range_A)) for range_A in rows.range_A]
     gain = np.array([entry.gain for entry in entries])
@@ -201,7 +200,7 @@ def reference_current_A(rows: Readings, standard: Mapping[float, RangeSpecificat
     return np.asarray(rows.polarity * (rows.level_A * (1.0 + gain) + offset_A))
 
 
-def scale_design(rows: Readings, n_A: Array, p_A: Array) -> Array:
+def scale_design(rows: Readings, n_A: Floats, p_A: Floats) -> Floats:
     """Design (m, 4): counted currents for DSF_N and DSF_P, and one offset per polarity.
 
     The counts, not the set-points, multiply the unknowns: set-points would bias DSF by -DSF^2.
@@ -210,7 +209,7 @@ def scale_design(rows: Readings, n_A: Array, p_A: Array) -> Array:
     return np.column_stack([n_A, -p_A, rows.polarity > 0, rows.polarity < 0]).astype(np.float64)
 
 
-def require_polarities(rows: Readings, n_A: Array, p_A: Array) -> None:
+def require_polarities(rows: Readings, n_A: Floats, p_A: Floats) -> None:
     """Refuse rows whose stimulus drove only one of the two counters: the other is then known from the bias alone.
 
     Raises: FitError B-FIT-005 naming the missing polarity.
@@ -226,7 +225,7 @@ def require_polarities(rows: Readings, n_A: Array, p_A: Array) -> None:
             )
 
 
-def zero_difference(rows: Readings) -> Array:
+def zero_difference(rows: Readings) -> Floats:
     """Return matrix (d, m) that subtracts the zero row of the same polarity (same range first) from every level row.
 
     Raises: FitError B-FIT-006 if a polarity has no zero row.
@@ -269,8 +268,8 @@ def _solve(method: str, problem: _Problem) -> LinearFit:
 
 
 def gain_effects_ppm(
-    to_ppm: Array, reference_A: Array, rows: Readings, standard: Mapping[float, RangeSpecification]
-) -> dict[str, Array]:
+    to_ppm: Floats, reference_A: Floats, rows: Readings, standard: Mapping[float, RangeSpecification]
+) -> dict[str, Floats]:
     """Effects (2,) in ppm of one standard deviation of each error in proportion to the calibrator's current, by label.
 
     They do not average over levels, channels or temperatures, so they never enter the weights of the fit.
@@ -280,13 +279,13 @@ def gain_effects_ppm(
     return {label: np.asarray(to_ppm @ (reference_A * relative)) for label, relative in errors.items()}
 
 
-def _spread(values: Array, usable: NDArray[np.bool_], elsewhere: float = np.nan) -> Array:
+def _spread(values: Floats, usable: Flags, elsewhere: float = np.nan) -> Floats:
     everywhere = np.full(usable.size, elsewhere)
     everywhere[usable] = values
     return everywhere
 
 
-def _budget(to_ppm: Array, parts: Mapping[str, Array], labels: tuple[str, ...], shared: Array) -> dict[str, Array]:
+def _budget(to_ppm: Floats, parts: Mapping[str, Floats], labels: tuple[str, ...], shared: Floats) -> dict[str, Floats]:
     budget = {name: np.sqrt(np.diag(to_ppm @ part @ to_ppm.T)) for name, part in parts.items()}
     for kind in ("offset", "linearity"):
         chosen = [label.startswith(kind) for label in labels]

@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.systems.af_converter.estimators.readings import (
     Converter,
     RangeSpecification,
@@ -36,7 +36,6 @@ from bench.systems.af_converter.estimators.scale_factor import (
     zero_difference,
 )
 
-Array = NDArray[np.float64]
 Generator = np.random.Generator
 _SMALLEST_VARIANCE_A2 = 1e-36  # keeps the Cholesky factor where noise is declared as zero
 
@@ -59,7 +58,7 @@ class TrialModel:
     standard_dof: float = math.inf
     sensor_std_degC: float = 0.0
 
-    def draw(self, generator: Generator, trials: int) -> Array:
+    def draw(self, generator: Generator, trials: int) -> Floats:
         """Fitted DSF_N and DSF_P of each trial, (trials, 2), ppm.
 
         Args:    generator: seeded.   trials: how many.
@@ -81,7 +80,7 @@ class TrialModel:
         sensor_degC = self.sensor_std_degC * generator.standard_normal((trials, 1))
         return np.asarray(dsf_ppm + sensor_degC * np.array(self.referral.slope_ppm_degC))
 
-    def _transform(self, rows: Readings, response_A_degC: Array, away_A: Array) -> Array:
+    def _transform(self, rows: Readings, response_A_degC: Floats, away_A: Floats) -> Floats:
         """Return what the method multiplies design and readings with before it takes equal weights."""
         if self.method != "gls":
             difference = zero_difference(rows)
@@ -93,17 +92,17 @@ class TrialModel:
             signed = rows.polarity * (rows.range_A == full_A)
             same_level = np.equal.outer(rows.level_A, rows.level_A) & (rows.level_A > 0)
             covariance += variance * np.outer(signed, signed) * (1.0 + same_level)
-        return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))
+        return np.linalg.inv(np.linalg.cholesky(covariance))
 
 
-def _triangular(generator: Generator, shape: tuple[int, int]) -> Array:
+def _triangular(generator: Generator, shape: tuple[int, int]) -> Floats:
     """Difference of the two uniform fractions of a pulse at the ends of a gate, in pulses."""
-    return np.asarray(generator.random(shape) - generator.random(shape))
+    return generator.random(shape) - generator.random(shape)
 
 
 def _counted(
-    generator: Generator, trials: int, rows: Readings, converter: Converter, counted_A: tuple[Array, Array]
-) -> tuple[Array, Array]:
+    generator: Generator, trials: int, rows: Readings, converter: Converter, counted_A: tuple[Floats, Floats]
+) -> tuple[Floats, Floats]:
     """Counted currents (trials, m) of N and P with quantisation, clock, white noise and walk on the counter in use."""
     m, declared = rows.gate_s.size, rows.scatter_dof == 0
     white_A2 = declared * converter.white_A_rtHz**2 / (2.0 * rows.gate_s) + _SMALLEST_VARIANCE_A2
@@ -125,7 +124,7 @@ def _reference(
     trials: int,
     rows: Readings,
     model: TrialModel,
-) -> Array:
+) -> Floats:
     """Current of the calibrator (trials, m): gains by label, one offset per range, one linearity error per level."""
     standard = model.standard
     certified = [specification(standard, float(full_A)).calibration for full_A in np.unique(rows.range_A)]
@@ -140,10 +139,10 @@ def _reference(
         effects += [sigma_A * inside, *(sigma_A * (inside & (rows.level_A == level_A)) for level_A in levels_A)]
     dof += [model.standard_dof] * (len(effects) - len(dof))
     error_A = _student_t(generator, trials, np.array(dof)) @ np.array(effects)
-    return np.asarray(reference_current_A(rows, standard) + rows.polarity * error_A)
+    return reference_current_A(rows, standard) + rows.polarity * error_A
 
 
-def _student_t(generator: Generator, trials: int, dof: Array) -> Array:
+def _student_t(generator: Generator, trials: int, dof: Floats) -> Floats:
     """Return draws of Student's t, (trials, k), for degrees of freedom (k,); normal where they are infinite.
 
     Source: JCGM 101:2008 section 6.4.9.
@@ -151,17 +150,17 @@ def _student_t(generator: Generator, trials: int, dof: Array) -> Array:
     drawn = generator.standard_normal((trials, dof.size))
     finite = np.isfinite(dof)
     drawn[:, finite] *= np.sqrt(dof[finite] / generator.chisquare(dof[finite], (trials, int(finite.sum()))))
-    return np.asarray(drawn)
+    return drawn
 
 
-def _interpolated(generator: Generator, trials: int, rows: Readings) -> Array:
+def _interpolated(generator: Generator, trials: int, rows: Readings) -> Floats:
     """Errors (trials, m) of interpolated unit temperatures; rows of one gap share theirs."""
     gaps, place = np.unique(rows.temperature_gap, return_inverse=True)
     drawn = generator.standard_normal((trials, gaps.size))
-    return np.asarray(drawn[:, place] * rows.temperature_std_degC)
+    return drawn[:, place] * rows.temperature_std_degC
 
 
-def _refit(transform: Array, rows: Readings, n_A: Array, p_A: Array, readings_A: Array) -> Array:
+def _refit(transform: Floats, rows: Readings, n_A: Floats, p_A: Floats, readings_A: Floats) -> Floats:
     """DSF_N and DSF_P (trials, 2) by the normal equations of every trial, with columns of unit length."""
     offsets = transform @ scale_design(rows, n_A[0], p_A[0])[:, 2:]
     offsets = offsets[:, np.linalg.norm(offsets, axis=0) > 1e-9 * np.linalg.norm(transform)]  # subtracted zeros: none

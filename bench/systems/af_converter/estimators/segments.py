@@ -11,9 +11,9 @@ from itertools import pairwise
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bench.maths.arrays import Floats, Integers
+
 Kind = Literal["up", "down", "hold"]
 _NAMES: dict[int, Kind] = {1: "up", -1: "down", 0: "hold"}
 _SLOW = 0.1  # of the fastest rate: what is slower is a hold
@@ -39,7 +39,7 @@ class Segment:
         return (self.end_s - self.start_s) / 3600.0
 
 
-def find_segments(t_s: Array, temperature_degC: Array, window_s: float = 900.0) -> list[Segment]:
+def find_segments(t_s: Floats, temperature_degC: Floats, window_s: float = 900.0) -> list[Segment]:
     """Split a record into ramps and holds.
 
     A line through a moving window gives the rate at every place; slower than a tenth of the fastest is a hold, what is
@@ -61,7 +61,7 @@ def find_segments(t_s: Array, temperature_degC: Array, window_s: float = 900.0) 
     return _joined(inner, float(t_s[0]), float(t_s[-1]))
 
 
-def branches(t_s: Array, segments: list[Segment]) -> NDArray[np.int64]:
+def branches(t_s: Floats, segments: list[Segment]) -> Integers:
     """Direction at each time: 1 on a ramp up, -1 on a ramp down, 0 in a hold.
 
     Args:    t_s: (k,) inside the segments, in any order.
@@ -74,7 +74,7 @@ def branches(t_s: Array, segments: list[Segment]) -> NDArray[np.int64]:
     return directions[np.searchsorted(ends, t_s, side="right")]
 
 
-def _bin_means(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array]:
+def _bin_means(t_s: Floats, values: Floats, step_s: float) -> tuple[Floats, Floats]:
     """Means of the readings in cells of one length, empty cells bridged by a straight line."""
     cell = ((t_s - t_s[0]) // step_s).astype(np.int64)
     count = np.bincount(cell).astype(np.float64)
@@ -84,7 +84,7 @@ def _bin_means(t_s: Array, values: Array, step_s: float) -> tuple[Array, Array]:
     return middle_s, np.interp(middle_s, middle_s[known], sums[known] / count[known])
 
 
-def _moving_rate(means: Array, step_s: float) -> Array:
+def _moving_rate(means: Floats, step_s: float) -> Floats:
     """Slope of the line through each window, degC/s; at the ends that of the nearest whole window."""
     reach = _POINTS // 2
     offsets = np.arange(-reach, reach + 1)
@@ -92,7 +92,7 @@ def _moving_rate(means: Array, step_s: float) -> Array:
     return np.pad(slopes, reach, mode="edge")
 
 
-def _runs(directions: NDArray[np.int64]) -> Iterator[tuple[int, int, int]]:
+def _runs(directions: Integers) -> Iterator[tuple[int, int, int]]:
     edges = [0, *(np.flatnonzero(np.diff(directions)) + 1), directions.size]
     for start, stop in pairwise(edges):
         yield int(directions[start]), int(start), int(stop)
@@ -121,7 +121,7 @@ def _merged(runs: list[tuple[int, int, int]]) -> list[tuple[int, int, int]]:
     return joined
 
 
-def _inner(t_s: Array, values: Array, first_s: float, last_s: float, edge_s: float, kind: Kind) -> Segment:
+def _inner(t_s: Floats, values: Floats, first_s: float, last_s: float, edge_s: float, kind: Kind) -> Segment:
     """Line through the middle of a run: its ends lie in the turn."""
     cut = min(edge_s, (last_s - first_s) / 4)
     inside = (t_s >= first_s + cut) & (t_s <= last_s - cut)
@@ -129,7 +129,7 @@ def _inner(t_s: Array, values: Array, first_s: float, last_s: float, edge_s: flo
     return _line(kind, t_s[inside], values[inside])
 
 
-def _line(kind: Kind, t_s: Array, values: Array) -> Segment:
+def _line(kind: Kind, t_s: Floats, values: Floats) -> Segment:
     middle_s, mean = float(np.mean(t_s)), float(np.mean(values))
     spread = t_s - middle_s
     square = float(spread @ spread)

@@ -8,11 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.maths.least_squares import solve
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -25,11 +23,11 @@ class TemperaturePolynomial:
     """
 
     reference_degC: float
-    coefficients: Array
-    covariance: Array
-    operator: Array
-    effects: Array
-    residual: Array
+    coefficients: Floats
+    covariance: Floats
+    operator: Floats
+    effects: Floats
+    residual: Floats
 
     def slope(self, temperature_degC: float) -> float:
         """d value / dT at a temperature, unit of the values per degC."""
@@ -48,7 +46,7 @@ class TemperaturePolynomial:
 
 
 def fit_temperature(
-    temperature_degC: Array, values: Array, covariance: Array, shared: Array, reference_degC: float
+    temperature_degC: Floats, values: Floats, covariance: Floats, shared: Floats, reference_degC: float
 ) -> TemperaturePolynomial | None:
     """Fit a polynomial of degree 2, or less if there are fewer than three temperatures.
 

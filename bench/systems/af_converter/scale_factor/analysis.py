@@ -43,7 +43,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
     return Analysis(
         campaign=constants.analysis,
         method=method,
-        uut=dict(constants.uut),
+        uut=constants.uut,
         estimates=entries,
         evidence=evidence(fitted, entries, constants, register, method, material),
         residuals=residuals(fitted.groups, constants),

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.analysis import Estimate, Estimates, Reading, estimate, with_uncertainty
+from bench.maths.arrays import Floats
 from bench.systems.af_converter.constants import DRIFT_UNKNOWN, Campaign, Standards
 from bench.systems.af_converter.dmm_method.estimates import CHECK, ReadingSet, reading_sets
 from bench.systems.af_converter.estimators.readings import Readings
@@ -34,7 +34,6 @@ _HOUR_S = 3600.0
 _PPM = 1e6
 _IN_THE_LOOP = 1e-3  # a meter that reads further from the level is not in the loop, or on the wrong range
 METER_CHECK, CLOSING_REPEAT = say("source.meter_check"), say("source.closing_repeat")
-Array = NDArray[np.float64]
 Pair = tuple[GroupFit, GroupFit]
 
 
@@ -209,7 +208,7 @@ def _points(rows: Readings) -> list[tuple[float, float, float]]:
     return list(zip(rows.polarity.tolist(), rows.level_A.tolist(), rows.range_A.tolist(), strict=True))
 
 
-def change_ppm(start: GroupFit, again: GroupFit, fitted: Fitted) -> tuple[Array, Array]:
+def change_ppm(start: GroupFit, again: GroupFit, fitted: Fitted) -> tuple[Floats, Floats]:
     """Change (2,) of DSF_N, DSF_P from a first visit to its repeat and its covariance (2, 2), ppm.
 
     At the temperature of the first visit; everything common to both cancels. Temperature coefficients that the campaign

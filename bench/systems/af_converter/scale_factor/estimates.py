@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from bench.analysis import Estimate, Estimates, Material, count_problem, covariance_by_standards, estimate, sharing
+from bench.maths.arrays import Floats
 from bench.maths.budget import effective_dof
 from bench.systems.af_converter.coefficients import UNITS
 from bench.systems.af_converter.constants import (
@@ -51,13 +52,12 @@ from bench.systems.af_converter.wording import say
 if TYPE_CHECKING:
     from bench.record import RecordRow
 
-Array = np.ndarray[Any, np.dtype[np.float64]]
 _PPM = 1e6
 _ONE = np.eye(2)
 _SENSOR, _DRIFT, _STEADY_DRIFT = (say(f"component.{error}") for error in ("sensor", "drift_bound", "steady_drift"))
 
 
-def sensor_effect_ppm(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> Array:
+def sensor_effect_ppm(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> Floats:
     """Signed effect (2,) on DSF_N, DSF_P of one standard deviation of the unit's temperature, ppm: sensor and gradient.
 
     A result says at which unit temperature it holds; a wrong thermometer makes it the result of another temperature.
@@ -67,7 +67,7 @@ def sensor_effect_ppm(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> Ar
     return np.array(slopes) * campaign.thermal_std_degC
 
 
-def calibrator_parts(visit: GroupFit, contrast: Array) -> dict[str, float]:
+def calibrator_parts(visit: GroupFit, contrast: Floats) -> dict[str, float]:
     """Return what each error of the calibrator brings to ``contrast`` (2,) of both, standard, signed, ppm, by label."""
     return {label: float(contrast @ effect_ppm) for label, effect_ppm in visit.fit.standard_ppm.items()}
 
@@ -83,7 +83,7 @@ def calibrator_dof(
     return effective_dof(std_ppm**2, [*of_calibrator, *scatter])
 
 
-def scatter_parts(visit: GroupFit, contrast: Array, campaign: Campaign) -> list[tuple[float, float]]:
+def scatter_parts(visit: GroupFit, contrast: Floats, campaign: Campaign) -> list[tuple[float, float]]:
     """Return what each point known by its scatter brings to ``contrast`` (2,): variance, ppm², degrees of freedom."""
     rows = visit.group.closed
     variance_A2 = scatter_A2(rows, campaign.converter(visit.group.channel))

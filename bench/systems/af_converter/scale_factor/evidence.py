@@ -24,10 +24,10 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from bench.analysis import Estimates, Evidence, Material
+from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.constants import CALIBRATOR, Campaign, Standards, expired
 from bench.systems.af_converter.estimators.pulses import count_step
@@ -46,7 +46,6 @@ from bench.systems.af_converter.groups import place_name
 from bench.systems.af_converter.scale_factor.calibrator_drift import Pair, change_ppm, repeats
 from bench.systems.af_converter.wording import say
 
-Array = NDArray[np.float64]
 COEFFICIENTS = {quantity: (f"{quantity}_tc1", f"{quantity}_tc2") for quantity in QUANTITIES}
 _HOUR_S = 3600.0
 _AGREED = 1e-3  # counters that scatter by chance no more often have steps of their own
@@ -65,13 +64,13 @@ class _Series:
 
     quantity: str
     channel: int
-    time_s: Array
-    value_ppm: Array
-    noise_ppm2: Array
-    operator: Array
-    design: Array
+    time_s: Floats
+    value_ppm: Floats
+    noise_ppm2: Floats
+    operator: Floats
+    design: Floats
 
-    def weights(self, at_s: float) -> Array | None:
+    def weights(self, at_s: float) -> Floats | None:
         """Return what makes the step at a time of the values, (k,); None if the polynomial takes it in."""
         pattern = self._pattern(at_s)
         left = pattern - self.design @ (self.operator @ pattern)
@@ -81,7 +80,7 @@ class _Series:
         if information * variance.min() < _LEAST_SHARE:
             return None
         taken = left / variance / information
-        return np.asarray(taken - (taken @ self.design) @ self.operator)
+        return taken - (taken @ self.design) @ self.operator
 
     def move(self, at_s: float, step_ppm: float, entries: Estimates) -> float:
         """Return how far a step moves a coefficient, in its expanded uncertainty; the constant goes with the values."""
@@ -89,7 +88,7 @@ class _Series:
         stated = _stated(entries, COEFFICIENTS[self.quantity], self.channel)
         return float(np.max(moved[1:] / stated))
 
-    def _pattern(self, at_s: float) -> Array:
+    def _pattern(self, at_s: float) -> Floats:
         return np.asarray(self.time_s > at_s, dtype=np.float64)
 
 
@@ -153,7 +152,7 @@ def _all_series(fitted: Fitted) -> list[_Series]:
 
 def _judged(series: list[_Series], at_s: float) -> tuple[float, float]:
     """Return the common step at a time, ppm, and its probability by chance; a channel is the mean of its counters."""
-    of_channel: dict[int, list[tuple[_Series, Array]]] = {}
+    of_channel: dict[int, list[tuple[_Series, Floats]]] = {}
     for entry in series:
         weights = entry.weights(at_s)
         if weights is not None:
@@ -167,7 +166,7 @@ def _judged(series: list[_Series], at_s: float) -> tuple[float, float]:
     return mean, float(2.0 * special.stdtr(values.size - 1, -abs(mean) * values.size**0.5 / values.std(ddof=1)))
 
 
-def _mean_step(counters: list[tuple[_Series, Array]]) -> tuple[float, float]:
+def _mean_step(counters: list[tuple[_Series, Floats]]) -> tuple[float, float]:
     """Return the step of a channel, ppm, and its variance: its counters share the noise of their rows."""
     step_ppm = float(np.mean([weights @ entry.value_ppm for entry, weights in counters]))
     variance = sum(

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.analysis import LEAST_MOVE, Table
+from bench.analysis import LEAST_MOVE, Table, worded_table
+from bench.maths.arrays import Flags
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.readings import Readings
@@ -135,7 +135,7 @@ def zero_gain_table(fitted: Fitted, campaign: Campaign, standards: Standards, me
     if not rows:
         return []
     headers = [say(f"zeros.{head}") for head in ("kind", "every", "pair")]
-    return [Table(say("zeros.title"), say("zeros.caption"), headers, rows)]
+    return [worded_table(say, "zeros", headers, rows)]
 
 
 def zero_gain_notes(tables: list[Table]) -> list[str]:
@@ -149,7 +149,7 @@ def zero_gain_notes(tables: list[Table]) -> list[str]:
     return [say("note.zeros", said=together)] if said else []
 
 
-def one_zero_pair(rows: Readings) -> NDArray[np.bool_]:
+def one_zero_pair(rows: Readings) -> Flags:
     """Mask (m,) that leaves out the zeros of all ranges but the lowest that has any."""
     zeros = rows.level_A == 0
     lowest_A = rows.range_A[zeros].min(initial=np.inf)

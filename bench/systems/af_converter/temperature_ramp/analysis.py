@@ -24,6 +24,7 @@ from bench.analysis import (
     estimate,
     no_result,
     series,
+    worded_table,
 )
 from bench.systems.af_converter.estimators.drift_ramp import BRANCH, DRIFT_NAMES, TEMPERATURE_NAMES, Blocks, block_means
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
@@ -124,12 +125,8 @@ def _segments(columns: RampColumns) -> Table:
          round(segment.start_degC, 2), round(segment.end_degC, 2)]
         for segment in columns.segments
     ]  # fmt: skip
-    headers = _heads("kind", "start", "length", "rate", "from", "to")
-    return Table(say("log.segments.title"), say("log.segments.caption"), headers, rows)
-
-
-def _heads(*names: str) -> list[str]:
-    return [say(f"log.head.{name}") for name in names]
+    headers = say.heads("log", "kind", "start", "length", "rate", "from", "to")
+    return worded_table(say, "log.segments", headers, rows)
 
 
 def _totals(columns: RampColumns) -> Table:
@@ -137,7 +134,7 @@ def _totals(columns: RampColumns) -> Table:
     for kind in ("up", "hold", "down"):
         lengths = [segment.length_h for segment in columns.segments if segment.kind == kind]
         rows.append([say(f"segment.{kind}"), len(lengths), round(float(sum(lengths)), 3)])
-    return Table(say("log.totals.title"), "", _heads("kind", "pieces", "hours"), rows)
+    return Table(say("log.totals.title"), "", say.heads("log", "kind", "pieces", "hours"), rows)
 
 
 def _by_sensor(fit: ReadingFit, columns: RampColumns) -> Table:
@@ -162,8 +159,9 @@ def _left(columns: RampColumns, fits: Sequence[ReadingFit]) -> Table:
             lag_min = fit.joint.fit.value(LAG) / 60.0
             model = say("log.left.joint", lag=lag_min)
             rows.append([fit.name, model, *_rounded(*fit.joint.width, fit.joint.fit.residual)])
-    of_unit = [say(f"log.head.{name}", unit=columns.unit) for name in ("apart", "std", "rms")]
-    return Table(say("log.left.title"), say("log.left.caption"), [*_heads("reading", "model"), *of_unit], rows)
+    headers = say.heads("log", "reading", "model")
+    headers += say.heads("log", "apart", "std", "rms", unit=columns.unit)
+    return worded_table(say, "log.left", headers, rows)
 
 
 def _rounded(value: float, std: float, residual: Floats) -> list[float]:

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bench.analysis import Evidence, Floats, Material
+from bench.analysis import Document, Evidence, Floats, Material
+from bench.maths.arrays import Flags, Integers
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.drift_ramp import (
     Blocks,
@@ -32,7 +32,6 @@ from bench.systems.af_converter.estimators.gates import usable_drive
 from bench.systems.af_converter.estimators.segments import Segment, branches, find_segments
 from bench.systems.af_converter.wording import say
 
-Mask = NDArray[np.bool_]
 _BESIDE = 3  # rows on either side that a row is held against
 _SIGMAS, _SPAN = 20.0, 0.05  # a bad row is off by this many robust deviations, and by this part of the column's span
 _MOST = 0.01  # of the rows; more are not single rows
@@ -41,14 +40,13 @@ _STILL_ROWS, _STILL_SHARE = 30, 0.02  # rows on end without a change, and their 
 _LIVELY, _TURNING = 0.5, 0.2  # share of rows that change, and of changes that turn back, in a column with noise
 _ALIKE = 0.9  # correlation of two columns that go together
 _FOLLOWS = 0.2  # of its span: how far something else moves meanwhile
-Signs = NDArray[np.int64]
 LEAST_ROWS = 100
 MEAN = "mean"
 _WINDOWS = 150  # of the search for ramps, in a record
 _SHORTEST_WINDOW_ROWS = 10
 
 
-def bad_rows(t_s: Floats, columns: Mapping[str, Floats]) -> Mask:
+def bad_rows(t_s: Floats, columns: Mapping[str, Floats]) -> Flags:
     """Return True for rows (k,) to be left out: a stamp not later than all before, a value unlike its neighbours.
 
     If more than one row in a hundred is so, the values are the log's own nature and stay.
@@ -56,16 +54,16 @@ def bad_rows(t_s: Floats, columns: Mapping[str, Floats]) -> Mask:
     repeated = np.concatenate(([False], t_s[1:] <= np.maximum.accumulate(t_s)[:-1]))
     odd = np.any([_unlike(values) for values in columns.values()], axis=0)
     few = np.count_nonzero(odd) <= max(1.0, _MOST * t_s.size)
-    return np.asarray(repeated | odd if few else repeated)
+    return repeated | odd if few else repeated
 
 
-def _unlike(values: Floats) -> Mask:
+def _unlike(values: Floats) -> Flags:
     padded = np.pad(values, _BESIDE, constant_values=np.nan)
     beside = np.lib.stride_tricks.sliding_window_view(padded, 2 * _BESIDE + 1)
     off = np.abs(values - np.nanmedian(np.delete(beside, _BESIDE, axis=1), axis=1))
     sigma = 1.4826 * float(np.median(off))
     low, high = np.quantile(values, (0.05, 0.95))
-    return np.asarray(off > max(_SIGMAS * sigma, _SPAN * float(high - low), 1e-9 * abs(float(np.median(values)))))
+    return off > max(_SIGMAS * sigma, _SPAN * float(high - low), 1e-9 * abs(float(np.median(values))))
 
 
 def row_notes(t_s: Floats, bad: Floats) -> list[str]:
@@ -158,7 +156,7 @@ class RampColumns:
         return next(iter(self.sensors.values()))
 
     @property
-    def branch(self) -> Signs:
+    def branch(self) -> Integers:
         """1 up, -1 down, 0 hold, (k,)."""
         return branches(self.t_s, self.segments)
 
@@ -262,7 +260,7 @@ def minute_means(t_s: Floats, values: Floats) -> tuple[Floats, Floats]:
     return np.bincount(member, t_s) / count, np.bincount(member, values) / count
 
 
-def plain_campaign(campaign: Mapping[str, Any]) -> tuple[dict[str, Any], float]:
+def plain_campaign(campaign: Document) -> tuple[dict[str, Any], float]:
     """Unit under test and reference temperature."""
     return dict(campaign["uut"]), float(campaign.get("reference_temperature_degC", 20.0))
 
@@ -305,7 +303,7 @@ def fit_reading(name: str, columns: RampColumns, blocks: Blocks, reference_degC:
     return ReadingFit(name, readings, drift, differences, others, joint)
 
 
-def _whole_degrees(values: Floats, ramps: tuple[NDArray[np.int64], ...]) -> list[float]:
+def _whole_degrees(values: Floats, ramps: tuple[Integers, ...]) -> list[float]:
     """Whole degrees that both ramps reach."""
     low = max(float(values[ramp].min()) for ramp in ramps if ramp.size)
     high = min(float(values[ramp].max()) for ramp in ramps if ramp.size)

@@ -7,13 +7,12 @@ Source: GNC-module paper section 4.2 1), equations (1) to (4) as corrected in ``
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Estimates, Floats, Material, check_method, estimate
+from bench.analysis import Analysis, Document, Estimates, Floats, Material, check_method, estimate
 from bench.model.errors import FitError
 from bench.systems.gnc.calibration.evidence import evidence
 from bench.systems.gnc.calibration.report import (
@@ -73,7 +72,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="imu_calibration",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=estimates,
         evidence=evidence(parts, looked_at, limits),
         notes=[*calibration_notes(parts), *odd, *check_notes(looked_at)],
@@ -93,7 +92,7 @@ def calibrate(parts: Calibration, material: Material) -> Calibration:
     return parts
 
 
-def fit_positions(parts: Calibration, campaign: Mapping[str, Any], noise: SensorNoise | None = None) -> None:
+def fit_positions(parts: Calibration, campaign: Document, noise: SensorNoise | None = None) -> None:
     """Fit the accelerometers to the positions and to those of the check. ``noise``: of records that hold none."""
     sets, gravity = parts.sets, gravity_g(campaign)
     resolution = float((campaign.get("imu") or {}).get("accel_resolution_g", 0.0))
@@ -114,7 +113,7 @@ def fit_positions(parts: Calibration, campaign: Mapping[str, Any], noise: Sensor
             )  # fmt: skip
 
 
-def fit_turns(parts: Calibration, campaign: Mapping[str, Any], noise: SensorNoise | None = None) -> None:
+def fit_turns(parts: Calibration, campaign: Document, noise: SensorNoise | None = None) -> None:
     """Fit the gyros to the turns and to those of the check. ``noise``: of records that hold none."""
     sets, site, clock_error = parts.sets, site_of(campaign), parts.clock.error
     resolution = float((campaign.get("imu") or {}).get("gyro_resolution_deg_s", 0.0))

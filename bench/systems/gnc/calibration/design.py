@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import CONTINUES, Estimates, Planned, Reading
+from bench.analysis import CONTINUES, Document, Estimates, Planned, Reading
 from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached
 from bench.maths.verdict import coverage_factor
 from bench.model.clock import NS
@@ -285,7 +285,7 @@ class Calibrations:
             now_s += seconds
         return Planned(windows, self._plan.campaign, {}, readings=readings)
 
-    def _turned(self, values: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    def _turned(self, values: Document, factor: float) -> dict[str, Any]:
         """Return conditions or arguments with another angle wherever that of a whole turn stands."""
         return {
             key: factor * value if isinstance(value, float) and abs(value) == self._turn_deg else value

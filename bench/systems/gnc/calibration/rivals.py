@@ -9,14 +9,13 @@ Source: docs/decisions/0049-the-shortest-plan.md; noncentral chi-square: ScheffÃ
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy import special
 
-from bench.analysis import FALSE_DOUBT, Estimates, Floats
+from bench.analysis import FALSE_DOUBT, Document, Estimates, Floats
 from bench.design import Power
 from bench.systems.gnc.calibration.analysis import estimates_of, fit_positions, fit_turns
 from bench.systems.gnc.calibration.report import Calibration, sets_of
@@ -55,7 +54,7 @@ _RIVALS = (
 )
 
 
-def rival_powers(rows: Sequence[SampledRow], base: Calibration, campaign: Mapping[str, Any]) -> list[Power]:
+def rival_powers(rows: Sequence[SampledRow], base: Calibration, campaign: Document) -> list[Power]:
     """Return how surely each rival would be seen that moves a result. ``rows``, ``base``: of a nominal unit."""
     known = estimates_of(base, limits_of(campaign))
     powers = []
@@ -67,9 +66,7 @@ def rival_powers(rows: Sequence[SampledRow], base: Calibration, campaign: Mappin
     return powers
 
 
-def _fitted_with(
-    rival: Rival, rows: Sequence[SampledRow], base: Calibration, campaign: Mapping[str, Any]
-) -> Calibration:
+def _fitted_with(rival: Rival, rows: Sequence[SampledRow], base: Calibration, campaign: Document) -> Calibration:
     item, field = ("position" if rival.kind == "accelerometer" else "rotation"), SENSORS[rival.kind]
     chosen = [row for row in rows if row.item == item]
     first_ns, last_ns = chosen[0].samples.t_ns[0], chosen[-1].samples.t_ns[-1]

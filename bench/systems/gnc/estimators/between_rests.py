@@ -20,13 +20,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.rest_drift import LATITUDE_deg, run_from_rest
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals
 
-Array = NDArray[np.float64]
 _TILTED_deg = 20.0  # a turn that tips gravity by less says little of the size of the turn
 _SEARCH = (0.25, 4.0)
 _LEAST_TURNS = 8
@@ -44,12 +43,12 @@ class BetweenRests:
     and that measured.   ``velocity_error_m_s`` (k, 3): at the begin of the next rest, where it is zero in truth.
     """
 
-    rest: NDArray[np.int64]
-    bias_s: Array
-    motion_s: Array
-    tilted_deg: Array
-    level_error_deg: Array
-    velocity_error_m_s: Array
+    rest: Integers
+    bias_s: Floats
+    motion_s: Floats
+    tilted_deg: Floats
+    level_error_deg: Floats
+    velocity_error_m_s: Floats
 
     @property
     def level_rms_deg(self) -> float:
@@ -63,11 +62,11 @@ class BetweenRests:
 
 
 def drift_between_rests(
-    accel: Array,
-    gyro_rad_s: Array,
+    accel: Floats,
+    gyro_rad_s: Floats,
     rests: StaticIntervals,
     rate_Hz: float,
-    breaks: NDArray[np.int64],
+    breaks: Integers,
     latitude_deg: float = LATITUDE_deg,
 ) -> BetweenRests | None:
     """Strapdown from every rest through the motion to the next one.
@@ -109,7 +108,7 @@ class TurnScale:
     turns: int
 
 
-def turn_scale(accel: Array, gyro: Array, rests: StaticIntervals, rate_Hz: float) -> TurnScale | None:
+def turn_scale(accel: Floats, gyro: Floats, rests: StaticIntervals, rate_Hz: float) -> TurnScale | None:
     """Return one factor on all angles, by the level before and behind each motion.
 
     Args:    accel, gyro: (n, 3), any units; the gyroscopes' factor may be anything.   rests, rate_Hz: as found.
@@ -131,8 +130,8 @@ def turn_scale(accel: Array, gyro: Array, rests: StaticIntervals, rate_Hz: float
     rough = float(np.median(tilted[chosen] / lengths))  # a path is never shorter than the tilt: true scale is larger
     increments = side_by_side(turned) * rough
 
-    def misses(scale: float) -> Array:
-        return np.asarray((carried(increments * scale, unit[chosen]) - unit[chosen + 1]).ravel())
+    def misses(scale: float) -> Floats:
+        return (carried(increments * scale, unit[chosen]) - unit[chosen + 1]).ravel()
 
     ladder = np.geomspace(*_SEARCH, 60)
     best = float(ladder[np.argmin([misses(scale) @ misses(scale) for scale in ladder])])
@@ -143,18 +142,18 @@ def turn_scale(accel: Array, gyro: Array, rests: StaticIntervals, rate_Hz: float
     return TurnScale(rough * float(solution.x[0]), rough * std, len(chosen))
 
 
-def _pairs(rests: StaticIntervals, breaks: NDArray[np.int64]) -> list[int]:
+def _pairs(rests: StaticIntervals, breaks: Integers) -> list[int]:
     """Rests behind which another one follows without a gap."""
     spans = zip(rests.end[:-1], rests.begin[1:], strict=True)
     return [k for k, (a, b) in enumerate(spans) if not np.any((breaks >= a) & (breaks <= b))]
 
 
-def _directions(accel: Array, rests: StaticIntervals) -> Array:
+def _directions(accel: Floats, rests: StaticIntervals) -> Floats:
     means = rests.means(accel)
     return np.asarray(means / np.linalg.norm(means, axis=1)[:, None])
 
 
-def _angles_deg(first: Array, second: Array) -> Array:
+def _angles_deg(first: Floats, second: Floats) -> Floats:
     """(k,) between vectors of any length."""
     across = np.linalg.norm(np.cross(first, second), axis=1)
     return np.asarray(np.degrees(np.arctan2(across, np.sum(first * second, axis=1))))
@@ -168,21 +167,21 @@ class BetweenRestsFit:
     measured.   ``dof``: of the residuals, two per turn, minus nine.
     """
 
-    matrix: Array
-    zero: Array
-    covariance: Array
-    residual: Array
+    matrix: Floats
+    zero: Floats
+    covariance: Floats
+    residual: Floats
     dof: int
     condition: float
 
     @property
-    def counts_per_unit(self) -> Array:
+    def counts_per_unit(self) -> Floats:
         """(3,) indicated unit per deg/s: 1 / K_ii."""
-        return np.asarray(1.0 / self.matrix.diagonal())
+        return 1.0 / self.matrix.diagonal()
 
 
 def fit_between_rests(
-    step_s: Array, gyro: Array, rests: StaticIntervals, force: Array, counts_per_deg_s: float
+    step_s: Floats, gyro: Floats, rests: StaticIntervals, force: Floats, counts_per_deg_s: float
 ) -> BetweenRestsFit:
     """Fit K to the turns between rests by Levenberg and Marquardt's method.
 
@@ -217,12 +216,12 @@ def fit_between_rests(
     )
 
 
-def _search(padded: Array, unit: Array) -> tuple[Array, Array, Array]:
+def _search(padded: Floats, unit: Floats) -> tuple[Floats, Floats, Floats]:
     """K relative to the rough scale, residuals (k - 1, 3) and Jacobian of the smallest sum of squares."""
     from scipy import optimize
 
-    def residual(x: Array) -> Array:
-        return np.asarray((carried(padded @ x.reshape(3, 3).T, unit[:-1]) - unit[1:]).ravel())
+    def residual(x: Floats) -> Floats:
+        return (carried(padded @ x.reshape(3, 3).T, unit[:-1]) - unit[1:]).ravel()
 
     solution = optimize.least_squares(
         residual, np.eye(3).ravel(), method="lm", xtol=1e-10, ftol=1e-10, max_nfev=_TRIALS
@@ -247,7 +246,7 @@ def _search(padded: Array, unit: Array) -> tuple[Array, Array, Array]:
 _TURNS = "turn the unit between rests about each axis in both directions, by 90 degrees or so"
 
 
-def side_by_side(increments: list[Array]) -> Array:
+def side_by_side(increments: list[Floats]) -> Floats:
     """Stretches of different length as one array.
 
     Args:    increments: (m_i, 3) each, degrees.
@@ -261,7 +260,7 @@ def side_by_side(increments: list[Array]) -> Array:
     return padded
 
 
-def carried(increment: Array, vector: Array) -> Array:
+def carried(increment: Floats, vector: Floats) -> Floats:
     """A vector that stands still, in the body after all increments: product of exp(-[increment x]), last one first.
 
     Args:    increment: (k, m, 3) degrees, m a power of two.   vector: (k, 3) in the body before.
@@ -273,16 +272,16 @@ def carried(increment: Array, vector: Array) -> Array:
         turns = _product(turns[:, 1::2], turns[:, 0::2])
     scalar, axis = turns[:, 0, :1], turns[:, 0, 1:]
     twice = 2.0 * np.cross(axis, vector)
-    return np.asarray(vector + scalar * twice + np.cross(axis, twice))
+    return vector + scalar * twice + np.cross(axis, twice)
 
 
-def _quaternions(rotation: Array) -> Array:
+def _quaternions(rotation: Floats) -> Floats:
     """(..., 4) scalar first, of rotation vectors (..., 3) in radians."""
     half = 0.5 * np.linalg.norm(rotation, axis=-1, keepdims=True)
     return np.concatenate([np.cos(half), 0.5 * rotation * np.sinc(half / np.pi)], axis=-1)
 
 
-def _product(p: Array, q: Array) -> Array:
+def _product(p: Floats, q: Floats) -> Floats:
     """Hamilton product p q: first q, then p."""
     p0, q0, pv, qv = p[..., :1], q[..., :1], p[..., 1:], q[..., 1:]
     scalar = p0 * q0 - np.sum(pv * qv, axis=-1, keepdims=True)

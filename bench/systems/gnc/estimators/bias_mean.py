@@ -9,7 +9,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from bench.maths.allan import (
     WHITE_RATE,
@@ -18,11 +17,11 @@ from bench.maths.allan import (
     confidence_limits,
     degrees_of_freedom,
 )
+from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 
-Array = NDArray[np.float64]
 LEAST_s = 60.0
 _WHITE_s = 1.0  # averaging time at which the white noise is read
 _SLOW_PARTS = 8  # of the record: the longest averages whose scatter is seen at all well
@@ -54,7 +53,7 @@ class BiasMean:
         return coverage_factor(self.dof) * self.std
 
 
-def mean_bias(samples: Array, interval_s: float, resolution: float = 0.0) -> BiasMean:
+def mean_bias(samples: Floats, interval_s: float, resolution: float = 0.0) -> BiasMean:
     """Mean and its uncertainty from the scatter at 1 s (white noise) and at an eighth of the record (slow noise).
 
     Args:    samples: (m,), NaN where one is missing.   interval_s: between samples.   resolution: step of the output.

@@ -21,14 +21,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 AVERAGES, AVERAGE_s = 360, 10.0
 LEAST_FILLED = 0.9  # of the samples of an average
 _PROBABILITY = 0.95
@@ -53,7 +51,7 @@ class BiasStability:
     high: float
     dof: float
     mean: float
-    averages: Array
+    averages: Floats
     samples_std: float
     noise: MeanNoise
     missing: int
@@ -64,7 +62,7 @@ class BiasStability:
         return self.value / math.sqrt(2.0 * self.dof)
 
 
-def on_the_counter(counter: Int64, values: Array) -> Array:
+def on_the_counter(counter: Integers, values: Floats) -> Floats:
     """Samples in their places, NaN where the counter says one is missing.
 
     Args:    counter: (n,), unwrapped, rising.   values: (n,) or (n, k).
@@ -75,7 +73,7 @@ def on_the_counter(counter: Int64, values: Array) -> Array:
     return placed
 
 
-def averages_of(samples: Array, interval_s: float, averages: int = AVERAGES, average_s: float = AVERAGE_s) -> Array:
+def averages_of(samples: Floats, interval_s: float, averages: int = AVERAGES, average_s: float = AVERAGE_s) -> Floats:
     """Means of contiguous parts of a record, from its beginning.
 
     Args:    samples: (m,), NaN where one is missing.   interval_s: between samples.   averages: how many.
@@ -107,11 +105,11 @@ def averages_of(samples: Array, interval_s: float, averages: int = AVERAGES, ave
             next_step="look at the link's damaged frames; take the record again",
         )
     centre = float(part[good].mean())  # sums of deviations keep their digits
-    return np.asarray(centre + np.add.reduceat(np.where(good, part - centre, 0.0), bounds[:-1]) / counts)
+    return centre + np.add.reduceat(np.where(good, part - centre, 0.0), bounds[:-1]) / counts
 
 
 def bias_stability(
-    samples: Array,
+    samples: Floats,
     interval_s: float,
     averages: int = AVERAGES,
     average_s: float = AVERAGE_s,
@@ -189,7 +187,7 @@ def declared_noise(noise: SensorNoise, count: int, average_s: float) -> MeanNois
     )
 
 
-def mean_noise(means: Array) -> MeanNoise:
+def mean_noise(means: Floats) -> MeanNoise:
     """White and slow part of the noise of equally spaced means.
 
     Args:    means: (n,), n >= 8.
@@ -219,7 +217,7 @@ def mean_noise(means: Array) -> MeanNoise:
     )
 
 
-def _inverse_dof(kept: Array, count: int) -> Array:
+def _inverse_dof(kept: Floats, count: int) -> Floats:
     """1 / degrees of freedom of the variance about the mean, by correlation time and share, (times, shares).
 
     With C = I - 1 1'/n and covariance V: Var / (2 E^2) = tr(CVCV) / tr(CV)^2, taken from the lags because V depends on
@@ -230,7 +228,7 @@ def _inverse_dof(kept: Array, count: int) -> Array:
     return _inverse_dof_of(covariance)
 
 
-def _inverse_dof_of(covariance: Array) -> Array:
+def _inverse_dof_of(covariance: Floats) -> Floats:
     """Return the same of means with these covariances by their lag, (..., n)."""
     count, first = covariance.shape[-1], covariance[..., :1]
     pairs = np.where(np.arange(count) == 0, count, 2.0 * (count - np.arange(count)))
@@ -239,7 +237,7 @@ def _inverse_dof_of(covariance: Array) -> Array:
     return np.asarray(square / (count * first[..., 0] - total / count) ** 2)
 
 
-def _sums(covariance: Array) -> tuple[Array, Array]:
+def _sums(covariance: Floats) -> tuple[Floats, Floats]:
     """Return sums of each row of a covariance that is given by its lags, and of the whole."""
     summed = np.cumsum(covariance, axis=-1)
     rows = summed + summed[..., ::-1] - covariance[..., :1]
@@ -257,7 +255,7 @@ class BiasRepeatability:
     low: float
     high: float
     dof: int
-    means: Array
+    means: Floats
     noise_std: float
 
     @property
@@ -297,7 +295,7 @@ def bias_repeatability(
     return BiasRepeatability(value, float(low), float(high), dof, values, noise_std)
 
 
-def _require(starts: Array, lengths: Array) -> None:
+def _require(starts: Floats, lengths: Floats) -> None:
     reason = ""
     if starts.size < WINDOWS:
         reason = f"{starts.size} windows, {WINDOWS} are due"

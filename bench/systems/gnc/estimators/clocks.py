@@ -20,14 +20,12 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.earth_rate import tick_seconds
 from bench.systems.gnc.wording import say
 
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 JITTER = 0.1  # of the interval between samples: a stamp further from its place is irregular
 RATE_OFF = 0.01  # rate beside the nominal one, relative: a crystal is off by 1e-4 at most
 CLOCKS_APART = 1e-3  # ratio of both clocks, relative
@@ -62,7 +60,7 @@ class TickFindings:
     faults: tuple[tuple[str, int, int, str], ...]
 
 
-def unwrapped_ticks_s(tick: Int64, bits: int = 32, tick_s: float = 1e-6) -> Array:
+def unwrapped_ticks_s(tick: Integers, bits: int = 32, tick_s: float = 1e-6) -> Floats:
     """Seconds from a counter of fixed width that starts again at 0.
 
     Args:    tick: (n,), as transmitted.   bits: width.   tick_s: of one step.
@@ -73,7 +71,7 @@ def unwrapped_ticks_s(tick: Int64, bits: int = 32, tick_s: float = 1e-6) -> Arra
     return np.concatenate(([0.0], np.cumsum(steps) * tick_s))
 
 
-def check_ticks(tick_s: Array, counter: Int64, interval_s: float, received_s: Array | None = None) -> TickFindings:
+def check_ticks(tick_s: Floats, counter: Integers, interval_s: float, received_s: Floats | None = None) -> TickFindings:
     """Look at every increment of the time stamps.
 
     Args:    tick_s: (n,), n >= 2, unwrapped.   counter: (n,).   interval_s: nominal.   received_s: (n,), bench clock.
@@ -98,7 +96,7 @@ def check_ticks(tick_s: Array, counter: Int64, interval_s: float, received_s: Ar
     return TickFindings(median_s, rate_error, worst_s, clock_error, clock_bound, tuple(faults))
 
 
-def _backwards(increments: Array, counted: NDArray[np.bool_]) -> list[tuple[str, int, int, str]]:
+def _backwards(increments: Floats, counted: Flags) -> list[tuple[str, int, int, str]]:
     bad = counted & (increments <= 0.0)
     if not bad.any():
         return []
@@ -106,9 +104,7 @@ def _backwards(increments: Array, counted: NDArray[np.bool_]) -> list[tuple[str,
     return [(BACKWARDS, count, first, say("check.backwards", count=count, first=first))]
 
 
-def _uneven(
-    increments: Array, off_s: Array, median_s: float, counted: NDArray[np.bool_]
-) -> list[tuple[str, int, int, str]]:
+def _uneven(increments: Floats, off_s: Floats, median_s: float, counted: Flags) -> list[tuple[str, int, int, str]]:
     """Increments beside their due; those of less than half of it come in bursts."""
     limit_s = JITTER * abs(median_s)
     bad = counted & (increments > 0.0) & (np.abs(off_s) > limit_s)
@@ -131,7 +127,7 @@ def _rate(rate_error: float, interval_s: float, median_s: float) -> list[tuple[s
     return [(RATE, 1, 0, text)] if abs(rate_error) > RATE_OFF else []
 
 
-def _clock(tick_s: Array, received_s: Array | None) -> tuple[float, float]:
+def _clock(tick_s: Floats, received_s: Floats | None) -> tuple[float, float]:
     """Relative error of the device clock and what delays can make of it, from the smallest delays of both halves."""
     if received_s is None or tick_s.size < 4 or received_s[-1] - received_s[0] < _LEAST_s:
         return float("nan"), float("nan")
@@ -164,7 +160,7 @@ class UnitClock:
     span_s: float = 0.0
 
 
-def unit_clock(records: Sequence[tuple[Int64, Array]], interval_s: float) -> UnitClock:
+def unit_clock(records: Sequence[tuple[Integers, Floats]], interval_s: float) -> UnitClock:
     """Ratio of both clocks from the longest stretch of records in which the unit was not restarted.
 
     Args:    records: (time stamps in us, 32 bits, and receive times of the bench in s) of each, in order.
@@ -179,7 +175,7 @@ def unit_clock(records: Sequence[tuple[Int64, Array]], interval_s: float) -> Uni
     return min(known, key=lambda clock: clock.std, default=UnitClock())
 
 
-def power_ons(records: Sequence[tuple[Int64, Array]]) -> list[list[int]]:
+def power_ons(records: Sequence[tuple[Integers, Floats]]) -> list[list[int]]:
     """Places of the records between two restarts of the unit's clock, that is, of one power-on each.
 
     Args:    records: as ``unit_clock``.
@@ -190,9 +186,9 @@ def power_ons(records: Sequence[tuple[Int64, Array]]) -> list[list[int]]:
     return [[place for place, _, _ in stretch] for stretch in _stretches(records)]
 
 
-def _stretches(records: Sequence[tuple[Int64, Array]]) -> list[list[tuple[int, Array, Array]]]:
+def _stretches(records: Sequence[tuple[Integers, Floats]]) -> list[list[tuple[int, Floats, Floats]]]:
     """Place, stamps and receive times of records whose stamps follow on one another."""
-    stretches: list[list[tuple[int, Array, Array]]] = []
+    stretches: list[list[tuple[int, Floats, Floats]]] = []
     for place, (tick_us, received_s) in enumerate(records):
         unit_s = tick_seconds(tick_us) + float(tick_us[0]) * 1e-6
         if stretches:
@@ -207,7 +203,7 @@ def _stretches(records: Sequence[tuple[Int64, Array]]) -> list[list[tuple[int, A
     return stretches
 
 
-def _slope(stretch: Sequence[tuple[Array, Array]], interval_s: float) -> UnitClock:
+def _slope(stretch: Sequence[tuple[Floats, Floats]], interval_s: float) -> UnitClock:
     at_s, delay_s = _least_delays(stretch)
     span_s = float(at_s[-1] - at_s[0])
     if span_s <= 0.0:
@@ -219,7 +215,7 @@ def _slope(stretch: Sequence[tuple[Array, Array]], interval_s: float) -> UnitClo
     return UnitClock(error=-slope, std=least_s / base_s / math.sqrt(6.0), span_s=span_s)
 
 
-def _least_delays(stretch: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
+def _least_delays(stretch: Sequence[tuple[Floats, Floats]]) -> tuple[Floats, Floats]:
     """Of each chunk that was received, its last sample: (k,) unit's time and delay, from the first one on."""
     unit_s, received_s = (np.concatenate(column) for column in zip(*stretch, strict=True))
     last = np.concatenate([np.diff(received_s) > 0.0, [True]])
@@ -227,7 +223,7 @@ def _least_delays(stretch: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]
     return at_s - at_s[0], received_s[last] - at_s
 
 
-def _line_below(at_s: Array, delay_s: Array) -> tuple[int, int]:
+def _line_below(at_s: Floats, delay_s: Floats) -> tuple[int, int]:
     """The two points on which a line below all others rests that lie furthest apart.
 
     The hull is made of the least delay in each of 200 parts, so that hours of samples cost nothing.
@@ -245,7 +241,7 @@ def _line_below(at_s: Array, delay_s: Array) -> tuple[int, int]:
     return max(pairwise(hull), key=lambda edge: float(at_s[edge[1]] - at_s[edge[0]]))
 
 
-def _slope_between(at_s: Array, delay_s: Array, first: int, last: int) -> float:
+def _slope_between(at_s: Floats, delay_s: Floats, first: int, last: int) -> float:
     return float((delay_s[last] - delay_s[first]) / (at_s[last] - at_s[first]))
 
 
@@ -257,7 +253,7 @@ class SampleStamps:
     """
 
     rate_Hz: float
-    breaks: NDArray[np.int64]
+    breaks: Integers
     missing: int
     crowded: float
     worst_s: float
@@ -268,7 +264,7 @@ class SampleStamps:
         return self.crowded > _BURSTY
 
 
-def sample_stamps(t_s: Array) -> SampleStamps:
+def sample_stamps(t_s: Floats) -> SampleStamps:
     """Return rate and gaps from the stamps of a log.
 
     Stamps in bursts give the mean rate of the whole log and no gaps: one sample more or less cannot be told.

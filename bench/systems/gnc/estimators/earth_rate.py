@@ -24,10 +24,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.triad import AXES, propagate_inputs
 
-Array = NDArray[np.float64]
 EARTH_RATE_DEG_S = math.degrees(7.292115e-5)
 TURNED = ("inner", "outer")
 _WRAP_US = 1 << 32
@@ -64,28 +64,28 @@ class Pose:
     mounting: str = "x"
 
 
-def mounting_matrix(mounting: str) -> Array:
+def mounting_matrix(mounting: str) -> Floats:
     """M (3, 3): table = M body. "x": identity; "y": (y, z, x); "z": (z, x, y). Source: the frame of this module."""
     return np.roll(np.eye(3), AXES.index(mounting), axis=1)
 
 
-def table_to_local(site: Site) -> Array:
+def table_to_local(site: Site) -> Floats:
     """(3, 3) from the frame of the table's base (inner axis at zero angles first, Up last) to East, North, Up."""
     return turned_about(2, 90.0 - site.azimuth_deg)
 
 
-def attitude(pose: Pose, site: Site) -> Array:
+def attitude(pose: Pose, site: Site) -> Floats:
     """(3, 3) matrix that takes a vector from the body to East, North, Up. Source: the formula of this module."""
-    return np.asarray(table_to_local(site) @ body_to_table(pose))
+    return table_to_local(site) @ body_to_table(pose)
 
 
-def body_to_table(pose: Pose) -> Array:
+def body_to_table(pose: Pose) -> Floats:
     """(3, 3) from the body to the frame of the table's base."""
     outer, middle = turned_about(2, pose.outer_deg), turned_about(1, pose.middle_deg)
-    return np.asarray(outer @ middle @ turned_about(0, pose.inner_deg) @ mounting_matrix(pose.mounting))
+    return outer @ middle @ turned_about(0, pose.inner_deg) @ mounting_matrix(pose.mounting)
 
 
-def turned_about(axis: int, angle_deg: float) -> Array:
+def turned_about(axis: int, angle_deg: float) -> Floats:
     """Right-handed rotation matrix (3, 3) about axis 0, 1 or 2 by an angle in degrees."""
     angle, second, third = math.radians(angle_deg), (axis + 1) % 3, (axis + 2) % 3
     matrix = np.eye(3)
@@ -94,13 +94,13 @@ def turned_about(axis: int, angle_deg: float) -> Array:
     return matrix
 
 
-def earth_rate_local_deg_s(latitude_deg: float) -> Array:
+def earth_rate_local_deg_s(latitude_deg: float) -> Floats:
     """(3,) East, North, Up: omega (0, cos lat, sin lat), deg/s. Source: Groves, equation (2.123) turned to ENU."""
     latitude = math.radians(latitude_deg)
     return EARTH_RATE_DEG_S * np.array([0.0, math.cos(latitude), math.sin(latitude)])
 
 
-def earth_rate_body_deg_s(pose: Pose, site: Site) -> Array:
+def earth_rate_body_deg_s(pose: Pose, site: Site) -> Floats:
     """(3,) what ideal gyroscopes read on a table at rest, deg/s; to be taken off a measured rate.
 
     Args:    pose, site: of the unit.
@@ -108,10 +108,10 @@ def earth_rate_body_deg_s(pose: Pose, site: Site) -> Array:
     Raises:  nothing.
     Source:  the formula of this module.
     """
-    return np.asarray(attitude(pose, site).T @ earth_rate_local_deg_s(site.latitude_deg))
+    return attitude(pose, site).T @ earth_rate_local_deg_s(site.latitude_deg)
 
 
-def earth_rate_covariance(pose: Pose, site: Site) -> Array:
+def earth_rate_covariance(pose: Pose, site: Site) -> Floats:
     """Return covariance (3, 3), (deg/s)^2, of ``earth_rate_body_deg_s`` from latitude, azimuth and tilt of the site.
 
     Args:    pose, site: as above, the standard uncertainties of the site in degrees.
@@ -120,23 +120,23 @@ def earth_rate_covariance(pose: Pose, site: Site) -> Array:
     Source:  JCGM 102:2011 section 6.2.
     """
 
-    def rate(inputs: Array) -> Array:
+    def rate(inputs: Floats) -> Floats:
         there = Site(inputs[0], inputs[1])
         tilt = np.radians(inputs[2:])
         seen = earth_rate_body_deg_s(pose, there)
-        return np.asarray(seen + np.cross(seen, tilt))
+        return seen + np.cross(seen, tilt)
 
     std = np.array([site.latitude_std_deg, site.azimuth_std_deg, *[site.tilt_std_deg] * 3])
     at = np.array([site.latitude_deg, site.azimuth_deg, 0.0, 0.0, 0.0])
     return propagate_inputs(rate, at, np.diag(std**2))
 
 
-def up_in_body(pose: Pose) -> Array:
+def up_in_body(pose: Pose) -> Floats:
     """(3,) unit vector: the specific force at rest, in g, that ideal accelerometers read. Source: this module."""
     return np.asarray(body_to_table(pose)[2])
 
 
-def turn_axis_in_body(pose: Pose, turned: str) -> Array:
+def turn_axis_in_body(pose: Pose, turned: str) -> Floats:
     """(3,) unit vector in body axes about which the unit turns at a positive rate of the table axis.
 
     Args:    pose: at the begin of the turn.   turned: "inner" or "outer".
@@ -163,9 +163,9 @@ class RotationRecord:
 
     axis: str
     turn_deg: float
-    counter: NDArray[np.int64]
-    time_s: Array
-    rate: Array
+    counter: Integers
+    time_s: Floats
+    rate: Floats
     pose: Pose | None = None
     turned: str = "inner"
     begin_s: float = 0.0
@@ -180,8 +180,8 @@ class RotationRecord:
 class Samples:
     """Good samples of a record: ``step_s`` (n,) to the stamp before, ``rate`` (n, 3), ``duplicates`` dropped."""
 
-    step_s: Array
-    rate: Array
+    step_s: Floats
+    rate: Floats
     duplicates: int
 
     @property
@@ -211,7 +211,7 @@ def record_about(records: Sequence[RotationRecord], axis: str, sign: float | Non
     return chosen[0]
 
 
-def tick_seconds(tick_us: NDArray[np.integer]) -> Array:
+def tick_seconds(tick_us: NDArray[np.integer]) -> Floats:
     """Return seconds since the first sample from a 32-bit microsecond counter that wraps.
 
     Args:    tick_us: (n,), in order of the samples, less than 71 minutes from one to the next.
@@ -220,7 +220,7 @@ def tick_seconds(tick_us: NDArray[np.integer]) -> Array:
     Source:  the frame of the GNC module: tick wraps at 2^32 us.
     """
     steps = np.mod(np.diff(tick_us.astype(np.int64)), _WRAP_US)
-    return np.asarray(np.concatenate([[0.0], np.cumsum(steps) * 1e-6]))
+    return np.concatenate([[0.0], np.cumsum(steps) * 1e-6])
 
 
 def good_samples(record: RotationRecord) -> Samples:
@@ -249,7 +249,7 @@ def good_samples(record: RotationRecord) -> Samples:
     return Samples(np.concatenate([[usual], step_s]), rate, int(np.sum(~new)))
 
 
-def resting(samples: Samples, axis: str) -> NDArray[np.bool_]:
+def resting(samples: Samples, axis: str) -> Flags:
     """(n,) samples before and behind the movement, with a margin of 0.5 s. Source: GNC module paper 4.2 1), 10 s."""
     rate = samples.rate[:, AXES.index(axis)]
     level = float(np.median(rate[-max(len(rate) // 20, 1) :]))
@@ -261,7 +261,7 @@ def resting(samples: Samples, axis: str) -> NDArray[np.bool_]:
     return np.asarray((time_s < begin - MARGIN_S) | (time_s > end + MARGIN_S))
 
 
-def noise_density(samples: Samples, axis: str, name: str) -> tuple[Array, float]:
+def noise_density(samples: Samples, axis: str, name: str) -> tuple[Floats, float]:
     """White noise of the outputs from the samples at rest, as means of 0.25 s so that short correlation counts.
 
     Args:    samples: of one record.   axis: that turns.   name: of the record, for the message.
@@ -291,7 +291,7 @@ def _blocks(samples: Samples, resting_samples: int, name: str) -> tuple[int, int
     return length, blocks
 
 
-def quantisation_variance(std: Array, resolution: float) -> Array:
+def quantisation_variance(std: Floats, resolution: float) -> Floats:
     """Variance of the mean of a resting output that quantisation leaves although many samples are averaged.
 
     The mean of a quantised value is off by the sum over k of q / (pi k) exp(-2 pi^2 k^2 sigma^2 / q^2) times a sine
@@ -315,11 +315,11 @@ class RestNoise:
     sample.   ``slow`` (3,): variance that averages out no further within a record.
     """
 
-    density: Array
-    std: Array
-    slow: Array
+    density: Floats
+    std: Floats
+    slow: Floats
 
-    def of_means(self, samples: Sequence[int], resolution: float) -> Array:
+    def of_means(self, samples: Sequence[int], resolution: float) -> Floats:
         """Return the covariance of the means of records of so many samples, (n, 3, 3)."""
         fixed = np.diag(quantisation_variance(self.std, resolution)) + np.diag(self.slow)
         return np.stack([self.density / count + fixed for count in samples])
@@ -337,7 +337,7 @@ def rest_dof(samples: Sequence[int], rate_Hz: float) -> float:
     return (_REST_BLOCKS - 1.0) * len(samples)
 
 
-def static_means(poses: list[Array], rate_Hz: float, *, resolution: float = 0.0) -> tuple[Array, Array, float]:
+def static_means(poses: list[Floats], rate_Hz: float, *, resolution: float = 0.0) -> tuple[Floats, Floats, float]:
     """Return mean output of each record at rest and its covariance, the noise density pooled over all records.
 
     What the halves of the records differ by beyond that noise is slower than it and averages out no further: it is

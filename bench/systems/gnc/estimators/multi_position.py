@@ -13,11 +13,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
 _ROWS, _COLUMNS = np.triu_indices(3)
 _AMPLIFICATION_LIMIT = 30.0  # the recording published with the method has 3, two thirds of its poses up to 17
 _LEAST = 10
@@ -32,10 +31,10 @@ class NormFit:
     the scatter of one pose.
     """
 
-    matrix: Array
-    zero: Array
-    covariance: Array
-    residual: Array
+    matrix: Floats
+    zero: Floats
+    covariance: Floats
+    residual: Floats
     dof: int
     amplification: float
     gravity: float
@@ -46,31 +45,31 @@ class NormFit:
         return float(np.sqrt(np.mean(self.residual**2)))
 
     @property
-    def counts_per_unit(self) -> Array:
+    def counts_per_unit(self) -> Floats:
         """(3,) indicated unit per unit of gravity: 1 / U_ii."""
-        return np.asarray(1.0 / self.matrix.diagonal())
+        return 1.0 / self.matrix.diagonal()
 
     @property
-    def counts_per_unit_std(self) -> Array:
+    def counts_per_unit_std(self) -> Floats:
         """(3,) standard uncertainty of ``counts_per_unit``."""
-        return np.asarray(np.sqrt(self.covariance.diagonal()[[0, 3, 5]]) * self.counts_per_unit**2)
+        return np.sqrt(self.covariance.diagonal()[[0, 3, 5]]) * self.counts_per_unit**2
 
     @property
-    def zero_std(self) -> Array:
+    def zero_std(self) -> Floats:
         """(3,) standard uncertainty of ``zero``, indicated unit."""
         return np.sqrt(self.covariance.diagonal()[6:])
 
-    def apply(self, indicated: Array) -> Array:
+    def apply(self, indicated: Floats) -> Floats:
         """(n, 3) calibrated specific force, unit of gravity."""
-        return np.asarray((indicated - self.zero) @ self.matrix.T)
+        return (indicated - self.zero) @ self.matrix.T
 
-    def jacobian(self, indicated: Array) -> Array:
+    def jacobian(self, indicated: Floats) -> Floats:
         """(n, 9) change of the length of the calibrated force with each parameter of ``covariance``."""
         parameters = np.concatenate([self.matrix[_ROWS, _COLUMNS], self.zero])
         return _jacobian(parameters, indicated)
 
 
-def fit_multi_position(mean: Array, gravity: float) -> NormFit:
+def fit_multi_position(mean: Floats, gravity: float) -> NormFit:
     """Fit scale, misalignment and zero to n >= 10 poses by Levenberg and Marquardt's method.
 
     The poses must determine the length in every direction: the uncertainty that the fit would have somewhere on the
@@ -113,7 +112,7 @@ def fit_multi_position(mean: Array, gravity: float) -> NormFit:
 _POSES = "hold the unit at rest in more poses, with each axis up, down and in between"
 
 
-def _start(mean: Array) -> tuple[Array, float]:
+def _start(mean: Floats) -> tuple[Floats, float]:
     """Centre of the poses and the size of the sphere: a sphere fitted linearly."""
     middle = mean.mean(axis=0)
     around = mean - middle
@@ -124,17 +123,17 @@ def _start(mean: Array) -> tuple[Array, float]:
     return middle + size * solution[:3], size * math.sqrt(max(radius2, 1e-6))
 
 
-def _matrix(parameters: Array) -> Array:
+def _matrix(parameters: Floats) -> Floats:
     matrix = np.zeros((3, 3))
     matrix[_ROWS, _COLUMNS] = parameters[:6]
     return matrix
 
 
-def _residual(parameters: Array, scaled: Array) -> Array:
+def _residual(parameters: Floats, scaled: Floats) -> Floats:
     return np.asarray(np.linalg.norm((scaled - parameters[6:]) @ _matrix(parameters).T, axis=1) - 1.0)
 
 
-def _jacobian(parameters: Array, scaled: Array) -> Array:
+def _jacobian(parameters: Floats, scaled: Floats) -> Floats:
     """d|a| = a/|a| . (dU (N - zero) - U dzero)."""
     around, matrix = scaled - parameters[6:], _matrix(parameters)
     true = around @ matrix.T
@@ -142,7 +141,7 @@ def _jacobian(parameters: Array, scaled: Array) -> Array:
     return np.column_stack([unit[:, _ROWS] * around[:, _COLUMNS], -unit @ matrix])
 
 
-def _worst_direction(parameters: Array, scaled: Array) -> tuple[float, Array]:
+def _worst_direction(parameters: Floats, scaled: Floats) -> tuple[float, Floats]:
     """Largest uncertainty of the length over directions, per unit scatter of one pose, and that direction (output)."""
     information = _jacobian(parameters, scaled)
     _, singular, right = np.linalg.svd(information, full_matrices=False)
@@ -156,7 +155,7 @@ def _worst_direction(parameters: Array, scaled: Array) -> tuple[float, Array]:
     return float(size[place]), sphere[place]
 
 
-def _directions(count: int) -> Array:
+def _directions(count: int) -> Floats:
     """Return points spread evenly over the sphere along a spiral (golden angle)."""
     place = np.arange(count) + 0.5
     height = 1.0 - 2.0 * place / count
@@ -165,7 +164,7 @@ def _directions(count: int) -> Array:
     return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
 
 
-def _in_units(x: Array, scaled: Array, zero: Array, half: float, gravity: float, amplification: float) -> NormFit:
+def _in_units(x: Floats, scaled: Floats, zero: Floats, half: float, gravity: float, amplification: float) -> NormFit:
     residual, jacobian = _residual(x, scaled), _jacobian(x, scaled)
     dof = len(scaled) - 9
     root = np.linalg.pinv(jacobian)

@@ -21,13 +21,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.maths.strapdown import earth_rate, navigate, normal_gravity
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals
 
-Array = NDArray[np.float64]
 Spans = Sequence[tuple[int, int]]
 HORIZONS_s = (3.0, 10.0, 30.0, 60.0)
 LATITUDE_deg = 45.0  # where the log does not say: the Earth's rate is in the bias, so only its turning matters
@@ -43,9 +42,9 @@ class RestDrift:
     """
 
     horizon_s: float
-    attitude_deg: Array
-    velocity_m_s: Array
-    position_m: Array
+    attitude_deg: Floats
+    velocity_m_s: Floats
+    position_m: Floats
     white_deg: float
 
     @property
@@ -74,8 +73,8 @@ class RestDrift:
 
 
 def drift_at_rest(
-    accel: Array,
-    gyro_rad_s: Array,
+    accel: Floats,
+    gyro_rad_s: Floats,
     rests: StaticIntervals,
     rate_Hz: float,
     latitude_deg: float = LATITUDE_deg,
@@ -119,7 +118,7 @@ class RandomWalk:
     differences: int
 
 
-def random_walk(gyro_rad_s: Array, rests: StaticIntervals, rate_Hz: float) -> RandomWalk:
+def random_walk(gyro_rad_s: Floats, rests: StaticIntervals, rate_Hz: float) -> RandomWalk:
     """Angle random walk from means over 1 s: half the mean square of what follow each other is the Allan variance.
 
     Args:    gyro_rad_s: (n, 3).   rests: where the unit was at rest.   rate_Hz: of the samples.
@@ -141,7 +140,7 @@ def random_walk(gyro_rad_s: Array, rests: StaticIntervals, rate_Hz: float) -> Ra
 
 
 def _drift(
-    accel: Array, gyro_rad_s: Array, begins: list[int], count: int, rate_Hz: float, latitude_deg: float, walk: float
+    accel: Floats, gyro_rad_s: Floats, begins: list[int], count: int, rate_Hz: float, latitude_deg: float, walk: float
 ) -> RestDrift:
     calm = [(begin, begin + count) for begin in begins]
     drifting = [(begin + count, begin + 2 * count) for begin in begins]
@@ -162,14 +161,14 @@ class RestRun:
     (k, 3) at the end.
     """
 
-    C0: Array
-    C: Array
-    v: Array
-    p: Array
+    C0: Floats
+    C: Floats
+    v: Floats
+    p: Floats
 
 
 def run_from_rest(
-    accel: Array, gyro_rad_s: Array, calm: Spans, moving: Spans, rate_Hz: float, latitude_deg: float
+    accel: Floats, gyro_rad_s: Floats, calm: Spans, moving: Spans, rate_Hz: float, latitude_deg: float
 ) -> RestRun:
     """Bias, level and size of gravity from one stretch each, strapdown over another one.
 
@@ -198,7 +197,7 @@ def run_from_rest(
     return RestRun(start, track.C[last, lanes], track.v[last, lanes], track.p[last, lanes])
 
 
-def level(force: Array) -> Array:
+def level(force: Floats) -> Floats:
     """Rotation from the body to a level frame, north-east-down, whose north lies as near to body x as it can.
 
     Args:    force: (3,) mean specific force at rest: it points up.
@@ -212,7 +211,7 @@ def level(force: Array) -> Array:
     return np.stack([north, np.cross(down, north), down])
 
 
-def _rotation_vectors(matrix: Array) -> Array:
+def _rotation_vectors(matrix: Floats) -> Floats:
     """(n, 3) rad, of rotations by less than half a turn."""
     axis = 0.5 * np.stack(
         [matrix[:, 2, 1] - matrix[:, 1, 2], matrix[:, 0, 2] - matrix[:, 2, 0], matrix[:, 1, 0] - matrix[:, 0, 1]],
@@ -220,10 +219,10 @@ def _rotation_vectors(matrix: Array) -> Array:
     )
     sine = np.linalg.norm(axis, axis=1)
     angle = np.arctan2(sine, 0.5 * (np.trace(matrix, axis1=1, axis2=2) - 1.0))
-    return np.asarray(axis * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)[:, None])
+    return axis * np.where(sine > 0.0, angle / np.where(sine > 0.0, sine, 1.0), 1.0)[:, None]
 
 
-def _rms(values: Array) -> float:
+def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.earth_rate import (
     MARGIN_S,
@@ -28,7 +29,6 @@ from bench.systems.gnc.estimators.earth_rate import (
 )
 from bench.systems.gnc.estimators.triad import AXES
 
-Array = NDArray[np.float64]
 _LOWEST, _HIGHEST = 0.8, 1.25  # of the turn that was asked for, by the sensor's nominal scale
 _ALONG = 0.999  # cosine
 
@@ -40,14 +40,14 @@ class Turn:
     part in body axes.   ``rest_s``: how much of it is rest.
     """
 
-    integral: Array
-    known: Array
-    seen: Array
+    integral: Floats
+    known: Floats
+    seen: Floats
     duration_s: float
     rest_s: float
 
 
-def whole_turn(record: RotationRecord, samples: Samples, rest: Array) -> Turn:
+def whole_turn(record: RotationRecord, samples: Samples, rest: Floats) -> Turn:
     """Integrate a record as a whole; the angle of the turning axis comes from its own sensor, scaled to the known turn.
 
     Args:    record: what was turned.   samples: those of its samples that count.   rest: (3,) output at rest, deg/s.
@@ -72,7 +72,7 @@ def turn_and_rest(record: RotationRecord, samples: Samples) -> tuple[Turn, Turn]
     return _part(record, samples, angle_deg, ~rest, True), _part(record, samples, angle_deg, rest, False)
 
 
-def _angle_deg(record: RotationRecord, samples: Samples, rest: Array) -> Array:
+def _angle_deg(record: RotationRecord, samples: Samples, rest: Floats) -> Floats:
     """Return angle turned about the body axis in the middle of each sample."""
     axis = AXES.index(record.axis)
     steps = samples.step_s * (samples.rate[:, axis] - rest[axis])
@@ -87,7 +87,7 @@ def _angle_deg(record: RotationRecord, samples: Samples, rest: Array) -> Array:
     return np.asarray((turned - 0.5 * steps) / share)
 
 
-def _part(record: RotationRecord, samples: Samples, angle_deg: Array, part: NDArray[np.bool_], moves: bool) -> Turn:
+def _part(record: RotationRecord, samples: Samples, angle_deg: Floats, part: Flags, moves: bool) -> Turn:
     step_s, known = samples.step_s[part], np.zeros(3)
     known[AXES.index(record.axis)] = record.turn_deg if moves else 0.0
     duration_s = float(np.sum(step_s))
@@ -95,7 +95,7 @@ def _part(record: RotationRecord, samples: Samples, angle_deg: Array, part: NDAr
     return Turn(step_s @ samples.rate[part], known, seen, duration_s, 2.0 * MARGIN_S if moves else duration_s)
 
 
-def _seen(record: RotationRecord, angle_deg: Array, step_s: Array) -> Array:
+def _seen(record: RotationRecord, angle_deg: Floats, step_s: Floats) -> Floats:
     """Integral of the matrix that takes a vector from the table's base to the body."""
     pose, axis = record.pose, AXES.index(record.axis)
     if pose is None:
@@ -112,11 +112,11 @@ def _seen(record: RotationRecord, angle_deg: Array, step_s: Array) -> Array:
     middle, fixed = turned_about(1, -pose.middle_deg), mounting_matrix(pose.mounting).T
     moving = _integral_of_rotation(0 if record.turned == "inner" else 2, -angle_deg * along, step_s)
     if record.turned == "inner":
-        return np.asarray(fixed @ moving @ inner @ middle @ outer)
-    return np.asarray(fixed @ inner @ middle @ moving @ outer)
+        return fixed @ moving @ inner @ middle @ outer
+    return fixed @ inner @ middle @ moving @ outer
 
 
-def _integral_of_rotation(axis: int, angle_deg: Array, step_s: Array) -> Array:
+def _integral_of_rotation(axis: int, angle_deg: Floats, step_s: Floats) -> Floats:
     """Return sum of step times rotation matrix about axis 0 or 2."""
     angle, second, third = np.radians(angle_deg), (axis + 1) % 3, (axis + 2) % 3
     matrix = np.zeros((3, 3))
@@ -148,13 +148,13 @@ class Inputs:
     degrees; ``seen`` is zero where there is no Earth's rate to compensate.
     """
 
-    integral: Array
-    known: Array
-    seen: Array
-    duration_s: Array
-    rest_s: Array
+    integral: Floats
+    known: Floats
+    seen: Floats
+    duration_s: Floats
+    rest_s: Floats
     record: NDArray[np.intp]
-    local: Array
+    local: Floats
 
     @staticmethod
     def of(records: Sequence[Sequence[Turn]], site: Site | None) -> Inputs:
@@ -171,17 +171,17 @@ class Inputs:
         )
 
     @property
-    def earth(self) -> Array:
+    def earth(self) -> Floats:
         """Integral of the Earth's rate over each record in body axes, (r, 3), deg."""
         site = Site(float(self.local[0]), float(self.local[1]))
-        return np.asarray(self.seen @ (table_to_local(site).T @ earth_rate_local_deg_s(site.latitude_deg)))
+        return self.seen @ (table_to_local(site).T @ earth_rate_local_deg_s(site.latitude_deg))
 
     @property
-    def vector(self) -> Array:
+    def vector(self) -> Floats:
         """Integrals, relative error of each turn, tilt (3 each) of the turns about x, y, z, latitude and azimuth."""
         return np.concatenate([self.integral.ravel(), np.zeros(len(self.known) + 9), self.local])
 
-    def at(self, vector: Array) -> Inputs:
+    def at(self, vector: Floats) -> Inputs:
         """Return the same with the values of a vector."""
         count = len(self.known)
         turn, tilt = vector[3 * count : 4 * count], vector[4 * count : 4 * count + 9].reshape(3, 3)
@@ -192,8 +192,8 @@ class Inputs:
         return replace(self, integral=vector[: 3 * count].reshape(count, 3), known=known, local=vector[-2:])
 
     def covariance(
-        self, declared: Declared, site: Site | None, density: Array, common: Array, wandering: Array | None = None
-    ) -> Array:
+        self, declared: Declared, site: Site | None, density: Floats, common: Floats, wandering: Floats | None = None
+    ) -> Floats:
         """Of ``vector``: white noise ``density`` (3, 3) deg^2/s, ``common`` (3, 3) (deg/s)^2 to all rests,
         ``wandering`` of each sensor's bias from record to record, (3, records, records) (deg/s)^2.
         """

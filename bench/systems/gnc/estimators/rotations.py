@@ -21,8 +21,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.systems.gnc.estimators.earth_rate import (
     RotationRecord,
     Samples,
@@ -38,7 +38,6 @@ from bench.systems.gnc.estimators.rotation_inputs import Declared, Inputs, turn_
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise
 from bench.systems.gnc.estimators.triad import AXES, TriadFit, improbable, propagate_inputs
 
-Array = NDArray[np.float64]
 _LEAST_SPREAD = 1e-12
 _DRIFT_DOF = 15  # three sensors at rest in six records, less three biases
 _ROUNDS = 3  # both equations are tied by c (T+ - T-), some samples of some 1,000: each round gains three digits
@@ -53,7 +52,7 @@ class RotationFit:
     """
 
     triad: TriadFit
-    noise: Array
+    noise: Floats
     used: Mapping[str, int]
     trimmed_s: Mapping[str, float]
     duplicates: Mapping[str, int]
@@ -110,7 +109,7 @@ def fit_rotations(
     )
 
 
-def paired(inputs: Inputs) -> tuple[Array, Array]:
+def paired(inputs: Inputs) -> tuple[Floats, Floats]:
     """Corrected equations (3) and (4): (12,) K row by row and bias; (12, 3) residuals of the integrals, deg.
 
     Args:    inputs: turn and rest of x+, x-, y+, y-, z+, z-, in this order.
@@ -131,7 +130,7 @@ def paired(inputs: Inputs) -> tuple[Array, Array]:
     return np.concatenate([inverse.ravel(), inverse @ offset]), left - offset * length
 
 
-def _drift(residual: Array, inputs: Inputs, density: Array, quantisation: Array) -> float:
+def _drift(residual: Floats, inputs: Inputs, density: Floats, quantisation: Floats) -> float:
     """How much the bias wanders from record to record beyond noise and steps inside of them, deg/s, by the rests.
 
     Noise alone says so in one calibration of twenty. One of the six rests is spent on the bias itself.
@@ -143,11 +142,13 @@ def _drift(residual: Array, inputs: Inputs, density: Array, quantisation: Array)
     return math.sqrt(max(float(np.mean(np.sum(rate**2, axis=0) / 5.0 - noise.mean(axis=0))), 0.0))
 
 
-def _both(solution: tuple[Array, Array]) -> tuple[Array, Array]:
+def _both(solution: tuple[Floats, Floats]) -> tuple[Floats, Floats]:
     return solution[0], solution[1].ravel()
 
 
-def _triad(parameters: Array, residual: Array, spread: Array, inputs: Inputs, dof: float, time_std: float) -> TriadFit:
+def _triad(
+    parameters: Floats, residual: Floats, spread: Floats, inputs: Inputs, dof: float, time_std: float
+) -> TriadFit:
     rank = residual.size - parameters.size
     values, vectors = np.linalg.eigh(spread[12:, 12:])
     values, vectors = values[values.size - rank :], vectors[:, values.size - rank :]
@@ -183,7 +184,7 @@ def _equal_lengths(samples: Sequence[Samples]) -> list[Samples]:
     return kept
 
 
-def _noise(records: Sequence[RotationRecord], samples: Sequence[Samples]) -> tuple[Array, Array, float]:
+def _noise(records: Sequence[RotationRecord], samples: Sequence[Samples]) -> tuple[Floats, Floats, float]:
     """Density (3, 3), standard deviation of single samples (3,) and degrees of freedom, pooled over the records."""
     each = [noise_density(kept, record.axis, record.name) for record, kept in zip(records, samples, strict=True)]
     variances = [
@@ -195,13 +196,13 @@ def _noise(records: Sequence[RotationRecord], samples: Sequence[Samples]) -> tup
 
 def _declared(
     noise: SensorNoise, records: Sequence[RotationRecord], samples: Sequence[Samples]
-) -> tuple[Array, Array, float]:
+) -> tuple[Floats, Floats, float]:
     """Return the same as ``_noise``, of noise that is declared."""
     dof = math.fsum(noise_dof(kept, record.axis, record.name) for record, kept in zip(records, samples, strict=True))
     return noise.density * np.eye(3), np.full(3, noise.sample_std), dof
 
 
-def _wandering(noise: SensorNoise, records: Sequence[RotationRecord], samples: Sequence[Samples]) -> Array:
+def _wandering(noise: SensorNoise, records: Sequence[RotationRecord], samples: Sequence[Samples]) -> Floats:
     """Return covariance of each sensor's bias in the records, less its mean over the turns about the other two axes."""
     begin_s = np.array([record.begin_s for record in records])
     length_s = np.array([kept.duration_s for kept in samples])
@@ -210,7 +211,7 @@ def _wandering(noise: SensorNoise, records: Sequence[RotationRecord], samples: S
 
 
 def fit_turns_from_rest(
-    records: Sequence[RotationRecord], rest: Array, rest_covariance: Array, density: Array, declared: Declared
+    records: Sequence[RotationRecord], rest: Floats, rest_covariance: Floats, density: Floats, declared: Declared
 ) -> TriadFit:
     """Fit S and bias where each axis was turned once only: the bias comes from records at rest.
 
@@ -225,7 +226,7 @@ def fit_turns_from_rest(
     turns = [whole_turn(record, good_samples(record), rest) for record in ordered]
     inputs = Inputs.of([(turn,) for turn in turns], None)
 
-    def parameters(vector: Array) -> Array:
+    def parameters(vector: Floats) -> Floats:
         there, offset = inputs.at(vector[3:]), vector[:3]
         clear = there.integral - offset * there.duration_s[:, None]
         inverse = np.linalg.inv(np.linalg.solve(there.known, clear).T)

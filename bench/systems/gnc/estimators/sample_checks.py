@@ -24,14 +24,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.systems.gnc.estimators.clocks import TickFindings, check_ticks
 from bench.systems.gnc.wording import channel_name, say
 
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Column = NDArray[np.int64] | NDArray[np.float64]
+Column = Integers | Floats
 FALSE_ALARM = 1e-6  # for one channel of one record
 REPEAT_ALARM = 1e-3  # for whole samples, one question for a record
 _MAD = 0.6745  # of a normal distribution
@@ -91,12 +89,12 @@ class SampleChecks:
 
 def check_samples(
     columns: Mapping[str, Column],
-    counter: Int64,
+    counter: Integers,
     *,
     limits: Mapping[str, float],
     interval_s: float,
-    tick_s: Array | None = None,
-    received_s: Array | None = None,
+    tick_s: Floats | None = None,
+    received_s: Floats | None = None,
 ) -> SampleChecks:
     """Look at a record sample by sample.
 
@@ -171,7 +169,7 @@ def value_likelihood(values: Column) -> float:
     return math.erf(1.0 / (_CAREFUL * noise * math.sqrt(8.0))) if noise > 0.0 else 1.0
 
 
-def _outside_the_longest_run(equal: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _outside_the_longest_run(equal: Flags) -> Flags:
     """Second differences that are not wholly inside the longest run of equal values, (n - 2,) from (n - 1,)."""
     starts, pairs = _runs(equal)
     kept = np.ones(max(equal.size - 1, 0), np.bool_)
@@ -181,7 +179,7 @@ def _outside_the_longest_run(equal: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return kept
 
 
-def _gaps(counter: Int64) -> list[Finding]:
+def _gaps(counter: Integers) -> list[Finding]:
     steps = np.diff(counter)
     places = np.flatnonzero(steps > 1)
     if not places.size:
@@ -258,7 +256,7 @@ def frozen_runs(name: str, values: Column) -> list[Finding]:
     return [Finding(FROZEN, name, count, first, text)]
 
 
-def _repeated(columns: Mapping[str, Column], counter: Int64) -> list[Finding]:
+def _repeated(columns: Mapping[str, Column], counter: Integers) -> list[Finding]:
     """Whole samples equal to the one before, or with its counter, beyond what noise explains."""
     if counter.size < 2 or not columns:
         return []
@@ -277,13 +275,13 @@ def _repeated(columns: Mapping[str, Column], counter: Int64) -> list[Finding]:
     return [Finding(REPEATED, "", count, first, text)]
 
 
-def _runs(equal: NDArray[np.bool_]) -> tuple[Int64, Int64]:
+def _runs(equal: Flags) -> tuple[Integers, Integers]:
     """Begin and length of each run of true."""
     edges = np.flatnonzero(np.diff(np.concatenate(([0], equal.astype(np.int8), [0]))))
     return edges[::2], edges[1::2] - edges[::2]
 
 
-def bad_samples(values: Array, step: float) -> NDArray[np.bool_]:
+def bad_samples(values: Floats, step: float) -> Flags:
     """Return which samples stand alone outside of their neighbours.
 
     Args:    values: (n, k) outputs.   step: of the output, same unit.
@@ -301,7 +299,7 @@ def bad_samples(values: Array, step: float) -> NDArray[np.bool_]:
     return bad
 
 
-def bridged(values: Array, bad: NDArray[np.bool_]) -> Array:
+def bridged(values: Floats, bad: Flags) -> Floats:
     """Return the same with the mean of both neighbours in place of each bad sample, (n, k).
 
     Args:    values: (n, k).   bad: as ``bad_samples``.

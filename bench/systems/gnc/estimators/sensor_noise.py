@@ -13,10 +13,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
-Array = NDArray[np.float64]
+from bench.maths.arrays import Flags, Floats
 
 
 @dataclass(frozen=True)
@@ -40,7 +39,7 @@ class SensorNoise:
         """Standard deviation of a sample before rounding."""
         return float(np.sqrt(self.walk**2 / self.interval_s + sum(size**2 for size, _ in self.wandering)))
 
-    def wander(self, begin_s: Array, length_s: Array) -> Array:
+    def wander(self, begin_s: Floats, length_s: Floats) -> Floats:
         """Return covariance of the mean wandering of records.
 
         Args:    begin_s, length_s: (n,), of records that do not overlap, in any order.
@@ -57,12 +56,12 @@ class SensorNoise:
             total += size**2 * together
         return total
 
-    def of_means(self, begin_s: Array, length_s: Array) -> Array:
+    def of_means(self, begin_s: Floats, length_s: Floats) -> Floats:
         """Return covariance of the means of records, white noise and rounding in it.
 
         Args, Returns, Source: as ``wander``.
         """
-        return np.asarray(np.diag(self.density / length_s) + self.wander(begin_s, length_s))
+        return np.diag(self.density / length_s) + self.wander(begin_s, length_s)
 
     def allan_variance(self, tau_s: float) -> float:
         """Return the expected Allan variance: half of that of the difference of two means that follow each other.
@@ -74,7 +73,7 @@ class SensorNoise:
         both = self.of_means(np.array([0.0, tau_s]), np.full(2, tau_s))
         return float(both[0, 0] - both[0, 1])
 
-    def wander_about_mean(self, begin_s: Array, length_s: Array, of: NDArray[np.bool_] | None = None) -> Array:
+    def wander_about_mean(self, begin_s: Floats, length_s: Floats, of: Flags | None = None) -> Floats:
         """Return the same for the wandering less its mean over the records ``of``, (n,); by default over all of them.
 
         Args, Returns: as ``wander``.

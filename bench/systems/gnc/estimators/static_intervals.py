@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
 MULTIPLE = 5.0  # of the noise's variance that still counts as rest
 WINDOW_s = 2.0
 LEAST_s = 1.0
@@ -31,18 +31,18 @@ class StaticIntervals:
     of variances, unit^2.   ``initial``: the same of the initial interval.
     """
 
-    begin: NDArray[np.int64]
-    end: NDArray[np.int64]
+    begin: Integers
+    end: Integers
     threshold: float
     initial: float
 
-    def means(self, samples: Array) -> Array:
+    def means(self, samples: Floats) -> Floats:
         """Return mean of each interval, (k, 3)."""
         return np.stack([samples[a:b].mean(axis=0) for a, b in zip(self.begin, self.end, strict=True)])
 
 
 def static_intervals(
-    samples: Array,
+    samples: Floats,
     rate_Hz: float,
     *,
     initial_s: float,
@@ -76,7 +76,7 @@ def static_intervals(
     return StaticIntervals(begin[long], end[long], multiple * initial, initial)
 
 
-def moving_variance(samples: Array, half: int) -> Array:
+def moving_variance(samples: Floats, half: int) -> Floats:
     """Variance around each sample.
 
     Args:    samples: (n, 3), any unit.   half: samples on each side.
@@ -89,7 +89,7 @@ def moving_variance(samples: Array, half: int) -> Array:
     squares = np.cumsum(np.vstack([np.zeros(3), centred**2]), axis=0)
     mean = (sums[width:] - sums[:-width]) / width
     inside = (squares[width:] - squares[:-width]) / width - mean**2
-    return np.asarray(np.pad(inside, ((half, half), (0, 0)), constant_values=np.inf))
+    return np.pad(inside, ((half, half), (0, 0)), constant_values=np.inf)
 
 
 def _no_rest(message: str) -> FitError:
@@ -102,7 +102,7 @@ def _no_rest(message: str) -> FitError:
 
 
 def find_rests(
-    accel: Array, gyro: Array, rate_Hz: float, breaks: NDArray[np.int64], steady: float = STEADY_deg_s
+    accel: Floats, gyro: Floats, rate_Hz: float, breaks: Integers, steady: float = STEADY_deg_s
 ) -> StaticIntervals:
     """Find the intervals in which neither triad shows more than its own noise.
 
@@ -131,12 +131,12 @@ def find_rests(
     return StaticIntervals(begin[keep], end[keep], MULTIPLE * noise, noise)
 
 
-def quiet_level(size: Array) -> float:
+def quiet_level(size: Floats) -> float:
     """The usual size of the windows that hold nothing but noise: the median of those within 5 times the smallest."""
     return float(np.median(size[size < MULTIPLE * float(size.min())]))
 
 
-def _size(samples: Array, half: int, what: str) -> Array:
+def _size(samples: Floats, half: int, what: str) -> Floats:
     """Return length of the vector of variances, at least that of the resolution; infinite near the ends."""
     steps = [np.diff(np.unique(column)) for column in samples.T]
     if not all(step.size for step in steps):
@@ -145,9 +145,7 @@ def _size(samples: Array, half: int, what: str) -> Array:
     return np.asarray(np.maximum(np.linalg.norm(moving_variance(samples, half), axis=1), floor))
 
 
-def _not_turning(
-    gyro: Array, begin: NDArray[np.intp], end: NDArray[np.intp], keep: NDArray[np.bool_], steady: float
-) -> NDArray[np.bool_]:
+def _not_turning(gyro: Floats, begin: NDArray[np.intp], end: NDArray[np.intp], keep: Flags, steady: float) -> Flags:
     """Return whether the mean rate is near the usual one, weighted by length: turning evenly is as quiet as rest."""
     means = np.stack([gyro[a:b].mean(axis=0) for a, b in zip(begin, end, strict=True)])
     usual = np.median(np.repeat(means[keep], (end - begin)[keep], axis=0), axis=0)

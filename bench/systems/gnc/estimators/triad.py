@@ -20,11 +20,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.maths.least_squares import solve
 
-Array = NDArray[np.float64]
 AXES = ("x", "y", "z")
 _IMPROBABLE = 1e-3
 _STEP = 1e-3  # of a standard uncertainty: the functions are nearly linear over that, and doubles resolve it
@@ -41,10 +40,10 @@ class TriadFit:
     explain and that the covariance was enlarged for it.
     """
 
-    matrix: Array  # (3, 3) K, true input per indicated unit
-    bias: Array  # (3,) unit of the input
-    covariance: Array  # (12, 12)
-    residual: Array  # (n, 3) unit of the input
+    matrix: Floats  # (3, 3) K, true input per indicated unit
+    bias: Floats  # (3,) unit of the input
+    covariance: Floats  # (12, 12)
+    residual: Floats  # (n, 3) unit of the input
     chi2: float
     residual_dof: int
     dof: float
@@ -52,54 +51,54 @@ class TriadFit:
     inflated: bool = False
 
     @cached_property
-    def sensitivity(self) -> Array:
+    def sensitivity(self) -> Floats:
         """S = K^-1, (3, 3), indicated unit per input unit."""
         return np.asarray(np.linalg.inv(self.matrix))
 
     @cached_property
-    def sensitivity_covariance(self) -> Array:
+    def sensitivity_covariance(self) -> Floats:
         """(9, 9) of S, row by row: dS = -S dK S, so the Jacobian is -(S kron S^T). Source: JCGM 102:2011 section 6."""
         jacobian = np.kron(self.sensitivity, self.sensitivity.T)
-        return np.asarray(jacobian @ self.covariance[:9, :9] @ jacobian.T)
+        return jacobian @ self.covariance[:9, :9] @ jacobian.T
 
     @property
-    def matrix_std(self) -> Array:
+    def matrix_std(self) -> Floats:
         """Standard uncertainty of K, (3, 3)."""
         return np.sqrt(self.covariance.diagonal()[:9]).reshape(3, 3)
 
     @property
-    def bias_std(self) -> Array:
+    def bias_std(self) -> Floats:
         """Standard uncertainty of the bias, (3,), unit of the input."""
         return np.sqrt(self.covariance.diagonal()[9:])
 
     @property
-    def sensitivity_std(self) -> Array:
+    def sensitivity_std(self) -> Floats:
         """Standard uncertainty of S, (3, 3)."""
         return np.sqrt(self.sensitivity_covariance.diagonal()).reshape(3, 3)
 
     @property
-    def scale_error_ppm(self) -> Array:
+    def scale_error_ppm(self) -> Floats:
         """(3,) 1e6 (S_ii - 1): positive = more output per input."""
-        return np.asarray(1e6 * (self.sensitivity.diagonal() - 1.0))
+        return 1e6 * (self.sensitivity.diagonal() - 1.0)
 
     @property
-    def scale_error_std_ppm(self) -> Array:
+    def scale_error_std_ppm(self) -> Floats:
         """Standard uncertainty of the scale-factor errors, (3,), ppm."""
-        return np.asarray(1e6 * self.sensitivity_std.diagonal())
+        return 1e6 * self.sensitivity_std.diagonal()
 
     @property
-    def cross_coupling(self) -> Array:
+    def cross_coupling(self) -> Floats:
         """(3, 3) S with a zero diagonal: row sensor, column axis of the input."""
-        return np.asarray(self.sensitivity - np.diag(self.sensitivity.diagonal()))
+        return self.sensitivity - np.diag(self.sensitivity.diagonal())
 
     @property
-    def cross_coupling_std(self) -> Array:
+    def cross_coupling_std(self) -> Floats:
         """Standard uncertainty of the cross coupling, (3, 3), zero on the diagonal."""
-        return np.asarray(self.sensitivity_std - np.diag(self.sensitivity_std.diagonal()))
+        return self.sensitivity_std - np.diag(self.sensitivity_std.diagonal())
 
-    def apply(self, indicated: Array, *, bias_sign: int) -> Array:
+    def apply(self, indicated: Floats, *, bias_sign: int) -> Floats:
         """K N + bias_sign * bias for (n, 3) indicated values; +1 for an accelerometer, -1 for a gyroscope."""
-        return np.asarray(indicated @ self.matrix.T + bias_sign * self.bias)
+        return indicated @ self.matrix.T + bias_sign * self.bias
 
 
 def improbable(chi2: float, dof: int, below: float = _IMPROBABLE) -> bool:
@@ -112,7 +111,7 @@ def improbable(chi2: float, dof: int, below: float = _IMPROBABLE) -> bool:
     return dof > 0 and float(special.chdtrc(dof, chi2)) < below
 
 
-def propagate_inputs(function: Callable[[Array], Array], at: Array, covariance: Array) -> Array:
+def propagate_inputs(function: Callable[[Floats], Floats], at: Floats, covariance: Floats) -> Floats:
     """Return covariance of ``function`` of correlated inputs, by central differences.
 
     Args:    function: (k,) -> (p,).   at: (k,), where.   covariance: (k, k); an input of no variance is left out.
@@ -134,9 +133,9 @@ def propagate_inputs(function: Callable[[Array], Array], at: Array, covariance: 
 
 
 def fit_six_position(
-    mean: Array,
-    force: Array,
-    covariance_of_means: Array | None = None,
+    mean: Floats,
+    force: Floats,
+    covariance_of_means: Floats | None = None,
     *,
     tilt_std_deg: float = 0.0,
     force_relative_std: float = 0.0,
@@ -190,22 +189,22 @@ def fit_six_position(
     )
 
 
-def _tilt(force: Array, tilt_std_deg: float) -> Array:
+def _tilt(force: Floats, tilt_std_deg: float) -> Floats:
     """(3n, 3n): a small rotation vector phi turns f into f + phi x f, covariance sigma^2 (|f|^2 I - f f^T)."""
     sigma = math.radians(tilt_std_deg)
     square = np.sum(force**2, axis=1)[:, None, None] * np.eye(3)
     return spread_out(sigma**2 * (square - force[:, :, None] * force[:, None, :]))
 
 
-def _scaled(matrix: Array, covariance: Array) -> Array:
+def _scaled(matrix: Floats, covariance: Floats) -> Floats:
     """Covariance (3n, 3n) of the means of all poses in the unit of the input."""
     if covariance.ndim == 3:
         return spread_out(matrix @ covariance @ matrix.T)
     scale = np.kron(np.eye(len(covariance) // 3), matrix)
-    return np.asarray(scale @ covariance @ scale.T)
+    return scale @ covariance @ scale.T
 
 
-def spread_out(blocks: Array) -> Array:
+def spread_out(blocks: Floats) -> Floats:
     """Blocks (n, 3, 3) on the diagonal of a (3n, 3n) matrix. Source: none; poses are independent."""
     rows = np.zeros((3 * len(blocks), 3 * len(blocks)))
     for place, block in enumerate(blocks):
@@ -213,7 +212,7 @@ def spread_out(blocks: Array) -> Array:
     return rows
 
 
-def _chi_square(residual: Array, operator: Array, design: Array, rows: Array) -> float:
+def _chi_square(residual: Floats, operator: Floats, design: Floats, rows: Floats) -> float:
     """Of the residuals of an unweighted fit: their own covariance is singular, so by its pseudo-inverse."""
     left = np.kron(np.eye(len(residual)) - design @ operator, np.eye(3))
     vector = residual.ravel()
@@ -225,10 +224,10 @@ def _chi_square(residual: Array, operator: Array, design: Array, rows: Array) ->
     return float(np.sum((vectors.T @ vector) ** 2 / values))
 
 
-def _parameters(operator: Array, rows: Array, poses: int) -> Array:
+def _parameters(operator: Floats, rows: Floats, poses: int) -> Floats:
     """Covariance (12, 12) of K row by row and the bias, from that of the row equations, pose by pose x, y, z."""
     weights = np.zeros((12, 3 * poses))
     for sensor in range(3):
         weights[3 * sensor : 3 * sensor + 3, sensor::3] = operator[:3]
         weights[9 + sensor, sensor::3] = operator[3]
-    return np.asarray(weights @ rows @ weights.T)
+    return weights @ rows @ weights.T

@@ -8,7 +8,7 @@ Source: IEEE Std 952-1997 annex C (noise terms); GNC-module paper section 5.1 3)
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from bench.analysis import (
     Analysis,
+    Document,
     Estimates,
     Evidence,
     Figure,
@@ -26,6 +27,7 @@ from bench.analysis import (
     curve,
     estimate,
     with_uncertainty,
+    worded_table,
 )
 from bench.maths.allan import AllanDeviation, allan_deviation
 from bench.maths.allan_terms import GYRO_TERMS, UNITS, NoiseTerms, allan_variance_of, fit_noise_terms
@@ -39,7 +41,7 @@ from bench.systems.gnc.estimators.bias_stability import (
 )
 from bench.systems.gnc.estimators.clocks import SampleStamps, sample_stamps
 from bench.systems.gnc.estimators.sample_checks import frozen_runs
-from bench.systems.gnc.wording import channel_name, headers_of, kind_name, quantity_word, say
+from bench.systems.gnc.wording import channel_name, kind_name, quantity_word, say
 
 METHODS: tuple[str, ...] = ("allan",)
 _FEWEST_MEANS = 30  # of 10 s, for their scatter to be stated
@@ -96,7 +98,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="bias_log",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=entries,
         evidence=[check for sensor in sensors for check in _evidence(sensor)],
         notes=_notes(sensors, stamps),
@@ -105,7 +107,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     )
 
 
-def _resting(column: Mapping[str, Any], values: Floats, t_s: Floats, stamps: SampleStamps) -> Resting:
+def _resting(column: Document, values: Floats, t_s: Floats, stamps: SampleStamps) -> Resting:
     steps = np.ones(len(values), np.int64)
     steps[stamps.breaks] = np.rint(np.diff(t_s)[stamps.breaks - 1] * stamps.rate_Hz).astype(np.int64)
     samples = on_the_counter(np.cumsum(steps), values)
@@ -219,8 +221,8 @@ def _table(sensors: Sequence[Resting], entries: Estimates) -> Table:
         scatter = f"{np.nanstd(sensor.samples, ddof=1):.4g} {sensor.unit}"
         rows.append([sensor.name, scatter, *(own.get(name, "–") for name in names)])
     of_quantities = [say("in_unit", quantity=quantity_word(quantity), unit=unit) for quantity, unit in names]
-    headers = [*headers_of("resting", "sensor", "sample"), *of_quantities]
-    return Table(say("resting.title"), say("resting.caption"), headers, rows, lead=True)
+    headers = [*say.heads("resting", "sensor", "sample"), *of_quantities]
+    return worded_table(say, "resting", headers, rows, lead=True)
 
 
 def _figures(sensors: Sequence[Resting]) -> list[Figure]:

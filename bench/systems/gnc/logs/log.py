@@ -11,12 +11,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from scipy import special
 
-from bench.analysis import Estimate, Evidence, Floats, Material
+from bench.analysis import Document, Estimate, Evidence, Floats, Material
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.multi_position import NormFit
@@ -44,9 +43,9 @@ class ImuLog:
     gyro_unit: str
     gravity: float
     rate_Hz: float
-    segments: tuple[Mapping[str, Any], ...]
+    segments: tuple[Document, ...]
 
-    def rows(self, segment: Mapping[str, Any]) -> slice:
+    def rows(self, segment: Document) -> slice:
         """Return rows of a segment; its last one is included."""
         return slice(int(segment["first"]), int(segment["last"]) + 1)
 
@@ -215,4 +214,4 @@ def _odd_rest(fit: NormFit, jacobian: Floats) -> Evidence | None:
 
 
 def _expanded(fit: NormFit) -> Floats:
-    return np.asarray(coverage_factor(fit.dof) * np.maximum(np.sqrt(fit.covariance.diagonal()), _SMALLEST))
+    return coverage_factor(fit.dof) * np.maximum(np.sqrt(fit.covariance.diagonal()), _SMALLEST)

@@ -24,7 +24,7 @@ from bench.systems.gnc.estimators.magnetometer.plane import ELLIPSE, PlaneCompar
 from bench.systems.gnc.field_evidence import shown_unit, surface_evidence
 from bench.systems.gnc.magnetometer import Sphere, noise_notes, sphere_of
 from bench.systems.gnc.rows import AXES
-from bench.systems.gnc.wording import headers_of, say
+from bench.systems.gnc.wording import say
 
 METHODS: tuple[str, ...] = ("ellipsoid", "turn_about_z")
 _FLAT = 0.5  # of the smaller width of x and y: readings of z that are wider are no turn about z
@@ -48,7 +48,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="magnetometer_log",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=sphere.estimates,
         evidence=sphere.evidence,
         notes=[
@@ -94,7 +94,7 @@ def _turn(material: Material, field: Floats, unit: str, sphere: Sphere) -> Analy
     return Analysis(
         campaign="magnetometer_log",
         method=METHODS[1],
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=entries,
         evidence=_turn_evidence(fit, field, unit),
         notes=[
@@ -120,7 +120,7 @@ def _turn_table(fit: PlaneComparison, unit: str) -> Table:
         [text, *value_and_uncertainty(by * value, by * coverage_factor(dof) * std)]
         for text, by, value, std, dof in zip(names, factors, found.values, found.std, found.dof, strict=True)
     ]
-    headers = headers_of("log.turn", "parameter", "value", "U")
+    headers = say.heads("log.turn", "parameter", "value", "U")
     return Table(say("log.turn.title"), "", headers, rows, lead=True)
 
 

@@ -27,7 +27,7 @@ from bench.systems.gnc.estimators.multi_position import NormFit, fit_multi_posit
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, static_intervals
 from bench.systems.gnc.logs.log import ImuLog, imu_log, of_rests, stuck_sensors
 from bench.systems.gnc.rows import AXES, STANDARD_GRAVITY_M_S2
-from bench.systems.gnc.wording import headers_of, say
+from bench.systems.gnc.wording import say
 
 METHODS: tuple[str, ...] = ("norm",)
 INITIAL_s = 30.0  # of rest at the begin of a log; the public method asks for 30 s to 50 s
@@ -48,7 +48,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="imu_multi_position",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=_estimates(fit, unit, log, _held_out(means, gravity)),
         notes=_notes(log, rests),
         tables=[_table(fit, unit), _rest_table(rests, log)],
@@ -128,7 +128,7 @@ def _table(fit: NormFit, unit: str) -> Table:
         zero = value_and_uncertainty(fit.zero[k], factor * fit.zero_std[k])
         rows.append([axis, *output, *zero, *(float(value) for value in fit.matrix[k])])
     caption = say("poses.caption", rms=fit.residual_rms, unit=unit, rests=len(fit.residual), times=fit.amplification)
-    heads = headers_of("poses", "output_wide", "zero", "zero_wide")
+    heads = say.heads("poses", "output_wide", "zero", "zero_wide")
     headers = [say("matrix.head.axis"), say("poses.head.output", unit=unit), *heads, *(f"U {axis}" for axis in AXES)]
     return Table(say("poses.title"), caption, headers, rows, lead=True)
 
@@ -136,7 +136,7 @@ def _table(fit: NormFit, unit: str) -> Table:
 def _rest_table(rests: StaticIntervals, log: ImuLog) -> Table:
     lengths = (rests.end - rests.begin) / log.rate_Hz
     row = [len(lengths), float(lengths.min()), float(np.median(lengths)), float(lengths.max())]
-    headers = headers_of("rests", "intervals", "shortest", "median", "longest")
+    headers = say.heads("rests", "intervals", "shortest", "median", "longest")
     return Table(say("rests.title"), "", headers, [row])
 
 

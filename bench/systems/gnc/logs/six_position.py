@@ -5,13 +5,11 @@ Source: GNC-module paper equation (2) with its column of ones; Ferraris, Grimald
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from bench.analysis import (
     Analysis,
+    Document,
     Estimates,
     Evidence,
     Floats,
@@ -62,7 +60,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="imu_six_position",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=estimates,
         notes=[
             *no_result(missing),
@@ -77,8 +75,8 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
 
 def _evidence(
     log: ImuLog,
-    positions: list[Mapping[str, Any]],
-    rotations: list[Mapping[str, Any]],
+    positions: list[Document],
+    rotations: list[Document],
     accelerometer: TriadFit,
     gyro: TriadFit | None,
 ) -> list[Evidence]:
@@ -95,7 +93,7 @@ def _force_unit(log: ImuLog) -> str:
     return "g" if log.accel_unit == "g" else "m/s2"
 
 
-def _accelerometer(log: ImuLog, positions: list[Mapping[str, Any]]) -> TriadFit:
+def _accelerometer(log: ImuLog, positions: list[Document]) -> TriadFit:
     means = np.stack([log.accel[log.rows(stretch)].mean(axis=0) for stretch in positions])
     size = log.gravity / STANDARD_GRAVITY_M_S2 if log.accel_unit == "g" else log.gravity
     force = np.stack([size * _direction(str(stretch["up"])) for stretch in positions])
@@ -108,9 +106,7 @@ def _direction(up: str) -> Floats:
     return direction
 
 
-def _gyro(
-    log: ImuLog, positions: list[Mapping[str, Any]], rotations: list[Mapping[str, Any]], missing: list[str]
-) -> TriadFit | None:
+def _gyro(log: ImuLog, positions: list[Document], rotations: list[Document], missing: list[str]) -> TriadFit | None:
     if log.gyro is None:
         missing.append(say("missing.no_gyros"))
         return None
@@ -131,7 +127,7 @@ def _gyro(
         return None
 
 
-def _record(log: ImuLog, gyro: Floats, segment: Mapping[str, Any]) -> RotationRecord:
+def _record(log: ImuLog, gyro: Floats, segment: Document) -> RotationRecord:
     rows = log.rows(segment)
     numbers = np.arange(rows.start, rows.stop, dtype=np.int64)
     time_s = log.t_s[rows] - log.t_s[rows.start]

@@ -27,6 +27,7 @@ from bench.analysis import (
     no_result,
     number,
     with_uncertainty,
+    worded_table,
 )
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
@@ -53,7 +54,7 @@ from bench.systems.gnc.estimators.rest_drift import (
 from bench.systems.gnc.estimators.static_intervals import MULTIPLE, StaticIntervals, STEADY_deg_s, find_rests
 from bench.systems.gnc.logs.log import ImuLog, imu_log, stuck_sensors, wide_sizes
 from bench.systems.gnc.rows import STANDARD_GRAVITY_M_S2
-from bench.systems.gnc.wording import headers_of, quantity_word, refused, say
+from bench.systems.gnc.wording import quantity_word, refused, say
 
 _WALK = math.degrees(1.0) * 60.0  # rad/sqrt(s) in deg/sqrt(h)
 _CLASS_OF = {"gyro_drift": "gyro_deg_h", "angle_random_walk": "walk_deg_rt_h", "accelerometer_drift": "accel_mg"}
@@ -213,8 +214,8 @@ def _rest_table(drifts: list[RestDrift]) -> Table:
         ]
         for d in drifts
     ]
-    headers = headers_of("drift", "over", "stretches", "attitude", "walk", "velocity", "distance")
-    return Table(say("drift.title"), say("drift.caption"), headers, rows, lead=True)
+    headers = say.heads("drift", "over", "stretches", "attitude", "walk", "velocity", "distance")
+    return worded_table(say, "drift", headers, rows, lead=True)
 
 
 def _rms_text(drift: RestDrift, value: float) -> str:
@@ -233,16 +234,16 @@ def _class_table(rates: Estimates) -> Table:
              _class_name(str(rate["conditions"]["sensor_class"])), *bounds]
         )  # fmt: skip
     reach = [say("class.up_to", name=_class_name(sensor_class.name)) for sensor_class in CLASSES]
-    headers = [*headers_of("class", "figure", "unit", "found", "class"), *reach]
-    return Table(say("class.title"), say("class.caption"), headers, rows, lead=True)
+    headers = [*say.heads("class", "figure", "unit", "found", "class"), *reach]
+    return worded_table(say, "class", headers, rows, lead=True)
 
 
 def _between_table(between: BetweenRests) -> Table:
     speed = np.linalg.norm(between.velocity_error_m_s, axis=1)
     columns = (between.bias_s, between.motion_s, between.tilted_deg, between.level_error_deg, speed)
     rows = [[int(rest) + 1, *(float(column[k]) for column in columns)] for k, rest in enumerate(between.rest)]
-    headers = headers_of("between", "rest", "length", "motion", "tipped", "level", "velocity")
-    return Table(say("between.title"), say("between.caption"), headers, rows)
+    headers = say.heads("between", "rest", "length", "motion", "tipped", "level", "velocity")
+    return worded_table(say, "between", headers, rows)
 
 
 def figures_of(result: Found) -> list[Figure]:
@@ -288,7 +289,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="imu_strapdown",
         method=result.method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=entries,
         notes=notes_of(result),
         missing=list(result.missing),

@@ -13,11 +13,11 @@ from __future__ import annotations
 import json
 import re
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
-from bench.analysis import UNIT, Analysis, Estimates, Material, Table, check_method, estimate
+from bench.analysis import UNIT, Analysis, Document, Estimates, Material, Table, check_method, estimate, worded_table
 from bench.model.errors import FitError
 from bench.systems.gnc.limits import table_3
 from bench.systems.gnc.unit_test.units import (
@@ -30,7 +30,7 @@ from bench.systems.gnc.unit_test.units import (
     UnitResult,
     unit_results,
 )
-from bench.systems.gnc.wording import headers_of, kind_name, quantity_name, say
+from bench.systems.gnc.wording import kind_name, quantity_name, say
 
 METHODS: tuple[str, ...] = ("exchanges",)
 
@@ -58,10 +58,10 @@ def unit_table(units: Sequence[UnitResult], offset_s: float | None) -> Table:
         failed = [title_of(item.item) for item in unit.all if item.verdict == "fail"]
         rows.append([unit.unit, *times, len(unit.wrong), say.listed(failed or ["–"]), _verdict(unit.verdict)])
     clock = "s" if offset_s is None else "UTC"
-    begin, end = (say(f"units.head.{name}", clock=clock) for name in ("start", "end"))
-    elapsed, *others = headers_of("units", "elapsed", "wrong", "failed", "verdict")
+    begin, end = say.heads("units", "start", "end", clock=clock)
+    elapsed, *others = say.heads("units", "elapsed", "wrong", "failed", "verdict")
     headers = [say("units.head.unit"), begin, elapsed, end, *others]
-    return Table(say("units.title"), say("units.caption"), headers, rows, prose=True, lead=True)
+    return worded_table(say, "units", headers, rows, prose=True, lead=True)
 
 
 def _moment(at_s: float, offset_s: float | None) -> str:
@@ -79,7 +79,7 @@ def item_table(units: Sequence[UnitResult]) -> Table:
         by_item = {item.item: _verdict(item.verdict) for item in unit.all}
         rows.append([unit.unit, *(by_item.get(name, _verdict("not tested")) for name in names)])
     headers = [say("units.head.unit"), *map(title_of, names)]
-    return Table(say("table1.title"), say("table1.caption"), headers, rows, prose=True, lead=True)
+    return worded_table(say, "table1", headers, rows, prose=True, lead=True)
 
 
 def measured_table(units: Sequence[UnitResult]) -> list[Table]:
@@ -104,8 +104,8 @@ def measured_table(units: Sequence[UnitResult]) -> list[Table]:
         ]
         for (quantity, place, unit), members in values.items()
     ]
-    headers = headers_of("measured", "quantity", "of", "values", "lowest", "highest", "unit", "limit")
-    return [Table(say("measured.title"), say("measured.caption"), headers, rows)] if rows else []
+    headers = say.heads("measured", "quantity", "of", "values", "lowest", "highest", "unit", "limit")
+    return [worded_table(say, "measured", headers, rows)] if rows else []
 
 
 def wrong_table(units: Sequence[UnitResult]) -> list[Table]:
@@ -120,7 +120,7 @@ def wrong_table(units: Sequence[UnitResult]) -> list[Table]:
         return []
     more = len(rows) - _MOST_WRONG
     caption = say("wrong.caption_more", more=more) if more > 0 else say("wrong.caption")
-    headers = headers_of("wrong", "unit", "item", "what", "sent", "expected", "received")
+    headers = say.heads("wrong", "unit", "item", "what", "sent", "expected", "received")
     return [Table(say("wrong.title"), caption, headers, rows[:_MOST_WRONG], prose=True, lead=True)]
 
 
@@ -128,7 +128,7 @@ def _verdict(text: str) -> str:
     return say(f"verdict.{text.replace(' ', '_')}")
 
 
-def _place(conditions: Mapping[str, Any]) -> str:
+def _place(conditions: Document) -> str:
     """Return conditions as people say them: ``supply``, ``accelerometer``, ``0.5 ms``; a dash for none."""
     said = (
         kind_name(value) if isinstance(value, str) else say(f"measured.{name}", value=value)
@@ -215,7 +215,7 @@ def _log(unit: str, item: ItemResult, offset_s: float | None) -> str:
     return "\n".join([*lines, *(f"remark   {remark}" for remark in item.findings.remarks)]) + "\n"
 
 
-def _stamp(times: Mapping[str, Any], name: str) -> str:
+def _stamp(times: Document, name: str) -> str:
     utc = times.get(f"{name}_utc")
     return f"{times[f'{name}_s']:.3f} s" + (f"  {utc}" if utc else "")
 
@@ -224,7 +224,7 @@ def _utc(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%S.%f")[:-3] + "Z"
 
 
-def _json(document: Mapping[str, Any]) -> str:
+def _json(document: Document) -> str:
     return json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False, sort_keys=True) + "\n"
 
 
@@ -247,7 +247,7 @@ def analyse(material: Material, method: str = METHODS[0]) -> Analysis:
     return Analysis(
         campaign="gnc_unit_test",
         method=method,
-        uut=dict(material.campaign["uut"]),
+        uut=material.campaign["uut"],
         estimates=estimates,
         notes=_notes(units),
         missing=_missing(units),

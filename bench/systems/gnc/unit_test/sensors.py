@@ -12,9 +12,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
 
-from bench.analysis import GivenValue, Reading
+from bench.analysis import Document, GivenValue, Reading
 from bench.model.units import plain_quantity
 from bench.systems.gnc.estimators.sensor_noise import expected_range
 from bench.systems.gnc.limits import Limits
@@ -37,7 +36,7 @@ _MEASURED = {"measure_voltage": ("supply_voltage", "V"), "measure_current": ("su
 _SENT = say("static.question")
 
 
-def judge_imu(answers: Sequence[Answer], limits: Limits, imu: Mapping[str, Any]) -> Findings:
+def judge_imu(answers: Sequence[Answer], limits: Limits, imu: Document) -> Findings:
     """Ten values of a module at rest: rates small, 1 g in all, temperatures possible; nothing frozen or saturated."""
     findings = Findings()
     ranges = {"gyro": float(imu.get("gyro_range_deg_s", 400.0)), "accel": float(imu.get("accel_range_g", 50.0))}
@@ -60,7 +59,7 @@ def judge_imu(answers: Sequence[Answer], limits: Limits, imu: Mapping[str, Any])
     return findings
 
 
-def _noise(fields: Mapping[str, Any], kind: str) -> list[float]:
+def _noise(fields: Document, kind: str) -> list[float]:
     """Return the standard uncertainty of each mean, by the span of its samples."""
     spans, samples = zip(fields[f"{kind}_low"], fields[f"{kind}_high"], strict=True), fields["samples"]
     if samples < 2:
@@ -93,7 +92,7 @@ def _alive(answer: Answer, kind: str, reach: float, findings: Findings) -> None:
         findings.expect(not saturated, answer, say("imu.saturated", sensor=sensor), due_text, span)
 
 
-def judge_gps(answers: Sequence[Answer], limits: Limits, site: Mapping[str, Any]) -> Findings:
+def judge_gps(answers: Sequence[Answer], limits: Limits, site: Document) -> Findings:
     """A fix in three dimensions, satellites enough, and a position that can be that of the bench.
 
     The position of one fix may be off by five times the 1-sigma figures of table 3: enough to tell a receiver that
@@ -115,7 +114,7 @@ def judge_gps(answers: Sequence[Answer], limits: Limits, site: Mapping[str, Any]
     return findings
 
 
-def _place(answer: Answer, limits: Limits, site: Mapping[str, Any], findings: Findings) -> None:
+def _place(answer: Answer, limits: Limits, site: Document, findings: Findings) -> None:
     """Against the site as far as the sequence states it; a coordinate it does not state must only be one on Earth."""
     reach_m = _SIGMAS * limits["horizontal_error"]
     latitude, longitude = answer.fields["latitude"], answer.fields["longitude"]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from bench.analysis import Material, Reading
+from bench.analysis import Document, Material, Reading
 from bench.systems.gnc.limits import Limits, limits_of
 from bench.systems.gnc.unit_test.answers import Answer, Findings, Wrong, answers_of
 from bench.systems.gnc.unit_test.processor import (
@@ -134,7 +134,7 @@ def _static(given: Sequence[GivenValue], limits: Limits) -> ItemResult:
     return ItemResult(STATIC, judge_static(given, limits), len(given), *times_s)
 
 
-def unit_of(conditions: Mapping[str, Any], default: str) -> str:
+def unit_of(conditions: Document, default: str) -> str:
     """Serial number of the unit that a step was about."""
     return str(conditions.get("unit", default))
 

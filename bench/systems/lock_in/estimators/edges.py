@@ -11,10 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bench.maths.arrays import Flags, Integers
 from bench.model.errors import FitError
-
-Int64 = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -31,15 +29,15 @@ class EdgeLevels:
         repaired: single edges lost in a run of one direction; their level was left out, so the count is right.
     """
 
-    tick: Int64
+    tick: Integers
     level: NDArray[np.int32]
     direction: NDArray[np.int8]
-    suspect: Bool
-    breaks: Int64
+    suspect: Flags
+    breaks: Integers
     repaired: int
 
 
-def edge_levels(tick: Int64, rising: ArrayLike, cosine: ArrayLike) -> EdgeLevels:
+def edge_levels(tick: Integers, rising: ArrayLike, cosine: ArrayLike) -> EdgeLevels:
     """Count the levels that the phase passes.
 
     Args:    tick: time stamps of the edges of the sine, (m,), in order.   rising: (m,), its level behind the edge.
@@ -79,7 +77,7 @@ def edge_levels(tick: Int64, rising: ArrayLike, cosine: ArrayLike) -> EdgeLevels
     return EdgeLevels(tick, level, direction, suspect, breaks, int(lost.sum()))
 
 
-def _pairs_and_breaks(torn: Int64) -> tuple[Int64, Int64]:
+def _pairs_and_breaks(torn: Integers) -> tuple[Integers, Integers]:
     """Return first edges of pairs that changed places, and edges behind a loss at a turnaround.
 
     A pair that changed places, at edges i + 1 and i + 2, leaves two doubtful steps: i to i + 1 and i + 2 to i + 3.

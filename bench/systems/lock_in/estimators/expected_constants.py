@@ -13,8 +13,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.global_constants import (
     Constants,
@@ -26,7 +26,6 @@ from bench.systems.lock_in.estimators.global_constants import (
 from bench.systems.lock_in.estimators.single_turnarounds import DitherMotion, jumps_of, lock_in_shapes
 from bench.systems.lock_in.estimators.turnarounds import CROSSINGS, GRAZING_rad, Jumps, Turnarounds
 
-Array = NDArray[np.float64]
 _PHASES = 64  # at which the dither turns round, over a turn
 _ROUNDS = 4  # in which lock-in moves the crossings to where they are
 _SMALL_rad = 1e-5  # of one crossing, to see how the jump goes with it
@@ -94,7 +93,7 @@ def expected_constants(laser: NominalLaser, turnarounds: int) -> GlobalConstants
     )
 
 
-def expected_turnarounds(laser: NominalLaser) -> tuple[Array, DitherMotion]:
+def expected_turnarounds(laser: NominalLaser) -> tuple[Floats, DitherMotion]:
     """Return times of the crossings, (u, k), about turnarounds of both senses and all phases, and the motion.
 
     Raises:  FitError B-FIT-097 if the dither has not 16 crossings on each side of a turnaround.
@@ -116,21 +115,21 @@ def expected_turnarounds(laser: NominalLaser) -> tuple[Array, DitherMotion]:
     return np.hstack((-after[:, ::-1], after)), DitherMotion(coefficients, sign, laser.omega_rad_s, 0.0)
 
 
-def covariance_of_walk(laser: NominalLaser, time_s: Array) -> Array:
+def covariance_of_walk(laser: NominalLaser, time_s: Floats) -> Floats:
     """Return covariance of the random walk at the crossings, less its value at the first, (u, k, k), rad^2.
 
     Args:    time_s: of the crossings, (u, k).
     Source:  definition of a random walk.
     """
     since = time_s - time_s[:, :1]
-    return np.asarray(laser.walk_rad_rt_s**2 * np.minimum(since[:, :, None], since[:, None, :]))
+    return laser.walk_rad_rt_s**2 * np.minimum(since[:, :, None], since[:, None, :])
 
 
-def _noise(laser: NominalLaser, time_s: Array) -> Array:
+def _noise(laser: NominalLaser, time_s: Floats) -> Floats:
     """Covariance of the phases at the crossings beside a constant, (u, k, k), rad^2."""
     walk = covariance_of_walk(laser, time_s)
     step_rad = laser.rate_rad_s * np.sin(laser.omega_rad_s * time_s) * laser.tick_s / math.sqrt(12.0)
-    return np.asarray(walk + np.square(step_rad)[:, :, None] * np.eye(time_s.shape[1]))
+    return walk + np.square(step_rad)[:, :, None] * np.eye(time_s.shape[1])
 
 
 @dataclass(frozen=True)
@@ -165,7 +164,7 @@ def expected_output(laser: NominalLaser, compensator: Callable[[Turnarounds], Ju
     return ExpectedOutput(math.sqrt(behind / half_s), common**2 / (raw * behind))
 
 
-def _turns(laser: NominalLaser) -> tuple[Turnarounds, Array]:
+def _turns(laser: NominalLaser) -> tuple[Turnarounds, Floats]:
     """Return turnarounds with their crossings where lock-in puts them, and the jumps, (u,)."""
     time_s, motion = expected_turnarounds(laser)
     constants = laser.kappa_rad_s * np.array([[math.cos(laser.beta_rad), math.sin(laser.beta_rad)]])
@@ -194,18 +193,18 @@ def _turns(laser: NominalLaser) -> tuple[Turnarounds, Array]:
     ), shapes.jump(constants)
 
 
-def _slope(turns: Turnarounds, compensator: Callable[[Turnarounds], Jumps], found: Array, place: int) -> Array:
+def _slope(turns: Turnarounds, compensator: Callable[[Turnarounds], Jumps], found: Floats, place: int) -> Floats:
     """Return by what the jumps go with the phase of one crossing, (u,)."""
     phase = turns.phase_rad.copy()
     phase[:, place] += _SMALL_rad
-    return np.asarray((compensator(replace(turns, phase_rad=phase)).dpsi_rad - found) / _SMALL_rad)
+    return (compensator(replace(turns, phase_rad=phase)).dpsi_rad - found) / _SMALL_rad
 
 
-def _rate(laser: NominalLaser, time_s: Array) -> Array:
-    return np.asarray(laser.rate_rad_s * np.sin(laser.omega_rad_s * time_s))
+def _rate(laser: NominalLaser, time_s: Floats) -> Floats:
+    return laser.rate_rad_s * np.sin(laser.omega_rad_s * time_s)
 
 
-def _centred(jump: Array, sign: NDArray[np.int64]) -> Array:
+def _centred(jump: Floats, sign: Integers) -> Floats:
     """Return jumps less the mean of their sense, which is a rate, (u,)."""
     mean = [float(np.mean(jump[sign == sense])) for sense in (-1, 1)]
-    return np.asarray(jump - np.where(sign < 0, *mean))
+    return jump - np.where(sign < 0, *mean)

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.single_turnarounds import (
     DitherMotion,
@@ -17,9 +17,6 @@ from bench.systems.lock_in.estimators.single_turnarounds import (
     stepped_motion,
 )
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, spread
-
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 
 _ROUNDS = 5
 _FEWEST = 50  # turnarounds that two constants are taken from
@@ -45,18 +42,18 @@ class GlobalConstants:
     kappa_std_rad_s: float
     beta_rad: float
     beta_std_rad: float
-    block_time_s: Array
-    block_kappa_rad_s: Array
-    block_kappa_std_rad_s: Array
-    block_beta_rad: Array
-    block_beta_std_rad: Array
-    residual_jump_rad: Array
-    score: Array
-    information: Array
-    followed: Array
+    block_time_s: Floats
+    block_kappa_rad_s: Floats
+    block_kappa_std_rad_s: Floats
+    block_beta_rad: Floats
+    block_beta_std_rad: Floats
+    residual_jump_rad: Floats
+    score: Floats
+    information: Floats
+    followed: Floats
 
     @property
-    def score_of_whole(self) -> Array:
+    def score_of_whole(self) -> Floats:
         """Return what each usable turnaround says against the constants of the whole stretch, (u, 2)."""
         return np.asarray(self.score + np.einsum("upq,uq->up", self.information, self.followed))
 
@@ -65,10 +62,10 @@ class GlobalConstants:
 class Constants:
     """kc, ks and their covariance, of each block: (b, 2), (b, 2, 2)."""
 
-    value: Array
-    covariance: Array
+    value: Floats
+    covariance: Floats
 
-    def polar(self) -> tuple[Array, Array, Array, Array]:
+    def polar(self) -> tuple[Floats, Floats, Floats, Floats]:
         """kappa, its uncertainty, beta, its uncertainty, (b,) each."""
         kappa = np.hypot(self.value[:, 0], self.value[:, 1])
         along = self.value / kappa[:, None]
@@ -81,7 +78,7 @@ class Constants:
 class Projection:
     """Takes the dither (constant and two columns of each turnaround) out of values at crossings ``time_s``, (u, k)."""
 
-    def __init__(self, time_s: Array, omega_rad_s: float) -> None:
+    def __init__(self, time_s: Floats, omega_rad_s: float) -> None:
         columns = np.concatenate((np.ones((*time_s.shape, 1)), dither_columns(time_s, omega_rad_s)), axis=-1)
         self.columns = columns
         self.across = columns.transpose(0, 2, 1)
@@ -90,13 +87,13 @@ class Projection:
         inverse = np.linalg.inv(unit.transpose(0, 2, 1) @ unit)
         self.inverse = scale[:, :, None] * inverse * scale[:, None, :]
 
-    def solve(self, values: Array) -> Array:
+    def solve(self, values: Floats) -> Floats:
         """Return coefficients of the columns, (u, 3, r), of values (u, k, r)."""
         return np.asarray(self.inverse @ (self.across @ values))
 
-    def residual(self, values: Array) -> Array:
+    def residual(self, values: Floats) -> Floats:
         """Return values without what the columns explain, (u, k, r)."""
-        return np.asarray(values - self.columns @ self.solve(values))
+        return values - self.columns @ self.solve(values)
 
 
 def global_constants(turns: Turnarounds, block_s: float = 5.0) -> GlobalConstants:
@@ -159,14 +156,14 @@ class _Settled:
 
     projection: Projection
     motion: DitherMotion
-    projected: Array
-    step: Array
-    left: Array
-    local: Array
+    projected: Floats
+    step: Floats
+    left: Floats
+    local: Floats
 
 
 def _settled(
-    turns: Turnarounds, constants_of: Callable[[Array], Constants], middle_s: Array, when_s: Array
+    turns: Turnarounds, constants_of: Callable[[Floats], Constants], middle_s: Floats, when_s: Floats
 ) -> _Settled:
     """Shapes, constants and local dithers by turns until they settle."""
     time_s, phase = turns.inner(turns.crossings)
@@ -185,7 +182,7 @@ def _settled(
     return _Settled(projection, motion, both, step, left, local)
 
 
-def _blocks(turns: Turnarounds, block_s: float) -> tuple[Int64, Array, Array]:
+def _blocks(turns: Turnarounds, block_s: float) -> tuple[Integers, Floats, Floats]:
     """Block of each usable turnaround, (u,), middle of each block, (b,), and time of each turnaround, (u,), second."""
     tick = turns.reference_tick[turns.usable]
     when_s = (tick - tick[0]) / turns.clock_Hz
@@ -195,7 +192,7 @@ def _blocks(turns: Turnarounds, block_s: float) -> tuple[Int64, Array, Array]:
     return np.asarray(block), np.asarray(middle_s), np.asarray(when_s)
 
 
-def _constants(projected: Array, block: Int64, count: int) -> Constants:
+def _constants(projected: Floats, block: Integers, count: int) -> Constants:
     """Constants of each block from projected columns and phases, (u, k, 3)."""
     lock_in, values = projected[:, :, :2], projected[:, :, 2]
     normal = np.zeros((count, 2, 2))
@@ -210,7 +207,7 @@ def _constants(projected: Array, block: Int64, count: int) -> Constants:
     return Constants(np.asarray(value, np.float64), covariance_of(normal, scatter))
 
 
-def covariance_of(normal: Array, scatter: Array) -> Array:
+def covariance_of(normal: Floats, scatter: Floats) -> Floats:
     """Return covariance of least squares, (b, 2, 2), from normal matrices and what the scores scatter by, (b, 2, 2).
 
     Source:  Huber, Proc. 5th Berkeley Symp. 1 (1967) 221.
@@ -219,7 +216,7 @@ def covariance_of(normal: Array, scatter: Array) -> Array:
     return np.asarray(inverse @ scatter @ inverse, np.float64)
 
 
-def _between(value: Array, middle_s: Array, when_s: Array) -> Array:
+def _between(value: Floats, middle_s: Floats, when_s: Floats) -> Floats:
     """Constants at each turnaround, (u, 2), on straight lines between the middles of the blocks and on to the ends."""
     if middle_s.size > 1:
         middle_s = np.concatenate(([2.0 * middle_s[0] - middle_s[1]], middle_s, [2.0 * middle_s[-1] - middle_s[-2]]))
@@ -227,7 +224,7 @@ def _between(value: Array, middle_s: Array, when_s: Array) -> Array:
     return np.column_stack([np.interp(when_s, middle_s, column) for column in value.T])
 
 
-def _steps_left(projection: Projection, left: Array, time_s: Array, motion: DitherMotion) -> Array:
+def _steps_left(projection: Projection, left: Floats, time_s: Floats, motion: DitherMotion) -> Floats:
     """Step at the zero-rate instant that fits the residuals best, (u,), rad."""
     step = 0.5 * np.sign(time_s - motion.zero_rate_s[:, None])
     bare = projection.residual(step[:, :, None])[:, :, 0]

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from bench.maths.allan import (
     WHITE_RATE,
@@ -20,13 +20,12 @@ from bench.maths.allan import (
     degrees_of_freedom,
 )
 from bench.maths.allan_terms import allan_variance_of, fit_noise_terms
+from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.edges import EdgeLevels
 from bench.systems.lock_in.estimators.single_turnarounds import solve_rows
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, half_period_ticks
 
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 _ROUND = 4  # edges on each side of the pick-off's
 _PLACES = 16  # of the pick-off between two edges
 WAVELENGTH_m = 632.8e-9
@@ -47,12 +46,12 @@ class CycleIncrements:
     period; ``start`` (c,): the rising pick-off edge at which each begins.
     """
 
-    increment_rad: Array
+    increment_rad: Floats
     interval_s: float
-    start: Int64
+    start: Integers
 
 
-def net_angle(edges: EdgeLevels, pickoff_tick: Int64) -> Array:
+def net_angle(edges: EdgeLevels, pickoff_tick: Integers) -> Floats:
     """Phase at the edges of the pick-off: the latched count, and what the edges round it say of the rest of a turn.
 
     Two pieces of the dither's motion that meet at the pick-off's edge are put through the 4 edges before and the 4
@@ -84,7 +83,7 @@ def net_angle(edges: EdgeLevels, pickoff_tick: Int64) -> Array:
     return psi
 
 
-def _two_pieces(motion: Array) -> Array:
+def _two_pieces(motion: Floats) -> Floats:
     """Columns of the phase round the pick-off's edge, (..., 2 _ROUND, 4), by the dither's motion at the edges."""
     place = np.arange(2 * _ROUND)
     before, turn_about = place < _ROUND, np.broadcast_to(1.0 - 2.0 * (place % 2), motion.shape)
@@ -105,7 +104,7 @@ def expected_quantisation_deg(dither_deg_s: float, tick_s: float, pickoff_s: flo
     return float(dither_deg_s * np.sqrt((share * tick_s**2 / 12.0 + pickoff_s**2) / 2.0))
 
 
-def odd_steps(psi_rad: Array, pickoff_rising: ArrayLike, regular: ArrayLike) -> Int64:
+def odd_steps(psi_rad: Floats, pickoff_rising: ArrayLike, regular: ArrayLike) -> Integers:
     """Return half periods whose net phase is unlike that of their neighbours, as where the count lost a turn.
 
     A step of the phase from pick-off to pick-off is odd if it is off the median of the 11 round it by more than 12
@@ -129,7 +128,7 @@ def odd_steps(psi_rad: Array, pickoff_rising: ArrayLike, regular: ArrayLike) -> 
 
 
 def cycle_increments(
-    psi_rad: Array, pickoff_rising: ArrayLike, turns: Turnarounds, jumps: Jumps | None = None
+    psi_rad: Floats, pickoff_rising: ArrayLike, turns: Turnarounds, jumps: Jumps | None = None
 ) -> CycleIncrements:
     """Net phase of each dither period, less what a compensator says that lock-in added.
 
@@ -165,11 +164,11 @@ class RandomWalk:
     n_upper_deg_rth: float
     q_deg: float
     q_std_deg: float
-    tau_s: Array
-    deviation_deg_h: Array
-    low_deg_h: Array
-    high_deg_h: Array
-    fitted_deg_h: Array
+    tau_s: Floats
+    deviation_deg_h: Floats
+    low_deg_h: Floats
+    high_deg_h: Floats
+    fitted_deg_h: Floats
     chi2: float
     dof: int
 
@@ -202,7 +201,7 @@ def walk_of_phase_deg_rth(walk_rad_rt_s: float, path_length_m: float) -> float:
 
 
 def random_walk(
-    increment_rad: Array, interval_s: float, path_length_m: float, terms: Sequence[str] = TERMS
+    increment_rad: Floats, interval_s: float, path_length_m: float, terms: Sequence[str] = TERMS
 ) -> RandomWalk:
     """N and Q from the phase that each dither period adds, over averaging times of 5 periods to a 20th of the record.
 
@@ -218,7 +217,7 @@ def random_walk(
     return _walk_of(output_deviation(increment_rad, interval_s, path_length_m, terms), terms)
 
 
-def shared_variance(increment_rad: Array, other_rad: Array) -> float:
+def shared_variance(increment_rad: Floats, other_rad: Floats) -> float:
     """Return the squared correlation of two outputs of one record, which is the correlation of their Allan variances.
 
     Args:    increment_rad, other_rad: (c,), of ``cycle_increments`` of the same periods; NaN is a gap.
@@ -282,7 +281,7 @@ def _walk_of(curve: AllanDeviation, terms: Sequence[str]) -> RandomWalk:
 
 
 def output_deviation(
-    increment_rad: Array, interval_s: float, path_length_m: float, terms: Sequence[str] = TERMS
+    increment_rad: Floats, interval_s: float, path_length_m: float, terms: Sequence[str] = TERMS
 ) -> AllanDeviation:
     """Return the overlapping Allan deviation of an output, deg/h, as ``random_walk`` takes it.
 
@@ -340,7 +339,7 @@ def alignment_time_s(n_deg_rth: float, latitude_deg: float, error_deg: float) ->
     return float(3600.0 * (n_deg_rth / level) ** 2)
 
 
-def path_exponent(path_length_m: Array, n_deg_rth: Array, std_deg_rth: Array) -> tuple[float, float]:
+def path_exponent(path_length_m: Floats, n_deg_rth: Floats, std_deg_rth: Floats) -> tuple[float, float]:
     """Power of the path length that the random walk follows, and its standard uncertainty.
 
     Args:    path_length_m, n_deg_rth, std_deg_rth: (k,), at least two different path lengths.

@@ -19,19 +19,17 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, spread
 
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 _ROWS = 1000
 _FLOOR_rad = 1e-3  # of the noise of a crossing that a tagger's clock does not make
 _ROUNDS = 4  # each takes the error of the shapes down by the size of a lock-in error, 0.03 to 0.1
 
 
-def solve_rows(design: Array, values: Array, weight: Array | None = None) -> tuple[Array, Array]:
+def solve_rows(design: Floats, values: Floats, weight: Floats | None = None) -> tuple[Floats, Floats]:
     """Least squares of each row, by normal equations of columns of length one.
 
     Args:    design: (u, k, p).   values: (u, k).   weight: (u, k), of a residual (not of its square); None: all alike.
@@ -52,7 +50,7 @@ def solve_rows(design: Array, values: Array, weight: Array | None = None) -> tup
     return np.asarray(solution), np.asarray(values - (design @ solution[:, :, None])[:, :, 0])
 
 
-def rms(residual: Array) -> Array:
+def rms(residual: Floats) -> Floats:
     """Root mean square of each row, (u,).
 
     Source: definition.
@@ -68,44 +66,44 @@ class DitherMotion:
     ``omega_rad_s``: w.   ``rate_rad_s``: of the phase beside the dither, from the input rate.
     """
 
-    coefficients: Array
-    sign: Int64
+    coefficients: Floats
+    sign: Integers
     omega_rad_s: float
     rate_rad_s: float
 
-    def phase(self, time_s: Array) -> Array:
+    def phase(self, time_s: Floats) -> Floats:
         """Return phase at times (u, k), rad."""
         moving = np.einsum("ukp,up->uk", dither_columns(time_s, self.omega_rad_s), self.coefficients[:, 1:])
         return np.asarray(self.coefficients[:, :1] + moving + self.rate_rad_s * time_s)
 
     @cached_property
-    def zero_rate_s(self) -> Array:
+    def zero_rate_s(self) -> Floats:
         """Where the phase turns round, (u,): the dither's own instant, and what the input rate shifts it by."""
         omega = self.omega_rad_s
         cosine, sine = self.sign * self.coefficients[:, 1], -self.sign * self.coefficients[:, 2] * omega
         shift = -self.sign * self.rate_rad_s * omega / np.hypot(sine, cosine)
-        return np.asarray((np.arctan2(sine, cosine) + np.arcsin(np.clip(shift, -1.0, 1.0))) / omega)
+        return (np.arctan2(sine, cosine) + np.arcsin(np.clip(shift, -1.0, 1.0))) / omega
 
     @cached_property
-    def curvature_rad_s2(self) -> Array:
+    def curvature_rad_s2(self) -> Floats:
         """Size of the second derivative of the phase where it turns round, (u,)."""
         turn = self.omega_rad_s * self.zero_rate_s
         odd = self.coefficients[:, 2] * self.omega_rad_s
-        return np.asarray(self.sign * (self.coefficients[:, 1] * np.cos(turn) - odd * np.sin(turn)))
+        return self.sign * (self.coefficients[:, 1] * np.cos(turn) - odd * np.sin(turn))
 
     @cached_property
-    def psi0_rad(self) -> Array:
+    def psi0_rad(self) -> Floats:
         """Phase where it turns round, (u,)."""
         return self.phase(self.zero_rate_s[:, None])[:, 0]
 
-    def parabolic(self, time_s: Array) -> Array:
+    def parabolic(self, time_s: Floats) -> Floats:
         """Time x, (u, k), of which the phase is an exact parabola, psi0 + s a x^2 / 2."""
         risen = self.sign[:, None] * (self.phase(time_s) - self.psi0_rad[:, None])
         x = np.sqrt(2.0 * np.maximum(risen, 0.0) / self.curvature_rad_s2[:, None])
-        return np.asarray(np.copysign(x, time_s - self.zero_rate_s[:, None]))
+        return np.copysign(x, time_s - self.zero_rate_s[:, None])
 
 
-def dither_columns(time_s: Array, omega_rad_s: float) -> Array:
+def dither_columns(time_s: Floats, omega_rad_s: float) -> Floats:
     """Return columns (1 - cos w t) / w^2 and sin(w t) / w: with a constant they are any dither about any instant.
 
     Args:    time_s: (u, k).   omega_rad_s: of the dither.
@@ -125,22 +123,22 @@ class LockInShapes:
     ``sine_end``, ``cosine_end`` (u,): far behind the turnaround; far before it they are the negative.
     """
 
-    sine: Array
-    cosine: Array
-    sine_end: Array
-    cosine_end: Array
+    sine: Floats
+    cosine: Floats
+    sine_end: Floats
+    cosine_end: Floats
 
     @property
-    def columns(self) -> Array:
+    def columns(self) -> Floats:
         """Return what lock-in adds at the crossings per kc and ks, (u, k, 2)."""
         return -np.stack((self.sine, self.cosine), axis=-1)
 
-    def jump(self, constants: Array) -> Array:
+    def jump(self, constants: Floats) -> Floats:
         """Return what lock-in adds from far before to far behind by kc and ks, (u, 2): (u,), rad."""
-        return np.asarray(-2.0 * (constants[:, 0] * self.sine_end + constants[:, 1] * self.cosine_end))
+        return -2.0 * (constants[:, 0] * self.sine_end + constants[:, 1] * self.cosine_end)
 
 
-def lock_in_shapes(time_s: Array, motion: DitherMotion) -> LockInShapes:
+def lock_in_shapes(time_s: Floats, motion: DitherMotion) -> LockInShapes:
     """Integrals of sin(psi) and cos(psi) over time for psi = psi0 + s a x^2 / 2, to the first order of 1/A.
 
     Without an input rate x = (2 / w) sin(w (t - t0) / 2), so dt = dx / r with r = cos(w (t - t0) / 2); a rate adds
@@ -189,17 +187,17 @@ def parabolas(turns: Turnarounds, crossings: int = 4) -> Jumps:
     return Jumps("parabolas", *(spread(turns.usable, column) for column in columns))
 
 
-def _parabola(time_s: Array, phase: Array) -> tuple[Array, Array]:
+def _parabola(time_s: Floats, phase: Floats) -> tuple[Floats, Floats]:
     """Return coefficients (u, 3) and residuals of one side."""
     return solve_rows(np.stack((np.ones_like(time_s), time_s, time_s**2), axis=-1), phase)
 
 
-def _vertex(coefficients: Array) -> Array:
-    return np.asarray(-coefficients[:, 1] / (2.0 * coefficients[:, 2]))
+def _vertex(coefficients: Floats) -> Floats:
+    return -coefficients[:, 1] / (2.0 * coefficients[:, 2])
 
 
-def _value(coefficients: Array, time_s: Array) -> Array:
-    return np.asarray(coefficients[:, 0] + time_s * (coefficients[:, 1] + time_s * coefficients[:, 2]))
+def _value(coefficients: Floats, time_s: Floats) -> Floats:
+    return coefficients[:, 0] + time_s * (coefficients[:, 1] + time_s * coefficients[:, 2])
 
 
 def dither_shape(turns: Turnarounds, crossings: int = 4) -> Jumps:
@@ -214,7 +212,7 @@ def dither_shape(turns: Turnarounds, crossings: int = 4) -> Jumps:
     return jumps_of(name, turns.usable, step, motion, residual)
 
 
-def stepped_motion(turns: Turnarounds, crossings: int) -> tuple[Array, DitherMotion, Array]:
+def stepped_motion(turns: Turnarounds, crossings: int) -> tuple[Floats, DitherMotion, Floats]:
     """Step (u,), motion midway between both sides, and residuals (u, 2 crossings) of the usable turnarounds.
 
     Source: as ``dither_shape``.
@@ -230,7 +228,7 @@ def stepped_motion(turns: Turnarounds, crossings: int) -> tuple[Array, DitherMot
     return solved[:, 1], motion, residual
 
 
-def jumps_of(method: str, usable: NDArray[np.bool_], step: Array, motion: DitherMotion, residual: Array) -> Jumps:
+def jumps_of(method: str, usable: Flags, step: Floats, motion: DitherMotion, residual: Floats) -> Jumps:
     """Jumps from what was found of the usable turnarounds, (u,).
 
     Source: none; bookkeeping.

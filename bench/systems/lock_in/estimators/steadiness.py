@@ -22,10 +22,10 @@ from scipy import fft, special
 
 from bench.maths.allan import AllanDeviation
 from bench.maths.allan_terms import fit_noise_terms
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants
 from bench.systems.lock_in.estimators.random_walk import TERMS, EARTH_RATE_deg_h
 
-Array = NDArray[np.float64]
 _SLOWEST = 6  # coefficients of the cosine transform, three cycles of the record: below what the Allan deviation sees
 _BAND = 10  # part of all coefficients that random walk fills alone
 _ROUND = 50  # coefficients on each side of one, that it is held against
@@ -33,7 +33,6 @@ _HARMONICS = 3  # of the rounding error, whose powers fall with the square of th
 _BESIDE = 4  # pairs, by which the frequency of the dither is not known better
 _FEWEST = 200  # increments
 _PERIODS = 5  # in a sum, the shortest averaging time of the Allan deviation
-Int64 = NDArray[np.int64]
 _LAGS = 5
 _FEWEST_TURNAROUNDS = 20  # turnarounds of a group
 _UNKNOWN = 1e6  # condition of the two constants, if a group does not tell one of them
@@ -49,10 +48,10 @@ class Unsteady:
 
     probability: float
     figure: float
-    left: Array
+    left: Floats
 
 
-def wander(increment: Array) -> Unsteady:
+def wander(increment: Floats) -> Unsteady:
     """Return whether the rate drifts or wanders slowly: a ramp, a step, a bias that is not stable.
 
     Args:    increment: of successive periods, (c,), NaN in gaps; at least 200 are known.
@@ -66,7 +65,7 @@ def wander(increment: Array) -> Unsteady:
     return Unsteady(float(special.fdtrc(_SLOWEST, band.size, ratio)), ratio, _without(increment, known, wave))
 
 
-def line(increment: Array, ticks: float = 0.0) -> Unsteady:
+def line(increment: Floats, ticks: float = 0.0) -> Unsteady:
     """Return whether the rate swings at one frequency, as on a base that vibrates.
 
     Where a dither of steady frequency beats with the ticks of the clock, the rounding of the time stamps makes lines of
@@ -93,7 +92,7 @@ def line(increment: Array, ticks: float = 0.0) -> Unsteady:
     return Unsteady(probability, float(power[strongest] / near[strongest]), _without(increment, known, only))
 
 
-def change(increment: Array) -> tuple[float, float]:
+def change(increment: Floats) -> tuple[float, float]:
     """Return the probability of halves at least as unlike in size, and the scatter of the second over the first.
 
     Args:    increment: as of ``wander``.
@@ -108,7 +107,7 @@ def change(increment: Array) -> tuple[float, float]:
     return min(1.0, 2.0 * float(min(tails))), float(np.sqrt(ratio))
 
 
-def enough(increment: Array) -> bool:
+def enough(increment: Floats) -> bool:
     """Return whether there are increments enough to say anything.
 
     Source: none; bookkeeping.
@@ -116,20 +115,20 @@ def enough(increment: Array) -> bool:
     return int(np.isfinite(increment).sum()) >= _FEWEST
 
 
-def _beats(ticks: float, size: int) -> NDArray[np.bool_]:
+def _beats(ticks: float, size: int) -> Flags:
     """Return the pairs of coefficients next to a beat of dither and clock, (size,)."""
     beat = np.mod(ticks * np.arange(1, _HARMONICS + 1), 1.0)
     place = 2.0 * size * np.minimum(beat, 1.0 - beat)
-    near: NDArray[np.bool_] = np.abs(np.arange(size)[:, None] - place).min(axis=1) <= _BESIDE
+    near: Flags = np.abs(np.arange(size)[:, None] - place).min(axis=1) <= _BESIDE
     return near if ticks else np.zeros(size, np.bool_)
 
 
-def _waves(increment: Array) -> tuple[NDArray[np.bool_], Array]:
+def _waves(increment: Floats) -> tuple[Flags, Floats]:
     known = np.isfinite(increment)
     return known, np.asarray(fft.dct(increment[known] - increment[known].mean(), norm="ortho"))
 
 
-def _without(increment: Array, known: NDArray[np.bool_], wave: Array) -> Array:
+def _without(increment: Floats, known: Flags, wave: Floats) -> Floats:
     left = increment.copy()
     left[known] -= fft.idct(wave, norm="ortho")
     return left
@@ -150,7 +149,7 @@ class Constancy:
     turned: NDArray[np.complex128]
 
 
-def constancy(fit: GlobalConstants, group: Int64) -> Constancy:
+def constancy(fit: GlobalConstants, group: Integers) -> Constancy:
     """Return whether the constants differ between groups of the usable turnarounds.
 
     Args:    fit: with u usable turnarounds.   group: of each, (u,), 0 to G - 1.
@@ -196,14 +195,14 @@ def runs(fit: GlobalConstants) -> tuple[float, float]:
     return float(special.chdtrc(z.size, float(np.square(z).sum()))), float(factor.max())
 
 
-def parts_of(values: Array, count: int) -> Int64:
+def parts_of(values: Floats, count: int) -> Integers:
     """Return which of ``count`` parts of equal size each value is in, by its order, (n,).
 
     Source: definition of quantiles.
     """
     order = np.empty(values.size, np.int64)
     order[np.argsort(values, kind="stable")] = np.arange(values.size)
-    return np.asarray(order * count // values.size)
+    return order * count // values.size
 
 
 @dataclass(frozen=True)

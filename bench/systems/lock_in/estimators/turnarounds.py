@@ -9,14 +9,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.edges import EdgeLevels
-
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
-Bool = NDArray[np.bool_]
 
 CROSSINGS = 16  # used on each side of a turnaround
 GRAZING_rad = 0.01  # a phase that goes past a level by less crosses it too slowly for a comparator
@@ -41,14 +38,14 @@ class Turnarounds:
     clock_Hz: float
     omega_rad_s: float
     rate_rad_s: float
-    sign: Int64
-    regular: Bool
-    usable: Bool
-    grazing: Bool
-    reference_tick: Int64
-    level0: Int64
-    time_s: Array
-    phase_rad: Array
+    sign: Integers
+    regular: Flags
+    usable: Flags
+    grazing: Flags
+    reference_tick: Integers
+    level0: Integers
+    time_s: Floats
+    phase_rad: Floats
     counts: Mapping[str, int]
 
     @property
@@ -56,7 +53,7 @@ class Turnarounds:
         """M."""
         return int(self.time_s.shape[1] // 2)
 
-    def inner(self, crossings: int) -> tuple[Array, Array]:
+    def inner(self, crossings: int) -> tuple[Floats, Floats]:
         """Times and phases of the usable turnarounds, the ``crossings`` nearest on each side: (u, 2 crossings)."""
         kept = slice(self.crossings - crossings, self.crossings + crossings)
         return self.time_s[self.usable, kept], self.phase_rad[self.usable, kept]
@@ -73,14 +70,14 @@ class Jumps:
     """
 
     method: str
-    dpsi_rad: Array
-    psi0_rad: Array
-    curvature_rad_s2: Array
-    zero_rate_s: Array
-    residual_rad: Array
+    dpsi_rad: Floats
+    psi0_rad: Floats
+    curvature_rad_s2: Floats
+    zero_rate_s: Floats
+    residual_rad: Floats
 
 
-def spread(usable: Bool, values: Array) -> Array:
+def spread(usable: Flags, values: Floats) -> Floats:
     """Return values of the usable turnarounds, (u,), in their places among all, (n,), NaN elsewhere.
 
     Source: none; bookkeeping.
@@ -91,7 +88,7 @@ def spread(usable: Bool, values: Array) -> Array:
 
 
 def turnarounds(
-    edges: EdgeLevels, pickoff_tick: Int64, pickoff_rising: ArrayLike, clock_Hz: float, crossings: int = CROSSINGS
+    edges: EdgeLevels, pickoff_tick: Integers, pickoff_rising: ArrayLike, clock_Hz: float, crossings: int = CROSSINGS
 ) -> Turnarounds:
     """Find the turnarounds and the crossings round them.
 
@@ -139,7 +136,7 @@ def turnarounds(
     )
 
 
-def half_period_ticks(pickoff: Int64) -> float:
+def half_period_ticks(pickoff: Integers) -> float:
     """Ticks in half a dither period: all of them together, with those that a lost edge hides.
 
     Args:    pickoff: ticks of the pick-off's edges, (n,).
@@ -156,7 +153,7 @@ def half_period_ticks(pickoff: Int64) -> float:
     return float(step.sum() / np.rint(step / np.median(step)).sum())
 
 
-def _mean_rate(edges: EdgeLevels, pickoff: Int64, upward: Bool) -> float:
+def _mean_rate(edges: EdgeLevels, pickoff: Integers, upward: Flags) -> float:
     """Radians of phase per tick, between the first and the last pick-off edge of one sense inside the edges."""
     inside = (pickoff >= edges.tick[0]) & (pickoff < edges.tick[-1])
     same = np.flatnonzero(inside & (upward == upward[np.argmax(inside)]))
@@ -167,8 +164,8 @@ def _mean_rate(edges: EdgeLevels, pickoff: Int64, upward: Bool) -> float:
 
 
 def _crossings(
-    edges: EdgeLevels, begin: Int64, end: Int64, sign: Int64, crossings: int
-) -> tuple[Int64, Int64, Bool, Bool]:
+    edges: EdgeLevels, begin: Integers, end: Integers, sign: Integers, crossings: int
+) -> tuple[Integers, Integers, Flags, Flags]:
     """Last edge before and first behind each turnaround, whether an inner pair was left out, whether there are M."""
     before, behind, bounced = _innermost(edges, begin, end, sign)
     reach = crossings + 1  # one more for a pair that is left out
@@ -177,7 +174,7 @@ def _crossings(
     return before - grazing, behind + grazing, grazing, enough
 
 
-def _innermost(edges: EdgeLevels, begin: Int64, end: Int64, sign: Int64) -> tuple[Int64, Int64, Bool]:
+def _innermost(edges: EdgeLevels, begin: Integers, end: Integers, sign: Integers) -> tuple[Integers, Integers, Flags]:
     """Last edge before and first edge behind each turnaround, and whether the direction changes more than once."""
     last = edges.tick.size - 1
     before, behind, bounced = np.empty_like(begin), np.empty_like(begin), np.zeros(begin.size, bool)
@@ -195,7 +192,7 @@ def _innermost(edges: EdgeLevels, begin: Int64, end: Int64, sign: Int64) -> tupl
     return before, np.minimum(behind, last), bounced
 
 
-def _picked(values: Int64, place: Int64, otherwise: int) -> Int64:
+def _picked(values: Integers, place: Integers, otherwise: int) -> Integers:
     """Return values at places, and another one where there is no such place."""
     there = (place >= 0) & (place < values.size)
     picked = np.full(place.size, otherwise, np.int64)
@@ -203,7 +200,7 @@ def _picked(values: Int64, place: Int64, otherwise: int) -> Int64:
     return picked
 
 
-def _grazing(edges: EdgeLevels, before: Int64, behind: Int64, enough: Bool, crossings: int) -> Bool:
+def _grazing(edges: EdgeLevels, before: Integers, behind: Integers, enough: Flags, crossings: int) -> Flags:
     """Whether the phase passes the innermost level by less than ``GRAZING_rad``: half curvature times time squared."""
     inner, outer = np.where(enough, before, crossings), np.where(enough, behind, 0)
     near = (edges.tick[outer] - edges.tick[inner]).astype(np.float64)
@@ -212,13 +209,13 @@ def _grazing(edges: EdgeLevels, before: Int64, behind: Int64, enough: Bool, cros
     return np.asarray((past < GRAZING_rad) & (edges.level[inner] == edges.level[outer]))
 
 
-def _any_within(flags: Bool, first: Int64, behind: Int64) -> Bool:
+def _any_within(flags: Flags, first: Integers, behind: Integers) -> Flags:
     """Return whether a flag is set at first ... behind - 1, (n,)."""
     set_at = np.flatnonzero(flags)
-    return np.asarray(np.searchsorted(set_at, behind) > np.searchsorted(set_at, first))
+    return np.searchsorted(set_at, behind) > np.searchsorted(set_at, first)
 
 
-def _require(usable: Bool, crossings: int, counts: Mapping[str, int]) -> None:
+def _require(usable: Flags, crossings: int, counts: Mapping[str, int]) -> None:
     if not usable.any():
         reasons = ", ".join(f"{name} {count}" for name, count in counts.items())
         raise FitError(

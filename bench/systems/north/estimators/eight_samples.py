@@ -20,11 +20,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.north.estimators.phasors import (
     DOF,
     TURNS,
-    Array,
     Complex,
     North,
     angle_deg,
@@ -68,7 +68,7 @@ def eight_sample_north(
 
 def alternating(
     u1: ArrayLike, u2: ArrayLike, *, gains: tuple[float, float] | None = None, f2_deg: float = 0.0, f5_deg: float = 0.0
-) -> tuple[Array, Array]:
+) -> tuple[Floats, Floats]:
     """Return what an amplitude that changes from position to position leaves alone of the noise, and the rest.
 
     Every position has the full phasor of its own. Its part across the mean phasor does not feel the amplitude, and the
@@ -120,7 +120,7 @@ def _unmixed(gains: tuple[float, float], f2_deg: float, f5_deg: float) -> tuple[
     return complex(cosine[0], sine[0]), complex(cosine[1], sine[1])
 
 
-def _noise(first: Array, second: Array, gains: tuple[float, float], f2_deg: float, f5_deg: float) -> Array:
+def _noise(first: Floats, second: Floats, gains: tuple[float, float], f2_deg: float, f5_deg: float) -> Floats:
     """Return standard deviation of one output from the residuals of the fit with both lock-ins weighted alike."""
     scale_1 = gains[0] * np.exp(1j * np.deg2rad(f2_deg))
     scale_2 = gains[1] * np.exp(1j * np.deg2rad(f5_deg))
@@ -145,7 +145,7 @@ class IndexCalibration:
     f4: float
     f5_deg: float
     f6: float
-    covariance: Array
+    covariance: Floats
     dof: float
     sets: int
 
@@ -217,7 +217,7 @@ def calibrate_index(
     )
 
 
-def _left_over(u1: Array, u2: Array, of_1: Complex, of_2: Complex) -> float:
+def _left_over(u1: Floats, u2: Floats, of_1: Complex, of_2: Complex) -> float:
     """Sum of squares that the fitted phasors (sets,) leave of all samples."""
     first = u1 - u1.mean(-1, keepdims=True) - (of_1[:, None] / TURNS).imag
     second = u2 - u2.mean(-1, keepdims=True) - (of_2[:, None] / TURNS).real

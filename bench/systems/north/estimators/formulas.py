@@ -23,12 +23,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.systems.north.estimators.eight_samples import LARGEST_deg
 from bench.systems.north.estimators.phasors import (
     DOF,
-    Array,
     Complex,
     North,
     angle_deg,
@@ -66,8 +66,8 @@ def quadrant_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0, noise: 
 
 
 def propagated(
-    phasor_of: Callable[[Array, Array], Complex], u1: Array, u2: Array, declared: float | None = None
-) -> tuple[Array, Array]:
+    phasor_of: Callable[[Floats, Floats], Complex], u1: Floats, u2: Floats, declared: float | None = None
+) -> tuple[Floats, Floats]:
     """Noise of one output and what it makes of the angle of a phasor, by first derivatives.
 
     Args:    phasor_of: samples (..., 4) of both lock-ins to a phasor (...).   u1, u2: (..., 4).
@@ -90,7 +90,7 @@ def propagated(
     return noise, np.asarray(std_deg)
 
 
-def _quadrant(u1: Array, u2: Array) -> Complex:
+def _quadrant(u1: Floats, u2: Floats) -> Complex:
     """Phasor at the angle phi + f5, as long as the mean of both amplitudes."""
     of_1, of_2 = lock_in_phasors(u1, u2)
     apart = np.angle(of_1) - np.angle(of_2)
@@ -99,7 +99,7 @@ def _quadrant(u1: Array, u2: Array) -> Complex:
     towards = big_2 * np.cos(apart) + 1j * (big_1 - big_2 * np.sin(apart))
     length = np.abs(towards)
     mean = (np.abs(of_1) + np.abs(of_2)) / 2.0
-    return np.asarray(np.where(length > 0.0, towards / np.where(length > 0.0, length, 1.0) * mean, 0.0))
+    return np.where(length > 0.0, towards / np.where(length > 0.0, length, 1.0) * mean, 0.0)
 
 
 @dataclass(frozen=True)
@@ -113,18 +113,18 @@ class LiteralFailures:
         u2_zero: (21) divides by 0.
     """
 
-    half_turn: NDArray[np.bool_]
-    flipped_17: NDArray[np.int64]
-    flipped_18: NDArray[np.int64]
-    amplitude_19: NDArray[np.bool_]
-    amplitude_20: NDArray[np.bool_]
-    u2_zero: NDArray[np.bool_]
+    half_turn: Flags
+    flipped_17: Integers
+    flipped_18: Integers
+    amplitude_19: Flags
+    amplitude_20: Flags
+    u2_zero: Flags
 
     @property
-    def any(self) -> NDArray[np.bool_]:
+    def any(self) -> Flags:
         """Sets in which something failed, (...)."""
         flipped = (self.flipped_17 > 0) | (self.flipped_18 > 0)
-        return np.asarray(self.half_turn | flipped | self.amplitude_19 | self.amplitude_20 | self.u2_zero)
+        return self.half_turn | flipped | self.amplitude_19 | self.amplitude_20 | self.u2_zero
 
 
 @dataclass(frozen=True)
@@ -169,7 +169,7 @@ def literal_north(u1: ArrayLike, u2: ArrayLike, *, f5_deg: float = 0.0, noise: f
     return LiteralNorth(north, failures)
 
 
-def _terms(u1: Array, u2: Array) -> tuple[Array, Array]:
+def _terms(u1: Floats, u2: Floats) -> tuple[Floats, Floats]:
     """Return the four signed terms of (17) and of (18), (4, ...) each, radian."""
     u11, u12, u13, u14 = np.moveaxis(u1 - u1.mean(-1, keepdims=True), -1, 0)
     u21, u22, u23, u24 = np.moveaxis(u2 - u2.mean(-1, keepdims=True), -1, 0)
@@ -178,15 +178,15 @@ def _terms(u1: Array, u2: Array) -> tuple[Array, Array]:
     return np.array(of_17), np.array(of_18)
 
 
-def _flipped(terms: Array, angle_deg: Array) -> NDArray[np.int64]:
+def _flipped(terms: Floats, angle_deg: Floats) -> Integers:
     """Terms that are further than a quarter turn from the angle as an arctan gives it, (...)."""
     branch_deg = np.rad2deg(np.arctan(np.tan(np.deg2rad(angle_deg))))
     return np.asarray((np.abs(np.rad2deg(terms) - branch_deg) > 90.0).sum(0))
 
 
-def _amplitude_failed(amplitude: Array, right: Array, angle: Array) -> NDArray[np.bool_]:
+def _amplitude_failed(amplitude: Floats, right: Floats, angle: Floats) -> Flags:
     nothing = np.minimum(np.abs(np.sin(angle)), np.abs(np.cos(angle))) <= _NOTHING
-    return np.asarray(nothing | ~(np.abs(np.abs(amplitude) - right) <= _WRONG_AMPLITUDE * right))
+    return nothing | ~(np.abs(np.abs(amplitude) - right) <= _WRONG_AMPLITUDE * right)
 
 
 def lock_in_noise(noise: float, rate_Hz: float, time_constant_s: float, poles: int, mean_s: float = 0.0) -> float:

@@ -20,11 +20,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
+from bench.maths.arrays import Flags, Floats, Integers
 from bench.model.errors import FitError
-from bench.systems.north.estimators.phasors import Array, Complex, angle_deg, half_width_deg
+from bench.systems.north.estimators.phasors import Complex, angle_deg, half_width_deg
 
 SQUARE_PENALTY = math.pi / math.sqrt(8.0)  # of the standard deviation: mean noise power 1, of the sine's share 8/pi^2
 METHOD = "likelihood"
@@ -33,7 +34,7 @@ FEWEST_TURNS = 5  # whose scatter says anything
 SIGNIFICANCE = 0.01
 
 
-def north_bound_deg(ke_V: ArrayLike, sigma_V: ArrayLike, samples: ArrayLike) -> Array:
+def north_bound_deg(ke_V: ArrayLike, sigma_V: ArrayLike, samples: ArrayLike) -> Floats:
     """Cramer-Rao bound of the phase: the smallest standard deviation of an estimator without bias.
 
     Args:    ke_V: amplitude of the earth signal.   sigma_V: standard deviation of the white noise of one sample.
@@ -47,7 +48,7 @@ def north_bound_deg(ke_V: ArrayLike, sigma_V: ArrayLike, samples: ArrayLike) -> 
 
 def time_to_accuracy_s(
     std_deg: ArrayLike, seconds: float, accuracy_deg: float, *, factor: float = 1.0, floor_deg: ArrayLike = 0.0
-) -> Array:
+) -> Floats:
     """Time of turning until ``factor`` standard uncertainties are within the accuracy.
 
     Args:    std_deg: standard deviation by noise after ``seconds``: measured scatter or bound.
@@ -83,31 +84,31 @@ class LikelihoodNorth:
         samples, dropped: used, and left out because a value is NaN.
     """
 
-    phi_deg: Array
-    std_deg: Array
-    dof: Array
+    phi_deg: Floats
+    std_deg: Floats
+    dof: Floats
     phasor: Complex
-    noise_V: Array
-    offset_V: Array
+    noise_V: Floats
+    offset_V: Floats
     harmonics: Complex
-    bound_deg: Array
-    whiteness: Array
-    turns: NDArray[np.int64]
-    widened: NDArray[np.bool_]
-    samples: NDArray[np.int64]
-    dropped: NDArray[np.int64]
+    bound_deg: Floats
+    whiteness: Floats
+    turns: Integers
+    widened: Flags
+    samples: Integers
+    dropped: Integers
 
     @property
-    def amplitude(self) -> Array:
+    def amplitude(self) -> Floats:
         """Amplitude of the earth signal, V."""
         return np.asarray(np.abs(self.phasor))
 
     @property
-    def white_std_deg(self) -> Array:
+    def white_std_deg(self) -> Floats:
         """Standard uncertainty that white noise of this size would give, degrees."""
         return np.asarray(self.std_deg / np.sqrt(np.where(self.widened, self.whiteness, 1.0)))
 
-    def half_width_deg(self, probability: float = 0.95) -> Array:
+    def half_width_deg(self, probability: float = 0.95) -> Floats:
         """Half the interval that covers phi with this probability, degrees."""
         return half_width_deg(self.std_deg, self.dof, probability)
 
@@ -116,9 +117,9 @@ class LikelihoodNorth:
 class _Turning:
     """Columns of the linear model (n, 3 + 2 h): sine, cosine, one, then pairs; inverse normal matrix; turn (n,)."""
 
-    columns: Array
-    inverse: Array
-    turn: NDArray[np.int64]
+    columns: Floats
+    inverse: Floats
+    turn: Integers
 
 
 @dataclass(frozen=True)
@@ -164,7 +165,7 @@ def likelihood_north(
         _fit(samples, angle, shared, orders, noise_V, significance) for samples, angle in zip(flat, angles, strict=True)
     ]
 
-    def column(name: str) -> Array:
+    def column(name: str) -> Floats:
         return np.array([getattr(fit, name) for fit in fits]).reshape(shape)
 
     phasor, noise, samples = np.asarray(column("phasor"), np.complex128), column("noise"), column("samples")
@@ -189,7 +190,7 @@ def likelihood_north(
 
 
 def _fit(
-    u: Array, theta_deg: Array, turning: _Turning | None, orders: tuple[int, ...], declared_V: float | None,
+    u: Floats, theta_deg: Floats, turning: _Turning | None, orders: tuple[int, ...], declared_V: float | None,
     significance: float,
 ) -> _Record:  # fmt: skip
     """Return one record; ``turning`` is given where all records share their angles."""
@@ -213,7 +214,7 @@ def _fit(
     return _Record(phasor, std, dof, noise, float(values[2]), harmonics, ratio, turns, widened, u.size, dropped)
 
 
-def _turning(theta_deg: Array, orders: tuple[int, ...]) -> _Turning:
+def _turning(theta_deg: Floats, orders: tuple[int, ...]) -> _Turning:
     """Return what follows from the encoder angles; refuses those that do not determine north."""
     angle, unknown = np.deg2rad(np.mod(theta_deg, 360.0)), 3 + 2 * len(orders)
     if angle.size <= unknown:
@@ -240,7 +241,7 @@ def _undetermined(what: str) -> FitError:
     )
 
 
-def _whiteness(residual: Array, slope: Array, turn: NDArray[np.int64], noise: float) -> tuple[float, int]:
+def _whiteness(residual: Floats, slope: Floats, turn: Integers, noise: float) -> tuple[float, int]:
     """Variance of what each turn says of phi over that of white noise, and the turns; NaN for too few."""
     weight = np.bincount(turn, np.square(slope))
     whole = weight > 0.5 * weight.max()

@@ -26,10 +26,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complex128]
 POSITIONS = 4
 PARAMETERS = 4  # of eight samples: two components of the signal, two offsets
@@ -51,25 +51,25 @@ class North:
     """
 
     method: str
-    phi_deg: Array
-    std_deg: Array
+    phi_deg: Floats
+    std_deg: Floats
     dof: float
     phasor: Complex
-    noise: Array
-    offset_1: Array
-    offset_2: Array
+    noise: Floats
+    offset_1: Floats
+    offset_2: Floats
 
     @property
-    def amplitude(self) -> Array:
+    def amplitude(self) -> Floats:
         """Amplitude of the lock-ins' outputs, unit of the samples."""
         return np.asarray(np.abs(self.phasor))
 
-    def half_width_deg(self, probability: float = 0.95) -> Array:
+    def half_width_deg(self, probability: float = 0.95) -> Floats:
         """Half the interval that covers phi with this probability, degrees; 180 where the signal drowns in noise."""
         return half_width_deg(self.std_deg, self.dof, probability)
 
 
-def eight(u1: ArrayLike, u2: ArrayLike) -> tuple[Array, Array]:
+def eight(u1: ArrayLike, u2: ArrayLike) -> tuple[Floats, Floats]:
     """Return samples of both lock-ins as arrays (..., 4).
 
     Raises:  FitError B-FIT-110 unless both have the same shape and four index positions.
@@ -85,7 +85,7 @@ def eight(u1: ArrayLike, u2: ArrayLike) -> tuple[Array, Array]:
     return first, second
 
 
-def oriented(u1: ArrayLike, u2: ArrayLike, sense: int) -> tuple[Array, Array]:
+def oriented(u1: ArrayLike, u2: ArrayLike, sense: int) -> tuple[Floats, Floats]:
     """Return samples as if pulse B led pulse A, whichever way the table turned; all estimators expect these.
 
     Args:    u1, u2: (..., 4).   sense: +1 if the table angle grew, -1 if it fell.
@@ -97,7 +97,7 @@ def oriented(u1: ArrayLike, u2: ArrayLike, sense: int) -> tuple[Array, Array]:
     return _checked(sense) * first, second
 
 
-def heading_deg(phi_deg: ArrayLike, sense: int) -> Array:
+def heading_deg(phi_deg: ArrayLike, sense: int) -> Floats:
     """Heading of the sensing axis at encoder zero, 0 to 360 degrees, by the convention ``index_to_north``.
 
     Args:    phi_deg: of oriented samples, or of raw samples against the encoder (which carries the sense: then +1).
@@ -108,17 +108,17 @@ def heading_deg(phi_deg: ArrayLike, sense: int) -> Array:
     return np.asarray(np.mod(_checked(sense) * (90.0 - np.asarray(phi_deg, np.float64)), 360.0))
 
 
-def phase_deg(heading_deg: ArrayLike, sense: int) -> Array:
+def phase_deg(heading_deg: ArrayLike, sense: int) -> Floats:
     """Phase that belongs to a known heading: the inverse of ``heading_deg``, -180 (excluded) to 180 degrees."""
     return wrapped_deg(90.0 - _checked(sense) * np.asarray(heading_deg, np.float64))
 
 
-def wrapped_deg(angle_deg: ArrayLike) -> Array:
+def wrapped_deg(angle_deg: ArrayLike) -> Floats:
     """Angle or difference of angles in -180 (excluded) to 180 degrees; never modulo 180, which hides half turns."""
     return np.asarray(180.0 - np.mod(180.0 - np.asarray(angle_deg, np.float64), 360.0))
 
 
-def lock_in_phasors(u1: Array, u2: Array) -> tuple[Complex, Complex]:
+def lock_in_phasors(u1: Floats, u2: Floats) -> tuple[Complex, Complex]:
     """f1 exp(i (phi + f2)) and f4 exp(i (phi + f5)) of the two lock-ins, each from its own four samples.
 
     Args:    u1, u2: (..., 4).
@@ -128,7 +128,7 @@ def lock_in_phasors(u1: Array, u2: Array) -> tuple[Complex, Complex]:
     return np.asarray(0.5j * (u1 @ TURNS)), np.asarray(0.5 * (u2 @ TURNS))
 
 
-def left_over(u1: Array, u2: Array, of_1: Complex, of_2: Complex) -> Array:
+def left_over(u1: Floats, u2: Floats, of_1: Complex, of_2: Complex) -> Floats:
     """Standard deviation of one output, (...), from what two phasors of one common signal leave of the eight samples.
 
     Args:    u1, u2: (..., 4).   of_1, of_2: f1 exp(i (phi + f2)) and f4 exp(i (phi + f5)) of the fit, (...).
@@ -140,13 +140,13 @@ def left_over(u1: Array, u2: Array, of_1: Complex, of_2: Complex) -> Array:
     return np.asarray(np.sqrt((np.square(first).sum(-1) + np.square(second).sum(-1)) / DOF))
 
 
-def angle_deg(phasor: Complex) -> Array:
+def angle_deg(phasor: Complex) -> Floats:
     """Return angle of a phasor in -180 (excluded) to 180 degrees; NaN for one of no length, which points nowhere."""
     direction_deg = wrapped_deg(np.rad2deg(np.angle(phasor)))
     return np.asarray(np.where(np.abs(phasor) > 0.0, direction_deg, np.nan))
 
 
-def half_width_deg(std_deg: ArrayLike, dof: ArrayLike, probability: float = 0.95) -> Array:
+def half_width_deg(std_deg: ArrayLike, dof: ArrayLike, probability: float = 0.95) -> Floats:
     """Half a coverage interval of the direction of a phasor.
 
     Args:    std_deg: standard uncertainty of the component across the phasor over its length, degrees.
@@ -168,7 +168,7 @@ def _checked(sense: int) -> int:
     return sense
 
 
-def tilt_correction_deg(x_mrad: ArrayLike, y_mrad: ArrayLike, heading_deg: ArrayLike, latitude_deg: float) -> Array:
+def tilt_correction_deg(x_mrad: ArrayLike, y_mrad: ArrayLike, heading_deg: ArrayLike, latitude_deg: float) -> Floats:
     """Correction of the heading found, for the tilt of the rotation axis.
 
     Args:    x_mrad: tilt about the direction of the sensing axis at encoder zero, right-handed.   y_mrad: about the

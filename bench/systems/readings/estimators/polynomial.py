@@ -10,13 +10,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from bench.maths.arrays import Floats
 from bench.maths.least_squares import solve
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
 _TURNS = 3  # the slope at the points enters their weights; it settles at once
 ZERO_K = 273.15  # of the scale in degC
 
@@ -30,12 +29,12 @@ class Points:
     another one at each: it does not say.   ``n``: readings.
     """
 
-    mean: Array
-    std: Array
-    scatter: Array
-    gain: Array
-    floor: Array
-    n: Array
+    mean: Floats
+    std: Floats
+    scatter: Floats
+    gain: Floats
+    floor: Floats
+    n: Floats
 
 
 @dataclass(frozen=True)
@@ -48,21 +47,21 @@ class Curve:
     """
 
     powers: tuple[int, ...]  # (p,)
-    coefficients: Array  # (p,)
-    covariance: Array  # (p, p)
-    fitted: Array  # (m,)
-    departure: Array  # (m,) y - fitted
-    departure_std: Array  # (m,)
+    coefficients: Floats  # (p,)
+    covariance: Floats  # (p, p)
+    fitted: Floats  # (m,)
+    departure: Floats  # (m,) y - fitted
+    departure_std: Floats  # (m,)
     chi2: float
     dof: int
     lack: float
     rival: float
 
-    def at(self, x: Array) -> Array:
+    def at(self, x: Floats) -> Floats:
         """Return the polynomial at some places, (k,)."""
         return np.asarray(_columns(x, self.powers) @ self.coefficients, np.float64)
 
-    def std_at(self, x: Array) -> Array:
+    def std_at(self, x: Floats) -> Floats:
         """Return its standard uncertainty there, (k,), by the covariance of the coefficients."""
         columns = _columns(x, self.powers)
         variance = np.einsum("kp,pq,kq->k", columns, self.covariance, columns)
@@ -85,7 +84,7 @@ def fit_polynomial(x: Points, y: Points, powers: Sequence[int]) -> Curve:
         message = f"{x.mean.size} points do not determine {', '.join(names)}"
         raise FitError("B-FIT-001", message, next_step="read at more values, or take a lower degree")
     design, back = _design(x.mean, powers)
-    slope: Array = np.zeros(x.mean.size)
+    slope: Floats = np.zeros(x.mean.size)
     for _ in range(_TURNS):
         weights = _independent(x, y, slope)
         fit = solve(design, y.mean, np.diag(weights), names)
@@ -112,7 +111,7 @@ def fit_polynomial(x: Points, y: Points, powers: Sequence[int]) -> Curve:
     )
 
 
-def _columns(x: Array, powers: Sequence[int]) -> Array:
+def _columns(x: Floats, powers: Sequence[int]) -> Floats:
     """Return powers of x, (m, p)."""
     return np.asarray(x[:, None] ** np.array(powers), np.float64)
 
@@ -122,7 +121,7 @@ def _one_more(powers: Sequence[int]) -> tuple[int, ...]:
     return tuple(sorted((*powers, next(order for order in range(len(powers) + 1) if order not in powers))))
 
 
-def _design(x: Array, powers: Sequence[int]) -> tuple[Array, Array]:
+def _design(x: Floats, powers: Sequence[int]) -> tuple[Floats, Floats]:
     """Return powers of x, scaled, (m, p), and the matrix (p, p) back to the coefficients of x itself.
 
     They are centred too, where no power is left out: one that is would come back by it.
@@ -137,20 +136,20 @@ def _design(x: Array, powers: Sequence[int]) -> tuple[Array, Array]:
     return _columns((x - middle) / size, powers), back
 
 
-def _independent(x: Points, y: Points, slope: Array) -> Array:
+def _independent(x: Points, y: Points, slope: Floats) -> Floats:
     """Return the variance of each point that no other point shares, (m,); equal ones where nothing is uncertain."""
     variance = y.std**2 + y.floor**2 + slope**2 * (x.std**2 + x.floor**2)
     known = variance[variance > 0.0]
     return np.where(variance > 0.0, variance, known.min() if known.size else 1.0)
 
 
-def _common(x: Points, y: Points, slope: Array) -> Array:
+def _common(x: Points, y: Points, slope: Floats) -> Floats:
     """Return the covariance that errors of the instruments bring to all points, (m, m)."""
     parts = (y.gain, y.floor, slope * x.gain, slope * x.floor)
     return np.asarray(sum(np.outer(part, part) for part in parts), np.float64)
 
 
-def _squares(x: Array, y: Array, n: Array, powers: Sequence[int]) -> float:
+def _squares(x: Floats, y: Floats, n: Floats, powers: Sequence[int]) -> float:
     """Return the sum of squares that a polynomial leaves, each mean with the weight of its readings."""
     design, _ = _design(x, powers)
     root = np.sqrt(n)
@@ -158,7 +157,7 @@ def _squares(x: Array, y: Array, n: Array, powers: Sequence[int]) -> float:
     return float(np.sum(n * (y - design @ parameters) ** 2))
 
 
-def _lack_of_fit(x: Points, y: Points, powers: Sequence[int], slope: Array) -> float:
+def _lack_of_fit(x: Points, y: Points, powers: Sequence[int], slope: Floats) -> float:
     """Return the smaller probability of two F tests against the scatter, doubled: all departures; the next power."""
     repeats = y.n > 1
     pure = int(np.sum(y.n[repeats] - 1))
@@ -176,7 +175,7 @@ def _lack_of_fit(x: Points, y: Points, powers: Sequence[int], slope: Array) -> f
     return min(1.0, 2.0 * min(whole, power))
 
 
-def _rival(x: Points, y: Points, powers: Sequence[int], weights: Array, fitted: Array, expanded: Array) -> float:
+def _rival(x: Points, y: Points, powers: Sequence[int], weights: Floats, fitted: Floats, expanded: Floats) -> float:
     """Return the largest change of the curve by one power more, in its expanded uncertainty."""
     if x.mean.size <= len(powers):
         return math.nan
@@ -190,10 +189,10 @@ def _rival(x: Points, y: Points, powers: Sequence[int], weights: Array, fitted: 
 class Function:
     """A function of a quantity, its slope, its inverse and the slope of that; of and to arrays (m,)."""
 
-    of: Callable[[Array], Array]
-    slope: Callable[[Array], Array]
-    back: Callable[[Array], Array]
-    back_slope: Callable[[Array], Array]
+    of: Callable[[Floats], Floats]
+    slope: Callable[[Floats], Floats]
+    back: Callable[[Floats], Floats]
+    back_slope: Callable[[Floats], Floats]
 
     def points(self, points: Points) -> Points:
         """Return the function of measured points.

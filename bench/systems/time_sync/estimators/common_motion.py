@@ -17,12 +17,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import interpolate, ndimage
 
+from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
 BLOCKS = 20
 LEAST_CORRELATION = 0.5
 _FEWEST = 10 * BLOCKS  # samples that overlap
@@ -50,20 +49,20 @@ class CommonMotion:
     correlation: float
     rival: float
     rival_s: float
-    halves_s: Array
-    halves_std_s: Array
+    halves_s: Floats
+    halves_std_s: Floats
     samples: int
-    t_s: Array
-    motion_one: Array
-    motion_other: Array
+    t_s: Floats
+    motion_one: Floats
+    motion_other: Floats
 
     @property
-    def left(self) -> Array:
+    def left(self) -> Floats:
         """What the common motion leaves, (n, k), unit of the signals."""
-        return np.asarray(self.motion_other - self.motion_one)
+        return self.motion_other - self.motion_one
 
 
-def common_motion(one_s: Array, one: Array, other_s: Array, other: Array) -> CommonMotion:
+def common_motion(one_s: Floats, one: Floats, other_s: Floats, other: Floats) -> CommonMotion:
     """Return the offset at which two streams show one motion.
 
     Args:    one_s: stamps, (n,), rising.   one: signals, (n, k), any unit.   other_s, other: (m,), (m, k), the same
@@ -117,7 +116,7 @@ class _Peak:
     rival_s: float
 
 
-def _even(at_s: Array, signal: Array, step_s: float, wide: float = 0.0) -> tuple[Array, Array]:
+def _even(at_s: Floats, signal: Floats, step_s: float, wide: float = 0.0) -> tuple[Floats, Floats]:
     """Return a signal (n, k) at even times, smoothed by a Gaussian of so many steps; what its ends touch is cut off."""
     grid_s = np.arange(at_s[0], at_s[-1], step_s)
     values = np.stack([np.interp(grid_s, at_s, column) for column in signal.T], axis=1)
@@ -127,7 +126,7 @@ def _even(at_s: Array, signal: Array, step_s: float, wide: float = 0.0) -> tuple
     return grid_s[ends], np.asarray(ndimage.gaussian_filter1d(values, wide, axis=0, truncate=_REACH))[ends]
 
 
-def _search(step_s: float, one_s: Array, one: Array, other_s: Array, other: Array) -> _Peak:
+def _search(step_s: float, one_s: Floats, one: Floats, other_s: Floats, other: Floats) -> _Peak:
     """Return the shift of the largest correlation of two streams at even times, step_s apart."""
     least = max(_FEWEST, round(_SHARE * min(one_s.size, other_s.size)))
     lags = np.arange(least - other_s.size, one_s.size - least + 1)
@@ -142,20 +141,20 @@ def _search(step_s: float, one_s: Array, one: Array, other_s: Array, other: Arra
     return _Peak(float(shifts_s[best]), float(alike[best]), width, rival, float(shifts_s[second]))
 
 
-def _correlations(a: Array, b: Array, lags: NDArray[np.int64]) -> Array:
+def _correlations(a: Floats, b: Floats, lags: Integers) -> Floats:
     """Return correlation coefficients of a[k + lag] and b[k] over the part in which both are, by lag."""
     size = 1 << int(a.size + b.size).bit_length()
     one, other = np.ones(a.size), np.ones(b.size)
     a, b = a - a.mean(), b - b.mean()
 
-    def product(x: Array, y: Array) -> Array:
+    def product(x: Floats, y: Floats) -> Floats:
         return np.fft.irfft(np.fft.rfft(x, size) * np.conj(np.fft.rfft(y, size)), size)[lags]
 
     count = np.rint(product(one, other))
     sums = product(a, other), product(one, b)
     cross = product(a, b) - sums[0] * sums[1] / count
     squares = (product(a * a, other) - sums[0] ** 2 / count) * (product(one, b * b) - sums[1] ** 2 / count)
-    return np.asarray(cross / np.sqrt(np.maximum(squares, np.finfo(float).tiny)))
+    return cross / np.sqrt(np.maximum(squares, np.finfo(float).tiny))
 
 
 @dataclass(frozen=True)
@@ -164,11 +163,11 @@ class _Fit:
 
     shift_s: float
     std_s: float
-    scaled: Array
-    columns: Array
+    scaled: Floats
+    columns: Floats
 
 
-def _fit(spline: interpolate.CubicSpline, t_s: Array, seen: Array, shift_s: float) -> _Fit:
+def _fit(spline: interpolate.CubicSpline, t_s: Floats, seen: Floats, shift_s: float) -> _Fit:
     n, k = seen.shape
     slope = spline.derivative()
     settled_s = _SETTLED * float(np.median(np.diff(t_s)))
@@ -191,7 +190,7 @@ def _fit(spline: interpolate.CubicSpline, t_s: Array, seen: Array, shift_s: floa
     return _Fit(shift_s, float(np.sqrt(covariance[0, 0])), scaled, columns)
 
 
-def _std_by_noise(columns: Array, left: Array) -> float:
+def _std_by_noise(columns: Floats, left: Floats) -> float:
     """Return the standard uncertainty of the shift if what is left, (m, k), hangs together alike at all times.
 
     ``columns``: derivatives of a fit to n of the m samples, (n k, p), the shift first.
@@ -207,7 +206,7 @@ def _std_by_noise(columns: Array, left: Array) -> float:
     return float(np.sqrt((inverse @ covariance @ inverse)[0, 0]))
 
 
-def _columns(model: Array, rate: Array, factor: Array) -> Array:
+def _columns(model: Floats, rate: Floats, factor: Floats) -> Floats:
     """Return derivatives by the shift, then by scale and zero of each signal, (n k, 1 + 2 k)."""
     n, k = model.shape
     columns = np.zeros((n * k, 1 + 2 * k))

@@ -15,15 +15,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.maths.strapdown import Track, earth_rate, navigate
 from bench.systems.time_sync.estimators.kalman.filter import first_model, refresh_model, skew
 from bench.systems.time_sync.estimators.kalman.innovation import rotation_between
 from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, FilterSetup, ImuDensities, ImuSamples
 from bench.systems.time_sync.estimators.kalman.stream import filled_noise
 
-Array = NDArray[np.float64]
 STATES = 15  # errors of position, velocity and attitude at the begin, biases of accelerometers and gyros
 _SEEN = 9  # position, velocity, attitude
 _BLOCK_s = 1.0
@@ -38,10 +37,10 @@ _FLOOR = np.repeat([1e-3, 1e-4, 1e-6], 3)  # m, m/s, rad: arithmetic and resolut
 class Solved:
     """Solutions of an EGI in one frame: tags by the clock of the inertial unit (m,), ``p``, ``v`` (m, 3), ``C``."""
 
-    t_s: Array
-    p: Array
-    v: Array
-    C: Array
+    t_s: Floats
+    p: Floats
+    v: Floats
+    C: Floats
     latitude_deg: float
 
 
@@ -60,8 +59,8 @@ class Guess:
     """About which the model is linear: offset and biases (m/s2, rad/s; (3,) each)."""
 
     offset_s: float
-    accel_bias: Array
-    gyro_bias: Array
+    accel_bias: Floats
+    gyro_bias: Floats
 
 
 @dataclass(frozen=True)
@@ -73,12 +72,12 @@ class Differences:
     ``covariance``: (9 b, 9 b).
     """
 
-    at_s: Array
-    y: Array
-    states: Array
-    motion: Array
-    others: Mapping[str, Array]
-    covariance: Array
+    at_s: Floats
+    y: Floats
+    states: Floats
+    motion: Floats
+    others: Mapping[str, Floats]
+    covariance: Floats
 
 
 def differences(imu: ImuSamples, egi: Solved, guess: Guess, noise: Noise) -> Differences:
@@ -113,7 +112,7 @@ def differences(imu: ImuSamples, egi: Solved, guess: Guess, noise: Noise) -> Dif
     return Differences(blocks.at_s, blocks.mean(y), states, mean_motion, mean, covariance)
 
 
-def _others(at_s: Array, C: Array, rate: Array, motion: Array, transition: Array) -> dict[str, Array]:
+def _others(at_s: Floats, C: Floats, rate: Floats, motion: Floats, transition: Floats) -> dict[str, Floats]:
     """Return what else could be true of each solution, (m, 9, k) by name."""
     lever, axes, ages = np.zeros((len(C), _SEEN, 3)), np.zeros((len(C), _SEEN, 3)), np.zeros((len(C), _SEEN, 2))
     lever[:, :3], lever[:, 3:6] = C, skew(rate) @ C
@@ -158,10 +157,10 @@ class _Path:
         self.rate, self.acceleration = _at_nodes(self._turning), _at_nodes(acceleration)
         self.X = self._transitions(C, egi.latitude_deg)
 
-    def _over_nodes(self, increments: Array) -> Array:
-        return np.asarray(np.add.reduceat(increments, self._node[:-1], axis=0))
+    def _over_nodes(self, increments: Floats) -> Floats:
+        return np.add.reduceat(increments, self._node[:-1], axis=0)
 
-    def _transitions(self, C: Array, latitude_deg: float) -> Array:
+    def _transitions(self, C: Floats, latitude_deg: float) -> Floats:
         """Return errors at the nodes by errors at the begin, and by 1 of both scales: (nodes, 15, 17)."""
         F = first_model(FilterSetup((False,), ((1.0, 1.0, 1.0),), latitude_deg))
         out = np.zeros((self._node.size, STATES, STATES + 2))
@@ -174,16 +173,16 @@ class _Path:
             out[k + 1, 3:6, STATES + 1] += self._force[k] * dt
         return out
 
-    def at(self, t_s: Array) -> Track:
+    def at(self, t_s: Floats) -> Track:
         """Return the integration at other times."""
         track = self._track
         return Track(t_s, *(_linear(t_s, track.t_s, values) for values in (track.p, track.v, track.C)))
 
-    def between(self, at_nodes: Array, t_s: Array) -> Array:
+    def between(self, at_nodes: Floats, t_s: Floats) -> Floats:
         """Return values of the nodes at other times."""
         return _linear(t_s, self.t_s, at_nodes)
 
-    def walked(self, blocks: _Blocks, imu: ImuDensities) -> Array:
+    def walked(self, blocks: _Blocks, imu: ImuDensities) -> Floats:
         """Return the covariance (9 b, 9 b) that the walks of the inertial unit leave in the blocks."""
         count = _KICKS * blocks.at_s.size
         edges_s = np.linspace(self.t_s[0], self.t_s[-1], count + 1)
@@ -200,7 +199,7 @@ class _Path:
 class _Blocks:
     """Times (m,) in blocks of equal length, without those that hold none."""
 
-    def __init__(self, t_s: Array) -> None:
+    def __init__(self, t_s: Floats) -> None:
         self.t_s = t_s
         span_s = float(t_s[-1] - t_s[0])
         number = int(np.clip(span_s / _BLOCK_s, _FEWEST, _MOST))
@@ -210,12 +209,12 @@ class _Blocks:
         self._length_s = span_s / number
         self.at_s = self.mean(t_s)
 
-    def mean(self, values: Array) -> Array:
+    def mean(self, values: Floats) -> Floats:
         """Return means of values (m, ...) over the blocks, (b, ...)."""
         shape = (-1, *(1,) * (values.ndim - 1))
-        return np.asarray(np.add.reduceat(values, self._first, axis=0) / self.count.reshape(shape))
+        return np.add.reduceat(values, self._first, axis=0) / self.count.reshape(shape)
 
-    def later(self, rows: Array, from_s: Array) -> Array:
+    def later(self, rows: Floats, from_s: Floats) -> Floats:
         """Return means over the blocks of rows (m, ...), zero up to each time: (k, b, ...)."""
         sums = np.concatenate((np.zeros((1, *rows.shape[1:])), np.cumsum(rows, axis=0)))
         ends = np.append(self._first[1:], self.t_s.size)
@@ -224,7 +223,7 @@ class _Blocks:
         shape = (1, -1, *(1,) * (rows.ndim - 1))
         return np.asarray((sums[ends] - sums[begins]) / self.count.reshape(shape))
 
-    def covariance(self, egi: EgiSpread) -> Array:
+    def covariance(self, egi: EgiSpread) -> Floats:
         """Return what the stated errors of an EGI leave in the blocks, (9 b, 9 b)."""
         out = np.zeros((self.at_s.size, _SEEN, self.at_s.size, _SEEN))
         wander, heading = self._alike(egi.wander_s), self._alike(egi.heading_wander_s)
@@ -235,30 +234,30 @@ class _Blocks:
             out[:, axis, :, axis] = math.radians(egi.level_deg) ** 2
         out[:, 8, :, 8] = math.radians(egi.heading_deg) ** 2 * heading
         flat = out.reshape(self.at_s.size * _SEEN, -1)
-        return np.asarray(flat + np.diag(np.tile(_FLOOR**2, self.at_s.size)))
+        return flat + np.diag(np.tile(_FLOOR**2, self.at_s.size))
 
-    def _alike(self, time_s: float) -> Array:
+    def _alike(self, time_s: float) -> Floats:
         """Return covariance of the means of an error of unit variance that wanders and returns, (b, b)."""
         part = self._length_s / time_s
         out = np.exp(-np.abs(self.at_s[:, None] - self.at_s) / time_s) * (math.sinh(0.5 * part) / (0.5 * part)) ** 2
         np.fill_diagonal(out, 2.0 / part * (1.0 + math.expm1(-part) / part))
-        return np.asarray(out)
+        return out
 
 
-def _shown(motion: Array, variance: Array) -> Array:
+def _shown(motion: Floats, variance: Floats) -> Floats:
     """Return the share of motions (n, 3) that is not their noise, (n, 1): what is made of noise fits its own errors."""
     square, doubt = np.sum(motion**2, axis=1, keepdims=True), _DOUBT * 3.0 * variance
     return np.asarray(np.maximum(0.0, 1.0 - doubt / np.maximum(square, doubt)))
 
 
-def _at_nodes(between: Array) -> Array:
+def _at_nodes(between: Floats) -> Floats:
     """Return values at the nodes from those between them."""
     return np.concatenate((between[:1], 0.5 * (between[1:] + between[:-1]), between[-1:]))
 
 
-def _linear(at_s: Array, t_s: Array, values: Array) -> Array:
+def _linear(at_s: Floats, t_s: Floats, values: Floats) -> Floats:
     """Return values (n, ...) at other times by lines between them, (m, ...)."""
     before = np.clip(np.searchsorted(t_s, at_s, side="right") - 1, 0, t_s.size - 2)
     part = (at_s - t_s[before]) / (t_s[before + 1] - t_s[before])
     shape = (-1, *(1,) * (values.ndim - 1))
-    return np.asarray(values[before] + part.reshape(shape) * (values[before + 1] - values[before]))
+    return values[before] + part.reshape(shape) * (values[before + 1] - values[before])

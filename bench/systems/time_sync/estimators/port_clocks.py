@@ -25,13 +25,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.stamp_grid import Grid, expected_covariance, grid_line
 
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
 _BLOCKS = 24
 LEAST_FRAMES = 200
 _STEP = 0.02  # of the interval: a clock that jumps by more was set, or started again
@@ -66,12 +64,12 @@ class PortClock:
     at_s: float
     delay_s: float
     rate: float
-    covariance: Array
+    covariance: Floats
     jitter_s: float
     jitter_std_s: float
     grid_s: float
     tag_noise_s: float
-    above_s: Array
+    above_s: Floats
 
     def least_s(self, at_s: float) -> float:
         """Least delay at a time of the unit, s."""
@@ -88,7 +86,7 @@ class PortClock:
         return math.sqrt(float(self.covariance[1, 1]))
 
 
-def port_clock(device_s: Array, counter: Int64, received_s: Array, step_s: float = 0.0) -> PortClock:
+def port_clock(device_s: Floats, counter: Integers, received_s: Floats, step_s: float = 0.0) -> PortClock:
     """Line of the least delay of one port.
 
     Args:    device_s: time tags, (n,), rising.   counter: of the frames, (n,).   received_s: receive stamps, (n,),
@@ -133,7 +131,7 @@ class StampNoise:
     clock: float
 
 
-def expected_clock(device_s: Array, noise: StampNoise, step_s: float = 0.0) -> PortClock:
+def expected_clock(device_s: Floats, noise: StampNoise, step_s: float = 0.0) -> PortClock:
     """Return a clock that is right, with the uncertainties that frames of declared noise will give.
 
     Args:    device_s: planned time tags, (n,), evenly spaced.   step_s: of the receive stamps, 0 if they are fine.
@@ -161,7 +159,7 @@ def expected_clock(device_s: Array, noise: StampNoise, step_s: float = 0.0) -> P
     )  # fmt: skip
 
 
-def line_below(place: Array, delay_s: Array) -> tuple[float, float]:
+def line_below(place: Floats, delay_s: Floats) -> tuple[float, float]:
     """Of all lines below the delays that with the least sum of distances: level at 0 and slope.
 
     Args:    place: (n,), rising, 0 within.   delay_s: (n,).
@@ -187,7 +185,7 @@ def _turns_up(first: tuple[float, float], second: tuple[float, float], new: tupl
     return (second[1] - first[1]) * (new[0] - first[0]) >= (new[1] - first[1]) * (second[0] - first[0])
 
 
-def _hull_covariance(place: Array, above_s: Array, noise_s: float) -> Array:
+def _hull_covariance(place: Floats, above_s: Floats, noise_s: float) -> Floats:
     """Of level, slope and mean excess: as high above the line as the least delay in each of 24 parts, it may be off.
 
     The level is taken to be off by their RMS, for delays need not become short everywhere; the slope by what
@@ -198,11 +196,11 @@ def _hull_covariance(place: Array, above_s: Array, noise_s: float) -> Array:
     return _of_least(float(np.mean(least_s**2)) + (_LOWEST * noise_s) ** 2, float(above_s.mean()), above_s.size)
 
 
-def _of_least(variance: float, jitter_s: float, frames: int) -> Array:
+def _of_least(variance: float, jitter_s: float, frames: int) -> Floats:
     return np.diag([variance, variance * 3.0 / _BLOCKS, variance + jitter_s**2 / frames])
 
 
-def even_tags_s(device_s: Array, counter: Int64) -> Array:
+def even_tags_s(device_s: Floats, counter: Integers) -> Floats:
     """Return time tags without their noise, (n,): by a clock that runs evenly, unless they scatter too much about it.
 
     Units sample evenly by their own clock; what scatters is the tag. When a frame arrives has nothing to do with the
@@ -216,10 +214,10 @@ def even_tags_s(device_s: Array, counter: Int64) -> Array:
     line = np.polynomial.polynomial.polyfit((at - middle) / half, device_s, 1)
     even_s = line[0] + line[1] * (at - middle) / half
     off_s = device_s - even_s
-    return np.asarray(even_s if float(np.sqrt(np.mean(off_s**2))) <= _EVEN_s else device_s)
+    return even_s if float(np.sqrt(np.mean(off_s**2))) <= _EVEN_s else device_s
 
 
-def tag_noise_s(device_s: Array, counter: Int64) -> float:
+def tag_noise_s(device_s: Floats, counter: Integers) -> float:
     """White noise of time tags, standard deviation, second.
 
     Args:    device_s: (n,).   counter: (n,); only frames right behind one another count.
@@ -233,7 +231,7 @@ def tag_noise_s(device_s: Array, counter: Int64) -> float:
     return _SOURCE_STD * float(np.median(np.abs(second_s))) / math.sqrt(6.0)
 
 
-def first_step(device_s: Array, counter: Int64) -> int | None:
+def first_step(device_s: Floats, counter: Integers) -> int | None:
     """Place of the first frame whose time tag does not follow from the one before: a clock set or started again.
 
     Args:    device_s: (n,).   counter: (n,), rising.
@@ -287,7 +285,7 @@ def clock_difference(
     )
 
 
-def odd_readings(values: Array, counter: Int64) -> Int64:
+def odd_readings(values: Floats, counter: Integers) -> Integers:
     """Return the places of bad readings in rising order, at most one in a thousand or one.
 
     Args:    values: (n, c).   counter: (n,), rising; only readings without a gap around them are judged.
@@ -317,7 +315,7 @@ def odd_readings(values: Array, counter: Int64) -> Int64:
     return np.array(sorted(odd), np.int64)
 
 
-def _off(values: Array) -> Array:
+def _off(values: Floats) -> Floats:
     """Return readings minus their prediction, (n, c); zero for two at either end."""
     out = np.zeros_like(values)
     count = len(values) - 4

@@ -9,12 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg, special
 
+from bench.maths.arrays import Floats
 from bench.systems.time_sync.estimators.differences import STATES, Differences
 
-Array = NDArray[np.float64]
 _INDEPENDENT = 1e-3  # of a column that the unknowns of the filter do not take in
 _EDGE = 2  # blocks that lie at the least before and behind a step
 
@@ -28,7 +27,7 @@ class Rival:
     name: str
     offset_s: float
     probability: float
-    size: Array
+    size: Floats
 
 
 @dataclass(frozen=True)
@@ -47,7 +46,7 @@ class OneMotion:
         return float(special.chdtrc(self.dof, self.chi2))
 
 
-def one_motion(found: Differences, prior_std: Array, prior: Array) -> OneMotion:
+def one_motion(found: Differences, prior_std: Floats, prior: Floats) -> OneMotion:
     """Fit offset and errors of the inertial unit to the differences, and each rival beside them.
 
     Args:    found: differences.   prior_std: (7,) of biases and offset as stated beforehand, prior: (7,) what they are
@@ -57,7 +56,7 @@ def one_motion(found: Differences, prior_std: Array, prior: Array) -> OneMotion:
     blocks = found.at_s.size
     root = linalg.cholesky(found.covariance, lower=True)
 
-    def white(columns: Array) -> Array:
+    def white(columns: Floats) -> Floats:
         return np.asarray(linalg.solve_triangular(root, columns.reshape(9 * blocks, -1), lower=True))
 
     unknowns = np.concatenate((found.states, found.motion[..., None]), axis=2)
@@ -94,13 +93,13 @@ def _stepped(found: Differences, work: _Work, white: object, offset_s: float) ->
 class _Work:
     """Whitened fit: orthogonal columns, residuals, their square and degrees of freedom, scale of the offset."""
 
-    Q: Array
-    residual: Array
+    Q: Floats
+    residual: Floats
     chi2: float
     dof: int
     last: float
 
-    def rival(self, name: str, columns: Array, offset_s: float) -> Rival:
+    def rival(self, name: str, columns: Floats, offset_s: float) -> Rival:
         """Fit columns beside the unknowns."""
         length = np.linalg.norm(columns, axis=0)
         columns = columns / np.where(length > 0.0, length, 1.0)

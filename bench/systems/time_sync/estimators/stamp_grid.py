@@ -13,11 +13,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize, special
 
-Array = NDArray[np.float64]
-Int64 = NDArray[np.int64]
+from bench.maths.arrays import Floats, Integers
+
 _COMMON = 5  # times that a difference between stamps comes
 _FINE_s = 1e-5  # steps below are none
 _LEAST_NOISE = 0.003  # of a step: below, the likelihood has corners
@@ -34,13 +33,13 @@ class Grid:
     ``noise_s``: of the tags.
     """
 
-    place: Array
-    delay_s: Array
+    place: Floats
+    delay_s: Floats
     step_s: float
     noise_s: float
 
 
-def grid_s(received_ns: Int64) -> float:
+def grid_s(received_ns: Integers) -> float:
     """Step of receive stamps, 0 if there is none above 10 us.
 
     Args:    received_ns: (n,), of all ports that the bench looks at together.
@@ -53,7 +52,7 @@ def grid_s(received_ns: Int64) -> float:
     return step_s if step_s >= _FINE_s else 0.0
 
 
-def grid_line(grid: Grid, level_s: float, slope_s: float) -> tuple[float, float, float, Array]:
+def grid_line(grid: Grid, level_s: float, slope_s: float) -> tuple[float, float, float, Floats]:
     """Most likely line of the least delay.
 
     Args:    grid: the delays.   level_s, slope_s: line below all of them, per unit of place.
@@ -64,7 +63,7 @@ def grid_line(grid: Grid, level_s: float, slope_s: float) -> tuple[float, float,
     noise = max(grid.noise_s / grid.step_s, _LEAST_NOISE)
     excess = math.log(max(float(delay.mean()) - 0.5, 0.05))
 
-    def cost(at: Array) -> tuple[float, Array]:
+    def cost(at: Floats) -> tuple[float, Floats]:
         value, scores = _log_likelihood(delay, grid.place, noise, at)
         return -float(value.mean()), -scores.mean(axis=0)
 
@@ -82,7 +81,7 @@ def grid_line(grid: Grid, level_s: float, slope_s: float) -> tuple[float, float,
     return level, slope, jitter * grid.step_s, covariance * grid.step_s**2
 
 
-def expected_covariance(grid: Grid, jitter_s: float, frames: int) -> Array:
+def expected_covariance(grid: Grid, jitter_s: float, frames: int) -> Floats:
     """Return what so many frames like those of a grid will tell of the line, with delays that count from it.
 
     Args:    grid: delays above the true line, (n,).   jitter_s: mean excess delay.   frames: of the recording.
@@ -95,18 +94,18 @@ def expected_covariance(grid: Grid, jitter_s: float, frames: int) -> Array:
     inverse = _inverse(delay, grid.place, noise, np.array([0.0, 0.0, math.log(jitter)]))
     seen = None if inverse is None else inverse * delay.size / frames
     covariance = _shown(seen, jitter)
-    return np.asarray((_BOUND if covariance is None else covariance) * grid.step_s**2)
+    return (_BOUND if covariance is None else covariance) * grid.step_s**2
 
 
-def _shown(covariance: Array | None, jitter: float) -> Array | None:
+def _shown(covariance: Floats | None, jitter: float) -> Floats | None:
     """Return the covariance with that of the jitter itself; None where nothing shows the place within a step."""
     if jitter < _LEAST_EXCESS or covariance is None or np.any(np.diag(covariance)[:2] > np.diag(_BOUND)[:2]):
         return None
     by_jitter = np.array([1.0, 1.0, jitter])
-    return np.asarray(covariance * np.outer(by_jitter, by_jitter))
+    return covariance * np.outer(by_jitter, by_jitter)
 
 
-def _log_likelihood(delay: Array, place: Array, noise: float, at: Array) -> tuple[Array, Array]:
+def _log_likelihood(delay: Floats, place: Floats, noise: float, at: Floats) -> tuple[Floats, Floats]:
     """Of each frame, (n,), and its derivatives by level, slope and logarithm of the excess, (n, 3); units of a step."""
     excess = math.exp(float(at[2]))
     late = delay - at[0] - at[1] * place
@@ -118,7 +117,7 @@ def _log_likelihood(delay: Array, place: Array, noise: float, at: Array) -> tupl
     return np.log(probability), np.stack([-by_late, -by_late * place, by_log], axis=1)
 
 
-def _later(late: Array, noise: float, excess: float) -> tuple[Array, Array, Array]:
+def _later(late: Floats, noise: float, excess: float) -> tuple[Floats, Floats, Floats]:
     """Probability of a longer delay, its density, and the derivative of the probability by the mean excess."""
     ratio = noise / excess
     u = late / noise
@@ -129,7 +128,7 @@ def _later(late: Array, noise: float, excess: float) -> tuple[Array, Array, Arra
     return special.ndtr(-u) + tail, tail / excess, by_excess
 
 
-def _covariance(delay: Array, place: Array, noise: float, at: Array) -> Array | None:
+def _covariance(delay: Floats, place: Floats, noise: float, at: Floats) -> Floats | None:
     """Of level, slope and logarithm of the excess, (3, 3): the larger of the two of a likelihood; None without a peak.
 
     The larger one by level and slope.
@@ -141,18 +140,18 @@ def _covariance(delay: Array, place: Array, noise: float, at: Array) -> Array | 
     part = np.minimum(((place + 1.0) * 0.5 * _BLOCKS).astype(np.int64), _BLOCKS - 1)
     blocks = np.stack([np.bincount(part, scores[:, k], _BLOCKS) for k in range(3)], axis=1)
     robust = inverse @ (blocks.T @ blocks) @ inverse
-    return np.asarray(max((inverse, robust), key=lambda covariance: float(np.trace(covariance[:2, :2]))))
+    return max((inverse, robust), key=lambda covariance: float(np.trace(covariance[:2, :2])))
 
 
-def _inverse(delay: Array, place: Array, noise: float, at: Array) -> Array | None:
+def _inverse(delay: Floats, place: Floats, noise: float, at: Floats) -> Floats | None:
     """Inverse of the information of a likelihood, (3, 3); None if it has no peak."""
     steps = np.diag([2e-3, 2e-3, 2e-3])
 
-    def gradient(x: Array) -> Array:
+    def gradient(x: Floats) -> Floats:
         return np.asarray(_log_likelihood(delay, place, noise, x)[1].sum(axis=0))
 
     information = -np.array([(gradient(at + step) - gradient(at - step)) / (2.0 * 2e-3) for step in steps])
     information = 0.5 * (information + information.T)
     if not np.all(np.isfinite(information)) or np.linalg.eigvalsh(information)[0] <= 0.0:
         return None
-    return np.asarray(np.linalg.inv(information))
+    return np.linalg.inv(information)

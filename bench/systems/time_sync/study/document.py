@@ -6,10 +6,10 @@ The same tasks give the same bytes.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
-from bench.analysis import Chapter, Table
+from bench.analysis import Chapter, Document, Table
 from bench.systems.time_sync.study.errors import error_estimates, recovery_estimates
 from bench.systems.time_sync.study.figures import (
     error_figures,
@@ -160,7 +160,7 @@ def study_document(options: StudyOptions, results: Results, software: str) -> di
     }
 
 
-def study_json(document: Mapping[str, Any]) -> str:
+def study_json(document: Document) -> str:
     """Canonical text: sorted keys, shortest exact floats, one newline at the end."""
     return json.dumps(document, sort_keys=True, ensure_ascii=False, allow_nan=False, indent=1) + "\n"
 
@@ -182,7 +182,7 @@ def _cut(cut: Cut) -> dict[str, Any]:
     }
 
 
-def study_chapters(options: StudyOptions, document: Mapping[str, Any], results: Results) -> list[Chapter]:
+def study_chapters(options: StudyOptions, document: Document, results: Results) -> list[Chapter]:
     """Return the chapters in the order of the page."""
     offsets_ms, estimates = options.offsets_ms, Estimates(document["estimates"])
     uncompensated = [image_table(estimates, offsets_ms), paired_table(estimates, offsets_ms)]
@@ -207,7 +207,7 @@ def study_chapters(options: StudyOptions, document: Mapping[str, Any], results: 
     ]
 
 
-def tolerance_table(estimates: Sequence[Mapping[str, Any]]) -> Table:
+def tolerance_table(estimates: Sequence[Document]) -> Table:
     """Return everything that is judged, what failed first."""
     judged = [estimate for estimate in estimates if estimate["verdict"] != "none"]
     rows = [
@@ -231,7 +231,7 @@ def _end(value: float | None) -> str:
     return "–" if value is None else plain(value)
 
 
-def _where(conditions: Mapping[str, Any]) -> str:
+def _where(conditions: Document) -> str:
     if conditions["filter"] == ERRORLESS:
         return "without errors"
     shown = {

@@ -64,9 +64,9 @@ def greatest(flight: FlightResult, name: str, group: Group, axis: int) -> float:
     return float(flight.rms[name][flight.t_s > SETTLED_s, flight.at(group), axis].max())
 
 
-def mean_error(flight: FlightResult, name: str, group: Group, axis: int, between_s: tuple[float, float]) -> float:
-    """Mean of an error over the runs and a stretch of time."""
-    return float(flight.mean[name][flight.during(*between_s), flight.at(group), axis].mean())
+def mean_error(flight: FlightResult, name: str, group: Group, between_s: tuple[float, float]) -> float:
+    """Mean of an error along north over the runs and a stretch of time."""
+    return float(flight.mean[name][flight.during(*between_s), flight.at(group), 0].mean())
 
 
 def after_s(flight: FlightResult) -> tuple[float, float]:
@@ -94,11 +94,11 @@ def _position(results: Results, offset_ms: float) -> Estimates:
         low_m, high_m = _POSITION_0_m
         return [measured("position_rms", "m", rms_m, std_m, conditions, n=flight.runs, at_least=low_m, at_most=high_m)]
     lag_m = SPEED_m_s * offset_ms * 1e-3
-    mean_0_m = mean_error(flight, "position_m", unaugmented(0.0), 0, between_s)
+    mean_0_m = mean_error(flight, "position_m", unaugmented(0.0), between_s)
     due_m = float(np.sqrt(rms_0_m**2 - 2.0 * mean_0_m * lag_m + lag_m**2))  # of these runs, whose mean is not quite 0
     within = _POSITION_WITHIN.get(offset_ms)
     ends = {} if within is None else {"at_least": (1 - within) * due_m, "at_most": (1 + within) * due_m}
-    mean_m = mean_error(flight, "position_m", unaugmented(offset_ms), 0, between_s)
+    mean_m = mean_error(flight, "position_m", unaugmented(offset_ms), between_s)
     std_mean_m = rms_0_m / np.sqrt(flight.runs)
     mean_ends = {"at_least": -lag_m - _MEAN_m, "at_most": -lag_m + _MEAN_m}
     return [
@@ -120,7 +120,7 @@ def _velocity(results: Results, offset_ms: float) -> Estimates:
     low, high = _VELOCITY_WITHIN
     ends = {} if paper_m_s is None else {"at_least": low * paper_m_s, "at_most": high * paper_m_s}
     step_m_s = -ACCELERATION_m_s2 * offset_ms * 1e-3
-    lag = mean_error(flight, "velocity_m_s", group, 0, MANOEUVRE_s) / step_m_s
+    lag = mean_error(flight, "velocity_m_s", group, MANOEUVRE_s) / step_m_s
     return [
         measured("velocity_rms_max", "m/s", rms_m_s, std_m_s, conditions, n=flight.runs, **ends),
         measured("velocity_lag", "1", lag, std_m_s / abs(step_m_s), conditions, n=flight.runs),

@@ -136,4 +136,4 @@ def _paired(results: Results, offset_ms: float, augmented: bool) -> Estimates:
 
 def _difference(results: Results, name: str, offset_ms: float, augmented: bool) -> Floats:
     with_it, without = (figures_of(results, name, offset, augmented=augmented) for offset in (offset_ms, 0.0))
-    return np.asarray(with_it - without)
+    return with_it - without

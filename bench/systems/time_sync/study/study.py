@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bench.analysis import Estimate, Floats, estimate
+from bench.analysis import Document, Estimate, Floats, estimate
+from bench.maths.arrays import Flags
 from bench.model.errors import InputError
 
 NAME = "time_sync"
@@ -200,9 +201,9 @@ class FlightResult:
         """Place of a group."""
         return self.groups.index(group)
 
-    def during(self, begin_s: float, end_s: float) -> NDArray[np.bool_]:
+    def during(self, begin_s: float, end_s: float) -> Flags:
         """Return which times lie in an interval, its ends included."""
-        return np.asarray((self.t_s >= begin_s - 1e-9) & (self.t_s <= end_s + 1e-9))
+        return (self.t_s >= begin_s - 1e-9) & (self.t_s <= end_s + 1e-9)
 
 
 @dataclass(frozen=True)
@@ -306,7 +307,7 @@ def measured(
     unit: str,
     value: float,
     std: float,
-    conditions: Mapping[str, Any],
+    conditions: Document,
     *,
     n: int,
     at_least: float | None = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from bench.analysis import Table, number, with_uncertainty
+from bench.analysis import Document, Table, number, with_uncertainty
 from bench.systems.time_sync.study.errors import over_time, unaugmented
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
@@ -24,7 +24,7 @@ from bench.systems.time_sync.study.study import (
     YAW_deg,
 )
 
-Row = Mapping[str, Any]
+Row = Document
 _DASH = "–"
 
 

@@ -15,7 +15,7 @@ The Analysis of Variance (1959), 2.8.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from scipy import special
 
-from bench.analysis import FALSE_DOUBT, Estimates, Floats, Planned, Trace
+from bench.analysis import FALSE_DOUBT, Document, Estimates, Floats, Planned, Trace
 from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached
 from bench.model.errors import InputError
 from bench.model.units import format_quantity, parse_quantity
@@ -361,7 +361,7 @@ def _holds_beside(holds: tuple[int, int, int]) -> Iterator[tuple[int, int, int]]
         yield start, top, end
 
 
-def _one_of_each_kind(campaign: Mapping[str, Any]) -> dict[str, Any]:
+def _one_of_each_kind(campaign: Document) -> dict[str, Any]:
     """Return the constants with the first channel of each kind: all of a kind are declared alike."""
     first = {channel["kind"]: channel for channel in reversed(campaign["channels"])}
     channels = [channel for channel in campaign["channels"] if channel is first[channel["kind"]]]

@@ -14,8 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats
 from bench.maths.least_squares import solve
 from bench.systems.af_converter.estimators.gates import Drive
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH, Gates, HysteresisModel, Level, ModelShape
@@ -29,12 +29,11 @@ from bench.systems.af_converter.estimators.hysteresis.search import (
     spacing_degC,
 )
 
-Array = NDArray[np.float64]
-Whiten = Callable[[Array], Array]
+Whiten = Callable[[Floats], Floats]
 LAG, HALF_WIDTH = "thermal lag", "play half-width"
+_BRANCH_ORDER = 3  # degree of the polynomial of a branch
 _SIGNIFICANT = 4.0  # standard deviations of the width, below which its half-width means nothing
 _INSIDE = 2.0  # standard deviations that must fit between an estimate and the bounds of its search
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -52,13 +51,13 @@ class HysteresisFit:
     """
 
     names: tuple[str, ...]
-    parameters: Array
-    covariance: Array
+    parameters: Floats
+    covariance: Floats
     reference_degC: float
     order: int
-    unit_degC: Array
-    play_column: Array
-    residual: Array
+    unit_degC: Floats
+    play_column: Floats
+    residual: Floats
     chi2: float
     dof: int
     loop_degC: tuple[float, float]
@@ -80,7 +79,7 @@ class HysteresisFit:
         index = self.names.index(name)
         return float(np.sqrt(self.covariance[index, index]))
 
-    def combination(self, weights: Array) -> tuple[float, float]:
+    def combination(self, weights: Floats) -> tuple[float, float]:
         """Return value and standard uncertainty of a linear combination of the leading parameters, weights (k,)."""
         k = weights.size
         return float(weights @ self.parameters[:k]), float(np.sqrt(weights @ self.covariance[:k, :k] @ weights))
@@ -91,7 +90,7 @@ class HysteresisFit:
 
 
 def fit_hysteresis(
-    readings: Array,
+    readings: Floats,
     gates: Gates,
     drive: Drive,
     whiten: Whiten,
@@ -149,12 +148,12 @@ def _longer_lag(solution: Solution, bounds: Bounds, *, lag_inside: bool) -> str:
     return LAG if longest else ""
 
 
-def _inside(solution: Solution, bounds: Bounds) -> NDArray[np.bool_]:
+def _inside(solution: Solution, bounds: Bounds) -> Flags:
     """True where the readings alone keep lag and half-width away from both bounds of their search, (2,)."""
     place = solution.parameters[-2:]
     precision = 1.0 / np.diag(solution.covariance)[-2:] - 1.0 / bounds.std**2
     std = np.where(precision > 0, 1.0 / np.sqrt(np.where(precision > 0, precision, 1.0)), np.inf)
-    return np.asarray((place - _INSIDE * std > bounds.low) & (place + _INSIDE * std < bounds.high))
+    return (place - _INSIDE * std > bounds.low) & (place + _INSIDE * std < bounds.high)
 
 
 def width_at(fit: HysteresisFit, temperature_degC: float) -> tuple[float, float]:
@@ -177,7 +176,7 @@ def width_at(fit: HysteresisFit, temperature_degC: float) -> tuple[float, float]
     return float(fit.value(WIDTH) * crossed), float(np.sqrt(weights @ fit.covariance @ weights))
 
 
-def branch_curves(fit: HysteresisFit, temperature_degC: Array) -> tuple[Array, Array]:
+def branch_curves(fit: HysteresisFit, temperature_degC: Floats) -> tuple[Floats, Floats]:
     """Rising and falling branch of the closed loop at lagged temperatures, (k,) each.
 
     Args:    temperature_degC: (k,).
@@ -195,37 +194,37 @@ def branch_curves(fit: HysteresisFit, temperature_degC: Array) -> tuple[Array, A
     )
 
 
-def crossed_over(fit: HysteresisFit) -> NDArray[np.bool_]:
+def crossed_over(fit: HysteresisFit) -> Flags:
     """True for the readings in which the play follows: outside the 2 r after a reversal; (m,).
 
     Source: |P - T| = r where the play follows.
     """
-    return np.asarray(np.abs(fit.play_column) > 0.5 * (1.0 - 1e-6))
+    return np.abs(fit.play_column) > 0.5 * (1.0 - 1e-6)
 
 
 def branch_difference(
-    temperature_degC: Array, readings: Array, rising: Mask, falling: Mask, at_degC: Array, order: int = 3
-) -> Array:
+    temperature_degC: Floats, readings: Floats, rising: Flags, falling: Flags, at_degC: Floats
+) -> Floats:
     """Falling minus rising polynomial at temperatures; NaN outside what both branches cover.
 
     Args:    temperature_degC, readings: (m,).   rising, falling: (m,) masks of the branches.   at_degC: (k,).
-             order: degree of both polynomials; all readings weigh the same.
+             All readings weigh the same.
     Returns: (k,), unit of the readings; all NaN if a branch has no more readings than coefficients.
     Raises:  FitError B-FIT-001 if the temperatures of a branch do not determine its polynomial.
     Source:  see the module.
     """
     both = [(temperature_degC[mask], readings[mask]) for mask in (falling, rising)]
-    if min(temperature.size for temperature, _ in both) <= order + 1:
+    if min(temperature.size for temperature, _ in both) <= _BRANCH_ORDER + 1:
         return np.full(at_degC.shape, np.nan)
     low = max(float(temperature.min()) for temperature, _ in both)
     high = min(float(temperature.max()) for temperature, _ in both)
-    values = [_polynomial(temperature, y, order, at_degC) for temperature, y in both]
+    values = [_polynomial(temperature, y, at_degC) for temperature, y in both]
     return np.where((at_degC >= low) & (at_degC <= high), values[0] - values[1], np.nan)
 
 
-def _polynomial(temperature_degC: Array, readings: Array, order: int, at_degC: Array) -> Array:
+def _polynomial(temperature_degC: Floats, readings: Floats, at_degC: Floats) -> Floats:
     middle, reach = float(np.mean(temperature_degC)), float(np.ptp(temperature_degC)) / 2.0 or 1.0
-    basis, triangle = np.linalg.qr(np.vander((temperature_degC - middle) / reach, order + 1, increasing=True))
-    names = [f"coefficient {k} of a branch" for k in range(order + 1)]
-    fit = solve(triangle, basis.T @ readings, np.eye(order + 1), names)
+    basis, triangle = np.linalg.qr(np.vander((temperature_degC - middle) / reach, _BRANCH_ORDER + 1, increasing=True))
+    names = [f"coefficient {k} of a branch" for k in range(_BRANCH_ORDER + 1)]
+    fit = solve(triangle, basis.T @ readings, np.eye(_BRANCH_ORDER + 1), names)
     return np.asarray(np.polynomial.polynomial.polyval((at_degC - middle) / reach, fit.parameters))

@@ -14,16 +14,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.af_converter.estimators.gates import Drive, lagged, lagged_means
 
-Array = NDArray[np.float64]
 WIDTH = "hysteresis width"
 
 
-def play(temperature_degC: Array, half_width_degC: float, start: float = 1.0) -> Array:
+def play(temperature_degC: Floats, half_width_degC: float, start: float = 1.0) -> Floats:
     """Output P of a play of half-width r: P moves only where it would otherwise be more than r away from T.
 
     On a rising branch P = T - r, on a falling one P = T + r; after a reversal 2 r is crossed before P moves.
@@ -46,7 +45,7 @@ def play(temperature_degC: Array, half_width_degC: float, start: float = 1.0) ->
     return np.asarray(np.where(on_rise, np.maximum(held, low), np.minimum(held, high)))
 
 
-def cell_means(temperature_degC: Array, output_degC: Array) -> Array:
+def cell_means(temperature_degC: Floats, output_degC: Floats) -> Floats:
     """Mean of P between neighbouring values, (k - 1,), exact where T is a straight line between them.
 
     P stands still for a part of the cell and follows T for the rest, so the mean is not half the sum of the ends.
@@ -56,20 +55,20 @@ def cell_means(temperature_degC: Array, output_degC: Array) -> Array:
     """
     moved, run = np.diff(output_degC), np.abs(np.diff(temperature_degC))
     share = np.abs(moved) / np.where(run > 0, run, 1.0)
-    return np.asarray(output_degC[:-1] + moved * share / 2.0)
+    return output_degC[:-1] + moved * share / 2.0
 
 
 @dataclass(frozen=True)
 class Gates:
     """When each of m readings was taken: from ``start_s`` to ``end_s`` on the clock of the drive."""
 
-    start_s: Array
-    end_s: Array
+    start_s: Floats
+    end_s: Floats
 
     @property
-    def middle_s(self) -> Array:
+    def middle_s(self) -> Floats:
         """(m,), second."""
-        return np.asarray((self.start_s + self.end_s) / 2.0)
+        return (self.start_s + self.end_s) / 2.0
 
 
 @dataclass(frozen=True)
@@ -82,7 +81,7 @@ class ModelShape:
 
     reference_degC: float = 20.0
     order: int = 3
-    extra_columns: Array = field(default_factory=lambda: np.empty((0, 0)))
+    extra_columns: Floats = field(default_factory=lambda: np.empty((0, 0)))
     extra_names: Sequence[str] = ()
     play_start: float = 1.0
 
@@ -107,9 +106,9 @@ class HysteresisModel:
         self._stop = np.searchsorted(self._t_s, gates.end_s)
         self._step_s = np.diff(self._t_s)
         self._gate_s = gates.end_s - gates.start_s
-        self._known: dict[float, tuple[Array, Array]] = {}
+        self._known: dict[float, tuple[Floats, Floats]] = {}
 
-    def unit_degC(self, lag_s: float) -> Array:
+    def unit_degC(self, lag_s: float) -> Floats:
         """Lagged temperature averaged over each gate, (m,)."""
         return self._unit(lag_s)[1]
 
@@ -118,20 +117,20 @@ class HysteresisModel:
         inside = self._unit(lag_s)[0][self._first[0] : self._stop[-1] + 1]
         return float(inside.min()), float(inside.max())
 
-    def shape_column(self, lag_s: float, half_width_degC: float) -> Array:
+    def shape_column(self, lag_s: float, half_width_degC: float) -> Floats:
         """s = (P - T) / (2 r) averaged over each gate, (m,)."""
         on_grid = self._unit(lag_s)[0]
         behind = cell_means(on_grid, play(on_grid, half_width_degC, self.shape.play_start))
         behind -= (on_grid[:-1] + on_grid[1:]) / 2.0  # straight between the times, as in the mean of P
         return self._gate_means(behind) / (2.0 * half_width_degC)
 
-    def columns(self, lag_s: float, half_width_degC: float) -> Array:
+    def columns(self, lag_s: float, half_width_degC: float) -> Floats:
         """Design matrix (m, p) of the linear parameters ``names``."""
         x = self.unit_degC(lag_s) - self.shape.reference_degC
         powers = np.vander(x, self.shape.order + 1, increasing=True)
         return np.column_stack((powers, self.shape_column(lag_s, half_width_degC), self.extra))
 
-    def _unit(self, lag_s: float) -> tuple[Array, Array]:
+    def _unit(self, lag_s: float) -> tuple[Floats, Floats]:
         """Lagged temperature on the grid and by gate; the last few lags are kept, a search asks for them again."""
         if lag_s not in self._known:
             if len(self._known) > 16:
@@ -141,19 +140,19 @@ class HysteresisModel:
             self._known[lag_s] = on_grid, self._gate_means(cells)
         return self._known[lag_s]
 
-    def _gate_means(self, cells: Array) -> Array:
+    def _gate_means(self, cells: Floats) -> Floats:
         integral = np.concatenate(([0.0], np.cumsum(cells * self._step_s)))
-        return np.asarray((integral[self._stop] - integral[self._first]) / self._gate_s)
+        return (integral[self._stop] - integral[self._first]) / self._gate_s
 
 
 @dataclass(frozen=True)
 class Level:
     """The mean of the walk over the readings: its covariance with every reading, (m,), and its variance."""
 
-    covariance: Array
+    covariance: Floats
     variance: float
 
-    def referred(self, covariance: Array, design_product: Array, square: float) -> Array:
+    def referred(self, covariance: Floats, design_product: Floats, square: float) -> Floats:
         """Covariance (n, n) of the parameters when the first one holds the mean of the walk, best predicted.
 
         Args:    covariance: (n, n) of the generalised least squares.   design_product: X' V^-1 c, (n,).
@@ -169,7 +168,7 @@ class Level:
         return referred
 
 
-def mean_of_walk(start_s: Array, end_s: Array, walk_A_rth: float) -> Level:
+def mean_of_walk(start_s: Floats, end_s: Floats, walk_A_rth: float) -> Level:
     """Level of a random walk that starts with the first gate, averaged over gates that do not overlap.
 
     Args:    start_s, end_s: (m,), in order of time, second.   walk_A_rth: standard deviation after one hour.

@@ -14,14 +14,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from bench.maths.arrays import Floats
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.hysteresis.search import Place, Problem, derivatives
 
-Array = NDArray[np.float64]
-Whiten = Callable[[Array], Array]
+Whiten = Callable[[Floats], Floats]
 STEP, SECOND_LAG, PLAYS, DRIFT = "a step", "a second thermal lag", "several play operators", "a linear drift"
 FINER = "a finer dependence on temperature"
 _CODES = {
@@ -45,7 +44,7 @@ class Rival:
     """``candidates``: further columns (m, q), one set for each of ``places`` (time in h, lag in min; 0 for none)."""
 
     name: str
-    candidates: Sequence[Array]
+    candidates: Sequence[Floats]
     places: Sequence[float]
 
 
@@ -57,9 +56,9 @@ class Base:
     """
 
     names: tuple[str, ...]
-    columns: Array
-    residual: Array
-    values: Array
+    columns: Floats
+    residual: Floats
+    values: Floats
 
     def value(self, name: str) -> float:
         """Return the parameter called ``name``."""
@@ -110,7 +109,7 @@ def base_of(problem: Problem, lag_s: float, half_width_degC: float, names: Seque
     return Base((*problem.model.names, *names), np.column_stack((columns, slopes)), residual, values)
 
 
-def beside(base: Base, name: str, column: Array) -> Base:
+def beside(base: Base, name: str, column: Floats) -> Base:
     """Return a base with a further column that no rival may win by.
 
     Args:    column: (m,).
@@ -130,7 +129,7 @@ def likeliest(base: Base, noises: Sequence[Noise]) -> Noise:
     return min(states, key=lambda state: state.cost).noise
 
 
-def steps(middle_s: Array) -> Rival:
+def steps(middle_s: Floats) -> Rival:
     """Return one step before any reading but the first and last few. Args: middle_s: (m,). Source: see the module."""
     m = middle_s.size
     edge = max(2, round(_EDGE * m))
@@ -139,12 +138,12 @@ def steps(middle_s: Array) -> Rival:
     return Rival(STEP, [(np.arange(m) >= first).astype(np.float64)[:, None] for first in at], hours)
 
 
-def drift(middle_s: Array) -> Rival:
+def drift(middle_s: Floats) -> Rival:
     """Return a linear drift in time. Args: middle_s: (m,). Source: see the module."""
     return Rival(DRIFT, [((middle_s - middle_s.mean()) / 3600.0)[:, None]], [0.0])
 
 
-def finer(temperature_degC: Array, beside: Array) -> Rival:
+def finer(temperature_degC: Floats, beside: Floats) -> Rival:
     """Return what a cubic and one width leave out: the next orders, and a difference that changes over temperature.
 
     Args:    temperature_degC: (m,).   beside: (m,), the column of the difference between the branches.
@@ -202,8 +201,8 @@ class _State:
     """The base under one covariance: orthonormal ``basis``, white ``rest`` of the residual and its square."""
 
     noise: Noise
-    basis: Array
-    rest: Array
+    basis: Floats
+    rest: Floats
     square: float
     dof: int
 
@@ -219,13 +218,13 @@ class _State:
         """Twice minus the log-likelihood of the base itself."""
         return float(self.costs(np.array(self.square)))
 
-    def costs(self, squares: Array) -> Array:
+    def costs(self, squares: Floats) -> Floats:
         """Twice minus the log-likelihood, for each square of what is left."""
         if self.noise.known:
             return squares
-        return np.asarray(2.0 * self.noise.log_volume + self.dof * np.log(np.maximum(squares, _TINY)))
+        return 2.0 * self.noise.log_volume + self.dof * np.log(np.maximum(squares, _TINY))
 
-    def squares(self, stacked: Array, width: int) -> tuple[Array, Array]:
+    def squares(self, stacked: Floats, width: int) -> tuple[Floats, Floats]:
         """Squares of what every candidate leaves, (k,), and how many columns each adds."""
         white = self.noise.whiten(stacked)
         white = white - self.basis @ (self.basis.T @ white)
@@ -244,12 +243,12 @@ class _State:
         return np.array(left), np.array(added)
 
 
-def _orthonormal(columns: Array, scale: float = 0.0) -> Array:
+def _orthonormal(columns: Floats, scale: float = 0.0) -> Floats:
     """Orthonormal basis of what columns span, those that add nothing left out."""
     length = np.linalg.norm(columns, axis=0)
     left, singular, _ = np.linalg.svd(columns / np.where(length > 0, length, 1.0), full_matrices=False)
     kept = (singular > _RANK * max(float(singular[0]), 1e-300)) & (length.max() > _RANK * scale)
-    return np.asarray(left[:, kept])
+    return left[:, kept]
 
 
 def _outcome(rival: Rival, base: Base, states: Sequence[_State], best: float) -> Outcome:
@@ -277,7 +276,7 @@ def _chance(gain: float, added: int, state: _State) -> float:
     return float(special.fdtrc(added, rest, float(np.expm1(gain / state.dof)) * rest / added))
 
 
-def _shift(candidate: Array, base: Base, noise: Noise, *, several: bool) -> dict[str, float]:
+def _shift(candidate: Floats, base: Base, noise: Noise, *, several: bool) -> dict[str, float]:
     """By how much each parameter differs with the candidate beside it; the width is that of all play operators."""
     design = noise.whiten(np.column_stack((base.columns, candidate)))
     scale = np.linalg.norm(design, axis=0)

@@ -13,14 +13,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from bench.maths.arrays import Floats
 from bench.maths.least_squares import solve
 from bench.systems.af_converter.estimators.hysteresis.model import HysteresisModel, Level
 
-Array = NDArray[np.float64]
-Whiten = Callable[[Array], Array]
+Whiten = Callable[[Floats], Floats]
 _REFINED = 3  # local minima of the grid that are followed up
 _TOLERANCE = {"diff_step": 1e-4, "xtol": 1e-7, "ftol": 1e-10}
 _STEP = 1e-3  # of the numeric derivatives, relative
@@ -36,17 +35,17 @@ class Bounds:
     starts: int = 5
 
     @property
-    def low(self) -> Array:
+    def low(self) -> Floats:
         """Lower ends, (lag in s, half-width in degC)."""
         return np.array([self.lag_s[0], self.half_width_degC[0]])
 
     @property
-    def high(self) -> Array:
+    def high(self) -> Floats:
         """Upper ends, (lag in s, half-width in degC)."""
         return np.array([self.lag_s[1], self.half_width_degC[1]])
 
     @property
-    def std(self) -> Array:
+    def std(self) -> Floats:
         """Standard deviation of a value of which nothing is known but the bounds, (lag in s, half-width in degC)."""
         return np.asarray((self.high - self.low) / np.sqrt(12.0))
 
@@ -56,18 +55,18 @@ class Problem:
     """Readings (m,), the model that gives their columns, and V^-1/2 of their noise, for (m,) or (m, p)."""
 
     model: HysteresisModel
-    readings: Array
+    readings: Floats
     whiten: Whiten
 
     @cached_property
-    def white(self) -> Array:
+    def white(self) -> Floats:
         """White readings (m,)."""
         return self.whiten(self.readings)
 
-    def projected(self, lag_s: float, half_width_degC: float) -> Array:
+    def projected(self, lag_s: float, half_width_degC: float) -> Floats:
         """White residual (m,) of the best linear parameters at these nonlinear ones."""
         basis = np.linalg.qr(self.whiten(self.model.columns(lag_s, half_width_degC)))[0]
-        return np.asarray(self.white - basis @ (basis.T @ self.white))
+        return self.white - basis @ (basis.T @ self.white)
 
     def chi2(self, lag_s: float, half_width_degC: float) -> float:
         """Chi-square of the best linear parameters at these nonlinear ones."""
@@ -135,7 +134,7 @@ def _spaced(low: float, high: float, count: int) -> list[float]:
     return [float(value) for value in (np.sqrt(low) + places * (np.sqrt(high) - np.sqrt(low))) ** 2]
 
 
-def _local_minima(cost: Array) -> list[tuple[int, int]]:
+def _local_minima(cost: Floats) -> list[tuple[int, int]]:
     """Places of the grid not higher than their four neighbours, best first."""
     padded = np.pad(cost, 1, constant_values=np.inf)
     inner = padded[1:-1, 1:-1]
@@ -148,8 +147,8 @@ def _local_minima(cost: Array) -> list[tuple[int, int]]:
 class Solution:
     """``parameters`` (p + 2,): linear ones, lag in s, half-width in degC; ``covariance`` (p + 2, p + 2)."""
 
-    parameters: Array
-    covariance: Array
+    parameters: Floats
+    covariance: Floats
     log_weight: float  # logarithm of the integral of the likelihood over all but the half-width, up to a constant
 
 
@@ -216,7 +215,7 @@ def spacing_degC(bounds: Bounds) -> float:
     return float(bounds.high[1] - bounds.low[1]) / _HALF_WIDTHS
 
 
-def derivatives(problem: Problem, place: Place, linear: Array) -> Array:
+def derivatives(problem: Problem, place: Place, linear: Floats) -> Floats:
     """Change of the model with lag and half-width, (m, 2), by central differences."""
     columns, lag_s, half = problem.model.columns, place.lag_s, place.half_width_degC
     by_lag = columns(lag_s * (1 + _STEP), half) - columns(lag_s * (1 - _STEP), half)
@@ -224,7 +223,7 @@ def derivatives(problem: Problem, place: Place, linear: Array) -> Array:
     return np.column_stack((by_lag @ linear / (2 * _STEP * lag_s), by_half @ linear / (2 * _STEP * half)))
 
 
-def _covariance(white_design: Array, prior_std: Array) -> tuple[Array, float]:
+def _covariance(white_design: Floats, prior_std: Floats) -> tuple[Floats, float]:
     """(J' V^-1 J + prior)^-1, and half the logarithm of its determinant; the prior is on the last parameters."""
     rows, columns = white_design.shape
     more = prior_std.size

@@ -13,11 +13,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
 from bench.analysis import FALSE_DOUBT, Estimates
 from bench.design import Power
+from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.constants import Campaign, Standards
 from bench.systems.af_converter.estimators.readings import Readings
@@ -25,7 +25,6 @@ from bench.systems.af_converter.estimators.scale_factor import fit_scale_factor
 from bench.systems.af_converter.group_fit import QUANTITIES
 from bench.systems.af_converter.scale_factor.design.template import Point, Stop
 
-Array = NDArray[np.float64]
 _TRIED = 1e-3  # relative size of a rival in the counts: far above a whole pulse
 _NO_MOVE = 1e-4  # of its size: what moves a result less than that costs it nothing
 _CHECKS_OF_A_VISIT = 3
@@ -58,7 +57,7 @@ def visit_readings(points: Sequence[Point], length_s: float, channel: int, campa
     )
 
 
-def rivals(rows: Readings) -> Iterator[tuple[str, Array]]:
+def rivals(rows: Readings) -> Iterator[tuple[str, Floats]]:
     """Yield the rivals of a straight line through the levels: name, and relative error of each row, (m,)."""
     share = rows.level_A / rows.level_A.max()
     yield "soft end of the converter", -(share**4)
@@ -156,7 +155,7 @@ def _first(stops: Sequence[Stop], number: int) -> int:
 
 
 def _size_ppm(
-    pattern: Array, stops: Sequence[Stop], reference_degC: float, quantity: str, estimates: Estimates
+    pattern: Floats, stops: Sequence[Stop], reference_degC: float, quantity: str, estimates: Estimates
 ) -> float:
     """Return how large a change of the calibrator in this pattern costs a coefficient 1 U, ppm."""
     visits = [number for number, stop in enumerate(stops) if not stop.repeat]
@@ -167,7 +166,7 @@ def _size_ppm(
     return U / move if move > 1e-12 else np.inf
 
 
-def _power(size_ppm: float, pattern: Array, resolved: Sequence[tuple[int, int, float]]) -> float:
+def _power(size_ppm: float, pattern: Floats, resolved: Sequence[tuple[int, int, float]]) -> float:
     if size_ppm == np.inf:
         return 1.0
     changes = [(size_ppm * float(pattern[last] - float(pattern[first])), std_ppm) for first, last, std_ppm in resolved]

@@ -12,13 +12,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric, fit_quadric
 from bench.systems.gnc.estimators.magnetometer.wander import odd_readings
 
-Array = NDArray[np.float64]
 LARGEST_GAP_deg = 60.0  # of the turn without a reading
 PARAMETERS = ("offset_x", "offset_y", "gain", "alpha_deg", "radius")
 _STEP = 1e-6
@@ -35,25 +34,25 @@ class PlaneParameters:
         dof: (5,) degrees of freedom behind ``covariance``.
     """
 
-    offset: Array
+    offset: Floats
     gain: float
     alpha_deg: float
     radius: float
-    covariance: Array
-    bias: Array
-    dof: Array = field(default_factory=lambda: np.full(5, np.inf))
+    covariance: Floats
+    bias: Floats
+    dof: Floats = field(default_factory=lambda: np.full(5, np.inf))
 
     @property
-    def values(self) -> Array:
+    def values(self) -> Floats:
         """(5,) in the order of ``PARAMETERS``."""
         return np.array([*self.offset, self.gain, self.alpha_deg, self.radius])
 
     @property
-    def std(self) -> Array:
+    def std(self) -> Floats:
         """(5,) standard uncertainties, the expected error of the method included."""
-        return np.asarray(np.sqrt(np.diag(self.covariance) + self.bias**2))
+        return np.sqrt(np.diag(self.covariance) + self.bias**2)
 
-    def corrected(self, x_out: Array, y_out: Array) -> tuple[Array, Array]:
+    def corrected(self, x_out: Floats, y_out: Floats) -> tuple[Floats, Floats]:
         """Return components without zero, gain and non-orthogonality, in units of axis X.
 
         Args:    x_out, y_out: (n,), unit of the readings.
@@ -78,8 +77,8 @@ class EllipseFit:
 
     parameters: PlaneParameters
     quadric: Quadric
-    odd: NDArray[np.bool_]
-    phase_deg: Array
+    odd: Flags
+    phase_deg: Floats
     largest_gap_deg: float
     phases: int
 
@@ -89,14 +88,14 @@ class EllipseFit:
         return self.quadric.noise
 
 
-def corrected(values: Array, x_out: Array, y_out: Array) -> tuple[Array, Array]:
+def corrected(values: Floats, x_out: Floats, y_out: Floats) -> tuple[Floats, Floats]:
     """Return components corrected by five values in the order of ``PARAMETERS``; see ``PlaneParameters.corrected``."""
     sine, cosine = np.sin(np.deg2rad(values[3])), np.cos(np.deg2rad(values[3]))
     y = values[2] * (y_out - values[1])
     return (x_out - values[0] - y * sine) / cosine, y
 
 
-def fit_ellipse(x_out: Array, y_out: Array, noise: float | None = None) -> EllipseFit:
+def fit_ellipse(x_out: Floats, y_out: Floats, noise: float | None = None) -> EllipseFit:
     """Zero, gain and non-orthogonality from all readings of a rotation.
 
     Args:    x_out, y_out: (n,), same unit, noise alike on both axes.   noise: of readings that hold none.
@@ -140,7 +139,7 @@ def fit_ellipse(x_out: Array, y_out: Array, noise: float | None = None) -> Ellip
     )
 
 
-def parameters_of(place: Array) -> Array:
+def parameters_of(place: Floats) -> Floats:
     """Return the five parameters, (5,), from the centre and the upper triangle (w00, w01, w11) of a quadric."""
     w00, w01, w11 = place[2:]
     length = np.hypot(w01, w11)
@@ -149,7 +148,7 @@ def parameters_of(place: Array) -> Array:
     return np.array([place[0], place[1], length / w00, np.rad2deg(alpha), radius])
 
 
-def _derivative(quadric: Quadric) -> Array:
+def _derivative(quadric: Quadric) -> Floats:
     """(5, 5) derivatives of the parameters with respect to those of the quadric, by central differences."""
     place = np.concatenate((quadric.centre, quadric.shape[np.triu_indices(2)]))
     steps = _STEP * np.concatenate((np.full(2, 1.0 / quadric.shape[0, 0]), np.full(3, quadric.shape[0, 0])))
@@ -159,7 +158,7 @@ def _derivative(quadric: Quadric) -> Array:
     return np.column_stack(columns)
 
 
-def _largest_gap(phase_deg: Array) -> tuple[float, float]:
+def _largest_gap(phase_deg: Floats) -> tuple[float, float]:
     """Return largest empty part of the turn and its middle, degrees."""
     ordered = np.sort(phase_deg)
     gaps = np.diff(np.concatenate((ordered, [ordered[0] + 360.0])))
@@ -168,7 +167,7 @@ def _largest_gap(phase_deg: Array) -> tuple[float, float]:
     return float(gaps[place]), float((middle + 180.0) % 360.0 - 180.0)
 
 
-def _distinct(phase_deg: Array, noise_deg: float) -> int:
+def _distinct(phase_deg: Floats, noise_deg: float) -> int:
     """Clusters of phases that are further apart than ten times their noise: 10 for ten readings in every turn.
 
     0 for readings so close that no gap is between any of them.

@@ -20,14 +20,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric, fit_quadric
 from bench.systems.gnc.estimators.magnetometer.wander import odd_readings
 from bench.systems.gnc.wording import say
 
-Array = NDArray[np.float64]
 LARGEST_STD = 0.01  # standard uncertainty of the size of the corrected field in the worst direction, relative
 _STEP = 1e-6
 _TRIANGLE = np.triu_indices(3)
@@ -52,33 +51,33 @@ class EllipsoidFit:
         ``estimators.magnetometer.quadric.Quadric``.   coverage: of the sphere; its sentences belong into a report.
     """
 
-    hard_iron: Array
-    hard_iron_covariance: Array
-    hard_iron_dof: Array
-    symmetric: Array
-    symmetric_std: Array
-    symmetric_dof: Array
-    triangular: Array
-    triangular_std: Array
-    triangular_dof: Array
+    hard_iron: Floats
+    hard_iron_covariance: Floats
+    hard_iron_dof: Floats
+    symmetric: Floats
+    symmetric_std: Floats
+    symmetric_dof: Floats
+    triangular: Floats
+    triangular_std: Floats
+    triangular_dof: Floats
     norm: float
     worst_std: float
     quadric: Quadric
     coverage: SphereCoverage
-    odd: NDArray[np.bool_]
+    odd: Flags
 
     @property
     def noise(self) -> float:
         """Standard deviation of the orthogonal distances, unit of the readings."""
         return self.quadric.noise
 
-    def corrected(self, field: Array, *, triangular: bool = False) -> Array:
+    def corrected(self, field: Floats, *, triangular: bool = False) -> Floats:
         """Return readings (n, 3) without hard and soft iron, unit of ``norm``."""
-        return np.asarray((field - self.hard_iron) @ (self.triangular if triangular else self.symmetric).T)
+        return (field - self.hard_iron) @ (self.triangular if triangular else self.symmetric).T
 
 
 def fit_ellipsoid(
-    field: Array, norm: float | None = None, begins: Sequence[int] = (), noise: float | None = None
+    field: Floats, norm: float | None = None, begins: Sequence[int] = (), noise: float | None = None
 ) -> EllipsoidFit:
     """Hard iron, soft iron and their uncertainty from readings in many directions.
 
@@ -119,18 +118,18 @@ def fit_ellipsoid(
     )
 
 
-def _norm(shape: Array, norm: float | None) -> float:
+def _norm(shape: Floats, norm: float | None) -> float:
     return float(np.prod(np.diag(shape)) ** (-1.0 / 3.0)) if norm is None else norm
 
 
-def _roots(shape: Array, norm: float | None) -> tuple[Array, Array]:
+def _roots(shape: Floats, norm: float | None) -> tuple[Floats, Floats]:
     """Symmetric and triangular soft iron of the surface |shape v| = 1."""
     triangular = shape * _norm(shape, norm)
     values, vectors = np.linalg.eigh(triangular.T @ triangular)
     return (vectors * np.sqrt(values)) @ vectors.T, triangular
 
 
-def _derivative(shape: Array, norm: float | None) -> Array:
+def _derivative(shape: Floats, norm: float | None) -> Floats:
     """(18, 6) derivatives of both roots with respect to the upper triangle, by central differences."""
     step = _STEP * shape[0, 0]
     columns = []
@@ -182,9 +181,9 @@ class SphereCoverage:
     separation: float
     above_noise: float
     determined: bool
-    weakest: Array
+    weakest: Floats
     hole_deg: float
-    hole: Array
+    hole: Floats
 
     @property
     def complete(self) -> bool:
@@ -200,7 +199,7 @@ class SphereCoverage:
         return (say("check.hole", hole=self.hole_deg, direction=numbers, nearest=nearest, limit=LARGEST_HOLE_deg),)
 
 
-def sphere_coverage(field: Array) -> SphereCoverage:
+def sphere_coverage(field: Floats) -> SphereCoverage:
     """Coverage of the sphere by readings of three axes.
 
     Args:    field: (n, 3), any unit, n > 9.
@@ -255,20 +254,20 @@ _SCATTERED = (
 )
 
 
-def _direction_name(direction: Array) -> str:
+def _direction_name(direction: Floats) -> str:
     """Return a unit vector with the sensor axis that is nearest: "(0.00, 0.00, 1.00), nearest +z"."""
     numbers, nearest = _direction(direction)
     return f"({numbers}), nearest {nearest}"
 
 
-def _direction(direction: Array) -> tuple[str, str]:
+def _direction(direction: Floats) -> tuple[str, str]:
     """Return the numbers of a unit vector, and the sensor axis that is nearest."""
     axis = int(np.argmax(np.abs(direction)))
     numbers = ", ".join(f"{0.0 + round(float(part), 2):.2f}" for part in direction)
     return numbers, f"{'+' if direction[axis] > 0 else '-'}{'xyz'[axis]}"
 
 
-def _from_the_middle(field: Array) -> Array:
+def _from_the_middle(field: Floats) -> Floats:
     """Readings from the middle of the sphere through them, in its radii; of a plane, from the middle of its circle."""
     field = np.asarray(field, np.float64)
     middle = field.mean(axis=0) if len(field) else np.zeros(3)
@@ -286,7 +285,7 @@ def _from_the_middle(field: Array) -> Array:
     return np.asarray(seen / np.sqrt(np.square(seen).sum(axis=1).mean()))
 
 
-def _weakness(sizes: Array, vectors: Array, columns: Array) -> Array:
+def _weakness(sizes: Floats, vectors: Floats, columns: Floats) -> Floats:
     """Return how far quadrics that the readings hardly tell apart differ in each direction, (directions,).
 
     Of the quadrics that pass through the readings one is the surface itself; it is taken away as the part that is
@@ -302,13 +301,13 @@ def _weakness(sizes: Array, vectors: Array, columns: Array) -> Array:
     return np.asarray(np.square(columns @ (open_vectors / np.maximum(sizes, enough)[:, None]).T).sum(axis=1))
 
 
-def _monomials(points: Array) -> Array:
+def _monomials(points: Floats) -> Floats:
     """Squares, products, components and one, (n, 10)."""
     rows, columns = np.triu_indices(3)
     return np.column_stack((points[:, rows] * points[:, columns], points, np.ones(len(points))))
 
 
-def _directions() -> Array:
+def _directions() -> Floats:
     """Evenly spread unit vectors: a spiral, and the axes and diagonals that people give names to."""
     place = np.arange(_POINTS) + 0.5
     height, turn = 1.0 - 2.0 * place / _POINTS, np.pi * (1.0 + 5.0**0.5) * place
@@ -318,7 +317,7 @@ def _directions() -> Array:
     return np.vstack((named / np.linalg.norm(named, axis=1)[:, None], spiral))
 
 
-def _nearest_cosine(directions: Array, unit: Array) -> Array:
+def _nearest_cosine(directions: Floats, unit: Floats) -> Floats:
     """Cosine of the angle from each direction to the nearest reading, in parts that fit the cache."""
     best = np.full(len(directions), -1.0)
     for part in np.array_split(unit, max(1, len(unit) // 4096)):

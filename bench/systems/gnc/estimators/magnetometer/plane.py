@@ -19,12 +19,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from bench.maths.arrays import Floats
 from bench.systems.gnc.estimators.magnetometer.ellipse import EllipseFit, PlaneParameters, fit_ellipse
 
-Array = NDArray[np.float64]
 EXTREMES, ELLIPSE = "extremes", "ellipse"
 _REACH = 8.0  # noise deviations below the top: readings further down are never the largest
 _BELOW, _ABOVE = 5.0, 7.0  # noise deviations about the top in which the largest of up to a million readings lies
@@ -47,7 +46,7 @@ class PlaneComparison:
     extremes: ExtremesFit
     roll: dict[str, RollUncertainty]
     roll_difference_deg: tuple[float, float]
-    score: Array
+    score: Floats
 
     @property
     def by_method(self) -> dict[str, PlaneParameters]:
@@ -55,7 +54,7 @@ class PlaneComparison:
         return {EXTREMES: self.extremes.parameters, ELLIPSE: self.ellipse.parameters}
 
 
-def compare_methods(x_out: Array, y_out: Array, noise: float | None = None) -> PlaneComparison:
+def compare_methods(x_out: Floats, y_out: Floats, noise: float | None = None) -> PlaneComparison:
     """Fit the readings of a rotation by both methods.
 
     Args:    x_out, y_out: (n,), same unit, gaps left out.   noise: of readings that hold none.
@@ -131,7 +130,7 @@ class _Top:
     phase_scatter: float
 
 
-def fit_extremes(x_out: Array, y_out: Array, ellipse: EllipseFit) -> ExtremesFit:
+def fit_extremes(x_out: Floats, y_out: Floats, ellipse: EllipseFit) -> ExtremesFit:
     """Return the paper's five equations, with an uncertainty of what they leave out.
 
     Args:    x_out, y_out: (n,), same unit.   ellipse: of the same readings; its phases and noise serve the
@@ -156,7 +155,7 @@ def fit_extremes(x_out: Array, y_out: Array, ellipse: EllipseFit) -> ExtremesFit
     return ExtremesFit(parameters, ellipse.phases)
 
 
-def _expected(ellipse: EllipseFit) -> tuple[Array, Array]:
+def _expected(ellipse: EllipseFit) -> tuple[Floats, Floats]:
     """Expected error (5,) and covariance (5, 5) of the parameters, first order in the errors of the extremes."""
     fitted = ellipse.parameters
     phase = np.deg2rad(ellipse.phase_deg)
@@ -180,7 +179,7 @@ def _expected(ellipse: EllipseFit) -> tuple[Array, Array]:
     return bias, slope @ np.diag(spread**2) @ slope.T
 
 
-def _top(phase: Array, amplitude: float, noise: float) -> _Top:
+def _top(phase: Floats, amplitude: float, noise: float) -> _Top:
     """Distribution of the largest of the readings ``amplitude cos(phase) + noise``."""
     fold = (phase + np.pi) % (2.0 * np.pi) - np.pi
     level = amplitude * (np.cos(fold) - 1.0)
@@ -222,14 +221,14 @@ class RollUncertainty:
     noise_deg: float
 
 
-def roll_deg(x: Array, y: Array) -> Array:
+def roll_deg(x: Floats, y: Floats) -> Floats:
     """Roll angle of corrected components.
 
     Args:    x, y: (n,), any common unit.
     Returns: (n,), degrees, -180 to 180.
     Source:  see the head of this file.
     """
-    return np.asarray(np.rad2deg(np.arctan2(-np.asarray(y), np.asarray(x))))
+    return np.rad2deg(np.arctan2(-np.asarray(y), np.asarray(x)))
 
 
 def roll_uncertainty(parameters: PlaneParameters, noise: float) -> RollUncertainty:

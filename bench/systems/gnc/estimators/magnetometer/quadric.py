@@ -15,13 +15,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import optimize
 
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.magnetometer.wander import Uncertainty, Wander, uncertainty
 
-Array = NDArray[np.float64]
 _FOOT_STEPS = 60
 _FOOT_TOLERANCE = 1e-9  # steps square themselves, so the next would be below rounding
 _MOST_STEPS = 200
@@ -40,14 +39,14 @@ class Quadric:
             uncertainty: of the parameters, see ``estimators.magnetometer.wander``.
     """
 
-    centre: Array
-    shape: Array
-    distance: Array
-    jacobian: Array
+    centre: Floats
+    shape: Floats
+    distance: Floats
+    jacobian: Floats
     uncertainty: Uncertainty
 
     @property
-    def covariance(self) -> Array:
+    def covariance(self) -> Floats:
         """(p, p) of the parameters."""
         return self.uncertainty.covariance
 
@@ -61,12 +60,12 @@ class Quadric:
         """How the noise wanders from reading to reading."""
         return self.uncertainty.wander
 
-    def corrected(self, points: Array) -> Array:
+    def corrected(self, points: Floats) -> Floats:
         """Return points on a circle or sphere of radius 1 about the origin, the shape of ``points`` (n, d)."""
-        return np.asarray((points - self.centre) @ self.shape.T)
+        return (points - self.centre) @ self.shape.T
 
 
-def fit_quadric(points: Array, begins: Sequence[int] = (), noise: float | None = None) -> Quadric:
+def fit_quadric(points: Floats, begins: Sequence[int] = (), noise: float | None = None) -> Quadric:
     """Least squares of the orthogonal distances, noise alike on all axes.
 
     Args:    points: (n, d), d = 2 or 3, any unit, in order of time; rows with NaN must be left out before.
@@ -111,7 +110,7 @@ def fit_quadric(points: Array, begins: Sequence[int] = (), noise: float | None =
     )
 
 
-def _round(unit: Array) -> Array:
+def _round(unit: Floats) -> Floats:
     """Start: the circle or sphere through the points, whose equation is linear in centre and radius.
 
     Source: Kasa, IEEE Trans. Instrum. Meas. 25 (1976) 8. Started from the coefficients of a free conic, eight scattered
@@ -128,25 +127,25 @@ def _round(unit: Array) -> Array:
 class _Once:
     """Distances and their derivatives, which the search asks for one after the other at the same place."""
 
-    def __init__(self, points: Array) -> None:
+    def __init__(self, points: Floats) -> None:
         self._points = points
-        self._place: Array | None = None
+        self._place: Floats | None = None
         self._found = (np.empty(0), np.empty(0))
 
-    def at(self, place: Array) -> tuple[Array, Array]:
+    def at(self, place: Floats) -> tuple[Floats, Floats]:
         if self._place is None or not np.array_equal(place, self._place):
             self._place = place.copy()
             self._found = _distances(self._points, place, self._points.shape[1])
         return self._found
 
 
-def _split(place: Array, dimensions: int) -> tuple[Array, Array]:
+def _split(place: Floats, dimensions: int) -> tuple[Floats, Floats]:
     shape = np.zeros((dimensions, dimensions))
     shape[np.triu_indices(dimensions)] = place[dimensions:]
     return place[:dimensions], shape
 
 
-def _distances(points: Array, place: Array, dimensions: int) -> tuple[Array, Array]:
+def _distances(points: Floats, place: Floats, dimensions: int) -> tuple[Floats, Floats]:
     """Signed orthogonal distances (n,) and their derivatives (n, p).
 
     The foot moves along the surface only, so to first order the distance changes by F_parameter / |grad F| at it.
@@ -166,7 +165,7 @@ def _distances(points: Array, place: Array, dimensions: int) -> tuple[Array, Arr
     return distance, derivative
 
 
-def _feet(local: Array, axes: Array) -> Array:
+def _feet(local: Floats, axes: Floats) -> Floats:
     """Feet of the perpendiculars on an ellipsoid along its axes: a_k^2 p_k / (t + a_k^2) with t by Newton's method.
 
     The sum of squares falls and is convex in t beyond its poles, so from the left the steps never pass the root.

@@ -21,15 +21,14 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import special
 
+from bench.maths.arrays import Floats
 from bench.maths.verdict import coverage_factor
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters, parameters_of
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric
 from bench.systems.gnc.estimators.magnetometer.wander import uncertainty
 
-Array = NDArray[np.float64]
 _STEP = 1e-6
 _TRIANGLE = np.triu_indices(3)
 _ORDERS = (3, 4)
@@ -37,7 +36,7 @@ _APART = 0.03  # part of a column that the quadric and the others must leave of 
 _SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 
 
-def section_of(quadric: Quadric, turn: Array) -> PlaneParameters:
+def section_of(quadric: Quadric, turn: Floats) -> PlaneParameters:
     """Return the parameters of axes x and y in the plane of a turn, with what ellipsoid and plane leave open.
 
     Args:    quadric: in space.   turn: (n, 3) readings, unit of the quadric.
@@ -65,7 +64,7 @@ def section_of(quadric: Quadric, turn: Array) -> PlaneParameters:
     )
 
 
-def _section(place: Array) -> Array:
+def _section(place: Floats) -> Floats:
     """(5,) offsets, gain, angle and radius from centre, shape and plane (12,)."""
     shape = np.zeros((3, 3))
     shape[_TRIANGLE] = place[3:9]
@@ -90,7 +89,7 @@ class Misshape:
     move: float
 
 
-def misshape(quadric: Quadric, points: Array, begins: Sequence[int] = ()) -> Misshape:
+def misshape(quadric: Quadric, points: Floats, begins: Sequence[int] = ()) -> Misshape:
     """Return how much the readings bend the surface that was fitted to them.
 
     Args:    points: (n, d), those of the fit.   begins: first point of each record, if there are several.
@@ -126,7 +125,7 @@ def misshape(quadric: Quadric, points: Array, begins: Sequence[int] = ()) -> Mis
     )
 
 
-def _bends(directions: Array) -> Array:
+def _bends(directions: Floats) -> Floats:
     """Monomials of third and fourth order of unit vectors, (n, columns)."""
     unit = directions / np.linalg.norm(directions, axis=1)[:, None]
     return np.column_stack([

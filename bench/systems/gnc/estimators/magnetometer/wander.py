@@ -31,7 +31,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
-Array = NDArray[np.float64]
+from bench.maths.arrays import Flags, Floats
+
 FEWEST_BLOCKS = 7
 _LEVELS = 5  # lengths of block, each twice the one before
 _SHORTEST = 8  # readings of a block
@@ -51,8 +52,8 @@ LARGEST_SHARE = 1e-3
 class _Blocks:
     """Blocks of one length: ``pull`` (g, p) on parameters of unit variance, ``share`` (g, p, p) of the information."""
 
-    pull: Array
-    share: Array
+    pull: Floats
+    share: Floats
 
     def doubled(self) -> _Blocks:
         count, size = len(self.pull) // 2, self.pull.shape[1]
@@ -61,19 +62,19 @@ class _Blocks:
         )
 
     @cached_property
-    def root(self) -> Array:
+    def root(self) -> Floats:
         """(g, p, p): makes the pull of a block as large as it is without the fit, for white noise."""
         left, vectors = np.linalg.eigh(np.eye(self.pull.shape[1]) - self.share)
         scaled = vectors / np.sqrt(np.maximum(left, _CARRIED))[:, None, :]
         return np.asarray(scaled @ np.swapaxes(vectors, 1, 2))
 
     @cached_property
-    def covariance(self) -> Array:
+    def covariance(self) -> Floats:
         """(p, p) by the scatter of the blocks."""
         pull = np.einsum("gij,gj->gi", self.root, self.pull)
         return np.asarray(pull.T @ pull)
 
-    def dof(self, contrasts: Array) -> Array:
+    def dof(self, contrasts: Floats) -> Floats:
         """Return degrees of freedom of the variance of each contrast, (c,) from (c, p)."""
         found = []
         for contrast in contrasts:
@@ -142,14 +143,14 @@ class Uncertainty:
     ``root`` (p, p): parameters of unit variance to those of the fit.   ``chosen``: blocks, None for white noise.
     """
 
-    covariance: Array
+    covariance: Floats
     noise: float
     wander: Wander
     white_dof: float
-    root: Array
+    root: Floats
     chosen: _Blocks | None
 
-    def dof(self, slope: Array) -> Array:
+    def dof(self, slope: Floats) -> Floats:
         """Return degrees of freedom behind functions of the parameters, (f,), by their derivatives (f, p)."""
         if self.chosen is None:
             return np.full(len(slope), self.white_dof)
@@ -157,7 +158,7 @@ class Uncertainty:
 
 
 def uncertainty(
-    jacobian: Array, residual: Array, begins: Sequence[int] = (), declared: float | None = None
+    jacobian: Floats, residual: Floats, begins: Sequence[int] = (), declared: float | None = None
 ) -> Uncertainty:
     """Return what the residuals of a least-squares fit say of its parameters, whatever the length of their noise.
 
@@ -216,7 +217,7 @@ def _edges(count: int, begins: Sequence[int]) -> NDArray[np.intp]:
     ])  # fmt: skip
 
 
-def odd_readings(points: Array) -> NDArray[np.bool_]:
+def odd_readings(points: Floats) -> Flags:
     """Return which readings lie off the surface of the others.
 
     Args:    points: (n, d), d = 2 or 3, any unit.
@@ -241,13 +242,13 @@ def odd_readings(points: Array) -> NDArray[np.bool_]:
     return odd if odd.sum() <= max(1.0, LARGEST_SHARE * count) else nothing
 
 
-def _monomials(points: Array) -> Array:
+def _monomials(points: Floats) -> Floats:
     """Squares and products, components, one."""
     rows, columns = np.triu_indices(points.shape[1])
     return np.column_stack((points[:, rows] * points[:, columns], points, np.ones(len(points))))
 
 
-def _distance(points: Array, columns: Array, coefficients: Array) -> Array:
+def _distance(points: Floats, columns: Floats, coefficients: Floats) -> Floats:
     """Return distance of each point from a surface, to first order, (n,)."""
     dimensions = points.shape[1]
     form = np.zeros((dimensions, dimensions))

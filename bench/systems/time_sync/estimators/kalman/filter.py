@@ -26,8 +26,8 @@ import math
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.maths.strapdown import Strapdown, earth_rate, gradient, small_rotation
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman.innovation import EgiSample, History, NisSums, innovation, motion_noise
@@ -43,12 +43,11 @@ from bench.systems.time_sync.estimators.kalman.setup import (
 )
 from bench.systems.time_sync.estimators.kalman.stream import Keeping, egi_samples, filled_noise, first_sample, imu_steps
 
-Array = NDArray[np.float64]
 _EGI = 9  # errors of the EGI: position, velocity, rotation vector
 _LONGEST_STEP_s = 0.2  # of the covariance, where EGI samples are lost
 
 
-def skew(vector: Array) -> Array:
+def skew(vector: Floats) -> Floats:
     """[vector x] of (..., 3): (..., 3, 3)."""
     out = np.zeros((*vector.shape, 3))
     out[..., 0, 1], out[..., 0, 2], out[..., 1, 2] = -vector[..., 2], vector[..., 1], -vector[..., 0]
@@ -56,7 +55,7 @@ def skew(vector: Array) -> Array:
     return out
 
 
-def first_covariance(setup: FilterSetup) -> Array:
+def first_covariance(setup: FilterSetup) -> Floats:
     """Diagonal covariance at the begin, (G, 16, 16); the offset's variance is zero where it is not a state."""
     accel, gyro = setup.imu.bias_sigmas
     attitude = np.deg2rad(setup.attitude_sigma_deg)
@@ -67,7 +66,7 @@ def first_covariance(setup: FilterSetup) -> Array:
     return out
 
 
-def first_model(setup: FilterSetup) -> Array:
+def first_model(setup: FilterSetup) -> Floats:
     """Error model (G, 16, 16) with what does not change; ``refresh_model`` fills in the rest."""
     rate = skew(earth_rate(setup.latitude_deg))
     F = np.zeros((setup.groups, STATES, STATES))
@@ -78,14 +77,14 @@ def first_model(setup: FilterSetup) -> Array:
     return F
 
 
-def refresh_model(F: Array, force: Array, C: Array) -> None:
+def refresh_model(F: Floats, force: Floats, C: Floats) -> None:
     """Put specific force in t (G, 3) m/s^2 and body-to-t matrix (G, 3, 3), both means of the estimates, into F."""
     F[:, 3:6, 6:9] = -skew(force)
     F[:, 3:6, 9:12] = -C
     F[:, 6:9, 12:15] = -C
 
 
-def transition(F: Array, dt: float) -> Array:
+def transition(F: Floats, dt: float) -> Floats:
     """Return what errors become within ``dt`` seconds, (G, 16, 16), to second order."""
     step = F * dt
     phi = 0.5 * np.matmul(step, step)
@@ -94,14 +93,14 @@ def transition(F: Array, dt: float) -> Array:
     return np.asarray(phi)
 
 
-def propagate(P: Array, phi: Array, noise: Array) -> Array:
+def propagate(P: Floats, phi: Floats, noise: Floats) -> Floats:
     """Return covariance after a transition; ``noise`` (16,): variance that each state gains in that time."""
-    out: Array = np.matmul(np.matmul(phi, P), phi.transpose(0, 2, 1))
+    out: Floats = np.matmul(np.matmul(phi, P), phi.transpose(0, 2, 1))
     out[:, range(STATES), range(STATES)] += noise
     return out
 
 
-def measurement_rows(F: Array, age_s: Array, sensitivity: Array) -> Array:
+def measurement_rows(F: Floats, age_s: Floats, sensitivity: Floats) -> Floats:
     """Return rows of the innovation (estimate minus EGI: position, velocity, rotation) over the states, (G, 9, 16).
 
     Args:   F: error model.   age_s: (G,) how long ago the EGI sample was valid; the errors of then are those of now
@@ -114,7 +113,7 @@ def measurement_rows(F: Array, age_s: Array, sensitivity: Array) -> Array:
     return H
 
 
-def gain(P: Array, H: Array, noise: Array) -> tuple[Array, Array]:
+def gain(P: Floats, H: Floats, noise: Floats) -> tuple[Floats, Floats]:
     """Kalman gain (G, 16, z) and covariance of the innovation (G, z, z); ``noise`` (G, z) variances."""
     PHt = np.matmul(P, H.transpose(0, 2, 1))
     S = np.matmul(H, PHt)
@@ -123,13 +122,13 @@ def gain(P: Array, H: Array, noise: Array) -> tuple[Array, Array]:
     return np.matmul(PHt, np.linalg.inv(S)), S
 
 
-def update(P: Array, K: Array, H: Array, noise: Array) -> Array:
+def update(P: Floats, K: Floats, H: Floats, noise: Floats) -> Floats:
     """Return covariance after the correction, Joseph's form, made symmetric."""
     rest = -np.matmul(K, H)
     rest[:, range(STATES), range(STATES)] += 1.0
-    out: Array = np.matmul(np.matmul(rest, P), rest.transpose(0, 2, 1))
+    out: Floats = np.matmul(np.matmul(rest, P), rest.transpose(0, 2, 1))
     out += np.matmul(K * noise[:, None], K.transpose(0, 2, 1))
-    return np.asarray(0.5 * (out + out.transpose(0, 2, 1)))
+    return 0.5 * (out + out.transpose(0, 2, 1))
 
 
 class RealCovariance:
@@ -150,7 +149,7 @@ class RealCovariance:
         accel, gyro = imu.bias_sigmas
         self._S[:, range(9, 15), range(9, 15)] = np.repeat([accel, gyro], 3) ** 2
 
-    def propagate(self, phi: Array, noise: Array) -> None:
+    def propagate(self, phi: Floats, noise: Floats) -> None:
         """Take the errors of the filter on; ``phi`` (G, 16, 16), ``noise`` (16,): as those of the filter itself."""
         S = self._S
         S[:, :STATES] = np.matmul(phi, S[:, :STATES])
@@ -165,7 +164,7 @@ class RealCovariance:
         S[:, :, STATES:] *= kept
         S[:, own, own] += self._variance * (1.0 - kept**2)
 
-    def update(self, K: Array, H: Array) -> None:
+    def update(self, K: Floats, H: Floats) -> None:
         """Correct by a solution; ``K`` (G, 16, z), ``H`` (G, z, 16): gain and rows of the last z of 9 differences."""
         S = self._S
         change = np.concatenate((-H, np.zeros((*H.shape[:2], _EGI))), axis=2)
@@ -175,7 +174,7 @@ class RealCovariance:
         S[:, :, :STATES] += np.matmul(S, step.transpose(0, 2, 1))
 
     @property
-    def of_filter(self) -> Array:
+    def of_filter(self) -> Floats:
         """Return the covariance of the errors of the filter, (G, 16, 16)."""
         return self._S[:, :STATES, :STATES].copy()
 
@@ -210,7 +209,7 @@ class _Filter:
         self._mean_C[...] = self.ins.C.mean(axis=-1).transpose(2, 0, 1)
         self._history.store(self._j, self.ins.state)
 
-    def imu(self, j: int, dv: Array, dtheta: Array, dt: float) -> None:
+    def imu(self, j: int, dv: Floats, dtheta: Floats, dt: float) -> None:
         """Take one IMU sample (3, 1, R) in."""
         self.ins.step(dv, dtheta, dt)
         self._j = j
@@ -233,7 +232,7 @@ class _Filter:
             self._keeping.epoch(float(self._t_s[self._j]), self.ins, self._offset_s, self._P, self._nis)
 
     @property
-    def real_covariance(self) -> Array | None:
+    def real_covariance(self) -> Floats | None:
         """Return that of the errors that the stated ones of the EGI leave, (G, 16, 16), None if none are stated."""
         return None if self._real is None else self._real.of_filter
 
@@ -269,7 +268,7 @@ class _Filter:
             self._real.update(K, H)
         self._feed_back(np.ascontiguousarray(np.matmul(K, dz).transpose(1, 0, 2)))
 
-    def _feed_back(self, dx: Array) -> None:
+    def _feed_back(self, dx: Floats) -> None:
         """Take the estimated errors (16, G, R) out of the states; errors are estimate minus truth."""
         ins = self.ins
         ins.state[:6] -= dx[:6]

@@ -25,9 +25,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats
 from bench.systems.time_sync.estimators.kalman.setup import OFFSET, FilterRun, ImuDensities
 
-Array = NDArray[np.float64]
 _SUMS = 15  # position, velocity, matrix; behind them the sums of corrections: of position at time 0, velocity, rotation
 _ROWS = 24
 _SPAN = 4  # intervals over which acceleration and rate are taken: one EGI interval
@@ -46,13 +46,13 @@ class Past:
     steps of corrections.   ``age_s`` (G,): mean.
     """
 
-    p: Array
-    v: Array
-    C: Array
-    turned: Array
-    acceleration: Array
-    rate: Array
-    age_s: Array
+    p: Floats
+    v: Floats
+    C: Floats
+    turned: Floats
+    acceleration: Floats
+    rate: Floats
+    age_s: Floats
 
 
 class History:
@@ -61,7 +61,7 @@ class History:
     Args: t_s: (n,) of all IMU samples.   reach_s: how far back it must go.   groups, runs: lanes.
     """
 
-    def __init__(self, t_s: Array, reach_s: float, groups: int, runs: int) -> None:
+    def __init__(self, t_s: Floats, reach_s: float, groups: int, runs: int) -> None:
         interval_s = float(np.median(np.diff(t_s)))
         self._t_s, self._size = t_s, int(np.ceil(reach_s / interval_s)) + _SPAN + 2
         self._lanes = (groups, runs)
@@ -70,7 +70,7 @@ class History:
         self._sums = np.zeros((9, groups, runs))
         self._first = self._newest = -1
 
-    def store(self, j: int, state: Array) -> None:
+    def store(self, j: int, state: Floats) -> None:
         """State (15, G, R) right after IMU sample ``j``."""
         row = self._ring[j % self._size]
         row[:_SUMS], row[_SUMS:] = state, self._sums
@@ -78,7 +78,7 @@ class History:
         if self._first < 0:
             self._first = j
 
-    def correct(self, dx: Array, state: Array) -> None:
+    def correct(self, dx: Floats, state: Floats) -> None:
         """The newest state has become ``state`` by taking errors (9, G, R) of position, velocity and rotation off.
 
         A position of time s is off by that of now less the way that the error in velocity makes in between: dp - (now
@@ -88,7 +88,7 @@ class History:
         self._sums[:3] += self._t_s[self._newest] * dx[3:6]
         self.store(self._newest, state)
 
-    def read(self, s_s: Array) -> Past:
+    def read(self, s_s: Floats) -> Past:
         """Return states at times ``s_s`` (G, R) of the IMU; beyond the stored ones they are carried on straight."""
         oldest = max(self._first, self._newest - self._size + 1)
         s = s_s.ravel()
@@ -117,11 +117,11 @@ class History:
             age_s.reshape(self._lanes).mean(axis=-1),
         )
 
-    def _take(self, j: NDArray[np.intp]) -> Array:
+    def _take(self, j: NDArray[np.intp]) -> Floats:
         flat = (j % self._size) * self._column.size + self._column
-        return np.asarray(self._ring.take(flat))
+        return self._ring.take(flat)
 
-    def _changes(self, j0: NDArray[np.intp], j1: NDArray[np.intp]) -> tuple[Array, Array]:
+    def _changes(self, j0: NDArray[np.intp], j1: NDArray[np.intp]) -> tuple[Floats, Floats]:
         """Mean acceleration and rate (3, G) of the groups between two samples of each lane, without corrections."""
         groups, runs = self._lanes
         begin = self._take(j0).reshape(_ROWS, groups, runs).mean(axis=-1)
@@ -132,7 +132,7 @@ class History:
         return change[3:6] - change[18:21], turn / span_s - change[21:24]
 
 
-def rotation_between(a: Array, b: Array) -> Array:
+def rotation_between(a: Floats, b: Floats) -> Floats:
     """Vector of the sine of the rotation a b^T, for (3, 3, ...) matrices of angles of some degrees: (3, ...)."""
     out = np.empty(a.shape[1:])
     for i in range(3):
@@ -145,18 +145,20 @@ class EgiSample(NamedTuple):
     """One sample: tag, position and velocity (3, G, R), matrix (3, 3, G, R), and which groups can use it (G,)."""
 
     t_s: float
-    p: Array
-    v: Array
-    C: Array
-    usable: NDArray[np.bool_]
+    p: Floats
+    v: Floats
+    C: Floats
+    usable: Flags
 
 
-def predicted_at(t_s: float, offset_s: Array) -> Array:
+def predicted_at(t_s: float, offset_s: Floats) -> Floats:
     """Return time of which a sample tagged ``t_s`` speaks, by the present estimate of the offset (G, R)."""
     return t_s - offset_s
 
 
-def innovation(sample: EgiSample, offset_s: Array, history: History, motion_noise: Array) -> tuple[Array, Past, Array]:
+def innovation(
+    sample: EgiSample, offset_s: Floats, history: History, motion_noise: Floats
+) -> tuple[Floats, Past, Floats]:
     """Prediction minus sample, and how it depends on the offset.
 
     Args:    offset_s: (G, R) present estimates.   motion_noise: see ``motion_noise``.
@@ -171,12 +173,12 @@ def innovation(sample: EgiSample, offset_s: Array, history: History, motion_nois
     return np.ascontiguousarray(dz.transpose(1, 0, 2)), past, motions.transpose(2, 0, 1).reshape(-1, 9)
 
 
-def motion_noise(imu: ImuDensities, interval_s: float, runs: int) -> Array:
+def motion_noise(imu: ImuDensities, interval_s: float, runs: int) -> Floats:
     """Mean square of the noise of acceleration and rate (2,), taken over four intervals and ``runs`` lanes."""
     return np.array([imu.velocity_walk**2, imu.angle_walk**2]) * (3.0 / (4.0 * interval_s * runs))
 
 
-def _seen(motions: Array, noise: Array) -> Array:
+def _seen(motions: Floats, noise: Floats) -> Floats:
     """Factor (2, 1, G) that takes out of a measured motion what may be noise.
 
     Where nothing moves the measured rate is noise, and a filter that believes it draws knowledge about the offset from
@@ -193,7 +195,7 @@ class NisSums:
     def __init__(self, groups: int) -> None:
         self._sum, self._outside, self._count = (np.zeros((groups, 4)) for _ in range(3))
 
-    def add(self, dz: Array, S: Array, usable: NDArray[np.bool_]) -> None:
+    def add(self, dz: Floats, S: Floats, usable: Flags) -> None:
         """Innovations (G, z, R) with their covariance (G, z, z); z = 9, or 3 where only the attitude is used."""
         runs = dz.shape[2]
         if dz.shape[1] == 9:
@@ -204,7 +206,7 @@ class NisSums:
         else:
             self._note(slice(3, 4), dz[:, None], S[:, None], usable)
 
-    def _note(self, where: slice, dz: Array, S: Array, usable: NDArray[np.bool_]) -> None:
+    def _note(self, where: slice, dz: Floats, S: Floats, usable: Flags) -> None:
         square = np.add.reduce(dz * np.matmul(np.linalg.inv(S), dz), axis=2)  # (G, blocks, R)
         bounds = NIS_BOUNDS[where]
         outside = (square < bounds[:, :1]) | (square > bounds[:, 1:])
@@ -212,7 +214,7 @@ class NisSums:
         self._outside[:, where] += outside.sum(axis=-1) * usable[:, None]
         self._count[:, where] += dz.shape[-1] * usable[:, None]
 
-    def take(self) -> tuple[Array, Array, Array]:
+    def take(self) -> tuple[Floats, Floats, Floats]:
         """Return mean, share outside the 95 % interval and count, (G, 4) each; begins anew."""
         count = self._count.copy()
         known = np.where(count > 0.0, count, np.nan)
@@ -229,9 +231,9 @@ class NisSummary:
     ``count`` how many.  NaN where there was none.
     """
 
-    ratio: Array
-    outside: Array
-    count: Array
+    ratio: Floats
+    outside: Floats
+    count: Floats
 
 
 def nis_summary(run: FilterRun, from_s: float = -np.inf) -> NisSummary:
@@ -248,8 +250,8 @@ def nis_summary(run: FilterRun, from_s: float = -np.inf) -> NisSummary:
 
 
 def state_errors(
-    run: FilterRun, p: Array, v: Array, C: Array, accel_bias: Array, gyro_bias: Array, offset_s: Array
-) -> Array:
+    run: FilterRun, p: Floats, v: Floats, C: Floats, accel_bias: Floats, gyro_bias: Floats, offset_s: Floats
+) -> Floats:
     """Errors of all states, estimate minus reference, where a reference is known.
 
     Args:    p m, v m/s: (m, 3) and C (m, 3, 3) body to t at the kept epochs.   accel_bias m/s^2, gyro_bias rad/s:
@@ -268,14 +270,14 @@ def state_errors(
     return np.concatenate(parts, axis=-1)
 
 
-def nees_of_offset(errors_s: Array, covariance: Array) -> Array:
+def nees_of_offset(errors_s: Floats, covariance: Floats) -> Floats:
     """Return the normalised squared error of the offset, one degree of freedom each.
 
     ``errors_s`` (..., R), ``covariance`` (..., 16, 16).
     NaN where the offset is not a state.
     """
     variance = covariance[..., OFFSET, OFFSET][..., None]
-    return np.asarray(errors_s**2 / np.where(variance > 0.0, variance, np.nan))
+    return errors_s**2 / np.where(variance > 0.0, variance, np.nan)
 
 
 @dataclass(frozen=True)
@@ -285,13 +287,13 @@ class Observability:
     NaN in groups where the offset is not a state.
     """
 
-    eigenvalues: Array
-    associated: Array
-    component: Array
-    offset_variance: Array
+    eigenvalues: Floats
+    associated: Floats
+    component: Floats
+    offset_variance: Floats
 
 
-def observability(covariance: Array, first: Array) -> Observability:
+def observability(covariance: Floats, first: Floats) -> Observability:
     """Normalise covariances by the first one and take them apart.
 
     An eigenvalue near 1 belongs to a direction nothing is known of beyond what was known at the begin, near 0 to a well

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from bench.maths.arrays import Flags, Floats
 
 STATES = 16  # position, velocity, attitude, accelerometer bias, gyro bias (3 each), time offset
 OFFSET = 15  # index of the time offset
@@ -29,7 +28,7 @@ class Increments(Protocol):
     def shape(self) -> tuple[int, ...]:
         """(n, R, 3)."""
 
-    def __getitem__(self, rows: Any, /) -> Array:
+    def __getitem__(self, rows: Any, /) -> Floats:
         """One row (R, 3), or a slice of them."""
 
 
@@ -37,7 +36,7 @@ class ImuSource(Protocol):
     """Samples of an IMU as ``ImuSamples`` has them, whether in memory or not."""
 
     @property
-    def t_s(self) -> Array:
+    def t_s(self) -> Floats:
         """(n,)."""
 
     @property
@@ -49,7 +48,7 @@ class ImuSource(Protocol):
         """Of angle."""
 
     @property
-    def filled(self) -> NDArray[np.bool_]:
+    def filled(self) -> Flags:
         """(n,)."""
 
 
@@ -61,9 +60,9 @@ class EgiSource(Protocol):
     """
 
     @property
-    def t_s(self) -> Array: ...
+    def t_s(self) -> Floats: ...
 
-    def block(self, k0: int, k1: int) -> tuple[Array, Array, Array]:
+    def block(self, k0: int, k1: int) -> tuple[Floats, Floats, Floats]:
         """Position (k, G, R, 3) m, velocity (k, G, R, 3) m/s and body-to-t matrix (k, G, R, 3, 3) of samples k0 to
         k1 - 1; NaN = missing or not usable.
         """
@@ -78,10 +77,10 @@ class ImuSamples:
     ``filled`` (n,): made up because the sample was lost; the process noise is wider there.
     """
 
-    t_s: Array
-    dv: Array
-    dtheta: Array
-    filled: NDArray[np.bool_]
+    t_s: Floats
+    dv: Floats
+    dtheta: Floats
+    filled: Flags
 
 
 @dataclass(frozen=True)
@@ -186,10 +185,10 @@ class FineTrack:
     ``C`` (q, G, R, 3, 3) body to t.
     """
 
-    t_s: Array
-    p: Array
-    v: Array
-    C: Array
+    t_s: Floats
+    p: Floats
+    v: Floats
+    C: Floats
 
 
 @dataclass(frozen=True)
@@ -210,23 +209,23 @@ class FilterRun:
         real_covariance: (G, 16, 16) of the errors at the end with the real errors of the EGI, None without them.
     """
 
-    t_s: Array
-    p: Array
-    v: Array
-    C: Array
-    accel_bias: Array
-    gyro_bias: Array
-    offset_s: Array
-    covariance: Array
-    first_covariance: Array
-    nis: Array
-    nis_outside: Array
-    nis_count: Array
-    nis_dof: Array
+    t_s: Floats
+    p: Floats
+    v: Floats
+    C: Floats
+    accel_bias: Floats
+    gyro_bias: Floats
+    offset_s: Floats
+    covariance: Floats
+    first_covariance: Floats
+    nis: Floats
+    nis_outside: Floats
+    nis_count: Floats
+    nis_dof: Floats
     fine: FineTrack | None
-    real_covariance: Array | None = None
+    real_covariance: Floats | None = None
 
     @property
-    def sigma(self) -> Array:
+    def sigma(self) -> Floats:
         """(m, G, 16), roots of the diagonal of the covariance."""
         return np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1))

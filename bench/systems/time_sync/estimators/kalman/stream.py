@@ -8,13 +8,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from bench.maths.arrays import Flags, Floats
 from bench.maths.strapdown import Strapdown
 from bench.systems.time_sync.estimators.kalman.innovation import NIS_DOF, EgiSample, NisSums
 from bench.systems.time_sync.estimators.kalman.setup import STATES, EgiSource, FilterRun, FineTrack, ImuSource
 
-Array = NDArray[np.float64]
 _EGI_BLOCK = 50
 _IMU_BLOCK = 400
 
@@ -28,7 +27,7 @@ def first_sample(egi: EgiSource, from_s: float) -> int:
     return -1
 
 
-def _usable(p: Array, v: Array, C: Array) -> NDArray[np.bool_]:
+def _usable(p: Floats, v: Floats, C: Floats) -> Flags:
     """(k, G): every lane of the group is there."""
     known = np.isfinite(p).all(axis=(2, 3)) & np.isfinite(v).all(axis=(2, 3))
     return np.asarray(known & np.isfinite(C).all(axis=(2, 3, 4)))
@@ -45,7 +44,7 @@ def egi_samples(egi: EgiSource, first: int) -> Iterator[EgiSample]:
             yield EgiSample(float(egi.t_s[k0 + k]), p[k], v[k], C[k], usable[k])
 
 
-def imu_steps(imu: ImuSource, first: int) -> Iterator[tuple[int, Array, Array, float]]:
+def imu_steps(imu: ImuSource, first: int) -> Iterator[tuple[int, Floats, Floats, float]]:
     """Index, increments (3, 1, R) of velocity and angle, and length of each interval from ``first`` >= 1 on."""
     for j0 in range(first, imu.t_s.size, _IMU_BLOCK):
         part = slice(j0, j0 + _IMU_BLOCK)
@@ -55,7 +54,7 @@ def imu_steps(imu: ImuSource, first: int) -> Iterator[tuple[int, Array, Array, f
             yield j0 + k, dv[k], dtheta[k], dt
 
 
-def filled_noise(imu: ImuSource) -> Array:
+def filled_noise(imu: ImuSource) -> Floats:
     """Sums up to each sample (n, 6) of the variances that filled samples add to velocity and attitude.
 
     A made-up increment is off by about half of what the sensor changed across the gap; from the means of the lanes,
@@ -71,7 +70,7 @@ def filled_noise(imu: ImuSource) -> Array:
     return np.cumsum(added, axis=0)
 
 
-def lanes_first(rows: Array) -> Array:
+def lanes_first(rows: Floats) -> Floats:
     """(3, G, R) or (3, 3, G, R) with the axes of space last."""
     return rows.transpose(-2, -1, *range(rows.ndim - 2))
 
@@ -79,7 +78,7 @@ def lanes_first(rows: Array) -> Array:
 class Keeping:
     """Room for the kept epochs.   Args: epochs: at most.   fine_t_s: (q,) IMU times of the end, may be empty."""
 
-    def __init__(self, epochs: int, fine_t_s: Array, groups: int, runs: int, first_covariance: Array) -> None:
+    def __init__(self, epochs: int, fine_t_s: Floats, groups: int, runs: int, first_covariance: Floats) -> None:
         lanes = (groups, runs)
         self._t_s, self._count = np.zeros(epochs), 0
         self._p, self._v, self._accel, self._gyro = (np.zeros((epochs, *lanes, 3)) for _ in range(4))
@@ -90,7 +89,7 @@ class Keeping:
         self._fine_p, self._fine_v = (np.zeros((fine_t_s.size, *lanes, 3)) for _ in range(2))
         self._fine_C = np.zeros((fine_t_s.size, *lanes, 3, 3))
 
-    def epoch(self, t_s: float, ins: Strapdown, offset_s: Array, P: Array, nis: NisSums) -> None:
+    def epoch(self, t_s: float, ins: Strapdown, offset_s: Floats, P: Floats, nis: NisSums) -> None:
         """Keep the state after a correction."""
         k, self._count = self._count, self._count + 1
         self._t_s[k], self._offset[k], self._covariance[k] = t_s, offset_s, P
@@ -103,7 +102,7 @@ class Keeping:
         k, self._fine = self._fine, self._fine + 1
         self._fine_p[k], self._fine_v[k], self._fine_C[k] = (lanes_first(x) for x in (ins.p, ins.v, ins.C))
 
-    def result(self, real_covariance: Array | None) -> FilterRun:
+    def result(self, real_covariance: Floats | None) -> FilterRun:
         """Return what was kept; ``real_covariance``: at the end (``FilterRun``)."""
         k, q = slice(self._count), slice(self._fine)
         fine = FineTrack(self._fine_t_s[q], self._fine_p[q], self._fine_v[q], self._fine_C[q])

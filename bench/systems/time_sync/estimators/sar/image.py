@@ -14,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import signal
 
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.sar.pulses import Array, Pulses, Sums, at_places, finer, sums_of, turns
+from bench.systems.time_sync.estimators.sar.pulses import Pulses, Sums, at_places, finer, sums_of, turns
 
 Complex128 = NDArray[np.complex128]
 
+_HALF_RANGE_m = 20.0  # of a chip
+_CELLS = 0.4  # step of the grid of a chip, in resolution cells
 _LEAST_SHARE = 0.3  # of the highest magnitude
 APART_m = (6.0, 12.0)  # in azimuth and range: less is the same target or its side lobes
 _NOISE_RATIO = 8.0  # of the highest magnitude over the median
@@ -30,7 +33,7 @@ FLOOR_dB = -80.0
 _PULSES_AT_ONCE = 500
 
 
-def point_targets(pulses: Pulses, positions_m: Array, ground_down_m: float = 0.0, most: int = 3) -> Array:
+def point_targets(pulses: Pulses, positions_m: Floats, ground_down_m: float = 0.0, most: int = 3) -> Floats:
     """Return places of the strongest point targets on level ground to the right of the track, before any image is made.
 
     Pulses turned in phase for the middle of the scene leave each target a tone along the track, whose frequency says
@@ -53,7 +56,7 @@ def point_targets(pulses: Pulses, positions_m: Array, ground_down_m: float = 0.0
     range_m = float(np.median(near_m)) + 0.5 * gates * pulses.spacing_m
     offsets_m = (np.arange(gates) - gates // 2) * pulses.spacing_m
 
-    def place(azimuth_m: float, out_m: float) -> Array:
+    def place(azimuth_m: float, out_m: float) -> Floats:
         down_m = ground_down_m - middle[2]
         level_m = np.sqrt(max((range_m + out_m) ** 2 - down_m**2, 0.0))
         point = middle + azimuth_m * ahead + level_m * right
@@ -75,7 +78,7 @@ def point_targets(pulses: Pulses, positions_m: Array, ground_down_m: float = 0.0
     return np.array([place(*peak) for peak in peaks(picture, azimuth_m, offsets_m, most)])
 
 
-def stands_out(picture: Array, pulses: int) -> None:
+def stands_out(picture: Floats, pulses: int) -> None:
     """Check that the highest place of an image is no noise. Raises: FitError B-SYNC-010 if it is."""
     highest, floor = float(picture.max()), float(np.median(picture))
     if not highest > _NOISE_RATIO * floor:
@@ -88,7 +91,7 @@ def stands_out(picture: Array, pulses: int) -> None:
 
 
 def peaks(
-    picture: Array, azimuth_m: Array, out_m: Array, most: int, apart_m: tuple[float, float] = APART_m
+    picture: Floats, azimuth_m: Floats, out_m: Floats, most: int, apart_m: tuple[float, float] = APART_m
 ) -> list[tuple[float, float]]:
     """Return azimuth and range of the highest places, none of them beside a higher one."""
     left = picture.copy()
@@ -104,7 +107,7 @@ def peaks(
     return found
 
 
-def focus_sums(sums: Sums, pixels_m: Array) -> Complex128:
+def focus_sums(sums: Sums, pixels_m: Floats) -> Complex128:
     """Image of points near the sums' reference point.
 
     Args:    sums: of the pulses.   pixels_m: (q, 3).
@@ -140,15 +143,15 @@ class Axes:
         range_m: from the middle of the aperture.   wavelength_m: of the carrier.
     """
 
-    origin_m: Array
-    azimuth: Array
-    sight: Array
+    origin_m: Floats
+    azimuth: Floats
+    sight: Floats
     azimuth_cell_m: float
     range_cell_m: float
     range_m: float
     wavelength_m: float
 
-    def points(self, azimuth_m: Array | float, range_m: Array | float) -> Array:
+    def points(self, azimuth_m: Floats | float, range_m: Floats | float) -> Floats:
         """Return points (..., 3) at offsets from the origin."""
         out = np.multiply.outer(azimuth_m, self.azimuth) + np.multiply.outer(range_m, self.sight)
         return np.asarray(self.origin_m + out)
@@ -166,12 +169,12 @@ class Chip:
         azimuth_m: offsets, (a,).   range_m: offsets, (r,).   value: complex image, (a, r).
     """
 
-    azimuth_m: Array
-    range_m: Array
+    azimuth_m: Floats
+    range_m: Floats
     value: Complex128
 
 
-def image_axes(pulses: Pulses, positions_m: Array, target_m: Array) -> Axes:
+def image_axes(pulses: Pulses, positions_m: Floats, target_m: Floats) -> Axes:
     """Axes and cells of the image about a point.
 
     Args:    pulses.   positions_m: (n, 3) antenna at the pulses as navigation knows it.   target_m: (3,) surveyed.
@@ -197,7 +200,7 @@ def image_axes(pulses: Pulses, positions_m: Array, target_m: Array) -> Axes:
     )
 
 
-def chip_of(sums: Sums, axes: Axes, azimuth_m: Array, range_m: Array) -> Chip:
+def chip_of(sums: Sums, axes: Axes, azimuth_m: Floats, range_m: Floats) -> Chip:
     """Image on a grid of offsets from the axes' origin.
 
     Args:    sums: of pulses, about a point in the grid.   axes.   azimuth_m: (a,).   range_m: (r,).
@@ -210,16 +213,13 @@ def chip_of(sums: Sums, axes: Axes, azimuth_m: Array, range_m: Array) -> Chip:
 
 def image_chip(
     pulses: Pulses,
-    positions_m: Array,
-    target_m: Array,
+    positions_m: Floats,
+    target_m: Floats,
     half_azimuth_m: float = 12.0,
-    half_range_m: float = 20.0,
-    cells: float = 0.4,
 ) -> Chip:
     """Image about a surveyed point, as in the paper's figures 9 and 13.
 
-    Args:    pulses.   positions_m: (n, 3).   target_m: (3,) middle of the chip.   half_azimuth_m, half_range_m: of the
-             chip.   cells: step of the grid in resolution cells.
+    Args:    pulses.   positions_m: (n, 3).   target_m: (3,) middle of the chip.   half_azimuth_m: of the chip.
     Returns: Chip; offsets count from the target.
     Raises:  FitError B-FIT-120 if pulses and positions do not belong together or the antenna does not move.
     Source:  as `bench.systems.time_sync.estimators.sar.image.focus_sums`.
@@ -227,17 +227,17 @@ def image_chip(
     axes = image_axes(pulses, positions_m, target_m)
     block_m = axes.block_m(half_azimuth_m, 4 * BLOCK_PHASE_rad)
     sums = sums_of(pulses, positions_m, axes.origin_m, block_m, coarse=True)
-    along = symmetric(half_azimuth_m, cells * axes.azimuth_cell_m)
-    return chip_of(sums, axes, along, symmetric(half_range_m, cells * axes.range_cell_m))
+    along = symmetric(half_azimuth_m, _CELLS * axes.azimuth_cell_m)
+    return chip_of(sums, axes, along, symmetric(_HALF_RANGE_m, _CELLS * axes.range_cell_m))
 
 
-def symmetric(half_m: float, step_m: float) -> Array:
+def symmetric(half_m: float, step_m: float) -> Floats:
     """Return offsets at multiples of the step, as far as `half_m` on both sides of 0."""
     count = int(np.floor(half_m / step_m + 1e-9))
     return np.asarray(np.arange(-count, count + 1) * step_m)
 
 
-def _check(pulses: Pulses, positions_m: Array) -> None:
+def _check(pulses: Pulses, positions_m: Floats) -> None:
     finite = np.isfinite(positions_m).all()
     if positions_m.shape == (len(pulses.gates), 3) and finite and np.ptp(positions_m, axis=0).any():
         return
@@ -249,7 +249,7 @@ def _check(pulses: Pulses, positions_m: Array) -> None:
     )
 
 
-def levels_dB(value: Complex128 | Array, reference: float, floor_dB: float = FLOOR_dB) -> Array:
+def levels_dB(value: Complex128 | Floats, reference: float, floor_dB: float = FLOOR_dB) -> Floats:
     """Levels of a cut or a piece of an image: the paper's figures 8, 9, 12 and 13.
 
     Args:    value: of any shape, complex or its magnitude.   reference: magnitude that is 0 dB, > 0.   floor_dB: what

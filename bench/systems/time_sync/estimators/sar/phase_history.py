@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.sar.image import (
     Axes,
@@ -21,7 +22,7 @@ from bench.systems.time_sync.estimators.sar.image import (
     stands_out,
     symmetric,
 )
-from bench.systems.time_sync.estimators.sar.pulses import Array, Pulses, SPEED_OF_LIGHT_m_s, sums_of, turns
+from bench.systems.time_sync.estimators.sar.pulses import Pulses, SPEED_OF_LIGHT_m_s, sums_of, turns
 from bench.systems.time_sync.estimators.sar.response import Response, impulse_response
 
 WIDEST_deg = 10.0  # that the antenna goes about the scene: an image takes its track for nearly straight
@@ -48,7 +49,7 @@ class Scene:
 
     axes: Axes
     chip: Chip
-    targets_m: Array
+    targets_m: Floats
     responses: tuple[Response | None, ...]
     cells_m: tuple[float, float]
     background: float
@@ -56,7 +57,7 @@ class Scene:
     cosine: float
 
 
-def compressed(samples: Complex128, positions_m: Array, first_Hz: float, last_Hz: float) -> Pulses:
+def compressed(samples: Complex128, positions_m: Floats, first_Hz: float, last_Hz: float) -> Pulses:
     """Return range-compressed pulses of a phase history.
 
     Args:    samples: (n, k) of pulses, at k even frequencies.   positions_m: (n, 3) antenna.   first_Hz, last_Hz: of
@@ -79,7 +80,7 @@ def compressed(samples: Complex128, positions_m: Array, first_Hz: float, last_Hz
     return Pulses(profiles * carried, origin_m + at[0] * spacing_m, spacing_m, wavelength_m, length * step_Hz)
 
 
-def scene_of(pulses: Pulses, positions_m: Array) -> Scene:
+def scene_of(pulses: Pulses, positions_m: Floats) -> Scene:
     """Return the picture of the ground and its strongest points.
 
     Args:    pulses: as ``compressed`` makes them.   positions_m: (n, 3) antenna, z up, origin on the ground.
@@ -111,7 +112,7 @@ def scene_of(pulses: Pulses, positions_m: Array) -> Scene:
     return Scene(axes, chip, targets_m, responses, cells_m, float(background), angle_deg, cosine)
 
 
-def _picture(pulses: Pulses, positions_m: Array, axes: Axes, cosine: float) -> Chip:
+def _picture(pulses: Pulses, positions_m: Floats, axes: Axes, cosine: float) -> Chip:
     """Return the image of the ground about the origin, as far as it is told apart in range and along the track."""
     out_m = 0.5 * _INSIDE * pulses.gates.shape[1] * pulses.spacing_m / cosine
     step_m = float(np.linalg.norm(positions_m[-1] - positions_m[0])) / (len(positions_m) - 1)
@@ -121,7 +122,7 @@ def _picture(pulses: Pulses, positions_m: Array, axes: Axes, cosine: float) -> C
     return chip_of(sums, axes, along, symmetric(out_m, _STEP_CELLS * axes.range_cell_m / cosine))
 
 
-def _response(pulses: Pulses, positions_m: Array, target_m: Array, search_m: tuple[float, float]) -> Response | None:
+def _response(pulses: Pulses, positions_m: Floats, target_m: Floats, search_m: tuple[float, float]) -> Response | None:
     try:
         return impulse_response(pulses, positions_m, target_m, search_m)
     except FitError as error:

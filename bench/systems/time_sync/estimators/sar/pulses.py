@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 
-Array = NDArray[np.float64]
 Complex = NDArray[np.complexfloating[Any, Any]]  # single or double precision
 SPEED_OF_LIGHT_m_s = 299_792_458.0
 _FINER = 8  # places a gate
@@ -35,7 +35,7 @@ class Pulses:
     """
 
     gates: Complex
-    near_range_m: float | Array
+    near_range_m: float | Floats
     spacing_m: float
     wavelength_m: float
     bandwidth_Hz: float = 50e6
@@ -56,15 +56,15 @@ class Sums:
     """
 
     fine: Complex
-    near_range_m: Array
-    positions_m: Array
-    reference_m: Array
+    near_range_m: Floats
+    positions_m: Floats
+    reference_m: Floats
     pulses: int
     spacing_m: float
     wavelength_m: float
 
 
-def sums_of(pulses: Pulses, positions_m: Array, reference_m: Array, block_m: float, *, coarse: bool = False) -> Sums:
+def sums_of(pulses: Pulses, positions_m: Floats, reference_m: Floats, block_m: float, *, coarse: bool = False) -> Sums:
     """Pulses turned in phase for a point and summed over blocks along the track.
 
     What is near the point keeps its phase over a block up to 4 pi block u / (lambda R), u its distance from the
@@ -98,7 +98,7 @@ def sums_of(pulses: Pulses, positions_m: Array, reference_m: Array, block_m: flo
     )
 
 
-def turns(cycles: Array, precision: np.dtype[np.complexfloating[Any, Any]] = _DOUBLE) -> Complex:
+def turns(cycles: Floats, precision: np.dtype[np.complexfloating[Any, Any]] = _DOUBLE) -> Complex:
     """exp(2 pi j cycles), of the part that is left after whole cycles."""
     unit = np.empty(cycles.shape, precision)
     left = ((cycles - np.rint(cycles)) * (2.0 * np.pi)).astype(unit.real.dtype)
@@ -116,7 +116,7 @@ def finer(gates: Complex) -> Complex:
     return out
 
 
-def at_places(fine: Complex, place: Array) -> Complex:
+def at_places(fine: Complex, place: Floats) -> Complex:
     """Return values (m, q) between the finer ones (m, f) at fractional places (m, q) in gates; beyond the gates 0."""
     place = place * _FINER
     low = np.clip(np.floor(place), 1, fine.shape[1] - 3).astype(np.int32)
@@ -133,15 +133,15 @@ def at_places(fine: Complex, place: Array) -> Complex:
 
 
 @lru_cache(maxsize=4)
-def _kernel(gates: int) -> Array:
+def _kernel(gates: int) -> Floats:
     """Weights (g, f) of a Kaiser-windowed sinc that passes the gates' whole band."""
     places = np.arange(_FINER * (gates - 1) + 1) / _FINER
     away = places - np.arange(gates)[:, None]
     window = np.i0(_KAISER * np.sqrt(np.clip(1.0 - (away / _HALF_GATES) ** 2, 0.0, None))) / np.i0(_KAISER)
-    return np.asarray(np.where(np.abs(away) < _HALF_GATES, np.sinc(away) * window, 0.0))
+    return np.where(np.abs(away) < _HALF_GATES, np.sinc(away) * window, 0.0)
 
 
-def positions_at(pulse_s: Array, epoch_s: Array, position_m: Array, velocity_m_s: Array) -> Array:
+def positions_at(pulse_s: Floats, epoch_s: Floats, position_m: Floats, velocity_m_s: Floats) -> Floats:
     """Return positions at the pulses by cubic Hermite interpolation between the epochs of a navigation solution.
 
     Args:    pulse_s: (n,), on the clock of the epochs.   epoch_s: (m,) rising.   position_m, velocity_m_s:
@@ -166,4 +166,4 @@ def positions_at(pulse_s: Array, epoch_s: Array, position_m: Array, velocity_m_s
     advance = position_m[low + 1] - position_m[low]
     begin, end = velocity_m_s[low] * step, velocity_m_s[low + 1] * step
     cubic = x * (begin + x * (3.0 * advance - 2.0 * begin - end + x * (begin + end - 2.0 * advance)))
-    return np.asarray(position_m[low] + cubic)
+    return position_m[low] + cubic

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import CubicSpline
 
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.sar.image import (
     Axes,
@@ -27,7 +28,7 @@ from bench.systems.time_sync.estimators.sar.image import (
     image_axes,
     symmetric,
 )
-from bench.systems.time_sync.estimators.sar.pulses import Array, Pulses, sums_of
+from bench.systems.time_sync.estimators.sar.pulses import Pulses, sums_of
 
 ZERO_CELLS = 1.0 / 0.885893  # first zero of sin(pi x) / (pi x), in units of its -3 dB width
 REACH_CELLS = 12.0
@@ -44,7 +45,7 @@ class Cut:
         offset_m: from the peak, (q,), evenly spaced.   value: complex image, (q,).   cell_m: resolution of the ideal.
     """
 
-    offset_m: Array
+    offset_m: Floats
     value: Complex128
     cell_m: float
 
@@ -62,7 +63,7 @@ class CutFigures:
     islr_dB: float
 
 
-def cut_offsets(cell_m: float) -> Array:
+def cut_offsets(cell_m: float) -> Floats:
     """Places of a cut: as far as the side lobe window and a little, in steps of 0.05 cell."""
     half = round((REACH_CELLS + 0.25) / 0.05)
     return np.asarray(np.arange(-half, half + 1) * (0.05 * cell_m))
@@ -127,7 +128,7 @@ class Response:
 
 
 def impulse_response(
-    pulses: Pulses, positions_m: Array, target_m: Array, search_m: tuple[float, float] = SEARCH_m
+    pulses: Pulses, positions_m: Floats, target_m: Floats, search_m: tuple[float, float] = SEARCH_m
 ) -> Response:
     """Response to one target, from its focused image.
 
@@ -162,7 +163,7 @@ def impulse_response(
     )
 
 
-def _peak(pulses: Pulses, positions_m: Array, axes: Axes, search_m: tuple[float, float]) -> tuple[float, float]:
+def _peak(pulses: Pulses, positions_m: Floats, axes: Axes, search_m: tuple[float, float]) -> tuple[float, float]:
     """Return offsets of the image's highest place: grids of smaller and smaller steps, then a paraboloid."""
     sums = sums_of(pulses, positions_m, axes.origin_m, axes.block_m(search_m[0], _COARSE_PHASE_rad), coarse=True)
     steps = _STEPS_CELLS[0] * np.array([axes.azimuth_cell_m, axes.range_cell_m])
@@ -187,14 +188,14 @@ def _peak(pulses: Pulses, positions_m: Array, axes: Axes, search_m: tuple[float,
     return float(vertex[0]), float(vertex[1])
 
 
-def _highest(chip: Chip) -> Array:
+def _highest(chip: Chip) -> Floats:
     row, column = np.unravel_index(int(np.argmax(np.abs(chip.value))), chip.value.shape)
     return np.array([chip.azimuth_m[row], chip.range_m[column]])
 
 
-def _vertex(power: Array) -> Array:
+def _vertex(power: Floats) -> Floats:
     """Return highest place, in steps from the middle, of the paraboloid through 3 by 3 values (least squares)."""
     x, y = (axis.ravel() for axis in np.meshgrid([-1.0, 0.0, 1.0], [-1.0, 0.0, 1.0], indexing="ij"))
     design = np.stack([np.ones(9), x, y, x * x, x * y, y * y], axis=1)
     _, slope_x, slope_y, xx, xy, yy = np.linalg.lstsq(design, power.ravel())[0]
-    return np.asarray(np.linalg.solve([[2 * xx, xy], [xy, 2 * yy]], [-slope_x, -slope_y]))
+    return np.linalg.solve([[2 * xx, xy], [xy, 2 * yy]], [-slope_x, -slope_y])
