@@ -7,6 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Container, Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 from rich import box
@@ -51,12 +52,12 @@ def console(stderr: bool = False) -> Console:
     return terminal
 
 
-def say(text: object) -> None:
+def say(text: str | Path | Exception) -> None:
     """Print a line on standard output."""
     console().print(str(text))
 
 
-def warn(text: object) -> None:
+def warn(text: str | Path | Exception) -> None:
     """Print a line on standard error."""
     console(stderr=True).print(str(text))
 

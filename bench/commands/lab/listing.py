@@ -11,7 +11,7 @@ from pydantic import RootModel
 from rich import box
 from rich.table import Table
 
-from bench.commands.console import print_json, say
+from bench.commands.console import console, print_json, say
 from bench.model.errors import ExitStatus, InputError, InstallationError
 from bench.model.installed import Refusal, driver_packages, driver_refusals
 from bench.model.lab import Lab, lab_here
@@ -51,7 +51,7 @@ def print_list(kind: str | None, as_json: bool) -> int:
         for entry in rows:
             table.add_row(entry.name, entry.title, entry.origin)
         if rows:
-            say(table)
+            console().print(table)
     where = "no lab folder here (bench init)" if lab is None else f"lab folder: {lab.name}, {lab.folder}"
     say(where)
     return ExitStatus.PASS
