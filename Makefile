@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site structure ways validate bench lint wheel lock
+.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site structure figures ways validate bench lint wheel lock
 
 demo: $(VENV)/.kernel
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -97,6 +97,10 @@ notebooks: $(VENV)/.docs
 # Files, imports, circles and the largest folders; TREE=FOLDER for another tree.
 structure:
 	$(PYTHON) tests/house/structure.py $(TREE)
+
+# Figures of weight, beside the last row of benchmarks/record.md; tests/house/test_ratchets.py holds them down.
+figures: $(VENV)/.kernel
+	$(PY) tests/house/figures.py
 
 # The files that a frame and a step pass (docs/architecture.md).
 ways: $(VENV)/.run

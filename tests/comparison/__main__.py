@@ -40,14 +40,14 @@ def report(compared: Iterator[tuple[Case, list[Difference]]], base: Path) -> boo
     Returns: whether ``differences.toml`` explains all.
     """
     names = named_differences(HERE / "differences.toml")
-    print(f"\n{'case':34} {'files':>5} {'named':>6} {'unexplained':>12}", flush=True)
+    print(f"\n{'case':40} {'files':>5} {'named':>6} {'unexplained':>12}", flush=True)
     unexplained: dict[str, list[Difference]] = {}
     explained = 0
     for case, differences in compared:
         left = [difference for difference in differences if not any(name.covers(difference) for name in names)]
         explained += len(differences) - len(left)
         files = sum(path.is_file() for path in (base / case.name).rglob("*"))
-        print(f"{case.name:34} {files:5} {len(differences) - len(left):6} {len(left):12}", flush=True)
+        print(f"{case.name:40} {files:5} {len(differences) - len(left):6} {len(left):12}", flush=True)
         for difference in left:
             unexplained.setdefault(difference.file, []).append(difference)
     for file, left in unexplained.items():

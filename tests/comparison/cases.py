@@ -183,11 +183,11 @@ def resumptions(golden: Path) -> list[Case]:
 def golden_sessions(golden: Path) -> list[Case]:
     """Return two cases for each golden session: it is analysed, and a copy of it gets a report."""
     return [
-        Case(f"{verb}_{folder.parent.name}_{folder.name}", (verb, f"out/{folder.name}", *more), copied=folder,
-             is_session=False)
+        Case(f"{words[0]}_{folder.parent.name}_{folder.name.partition('_')[2]}",
+             (words[0], f"out/{folder.name}", *words[1:]), copied=folder, is_session=False)
         for folder in sorted(golden.glob("sessions/*/*"))
         if folder.is_dir()
-        for verb, more in (("fit", ("--json",)), ("report", ()))
+        for words in (("fit", "--json"), ("report",))
     ]  # fmt: skip
 
 

@@ -11,7 +11,7 @@ from documents import compare_folders, named_differences, unavailable_views
 from revisions import HERE, ROOT, Bench, compare
 from views import write
 
-GOLDEN_FIT = "fit_0.1.0_20000101T000000Z_golden_GOLDEN"
+GOLDEN_FIT = "fit_0.1.0_golden_GOLDEN"
 FEW = {"gnc_unit_test", GOLDEN_FIT, "check_timeline_example", "check_resistance_thermometer", "plans_own_checks"}
 
 
