@@ -15,8 +15,8 @@ CEILINGS = {
     "tokens a line": 10.56,
     "files": 876,
     "dict[str, Any]": 513,
-    "lines of tests": 115_974,
-    "words of docs": 169_838,
+    "lines of tests": 116_255,
+    "words of docs": 170_174,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 81,
