@@ -27,7 +27,8 @@ from tempfile import TemporaryDirectory
 TOP = Path(__file__).resolve().parents[2]
 ROWS = Path(__file__).with_name("survivors.csv")
 COLUMNS = ("revision", "room", "seed", "place", "operator", "fate", "cpu_s")
-LEFT_OUT = (".git", ".venv*", "build", "dist", "__pycache__", "sessions", "*.egg-info", ".*_cache")
+LEFT_OUT = ("__pycache__", ".*_cache", "*.egg-info")
+NOT_AT_THE_TOP = (".git", ".venv*", "build", "dist", "sessions")
 LONGEST_S = 60  # of CPU for one mutant
 BUDGET_S = 40.0  # of it for the tests without a mutant: a slower machine or a cold cache needs some more
 NOTHING_COLLECTED = 5  # exit status of pytest: all tests of a file wait or are sweeps
@@ -129,12 +130,18 @@ def cpu_s() -> float:
     return used.ru_utime + used.ru_stime
 
 
+def left_out(folder: str, names: list[str]) -> set[str]:
+    """Return what is not copied of a folder: what tools leave there, and at the top what was built or recorded."""
+    patterns = (*LEFT_OUT, *NOT_AT_THE_TOP) if Path(folder) == TOP else LEFT_OUT
+    return shutil.ignore_patterns(*patterns)(folder, names)
+
+
 class Copy:
     """A copy of the tree in which mutants are tried."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        shutil.copytree(TOP, folder, ignore=shutil.ignore_patterns(*LEFT_OUT), ignore_dangling_symlinks=True)
+        shutil.copytree(TOP, folder, ignore=left_out, ignore_dangling_symlinks=True)
         self._cost_s: dict[str, float] = {}
 
     def tests(self, room: str) -> dict[str, str]:
@@ -230,6 +237,7 @@ def main() -> None:
             name, place = mutant.operator.rpartition("/")[2], f"{mutant.file}:{mutant.line}"
             print(f"{fate:9} {cpu_s:5.1f} s  {place}  {name}", flush=True)
             rows.writerow((revision, room, chosen.seed, place, name, fate, f"{cpu_s:.1f}"))
+            stream.flush()  # what is known stays if this is stopped
             fates.append(fate)
     survived, judged = fates.count("survived"), fates.count("survived") + fates.count("killed")
     low, high = wilson(survived, judged)
