@@ -22,6 +22,8 @@ from two_ends import TwoEnds, arrange, give_way
 
 from bench.model.folders import cache_folder
 
+pytest_plugins = ["stalls"]
+
 settings.register_profile("any machine", suppress_health_check=[HealthCheck.too_slow], deadline=None)
 settings.load_profile("any machine")  # how fast inputs are drawn says something of the machine only
 
@@ -65,6 +67,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     arrange(items)
 
 
+@pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> TwoEnds | None:
     """Share out whole files from both ends where they are shared out as wholes."""
     return TwoEnds(config, log) if config.option.dist == "loadfile" else None

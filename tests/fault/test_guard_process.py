@@ -24,7 +24,7 @@ from bench.plan import load_station
 from bench.run.bench.drill import drill, latest_drill
 from bench.run.watch.disk import LATE_S
 
-pytestmark = pytest.mark.waits
+pytestmark = [pytest.mark.waits, pytest.mark.limit(SAFE_S)]
 
 SEQUENCE = """\
 sequence: stimulus

@@ -105,6 +105,7 @@ def troubles(done: Sequence[Drilled]) -> list[str]:
 
 
 @pytest.mark.slow
+@pytest.mark.limit(SAFE_S)
 @pytest.mark.parametrize("pool", [1], indirect=True)
 def test_a_kill_and_a_stop(pool: list[Served], tmp_path: Path, inside: Inside) -> None:
     """A run is killed inside the points and stopped on its way back into them; one of virtual time is undisturbed."""

@@ -21,7 +21,7 @@ from bench.record import SessionReader
 from bench.replay import replay_rows
 from bench.run.guard.diary import read_diary
 
-pytestmark = pytest.mark.waits
+pytestmark = [pytest.mark.waits, pytest.mark.limit(SAFE_S)]
 
 STOPPED_S = 5.0
 AHEAD_S = 0.5  # the guard goes on before its controller, and must not take it for dead

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 from served import SAFE_S, Controller, Served
 
-pytestmark = pytest.mark.waits
+pytestmark = [pytest.mark.waits, pytest.mark.limit(SAFE_S)]
 
 SEQUENCE = """\
 sequence: streaming

@@ -63,6 +63,7 @@ def test_no_run_begins_under_a_guard_that_found_other_code(tmp_path: Path, monke
 
 
 @pytest.mark.slow
+@pytest.mark.limit(SAFE_S)
 def test_killed_moved_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     lab, out = copied(tmp_path / "lab"), tmp_path / "out"
     out.mkdir()

@@ -1,0 +1,101 @@
+"""Repeat a test of a safety limit only if the machine, not the bench, was late: ``@pytest.mark.limit(seconds)``.
+
+The limit counts physical time and stays as it is. Beside such a test a process of its own sleeps and looks how late it
+is woken: a test that fails while a sleeper was late by more than the limit has said nothing of the bench. It is run
+again, at most ``REPEATS`` times, and the summary names it. Without such a stall a failure is a failure.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import subprocess
+import sys
+from collections.abc import Iterator
+
+import pytest
+from _pytest.runner import runtestprotocol
+
+REPEATS = 3
+STALLED = "stalled_s"
+METER = """
+import select, sys, time
+longest_s, awake_s, asked = 0.0, time.monotonic(), False
+while not asked or sys.stdin.readline():
+    if asked:
+        print(longest_s, flush=True)
+        longest_s = 0.0
+    asked = select.select([sys.stdin], [], [], 0.02)[0]
+    slept_s, awake_s = time.monotonic() - awake_s, time.monotonic()
+    longest_s = max(longest_s, slept_s - 0.02)
+"""  # a process of its own, that waits for no lock of this one
+
+
+class StallMeter:
+    """A process that sleeps and tells how late it was woken at most since it was last asked, in seconds."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-S", "-c", METER], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1
+        )
+        self.longest_s()
+
+    def longest_s(self) -> float:
+        """Return the longest stall since the last call, in seconds."""
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write("\n")
+        return float(self._process.stdout.readline())
+
+    def stop(self) -> None:
+        """End the process."""
+        self._process.communicate()
+
+
+@contextlib.contextmanager
+def meter() -> Iterator[StallMeter]:
+    """Run a meter beside a test."""
+    running = StallMeter()
+    try:
+        yield running
+    finally:
+        running.stop()
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_protocol(item: pytest.Item, nextitem: pytest.Item | None) -> bool | None:
+    """Run a test of a limit, again if it failed while the machine stalled for longer than its limit."""
+    mark = item.get_closest_marker("limit")
+    if mark is None:
+        return None
+    (limit_s,) = mark.args
+    item.ihook.pytest_runtest_logstart(nodeid=item.nodeid, location=item.location)
+    with meter() as running:
+        stalls_s: list[float] = []
+        reports = runtestprotocol(item, log=False, nextitem=nextitem)
+        while any(report.failed for report in reports) and len(stalls_s) < REPEATS:
+            stall_s = running.longest_s()
+            if stall_s <= limit_s:
+                break
+            stalls_s.append(stall_s)
+            item._initrequest()  # type: ignore[attr-defined]  # fixtures of the next run are its own
+            reports = runtestprotocol(item, log=False, nextitem=nextitem)
+    for report in reports:
+        report.user_properties += [(STALLED, stall_s) for stall_s in stalls_s if report.when == "call"]
+        item.ihook.pytest_runtest_logreport(report=report)
+    item.ihook.pytest_runtest_logfinish(nodeid=item.nodeid, location=item.location)
+    return True
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+    """Name each test that was repeated, and the stall before."""
+    rows = [
+        f"{report.nodeid}: repeated, the machine stalled for {stall_s:.1f} s"
+        for reports in terminalreporter.stats.values()
+        for report in reports
+        for name, stall_s in getattr(report, "user_properties", [])
+        if name == STALLED and report.when == "call"
+    ]
+    if rows:
+        terminalreporter.section(f"repeated behind a stall: {len(rows)}")
+        for row in rows:
+            terminalreporter.line(row)
