@@ -41,6 +41,12 @@ def product_files() -> list[Path]:
     return [path for path in python_files(*PRODUCT) if path.parent != TOP]
 
 
+def deep_modules(text: str) -> set[str]:
+    """Return the modules of the product three or more levels deep that a file imports."""
+    names = {node.module for node in ast.walk(ast.parse(text)) if isinstance(node, ast.ImportFrom) and node.module}
+    return {name for name in names if name.split(".")[0] in PRODUCT and name.count(".") >= 3}
+
+
 def counted() -> dict[str, float]:
     """Return what is counted in texts."""
     texts = [text_of(path) for path in product_files()]
@@ -52,6 +58,7 @@ def counted() -> dict[str, float]:
         "files": len(texts),
         "dict[str, Any]": sum(text.count("dict[str, Any]") for text in texts),
         "lines of tests": sum(text_of(path).count("\n") for path in python_files("tests")),
+        "tests of several deep modules": sum(len(deep_modules(text_of(path))) > 1 for path in python_files("tests")),
         "words of docs": sum(len(page.read_text(encoding="utf-8").split()) for page in pages if page.is_file()),
     }
 
