@@ -285,7 +285,7 @@ MUTANTS = [
         "bench/frame/counter.py",
         "int(steps.sum() - new.sum())",
         "int(steps.sum() - steps.sum())",
-        ["tests/unit/frame/test_counter.py::test_lost_frames_inside_and_between_batches"],
+        ["tests/unit/frame/test_frame_stream.py::test_lost_and_repeated_frames_inside_and_between_batches"],
     ),
     Mutant(
         "record that begins one frame late",
@@ -313,7 +313,7 @@ MUTANTS = [
         "bench/frame/counter.py",
         "turns = np.rint((expected - step) / self._wrap)",
         "turns = np.rint(0.0 * (expected - step))",
-        ["tests/unit/frame/test_counter.py::test_gaps_longer_than_a_wrap_by_receive_time"],
+        ["tests/unit/frame/test_frame_stream.py::test_gaps_longer_than_a_wrap_by_receive_time"],
     ),
     Mutant(
         "safe state tried once",

@@ -14,7 +14,7 @@ from record_sample import frame as frame_of
 from bench.frame import MessageBatch
 
 GOLDEN = ROOT / "tests" / "golden"
-LINES = {"nmea_0183"}  # tests/unit/frame/test_lines.py
+LINES = {"nmea_0183"}  # tests/unit/frame/test_parts.py
 NAMES = sorted({path.stem for path in (ROOT / "frames").glob("*.yaml")} - LINES)
 NPP = [1291, 1280, 0, 2560, 640, 1279, 1300, 7, 1281, 65535]
 PPP = [1269, 1280, 2560, 0, 1920, 1281, 1260, 2553, 1279, 0]
@@ -276,90 +276,51 @@ def test_the_golden_frame_inside_the_definition_is_the_golden_file() -> None:
         assert frame.hex(" ") in text
 
 
-def test_ngu_a_fields() -> None:
-    batch = decode("ngu_a", INDEPENDENT["ngu_a"])
-    assert len(INDEPENDENT["ngu_a"]) == 57
-    assert batch.raw("npp").tolist() == [NPP]
-    assert batch.raw("ppp").tolist() == [PPP]
-    clocks = [batch.raw(name)[0] for name in ("counter", "af_clock", "master_count", "fg_count", "status")]
-    assert clocks == [17, 2560, 100001, 99999, STATUS]
-    bits = [batch.raw(f"status.{name}")[0] for name in ("calibrating", "over_range", "mode")]
-    assert bits == [1, 4, 2]
+FIELDS: dict[str, dict[str, object]] = {
+    "ngu_a": {"npp": NPP, "ppp": PPP, "counter": 17, "af_clock": 2560, "master_count": 100001, "fg_count": 99999,
+              "status": STATUS, "status.calibrating": 1, "status.over_range": 4, "status.mode": 2},
+    "ngu_a_100s": {"npp": NPP_100S, "ppp": PPP_100S, "counter": 3, "af_clock": 25600512, "master_count": 1000001500},
+    "ngu_b.housekeeping": {"unit_temperature": [-10.23, -9.98, 20.04, 50.01], "supply_voltage": 28.012},
+    "ngu_b.answer": {"command": 1, "payload": b"NGU SIM-1 1.0"},
+    "ngu_b.command": {"command": 2, "payload": b"\x64"},
+    "time_tags": {"events": EVENTS, "counter": 4, "tick": 4000123, "clock": 100000000, "dropped": 7, "edges": 3},
+    "fog_1k": {"output": -0.707107, "encoder": 270.0 + 360.0 / 2**24},
+    "rlg_housekeeping": {"temperature": 24.75, "intensity": 1.2345, "dither_amplitude": 100.12},
+    "imu_200": {"tick": 350.0012345, "delta_angle": [-0.001234567, 1.5, 7e-9],
+                "delta_velocity": [-0.48983123, 2.5e-6, 9.8]},
+    "egi_50": {"latitude": PLACE[0], "longitude": PLACE[1], "height": PLACE[2], "velocity": VELOCITY,
+               "attitude": ATTITUDE, "tick": 350.0098765, "mode": 3, "position_sigma": 1.5},
+    "sar_pulse": {"echo": ECHO, "tick": 499.999, "near_range": 44919.25, "spacing": 2.5,
+                  "wavelength": 0.03122838104166667},
+    "gnc_422.command": {"destination": 16, "source": 1, "sequence": 7},
+    "gnc_422.answer": {"status": 0, "payload": struct.pack("<I", 48000)},
+    "gnc_422.refusal": {"command": 0x44, "status": 3, "sequence": 255},
+    "gnc_422.stream": {"counter": 70000, "gyro": [216.0, -0.015, 0.035], "accel": [-0.012, 1.003, 0.005],
+                       "mag": [0.144, -0.43008, 0.3], "temperature": 25.12},
+}  # fmt: skip
 
 
-def test_ngu_a_100s_fields() -> None:
-    batch = decode("ngu_a_100s", INDEPENDENT["ngu_a_100s"])
-    assert batch.raw("npp").tolist() == [NPP_100S]
-    assert batch.raw("ppp").tolist() == [PPP_100S]
-    assert [batch.raw(name)[0] for name in ("counter", "af_clock", "master_count")] == [3, 25600512, 1000001500]
+@pytest.mark.parametrize("name", FIELDS)
+def test_fields_are_what_was_packed(name: str) -> None:
+    frame, _, message = name.partition(".")
+    batch = decode(frame, INDEPENDENT[name], message or "frame")
+    for field, due in FIELDS[name].items():
+        if isinstance(due, bytes):
+            assert batch.raw(field).tolist() == [due]
+        else:
+            np.testing.assert_allclose(batch.scaled(field)[0], due, rtol=1e-14, err_msg=field)
 
 
-def test_ngu_b_messages() -> None:
-    stream = b"".join(frame for name, frame in INDEPENDENT.items() if name.startswith("ngu_b"))
-    messages = frame_of("ngu_b").decoder().feed(stream).messages
-    housekeeping, answer, command = (messages[name] for name in ("housekeeping", "answer", "command"))
-    np.testing.assert_allclose(housekeeping.scaled("unit_temperature")[0], [-10.23, -9.98, 20.04, 50.01], rtol=1e-15)
-    np.testing.assert_allclose(housekeeping.scaled("supply_voltage"), [28.012], rtol=1e-15)
-    assert housekeeping.raw("unit_temperature").tolist() == [[-1023, -998, 2004, 5001]]
-    assert (answer.raw("command")[0], answer.raw("payload")[0]) == (1, b"NGU SIM-1 1.0")
-    assert (command.raw("command")[0], command.raw("payload")[0]) == (2, b"\x64")
-
-
-def test_time_tags_keep_their_events_as_bytes() -> None:
-    batch = decode("time_tags", INDEPENDENT["time_tags"])
-    assert batch.raw("events").tolist() == [EVENTS]
-    assert [int(batch.raw(name)[0]) for name in ("counter", "tick", "clock", "dropped", "edges")] == [
-        4, 4000123, 100000000, 7, 3,
-    ]  # fmt: skip
-
-
-def test_fog_and_ring_laser_fields() -> None:
-    fog = decode("fog_1k", INDEPENDENT["fog_1k"])
-    np.testing.assert_allclose(fog.scaled("output"), [-0.707107], rtol=1e-15)
-    np.testing.assert_allclose(fog.scaled("encoder"), [270.0 + 360.0 / 2**24], rtol=1e-12)
-    laser = decode("rlg_housekeeping", INDEPENDENT["rlg_housekeeping"])
-    found = [laser.scaled(name)[0] for name in ("temperature", "intensity", "dither_amplitude")]
-    np.testing.assert_allclose(found, [24.75, 1.2345, 100.12], rtol=1e-15)
-
-
-def test_time_sync_fields() -> None:
-    imu, egi, radar = (decode(name, INDEPENDENT[name]) for name in ("imu_200", "egi_50", "sar_pulse"))
-    np.testing.assert_allclose(imu.scaled("tick"), [350.0012345], rtol=1e-15)
-    np.testing.assert_allclose(imu.scaled("delta_angle")[0], [-0.001234567, 1.5, 7e-9], rtol=1e-14)
-    np.testing.assert_allclose(imu.scaled("delta_velocity")[0], [-0.48983123, 2.5e-6, 9.8], rtol=1e-14)
-    assert tuple(egi.scaled(name)[0] for name in ("latitude", "longitude", "height")) == PLACE
-    assert (tuple(egi.scaled("velocity")[0]), tuple(egi.scaled("attitude")[0])) == (VELOCITY, ATTITUDE)
-    assert (egi.raw("tick")[0], egi.raw("mode")[0], egi.scaled("position_sigma")[0]) == (3500098765, 3, 1.5)
-    assert radar.raw("echo")[0].tolist() == ECHO
-    assert radar.raw("tick")[0] == 4999990000
-    assert [float(radar.raw(name)[0]) for name in ("near_range", "spacing", "wavelength")] == [
-        44919.25, 2.5, 0.03122838104166667,
-    ]  # fmt: skip
-
-
-def test_gnc_messages() -> None:
-    stream = b"".join(frame for name, frame in INDEPENDENT.items() if name.startswith("gnc_422"))
-    messages = frame_of("gnc_422").decoder().feed(stream).messages
-    assert {name: len(batch) for name, batch in messages.items()} == dict.fromkeys(messages, 1)
-    command, answer, refusal = (messages[name] for name in ("command", "answer", "refusal"))
-    assert (command.raw("destination")[0], command.raw("source")[0], command.raw("sequence")[0]) == (16, 1, 7)
-    assert (answer.raw("status")[0], answer.raw("payload")[0]) == (0, struct.pack("<I", 48000))
-    assert (refusal.raw("command")[0], refusal.raw("status")[0], refusal.raw("sequence")[0]) == (0x44, 3, 255)
-    sample = messages["stream"]
-    assert (sample.raw("counter")[0], sample.raw("tick")[0], len(sample.message.fields)) == (70000, 4294967290, 14)
-    np.testing.assert_allclose(sample.scaled("gyro")[0], [216.0, -0.015, 0.035], rtol=1e-15)
-    np.testing.assert_allclose(sample.scaled("accel")[0], [-0.012, 1.003, 0.005], rtol=1e-15)
-    np.testing.assert_allclose(sample.scaled("mag")[0], [0.144, -0.43008, 0.3], rtol=1e-15)
-    np.testing.assert_allclose(sample.scaled("temperature"), [25.12], rtol=1e-15)
+def test_raw_values_and_fields_per_sample() -> None:
+    assert decode("ngu_b", INDEPENDENT["ngu_b.housekeeping"], "housekeeping").raw("unit_temperature").tolist() == [
+        [-1023, -998, 2004, 5001]
+    ]
+    sample = decode("gnc_422", INDEPENDENT["gnc_422.stream"], "stream")
+    assert (sample.raw("tick")[0], len(sample.message.fields)) == (4294967290, 14)
     per_sample = {item.name for item in sample.message.fields if item.per == "sample"}
     assert per_sample == {"tick", "gyro", "accel", "mag", "temperature"}
-
-
-def test_vn100_fields() -> None:
-    batch = decode("vn100_binary", INDEPENDENT["vn100_binary"])
-    assert len(INDEPENDENT["vn100_binary"]) == 124
-    names = [item.name for item in batch.message.fields if item.name != "header"]
-    assert [batch.scaled(name)[0] for name in names] == FLOATS
+    vn100 = decode("vn100_binary", INDEPENDENT["vn100_binary"])
+    assert [vn100.scaled(item.name)[0] for item in vn100.message.fields if item.name != "header"] == FLOATS
 
 
 @pytest.mark.parametrize("name", ["ngu_a", "ngu_a_100s", "vn100_binary"])
