@@ -9,7 +9,6 @@ import pytest
 from import_sample import LOG, SHORT
 
 from bench.model.errors import InputError
-from bench.model.texts import told
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import LogMapping, mapping_model
 from bench.replay.delimited import MAX_LINE_BYTES, LogParser, LogRow, lines_of
@@ -119,15 +118,6 @@ def test_a_bad_row_is_counted_and_listed_with_its_line(row: str, why: str) -> No
     assert line == 4
     assert why in said
     assert "line 4: " in parser.counts.sentences()[0]
-
-
-def test_what_is_left_out_is_told_in_korean() -> None:
-    mapping = mapped(("uut:", "overload: {values: ['']}\nuut:"))
-    _, parser = read((LOG + "2024-01-01T00:00:20,21,\nyesterday,20,1\n2024-01-01T00:00:30,20\n").encode(), mapping)
-    assert [told(said, "ko") for said in parser.counts.sentences()] == [
-        "로그 3행 중 1행에 비어 있거나 매핑이 과부하로 정한 칸이 있습니다 (voltage 1).",
-        "로그의 2행을 읽을 수 없습니다: 5행: 'yesterday': 형식 'iso'의 시각이 아님; 6행: 필드 2개, 3개여야 함.",
-    ]
 
 
 def test_numbers_of_the_wrong_decimal_sign_are_bad_rows() -> None:

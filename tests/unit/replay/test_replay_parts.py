@@ -66,11 +66,6 @@ def test_marks_of_a_record() -> None:
     assert (marked.sampled, marked.timed, marked.window.step) == (True, True, 7)
 
 
-def test_a_record_keeps_the_unit_it_belongs_to() -> None:
-    plain, named = found(record(1, 0), record(2, 50, uut="SN 2"))
-    assert (plain.window.uut, named.window.uut) == (None, "SN 2")
-
-
 @pytest.mark.parametrize(
     "name", ["number", "link", "first_counter", "frames", "t_start_ns", "t_end_ns", "conditions", "step"]
 )

@@ -1,7 +1,8 @@
-"""A session decoded again gives the rows of the run, whatever happened on the way."""
+"""A session decoded again gives the rows of the run bit for bit, whatever happened on the way; equality of results."""
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,14 +11,19 @@ import numpy as np
 import pytest
 from record_frames import FRAME_NS, Stream, housekeeping, stream
 from record_sample import NS, frame
+from rehearsal import tiny_plan
 
 from bench.frame import LinkDecoder
+from bench.model.clock import VirtualClock
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Record, Resume
 from bench.model.ports import RecordWindow
 from bench.record import RecordCutter, RecordRow, SessionReader, SessionWriter
 from bench.record.recover import resume_session
-from bench.replay import replay_rows
+from bench.replay import compare, replay_rows
+from bench.run.control.operator import SimulatedOperator
+from bench.run.session import conduct
+from sim_instruments.faults.switchboard import LinkFaults
 
 LINKS = {"port_a": "ngu_a", "port_b": "ngu_b"}
 MANIFEST = {"links": {link: f"frames/{name}.yaml" for link, name in LINKS.items()}, "measurement_link": "port_a"}
@@ -251,20 +257,91 @@ def test_a_frame_file_that_is_missing(tmp_path: Path) -> None:
         replay_rows(tmp_path)
 
 
-@pytest.mark.parametrize("missing", ["link", "first_counter", "conditions"])
-def test_an_incomplete_record_event(tmp_path: Path, missing: str) -> None:
-    writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0)
-    fields = fields_of(RecordWindow(1, "port_a", 0, 10, 0, FRAME_NS))
-    del fields[missing]
-    writer.event("record", 0, fields)
-    writer.close("done")
-    with pytest.raises(SessionDamaged, match="B-RPL-003"):
-        replay_rows(tmp_path)
-
-
 def test_reading_leaves_the_session_as_it_is(tmp_path: Path) -> None:
     SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0).close("done")
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     replay_rows(tmp_path)
     assert not SessionReader(tmp_path, strict=True).damage
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+RESULTS: dict[str, Any] = {
+    "session": "s", "estimates": [{"quantity": "dsf_n", "value": 412.31, "n": 14, "limit": None}],
+    "quality": {"records": 7},
+}  # fmt: skip
+
+
+def test_the_same_document() -> None:
+    assert compare(RESULTS, {**RESULTS}) == []
+    assert compare([math.nan, math.inf], [math.nan, math.inf]) == []
+
+
+def test_a_number_is_not_nan() -> None:
+    assert [item.path for item in compare([1.0], [math.nan])] == ["[0]"]
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (0.1 + 0.2, 0.3), (1, 1.0), (0.0, -0.0), ("1", 1), (None, 0), (True, 1), ([1], 1), ({}, []),
+        ("ab", ["a", "b"]), (412.31, math.nextafter(412.31, 500.0)),
+    ],
+)  # fmt: skip
+def test_anything_else_differs(first: Any, second: Any) -> None:
+    (difference,) = compare({"x": first}, {"x": second})
+    assert (difference.path, difference.first, difference.second) == ("x", first, second)
+
+
+def test_paths_lead_to_the_value() -> None:
+    other = {
+        "session": "s", "estimates": [{"quantity": "dsf_n", "value": 412.32, "n": 14}, {"quantity": "bias"}],
+        "quality": {"records": 7, "splices": 0},
+    }  # fmt: skip
+    found = [str(difference) for difference in compare(RESULTS, other)]
+    assert found == [
+        "estimates[0].limit: None != '(absent)'",
+        "estimates[0].value: 412.31 != 412.32",
+        "estimates[1]: '(absent)' != {'quantity': 'bias'}",
+        "quality.splices: '(absent)' != 0",
+    ]
+
+
+RUN_SEED = 3
+BIT_ERROR_RATE = 2e-6
+FRAME_RATE = 2e-4  # of dropped and of repeated frames
+
+
+class Silence:
+    """Watches a run and says nothing."""
+
+    def __getattr__(self, name: str) -> Any:
+        return lambda *_: None
+
+
+def comparable(row: RecordRow) -> tuple[object, ...]:
+    sums = {name: value.tolist() for name, value in row.sums.items()}
+    counts = (row.frames, row.lost, row.bad, row.duplicate, row.suspect)
+    return row.window, sums, counts, row.quality, dict(row.context)
+
+
+def test_replay_of_a_run_over_a_noisy_cable(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    plain = LinkFaults.__init__
+
+    def noisy(self: LinkFaults, *args: Any, **options: Any) -> None:
+        plain(self, *args, **options)
+        self.bit_error_rate, self.drop_rate, self.duplicate_rate = BIT_ERROR_RATE, FRAME_RATE, FRAME_RATE
+
+    monkeypatch.setattr(LinkFaults, "__init__", noisy)
+    plan = tiny_plan(tmp_path)
+    run = conduct(
+        plan, clock=VirtualClock(), seed=RUN_SEED, out=tmp_path, operator=SimulatedOperator(), listener=Silence(),
+        keep_events=("retake",),
+    )  # fmt: skip
+    assert run.outcome.error is None
+    again = replay_rows(run.folder, strict=True)
+    assert run.counts["frames_bad"] > 0, f"seed {RUN_SEED}"
+    assert len(run.events) > 0, f"seed {RUN_SEED}: no record was retaken"
+    assert any(row.duplicate for row in run.outcome.rows)
+    assert [comparable(row) for row in again.measurement_rows] == [comparable(row) for row in run.outcome.rows]
+    assert again.totals == dict(run.counts)
+    assert again.session_sha256 == run.session_sha256
