@@ -103,14 +103,12 @@ def test_the_independent_validator_refuses_what_ours_refuses(document: dict[str,
 
 
 def test_unknown_key_and_infinite_number_are_refused(document: dict[str, Any]) -> None:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match="B-FIT-010"):
         validate_results(document | {"extra": 1})
-    assert caught.value.code == "B-FIT-010"
     wrong = copy.deepcopy(document)
     wrong["estimates"][3]["value"] = float("nan")
-    with pytest.raises(InputError, match=r"estimates\.3\.value") as caught:
+    with pytest.raises(InputError, match=r"B-FIT-010: .*estimates\.3\.value"):
         validate_results(wrong)
-    assert caught.value.code == "B-FIT-010"
 
 
 def test_text_is_canonical_and_keeps_every_bit(document: dict[str, Any]) -> None:

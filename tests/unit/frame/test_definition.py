@@ -343,9 +343,8 @@ length: {field: words, times: 2, plus: 1, max: 50}
 crc: {name: sum-8, over: [words, end]}
 """
     definition = with_golden(text, b"\x01\x01\x01", "words: 1")
-    with pytest.raises(InputError, match="multiple of 2") as caught:
+    with pytest.raises(InputError, match=r"B-FRAME-021: .*multiple of 2"):
         definition.encode_one({"body": b"a"})
-    assert caught.value.code == "B-FRAME-021"
     assert definition.encode_one({"body": b"ab"}) == b"\x01\x02ab" + bytes([(2 + 97 + 98) & 255])
 
 

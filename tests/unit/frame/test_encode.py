@@ -198,9 +198,8 @@ def test_bytes_of_a_fixed_length_are_neither_padded_nor_cut() -> None:
 
 @pytest.mark.parametrize(("name", "payload"), [("stream_stop", "80bb00"), ("stream_stop", "80bb000000"), ("can", "ff")])
 def test_an_answer_of_another_length_is_refused(name: str, payload: str) -> None:
-    with pytest.raises(InputError, match=r"bytes, (at least )?4 are due") as caught:
+    with pytest.raises(InputError, match=r"B-FRAME-025: .*bytes, (at least )?4 are due"):
         GNC.commands[name].decode(bytes.fromhex(payload))
-    assert caught.value.code == "B-FRAME-025"
 
 
 @seed(1)

@@ -277,8 +277,18 @@ def test_the_golden_frame_inside_the_definition_is_the_golden_file() -> None:
 
 
 FIELDS: dict[str, dict[str, object]] = {
-    "ngu_a": {"npp": NPP, "ppp": PPP, "counter": 17, "af_clock": 2560, "master_count": 100001, "fg_count": 99999,
-              "status": STATUS, "status.calibrating": 1, "status.over_range": 4, "status.mode": 2},
+    "ngu_a": {
+        "npp": NPP,
+        "ppp": PPP,
+        "counter": 17,
+        "af_clock": 2560,
+        "master_count": 100001,
+        "fg_count": 99999,
+        "status": STATUS,
+        "status.calibrating": 1,
+        "status.over_range": 4,
+        "status.mode": 2,
+    },
     "ngu_a_100s": {"npp": NPP_100S, "ppp": PPP_100S, "counter": 3, "af_clock": 25600512, "master_count": 1000001500},
     "ngu_b.housekeeping": {"unit_temperature": [-10.23, -9.98, 20.04, 50.01], "supply_voltage": 28.012},
     "ngu_b.answer": {"command": 1, "payload": b"NGU SIM-1 1.0"},
@@ -286,18 +296,39 @@ FIELDS: dict[str, dict[str, object]] = {
     "time_tags": {"events": EVENTS, "counter": 4, "tick": 4000123, "clock": 100000000, "dropped": 7, "edges": 3},
     "fog_1k": {"output": -0.707107, "encoder": 270.0 + 360.0 / 2**24},
     "rlg_housekeeping": {"temperature": 24.75, "intensity": 1.2345, "dither_amplitude": 100.12},
-    "imu_200": {"tick": 350.0012345, "delta_angle": [-0.001234567, 1.5, 7e-9],
-                "delta_velocity": [-0.48983123, 2.5e-6, 9.8]},
-    "egi_50": {"latitude": PLACE[0], "longitude": PLACE[1], "height": PLACE[2], "velocity": VELOCITY,
-               "attitude": ATTITUDE, "tick": 350.0098765, "mode": 3, "position_sigma": 1.5},
-    "sar_pulse": {"echo": ECHO, "tick": 499.999, "near_range": 44919.25, "spacing": 2.5,
-                  "wavelength": 0.03122838104166667},
+    "imu_200": {
+        "tick": 350.0012345,
+        "delta_angle": [-0.001234567, 1.5, 7e-9],
+        "delta_velocity": [-0.48983123, 2.5e-6, 9.8],
+    },
+    "egi_50": {
+        "latitude": PLACE[0],
+        "longitude": PLACE[1],
+        "height": PLACE[2],
+        "velocity": VELOCITY,
+        "attitude": ATTITUDE,
+        "tick": 350.0098765,
+        "mode": 3,
+        "position_sigma": 1.5,
+    },
+    "sar_pulse": {
+        "echo": ECHO,
+        "tick": 499.999,
+        "near_range": 44919.25,
+        "spacing": 2.5,
+        "wavelength": 0.03122838104166667,
+    },
     "gnc_422.command": {"destination": 16, "source": 1, "sequence": 7},
     "gnc_422.answer": {"status": 0, "payload": struct.pack("<I", 48000)},
     "gnc_422.refusal": {"command": 0x44, "status": 3, "sequence": 255},
-    "gnc_422.stream": {"counter": 70000, "gyro": [216.0, -0.015, 0.035], "accel": [-0.012, 1.003, 0.005],
-                       "mag": [0.144, -0.43008, 0.3], "temperature": 25.12},
-}  # fmt: skip
+    "gnc_422.stream": {
+        "counter": 70000,
+        "gyro": [216.0, -0.015, 0.035],
+        "accel": [-0.012, 1.003, 0.005],
+        "mag": [0.144, -0.43008, 0.3],
+        "temperature": 25.12,
+    },
+}
 
 
 @pytest.mark.parametrize("name", FIELDS)

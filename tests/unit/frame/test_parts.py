@@ -99,9 +99,8 @@ def test_what_is_encoded_is_what_struct_makes() -> None:
     assert definition.encode_one({"axis": [3, 4], "rate": [1.5, -2.5], "temperature": -41}) == TWO_SETS
     assert definition.encode_one({}) == NO_SET
     assert definition.encode_one({"flags": 0}) == NO_SET
-    with pytest.raises(InputError, match="more than 3 sets") as caught:
+    with pytest.raises(InputError, match=r"B-FRAME-021: .*more than 3 sets"):
         definition.encode_one({"flags": 4 << 1, "axis": [1, 2, 3], "rate": [1, 2, 3]})
-    assert caught.value.code == "B-FRAME-021"
     with pytest.raises(InputError, match="no value for the field 'rate'"):
         definition.encode_one({"axis": [3, 4]})
     for values, words in (
@@ -388,9 +387,8 @@ def test_what_is_written_is_read() -> None:
 )
 def test_what_cannot_stand_in_a_line(name: str, value: object) -> None:
     values = {"address": np.bytes_(b"IMU"), "sequence": 1, "status": 1, "rate": [0, 0], "temperature": 1}
-    with pytest.raises(InputError, match="cannot stand in a line") as caught:
+    with pytest.raises(InputError, match=r"B-FRAME-021: .*cannot stand in a line"):
         line_of({}).encode_one({**values, name: value})
-    assert caught.value.code == "B-FRAME-021"
 
 
 @pytest.mark.parametrize(

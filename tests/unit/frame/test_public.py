@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -13,12 +12,10 @@ from captured import captured
 from record_sample import ROOT
 from record_sample import frame as frame_of
 
-from bench.commands.frame.decode import decode
 from bench.frame import parse_frame
 from bench.frame.stream import LinkDecoder
 from bench.model.errors import InputErrors
 
-SEED = 404
 # OEM7 documentation, "ASCII to binary log conversion example", and GPStation-6 manual, page 44: the same check covers
 # every binary log, so the vendor's two BESTPOS logs hold the one of INSPVAS
 BESTPOS = """
@@ -81,34 +78,6 @@ def test_the_counter_of_kvh_goes_on_behind_127() -> None:
     assert (link.counts.frames, link.counts.lost, link.counts.duplicate, link.counts.suspect) == (996, 4, 0, 0)
     assert batch.counter is not None
     assert batch.counter.tolist() == [place for place in range(1000) if place not in (126, 127, 128, 640)]
-
-
-@pytest.mark.parametrize("name", ["kvh_1750", "novatel_inspvas"])
-def test_decode_finds_frames_between_junk(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Text, other logs, noise with sync bytes in it, a cut frame and one with a flipped bit; blocks cut anywhere."""
-    rng = np.random.default_rng(SEED)
-    frame = golden(name)
-    flipped = bytearray(frame)
-    flipped[30] ^= 0x10
-    junk = [
-        b"$GPGGA,123519*47\r\n", bytes.fromhex("".join(BESTPOS[0].split())), rng.bytes(500) + frame[:6], frame[:-3],
-        bytes(flipped), frame[:3] * 5, b"",
-    ]  # fmt: skip
-    capture = tmp_path / "capture.bin"
-    capture.write_bytes(b"".join(part + frame for part in junk * 20))
-    assert decode(str(ROOT / "frames" / f"{name}.yaml"), capture, tmp_path / "out.csv", None, True) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["good"] == 140
-    assert found["bad"] >= 20
-    assert found["good"] * len(frame) + found["skipped_bytes"] == found["bytes"]
-    lines = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()
-    assert len(lines) == 141
-    monkeypatch.setattr("bench.frame.capture._BLOCK_BYTES", 61)
-    for engine in ("kernel", "numpy", "reference"):
-        again, _ = captured(frame_of(name), capture, engine)  # type: ignore[arg-type]
-        assert (again.counts.frames, again.counts.bad) == (140, found["bad"])
 
 
 @pytest.mark.parametrize("field", ["{name: n, type: u8, role: counter, wrap: 100}", "{name: n, type: u8, wrap: 128}",

@@ -276,9 +276,8 @@ def test_expected_deviation_is_the_mean_of_records(record_property: Callable[[st
 
 
 def test_no_averaging_time_of_a_single_sample() -> None:
-    with pytest.raises(FitError, match="1 samples leave no averaging time") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-031: .*1 samples leave no averaging time"):
         expected_deviation({"white_noise": 1.0}, 1, 10.0)
-    assert caught.value.code == "B-FIT-031"
 
 
 def test_covariance_is_that_of_many_records() -> None:
@@ -388,6 +387,5 @@ def test_what_cannot_be_fitted_is_refused(n: int, modified: bool, text: str) -> 
 
 
 def test_a_record_without_noise_is_refused() -> None:
-    with pytest.raises(FitError, match="without noise") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-030: .*without noise"):
         fit_noise_terms(allan_deviation(np.tile([1.0, -1.0], 200), 1.0, factors=(2, 4, 8, 16, 32)))
-    assert caught.value.code == "B-FIT-030"

@@ -77,15 +77,13 @@ def test_operator_is_the_estimator_and_gives_its_covariance() -> None:
 def test_rank_deficiency_names_the_parameters_that_are_not_determined() -> None:
     column = RNG.normal(size=9)
     design = np.column_stack([column, RNG.normal(size=9), 2 * column])
-    with pytest.raises(FitError, match="do not determine a, c: rank 2 of 3") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-001: .*do not determine a, c: rank 2 of 3"):
         solve(design, RNG.normal(size=9), np.eye(9), NAMES)
-    assert caught.value.code == "B-FIT-001"
 
 
 def test_fewer_rows_than_parameters_is_refused() -> None:
-    with pytest.raises(FitError) as caught:
+    with pytest.raises(FitError, match="B-FIT-001"):
         solve(np.array([[1.0, 2.0, 3.0]]), np.array([1.0]), np.eye(1), NAMES)
-    assert caught.value.code == "B-FIT-001"
 
 
 def test_the_dmm_equation_as_printed_is_refused() -> None:
@@ -93,16 +91,14 @@ def test_the_dmm_equation_as_printed_is_refused() -> None:
     level = np.array([30e-6, 100e-6, 1e-3, 1e-2, 0.1, 0.2])
     half = 0.5 * np.column_stack([level, level])
     printed = np.concatenate([half, -half])
-    with pytest.raises(FitError, match="K_N, K_P") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-001: .*K_N, K_P"):
         solve(printed, np.concatenate([level, -level]), np.diag(np.concatenate([level, level]) ** 2), ("K_N", "K_P"))
-    assert caught.value.code == "B-FIT-001"
 
 
 @pytest.mark.parametrize("covariance", [np.diag([1.0, -1.0, 1.0]), np.full((3, 3), np.nan)])
 def test_covariance_that_is_not_positive_definite_is_refused(covariance: np.ndarray) -> None:
-    with pytest.raises(FitError) as caught:
+    with pytest.raises(FitError, match="B-FIT-002"):
         solve(np.ones((3, 1)), np.ones(3), covariance, ("a",))
-    assert caught.value.code == "B-FIT-002"
 
 
 DIGITS = 9.0
@@ -197,9 +193,8 @@ def test_plain_doubles_lose_the_digits(name: str, at_most: float) -> None:
 def test_rounded_powers_are_refused_where_they_would_not_give_nine_digits() -> None:
     problem = next(one for one in PROBLEMS if one.name == "Filip")
     columns = np.vander(np.array(problem.x, float), 11, increasing=True)
-    with pytest.raises(FitError) as caught:
+    with pytest.raises(FitError, match="B-FIT-001"):
         solve(columns, np.array(problem.y), np.eye(82), names(problem))
-    assert caught.value.code == "B-FIT-001"
 
 
 # --- the accurate path against the plain one -------------------------------------------------------------------------
@@ -253,9 +248,8 @@ def test_dependent_exact_columns_are_named() -> None:
     powers = polynomial_columns(x, 4)
     other = np.random.default_rng(3).normal(size=(20, 1))
     design = Extended(np.hstack((powers.high, other)), np.hstack((powers.low, 0 * other)))
-    with pytest.raises(FitError, match="do not determine a, b, c, d, e: rank 5 of 6") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-001: .*do not determine a, b, c, d, e: rank 5 of 6"):
         solve(design, np.ones(20), np.eye(20), "abcdef")
-    assert caught.value.code == "B-FIT-001"
 
 
 # --- the arithmetic --------------------------------------------------------------------------------------------------
@@ -361,9 +355,8 @@ def test_two_temperatures_give_a_slope_one_gives_nothing() -> None:
 
 
 def test_equal_temperatures_are_refused() -> None:
-    with pytest.raises(FitError) as caught:
+    with pytest.raises(FitError, match="B-FIT-001"):
         fit_temperature(np.full(3, 20.0), np.zeros(3), np.eye(3), np.zeros((3, 0)), 20.0)
-    assert caught.value.code == "B-FIT-001"
 
 
 def test_bias_is_the_negative_of_the_open_reading() -> None:
@@ -402,6 +395,5 @@ def test_effects_change_sign_with_the_switch_and_zero_rows_have_no_linearity() -
 
 
 def test_range_missing_in_the_register_is_named() -> None:
-    with pytest.raises(FitError, match=r"range 0\.022 A") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-003: .*range 0\.022 A"):
         specification({2.2e-4: RangeSpecification(2e-5, 6e-9)}, 2.2e-2)
-    assert caught.value.code == "B-FIT-003"

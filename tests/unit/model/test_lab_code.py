@@ -167,9 +167,8 @@ def test_what_cannot_be_loaded_is_one_line(lab: Path, text: str, line: int | Non
 
 def test_a_driver_is_named_by_its_file(lab: Path) -> None:
     (lab / DRIVER).write_text("DRIVER = 3\n")
-    with pytest.raises(InstallationError, match="names no class as DRIVER") as caught:
+    with pytest.raises(InstallationError, match=r"B-LAB-006: .*names no class as DRIVER"):
         driver_class("example_t100")
-    assert caught.value.code == "B-LAB-006"
 
 
 @pytest.mark.parametrize(
@@ -211,9 +210,8 @@ def test_what_is_demanded_is_compared_before_it_is_executed(lab: Path) -> None:
     (lab / DRIVER).unlink()
     assert "has no such file" in refused("B-LAB-007", lambda: lab_code.demand(recorded, "a lab")).message
     for place in ("../outside.py", "stations/t100_bench.yaml", "/etc/passwd"):
-        with pytest.raises(InstallationError) as caught:
+        with pytest.raises(InstallationError, match="B-LAB-007"):
             lab_code.demand({place: "0" * 64}, "a lab")
-        assert caught.value.code == "B-LAB-007"
 
 
 def test_code_that_a_session_did_not_begin_with_is_refused(lab: Path) -> None:

@@ -91,8 +91,13 @@ def test_the_shipped_station(station: Station) -> None:
     assert set(standards) == set(station.instruments)
     calibrator = standards["calibrator"]
     assert calibrator["due"] == "2000-11-01"
-    table_2 = {2.2e-4: (2e-5, 6e-9), 2.2e-3: (2e-5, 7e-9), 2.2e-2: (2e-5, 4e-8), 0.22: (2e-5, 7e-7),
-               2.2: (3.2e-5, 1.2e-5)}  # fmt: skip
+    table_2 = {
+        2.2e-4: (2e-5, 6e-9),
+        2.2e-3: (2e-5, 7e-9),
+        2.2e-2: (2e-5, 4e-8),
+        0.22: (2e-5, 7e-7),
+        2.2: (3.2e-5, 1.2e-5),
+    }
     assert {u["range_A"]: (u["relative"], u["floor_A"]) for u in calibrator["uncertainty"]} == table_2
     assert all(c["gain"] == c["offset_A"] == 0.0 for c in calibrator["corrections"])
     assert station.ranges_A("calibrator") == tuple(table_2)

@@ -331,9 +331,8 @@ def test_a_record_of_samples_needs_no_clock_counts() -> None:
     found = record_states(steps, replayed)
     assert [one.state for one in found] == ["valid", "invalid", "invalid"]
     assert found[1].why == "no frames"
-    with pytest.raises(InputError, match="how it was mounted") as caught:
+    with pytest.raises(InputError, match=r"B-RES-008: .*how it was mounted"):
         make_up_sequence(SimpleNamespace(), found)  # type: ignore[arg-type]
-    assert caught.value.code == "B-RES-008"
 
 
 @pytest.mark.parametrize("arguments", [None, {"samples": True}])

@@ -139,15 +139,12 @@ def test_an_uncertainty_that_is_all_shared_still_gives_a_line() -> None:
 
 def test_refusals() -> None:
     t, value, std, shared, standard = series(np.random.default_rng(SEED))
-    with pytest.raises(FitError, match="rate") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-001: .*rate"):
         fit_drift_line(np.full_like(t, 40.0), value, std, shared, standard)
-    assert caught.value.code == "B-FIT-001"
-    with pytest.raises(FitError) as caught:
+    with pytest.raises(FitError, match="B-FIT-002"):
         fit_drift_line(t, value, np.zeros_like(std), shared, standard)
-    assert caught.value.code == "B-FIT-002"
-    with pytest.raises(FitError) as caught:
+    with pytest.raises(FitError, match="B-FIT-001"):
         individuals_chart(np.ones(1))
-    assert caught.value.code == "B-FIT-001"
 
 
 def test_en_of_independent_laboratories() -> None:

@@ -143,9 +143,8 @@ def test_what_matlab_cannot_hold(sessions: list[Session], tmp_path: Path, monkey
         raise io.matlab.MatWriteError("Matrix too large to save with Matlab 5 format")
 
     monkeypatch.setattr(io, "savemat", too_large)
-    with pytest.raises(InputError, match="hdf5") as caught:
+    with pytest.raises(InputError, match=r"B-TAB-008: .*hdf5"):
         export_session(sessions[1], "mat", tmp_path / "out")
-    assert caught.value.code == "B-TAB-008"
     assert list(tmp_path.iterdir()) == []
 
 

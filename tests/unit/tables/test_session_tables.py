@@ -280,9 +280,8 @@ def test_without_pandas_there_are_no_tables(golden: Path, monkeypatch: pytest.Mo
     session = Session(golden)
     assert session.results["campaign"] == "scale_factor"
     for ask in (lambda: session.events, lambda: session.records, lambda: session.frames("port_a")):
-        with pytest.raises(InputError, match=r"pip install 'inertial-bench\[python\]'") as caught:
+        with pytest.raises(InputError, match=r"B-TAB-001: .*pip install 'inertial-bench\[python\]'"):
             ask()
-        assert caught.value.code == "B-TAB-001"
 
 
 def test_damage_is_told(resumed: Session, tmp_path: Path) -> None:
@@ -383,6 +382,5 @@ def test_names_that_would_be_alike_are_told_apart() -> None:
 
 def test_without_xarray_there_is_one_line(golden: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "xarray", None)
-    with pytest.raises(InputError, match=r"pip install 'inertial-bench\[xarray\]'") as caught:
+    with pytest.raises(InputError, match=r"B-TAB-001: .*pip install 'inertial-bench\[xarray\]'"):
         bench.to_xarray(Session(golden).records)
-    assert caught.value.code == "B-TAB-001"

@@ -104,9 +104,8 @@ def test_an_adjustment_is_no_signal_and_its_calibrations_say_so(any_url: str) ->
 
 def test_a_person_begins_a_phase_and_it_stays(any_url: str) -> None:
     charts_sample.written(any_url, stepped(40.0 * OWN_ppm, 10))
-    with pytest.raises(StoreError, match="of at least 8") as caught:
+    with pytest.raises(StoreError, match=r"B-STORE-041: .*of at least 8"):
         freeze(any_url, ("unit", "A1"), (date(2014, 5, 1), date(2014, 6, 30)), 100.0, "A. Meyer", "too short")
-    assert caught.value.code == "B-STORE-041"
     done = freeze(any_url, ("unit", "A1"), (None, date(2015, 2, 20)), 100.0, "A. Meyer", "before the repair")
     assert done["calibrations"] == 10
     subject = chart_unit(any_url, Filters())
@@ -135,9 +134,8 @@ def test_what_is_no_first_phase(url: str) -> None:
         with pytest.raises(StoreError, match=said) as caught:
             freeze(url, ("unit", "A1"), days, run_length, by, reason)
         assert caught.value.code == "B-STORE-041"
-    with pytest.raises(StoreError) as caught:
+    with pytest.raises(StoreError, match="B-STORE-009"):
         freeze(url, ("station", "bench_7"), (None, date(2015, 1, 1)), 100.0, "A", "r")
-    assert caught.value.code == "B-STORE-009"
 
 
 def test_doubtful_estimates_and_simulated_calibrations_never_enter(url: str) -> None:
@@ -184,9 +182,8 @@ def test_too_few_calibrations_have_no_chart_and_it_is_said(url: str) -> None:
 def test_an_adjustment_needs_what_and_who(url: str) -> None:
     session = charts_sample.written(url, stepped(0.0)[:1])[0][0]["session"]
     for state, what, by in (("as_bought", "x", "A"), ("as_left", " ", "A"), ("as_left", "x", "")):
-        with pytest.raises(StoreError) as caught:
+        with pytest.raises(StoreError, match="B-STORE-040"):
             state_calibration(url, session, state, what, by)
-        assert caught.value.code == "B-STORE-040"
 
 
 def test_the_laboratory_states_it_with_the_session(url: str) -> None:
@@ -283,9 +280,8 @@ def test_benches_in_control_scatter_as_their_first_phase_did(good_history: str) 
     assert [series.parameter.quantity for series in subjects[0].series] == ["bias", "dsf_n", "dsf_p"]
     assert abs(np.concatenate(scores).mean()) < 0.5
     assert 0.7 < np.concatenate(scores).std() < 1.5
-    with pytest.raises(StoreError) as caught:
+    with pytest.raises(StoreError, match="B-STORE-009"):
         chart_station(good_history, "bench_3", Filters())
-    assert caught.value.code == "B-STORE-009"
 
 
 def test_a_bench_with_few_calibrations_has_no_chart_unless_its_first_phase_is_stated(tmp_path: Path) -> None:
