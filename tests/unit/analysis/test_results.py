@@ -292,8 +292,8 @@ def checked() -> dict[str, Any]:
     }  # fmt: skip
     return {
         "session": "20260401T080000Z_short_SIM-1", "campaign": "scale_factor", "method": "gls", "notes": [],
-        "uut": {"model": "NGU", "serial": "SIM-1"}, "estimates": [check_entry(1), check_entry(8), check_entry(2)], "quality": {},
-        "provenance": provenance,
+        "uut": {"model": "NGU", "serial": "SIM-1"}, "estimates": [check_entry(channel) for channel in (1, 8, 2)],
+        "quality": {}, "provenance": provenance,
     }  # fmt: skip
 
 

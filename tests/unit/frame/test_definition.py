@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from crccheck.crc import Crc8Smbus, Crc16Modbus, Crc16Xmodem, Crc32
 
-from bench.frame import FrameDefinition, pace_of, parse_frame, why_no_kernel
-from bench.frame.stream import LinkDecoder
+from bench.frame import FrameDefinition, LinkDecoder, pace_of, parse_frame, why_no_kernel
 from bench.model.errors import InputError, InputErrors
 
 HEAD = "frame: sample\nendian: big\nsync: [0xA5, 0x5A]\n"
@@ -101,13 +100,6 @@ def test_crc_by_parameters_stored_little_over_a_part() -> None:
     assert definition.encode_one({"value": 258, "free": 772}).hex() == f"a55a{body.hex()}{stored}"
 
 
-def test_check_over_the_sync_bytes_and_checksum_by_name() -> None:
-    golden = bytes.fromhex("a55a0007")
-    crc = Crc32.calc(golden).to_bytes(4, "big").hex()
-    parse_frame(sample(crc="{name: CRC-32, over: [sync, end]}", golden=f'"{golden.hex()}{crc}"'), "sample.yaml")
-    parse_frame(sample(crc="{name: xor-8, over: [sync, end]}", golden='"a55a0007f8"'), "sample.yaml")
-
-
 def test_constants_behind_the_sync_extend_the_pattern_and_others_mark_frames_suspect() -> None:
     tail = '{name: tail, type: bytes, count: 1, constant: "ff"}'
     fields = "{name: kind, type: u8, constant: 3}, {name: value, type: u16}, " + tail
@@ -155,16 +147,6 @@ def messages_text(old: str = "", new: str = "") -> str:
     text = MESSAGES.replace("GOLDEN1", with_crc8("06010102")).replace("GOLDEN2", with_crc8("06020009"))
     assert old in text
     return text.replace(old, new)
-
-
-def test_an_overlong_length_byte_hides_a_frame_only_until_the_end_of_the_stream() -> None:
-    definition = parse_frame(messages_text(), "sample.yaml")
-    stream = bytes.fromhex("a52801" + with_crc8("06020009"))
-    for engine in ("kernel", "numpy", "reference"):
-        decoder = definition.decoder(engine)  # type: ignore[arg-type]
-        assert len(decoder.feed(stream).messages["two"]) == 0
-        assert decoder.finish().messages["two"].offset.tolist() == [3]
-        assert (decoder.counts.bad, decoder.counts.skipped_bytes) == (0, 3)
 
 
 REFUSALS = {

@@ -17,7 +17,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from record_sample import ROOT, frame
 
-from bench.frame import FrameDefinition, LinkDecoder, MessageBatch, best, parse_frame, why_no_kernel
+from bench.frame import FrameDefinition, LinkDecoder, Message, MessageBatch, best, parse_frame, why_no_kernel
 from bench.frame.best import kernel, kernel_path, load_kernel
 from bench.frame.catalogue import CATALOGUE, CrcModel
 from bench.frame.crc import CHECKSUMS, Check, Crc
@@ -25,7 +25,7 @@ from bench.frame.encode import encode_rows
 from bench.frame.kernel import variant
 from bench.frame.kernel.arrays import FOLDED_FROM, FOLDED_WORDS, arrays_of, holds, knows
 from bench.frame.kernel_encoder import KernelEncoder
-from bench.frame.layout import Field, Layout, Message
+from bench.frame.layout import Field, Layout
 from bench.model.errors import InputError
 
 LOOK = """

@@ -17,8 +17,7 @@ import numpy as np
 import pytest
 from record_sample import frame as frame_of
 
-from bench.frame import Engine, FrameDefinition, Tables, decode_capture
-from bench.frame.definition import parse_frame
+from bench.frame import Engine, FrameDefinition, Tables, decode_capture, parse_frame
 from bench.model.errors import InputError, InputErrors
 
 SEED = 2020
@@ -111,23 +110,6 @@ def test_what_is_encoded_is_what_struct_makes() -> None:
         with pytest.raises(InputError, match=words) as caught:
             definition.encode_one(values)
         assert caught.value.code == "B-FRAME-020"
-
-
-@pytest.mark.parametrize("engine", ["reference", "numpy"])
-@pytest.mark.parametrize(
-    "frame",
-    [
-        sealed(3 << 1, struct.pack("<BfBf", 3, 1.5, 4, -2.5)),  # a set too few
-        sealed(4 << 1, struct.pack("<BfBfBfBf", *(1, 1.0) * 4)),  # more than max
-        sealed(1, b""),
-        sealed(0, b"\x01\x02"),  # bytes behind the last field
-    ],
-)
-def test_contents_that_do_not_fit_are_one_bad_frame(frame: bytes, engine: Engine) -> None:
-    decoder = of([GROUP, EXTRA], TWO_SETS).decoder(engine)
-    found = decoder.feed(TWO_SETS + frame + NO_SET)
-    assert len(found.messages["frame"]) == 2
-    assert found.bad_offset.tolist() == [len(TWO_SETS)]
 
 
 @pytest.mark.parametrize("engine", ["reference", "numpy"])

@@ -92,18 +92,6 @@ def test_columns_are_what_the_bytes_say() -> None:
         assert found[row].tolist() == [npp, ppp, npp - ppp]
 
 
-def test_scaled_values_are_in_their_unit() -> None:
-    definition = FRAMES["port_b"]
-    raw = definition.encode(
-        {"counter": 1, "unit_temperature": [[-1023, -998, 2004, 5001]], "supply_voltage": 28012, "supply_current": 1850,
-         "rails": [[5003, 15010, 14990]], "status": 0},
-        1, "housekeeping",
-    )  # fmt: skip
-    batch = batch_of(definition, raw.tobytes(), 1.0).messages["housekeeping"]
-    wanted = [signal_of(name, FRAMES) for name in ("port_b.unit_temperature[1]", "port_b.rails[2]")]
-    assert columns(wanted, "port_b", batch)[0] == pytest.approx([-10.23, 15.01], abs=1e-12)
-
-
 def test_where_there_are_too_many_only_those_wanted_remain() -> None:
     checked = bytes([0, 1, *[0] * 250])
     golden = (b"\xeb\x90" + checked + crc_hqx(checked, 0xFFFF).to_bytes(2)).hex()

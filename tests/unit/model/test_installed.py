@@ -19,7 +19,7 @@ from bench.commands.schema import schema
 from bench.model import installed, systems
 from bench.model.drivers import driver_class
 from bench.model.errors import InstallationError
-from bench.plan.language.mapping import language_of_mapping
+from bench.plan import language_of_mapping
 from bench.plan.language.sequence import language_of_sequence
 from bench.run.preflight import Status
 from sim_instruments.worlds.kinds import kind_options, world_class

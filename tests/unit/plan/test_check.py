@@ -11,8 +11,7 @@ from plan_sample import FLAT, SEQUENCE, changed, make_bench, mistakes
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
 from bench.model.errors import InputError
-from bench.plan import check_plan, compile_sequence
-from bench.plan.summary import summarise
+from bench.plan import check_plan, compile_sequence, summarise
 
 CALLS = {
     "standby": "calibrator.standby",
@@ -211,11 +210,8 @@ def codes(path: Path, overrides: dict[str, str] | None = None) -> list[str]:
     ("old", "new", "code"),
     [
         ("settle: 20 s", "settle: 20 V", "B-YAML-012"),
-        ("dwell: 10 s", "dwell: 10 V", "B-PLAN-031"),
         ("levels: [1 mA]", "levels: [1 mV]", "B-PLAN-022"),
-        ("{channels: 2}", "{channels: 3}", "B-PLAN-020"),
         ("port_b: ngu_b", "port_b: ngu_c", "B-PLAN-045"),
-        ("serial: SIM-1", "serial: ../SIM-1", "B-PLAN-025"),
         ("title: a sample", "titel: a sample", "B-YAML-010"),
         ("  temperature_sensor_uncertainty: 0.1 degC\n", "", "B-PLAN-026"),
     ],
@@ -276,12 +272,6 @@ def test_a_value_says_where_it_was_written(
     assert f"({origin.format(line)}" in found[code]
 
 
-def test_each_wrong_level_of_a_table_is_named(tmp_path: Path) -> None:
-    found = mistakes(make_bench(tmp_path, changed("levels: [1 mA]", "levels: [250 mA, 1 mA, 260 mA]")))
-    named = [error.message.split("from ")[1] for error in found if error.code == "B-PLAN-055"]
-    assert [text.split(",")[0] for text in named] == ["levels[0]", "levels[2]"]
-
-
 @pytest.mark.parametrize(
     ("old", "what"),
     [
@@ -300,13 +290,6 @@ def test_declared_noise_has_no_default_b_plan_026(tmp_path: Path, old: str, what
 def test_the_analysis_needs_the_data_sheet_of_the_unit_b_plan_026(tmp_path: Path) -> None:
     flat = changed("frame:", "analysis: scale_factor\nframe:", FLAT)
     assert codes(make_bench(tmp_path, flat)) == ["B-PLAN-026"]
-
-
-def test_more_than_a_hundred_mistakes_are_counted_b_yaml_017(tmp_path: Path) -> None:
-    calls = "".join(f"  - nobody{number}.acts\n" for number in range(120))
-    found = mistakes(make_bench(tmp_path, changed("prepare:\n", "prepare:\n" + calls)))
-    assert len(found) == 101
-    assert (found[-1].code, found[-1].message) == ("B-YAML-017", "20 more mistakes are not listed")
 
 
 @pytest.mark.parametrize("step", ["settle: 1 s", "record: 10 s", "prompt: open the door"])

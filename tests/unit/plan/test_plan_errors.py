@@ -162,12 +162,6 @@ def test_a_mistake_in_the_flat_form(tmp_path: Path, old: str, new: str, code: st
     assert code in [error.code for error in mistakes(make_bench(tmp_path, changed(old, new, FLAT)))]
 
 
-def test_after_raw_text_an_output_counts_as_on_b_plan_070(tmp_path: Path) -> None:
-    text = changed("call: switch.open_all", 'send: {calibrator: "OUT 1 A"}', FLAT)
-    found = {error.code: error for error in mistakes(make_bench(tmp_path, text))}
-    assert "may be on after a raw command" in found["B-PLAN-070"].message
-
-
 def test_no_range_of_the_standard_holds_the_level_b_plan_031(tmp_path: Path) -> None:
     ranges = f"        - {{range: 2.2 mA, relative: 20 ppm, floor: 7 nA{TRACED}\n"
     text = (make_bench(tmp_path).parent.parent / "stations" / "af_bench_sim.yaml").read_text()
@@ -446,18 +440,3 @@ def test_a_limit_of_the_station_is_named_with_its_line_b_plan_055(tmp_path: Path
     place = re.search(rf"station af_bench_sim \({STATION_FILE}:(\d+)\)", error.message)
     assert place is not None
     assert "0.5 mA]" in (tmp_path / "stations" / STATION_FILE).read_text().splitlines()[int(place[1]) - 1]
-
-
-@pytest.mark.parametrize(
-    ("right", "wrong", "says"),
-    [
-        ("{slot: 1}", "{slot: 11}", "switch (keithley_7002): slot 11 is no whole number from 1 to 10"),
-        ("{slot: 1}", "{slots: 1}", "switch (keithley_7002): has no option 'slots'"),
-        ('{dialect: "3800"}', "{dialect: 3800}", "dialect 3800 is neither '3800' nor '8800'"),
-    ],
-)
-def test_an_impossible_option_of_a_driver_b_inst_020(tmp_path: Path, right: str, wrong: str, says: str) -> None:
-    [error] = mistakes(make_bench(tmp_path, SEQUENCE, (f"options: {right}", f"options: {wrong}")))
-    assert error.code == "B-INST-020"
-    assert says in error.message
-    assert line_of(error, tmp_path) == (STATION_FILE, f"    options: {wrong}")

@@ -10,8 +10,6 @@ import yaml
 from plan_sample import FLAT, ROOT, changed, make_bench, mistakes
 from planned_step import planned
 
-from bench.commands import check as command
-from bench.commands.requests import CheckRequest
 from bench.model.errors import SessionDamaged
 from bench.plan import (
     PlannedCommand,
@@ -22,8 +20,8 @@ from bench.plan import (
     compile_sequence,
     plan_json,
     steps_of,
+    steps_sha256,
 )
-from bench.plan.plan import steps_sha256
 from bench.record import SessionReader
 from bench.session.makeup import _written
 
@@ -72,9 +70,6 @@ ANALYSIS = "reference_temperature: 20 degC\nanalysis: bias_ramp\n"
 CASES = [
     # a mistake in each new key
     ("windows: 3", "windows: 0", "B-YAML-013", "windows: 0"),
-    ("windows: 3", "windows: 10001", "B-YAML-013", "windows: 10001"),
-    ("windows: 3", "windows: 2.5", "B-YAML-013", "windows: 2.5"),
-    ("windows: 3", 'windows: "3"', "B-YAML-013", 'windows: "3"'),
     ("windows: 3", "window: 3", "B-YAML-010", "window: 3"),
     ("follows: true", "follows: 1", "B-YAML-013", "follows: 1"),
     ("windows: 3, pulse_timing: true", "windows: 3, pulse_timing: 10 s", "B-YAML-013", "pulse_timing: 10 s"),
@@ -258,13 +253,6 @@ def test_what_cannot_end_a_soak_is_one_mistake(tmp_path: Path, old: str, new: st
     found = mistakes(make_bench(tmp_path, changed(old, new)))
     assert [error.code for error in found] == ["B-PLAN-156"]
     assert place in f"{found[0]}"
-
-
-def test_the_check_says_that_its_times_are_the_longest(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for text, said in ((changed(SLOT, DONE), True), (changed(SLOT, SLOT), False)):
-        path = make_bench(tmp_path, text)
-        command.check(CheckRequest(str(path)))
-        assert ("times are the longest" in capsys.readouterr().out) == said
 
 
 def test_a_soak_that_is_made_up_for_is_written_as_it_was(tmp_path: Path) -> None:

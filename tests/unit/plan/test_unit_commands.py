@@ -15,9 +15,8 @@ from bench.model.events import Prompt
 from bench.model.ports import Parameter
 from bench.model.systems import analyses
 from bench.model.units import parse_quantity
-from bench.plan import Plan, PlannedPrompt, check_plan, compile_sequence, plan_json, steps_of
+from bench.plan import Findings, Plan, PlannedPrompt, check_plan, compile_sequence, plan_json, steps_of
 from bench.plan.check.actions import ActionCheck
-from bench.plan.findings import Findings
 from bench.run.control.asking import Refused, _judged
 from bench.run.control.operator import Question, limits_of
 from bench.systems.gnc.declaration import DECLARATION
@@ -96,8 +95,6 @@ def test_from_the_file_to_the_plan(tmp_path: Path) -> None:
         (("samples: 0}", "smples: 0}"), "B-PLAN-091", "smples"),
         (("rate: 200 Hz", "rate: 70000 Hz"), "B-PLAN-091", "70000"),
         (("rate: 200 Hz, ", ""), "B-PLAN-091", "rate"),
-        (("rate: 200 Hz", "rate: 200 s"), "B-PLAN-091", "200"),
-        (("ticks: 20", "ticks: 2000"), "B-PLAN-091", "2000"),
         (("command: timer", "command: timr"), "B-PLAN-049", "did you mean 'timer'"),
         (("{rs422: stream_stop}", "{rs422: stream_stp}"), "B-PLAN-049", "did you mean 'stream_stop'"),
         (("item: timer,", "link: rs42, item: timer,"), "B-PLAN-041", "no link 'rs42'"),
@@ -109,18 +106,10 @@ def test_from_the_file_to_the_plan(tmp_path: Path) -> None:
         (("dip_switch: 2", "dip_switch: 9"), "B-PLAN-094", "dip_switch cannot be 9"),
         (('sets: {unit: "{serial}"', "sets: {unit: GNC-1234567890"), "B-PLAN-094", "unit cannot be 'GNC-1234567890'"),
         (('sets: {unit: "{serial}"', "sets: {unit: ../../x"), "B-PLAN-025", "'../../x' is not a serial number"),
-        (('sets: {unit: "{serial}"', "sets: {unit: ''"), "B-PLAN-025", "'' is not a serial number"),
-        (('sets: {unit: "{serial}"', "sets: {unit: " + "U" * 300), "B-PLAN-025", "UUU...' is not a serial number"),
         (("all of it", "all {Of} it"), "B-PLAN-030", "'{Of}' in the text is no variable"),
         (("all of it", "all {of it"), "B-PLAN-030", "'{of it.' in the text is no variable"),
-        (("all of it", "all of {{serial}} it"), "B-PLAN-030", "is no variable"),
         (("sets: {unit:", "value: {unit: m, low: 26 mm, high: 20 mm}, sets: {unit:"), "B-PLAN-044", "26 mm is above"),
         (("sets: {unit:", "value: {unit: m, low: 26}, sets: {unit:"), "B-YAML-012", "26 has no unit"),
-        (
-            ('serial: "{serial}"}', 'serial: "{serial}", limits: {supply_voltage: 5}}'),
-            "B-YAML-012",
-            "5 is not a quantity",
-        ),
         (("latitude: 30 deg", "latitude: 130 deg"), "B-YAML-012", "130 deg"),
         (("latitude: 30 deg", "latitude: 30"), "B-YAML-012", "no unit"),
     ],
@@ -219,7 +208,6 @@ def test_what_a_test_takes_must_fit_in_its_settle_time(tmp_path: Path) -> None:
 
 
 PROMPT = "prompt: {text: earth, value: {unit: ohm, high: 0.5 ohm}}"
-ROOT = Path(__file__).resolve().parents[3]
 
 
 def shown_prompt(folder: Path, text: str) -> PlannedPrompt:
@@ -249,12 +237,6 @@ def test_what_cannot_be_is_refused(tmp_path: Path, text: str) -> None:
     (found,) = mistakes(make_bench(tmp_path, changed(PROMPT, f"prompt: {text}")))
     assert found.code in ("B-YAML-013", "B-YAML-012")
     assert "presence" in str(found)
-
-
-def test_every_shipped_prompt_is_answered_at_the_bench() -> None:
-    """They concern wiring, mounting, doors and switches."""
-    for path in sorted((ROOT / "sequences").glob("*.yaml")):
-        assert "presence:" not in path.read_text(encoding="utf-8"), path.name
 
 
 ASKED = "value: {unit: ohm, high: 0.5 ohm}"

@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 from trend_sample import FRAMES, UTC_S
 
-from bench.frame.signals import all_signals
+from bench.frame import all_signals
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.model.events import Environment
-from bench.record.trend import BenchRows, TrendWriter
-from bench.record.trend_reader import TrendReader
-from bench.record.trend_rows import FOLDER, TrendRows, sources_of, spread_ns
+from bench.record import FOLDER, BenchRows, TrendReader, TrendRows, TrendWriter, sources_of
+from bench.record.trend_rows import spread_ns
 from bench.replay.history import _with_gaps
 
 SOURCES = sources_of(all_signals({"port_b": FRAMES["port_b"]}), {"port_b": FRAMES["port_b"]})

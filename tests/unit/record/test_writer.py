@@ -19,10 +19,9 @@ import pytest
 from record_sample import MANIFEST, NS, TEXTS, FaultyFiles, digest, io_error, no_space, write_sample
 
 from bench.model.events import Resume
-from bench.record import RecordError, SessionReader, SessionWriter
+from bench.record import RecordError, SessionReader, SessionWriter, resume_session
 from bench.record import writer as writer_module
 from bench.record.files import OsFiles
-from bench.record.recover import resume_session
 
 HOURS = 3
 

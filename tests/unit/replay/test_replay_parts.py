@@ -15,15 +15,8 @@ from bench.model.events import event_of
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow
-from bench.replay.parts import (
-    Part,
-    RecordedWindow,
-    intervals_ns,
-    moved_rows,
-    recorded_windows,
-    splices_of,
-    time_shifts_ns,
-)
+from bench.replay import moved_rows
+from bench.replay.parts import Part, RecordedWindow, intervals_ns, recorded_windows, splices_of, time_shifts_ns
 
 UTC = 1_800_000_000 * NS
 

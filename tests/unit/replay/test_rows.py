@@ -18,8 +18,7 @@ from bench.model.clock import VirtualClock
 from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Record, Resume
 from bench.model.ports import RecordWindow
-from bench.record import RecordCutter, RecordRow, SessionReader, SessionWriter
-from bench.record.recover import resume_session
+from bench.record import RecordCutter, RecordRow, SessionReader, SessionWriter, resume_session
 from bench.replay import compare, replay_rows
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct

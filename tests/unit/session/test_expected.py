@@ -38,8 +38,7 @@ from bench.model.quality import Quality
 from bench.model.quantities import QUANTITY
 from bench.model.systems import analyses
 from bench.plan import Plan, PlannedRecord, check_plan, compile_sequence
-from bench.record import RecordRow
-from bench.record.window import UNIT_TEMPERATURE
+from bench.record import UNIT_TEMPERATURE, RecordRow
 from bench.replay import Splice
 from bench.session import partial as command
 from bench.session.away import doubted, placed_later
@@ -207,12 +206,16 @@ def test_a_session_that_has_just_begun_says_what_is_expected_and_why_nothing_is_
         assert row["expected_uncertainty"] == row["predicted_uncertainty"] > 0.0
 
 
-def test_what_is_no_session_is_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(os, "nice", lambda step: 0)
-    assert command.main([str(tmp_path)]) == 2
-    assert "B-REC-010" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("analysis", "last"),
+    [
+        ("scale_factor", ("invalid", "without a unit temperature")),
+        ("dmm_method", ("invalid", "without a unit temperature")),
+        ("bias_ramp", ("valid", "")),
+    ],
+)
+def test_a_record_whose_temperature_is_not_known_is_to_be_taken_again(analysis: str, last: tuple[str, str]) -> None:
+    assert states(analysis) == [*[("valid", "")] * 3, last]
 
 
 KNOWN = Splice(2 * NS, None, None, 5.0, 3, "crash", None, None, False)
@@ -304,15 +307,6 @@ def states(analysis: str) -> list[tuple[str, str]]:
     manifest = {"campaign": {"analysis": analysis}}
     replayed: Any = SimpleNamespace(manifest=manifest, rows=rows, measurement_rows=rows, events=[])
     return [(one.state, one.why) for one in record_states(steps, replayed)]
-
-
-@pytest.mark.parametrize("analysis", ["scale_factor", "dmm_method"])
-def test_a_record_whose_temperature_is_not_known_is_to_be_taken_again(analysis: str) -> None:
-    assert states(analysis) == [("valid", "")] * 3 + [("invalid", "without a unit temperature")]
-
-
-def test_another_analysis_has_other_means() -> None:
-    assert states("bias_ramp") == [("valid", "")] * 4
 
 
 def sampled(number: int, **more: Any) -> Any:

@@ -22,7 +22,7 @@ from bench.model.errors import ExitStatus, FitError
 from bench.model.events import Resume
 from bench.model.folders import cache_folder
 from bench.record import resume_session
-from bench.report.dcc import certificate_text
+from bench.report import certificate_text
 from bench.session import shelf
 from bench.session.fitted import FROM_CACHE, Fitted
 from bench.session.shelf import Shelf, key_of
@@ -89,15 +89,6 @@ def test_the_end_of_a_run_keeps_what_it_computed(tmp_path: Path, inside: Inside,
     assert results_json(shown.results) == results_json(again.shown.results) == results
     assert shown.remarks == again.shown.remarks
     assert again.report.html().encode() == page
-
-
-def test_figures_and_paper_are_drawn_once(session: Path, inside: Inside, monkeypatch: pytest.MonkeyPatch) -> None:
-    inside("report", str(session), "--pdf")
-    paper = (session / "report.pdf").read_bytes()
-    monkeypatch.setattr("bench.report.document.sections_of", None)
-    monkeypatch.setattr("bench.report.document._typeset", None)
-    assert inside("report", str(session), "--pdf").returncode == 0
-    assert (session / "report.pdf").read_bytes() == paper
 
 
 def test_fresh_computes_again_and_keeps_that(session: Path, inside: Inside, cache: Path) -> None:
@@ -226,23 +217,23 @@ def no_result(*_: object) -> None:
     raise FitError("B-FIT-005", "K_N is not determined", where="channel 1 at 23 degC", next_step="take them again")
 
 
-def test_after_a_run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(run, "finish", no_result)
-    view: Any = SimpleNamespace(events=[], events_of=lambda model: [])
+@pytest.mark.parametrize("command", [run, resume])
+def test_a_run_without_a_result_names_the_session_and_what_is_left_to_do(
+    command: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "finish", no_result)
+    view: Any = SimpleNamespace(events=[], events_of=lambda model: [], has_analysis=True)
     done: Any = SimpleNamespace(folder=FOLDER)
-    request = RunRequest("s")
-    assert run._results(view, done, request, run.console()) == ExitStatus.VERDICT_FAIL
+    monkeypatch.setattr(resume, "read_view", lambda folder: view)
+    status = (
+        run._results(view, done, RunRequest("s"), run.console())
+        if command is run
+        else resume._results(FOLDER, "", as_json=False)
+    )
     said = capsys.readouterr()
+    assert status == ExitStatus.VERDICT_FAIL
     assert "B-FIT-005" in said.err
     assert "'bench recover sessions/S'" in said.out
-
-
-def test_after_a_run_that_was_gone_on_with(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(resume, "finish", no_result)
-    view = SimpleNamespace(events=[], events_of=lambda model: [], has_analysis=True)
-    monkeypatch.setattr(resume, "read_view", lambda folder: view)
-    assert resume._results(FOLDER, "", as_json=False) == ExitStatus.VERDICT_FAIL
-    assert "'bench recover sessions/S'" in capsys.readouterr().out
 
 
 NAME = "certificate.specimen.xml"

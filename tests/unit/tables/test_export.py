@@ -23,9 +23,9 @@ from table_sample import write_resumed
 from bench.commands.import_log import import_log
 from bench.model.errors import InputError
 from bench.record import SessionReader
-from bench.replay.series import ImportedSeries, replay_series
-from bench.tables import FORMATS, Session, export_session, mcap_file
-from bench.tables.foreign import kind_of
+from bench.replay import replay_series
+from bench.replay.series import ImportedSeries
+from bench.tables import FORMATS, Session, export_session, kind_of, mcap_file
 from bench.tables.plain import arrays_of, flat, words_of
 
 Tables = dict[str, pd.DataFrame]

@@ -220,8 +220,7 @@ def good_history(tmp_path_factory: pytest.TempPathFactory) -> str:
     return url
 
 
-def test_the_wrong_certificate_is_the_one_that_signals(tmp_path: Path) -> None:
-    url = new_history("sqlite", tmp_path)
+def test_the_wrong_certificate_is_the_one_that_signals(url: str) -> None:
     charts_sample.written(url, *population(wrong_ppm=60.0))
     subject = chart_certificates(url, Filters())
     assert [series.parameter.quantity for series in subject.series] == ["dsf_n", "dsf_p"]
@@ -235,8 +234,9 @@ def test_the_wrong_certificate_is_the_one_that_signals(tmp_path: Path) -> None:
         assert series.scatter_std == pytest.approx(2.0, rel=0.25)
 
 
-def test_certificates_that_hold_give_no_signal_and_simulated_units_stay_out(good_history: str, tmp_path: Path) -> None:
-    url = new_history("sqlite", tmp_path)
+def test_certificates_that_hold_give_no_signal_and_simulated_units_stay_out(
+    good_history: str, url: str, tmp_path: Path
+) -> None:
     shutil.copy(good_history.removeprefix("sqlite:///"), tmp_path)
     simulated = charts_sample.unit("S1", np.arange(0.0, 1800.0, 100.0), 1, np.full(YEARS, 500.0), simulated=True)
     charts_sample.written(url, simulated)
@@ -247,8 +247,7 @@ def test_certificates_that_hold_give_no_signal_and_simulated_units_stay_out(good
     assert "1 units that are only simulated are left out" in subject.notes
 
 
-def test_one_unit_with_one_certificate_judges_nothing_and_says_so(tmp_path: Path) -> None:
-    url = new_history("sqlite", tmp_path)
+def test_one_unit_with_one_certificate_judges_nothing_and_says_so(url: str) -> None:
     charts_sample.written(url, population()[0][:2])
     subject = chart_certificates(url, Filters())
     assert not any(np.isfinite(series.score).any() for series in subject.series)
@@ -256,8 +255,7 @@ def test_one_unit_with_one_certificate_judges_nothing_and_says_so(tmp_path: Path
     assert [entry["scatter_std"] for entry in subject.as_json()["series"]] == [None, None]
 
 
-def test_a_bench_that_is_off_is_found_by_all_units_on_it(tmp_path: Path) -> None:
-    url = new_history("sqlite", tmp_path)
+def test_a_bench_that_is_off_is_found_by_all_units_on_it(url: str) -> None:
     charts_sample.written(url, *population(bench_ppm=60.0))
     off, good_history = (chart_station(url, name, Filters(None, None, "dsf_n")) for name in ("bench_1", "bench_2"))
     assert off.shown[0].signals
@@ -284,8 +282,7 @@ def test_benches_in_control_scatter_as_their_first_phase_did(good_history: str) 
         chart_station(good_history, "bench_3", Filters())
 
 
-def test_a_bench_with_few_calibrations_has_no_chart_unless_its_first_phase_is_stated(tmp_path: Path) -> None:
-    url = new_history("sqlite", tmp_path)
+def test_a_bench_with_few_calibrations_has_no_chart_unless_its_first_phase_is_stated(url: str) -> None:
     charts_sample.written(url, charts_sample.unit("A1", 30.0 * np.arange(20), SEED, np.zeros(2)))
     subject = chart_station(url, "bench_1", Filters())
     assert (subject.series, "3 of 3 quantities have no chart" in subject.notes[-1]) == ([], True)
@@ -317,8 +314,7 @@ def adjusted_history(url: str, states: dict[int, str], other: dict[int, str] | N
 
 
 @pytest.mark.parametrize("states", [{5: "as_found", 6: "as_left"}, {5: "as_found"}, {6: "as_left"}])
-def test_no_drift_and_no_agreement_across_an_adjustment(tmp_path: Path, states: dict[int, str]) -> None:
-    url = new_history("sqlite", tmp_path)
+def test_no_drift_and_no_agreement_across_an_adjustment(url: str, states: dict[int, str]) -> None:
     ordered = adjusted_history(url, states)
     comparison = compare_unit(url, Filters(None, None, "dsf_n"))
     assert comparison.series.level.tolist() == [0] * 6 + [1] * 6
@@ -332,8 +328,7 @@ def test_no_drift_and_no_agreement_across_an_adjustment(tmp_path: Path, states: 
     assert any("adjusted between them" in note for note in pair["notes"])
 
 
-def test_two_campaigns_see_one_adjustment(tmp_path: Path) -> None:
-    url = new_history("sqlite", tmp_path)
+def test_two_campaigns_see_one_adjustment(url: str, tmp_path: Path) -> None:
     adjusted_history(url, {5: "as_found", 6: "as_left"}, {5: "as_found", 6: "as_left"})
     level = compare_unit(url, Filters()).series.level
     assert level.tolist() == [0] * 12 + [1] * 12
@@ -342,8 +337,7 @@ def test_two_campaigns_see_one_adjustment(tmp_path: Path) -> None:
     assert compare_unit(again, Filters()).series.level.tolist() == [0] * 8 + [1] * 8 + [2] * 8
 
 
-def test_a_unit_adjusted_between_any_two_has_no_drift(tmp_path: Path) -> None:
-    url = new_history("sqlite", tmp_path)
+def test_a_unit_adjusted_between_any_two_has_no_drift(url: str) -> None:
     adjusted_history(url, dict.fromkeys(range(12), "as_left"))
     comparison = compare_unit(url, Filters(None, None, "bias"))
     assert comparison.parameters[0].line is None
