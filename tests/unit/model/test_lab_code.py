@@ -11,6 +11,7 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from own_lab import ANALYSIS, DRIVER, SIMULATOR, copied
@@ -239,78 +240,43 @@ def owned(lab: Path, user: int) -> None:
         os.chown(path, user, user, follow_symlinks=False)
 
 
-def others_file(lab: Path) -> Path:
-    os.chown(lab / DRIVER, OTHER_USER, OTHER_USER)
-    return lab / DRIVER
+class Wrong(NamedTuple):
+    """What is done to a place of a lab: another owner, another mode, a link to what somebody else owns."""
+
+    place: str = "."
+    owner: int | None = None
+    mode: int | None = None
+    is_link: bool = False
+
+    def arrange(self, lab: Path) -> Path:
+        """Do it; returns the path of the place."""
+        path = Path(os.path.normpath(lab / self.place))
+        if self.is_link:
+            outside = shutil.move(path, lab.parent / "outside.py")
+            os.chown(outside, OTHER_USER, OTHER_USER)
+            path.symlink_to(outside)
+            os.lchown(path, USER, USER)
+        elif self.place == "." and self.owner is not None:
+            owned(lab, self.owner)
+        elif self.owner is not None:
+            os.chown(path, self.owner, self.owner)
+        if self.mode is not None:
+            path.chmod(self.mode)
+        return path
 
 
-def others_code_folder(lab: Path) -> Path:
-    os.chown(lab / "instruments", OTHER_USER, OTHER_USER)
-    return lab / "instruments"
-
-
-def others_lab(lab: Path) -> Path:
-    owned(lab, OTHER_USER)
-    return lab
-
-
-def parent_of_everybody(lab: Path) -> Path:
-    lab.parent.chmod(0o777)
-    return lab.parent
-
-
-def parent_of_a_group(lab: Path) -> Path:
-    lab.parent.chmod(0o775)
-    return lab.parent
-
-
-def parent_of_another(lab: Path) -> Path:
-    os.chown(lab.parent, OTHER_USER, OTHER_USER)
-    return lab.parent
-
-
-def file_of_everybody(lab: Path) -> Path:
-    (lab / DRIVER).chmod(0o666)
-    return lab / DRIVER
-
-
-def link_to_anothers_file(lab: Path) -> Path:
-    outside = lab.parent / "outside.py"
-    shutil.move(lab / DRIVER, outside)
-    os.chown(outside, OTHER_USER, OTHER_USER)
-    (lab / DRIVER).symlink_to(outside)
-    os.lchown(lab / DRIVER, USER, USER)
-    return lab / DRIVER
-
-
-def link_to_anothers_folder(lab: Path) -> Path:
-    outside = lab.parent / "outside"
-    shutil.move(lab / "instruments", outside)
-    os.chown(outside, OTHER_USER, OTHER_USER)
-    (lab / "instruments").symlink_to(outside)
-    os.lchown(lab / "instruments", USER, USER)
-    return lab / "instruments"
-
-
-REFUSED: tuple[Callable[[Path], Path], ...] = (
-    others_file, others_code_folder, others_lab, parent_of_everybody, parent_of_a_group, parent_of_another,
-    file_of_everybody, link_to_anothers_file, link_to_anothers_folder,
-)  # fmt: skip
-
-
-def of_the_user(lab: Path) -> None:
-    return None
-
-
-def of_root(lab: Path) -> None:
-    owned(lab, ROOT)
-
-
-def below_a_sticky_folder(lab: Path) -> None:
-    lab.parent.chmod(0o1777)
-
-
-ACCEPTED: tuple[Callable[[Path], None], ...] = (of_the_user, of_root, below_a_sticky_folder)
+ACCEPTED = {"of the user": Wrong(), "of root": Wrong(owner=ROOT), "below a sticky folder": Wrong("..", mode=0o1777)}
+REFUSED = {
+    "file of another": Wrong(DRIVER, OTHER_USER),
+    "folder of another": Wrong("instruments", OTHER_USER),
+    "lab of another": Wrong(".", OTHER_USER),
+    "parent of everybody": Wrong("..", mode=0o777),
+    "parent of a group": Wrong("..", mode=0o775),
+    "parent of another": Wrong("..", OTHER_USER),
+    "file of everybody": Wrong(DRIVER, mode=0o666),
+    "link to the file of another": Wrong(DRIVER, is_link=True),
+    "link to the folder of another": Wrong("instruments", is_link=True),
+}
 
 
 @pytest.fixture(scope="module")
@@ -319,11 +285,11 @@ def answers() -> Iterator[dict[str, tuple[str, str, str]]]:
     with tempfile.TemporaryDirectory() as top:  # folders of pytest are closed to everybody else
         Path(top).chmod(0o755)
         cases: dict[str, tuple[Path, str, str]] = {}
-        for arrange in (*ACCEPTED, *REFUSED):
-            lab = copied(Path(top) / arrange.__name__ / "lab")
+        for number, (name, wrong) in enumerate((ACCEPTED | REFUSED).items()):
+            lab = copied(Path(top) / str(number) / "lab")
             lab.parent.chmod(0o755)
             owned(lab.parent, USER)
-            cases[arrange.__name__] = (lab, NAME, str(arrange(lab) or ""))
+            cases[name] = (lab, NAME, str(wrong.arrange(lab)))
         shipped = copied(Path(top) / "shipped" / "lab")
         shutil.copy(shipped / DRIVER, shipped / "instruments" / "hp_3458a.py")
         owned(shipped.parent, USER)
@@ -337,23 +303,12 @@ def answers() -> Iterator[dict[str, tuple[str, str, str]]]:
 
 
 @AS_USER
-@pytest.mark.parametrize("arrange", ACCEPTED, ids=lambda arrange: arrange.__name__)
-def test_what_only_the_user_or_root_can_have_written_is_loaded(
-    answers: dict[str, tuple[str, str, str]], arrange: Callable[[Path], None]
+@pytest.mark.parametrize("name", [*ACCEPTED, *REFUSED, "shipped"])
+def test_only_what_the_user_or_root_can_have_written_is_loaded(
+    answers: dict[str, tuple[str, str, str]], name: str
 ) -> None:
-    assert answers[arrange.__name__][:2] == LOADED
-
-
-@AS_USER
-@pytest.mark.parametrize("arrange", REFUSED, ids=lambda arrange: arrange.__name__)
-def test_what_somebody_else_can_have_written_is_refused(
-    answers: dict[str, tuple[str, str, str]], arrange: Callable[[Path], Path]
-) -> None:
-    code, where, wrong = answers[arrange.__name__]
-    assert (code, where) == ("B-LAB-004", wrong)
-
-
-@AS_USER
-def test_a_driver_with_an_installed_name_is_refused(answers: dict[str, tuple[str, str, str]]) -> None:
-    code, where, wrong = answers["shipped"]
-    assert (code, where) == ("B-LAB-005", wrong)
+    code, where, wrong = answers[name]
+    if name in ACCEPTED:
+        assert (code, where) == LOADED
+    else:
+        assert (code, where) == ("B-LAB-005" if name == "shipped" else "B-LAB-004", wrong)
