@@ -138,16 +138,13 @@ def doubted(quantity: str = "dsf_n", **conditions: Any) -> Any:
     return estimate(quantity, "ppm", 400.0, 10.0, PLACE | conditions, n=14, limit=500.0, dof=12.0)
 
 
-def test_the_level_is_shared_by_all_checks_that_chance_can_fail() -> None:
+def test_the_level_is_shared_by_all_checks_and_what_moves_no_number_is_a_note() -> None:
     just_beyond = FALSE_DOUBT / 10 * 0.999
     few = [seen(just_beyond), *(seen(0.5) for _ in range(9))]
     assert [one.probability for one in weigh(few).against] == [just_beyond]
     assert weigh([*few, seen(0.5)]).against == []
     certain = seen(0.0, move=float("inf"))
     assert weigh([*few, certain]).against == [few[0], certain]  # what is not by chance takes no share
-
-
-def test_what_moves_no_number_is_a_note() -> None:
     weighed = weigh([seen(0.0, move=LEAST_MOVE), seen(0.0, move=LEAST_MOVE * 1.01)])
     assert [one.move for one in weighed.noted] == [LEAST_MOVE]
     assert [one.move for one in weighed.against] == [LEAST_MOVE * 1.01]
@@ -307,7 +304,7 @@ def test_the_history_keeps_it_as_a_unit_of_its_own() -> None:
     assert check.calibration["session_sha256"] != unit.calibration["session_sha256"]
 
 
-def test_what_is_said_of_the_unit_leaves_it_out() -> None:
+def test_a_check_standard_is_in_nothing_that_is_said_of_the_unit() -> None:
     parts = [{"channel": 1}, {"channel": 8}, {"channel": None}]
     analysis = Analysis("scale_factor", "gls", {}, [], compensation=parts)
     of_unit, campaign = compensation_of_unit(analysis, {**CAMPAIGN, "channels": [{"number": 1}, {"number": 8}]})
@@ -315,9 +312,6 @@ def test_what_is_said_of_the_unit_leaves_it_out() -> None:
     assert campaign["channels"] == [{"number": 1}]
     kept = without_check_standard(checked(), CAMPAIGN)["estimates"]
     assert [one["conditions"]["channel"] for one in kept] == [1, 2]
-
-
-def test_a_campaign_without_one_is_left_as_it_is() -> None:
     plain = checked()
     analysis = Analysis("scale_factor", "gls", {}, [], compensation=[{"channel": 8}])
     assert compensation_of_unit(analysis, {})[0] is analysis
@@ -342,15 +336,12 @@ def foreseen(U: float | None, *, grown: dict[str, float] | None = None, **condit
             "std_uncertainty": None if U is None else U / 2.0, **common}  # fmt: skip
 
 
-def test_what_a_run_measures_of_the_conditions_names_no_estimate() -> None:
+def test_estimates_are_held_against_their_own_predictions() -> None:
     planned = foreseen(1.0, channel=1, temperature_degC=50.0, unit_temperature_degC=50.0, hours=38.0)
     measured = foreseen(1.0, channel=1, temperature_degC=50.0, unit_temperature_degC=49.61, hours=38.002)
     others = [foreseen(1.0, channel=2, temperature_degC=50.0), {**planned, "quantity": "dsf_p"}]
     assert list(by_foreseen_name([planned])) == list(by_foreseen_name([measured]))
     assert len(by_foreseen_name([planned, *others])) == 3
-
-
-def test_repeats_of_a_channel_are_held_against_their_own_predictions() -> None:
     before = [foreseen(1.0, channel=7, hours=8.0), foreseen(2.0, channel=7, hours=22.0)]
     after = [foreseen(3.0, channel=7, hours=7.99), foreseen(2.0, channel=7, hours=22.1)]
     assert [pair.ratio for pair in agreements(before, after)] == [3.0, 1.0]
@@ -413,12 +404,9 @@ def test_noise_that_is_not_the_declared_one_stays_so(factor: float) -> None:
     assert expected_at_end(factor * s / 2, s / 2, s / 4) == pytest.approx(factor * s / 4)
 
 
-def test_what_the_unit_brought_stays_where_only_a_drift_comes_on_top() -> None:
+def test_variances_add_up_to_what_a_run_will_come_to() -> None:
     random, unit, drift = 3.0, 4.0, 12.0
     at_end = expected_at_end(math.hypot(random, unit), random, math.hypot(random, drift))
     assert at_end == pytest.approx(13.0)  # 3, 4, 12: their squares add up to that of 13
-
-
-def test_nothing_more_comes_and_it_is_what_it_is() -> None:
     for so_far in (0.9, 1.0, 7.0):
         assert expected_at_end(so_far, 1.0, 1.0) == pytest.approx(so_far)

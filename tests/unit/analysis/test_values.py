@@ -145,16 +145,13 @@ def test_the_decision_rule_of_the_campaign_counts() -> None:
     ]  # fmt: skip
 
 
-def test_what_was_not_read_is_missing() -> None:
+def test_what_was_not_read_is_missing_and_a_step_done_again_counts_once() -> None:
     analysis = with_expected(
         Analysis("readings", "m", {"model": "SC", "serial": "1"}, []), material([None, None], expected={"low": 4.9})
     )
     assert analysis.missing == ["rail at level 5 V was not read"]
     (found,) = results(material([5.0, None, 5.0], expected={}))
     assert (found["n"], found["dropped"]) == (2, 1)
-
-
-def test_a_step_that_was_done_again_counts_once() -> None:
     source = material([5.0, 5.1], expected={})
     again = [*source.readings, Reading(99.0, 0, "meter", "measure_voltage", 5.2, source.readings[0].conditions)]
     (found,) = results(Material(source.rows, source.campaign, source.standards, readings=again, utc_offset_s=1e9))
@@ -299,12 +296,9 @@ def stated(value: float, unit: str, name: str = "azimuth_error") -> dict[str, fl
     return stated_limits(limits, DECLARED, "B-FOG-001", "nobody knows it")
 
 
-def test_limits_are_in_the_base_unit_and_those_not_stated_are_left_out() -> None:
+def test_limits_are_in_the_base_unit_and_an_error_is_above_zero() -> None:
     assert stated(30.0, "arcmin") == {"azimuth_error": 0.5}
     assert stated_limits({}, DECLARED, "B-FOG-001", "nobody knows it") == {}
-
-
-def test_an_end_of_a_range_has_either_sign_and_an_error_is_above_zero() -> None:
     assert stated(-40.0, "degC", "temperature_low") == {"temperature_low": -40.0}
     for value in (0.0, -1.0, float("nan")):
         with pytest.raises(FitError, match=r"B-FOG-001: .*limit 'azimuth_error'"):

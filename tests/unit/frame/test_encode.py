@@ -49,39 +49,30 @@ def test_wrong_columns(change: dict[str, Any], code: str) -> None:
         assert columns_refused(columns) == code
 
 
-def test_missing_column_and_unknown_message() -> None:
+def test_what_is_missing_unknown_or_too_long_is_refused() -> None:
     assert columns_refused({name: value for name, value in GOOD.items() if name != "ppp"}) == "B-FRAME-020"
     assert columns_refused(GOOD, message="housekeeping") == "B-FRAME-023"
     assert columns_refused({"command": 1, "payload": b""}, "b", "command") == "B-FRAME-020"
     with pytest.raises(InputError, match="B-FRAME-020"):
         frame("ngu_b").encode_one({"command": 1}, "command")
-
-
-def test_a_frame_longer_than_the_limit_is_refused() -> None:
     frame("ngu_b").encode_one({"command": 1, "payload": bytes(248)}, "command")
     with pytest.raises(InputError, match="B-FRAME-021"):
         frame("ngu_b").encode_one({"command": 1, "payload": bytes(249)}, "command")
-
-
-def test_named_bits_make_the_whole_field() -> None:
-    columns = {name: value for name, value in GOOD.items() if name != "status"}
-    rows = frame("ngu_a").encode(columns | {"status.mode": np.array([0, 1, 2, 15]), "status.over_range": 513}, 4)
-    assert rows[:, 53].tolist() == [0x04, 0x14, 0x24, 0xF4]
-    assert rows[:, 54].tolist() == [0x02] * 4
-
-
-def test_broadcast_values_and_whole_floats() -> None:
-    rows = frame("ngu_a").encode(GOOD | {"counter": np.array([1.0, 2.0, 3.0, 65535.0]), "npp": np.arange(10)}, 4)
-    batch = frame("ngu_a").decoder().feed(rows.tobytes()).messages["frame"]
-    assert batch.raw("counter").tolist() == [1, 2, 3, 65535]
-    assert batch.raw("npp").tolist() == [list(range(10))] * 4
-
-
-def test_asking_a_batch_for_an_unknown_field() -> None:
     batch = frame("ngu_a").decoder().feed(b"").messages["frame"]
     for name in ("np", "status.model", "counter.x"):
         with pytest.raises(InputError, match="B-FRAME-022"):
             batch.raw(name)
+
+
+def test_named_bits_broadcast_values_and_whole_floats_make_fields() -> None:
+    columns = {name: value for name, value in GOOD.items() if name != "status"}
+    rows = frame("ngu_a").encode(columns | {"status.mode": np.array([0, 1, 2, 15]), "status.over_range": 513}, 4)
+    assert rows[:, 53].tolist() == [0x04, 0x14, 0x24, 0xF4]
+    assert rows[:, 54].tolist() == [0x02] * 4
+    rows = frame("ngu_a").encode(GOOD | {"counter": np.array([1.0, 2.0, 3.0, 65535.0]), "npp": np.arange(10)}, 4)
+    batch = frame("ngu_a").decoder().feed(rows.tobytes()).messages["frame"]
+    assert batch.raw("counter").tolist() == [1, 2, 3, 65535]
+    assert batch.raw("npp").tolist() == [list(range(10))] * 4
 
 
 GNC = frame("gnc_422")

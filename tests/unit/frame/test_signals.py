@@ -30,21 +30,15 @@ expect: {counter: 1}
 """
 
 
-def test_a_range_stands_for_its_elements() -> None:
+def test_what_streams_is_a_signal_with_its_unit_and_a_range_stands_for_its_elements() -> None:
     assert expand("port_a.npp-ppp[2..4]") == ("port_a.npp-ppp[2]", "port_a.npp-ppp[3]", "port_a.npp-ppp[4]")
     assert expand("port_b.supply_voltage") == ("port_b.supply_voltage",)
-
-
-def test_every_number_that_streams_is_a_signal_and_nothing_else() -> None:
     names = [signal.name for signal in all_signals(FRAMES, ["port_a.npp-ppp[1..2]"])]
     assert names[:2] == ["port_a.npp[1]", "port_a.npp[2]"]
     assert names[-5:] == ["port_a.npp-ppp[1]", "port_a.npp-ppp[2]", "bench.air", "bench.unit", "bench.setpoint"]
     fields = {name.partition(".")[2].partition("[")[0] for name in names}
     assert not fields & {"counter", "status", "length", "kind", "payload", "command"}
     assert len(names) == len(set(names)) == 10 + 10 + 3 + 4 + 2 + 3 + 2 + 3
-
-
-def test_unit_and_decimals_come_from_the_frame() -> None:
     voltage, sensor = (signal_of(name, FRAMES) for name in ("port_b.supply_voltage", "port_b.unit_temperature[3]"))
     assert (voltage.unit, voltage.decimals, voltage.element) == ("V", 3, None)
     assert (sensor.unit, sensor.decimals, sensor.element) == ("degC", 2, 3)

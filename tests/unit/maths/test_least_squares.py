@@ -74,20 +74,14 @@ def test_operator_is_the_estimator_and_gives_its_covariance() -> None:
     np.testing.assert_allclose(fit.operator @ design, np.eye(3), atol=1e-12)
 
 
-def test_rank_deficiency_names_the_parameters_that_are_not_determined() -> None:
+def test_what_the_rows_do_not_determine_is_named() -> None:
     column = RNG.normal(size=9)
     design = np.column_stack([column, RNG.normal(size=9), 2 * column])
     with pytest.raises(FitError, match=r"B-FIT-001: .*do not determine a, c: rank 2 of 3"):
         solve(design, RNG.normal(size=9), np.eye(9), NAMES)
-
-
-def test_fewer_rows_than_parameters_is_refused() -> None:
     with pytest.raises(FitError, match="B-FIT-001"):
         solve(np.array([[1.0, 2.0, 3.0]]), np.array([1.0]), np.eye(1), NAMES)
-
-
-def test_the_dmm_equation_as_printed_is_refused() -> None:
-    """Equation (17): row 2 is row 1 negated, and C_N+ / C_P- is the same ratio at every level."""
+    # Equation (17): row 2 is row 1 negated, and C_N+ / C_P- is the same ratio at every level.
     level = np.array([30e-6, 100e-6, 1e-3, 1e-2, 0.1, 0.2])
     half = 0.5 * np.column_stack([level, level])
     printed = np.concatenate([half, -half])
@@ -347,26 +341,20 @@ def test_shared_errors_are_not_read_out_of_a_misfit() -> None:
     assert fit.std_uncertainty(0) == pytest.approx(1.8, rel=0.01)
 
 
-def test_two_temperatures_give_a_slope_one_gives_nothing() -> None:
+def test_two_temperatures_give_a_slope_one_gives_nothing_and_equal_ones_are_refused() -> None:
     two = fit_temperature(np.array([20.0, 35.0]), np.array([1.0, 4.0]), np.eye(2), np.zeros((2, 0)), 20.0)
     assert two is not None
     np.testing.assert_allclose(two.coefficients, [1.0, 0.2])
     assert fit_temperature(np.array([20.0]), np.array([1.0]), np.eye(1), np.zeros((1, 0)), 20.0) is None
-
-
-def test_equal_temperatures_are_refused() -> None:
     with pytest.raises(FitError, match="B-FIT-001"):
         fit_temperature(np.full(3, 20.0), np.zeros(3), np.eye(3), np.zeros((3, 0)), 20.0)
 
 
-def test_bias_is_the_negative_of_the_open_reading() -> None:
+def test_bias_and_noise_of_a_gate_are_those_of_the_design() -> None:
     bias = open_input_bias(readings(p_count=[32.0], unit_temperature_degC=[21.0]), CONVERTER)
     assert bias.value_A == pytest.approx(400e-9)
     assert bias.unit_temperature_degC == 21.0
     assert bias.std_uncertainty_A == pytest.approx(np.hypot(5.103e-9, 0.1414e-9), rel=1e-3)
-
-
-def test_noise_of_a_gyro_gate_is_the_design_figure() -> None:
     parts = noise_parts(readings(n_count=[8e6], level_A=[0.1]), CONVERTER)
     assert np.sqrt(parts["quantisation of the counts"][0, 0]) == pytest.approx(5.10e-9, rel=1e-3)
     assert np.sqrt(parts["white noise of the converter"][0, 0]) == pytest.approx(0.1414e-9, rel=1e-3)

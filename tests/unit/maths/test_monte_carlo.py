@@ -94,7 +94,11 @@ def test_shortest_interval_of_a_one_sided_distribution() -> None:
     assert (low, high) == (pytest.approx(0.0, abs=1e-3), pytest.approx(-math.log(0.05), abs=0.03))
 
 
-def test_too_few_trials_for_an_interval() -> None:
+def test_the_same_seed_gives_the_same_numbers_and_nothing_gives_no_interval() -> None:
+    assert propagate(mass, 6, 50_000) == propagate(mass, 6, 50_000)
+    assert propagate(mass, 6, 50_000) != propagate(mass, 7, 50_000)
+    with pytest.raises(ValueError, match="no digits"):
+        numerical_tolerance(0.0)
     with pytest.raises(ValueError, match="5 trials"):
         shortest_interval(np.arange(5.0))
 
@@ -106,16 +110,6 @@ def test_too_few_trials_for_an_interval() -> None:
 def test_numerical_tolerance(std: float, digits: int, tolerance: float) -> None:
     """The first two are the examples of clause 7.9.2; 9.96 has the digits 10."""
     assert numerical_tolerance(std, digits) == pytest.approx(tolerance, rel=1e-12)
-
-
-def test_no_tolerance_without_uncertainty() -> None:
-    with pytest.raises(ValueError, match="no digits"):
-        numerical_tolerance(0.0)
-
-
-def test_the_same_seed_gives_the_same_numbers() -> None:
-    assert propagate(mass, 6, 50_000) == propagate(mass, 6, 50_000)
-    assert propagate(mass, 6, 50_000) != propagate(mass, 7, 50_000)
 
 
 def test_stated_scatter_of_the_ends_is_theirs() -> None:
@@ -245,15 +239,12 @@ def test_trend_is_the_slope_of_a_line() -> None:
     assert found.size == pytest.approx(7.0 * known.slope, rel=1e-9)
 
 
-def test_too_few_or_all_alike_say_nothing() -> None:
+def test_what_few_or_equal_readings_say() -> None:
     three, alike = np.array([1.0, 2.0, 3.0]), np.full(8, 5.0)
     assert trend(three, three) is None
     assert odd_one(three) is None
     assert trend(np.arange(8.0), alike) is None
     assert odd_one(alike) is None
-
-
-def test_one_among_readings_that_are_all_alike_is_odd() -> None:
     found = odd_one(np.array([5.0, 5.0, 5.0, 5.0, 5.1]))
     assert found is not None
     assert found.probability == 0.0
@@ -288,15 +279,9 @@ def _campaigns(correlation: float) -> tuple[float, float]:
     return float(np.mean(counts)), inside / CAMPAIGNS
 
 
-def test_readings_that_alternate_are_worth_no_more_than_they_are() -> None:
+def test_readings_are_worth_no_more_than_they_are() -> None:
     assert independent_count(np.array([1.0, -1.0] * 20)) == 40.0
-
-
-def test_readings_that_only_rise_are_worth_few() -> None:
     assert 2.0 <= independent_count(np.arange(1000.0)) < 4.0
-
-
-def test_what_does_not_vary_has_no_correlation() -> None:
     assert independent_count(np.full(7, 3.2)) == 7.0
     assert independent_count(np.array([1.0])) == 1.0
 

@@ -34,6 +34,7 @@ from bench.plan.language.sequence import Decision
 SEED = 5
 RESIDUALS = ("dsf_n_residual", "dsf_p_residual")
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "1"}
+LIMITS_V = (4.9, 5.1)
 U_ppm = 2.0 * math.sqrt(10.0**2 + 1.2**2 + 2.0**2)  # gain, fit and drift of the calibrator
 
 
@@ -91,15 +92,12 @@ def test_one_temperature_that_is_off_fails() -> None:
     assert {one["verdict"] for one in of(run(campaign), "dsf_p_residual")} == {"pass"}
 
 
-def test_no_more_temperatures_than_coefficients_no_verdict() -> None:
+def test_without_spare_temperatures_or_a_limit_there_is_no_verdict() -> None:
     analysis = run(sim.simulate(SEED, sim.Switches(), temperatures=(-10.0, 20.0, 50.0)))
     assert of(analysis, "dsf_n_tc2") != []
     assert of(analysis, *RESIDUALS) == []
     assert {one["verdict"] for one in analysis.estimates} == {"none"}
     assert any(note.startswith("No verdict") for note in analysis.notes)
-
-
-def test_without_a_limit_there_is_no_verdict() -> None:
     campaign = sim.simulate(SEED, sim.Switches())
     channels = copy.deepcopy(campaign.campaign["channels"])
     for channel in channels:
@@ -162,22 +160,41 @@ def test_guard_band_of_the_design(limit_ppm: float, accepted_ppm: float) -> None
 
 
 @pytest.mark.parametrize(
-    ("value", "simple", "guard_band", "non_binary"),
+    ("value", "U", "limits", "simple", "guard_band", "non_binary"),
     [
-        (79.0, "pass", "pass", "pass"),
-        (80.5, "pass", "fail", "conditional_pass"),
-        (-99.9, "pass", "fail", "conditional_pass"),
-        (100.1, "fail", "fail", "conditional_fail"),
-        (119.9, "fail", "fail", "conditional_fail"),
-        (-120.5, "fail", "fail", "fail"),
-        (math.nan, "fail", "fail", "fail"),
+        (79.0, 20.0, 100.0, "pass", "pass", "pass"),
+        (80.5, 20.0, 100.0, "pass", "fail", "conditional_pass"),
+        (-99.9, 20.0, 100.0, "pass", "fail", "conditional_pass"),
+        (100.1, 20.0, 100.0, "fail", "fail", "conditional_fail"),
+        (119.9, 20.0, 100.0, "fail", "fail", "conditional_fail"),
+        (-120.5, 20.0, 100.0, "fail", "fail", "fail"),
+        (math.nan, 20.0, 100.0, "fail", "fail", "fail"),
+        (0.5, math.nan, 1.0, "fail", "fail", "fail"),
+        (4.86, 0.03, LIMITS_V, "fail", "fail", "fail"),
+        (4.88, 0.03, LIMITS_V, "fail", "fail", "conditional_fail"),
+        (4.92, 0.03, LIMITS_V, "pass", "fail", "conditional_pass"),
+        (4.94, 0.03, LIMITS_V, "pass", "pass", "pass"),
+        (5.06, 0.03, LIMITS_V, "pass", "pass", "pass"),
+        (5.14, 0.03, LIMITS_V, "fail", "fail", "fail"),
+        (-1e9, 0.01, (-math.inf, 0.15), "pass", "pass", "pass"),
+        (0.2, 0.01, (-math.inf, 0.15), "fail", "fail", "fail"),
+        (1e9, 0.01, (2.0, math.inf), "pass", "pass", "pass"),
+        (1.9, 0.01, (2.0, math.inf), "fail", "fail", "fail"),
+        (math.nan, 0.1, (-math.inf, 5.0), "fail", "fail", "fail"),
+        (math.inf, 0.1, (4.9, math.inf), "fail", "fail", "fail"),
     ],
 )
-def test_rules(value: float, simple: str, guard_band: str, non_binary: str) -> None:
-    """ILAC-G8:09/2019 section 4.2 with a limit of 100 and U = 20."""
-    std = 20.0 / coverage_factor()
-    found = [decide(value, std, 100.0, rule).verdict for rule in ("simple", "guard_band", "non_binary")]
-    assert found == [simple, guard_band, non_binary]
+def test_rules(
+    value: float, U: float, limits: float | tuple[float, float], simple: str, guard_band: str, non_binary: str
+) -> None:
+    """ILAC-G8:09/2019 section 4.2: a limit of 100 and U = 20; limits that are not alike; one limit alone."""
+    found = [decide(value, U / coverage_factor(), limits, rule) for rule in ("simple", "guard_band", "non_binary")]
+    assert [one.verdict for one in found] == [simple, guard_band, non_binary]
+    assert [verdict(value, U, limits, rule) for rule in RULES] == [
+        decide(value, U / coverage_factor(), limits, rule).verdict for rule in RULES
+    ]
+    if math.isnan(U):
+        assert {(one.conformance_probability, one.specific_risk) for one in found} == {(0.0, 0.0)}
 
 
 @pytest.mark.validates(
@@ -213,21 +230,12 @@ def test_no_limit_no_statement() -> None:
     assert estimate("bias", "A", 1.0, 1.0, {}, n=1)["conformance_probability"] is None
 
 
-@pytest.mark.parametrize("rule", ["simple", "guard_band", "non_binary"])
-def test_an_uncertainty_that_is_not_known_accepts_nothing(rule: str) -> None:
-    found = decide(0.5, float("nan"), 1.0, rule)
-    assert (found.verdict, found.conformance_probability, found.specific_risk) == ("fail", 0.0, 0.0)
-
-
-def test_unknown_rule() -> None:
+def test_rules_are_the_same_everywhere_and_another_is_refused() -> None:
     with pytest.raises(FitError, match="'strict'") as caught:
         rule_of({"rule": "strict"})
     assert caught.value.code == "B-FIT-041"
     assert "guard_band" in caught.value.next_step
     assert (rule_of(None), rule_of({}), rule_of({"rule": "simple"})) == ("non_binary", "non_binary", "simple")
-
-
-def test_the_rules_of_the_fit_the_plan_and_the_document_are_the_same() -> None:
     assert get_args(Rule) == RULES
     assert get_args(Decision.model_fields["rule"].annotation) == RULES
 
@@ -289,27 +297,6 @@ def test_nothing_and_everything() -> None:
         clopper_pearson(3, 2)
 
 
-LIMITS_V = (4.9, 5.1)
-
-
-@pytest.mark.parametrize(
-    ("value_V", "expected"),
-    [(4.86, "fail"), (4.88, "conditional_fail"), (4.92, "conditional_pass"), (4.94, "pass"), (5.06, "pass"),
-     (5.08, "conditional_pass"), (5.12, "conditional_fail"), (5.14, "fail")],
-)  # fmt: skip
-def test_guard_band_on_both_sides(value_V: float, expected: str) -> None:
-    assert verdict(value_V, 0.03, LIMITS_V) == expected
-
-
-@pytest.mark.parametrize("rule", ["simple", "guard_band", "non_binary"])
-def test_one_limit_leaves_the_other_side_open(rule: str) -> None:
-    below, above = (-math.inf, 0.15), (2.0, math.inf)
-    assert verdict(-1e9, 0.01, below, rule) == "pass"
-    assert verdict(0.2, 0.01, below, rule) == "fail"
-    assert verdict(1e9, 0.01, above, rule) == "pass"
-    assert verdict(1.9, 0.01, above, rule) == "fail"
-
-
 @pytest.mark.validates("conformance probability of one- and two-sided limits", against="scipy.stats, norm and t")
 @pytest.mark.parametrize("limits", [LIMITS_V, (-math.inf, 5.1), (4.9, math.inf)])
 @pytest.mark.parametrize("dof", [math.inf, 7.0])
@@ -324,12 +311,6 @@ def test_a_number_stands_for_both_sides() -> None:
     assert bounds(3.0) == (-3.0, 3.0)
     for value in (-3.5, -2.5, 0.0, 2.5, 3.5):
         assert verdict(value, 0.2, 3.0) == verdict(value, 0.2, (-3.0, 3.0))
-
-
-@pytest.mark.parametrize("rule", ["simple", "guard_band", "non_binary"])
-def test_what_is_no_number_fails(rule: str) -> None:
-    assert verdict(math.nan, 0.1, (-math.inf, 5.0), rule) == "fail"
-    assert verdict(math.inf, 0.1, (4.9, math.inf), rule) == "fail"
 
 
 def combined(components: Sequence[Component]) -> Budget:

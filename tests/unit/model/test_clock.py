@@ -19,25 +19,19 @@ from bench.model.clock import NS, VIRTUAL_START_UTC_NS, VirtualClock, WallClock,
 from bench.model.errors import ExitStatus, InputError
 
 
-def test_virtual_time_jumps_and_utc_follows() -> None:
+def test_virtual_time_jumps_and_calls_back_in_order_until_cancelled() -> None:
     clock = VirtualClock()
     clock.sleep(136_800.0)
     assert clock.now_ns() == 136_800 * NS
     assert clock.utc_ns() == VIRTUAL_START_UTC_NS + 136_800 * NS
     clock.sleep_until_ns(5)
     assert clock.now_ns() == 136_800 * NS
-
-
-def test_callbacks_run_in_order_of_due_time_then_registration() -> None:
     clock = VirtualClock()
     seen: list[tuple[str, int]] = []
     clock.every(2.0, lambda: seen.append(("a", clock.now_ns() // NS)))
     clock.every(1.0, lambda: seen.append(("b", clock.now_ns() // NS)))
     clock.sleep(4.0)
     assert seen == [("b", 1), ("a", 2), ("b", 2), ("b", 3), ("a", 4), ("b", 4)]
-
-
-def test_a_cancelled_callback_never_runs_again() -> None:
     clock = VirtualClock()
     seen: list[int] = []
     task = clock.every(1.0, lambda: (seen.append(clock.now_ns() // NS), task.cancel() if len(seen) == 2 else None))

@@ -55,25 +55,19 @@ def test_no_event_of_a_foreign_session_is_refused(model: type[Event]) -> None:
     assert (model.read({}).raw is not None) == lacks
 
 
-def test_a_field_that_is_missing_or_of_another_type_is_unknown() -> None:
+def test_an_event_of_other_fields_or_of_another_kind_is_read() -> None:
     strange = event_of("retake", {"record": 2.5})
     assert (strange.unknown, strange.document()) == (("record", "reason"), {"record": -1, "reason": ""})
     whole = event_of("retake", {"record": 2.0, "reason": "x"})
     assert (whole.unknown, whole.document()) == ((), {"record": 2, "reason": "x"})
-
-
-def test_a_kind_that_is_not_known_is_an_event_without_words() -> None:
     event = event_of("something", {"a": 1})
     assert (type(event), event.sentence, event.raw) == (Event, "", {"a": 1})
 
 
-def test_an_error_says_code_place_message_and_next_step() -> None:
+def test_errors_say_code_place_message_and_next_step_a_line_each() -> None:
     error = errors.InputError("B-TEST-001", "10 mA is over 1 mA", where="a.yaml:1:2", next_step="lower it")
     assert str(error) == "error B-TEST-001: a.yaml:1:2: 10 mA is over 1 mA. Next: lower it"
     assert str(errors.InputError("B-TEST-001", "wrong")) == "error B-TEST-001: wrong"
-
-
-def test_several_errors_are_one_line_each_and_carry_the_first() -> None:
     both = errors.InputErrors([errors.InputError("B-TEST-001", "one"), errors.InputError("B-TEST-002", "two")])
     assert str(both).splitlines() == ["error B-TEST-001: one", "error B-TEST-002: two"]
     assert both.code == "B-TEST-001"

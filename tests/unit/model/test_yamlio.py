@@ -329,15 +329,12 @@ def test_prefixes_against_exact_fractions(number: Decimal, prefix: str) -> None:
     assert parse_quantity(f"{number:f} {prefix}A", "A") == float(Fraction(number) * factor[prefix])
 
 
-def test_limits_are_part_of_the_annotation() -> None:
+def test_limits_are_part_of_the_annotation_and_other_text_is_left_alone() -> None:
     adapter: TypeAdapter[float] = TypeAdapter(Annotated[float, *quantity("A", 0.0, 0.22)])
     assert adapter.validate_python("220 mA") == 0.22
     for text, says in (("221 mA", "above the limit 0.22 A"), ("-1 nA", "below the limit 0 A")):
         with pytest.raises(ValidationError, match=says):
             adapter.validate_python(text)
-
-
-def test_read_quantity_leaves_other_text_alone() -> None:
     for text in ("lowest_that_holds", "1-6", "+", "5", "{level}", "10 apples"):
         assert read_quantity(text) is None
 

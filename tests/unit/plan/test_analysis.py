@@ -80,7 +80,7 @@ def test_what_the_analysis_cannot_use_or_nothing_judges_is_a_mistake(
     assert any(one == code and says in message for one, message in found), found
 
 
-def test_a_range_of_the_meter_needs_an_uncertainty_b_plan_066(tmp_path: Path) -> None:
+def test_a_range_of_the_meter_needs_an_uncertainty_and_must_hold_the_level(tmp_path: Path) -> None:
     station = (ROOT / "stations" / "af_bench_sim.yaml").read_text()
     assert REGISTER_LINE in station
     (tmp_path / "af_bench_sim.yaml").write_text(station.replace(REGISTER_LINE, ""))
@@ -88,9 +88,6 @@ def test_a_range_of_the_meter_needs_an_uncertainty_b_plan_066(tmp_path: Path) ->
     (found,) = check_plan(compile_sequence(ROOT / "sequences" / "dmm_method.yaml", bench))
     assert found.code == "B-PLAN-066"
     assert "dmm: the plan uses 10 mA" in found.message
-
-
-def test_a_range_of_the_meter_must_hold_the_level_b_plan_079(tmp_path: Path) -> None:
     point = "      - point: {current: 10 mA, polarity: +, meter: 10 mA, repeat: 1}"
     found = shipped_mistakes(tmp_path, "dmm_method", (point, point.replace("meter: 10 mA", "meter: 1 mA")))
     assert {code for code, _ in found} == {"B-PLAN-079"}
@@ -180,14 +177,11 @@ def test_loops_are_conditions_and_may_give_the_limits(tmp_path: Path) -> None:
     assert (second["low"], second["high"]) == pytest.approx((1.98, 2.02))
 
 
-def test_a_reading_without_a_name_is_named_after_its_instrument(tmp_path: Path) -> None:
+def test_a_reading_is_named_after_its_instrument_where_an_analysis_reads_it(tmp_path: Path) -> None:
     plan = plan_of(tmp_path, steps("rail_meter.measure_voltage"))
     assert check_plan(plan) == []
     assert [entry["quantity"] for entry in expected(plan)] == ["rail_meter_voltage"]
     assert plan.steps[0].conditions == {"quantity": "rail_meter_voltage"}
-
-
-def test_other_sequences_know_nothing_of_it(tmp_path: Path) -> None:
     head = HEAD.replace("analysis: readings\n", "")
     plan = plan_of(tmp_path, steps("rail_meter.measure_voltage"), head)
     assert "expected" not in plan.campaign

@@ -174,7 +174,7 @@ def line_of(text: str, word: str) -> int:
     return 1 + next(index for index, line in enumerate(text.splitlines()) if word in line)
 
 
-def test_a_branch_that_leaves_the_bench_unsafe_is_refused_with_its_line(tmp_path: Path) -> None:
+def test_an_unsafe_step_in_a_branch_or_behind_it_is_refused_with_its_line(tmp_path: Path) -> None:
     """Only 'else' closes the route: behind 'then' the output would go on into an open circuit."""
     text = changed(POINT, UNSAFE)
     found = [error for error in mistakes(make_bench(tmp_path, text)) if error.code == "B-PLAN-072"]
@@ -182,18 +182,12 @@ def test_a_branch_that_leaves_the_bench_unsafe_is_refused_with_its_line(tmp_path
     assert error.where.split(":")[-2] == str(line_of(text, "- calibrator.operate"))
     decided = line_of(text, "- if: {reading: dmm.measure_current")
     assert error.message.endswith(f"without a closed route, where 'if' in line {decided} takes 'then'")
-
-
-def test_an_unsafe_step_inside_a_branch_is_refused_with_its_line(tmp_path: Path) -> None:
     text = changed(
         POINT,
         UNSAFE.replace("          - settle: 10 s\n        else", "          - calibrator.operate\n        else", 1),
     )
     lines = {error.where.split(":")[-2] for error in mistakes(make_bench(tmp_path, text)) if error.code == "B-PLAN-072"}
     assert str(line_of(text, "          - calibrator.operate")) in lines
-
-
-def test_branches_that_both_leave_it_safe_pass(tmp_path: Path) -> None:
     safe = UNSAFE.replace(
         "        then:\n", '        then:\n          - switch.route: {channel: "{channel}", polarity: "{polarity}"}\n'
     )

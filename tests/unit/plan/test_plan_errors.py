@@ -339,7 +339,7 @@ def test_a_channel_that_the_unit_does_not_have_b_plan_027(tmp_path: Path, number
         assert (name, f"numbers: {number}" in line) == ("sample.yaml", True), error
 
 
-def test_a_channel_that_is_used_by_number_is_named_where_it_is_used(tmp_path: Path) -> None:
+def test_a_channel_beyond_those_of_frame_or_link_is_named_where_it_is_declared_or_used(tmp_path: Path) -> None:
     found = mistakes(
         make_bench(
             tmp_path, changed('channel: "{channel}", polarity: "{polarity}"', 'channel: 11, polarity: "{polarity}"')
@@ -347,6 +347,10 @@ def test_a_channel_that_is_used_by_number_is_named_where_it_is_used(tmp_path: Pa
     )
     [error] = [error for error in found if error.code == "B-PLAN-052"]
     assert "channel: 11" in line_of(error, tmp_path)[1]
+    found = mistakes(make_bench(tmp_path, changed("port_a: ngu_a", "port_a: ngu_b")))
+    error = next(error for error in found if error.code == "B-PLAN-027")
+    assert "counts no pulses" in error.message
+    assert line_of(error, tmp_path)[1].startswith("frame: {port_a: ngu_b")
 
 
 def test_a_frame_with_fewer_channels_b_plan_027(tmp_path: Path) -> None:
@@ -357,13 +361,6 @@ def test_a_frame_with_fewer_channels_b_plan_027(tmp_path: Path) -> None:
     assert error.code == "B-PLAN-027"
     assert "there is no channel 7: the frame 'ngu_a' of port_a counts pulses of 6 channels" in error.message
     assert line_of(error, tmp_path) == ("sample.yaml", CHANNELS.replace("1-2", "1-7"))
-
-
-def test_a_link_with_the_frames_of_another_b_plan_027(tmp_path: Path) -> None:
-    found = mistakes(make_bench(tmp_path, changed("port_a: ngu_a", "port_a: ngu_b")))
-    error = next(error for error in found if error.code == "B-PLAN-027")
-    assert "counts no pulses" in error.message
-    assert line_of(error, tmp_path)[1].startswith("frame: {port_a: ngu_b")
 
 
 @pytest.mark.parametrize("wrong", [("full_scale: 299 mA", "full_scale: 0.5 mA"), ("[1 mA]", "[300 mA]")])

@@ -144,7 +144,7 @@ def test_before_hour_0_the_wiring_of_every_channel_is_proved(campaign: Plan) -> 
     assert (start.role, start.name, start.told()) == ("port_b", "start_stream", {"command": 2, "payload": (0x64,)})
 
 
-def test_the_chamber_is_back_at_the_room_before_it_is_stopped(campaign: Plan) -> None:
+def test_steps_are_numbered_by_time_and_the_chamber_is_back_before_it_is_stopped(campaign: Plan) -> None:
     names = [step.name for step in campaign.phase("finally")]
     assert names == ["standby", "open_all", "soak", "output_off"]
     (back,) = [step for step in campaign.phase("finally") if step.kind == "soak"]
@@ -152,9 +152,6 @@ def test_the_chamber_is_back_at_the_room_before_it_is_stopped(campaign: Plan) ->
     ramp_s = 60.0 * (max(TEMPERATURES_DEGC) - 23.0) / back.ramp_degC_min
     assert ramp_s == 3240.0
     assert back.duration_s >= ramp_s + 3 * 120.0  # the air follows with two minutes of lag
-
-
-def test_steps_are_numbered_in_order_of_time(campaign: Plan) -> None:
     assert [step.number for step in campaign.steps] == list(range(len(campaign.steps)))
     for phase in ("prepare", "campaign", "finally"):
         at_s = 0.0
@@ -199,23 +196,17 @@ def test_shipped_sequences_pass_the_static_check_and_last_as_long_as_meant(name:
     assert (plan.duration_s, plan.record_count) == PLANS[name]
 
 
-def test_same_file_same_hash_and_another_value_another_hash() -> None:
+def test_values_that_are_set_reach_plan_world_and_hash() -> None:
     plain, again = (compile_sequence("scale_factor_short").sha256 for _ in range(2))
     assert plain == again
     assert compile_sequence("scale_factor_short", overrides={"dwell": "20 s"}).sha256 != plain
     assert compile_sequence("scale_factor_short", overrides={"world.noise": "off"}).sha256 == plain
-
-
-def test_overrides_reach_the_plan_and_the_world() -> None:
     plan = compile_sequence("scale_factor_short", overrides={"dwell": "20 s", "world.master_error_ppm": "50"})
     assert {step.duration_s for step in records(plan)} == {20.0}
     assert check_plan(plan) == []
     options = shipped("scale_factor_short").station.world_options
     assert plan.station.world_options == {**options, "master_error_ppm": "50"}
     assert "master_error_ppm" not in options
-
-
-def test_the_serial_number_of_the_unit_is_given_without_editing_the_file() -> None:
     assert shipped("scale_factor_short").campaign["uut"] == {"model": "NGU", "serial": "SIM-1"}
     assert compile_sequence("scale_factor_short", overrides={"serial": "0042"}).campaign["uut"]["serial"] == "0042"
 
@@ -382,20 +373,14 @@ def test_what_says_for_no_unit_is_refused(tmp_path: Path) -> None:
     assert "B-PLAN-141" in codes_of_units(path)
 
 
-def test_slots_that_do_not_fit_are_refused(tmp_path: Path) -> None:
+def test_slots_that_do_not_fit_units_that_nothing_proves_and_foreign_routes_are_refused(tmp_path: Path) -> None:
     assert codes_of_units(UNITS, "A1,A2,A3,A4,A5") == {"B-PLAN-140"}
     assert codes_of_units(UNITS, ",,") >= {"B-PLAN-140"}
     assert "B-PLAN-025" in codes_of_units(UNITS, "A1,A1")
     assert "B-PLAN-025" in codes_of_units(UNITS, "A 1,A2")
     assert "B-PLAN-140" in codes_of_units(changed_units(tmp_path, ("port_b: ngu_b}", "port_b: ngu_b, port_c: ngu_b}")))
     assert "B-PLAN-140" in codes_of_units(changed_units(tmp_path, ("\nuut:\n", "\nearly: {after: 1 h}\nuut:\n")))
-
-
-def test_a_unit_that_nothing_proves_is_refused(tmp_path: Path) -> None:
     asked = "      - unit: {port_b: identify}            # is it the serial number of this slot?\n"
     assert codes_of_units(changed_units(tmp_path, (asked, ""))) == {"B-PLAN-142"}
     assert codes_of_units(changed_units(tmp_path, ("          - wiring_point: {polarity: -}\n", ""))) == {"B-PLAN-142"}
-
-
-def test_the_route_of_another_slot_is_no_route_of_this_unit(tmp_path: Path) -> None:
     assert codes_of_units(changed_units(tmp_path, ('card: "{unit.card}"', "card: 2"))) == {"B-PLAN-076"}

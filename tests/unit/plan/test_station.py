@@ -114,7 +114,7 @@ def probe(due: str = "2000-11-01", r0: str = "100.0123 ohm") -> tuple[str, str]:
     return LINKS, PROBE.format(due=due, r0=r0) + LINKS
 
 
-def test_degrees_of_freedom_of_a_certificate_are_stated_or_absent(tmp_path: Path) -> None:
+def test_a_certificate_may_state_degrees_of_freedom_and_values(tmp_path: Path) -> None:
     make_bench(tmp_path, station=("certificate: SIM-0001", "certificate: SIM-0001\n      degrees_of_freedom: 12"))
     register = load_station(tmp_path / "stations" / "af_bench_sim.yaml").standards()
     assert register["calibrator"]["dof"] == 12.0
@@ -122,9 +122,6 @@ def test_degrees_of_freedom_of_a_certificate_are_stated_or_absent(tmp_path: Path
     make_bench(tmp_path / "b", station=("certificate: SIM-0001", "certificate: SIM-0001\n      degrees_of_freedom: 0"))
     with pytest.raises(InputErrors):
         load_station(tmp_path / "b" / "stations" / "af_bench_sim.yaml")
-
-
-def test_the_manifest_has_what_the_certificate_states(tmp_path: Path) -> None:
     make_bench(tmp_path, station=probe())
     entry = load_station(tmp_path / "stations" / "af_bench_sim.yaml").standards()["reference_probe"]
     assert entry["stated"]["r0"] == {"value": 100.0123, "unit": "ohm"}
@@ -166,15 +163,12 @@ def test_a_mistake_in_the_station_is_found_before_the_run(tmp_path: Path, old: s
     assert all("stations" in error.where for error in found)
 
 
-def test_a_range_that_is_used_needs_an_uncertainty_b_plan_066(tmp_path: Path) -> None:
+def test_a_range_that_is_used_needs_an_uncertainty_under_its_own_name(tmp_path: Path) -> None:
     lines = f"        - {{range: 2.2 mA, relative: 20 ppm, floor: 7 nA{TRACED}\n"
     text = changed('range: "{calibrator.range}", ', "")  # the condition would have been the first to notice
     found = mistakes(make_bench(tmp_path, text, station=(lines, "")))
     assert [error.code for error in found] == ["B-PLAN-066", "B-PLAN-064"]
     assert "the plan uses 2.2 mA; the register has 220 uA, 22 mA, 220 mA, 2.2 A" in found[0].message
-
-
-def test_a_range_wrongly_named_in_the_register_does_not_pass_as_the_range_of_a_record(tmp_path: Path) -> None:
     found = mistakes(make_bench(tmp_path, station=("- {range: 2.2 mA, rel", "- {range: 2 mA, rel")))
     assert [error.code for error in found] == ["B-PLAN-066", "B-PLAN-065", "B-PLAN-064", "B-PLAN-076"]
     assert "range 0.002 A, but calibrator is on 0.0022 A" in found[3].message

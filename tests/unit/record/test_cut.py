@@ -234,21 +234,15 @@ def test_a_unit_off_its_temperature_is_not_settled(
     assert cut_with_housekeeping(degC, flush_each, **conditions).quality == quality
 
 
-def test_a_record_without_frames() -> None:
+def test_a_record_without_frames_is_closed_once_and_frames_without_counts_cannot_be_cut() -> None:
     row = cut(by_second(stream(50)), [window(1, 100, 20)])[0]
     assert (row.frames, row.lost, row.quality, row.context) == (0, 20, Quality.LOST, {})
     assert row.sums["npp"].tolist() == [0] * 10
-
-
-def test_close_takes_one_record_and_forgets_it() -> None:
     cutter = RecordCutter(frame("ngu_a"))
     cutter.open(window(7, 0, 5))
     assert cutter.close(7).frames == 0
     with pytest.raises(KeyError):
         cutter.close(7)
-
-
-def test_frames_without_counts_cannot_be_cut() -> None:
     with pytest.raises(InputError, match="B-REC-020"):
         RecordCutter(frame("vn100_binary"))
     text = frame("ngu_a").text.replace(", role: counter", "")

@@ -107,18 +107,15 @@ def test_a_crash_loses_no_more_than_what_was_open(tmp_path: Path) -> None:
     assert window.high[3].tolist() == rows.high[300:349, PLACES].max(axis=0).tolist()
 
 
-def test_rows_never_go_backwards_when_utc_was_set_back(tmp_path: Path) -> None:
+def test_rows_never_go_backwards_and_without_a_head_there_are_none(tmp_path: Path) -> None:
     written(tmp_path, rows_of(np.arange(0, 50)))
     writer = TrendWriter(tmp_path, SOURCES, 9 * NS, (UTC_S - 3600) * NS)
     assert (writer.offset_ns + 9 * NS) // NS == UTC_S + 49
     writer.close()
-    assert len(TrendReader(tmp_path).head.offsets_ns) == 2
-
-
-def test_without_a_head_there_is_no_trend(tmp_path: Path) -> None:
+    reader = TrendReader(tmp_path)
+    assert len(reader.head.offsets_ns) == 2
     with pytest.raises(InputError, match="B-REC-030"):
-        TrendReader(tmp_path)
-    reader = written(tmp_path, rows_of(np.arange(3)))
+        TrendReader(tmp_path / "nothing")
     with pytest.raises(InputError, match="B-FRAME-024"):
         reader.window(["port_b.nothing"], 0.0, 1.0, 10)
 

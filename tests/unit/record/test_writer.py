@@ -177,11 +177,13 @@ def test_chain_covers_all_segments_in_order(long_session: Path) -> None:
     assert reader.sha256 == chain.hex()
 
 
-def test_close_returns_the_hash_that_the_reader_computes(tmp_path: Path) -> None:
+def test_the_end_gives_the_hash_that_the_reader_computes_and_nothing_follows_it(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0)
     writer.event("step", NS, {"number": 1})
     sha256 = writer.close("done")
     assert writer.close("again") == sha256 == SessionReader(tmp_path).sha256
+    with pytest.raises(RecordError, match="B-REC-002"):
+        writer.event("step", 1, {})
 
 
 def test_numbers_that_json_lacks_become_null(tmp_path: Path) -> None:
@@ -226,13 +228,6 @@ def test_a_large_batch_closes_its_chunk_before_the_second_ends(tmp_path: Path) -
     writer.raw("port_a", "rx", 1, np.random.default_rng(3).bytes(1_100_000))
     assert (tmp_path / "session.0001.mcap").stat().st_size > size_before + 1_000_000
     writer.close("done")
-
-
-def test_nothing_can_be_written_after_the_end(tmp_path: Path) -> None:
-    writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0)
-    writer.close("done")
-    with pytest.raises(RecordError, match="B-REC-002"):
-        writer.event("step", 1, {})
 
 
 SECONDS = 12
@@ -416,13 +411,10 @@ def test_the_time_for_which_a_disk_is_waited_for_begins_anew_when_it_has_written
     assert SessionReader(tmp_path).counts["/link/port_a/rx"] == 2
 
 
-def test_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+def test_a_folder_that_cannot_be_made_or_holds_a_session_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(RecordError, match="B-REC-001"):
         SessionWriter.create(tmp_path / "file", MANIFEST, TEXTS, t_mono_ns=0)
-
-
-def test_an_existing_session_is_not_overwritten(tmp_path: Path) -> None:
     write_sample(tmp_path / "s", seconds=2)
     before = (tmp_path / "s" / "session.0001.mcap").read_bytes()
     with pytest.raises(RecordError, match="B-REC-001"):

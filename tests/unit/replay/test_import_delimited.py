@@ -127,13 +127,10 @@ def test_numbers_of_the_wrong_decimal_sign_are_bad_rows() -> None:
     assert "decimal comma" in parser.counts.bad[0][1]
 
 
-def test_what_a_survey_says(tmp_path: Path) -> None:
+def test_what_a_survey_says_of_a_file_and_without_one(tmp_path: Path) -> None:
     found = surveyed(tmp_path, LOG.encode())
     assert (found.first_ns, found.last_ns - found.first_ns) == (UTC_2024_ns, 10 * 10**9)
     assert (found.counts.rows, found.size) == (2, len(LOG))
-
-
-def test_no_file_and_an_empty_one(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"B-IMP-001.*cannot be read"):
         list(file_lines(tmp_path / "absent.csv"))
     with pytest.raises(InputError, match=r"B-IMP-001.*is empty"):
@@ -171,14 +168,11 @@ def test_nothing_to_read(tmp_path: Path, content: bytes, why: str) -> None:
         surveyed(tmp_path, content)
 
 
-def test_more_bad_rows_than_declared(tmp_path: Path) -> None:
+def test_bad_rows_and_time_that_goes_back_are_refused(tmp_path: Path) -> None:
     content = (LOG + "x,1,2\n").encode()
     with pytest.raises(InputError, match=r"B-IMP-005.*1 of 3 rows cannot be read, 0 % may be: line 4"):
         surveyed(tmp_path, content)
     assert surveyed(tmp_path, content, mapped(("uut:", "bad_rows: 40 %\nuut:"))).counts.bad_rows == 1
-
-
-def test_time_that_goes_back(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"B-IMP-006.*log.csv:4: the time goes back by 5 s after line 3"):
         surveyed(tmp_path, (LOG + "2024-01-01T00:00:05,20,1\n").encode())
     assert surveyed(tmp_path, (LOG + "2024-01-01T00:00:10,20,1\n").encode()).counts.rows == 3  # twice the same is none

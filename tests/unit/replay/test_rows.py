@@ -242,18 +242,15 @@ def test_a_record_keeps_the_unit_it_belongs_to(tmp_path: Path) -> None:
     assert [row.window.uut for row in replay_rows(tmp_path).rows] == [None, "SN 2", "SN 3"]
 
 
-def test_a_record_on_an_unknown_link(tmp_path: Path) -> None:
+def test_a_link_or_a_frame_file_that_is_missing_is_damage(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path, {**MANIFEST, "links": {}}, TEXTS, t_mono_ns=0)
     writer.event("record", 0, fields_of(RecordWindow(1, "port_a", 0, 10, 0, FRAME_NS)))
     writer.close("done")
     with pytest.raises(InputError, match="B-RPL-001"):
         replay_rows(tmp_path)
-
-
-def test_a_frame_file_that_is_missing(tmp_path: Path) -> None:
-    SessionWriter.create(tmp_path, MANIFEST, {}, t_mono_ns=0).close("done")
+    SessionWriter.create(tmp_path / "other", MANIFEST, {}, t_mono_ns=0).close("done")
     with pytest.raises(SessionDamaged, match="B-RPL-002"):
-        replay_rows(tmp_path)
+        replay_rows(tmp_path / "other")
 
 
 def test_reading_leaves_the_session_as_it_is(tmp_path: Path) -> None:

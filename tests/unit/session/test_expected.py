@@ -101,13 +101,10 @@ def test_the_run_begins_when_its_first_event_says(view: SessionView, monkeypatch
     assert first_ns < 60 * NS
 
 
-def test_before_the_first_record_the_end_is_as_predicted(view: SessionView) -> None:
+def test_before_the_first_record_and_after_the_last_the_end_is_known(view: SessionView) -> None:
     found = expectations(replace(view, rows=()), {})
     assert len(found) == len(predicted_of(view, "gls"))
     assert all(expected.at_end_U == expected.predicted["expanded_uncertainty"] for expected in found.values())
-
-
-def test_after_the_last_record_the_end_is_what_is_stated(view: SessionView) -> None:
     entries = by_foreseen_name(stated(view))
     found = expectations(view, entries)
     for name, entry in entries.items():

@@ -217,12 +217,14 @@ def test_days_to_a_limit_against_a_root_finder() -> None:
             assert found[one] == 0
 
 
-def test_days_without_limit_or_drift() -> None:
+def test_days_without_limit_drift_or_uncertainty() -> None:
     nothing, open_end = np.array([np.nan]), np.array([np.inf])
     one, ten = np.array([1.0]), np.array([10.0])
     assert days_to_limit(one, one, one, one, -open_end, open_end, most_days=365) == [365]
     assert days_to_limit(one, one, nothing, nothing, -ten, ten, most_days=365) == [365]
     assert days_to_limit(ten, one, nothing, nothing, -ten, ten, most_days=365) == [0]
+    value, unknown, limit = np.array([1.0, np.nan]), np.array([np.nan, 1.0]), np.array([10.0, 10.0])
+    assert days_to_limit(value, unknown, unknown, unknown, -limit, limit, most_days=365).tolist() == [0, 0]
 
 
 def test_days_to_a_limit_on_one_side() -> None:
@@ -233,8 +235,3 @@ def test_days_to_a_limit_on_one_side() -> None:
     assert days_to_limit(value, std, rate, none, -open_end, high, most_days=365) == [8]
     assert days_to_limit(value, std, rate, none, low, open_end, most_days=365) == [365]
     assert days_to_limit(value, std, -rate, none, low, open_end, most_days=365) == [8]
-
-
-def test_days_with_an_unknown_uncertainty_are_none() -> None:
-    value, unknown, limit = np.array([1.0, np.nan]), np.array([np.nan, 1.0]), np.array([10.0, 10.0])
-    assert days_to_limit(value, unknown, unknown, unknown, -limit, limit, most_days=365).tolist() == [0, 0]

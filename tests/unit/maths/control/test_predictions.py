@@ -100,15 +100,12 @@ def test_a_later_calibration_changes_nothing_before_it() -> None:
     assert first_phase(readings.of(slice(17)), FIRST) == scatter
 
 
-def test_a_new_certificate_is_less_of_a_surprise_than_the_same_change_without_one() -> None:
+def test_a_new_certificate_and_a_less_certain_calibration_are_less_of_a_surprise() -> None:
     readings = history(np.random.default_rng(SEED), 13, 12)
     scatter = first_phase(readings, FIRST)
     same = Readings(readings.t, readings.value, readings.std, readings.shared, 0 * readings.standard, readings.level)
     assert predictions(readings, scatter).std[12] > SHARED
     assert predictions(same, scatter).std[12] < 2.0 * OWN
-
-
-def test_a_less_certain_calibration_has_that_on_top() -> None:
     readings = history(np.random.default_rng(SEED), 14, 20)
     scatter = first_phase(readings, FIRST)
     std = readings.std.copy()
@@ -411,16 +408,13 @@ def test_limits_give_each_chart_its_part_of_the_run_length(dof: float) -> None:
     assert wider.cusum > limits.cusum
 
 
-def test_known_scatter_counted() -> None:
+def test_false_signals_are_counted() -> None:
     """20,000 points in control on three charts of 100 points each: within 3 standard deviations of a count."""
     scores = np.random.default_rng(SEED).normal(size=(1000, 20))
     counts = signals_begun_again(scores, limits_for(100.0 / 3.0, 1))
     for kind in KINDS:
         assert abs(counts[kind] - 200) < 3.0 * 200**0.5
-
-
-def test_whole_histories_counted() -> None:
-    """Drift, certificates and first phase of 12: no more false signals than declared; 3,000 points of 60 units."""
+    # Drift, certificates and first phase of 12: no more false signals than declared; 3,000 points of 60 units.
     found = run_lengths_of_histories(SEED, 60, 50, 50.0, 6)
     print(f"seed {SEED}: {found}")
     for length in found.values():

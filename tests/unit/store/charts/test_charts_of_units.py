@@ -179,14 +179,11 @@ def test_too_few_calibrations_have_no_chart_and_it_is_said(url: str) -> None:
     assert "3 of 3 parameters have no chart" in subject.notes[-1]
 
 
-def test_an_adjustment_needs_what_and_who(url: str) -> None:
+def test_an_adjustment_needs_what_and_who_and_comes_with_its_session(url: str) -> None:
     session = charts_sample.written(url, stepped(0.0)[:1])[0][0]["session"]
     for state, what, by in (("as_bought", "x", "A"), ("as_left", " ", "A"), ("as_left", "x", "")):
         with pytest.raises(StoreError, match="B-STORE-040"):
             state_calibration(url, session, state, what, by)
-
-
-def test_the_laboratory_states_it_with_the_session(url: str) -> None:
     document, manifest = stepped(0.0)[0]
     record_calibration(url, document, manifest, None, adjustment=("as_left", "gain resistor", "A. Meyer"))
     record_calibration(url, document, manifest, None, adjustment=("as_left", "gain resistor", "A. Meyer"))
