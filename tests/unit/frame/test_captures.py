@@ -293,43 +293,63 @@ def test_bytes_behind_the_last_frame_are_no_frame_that_is_cut_off() -> None:
     assert counted(text, frame + b"\xaa\x55\x07").cut_off
 
 
+def spec_of(golden: str, expect: dict[str, Any], *fields: dict[str, Any], **more: Any) -> dict[str, Any]:
+    """Return a definition with one sync byte and no check, without what is None."""
+    spec = {"frame": "unit", "endian": "big", "sync": [0xA5], "crc": {"name": "none"}, "fields": [*fields]}
+    spec |= {"golden": golden, "expect": expect} | more
+    return {name: value for name, value in spec.items() if value is not None}
+
+
+def field(name: str, kind: str, **more: Any) -> dict[str, Any]:
+    return {"name": name, "type": kind, **more}
+
+
+NAME = field("t", "bytes", count=4, form="text")
+TEXT = spec_of("a5 61 62 00 00", {"t": "ab"}, NAME)
+DOT = spec_of("a5 01", {"u": 1}, field("u", "u8", bits={"low": 0}))
+INNER = json.loads(DEFINITION)
+INNER["messages"]["sets"]["fields"][1]["fields"].append(
+    {"group": "inner", "count": "number", "max": 2, "fields": [field("b", "u8")]}
+)
+LINE = spec_of("$ab", {"t": "ab"}, field("t", "bytes", count=5), endian=None, sync=[0x24],
+               lines={"separator": ",", "max": 40})  # fmt: skip
+BY_BITS = {"type": {"field": "t.no"}, "messages": {"m": {"value": "ab", "golden": "$ab", "expect": {"t": "ab"}}}}
+
+
 @pytest.mark.parametrize(
-    ("fields", "column"),
+    ("spec", "words"),
     [
-        ([{"name": "value", "type": "u8", "count": 2}, {"name": "value_2", "type": "u8"}], "value_2"),
-        ([{"name": "offset", "type": "u8"}, {"name": "a", "type": "u16"}], "offset"),
+        (
+            spec_of("a5 010203", {"v_2": 3}, field("v", "u8", count=2), field("v_2", "u8")),
+            "have the column 'v_2' twice",
+        ),
+        (spec_of("a5 010203", {"a": 515}, field("offset", "u8"), field("a", "u16")), "have the column 'offset' twice"),
+        *(
+            (TEXT | {"expect": {"t": due}}, "of the golden frame is 'ab'")
+            for due in ("a", 5, [1], None, True, {"a": 1})
+        ),
+        (TEXT | {"golden": "a5 4e 47 5g 00"}, "there is 'g' at character 11"),
+        (TEXT | {"fields": [field("t", "u32", form="text")]}, "for bytes, not for u32"),
+        (TEXT | {"fields": [field("t", "f64", form="time")]}, "is for lines of text"),
+        (TEXT | {"feilds": []}, "did you mean 'fields'"),
+        (DOT | {"expect": {"u.": 1}}, "B-FRAME-013"),
+        (INNER, "'group' cannot stand inside a group"),
+        (LINE | {"lines": {"separator": "-", "max": 40}, "fields": [field("t", "f64")]}, "which separate the values"),
+        ({key: value for key, value in (LINE | BY_BITS).items() if key not in ("golden", "expect")}, "be common bytes"),
     ],
 )
-def test_two_columns_of_one_name_are_refused(fields: list[dict[str, Any]], column: str) -> None:
-    spec = {"frame": "unit", "endian": "big", "sync": [0xAA], "fields": fields, "expect": {"a": 1},
-            "crc": {"name": "sum-8", "over": ["sync", "end"]}, "golden": "aa 01 02 03 b0"}  # fmt: skip
-    with pytest.raises(InputErrors, match=f"would have the column '{column}' twice"):
-        parse_frame(json.dumps(spec), "unit.yaml")
-
-
-def test_text_in_binary_frames_and_mistakes_of_the_author() -> None:
-    spec: dict[str, Any] = {"frame": "unit", "endian": "big", "sync": [0xAA], "fields": [
-        {"name": "model", "type": "bytes", "count": 4, "form": "text"}], "crc": {"name": "none"},
-        "golden": "aa 4e 47 55 00", "expect": {"model": "NGU"}}  # fmt: skip
-    assert counted(json.dumps(spec), bytes.fromhex("aa4e475500")).counts.frames == 1
-    for changes, words in (
-        ({"expect": {"model": "NG"}}, "model of the golden frame is 'NGU', expected is NG"),
-        ({"golden": "aa 4e 47 5g 00"}, "there is 'g' at character 11"),
-        ({"fields": [{"name": "model", "type": "u32", "form": "text"}]}, "for bytes, not for u32"),
-        ({"fields": [{"name": "model", "type": "f64", "form": "time"}]}, "is for lines of text"),
-        ({"feilds": []}, "did you mean 'fields'"),
-    ):
-        with pytest.raises(InputErrors, match=words):
-            parse_frame(json.dumps({**spec, **changes}), "unit.yaml")
-
-
-def test_nothing_stands_inside_a_group() -> None:
-    inner = {"group": "inner", "count": "number", "max": 2, "fields": [{"name": "b", "type": "u8"}]}
-    spec = json.loads(DEFINITION)
-    spec["messages"]["sets"]["fields"][1]["fields"].append(inner)
-    with pytest.raises(InputErrors, match="'group' cannot stand inside a group") as caught:
+def test_a_definition_that_nobody_could_read_by_is_refused(spec: dict[str, Any], words: str) -> None:
+    with pytest.raises(InputErrors, match=words) as caught:
         parse_frame(json.dumps(spec), "unit.yaml")
     assert len(caught.value.errors) == 1
+
+
+def test_values_that_nobody_could_read_back_are_not_written() -> None:
+    assert counted(json.dumps(TEXT), bytes.fromhex("a561620000")).counts.frames == 1
+    with pytest.raises(InputError, match="B-FRAME-022"):
+        parse_frame(json.dumps(DOT), "unit.yaml").encode_one({"u.": 1})
+    with pytest.raises(InputError, match="cannot stand in a line"):
+        parse_frame(json.dumps(LINE), "unit.yaml").encode_one({"t": b"a$b\0\0"})
 
 
 NUMBERS = {"frame": "numbers", "sync": [], "lines": {"separator": ",", "max": 14}, "crc": {"name": "none"},
@@ -423,48 +443,10 @@ def test_short_frames_of_long_rows_are_read_in_small_blocks() -> None:
 
 
 def test_text_that_cannot_be_printed_stays_in_its_row(tmp_path: Path) -> None:
-    spec = {"frame": "text", "endian": "big", "sync": [0xA5], "crc": {"name": "none"}, "golden": "a5 61 62 00 00",
-            "fields": [{"name": "t", "type": "bytes", "count": 4, "form": "text"}], "expect": {"t": "ab"}}  # fmt: skip
-    with Tables(parse_frame(json.dumps(spec), "text.yaml"), tmp_path / "t.csv") as tables:
-        definition = parse_frame(json.dumps(spec), "text.yaml")
+    definition = parse_frame(json.dumps(TEXT), "text.yaml")
+    with Tables(definition, tmp_path / "t.csv") as tables:
         decode_capture(definition, io.BytesIO(bytes.fromhex("a5610d6200 a561e90a00")), tables.write)
     assert (tmp_path / "t.csv").read_text().splitlines() == ["offset,t", r"0,a\x0db", r"5,a\xe9\x0a"]
-
-
-@pytest.mark.parametrize("due", [5, [1], None, True, {"a": 1}])
-def test_what_is_expected_of_text_is_text(due: Any) -> None:
-    spec = {"frame": "text", "endian": "big", "sync": [0xA5], "crc": {"name": "none"}, "golden": "a5 61",
-            "fields": [{"name": "t", "type": "bytes", "count": 1, "form": "text"}], "expect": {"t": due}}  # fmt: skip
-    with pytest.raises(InputErrors, match="of the golden frame is 'a'"):
-        parse_frame(json.dumps(spec), "text.yaml")
-
-
-def test_names_with_a_dot_and_nothing_behind_it() -> None:
-    spec = {"frame": "dot", "endian": "big", "sync": [0xA5], "crc": {"name": "none"}, "golden": "a5 01",
-            "fields": [{"name": "u", "type": "u8", "bits": {"low": 0}}], "expect": {"u.": 1}}  # fmt: skip
-    with pytest.raises(InputErrors) as caught:
-        parse_frame(json.dumps(spec), "dot.yaml")
-    assert caught.value.errors[0].code == "B-FRAME-013"
-    definition = parse_frame(json.dumps(spec | {"expect": {"u": 1}}), "dot.yaml")
-    with pytest.raises(InputError, match="B-FRAME-022"):
-        definition.encode_one({"u.": 1})
-
-
-def test_lines_that_nobody_could_read_back_are_not_written() -> None:
-    spec = {"frame": "text", "sync": [0x24], "lines": {"separator": ",", "max": 40}, "crc": {"name": "none"},
-            "fields": [{"name": "t", "type": "bytes", "count": 5}], "golden": "$ab", "expect": {"t": "ab"}}  # fmt: skip
-    definition = parse_frame(json.dumps(spec), "text.yaml")
-    with pytest.raises(InputError, match="cannot stand in a line"):
-        definition.encode_one({"t": b"a$b\0\0"})
-    numbers = [{"name": "t", "type": "f64"}]
-    for changes, words in (
-        ({"lines": {"separator": "-", "max": 40}, "fields": numbers}, "which separate the values"),
-        ({"type": {"field": "t.no"}, "messages": {"m": {"value": "ab", "golden": "$ab", "expect": {"t": "ab"}}},
-          "golden": None, "expect": None}, "must be common bytes"),
-    ):  # fmt: skip
-        text = json.dumps({key: value for key, value in {**spec, **changes}.items() if value is not None})
-        with pytest.raises(InputErrors, match=words):
-            parse_frame(text, "text.yaml")
 
 
 def test_a_long_line_of_text_is_looked_at_at_once() -> None:
