@@ -157,13 +157,6 @@ def test_every_quantity_that_a_system_names_in_full_has_a_title(system: str) -> 
     assert not lacking
 
 
-@pytest.mark.parametrize("folder", sorted(path.parent for path in SYSTEMS.glob("*/texts")), ids=lambda path: path.name)
-def test_titles_begin_like_a_heading_and_differ(folder: Path) -> None:
-    texts = {key: text for key, text in Texts(folder).all.items() if key.startswith("quantity.")}
-    assert all(text[0].isupper() for text in texts.values())
-    assert len(set(texts.values())) == len(texts)
-
-
 ROOT = Path(bench.__file__).parent
 KOREAN = "ko"
 # A certificate has its texts in English; the schema of the DCC gives each text a language of its own.

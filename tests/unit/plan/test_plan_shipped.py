@@ -320,17 +320,6 @@ def test_four_units_take_three_times_as_long_as_one_and_the_ramp_no_longer(units
     assert (units_plan.record_count, ramps.record_count) == (4 * one.record_count, 4 * ramp.record_count)
 
 
-def test_links_supply_and_card_are_those_of_the_slot(units_plan: Plan) -> None:
-    of_c = [step for step in units_plan.steps if step.conditions.get(UNIT) == "SIM-3"]
-    roles = {step.role for step in of_c}
-    assert {"c_port_a", "c_port_b", "supply_c"} <= roles
-    assert roles <= {"", "c_port_a", "c_port_b", "supply_c", "calibrator", "switch"}
-    routes = {step.told()["card"] for step in of_c if (step.role, step.name) == ("switch", "route")}
-    assert routes == {3}
-    assert list(units_plan.frames) == [f"{slot}_port_{port}" for slot in "abcd" for port in "ab"]
-    assert units_plan.link_bytes_s == pytest.approx(4 * compile_sequence("scale_factor_38h").link_bytes_s)
-
-
 def test_an_empty_slot_is_left_alone() -> None:
     units_plan = compile_sequence(UNITS, None, {"serials": "X1,,X3"})
     assert [(unit.slot, unit.serial) for unit in units_plan.units] == [("A", "X1"), ("C", "X3")]
