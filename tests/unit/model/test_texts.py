@@ -16,7 +16,7 @@ import bench
 from bench.model.errors import InputError
 from bench.model.systems import analyses
 from bench.model.texts import ENGLISH, Said, Sayings, Texts, check_language, languages, told
-from bench.model.titles import campaign_title, quantity_title, quantity_titles, sequence_title
+from bench.model.titles import campaign_title, quantity_title, sequence_title
 
 
 @dataclass(frozen=True)
@@ -109,19 +109,10 @@ def test_a_quantity_has_the_name_that_the_field_gives_it(analysis: str, quantity
     assert quantity_title(analysis, quantity) == title
 
 
-def test_english_stands_in_for_a_language_without_catalogue() -> None:
-    assert quantity_title("scale_factor", "bias", "xx") == "Bias"
-    assert quantity_titles("noise_of_mine", "own_value") == {"en": "own value"}
-
-
 @pytest.mark.parametrize("analysis", sorted(analyses()))
 def test_every_shipped_analysis_has_a_title_in_both_languages(analysis: str) -> None:
     assert campaign_title(analysis)[0].isupper()
     assert HANGUL.search(campaign_title(analysis, "ko"))
-
-
-def test_an_analysis_of_a_lab_keeps_its_name() -> None:
-    assert campaign_title("noise_of_mine", "ko") == "noise of mine"
 
 
 @pytest.mark.parametrize("path", sorted((TOP / "sequences").glob("*.yaml")), ids=lambda path: path.stem)

@@ -11,7 +11,7 @@ from plan_sample import FLAT, ROOT, SEQUENCE, TRACED, changed, make_bench, mista
 from bench.model.errors import InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.yamlio import parse_yaml
-from bench.plan import Plan, Station, check_plan, compile_sequence, load_station, summarise, unwatched
+from bench.plan import Plan, Station, compile_sequence, load_station, summarise, unwatched
 from bench.plan.check.stations import canonical_address
 from bench.plan.served import served_station
 from bench.plan.station import StationFile
@@ -23,6 +23,7 @@ PROBE = """standards:
     stated: {{r0: {r0}, a: 3908.1 ppm/degC, b: -0.5774 ppm/degC2}}}}
 
 """
+ABORT = "{signal: unit_temperature, high: 65 degC, dwell: 10 s, action: abort}"
 MISTAKES = [
     ("- {range: 22 mA, gain", "- {range: 23 mA, gain", "B-PLAN-064 B-PLAN-065"),
     ("- {range: 22 mA, gain", "- {range: 2.2 mA, gain", "B-PLAN-064 B-PLAN-064"),
@@ -67,6 +68,7 @@ MISTAKES = [
     ('calibrated: "1999-11-01"', "calibrated: 1999-13-01", "B-YAML-012"),
     ('calibrated: "1999-11-01"', 'calibrated: "2000-12-01"', "B-YAML-012"),
     ("simulated: true", "simulated: false", "B-YAML-012"),
+    (ABORT, ABORT.replace("65 degC,", "65 degC, release_high: 66 degC,"), "B-PLAN-081"),
     ("links:", "guard: {limits: {chamber_air: 50 degC}}\nlinks:", "B-YAML-012"),
     ("relative: 20 ppm, floor: 7 nA", "relative: -20 ppm, floor: 7 nA", "B-YAML-012"),
     ("relative: 20 ppm, floor: 7 nA", "relative: 20 ppm, floor: -7 nA", "B-YAML-012"),
@@ -318,21 +320,6 @@ def test_a_wrong_interlock_is_told_with_its_place(tmp_path: Path, section: str, 
     assert f"sample.yaml:{line}:" in found[0].where
 
 
-def test_a_station_is_checked_for_its_own(tmp_path: Path) -> None:
-    for folder in ("sequences", "stations"):
-        (tmp_path / folder).mkdir()
-    station = (ROOT / "stations" / "af_bench_sim.yaml").read_text()
-    old = "{signal: unit_temperature, high: 65 degC, dwell: 10 s, action: abort}"
-    assert station.count(old) == 1
-    wrong = old.replace("high: 65 degC", "high: 65 degC, release_high: 66 degC")
-    (tmp_path / "stations" / "af_bench_sim.yaml").write_text(station.replace(old, wrong))
-    path = tmp_path / "sequences" / "sample.yaml"
-    path.write_text(SEQUENCE)
-    found = [(one.code, one.where) for one in check_plan(compile_sequence(path, None, {}))]
-    assert [code for code, _ in found] == ["B-PLAN-081"]
-    assert "af_bench_sim.yaml:" in found[0][1]
-
-
 @pytest.mark.parametrize(
     ("section", "words"),
     [
@@ -347,15 +334,8 @@ def test_a_station_is_checked_for_its_own(tmp_path: Path) -> None:
     ],
 )
 def test_a_wrong_notification_is_refused(tmp_path: Path, section: str, words: str) -> None:
-    for folder in ("sequences", "stations"):
-        (tmp_path / folder).mkdir()
-    station = (ROOT / "stations" / "af_bench_sim.yaml").read_text()
-    (tmp_path / "stations" / "af_bench_sim.yaml").write_text(f"{station}\nnotify:\n{section}\n")
-    path = tmp_path / "sequences" / "sample.yaml"
-    path.write_text(SEQUENCE)
-    with pytest.raises(InputErrors) as caught:
-        compile_sequence(path, None, {})
-    assert words in str(caught.value)
+    found = mistakes(make_bench(tmp_path, station=("links:", f"notify:\n{section}\nlinks:")))
+    assert any(words in str(error) for error in found), found
 
 
 def test_a_sequence_may_ask_for_early_verdicts(tmp_path: Path) -> None:

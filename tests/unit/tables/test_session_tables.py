@@ -55,11 +55,6 @@ def test_nothing_is_read_before_it_is_asked_for(golden: Path, monkeypatch: pytes
     assert str(golden) in repr(session)
 
 
-def test_a_table_is_kept_once_it_is_read(resumed: Session) -> None:
-    assert resumed.records is resumed.records
-    assert resumed.events is resumed.events
-
-
 @pytest.mark.parametrize("folder", GOLDEN, ids=lambda path: path.name)
 def test_sessions_of_every_system_have_their_tables(folder: Path) -> None:
     session, replayed = Session(folder), replay_rows(folder)
