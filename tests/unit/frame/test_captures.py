@@ -390,9 +390,7 @@ def lines_of(capture: bytes, cut: int) -> tuple[list[tuple[float, float]], int]:
         (b"1,\x1b2\n3,4\n", [(3, 4)], 1),
     ],
 )
-def test_the_rest_of_a_rejected_line_is_no_line(
-    capture: bytes, numbers: list[tuple[float, float]], bad: int, cut: int
-) -> None:
+def test_the_rest_of_a_bad_line_is_none(capture: bytes, numbers: list[tuple[float, float]], bad: int, cut: int) -> None:
     assert lines_of(capture, cut) == (numbers, bad)
 
 

@@ -49,9 +49,7 @@ def test_a_plain_stream_over_several_wraps_in_uneven_batches() -> None:
         ([[65535, 65536], [65535, 65536, 65537]], 0, 2),
     ],
 )
-def test_lost_and_repeated_frames_inside_and_between_batches(
-    batches: list[list[int]], lost: int, duplicate: int
-) -> None:
+def test_lost_and_repeated_frames_in_and_between_batches(batches: list[list[int]], lost: int, duplicate: int) -> None:
     unwrapper = CounterUnwrapper(WRAP, None)
     found = [feed(unwrapper, batch) for batch in batches]
     assert [result.counter.tolist() for result in found] == batches

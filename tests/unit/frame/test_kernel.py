@@ -71,7 +71,7 @@ def damaged(place: int) -> bytes:
         (bytes(5000), 0o666, "others may write it"),
     ],
 )
-def test_a_file_that_is_no_sound_kernel_of_ones_own_is_refused(
+def test_a_file_that_is_no_sound_own_kernel_is_refused(
     tmp_path: Path, content: bytes | int, mode: int, why: str
 ) -> None:
     path = tmp_path / "kernel"

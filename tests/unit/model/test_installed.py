@@ -179,9 +179,7 @@ def test_a_package_of_another_distribution_is_named_b_pkg_003(monkeypatch: pytes
         ("from bench.model.declaration import System\nDECLARATION = System('x', ())\n", "holds no DECLARATION", 0),
     ],
 )
-def test_a_declaration_that_cannot_be_used_stops_who_names_it_b_pkg_004(
-    tmp_path: Path, text: str, says: str, line: int
-) -> None:
+def test_a_broken_declaration_stops_who_names_it_b_pkg_004(tmp_path: Path, text: str, says: str, line: int) -> None:
     name = f"stranger_{abs(hash((text, says)))}"
     distribution(tmp_path, "stranger", systems=f"stranger = {name}")
     package(tmp_path, name, init="", declaration=text)

@@ -43,9 +43,7 @@ def refused(code: str, use: Callable[[], object] = lambda: driver_class("example
     return caught.value
 
 
-def test_driver_simulator_and_analysis_are_found_from_any_folder_inside(
-    lab: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_driver_simulator_and_analysis_are_found_from_inside(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(lab / "stations")
     driver = driver_class("example_t100")
     assert (driver.__name__, driver.__module__) == ("ExampleT100", "lab_folder.instruments.example_t100")
@@ -304,9 +302,7 @@ def answers() -> Iterator[dict[str, tuple[str, str, str]]]:
 
 @AS_USER
 @pytest.mark.parametrize("name", [*ACCEPTED, *REFUSED, "shipped"])
-def test_only_what_the_user_or_root_can_have_written_is_loaded(
-    answers: dict[str, tuple[str, str, str]], name: str
-) -> None:
+def test_only_what_user_or_root_have_written_is_loaded(answers: dict[str, tuple[str, str, str]], name: str) -> None:
     code, where, wrong = answers[name]
     if name in ACCEPTED:
         assert (code, where) == LOADED

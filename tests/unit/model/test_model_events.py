@@ -163,9 +163,7 @@ def test_nothing_of_that_name(package: Path, name: str) -> None:
         ("stations", "ngu_a", "this is a frame, and a station is due", "a sequence names it under 'frame'"),
     ],
 )
-def test_a_file_of_another_kind_is_named_with_who_takes_it(
-    kind: shipped.Kind, name: str, what: str, taken: str
-) -> None:
+def test_another_kind_of_file_is_named_with_who_takes_it(kind: shipped.Kind, name: str, what: str, taken: str) -> None:
     with pytest.raises(InputError, match=what) as caught:
         find_shipped(kind, name)
     assert (caught.value.code, caught.value.exit_status) == ("B-SHIP-002", ExitStatus.BAD_INPUT)

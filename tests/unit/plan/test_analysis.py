@@ -73,7 +73,7 @@ NONE = "analysis: none"
         ("scale_factor_short", "analysis: scale_factor", f"{NONE}\ndecision: {{rule: simple}}", "B-PLAN-098", "rule"),
     ],
 )
-def test_what_the_analysis_cannot_use_or_nothing_judges_is_a_mistake(
+def test_what_no_analysis_can_use_is_told(
     tmp_path: Path, shipped: str, old: str, new: str, code: str, says: str
 ) -> None:
     found = shipped_mistakes(tmp_path, shipped, (old, new))
@@ -156,7 +156,7 @@ def test_forms_of_a_limit(tmp_path: Path, limits: str, low_V: float | None, high
         ("-0.5 1", "100 ppm", -0.50005, -0.49995),
     ],
 )
-def test_a_tolerance_in_percent_is_a_share_unless_the_value_is_in_percent(
+def test_a_tolerance_in_percent_is_a_share(
     tmp_path: Path, equals: str, tolerance: str, low: float, high: float
 ) -> None:
     limits = f"{{c1: {{equals: {equals}, tolerance: {tolerance}}}}}"
@@ -355,7 +355,7 @@ def test_a_second_stage_has_a_branch_for_each_length(tmp_path: Path) -> None:
         ("{random: 2 s, most: 30}", ("", ""), "B-PLAN-031", "2 s is no ratio and no quantity in A above zero"),
     ],
 )
-def test_a_record_that_cannot_end_early_and_a_target_that_cannot_be_reached_are_refused(
+def test_a_target_out_of_reach_is_told(
     tmp_path: Path, until: str, changes: tuple[str, str], code: str, says: str
 ) -> None:
     path = tmp_path / "stopping.yaml"

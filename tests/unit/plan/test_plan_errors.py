@@ -231,9 +231,7 @@ class Heater:
     def output_on(self) -> None: ...
 
 
-def test_no_way_to_the_safe_state_b_plan_075_and_no_raw_text_b_plan_053(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_safe_state_b_plan_075_and_no_raw_text_b_plan_053(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plant(monkeypatch, "test_heater", Heater)
     monkeypatch.setattr("bench.plan.check.stations.simulator_module", lambda name: name)
     text = changed("call: switch.open_all", "call: aux_supply.output_on", FLAT)
@@ -364,9 +362,7 @@ def test_a_frame_with_fewer_channels_b_plan_027(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("wrong", [("full_scale: 299 mA", "full_scale: 0.5 mA"), ("[1 mA]", "[300 mA]")])
-def test_a_level_over_full_scale_is_said_once_with_all_that_declares_it_b_plan_024(
-    tmp_path: Path, wrong: tuple[str, str]
-) -> None:
+def test_a_level_over_full_scale_is_said_once_with_its_sources(tmp_path: Path, wrong: tuple[str, str]) -> None:
     text = changed(*wrong)
     [error] = [error for error in mistakes(make_bench(tmp_path, text)) if error.code in ("B-PLAN-024", "B-PLAN-073")]
     assert error.code == "B-PLAN-024"

@@ -192,9 +192,7 @@ def in_another_form(path: Path, change: dict[str, object], first: int = 1) -> by
 )
 @pytest.mark.parametrize("first", [1, 3])
 @pytest.mark.parametrize("tail", [b"", b"0123", bytes(40)])
-def test_a_journal_of_another_version_is_refused_and_never_cut_b_rec_007(
-    tmp_path: Path, change: dict[str, object], first: int, tail: bytes
-) -> None:
+def test_another_version_is_refused_not_cut(tmp_path: Path, change: dict[str, object], first: int, tail: bytes) -> None:
     written(tmp_path, 5)
     path = tmp_path / JOURNAL_NAME
     content = in_another_form(path, change, first) + tail

@@ -146,7 +146,7 @@ def no_summary(content: bytearray, chunks: list[int]) -> None:
         (no_summary, 0, "summary"),
     ],
 )
-def test_damage_costs_its_chunk_and_is_told(
+def test_damage_costs_a_chunk(
     session: Path, edit: Callable[[bytearray, list[int]], None], lost: int, what: str
 ) -> None:
     change(session, lambda content: edit(content, chunk_offsets(bytes(content))))
@@ -420,9 +420,7 @@ def test_what_is_no_plain_file_is_not_opened(make: Callable[[Path], None], tmp_p
     assert (caught.value.code, caught.value.where) == ("B-REC-013", str(tmp_path / "session.0002.mcap"))
 
 
-def test_a_large_segment_is_read_through_a_window_with_the_same_result(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_large_segment_is_read_through_a_window_alike(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_sample(tmp_path / "sound", 30)
     shutil.copytree(tmp_path / "sound", tmp_path / "damaged")
     path = tmp_path / "damaged" / SEGMENT

@@ -419,9 +419,7 @@ def test_the_page_names_all_that_is_needed() -> None:
 
 
 @pytest.mark.parametrize(("analysis", "key"), [(name, key) for name, keys in NEEDED.items() for key in keys])
-def test_a_session_that_lacks_what_is_needed_is_refused_in_one_sentence(
-    tmp_path: Path, analysis: str, key: str
-) -> None:
+def test_a_session_that_lacks_what_is_needed_is_refused(tmp_path: Path, analysis: str, key: str) -> None:
     session = SESSIONS[analysis]().without(key.split("."))
     with pytest.raises(BenchError, match="B-") as refused:
         fit(session.write(tmp_path), None, as_json=True, fresh=True)

@@ -169,9 +169,7 @@ def test_due_when_the_drift_reaches_the_stability_limit(tmp_path: Path, ppm_per_
 
 
 @pytest.mark.parametrize(("jump_ppm", "days"), [(0.0, 365), (60.0, 0)])
-def test_a_check_within_the_week_does_not_make_a_unit_due_unless_it_shows_a_drift(
-    url: str, jump_ppm: float, days: int
-) -> None:
+def test_a_check_within_the_week_makes_a_unit_due_only_by_a_drift(url: str, jump_ppm: float, days: int) -> None:
     """Of two calibrations 2 h apart the rate is hardly known; one that is not seen is not carried on for a year."""
     documents = store_sample.calibrations(2, 2 / 24, SEED, Drift(dsf_ppm=0.0, bias_A=0.0))
     for estimate in documents[1][0]["estimates"]:

@@ -231,9 +231,7 @@ def test_the_wrong_certificate_is_the_one_that_signals(url: str) -> None:
         assert series.scatter_std == pytest.approx(2.0, rel=0.25)
 
 
-def test_certificates_that_hold_give_no_signal_and_simulated_units_stay_out(
-    good_history: str, url: str, tmp_path: Path
-) -> None:
+def test_certificates_that_hold_and_simulated_units_give_no_signal(good_history: str, url: str, tmp_path: Path) -> None:
     shutil.copy(good_history.removeprefix("sqlite:///"), tmp_path)
     simulated = charts_sample.unit("S1", np.arange(0.0, 1800.0, 100.0), 1, np.full(YEARS, 500.0), simulated=True)
     charts_sample.written(url, simulated)
