@@ -161,17 +161,10 @@ REFUSALS = {
     "two rests B-FRAME-002": messages_text("count: rest}]", "count: rest}, {name: x, type: bytes, count: rest}]"),
     "array counter B-FRAME-003": sample("{name: value, type: u8, count: 2, role: counter}"),
     "wide counter B-FRAME-003": sample("{name: value, type: u64, role: counter}", body="0000000000000007"),
-    "two counters B-FRAME-003": sample(
-        "{name: value, type: u16, role: counter}, {name: v, type: u8, role: counter}", body="000701"
-    ),
     "bit 16 of u16 B-FRAME-004": sample("{name: value, type: u16, bits: {a: 16}}"),
-    "bits backwards B-FRAME-004": sample('{name: value, type: u16, bits: {a: "5-2"}}'),
     "bits twice B-FRAME-004": sample('{name: value, type: u16, bits: {a: "2-5", b: 3}}'),
     "constant too big B-FRAME-005": sample(
         "{name: value, type: u16}, {name: c, type: u8, constant: 256}", body="000700"
-    ),
-    "constant no hex B-FRAME-005": sample(
-        "{name: value, type: u16}, {name: c, type: bytes, count: 1, constant: zz}", body="000700"
     ),
     "length field unknown B-FRAME-006": messages_text("field: size", "field: seize"),
     "type field in array B-FRAME-006": messages_text("{name: kind, type: u8}", "{name: kind, type: u8, count: 1}"),
@@ -187,9 +180,6 @@ REFUSALS = {
     ),
     "parameters missing B-FRAME-009": sample(crc="{width: 16, poly: 7, over: [value, end]}"),
     "name and parameters B-FRAME-009": sample(crc="{name: crc-8, poly: 7, over: [value, end]}"),
-    "init too wide B-FRAME-009": sample(
-        crc="{width: 8, poly: 7, init: 256, refin: false, refout: false, xorout: 0, over: [value, end]}"
-    ),
     "polynomial zero B-FRAME-009": sample(
         crc="{width: 8, poly: 0, init: 0, refin: false, refout: false, xorout: 0, over: [value, end]}"
     ),
@@ -197,18 +187,14 @@ REFUSALS = {
     "golden check fails B-FRAME-011": sample(golden='"a55a000700"'),
     "golden too short B-FRAME-011": sample(golden='"a55a00"'),
     "golden no sync B-FRAME-011": sample(golden='"a55b000715"'),
-    "golden no hex B-FRAME-011": sample(golden="none"),
     "golden missing B-FRAME-011": sample(golden=""),
     "golden of another message B-FRAME-011": messages_text(with_crc8("06020009"), with_crc8("06010009")),
     "other value B-FRAME-012": sample(expect="{value: 8}"),
-    "expect of another kind B-FRAME-012": sample(expect="{value: [7]}"),
     "expect text B-FRAME-012": sample(expect="{value: seven}"),
-    "expect a map B-FRAME-012": sample(expect="{value: {a: 1}}"),
     "one count of a billion B-FRAME-012": sample(
         "{name: value, type: u32}", body="3b9aca00", expect="{value: 1000000001}"
     ),
     "a whole number too exact B-FRAME-012": sample(expect="{value: 7.0000001}"),
-    "scaled value B-FRAME-012": sample("{name: value, type: u16, scale: 0.1}", expect="{value: 0.70001}"),
     "scaled value by half a step B-FRAME-012": sample(
         "{name: value, type: u32, scale: 0.0001}", body="3b9aca00", expect="{value: 100000.0001}"
     ),
@@ -370,14 +356,11 @@ REFUSALS |= {
     "no check with a place B-FRAME-008": sound(crc="{name: none, over: [a, end]}"),
     "check without a place B-FRAME-008": sound(crc="{name: sum-8}"),
     "check in a field too small B-FRAME-008": sound(crc="{name: sum-16, field: n, over: [a, end]}"),
-    "check in no field B-FRAME-008": sound(crc="{name: sum-8, field: m, over: [a, end]}"),
     "check in an array B-FRAME-008": sound(fields=TWO_BYTES, crc="{name: sum-16, field: n, over: [a, end]}"),
     "neither sync nor length B-FRAME-006": sound(sync="[]"),
     "others without a type B-FRAME-007": sound(other="true"),
     "length in no bits B-FRAME-006": sound(length="{field: a.high, plus: 0, max: 9}"),
-    "length in bits of no field B-FRAME-006": sound(length="{field: b.low, plus: 0, max: 9}"),
     "golden without trailer B-FRAME-011": sound(trailer="[0x0D]"),
-    "golden with another check B-FRAME-011": sound(crc="{name: xor-8, over: [a, end]}"),
 }
 
 

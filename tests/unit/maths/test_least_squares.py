@@ -25,7 +25,6 @@ from bench.systems.af_converter.estimators.readings import (
     master_clock_error,
     noise_parts,
     open_input_bias,
-    specification,
 )
 from bench.systems.af_converter.estimators.temperature import fit_temperature
 
@@ -380,8 +379,3 @@ def test_effects_change_sign_with_the_switch_and_zero_rows_have_no_linearity() -
     effects = calibrator_effects(rows, standard)
     assert effects.labels == ("offset of the range 0.00022 A", "linearity of the range 0.00022 A at 0.0001 A")
     np.testing.assert_allclose(effects.matrix.T * 1e9, [[3, -3, 3, -3], [0, 0, 3, -3]])
-
-
-def test_range_missing_in_the_register_is_named() -> None:
-    with pytest.raises(FitError, match=r"B-FIT-003: .*range 0\.022 A"):
-        specification({2.2e-4: RangeSpecification(2e-5, 6e-9)}, 2.2e-2)

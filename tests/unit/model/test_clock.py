@@ -73,19 +73,6 @@ def test_quiet_time_ends_at_the_sleeper_or_the_next_callback_that_may_change_the
     assert horizons == [2.0, 2.0, 4.5, 4.5, 6.0, 6.0]
 
 
-def test_two_virtual_runs_are_identical() -> None:
-    def run() -> list[int]:
-        clock = VirtualClock()
-        seen: list[int] = []
-        for period in (0.1, 0.3, 0.7):
-            clock.every(period, lambda: seen.append(clock.now_ns()))
-        clock.sleep(10.0)
-        return seen
-
-    assert run() == run()
-    assert len(run()) == 100 + 33 + 14
-
-
 @pytest.mark.parametrize("clock", [VirtualClock(), WallClock()])
 def test_a_period_must_be_positive(clock: VirtualClock | WallClock) -> None:
     with pytest.raises(ValueError, match="not positive"):

@@ -23,26 +23,19 @@ ROUTE = '      - switch.route: {channel: "{channel}", polarity: "{polarity}"}\n'
 # what is changed, into what, the codes, none of them an echo, and a text that stands on the line of the first
 CASES = [
     ("numbers: 1-2", "numbers: 2-1", "B-PLAN-020", "numbers: 2-1"),
-    ("numbers: 1-2", "numbers: all", "B-PLAN-020", "numbers: all"),
     ("{channels: 2}", "{channels: 3}", "B-PLAN-020", "{channels: 3}"),
-    ("{channels: 2}", "{channels: x}", "B-PLAN-020", "{channels: x}"),
     ("numbers: 1-2", "numbers: [1-2, 2]", "B-PLAN-021", "numbers: [1-2, 2]"),
     ("levels: levels", "levels: level", "B-PLAN-022", "levels: level"),
     ("levels: [1 mA]", "levels: [1 mA, 1 V]", "B-PLAN-022 B-PLAN-024", "1 V"),
-    ("levels: [1 mA]", "levels: [1 mA, 1e999 A]", "B-PLAN-022", "1e999"),
     ("kind: gyro", "kind: accelerometer", "B-PLAN-023", "kind: accelerometer"),
     ("levels: [1 mA]", "levels: [300 mA]", "B-PLAN-024 B-PLAN-055", "300 mA"),
     ("serial: SIM-1", "serial: ../SIM-1", "B-PLAN-025", "serial: ../SIM-1"),
     ('seconds: "{dwell}"', 'seconds: "{dwel}"', "B-PLAN-030", "{dwel}"),
-    ('in: "{channel.levels}"', 'in: "{channel.level}"', "B-PLAN-030", "{channel.level}"),
-    ('range: "{calibrator.range}"', 'range: "{calibrator.rang}"', "B-PLAN-030", "calibrator.rang}"),
     ("slot: 570 s", 'slot: "{dwel}"', "B-PLAN-030", "{dwel}"),
     ('"{temperature}", ramp', '"{temperatur}", ramp', "B-PLAN-030", "{temperatur}"),
     ("dwell: 10 s", "dwell: 10 V", "B-PLAN-031", 'seconds: "{dwell}"'),
-    ("dwell: 10 s", "dwell: -10 s", "B-PLAN-031", 'seconds: "{dwell}"'),
     ("high: 0.5 ohm", "high: 0.5 V", "B-PLAN-031 B-PLAN-044", "high: 0.5 V"),
     ('in: "{temperatures}"', "in: temperature", "B-PLAN-032", "in: temperature"),
-    ('in: "{temperatures}"', 'in: "{dwell}"', "B-PLAN-032", 'in: "{dwell}"'),
     ("- point: {current: 0 A, polarity: +}", "- pont: {current: 0 A, polarity: +}", "B-PLAN-033", "pont"),
     ("- point: {current: 0 A, polarity: +}", "- point: {current: 0 A}", "B-PLAN-033", "- point: {current: 0 A}"),
     ("- point: {current: 0 A, polarity: +}", "- point: {current: 0 A, polarity: +, x: 1}", "B-PLAN-033", "x: 1"),
@@ -51,7 +44,6 @@ CASES = [
     ("procedures:\n", "procedures:\n  spare: {do: [calibrator.standby]}\n", "B-PLAN-038", "spare"),
     ("unit: {port_b:", "unit: {port_a:", "B-PLAN-039", "unit: {port_a:"),
     ("- switch.open_all", "- swich.open_all", "B-PLAN-040", "swich"),
-    ("verify: calibrator.", "verify: calibrators.", "B-PLAN-040", "calibrators"),
     ("unit: {port_b:", "unit: {port_c:", "B-PLAN-041", "port_c"),
     ("dwell: 10 s", "dwell: 10.005 s", "B-PLAN-042", 'seconds: "{dwell}"'),
     ("for: 5 min", "for: 15 min", "B-PLAN-043", "for: 15 min"),
@@ -69,9 +61,7 @@ CASES = [
     ('polarity: "{polarity}"}', "polarity: 2}", "B-PLAN-052", "switch.route"),
     ("range: lowest_that_holds", "range: highest", "B-PLAN-052", "calibrator.output"),
     ("verify: calibrator.operating", "verify: calibrator.operate", "B-PLAN-054", "verify"),
-    ("verify: calibrator.operating", "verify: chamber.measure_air", "B-PLAN-054", "verify"),
     ("temperatures: [20 degC]", "temperatures: [61 degC]", "B-PLAN-055", "- soak"),
-    ("ramp: 0.5 degC/min", "ramp: 2 degC/min", "B-PLAN-055", "- soak"),
     ("{current: 0 A, polarity: +}", "{current: -1 mA, polarity: +}", "B-PLAN-055", "calibrator.output"),
     ("settle: 20 s", "settle: 5 s", "B-PLAN-060 B-PLAN-047", "settle: 5 s"),
     ("      - settle: 20 s\n", "", "B-PLAN-061 B-PLAN-047", "- record"),
@@ -300,7 +290,6 @@ def test_a_frame_that_cannot_be_read_is_one_mistake(tmp_path: Path) -> None:
     assert [error.code for error in mistakes(path)] == ["B-YAML-012"]
 
 
-SEQUENCES = Path(__file__).resolve().parents[3] / "sequences"
 CHANNELS = "  - {numbers: 1-2, kind: gyro, levels: levels}"
 STATION_FILE = "af_bench_sim.yaml"
 
@@ -391,13 +380,6 @@ def test_channels_of_a_kind_are_written_as_others_are(tmp_path: Path) -> None:
     assert mistakes(make_bench(tmp_path, with_channels("[1, 2-6]"))) == []
     [error] = mistakes(make_bench(tmp_path, with_channels("6-1")))
     assert (error.code, line_of(error, tmp_path)[1][:9]) == ("B-PLAN-020", "    gyro:")
-
-
-def test_shipped_sequences_say_which_channels_are_of_which_kind() -> None:
-    """Swapped kinds fit: no level of the accelerometers is over the full scale of the gyros."""
-    for path in sorted(SEQUENCES.glob("*.yaml")):
-        text = path.read_text()
-        assert text.count("k0:") == len(re.findall(r"channels: [0-9-]+, k0:", text))
 
 
 @pytest.mark.parametrize(

@@ -92,10 +92,8 @@ def test_from_the_file_to_the_plan(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "code", "says"),
     [
-        (("samples: 0}", "smples: 0}"), "B-PLAN-091", "smples"),
         (("rate: 200 Hz", "rate: 70000 Hz"), "B-PLAN-091", "70000"),
         (("rate: 200 Hz, ", ""), "B-PLAN-091", "rate"),
-        (("command: timer", "command: timr"), "B-PLAN-049", "did you mean 'timer'"),
         (("{rs422: stream_stop}", "{rs422: stream_stp}"), "B-PLAN-049", "did you mean 'stream_stop'"),
         (("item: timer,", "link: rs42, item: timer,"), "B-PLAN-041", "no link 'rs42'"),
         (("Put unit {serial}", "Put unit {serail}"), "B-PLAN-030", "serail"),
@@ -104,14 +102,11 @@ def test_from_the_file_to_the_plan(tmp_path: Path) -> None:
         (('serial: "{serial}"}', 'serial: "{serial}", limits: {supply_voltage: 5 V}}'), "B-PLAN-093", "nothing judges"),
         (("sets: {unit:", "sets: {unti:"), "B-PLAN-094", "'unti' cannot be set"),
         (("dip_switch: 2", "dip_switch: 9"), "B-PLAN-094", "dip_switch cannot be 9"),
-        (('sets: {unit: "{serial}"', "sets: {unit: GNC-1234567890"), "B-PLAN-094", "unit cannot be 'GNC-1234567890'"),
         (('sets: {unit: "{serial}"', "sets: {unit: ../../x"), "B-PLAN-025", "'../../x' is not a serial number"),
-        (("all of it", "all {Of} it"), "B-PLAN-030", "'{Of}' in the text is no variable"),
         (("all of it", "all {of it"), "B-PLAN-030", "'{of it.' in the text is no variable"),
         (("sets: {unit:", "value: {unit: m, low: 26 mm, high: 20 mm}, sets: {unit:"), "B-PLAN-044", "26 mm is above"),
         (("sets: {unit:", "value: {unit: m, low: 26}, sets: {unit:"), "B-YAML-012", "26 has no unit"),
         (("latitude: 30 deg", "latitude: 130 deg"), "B-YAML-012", "130 deg"),
-        (("latitude: 30 deg", "latitude: 30"), "B-YAML-012", "no unit"),
     ],
 )
 def test_mistakes(tmp_path: Path, change: tuple[str, str], code: str, says: str) -> None:
