@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from decimal import ROUND_HALF_EVEN, Decimal, getcontext
 from typing import Any
@@ -170,15 +171,6 @@ getcontext().prec = 60  # doubles as they are, rounded once
         (-0.0002, 0.012, "0.000 ± 0.012"),
         (412.312, None, "412.312"),
         (1.5, 0.0, "1.5"),
-    ],
-)
-def test_value_and_uncertainty_end_at_the_same_digit(value: float, expanded: float | None, text: str) -> None:
-    assert with_uncertainty(value, expanded) == text
-
-
-@pytest.mark.parametrize(
-    ("value", "expanded", "text"),
-    [
         (572803.0, 453627.0, "(5.7 ± 4.5)·10⁵"),
         (9e-8, 1e-7, "(0.9 ± 1.0)·10⁻⁷"),
         (18.4, 1e-15, "18.4"),
@@ -186,7 +178,7 @@ def test_value_and_uncertainty_end_at_the_same_digit(value: float, expanded: flo
         (1.0000000123, 1.6e-9, "1.0000000123 ± 0.0000000016"),
     ],
 )
-def test_a_power_of_ten_stands_for_zeros(value: float, expanded: float, text: str) -> None:
+def test_value_and_uncertainty_end_at_the_same_digit(value: float, expanded: float | None, text: str) -> None:
     assert with_uncertainty(value, expanded) == text
 
 
@@ -219,61 +211,36 @@ def _rounded(number: Decimal, place: Decimal) -> Decimal:
 
 
 @pytest.mark.parametrize(
-    ("value", "text"),
+    ("shown", "thing", "text"),
     [
-        (None, "–"),
-        (math.nan, "–"),
-        (math.inf, "–"),
-        (15048000, "15\u202f048\u202f000"),
-        (-3.5e-9, "−3.5·10⁻⁹"),
+        *((number, nothing, "–") for nothing in (None, math.nan, math.inf)),
+        (number, 15048000, "15\u202f048\u202f000"),
+        (number, -3.5e-9, "−3.5·10⁻⁹"),
+        (header, "std_uncertainty_ppm", "std uncertainty / ppm"),
+        (header, "temperature_degC", "temperature / °C"),
+        (header, "channel", "channel"),
+        (header, "s", "s"),
+        (cell, True, "yes"),
+        (cell, [1, 2.5], "1, 2.5"),
+        (cell, {"range_A": 0.22, "gain": 1e-6}, "range / A 0.22, gain 1·10⁻⁶"),
+        (unit_text, "ppm/degC^2", "ppm/°C²"),
+        (unit_text, "ug", "µg"),
+        (unit_text, "by 120 ugauss, 22 us.", "by 120 µgauss, 22 µs."),
+        (unit_text, "it tells us nothing", "it tells us nothing"),
+        (unit_text, "9.8 m/s2", "9.8 m/s²"),
+        (unit_text, "1e-3 deg/h^0.5", "10⁻³ deg/√h"),
+        (unit_text, "deg/sqrt(h)", "deg/√h"),
+        (unit_text, "sha256 1e4f", "sha256 1e4f"),
+        (significant, 9.96e-8, "1.0·10⁻⁷"),
+        (significant, 5.21e-8, "5.2·10⁻⁸"),
+        (significant, 0.0007, "0.00070"),
+        (significant, 0.0, "0"),
     ],
 )
-def test_number(value: object, text: str) -> None:
-    assert number(value) == text
-
-
-@pytest.mark.parametrize(
-    ("key", "text"),
-    [
-        ("std_uncertainty_ppm", "std uncertainty / ppm"),
-        ("temperature_degC", "temperature / °C"),
-        ("channel", "channel"),
-        ("s", "s"),
-    ],
-)
-def test_header_puts_the_unit_last(key: str, text: str) -> None:
-    assert header(key) == text
-
-
-def test_cells_of_documents() -> None:
-    assert cell(True) == "yes"
-    assert cell([1, 2.5]) == "1, 2.5"
-    assert cell({"range_A": 0.22, "gain": 1e-6}) == "range / A 0.22, gain 1·10⁻⁶"
-    assert unit_text("ppm/degC^2") == "ppm/°C²"
-
-
-@pytest.mark.parametrize(
-    ("text", "shown"),
-    [
-        ("ug", "µg"),
-        ("by 120 ugauss, 22 us.", "by 120 µgauss, 22 µs."),
-        ("it tells us nothing", "it tells us nothing"),
-        ("9.8 m/s2", "9.8 m/s²"),
-        ("1e-3 deg/h^0.5", "10⁻³ deg/√h"),
-        ("deg/sqrt(h)", "deg/√h"),
-        ("sha256 1e4f", "sha256 1e4f"),
-    ],
-)
-def test_units_and_powers_are_printed_as_the_field_writes_them(text: str, shown: str) -> None:
-    assert unit_text(text) == shown
-
-
-@pytest.mark.parametrize(
-    ("uncertainty", "text"),
-    [(1e-7, "1.0·10⁻⁷"), (9.96e-8, "1.0·10⁻⁷"), (5.21e-8, "5.2·10⁻⁸"), (0.0007, "0.00070"), (0.0, "0")],
-)
-def test_an_uncertainty_alone_has_two_digits(uncertainty: float, text: str) -> None:
-    assert significant(uncertainty) == text
+def test_numbers_units_and_headers_are_printed_as_the_field_writes_them(
+    shown: Callable[[Any], str], thing: Any, text: str
+) -> None:
+    assert shown(thing) == text
 
 
 def test_a_value_in_a_column_of_its_own_has_the_digits_of_its_uncertainty() -> None:

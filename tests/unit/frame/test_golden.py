@@ -20,6 +20,9 @@ NPP = [1291, 1280, 0, 2560, 640, 1279, 1300, 7, 1281, 65535]
 PPP = [1269, 1280, 2560, 0, 1920, 1281, 1260, 2553, 1279, 0]
 NPP_100S = [12910000, 12800000, 0, 25600000, 6400000, 12790000, 13000000, 70000, 12810000, 4294967295]
 PPP_100S = [12690000, 12800000, 25600000, 0, 19200000, 12810000, 12600000, 25530000, 12790000, 1]
+CLOCKS_100S = (25600512, 1000001500, 999999999)
+IMU = (-1234567, 1500000000, 7, -48983123, 250, 980000000)
+RANGES = (44919.25, 2.5, 0.03122838104166667)
 STATUS = 1 | 1 << 3 | 2 << 12
 FLOATS = [0.25 + 0.125 * index * (-1) ** index for index in range(29)]
 
@@ -41,53 +44,24 @@ def ngu_a() -> bytes:
     return with_crc(b"\xeb\x90", body)
 
 
-def ngu_a_100s() -> bytes:
-    body = struct.pack(">H10I10I3IH", 3, *NPP_100S, *PPP_100S, 25600512, 1000001500, 999999999, STATUS)
-    return with_crc(b"\xeb\xa0", body)
+def with_crc16(sync: bytes, kind: str, *values: float, more: bytes = b"") -> bytes:
+    """A frame of little-endian values behind which CRC-16/IBM-3740 stands low byte first."""
+    body = struct.pack(f"<{kind}", *values) + more
+    return sync + body + struct.pack("<H", Crc16Ibm3740.calc(body))
 
 
-def ngu_b(kind: int, payload: bytes) -> bytes:
-    return with_crc(b"\xeb\x9b", struct.pack(">BB", len(payload) + 6, kind) + payload)
-
-
-def vn100() -> bytes:
-    return with_crc(b"\xfa", bytes.fromhex("143e003a00") + struct.pack("<29f", *FLOATS), Crc16Xmodem)
+def with_crc32(sync: bytes, kind: str, *values: float, more: bytes = b"") -> bytes:
+    body = struct.pack(f"<{kind}", *values) + more
+    return sync + body + struct.pack("<I", zlib.crc32(body))
 
 
 def gnc(kind: int, command: int, sequence: int, payload: bytes, to_unit: bool = False) -> bytes:
     ends = (0x10, 0x01) if to_unit else (0x01, 0x10)
-    body = struct.pack("<6BH", 1, *ends, sequence, kind, command, len(payload)) + payload
-    return b"\xeb\x90" + body + struct.pack("<H", Crc16Ibm3740.calc(body))
+    return with_crc16(b"\xeb\x90", "6BH", 1, *ends, sequence, kind, command, len(payload), more=payload)
 
 
-def fog_1k() -> bytes:
-    body = struct.pack("<IiIhH", 70000, -707107, 0xC00001, 2512, 3)
-    return b"\xf0\x6e" + body + struct.pack("<H", Crc16Ibm3740.calc(body))
-
-
-def rlg_housekeeping() -> bytes:
-    body = struct.pack("<IhHHH", 4711, 2475, 12345, 10012, 0)
-    return b"\x52\x4c" + body + struct.pack("<H", Crc16Ibm3740.calc(body))
-
-
-def time_tags() -> bytes:
-    body = struct.pack("<HIQIIH", 44, 4, 4000123, 100000000, 7, 3) + EVENTS
-    return b"\xa5\x5a\xc3\x3c" + body + struct.pack("<I", zlib.crc32(body))
-
-
-def imu_200() -> bytes:
-    body = struct.pack("<IQ6ihH", 70000, 3500012345, -1234567, 1500000000, 7, -48983123, 250, 980000000, 2512, 3)
-    return b"IM" + body + struct.pack("<I", zlib.crc32(body))
-
-
-def egi_50() -> bytes:
-    body = struct.pack("<IQ9dfHH", 17500, 3500098765, *PLACE, *VELOCITY, *ATTITUDE, 1.5, 3, 0)
-    return b"EG" + body + struct.pack("<I", zlib.crc32(body))
-
-
-def sar_pulse() -> bytes:
-    body = struct.pack("<IQdfd128hH", 9999, 4999990000, 44919.25, 2.5, 0.03122838104166667, *ECHO, 1)
-    return b"SR" + body + struct.pack("<I", zlib.crc32(body))
+def ngu_b(kind: int, payload: bytes) -> bytes:
+    return with_crc(b"\xeb\x9b", struct.pack(">BB", len(payload) + 6, kind) + payload)
 
 
 def kvh_1750() -> bytes:
@@ -213,22 +187,22 @@ EVENTS = struct.pack("<3I", 1234 << 3 | 0b011, 5678 << 3, 999999 << 3 | 0b101)
 SAMPLE = struct.pack("<2IB9ih", 70000, 4294967290, 1, 43200, -3, 7, -12, 1003, 5, 1200, -3584, 2500, 2512)
 HOUSEKEEPING = struct.pack(">H4hHH3HH", 513, -1023, -998, 2004, 5001, 28012, 1850, 5003, 15010, 14990, 3)
 INDEPENDENT = {
-    "fog_1k": fog_1k(),
-    "rlg_housekeeping": rlg_housekeeping(),
-    "time_tags": time_tags(),
+    "fog_1k": with_crc16(b"\xf0\x6e", "IiIhH", 70000, -707107, 0xC00001, 2512, 3),
+    "rlg_housekeeping": with_crc16(b"\x52\x4c", "IhHHH", 4711, 2475, 12345, 10012, 0),
+    "time_tags": with_crc32(b"\xa5\x5a\xc3\x3c", "HIQIIH", 44, 4, 4000123, 100000000, 7, 3, more=EVENTS),
     "gnc_422.command": gnc(0x01, 0x11, 7, struct.pack("<IB", 5000, 20), to_unit=True),
     "gnc_422.answer": gnc(0x81, 0x21, 8, struct.pack("<BI", 0, 48000)),
     "gnc_422.stream": gnc(0x02, 0x22, 9, SAMPLE),
     "gnc_422.refusal": gnc(0x7F, 0x44, 255, b"\x03"),
     "ngu_a": ngu_a(),
-    "ngu_a_100s": ngu_a_100s(),
+    "ngu_a_100s": with_crc(b"\xeb\xa0", struct.pack(">H10I10I3IH", 3, *NPP_100S, *PPP_100S, *CLOCKS_100S, STATUS)),
     "ngu_b.housekeeping": ngu_b(1, HOUSEKEEPING),
     "ngu_b.answer": ngu_b(2, b"\x01\x00NGU SIM-1 1.0"),
     "ngu_b.command": ngu_b(3, b"\x02\x64"),
-    "vn100_binary": vn100(),
-    "imu_200": imu_200(),
-    "egi_50": egi_50(),
-    "sar_pulse": sar_pulse(),
+    "vn100_binary": with_crc(b"\xfa", bytes.fromhex("143e003a00") + struct.pack("<29f", *FLOATS), Crc16Xmodem),
+    "imu_200": with_crc32(b"IM", "IQ6ihH", 70000, 3500012345, *IMU, 2512, 3),
+    "egi_50": with_crc32(b"EG", "IQ9dfHH", 17500, 3500098765, *PLACE, *VELOCITY, *ATTITUDE, 1.5, 3, 0),
+    "sar_pulse": with_crc32(b"SR", "IQdfd128hH", 9999, 4999990000, *RANGES, *ECHO, 1),
     "kvh_1750": kvh_1750(),
     "novatel_inspvas": novatel_inspvas(),
     "ublox_ubx.pvt": ubx_pvt(),

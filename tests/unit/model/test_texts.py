@@ -202,25 +202,14 @@ def test_the_methods_that_a_report_describes_are_described_in_korean() -> None:
 
 
 @pytest.mark.parametrize("folder", FOLDERS)
-def test_korean_has_every_text_with_the_same_fields(folder: str) -> None:
+def test_korean_has_every_text_with_the_same_fields_and_nothing_left_in_english(folder: str) -> None:
     english, korean = texts(folder, ENGLISH), texts(folder, KOREAN)
     assert {key: english[key] for key in sorted(english.keys() - korean.keys())} == {}
     assert korean.keys() - english.keys() == set()
     assert {key for key, text in korean.items() if fields(text) != fields(english[key])} == set()
-
-
-@pytest.mark.parametrize("folder", FOLDERS)
-def test_nothing_is_left_in_english(folder: str) -> None:
-    same = {"language.name"}
-    found = {
-        key: words for key, text in texts(folder, KOREAN).items() if key not in same and (words := left_over(text))
-    }
-    assert found == {}
-
-
-@pytest.mark.parametrize("folder", FOLDERS)
-def test_no_particle_hangs_on_a_field(folder: str) -> None:
-    assert {key: text for key, text in texts(folder, KOREAN).items() if PARTICLE.search(EITHER.sub("}", text))} == {}
+    left = {key: words for key, text in korean.items() if key != "language.name" and (words := left_over(text))}
+    assert left == {}
+    assert {key: text for key, text in korean.items() if PARTICLE.search(EITHER.sub("}", text))} == {}
 
 
 def test_what_is_left_over_is_found() -> None:
