@@ -1,13 +1,13 @@
 """What is run in both revisions: every analysis on a session as small as it allows, and every sequence checked.
 
-Nothing here names a module of the product: commands, sequences and mappings only.
+Nothing here and in ``cases.toml`` names a module of the product: commands, sequences and mappings only.
 """
 
 from __future__ import annotations
 
 import shutil
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -93,63 +93,12 @@ class ShortRun:
         return text
 
 
-def _run(name: str, sequence: str, *, cuts: Sequence[Cut] = (), settings: dict[str, str] | None = None) -> ShortRun:
-    return ShortRun(name, sequence, tuple(cuts), settings or {})
-
-
-SHORT_SCALE_FACTOR = [("10350 s", "9450 s"), ("records: 105", "records: 75"), ("[1, 2], kind", "1, kind")]
-SHORT_BIAS_RAMP = [
-    ("duration: 3 h", "duration: 2700 s"), ("records: 540", "records: 135"), ("windows: 60", "windows: 15"),
-    ("windows: 120", "windows: 30"), ("cold: 5 degC", "cold: 15 degC"), ("hot: 45 degC", "hot: 25 degC"),
-    ("slot: 7200 s", "slot: 2400 s"), ("slot: 2700 s", "slot: 1200 s"),
-]  # fmt: skip
-SHORT_DMM = [
-    ("duration: 32050 s", "duration: 4330 s"), ("records: 170", "records: 34"), ("1-6, kind", "1, kind"),
-    ("7-10, kind", "7, kind"), ("dwell: 100 s", "dwell: 10 s"), ("slot: 9000 s", "slot: 2700 s"),
-    ("stable_for: 10 min", "stable_for: 5 min"),
-]  # fmt: skip
-SHORT_FOG = {
-    "warm_up": "30 s", "time_constant": "300 ms", "settle": "6 s", "record_time": "1 s", "calibration": "1",
-    "repeats": "1", "heads": "90 deg", "search": "1",
-}  # fmt: skip
-
-RUNS = (
-    _run("scale_factor", "scale_factor_short", cuts=SHORT_SCALE_FACTOR),
-    _run("bias_ramp", "bias_ramp_short", cuts=SHORT_BIAS_RAMP),
-    _run("dmm_method", "dmm_method", cuts=SHORT_DMM),
-    _run("gnc_unit_test", "gnc_unit_test", settings={"units": "GNC-01"}),
-    _run(
-        "imu_calibration", "gnc_imu_calibration",
-        settings={"warm_up": "1 s", "position": "5 s", "check_position": "3 s"},
-    ),
-    _run(
-        "imu_bias", "gnc_bias",
-        settings={
-            "warm_up": "1 s", "bias_time": "20 s", "stability_time": "200 s", "repeat_time": "20 s",
-            "repeat_gap": "1 s",
-        },
-    ),
-    _run(
-        "magnetometer", "gnc_magnetometer",
-        settings={"warm_up": "2 s", "record_time": "30 s", "attitude_time": "25 s"},
-    ),
-    _run("fog_north", "fog_north", settings=SHORT_FOG),
-    _run(
-        "rlg_lock_in", "rlg_lock_in",
-        settings={"warm_up": "5 s", "record_time": "2 s", "paths": "15 cm", "clocks": "20 MHz"},
-    ),
-    _run(
-        "time_sync", "time_sync_turn",
-        settings={"warm_up": "12 s", "straight": "5 s", "manoeuvre": "6 s", "rate": "15 deg/s"},
-    ),
-)  # fmt: skip
-
-LOGS = {
-    "temperature_ramp": ("tckit_1v_ramp", "tckit/hp3458abx_hp34420a_tcsweep_1vdc_nplc100_test2_oct2024.dsv"),
-    "imu_six_position": ("imucal_six_position", "imucal/imucal_example_ferraris_session.csv"),
-    "imu_multi_position": ("imu_tk_xsens", "imu_tk/xsens_acc.mat"),
-    "imu_strapdown": ("imucal_strapdown", "imucal/imucal_example_ferraris_session.csv"),
-}
+_LISTS = tomllib.loads(Path(__file__).with_name("cases.toml").read_text(encoding="utf-8"))
+RUNS = tuple(
+    ShortRun(run["name"], run["sequence"], tuple(map(tuple, run.get("cuts", ()))), run.get("settings", {}))
+    for run in _LISTS["run"]
+)
+LOGS: Mapping[str, tuple[str, str]] = {name: tuple(log) for name, log in _LISTS["logs"].items()}
 MERGED = Case(  # reads two sessions of its own side
     "coefficients",
     (

@@ -1,7 +1,7 @@
 """Rows 1, 3, 4, 28 at the system calls themselves: killed at each write and fsync, a disk that refuses or hangs.
 
 ``strace`` injects the fault into a recorder of its own process; without strace these tests are skipped. The same faults
-through the seam of the file layer are in tests/unit/record/test_record_faults.py.
+through the seam of the file layer are in tests/unit/record/test_writer.py.
 """
 
 from __future__ import annotations

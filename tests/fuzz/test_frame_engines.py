@@ -12,11 +12,11 @@ import pytest
 from crccheck.crc import Crc16Ibm3740
 from record_sample import ROOT, frame
 
-from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, why_no_kernel
+from bench.frame import FrameDefinition, LinkCounts, LinkDecoder, Message, why_no_kernel
 from bench.frame.best import kernel
 from bench.frame.kernel.arrays import arrays_of, holds
 from bench.frame.kernel_engine import KernelDecoder
-from bench.frame.layout import Field, Layout, Message
+from bench.frame.layout import Field, Layout
 
 SHIPPED = tuple(sorted(path.stem for path in (ROOT / "frames").glob("*.yaml")))
 NAMES = tuple(name for name in SHIPPED if frame(name).layout.lines is None)  # lines have one decoder only

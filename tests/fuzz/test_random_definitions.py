@@ -14,14 +14,13 @@ import numpy as np
 import pytest
 from test_frame_engines import DAMAGE, Generator, chunks_of, damage, everything, random_values
 
-from bench.frame import FrameDefinition, parse_frame, why_no_kernel
+from bench.frame import FrameDefinition, FrameSpec, parse_frame, why_no_kernel
 from bench.frame.catalogue import find_model
 from bench.frame.compiling.whole import compile_frame
 from bench.frame.crc import CHECKSUMS, Crc
 from bench.frame.encode import encode_frame
 from bench.frame.kernel.arrays import holds
 from bench.frame.packets import ESCAPES
-from bench.frame.spec import FrameSpec
 from bench.model.errors import InputError
 from bench.model.yamlio import parse_yaml
 

@@ -18,9 +18,7 @@ from bench.commands.recover import recover
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus
 from bench.plan import compile_sequence
-from bench.record import Message, SessionReader
-from bench.record.recover import recover_session
-from bench.record.walk import Walk
+from bench.record import Message, SessionReader, Walk, recover_session
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
 

@@ -88,9 +88,8 @@ def test_a_quantity_that_only_repeats_tell_is_no_target() -> None:
     "words", ["dsf_n", "dsf_n=", "dsf_n=-1ppm", "dsf_n=22 mA", "bias=1", "dsf_n=nan", "=3", "dsf_n=22", "dsf_n=0ppm"]
 )
 def test_what_is_no_target_is_refused(words: str) -> None:
-    with pytest.raises(InputError) as error:
+    with pytest.raises(InputError, match="B-DES-001"):
         read_target(words, [scale_factor(22.0, 10.0)])
-    assert error.value.code == "B-DES-001"
 
 
 def test_a_target_below_the_standards_is_refused_with_the_floor_and_what_would_do() -> None:
@@ -130,9 +129,8 @@ def test_a_sequence_is_changed_in_its_lines_only() -> None:
         "  dwell: 113 s  # 100 s before; of a record\nsteps:\n  - three: 3\n"
         "procedures:\n  q:\n    do: []\n  p:\n    do: []\n"
     )
-    with pytest.raises(InputError) as error:
+    with pytest.raises(InputError, match="B-DES-005"):
         text.set_value(("steps",), "1", "")
-    assert error.value.code == "B-DES-005"
 
 
 @pytest.mark.parametrize(

@@ -1,21 +1,26 @@
-"""The encoder refuses what does not fit; it never wraps and never clips."""
+"""The encoder refuses what does not fit; payloads of commands against bytes written by hand."""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given, seed
+from hypothesis import strategies as st
 from record_sample import frame
 
-from bench.model.errors import InputError
+from bench.frame import FrameDefinition, parse_frame
+from bench.frame.commands import PayloadLayout
+from bench.model.errors import InputError, InputErrors
 
 GOOD: dict[str, Any] = {
     "counter": 1, "npp": 2, "ppp": 3, "af_clock": 4, "master_count": 5, "fg_count": 6, "status": 0,
 }  # fmt: skip
 
 
-def refused(columns: dict[str, Any], port: str = "a", message: str = "frame") -> str:
+def columns_refused(columns: dict[str, Any], port: str = "a", message: str = "frame") -> str:
     with pytest.raises(InputError) as caught:
         frame(f"ngu_{port}").encode(columns, 4, message)
     return caught.value.code
@@ -39,41 +44,243 @@ def test_wrong_columns(change: dict[str, Any], code: str) -> None:
     if "status.mode" in change:
         del columns["status"]
         columns["status.mode"] = 16
-        assert refused(columns) == "B-FRAME-021"
+        assert columns_refused(columns) == "B-FRAME-021"
     else:
-        assert refused(columns) == code
+        assert columns_refused(columns) == code
 
 
-def test_missing_column_and_unknown_message() -> None:
-    assert refused({name: value for name, value in GOOD.items() if name != "ppp"}) == "B-FRAME-020"
-    assert refused(GOOD, message="housekeeping") == "B-FRAME-023"
-    assert refused({"command": 1, "payload": b""}, "b", "command") == "B-FRAME-020"
+def test_what_is_missing_unknown_or_too_long_is_refused() -> None:
+    assert columns_refused({name: value for name, value in GOOD.items() if name != "ppp"}) == "B-FRAME-020"
+    assert columns_refused(GOOD, message="housekeeping") == "B-FRAME-023"
+    assert columns_refused({"command": 1, "payload": b""}, "b", "command") == "B-FRAME-020"
     with pytest.raises(InputError, match="B-FRAME-020"):
         frame("ngu_b").encode_one({"command": 1}, "command")
-
-
-def test_a_frame_longer_than_the_limit_is_refused() -> None:
     frame("ngu_b").encode_one({"command": 1, "payload": bytes(248)}, "command")
     with pytest.raises(InputError, match="B-FRAME-021"):
         frame("ngu_b").encode_one({"command": 1, "payload": bytes(249)}, "command")
+    batch = frame("ngu_a").decoder().feed(b"").messages["frame"]
+    for name in ("np", "status.model", "counter.x"):
+        with pytest.raises(InputError, match="B-FRAME-022"):
+            batch.raw(name)
 
 
-def test_named_bits_make_the_whole_field() -> None:
+def test_named_bits_broadcast_values_and_whole_floats_make_fields() -> None:
     columns = {name: value for name, value in GOOD.items() if name != "status"}
     rows = frame("ngu_a").encode(columns | {"status.mode": np.array([0, 1, 2, 15]), "status.over_range": 513}, 4)
     assert rows[:, 53].tolist() == [0x04, 0x14, 0x24, 0xF4]
     assert rows[:, 54].tolist() == [0x02] * 4
-
-
-def test_broadcast_values_and_whole_floats() -> None:
     rows = frame("ngu_a").encode(GOOD | {"counter": np.array([1.0, 2.0, 3.0, 65535.0]), "npp": np.arange(10)}, 4)
     batch = frame("ngu_a").decoder().feed(rows.tobytes()).messages["frame"]
     assert batch.raw("counter").tolist() == [1, 2, 3, 65535]
     assert batch.raw("npp").tolist() == [list(range(10))] * 4
 
 
-def test_asking_a_batch_for_an_unknown_field() -> None:
-    batch = frame("ngu_a").decoder().feed(b"").messages["frame"]
-    for name in ("np", "status.model", "counter.x"):
-        with pytest.raises(InputError, match="B-FRAME-022"):
-            batch.raw(name)
+GNC = frame("gnc_422")
+
+# name, code, timeout in s, request and its bytes, answer and its bytes; the bytes are written by hand
+COMMANDS: list[tuple[str, int, float, dict[str, Any], str, dict[str, Any], str]] = [
+    ("identify", 0x01, 0.2, {}, "",
+     {"protocol": 1, "board_serial": "54422d303031202020202020", "unit_serial": "474e432d3031372020202020",
+      "firmware": 0x0203},
+     "01 54422d303031202020202020 474e432d3031372020202020 0302"),
+    ("cpu", 0x10, 1.0, {"seed": 0x12345678}, "78563412",
+     {"operations": [250, 250, 250, 256], "wrong": [0, 1, 0, 0], "memory_wrong": 2, "first_expected": 0xDEADBEEF,
+      "first_received": 0xDEADBEEE},
+     "fa00fa00fa000001 0000010000000000 0200 efbeadde eebeadde"),
+    ("timer", 0x11, 1.0, {"setting_us": 5000, "ticks": 2}, "88130000 02",
+     {"intervals_us": [5000, 5001, *[0] * 18], "interrupts": 2}, "88130000 89130000" + "00000000" * 18 + "02"),
+    ("memory", 0x12, 5.0, {"region": 2, "pattern": 1, "operation": 3, "start": 0x1000, "length": 0x20000},
+     "02 01 03 00100000 00000200",
+     {"checked": 32768, "wrong": 1, "address": 0x1ABC, "expected": 0xAAAAAAAA, "received": 0xAAAAAAA8, "erases": 3},
+     "00800000 01000000 bc1a0000 aaaaaaaa a8aaaaaa 03000000"),
+    ("imu", 0x13, 1.0, {"samples": 10}, "0a",
+     {"gyro": [0.1, -0.00005, 0.0], "accel": [0.00001, -1.0, 0.5], "gyro_temperature": 25.5, "accel_temperature": -1.0,
+      "gyro_low": [-0.005, 0.0, 0.0], "gyro_high": [0.005, 0.01, 0.0], "accel_low": [0.0, -1.001, 0.0],
+      "accel_high": [0.001, -0.999, 0.0], "samples": 10},
+     "d0070000ffffffff00000000 010000006079feff50c30000 f609 9cff ffffffff0000000000000000"
+     "010000000200000000000000 0000000017fcffff00000000 0100000019fcffff00000000 0a"),
+    ("gps", 0x14, 2.0, {}, "",
+     {"fix": 3, "satellites": 9, "latitude": 39.9042, "longitude": -116.4074, "height": 43.5, "time_to_fix": 1200},
+     "03 09 d0e5c817 f0a39dba eca90000 b004"),
+    ("ad", 0x15, 0.2, {"dip": 4}, "04",
+     {"volts": [2.5, 2.586, 2.414, 0.0, 0.0, 0.0, -0.001, 5.001]}, "c409 1a0a 6e09 0000 0000 0000 ffff 8913"),
+    ("io", 0x16, 0.2, {"output": 1, "input": 4, "level": 1}, "01 04 01", {"read": 1, "others": 6}, "01 06"),
+    ("spi", 0x17, 0.2, {"word": 0xA55A}, "5aa5", {"received": 0xA55A, "observed": 0xA558}, "5aa5 58a5"),
+    ("sci", 0x18, 0.2, {"pattern": "0055aaff"}, "0055aaff", {"echo": "0055aafe"}, "0055aafe"),
+    ("can", 0x19, 0.2, {"identifier": 0x7FF, "pattern": b"\x01\x02"}, "ff070000 0102",
+     {"identifier": 0x1FFFFFFF, "echo": ""}, "ffffff1f"),
+    ("stream_start", 0x20, 0.2, {"sensors": 7, "rate": 200, "samples": 0}, "07 c800 00000000", {}, ""),
+    ("stream_stop", 0x21, 0.2, {}, "", {"sent": 48000}, "80bb0000"),
+    ("roll", 0x30, 0.2, {}, "", {"roll": -12.34, "mag": [0.12, -0.12, 0.0]}, "2efb e803 18fc 0000"),
+    ("set_magnetometer", 0x31, 0.2, {"offset": [0.0012, -0.00012, 0.0], "gain": 1.0345, "sin_alpha": -0.02618},
+     "0a00 ffff 0000 6928 c6f5", {}, ""),
+    ("inject", 0x7E, 0.2, {"code": 5}, "05", {}, ""),
+]  # fmt: skip
+
+
+def close(found: Any, due: Any) -> bool:
+    if isinstance(due, list):
+        return len(found) == len(due) and all(map(close, found, due))
+    if isinstance(due, float):
+        return isinstance(found, float) and math.isclose(found, due, rel_tol=1e-12, abs_tol=1e-15)
+    return bool(found == (due.hex() if isinstance(due, bytes) else due))
+
+
+@pytest.mark.validates("payloads of the commands of frames/gnc_422.yaml", against="bytes written by hand")
+@pytest.mark.parametrize("case", COMMANDS, ids=[case[0] for case in COMMANDS])
+def test_every_command_against_bytes_written_by_hand(case: tuple[Any, ...]) -> None:
+    name, code, timeout_s, request, sent, answer, received = case
+    layout = GNC.commands[name]
+    assert (layout.code, layout.timeout_s, layout.name) == (code, timeout_s, name)
+    assert GNC.command_of(code) is layout
+    assert layout.encode(request) == bytes.fromhex(sent)
+    assert layout.answer.encode(answer) == bytes.fromhex(received)
+    for found, due in ((layout.decode(bytes.fromhex(received)), answer),
+                       (layout.request.decode(bytes.fromhex(sent)), request)):  # fmt: skip
+        assert list(found) == list(due)
+        assert all(close(found[key], due[key]) for key in due), found
+
+
+def test_no_command_is_without_hand_written_bytes() -> None:
+    assert [case[0] for case in COMMANDS] == list(GNC.commands)
+    assert GNC.command_of(0x44) is None
+
+
+def test_a_quantity_with_a_unit_is_converted() -> None:
+    start, timer = GNC.commands["stream_start"], GNC.commands["timer"]
+    assert start.encode({"sensors": 7, "rate": "0.2 kHz", "samples": 0}) == bytes.fromhex("07c80000000000")
+    assert timer.encode({"setting_us": "5 ms", "ticks": 20}) == bytes.fromhex("8813000014")
+    assert timer.encode({"setting_us": "0.005 s", "ticks": np.uint8(20)}) == bytes.fromhex("8813000014")
+
+
+def code_of(layout: PayloadLayout, values: dict[str, Any]) -> str:
+    with pytest.raises(InputError) as caught:
+        layout.encode(values)
+    return caught.value.code
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "code"),
+    [
+        ("stream_start", {"sensors": 7, "rate": 200}, "B-FRAME-020"),
+        ("stream_start", {"sensors": 7, "rate": 200, "samples": 0, "sample": 1}, "B-FRAME-022"),
+        ("stream_start", {"sensors": 256, "rate": 200, "samples": 0}, "B-FRAME-021"),
+        ("stream_start", {"sensors": -1, "rate": 200, "samples": 0}, "B-FRAME-021"),
+        ("stream_start", {"sensors": 7, "rate": 199.5, "samples": 0}, "B-FRAME-021"),
+        ("stream_start", {"sensors": 7, "rate": "5 ms", "samples": 0}, "B-FRAME-021"),
+        ("stream_start", {"sensors": True, "rate": 200, "samples": 0}, "B-FRAME-021"),
+        ("stream_start", {"sensors": [7], "rate": 200, "samples": 0}, "B-FRAME-021"),
+        ("stream_start", {"sensors": float("nan"), "rate": 200, "samples": 0}, "B-FRAME-021"),
+        ("set_magnetometer", {"offset": [0.0, 0.0], "gain": 1, "sin_alpha": 0}, "B-FRAME-020"),
+        ("set_magnetometer", {"offset": 0.0, "gain": 1, "sin_alpha": 0}, "B-FRAME-020"),
+        ("set_magnetometer", {"offset": [0.0, 0.0, 0.0], "gain": 3.2768, "sin_alpha": 0}, "B-FRAME-021"),
+        ("sci", {"pattern": "5"}, "B-FRAME-021"),
+        ("sci", {"pattern": 1.5}, "B-FRAME-021"),
+    ],
+)
+def test_what_does_not_fit_is_refused(name: str, values: dict[str, Any], code: str) -> None:
+    assert code_of(GNC.commands[name].request, values) == code
+
+
+def test_bytes_of_a_fixed_length_are_neither_padded_nor_cut() -> None:
+    answer = {"protocol": 1, "board_serial": "00" * 11, "unit_serial": "00" * 12, "firmware": 1}
+    assert code_of(GNC.commands["identify"].answer, answer) == "B-FRAME-021"
+
+
+@pytest.mark.parametrize(("name", "payload"), [("stream_stop", "80bb00"), ("stream_stop", "80bb000000"), ("can", "ff")])
+def test_an_answer_of_another_length_is_refused(name: str, payload: str) -> None:
+    with pytest.raises(InputError, match=r"B-FRAME-025: .*bytes, (at least )?4 are due"):
+        GNC.commands[name].decode(bytes.fromhex(payload))
+
+
+@seed(1)
+@given(values=st.lists(st.integers(-32768, 32767), min_size=3, max_size=3), rate=st.integers(0, 65535))
+def test_every_step_of_a_scaled_field_comes_back(values: list[int], rate: int) -> None:
+    layout = GNC.commands["set_magnetometer"].request
+    wire = np.array([*values, rate - 32768, -1], "<i2").tobytes()
+    assert layout.encode(layout.decode(wire)) == wire
+    assert GNC.commands["stream_start"].encode({"sensors": 0, "rate": rate, "samples": 1})[1:3] == rate.to_bytes(
+        2, "little"
+    )
+
+
+def test_defaults_of_the_common_fields_are_written_and_not_checked() -> None:
+    plain = GNC.encode_one({"command": 0x21, "payload": b""}, "command")
+    assert plain[:10] == bytes.fromhex("eb900110010001210000")
+    other = GNC.encode_one({"command": 0x21, "payload": b"", "destination": 7, "sequence": 9}, "command")
+    assert other[:6] == bytes.fromhex("eb9001070109")
+    assert not GNC.decoder().feed(other).messages["command"].suspect.any()
+
+
+def with_commands(commands: str, text: str = GNC.text) -> FrameDefinition:
+    return parse_frame(text.partition("\ncommands:")[0] + "\ncommands:\n  " + commands, "sample.yaml")
+
+
+def refused(commands: str, text: str = GNC.text) -> set[str]:
+    with pytest.raises(InputErrors) as caught:
+        with_commands(commands, text)
+    assert all(error.where.startswith("sample.yaml:") for error in caught.value.errors)
+    return {error.code for error in caught.value.errors}
+
+
+@pytest.mark.parametrize(
+    ("commands", "code"),
+    [
+        ("{a: {code: 1}, b: {code: 1}}", "B-FRAME-014"),
+        ("{a: {code: 1, request: [{name: n, type: u8, role: counter}]}}", "B-FRAME-014"),
+        ("{a: {code: 1, answer: [{name: n, type: u8, per: sample}]}}", "B-FRAME-014"),
+        ("{a: {code: 1, answer: [{name: n, type: u8, constant: 3}]}}", "B-FRAME-014"),
+        ("{a: {code: 1, request: [{name: n, type: u8, bits: {on: 0}}]}}", "B-FRAME-014"),
+        ("{a: {code: 1, request: [{name: n, type: u8}, {name: n, type: u8}]}}", "B-FRAME-001"),
+        ("{a: {code: 1, request: [{name: n, type: bytes, count: rest}, {name: m, type: u8}]}}", "B-FRAME-002"),
+        ("{a: {code: 1, request: [{name: n, type: u8, default: 256}]}}", "B-FRAME-005"),
+    ],
+)
+def test_mistakes_in_commands(commands: str, code: str) -> None:
+    assert refused(commands) == {code}
+
+
+def test_commands_need_the_messages_they_travel_in() -> None:
+    assert refused("{a: {code: 1}}", frame("ngu_b").text) == {"B-FRAME-014"}
+    assert refused("{a: {code: 1}}", frame("ngu_a").text) == {"B-FRAME-014"}
+
+
+def test_a_default_of_a_command_is_sent_where_nothing_is_given() -> None:
+    fields = "[{name: n, type: i16, scale: 0.5, default: -2}, {name: f, type: f32, endian: big}]"
+    layout = with_commands(f"{{a: {{code: 1, timeout: 250 ms, request: {fields}}}}}").commands["a"]
+    assert layout.timeout_s == 0.25
+    assert layout.encode({"f": 1.5}) == bytes.fromhex("feff3fc00000")
+    assert layout.encode({"n": 3, "f": -2}) == bytes.fromhex("0600c0000000")
+    assert layout.request.decode(bytes.fromhex("feff3fc00000")) == {"n": -1.0, "f": 1.5}
+    assert code_of(layout.request, {"f": 1e300}) == "B-FRAME-021"
+
+
+def test_commands_and_silence_are_part_of_the_hash() -> None:
+    plain = with_commands("{a: {code: 1}}").sha256
+    assert with_commands("{a: {code: 1, timeout: 200 ms}}").sha256 == plain
+    assert with_commands("{a: {code: 2}}").sha256 != plain
+    assert with_commands("{a: {code: 1, timeout: 1 s}}").sha256 != plain
+    assert with_commands("{a: {code: 1, answer: [{name: n, type: u8}]}}").sha256 != plain
+    assert with_commands("{a: {code: 1}}", GNC.text.replace("silence: 50 ms", "silence: 60 ms")).sha256 != plain
+    assert with_commands("{a: {code: 1}}", GNC.text.replace("default: 0x10", "default: 0x11")).sha256 != plain
+
+
+@pytest.mark.parametrize(
+    ("name", "sha256"),
+    [
+        ("ngu_a", "0eee4dee414d7792"),
+        ("ngu_a_100s", "9c86b343e651c5dd"),
+        ("ngu_b", "abc7e1af12d109e9"),
+        ("vn100_binary", "d2bc1f926f081e8e"),
+    ],
+)
+def test_hashes_of_formats_that_sessions_hold_do_not_change(name: str, sha256: str) -> None:
+    assert frame(name).sha256[:16] == sha256
+
+
+def test_an_offset_is_taken_off_and_added_again_and_wide_integers_are_exact() -> None:
+    fields = "[{name: t, type: i16, scale: 0.0625, offset: -5, unit: degC}, {name: n, type: u64}]"
+    layout = with_commands(f"{{a: {{code: 1, request: {fields}}}}}").commands["a"].request
+    wire = bytes.fromhex("9001") + ((1 << 64) - 1).to_bytes(8, "little")
+    assert layout.encode({"t": "20 degC", "n": (1 << 64) - 1}) == wire
+    assert layout.decode(wire) == {"t": 20.0, "n": (1 << 64) - 1}

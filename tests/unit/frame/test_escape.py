@@ -162,8 +162,7 @@ def test_idle_flags_are_no_packets() -> None:
 
 def test_what_cannot_be_escaped_is_told() -> None:
     definition = definition_of("slip")
-    with pytest.raises(InputError, match="no fixed length") as caught:
+    with pytest.raises(InputError, match=r"B-FRAME-020: .*no fixed length"):
         definition.encode({"kind": 1, "counter": 1, "body": b""}, 2)
-    assert caught.value.code == "B-FRAME-020"
     with pytest.raises(InputErrors, match="is no single slip packet"):
         parse_frame(definition.text.replace(' c0"', '"'), "escaped.yaml")

@@ -14,8 +14,7 @@ import pytest
 from crccheck.crc import Crc16Ibm3740, Crc16Xmodem, Crc32
 
 from bench.commands.frame import explain
-from bench.frame import decode_capture, parse_frame
-from bench.frame.explain import draft, guesses, line_guess
+from bench.frame import decode_capture, draft, guesses, line_guess, parse_frame
 from bench.model.errors import InputError, InputErrors
 
 RNG_SEED = 20

@@ -1,15 +1,125 @@
-"""One link: queue, stamps, counters, counts."""
+"""One link: counters without wrap, queue, stamps, counts, and frames that are given up behind a silence of the line."""
 
 from __future__ import annotations
 
+from itertools import pairwise, product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from crccheck.crc import Crc8Smbus
+from hypothesis import example, given, seed, settings
+from hypothesis import strategies as st
 from record_sample import frame
 
-from bench.frame import FrameDefinition, LinkDecoder, parse_frame
+from bench.frame import FrameDefinition, LinkBatch, LinkDecoder, load_frame, parse_frame
+from bench.frame.counter import CounterUnwrapper, Unwrapped
+from bench.model.errors import InputErrors
+
+WRAP = 65536
+SECOND = 1_000_000_000
+
+
+def feed(
+    unwrapper: CounterUnwrapper, raw: list[int] | np.ndarray, stamps: list[int] | np.ndarray | None = None
+) -> Unwrapped:
+    values = np.asarray(raw, np.int64) % WRAP
+    return unwrapper.feed(values, None if stamps is None else np.asarray(stamps, np.int64))
+
+
+def test_a_plain_stream_over_several_wraps_in_uneven_batches() -> None:
+    unwrapper = CounterUnwrapper(WRAP, None)
+    true = np.arange(65000, 65000 + 200_000)
+    at = 0
+    for size in (1, 99_999, 3, 30_000, 69_997):
+        result = feed(unwrapper, true[at : at + size])
+        assert result.counter.tolist() == true[at : at + size].tolist()
+        assert (result.lost, result.duplicate, result.suspect.any()) == (0, 0, False)
+        at += size
+    assert at == len(true)
+
+
+@pytest.mark.parametrize(
+    ("batches", "lost", "duplicate"),
+    [
+        ([[65534, 65535, 65538, 65539], [65545]], 7, 0),
+        ([[9, 10, 11, 9, 10, 11, 12, 12, 15]], 2, 4),
+        ([[9, 10, 11], [9], [10, 11, 12]], 0, 3),
+        ([[65535, 65536], [65535, 65536, 65537]], 0, 2),
+    ],
+)
+def test_lost_and_repeated_frames_in_and_between_batches(batches: list[list[int]], lost: int, duplicate: int) -> None:
+    unwrapper = CounterUnwrapper(WRAP, None)
+    found = [feed(unwrapper, batch) for batch in batches]
+    assert [result.counter.tolist() for result in found] == batches
+    assert (sum(one.lost for one in found), sum(one.duplicate for one in found)) == (lost, duplicate)
+
+
+@pytest.mark.parametrize("gap", [1, 2, 500, 65535, 65536, 65537, 200_000, 1_000_000])
+def test_gaps_longer_than_a_wrap_by_receive_time(gap: int) -> None:
+    """100 Hz in 1 s reads; the time of the gap is off by up to a read."""
+    for error in (-SECOND // 2, 0, SECOND // 2):
+        unwrapper = CounterUnwrapper(WRAP, 100.0)
+        feed(unwrapper, np.arange(1, 101), np.full(100, SECOND))
+        raw = 100 + gap + np.arange(100)
+        t_ns = SECOND + (gap + 99) * SECOND // 100 + error
+        result = feed(unwrapper, raw, np.full(100, t_ns))
+        assert result.counter.tolist() == raw.tolist()
+        assert result.lost == gap - 1
+
+
+def test_a_narrow_fast_counter_is_followed_by_time() -> None:
+    """u8 at 1 kHz, read once a second: a thousand frames per read are four wraps."""
+    unwrapper = CounterUnwrapper(256, 1000.0)
+    at = 0
+    for second in range(1, 20):
+        size = 1000 if second != 7 else 990  # ten frames lost somewhere in the read
+        true = np.concatenate((np.arange(at, at + 500), np.arange(at + 1500 - size, at + 1000)))
+        result = unwrapper.feed(true % 256, np.full(size, second * SECOND))
+        assert result.counter.tolist() == true.tolist(), second
+        at += 1000
+
+
+def test_one_odd_counter_is_suspect_and_changes_nothing_inside_a_batch_or_at_its_end() -> None:
+    unwrapper = CounterUnwrapper(WRAP, None)
+    result = feed(unwrapper, [100, 101, 40_000, 102, 103, 50_000])
+    assert result.suspect.tolist() == [False, False, True, False, False, True]
+    assert (result.counter[:5].tolist(), result.lost, result.duplicate) == ([100, 101, 101, 102, 103], 0, 0)
+    result = feed(unwrapper, [105, 106])
+    assert (result.counter.tolist(), result.lost) == ([105, 106], 1)
+
+
+def test_a_restart_of_the_unit_goes_on_as_the_time_predicts() -> None:
+    """Counter 5000, 10 s without frames, then from 0 again: 1000 frames are missing, the counter goes on upwards."""
+    unwrapper = CounterUnwrapper(WRAP, 100.0)
+    feed(unwrapper, np.arange(4901, 5001), np.full(100, SECOND))
+    result = feed(unwrapper, np.arange(100), np.full(100, 12 * SECOND))
+    assert result.suspect.tolist() == [True] + [False] * 99
+    assert (np.diff(result.counter[1:]) == 1).all()
+    assert abs(int(result.counter[1]) - (5000 + 1002)) <= 2
+    assert result.lost == result.counter[1] - 5001
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_random_losses_repeats_and_batches(seed: int) -> None:
+    """Against the known truth: the counters themselves, and losses and repeats counted with sets."""
+    generator = np.random.default_rng(seed)
+    true = np.flatnonzero(generator.random(3000) > 0.2) + generator.integers(0, 65536)
+    again = generator.random(len(true)) < 0.05
+    true = np.repeat(true, 1 + again)
+    unwrapper = CounterUnwrapper(WRAP, 100.0)
+    cuts = np.unique(generator.integers(0, len(true), 20))
+    lost = duplicate = 0
+    for part in np.split(true, cuts):
+        stamps = np.full(len(part), (int(part[-1]) if len(part) else 0) * SECOND // 100)
+        result = unwrapper.feed(part % WRAP, stamps)
+        assert result.counter.tolist() == part.tolist()
+        lost, duplicate = lost + result.lost, duplicate + result.duplicate
+    unique = set(true.tolist())
+    assert lost == int(true[-1] - true[0]) + 1 - len(unique)
+    assert duplicate == len(true) - len(unique)
+
 
 LENGTH = 57
 
@@ -59,36 +169,14 @@ def test_lost_bad_duplicate_and_their_stamps() -> None:
     rows = frames(definition, [0, 1, 2, 3, 4, 4, 7])
     rows[3, 20] ^= 4
     link = LinkDecoder(definition)
-    link.push(5, rows[:2].tobytes())
-    link.push(6, rows[2:].tobytes())
+    for stamp, part in ((5, rows[:3]), (6, rows[3:4]), (7, rows[4:])):
+        link.push(stamp, part.tobytes())
     batch = link.finish()
     assert batch.messages["frame"].counter.tolist() == [0, 1, 2, 4, 4, 7]  # type: ignore[union-attr]
     assert (batch.bad_offset.tolist(), batch.bad_t_ns.tolist()) == ([3 * LENGTH], [6])
     counts = link.counts
     assert (counts.frames, counts.bad, counts.lost, counts.duplicate, counts.suspect) == (6, 1, 3, 1, 0)
     assert (batch.lost, batch.duplicate, counts.skipped_bytes) == (3, 1, LENGTH)
-
-
-def test_a_bad_candidate_has_the_stamp_of_the_chunk_where_it_begins() -> None:
-    definition = frame("ngu_a")
-    rows = frames(definition, range(4))
-    rows[1:3, 20] ^= 4
-    link = LinkDecoder(definition)
-    for stamp, part in ((1, rows[:1]), (2, rows[1:2]), (3, rows[2:])):
-        link.push(stamp, part.tobytes())
-    assert link.flush().bad_t_ns.tolist() == [2, 3]
-
-
-def test_a_wrap_between_flushes() -> None:
-    definition = frame("ngu_a")
-    link = LinkDecoder(definition)
-    true = np.arange(65000, 66000)
-    found: list[int] = []
-    for index in range(10):
-        link.push(index * 10**9, frames(definition, true[index * 100 : index * 100 + 100]).tobytes())
-        found += link.flush().messages["frame"].counter.tolist()  # type: ignore[union-attr]
-    assert found == true.tolist()
-    assert link.counts.lost == 0
 
 
 @pytest.mark.parametrize("seed", range(12))
@@ -170,3 +258,208 @@ def test_a_counter_shared_by_all_messages() -> None:
     assert batch.messages["one"].counter.tolist() == [254, 258]  # type: ignore[union-attr]
     assert batch.messages["two"].counter.tolist() == [255, 256, 259]  # type: ignore[union-attr]
     assert batch.lost == 1
+
+
+GNC = load_frame(Path(__file__).resolve().parents[3] / "frames" / "gnc_422.yaml")
+MS = 1_000_000
+ENGINES = ("kernel", "numpy", "reference")  # without numba the first one is the second
+LONGEST = 1036
+Chunks = list[tuple[int, bytes]]
+
+
+def answer(sequence: int, payload: bytes = b"") -> bytes:
+    return GNC.encode_one({"command": 0x18, "sequence": sequence, "status": 0, "payload": payload}, "answer")
+
+
+def sample(counter: int) -> bytes:
+    values = {"command": 0x22, "counter": counter, "tick": counter * 5000 % (1 << 32), "gyro": 1, "accel": -2, "mag": 3}
+    return GNC.encode_one(values | {"temperature": 2500}, "stream")
+
+
+def false_length(length: int) -> bytes:
+    """The head of an answer that promises more than ever comes."""
+    return answer(1)[:8] + length.to_bytes(2, "little")
+
+
+def link_of(engine: str) -> LinkDecoder:
+    return LinkDecoder(GNC, engine)  # type: ignore[arg-type]
+
+
+def facts(parts: list[LinkBatch], link: LinkDecoder) -> dict[str, Any]:
+    """All that a link says, in comparable form."""
+    found: dict[str, Any] = {"counts": link.counts}
+    found["bad"] = [pair for part in parts for pair in zip(part.bad_offset, part.bad_t_ns, strict=True)]
+    for name in GNC.messages:
+        for batch in (part.messages[name] for part in parts):
+            times = [] if batch.t_ns is None else batch.t_ns.tolist()
+            rows = [row.tobytes() for row in batch.rows]
+            counters = [] if batch.counter is None else batch.counter.tolist()
+            found.setdefault(name, []).extend(zip(batch.offset.tolist(), rows, times, strict=True))
+            found.setdefault((name, "counter"), []).extend(counters)
+    return found
+
+
+def decoded(engine: str, chunks: Chunks, flushes: set[int]) -> dict[str, Any]:
+    """Facts of chunks that are flushed behind the given numbers, and at the end."""
+    link, parts = link_of(engine), []
+    for number, (stamp, chunk) in enumerate(chunks):
+        link.push(stamp, chunk)
+        if number in flushes:
+            parts.append(link.flush())
+    return facts([*parts, link.finish()], link)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_false_length_is_cleared_by_the_next_chunk_behind_a_silence(engine: str) -> None:
+    link = link_of(engine)
+    link.push(0, false_length(1000))
+    assert not len(link.flush().bad_offset)
+    link.push(40 * MS, answer(2))
+    assert link.counts.frames == 0
+    assert not len(link.flush().messages["answer"])  # no silence: the line may still be inside the long frame
+    link.push(91 * MS, answer(3))
+    batch = link.flush()
+    assert batch.messages["answer"].raw("sequence").tolist() == [2, 3]
+    assert batch.messages["answer"].t_ns is not None
+    assert batch.messages["answer"].t_ns.tolist() == [40 * MS, 91 * MS]
+    assert (batch.bad_offset.tolist(), batch.bad_t_ns.tolist()) == ([0], [0])
+    assert (link.counts.frames, link.counts.bad, link.counts.skipped_bytes) == (2, 1, 10)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize(("pause_ns", "given_up"), [(50 * MS, False), (50 * MS + 1, True)])
+def test_a_silence_is_longer_than_the_limit(engine: str, pause_ns: int, given_up: bool) -> None:
+    link = link_of(engine)
+    for stamp, chunk in ((7, false_length(900)), (7 + pause_ns, answer(2))):
+        link.push(stamp, chunk)
+    assert len(link.flush().messages["answer"]) == given_up
+    assert link.counts.bad == given_up
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_chunks_without_bytes_do_not_end_a_silence(engine: str) -> None:
+    link = link_of(engine)
+    for stamp, chunk in ((0, false_length(900)), (40 * MS, b""), (80 * MS, b"")):
+        link.push(stamp, chunk)
+    link.flush()
+    assert link.counts.bad == 0
+    link.push(90 * MS, answer(2))
+    assert len(link.flush().messages["answer"]) == 1
+    assert link.counts.bad == 1
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("cut", range(1, len(answer(5, b"abcdef"))))
+def test_a_frame_that_the_chunk_behind_the_silence_completes_is_kept(engine: str, cut: int) -> None:
+    frame, link = answer(5, b"abcdef"), link_of(engine)
+    link.push(0, frame[:cut])
+    link.push(1000 * MS, frame[cut:] + answer(6)[:7])
+    batch = link.flush()
+    assert batch.messages["answer"].raw("payload").tolist() == [b"abcdef"]
+    link.push(1001 * MS, answer(6)[7:])
+    assert link.flush().messages["answer"].raw("sequence").tolist() == [6]
+    assert (link.counts.bad, link.counts.skipped_bytes) == (0, 0)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("cut", range(1, len(answer(5))))
+def test_a_frame_that_stays_behind_is_given_up_wherever_it_ends(engine: str, cut: int) -> None:
+    link = link_of(engine)
+    link.push(0, answer(5)[:cut])
+    link.push(51 * MS, answer(6))
+    assert link.flush().messages["answer"].raw("sequence").tolist() == [6]
+    assert link.counts.bad == (cut >= 3)  # two sync bytes and the version make a candidate
+    assert link.counts.skipped_bytes == cut
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("bit", range(16))
+def test_a_frame_inside_the_claimed_length_of_a_damaged_one_is_found(engine: str, bit: int) -> None:
+    damaged = bytearray(answer(1, b"0123456789"))
+    damaged[8 + bit // 8] ^= 1 << bit % 8
+    link = link_of(engine)
+    link.push(0, bytes(damaged) + answer(2) + sample(0))
+    link.push(60 * MS, answer(3))
+    batch = link.flush()
+    assert batch.messages["answer"].raw("sequence").tolist() == [2, 3]
+    assert batch.messages["stream"].raw("counter").tolist() == [0]
+    assert link.counts.bad == 1
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_polls_once_a_second_lose_no_frame(engine: str) -> None:
+    stream = b"".join(sample(n) for n in range(1000))
+    size = LONGEST + 17
+    chunks = [(n * 1000 * MS, stream[at : at + size]) for n, at in enumerate(range(0, len(stream), size))]
+    found = decoded(engine, chunks, {*range(0, len(chunks), 3)})
+    assert found["stream", "counter"] == list(range(1000))
+    assert (found["counts"].bad, found["counts"].skipped_bytes, found["counts"].lost) == (0, 0, 0)
+
+
+def test_without_the_key_a_decoder_waits() -> None:
+    patient = LinkDecoder(parse_frame(GNC.text.replace("silence: 50 ms\n", ""), "patient.yaml"))
+    patient.push(0, false_length(900))
+    patient.push(3600_000 * MS, answer(2))
+    assert not len(patient.flush().messages["answer"])
+
+
+@pytest.mark.parametrize("silence", ["50", "0 ms", "2 min", "50 mV"])
+def test_a_silence_is_a_time(silence: str) -> None:
+    with pytest.raises(InputErrors, match="silence"):
+        parse_frame(GNC.text.replace("silence: 50 ms", f"silence: {silence}"), "sample.yaml")
+
+
+PIECES = st.one_of(
+    st.builds(answer, st.integers(0, 255), st.binary(max_size=30)),
+    st.builds(sample, st.integers(0, 1 << 31)),
+    st.builds(false_length, st.integers(0, 1100)),
+    st.binary(max_size=12),
+    st.sampled_from([b"\xeb", b"\xeb\x90", b"\xeb\x90\x01", b"\xeb\x90\xeb\x90\x01\x01"]),
+    st.builds(lambda n, cut: answer(n, b"xyz")[:cut], st.integers(0, 255), st.integers(1, 15)),
+    st.builds(lambda n, at, bit: flipped(answer(n, b"uvw"), at, bit), st.integers(0, 9), st.integers(0, 15),
+              st.integers(0, 7)),
+)  # fmt: skip
+PAUSES = st.sampled_from([0, 1, 5 * MS, 50 * MS, 50 * MS + 1, 200 * MS, 1000 * MS])
+
+
+def flipped(frame: bytes, at: int, bit: int) -> bytes:
+    changed = bytearray(frame)
+    changed[at % len(frame)] ^= 1 << bit
+    return bytes(changed)
+
+
+@st.composite
+def chunked(draw: st.DrawFn) -> Chunks:
+    stream = b"".join(draw(st.lists(PIECES, max_size=12)))
+    cuts = sorted(draw(st.sets(st.integers(0, len(stream)), max_size=12)))
+    stamp, chunks = 0, []
+    for start, stop in pairwise([0, *cuts, len(stream)]):
+        stamp += draw(PAUSES)
+        chunks.append((stamp, stream[start:stop]))
+    return chunks
+
+
+@seed(6)
+@settings(max_examples=150, deadline=None)
+@given(chunks=chunked(), flushes=st.sets(st.integers(0, 13)))
+@example(chunks=[(0, b"\xeb"), (60 * MS, b"\x90"), (61 * MS, b"\x01")], flushes={0})
+def test_engines_agree_however_the_chunks_are_flushed(chunks: Chunks, flushes: set[int]) -> None:
+    due = decoded("reference", chunks, set())
+    each = set(range(len(chunks)))
+    for engine, flushed in (("numpy", set()), *product(ENGINES, (flushes, each))):
+        assert decoded(engine, chunks, flushed) == due
+
+
+@seed(7)
+@settings(max_examples=100, deadline=None)
+@given(chunks=chunked(), payload=st.binary(max_size=40))
+def test_a_whole_frame_behind_a_silence_is_found_at_once(chunks: Chunks, payload: bytes) -> None:
+    for engine in ENGINES:
+        link = link_of(engine)
+        for stamp, chunk in chunks:
+            link.push(stamp, chunk)
+        link.flush()
+        link.push(chunks[-1][0] + 101 * MS, answer(200, payload))
+        found = link.flush().messages["answer"]
+        heard = any(chunk for _, chunk in chunks)
+        assert not heard or (200, payload) in zip(found.raw("sequence").tolist(), found.raw("payload"), strict=True)

@@ -14,12 +14,15 @@ from record_sample import frame as frame_of
 from bench.frame import MessageBatch
 
 GOLDEN = ROOT / "tests" / "golden"
-LINES = {"nmea_0183"}  # tests/unit/frame/test_lines.py
+LINES = {"nmea_0183"}  # tests/unit/frame/test_parts.py
 NAMES = sorted({path.stem for path in (ROOT / "frames").glob("*.yaml")} - LINES)
 NPP = [1291, 1280, 0, 2560, 640, 1279, 1300, 7, 1281, 65535]
 PPP = [1269, 1280, 2560, 0, 1920, 1281, 1260, 2553, 1279, 0]
 NPP_100S = [12910000, 12800000, 0, 25600000, 6400000, 12790000, 13000000, 70000, 12810000, 4294967295]
 PPP_100S = [12690000, 12800000, 25600000, 0, 19200000, 12810000, 12600000, 25530000, 12790000, 1]
+CLOCKS_100S = (25600512, 1000001500, 999999999)
+IMU = (-1234567, 1500000000, 7, -48983123, 250, 980000000)
+RANGES = (44919.25, 2.5, 0.03122838104166667)
 STATUS = 1 | 1 << 3 | 2 << 12
 FLOATS = [0.25 + 0.125 * index * (-1) ** index for index in range(29)]
 
@@ -41,53 +44,24 @@ def ngu_a() -> bytes:
     return with_crc(b"\xeb\x90", body)
 
 
-def ngu_a_100s() -> bytes:
-    body = struct.pack(">H10I10I3IH", 3, *NPP_100S, *PPP_100S, 25600512, 1000001500, 999999999, STATUS)
-    return with_crc(b"\xeb\xa0", body)
+def with_crc16(sync: bytes, kind: str, *values: float, more: bytes = b"") -> bytes:
+    """A frame of little-endian values behind which CRC-16/IBM-3740 stands low byte first."""
+    body = struct.pack(f"<{kind}", *values) + more
+    return sync + body + struct.pack("<H", Crc16Ibm3740.calc(body))
 
 
-def ngu_b(kind: int, payload: bytes) -> bytes:
-    return with_crc(b"\xeb\x9b", struct.pack(">BB", len(payload) + 6, kind) + payload)
-
-
-def vn100() -> bytes:
-    return with_crc(b"\xfa", bytes.fromhex("143e003a00") + struct.pack("<29f", *FLOATS), Crc16Xmodem)
+def with_crc32(sync: bytes, kind: str, *values: float, more: bytes = b"") -> bytes:
+    body = struct.pack(f"<{kind}", *values) + more
+    return sync + body + struct.pack("<I", zlib.crc32(body))
 
 
 def gnc(kind: int, command: int, sequence: int, payload: bytes, to_unit: bool = False) -> bytes:
     ends = (0x10, 0x01) if to_unit else (0x01, 0x10)
-    body = struct.pack("<6BH", 1, *ends, sequence, kind, command, len(payload)) + payload
-    return b"\xeb\x90" + body + struct.pack("<H", Crc16Ibm3740.calc(body))
+    return with_crc16(b"\xeb\x90", "6BH", 1, *ends, sequence, kind, command, len(payload), more=payload)
 
 
-def fog_1k() -> bytes:
-    body = struct.pack("<IiIhH", 70000, -707107, 0xC00001, 2512, 3)
-    return b"\xf0\x6e" + body + struct.pack("<H", Crc16Ibm3740.calc(body))
-
-
-def rlg_housekeeping() -> bytes:
-    body = struct.pack("<IhHHH", 4711, 2475, 12345, 10012, 0)
-    return b"\x52\x4c" + body + struct.pack("<H", Crc16Ibm3740.calc(body))
-
-
-def time_tags() -> bytes:
-    body = struct.pack("<HIQIIH", 44, 4, 4000123, 100000000, 7, 3) + EVENTS
-    return b"\xa5\x5a\xc3\x3c" + body + struct.pack("<I", zlib.crc32(body))
-
-
-def imu_200() -> bytes:
-    body = struct.pack("<IQ6ihH", 70000, 3500012345, -1234567, 1500000000, 7, -48983123, 250, 980000000, 2512, 3)
-    return b"IM" + body + struct.pack("<I", zlib.crc32(body))
-
-
-def egi_50() -> bytes:
-    body = struct.pack("<IQ9dfHH", 17500, 3500098765, *PLACE, *VELOCITY, *ATTITUDE, 1.5, 3, 0)
-    return b"EG" + body + struct.pack("<I", zlib.crc32(body))
-
-
-def sar_pulse() -> bytes:
-    body = struct.pack("<IQdfd128hH", 9999, 4999990000, 44919.25, 2.5, 0.03122838104166667, *ECHO, 1)
-    return b"SR" + body + struct.pack("<I", zlib.crc32(body))
+def ngu_b(kind: int, payload: bytes) -> bytes:
+    return with_crc(b"\xeb\x9b", struct.pack(">BB", len(payload) + 6, kind) + payload)
 
 
 def kvh_1750() -> bytes:
@@ -213,22 +187,22 @@ EVENTS = struct.pack("<3I", 1234 << 3 | 0b011, 5678 << 3, 999999 << 3 | 0b101)
 SAMPLE = struct.pack("<2IB9ih", 70000, 4294967290, 1, 43200, -3, 7, -12, 1003, 5, 1200, -3584, 2500, 2512)
 HOUSEKEEPING = struct.pack(">H4hHH3HH", 513, -1023, -998, 2004, 5001, 28012, 1850, 5003, 15010, 14990, 3)
 INDEPENDENT = {
-    "fog_1k": fog_1k(),
-    "rlg_housekeeping": rlg_housekeeping(),
-    "time_tags": time_tags(),
+    "fog_1k": with_crc16(b"\xf0\x6e", "IiIhH", 70000, -707107, 0xC00001, 2512, 3),
+    "rlg_housekeeping": with_crc16(b"\x52\x4c", "IhHHH", 4711, 2475, 12345, 10012, 0),
+    "time_tags": with_crc32(b"\xa5\x5a\xc3\x3c", "HIQIIH", 44, 4, 4000123, 100000000, 7, 3, more=EVENTS),
     "gnc_422.command": gnc(0x01, 0x11, 7, struct.pack("<IB", 5000, 20), to_unit=True),
     "gnc_422.answer": gnc(0x81, 0x21, 8, struct.pack("<BI", 0, 48000)),
     "gnc_422.stream": gnc(0x02, 0x22, 9, SAMPLE),
     "gnc_422.refusal": gnc(0x7F, 0x44, 255, b"\x03"),
     "ngu_a": ngu_a(),
-    "ngu_a_100s": ngu_a_100s(),
+    "ngu_a_100s": with_crc(b"\xeb\xa0", struct.pack(">H10I10I3IH", 3, *NPP_100S, *PPP_100S, *CLOCKS_100S, STATUS)),
     "ngu_b.housekeeping": ngu_b(1, HOUSEKEEPING),
     "ngu_b.answer": ngu_b(2, b"\x01\x00NGU SIM-1 1.0"),
     "ngu_b.command": ngu_b(3, b"\x02\x64"),
-    "vn100_binary": vn100(),
-    "imu_200": imu_200(),
-    "egi_50": egi_50(),
-    "sar_pulse": sar_pulse(),
+    "vn100_binary": with_crc(b"\xfa", bytes.fromhex("143e003a00") + struct.pack("<29f", *FLOATS), Crc16Xmodem),
+    "imu_200": with_crc32(b"IM", "IQ6ihH", 70000, 3500012345, *IMU, 2512, 3),
+    "egi_50": with_crc32(b"EG", "IQ9dfHH", 17500, 3500098765, *PLACE, *VELOCITY, *ATTITUDE, 1.5, 3, 0),
+    "sar_pulse": with_crc32(b"SR", "IQdfd128hH", 9999, 4999990000, *RANGES, *ECHO, 1),
     "kvh_1750": kvh_1750(),
     "novatel_inspvas": novatel_inspvas(),
     "ublox_ubx.pvt": ubx_pvt(),
@@ -265,101 +239,90 @@ def test_golden_files_are_what_struct_and_crccheck_make(name: str) -> None:
     assert golden_bytes(name) == INDEPENDENT[name]
 
 
-def test_every_shipped_frame_has_a_golden_file() -> None:
+def test_every_shipped_frame_has_its_golden_bytes_in_a_file_and_in_its_definition() -> None:
     assert {name.partition(".")[0] for name in INDEPENDENT} == set(NAMES)
     assert {path.stem for path in GOLDEN.glob("*.hex")} >= set(INDEPENDENT)
-
-
-def test_the_golden_frame_inside_the_definition_is_the_golden_file() -> None:
     for name, frame in INDEPENDENT.items():
         text = " ".join(frame_of(name.partition(".")[0]).text.split())
         assert frame.hex(" ") in text
 
 
-def test_ngu_a_fields() -> None:
-    batch = decode("ngu_a", INDEPENDENT["ngu_a"])
-    assert len(INDEPENDENT["ngu_a"]) == 57
-    assert batch.raw("npp").tolist() == [NPP]
-    assert batch.raw("ppp").tolist() == [PPP]
-    clocks = [batch.raw(name)[0] for name in ("counter", "af_clock", "master_count", "fg_count", "status")]
-    assert clocks == [17, 2560, 100001, 99999, STATUS]
-    bits = [batch.raw(f"status.{name}")[0] for name in ("calibrating", "over_range", "mode")]
-    assert bits == [1, 4, 2]
+FIELDS: dict[str, dict[str, object]] = {
+    "ngu_a": {
+        "npp": NPP,
+        "ppp": PPP,
+        "counter": 17,
+        "af_clock": 2560,
+        "master_count": 100001,
+        "fg_count": 99999,
+        "status": STATUS,
+        "status.calibrating": 1,
+        "status.over_range": 4,
+        "status.mode": 2,
+    },
+    "ngu_a_100s": {"npp": NPP_100S, "ppp": PPP_100S, "counter": 3, "af_clock": 25600512, "master_count": 1000001500},
+    "ngu_b.housekeeping": {"unit_temperature": [-10.23, -9.98, 20.04, 50.01], "supply_voltage": 28.012},
+    "ngu_b.answer": {"command": 1, "payload": b"NGU SIM-1 1.0"},
+    "ngu_b.command": {"command": 2, "payload": b"\x64"},
+    "time_tags": {"events": EVENTS, "counter": 4, "tick": 4000123, "clock": 100000000, "dropped": 7, "edges": 3},
+    "fog_1k": {"output": -0.707107, "encoder": 270.0 + 360.0 / 2**24},
+    "rlg_housekeeping": {"temperature": 24.75, "intensity": 1.2345, "dither_amplitude": 100.12},
+    "imu_200": {
+        "tick": 350.0012345,
+        "delta_angle": [-0.001234567, 1.5, 7e-9],
+        "delta_velocity": [-0.48983123, 2.5e-6, 9.8],
+    },
+    "egi_50": {
+        "latitude": PLACE[0],
+        "longitude": PLACE[1],
+        "height": PLACE[2],
+        "velocity": VELOCITY,
+        "attitude": ATTITUDE,
+        "tick": 350.0098765,
+        "mode": 3,
+        "position_sigma": 1.5,
+    },
+    "sar_pulse": {
+        "echo": ECHO,
+        "tick": 499.999,
+        "near_range": 44919.25,
+        "spacing": 2.5,
+        "wavelength": 0.03122838104166667,
+    },
+    "gnc_422.command": {"destination": 16, "source": 1, "sequence": 7},
+    "gnc_422.answer": {"status": 0, "payload": struct.pack("<I", 48000)},
+    "gnc_422.refusal": {"command": 0x44, "status": 3, "sequence": 255},
+    "gnc_422.stream": {
+        "counter": 70000,
+        "gyro": [216.0, -0.015, 0.035],
+        "accel": [-0.012, 1.003, 0.005],
+        "mag": [0.144, -0.43008, 0.3],
+        "temperature": 25.12,
+    },
+}
 
 
-def test_ngu_a_100s_fields() -> None:
-    batch = decode("ngu_a_100s", INDEPENDENT["ngu_a_100s"])
-    assert batch.raw("npp").tolist() == [NPP_100S]
-    assert batch.raw("ppp").tolist() == [PPP_100S]
-    assert [batch.raw(name)[0] for name in ("counter", "af_clock", "master_count")] == [3, 25600512, 1000001500]
+@pytest.mark.parametrize("name", FIELDS)
+def test_fields_are_what_was_packed(name: str) -> None:
+    frame, _, message = name.partition(".")
+    batch = decode(frame, INDEPENDENT[name], message or "frame")
+    for field, due in FIELDS[name].items():
+        if isinstance(due, bytes):
+            assert batch.raw(field).tolist() == [due]
+        else:
+            np.testing.assert_allclose(batch.scaled(field)[0], due, rtol=1e-14, err_msg=field)
 
 
-def test_ngu_b_messages() -> None:
-    stream = b"".join(frame for name, frame in INDEPENDENT.items() if name.startswith("ngu_b"))
-    messages = frame_of("ngu_b").decoder().feed(stream).messages
-    housekeeping, answer, command = (messages[name] for name in ("housekeeping", "answer", "command"))
-    np.testing.assert_allclose(housekeeping.scaled("unit_temperature")[0], [-10.23, -9.98, 20.04, 50.01], rtol=1e-15)
-    np.testing.assert_allclose(housekeeping.scaled("supply_voltage"), [28.012], rtol=1e-15)
-    assert housekeeping.raw("unit_temperature").tolist() == [[-1023, -998, 2004, 5001]]
-    assert (answer.raw("command")[0], answer.raw("payload")[0]) == (1, b"NGU SIM-1 1.0")
-    assert (command.raw("command")[0], command.raw("payload")[0]) == (2, b"\x64")
-
-
-def test_time_tags_keep_their_events_as_bytes() -> None:
-    batch = decode("time_tags", INDEPENDENT["time_tags"])
-    assert batch.raw("events").tolist() == [EVENTS]
-    assert [int(batch.raw(name)[0]) for name in ("counter", "tick", "clock", "dropped", "edges")] == [
-        4, 4000123, 100000000, 7, 3,
-    ]  # fmt: skip
-
-
-def test_fog_and_ring_laser_fields() -> None:
-    fog = decode("fog_1k", INDEPENDENT["fog_1k"])
-    np.testing.assert_allclose(fog.scaled("output"), [-0.707107], rtol=1e-15)
-    np.testing.assert_allclose(fog.scaled("encoder"), [270.0 + 360.0 / 2**24], rtol=1e-12)
-    laser = decode("rlg_housekeeping", INDEPENDENT["rlg_housekeeping"])
-    found = [laser.scaled(name)[0] for name in ("temperature", "intensity", "dither_amplitude")]
-    np.testing.assert_allclose(found, [24.75, 1.2345, 100.12], rtol=1e-15)
-
-
-def test_time_sync_fields() -> None:
-    imu, egi, radar = (decode(name, INDEPENDENT[name]) for name in ("imu_200", "egi_50", "sar_pulse"))
-    np.testing.assert_allclose(imu.scaled("tick"), [350.0012345], rtol=1e-15)
-    np.testing.assert_allclose(imu.scaled("delta_angle")[0], [-0.001234567, 1.5, 7e-9], rtol=1e-14)
-    np.testing.assert_allclose(imu.scaled("delta_velocity")[0], [-0.48983123, 2.5e-6, 9.8], rtol=1e-14)
-    assert tuple(egi.scaled(name)[0] for name in ("latitude", "longitude", "height")) == PLACE
-    assert (tuple(egi.scaled("velocity")[0]), tuple(egi.scaled("attitude")[0])) == (VELOCITY, ATTITUDE)
-    assert (egi.raw("tick")[0], egi.raw("mode")[0], egi.scaled("position_sigma")[0]) == (3500098765, 3, 1.5)
-    assert radar.raw("echo")[0].tolist() == ECHO
-    assert radar.raw("tick")[0] == 4999990000
-    assert [float(radar.raw(name)[0]) for name in ("near_range", "spacing", "wavelength")] == [
-        44919.25, 2.5, 0.03122838104166667,
-    ]  # fmt: skip
-
-
-def test_gnc_messages() -> None:
-    stream = b"".join(frame for name, frame in INDEPENDENT.items() if name.startswith("gnc_422"))
-    messages = frame_of("gnc_422").decoder().feed(stream).messages
-    assert {name: len(batch) for name, batch in messages.items()} == dict.fromkeys(messages, 1)
-    command, answer, refusal = (messages[name] for name in ("command", "answer", "refusal"))
-    assert (command.raw("destination")[0], command.raw("source")[0], command.raw("sequence")[0]) == (16, 1, 7)
-    assert (answer.raw("status")[0], answer.raw("payload")[0]) == (0, struct.pack("<I", 48000))
-    assert (refusal.raw("command")[0], refusal.raw("status")[0], refusal.raw("sequence")[0]) == (0x44, 3, 255)
-    sample = messages["stream"]
-    assert (sample.raw("counter")[0], sample.raw("tick")[0], len(sample.message.fields)) == (70000, 4294967290, 14)
-    np.testing.assert_allclose(sample.scaled("gyro")[0], [216.0, -0.015, 0.035], rtol=1e-15)
-    np.testing.assert_allclose(sample.scaled("accel")[0], [-0.012, 1.003, 0.005], rtol=1e-15)
-    np.testing.assert_allclose(sample.scaled("mag")[0], [0.144, -0.43008, 0.3], rtol=1e-15)
-    np.testing.assert_allclose(sample.scaled("temperature"), [25.12], rtol=1e-15)
+def test_raw_values_and_fields_per_sample() -> None:
+    assert decode("ngu_b", INDEPENDENT["ngu_b.housekeeping"], "housekeeping").raw("unit_temperature").tolist() == [
+        [-1023, -998, 2004, 5001]
+    ]
+    sample = decode("gnc_422", INDEPENDENT["gnc_422.stream"], "stream")
+    assert (sample.raw("tick")[0], len(sample.message.fields)) == (4294967290, 14)
     per_sample = {item.name for item in sample.message.fields if item.per == "sample"}
     assert per_sample == {"tick", "gyro", "accel", "mag", "temperature"}
-
-
-def test_vn100_fields() -> None:
-    batch = decode("vn100_binary", INDEPENDENT["vn100_binary"])
-    assert len(INDEPENDENT["vn100_binary"]) == 124
-    names = [item.name for item in batch.message.fields if item.name != "header"]
-    assert [batch.scaled(name)[0] for name in names] == FLOATS
+    vn100 = decode("vn100_binary", INDEPENDENT["vn100_binary"])
+    assert [vn100.scaled(item.name)[0] for item in vn100.message.fields if item.name != "header"] == FLOATS
 
 
 @pytest.mark.parametrize("name", ["ngu_a", "ngu_a_100s", "vn100_binary"])

@@ -1,8 +1,13 @@
-"""The compiled kernel: published values of checks, the same arrays and bytes as numpy."""
+"""The compiled kernel: which engine decodes, published values of checks, the same arrays and bytes as numpy."""
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import crccheck.crc
@@ -12,17 +17,95 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from record_sample import ROOT, frame
 
-from bench.frame import FrameDefinition, LinkDecoder, MessageBatch, parse_frame, why_no_kernel
-from bench.frame.best import kernel
+from bench.frame import FrameDefinition, LinkDecoder, Message, MessageBatch, best, parse_frame, why_no_kernel
+from bench.frame.best import kernel, kernel_path, load_kernel
 from bench.frame.catalogue import CATALOGUE, CrcModel
 from bench.frame.crc import CHECKSUMS, Check, Crc
 from bench.frame.encode import encode_rows
+from bench.frame.kernel import variant
 from bench.frame.kernel.arrays import FOLDED_FROM, FOLDED_WORDS, arrays_of, holds, knows
 from bench.frame.kernel_encoder import KernelEncoder
-from bench.frame.layout import Field, Layout, Message
+from bench.frame.layout import Field, Layout
 from bench.model.errors import InputError
 
-pytestmark = pytest.mark.skipif(bool(why_no_kernel()), reason=why_no_kernel() or "the kernel is there")
+LOOK = """
+import json, sys
+from bench.frame import best_engine, why_no_kernel
+print(json.dumps([best_engine(), why_no_kernel(), "numba" in sys.modules]))
+"""
+NEEDS_KERNEL = pytest.mark.skipif(bool(why_no_kernel()), reason=why_no_kernel() or "the kernel is there")
+
+
+def looked(cache: Path) -> tuple[str, str, bool]:
+    """Ask a fresh process for the engine, why there is no kernel, and whether it has loaded numba."""
+    around = os.environ | {"XDG_CACHE_HOME": str(cache)}
+    done = subprocess.run([sys.executable, "-c", LOOK], env=around, capture_output=True, text=True, check=True)
+    engine, why, compiler = json.loads(done.stdout)
+    return engine, why, compiler
+
+
+def test_where_no_kernel_was_made_numpy_decodes_and_one_sentence_says_how_to_make_it(tmp_path: Path) -> None:
+    engine, why, _ = looked(tmp_path)
+    assert engine == "numpy"
+    assert "python -m bench.frame.kernel" in why
+    assert "\n" not in why
+    assert list(tmp_path.iterdir()) == []
+
+
+@NEEDS_KERNEL
+def test_the_kernel_is_loaded_without_the_compiler() -> None:
+    assert looked(kernel_path().parents[1]) == ("kernel", "", False)
+
+
+def damaged(place: int) -> bytes:
+    content = bytearray(kernel_path().read_bytes())
+    content[place] ^= 1
+    return bytes(content)
+
+
+@pytest.mark.parametrize(
+    ("content", "mode", "why"),
+    [
+        *(pytest.param(place, 0o600, "damaged", marks=NEEDS_KERNEL) for place in (0, 40, -1)),
+        *((content, 0o600, r"damaged|empty") for content in (b"", b"short", bytes(5000))),
+        (bytes(5000), 0o666, "others may write it"),
+    ],
+)
+def test_a_file_that_is_no_sound_own_kernel_is_refused(
+    tmp_path: Path, content: bytes | int, mode: int, why: str
+) -> None:
+    path = tmp_path / "kernel"
+    path.write_bytes(content if isinstance(content, bytes) else damaged(content))
+    path.chmod(mode)
+    with pytest.raises(ValueError, match=why):
+        load_kernel(path)
+
+
+def test_a_kernel_that_cannot_be_loaded_is_told_with_its_file(tmp_path: Path) -> None:
+    around = os.environ | {"XDG_CACHE_HOME": str(tmp_path)}
+    where = "from bench.frame.best import kernel_path; print(kernel_path())"
+    done = subprocess.run([sys.executable, "-c", where], env=around, capture_output=True, text=True, check=True)
+    path = Path(done.stdout.strip())
+    path.parent.mkdir()
+    path.write_bytes(b"no code")
+    engine, why, _ = looked(tmp_path)
+    assert engine == "numpy"
+    assert f"cannot be loaded from {path}" in why
+
+
+def test_without_a_kernel_the_same_calls_go_to_numpy(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(best, "_loaded", lambda: (None, "not today"))
+    assert best.best_engine() == "numpy"
+    assert type(frame("ngu_a").decoder("kernel")).__name__ == "NumpyDecoder"
+    assert type(frame("ngu_a").decoder()).__name__ == "NumpyDecoder"
+    assert kernel() is None
+
+
+def test_a_processor_without_carry_less_products_gets_code_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(variant.Path, "read_text", lambda self, **how: "flags\t: fpu sse sse2 avx2 bmi1 bmi2\n")
+    assert variant.variant_here() == variant.PLAIN
+    assert kernel_path().name.endswith("-plain")
+
 
 SHIPPED = sorted(path.stem for path in (ROOT / "frames").glob("*.yaml") if holds(frame(path.stem).layout))
 ORACLES = {kind._names[0].lower(): kind for kind in crccheck.crc.ALLCRCCLASSES}
@@ -45,6 +128,7 @@ def sealed(check: Check, rows: np.ndarray, folded: bool = True) -> list[int]:
     return [int.from_bytes(row[1 + length :].tobytes(), "big") for row in whole]
 
 
+@NEEDS_KERNEL
 @pytest.mark.parametrize("folded", [True, False])
 @pytest.mark.parametrize("name", CATALOGUE)
 def test_published_check_value_and_random_messages(name: str, folded: bool) -> None:
@@ -55,6 +139,7 @@ def test_published_check_value_and_random_messages(name: str, folded: bool) -> N
         assert sealed(crc, rows, folded) == [ORACLES[name].calc(row.tobytes()) for row in rows]
 
 
+@NEEDS_KERNEL
 @settings(max_examples=60, deadline=None)
 @given(width=st.integers(1, 64), parameters=st.tuples(*[st.integers(0, (1 << 64) - 1)] * 3),
        turns=st.tuples(st.booleans(), st.booleans()), message=st.binary(min_size=1, max_size=300))  # fmt: skip
@@ -68,6 +153,7 @@ def test_any_parameters(width: int, parameters: tuple[int, int, int], turns: tup
         assert sealed(crc, rows) == [crccheck.crc.Crc(width, poly, init, *turns, xorout).calc(message)]
 
 
+@NEEDS_KERNEL
 @pytest.mark.parametrize("name", [name for name, check in CHECKSUMS.items() if knows(check)])
 def test_checks_that_are_no_crc(name: str) -> None:
     generator = np.random.default_rng(SEED)
@@ -94,19 +180,6 @@ def columns_of(definition: FrameDefinition, message: Message, count: int) -> dic
     return columns
 
 
-def frames_of(definition: FrameDefinition, message: Message, count: int) -> list[bytes]:
-    """Seeded frames of a message, of many lengths if they vary."""
-    columns, generator = columns_of(definition, message, count), np.random.default_rng(SEED)
-    if message.rest is None:
-        return [row.tobytes() for row in definition.encode(columns, count, message.name)]
-    values = [{name: column[index] for name, column in columns.items()} for index in range(count)]
-    tails = [generator.bytes(int(generator.integers(0, 60))) for _ in range(count)]
-    return [
-        definition.encode_one({**head, message.rest.name: tail}, message.name)
-        for head, tail in zip(values, tails, strict=True)
-    ]
-
-
 def same(one: MessageBatch, other: MessageBatch) -> None:
     for name in ("offset", "rows", "suspect", "counter", "t_ns"):
         left, right = getattr(one, name), getattr(other, name)
@@ -121,27 +194,7 @@ def same(one: MessageBatch, other: MessageBatch) -> None:
         assert left.tolist() == right.tolist() if item.rest else left.tobytes() == right.tobytes(), item.name
 
 
-@pytest.mark.parametrize("share", [0.0, 0.05])
-@pytest.mark.parametrize("name", SHIPPED)
-def test_every_array_is_that_of_numpy(name: str, share: float) -> None:
-    definition, generator = frame(name), np.random.default_rng(SEED)
-    parts = [part for message in definition.layout.messages for part in frames_of(definition, message, 150)]
-    generator.shuffle(parts)
-    clean = np.frombuffer(b"".join(parts), np.uint8)
-    stream = (clean ^ np.where(generator.random(len(clean)) < share / 50, 4, 0).astype(np.uint8)).tobytes()
-    links = [LinkDecoder(definition, "kernel"), LinkDecoder(definition, "numpy")]
-    for at in range(0, len(stream), 7001):
-        for link in links:
-            link.push(at * 1000, stream[at : at + 7001])
-        batches = [link.flush() for link in links]
-        assert batches[0].bad_offset.tolist() == batches[1].bad_offset.tolist()
-        assert batches[0].bad_t_ns.tolist() == batches[1].bad_t_ns.tolist()
-        for message in definition.messages:
-            same(batches[0].messages[message], batches[1].messages[message])
-    assert links[0].counts == links[1].counts
-    assert links[0].counts.frames > (0 if share else len(parts) - 2)
-
-
+@NEEDS_KERNEL
 @pytest.mark.parametrize("name", SHIPPED)
 def test_the_encoder_writes_the_same_bytes(name: str) -> None:
     definition = frame(name)
@@ -155,6 +208,7 @@ def test_the_encoder_writes_the_same_bytes(name: str) -> None:
             assert plain.tobytes() == definition.encode(shared, 3, message.name).tobytes()
 
 
+@NEEDS_KERNEL
 @pytest.mark.parametrize("kind", ["u2", "i4", "i8", "u8", ">i4", "f8"])
 def test_values_of_every_type_are_taken_or_refused_as_by_numpy(kind: str) -> None:
     """Both ends of what the fields hold, by types that hold more or less, and in more frames than a stage has."""
@@ -174,6 +228,7 @@ def test_values_of_every_type_are_taken_or_refused_as_by_numpy(kind: str) -> Non
             assert answers[0] == answers[1], (name, value)
 
 
+@NEEDS_KERNEL
 @settings(max_examples=150, deadline=None)
 @given(size=st.sampled_from([1, 2]), wrap=st.sampled_from([None, 16, 128]), rate=st.sampled_from([None, 10.0, 100.0]),
        moves=st.lists(st.tuples(st.integers(-80, 300) | st.integers(0, 70_000), st.integers(0, 5 * 10**8)),

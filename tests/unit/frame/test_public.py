@@ -1,8 +1,8 @@
-"""Two public wire formats: bytes that other people published, with their check values and their decoded numbers."""
+"""Public wire formats: bytes that other people published, and a capture made by strangers with their decode."""
 
 from __future__ import annotations
 
-import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -12,12 +12,9 @@ from captured import captured
 from record_sample import ROOT
 from record_sample import frame as frame_of
 
-from bench.commands.frame.decode import decode
-from bench.frame import parse_frame
-from bench.frame.stream import LinkDecoder
+from bench.frame import LinkDecoder, parse_frame
 from bench.model.errors import InputErrors
 
-SEED = 404
 # OEM7 documentation, "ASCII to binary log conversion example", and GPStation-6 manual, page 44: the same check covers
 # every binary log, so the vendor's two BESTPOS logs hold the one of INSPVAS
 BESTPOS = """
@@ -82,34 +79,6 @@ def test_the_counter_of_kvh_goes_on_behind_127() -> None:
     assert batch.counter.tolist() == [place for place in range(1000) if place not in (126, 127, 128, 640)]
 
 
-@pytest.mark.parametrize("name", ["kvh_1750", "novatel_inspvas"])
-def test_decode_finds_frames_between_junk(
-    name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Text, other logs, noise with sync bytes in it, a cut frame and one with a flipped bit; blocks cut anywhere."""
-    rng = np.random.default_rng(SEED)
-    frame = golden(name)
-    flipped = bytearray(frame)
-    flipped[30] ^= 0x10
-    junk = [
-        b"$GPGGA,123519*47\r\n", bytes.fromhex("".join(BESTPOS[0].split())), rng.bytes(500) + frame[:6], frame[:-3],
-        bytes(flipped), frame[:3] * 5, b"",
-    ]  # fmt: skip
-    capture = tmp_path / "capture.bin"
-    capture.write_bytes(b"".join(part + frame for part in junk * 20))
-    assert decode(str(ROOT / "frames" / f"{name}.yaml"), capture, tmp_path / "out.csv", None, True) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["good"] == 140
-    assert found["bad"] >= 20
-    assert found["good"] * len(frame) + found["skipped_bytes"] == found["bytes"]
-    lines = (tmp_path / "out.csv").read_text(encoding="utf-8").splitlines()
-    assert len(lines) == 141
-    monkeypatch.setattr("bench.frame.capture._BLOCK_BYTES", 61)
-    for engine in ("kernel", "numpy", "reference"):
-        again, _ = captured(frame_of(name), capture, engine)  # type: ignore[arg-type]
-        assert (again.counts.frames, again.counts.bad) == (140, found["bad"])
-
-
 @pytest.mark.parametrize("field", ["{name: n, type: u8, role: counter, wrap: 100}", "{name: n, type: u8, wrap: 128}",
                                    "{name: n, type: u8, role: counter, wrap: 256}",
                                    "{name: n, type: f32, role: counter, wrap: 4}"])  # fmt: skip
@@ -120,7 +89,38 @@ def test_a_wrap_that_no_counter_has_is_refused(field: str) -> None:
     assert "B-FRAME-003" in str(caught.value)
 
 
-def test_a_wrap_is_part_of_what_a_definition_means() -> None:
-    text = frame_of("kvh_1750").text
-    without = parse_frame(text.replace(", wrap: 128", ""), "kvh_1750.yaml")
-    assert without.sha256 != frame_of("kvh_1750").sha256
+RECORDINGS = Path(os.environ.get("BENCH_REAL_DATA", ROOT.parent / "shared" / "data")) / "vn100"
+
+IS_THERE = pytest.mark.skipif(not (RECORDINGS / "F00379").exists(), reason=f"no recording {RECORDINGS / 'F00379'}")
+
+
+@pytest.mark.real
+@IS_THERE
+@pytest.mark.parametrize("engine", ["numpy", "reference"])
+def test_counts_of_the_capture(engine: str) -> None:
+    decoded, _ = captured(frame_of("vn100_binary"), RECORDINGS / "F00379", engine)  # type: ignore[arg-type]
+    assert (decoded.counts.frames, decoded.counts.bad) == (8895, 2)
+    assert decoded.counts.bytes == 1_437_495
+
+
+@pytest.mark.real
+@IS_THERE
+@pytest.mark.validates(
+    "frame decoder on a real capture of 8,895 frames",
+    against="a decode of the same capture by other people's software",
+)
+def test_all_columns_equal_the_independent_decode_within_its_print_rounding(
+    record_property: Callable[[str, object], None],
+) -> None:
+    _, messages = captured(frame_of("vn100_binary"), RECORDINGS / "F00379")
+    batch = messages["frame"]
+    names = [item.name for item in batch.message.fields if item.name != "header"]
+    ours = np.column_stack([batch.scaled(name) for name in names])
+    lines = (RECORDINGS / "F00379_B").read_text(encoding="ascii").splitlines()[1:]
+    theirs = np.array([[float(text) for text in line.split(",")[:-1]] for line in lines if line.count(",") == 29])
+    assert ours.shape == theirs.shape == (8895, 29)
+    # printed as 1.234567e+02: only half a unit of the last printed digit may differ, 5e-5 for values from 100 on
+    last_digit = 10.0 ** (np.floor(np.log10(np.maximum(np.abs(theirs), 1e-30))) - 6)
+    worst = float(np.max(np.abs(ours - theirs) / last_digit))
+    record_property("obtained", f"29 columns, worst {worst:.3f} of the last printed digit, limit 0.5")
+    assert (np.abs(ours - theirs) <= 0.5 * last_digit * (1 + 1e-6)).all()

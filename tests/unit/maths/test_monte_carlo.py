@@ -1,13 +1,22 @@
-"""Monte Carlo propagation against the published examples of JCGM 101:2008 and closed forms; seeds are fixed."""
+"""Propagation against published examples and drawn numbers; variances, repeats and correlated readings likewise."""
+
+from __future__ import annotations
 
 import math
+import statistics
 from collections.abc import Callable
 
 import numpy as np
 import pytest
-from scipy import optimize, stats
+from numpy.typing import NDArray
+from scipy import optimize, signal, stats
 
+from bench.maths.budget import independent_count
 from bench.maths.monte_carlo import Distribution, check_interval, numerical_tolerance, propagate, shortest_interval
+from bench.maths.repeats import odd_one, trend
+from bench.maths.stein import needed, widening
+from bench.maths.variances import of_variances
+from bench.maths.verdict import coverage_factor
 
 ROOT3 = math.sqrt(3.0)
 TRIALS = 1_000_000
@@ -63,14 +72,6 @@ def test_additive_model(
     assert check.statement == statement
 
 
-def test_rectangular_against_its_exact_interval() -> None:
-    """The budget's interval 3.92 is 0.041 too wide; the trials see it. Published: +-3.88."""
-    assert round(2 * ROOT3 * (2 - (3 / 5) ** 0.25), 2) == 3.88
-    found = propagate(four_rectangular, 2, 2_000_000)
-    assert found.high - found.low == pytest.approx(2 * 3.8794, abs=0.01)
-    assert found.high - found.low < 2 * 3.92 - 0.06
-
-
 @pytest.mark.validates(
     "Monte Carlo propagation, non-linear model",
     against="JCGM 101:2008 9.3, calibration of a mass",
@@ -93,7 +94,11 @@ def test_shortest_interval_of_a_one_sided_distribution() -> None:
     assert (low, high) == (pytest.approx(0.0, abs=1e-3), pytest.approx(-math.log(0.05), abs=0.03))
 
 
-def test_too_few_trials_for_an_interval() -> None:
+def test_the_same_seed_gives_the_same_numbers_and_nothing_gives_no_interval() -> None:
+    assert propagate(mass, 6, 50_000) == propagate(mass, 6, 50_000)
+    assert propagate(mass, 6, 50_000) != propagate(mass, 7, 50_000)
+    with pytest.raises(ValueError, match="no digits"):
+        numerical_tolerance(0.0)
     with pytest.raises(ValueError, match="5 trials"):
         shortest_interval(np.arange(5.0))
 
@@ -105,16 +110,6 @@ def test_too_few_trials_for_an_interval() -> None:
 def test_numerical_tolerance(std: float, digits: int, tolerance: float) -> None:
     """The first two are the examples of clause 7.9.2; 9.96 has the digits 10."""
     assert numerical_tolerance(std, digits) == pytest.approx(tolerance, rel=1e-12)
-
-
-def test_no_tolerance_without_uncertainty() -> None:
-    with pytest.raises(ValueError, match="no digits"):
-        numerical_tolerance(0.0)
-
-
-def test_the_same_seed_gives_the_same_numbers() -> None:
-    assert propagate(mass, 6, 50_000) == propagate(mass, 6, 50_000)
-    assert propagate(mass, 6, 50_000) != propagate(mass, 7, 50_000)
 
 
 def test_stated_scatter_of_the_ends_is_theirs() -> None:
@@ -156,3 +151,157 @@ def test_statement_of_a_check(high: float, noise: float, statement: str) -> None
     check = check_interval(0.0, 1.0, 2.0, found)
     assert (check.tolerance, check.statement) == (0.05, statement)
     assert (check.low_difference, check.high_difference) == (0.0, pytest.approx(high - 2.0))
+
+
+Array = NDArray[np.float64]
+SEED = 11
+
+
+def behind_a_floor(share: float) -> Callable[[Array], Array]:
+    """A variance over what it leaves of a limit, of which it takes this share."""
+
+    def of(variance: Array) -> Array:
+        left = 1.0 - share * variance
+        return np.where(left > 0.0, variance / np.where(left > 0.0, left, 1.0), np.inf)
+
+    return of
+
+
+@pytest.mark.parametrize("dof", [4.0, 14.0, 49.0, 18_791.0])
+def test_one_variance(dof: float) -> None:
+    """The standard deviation by its formula; the interval by the distribution function of the chi-square."""
+    std, half = of_variances(lambda variance: 3.0 * variance, dof)
+    assert std == pytest.approx(3.0 * np.sqrt(2.0 / dof), rel=0.01)
+    ends = (dof / (1.0 + half / 3.0), dof / (1.0 - half / 3.0) if half < 3.0 else np.inf)
+    assert stats.chi2.cdf(ends[1], dof) - stats.chi2.cdf(ends[0], dof) == pytest.approx(0.95, abs=1.5e-3)
+    if dof < 50.0:
+        by_student = stats.t.ppf(0.975, dof) * std  # what was stated
+        ends = (dof / (1.0 + by_student / 3.0), dof / max(1.0 - by_student / 3.0, 1e-9))
+        assert stats.chi2.cdf(ends[1], dof) - stats.chi2.cdf(ends[0], dof) < 0.94
+
+
+@pytest.mark.parametrize(("share", "dof"), [(0.16, 49.0), (0.32, 49.0), (0.16, 17.0)])
+def test_intervals_behind_a_floor_hold_in_95_per_cent(share: float, dof: float) -> None:
+    rng, count, function = np.random.default_rng(SEED), 1000, behind_a_floor(share)
+    estimates = rng.chisquare(dof, count) / dof
+    halves = [of_variances(lambda factor, own=own: function(own * factor), dof)[1] for own in estimates]
+    held = int(np.sum(np.abs(function(estimates) - function(np.ones(1))) <= halves))
+    print(f"seed {SEED}, share {share}, dof {dof:g}: {held} of {count}")
+    low, high = stats.binom.interval(0.999, count, 0.95)
+    assert low <= held <= high
+    std, _ = of_variances(function, dof)
+    assert std == pytest.approx(np.std(function(rng.chisquare(dof, 400_000) / dof)), rel=0.02)
+
+
+def test_two_variances() -> None:
+    rng = np.random.default_rng(SEED)
+    first, second = (rng.chisquare(dof, 400_000) / dof for dof in (20.0, 8.0))
+    std, half = of_variances(lambda one, other: 2.0 * one + other, 20.0, 8.0)
+    assert std == pytest.approx(np.std(2.0 * first + second), rel=0.01)
+    assert half == pytest.approx(np.quantile(np.abs(2.0 / first + 1.0 / second - 3.0), 0.95), rel=0.01)
+    assert of_variances(lambda one, other: 2.0 * one + other, np.inf, 8.0) == pytest.approx(
+        of_variances(lambda other: 2.0 + other, 8.0)
+    )
+
+
+def test_without_a_value_nothing_is_known() -> None:
+    assert of_variances(behind_a_floor(1.5), 20.0) == (np.inf, np.inf)  # no value
+    assert of_variances(behind_a_floor(0.5), 20.0) == (np.inf, np.inf)  # half of a percent of estimates have none
+    assert of_variances(lambda known: known, np.inf) == (0.0, 0.0)
+
+
+# Grubbs, Technometrics 11 (1969), table 1: two-sided 5 %, (x - mean) / s.
+GRUBBS_5 = {5: 1.715, 8: 2.126, 10: 2.290, 15: 2.549, 20: 2.709}
+
+
+@pytest.mark.validates("odd reading among n", against="Grubbs, Technometrics 11 (1969), table 1, 5 %")
+@pytest.mark.parametrize(("n", "critical"), GRUBBS_5.items())
+def test_grubbs(n: int, critical: float) -> None:
+    """A reading exactly at the critical value of the table is odd with 5 %."""
+    others = stats.norm.ppf((np.arange(n - 1) + 0.5) / (n - 1))
+    low, high = 1.0, 50.0
+    for _ in range(100):
+        middle = (low + high) / 2.0
+        readings = np.append(others, middle)
+        size = (middle - readings.mean()) / readings.std(ddof=1)
+        low, high = (middle, high) if size < critical else (low, middle)
+    found = odd_one(np.append(others, low))
+    assert found is not None
+    assert found.probability == pytest.approx(0.05, rel=0.01)
+
+
+def test_trend_is_the_slope_of_a_line() -> None:
+    t_s = np.array([0.0, 1.0, 2.5, 3.0, 6.0, 7.0])
+    readings = 5.0 + 0.002 * t_s + np.array([1.0, -2.0, 0.5, 1.5, -1.0, 0.2]) * 1e-3
+    known, found = stats.linregress(t_s, readings), trend(t_s, readings)
+    assert found is not None
+    assert found.probability == pytest.approx(known.pvalue, rel=1e-9)
+    assert found.size == pytest.approx(7.0 * known.slope, rel=1e-9)
+
+
+def test_what_few_or_equal_readings_say() -> None:
+    three, alike = np.array([1.0, 2.0, 3.0]), np.full(8, 5.0)
+    assert trend(three, three) is None
+    assert odd_one(three) is None
+    assert trend(np.arange(8.0), alike) is None
+    assert odd_one(alike) is None
+    found = odd_one(np.array([5.0, 5.0, 5.0, 5.0, 5.1]))
+    assert found is not None
+    assert found.probability == 0.0
+    assert found.size == pytest.approx(-0.02)
+
+
+N, CAMPAIGNS = 2000, 300
+
+
+@pytest.mark.validates("mean of correlated readings", against="autoregressive processes of first order")
+def test_autoregressive_processes(record_property: Callable[[str, object], None]) -> None:
+    """n (1 - a) / (1 + a) of n readings count; 95 % intervals of the mean hold the truth, which is zero."""
+    shares, inside = [], []
+    for correlation in (0.0, 0.5, 0.9):
+        counts, covered = _campaigns(correlation)
+        shares.append(counts * (1.0 + correlation) / (1.0 - correlation) / N)
+        inside.append(covered)
+    record_property("obtained", f"{100.0 * min(inside):.1f} % to {100.0 * max(inside):.1f} % covered")
+    assert shares == pytest.approx([1.0, 1.0, 1.0], abs=0.06)
+    assert 0.92 <= min(inside) <= max(inside) <= 0.98
+
+
+def _campaigns(correlation: float) -> tuple[float, float]:
+    """Return the mean count of independent readings, and the share of intervals that hold the truth."""
+    rng = np.random.default_rng(int(100 * correlation))
+    counts, inside = [], 0
+    for _ in range(CAMPAIGNS):
+        readings = signal.lfilter([1.0], [1.0, -correlation], rng.normal(size=N + 500))[500:]
+        counts.append(independent_count(readings))
+        std = readings.std(ddof=1) * np.sqrt((N - 1) / N / (counts[-1] - 1.0))
+        inside += abs(readings.mean()) <= coverage_factor(counts[-1] - 1.0) * std
+    return float(np.mean(counts)), inside / CAMPAIGNS
+
+
+def test_readings_are_worth_no_more_than_they_are() -> None:
+    assert independent_count(np.array([1.0, -1.0] * 20)) == 40.0
+    assert 2.0 <= independent_count(np.arange(1000.0)) < 4.0
+    assert independent_count(np.full(7, 3.2)) == 7.0
+    assert independent_count(np.array([1.0])) == 1.0
+
+
+@pytest.mark.validates("widening of a 95 % interval by few degrees of freedom", against="scipy.stats.t")
+@pytest.mark.parametrize("dof", [9, 10, 14, 29, 99, 999])
+def test_the_widening_is_that_of_students_t(dof: int) -> None:
+    assert widening(dof) == pytest.approx(stats.t.ppf(0.975, dof) / stats.norm.ppf(0.975), rel=1e-5)
+
+
+@pytest.mark.parametrize("target", [0.05, 0.2, 1.0])
+def test_it_is_the_least_number_whose_interval_is_no_wider(target: float) -> None:
+    """The interval of n readings is t s / sqrt(n), with the t and the s of the first ten, whatever n is."""
+    first = np.random.default_rng(4).normal(3.0, 0.7, 10).tolist()
+    count = needed(first, target)
+    half_width = stats.t.ppf(0.975, 9) * statistics.stdev(first)
+    allowed = stats.norm.ppf(0.975) * target
+    assert half_width / math.sqrt(count) <= allowed * (1 + 1e-5)
+    assert count == 10 or half_width / math.sqrt(count - 1) > allowed * (1 - 1e-5)
+
+
+def test_readings_without_scatter_need_no_more() -> None:
+    assert needed([1.0] * 12, 1e-9) == 12

@@ -1,33 +1,37 @@
-"""The two clocks behind one interface."""
+"""The two clocks behind one interface; what is not there off POSIX, its equivalents and its refusal."""
 
 from __future__ import annotations
 
+import ast
+import errno
+import os
+import re
+import socket
+import sys
 import threading
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
+from bench.model import posix
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS, VirtualClock, WallClock, to_ns
+from bench.model.errors import ExitStatus, InputError
 
 
-def test_virtual_time_jumps_and_utc_follows() -> None:
+def test_virtual_time_jumps_and_calls_back_in_order_until_cancelled() -> None:
     clock = VirtualClock()
     clock.sleep(136_800.0)
     assert clock.now_ns() == 136_800 * NS
     assert clock.utc_ns() == VIRTUAL_START_UTC_NS + 136_800 * NS
     clock.sleep_until_ns(5)
     assert clock.now_ns() == 136_800 * NS
-
-
-def test_callbacks_run_in_order_of_due_time_then_registration() -> None:
     clock = VirtualClock()
     seen: list[tuple[str, int]] = []
     clock.every(2.0, lambda: seen.append(("a", clock.now_ns() // NS)))
     clock.every(1.0, lambda: seen.append(("b", clock.now_ns() // NS)))
     clock.sleep(4.0)
     assert seen == [("b", 1), ("a", 2), ("b", 2), ("b", 3), ("a", 4), ("b", 4)]
-
-
-def test_a_cancelled_callback_never_runs_again() -> None:
     clock = VirtualClock()
     seen: list[int] = []
     task = clock.every(1.0, lambda: (seen.append(clock.now_ns() // NS), task.cancel() if len(seen) == 2 else None))
@@ -67,19 +71,6 @@ def test_quiet_time_ends_at_the_sleeper_or_the_next_callback_that_may_change_the
     clock.every(2.5, lambda: None, observer=False)
     clock.sleep(4.0)
     assert horizons == [2.0, 2.0, 4.5, 4.5, 6.0, 6.0]
-
-
-def test_two_virtual_runs_are_identical() -> None:
-    def run() -> list[int]:
-        clock = VirtualClock()
-        seen: list[int] = []
-        for period in (0.1, 0.3, 0.7):
-            clock.every(period, lambda: seen.append(clock.now_ns()))
-        clock.sleep(10.0)
-        return seen
-
-    assert run() == run()
-    assert len(run()) == 100 + 33 + 14
 
 
 @pytest.mark.parametrize("clock", [VirtualClock(), WallClock()])
@@ -156,3 +147,143 @@ def test_turns_that_were_passed_are_not_taken_again() -> None:
     clock.sleep(9.0)
     assert taken == [("first", 1.0), ("other", 4.0), ("first", 5.0), ("other", 8.0), ("first", 9.0)]
     assert clock.now_ns() == 9 * NS
+
+
+TOP = Path(__file__).resolve().parents[3]
+ALONE = TOP / "bench" / "model" / "posix.py"
+MODULES = {"fcntl", "termios", "pwd", "grp", "resource", "pty", "tty", "syslog"}
+NAMES = re.compile(
+    r"\bos\.(?:fork|get(?:e?[ug]id)|nice|pread|pwrite|O_(?:CLOEXEC|NOFOLLOW|NONBLOCK|DIRECTORY|BINARY))\b|\bAF_UNIX\b"
+    r"|\bopen_unix_connection\b"
+)
+
+
+def test_no_other_module_loads_or_names_what_is_posix() -> None:
+    found = []
+    for path in sorted(
+        path for room in ("bench", "instruments", "sim_instruments") for path in (TOP / room).rglob("*.py")
+    ):
+        if path == ALONE:
+            continue
+        text = path.read_text(encoding="utf-8")
+        found += [f"{path.name}: {name}" for name in NAMES.findall(text)]
+        if any(name in text for name in MODULES):
+            for node in ast.walk(ast.parse(text)):
+                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+                names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+                found += [f"{path.name}: {name}" for name in names if name.partition(".")[0] in MODULES]
+    assert found == []
+
+
+def test_this_system_lacks_nothing() -> None:
+    assert posix.lacking() == ()
+    posix.require("anything")
+
+
+def test_what_needs_posix_is_refused_with_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(posix, "_fcntl", None)
+    monkeypatch.delattr(socket, "AF_UNIX")
+    assert posix.lacking() == ("fcntl", "AF_UNIX")
+    with pytest.raises(InputError) as refused:
+        posix.require("a run on the wall clock")
+    assert (refused.value.code, refused.value.exit_status) == ("B-SYS-001", ExitStatus.BAD_INPUT)
+    assert refused.value.message == "a run on the wall clock needs Linux; this system has no fcntl, AF_UNIX"
+    with pytest.raises(OSError, match="no Unix sockets"):
+        posix.unix_socket()
+
+
+def test_who_is_at_the_other_end(monkeypatch: pytest.MonkeyPatch) -> None:
+    one, other = socket.socketpair()
+    with one, other:
+        assert posix.peer(one) == (os.getpid(), os.getuid())
+        monkeypatch.delattr(socket, "SO_PEERCRED")
+        assert posix.peer(one) is None
+    assert "SO_PEERCRED" in posix.lacking()  # macOS
+
+
+def test_a_lock_is_held_until_the_file_is_closed(tmp_path: Path) -> None:
+    path = tmp_path / "journal"
+    path.write_bytes(b"line\n")
+    one, other = (os.open(path, os.O_RDONLY | posix.ALONE) for _ in range(2))
+    posix.lock_file(one)
+    with pytest.raises(BlockingIOError):
+        posix.lock_file(other)
+    os.close(one)
+    posix.lock_file(other)
+    os.close(other)
+
+
+@pytest.mark.parametrize(("number", "raised"), [(None, None), (errno.EACCES, BlockingIOError), (errno.EIO, OSError)])
+def test_windows_locks_a_byte_behind_everything_that_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: int | None, raised: type[OSError] | None
+) -> None:
+    asked: list[tuple[int, int, int]] = []
+
+    def locking(descriptor: int, mode: int, count: int) -> None:
+        asked.append((os.lseek(descriptor, 0, os.SEEK_CUR), mode, count))
+        if number is not None:
+            raise OSError(number, "as the C library says it")
+
+    monkeypatch.setattr(posix, "_fcntl", None)
+    monkeypatch.setattr(posix, "_msvcrt", SimpleNamespace(locking=locking, LK_NBLCK=2))
+    with (tmp_path / "journal").open("wb") as file:
+        if raised is None:
+            posix.lock_file(file.fileno())
+        else:
+            with pytest.raises(raised) as refused:
+                posix.lock_file(file.fileno())
+            assert type(refused.value) is raised
+    assert asked == [(1 << 30, 2, 1)]
+
+
+@pytest.mark.parametrize("missing", [(), ("pread", "pwrite")])
+def test_bytes_at_a_place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, missing: tuple[str, ...]) -> None:
+    for name in missing:
+        monkeypatch.delattr(os, name)
+    with (tmp_path / "file").open("w+b", buffering=0) as file:
+        file.write(b"0123456789")
+        assert posix.write_at(file.fileno(), memoryview(b"ab"), 4) == 2
+        assert posix.read_at(file.fileno(), 4, 3) == b"3ab6"
+
+
+def test_whose_file_it_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "file").touch(0o600)
+    status = (tmp_path / "file").stat()
+    foreign = SimpleNamespace(st_uid=status.st_uid + 1, st_mode=status.st_mode)
+    (tmp_path / "file").chmod(0o620)
+    assert posix.is_own(status)
+    assert not posix.is_own((tmp_path / "file").stat())
+    assert not posix.is_own(foreign)  # type: ignore[arg-type]
+    of_root = SimpleNamespace(st_uid=0, st_mode=0o100644)
+    assert posix.is_own(of_root, or_of_root=True)  # type: ignore[arg-type]
+    monkeypatch.delattr(os, "geteuid")
+    assert posix.is_own(foreign)  # type: ignore[arg-type]
+
+
+def test_users_have_names_everywhere(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert posix.user_name()
+    assert posix.user_name(4_000_000_001) == "uid 4000000001"
+    monkeypatch.setattr(posix, "_pwd", None)
+    monkeypatch.setenv("LOGNAME", "kim")
+    assert posix.user_name() == "kim"
+
+    def nobody() -> str:
+        raise OSError("no user name")
+
+    monkeypatch.setattr(posix.getpass, "getuser", nobody)
+    assert posix.user_name() == "somebody"
+
+
+def test_limits_and_signals_that_are_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    assert [number.name for number in posix.signals("SIGINT", "SIGNOTHING")] == ["SIGINT"]
+    posix.sync_folder(tmp_path)
+    monkeypatch.setattr(posix, "_resource", None)
+    monkeypatch.setattr(posix, "_fcntl", None)
+    monkeypatch.setattr(posix, "termios", None)
+    monkeypatch.delattr(os, "nice")
+    assert (posix.soft_limit("RLIMIT_NOFILE"), posix.spent_by_children_s()) == (None, 0.0)
+    posix.give_way(1)
+    posix.forget_typed(sys.stdin)
+    posix.sync_folder(tmp_path / "none")
+    with pytest.raises(OSError, match="no device"):
+        posix.device_answer(0, 0, 4)

@@ -19,7 +19,7 @@ from bench.commands.schema import schema
 from bench.model import installed, systems
 from bench.model.drivers import driver_class
 from bench.model.errors import InstallationError
-from bench.plan.language.mapping import language_of_mapping
+from bench.plan import language_of_mapping
 from bench.plan.language.sequence import language_of_sequence
 from bench.run.preflight import Status
 from sim_instruments.worlds.kinds import kind_options, world_class
@@ -46,7 +46,9 @@ OWN_DRIVERS = '"""Drivers."""\n\n__bench__ = "stranger"\n'
 
 
 @pytest.fixture(autouse=True)
-def _fresh() -> Iterator[None]:
+def _fresh(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Look below the folder of the test first, and keep nothing that was found there."""
+    monkeypatch.syspath_prepend(tmp_path)
     for cached in CACHES:
         cached.cache_clear()
     yield
@@ -89,11 +91,10 @@ def test_no_analysis_is_loaded_for_a_declaration() -> None:
     assert all(systems.named(name).analyse for name in sorted(named))
 
 
-def test_one_name_of_two_distributions_b_pkg_001(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_name_of_two_distributions_b_pkg_001(tmp_path: Path) -> None:
     """It stops who names it; a system is never named, so the second one is refused and the shipped one goes on."""
     distribution(tmp_path, "stranger", systems="north = elsewhere.north", worlds="fog_north = elsewhere.world")
     package(tmp_path / "elsewhere", "north", init="", declaration=SYSTEM.format(name="north", analysis="other"))
-    monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(InstallationError, match=r"both offer the world 'fog_north'") as caught:
         installed.offer_of("worlds", "fog_north")
     assert (caught.value.code, int(caught.value.exit_status)) == ("B-PKG-001", 2)
@@ -105,10 +106,9 @@ def test_one_name_of_two_distributions_b_pkg_001(tmp_path: Path, monkeypatch: py
     assert [(offer.name, error.code) for offer, error in systems.system_refusals()] == [("north", "B-PKG-001")]
 
 
-def test_one_driver_in_two_packages_b_pkg_001(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_driver_in_two_packages_b_pkg_001(tmp_path: Path) -> None:
     distribution(tmp_path, "stranger", instruments="stranger = stranger_drivers")
     package(tmp_path, "stranger_drivers", init=OWN_DRIVERS, hp_3458a="", probe_7="")
-    monkeypatch.syspath_prepend(tmp_path)
     found = installed.package_of_driver("probe_7")
     assert found is not None
     assert (found.offer.release, found.simulators) == ("stranger 1.0", "")
@@ -149,12 +149,9 @@ def test_metadata_older_than_the_source_b_pkg_002(tmp_path: Path, monkeypatch: p
         (None, "damaged"),
     ],
 )
-def test_a_package_without_its_mark_b_pkg_003(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str | None, says: str
-) -> None:
+def test_a_package_without_its_mark_b_pkg_003(tmp_path: Path, text: str | None, says: str) -> None:
     distribution(tmp_path, "stranger", instruments="stranger = stranger_drivers")
     package(tmp_path, "stranger_drivers", **({} if text is None else {"init": text}))
-    monkeypatch.syspath_prepend(tmp_path)
     assert driver_class("hp_3458a").__name__ == "Hp3458A"
     assert [package.offer.distribution for package in installed.driver_packages()] == ["inertial-bench"]
     with pytest.raises(InstallationError, match=says) as caught:
@@ -182,13 +179,10 @@ def test_a_package_of_another_distribution_is_named_b_pkg_003(monkeypatch: pytes
         ("from bench.model.declaration import System\nDECLARATION = System('x', ())\n", "holds no DECLARATION", 0),
     ],
 )
-def test_a_declaration_that_cannot_be_used_stops_who_names_it_b_pkg_004(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, text: str, says: str, line: int
-) -> None:
+def test_a_broken_declaration_stops_who_names_it_b_pkg_004(tmp_path: Path, text: str, says: str, line: int) -> None:
     name = f"stranger_{abs(hash((text, says)))}"
     distribution(tmp_path, "stranger", systems=f"stranger = {name}")
     package(tmp_path, name, init="", declaration=text)
-    monkeypatch.syspath_prepend(tmp_path)
     shipped = language_of_sequence({"analysis": "fog_north", "uut": {"model": "X", "serial": "1"}})
     assert "fog" in shipped.model_fields["uut"].annotation.__args__[0].model_fields  # type: ignore[union-attr]
     assert f"{name}.declaration" not in sys.modules
@@ -201,10 +195,9 @@ def test_a_declaration_that_cannot_be_used_stops_who_names_it_b_pkg_004(
     assert [system.name for system in systems.systems()] == [offer.name for offer in own_offers("systems")]
 
 
-def test_only_the_declaration_that_is_named_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_only_the_declaration_that_is_named_is_read(tmp_path: Path) -> None:
     distribution(tmp_path, "stranger", systems="stranger = stranger_works")
     package(tmp_path, "stranger_works", init="", declaration=SYSTEM.format(name="stranger", analysis="curve"))
-    monkeypatch.syspath_prepend(tmp_path)
     for known in ("fog_north", "none", "readings"):
         language_of_sequence({"analysis": known, "uut": {"model": "X", "fog": {}, "limits": {}}})
         language_of_mapping({"analysis": known, "columns": {"t": {"role": "time"}, "v": {"role": "reading"}}})
@@ -218,14 +211,11 @@ def test_only_the_declaration_that_is_named_is_read(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.parametrize(("module", "text"), [("world", "raise OSError(5, 'no port')\n"), ("options", "1 / 0\n")])
-def test_a_world_that_cannot_be_loaded_stops_who_names_it_b_pkg_004(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, text: str
-) -> None:
+def test_a_world_that_cannot_be_loaded_stops_who_names_it_b_pkg_004(tmp_path: Path, module: str, text: str) -> None:
     name = f"stranger_{module}"
     distribution(tmp_path, "stranger", worlds=f"strange = {name}")
     sound = {"world": "", "options": "OPTIONS, NUMBERS, TEXTS = {}, {}, {}\n"}
     package(tmp_path, name, init="", **{**sound, module: text})
-    monkeypatch.syspath_prepend(tmp_path)
     assert kind_options("fog_north")
     asked = world_class if module == "world" else kind_options
     with pytest.raises(InstallationError, match=r"of stranger 1\.0 cannot be loaded: (OSError|ZeroDiv)") as caught:
@@ -234,14 +224,11 @@ def test_a_world_that_cannot_be_loaded_stops_who_names_it_b_pkg_004(
 
 
 @pytest.mark.parametrize("broken", ["init", "probe_9"])
-def test_a_driver_that_cannot_be_loaded_stops_who_names_it_b_pkg_004(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, broken: str
-) -> None:
+def test_a_driver_that_cannot_be_loaded_stops_who_names_it_b_pkg_004(tmp_path: Path, broken: str) -> None:
     distribution(tmp_path, "stranger", instruments="stranger = stranger_broken")
     modules = {"init": OWN_DRIVERS, "probe_9": "\nDRIVER = int\n"}
     modules[broken] += "raise ValueError('a stranger')\n"
     package(tmp_path, "stranger_broken", **modules)
-    monkeypatch.syspath_prepend(tmp_path)
     assert driver_class("hp_3458a").__name__ == "Hp3458A"
     assert installed.simulator_module("hp_3458a") == "sim_instruments.hp_3458a"
     assert "stranger_broken" not in sys.modules
@@ -251,33 +238,25 @@ def test_a_driver_that_cannot_be_loaded_stops_who_names_it_b_pkg_004(
     assert caught.value.where == str(tmp_path / "stranger_broken" / file)
 
 
-def test_what_a_declaration_names_and_cannot_be_loaded_b_pkg_004(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_declaration_names_and_cannot_be_loaded_b_pkg_004(tmp_path: Path) -> None:
     distribution(tmp_path, "stranger", systems="stranger = stranger_later")
     package(tmp_path, "stranger_later", init="", analysis="import json\njson.loads(None)\n")
-    monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(InstallationError, match=r"stranger_later\.analysis of stranger 1\.0 cannot be loaded"):
         systems.named("stranger_later.analysis:analyse")
     with pytest.raises(ModuleNotFoundError):
         systems.named("nobody_at_all")
 
 
-def test_one_analysis_of_two_foreign_systems_is_nobodys_b_pkg_001(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_analysis_of_two_foreign_systems_is_nobodys_b_pkg_001(tmp_path: Path) -> None:
     for name in ("stranger_1", "stranger_2"):
         distribution(tmp_path, name, systems=f"{name} = {name}")
         package(tmp_path, name, init="", declaration=SYSTEM.format(name=name, analysis="curve"))
-    monkeypatch.syspath_prepend(tmp_path)
     assert systems.analysis_declaration("fog_north") is not None
     with pytest.raises(InstallationError, match="both offer the analysis 'curve'"):
         language_of_sequence({"analysis": "curve"})
 
 
-def test_one_analysis_or_section_of_a_foreign_system_and_ours_b_pkg_001(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_one_analysis_or_section_of_a_foreign_system_and_ours_b_pkg_001(tmp_path: Path) -> None:
     text = (
         "from bench.model.declaration import AnalysisDeclaration, System, UnitSections\n"
         "class Mine(UnitSections):\n    imu: int | None = None\n"
@@ -286,7 +265,6 @@ def test_one_analysis_or_section_of_a_foreign_system_and_ours_b_pkg_001(
     distribution(tmp_path, "stranger", systems="copy = stranger_copy\nmore = stranger_more")
     package(tmp_path, "stranger_copy", init="", declaration=text.format(name="copy", analysis="fog_north"))
     package(tmp_path, "stranger_more", init="", declaration=text.format(name="more", analysis="curve"))
-    monkeypatch.syspath_prepend(tmp_path)
     entry = systems.installed_analysis("fog_north")
     assert entry is not None
     assert entry.offer.distribution == "inertial-bench"
@@ -302,15 +280,12 @@ def own_offers(kind: installed.Kind) -> list[installed.Offer]:
     return [offer for offer in installed.offers(kind) if offer.distribution == installed.OWN]
 
 
-def test_listing_commands_tell_what_is_refused_and_go_on(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_listing_commands_tell_what_is_refused_and_go_on(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     groups = {"systems": "strange_s = stranger_s", "worlds": "strange_w = stranger_w"}
     distribution(tmp_path, "stranger", **groups, instruments="strange_i = stranger_i")
     package(tmp_path, "stranger_s", init="raise ValueError('a')\n")
     package(tmp_path, "stranger_w", init="", world="raise ValueError('b')\n")
     package(tmp_path, "stranger_i", init="")
-    monkeypatch.syspath_prepend(tmp_path)
     assert print_list(None, as_json=True) == 0
     listed = json.loads(capsys.readouterr().out)
     refused = {entry["name"]: entry["title"] for entry in listed if entry["title"].startswith("refused: ")}

@@ -1,12 +1,17 @@
-"""Code of a lab folder: what is loaded, what is refused before it is executed, what a mistake in it says."""
+"""Code of a lab folder: what is loaded, what is refused before it is executed, for a user who is not root too."""
 
 from __future__ import annotations
 
 import hashlib
+import json
 import os
+import shutil
+import subprocess
 import sys
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 from own_lab import ANALYSIS, DRIVER, SIMULATOR, copied
@@ -38,9 +43,7 @@ def refused(code: str, use: Callable[[], object] = lambda: driver_class("example
     return caught.value
 
 
-def test_driver_simulator_and_analysis_are_found_from_any_folder_inside(
-    lab: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_driver_simulator_and_analysis_are_found_from_inside(lab: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(lab / "stations")
     driver = driver_class("example_t100")
     assert (driver.__name__, driver.__module__) == ("ExampleT100", "lab_folder.instruments.example_t100")
@@ -163,9 +166,8 @@ def test_what_cannot_be_loaded_is_one_line(lab: Path, text: str, line: int | Non
 
 def test_a_driver_is_named_by_its_file(lab: Path) -> None:
     (lab / DRIVER).write_text("DRIVER = 3\n")
-    with pytest.raises(InstallationError, match="names no class as DRIVER") as caught:
+    with pytest.raises(InstallationError, match=r"B-LAB-006: .*names no class as DRIVER"):
         driver_class("example_t100")
-    assert caught.value.code == "B-LAB-006"
 
 
 @pytest.mark.parametrize(
@@ -207,9 +209,8 @@ def test_what_is_demanded_is_compared_before_it_is_executed(lab: Path) -> None:
     (lab / DRIVER).unlink()
     assert "has no such file" in refused("B-LAB-007", lambda: lab_code.demand(recorded, "a lab")).message
     for place in ("../outside.py", "stations/t100_bench.yaml", "/etc/passwd"):
-        with pytest.raises(InstallationError) as caught:
+        with pytest.raises(InstallationError, match="B-LAB-007"):
             lab_code.demand({place: "0" * 64}, "a lab")
-        assert caught.value.code == "B-LAB-007"
 
 
 def test_code_that_a_session_did_not_begin_with_is_refused(lab: Path) -> None:
@@ -221,3 +222,89 @@ def test_code_that_a_session_did_not_begin_with_is_refused(lab: Path) -> None:
 @pytest.mark.parametrize("lab_of_manifest", [None, 3, [], {"name": "x"}, {"files": [1]}])
 def test_a_manifest_without_code_of_a_lab_asks_for_none(lab_of_manifest: object) -> None:
     assert lab_code.recorded_code({"lab": lab_of_manifest})[0] == {}
+
+
+AS_USER = pytest.mark.skipif(
+    not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can become another user"
+)
+PROGRAM = Path(__file__).resolve().parents[2] / "support" / "lab_as_user.py"
+USER, OTHER_USER, ROOT = 4242, 4343, 0
+NAME = Path(DRIVER).stem
+LOADED = ("ExampleT100", "")
+
+
+def owned(lab: Path, user: int) -> None:
+    for path in (lab, *lab.rglob("*")):
+        os.chown(path, user, user, follow_symlinks=False)
+
+
+class Wrong(NamedTuple):
+    """What is done to a place of a lab: another owner, another mode, a link to what somebody else owns."""
+
+    place: str = "."
+    owner: int | None = None
+    mode: int | None = None
+    is_link: bool = False
+
+    def arrange(self, lab: Path) -> Path:
+        """Do it; returns the path of the place."""
+        path = Path(os.path.normpath(lab / self.place))
+        if self.is_link:
+            outside = shutil.move(path, lab.parent / "outside.py")
+            os.chown(outside, OTHER_USER, OTHER_USER)
+            path.symlink_to(outside)
+            os.lchown(path, USER, USER)
+        elif self.place == "." and self.owner is not None:
+            owned(lab, self.owner)
+        elif self.owner is not None:
+            os.chown(path, self.owner, self.owner)
+        if self.mode is not None:
+            path.chmod(self.mode)
+        return path
+
+
+ACCEPTED = {"of the user": Wrong(), "of root": Wrong(owner=ROOT), "below a sticky folder": Wrong("..", mode=0o1777)}
+REFUSED = {
+    "file of another": Wrong(DRIVER, OTHER_USER),
+    "folder of another": Wrong("instruments", OTHER_USER),
+    "lab of another": Wrong(".", OTHER_USER),
+    "parent of everybody": Wrong("..", mode=0o777),
+    "parent of a group": Wrong("..", mode=0o775),
+    "parent of another": Wrong("..", OTHER_USER),
+    "file of everybody": Wrong(DRIVER, mode=0o666),
+    "link to the file of another": Wrong(DRIVER, is_link=True),
+    "link to the folder of another": Wrong("instruments", is_link=True),
+}
+
+
+@pytest.fixture(scope="module")
+def answers() -> Iterator[dict[str, tuple[str, str, str]]]:
+    """Return what the user got in each lab, and which place was made wrong; one child process asks for all."""
+    with tempfile.TemporaryDirectory() as top:  # folders of pytest are closed to everybody else
+        Path(top).chmod(0o755)
+        cases: dict[str, tuple[Path, str, str]] = {}
+        for number, (name, wrong) in enumerate((ACCEPTED | REFUSED).items()):
+            lab = copied(Path(top) / str(number) / "lab")
+            lab.parent.chmod(0o755)
+            owned(lab.parent, USER)
+            cases[name] = (lab, NAME, str(wrong.arrange(lab)))
+        shipped = copied(Path(top) / "shipped" / "lab")
+        shutil.copy(shipped / DRIVER, shipped / "instruments" / "hp_3458a.py")
+        owned(shipped.parent, USER)
+        cases["shipped"] = (shipped, "hp_3458a", str(shipped / "instruments" / "hp_3458a.py"))
+        asked = json.dumps([(str(lab), driver) for lab, driver, _ in cases.values()])
+        command = [sys.executable, str(PROGRAM), str(USER), str(Path(top) / "first"), asked]
+        done = subprocess.run(command, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        got = json.loads(done.stdout)
+        yield {name: (*said, wrong) for (name, (_, _, wrong)), said in zip(cases.items(), got, strict=True)}
+
+
+@AS_USER
+@pytest.mark.parametrize("name", [*ACCEPTED, *REFUSED, "shipped"])
+def test_only_what_user_or_root_have_written_is_loaded(answers: dict[str, tuple[str, str, str]], name: str) -> None:
+    code, where, wrong = answers[name]
+    if name in ACCEPTED:
+        assert (code, where) == LOADED
+    else:
+        assert (code, where) == ("B-LAB-005" if name == "shipped" else "B-LAB-004", wrong)

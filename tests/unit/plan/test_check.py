@@ -1,4 +1,4 @@
-"""The static check against a brute-force model of the bench, and settings that an instrument does not have."""
+"""The static check against brute-force models of bench and table; mistakes that come together, without an echo."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from pathlib import Path
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from plan_sample import FLAT, changed, make_bench, mistakes
+from plan_sample import FLAT, SEQUENCE, changed, make_bench, mistakes
 
 from bench.model.clock import NS, VIRTUAL_START_UTC_NS
-from bench.plan import check_plan, compile_sequence
+from bench.model.errors import InputError
+from bench.plan import check_plan, compile_sequence, summarise
 
 CALLS = {
     "standby": "calibrator.standby",
@@ -90,8 +91,210 @@ def test_a_setting_between_two_that_there_are_is_refused(name: str, settings: di
     findings = [str(one) for one in check_plan(compile_sequence(name, None, settings))]
     assert findings
     assert all("B-PLAN-055" in one and said in one for one in findings), findings
+    assert check_plan(compile_sequence("rlg_lock_in", None, {"clocks": "10 MHz,100 MHz", "paths": "15 cm"})) == []
 
 
-@pytest.mark.parametrize("clock", ["10 MHz", "20 MHz", "50 MHz", "100 MHz"])
-def test_a_setting_there_is_passes(clock: str) -> None:
-    assert check_plan(compile_sequence("rlg_lock_in", None, {"clocks": clock, "paths": "15 cm"})) == []
+HEAD = """\
+sequence: table
+station: af_bench_sim
+frame: {port_a: ngu_a, port_b: ngu_b}
+timeline:
+"""
+TABLE = """\
+instruments:
+  turntable:
+    driver: acutrol_3000
+    resource: GPIB0::29::INSTR
+    safe_order: 99
+    standard: {model: ACUTROL3000, serial: SIM3000, certificate: T-1, calibrated: "1999-06-01", due: "2000-06-01"}
+"""
+MOVES = {
+    "limits 1": "call: {turntable.set_limits: {axis: 1, rate: 100 deg/s, acceleration: 90 deg/s2}}",
+    "limits 2": "call: {turntable.set_limits: {axis: 2, rate: 30 deg/s, acceleration: 90 deg/s2}}",
+    "limits 3": "call: {turntable.set_limits: {axis: 3, rate: 100 deg/s, acceleration: 90 deg/s2}}",
+    "close": "call: turntable.close_interlock",
+    "open": "call: turntable.open_interlock",
+    "move 1": "call: {turntable.move: {axis: 1, angle: 90 deg, rate: 50 deg/s}}",
+    "turn 2": "call: {turntable.turn: {axis: 2, angle: -1080 deg, rate: 30 deg/s, acceleration: 90 deg/s2}}",
+    "spin 2": "call: {turntable.spin: {axis: 2, rate: -31 deg/s}}",
+    "stop 2": "call: {turntable.stop: {axis: 2}}",
+    "prompt": "prompt: Look at it.",
+    "raw": "send: {turntable: ':int:close 1'}",
+}
+READY = ["limits 1", "limits 2", "limits 3", "close"]
+MOVE_ORDERS = st.tuples(st.sampled_from([[], READY]), st.lists(st.sampled_from(sorted(MOVES)), min_size=1, max_size=8))
+
+
+def sequence(order: list[str]) -> str:
+    return HEAD + "".join(f"  - {{at: {20 * place} s, {MOVES[name]}}}\n" for place, name in enumerate(order))
+
+
+def found_motion(folder: Path, order: list[str]) -> set[tuple[int, str]]:
+    """(place, code) of every mistake of motion."""
+    errors = mistakes(make_bench(folder, sequence(order), ("instruments:\n", TABLE)))
+    assert {error.code for error in errors} <= {"B-PLAN-074", "B-PLAN-087", "B-PLAN-088", "B-PLAN-089"}, errors
+    return {(_line(error) - HEAD.count("\n") - 1, error.code) for error in errors}
+
+
+def _line(error: InputError) -> int:
+    return int(error.where.split(":")[1])
+
+
+def motion_hazards(order: list[str]) -> set[tuple[int, str]]:
+    """What happens at a table that does just as it is told: (place, code)."""
+    limits: set[str] = set()
+    live, wrong = False, set()
+    for place, name in enumerate(order):
+        what, _, axis = name.partition(" ")
+        if what == "prompt" and live:
+            wrong.add((place, "B-PLAN-087"))
+        if what == "limits" and live:
+            wrong.add((place, "B-PLAN-088"))
+        if what == "close" and limits != {"1", "2", "3"}:
+            wrong.add((place, "B-PLAN-088"))
+        if what in ("move", "turn", "spin") and not (live and axis in limits):
+            wrong.add((place, "B-PLAN-088"))
+        if what == "spin" and axis in limits:
+            wrong.add((place, "B-PLAN-089"))
+        if what == "raw":
+            wrong.add((place, "B-PLAN-074"))
+        limits |= {axis} if what == "limits" else set()
+        live = {"close": True, "raw": True, "open": False}.get(what, live)
+    return wrong
+
+
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(MOVE_ORDERS)
+def test_exactly_the_unsafe_moves_are_found(tmp_path: Path, orders: tuple[list[str], list[str]]) -> None:
+    order = [*orders[0], *orders[1]]
+    assert found_motion(tmp_path, order) == motion_hazards(order)
+
+
+def test_the_summary_names_the_hazard_and_what_is_left(tmp_path: Path) -> None:
+    moved = compile_sequence(make_bench(tmp_path, sequence([*READY, "move 1"]), ("instruments:\n", TABLE)))
+    assert summarise(moved).hazards == (
+        "turntable: moves at up to 50 deg/s, interlock closed 1 times; nobody may stand at it",
+        "turntable: on until it is made safe at the end",
+    )
+    still = compile_sequence(make_bench(tmp_path, sequence(["open"]), ("instruments:\n", TABLE)))
+    assert summarise(still).hazards == ()
+
+
+def test_a_bare_number_or_a_fourth_axis_is_refused(tmp_path: Path) -> None:
+    order = sequence([*READY, "move 1"]).replace("axis: 1, angle: 90 deg", "axis: 4, angle: 90 arcmin/s")
+    codes = {error.code for error in mistakes(make_bench(tmp_path, order, ("instruments:\n", TABLE)))}
+    assert codes == {"B-PLAN-052"}
+
+
+@pytest.mark.parametrize(
+    ("text", "moves"),
+    [
+        (":int? 1", False),
+        (":READ:POS? 3;*STB?", False),
+        (":int? 1;:int:close 1", True),
+        (":dem:rate 1,?5", True),
+        ("?", True),
+    ],
+)
+def test_only_questions_may_be_sent_as_text_to_a_table(tmp_path: Path, text: str, moves: bool) -> None:
+    order = HEAD + f"  - {{at: 0 s, send: {{turntable: '{text}'}}}}\n"
+    errors = mistakes(make_bench(tmp_path, order, ("instruments:\n", TABLE)))
+    assert [error.code for error in errors] == (["B-PLAN-074"] if moves else [])
+
+
+def codes(path: Path, overrides: dict[str, str] | None = None) -> list[str]:
+    return sorted(error.code for error in mistakes(path, overrides))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [
+        ("settle: 20 s", "settle: 20 V", "B-YAML-012"),
+        ("levels: [1 mA]", "levels: [1 mV]", "B-PLAN-022"),
+        ("port_b: ngu_b", "port_b: ngu_c", "B-PLAN-045"),
+        ("title: a sample", "titel: a sample", "B-YAML-010"),
+        ("  temperature_sensor_uncertainty: 0.1 degC\n", "", "B-PLAN-026"),
+    ],
+)
+def test_it_hides_no_misspelt_action_and_no_misspelt_driver(tmp_path: Path, old: str, new: str, code: str) -> None:
+    text = changed("- switch.open_all", "- switch.open_al", changed(old, new))
+    station = ("driver: hp_3458a", "driver: hp_3459a")
+    assert codes(make_bench(tmp_path, text, station)) == sorted([code, "B-PLAN-050", "B-PLAN-011"])
+
+
+def test_names_in_every_part_of_a_file_that_cannot_be_compiled(tmp_path: Path) -> None:
+    text = changed("settle: 20 s", "settle: 20 V")
+    for old in ("calibrator.standby", "switch.open_all", "calibrator.output", "calibrator.operating"):
+        text = text.replace(old, old + "x")
+    found = [error for error in mistakes(make_bench(tmp_path, text)) if error.code == "B-PLAN-050"]
+    lines = [text.split("\n")[int(error.where.split(":")[1]) - 1] for error in found]
+    assert len(found) == len([line for line in text.split("\n") if "x:" in line or line.endswith("x")]) == 7
+    assert all(word in "".join(lines) for word in ("standbyx", "open_allx", "outputx", "operatingx"))
+    text = changed("record: 10 s", "record: 10 V", changed("call: switch.open_all", "call: swich.open_all", FLAT))
+    assert codes(make_bench(tmp_path, text)) == ["B-PLAN-040", "B-YAML-012"]
+
+
+def test_mistakes_of_both_files_come_together(tmp_path: Path) -> None:
+    text = changed("settle: 20 s", "settle: 20 V", changed("calibrator.operate\n", "calibrator.operat\n"))
+    path = make_bench(tmp_path, text, ("limits: {current: [0 A, 220 mA]}", "limits: {current: [0 A, 220 mV]}"))
+    assert codes(path) == ["B-PLAN-050", "B-YAML-012", "B-YAML-012"]
+
+
+def test_a_misspelt_standby_hides_no_mistake_before_it(tmp_path: Path) -> None:
+    lines = ["call: {switch.route: {channel: 1, polarity: +}}", "call: {calibrator.output: {current: 1 mA}}"]
+    lines += ["call: calibrator.operate", "call: switch.open_all", "call: calibrator.standy", "call: switch.open_all"]
+    head = FLAT[: FLAT.index("timeline:") + len("timeline:\n")]
+    text = head + "".join(f"  - {{at: {10 * i} s, {line}}}\n" for i, line in enumerate(lines))
+    assert codes(make_bench(tmp_path, text)) == ["B-PLAN-050", "B-PLAN-070"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "overrides", "code", "origin"),
+    [
+        ("levels: [1 mA]", "levels: [1 mA, 250 mA]", {}, "B-PLAN-055", "from levels[1], line {}"),
+        ("[20 degC]", "[20 degC, 61 degC]", {}, "B-PLAN-055", "from parameter temperatures[1], line {}"),
+        ('in: "{temperatures}"', "in: [61 degC]", {}, "B-PLAN-055", "from the list, line {}"),
+        ("{current: 0 A,", "{current: -1 mA,", {}, "B-PLAN-055", "from argument current, line {}"),
+        ("dwell: 10 s", "dwell: 10.005 s", {}, "B-PLAN-042", "from parameter dwell, line {}"),
+        ("dwell: 10 s", "dwell: 20 s", {"dwell": "10.005 s"}, "B-PLAN-042", "from --set dwell"),
+        ("dwell: 10 s", "dwell: 20 s", {"dwell": "-1 s"}, "B-PLAN-031", "from --set dwell"),
+        ("[20 degC]", "[21 degC]", {"temperatures": "20 degC, 99 degC"}, "B-PLAN-055", "from --set temperatures[1]"),
+        ("settle: 20 s", 'settle: "{dwell}"', {"dwell": "1 s"}, "B-PLAN-060", "from --set dwell"),
+        ("slot: 570 s", 'slot: "{dwell}"', {}, "B-PLAN-043", "from parameter dwell, line"),
+    ],
+)
+def test_a_value_says_where_it_was_written(
+    tmp_path: Path, old: str, new: str, overrides: dict[str, str], code: str, origin: str
+) -> None:
+    text = changed(old, new)
+    line = text[: text.index(new)].count("\n") + 1
+    found = {error.code: error.message for error in mistakes(make_bench(tmp_path, text), overrides)}
+    assert f"({origin.format(line)}" in found[code]
+
+
+@pytest.mark.parametrize(
+    ("old", "what"),
+    [
+        ("  temperature_sensor_uncertainty: 0.1 degC\n", "temperature_sensor_uncertainty"),
+        ("white_noise_per_rtHz: 2 nA, ", "white_noise_per_rtHz"),
+        (", bias_walk_per_rth: 0.3 nA", "bias_walk_per_rth"),
+    ],
+)
+def test_declared_noise_has_no_default_b_plan_026(tmp_path: Path, old: str, what: str) -> None:
+    found = mistakes(make_bench(tmp_path, changed(old, "")))
+    assert [error.code for error in found] == ["B-PLAN-026"]
+    assert what in found[0].message
+    assert mistakes(make_bench(tmp_path, changed("analysis: scale_factor\n", "", changed(old, "")))) == []
+
+
+def test_the_analysis_needs_the_data_sheet_of_the_unit_b_plan_026(tmp_path: Path) -> None:
+    flat = changed("frame:", "analysis: scale_factor\nframe:", FLAT)
+    assert codes(make_bench(tmp_path, flat)) == ["B-PLAN-026"]
+
+
+@pytest.mark.parametrize("step", ["settle: 1 s", "record: 10 s", "prompt: open the door"])
+def test_only_calls_and_a_soak_may_end_a_campaign_b_plan_037(tmp_path: Path, step: str) -> None:
+    assert "B-PLAN-037" in codes(make_bench(tmp_path, changed("finally:\n", f"finally:\n  - {step}\n")))
+    soak = "soak: {temperature: 23 degC, ramp: 0.5 degC/min, slot: 600 s, stable: {within: 2 degC, for: 1 min}}"
+    assert codes(make_bench(tmp_path, changed("finally:\n", f"finally:\n  - {soak}\n"))) == []
+    assert SEQUENCE.count("finally:\n") == 1

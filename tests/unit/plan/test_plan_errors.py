@@ -1,8 +1,10 @@
-"""Each mistake a sequence or station file can hold: its code, the line it is reported on, and what the text says."""
+"""Each mistake of a sequence: its code, the line it is reported on, which is where it is declared, and what is said."""
 
 from __future__ import annotations
 
+import re
 import sys
+from binascii import crc_hqx
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
@@ -17,27 +19,23 @@ from bench.model.ports import Effect, action
 from bench.plan import compile_sequence
 from bench.plan.expand import MAX_STEPS
 
-# what is changed, into what, the code, and a text that stands on the line of the error
+ROUTE = '      - switch.route: {channel: "{channel}", polarity: "{polarity}"}\n'
+# what is changed, into what, the codes, none of them an echo, and a text that stands on the line of the first
 CASES = [
     ("numbers: 1-2", "numbers: 2-1", "B-PLAN-020", "numbers: 2-1"),
-    ("numbers: 1-2", "numbers: all", "B-PLAN-020", "numbers: all"),
     ("{channels: 2}", "{channels: 3}", "B-PLAN-020", "{channels: 3}"),
-    ("{channels: 2}", "{channels: x}", "B-PLAN-020", "{channels: x}"),
     ("numbers: 1-2", "numbers: [1-2, 2]", "B-PLAN-021", "numbers: [1-2, 2]"),
     ("levels: levels", "levels: level", "B-PLAN-022", "levels: level"),
-    ("levels: [1 mA]", "levels: [1 mA, 1 V]", "B-PLAN-022", "1 V"),
-    ("levels: [1 mA]", "levels: [1 mA, 1e999 A]", "B-PLAN-022", "1e999"),
+    ("levels: [1 mA]", "levels: [1 mA, 1 V]", "B-PLAN-022 B-PLAN-024", "1 V"),
     ("kind: gyro", "kind: accelerometer", "B-PLAN-023", "kind: accelerometer"),
-    ("levels: [1 mA]", "levels: [300 mA]", "B-PLAN-024", "300 mA"),
+    ("levels: [1 mA]", "levels: [300 mA]", "B-PLAN-024 B-PLAN-055", "300 mA"),
     ("serial: SIM-1", "serial: ../SIM-1", "B-PLAN-025", "serial: ../SIM-1"),
     ('seconds: "{dwell}"', 'seconds: "{dwel}"', "B-PLAN-030", "{dwel}"),
-    ('in: "{channel.levels}"', 'in: "{channel.level}"', "B-PLAN-030", "{channel.level}"),
-    ('range: "{calibrator.range}"', 'range: "{calibrator.rang}"', "B-PLAN-030", "calibrator.rang}"),
+    ("slot: 570 s", 'slot: "{dwel}"', "B-PLAN-030", "{dwel}"),
+    ('"{temperature}", ramp', '"{temperatur}", ramp', "B-PLAN-030", "{temperatur}"),
     ("dwell: 10 s", "dwell: 10 V", "B-PLAN-031", 'seconds: "{dwell}"'),
-    ("dwell: 10 s", "dwell: -10 s", "B-PLAN-031", 'seconds: "{dwell}"'),
-    ("high: 0.5 ohm", "high: 0.5 V", "B-PLAN-031", "high: 0.5 V"),
+    ("high: 0.5 ohm", "high: 0.5 V", "B-PLAN-031 B-PLAN-044", "high: 0.5 V"),
     ('in: "{temperatures}"', "in: temperature", "B-PLAN-032", "in: temperature"),
-    ('in: "{temperatures}"', 'in: "{dwell}"', "B-PLAN-032", 'in: "{dwell}"'),
     ("- point: {current: 0 A, polarity: +}", "- pont: {current: 0 A, polarity: +}", "B-PLAN-033", "pont"),
     ("- point: {current: 0 A, polarity: +}", "- point: {current: 0 A}", "B-PLAN-033", "- point: {current: 0 A}"),
     ("- point: {current: 0 A, polarity: +}", "- point: {current: 0 A, polarity: +, x: 1}", "B-PLAN-033", "x: 1"),
@@ -46,7 +44,6 @@ CASES = [
     ("procedures:\n", "procedures:\n  spare: {do: [calibrator.standby]}\n", "B-PLAN-038", "spare"),
     ("unit: {port_b:", "unit: {port_a:", "B-PLAN-039", "unit: {port_a:"),
     ("- switch.open_all", "- swich.open_all", "B-PLAN-040", "swich"),
-    ("verify: calibrator.", "verify: calibrators.", "B-PLAN-040", "calibrators"),
     ("unit: {port_b:", "unit: {port_c:", "B-PLAN-041", "port_c"),
     ("dwell: 10 s", "dwell: 10.005 s", "B-PLAN-042", 'seconds: "{dwell}"'),
     ("for: 5 min", "for: 15 min", "B-PLAN-043", "for: 15 min"),
@@ -57,46 +54,34 @@ CASES = [
     ("records: 3", "records: 4", "B-PLAN-047", "records: 4"),
     ("{port_b: start_stream}", "{port_b: start_steam}", "B-PLAN-049", "start_steam}"),
     ("- calibrator.operate\n", "- calibrator.operat\n", "B-PLAN-050", "calibrator.operat\n"),
+    ("- switch.route", "- switch.rout", "B-PLAN-050", "switch.rout:"),
     ("soak: {temp", "soak: {chamber: supply, temp", "B-PLAN-050", "chamber: supply"),
     ("range: lowest", "rang: lowest", "B-PLAN-051", "calibrator.output"),
     (', polarity: "{polarity}"}\n', "}\n", "B-PLAN-051", "switch.route"),
     ('polarity: "{polarity}"}', "polarity: 2}", "B-PLAN-052", "switch.route"),
     ("range: lowest_that_holds", "range: highest", "B-PLAN-052", "calibrator.output"),
     ("verify: calibrator.operating", "verify: calibrator.operate", "B-PLAN-054", "verify"),
-    ("verify: calibrator.operating", "verify: chamber.measure_air", "B-PLAN-054", "verify"),
     ("temperatures: [20 degC]", "temperatures: [61 degC]", "B-PLAN-055", "- soak"),
-    ("ramp: 0.5 degC/min", "ramp: 2 degC/min", "B-PLAN-055", "- soak"),
     ("{current: 0 A, polarity: +}", "{current: -1 mA, polarity: +}", "B-PLAN-055", "calibrator.output"),
-    ("settle: 20 s", "settle: 5 s", "B-PLAN-060", "settle: 5 s"),
-    ("      - settle: 20 s\n", "", "B-PLAN-061", "- record"),
+    ("settle: 20 s", "settle: 5 s", "B-PLAN-060 B-PLAN-047", "settle: 5 s"),
+    ("      - settle: 20 s\n", "", "B-PLAN-061 B-PLAN-047", "- record"),
     ("      - calibrator.standby\n      - switch", "      - switch", "B-PLAN-070", "switch.route"),
-    ('      - switch.route: {channel: "{channel}", polarity: "{polarity}"}\n', "", "B-PLAN-072", "calibrator.operate"),
+    (ROUTE, "", "B-PLAN-072 B-PLAN-076", "calibrator.operate"),
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("old", "new", "code", "on_line"), CASES)
-def test_a_mistake_in_the_sequence(tmp_path: Path, old: str, new: str, code: str, on_line: str) -> None:
+@pytest.mark.parametrize(("old", "new", "codes", "on_line"), CASES)
+def test_a_mistake_in_the_sequence(tmp_path: Path, old: str, new: str, codes: str, on_line: str) -> None:
     text = changed(old, new)
     found = {error.code: error for error in reversed(mistakes(make_bench(tmp_path, text)))}
-    assert code in found, sorted(found)
-    line = int(found[code].where.split(":")[-2])
-    assert on_line in text.split("\n")[line - 1] + "\n", found[code]
+    assert sorted(found) == sorted(codes.split())
+    error = found[codes.partition(" ")[0]]
+    assert on_line in text.split("\n")[int(error.where.split(":")[-2]) - 1] + "\n", error
 
 
 def test_the_sample_is_right_as_it_is(tmp_path: Path) -> None:
     assert mistakes(make_bench(tmp_path)) == []
     assert mistakes(make_bench(tmp_path, FLAT)) == []
-
-
-def test_what_the_messages_say(tmp_path: Path) -> None:
-    texts = {
-        ("- switch.open_all", "- swich.open_all"): "did you mean 'switch'?",
-        ("- calibrator.operate\n", "- calibrator.operat\n"): "did you mean 'operate'?",
-        ("temperatures: [20 degC]", "temperatures: [61 degC]"): "61 degC is outside -40 to 60 degC of station",
-        ("settle: 20 s", "settle: 5 s"): "the calls before it take up to 7.9 s; it lasts 5 s",
-    }  # fmt: skip
-    for change, says in texts.items():
-        assert any(says in error.message for error in mistakes(make_bench(tmp_path, changed(*change)))), says
 
 
 def test_a_level_over_the_full_scale_of_its_channel_b_plan_073(tmp_path: Path) -> None:
@@ -128,19 +113,9 @@ def test_a_station_by_the_path_of_its_file(tmp_path: Path) -> None:
     assert (found.code, found.message) == ("B-PLAN-045", "this is a frame, and a station is due")
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "says"),
-    [
-        ("settle: 5 s", "settle: 5 S", "'5 S' has the unknown unit 'S'; did you mean '5 s'?"),
-        ("current: 0 A", "current: 0 a", "a quantity in A is due; did you mean '0 A'?"),
-        ("[1 mA]", "[1 ma]", "did you mean '1 mA'?"),
-        ("high: 0.5 ohm", "high: 0.5 Ohm", "did you mean '0.5 ohm'?"),
-        ("ramp: 0.5 degC/min", "ramp: 0.5 C/min", "did you mean '0.5 degC/min'?"),
-    ],
-)
-def test_a_unit_that_is_none_is_guessed(tmp_path: Path, old: str, new: str, says: str) -> None:
-    found = mistakes(make_bench(tmp_path, changed(old, new)))
-    assert any(says in error.message for error in found), [error.message for error in found]
+def test_a_unit_that_is_none_is_guessed(tmp_path: Path) -> None:
+    (found,) = mistakes(make_bench(tmp_path, changed("settle: 5 s", "settle: 5 S")))
+    assert "did you mean '5 s'?" in found.message
 
 
 def test_symbols_in_a_sequence_and_in_set_are_the_same_plan(tmp_path: Path) -> None:
@@ -177,48 +152,6 @@ def test_a_mistake_in_the_flat_form(tmp_path: Path, old: str, new: str, code: st
     assert code in [error.code for error in mistakes(make_bench(tmp_path, changed(old, new, FLAT)))]
 
 
-def test_after_raw_text_an_output_counts_as_on_b_plan_070(tmp_path: Path) -> None:
-    text = changed("call: switch.open_all", 'send: {calibrator: "OUT 1 A"}', FLAT)
-    found = {error.code: error for error in mistakes(make_bench(tmp_path, text))}
-    assert "may be on after a raw command" in found["B-PLAN-070"].message
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "code"),
-    [
-        ("driver: fluke_5720a", "driver: fluke_5721a", "B-PLAN-011"),
-        ('due: "2000-11-01"\n      uncertainty', 'due: "2000-01-01"\n      uncertainty', ""),
-        ('due: "2000-11-01"\n      uncertainty', 'due: "1999-12-31"\n      uncertainty', "B-PLAN-063"),
-        ('calibrated: "1999-11-01"', 'calibrated: "2000-02-01"', "B-PLAN-063"),
-        ("    standard: {model: 34401A, serial", "    # {model: 34401A, serial", ""),
-        ("    standard: {model: E3631A, serial", "    # {model: E3631A, serial", ""),
-        ('    standard: {model: "7002", serial', "    # {model: 7002, serial", "B-PLAN-062"),
-        ("- {range: 22 mA, relative: 20 ppm, floor: 40 nA", "- {range: 22 mA, relative: 20 ppm, floor: 41 nA", ""),
-        ("floor: 7 nA, specification: relative, age: 2160 h", "floor: 7 nA, specification: relative, age: 1465 h", ""),
-        ("floor: 7 nA, specification: relative, age: 2160 h", "floor: 7 nA, specification: relative, age: 1464 h",
-         "B-PLAN-130"),
-        ("floor: 7 nA, specification: relative", "floor: 7 nA, specification: absolute", "B-YAML-012"),
-        ("floor: 7 nA, specification: relative", "floor: 7 nA, specification: traceable", "B-YAML-013"),
-        ("floor: 7 nA, specification: relative, ", "floor: 7 nA, ", "B-YAML-012"),
-        (f"floor: 7 nA{TRACED}", "floor: 7 nA, specification: relative}", "B-YAML-012"),
-        (f"floor: 7 nA{TRACED}", "floor: 7 nA, specification: absolute, common_with: one resistor}", ""),
-        (f"floor: 7 nA{TRACED}", "floor: 7 nA, common_with: one resistor}", "B-YAML-012"),
-        ("      corrections:", "      traceability: 3 ppm\n      corrections:", "B-YAML-012"),
-        ("resource: GPIB0::4::INSTR\n    safe_order: 1", "resource: GPIB0::4::INSTR", "B-YAML-011"),
-        ("limits: {current: [0 A, 220 mA]}", "limits: {current: [220 mA, 0 A]}", "B-YAML-012"),
-        ("limits: {current: [0 A, 220 mA]}", "limits: {current: [0 A, 220 mV]}", "B-YAML-012"),
-        ('calibrated: "1999-11-01"', "calibrated: 1999-13-01", "B-YAML-012"),
-        ('calibrated: "1999-11-01"', 'calibrated: "2000-12-01"', "B-YAML-012"),
-        ("simulated: true", "simulated: false", "B-YAML-012"),
-        ("driver: fluke_5720a", "driver: os.path", "B-YAML-013"),
-    ],
-)  # fmt: skip
-def test_a_mistake_in_the_station(tmp_path: Path, old: str, new: str, code: str) -> None:
-    found = mistakes(make_bench(tmp_path, station=(old, new)))
-    assert [error.code for error in found] == ([code] if code else [])
-    assert all("stations" in error.where for error in found)
-
-
 def test_no_range_of_the_standard_holds_the_level_b_plan_031(tmp_path: Path) -> None:
     ranges = f"        - {{range: 2.2 mA, relative: 20 ppm, floor: 7 nA{TRACED}\n"
     text = (make_bench(tmp_path).parent.parent / "stations" / "af_bench_sim.yaml").read_text()
@@ -233,14 +166,11 @@ def test_no_range_of_the_standard_holds_the_level_b_plan_031(tmp_path: Path) -> 
     ("overrides", "code", "says"),
     [
         ({"dwel": "1 s"}, "B-PLAN-003", "did you mean 'dwell'?"),
-        ({"x": "1 s"}, "B-PLAN-003", "known: dwell, temperatures, world.<option>"),
         ({"world.calibrator_gian": "off"}, "B-PLAN-004", "did you mean 'calibrator_gain'?"),
         ({"dwell": "1 V"}, "B-PLAN-005", "a quantity in s is due"),
-        ({"dwell": "long"}, "B-PLAN-005", "a quantity in s is due"),
         ({"dwell": "1e999 s"}, "B-PLAN-005", "a quantity in s is due"),
         ({"turns": "x"}, "B-PLAN-005", "'x' cannot replace 2: a whole number is due"),
         ({"turns": "1.5"}, "B-PLAN-005", "a whole number is due"),
-        ({"turns": ""}, "B-PLAN-005", "a whole number is due"),
         ({"share": "nan"}, "B-PLAN-005", "a number is due"),
     ],
 )
@@ -269,16 +199,14 @@ def test_loops_that_never_end_are_stopped_b_plan_036(tmp_path: Path, monkeypatch
 
 @pytest.mark.parametrize("name", ["../evil", "os.path", "", "_x", "a" * 41, "Fluke", "a b"])
 def test_a_driver_is_a_plain_name_b_plan_010(name: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match="B-PLAN-010"):
         driver_class(name)
-    assert caught.value.code == "B-PLAN-010"
 
 
 @pytest.mark.parametrize("name", ["base", "no_such_driver"])
 def test_a_module_without_a_driver_b_plan_011(name: str) -> None:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match="B-PLAN-011"):
         driver_class(name)
-    assert caught.value.code == "B-PLAN-011"
 
 
 def plant(monkeypatch: pytest.MonkeyPatch, name: str, driver: type) -> None:
@@ -293,9 +221,7 @@ class Heater:
     def output_on(self) -> None: ...
 
 
-def test_no_way_to_the_safe_state_b_plan_075_and_no_raw_text_b_plan_053(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_no_safe_state_b_plan_075_and_no_raw_text_b_plan_053(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     plant(monkeypatch, "test_heater", Heater)
     monkeypatch.setattr("bench.plan.check.stations.simulator_module", lambda name: name)
     text = changed("call: switch.open_all", "call: aux_supply.output_on", FLAT)
@@ -362,3 +288,130 @@ def test_a_frame_that_cannot_be_read_is_one_mistake(tmp_path: Path) -> None:
     path = tmp_path / "sequences" / "gnc_unit_test.yaml"
     path.write_text((GNC / "sequences" / path.name).read_text())
     assert [error.code for error in mistakes(path)] == ["B-YAML-012"]
+
+
+CHANNELS = "  - {numbers: 1-2, kind: gyro, levels: levels}"
+STATION_FILE = "af_bench_sim.yaml"
+
+
+def with_six_channels(text: str) -> str:
+    """Return a definition of frames of ten channels with six, its golden frame too."""
+    head, _, rest = text.partition("golden: >-\n")
+    golden, _, expected = rest.partition("expect:\n")
+    frame = bytes.fromhex("".join(golden.split()))
+    body = frame[2:4] + frame[4:16] + frame[24:36] + frame[44:-2]
+    checked = frame[:2] + body + crc_hqx(body, 0xFFFF).to_bytes(2)
+    assert crc_hqx(frame[2:-2], 0xFFFF) == int.from_bytes(frame[-2:])
+    head = re.sub(r"(name: [np]pp, type: u16, count: )10", r"\g<1>6", head)
+    expected = re.sub(r"([np]pp: \[(?:\d+, ){5}\d+).*", r"\g<1>]", expected)
+    return f"{head}golden: {checked.hex()}\nexpect:\n{expected}"
+
+
+def line_of(error: InputError, folder: Path) -> tuple[str, str]:
+    """Return the name of the file an error names, and the text of the line."""
+    path, line, _ = error.where.rsplit(":", 2)
+    file = next(folder.rglob(Path(path).name))
+    return file.name, file.read_text().splitlines()[int(line) - 1]
+
+
+@pytest.mark.parametrize("number", [11, 41])
+def test_a_channel_that_the_unit_does_not_have_b_plan_027(tmp_path: Path, number: int) -> None:
+    text = changed(CHANNELS, f"{CHANNELS}\n  - {{numbers: {number}, kind: gyro, levels: levels}}")
+    text = changed("in: {channels: 2}", "in: channels", text)
+    found = mistakes(make_bench(tmp_path, text))
+    declared = [error for error in found if error.code in ("B-PLAN-027", "B-PLAN-052")]
+    assert {error.code for error in declared} == {"B-PLAN-027", "B-PLAN-052"}  # neither the frame nor the switch has it
+    for error in declared:
+        name, line = line_of(error, tmp_path)
+        assert (name, f"numbers: {number}" in line) == ("sample.yaml", True), error
+
+
+def test_a_channel_beyond_those_of_frame_or_link_is_named_where_it_is_declared_or_used(tmp_path: Path) -> None:
+    found = mistakes(
+        make_bench(
+            tmp_path, changed('channel: "{channel}", polarity: "{polarity}"', 'channel: 11, polarity: "{polarity}"')
+        )
+    )
+    [error] = [error for error in found if error.code == "B-PLAN-052"]
+    assert "channel: 11" in line_of(error, tmp_path)[1]
+    found = mistakes(make_bench(tmp_path, changed("port_a: ngu_a", "port_a: ngu_b")))
+    error = next(error for error in found if error.code == "B-PLAN-027")
+    assert "counts no pulses" in error.message
+    assert line_of(error, tmp_path)[1].startswith("frame: {port_a: ngu_b")
+
+
+def test_a_frame_with_fewer_channels_b_plan_027(tmp_path: Path) -> None:
+    path = make_bench(tmp_path, changed("1-2, kind", "1-7, kind"))
+    frame = tmp_path / "frames" / "ngu_a.yaml"
+    frame.write_text(with_six_channels(frame.read_text()))
+    [error] = [error for error in mistakes(path) if error.code != "B-PLAN-084"]  # a graph of the station is without too
+    assert error.code == "B-PLAN-027"
+    assert "there is no channel 7: the frame 'ngu_a' of port_a counts pulses of 6 channels" in error.message
+    assert line_of(error, tmp_path) == ("sample.yaml", CHANNELS.replace("1-2", "1-7"))
+
+
+@pytest.mark.parametrize("wrong", [("full_scale: 299 mA", "full_scale: 0.5 mA"), ("[1 mA]", "[300 mA]")])
+def test_a_level_over_full_scale_is_said_once_with_its_sources(tmp_path: Path, wrong: tuple[str, str]) -> None:
+    text = changed(*wrong)
+    [error] = [error for error in mistakes(make_bench(tmp_path, text)) if error.code in ("B-PLAN-024", "B-PLAN-073")]
+    assert error.code == "B-PLAN-024"
+    lines = [text.splitlines()[int(number) - 1] for number in re.findall(r"line (\d+)", error.message)]
+    assert lines[0] == CHANNELS
+    assert lines[1].startswith("    gyro:")
+    assert line_of(error, tmp_path)[1].startswith("  levels:")
+
+
+def with_channels(numbers: str) -> str:
+    return changed("gyro: {k0", f"gyro: {{channels: {numbers}, k0")
+
+
+@pytest.mark.parametrize(("numbers", "listed"), [("2", "1"), ("[2, 4-6]", "1"), ("7-10", "1, 2")])
+def test_a_channel_of_the_other_kind_whose_levels_fit_b_plan_028(tmp_path: Path, numbers: str, listed: str) -> None:
+    text = with_channels(numbers)
+    [error] = mistakes(make_bench(tmp_path, text))
+    assert error.code == "B-PLAN-028"
+    assert f"declared as gyro: {listed}; the unit has gyro channels " in error.message
+    assert line_of(error, tmp_path) == ("sample.yaml", CHANNELS)
+    (line,) = re.findall(r"line (\d+)", error.message)
+    assert text.splitlines()[int(line) - 1].startswith("    gyro:")
+
+
+def test_channels_of_a_kind_are_written_as_others_are(tmp_path: Path) -> None:
+    assert mistakes(make_bench(tmp_path, with_channels("[1, 2-6]"))) == []
+    [error] = mistakes(make_bench(tmp_path, with_channels("6-1")))
+    assert (error.code, line_of(error, tmp_path)[1][:9]) == ("B-PLAN-020", "    gyro:")
+
+
+@pytest.mark.parametrize(
+    ("right", "wrong", "role"),
+    [
+        ("driver: keithley_7002", "driver: hp_3458a", "switch"),
+        ("driver: fluke_5720a", "driver: agilent_e3631a", "calibrator"),
+    ],
+)
+def test_an_instrument_with_the_driver_of_another_b_plan_050(tmp_path: Path, right: str, wrong: str, role: str) -> None:
+    found = mistakes(make_bench(tmp_path, SEQUENCE, (right, wrong)))
+    [error] = [error for error in found if error.code == "B-PLAN-050"]
+    assert f"{role} ({wrong.removeprefix('driver: ')}) has none of the actions that are called: " in error.message
+    assert line_of(error, tmp_path) == (STATION_FILE, f"    {wrong}")
+
+
+def test_a_role_that_the_station_names_otherwise_b_plan_040(tmp_path: Path) -> None:
+    found = mistakes(make_bench(tmp_path, SEQUENCE, ("  switch:  ", "  relays:  ")))
+    errors = [error for error in found if error.code == "B-PLAN-040"]
+    assert errors
+    line = next(
+        number
+        for number, text in enumerate((tmp_path / "stations" / STATION_FILE).read_text().splitlines(), 1)
+        if text == "instruments:"
+    )
+    assert all(f"({STATION_FILE}:{line})" in error.message for error in errors)
+    assert len({error.where for error in errors}) == len(errors)
+
+
+def test_a_limit_of_the_station_is_named_with_its_line_b_plan_055(tmp_path: Path) -> None:
+    found = mistakes(make_bench(tmp_path, SEQUENCE, ("current: [0 A, 220 mA]", "current: [0 A, 0.5 mA]")))
+    [error] = [error for error in found if error.code == "B-PLAN-055"]
+    place = re.search(rf"station af_bench_sim \({STATION_FILE}:(\d+)\)", error.message)
+    assert place is not None
+    assert "0.5 mA]" in (tmp_path / "stations" / STATION_FILE).read_text().splitlines()[int(place[1]) - 1]

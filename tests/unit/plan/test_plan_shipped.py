@@ -1,16 +1,15 @@
-"""The shipped sequences against the paper's own figures, worked out here a second time by plain loops."""
+"""The shipped sequences against the paper's own figures, by plain loops; several units in one chamber."""
 
 from __future__ import annotations
 
-from collections import Counter
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from bench.plan import Plan, Step, check_plan, compile_sequence
-from bench.plan.summary import summarise
+from bench.model.errors import InputErrors
+from bench.plan import UNIT, Plan, PlannedRecord, Step, check_plan, compile_sequence, plan_json, steps_of, summarise
 
 TEMPERATURES_DEGC = (-10.0, 5.0, 20.0, 35.0, 50.0)
 GYRO_A = (30e-6, 100e-6, 1e-3, 10e-3, 100e-3, 200e-3)
@@ -104,17 +103,6 @@ def records(plan: Plan) -> list[Step]:
     return [step for step in plan.phase("campaign") if step.kind == "record"]
 
 
-def test_the_campaign_is_38_hours_and_765_records(campaign: Plan) -> None:
-    assert campaign.duration_s == 136_800.0
-    assert campaign.record_count == 765
-    assert sum(step.duration_s for step in campaign.phase("campaign")) == 136_800.0
-    assert sum(step.duration_s for step in records(campaign)) == 76_500.0
-    soaks = [step for step in campaign.phase("campaign") if step.kind == "soak"]
-    assert [step.duration_s for step in soaks] == [9000.0] * 5
-    assert [step.temperature_degC for step in soaks] == list(TEMPERATURES_DEGC)
-    assert {step.ramp_degC_min for step in soaks} == {0.5}
-
-
 def test_every_record_is_where_table_3_puts_it(campaign: Plan) -> None:
     found = [(step.at_s, dict(step.conditions)) for step in records(campaign)]
     for _, conditions in found:
@@ -156,7 +144,7 @@ def test_before_hour_0_the_wiring_of_every_channel_is_proved(campaign: Plan) -> 
     assert (start.role, start.name, start.told()) == ("port_b", "start_stream", {"command": 2, "payload": (0x64,)})
 
 
-def test_the_chamber_is_back_at_the_room_before_it_is_stopped(campaign: Plan) -> None:
+def test_steps_are_numbered_by_time_and_the_chamber_is_back_before_it_is_stopped(campaign: Plan) -> None:
     names = [step.name for step in campaign.phase("finally")]
     assert names == ["standby", "open_all", "soak", "output_off"]
     (back,) = [step for step in campaign.phase("finally") if step.kind == "soak"]
@@ -164,15 +152,6 @@ def test_the_chamber_is_back_at_the_room_before_it_is_stopped(campaign: Plan) ->
     ramp_s = 60.0 * (max(TEMPERATURES_DEGC) - 23.0) / back.ramp_degC_min
     assert ramp_s == 3240.0
     assert back.duration_s >= ramp_s + 3 * 120.0  # the air follows with two minutes of lag
-
-
-def test_measured_once_per_temperature(campaign: Plan) -> None:
-    counts = Counter(f"{step.role}.{step.name}" for step in campaign.phase("campaign") if step.kind == "call")
-    for name in ("counter.measure_frequency", "logger.scan", "rail_dmm.measure_voltage", "supply.measure_current"):
-        assert counts[name] == 5
-
-
-def test_steps_are_numbered_in_order_of_time(campaign: Plan) -> None:
     assert [step.number for step in campaign.steps] == list(range(len(campaign.steps)))
     for phase in ("prepare", "campaign", "finally"):
         at_s = 0.0
@@ -217,23 +196,17 @@ def test_shipped_sequences_pass_the_static_check_and_last_as_long_as_meant(name:
     assert (plan.duration_s, plan.record_count) == PLANS[name]
 
 
-def test_same_file_same_hash_and_another_value_another_hash() -> None:
+def test_values_that_are_set_reach_plan_world_and_hash() -> None:
     plain, again = (compile_sequence("scale_factor_short").sha256 for _ in range(2))
     assert plain == again
     assert compile_sequence("scale_factor_short", overrides={"dwell": "20 s"}).sha256 != plain
     assert compile_sequence("scale_factor_short", overrides={"world.noise": "off"}).sha256 == plain
-
-
-def test_overrides_reach_the_plan_and_the_world() -> None:
     plan = compile_sequence("scale_factor_short", overrides={"dwell": "20 s", "world.master_error_ppm": "50"})
     assert {step.duration_s for step in records(plan)} == {20.0}
     assert check_plan(plan) == []
     options = shipped("scale_factor_short").station.world_options
     assert plan.station.world_options == {**options, "master_error_ppm": "50"}
     assert "master_error_ppm" not in options
-
-
-def test_the_serial_number_of_the_unit_is_given_without_editing_the_file() -> None:
     assert shipped("scale_factor_short").campaign["uut"] == {"model": "NGU", "serial": "SIM-1"}
     assert compile_sequence("scale_factor_short", overrides={"serial": "0042"}).campaign["uut"]["serial"] == "0042"
 
@@ -300,3 +273,103 @@ def test_each_ramp_fills_its_branch(name: str) -> None:
         assert ramp_s == pytest.approx(length_s)
         now_degC = call.arguments["temperature"]
     assert now_degC == before.temperature_degC
+
+
+ROOT = Path(__file__).resolve().parents[3]
+UNITS = ROOT / "sequences" / "scale_factor_units.yaml"
+
+
+@pytest.fixture(scope="module")
+def units_plan() -> Plan:
+    return compile_sequence(UNITS)
+
+
+def changed_units(folder: Path, *changes: tuple[str, str]) -> Path:
+    """The shipped sequence with texts replaced."""
+    text = UNITS.read_text()
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    path = folder / UNITS.name
+    path.write_text(text)
+    return path
+
+
+def codes_of_units(path: Path, serials: str = "SIM-1,SIM-2,SIM-3,SIM-4") -> set[str]:
+    """Codes of all mistakes."""
+    try:
+        return {error.code for error in check_plan(compile_sequence(path, None, {"serials": serials}))}
+    except InputErrors as errors:
+        return {error.code for error in errors.errors}
+
+
+def test_four_units_take_three_times_as_long_as_one_and_the_ramp_no_longer(units_plan: Plan) -> None:
+    """The soaks are shared, the calibrator is not; open inputs are recorded at once. By planned time, all phases."""
+
+    def length_s(units_plan: Plan) -> float:
+        return units_plan.prepare_s + units_plan.duration_s + units_plan.finally_s
+
+    one, ramp = compile_sequence("scale_factor_38h"), compile_sequence("bias_ramp_25h")
+    ramps = compile_sequence("bias_ramp_units")
+    assert check_plan(units_plan) == []
+    assert check_plan(ramps) == []
+    assert units_plan.duration_s == 5 * (9000 + 4 * 150 * 120) + 4 * 15 * 120
+    assert 2.9 < length_s(units_plan) / length_s(one) <= 3.1
+    assert units_plan.duration_s / one.duration_s <= 3.1
+    assert length_s(ramps) / length_s(ramp) <= 1.05
+    assert (units_plan.record_count, ramps.record_count) == (4 * one.record_count, 4 * ramp.record_count)
+
+
+def test_an_empty_slot_is_left_alone() -> None:
+    units_plan = compile_sequence(UNITS, None, {"serials": "X1,,X3"})
+    assert [(unit.slot, unit.serial) for unit in units_plan.units] == [("A", "X1"), ("C", "X3")]
+    assert {rule.of for rule in units_plan.interlocks if rule.signal == "link_age"} == {"a_port_a", "c_port_a"}
+    hot = {rule.name: rule.of for rule in units_plan.interlocks if rule.signal == "unit_temperature"}
+    assert hot == {"unit_hot_a": "a_port_a", "unit_hot_c": "c_port_a"}
+    assert check_plan(units_plan) == []
+
+
+def test_records_outside_the_loop_are_taken_together() -> None:
+    units_plan = compile_sequence("bias_ramp_units")
+    records = [step for step in units_plan.phase("campaign") if isinstance(step, PlannedRecord)]
+    for first in range(0, 40, 4):
+        group = records[first : first + 4]
+        assert [record.together for record in group] == [False, True, True, True]
+        assert [record.duration_s for record in group] == [100.0, 0.0, 0.0, 0.0]
+        assert [record.conditions[UNIT] for record in group] == ["SIM-1", "SIM-2", "SIM-3", "SIM-4"]
+        assert [record.follows for record in group] == [first > 0] * 4
+    assert steps_of(plan_json(units_plan.steps)) == units_plan.steps
+
+
+def test_a_wiring_record_looks_at_every_unit(units_plan: Plan) -> None:
+    records = [step for step in units_plan.steps if isinstance(step, PlannedRecord) and step.purpose == "wiring"]
+    assert len(records) == 4 * 10 * 2 * 4
+    group = records[:4]
+    assert [record.conditions[UNIT] for record in group] == ["SIM-2", "SIM-3", "SIM-4", "SIM-1"]
+    assert [record.conditions.get("beside") for record in group] == ["A", "A", "A", None]
+
+
+def test_what_says_for_no_unit_is_refused(tmp_path: Path) -> None:
+    path = changed_units(tmp_path, ("      - supply.output_on\n", "  - supply.output_on\n"))
+    assert codes_of_units(path) >= {"B-PLAN-141"}
+    decided = (
+        "  - function_generator.output_on\n  - if: {reading: rail_dmm.measure_voltage, above: 1 V}\n    then: []\n"
+    )
+    path = changed_units(tmp_path, ("  - function_generator.output_on\n", decided.replace("[]", "[{settle: 1 s}]")))
+    assert "B-PLAN-141" in codes_of_units(path)
+    twice = "          - for: unit\n            in: units\n            do: [wiring_point: {polarity: +}]\n"
+    path = changed_units(tmp_path, ("          - wiring_point: {polarity: +}\n", twice))
+    assert "B-PLAN-141" in codes_of_units(path)
+
+
+def test_slots_that_do_not_fit_units_that_nothing_proves_and_foreign_routes_are_refused(tmp_path: Path) -> None:
+    assert codes_of_units(UNITS, "A1,A2,A3,A4,A5") == {"B-PLAN-140"}
+    assert codes_of_units(UNITS, ",,") >= {"B-PLAN-140"}
+    assert "B-PLAN-025" in codes_of_units(UNITS, "A1,A1")
+    assert "B-PLAN-025" in codes_of_units(UNITS, "A 1,A2")
+    assert "B-PLAN-140" in codes_of_units(changed_units(tmp_path, ("port_b: ngu_b}", "port_b: ngu_b, port_c: ngu_b}")))
+    assert "B-PLAN-140" in codes_of_units(changed_units(tmp_path, ("\nuut:\n", "\nearly: {after: 1 h}\nuut:\n")))
+    asked = "      - unit: {port_b: identify}            # is it the serial number of this slot?\n"
+    assert codes_of_units(changed_units(tmp_path, (asked, ""))) == {"B-PLAN-142"}
+    assert codes_of_units(changed_units(tmp_path, ("          - wiring_point: {polarity: -}\n", ""))) == {"B-PLAN-142"}
+    assert codes_of_units(changed_units(tmp_path, ('card: "{unit.card}"', "card: 2"))) == {"B-PLAN-076"}

@@ -1,4 +1,4 @@
-"""The step journal: every finished step, never one that did not happen."""
+"""The step journal, never a step that did not happen; what a damaged session still holds."""
 
 from __future__ import annotations
 
@@ -10,10 +10,18 @@ import zlib
 from pathlib import Path
 
 import pytest
-from record_sample import FaultyFiles, io_error, no_space
+from record_sample import MANIFEST, NS, TEXTS, FaultyFiles, io_error, no_space, write_sample
 
 from bench.model.errors import InputError
-from bench.record import Journal, JournalEntry, RecordError, read_journal
+from bench.record import (
+    Journal,
+    JournalEntry,
+    RecordError,
+    SessionReader,
+    SessionWriter,
+    read_journal,
+    recover_session,
+)
 from bench.record.journal import JOURNAL_NAME, is_being_written
 
 
@@ -34,18 +42,6 @@ def test_what_was_written_is_read(tmp_path: Path) -> None:
     state = read_journal(tmp_path)
     assert (list(state.entries), state.torn) == (entries, False)
     assert state.good_bytes == (tmp_path / JOURNAL_NAME).stat().st_size
-
-
-def test_each_step_is_in_the_file_at_once(tmp_path: Path) -> None:
-    journal = Journal(tmp_path)
-    for number in range(3):
-        journal.step(number, "prepare", 0, {})
-        assert len(read_journal(tmp_path).entries) == number + 1
-    journal.close()
-
-
-def test_no_journal_is_an_empty_one(tmp_path: Path) -> None:
-    assert read_journal(tmp_path).entries == ()
 
 
 def test_cut_anywhere_gives_the_whole_lines_before(tmp_path: Path) -> None:
@@ -196,9 +192,7 @@ def in_another_form(path: Path, change: dict[str, object], first: int = 1) -> by
 )
 @pytest.mark.parametrize("first", [1, 3])
 @pytest.mark.parametrize("tail", [b"", b"0123", bytes(40)])
-def test_a_journal_of_another_version_is_refused_and_never_cut_b_rec_007(
-    tmp_path: Path, change: dict[str, object], first: int, tail: bytes
-) -> None:
+def test_another_version_is_refused_not_cut(tmp_path: Path, change: dict[str, object], first: int, tail: bytes) -> None:
     written(tmp_path, 5)
     path = tmp_path / JOURNAL_NAME
     content = in_another_form(path, change, first) + tail
@@ -227,3 +221,55 @@ def test_zeros_behind_whole_lines_are_cut_as_before(tmp_path: Path) -> None:
     Journal(tmp_path).close()
     assert path.read_bytes() == content
     assert list(read_journal(tmp_path).entries) == entries
+
+
+def damage_middle(session: Path) -> None:
+    path = session / "session.0001.mcap"
+    content = bytearray(path.read_bytes())
+    middle = len(content) // 3
+    content[middle : middle + 40] = bytes(40)
+    path.write_bytes(content)
+
+
+def test_a_whole_session(tmp_path: Path) -> None:
+    write_sample(tmp_path / "s")
+    found = recover_session(tmp_path / "s")
+    assert (found.damaged, found.lost, found.unfinished, found.has_manifest) == (False, 0, (), True)
+    assert found.counts["/link/port_a/rx"] == 20
+    assert found.span_s == 20.0
+    assert "nothing is damaged" in found.lines()
+
+
+def test_a_crashed_run(tmp_path: Path) -> None:
+    writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0)
+    journal = Journal(tmp_path)
+    for number in range(1, 4):
+        writer.event("record", number * NS, {"number": number})
+        journal.step(number, "campaign", number * NS, {})
+        writer.tick(number * NS)
+    found = recover_session(tmp_path)
+    assert (found.records, found.steps, found.unfinished) == ((1, 2, 3), 3, ("session.0001.mcap",))
+    assert any("the run did not end" in line for line in found.lines())
+    assert json.loads(json.dumps(found.as_json()))["journal_steps"] == 3
+
+
+def test_a_journal_of_another_version_is_told_and_the_rest_is_listed(tmp_path: Path) -> None:
+    write_sample(tmp_path / "s")
+    (tmp_path / "s" / "journal.jsonl").write_bytes(b"%08x {}\n" % zlib.crc32(b"{}", 1))
+    found = recover_session(tmp_path / "s")
+    assert (found.damaged, found.steps) == (False, 0)
+    assert any("B-REC-007" in line for line in found.lines())
+    assert "B-REC-007" in found.as_json()["journal_refused"]
+
+
+def test_a_damaged_session_says_what_is_lost(tmp_path: Path) -> None:
+    write_sample(tmp_path / "s")
+    damage_middle(tmp_path / "s")
+    found = recover_session(tmp_path / "s")
+    assert found.damaged
+    assert found.lost > 0
+    kept = sum(count for topic, count in found.counts.items() if topic != "/chain")
+    assert kept + found.lost == SessionReader(tmp_path / "s").next_sequence
+    text = found.as_json()
+    assert text["lost"] == found.lost
+    assert {"segment", "byte", "what", "lost"} == set(text["damage"][0])

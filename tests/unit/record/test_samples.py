@@ -1,21 +1,21 @@
-"""What a run keeps of its records: every good sample once, in the order of its counter; finished records, packed."""
+"""What is kept of records: every good sample once, events as their bytes; packed, or in a file until the run ends."""
 
 from __future__ import annotations
 
 import math
+import os
 import pickle
-from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from bench.analysis import joined
 from bench.frame import LinkDecoder, load_frame
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
-from bench.record import PackedList, PackedRows, RecordCutter, RecordRow
+from bench.record import PackedList, PackedRows, RecordCutter, RecordRow, Samples, stored
 from bench.record.packed import BLOCK
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -113,25 +113,6 @@ def test_samples_of_other_links_are_kept_beside_a_record_and_none_is_missing_at_
     assert first.context == {}, "samples are no housekeeping"
 
 
-def test_a_record_that_continues_is_part_of_the_one_before() -> None:
-    first, second, other = cut(
-        stream(100, 300),
-        [window(1, 110, 50, item="rotation"), window(2, 160, 100, continues=1), window(3, 300, 20, item="rotation")],
-        61,
-    )
-    both, alone = joined([first, second, other])
-    assert both.samples is not None
-    assert both.samples.counter.tolist() == list(range(110, 260))
-    assert (both.frames, both.window.frames, both.window.conditions) == (150, 150, {"item": "rotation"})
-    assert alone is other
-
-
-def test_a_record_that_does_not_follow_stays_alone() -> None:
-    first, second = cut(stream(100, 300), [window(1, 110, 50), window(2, 170, 50, continues=1)], 61)
-    assert joined([first, second]) == [first, second]
-    assert joined([replace(second, window=first.window)]) == [replace(second, window=first.window)]
-
-
 def row(number: int, rng: np.random.Generator) -> RecordRow:
     """A record as the bias campaign makes them."""
     first = 10_000 * number
@@ -184,3 +165,61 @@ def test_a_thousand_rows_and_a_day_of_events_need_less_than_a_mebibyte() -> None
     size = len(pickle.dumps(packed)) + len(pickle.dumps(events))
     print(f"seed 5: {size} bytes, a block of {BLOCK} events among them")
     assert size < 2**20
+
+
+COUNT = 200_000
+
+
+def sampled(seed: int, count: int = COUNT) -> Samples:
+    rng = np.random.default_rng(seed)
+    blobs = np.empty(count // 1000, object)
+    blobs[:] = [rng.bytes(9000 + k % 7) for k in range(len(blobs))]
+    columns: dict[str, Any] = {"tick": rng.integers(0, 1 << 60, count), "blob": blobs, "small": np.arange(3)}
+    return Samples(columns, np.arange(count), np.arange(count), {"tick": (1e-8, 0.0, "s")})
+
+
+def stored_row(number: int, **more: Any) -> RecordRow:
+    return RecordRow(RecordWindow(number, "imu", 0, 2, 0, 10), {"npp": np.arange(3)}, 2, 0, 0, Quality.GOOD, **more)
+
+
+def same_samples(one: Samples, other: Samples) -> None:
+    assert list(one.columns) == list(other.columns)
+    for name in one.columns:
+        assert one.columns[name].tolist() == other.columns[name].tolist()
+    assert (one.counter.tolist(), one.scales) == (other.counter.tolist(), other.scales)
+
+
+def test_large_samples_are_read_when_they_are_asked_for() -> None:
+    rows, given = PackedRows(), {k: stored_row(k, samples=sampled(k), beside={"egi": sampled(k + 10)}) for k in (1, 2)}
+    rows.update(given)
+    for number, kept in rows.items():
+        assert kept.samples is not None
+        assert isinstance(kept.samples.columns, stored.StoredColumns)
+        assert kept.samples.columns["tick"] is not kept.samples.columns["tick"], "it was held in memory"
+        same_samples(kept.samples, sampled(number))
+        same_samples(kept.beside["egi"], sampled(number + 10))
+        np.testing.assert_array_equal(kept.samples.scaled("tick"), sampled(number).scaled("tick"))
+        same_samples(kept.samples.until(10), sampled(number).until(10))
+    del rows[1]
+    assert list(rows) == [2]
+
+
+def test_small_samples_are_packed() -> None:
+    rows = PackedRows()
+    rows[1] = stored_row(1, samples=sampled(1, 2000))
+    samples = rows[1].samples
+    assert samples is not None
+    assert isinstance(samples.columns, dict)
+    same_samples(samples, sampled(1, 2000))
+
+
+def test_a_disk_without_room_costs_memory_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> int:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "pwrite", full)
+    rows = PackedRows()
+    rows[1] = stored_row(1, samples=sampled(1))
+    samples = rows[1].samples
+    assert samples is not None
+    same_samples(samples, sampled(1))

@@ -9,7 +9,6 @@ import pytest
 from import_sample import LOG, SHORT
 
 from bench.model.errors import InputError
-from bench.model.texts import told
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import LogMapping, mapping_model
 from bench.replay.delimited import MAX_LINE_BYTES, LogParser, LogRow, lines_of
@@ -121,15 +120,6 @@ def test_a_bad_row_is_counted_and_listed_with_its_line(row: str, why: str) -> No
     assert "line 4: " in parser.counts.sentences()[0]
 
 
-def test_what_is_left_out_is_told_in_korean() -> None:
-    mapping = mapped(("uut:", "overload: {values: ['']}\nuut:"))
-    _, parser = read((LOG + "2024-01-01T00:00:20,21,\nyesterday,20,1\n2024-01-01T00:00:30,20\n").encode(), mapping)
-    assert [told(said, "ko") for said in parser.counts.sentences()] == [
-        "로그 3행 중 1행에 비어 있거나 매핑이 과부하로 정한 칸이 있습니다 (voltage 1).",
-        "로그의 2행을 읽을 수 없습니다: 5행: 'yesterday': 형식 'iso'의 시각이 아님; 6행: 필드 2개, 3개여야 함.",
-    ]
-
-
 def test_numbers_of_the_wrong_decimal_sign_are_bad_rows() -> None:
     _, parser = read(
         b"time;T;U\n2024-01-01T00:00:00;20.5;1\n", mapped(("uut:", 'file: {delimiter: ";", decimal: ","}\nuut:'))
@@ -137,13 +127,10 @@ def test_numbers_of_the_wrong_decimal_sign_are_bad_rows() -> None:
     assert "decimal comma" in parser.counts.bad[0][1]
 
 
-def test_what_a_survey_says(tmp_path: Path) -> None:
+def test_what_a_survey_says_of_a_file_and_without_one(tmp_path: Path) -> None:
     found = surveyed(tmp_path, LOG.encode())
     assert (found.first_ns, found.last_ns - found.first_ns) == (UTC_2024_ns, 10 * 10**9)
     assert (found.counts.rows, found.size) == (2, len(LOG))
-
-
-def test_no_file_and_an_empty_one(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"B-IMP-001.*cannot be read"):
         list(file_lines(tmp_path / "absent.csv"))
     with pytest.raises(InputError, match=r"B-IMP-001.*is empty"):
@@ -151,47 +138,29 @@ def test_no_file_and_an_empty_one(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("content", "why"),
+    ("content", "refusal"),
     [
-        (LOG.encode() + b"\xff\xfe\n", "byte 1 is not utf-8"),
-        (LOG.encode() + b"a\x00b,1,2\n", r"control character U\+0000"),
-        (LOG.encode() + b"x" * (MAX_LINE_BYTES + 10), "longer than"),
+        (LOG.encode() + b"\xff\xfe\n", r"B-IMP-002.*log.csv:4: .*byte 1 is not utf-8"),
+        (LOG.encode() + b"a\x00b,1,2\n", r"B-IMP-002.*log.csv:4: .*control character U\+0000"),
+        (LOG.encode() + b"x" * (MAX_LINE_BYTES + 10), r"B-IMP-002.*log.csv:4: .*longer than"),
+        (LOG.replace("time,T,U", "time,t,U").encode(), r"B-IMP-003.*log.csv:1: .*no column 'T'"),
+        (LOG.replace("time,T,U", "time,T,T,U").encode(), r"B-IMP-003.*log.csv:1: .*the column 'T' 2 times"),
+        (b"time,T,U\n", "B-IMP-004.*no row"),
+        (b"time,T,U\nx,y,z\n", "B-IMP-004.*line 2: 'x' is no time"),
+        (b"\n\n", "B-IMP-004.*no line of column names"),
+        (LOG.encode() + b"x,1,2\n", r"B-IMP-005.*1 of 3 rows cannot be read, 0 % may be: line 4"),
+        (LOG.encode() + b"2024-01-01T00:00:05,20,1\n", r"B-IMP-006.*log.csv:4: the time goes back by 5 s after line 3"),
     ],
 )
-def test_what_is_no_text(tmp_path: Path, content: bytes, why: str) -> None:
-    with pytest.raises(InputError, match=rf"B-IMP-002.*log.csv:4: .*{why}"):
+def test_what_cannot_be_read_is_refused_with_its_line(tmp_path: Path, content: bytes, refusal: str) -> None:
+    with pytest.raises(InputError, match=refusal):
         surveyed(tmp_path, content)
 
 
-@pytest.mark.parametrize(
-    ("header", "why"),
-    [("time,t,U", "no column 'T'"), ("time,T,T,U", "the column 'T' 2 times"), ("time;T;U", "no column")],
-)
-def test_a_missing_column(tmp_path: Path, header: str, why: str) -> None:
-    with pytest.raises(InputError, match=f"B-IMP-003.*log.csv:1: .*{why}"):
-        surveyed(tmp_path, LOG.replace("time,T,U", header).encode())
-
-
-@pytest.mark.parametrize(
-    ("content", "why"),
-    [(b"time,T,U\n", "no row"), (b"time,T,U\nx,y,z\n", "line 2: 'x' is no time"), (b"\n\n", "no line of column names")],
-)
-def test_nothing_to_read(tmp_path: Path, content: bytes, why: str) -> None:
-    with pytest.raises(InputError, match=f"B-IMP-004.*{why}"):
-        surveyed(tmp_path, content)
-
-
-def test_more_bad_rows_than_declared(tmp_path: Path) -> None:
-    content = (LOG + "x,1,2\n").encode()
-    with pytest.raises(InputError, match=r"B-IMP-005.*1 of 3 rows cannot be read, 0 % may be: line 4"):
-        surveyed(tmp_path, content)
-    assert surveyed(tmp_path, content, mapped(("uut:", "bad_rows: 40 %\nuut:"))).counts.bad_rows == 1
-
-
-def test_time_that_goes_back(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"B-IMP-006.*log.csv:4: the time goes back by 5 s after line 3"):
-        surveyed(tmp_path, (LOG + "2024-01-01T00:00:05,20,1\n").encode())
-    assert surveyed(tmp_path, (LOG + "2024-01-01T00:00:10,20,1\n").encode()).counts.rows == 3  # twice the same is none
+def test_declared_bad_rows_and_one_time_twice_are_taken(tmp_path: Path) -> None:
+    declared = mapped(("uut:", "bad_rows: 40 %\nuut:"))
+    assert surveyed(tmp_path, (LOG + "x,1,2\n").encode(), declared).counts.bad_rows == 1
+    assert surveyed(tmp_path, (LOG + "2024-01-01T00:00:10,20,1\n").encode()).counts.rows == 3
 
 
 @pytest.mark.parametrize("size", [1, 2, 7, 1000])

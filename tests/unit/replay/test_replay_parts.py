@@ -15,15 +15,8 @@ from bench.model.events import event_of
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.record import RecordRow
-from bench.replay.parts import (
-    Part,
-    RecordedWindow,
-    intervals_ns,
-    moved_rows,
-    recorded_windows,
-    splices_of,
-    time_shifts_ns,
-)
+from bench.replay import moved_rows
+from bench.replay.parts import Part, RecordedWindow, intervals_ns, recorded_windows, splices_of, time_shifts_ns
 
 UTC = 1_800_000_000 * NS
 
@@ -66,11 +59,6 @@ def test_marks_of_a_record() -> None:
     assert (marked.sampled, marked.timed, marked.window.step) == (True, True, 7)
 
 
-def test_a_record_keeps_the_unit_it_belongs_to() -> None:
-    plain, named = found(record(1, 0), record(2, 50, uut="SN 2"))
-    assert (plain.window.uut, named.window.uut) == (None, "SN 2")
-
-
 @pytest.mark.parametrize(
     "name", ["number", "link", "first_counter", "frames", "t_start_ns", "t_end_ns", "conditions", "step"]
 )
@@ -102,25 +90,21 @@ def row(number: int, first_counter: int, start_s: float, frames: int = 100) -> R
     return RecordRow(window, {"npp": np.array([3, 0])}, frames, 0, 0, Quality.GOOD, timing=timing)
 
 
-def test_a_reboot_leaves_a_gap_of_the_right_length() -> None:
+def test_a_reboot_leaves_a_gap_and_time_never_runs_backwards() -> None:
     """100 s of recording, half an hour away, the clock begins again at 5 s."""
     shifts = time_shifts_ns([part(0, 100, 0.0), part(5, 50, 1895.0)])
     assert shifts == [0, 1895 * NS]
     assert 5 * NS + shifts[1] - 100 * NS == 1800 * NS
-
-
-def test_the_same_boot_needs_no_shift_even_if_utc_was_set_right() -> None:
     assert time_shifts_ns([part(0, 100, 0.0), part(400, 500, 0.0)]) == [0, 0]
     assert time_shifts_ns([part(0, 100, 0.0), part(400, 500, -2.0)]) == [0, 0]
-
-
-def test_without_utc_or_with_a_wrong_one_time_never_runs_backwards() -> None:
     assert time_shifts_ns([part(0, 100, None), part(5, 50, None)]) == [0, 95 * NS]
     assert time_shifts_ns([part(0, 100, 0.0), part(5, 50, -3600.0)]) == [0, 95 * NS]
     assert time_shifts_ns([Part(), Part()]) == [0, 0]
+    shifts = time_shifts_ns([part(0, 100, 0.0), part(5, 50, 1000.0), part(2, 9, 2000.0)])
+    assert shifts == [0, 1000 * NS, 2000 * NS]
 
 
-def test_the_time_away_is_unknown_where_utc_went_back_or_is_not_recorded() -> None:
+def test_the_time_away_is_unknown_without_a_sound_utc() -> None:
     """Whether the monotonic clock went on (400 s) or began anew (5 s): without UTC nobody knows which."""
     for first_s in (400, 5):
         assert intervals_ns([part(0, 100, 0.0), part(first_s, 500, -3600.0)]) == [None]
@@ -128,16 +112,8 @@ def test_the_time_away_is_unknown_where_utc_went_back_or_is_not_recorded() -> No
         assert time_shifts_ns([part(0, 100, 0.0), part(first_s, 500, -3600.0)]) == [0, (100 - first_s) * NS]
     assert intervals_ns([part(0, 100, 0.0), part(5, 50, 1895.0), part(60, 70, 1895.0)]) == [1800 * NS, 10 * NS]
     assert intervals_ns([part(0, 100, 0.0), part(101, 50, -2.0)]) == [1 * NS], "set right, on one running clock"
-
-
-def test_a_clock_that_was_set_right_before_the_stop_adds_nothing_to_the_time_away() -> None:
     begun = replace(part(0, 100, 0.0), last_offset_ns=UTC + 3600 * NS)
     assert intervals_ns([begun, part(5, 50, 3600.0 + 1895.0)]) == [1800 * NS]
-
-
-def test_shifts_add_up_over_several_parts() -> None:
-    shifts = time_shifts_ns([part(0, 100, 0.0), part(5, 50, 1000.0), part(2, 9, 2000.0)])
-    assert shifts == [0, 1000 * NS, 2000 * NS]
 
 
 def test_counters_go_on_with_the_frames_of_the_gap_and_never_join() -> None:

@@ -1,21 +1,52 @@
-"""What a session was to give and will come to: against its sequence, compiled afresh, and against how it ended."""
+"""What a session was to give and will come to, in part and at its end; what it was away for; records made up for."""
 
 from __future__ import annotations
 
+import json
+import math
+import os
+import shutil
 import subprocess
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
+import yaml
+from planned_step import planned
 from rehearsal import ROOT, rehearsed
+from trend_sample import run_short, short_plan
 
-from bench.analysis import Estimates, Prediction, agreements, analyse, by_foreseen_name
+from bench.analysis import (
+    Analysis,
+    Estimates,
+    Evidence,
+    Prediction,
+    agreements,
+    analyse,
+    by_foreseen_name,
+    estimate,
+    weigh,
+)
 from bench.model.clock import NS
-from bench.plan import Plan, compile_sequence
+from bench.model.errors import InputError
+from bench.model.events import Environment, Resume
+from bench.model.ports import RecordWindow
+from bench.model.quality import Quality
+from bench.model.quantities import QUANTITY
+from bench.model.systems import analyses
+from bench.plan import Plan, PlannedRecord, check_plan, compile_sequence
+from bench.record import UNIT_TEMPERATURE, RecordRow
+from bench.replay import Splice
+from bench.session import partial as command
+from bench.session.away import doubted, placed_later
 from bench.session.expected import expectations, predicted_of
+from bench.session.makeup import make_up_sequence
 from bench.session.predicted import predicted
-from bench.session.service import read_view
+from bench.session.record_states import MISSING, RecordState, record_states
+from bench.session.service import merged, read_view
 from bench.session.view import SessionView, material_of
 
 Short = tuple[Path, subprocess.CompletedProcess[str]]
@@ -70,13 +101,10 @@ def test_the_run_begins_when_its_first_event_says(view: SessionView, monkeypatch
     assert first_ns < 60 * NS
 
 
-def test_before_the_first_record_the_end_is_as_predicted(view: SessionView) -> None:
+def test_before_the_first_record_and_after_the_last_the_end_is_known(view: SessionView) -> None:
     found = expectations(replace(view, rows=()), {})
     assert len(found) == len(predicted_of(view, "gls"))
     assert all(expected.at_end_U == expected.predicted["expanded_uncertainty"] for expected in found.values())
-
-
-def test_after_the_last_record_the_end_is_what_is_stated(view: SessionView) -> None:
     entries = by_foreseen_name(stated(view))
     found = expectations(view, entries)
     for name, entry in entries.items():
@@ -129,3 +157,200 @@ def test_what_is_doubtful_has_no_expected_uncertainty(view: SessionView) -> None
     found = expectations(view, named)
     assert found[doubtful].at_end_U is None
     assert found[sound].at_end_U is not None
+
+
+MAIN = analyses()["scale_factor"][0].main
+
+
+@pytest.fixture(scope="module")
+def short_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return run_short(tmp_path_factory.mktemp("partial"))[0].folder
+
+
+def test_a_finished_session_gives_its_main_estimates(short_session: Path) -> None:
+    found = command.partial(short_session)
+    full = {
+        (one["quantity"], one["conditions"]["channel"], one["conditions"]["temperature_degC"]): one["value"]
+        for one in analyse(material_of(read_view(short_session))).estimates
+        if one["quantity"] in MAIN
+    }
+    assert found["records"] > 0
+    assert {row["quantity"] for row in found["rows"]} >= {"dsf_n", "dsf_p"}
+    assert next(row["titles"]["en"] for row in found["rows"] if row["quantity"] == "dsf_n") == "Scale-factor error N"
+    for row in found["rows"]:
+        assert set(row) == {*command.KEYS, "titles", "predicted_uncertainty", "expected_uncertainty"}
+        assert row["expected_uncertainty"] == pytest.approx(row["expanded_uncertainty"], rel=1e-12), "nothing comes"
+        assert "unit_temperature_degC" not in row["conditions"], "what is measured does not name an estimate"
+        key = (row["quantity"], row["conditions"]["channel"], row["conditions"]["temperature_degC"])
+        assert row["value"] == full.pop(key)
+    assert full == {}
+
+
+def test_a_session_that_has_just_begun_says_what_is_expected_and_why_nothing_is_determined(
+    short_session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(os, "nice", lambda step: 0)
+    shutil.copy(short_session / "session.0001.mcap", tmp_path)
+    content = (tmp_path / "session.0001.mcap").read_bytes()
+    (tmp_path / "session.0001.mcap").write_bytes(content[: len(content) // 4])
+    assert command.main([str(tmp_path)]) == 0
+    said = json.loads(capsys.readouterr().out)
+    assert said["why"] != ""
+    whole = predicted(short_plan()).estimates
+    assert len(said["rows"]) == len([entry for entry in whole if entry["quantity"] in MAIN])
+    for row in said["rows"]:
+        assert (row["value"], row["expanded_uncertainty"], row["quality"]) == (None, None, None)
+        assert row["expected_uncertainty"] == row["predicted_uncertainty"] > 0.0
+
+
+@pytest.mark.parametrize(
+    ("analysis", "last"),
+    [
+        ("scale_factor", ("invalid", "without a unit temperature")),
+        ("dmm_method", ("invalid", "without a unit temperature")),
+        ("bias_ramp", ("valid", "")),
+    ],
+)
+def test_a_record_whose_temperature_is_not_known_is_to_be_taken_again(analysis: str, last: tuple[str, str]) -> None:
+    assert states(analysis) == [*[("valid", "")] * 3, last]
+
+
+KNOWN = Splice(2 * NS, None, None, 5.0, 3, "crash", None, None, False)
+UNKNOWN = replace(KNOWN, at_ns=6 * NS, away_s=None, step=8, placed=False)
+AIR = Environment(air_degC=20.0, unit_degC=21.0)
+
+
+def away_row(number: int, start_s: float) -> RecordRow:
+    window = RecordWindow(number, "port_a", 100 * number, 100, round(start_s * NS), round((start_s + 1) * NS))
+    return RecordRow(window, {"npp": np.array([3, 0])}, 100, 0, 0, Quality.GOOD)
+
+
+def found_analysis(*values: float, evidence: list[Evidence] | None = None, expanded: float = 2.0) -> Analysis:
+    entries = [
+        estimate(name, "1", value, expanded / 2.0, {"channel": 1}, n=9, factor=2.0)
+        for name, value in zip(("dsf", "drift"), values, strict=False)
+    ]
+    return Analysis("any", "wls", {}, entries, evidence or [])
+
+
+def of_quality(analysis: Analysis) -> list[bool]:
+    """Whether each estimate is sound."""
+    against = weigh(analysis.evidence).against
+    return [not any(check.bears_on(entry) for check in against) for entry in analysis.estimates]
+
+
+def test_only_what_lies_behind_a_splice_of_unknown_length_is_placed_later() -> None:
+    rows = [away_row(1, 0.0), away_row(2, 3.0), away_row(3, 7.0), away_row(4, 8.0)]
+    events = [(NS, AIR), (2 * NS, Resume(reason="x")), (6 * NS, AIR), (6 * NS, Resume(reason="x")), (7 * NS, AIR)]
+    later_rows, later = placed_later(rows, events, [KNOWN, UNKNOWN], 3600.0)
+    assert [one.window.t_start_ns / NS for one in later_rows] == [0.0, 3.0, 3607.0, 3608.0]
+    assert [t_ns / NS for t_ns, _ in later] == [1.0, 2.0, 6.0, 3606.0, 3607.0]
+    counters = [one.window.first_counter for one in later_rows]
+    assert counters[2] - counters[1] == pytest.approx(100 * 3604, rel=0.01), "frames that would have come meanwhile"
+    assert counters[3] - counters[2] == 100
+
+
+def test_an_estimate_that_depends_on_the_time_away_is_doubtful_and_no_other() -> None:
+    analysis = doubted(found_analysis(1.0, 5.0), [found_analysis(1.0, 5.0), found_analysis(1.1, 9.0)], [KNOWN, UNKNOWN])
+    assert of_quality(analysis) == [True, False]
+    (against,) = weigh(analysis.evidence).against
+    assert (against.code, against.figure) == ("unknown_time_away", 2.0)
+    assert "step 8 " in against.sentence
+    assert "1 of 2 estimates" in analysis.notes[-1]
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        None,  # cannot be made at all
+        found_analysis(1.0),  # an estimate less
+        found_analysis(1.0, 5.0, expanded=3.0),
+        found_analysis(1.0, math.nan),
+        found_analysis(1.0, 5.0, evidence=[Evidence("bent", "bent", None, 0.0, quantities=("drift",))]),
+    ],
+)
+def test_whatever_is_otherwise_with_a_longer_time_away_counts(other: Analysis | None) -> None:
+    assert not of_quality(doubted(found_analysis(1.0, 5.0), [other], [UNKNOWN]))[1]
+
+
+def test_numbers_that_are_not_known_either_way_are_the_same() -> None:
+    assert of_quality(doubted(found_analysis(1.0, math.nan), [found_analysis(1.0, math.nan)], [UNKNOWN])) == [
+        True,
+        True,
+    ]
+    exact = found_analysis(1.0, 5.0, expanded=0.0)
+    assert of_quality(doubted(exact, [exact], [UNKNOWN])) == [True, True]
+    assert of_quality(doubted(exact, [found_analysis(1.0, 5.1, expanded=0.0)], [UNKNOWN])) == [True, False]
+
+
+COUNTS = {name: np.array([50_000]) for name in ("npp", "ppp", "af_clock", "master_count")}
+
+
+def state_row(number: int, temperature_degC: float | None) -> Any:
+    conditions = {"channel": 1, "temperature_degC": 23.0}
+    window = SimpleNamespace(
+        number=number, step=number, link="port_a", frames=50, conditions=conditions,
+        t_start_ns=number * 10**9, t_end_ns=number * 10**9 + 5 * 10**8,
+    )  # fmt: skip
+    context = {} if temperature_degC is None else {UNIT_TEMPERATURE: temperature_degC}
+    quality = int(Quality.STALE) if temperature_degC is None else 0
+    return SimpleNamespace(window=window, sums=COUNTS, frames=50, lost=0, quality=quality, context=context)
+
+
+def states(analysis: str) -> list[tuple[str, str]]:
+    """Of three records: one measured, one between two that are, one behind the last that is."""
+    rows = [state_row(1, 23.0), state_row(2, None), state_row(3, 23.0), state_row(4, None)]
+    steps = [planned("record", number) for number in (1, 2, 3, 4)]
+    manifest = {"campaign": {"analysis": analysis}}
+    replayed: Any = SimpleNamespace(manifest=manifest, rows=rows, measurement_rows=rows, events=[])
+    return [(one.state, one.why) for one in record_states(steps, replayed)]
+
+
+def sampled(number: int, **more: Any) -> Any:
+    conditions = {"item": "position"}
+    window = SimpleNamespace(number=number, step=number, link="rs422", frames=200, conditions=conditions)
+    fields = {"window": window, "sums": {}, "frames": 199, "lost": 1, "quality": 0, "context": {}} | more
+    return SimpleNamespace(**fields)
+
+
+def test_a_record_of_samples_needs_no_clock_counts() -> None:
+    """Its frames and flags count; a lost sample is seen from the counter and is no reason to leave the record out."""
+    rows = [sampled(1), sampled(2, frames=0, lost=200), sampled(3, quality=int(Quality.OVERLOAD))]
+    steps = [planned("record", number, samples=True) for number in (1, 2, 3)]
+    manifest = {"campaign": {"analysis": "imu_calibration"}}
+    replayed: Any = SimpleNamespace(manifest=manifest, rows=rows, measurement_rows=rows, events=[])
+    found = record_states(steps, replayed)
+    assert [one.state for one in found] == ["valid", "invalid", "invalid"]
+    assert found[1].why == "no frames"
+    with pytest.raises(InputError, match=r"B-RES-008: .*how it was mounted"):
+        make_up_sequence(SimpleNamespace(), found)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("arguments", [None, {"samples": True}])
+def test_what_is_not_made_up_one_by_one_is_not_completed(arguments: dict[str, Any] | None) -> None:
+    """Unit tests, which have no records, and records of samples: another session completes neither."""
+    step = planned("record", 1, **(arguments or {}))
+    view: Any = SimpleNamespace(plan_steps=[] if arguments is None else [step], manifest={"session": "first"})
+    with pytest.raises(InputError, match="made up one by one") as caught:
+        merged(view, [])
+    assert (caught.value.code, caught.value.where) == ("B-RES-010", "first")
+
+
+LAB = ROOT / "examples/own_checks"
+
+
+def test_names_of_values_survive(tmp_path: Path) -> None:
+    lab = shutil.copytree(LAB, tmp_path / "lab")
+    plan = compile_sequence(lab / "sequences/linearity.yaml")
+    records = [step for step in plan.steps if isinstance(step, PlannedRecord)]
+    text, made_up, _ = make_up_sequence(plan, [RecordState(step, None, MISSING) for step in records])
+    assert made_up == len(records)
+    path = lab / "sequences/again.yaml"
+    path.write_text(f"sequence: again\n{text}" if "sequence" not in yaml.safe_load(text) else text)
+    again = compile_sequence(path)
+    assert check_plan(again) == []
+    names = {
+        call.conditions[QUANTITY] for step in again.steps if isinstance(step, PlannedRecord) for call in step.calls
+    }
+    assert names == {"input", "output"}
+    assert again.campaign["expected"] == plan.campaign["expected"]

@@ -1,22 +1,32 @@
-"""Results that are kept: believed only for the same session, software and method; never an error."""
+"""Results that are kept, the end of a run without any, and certificates held against what they were made from."""
 
 from __future__ import annotations
 
+import json
 import os
 import pickle
 import shutil
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from dcc_sample import calibration, estimate
 from rehearsal import Inside, record_golden
 
 from bench.analysis import results_json
+from bench.commands import resume, run
+from bench.commands.requests import RunRequest
+from bench.commands.verify import check_certificates
+from bench.model.errors import ExitStatus, FitError
 from bench.model.events import Resume
 from bench.model.folders import cache_folder
 from bench.record import resume_session
+from bench.report import certificate_text
 from bench.session import shelf
 from bench.session.fitted import FROM_CACHE, Fitted
 from bench.session.shelf import Shelf, key_of
+from bench.session.verification import Verification
 
 Words = tuple[str, ...]
 
@@ -79,15 +89,6 @@ def test_the_end_of_a_run_keeps_what_it_computed(tmp_path: Path, inside: Inside,
     assert results_json(shown.results) == results_json(again.shown.results) == results
     assert shown.remarks == again.shown.remarks
     assert again.report.html().encode() == page
-
-
-def test_figures_and_paper_are_drawn_once(session: Path, inside: Inside, monkeypatch: pytest.MonkeyPatch) -> None:
-    inside("report", str(session), "--pdf")
-    paper = (session / "report.pdf").read_bytes()
-    monkeypatch.setattr("bench.report.document.sections_of", None)
-    monkeypatch.setattr("bench.report.document._typeset", None)
-    assert inside("report", str(session), "--pdf").returncode == 0
-    assert (session / "report.pdf").read_bytes() == paper
 
 
 def test_fresh_computes_again_and_keeps_that(session: Path, inside: Inside, cache: Path) -> None:
@@ -207,3 +208,47 @@ def test_a_report_in_another_language_stands_beside_the_one_that_is_verified(
     assert refused.returncode == inside("top", "--lang", "kr").returncode == 2
     assert "B-TXT-001" in refused.stderr
     assert "use one of: en, ko" in refused.stderr
+
+
+FOLDER = Path("sessions/S")
+
+
+def no_result(*_: object) -> None:
+    raise FitError("B-FIT-005", "K_N is not determined", where="channel 1 at 23 degC", next_step="take them again")
+
+
+@pytest.mark.parametrize("command", [run, resume])
+def test_a_run_without_a_result_names_the_session_and_what_is_left_to_do(
+    command: Any, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(command, "finish", no_result)
+    view: Any = SimpleNamespace(events=[], events_of=lambda model: [], has_analysis=True)
+    done: Any = SimpleNamespace(folder=FOLDER)
+    monkeypatch.setattr(resume, "read_view", lambda folder: view)
+    status = (
+        run._results(view, done, RunRequest("s"), run.console())
+        if command is run
+        else resume._results(FOLDER, "", as_json=False)
+    )
+    said = capsys.readouterr()
+    assert status == ExitStatus.VERDICT_FAIL
+    assert "B-FIT-005" in said.err
+    assert "'bench recover sessions/S'" in said.out
+
+
+NAME = "certificate.specimen.xml"
+
+
+@pytest.mark.parametrize("value", [3.5, 3.6])
+def test_conditions_of_an_analysis_in_an_order_that_is_not_that_of_the_file(tmp_path: Path, value: float) -> None:
+    conditions = {"temperature_degC": 50.0, "channel": 1, "repeat": 1, "kind": "gyro"}
+    made = calibration(estimates=[estimate("dsf_n_drift", "ppm", 3.5, 0.9, conditions=conditions)], specimen=True)
+    stored = json.loads(results_json(made.results))
+    made = calibration(estimates=stored["estimates"], specimen=True)
+    (tmp_path / NAME).write_text(certificate_text(made))
+    today = calibration(estimates=[estimate("dsf_n_drift", "ppm", value, 0.9, conditions=conditions)], specimen=True)
+    results = {**today.results, "provenance": {**today.results["provenance"], "session_sha256": "5" * 64}}
+    found = Verification()
+    check_certificates(found, tmp_path, today.manifest, results)
+    assert found.compared == [NAME]
+    assert bool(found.changes) == (value != 3.5)

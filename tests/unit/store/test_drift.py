@@ -139,15 +139,12 @@ def test_an_uncertainty_that_is_all_shared_still_gives_a_line() -> None:
 
 def test_refusals() -> None:
     t, value, std, shared, standard = series(np.random.default_rng(SEED))
-    with pytest.raises(FitError, match="rate") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-001: .*rate"):
         fit_drift_line(np.full_like(t, 40.0), value, std, shared, standard)
-    assert caught.value.code == "B-FIT-001"
-    with pytest.raises(FitError) as caught:
+    with pytest.raises(FitError, match="B-FIT-002"):
         fit_drift_line(t, value, np.zeros_like(std), shared, standard)
-    assert caught.value.code == "B-FIT-002"
-    with pytest.raises(FitError) as caught:
+    with pytest.raises(FitError, match="B-FIT-001"):
         individuals_chart(np.ones(1))
-    assert caught.value.code == "B-FIT-001"
 
 
 def test_en_of_independent_laboratories() -> None:
@@ -220,12 +217,14 @@ def test_days_to_a_limit_against_a_root_finder() -> None:
             assert found[one] == 0
 
 
-def test_days_without_limit_or_drift() -> None:
+def test_days_without_limit_drift_or_uncertainty() -> None:
     nothing, open_end = np.array([np.nan]), np.array([np.inf])
     one, ten = np.array([1.0]), np.array([10.0])
     assert days_to_limit(one, one, one, one, -open_end, open_end, most_days=365) == [365]
     assert days_to_limit(one, one, nothing, nothing, -ten, ten, most_days=365) == [365]
     assert days_to_limit(ten, one, nothing, nothing, -ten, ten, most_days=365) == [0]
+    value, unknown, limit = np.array([1.0, np.nan]), np.array([np.nan, 1.0]), np.array([10.0, 10.0])
+    assert days_to_limit(value, unknown, unknown, unknown, -limit, limit, most_days=365).tolist() == [0, 0]
 
 
 def test_days_to_a_limit_on_one_side() -> None:
@@ -236,8 +235,3 @@ def test_days_to_a_limit_on_one_side() -> None:
     assert days_to_limit(value, std, rate, none, -open_end, high, most_days=365) == [8]
     assert days_to_limit(value, std, rate, none, low, open_end, most_days=365) == [365]
     assert days_to_limit(value, std, -rate, none, low, open_end, most_days=365) == [8]
-
-
-def test_days_with_an_unknown_uncertainty_are_none() -> None:
-    value, unknown, limit = np.array([1.0, np.nan]), np.array([np.nan, 1.0]), np.array([10.0, 10.0])
-    assert days_to_limit(value, unknown, unknown, unknown, -limit, limit, most_days=365).tolist() == [0, 0]

@@ -100,7 +100,7 @@ def test_a_figure_is_drawn_each_second_until_the_session_is_closed(
         assert (at[:, 1].min(), at[:, 1].max()) == (low, low + 1)
 
 
-def test_a_run_that_is_busy_is_waited_for(
+def test_a_busy_run_is_awaited(
     notebook: Notebook, feed: FeedStandIn, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Its feed is closed, and a living process has its journal open: it writes the end of its recording."""
