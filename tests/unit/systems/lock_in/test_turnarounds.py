@@ -196,7 +196,7 @@ def test_levels_of_a_simulated_beat(noise_rad: float) -> None:
 @pytest.mark.parametrize("tick", [[3], [5, 4, 6]])
 def test_no_stretch(tick: list[int]) -> None:
     ones = np.ones(len(tick), bool)
-    with pytest.raises(FitError, match="B-FIT-095.*no stretch"):
+    with pytest.raises(FitError, match=r"B-FIT-095.*no stretch"):
         edge_levels(np.array(tick), ones, ones)
 
 
@@ -339,9 +339,9 @@ def test_an_edge_pair_that_changed_places_is_not_used() -> None:
 
 def test_too_few_crossings_pick_offs_or_turnarounds_are_refused() -> None:
     edges, zero, rising = ideal()
-    with pytest.raises(FitError, match="B-FIT-097.*few_crossings 199"):
+    with pytest.raises(FitError, match=r"B-FIT-097.*few_crossings 199"):
         turning(edges, zero, rising, crossings=60)
-    with pytest.raises(FitError, match="B-FIT-096.*period"):
+    with pytest.raises(FitError, match=r"B-FIT-096.*period"):
         turning(edges, zero[:2], rising[:2])
-    with pytest.raises(FitError, match="B-FIT-098.*lock-in constants"):
+    with pytest.raises(FitError, match=r"B-FIT-098.*lock-in constants"):
         global_constants(turning(edges, zero[:40], rising[:40]))
