@@ -5,8 +5,7 @@ The way onto the ellipsoid is written here (Bowring), not taken from bench.syste
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any
 
@@ -93,7 +92,6 @@ class Pair:
     loss: float = 0.0
     records: int = 3
     path: FlightPath | None = None
-    egi_edit: Mapping[str, Any] = field(default_factory=dict)
 
     def rows(self) -> list[RecordRow]:
         """The records, chained, with both links."""
@@ -170,7 +168,6 @@ class Pair:
             "position_sigma": np.full(len(t_s), 0.3, np.float32),
             "mode": np.full(len(t_s), 3, np.uint16), "status": np.zeros(len(t_s), np.uint16),
         }  # fmt: skip
-        columns |= self.egi_edit
         counter = 17_500 + np.arange(len(t_s))
         return self._arrived(Samples(columns, counter, self._stamps(t_s, 0.008, rng), EGI_SCALES), rng)
 

@@ -1,4 +1,6 @@
-"""A unit's clock by its receive stamps: rate and offset within the stated uncertainty, whatever the stamps are like."""
+"""A unit's clock by its receive stamps: rate and offset within the stated uncertainty, whatever the stamps are like;
+one bad reading among many is found, a kink, a step, a gap and honest noise are none.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +19,7 @@ from bench.systems.time_sync.estimators.port_clocks import (
     expected_clock,
     first_step,
     line_below,
+    odd_readings,
     port_clock,
     tag_noise_s,
 )
@@ -24,6 +27,7 @@ from bench.systems.time_sync.estimators.stamp_grid import grid_s
 
 Array = Any
 LATENCY_s = 0.008
+COUNTER = np.arange(3000)
 
 
 def port(
@@ -170,19 +174,46 @@ def test_a_step_of_the_clock_is_found(step_s: float) -> None:
     assert first_step(tags_s, counter) == 1234
 
 
-def test_lost_frames_are_no_step() -> None:
+def test_lost_frames_are_no_step_and_too_few_tell_nothing() -> None:
     tags_s, counter, *_ = port(5)
     keep = np.random.default_rng(1).random(tags_s.size) > 0.3
     assert first_step(tags_s[keep], counter[keep]) is None
     assert first_step(tags_s[:2], counter[:2]) is None
-
-
-def test_noise_of_the_tags_needs_frames_in_a_row() -> None:
-    assert tag_noise_s(np.arange(20.0), np.arange(0, 40, 2)) == 0.0
-
-
-def test_too_few_frames() -> None:
+    assert tag_noise_s(np.arange(20.0), np.arange(0, 40, 2)) == 0.0  # no two frames in a row
     tags_s, counter, stamps_s, *_ = port(1, duration_s=2.0)
-    with pytest.raises(FitError, match="100 frames") as caught:
+    with pytest.raises(FitError, match=r"B-SYNC-009.*100 frames"):
         port_clock(tags_s, counter, stamps_s)
-    assert caught.value.code == "B-SYNC-009"
+
+
+# --- odd readings ----------------------------------------------------------------------------------------------------
+
+
+def smooth(seed: int = 1) -> Array:
+    at = COUNTER / 50.0
+    clean = np.stack([100.0 * at, np.sin(at), np.where(at > 30.0, 7.0 * (at - 30.0), 0.0)], axis=1)
+    return np.asarray(clean + 1e-3 * np.random.default_rng(seed).standard_normal(clean.shape))
+
+
+@pytest.mark.parametrize("size", [0.2, 10.0, 1e6])
+@pytest.mark.parametrize("at", [2, 700, 2997])
+def test_one_bad_reading_is_found(size: float, at: int) -> None:
+    values = smooth()
+    values[at, 1] += size
+    assert odd_readings(values, COUNTER).tolist() == [at]
+
+
+def test_three_of_three_thousand_are_found_and_not_a_fourth() -> None:
+    values = smooth()
+    values[[100, 900, 1700, 2500], 0] += [40.0, 30.0, 20.0, 10.0]
+    assert odd_readings(values, COUNTER).tolist() == [100, 900, 1700]
+
+
+def test_no_reading_of_a_kink_a_step_or_a_gap_is_bad_and_few_are_not_judged() -> None:
+    for seed in range(200):
+        assert odd_readings(smooth(seed), COUNTER).size == 0
+    stepped, beside, counter = smooth(), smooth(), COUNTER.copy()
+    stepped[1000:, 0] += 5.0
+    beside[1001] += 50.0
+    counter[1000:] += 5
+    for values, numbers in ((stepped, COUNTER), (beside, counter), (smooth()[:40], COUNTER[:40])):
+        assert odd_readings(values, numbers).size == 0
