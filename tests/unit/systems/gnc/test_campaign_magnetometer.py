@@ -1,5 +1,5 @@
-"""The magnetometer of a simulated unit by both methods, its roll angles and its table; logs of readings distorted by known
-iron; recordings of other people, one against the figures its author printed, the other against a fit by scipy.
+"""The magnetometer of a simulated unit by both methods, its roll angles and its table; logs of readings distorted by
+known iron; recordings of other people, one against the figures its author printed, the other against a fit by scipy.
 """
 
 from __future__ import annotations
