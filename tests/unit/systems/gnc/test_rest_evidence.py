@@ -1,5 +1,5 @@
-"""Bias, stability and repeatability of a unit at rest, of a simulated one and of logs whose noise is known; records of a
-world that is not the named one, in which what is found is doubted or refused.
+"""Bias, stability and repeatability of a unit at rest, of a simulated one and of logs whose noise is known; records of
+a world that is not the named one, in which what is found is doubted or refused.
 """
 
 from __future__ import annotations
@@ -159,11 +159,8 @@ def rig() -> Rig:
 def qualities(made: Rig) -> dict[str, tuple[str, list[str]]]:
     found = build_results("one", analyse(made.material("imu_bias")), {}, PROVENANCE)["estimates"]
     return {
-        f"{entry['quantity']} {entry['conditions']['axis']}": (
-            entry["quality"],
-            [why["code"] for why in entry["reasons"]],
-        )
-        for entry in found
+        f"{e['quantity']} {e['conditions']['axis']}": (e["quality"], [why["code"] for why in e["reasons"]])
+        for e in found
     }
 
 

@@ -4,6 +4,8 @@ unit's clock against the bench clock, from stamps made here by plain arithmetic.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 import pytest
 from imu_material import IMU, POSES, RATE_Hz, Rig
@@ -59,11 +61,72 @@ def kinds(checks: SampleChecks) -> set[str]:
     return {finding.kind for finding in checks.findings}
 
 
-def test_nothing_wrong() -> None:
-    found = checked(record(), tick_s=ticks_s())
-    assert found.clean
-    assert found.sentences == ()
-    assert (found.samples, found.missing, found.gaps) == (COUNT, 0, 0)
+def clipped(gyro: np.ndarray, _: np.ndarray) -> None:
+    gyro[:, 0] = np.minimum(gyro[:, 0], 15)
+
+
+def at_the_end(gyro: np.ndarray, _: np.ndarray) -> None:
+    gyro[500:520, 1], gyro[600, 1] = 80_000, -80_000
+
+
+def hangs(_: np.ndarray, accel: np.ndarray) -> None:
+    accel[1000:1040, 2] = accel[1000, 2]
+
+
+def hangs_for_most(gyro: np.ndarray, _: np.ndarray) -> None:
+    gyro[500:3500, 0] = 7
+
+
+def never_moves(gyro: np.ndarray, _: np.ndarray) -> None:
+    gyro[:, 2] = 0
+
+
+def repeats(*both: np.ndarray) -> None:
+    for values in both:
+        values[301], values[900:903] = values[300], values[899]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "kind", "channel", "least", "first", "said"),
+    [
+        (at_the_end, SATURATED, "gyro y", 21, (500,), "at the end of the range"),
+        (clipped, SATURATED, "gyro x", 1, range(COUNT), "held at their extreme 15"),  # as by an amplifier
+        (hangs, FROZEN, "accel z", 39, (999, 1000), "accelerometer z"),
+        (hangs_for_most, FROZEN, "gyro x", 2999, (499, 500), "gyro x"),
+        (never_moves, FROZEN, "gyro z", COUNT - 1, (0,), "gyro z"),
+        (repeats, REPEATED, None, 4, (301,), "4"),
+    ],
+)
+def test_each_fault_is_found_with_its_channel_count_and_place(
+    wrong: Callable[..., None], kind: str, channel: str | None, least: int, first: Sequence[int], said: str
+) -> None:
+    columns = record()
+    assert checked(columns, tick_s=ticks_s()).findings == ()
+    wrong(columns["gyro"], columns["accel"])
+    found = checked(columns)
+    (finding, *_) = [each for each in found.findings if each.kind == kind]
+    assert kind == SATURATED or kinds(found) == {kind}
+    assert finding.channel == channel or channel is None
+    assert least <= finding.count == found.count(kind) <= least + 1 or wrong is clipped
+    assert finding.first in first
+    assert said in finding.sentence
+
+
+def test_gaps_and_two_samples_with_one_counter() -> None:
+    counter = np.arange(COUNT)
+    whole = checked(record(), counter)
+    assert (whole.clean, whole.sentences, whole.samples, whole.missing, whole.gaps) == (True, (), COUNT, 0, 0)
+    counter[700:] -= 1
+    found = checked(record(), counter)
+    assert "1 of them with its counter" in found.sentences[0]
+    assert kinds(found) == {REPEATED}
+    counter = np.arange(COUNT)
+    counter[100:] += 7
+    counter[2000:] += 1
+    found = checked(record(), counter)
+    assert (found.missing, found.gaps, kinds(found)) == (8, 2, {GAP})
+    assert "8 of 4008 samples are missing in 2 gaps, the first before counter 107, the longest of 7" in found.sentences
+    assert checked(record(), counter, tick_s=counter * INTERVAL_s).count(IRREGULAR) == 0
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.3, 1.0, 4.0])
@@ -107,46 +170,6 @@ def test_likelihood_of_one_value() -> None:
     assert longest_equal_run([0.0], 100) == 0
 
 
-def test_saturation_at_the_end_of_the_range() -> None:
-    columns = record()
-    columns["gyro"][500:520, 1] = 80_000
-    columns["gyro"][600, 1] = -80_000
-    found = checked(columns)
-    finding = next(one for one in found.findings if one.kind == SATURATED)
-    assert (finding.channel, finding.count, finding.first) == ("gyro y", 21, 500)
-    assert "at the end of the range" in finding.sentence
-    assert found.count(SATURATED) == 21
-
-
-def test_saturation_inside_the_range() -> None:
-    """An amplifier that clips holds the output at an extreme that is not the end of the range."""
-    columns = record()
-    columns["gyro"][:, 0] = np.minimum(columns["gyro"][:, 0], 15)
-    found = checked(columns)
-    finding = next(one for one in found.findings if one.kind == SATURATED)
-    assert finding.channel == "gyro x"
-    assert "held at their extreme 15" in finding.sentence
-
-
-def test_a_sensor_that_hangs() -> None:
-    columns = record()
-    columns["accel"][1000:1040, 2] = columns["accel"][1000, 2]
-    found = checked(columns)
-    finding = next(one for one in found.findings if one.kind == FROZEN)
-    assert finding.channel == "accel z"
-    assert finding.first in (999, 1000)
-    assert finding.count >= 39
-    assert kinds(found) == {FROZEN}
-
-
-def test_a_sensor_that_hangs_for_most_of_the_record() -> None:
-    columns = record()
-    columns["gyro"][500:3500, 0] = 7
-    found = checked(columns)
-    assert [(one.kind, one.channel) for one in found.findings] == [(FROZEN, "gyro x")]
-    assert found.findings[0].first in (499, 500)
-
-
 @pytest.mark.parametrize("rate_steps", [43_200, 43_203.3])
 def test_a_turn_without_noise_is_no_fault(rate_steps: float) -> None:
     """Rest, ramp, steady rate, ramp, rest: long stretches of one value where a simulated sensor has no noise."""
@@ -154,41 +177,6 @@ def test_a_turn_without_noise_is_no_fault(rate_steps: float) -> None:
     turning = np.stack((np.round(profile), np.round(0.002 * profile), np.round(-0.003 * profile)), axis=1)
     found = checked({"gyro": turning.astype(np.int64)}, tick_s=ticks_s())
     assert found.clean, found.sentences
-
-
-def test_a_channel_that_never_moves() -> None:
-    columns = record()
-    columns["gyro"][:, 2] = 0
-    assert [(one.kind, one.channel) for one in checked(columns).findings] == [(FROZEN, "gyro z")]
-
-
-def test_repeated_samples() -> None:
-    columns = record()
-    for values in columns.values():
-        values[301] = values[300]
-        values[900:903] = values[899]
-    found = checked(columns)
-    finding = next(one for one in found.findings if one.kind == REPEATED)
-    assert (finding.count, finding.first) == (4, 301)
-    assert kinds(found) == {REPEATED}
-
-
-def test_two_samples_with_one_counter() -> None:
-    counter = np.arange(COUNT)
-    counter[700:] -= 1
-    found = checked(record(), counter)
-    assert "1 of them with its counter" in found.sentences[0]
-    assert kinds(found) == {REPEATED}
-
-
-def test_gaps() -> None:
-    counter = np.arange(COUNT)
-    counter[100:] += 7
-    counter[2000:] += 1
-    found = checked(record(), counter)
-    assert (found.missing, found.gaps, kinds(found)) == (8, 2, {GAP})
-    assert "8 of 4008 samples are missing in 2 gaps, the first before counter 107, the longest of 7" in found.sentences
-    assert checked(record(), counter, tick_s=counter * INTERVAL_s).count(IRREGULAR) == 0
 
 
 @pytest.mark.parametrize(
@@ -296,23 +284,15 @@ def test_the_error_lies_within_its_interval() -> None:
     assert np.mean([one.error - error for one, error in zip(found, errors, strict=True)]) == pytest.approx(0, abs=2e-6)
 
 
-def test_stamps_that_wrap_between_records_are_one_stretch() -> None:
+def test_stamps_that_wrap_are_one_stretch_and_a_unit_that_was_switched_off_begins_anew() -> None:
     rng = np.random.default_rng(CLOCK_SEED)
-    found = unit_clock(session_of(30e-6, rng, first_s=3_700.0), INTERVAL_s)  # 2^32 us are 4,295 s
-    assert found.span_s > 1_700.0
-    assert found.error == pytest.approx(30e-6, abs=3 * found.std)
-
-
-def test_a_unit_that_was_switched_off_begins_anew() -> None:
-    rng = np.random.default_rng(CLOCK_SEED)
+    wrapped = unit_clock(session_of(30e-6, rng, first_s=3_700.0), INTERVAL_s)  # 2^32 us are 4,295 s
+    assert wrapped.span_s > 1_700.0
+    assert wrapped.error == pytest.approx(30e-6, abs=3 * wrapped.std)
     before = [stamps(100.0 + 90.0 * k, 60.0, 25e-6, rng) for k in range(4)]
     after = [stamps(2_000.0 + 90.0 * k, 60.0, 25e-6, rng, switched_on_s=1_900.0) for k in range(12)]
     found = unit_clock([*before, *after], INTERVAL_s)
     assert 900.0 < found.span_s < 1_100.0
     assert found.error == pytest.approx(25e-6, abs=3 * found.std)
-
-
-def test_too_short_to_know_is_no_correction() -> None:
-    rng = np.random.default_rng(CLOCK_SEED)
-    found = unit_clock([stamps(10.0, 20.0, 40e-6, rng)], INTERVAL_s)
-    assert found == UnitClock(0.0, UNKNOWN_STD, 0.0)
+    unknown = UnitClock(0.0, UNKNOWN_STD, 0.0)  # too short to know is no correction
+    assert unit_clock([stamps(10.0, 20.0, 40e-6, rng)], INTERVAL_s) == unknown
