@@ -275,7 +275,9 @@ def magnetometer_truth(module: Module) -> dict[Key, float]:
     for row in range(3):
         truth[campaign_key("mag_hard_iron", kind | {"axis": "xyz"[row]})] = float(sensor.offset_gauss[row])
         for column in range(row + 1):
-            truth[campaign_key("mag_soft_iron", kind | {"row": "xyz"[row], "column": "xyz"[column]})] = soft[row, column]
+            truth[campaign_key("mag_soft_iron", kind | {"row": "xyz"[row], "column": "xyz"[column]})] = soft[
+                row, column
+            ]
     return truth
 
 
