@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from doubt_classes import Seen, Switch
-from sync_physics import DRIFT, IMU_CLOCK, LONG_s, OFFSET_s, Recording, Solutions, World, in_body, motion
+from sync_physics import DRIFT, IMU_CLOCK, TURNING, LONG_s, OFFSET_s, Recording, Solutions, World, in_body
 
 from bench.analysis import build_results
 from bench.systems.time_sync.analysis import analyse
@@ -67,7 +67,7 @@ class Axes(World):
     """The axes of the EGI are turned against those of the inertial unit, about all three, in degrees."""
 
     def sent(self, solutions: Solutions) -> None:
-        _, _, yaw = motion(solutions.valid_s)
+        _, _, yaw = TURNING.motion(solutions.valid_s)
         body = np.radians(self.size) * np.array([1.0, 1.0, 1.0]) * np.ones((len(yaw), 1))
         solutions.tilt_rad += in_body(body, -yaw)
 
