@@ -26,7 +26,7 @@ from bench.record import RecordRow, Samples
 from bench.systems.gnc.calibration.analysis import analyse as analyse_calibration
 from bench.systems.gnc.magnetometer import analyse as analyse_magnetometer
 
-SYSTEM = "gnc"
+SYSTEM, SWITCHES = "gnc", worlds.SWITCHES
 PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
 RATE_Hz, SPIN_s, CONE_s = 200.0, 8.0, 3.0
 RATE_deg_s = 370.0
@@ -40,31 +40,6 @@ TRIADS = ("accel_matrix", "accel_bias", "accel_scale_error", "accel_cross_coupli
           "gyro_matrix", "gyro_bias", "gyro_scale_error", "gyro_cross_coupling")  # fmt: skip
 OF_TRIADS, OF_FIELD = 2 * (9 + 3 + 3 + 6), 2 * 4 + 3 + 6  # estimates that are promised
 FIELDS = ("mag_offset", "mag_gain", "mag_angle", "mag_hard_iron", "mag_soft_iron")
-
-
-SWITCHES = (
-    Switch("gravity_wrong", worlds.GravityWrong, (1e-6, 1e-4, 1e-2), "local_gravity"),
-    Switch("table_turns_more", worlds.TableTurnsMore, (1e-6, 1e-4, 1e-2), "table_angle"),
-    Switch("mounted_askew", worlds.MountedAskew, (1e-4, 1e-2, 1.0), "mounting"),
-    Switch("one_turn_short", worlds.OneTurnShort, (1e-3, 0.1, 10.0), "table_angle"),
-    Switch("one_pose_tilted", worlds.OnePoseTilted, (1e-4, 2e-2, 2.0), "mounting"),
-    Switch("upside_down", worlds.UpsideDown, (1.0, 2.0, 12.0)),
-    Switch("even_order", worlds.EvenOrder, (1e-5, 3e-4, 1e-2)),
-    Switch("bias_step", worlds.BiasStep, (1e-5, 3e-4, 1e-2)),
-    Switch("bumped_at_rest", worlds.BumpedAtRest, (1e-5, 1e-3, 1e-1)),
-    Switch("gyro_asymmetry", worlds.GyroAsymmetry, (1e-6, 1e-4, 1e-2)),
-    Switch("gyro_bias_step", worlds.GyroBiasStep, (1e-4, 1e-2, 1.0)),
-    Switch("scale_changes", worlds.ScaleChanges, (1e-5, 3e-4, 1e-2)),
-    Switch("bad_samples", worlds.BadSamples, (1e-2, 1.0, 30.0)),
-    Switch("hung_axis", worlds.HungAxis, (1.0, 2.0, 4.0)),
-    Switch("bad_reading", worlds.BadReading, (2e-3, 3e-2, 0.7)),
-    Switch("field_wanders", worlds.FieldWanders, (1e-5, 1e-4, 1e-3), "magnetic_surroundings"),
-    Switch("field_steps", worlds.FieldSteps, (1e-5, 1e-3, 1e-1)),
-    Switch("field_drifts", worlds.FieldDrifts, (1e-5, 1e-3, 1e-1), "magnetic_surroundings"),
-    Switch("axis_saturates", worlds.AxisSaturates, (1e-5, 1e-3, 1e-1)),
-    Switch("magnetised_between", worlds.MagnetisedBetween, (1e-6, 1e-3, 1e-1)),
-    Switch("steel_on_the_table", worlds.SteelOnTheTable, (1e-5, 1e-3, 1e-1), "magnetic_surroundings"),
-)
 
 
 SIGMA = {

@@ -7,6 +7,7 @@ from typing import Any
 
 import imu_material as imu
 import numpy as np
+from doubt_classes import Switch
 
 FIELD_gauss = 0.45
 
@@ -46,139 +47,103 @@ class World:
         return output
 
 
-class GravityWrong(World):
-    def gravity_g(self, pose_g: Any, record: int) -> Any:
-        return pose_g * (1.0 + self.size)
+def wrong(**parts: Any) -> type[World]:
+    """Return a world in which some parts are others; they take the world first, whose ``size`` they go by."""
+    return type("Wrong", (World,), parts)
 
 
-class TableTurnsMore(World):
-    def turned_deg(self, turn_deg: float, record: int) -> float:
-        return turn_deg * (1.0 + self.size)
+def tilted(w: World, pose_g: Any, record: int = 0) -> Any:
+    return imu.turned(2, w.size) @ pose_g
 
 
-class OneTurnShort(World):
-    def turned_deg(self, turn_deg: float, record: int) -> float:
-        return turn_deg - self.size if record == 2 else turn_deg
+def bumped(w: World, output_g: Any, force_g: Any, record: int) -> Any:
+    late = np.arange(len(output_g)) > 0.6 * len(output_g)
+    return output_g + w.size * (late * (record == 3))[:, None] * np.array([0.0, 1.0, 0.5])
 
 
-class MountedAskew(World):
-    def gravity_g(self, pose_g: Any, record: int) -> Any:
-        return imu.turned(2, self.size) @ pose_g
-
-
-class OnePoseTilted(World):
-    def gravity_g(self, pose_g: Any, record: int) -> Any:
-        return imu.turned(2, self.size) @ pose_g if record == 0 else pose_g
-
-
-class UpsideDown(World):
-    """The first poses are not what the records say."""
-
-    def gravity_g(self, pose_g: Any, record: int) -> Any:
-        return -pose_g if record < self.size else pose_g
-
-
-class EvenOrder(World):
-    def accelerometer(self, output_g: Any, force_g: Any, record: int) -> Any:
-        return output_g + self.size * force_g**2
-
-
-class BiasStep(World):
-    def accelerometer(self, output_g: Any, force_g: Any, record: int) -> Any:
-        return output_g + self.size * (record > 2)
-
-
-class BumpedAtRest(World):
-    def accelerometer(self, output_g: Any, force_g: Any, record: int) -> Any:
-        half = np.arange(len(output_g)) > 0.6 * len(output_g)
-        return output_g + self.size * (half * (record == 3))[:, None] * np.array([0.0, 1.0, 0.5])
-
-
-class GyroAsymmetry(World):
-    def gyro(self, output_deg_s: Any, rate_deg_s: Any, record: int) -> Any:
-        return output_deg_s + self.size * np.abs(rate_deg_s)
-
-
-class GyroBiasStep(World):
-    def gyro(self, output_deg_s: Any, rate_deg_s: Any, record: int) -> Any:
-        return output_deg_s + self.size * (record in (1, 2, 5))
-
-
-class ScaleChanges(World):
+def scale_changed(w: World, output: Any, _: Any, record: int) -> Any:
     """Between the sets: an impact, or another temperature."""
-
-    def accelerometer(self, output_g: Any, force_g: Any, record: int) -> Any:
-        return output_g * (1.0 + self.size * (record >= 6))
-
-    def gyro(self, output_deg_s: Any, rate_deg_s: Any, record: int) -> Any:
-        return output_deg_s * (1.0 + self.size * (record >= 6))
+    return output * (1.0 + w.size * (record >= 6))
 
 
-class BadSamples(World):
+def bad_samples(w: World, kind: str, output: Any, record: int) -> Any:
     """One sample of a position and one of a turn, at rest and on the move."""
-
-    def read(self, kind: str, output: Any, record: int) -> Any:
-        odd = output.copy()
-        if kind == "accel" and record == 2:
-            odd[500, 1] += self.size
-        if kind == "gyro" and record == 4:
-            odd[900, 0] += 8.0 * self.size
-        return odd
+    odd = output.copy()
+    if (kind, record) in (("accel", 2), ("gyro", 4)):
+        odd[(500, 1) if kind == "accel" else (900, 0)] += w.size * (1.0 if kind == "accel" else 8.0)
+    return odd
 
 
-class HungAxis(World):
+def hung(w: World, kind: str, output: Any, record: int) -> Any:
     """An axis holds what it showed in the record before, through some positions."""
-
-    def read(self, kind: str, output: Any, record: int) -> Any:
-        held = output.copy()
-        if kind == "accel" and 1 <= record <= self.size:
-            held[:, 1] = 0.0
-        return held
+    return output * [1.0, 0.0, 1.0] if kind == "accel" and 1 <= record <= w.size else output
 
 
-class BadReading(World):
-    def read(self, kind: str, output: Any, record: int) -> Any:
-        odd = output.copy()
-        if kind == "mag" and record in (0, 3):
-            odd[300, 0] += self.size
-        return odd
+def bad_reading(w: World, kind: str, output: Any, record: int) -> Any:
+    odd = output.copy()
+    odd[300, 0] += w.size if kind == "mag" and record in (0, 3) else 0.0
+    return odd
 
 
-class FieldWanders(World):
+def wandering(w: World, field: Any, record: int, rng: np.random.Generator) -> Any:
     """The field stays off by the same over 700 readings, then by another size."""
-
-    def field_gauss(self, field_gauss: Any, record: int, rng: np.random.Generator) -> Any:
-        off = np.repeat(rng.normal(0.0, self.size, (1 + len(field_gauss) // 700, 3)), 700, axis=0)
-        return field_gauss + off[: len(field_gauss)]
+    off = np.repeat(rng.normal(0.0, w.size, (1 + len(field) // 700, 3)), 700, axis=0)
+    return field + off[: len(field)]
 
 
-class FieldSteps(World):
-    """A tool is put down near the table before the last three attitudes."""
-
-    def field_gauss(self, field_gauss: Any, record: int, rng: np.random.Generator) -> Any:
-        return field_gauss + self.size * (record > 4) * field_gauss[0] / FIELD_gauss
+def magnetised(w: World, output: Any, record: int) -> Any:
+    """Between the turn and the attitudes."""
+    return output + w.size * (record == 0) * np.array([1.0, 0.5, 0.0])
 
 
-class FieldDrifts(World):
-    def field_gauss(self, field_gauss: Any, record: int, rng: np.random.Generator) -> Any:
-        return field_gauss * (1.0 + self.size * record)
-
-
-class AxisSaturates(World):
-    def magnetometer(self, output_gauss: Any, record: int) -> Any:
-        return output_gauss - self.size * output_gauss**3 / FIELD_gauss**2
-
-
-class MagnetisedBetween(World):
-    """The unit is magnetised between the turn and the attitudes."""
-
-    def magnetometer(self, output_gauss: Any, record: int) -> Any:
-        return output_gauss + self.size * (record == 0) * np.array([1.0, 0.5, 0.0])
-
-
-class SteelOnTheTable(World):
+def steel(w: World, field: Any, record: int, rng: np.random.Generator) -> Any:
     """Magnetised along the field as it lies in the unit: an induced field of third order in the direction."""
+    unit = field / FIELD_gauss
+    return field + w.size * unit * (unit[:, :1] * unit[:, 1:2])
 
-    def field_gauss(self, field_gauss: Any, record: int, rng: np.random.Generator) -> Any:
-        unit = field_gauss / FIELD_gauss
-        return field_gauss + self.size * unit * (unit[:, :1] * unit[:, 1:2])
+
+SWITCHES = (
+    Switch("gravity_wrong", wrong(gravity_g=lambda w, up, _: up * (1.0 + w.size)), (1e-6, 1e-4, 1e-2), "local_gravity"),
+    Switch(
+        "table_turns_more", wrong(turned_deg=lambda w, deg, _: deg * (1.0 + w.size)), (1e-6, 1e-4, 1e-2), "table_angle"
+    ),
+    Switch("mounted_askew", wrong(gravity_g=tilted), (1e-4, 1e-2, 1.0), "mounting"),
+    Switch(
+        "one_turn_short", wrong(turned_deg=lambda w, deg, n: deg - w.size * (n == 2)), (1e-3, 0.1, 10.0), "table_angle"
+    ),
+    Switch(
+        "one_pose_tilted", wrong(gravity_g=lambda w, up, n: up if n else tilted(w, up)), (1e-4, 2e-2, 2.0), "mounting"
+    ),
+    Switch(
+        "upside_down", wrong(gravity_g=lambda w, up, n: -up if n < w.size else up), (1.0, 2.0, 12.0)
+    ),  # the first poses are not what the records say
+    Switch("even_order", wrong(accelerometer=lambda w, out, force, _: out + w.size * force**2), (1e-5, 3e-4, 1e-2)),
+    Switch("bias_step", wrong(accelerometer=lambda w, out, _, n: out + w.size * (n > 2)), (1e-5, 3e-4, 1e-2)),
+    Switch("bumped_at_rest", wrong(accelerometer=bumped), (1e-5, 1e-3, 1e-1)),
+    Switch("gyro_asymmetry", wrong(gyro=lambda w, out, rate, _: out + w.size * abs(rate)), (1e-6, 1e-4, 1e-2)),
+    Switch("gyro_bias_step", wrong(gyro=lambda w, out, _, n: out + w.size * (n in (1, 2, 5))), (1e-4, 1e-2, 1.0)),
+    Switch("scale_changes", wrong(accelerometer=scale_changed, gyro=scale_changed), (1e-5, 3e-4, 1e-2)),
+    Switch("bad_samples", wrong(read=bad_samples), (1e-2, 1.0, 30.0)),
+    Switch("hung_axis", wrong(read=hung), (1.0, 2.0, 4.0)),
+    Switch("bad_reading", wrong(read=bad_reading), (2e-3, 3e-2, 0.7)),
+    Switch("field_wanders", wrong(field_gauss=wandering), (1e-5, 1e-4, 1e-3), "magnetic_surroundings"),
+    # a tool is put down near the table before the last three attitudes
+    Switch(
+        "field_steps",
+        wrong(field_gauss=lambda w, field, n, _: field + w.size * (n > 4) * field[0] / FIELD_gauss),
+        (1e-5, 1e-3, 1e-1),
+    ),
+    Switch(
+        "field_drifts",
+        wrong(field_gauss=lambda w, field, n, _: field * (1.0 + w.size * n)),
+        (1e-5, 1e-3, 1e-1),
+        "magnetic_surroundings",
+    ),
+    Switch(
+        "axis_saturates",
+        wrong(magnetometer=lambda w, out, _: out - w.size * out**3 / FIELD_gauss**2),
+        (1e-5, 1e-3, 1e-1),
+    ),
+    Switch("magnetised_between", wrong(magnetometer=magnetised), (1e-6, 1e-3, 1e-1)),
+    Switch("steel_on_the_table", wrong(field_gauss=steel), (1e-5, 1e-3, 1e-1), "magnetic_surroundings"),
+)

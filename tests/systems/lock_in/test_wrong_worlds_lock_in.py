@@ -108,14 +108,14 @@ def test_no_walk_of_a_lock_in_that_fades_is_sound(seed: int) -> None:
 
 def test_a_lock_in_that_is_followed_makes_the_walk_before_another_one_all_the_same() -> None:
     """Two blocks of constants follow what fades in 8 s; the jumps before compensation fade with it."""
-    laser = worlds._result(worlds.simulated(0, worlds.LockInFades(0.3, seconds=8.0)))
+    laser = worlds._result(worlds.simulated(0, switch_of("lock_in_fades").world(0.3, seconds=8.0)))
     assert laser.found.constants[0].block_time_s.size == 2
     found = weigh(evidence([laser])).against
     assert "raw" in {check.conditions.get("method") for check in found if check.code == "walk_with_lock_in"}
 
 
 def test_a_phase_that_turns_changes_what_its_compensators_leave_and_not_the_walk_before() -> None:
-    laser = worlds._result(worlds.simulated(0, worlds.PhaseSteps(20.0)))
+    laser = worlds._result(worlds.simulated(0, switch_of("phase_steps").world(20.0)))
     seen = weigh(evidence([laser]))
     found = {check.conditions.get("method") for check in seen.against if check.code == "walk_with_lock_in"}
     assert {GLOBAL, "dither_shape"} <= found
@@ -134,7 +134,7 @@ def test_a_comparator_beside_zero_adds_nothing_to_the_walk() -> None:
 
 
 def test_a_turn_that_the_count_lost_and_a_block_that_came_twice_are_left_out() -> None:
-    analysis = analyse(worlds.simulated(0, worlds.LostPairs(1.0)).material)
+    analysis = analyse(worlds.simulated(0, switch_of("lost_pairs").world(1.0)).material)
     assert any("left out, as the count is unlike all others round it" in note for note in analysis.notes)
     wrong, twice = wrong_world("lost_pairs", 1.0), wrong_world("repeated_blocks", 1.0)
     assert all(is_sound(entry) for entry in (*wrong.entries, *twice.entries))

@@ -61,7 +61,7 @@ def test_offset_clocks_and_verdicts() -> None:
 @pytest.mark.parametrize("offset_s", [-0.0213, pytest.param(0.42, marks=pytest.mark.sweep)])
 def test_sound_recording_gives_the_offset_to_a_tenth_of_a_millisecond(offset_s: float) -> None:
     """Without errors nothing but the arithmetic is left: geodesy, ticks, drift, filter; a fraction of a sample old."""
-    found = analysed(noise=False, offset_s=offset_s)
+    found = analysed(noise=False, offset_s=offset_s, imu_s=0.005, egi_s=0.02)
     for method in METHODS:
         limit_s = 5e-5 if method == "augmented_tight" and offset_s > 0.1 else 1e-4
         assert one(found, "time_offset", method=method)["value"] == pytest.approx(offset_s, abs=limit_s)
