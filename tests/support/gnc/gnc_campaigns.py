@@ -26,16 +26,8 @@ from bench.record import RecordRow, Samples
 from bench.session.predicted import predicted
 from bench.systems.gnc.calibration import analysis as calibration
 from sim_instruments.worlds.common.attitude import Site
+from sim_instruments.worlds.gnc import imu_errors
 from sim_instruments.worlds.gnc.imu import ACCEL_LSB_G, GYRO_LSB_DEG_S, GncImu
-from sim_instruments.worlds.gnc.imu_errors import (
-    ARW_DEG_RT_H,
-    SLOW_ACCEL_G,
-    SLOW_ACCEL_S,
-    SLOW_GYRO_DEG_S,
-    SLOW_GYRO_S,
-    VRW_G_RTS,
-    ImuOptions,
-)
 from sim_instruments.worlds.gnc.magnetometer import EarthField, field_gauss
 
 SITE = Site()
@@ -113,9 +105,11 @@ def _spread_ns(one: Taken) -> np.ndarray:
     return ((one.begin_s + (np.arange(count) + 0.5) / 2.0) * NS).astype(np.int64)
 
 
-def campaign(records: list[Taken], seed: int, rate_Hz: float = 200.0, options: ImuOptions | None = None) -> Module:
+def campaign(
+    records: list[Taken], seed: int, rate_Hz: float = 200.0, options: imu_errors.ImuOptions | None = None
+) -> Module:
     """The records of one unit."""
-    imu = GncImu(seed, f"GNC-{seed}", options or ImuOptions(), site=SITE)
+    imu = GncImu(seed, f"GNC-{seed}", options or imu_errors.ImuOptions(), site=SITE)
     imu.power.on(2 * NS)
     module = Module(imu, taken=records, rate_Hz=rate_Hz)
     interval_ns = round(NS / rate_Hz)
@@ -230,11 +224,11 @@ def _noise(kind: str, row: np.ndarray, interval_s: float) -> tuple[float, list[t
     """White variance of a mean over a second, and variance and time of each slow part, as the simulator makes them."""
     gain = float(row @ row)
     if kind == "gyro":
-        return (ARW_DEG_RT_H / 60.0) ** 2 + GYRO_LSB_DEG_S**2 / 12.0 * interval_s, [
-            (gain * SLOW_GYRO_DEG_S**2, SLOW_GYRO_S)
+        return (imu_errors.ARW_DEG_RT_H / 60.0) ** 2 + GYRO_LSB_DEG_S**2 / 12.0 * interval_s, [
+            (gain * imu_errors.SLOW_GYRO_DEG_S**2, imu_errors.SLOW_GYRO_S)
         ]
-    white = VRW_G_RTS**2 + ACCEL_LSB_G**2 / 12.0 * interval_s
-    return white, [(gain * SLOW_ACCEL_G**2, time_s) for time_s in SLOW_ACCEL_S]
+    white = imu_errors.VRW_G_RTS**2 + ACCEL_LSB_G**2 / 12.0 * interval_s
+    return white, [(gain * imu_errors.SLOW_ACCEL_G**2, time_s) for time_s in imu_errors.SLOW_ACCEL_S]
 
 
 def _scatter(noise: tuple[float, list[tuple[float, float]]], begin_s: np.ndarray, length_s: np.ndarray) -> float:

@@ -14,17 +14,8 @@ from scipy import signal
 
 from bench.maths.allan import allan_deviation
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators import bias_stability as stability
 from bench.systems.gnc.estimators.bias_mean import BiasMean, declared_mean, flip_bias, mean_bias
-from bench.systems.gnc.estimators.bias_stability import (
-    AVERAGES,
-    AVERAGE_s,
-    averages_of,
-    bias_repeatability,
-    bias_stability,
-    declared_noise,
-    mean_noise,
-    on_the_counter,
-)
 from bench.systems.gnc.estimators.sensor_noise import SensorNoise, expected_range
 
 Keep = Callable[[str, object], None]
@@ -55,7 +46,7 @@ def hour_of_means(rng: np.random.Generator) -> np.ndarray:
 
 
 def expected_stability(
-    random_walk: float, slow_std: float = 0.0, slow_time_s: float = math.inf, averages: int = AVERAGES
+    random_walk: float, slow_std: float = 0.0, slow_time_s: float = math.inf, averages: int = stability.AVERAGES
 ) -> float:
     """Stability that white noise and a Gauss-Markov process lead to expect.
 
@@ -66,10 +57,10 @@ def expected_stability(
     Source:  variance of a mean of T: N^2 / T (IEEE Std 952-1997 C.1.1); for the Gauss-Markov process
              2 q^2 (a - 1 + exp(-a)) / a^2 with a = T / time, less that of the mean of the hour.
     """
-    white = random_walk**2 / AVERAGE_s
+    white = random_walk**2 / stability.AVERAGE_s
     if math.isinf(slow_time_s):
         return math.sqrt(white + slow_std**2)
-    parts = [_mean_variance(length / slow_time_s) for length in (AVERAGE_s, averages * AVERAGE_s)]
+    parts = [_mean_variance(length / slow_time_s) for length in (stability.AVERAGE_s, averages * stability.AVERAGE_s)]
     return math.sqrt(white + slow_std**2 * averages / (averages - 1.0) * (parts[0] - parts[1]))
 
 
@@ -95,7 +86,7 @@ def test_theory() -> None:
 
 def test_by_the_formula_and_not_by_the_samples() -> None:
     rate = gyro(np.random.default_rng(101), HOUR_s)
-    found = bias_stability(rate, 1.0 / RATE_Hz)
+    found = stability.bias_stability(rate, 1.0 / RATE_Hz)
     means = rate.reshape(360, 2000).mean(axis=1)
     assert found.averages.size == 360
     assert found.value == pytest.approx(float(np.sqrt(((means - means.mean()) ** 2).sum() / 359)), rel=1e-12)
@@ -111,7 +102,7 @@ def test_by_the_formula_and_not_by_the_samples() -> None:
 )
 def test_fifty_units(record_property: Keep) -> None:
     rng = np.random.default_rng(102)
-    found = np.array([bias_stability(gyro(rng, HOUR_s, 20.0), 0.05).value for _ in range(50)])
+    found = np.array([stability.bias_stability(gyro(rng, HOUR_s, 20.0), 0.05).value for _ in range(50)])
     text = f"{found.mean():.2f} +- {found.std():.2f} deg/h, furthest {100 * np.abs(found / 6.033 - 1).max():.0f} %"
     print(text)
     record_property("obtained", text)
@@ -126,7 +117,7 @@ def test_fifty_units(record_property: Keep) -> None:
 def test_intervals_of_the_stability_cover(record_property: Keep) -> None:
     rng = np.random.default_rng(103)
     expected = expected_stability(WHITE_deg_h, SLOW_deg_h, SLOW_s)
-    found = [bias_stability(hour_of_means(rng), 5.0) for _ in range(200)]
+    found = [stability.bias_stability(hour_of_means(rng), 5.0) for _ in range(200)]
     inside = float(np.mean([one.low <= expected <= one.high for one in found]))
     record_property("obtained", f"{100 * inside:.1f} %")
     assert 0.91 <= inside <= 0.99
@@ -136,9 +127,9 @@ def test_intervals_of_the_stability_cover(record_property: Keep) -> None:
 
 def test_degrees_of_freedom_of_white_and_of_slow_means() -> None:
     rng = np.random.default_rng(104)
-    white = [mean_noise(rng.normal(size=360)).dof_of_variance for _ in range(20)]
+    white = [stability.mean_noise(rng.normal(size=360)).dof_of_variance for _ in range(20)]
     kept = np.exp(-1.0 / 20.0)
-    slow = [mean_noise(signal.lfilter([1.0], [1.0, -kept], rng.normal(size=400))[40:]) for _ in range(20)]
+    slow = [stability.mean_noise(signal.lfilter([1.0], [1.0, -kept], rng.normal(size=400))[40:]) for _ in range(20)]
     assert min(white) > 250.0
     centring = np.eye(360) - 1.0 / 360
     part = centring @ (kept ** np.abs(np.subtract.outer(np.arange(360), np.arange(360))))
@@ -146,7 +137,7 @@ def test_degrees_of_freedom_of_white_and_of_slow_means() -> None:
     assert 14.0 < exact < 20.0
     assert 0.5 * exact < np.median([one.dof_of_variance for one in slow]) < 1.2 * exact
     assert np.median([one.steps for one in slow]) == pytest.approx(20.0, rel=0.4)
-    assert mean_noise(np.zeros(360)).dof_of_variance == 359.0
+    assert stability.mean_noise(np.zeros(360)).dof_of_variance == 359.0
 
 
 def test_gaps_are_told_and_large_ones_refused() -> None:
@@ -155,24 +146,24 @@ def test_gaps_are_told_and_large_ones_refused() -> None:
     kept = np.ones(rate.size, bool)
     kept[rng.choice(rate.size - 2, 300, replace=False) + 1] = False
     counter = np.flatnonzero(kept) + 4_000_000_000
-    found = bias_stability(on_the_counter(counter, rate[kept]), 0.05)
+    found = stability.bias_stability(stability.on_the_counter(counter, rate[kept]), 0.05)
     assert found.missing == 300
-    assert found.value == pytest.approx(bias_stability(rate, 0.05).value, rel=0.02)
+    assert found.value == pytest.approx(stability.bias_stability(rate, 0.05).value, rel=0.02)
     kept[2000:2100] = False
     with pytest.raises(FitError, match=r"B-FIT-092.*1 of 360 means lack more than 10 % .*, the first at 100 s"):
-        bias_stability(on_the_counter(np.flatnonzero(kept), rate[kept]), 0.05)
+        stability.bias_stability(stability.on_the_counter(np.flatnonzero(kept), rate[kept]), 0.05)
 
 
 def test_frames_lost_at_the_end_of_the_hour_are_missing_samples() -> None:
     """A single damaged frame at the end must not cost the hour; more than a tenth of an average does."""
     hour = np.random.default_rng(8).normal(size=72_000)
-    whole, cut = bias_stability(hour, 0.05), bias_stability(hour[:-3], 0.05)
+    whole, cut = stability.bias_stability(hour, 0.05), stability.bias_stability(hour[:-3], 0.05)
     assert (cut.missing, cut.averages.size) == (3, 360)
     np.testing.assert_allclose(cut.averages[:-1], whole.averages[:-1], atol=1e-13)
     assert cut.averages[-1] == pytest.approx(hour[-200:-3].mean())
     with pytest.raises(FitError, match=r"B-FIT-092.*359 means of 10 s, 360 are due"):
-        bias_stability(hour[:-21], 0.05)
-    assert averages_of(np.arange(72_000.0), 0.05)[-1] == pytest.approx(71_800 + 99.5)
+        stability.bias_stability(hour[:-21], 0.05)
+    assert stability.averages_of(np.arange(72_000.0), 0.05)[-1] == pytest.approx(71_800 + 99.5)
 
 
 # --- repeatability ---------------------------------------------------------------------------------------------------
@@ -182,14 +173,14 @@ MEANS_deg_h = [1.0, 2.5, -0.5, 3.0, 0.0, 1.2]
 
 
 def test_repeatability_is_the_standard_deviation_of_six() -> None:
-    found = bias_repeatability(MEANS_deg_h, [0.7] * 6, STARTS_s, LENGTHS_s)
+    found = stability.bias_repeatability(MEANS_deg_h, [0.7] * 6, STARTS_s, LENGTHS_s)
     assert found.value == pytest.approx(float(np.std(MEANS_deg_h, ddof=1)))
     assert found.dof == 5
     # chi-square with 5 degrees of freedom, printed tables: 0.8312 and 12.8325
     assert found.low == pytest.approx(found.value * np.sqrt(5 / 12.8325), rel=1e-5)
     assert found.high == pytest.approx(found.value * np.sqrt(5 / 0.8312), rel=1e-4)
     assert found.noise_std == pytest.approx(0.7)
-    shuffled = bias_repeatability(MEANS_deg_h[::-1], [0.7] * 6, STARTS_s[::-1], LENGTHS_s)
+    shuffled = stability.bias_repeatability(MEANS_deg_h[::-1], [0.7] * 6, STARTS_s[::-1], LENGTHS_s)
     np.testing.assert_array_equal(shuffled.means, found.means)
 
 
@@ -204,12 +195,14 @@ def test_repeatability_is_the_standard_deviation_of_six() -> None:
 )
 def test_windows_that_are_no_repeatability(starts: list[float], lengths: list[float], reason: str) -> None:
     with pytest.raises(FitError, match=f"B-FIT-093.*{reason}"):
-        bias_repeatability(MEANS_deg_h[: len(starts)], [0.7] * len(starts), starts, lengths)
+        stability.bias_repeatability(MEANS_deg_h[: len(starts)], [0.7] * len(starts), starts, lengths)
 
 
 def test_intervals_of_the_repeatability_cover() -> None:
     rng = np.random.default_rng(106)
-    found = [bias_repeatability(rng.normal(0, 3, 6).tolist(), [0.1] * 6, STARTS_s, LENGTHS_s) for _ in range(1000)]
+    found = [
+        stability.bias_repeatability(rng.normal(0, 3, 6).tolist(), [0.1] * 6, STARTS_s, LENGTHS_s) for _ in range(1000)
+    ]
     assert 0.92 < np.mean([one.low <= 3.0 <= one.high for one in found]) < 0.98
 
 
@@ -336,12 +329,12 @@ def test_a_declared_mean_is_what_records_of_such_noise_say() -> None:
 
 def test_degrees_of_freedom_of_a_declared_stability() -> None:
     """White noise has n - 1; wandering has 2 E^2 / Var by the traces of its covariance."""
-    assert declared_noise(SensorNoise(1.0, [], 0.0, 0.1), 360, 10.0).dof_of_variance == pytest.approx(359.0)
+    assert stability.declared_noise(SensorNoise(1.0, [], 0.0, 0.1), 360, 10.0).dof_of_variance == pytest.approx(359.0)
     noise = SensorNoise(6.0, WANDERING, 0.0, 0.1)
     covariance = noise.of_means(10.0 * np.arange(360), np.full(360, 10.0))
     centred = (np.eye(360) - 1.0 / 360.0) @ covariance
     due = float(np.trace(centred) ** 2 / np.trace(centred @ centred))
-    found = bias_stability(np.zeros(36_000), 0.1, declared=noise)
+    found = stability.bias_stability(np.zeros(36_000), 0.1, declared=noise)
     assert found.dof == pytest.approx(due, rel=1e-9)
     assert found.value == pytest.approx(math.sqrt(float(np.trace(centred)) / 359.0), rel=1e-9)
 

@@ -13,15 +13,8 @@ import pytest
 from scipy import optimize, stats
 
 from bench.model.errors import FitError
+from bench.systems.gnc.estimators.magnetometer import plane
 from bench.systems.gnc.estimators.magnetometer.ellipse import PARAMETERS, PlaneParameters, corrected, fit_ellipse
-from bench.systems.gnc.estimators.magnetometer.plane import (
-    ELLIPSE,
-    EXTREMES,
-    compare_methods,
-    fit_extremes,
-    roll_deg,
-    roll_uncertainty,
-)
 from bench.systems.gnc.estimators.magnetometer.quadric import fit_quadric
 from bench.systems.gnc.estimators.magnetometer.section import misshape
 
@@ -154,7 +147,7 @@ def test_signs_and_roll() -> None:
     readings = turned(unit, turn, np.random.default_rng(0))
     x, y = fit_ellipse(*readings).parameters.corrected(*readings)
     expected = 30.0 + 15.0 * np.arange(x.size) / 200.0
-    np.testing.assert_allclose((roll_deg(x, y) - expected + 180.0) % 360.0 - 180.0, 0.0, atol=1e-7)
+    np.testing.assert_allclose((plane.roll_deg(x, y) - expected + 180.0) % 360.0 - 180.0, 0.0, atol=1e-7)
 
 
 def fits(units: int, rate_deg_s: float, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -207,9 +200,9 @@ def test_roll_uncertainty_is_that_of_drawn_parameters() -> None:
     found = fit_ellipse(*turned(unit, Turn(length_s=20.0), rng)).parameters
     clean = turned(unit, Turn(15.0, length_s=24.0, noise=0.0, step=0.0), rng)
     draws = rng.multivariate_normal(found.values, found.covariance, 400)
-    base = roll_deg(*found.corrected(*clean))
-    spread = np.array([(roll_deg(*corrected(one, *clean)) - base + 180) % 360 - 180 for one in draws]).std(axis=0)
-    stated = roll_uncertainty(found, 0.5e-3)
+    base = plane.roll_deg(*found.corrected(*clean))
+    spread = np.array([(plane.roll_deg(*corrected(one, *clean)) - base + 180) % 360 - 180 for one in draws]).std(axis=0)
+    stated = plane.roll_uncertainty(found, 0.5e-3)
     assert np.sqrt(np.mean(spread**2)) == pytest.approx(stated.rms_deg, rel=0.1)
     assert spread.max() == pytest.approx(stated.worst_deg, rel=0.15)
     assert stated.noise_deg == pytest.approx(np.rad2deg(0.5e-3 / 0.43), rel=0.01)
@@ -244,7 +237,7 @@ def test_points_that_are_no_ellipse_are_noticed() -> None:
 @pytest.mark.parametrize(("turn_deg", "gap"), [(290.0, "70"), (180.0, "180")])
 def test_part_of_a_turn_is_refused(turn_deg: float, gap: str) -> None:
     readings = turned(PlaneUnit(), Turn(1.0, length_s=turn_deg, rate_Hz=20.0), np.random.default_rng(67))
-    for fit in (fit_ellipse, compare_methods):
+    for fit in (fit_ellipse, plane.compare_methods):
         with pytest.raises(FitError, match=f"B-FIT-091.*leave {gap} degrees of the turn empty"):
             fit(*readings)
 
@@ -273,9 +266,9 @@ def test_roll_uncertainty_of_a_large_angle_between_the_axes() -> None:
     angle, skew = np.deg2rad(np.arange(0.0, 360.0, 5.0)), np.deg2rad(35.0)
     x, y = 0.4 * np.cos(angle), -0.4 * np.sin(angle)
     x_out, y_out = 0.02 + x * np.cos(skew) + y * np.sin(skew), -0.01 + y / 1.1
-    moved = [roll_deg(*corrected(values + one, x_out, y_out)) - roll_deg(x, y) for one in np.diag(stds)]
+    moved = [plane.roll_deg(*corrected(values + one, x_out, y_out)) - plane.roll_deg(x, y) for one in np.diag(stds)]
     spread = np.linalg.norm((np.array(moved) + 180.0) % 360.0 - 180.0, axis=0)
-    stated = roll_uncertainty(unit, 0.0)
+    stated = plane.roll_uncertainty(unit, 0.0)
     assert stated.rms_deg == pytest.approx(np.sqrt(np.mean(spread**2)), rel=1e-4)
     assert stated.worst_deg == pytest.approx(spread.max(), rel=1e-4)
 
@@ -284,7 +277,7 @@ def test_the_papers_equations_by_hand() -> None:
     """Turned in steps of 1 degree without noise: every extreme is met but for the lean of 2 degrees, which is met."""
     unit = PlaneUnit(offset=(0.2, -0.1), gain=1.25, alpha_deg=2.0, radius=0.4)
     x, y = turned(unit, Turn(1.0, 1.0, 360.0, noise=0.0, step=0.0), np.random.default_rng(0))
-    found = fit_extremes(x, y, fit_ellipse(x, y)).parameters
+    found = plane.fit_extremes(x, y, fit_ellipse(x, y)).parameters
     np.testing.assert_allclose(found.values, unit.truth, rtol=1e-9)
     assert (x.max() - x.min()) / (y.max() - y.min()) == pytest.approx(1.25, rel=1e-9)
     np.testing.assert_allclose(found.bias, 0.0, atol=1e-9)
@@ -297,7 +290,7 @@ def test_ten_readings_in_every_turn_miss_the_top() -> None:
         turn = Turn(rate_Hz=150.0, length_s=20.0, begin_deg=begin_deg, noise=1e-6, step=0.0)
         unit = PlaneUnit(alpha_deg=0.0)
         readings = turned(unit, turn, np.random.default_rng(71))
-        both = compare_methods(*readings)
+        both = plane.compare_methods(*readings)
         extremes = both.extremes.parameters
         assert both.extremes.phases == 10
         error = extremes.values - unit.truth
@@ -313,7 +306,7 @@ def test_largest_of_many_against_drawn_ones() -> None:
     rng = np.random.default_rng(72)
     unit, turn = PlaneUnit(), Turn(clock=1.3e-5, step=0.0)
     x, y = turned(unit, Turn(clock=1.3e-5, noise=0.0, step=0.0), rng)
-    stated = fit_extremes(*turned(unit, turn, rng), fit_ellipse(*turned(unit, turn, rng))).parameters
+    stated = plane.fit_extremes(*turned(unit, turn, rng), fit_ellipse(*turned(unit, turn, rng))).parameters
     found = []
     for _ in range(300):
         xn, yn = x + rng.normal(0, turn.noise, x.size), y + rng.normal(0, turn.noise, y.size)
@@ -336,12 +329,16 @@ def compared(units: int, rate_deg_s: float, clock: float, seed: int) -> tuple[np
     for _ in range(units):
         unit = drawn_unit(rng)
         turn = Turn(rate_deg_s, begin_deg=rng.uniform(0, 360), clock=clock * rng.normal())
-        both = compare_methods(*turned(unit, turn, rng))
+        both = plane.compare_methods(*turned(unit, turn, rng))
         methods = both.by_method
         rows.append(
-            (methods[EXTREMES].values - unit.truth, methods[ELLIPSE].values - unit.truth, methods[EXTREMES].std)
+            (
+                methods[plane.EXTREMES].values - unit.truth,
+                methods[plane.ELLIPSE].values - unit.truth,
+                methods[plane.EXTREMES].std,
+            )
         )
-        assert both.roll[EXTREMES].rms_deg > 20.0 * both.roll[ELLIPSE].rms_deg
+        assert both.roll[plane.EXTREMES].rms_deg > 20.0 * both.roll[plane.ELLIPSE].rms_deg
     return tuple(np.array(part) for part in zip(*rows, strict=True))
 
 
@@ -385,8 +382,8 @@ def test_extremes_of_fifty_units(record_property: Keep, name: str, rate_deg_s: f
 
 def test_scores_of_the_difference() -> None:
     readings = turned(PlaneUnit(), Turn(clock=1e-5), np.random.default_rng(76))
-    both = compare_methods(*readings)
+    both = plane.compare_methods(*readings)
     assert both.score.shape == (len(PARAMETERS),)
     assert np.abs(both.score).max() < stats.norm.ppf(1 - 1e-5)
     assert both.roll_difference_deg[0] <= both.roll_difference_deg[1]
-    assert both.roll_difference_deg[1] < 3.0 * both.roll[EXTREMES].worst_deg
+    assert both.roll_difference_deg[1] < 3.0 * both.roll[plane.EXTREMES].worst_deg

@@ -22,19 +22,9 @@ from bench.analysis import Material, with_uncertainty
 from bench.analysis.doubt import weigh
 from bench.commands.import_log import import_log
 from bench.model.errors import ExitStatus, FitError
+from bench.systems.gnc.estimators import rest_drift
 from bench.systems.gnc.estimators.between_rests import drift_between_rests, turn_scale
 from bench.systems.gnc.estimators.clocks import sample_stamps
-from bench.systems.gnc.estimators.rest_drift import (
-    BEYOND,
-    CLASSES,
-    NAMES,
-    _rotation_vectors,
-    class_of,
-    drift_at_rest,
-    level,
-    random_walk,
-    worst_class,
-)
 from bench.systems.gnc.estimators.static_intervals import StaticIntervals, find_rests
 from bench.systems.gnc.logs import strapdown as imu_strapdown
 
@@ -87,7 +77,7 @@ def test_a_rate_that_ramps_drifts_by_the_closed_form() -> None:
     gyro = np.zeros((len(t_s), 3))
     gyro[:, 1] = 0.3 + ramp * t_s
     accel = np.tile([0.0, 0.0, -9.7], (len(t_s), 1))  # z down; the size of gravity comes from the rest
-    (drift,) = drift_at_rest(accel, gyro, whole(len(t_s)), RATE, horizons_s=(horizon,))
+    (drift,) = rest_drift.drift_at_rest(accel, gyro, whole(len(t_s)), RATE, horizons_s=(horizon,))
     assert drift.windows == 1
     assert drift.attitude_deg[0] == pytest.approx([0.0, np.degrees(ramp * horizon**2), 0.0], abs=2e-6)
     distance = G * ramp * horizon**4 / 8.0
@@ -102,27 +92,27 @@ def test_white_noise_drifts_as_theory_says() -> None:
     walk, velocity_walk, count = 5e-5, 2e-3, round(900 * RATE)
     gyro = rng.normal([1e-3, -2e-3, 5e-4], walk * np.sqrt(RATE), (count, 3))
     accel = rng.normal([1.0, -2.0, 9.5], velocity_walk * np.sqrt(RATE), (count, 3))
-    found = random_walk(gyro, whole(count), RATE)
+    found = rest_drift.random_walk(gyro, whole(count), RATE)
     assert abs(found.value - walk) < 4.0 * found.std
     assert found.std < 0.05 * walk
-    (drift,) = drift_at_rest(accel, gyro, whole(count), RATE, horizons_s=(3.0,))
+    (drift,) = rest_drift.drift_at_rest(accel, gyro, whole(count), RATE, horizons_s=(3.0,))
     assert drift.windows == 150
     assert drift.attitude_rms_deg == pytest.approx(np.degrees(walk * np.sqrt(6.0)), rel=0.12)
     assert drift.white_deg == pytest.approx(np.degrees(walk * np.sqrt(6.0)), rel=0.05)
     assert drift.velocity_rms_m_s == pytest.approx(velocity_walk * np.sqrt(6.0), rel=0.15)
     with pytest.raises(FitError, match=r"B-FIT-140.*longest rest is 5 s long, 6 s are needed"):
-        drift_at_rest(np.ones((250, 3)), np.zeros((250, 3)), whole(250), RATE)
+        rest_drift.drift_at_rest(np.ones((250, 3)), np.zeros((250, 3)), whole(250), RATE)
 
 
 def test_the_turning_earth_is_no_drift() -> None:
     """A perfect unit that stands still reads the Earth's rate in its own axes; no azimuth is known of it."""
     force, _, _ = poses([])
     for azimuth in (0.0, 140.0):
-        body = Rotation.from_matrix(level(force[0])).inv() * Rotation.from_euler("z", azimuth, degrees=True)
+        body = Rotation.from_matrix(rest_drift.level(force[0])).inv() * Rotation.from_euler("z", azimuth, degrees=True)
         earth = 7.292115e-5 * np.array([np.cos(np.radians(45.0)), 0.0, -np.sin(np.radians(45.0))])
         gyro = np.tile(body.apply(earth), (2000, 1))
         accel = np.tile(force[0], (2000, 1))
-        (drift,) = drift_at_rest(accel, gyro, whole(2000), RATE, 45.0, (20.0,))
+        (drift,) = rest_drift.drift_at_rest(accel, gyro, whole(2000), RATE, 45.0, (20.0,))
         assert drift.attitude_rms_deg < 1e-3  # 20 s of a horizontal rate whose azimuth is off turn the level by this
         assert drift.horizontal_rms_m < 0.02
 
@@ -138,7 +128,7 @@ def test_a_turn_without_errors_ends_level_and_at_rest() -> None:
     assert between.tilted_deg.max() > 80.0
     vectors = np.random.default_rng(SEED).normal(size=(20, 3))
     vectors *= np.linspace(0.0, 3.0, 20)[:, None] / np.linalg.norm(vectors, axis=1)[:, None]
-    assert _rotation_vectors(Rotation.from_rotvec(vectors).as_matrix()) == pytest.approx(vectors, abs=1e-9)
+    assert rest_drift._rotation_vectors(Rotation.from_rotvec(vectors).as_matrix()) == pytest.approx(vectors, abs=1e-9)
 
 
 def test_a_scale_error_of_a_gyro_is_the_level_error_it_makes() -> None:
@@ -231,17 +221,17 @@ def test_stamps_even_with_gaps_and_in_bursts() -> None:
 
 
 def test_classes_stand_in_order_and_a_unit_is_its_worst_sensor() -> None:
-    for better, worse in pairwise(CLASSES):
+    for better, worse in pairwise(rest_drift.CLASSES):
         assert better.gyro_deg_h < worse.gyro_deg_h
         assert better.walk_deg_rt_h < worse.walk_deg_rt_h
         assert better.accel_mg < worse.accel_mg
     published = {"navigation": (0.01, 0.002, 0.1), "tactical": (10.0, 0.05, 5.0), "consumer": (360.0, 5.0, 1000.0)}
-    bounds = {one.name: (one.gyro_deg_h, one.walk_deg_rt_h, one.accel_mg) for one in CLASSES}
+    bounds = {one.name: (one.gyro_deg_h, one.walk_deg_rt_h, one.accel_mg) for one in rest_drift.CLASSES}
     assert {name: bounds[name] for name in published} == published  # deg/h (0.1 deg/s), deg/sqrt(h), mg
-    assert [class_of("gyro_deg_h", value) for value in (0.01, 0.02, 10.0, 11.0, 100.0, 400.0)] == [
-        "navigation", "tactical", "tactical", "industrial", "consumer", BEYOND,
+    assert [rest_drift.class_of("gyro_deg_h", value) for value in (0.01, 0.02, 10.0, 11.0, 100.0, 400.0)] == [
+        "navigation", "tactical", "tactical", "industrial", "consumer", rest_drift.BEYOND,
     ]  # fmt: skip
-    assert worst_class(["tactical", "consumer", "industrial"]) == "consumer"
+    assert rest_drift.worst_class(["tactical", "consumer", "industrial"]) == "consumer"
 
 
 # --- the analysis ----------------------------------------------------------------------------------------------------
@@ -271,7 +261,7 @@ def test_a_turned_log_gives_drift_class_and_errors_between_rests() -> None:
     assert value(analysis, "velocity_error") < 0.1
     assert value(analysis, "turn_scale") == pytest.approx(1.0, abs=0.01)
     drift = one(analysis, "gyro_drift")["conditions"]
-    assert drift["sensor_class"] in NAMES
+    assert drift["sensor_class"] in rest_drift.NAMES
     assert drift["horizon_s"] == 3.0  # no rest is longer than twice 10 s
     for words in ("of such horizons", "of the class industrial"):  # 0.24 deg/sqrt(h)
         assert any(words in note for note in analysis.notes)
@@ -417,7 +407,7 @@ def test_public_recordings_drift_within_the_class_of_their_sensor(
     rated = [entry["conditions"] for entry in analysis.estimates if "sensor_class" in entry["conditions"]]
     assert len(rated) == 3
     for conditions in rated:
-        assert NAMES.index(conditions["sensor_class"]) <= NAMES.index(worst)
+        assert rest_drift.NAMES.index(conditions["sensor_class"]) <= rest_drift.NAMES.index(worst)
         assert conditions.get("horizon_s", horizon_s) == pytest.approx(horizon_s, abs=0.01)
     found = value(analysis, "angle_random_walk")
     record_property("obtained", f"{name}: {rests} rests, {found:.2f} deg/sqrt(h)")

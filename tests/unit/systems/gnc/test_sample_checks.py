@@ -11,28 +11,8 @@ import pytest
 from imu_material import IMU, POSES, RATE_Hz, Rig
 from scipy import stats
 
-from bench.systems.gnc.estimators.clocks import (
-    BACKWARDS,
-    BURST,
-    CLOCK,
-    IRREGULAR,
-    RATE,
-    UNKNOWN_STD,
-    UnitClock,
-    check_ticks,
-    unit_clock,
-    unwrapped_ticks_s,
-)
-from bench.systems.gnc.estimators.sample_checks import (
-    FROZEN,
-    GAP,
-    REPEATED,
-    SATURATED,
-    SampleChecks,
-    check_samples,
-    longest_equal_run,
-    value_likelihood,
-)
+from bench.systems.gnc.estimators import clocks
+from bench.systems.gnc.estimators import sample_checks as faults
 from bench.systems.gnc.rows import SampledRow, check_notes
 from bench.systems.gnc.rows import checked as checked_rows
 
@@ -52,12 +32,14 @@ def ticks_s(seed: int = 122) -> np.ndarray:
     return np.asarray(np.arange(COUNT) * INTERVAL_s + np.random.default_rng(seed).normal(0, 2e-6, COUNT))
 
 
-def checked(columns: dict[str, np.ndarray], counter: np.ndarray | None = None, **more: np.ndarray) -> SampleChecks:
+def checked(
+    columns: dict[str, np.ndarray], counter: np.ndarray | None = None, **more: np.ndarray
+) -> faults.SampleChecks:
     number = np.arange(COUNT) if counter is None else counter
-    return check_samples(columns, number, limits=LIMITS, interval_s=INTERVAL_s, **more)
+    return faults.check_samples(columns, number, limits=LIMITS, interval_s=INTERVAL_s, **more)
 
 
-def kinds(checks: SampleChecks) -> set[str]:
+def kinds(checks: faults.SampleChecks) -> set[str]:
     return {finding.kind for finding in checks.findings}
 
 
@@ -89,12 +71,12 @@ def repeats(*both: np.ndarray) -> None:
 @pytest.mark.parametrize(
     ("wrong", "kind", "channel", "least", "first", "said"),
     [
-        (at_the_end, SATURATED, "gyro y", 21, (500,), "at the end of the range"),
-        (clipped, SATURATED, "gyro x", 1, range(COUNT), "held at their extreme 15"),  # as by an amplifier
-        (hangs, FROZEN, "accel z", 39, (999, 1000), "accelerometer z"),
-        (hangs_for_most, FROZEN, "gyro x", 2999, (499, 500), "gyro x"),
-        (never_moves, FROZEN, "gyro z", COUNT - 1, (0,), "gyro z"),
-        (repeats, REPEATED, None, 4, (301,), "4"),
+        (at_the_end, faults.SATURATED, "gyro y", 21, (500,), "at the end of the range"),
+        (clipped, faults.SATURATED, "gyro x", 1, range(COUNT), "held at their extreme 15"),  # as by an amplifier
+        (hangs, faults.FROZEN, "accel z", 39, (999, 1000), "accelerometer z"),
+        (hangs_for_most, faults.FROZEN, "gyro x", 2999, (499, 500), "gyro x"),
+        (never_moves, faults.FROZEN, "gyro z", COUNT - 1, (0,), "gyro z"),
+        (repeats, faults.REPEATED, None, 4, (301,), "4"),
     ],
 )
 def test_each_fault_is_found_with_its_channel_count_and_place(
@@ -105,7 +87,7 @@ def test_each_fault_is_found_with_its_channel_count_and_place(
     wrong(columns["gyro"], columns["accel"])
     found = checked(columns)
     (finding, *_) = [each for each in found.findings if each.kind == kind]
-    assert kind == SATURATED or kinds(found) == {kind}
+    assert kind == faults.SATURATED or kinds(found) == {kind}
     assert finding.channel == channel or channel is None
     assert least <= finding.count == found.count(kind) <= least + 1 or wrong is clipped
     assert finding.first in first
@@ -119,14 +101,14 @@ def test_gaps_and_two_samples_with_one_counter() -> None:
     counter[700:] -= 1
     found = checked(record(), counter)
     assert "1 of them with its counter" in found.sentences[0]
-    assert kinds(found) == {REPEATED}
+    assert kinds(found) == {faults.REPEATED}
     counter = np.arange(COUNT)
     counter[100:] += 7
     counter[2000:] += 1
     found = checked(record(), counter)
-    assert (found.missing, found.gaps, kinds(found)) == (8, 2, {GAP})
+    assert (found.missing, found.gaps, kinds(found)) == (8, 2, {faults.GAP})
     assert "8 of 4008 samples are missing in 2 gaps, the first before counter 107, the longest of 7" in found.sentences
-    assert checked(record(), counter, tick_s=counter * INTERVAL_s).count(IRREGULAR) == 0
+    assert checked(record(), counter, tick_s=counter * INTERVAL_s).count(clocks.IRREGULAR) == 0
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.3, 1.0, 4.0])
@@ -138,7 +120,7 @@ def test_no_false_alarm_while_a_field_turns(noise: float, turns: float) -> None:
     sine = np.round(3583.0 * np.cos(angle) + 0.3 + rng.normal(0.0, noise, angle.size)).astype(np.int64)
     if noise == 0.0 and turns == 0.0:
         sine[5] += 1  # a channel that never moves at all is told
-    found = check_samples({"mag": sine}, np.arange(angle.size), limits={"mag": 50_000}, interval_s=INTERVAL_s)
+    found = faults.check_samples({"mag": sine}, np.arange(angle.size), limits={"mag": 50_000}, interval_s=INTERVAL_s)
     assert found.clean, found.sentences
 
 
@@ -148,7 +130,7 @@ def test_false_alarms_of_many_records() -> None:
     alarms = 0
     for _ in range(2000):
         values = np.round(rng.normal(0.0, 1.2, 500))
-        longest = longest_equal_run([value_likelihood(values)], values.size, false_alarm=0.01)
+        longest = faults.longest_equal_run([faults.value_likelihood(values)], values.size, false_alarm=0.01)
         edges = np.flatnonzero(np.concatenate(([1], np.diff(values), [1])))
         alarms += np.diff(edges).max() - 1 > longest
     assert alarms <= 35  # binomial, 1 % of 2,000 and four standard deviations
@@ -159,15 +141,15 @@ def test_likelihood_of_one_value() -> None:
     for noise in (1.0, 4.0, 14.0):
         expected = stats.norm.cdf(0.5 / noise) - stats.norm.cdf(-0.5 / noise)
         values = np.round(rng.normal(0.0, noise, 36_000))
-        assert 0.98 * expected < value_likelihood(values) < 1.15 * expected
+        assert 0.98 * expected < faults.value_likelihood(values) < 1.15 * expected
         values[10_000:20_000] = values[10_000]
-        assert value_likelihood(values) > 0.9 * expected
-    assert value_likelihood(np.zeros(100)) == 1.0
-    assert longest_equal_run([0.5], 1000, 1e-3) == 19  # 1000 x 0.5^20 = 9.5e-4
-    assert longest_equal_run([0.01], 1000, 1e-3) == 2  # 1000 x 1e-6 / sqrt(4) = 5e-4, with two pairs 0.058
-    assert longest_equal_run([0.01, 0.01], 1000, 1e-3) == 1
-    assert longest_equal_run([1.0], 100) == 100
-    assert longest_equal_run([0.0], 100) == 0
+        assert faults.value_likelihood(values) > 0.9 * expected
+    assert faults.value_likelihood(np.zeros(100)) == 1.0
+    assert faults.longest_equal_run([0.5], 1000, 1e-3) == 19  # 1000 x 0.5^20 = 9.5e-4
+    assert faults.longest_equal_run([0.01], 1000, 1e-3) == 2  # 1000 x 1e-6 / sqrt(4) = 5e-4, with two pairs 0.058
+    assert faults.longest_equal_run([0.01, 0.01], 1000, 1e-3) == 1
+    assert faults.longest_equal_run([1.0], 100) == 100
+    assert faults.longest_equal_run([0.0], 100) == 0
 
 
 @pytest.mark.parametrize("rate_steps", [43_200, 43_203.3])
@@ -182,9 +164,9 @@ def test_a_turn_without_noise_is_no_fault(rate_steps: float) -> None:
 @pytest.mark.parametrize(
     ("where", "change_s", "expected"),
     [
-        (slice(50, 51), 0.002, {IRREGULAR}),
-        (slice(50, 51), -0.006, {IRREGULAR, BACKWARDS}),
-        (slice(50, None), 0.05, {IRREGULAR}),
+        (slice(50, 51), 0.002, {clocks.IRREGULAR}),
+        (slice(50, 51), -0.006, {clocks.IRREGULAR, clocks.BACKWARDS}),
+        (slice(50, None), 0.05, {clocks.IRREGULAR}),
     ],
 )
 def test_time_stamps_beside_their_place(where: slice, change_s: float, expected: set[str]) -> None:
@@ -192,25 +174,25 @@ def test_time_stamps_beside_their_place(where: slice, change_s: float, expected:
     stamps[where] += change_s
     found = checked(record(), tick_s=stamps)
     assert kinds(found) == expected
-    assert next(one for one in found.findings if one.kind == IRREGULAR).first in (50, 51)
+    assert next(one for one in found.findings if one.kind == clocks.IRREGULAR).first in (50, 51)
 
 
 def test_stamps_in_bursts() -> None:
     """A log that was written ten samples at a time."""
     stamps = np.repeat(np.arange(COUNT // 10) * 0.05, 10) + np.tile(np.arange(10) * 1e-4, COUNT // 10)
-    found = check_samples(record(), np.arange(COUNT), limits=LIMITS, interval_s=INTERVAL_s, tick_s=stamps)
+    found = faults.check_samples(record(), np.arange(COUNT), limits=LIMITS, interval_s=INTERVAL_s, tick_s=stamps)
     assert found.ticks is not None
-    assert {IRREGULAR, RATE} <= kinds(found)
+    assert {clocks.IRREGULAR, clocks.RATE} <= kinds(found)
     uneven = np.arange(COUNT) * INTERVAL_s
     uneven[100:110] = uneven[110] - np.arange(10, 0, -1) * 1e-4
-    assert {IRREGULAR, BURST} == kinds(checked(record(), tick_s=uneven))
+    assert {clocks.IRREGULAR, clocks.BURST} == kinds(checked(record(), tick_s=uneven))
 
 
 def test_a_wrong_rate_is_told() -> None:
     """204.8 Hz taken for a recording of 102.4 Hz turns it by twice the angle."""
-    found = check_ticks(np.arange(1000) / 102.4, np.arange(1000), 1.0 / 204.8)
+    found = clocks.check_ticks(np.arange(1000) / 102.4, np.arange(1000), 1.0 / 204.8)
     assert found.rate_error == pytest.approx(-0.5)
-    assert [fault[0] for fault in found.faults] == [RATE]
+    assert [fault[0] for fault in found.faults] == [clocks.RATE]
     assert "9.766 ms" in found.faults[0][3]
 
 
@@ -219,19 +201,19 @@ def test_a_clock_that_runs_off() -> None:
     device = np.arange(COUNT) * INTERVAL_s
     chunks = np.ceil(device * 50.0) / 50.0  # the bench sees chunks
     delay = rng.exponential(1e-3, COUNT)
-    good = check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / (1.0 + 20e-6) + delay)
+    good = clocks.check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / (1.0 + 20e-6) + delay)
     assert good.faults == ()
     assert abs(good.clock_error - 20e-6) < 1e-3
-    bad = check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / 1.005 + delay)
-    assert [fault[0] for fault in bad.faults] == [CLOCK]
+    bad = clocks.check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / 1.005 + delay)
+    assert [fault[0] for fault in bad.faults] == [clocks.CLOCK]
     assert bad.clock_error == pytest.approx(0.005, abs=5e-4)
-    assert np.isnan(check_ticks(device[:100], np.arange(100), INTERVAL_s, chunks[:100]).clock_error)
+    assert np.isnan(clocks.check_ticks(device[:100], np.arange(100), INTERVAL_s, chunks[:100]).clock_error)
 
 
 def test_ticks_begin_again_at_two_to_the_32() -> None:
     true_us = 2**32 - 12_000 + np.arange(10) * 5000
-    np.testing.assert_allclose(unwrapped_ticks_s(true_us % 2**32), np.arange(10) * 0.005, atol=1e-12)
-    backwards = unwrapped_ticks_s(np.array([1000, 6000, 4000]))
+    np.testing.assert_allclose(clocks.unwrapped_ticks_s(true_us % 2**32), np.arange(10) * 0.005, atol=1e-12)
+    backwards = clocks.unwrapped_ticks_s(np.array([1000, 6000, 4000]))
     np.testing.assert_allclose(backwards, [0.0, 0.005, 0.003])
 
 
@@ -241,9 +223,9 @@ def test_noise_of_which_the_middle_step_does_not_occur() -> None:
     second = np.where(np.arange(1000) % 2, 1000, 1004) * rng.choice((-1, 1), 1000)
     values = np.cumsum(np.cumsum(np.concatenate(([0, 1], second))))
     assert np.median(np.abs(np.diff(values, 2))) == 1002.0
-    assert 0.0 < value_likelihood(values) < 0.002
+    assert 0.0 < faults.value_likelihood(values) < 0.002
     noisy = np.random.default_rng(10).integers(-3000, 3000, 400)
-    assert check_samples({"mag": noisy}, np.arange(400), limits={}, interval_s=0.005).clean
+    assert faults.check_samples({"mag": noisy}, np.arange(400), limits={}, interval_s=0.005).clean
 
 
 def rows() -> list[SampledRow]:
@@ -277,7 +259,7 @@ def session_of(error: float, rng: np.random.Generator, first_s: float = 400.0) -
 def test_the_error_lies_within_its_interval() -> None:
     rng = np.random.default_rng(CLOCK_SEED)
     errors = rng.normal(0.0, 20e-6, 60)
-    found = [unit_clock(session_of(error, rng), INTERVAL_s) for error in errors]
+    found = [clocks.unit_clock(session_of(error, rng), INTERVAL_s) for error in errors]
     z = np.array([(one.error - error) / one.std for one, error in zip(found, errors, strict=True)])
     assert max(one.std for one in found) < 10e-6
     assert np.abs(z).max() < 2.5
@@ -286,13 +268,13 @@ def test_the_error_lies_within_its_interval() -> None:
 
 def test_stamps_that_wrap_are_one_stretch_and_a_unit_that_was_switched_off_begins_anew() -> None:
     rng = np.random.default_rng(CLOCK_SEED)
-    wrapped = unit_clock(session_of(30e-6, rng, first_s=3_700.0), INTERVAL_s)  # 2^32 us are 4,295 s
+    wrapped = clocks.unit_clock(session_of(30e-6, rng, first_s=3_700.0), INTERVAL_s)  # 2^32 us are 4,295 s
     assert wrapped.span_s > 1_700.0
     assert wrapped.error == pytest.approx(30e-6, abs=3 * wrapped.std)
     before = [stamps(100.0 + 90.0 * k, 60.0, 25e-6, rng) for k in range(4)]
     after = [stamps(2_000.0 + 90.0 * k, 60.0, 25e-6, rng, switched_on_s=1_900.0) for k in range(12)]
-    found = unit_clock([*before, *after], INTERVAL_s)
+    found = clocks.unit_clock([*before, *after], INTERVAL_s)
     assert 900.0 < found.span_s < 1_100.0
     assert found.error == pytest.approx(25e-6, abs=3 * found.std)
-    unknown = UnitClock(0.0, UNKNOWN_STD, 0.0)  # too short to know is no correction
-    assert unit_clock([stamps(10.0, 20.0, 40e-6, rng)], INTERVAL_s) == unknown
+    unknown = clocks.UnitClock(0.0, clocks.UNKNOWN_STD, 0.0)  # too short to know is no correction
+    assert clocks.unit_clock([stamps(10.0, 20.0, 40e-6, rng)], INTERVAL_s) == unknown

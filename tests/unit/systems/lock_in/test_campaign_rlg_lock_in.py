@@ -22,6 +22,7 @@ from bench.analysis import Analysis
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.quality import Quality
+from bench.systems.lock_in import result as laser_results
 from bench.systems.lock_in.analysis import analyse
 from bench.systems.lock_in.compensation import COMPENSATORS, Compensated, Shown
 from bench.systems.lock_in.estimators.random_walk import RandomWalk
@@ -29,19 +30,6 @@ from bench.systems.lock_in.estimators.steadiness import BiasInstability
 from bench.systems.lock_in.figures import campaign_figures
 from bench.systems.lock_in.records import LaserRecord, laser_records
 from bench.systems.lock_in.report import tables
-from bench.systems.lock_in.result import (
-    LaserResult,
-    Measured,
-    Requirement,
-    exponent_estimates,
-    laser_result,
-    misfit,
-    record_estimates,
-    requirement_of,
-    size_dof,
-    squared,
-    walk_std_deg_rth,
-)
 
 SEED, SECONDS = 704, 3.2
 SLOW_HZ, FAST_HZ = 20_000_000, 100_000_000
@@ -160,10 +148,10 @@ def test_what_the_model_does_not_have_is_told(
 def test_what_cannot_be_told_from_zero_is_a_limit(rows: list[Any]) -> None:
     """A walk of 0 with an upper limit is no alignment in no time: 95 of 100 such normal walks are in the limit."""
     (record,) = laser_records(material(rows[1]))
-    found = laser_result(record)
+    found = laser_results.laser_result(record)
     hidden = replace(found.walks[JUDGED], n_deg_rth=0.0, n_std_deg_rth=math.nan, n_upper_deg_rth=1.645e-3)
     found = replace(found, walks=dict(found.walks) | {JUDGED: hidden})
-    comparison, alignment, _, walks, _ = tables([found], requirement_of({"site": SITE}), JUDGED)
+    comparison, alignment, _, walks, _ = tables([found], laser_results.requirement_of({"site": SITE}), JUDGED)
     limit = 2.776 * 1e-3 / found.walks["raw"].n_deg_rth  # four degrees of freedom
     assert float(comparison.rows[0][3][2:]) == pytest.approx(limit, rel=0.05)
     assert walks.rows[1][3] == "< 2.8"  # four degrees of freedom: k of 2.78, as the estimate has it
@@ -171,7 +159,7 @@ def test_what_cannot_be_told_from_zero_is_a_limit(rows: list[Any]) -> None:
     level_deg = 15.041067 * math.cos(math.radians(37.0)) * math.radians(0.05625)
     assert float(alignment.rows[0][3][2:]) > 3600.0 * (1.645e-3 / level_deg) ** 2
     draws = np.square(np.random.default_rng(1).normal(0.3, 0.2, 100_000))
-    assert squared(Measured(0.3, 0.2)).std == pytest.approx(draws.std(), rel=0.02)
+    assert laser_results.squared(laser_results.Measured(0.3, 0.2)).std == pytest.approx(draws.std(), rel=0.02)
 
 
 def test_several_phase_settings_are_drawn_against_the_phase_found(edges: dict[float, Any]) -> None:
@@ -205,15 +193,15 @@ def test_flagged_records_are_not_used(rows: list[Any]) -> None:
 
 
 def test_requirements_and_those_that_are_none() -> None:
-    assert requirement_of({"site": SITE}).error_deg == 0.05625  # without a limit one NATO mil
+    assert laser_results.requirement_of({"site": SITE}).error_deg == 0.05625  # without a limit one NATO mil
     stated = {"alignment_error": {"value": 0.1, "unit": "deg"}, "alignment_time": {"value": 90.0, "unit": "s"}}
-    found = requirement_of({"site": SITE, "limits": stated})
+    found = laser_results.requirement_of({"site": SITE, "limits": stated})
     assert (found.error_deg, found.time_s) == (0.1, 90.0)
     for name, limit in (("alignment_eror", 1.0), ("alignment_time", 1.0), ("alignment_error", 0.0)):
         with pytest.raises(FitError, match="B-RLG-004"):
-            requirement_of({"site": SITE, "limits": {name: {"value": limit, "unit": "deg"}}})
+            laser_results.requirement_of({"site": SITE, "limits": {name: {"value": limit, "unit": "deg"}}})
     with pytest.raises(FitError, match="B-RLG-005"):
-        requirement_of({"site": {"azimuth_deg": 20.0}})
+        laser_results.requirement_of({"site": {"azimuth_deg": 20.0}})
 
 
 def test_a_session_without_lasers_or_dither_wrong_lengths_and_methods(rows: list[Any], edges: dict[float, Any]) -> None:
@@ -245,14 +233,14 @@ def constants(kappa: float, kappa_std: float, beta: float, beta_std: float) -> A
 def result(
     walks: dict[str, RandomWalk], fits: Any = (), *, path_m: float = 0.28, clock_Hz: float = 100e6,
     shown: Shown | None = None,
-) -> LaserResult:  # fmt: skip
+) -> laser_results.LaserResult:  # fmt: skip
     empty = Shown(np.empty((0, 8)), np.empty((0, 8)), {}, NOTHING, NOTHING)
     found = Compensated(2.5e-3, 2.0 * np.pi * 400.0, {}, shown or empty, list(fits), turnarounds=1000)
     found.used = dict.fromkeys(COMPENSATORS, 990)
     found.swing_rad = 2.0 * GAIN * np.deg2rad(100.0) / (2.0 * np.pi * 400.0)  # of 100 deg/s at 400 Hz, peak to peak
     row = as_row({}, np.arange(3), 1, {"path_length_m": path_m})
     events: Any = SimpleNamespace(lost_blocks=0, lost_edges=0, torn=0, dark=0)
-    return LaserResult(LaserRecord(row, path_m, None), clock_Hz, events, found, walks, {})
+    return laser_results.LaserResult(LaserRecord(row, path_m, None), clock_Hz, events, found, walks, {})
 
 
 BOTH = {"raw": walk(3e-3, 9e-5), JUDGED: walk(6e-4, 3e-5), "parabolas": walk(3.3e-3, 9e-5)}
@@ -264,10 +252,10 @@ def test_the_alignment_error_by_bias_is_a_value_or_a_limit(shown: bool, text: st
     laser = result(BOTH)
     bias = BiasInstability(0.0175, 0.00175, 0.0288, shown)
     laser = replace(laser, biases={"raw": bias, JUDGED: bias})
-    requirement = Requirement(360.0 / 6400.0, None, 37.0)
+    requirement = laser_results.Requirement(360.0 / 6400.0, None, 37.0)
     (table,) = (one for one in tables([laser], requirement, JUDGED) if one.title == "Alignment time")
     assert table.rows[0][-1] == text
-    found = [one for one in record_estimates(laser, requirement, JUDGED) if "bias" in one["quantity"]]
+    found = [one for one in laser_results.record_estimates(laser, requirement, JUDGED) if "bias" in one["quantity"]]
     assert [one["quantity"] for one in found] == ["bias_instability", "bias_alignment_error"] * 2 * shown
     assert all(one["value"] == pytest.approx(0.08348, rel=1e-3) for one in found[1::2])
 
@@ -300,7 +288,7 @@ def test_intervals_of_skewed_sizes_hold_what_they_say(dof: int) -> None:
     two = (stats.chi2(dof, scale=1.0 / dof), relative), (stats.f(dof, dof), np.sqrt(2.0) * relative)
     for variance, std in two:
         for power, least in ((1.0, 0.945), (0.5, 0.92)):
-            reach = coverage_factor(size_dof(1.0, power * std)) * power * std
+            reach = coverage_factor(laser_results.size_dof(1.0, power * std)) * power * std
             low, high = (1.0 + reach) ** (-1.0 / power), max(1.0 - reach, 1e-9) ** (-1.0 / power)
             assert least < variance.cdf(high) - variance.cdf(low) < 0.985
 
@@ -314,10 +302,10 @@ def test_worse_is_beyond_the_uncertainty(times: float, worse: bool) -> None:
 
 def test_uncertainty_of_a_walk() -> None:
     """As stated; from the upper limit where quantisation hides it; wider where the terms do not describe it."""
-    assert walk_std_deg_rth(walk(3e-3, 9e-5)) == 9e-5
-    assert walk_std_deg_rth(walk(0.0, np.nan, upper=3.29e-4)) == pytest.approx(2e-4)
-    assert misfit(walk(3e-3, 9e-5, chi2=14.0)) == 1.0  # 1.6 % by chance
-    assert walk_std_deg_rth(walk(3e-3, 9e-5, chi2=80.0)) == pytest.approx(4.0 * 9e-5)
+    assert laser_results.walk_std_deg_rth(walk(3e-3, 9e-5)) == 9e-5
+    assert laser_results.walk_std_deg_rth(walk(0.0, np.nan, upper=3.29e-4)) == pytest.approx(2e-4)
+    assert laser_results.misfit(walk(3e-3, 9e-5, chi2=14.0)) == 1.0  # 1.6 % by chance
+    assert laser_results.walk_std_deg_rth(walk(3e-3, 9e-5, chi2=80.0)) == pytest.approx(4.0 * 9e-5)
 
 
 def test_constants_of_stretches_are_averaged_by_weight_and_about_the_half_turn() -> None:
@@ -350,8 +338,8 @@ def test_what_is_left_is_told_from_noise(wave_rad: float, share: float) -> None:
     assert found.systematic_share == pytest.approx(share, abs=0.02)
 
 
-def estimates_of(found: LaserResult) -> list[Any]:
-    return record_estimates(found, Requirement(0.05625, 60.0, 37.0), JUDGED)
+def estimates_of(found: laser_results.LaserResult) -> list[Any]:
+    return laser_results.record_estimates(found, laser_results.Requirement(0.05625, 60.0, 37.0), JUDGED)
 
 
 def test_estimates_of_one_record() -> None:
@@ -374,8 +362,8 @@ def test_estimates_of_one_record() -> None:
     ratio = one(found, "random_walk_ratio", method=JUDGED)
     assert ratio["dof"] == pytest.approx(0.5 / (0.05**2 + 0.03**2))
     assert shorter["dof"] == pytest.approx(0.125 / (0.05**2 + 0.03**2), rel=0.02)
-    assert size_dof(0.0, 1.0) == 4.0
-    lead, alignment, *_ = tables([result(BOTH)], Requirement(0.1125, None, 37.0), JUDGED)
+    assert laser_results.size_dof(0.0, 1.0) == 4.0
+    lead, alignment, *_ = tables([result(BOTH)], laser_results.Requirement(0.1125, None, 37.0), JUDGED)
     cells = dict(zip(lead.headers, lead.rows[0], strict=True))
     assert cells["global constants"] == f"0.200 ± {coverage_factor() * 0.2 * np.hypot(0.05, 0.03):.3f}"
     assert (cells["Fresnel, 16 a side"], cells["parabolas, 4 a side"][-6:]) == ("no result", " WORSE")
@@ -389,7 +377,7 @@ def test_the_exponent_of_each_clock() -> None:
         for clock_Hz, size, power in ((20e6, 3e-4, 2.0), (100e6, 1e-4, 2.5))
         for path_m in (0.15, 0.28, 0.34)
     ]
-    found = {one["conditions"]["clock_Hz"]: one for one in exponent_estimates(results, JUDGED)}
+    found = {one["conditions"]["clock_Hz"]: one for one in laser_results.exponent_estimates(results, JUDGED)}
     x = np.log([0.15, 0.28, 0.34])
     for clock_Hz, due in ((20e6, -2.0), (100e6, -2.5)):
         assert found[clock_Hz]["value"] == pytest.approx(due)
@@ -400,7 +388,7 @@ def test_the_exponent_of_each_clock() -> None:
 def test_figures_1_2_and_12_by_hand() -> None:
     """Paper: 0.005 deg/rt-h reach 1.04 mil in 10 min; half the path 5.66 times the walk, ten times the loss 3.16."""
     found = result(BOTH)
-    first, second, third, *_ = campaign_figures([found], Requirement(0.1125, None, 37.0), JUDGED)
+    first, second, third, *_ = campaign_figures([found], laser_results.Requirement(0.1125, None, 37.0), JUDGED)
     lines = {each.label: each for each in first.series}
     at = [np.exp(np.interp(np.log(t_s), np.log(each.x), np.log(each.y)))
           for each in (lines["0.005 deg/√h"], lines["28 cm, uncompensated"]) for t_s in (600.0, 150.0)]  # fmt: skip

@@ -12,17 +12,7 @@ import numpy as np
 import pytest
 
 from bench.model.errors import FitError
-from bench.systems.lock_in.estimators.random_walk import (
-    RandomWalk,
-    alignment_time_s,
-    expected_random_walk,
-    gyro_gain,
-    lock_in_rate_deg_s,
-    odd_steps,
-    path_exponent,
-    random_walk,
-    shared_variance,
-)
+from bench.systems.lock_in.estimators import random_walk as walking
 from bench.systems.lock_in.estimators.steadiness import change, constancy, line, parts_of, runs, wander
 
 PERIOD_s = 1.0 / 400.0
@@ -34,12 +24,14 @@ TICKS = 49962.8048  # of a 20 MHz clock in a period of 2.498 ms
 
 def walk_deg_rth(walk_rad: float) -> float:
     """What steps of a walk in half a period make of the angle."""
-    return float(np.rad2deg(walk_rad * np.sqrt(2.0 / PERIOD_s) / gyro_gain(0.28)) * 60.0)
+    return float(np.rad2deg(walk_rad * np.sqrt(2.0 / PERIOD_s) / walking.gyro_gain(0.28)) * 60.0)
 
 
-def walks_of(walk_rad: float, quantum_rad: float, halves: int, records: int) -> list[RandomWalk]:
+def walks_of(walk_rad: float, quantum_rad: float, halves: int, records: int) -> list[walking.RandomWalk]:
     """Results of records of seeds from 0 on."""
-    return [random_walk(increments(walk_rad, quantum_rad, halves, seed), PERIOD_s, 0.28) for seed in range(records)]
+    return [
+        walking.random_walk(increments(walk_rad, quantum_rad, halves, seed), PERIOD_s, 0.28) for seed in range(records)
+    ]
 
 
 def increments(walk_rad: float, quantum_rad: float, halves: int, seed: int) -> np.ndarray:
@@ -63,14 +55,14 @@ def test_walk_and_quantisation_are_told_apart(walk_rad: float, quantum_rad: floa
     stated = np.nanmean([each.n_std_deg_rth for each in found]) / walk_deg_rth(walk_rad)
     assert 0.5 * walks.std() < stated < 2.0 * walks.std()
     if quantum_rad > walk_rad:
-        quanta = np.deg2rad([each.q_deg for each in found]) * gyro_gain(0.28)
+        quanta = np.deg2rad([each.q_deg for each in found]) * walking.gyro_gain(0.28)
         assert quanta.mean() == pytest.approx(quantum_rad / np.sqrt(2.0), rel=0.03)  # a mean of two readings
 
 
 def test_stated_uncertainties_and_limits_are_those_of_many_records() -> None:
     """60 records with a walk of half the quantisation: scores of one, 95 of 100 below the upper limit."""
     found, due = walks_of(0.01, 0.02, 2_000, 60), walk_deg_rth(0.01)
-    quantum_deg = np.rad2deg(0.02 / np.sqrt(2.0) / gyro_gain(0.28))
+    quantum_deg = np.rad2deg(0.02 / np.sqrt(2.0) / walking.gyro_gain(0.28))
     walks = np.array([(each.n_deg_rth - due) / each.n_std_deg_rth for each in found])
     quanta = np.array([(each.q_deg - quantum_deg) / each.q_std_deg for each in found])
     assert 0.85 < walks.std() < 1.25
@@ -98,8 +90,8 @@ def test_the_deviation_is_that_of_the_walk_and_not_of_its_smoothed_phases() -> N
 
 def test_the_curve_is_that_of_another_package() -> None:
     steps = increments(1e-3, 0.02, 8_000, 3)
-    found = random_walk(steps, PERIOD_s, 0.28)
-    angle_deg = np.rad2deg(np.concatenate(([0.0], np.cumsum(steps))) / gyro_gain(0.28))
+    found = walking.random_walk(steps, PERIOD_s, 0.28)
+    angle_deg = np.rad2deg(np.concatenate(([0.0], np.cumsum(steps))) / walking.gyro_gain(0.28))
     _, deviation, _, _ = allantools.oadev(angle_deg, rate=1.0 / PERIOD_s, data_type="phase", taus=found.tau_s)
     np.testing.assert_allclose(found.deviation_deg_h, deviation * 3600.0, rtol=2e-3)  # less the smoothing of the walk
 
@@ -112,9 +104,9 @@ def test_walks_of_two_outputs_scatter_together_by_what_is_shared(part: float) ->
         first, other = increments(0.02, 0.0, 4_000, seed), increments(0.02, 0.0, 4_000, 1000 + seed)
         same = increments(0.0, 0.02, 4_000, 2000 + seed)
         first, behind = first + same, part * first + np.sqrt(1.0 - part**2) * other + same
-        walks.append([random_walk(each, PERIOD_s, 0.28).n_deg_rth ** 2 for each in (first, behind)])
+        walks.append([walking.random_walk(each, PERIOD_s, 0.28).n_deg_rth ** 2 for each in (first, behind)])
         behind[7] = np.nan
-        shared.append(shared_variance(first, behind))
+        shared.append(walking.shared_variance(first, behind))
     assert np.mean(shared) == pytest.approx(part**2, abs=0.03)
     assert np.corrcoef(np.transpose(walks))[0, 1] == pytest.approx(part**2, abs=0.4)
 
@@ -123,23 +115,23 @@ def test_a_gap_shifts_nothing_and_too_short_a_record_is_refused() -> None:
     steps = increments(0.02, 0.0, 8_000, 5)
     torn = steps + 4e-3  # a rate besides
     torn[2_000] = np.nan
-    whole, found = (random_walk(each, PERIOD_s, 0.28) for each in (steps, torn))
+    whole, found = (walking.random_walk(each, PERIOD_s, 0.28) for each in (steps, torn))
     assert found.n_deg_rth == pytest.approx(whole.n_deg_rth, rel=0.03)
     with pytest.raises(FitError, match=r"B-FIT-099.*averaging times"):
-        random_walk(np.zeros(150), PERIOD_s, 0.28)
+        walking.random_walk(np.zeros(150), PERIOD_s, 0.28)
 
 
 def test_published_figures() -> None:
     """Paper: 0.005 deg/rt-h, 1 mil, 10 min; half the path, 5.7 times the walk; 28 cm: 1.865 arcsec in a fringe."""
     error_deg = np.rad2deg(1.04e-3 * 0.982)  # 1.04 NATO mil at latitude 37 deg
-    assert alignment_time_s(0.005, 37.0, error_deg) == pytest.approx(600.0, rel=0.01)
+    assert walking.alignment_time_s(0.005, 37.0, error_deg) == pytest.approx(600.0, rel=0.01)
     per_s = 0.003 / 60.0 / (7.2921151e-5 * np.cos(np.deg2rad(37.0)) * MIL_deg)  # earth rate in rad/s
-    assert alignment_time_s(0.003, 37.0, MIL_deg) == pytest.approx(per_s**2, rel=1e-6)
-    short, long = expected_random_walk(0.2, 100.0, 0.14), expected_random_walk(0.05, 100.0, 0.28)
+    assert walking.alignment_time_s(0.003, 37.0, MIL_deg) == pytest.approx(per_s**2, rel=1e-6)
+    short, long = walking.expected_random_walk(0.2, 100.0, 0.14), walking.expected_random_walk(0.05, 100.0, 0.28)
     assert short / long == pytest.approx(5.66, abs=0.01)
     assert long == pytest.approx(2.724e-3, rel=1e-3)
-    assert np.rad2deg(2.0 * np.pi / gyro_gain(0.28)) * 3600.0 == pytest.approx(1.865, abs=1e-3)
-    assert lock_in_rate_deg_s(gyro_gain(0.28) * np.deg2rad(0.05), 0.28) == pytest.approx(0.05)
+    assert np.rad2deg(2.0 * np.pi / walking.gyro_gain(0.28)) * 3600.0 == pytest.approx(1.865, abs=1e-3)
+    assert walking.lock_in_rate_deg_s(walking.gyro_gain(0.28) * np.deg2rad(0.05), 0.28) == pytest.approx(0.05)
 
 
 def test_path_exponent_is_that_of_a_weighted_line() -> None:
@@ -149,12 +141,12 @@ def test_path_exponent_is_that_of_a_weighted_line() -> None:
         walk = 3e-4 * path_m**-2.5 * off
         std = np.array(relative) * walk
         line, covariance = np.polyfit(np.log(path_m), np.log(walk), 1, w=walk / std, cov="unscaled")
-        exponent, uncertainty = path_exponent(path_m, walk, std)
+        exponent, uncertainty = walking.path_exponent(path_m, walk, std)
         assert exponent == pytest.approx(line[0], rel=1e-9)
         assert uncertainty == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-9)
     for path, stds in (([0.28, 0.28], [1e-5, 1e-5]), ([0.15, 0.28], [1e-5, np.nan])):  # one path, an unknown walk
         with pytest.raises(FitError, match=r"B-FIT-100.*path lengths"):
-            path_exponent(np.array(path), np.array([1e-3, 2e-3]), np.array(stds))
+            walking.path_exponent(np.array(path), np.array([1e-3, 2e-3]), np.array(stds))
 
 
 # --- steadiness ------------------------------------------------------------------------------------------------------
@@ -240,10 +232,10 @@ def test_a_turn_that_is_lost_is_odd_and_a_late_pick_off_is_not() -> None:
     psi = np.concatenate(([0.0], np.cumsum(0.05 * rng.standard_normal(400))))
     rising = np.arange(401) % 2 == 0
     late = psi + 3.0 * rising
-    assert odd_steps(late, rising, np.ones(400, bool)).tolist() == []
+    assert walking.odd_steps(late, rising, np.ones(400, bool)).tolist() == []
     late[201:] += 2.0 * np.pi
-    assert odd_steps(late, rising, np.ones(400, bool)).tolist() == [200]
-    assert odd_steps(late, rising, np.arange(400) != 200).tolist() == []
+    assert walking.odd_steps(late, rising, np.ones(400, bool)).tolist() == [200]
+    assert walking.odd_steps(late, rising, np.arange(400) != 200).tolist() == []
 
 
 def with_rounded_stamps(seed: int, vibration: float = 0.0) -> Any:

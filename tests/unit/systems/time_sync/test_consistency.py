@@ -13,6 +13,7 @@ from sync_planned import WanderingEgi
 
 from bench.maths.strapdown import earth_rate, navigate, small_rotation
 from bench.systems.time_sync.estimators.kalman import filter as sync_filter
+from bench.systems.time_sync.estimators.kalman import innovation
 from bench.systems.time_sync.estimators.kalman.filter import (
     first_model,
     propagate,
@@ -20,17 +21,6 @@ from bench.systems.time_sync.estimators.kalman.filter import (
     run_filter,
     skew,
     transition,
-)
-from bench.systems.time_sync.estimators.kalman.innovation import (
-    NIS_BOUNDS,
-    NIS_DOF,
-    History,
-    Past,
-    nees_of_offset,
-    nis_summary,
-    observability,
-    rotation_between,
-    state_errors,
 )
 from bench.systems.time_sync.estimators.kalman.setup import (
     LOOSE,
@@ -77,7 +67,9 @@ def matched() -> tuple[FilterRun, Array]:
     sizes = dict(zip(("position_sigma_m", "velocity_sigma_m_s", "attitude_sigma_deg"), SIGMAS, strict=True))
     run = run_filter(samples_of(unit), egi, setup(1, SIGMAS, **sizes))
     true = path.state(run.t_s)
-    errors = state_errors(run, true.p, true.v, level_matrices(true.yaw), unit.accel_bias, unit.gyro_bias, np.zeros(1))
+    errors = innovation.state_errors(
+        run, true.p, true.v, level_matrices(true.yaw), unit.accel_bias, unit.gyro_bias, np.zeros(1)
+    )
     errors[..., 15] = run.offset_s - offsets_s
     return run, errors
 
@@ -88,8 +80,8 @@ def consistent(run: FilterRun, errors: Array) -> None:
     for t_s in (1.0, 2.5, 3.9, 4.5, 5.9):
         k = int(np.searchsorted(run.t_s, t_s))
         assert low < nees(errors[k], run.covariance[k]).mean() < high, t_s
-        assert alone[0] < nees_of_offset(errors[k, ..., 15], run.covariance[k]).mean() < alone[1], t_s
-    summary = nis_summary(run)
+        assert alone[0] < innovation.nees_of_offset(errors[k, ..., 15], run.covariance[k]).mean() < alone[1], t_s
+    summary = innovation.nis_summary(run)
     assert summary.ratio == pytest.approx(1.0, abs=0.02)
     assert summary.outside == pytest.approx(0.05, abs=0.006)
     assert np.all(summary.count == run.t_s.size * RUNS)
@@ -134,7 +126,7 @@ def test_the_turn_is_what_makes_the_offset_observable(first_m: float, level_low:
     trip = flight(6)
     both = FilterSetup((True, False), (BASE, BASE), position_sigma_m=first_m, keep_every=5)
     run = run_filter(trip.imu, trip.egi((0.02, 0.02)), both)
-    told = observability(run.covariance, run.first_covariance)
+    told = innovation.observability(run.covariance, run.first_covariance)
     level, end = int(np.searchsorted(run.t_s, LEVEL_UNTIL_S - 0.1)), -1
     assert np.isnan(told.associated[:, 1]).all()
     assert np.isnan(told.eigenvalues[:, 1]).all()
@@ -151,12 +143,12 @@ def test_the_turn_is_what_makes_the_offset_observable(first_m: float, level_low:
 def test_eigenvalues_of_a_case_known_by_hand() -> None:
     first = np.diag(np.arange(1.0, 17.0) ** 2)[None]
     covariance = first * np.linspace(1.0, 0.25, 16)
-    told = observability(covariance[None], first)
+    told = innovation.observability(covariance[None], first)
     assert told.eigenvalues[0, 0] == pytest.approx(np.sort(np.linspace(1.0, 0.25, 16)))
     assert told.associated[0, 0] == pytest.approx(0.25)
     assert told.offset_variance[0, 0] == pytest.approx(0.25)
     assert told.component[0, 0] == pytest.approx(1.0)
-    for dof, bounds in zip(NIS_DOF, NIS_BOUNDS, strict=True):
+    for dof, bounds in zip(innovation.NIS_DOF, innovation.NIS_BOUNDS, strict=True):
         assert bounds == pytest.approx(stats.chi2.ppf([0.025, 0.975], dof), rel=1e-5)
 
 
@@ -188,7 +180,7 @@ def test_error_model_is_that_of_the_mechanisation() -> None:
     third = np.linalg.matrix_power(np.abs(F[0] * span_s), 3) / 6.0  # the model goes to the second power
     for error in np.diag(SIZES)[:OFFSET]:
         found = flown(error)
-        due = np.concatenate((found[0] - true[0], found[1] - true[1], rotation_between(found[2], true[2])))
+        due = np.concatenate((found[0] - true[0], found[1] - true[1], innovation.rotation_between(found[2], true[2])))
         # with the offset, which does not change, an error has the covariance that the error itself becomes
         P = np.zeros((1, STATES, STATES))
         P[0, :, OFFSET], P[0, OFFSET] = error, error
@@ -228,9 +220,9 @@ def true_state(t_s: float) -> Array:
     return np.concatenate([p, v, C.ravel()])[:, None, None]
 
 
-def filled(corrected_at: int | None) -> History:
+def filled(corrected_at: int | None) -> innovation.History:
     """40 samples; the first ones, up to a correction, are wrong by minus JUMP."""
-    history = History(np.arange(100) * 0.005, 0.1, 1, 1)
+    history = innovation.History(np.arange(100) * 0.005, 0.1, 1, 1)
     for j in range(40):
         state = true_state(j * 0.005)
         if corrected_at is not None and j <= corrected_at:
@@ -244,7 +236,7 @@ def filled(corrected_at: int | None) -> History:
     return history
 
 
-def past_of(corrected_at: int | None, t_s: float) -> Past:
+def past_of(corrected_at: int | None, t_s: float) -> innovation.Past:
     return filled(corrected_at).read(np.array([[t_s]]))
 
 
@@ -254,7 +246,7 @@ def test_a_past_state_is_what_it_would_be_with_the_correction(t_s: float, correc
     past, true = past_of(corrected_at, t_s), true_state(t_s)
     assert past.p == pytest.approx(true[:3], abs=1e-9)
     assert past.v == pytest.approx(true[3:6], abs=1e-9)
-    turned = rotation_between(past.C, true[6:].reshape(3, 3, 1, 1)) + past.turned
+    turned = innovation.rotation_between(past.C, true[6:].reshape(3, 3, 1, 1)) + past.turned
     assert turned == pytest.approx(np.zeros((3, 1, 1)), abs=1e-5)
     assert past.age_s == pytest.approx(39 * 0.005 - t_s)
 
@@ -272,5 +264,5 @@ def test_beyond_what_is_stored_motion_goes_on_evenly() -> None:
         past, true = past_of(None, t_s), true_state(t_s)
         assert past.p == pytest.approx(true[:3], abs=1e-6)
         assert past.v == pytest.approx(true[3:6], abs=1e-6)
-        turned = rotation_between(past.C, true[6:].reshape(3, 3, 1, 1))
+        turned = innovation.rotation_between(past.C, true[6:].reshape(3, 3, 1, 1))
         assert turned == pytest.approx(np.zeros((3, 1, 1)), abs=1e-3)
