@@ -70,25 +70,29 @@ def flight(runs: int = 8, seed: int = SEED, end_s: float = END_S) -> Flight:
     return Flight(path, imu_runs(path, end_s, runs, seed), egi_error_runs(path, end_s, runs, seed))
 
 
-class LaneOffsets:
-    """EGI with white errors of known sizes, each lane with an offset of its own (one group).
+class LaneEgi:
+    """EGI with errors (n, R, 9) and an offset of its own on each lane, the same for all groups.
 
-    Args: sigmas: position m, velocity m/s, attitude deg.   offsets_s: (R,).
+    Errors: position m, velocity m/s, rotation rad.   ``offsets_s``: (R,).
     """
 
-    def __init__(self, path: FlightPath, t_s: Array, sigmas: tuple[float, float, float], offsets_s: Array, seed: int):
-        rng = np.random.default_rng(seed)
-        self.t_s, self._path, self._offsets_s = t_s, path, offsets_s
-        sizes = np.repeat([*sigmas[:2], np.deg2rad(sigmas[2])], 3)
-        self._errors = rng.normal(size=(t_s.size, offsets_s.size, 9)) * sizes
+    def __init__(self, path: FlightPath, t_s: Array, errors: Array, offsets_s: Array, groups: int = 1) -> None:
+        self.t_s, self._path, self._errors, self._offsets_s, self._groups = t_s, path, errors, offsets_s, groups
 
-    def block(self, k0: int, k1: int) -> tuple[Array, Array, Array]:
+    def block(self, k0: int, k1: int) -> tuple[Array, ...]:
         true = self._path.state((self.t_s[k0:k1, None] - self._offsets_s).ravel())
-        shape = (k1 - k0, 1, self._offsets_s.size)
-        errors = self._errors[k0:k1, None]
+        shape, errors = (-1, self._offsets_s.size, 3), self._errors[k0:k1]
         tilt = np.moveaxis(small_rotation(np.moveaxis(errors[..., 6:], -1, 0)), (0, 1), (-2, -1))
-        p, v = true.p.reshape(*shape, 3) + errors[..., :3], true.v.reshape(*shape, 3) + errors[..., 3:6]
-        return p, v, tilt @ level_matrices(true.yaw.reshape(shape))
+        level = level_matrices(true.yaw.reshape(errors.shape[:2]))
+        values = (true.p.reshape(shape) + errors[..., :3], true.v.reshape(shape) + errors[..., 3:6], tilt @ level)
+        return tuple(np.repeat(each[:, None], self._groups, axis=1) for each in values)
+
+
+def white_egi(path: FlightPath, sigmas: tuple[float, float, float], offsets_s: Array, seed: int) -> LaneEgi:
+    """White errors; ``sigmas``: position m, velocity m/s, attitude deg."""
+    t_s = np.arange(0.0213, END_S, 0.02)
+    sizes = np.repeat([*sigmas[:2], np.deg2rad(sigmas[2])], 3)
+    return LaneEgi(path, t_s, np.random.default_rng(seed).normal(size=(t_s.size, offsets_s.size, 9)) * sizes, offsets_s)
 
 
 def setup(groups: int, sigma_r: tuple[float, float, float], *, augmented: bool = True, **changes: float) -> FilterSetup:

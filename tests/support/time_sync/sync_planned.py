@@ -10,10 +10,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from sync_flights import level_matrices
+from sync_flights import LaneEgi
 
 from bench.analysis import Planned
-from bench.maths.strapdown import small_rotation
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, EgiSpread, FilterSetup, ImuSamples
 from bench.systems.time_sync.limits import latency_of
@@ -29,27 +28,16 @@ NEAR_s, COARSE_s, TAG_NOISE_s = 0.05, 0.01, 1e-5
 _MICRO_G, _DEG_H = 9.80665e-6, np.radians(1.0) / 3600.0
 
 
-class WanderingEgi:
-    """Solutions of an EGI on every lane, the same for both groups. ``path``: true.   ``offsets_s``: (R,)."""
-
-    def __init__(self, path: FlightPath, end_s: float, spread: EgiSpread, offsets_s: Array, rng: Any) -> None:
-        self.t_s = np.arange(REACH_s, end_s - REACH_s, EGI_s)
-        self._path, self._offsets_s, runs = path, offsets_s, offsets_s.size
-        sizes = np.array([spread.position_m] * 3 + [spread.velocity_m_s] * 3
-                         + [*np.radians([spread.level_deg, spread.level_deg, spread.heading_deg])])  # fmt: skip
-        kept = np.exp(-EGI_s / np.array([spread.wander_s] * 6 + [np.inf, np.inf, spread.heading_wander_s]))
-        errors = rng.standard_normal((self.t_s.size, runs, 9))
-        for k in range(1, self.t_s.size):
-            errors[k] = kept * errors[k - 1] + np.sqrt(1.0 - kept**2) * errors[k]
-        self._errors = errors * sizes
-
-    def block(self, k0: int, k1: int) -> tuple[Array, ...]:
-        true = self._path.state((self.t_s[k0:k1, None] - self._offsets_s).ravel())
-        shape, errors = (-1, self._offsets_s.size, 3), self._errors[k0:k1]
-        tilt = np.moveaxis(small_rotation(np.moveaxis(errors[..., 6:], -1, 0)), (0, 1), (-2, -1))
-        level = level_matrices(true.yaw.reshape(errors.shape[:2]))
-        values = (true.p.reshape(shape) + errors[..., :3], true.v.reshape(shape) + errors[..., 3:6], tilt @ level)
-        return tuple(np.repeat(each[:, None], len(GROUPS), axis=1) for each in values)
+def wandering_egi(path: FlightPath, end_s: float, spread: EgiSpread, offsets_s: Array, rng: Any) -> LaneEgi:
+    """Solutions whose errors wander, for both groups."""
+    t_s, runs = np.arange(REACH_s, end_s - REACH_s, EGI_s), offsets_s.size
+    sizes = np.array([spread.position_m] * 3 + [spread.velocity_m_s] * 3
+                     + [*np.radians([spread.level_deg, spread.level_deg, spread.heading_deg])])  # fmt: skip
+    kept = np.exp(-EGI_s / np.array([spread.wander_s] * 6 + [np.inf, np.inf, spread.heading_wander_s]))
+    errors = rng.standard_normal((t_s.size, runs, 9))
+    for k in range(1, t_s.size):
+        errors[k] = kept * errors[k - 1] + np.sqrt(1.0 - kept**2) * errors[k]
+    return LaneEgi(path, t_s, errors * sizes, offsets_s, len(GROUPS))
 
 
 def brought_near(offsets_s: Array) -> Array:
@@ -66,7 +54,7 @@ def errors_of_flights(planned: Planned, path: FlightPath, end_s: float, runs: in
     unit = imu_runs(path, end_s, runs, seed)
     samples = ImuSamples(unit.t_s, unit.dv, unit.dtheta, np.zeros(unit.t_s.size, bool))
     setup = FilterSetup((True, True), (LOOSE, TIGHT), offset_sigma_s=OFFSET_STD_s, keep_every=50)
-    run = run_filter(samples, WanderingEgi(path, end_s, spread, offsets_s, rng), setup)
+    run = run_filter(samples, wandering_egi(path, end_s, spread, offsets_s, rng), setup)
     found: dict[Any, Array] = {
         ("time_offset", method, None): run.offset_s[-1, group] - offsets_s for method, group in GROUPS.items()
     }

@@ -82,9 +82,6 @@ def test_two_hundred_sound_units_pass(inside: Inside, tmp_path: Path) -> None:
     assert max(times_s) <= 10.0
 
 
-# --- before power ----------------------------------------------------------------------------------------------------
-
-
 class Gauge(SimulatedOperator):
     """Answers like the simulated operator, but for some questions."""
 
@@ -208,9 +205,6 @@ def switched(folder: Path) -> list[str]:
     sent = [str(one["text"]) for one in found if one["direction"] == "tx"]
     begun = max(number for number, text in enumerate(sent) if text.startswith("VOLT "))
     return [text for text in sent[begun:] if text in ("OUTP ON", "OUTP OFF")]
-
-
-# --- repeats ---------------------------------------------------------------------------------------------------------
 
 
 def commands_of(plan: Plan, item: str) -> int:

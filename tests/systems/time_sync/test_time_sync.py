@@ -215,19 +215,3 @@ def test_image_of_a_session_is_where_the_offset_puts_it(tmp_path: Path) -> None:
     shift_m = every(found, "image_shift")[0]["value"]
     assert -1.15 < shift_m / (250.0 * due_s) < -1.0
     assert abs(offsets(found)["augmented_tight"]["value"] - due_s) * 250.0 < 0.25
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize("link", ["imu", "egi"])
-def test_a_bad_link_in_a_whole_turn(rehearse: Callable[..., Rehearsal], link: str) -> None:
-    """One frame in a hundred dropped and one damaged, on one port alone."""
-
-    def spoil(world: World) -> None:
-        faults = world.faults.link(link)
-        faults.drop_rate, faults.bit_error_rate = 0.01, 0.01 / (8 * {"imu": 46, "egi": 98}[link])
-
-    plan = compile_sequence(find_shipped("sequences", "time_sync_turn"), None, {"warm_up": "1 s"})
-    bad, sound = (of_session(rehearse(plan, arrange).run.folder) for arrange in (spoil, None))
-    for method in METHODS:
-        assert bad[method]["value"] != sound[method]["value"]
-        assert abs(bad[method]["value"] - sound[method]["value"]) < sound[method]["expanded_uncertainty"]

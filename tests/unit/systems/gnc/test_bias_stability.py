@@ -69,9 +69,6 @@ def _mean_variance(span: float) -> float:
     return 2.0 * (span - 1.0 + math.exp(-span)) / span**2 if span > 1e-4 else 1.0 - span / 3.0
 
 
-# --- stability -------------------------------------------------------------------------------------------------------
-
-
 def test_theory() -> None:
     """19 times the angle random walk; with 2 deg/h beside it 6.03 deg/h."""
     assert expected_stability(60.0) == pytest.approx(18.97, abs=0.01)
@@ -166,8 +163,6 @@ def test_frames_lost_at_the_end_of_the_hour_are_missing_samples() -> None:
     assert stability.averages_of(np.arange(72_000.0), 0.05)[-1] == pytest.approx(71_800 + 99.5)
 
 
-# --- repeatability ---------------------------------------------------------------------------------------------------
-
 STARTS_s, LENGTHS_s = [1200.0 * k for k in range(6)], [600.0] * 6
 MEANS_deg_h = [1.0, 2.5, -0.5, 3.0, 0.0, 1.2]
 
@@ -206,9 +201,6 @@ def test_intervals_of_the_repeatability_cover() -> None:
     assert 0.92 < np.mean([one.low <= 3.0 <= one.high for one in found]) < 0.98
 
 
-# --- bias of minutes -------------------------------------------------------------------------------------------------
-
-
 @pytest.mark.validates(
     "95 % intervals of a bias of 3 min",
     against="300 simulated records of white noise, and the random walk by the package allantools",
@@ -244,9 +236,6 @@ def test_coarse_steps_without_noise() -> None:
     assert dithered.resolution_std == 0.0
 
 
-# --- flip ------------------------------------------------------------------------------------------------------------
-
-
 def level(axis: str, up: np.ndarray, bias_mg: float, rng: np.random.Generator) -> BiasMean:
     """Readings of one axis in mg where ``up`` is the upward direction in the unit's axes."""
     return mean_bias(1000.0 * up["xyz".index(axis)] + bias_mg + rng.normal(size=3600) * 1.4, 0.05)
@@ -274,8 +263,6 @@ def test_uncertainty_of_a_flip() -> None:
     assert found.samples == 7200
     assert flip_bias(one, one, axis="z", about="x").dof == pytest.approx(40.0)
 
-
-# --- declared noise --------------------------------------------------------------------------------------------------
 
 WANDERING = [(3.0, 40.0), (2.0, 300.0)]
 

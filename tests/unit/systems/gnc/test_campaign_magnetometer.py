@@ -100,22 +100,14 @@ def test_roll_is_right_after_compensation_and_only_then(found: Analysis) -> None
 
 def test_the_correction_in_force_is_undone() -> None:
     """The same module with a correction of its own: its answers change, the errors after ours do not."""
-    plain, offset = rolls(), (250, -100)
+    plain, offset, errors = rolls(), (250, -100), []
     moved = [replace(plain[0], sent=struct.pack("<5h", *offset, 0, 10_000, 0))]
     for answer in plain[1:]:
         roll, x, y, z = struct.unpack("<4h", answer.received)
         moved.append(replace(answer, received=struct.pack("<4h", roll, x - offset[0], y - offset[1], z)))
-    errors = [
-        [
-            entry["value"]
-            for entry in every(
-                analyse(spun().material("magnetometer", exchanges=exchanges, layouts=LAYOUTS)),
-                "mag_roll_error",
-                method="ellipse",
-            )
-        ]
-        for exchanges in (plain, moved)
-    ]
+    for exchanges in (plain, moved):
+        analysis = analyse(spun().material("magnetometer", exchanges=exchanges, layouts=LAYOUTS))
+        errors.append([entry["value"] for entry in every(analysis, "mag_roll_error", method="ellipse")])
     np.testing.assert_allclose(errors[0], errors[1], atol=1e-9)
 
 
@@ -141,9 +133,10 @@ def test_the_method_chosen_is_the_one_that_compensates() -> None:
         analysed("other")
 
 
-def attitudes(rig: Rig, hard_gauss: tuple[float, float, float]) -> None:
-    """A minute of readings all over the sphere about a hard iron, without soft iron."""
+def attitudes(rig: Rig, hard_gauss: tuple[float, float, float], cap: bool = False) -> None:
+    """A minute of readings all over the sphere, or on a cap of it, about a hard iron, without soft iron."""
     field = rig.rng.normal(size=(12_000, 3))
+    field[:, 2] = 2.0 * np.hypot(*field[:, :2].T) if cap else field[:, 2]
     field = FIELD_gauss * field / np.linalg.norm(field, axis=1)[:, None] + hard_gauss
     seen = np.rint((field + rig.rng.normal(0.0, 5e-4, field.shape)) / 120e-6)
     rig._add(0.0 * field, 0.0 * field, (90.0, 0.0, 0.0), "z", {"item": "attitudes"}, mag=seen)
@@ -166,6 +159,11 @@ def test_a_saturated_record_is_not_used() -> None:
     iron = every(analysis, "mag_hard_iron")
     np.testing.assert_allclose([entry["value"] for entry in iron], hard_gauss, atol=5e-5)
     assert {entry["n"] for entry in iron} == {12_000}
+    rig = spun(table="non_magnetic")
+    attitudes(rig, hard_gauss, cap=True)  # which leaves a direction open
+    analysis = analyse(rig.material("magnetometer"))
+    assert every(analysis, "mag_hard_iron") == []
+    assert any("hard and soft iron" in text and "B-FIT-091" in text for text in (*analysis.notes, *analysis.missing))
 
 
 @pytest.mark.parametrize(
@@ -182,9 +180,6 @@ def test_gain_offset_and_angle_need_not_be_whole_numbers(settings: dict[str, str
     plan = compile_sequence("gnc_magnetometer", None, settings)
     (command,) = [step for step in plan.steps if isinstance(step, PlannedCommand) and step.name == "set_magnetometer"]
     assert struct.unpack("<5h", bytes(command.payload)) == sent
-
-
-# --- logs ------------------------------------------------------------------------------------------------------------
 
 
 def material(field: Array, unit: str = "gauss") -> Material:

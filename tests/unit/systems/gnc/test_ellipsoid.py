@@ -160,9 +160,6 @@ def test_too_few_or_noisy_readings_are_refused() -> None:
             fit_ellipsoid(field)
 
 
-# --- noise that wanders, odd readings --------------------------------------------------------------------------------
-
-
 def wandering(rng: np.random.Generator, same_over: int = 1, count: int = READINGS) -> np.ndarray:
     """Readings all over the sphere; the noise is the same over so many of them."""
     unit = everywhere(rng, count)

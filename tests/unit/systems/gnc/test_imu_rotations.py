@@ -224,9 +224,6 @@ def test_quiet_sensor_keeps_its_quantisation() -> None:
     assert 0.7 < np.sqrt(np.mean(off**2)) / stated < 1.3
 
 
-# --- records ---------------------------------------------------------------------------------------------------------
-
-
 def good() -> list[RotationRecord]:
     return rotations(unit_of(5), np.random.default_rng(5))
 

@@ -234,9 +234,6 @@ def test_classes_stand_in_order_and_a_unit_is_its_worst_sensor() -> None:
     assert rest_drift.worst_class(["tactical", "consumer", "industrial"]) == "consumer"
 
 
-# --- the analysis ----------------------------------------------------------------------------------------------------
-
-
 def turned_log(turns: list[tuple[str, float]] = TURNS, rest_s: float = 9.0, **more: Any) -> Material:
     """A unit turned from rest to rest: 0.03 deg/s and 10 mm/s^2 of scatter a sample, and a bias."""
     accel, gyro = noisy(*poses(turns, rest_s)[:2])

@@ -109,8 +109,6 @@ def test_too_few_poses_and_poses_that_are_none_are_refused() -> None:
         fit_multi_position(directions(rng, 60) * rng.uniform(0.6, 1.4, (60, 1)), 1.0)
 
 
-# --- at rest and between ---------------------------------------------------------------------------------------------
-
 MATRIX = np.array([[1.01, 0.004, -0.002], [0.006, 0.99, 0.005], [-0.003, 0.001, 1.02]])  # of K, per count of 80 / deg/s
 OFFSET = np.array([32768.0, 32466.0, 32485.0])
 

@@ -145,9 +145,6 @@ def test_windows_without_gaps_and_a_short_hour_give_no_result() -> None:
     assert {"bias: no record", "flip: no record"} <= set(analysis.missing)
 
 
-# --- worlds that are not the named ones ------------------------------------------------------------------------------
-
-
 def rig() -> Rig:
     made = Rig(611, Unit())
     made.rest(61.0, POSE, item="bias", up="+z")
@@ -251,9 +248,6 @@ def test_columns_or_signs_that_were_mixed_up_are_refused(wrong: Any) -> None:
 
 def triad(sensitivity: Any) -> TriadFit:
     return TriadFit(np.linalg.inv(sensitivity), np.zeros(3), np.eye(12), np.zeros((6, 3)), 0.0, 6, 6.0, 1.0)
-
-
-# --- logs ------------------------------------------------------------------------------------------------------------
 
 
 def log(values: Array, t_s: Array, role: str = "gyro", unit: str = "deg/s") -> Material:

@@ -162,17 +162,6 @@ def test_what_cannot_be_told_from_zero_is_a_limit(rows: list[Any]) -> None:
     assert laser_results.squared(laser_results.Measured(0.3, 0.2)).std == pytest.approx(draws.std(), rel=0.02)
 
 
-def test_several_phase_settings_are_drawn_against_the_phase_found(edges: dict[float, Any]) -> None:
-    rows = [
-        row_of(edges[0.28], FAST_HZ, k + 1, path_length_m=0.28, phase_setting_deg=setting)
-        for k, setting in enumerate((70.0, 80.0, 90.0))
-    ]
-    analysis = analyse(material(*rows))
-    (figure,) = [figure for figure in analysis.figures if figure.title == "Ratio against backscatter phase"]
-    assert figure.series[0].x == pytest.approx([90.0] * 3, abs=0.5)
-    assert one(analysis, "angle_random_walk", method="raw", phase_setting_deg=80.0)["n"] > 2500
-
-
 def test_a_combination_without_a_record_and_a_record_without_edges_are_missing(rows: list[Any]) -> None:
     empty = without(rows[0], *range(len(rows[0].samples)))
     analysis = analyse(material(empty, rows[1], rows[3]))

@@ -183,13 +183,6 @@ def test_stated_uncertainties_of_the_constants_are_their_scatter(at_90: Laser, a
         assert 0.8 < np.sqrt(np.mean(each**2)) < 1.4
 
 
-def test_phase_at_the_turnaround(at_40: Laser) -> None:
-    found = at_40.seen(FAST_HZ).constants.jumps
-    off = np.angle(np.exp(1j * (found.psi0_rad - at_40.beat.turning_rad)))
-    off -= np.pi * np.rint(off[0] / np.pi)  # the count begins at 0 or 1
-    assert np.abs(off).max() < 0.01
-
-
 def test_readout_is_the_latched_count(at_90: Laser) -> None:
     """Net phase of each period: the lock-in errors in it, and no more than the ticks' share besides."""
     gyro, beat, found = at_90.gyro, at_90.beat, at_90.seen(FAST_HZ)
@@ -257,16 +250,6 @@ def test_second_harmonic_is_left_over_and_shown() -> None:
         explained = lines @ np.linalg.lstsq(lines, left, rcond=None)[0]
         assert explained.std() > 0.5 * left.std()
     assert found.ratios("G")["G"] > 0.03
-
-
-def test_a_walk_is_the_same_however_a_record_is_cut(at_90: Laser) -> None:
-    """Two stretches joined by a gap."""
-    gyro, found = at_90.gyro, at_90.seen(FAST_HZ)
-    steps = cycle_increments(found.psi_rad, found.rising, found.turns)
-    joined = np.concatenate((steps.increment_rad[:299], [np.nan], steps.increment_rad[300:]))
-    whole = random_walk(steps.increment_rad, steps.interval_s, gyro.path_m)
-    again = random_walk(joined, steps.interval_s, gyro.path_m)
-    assert again.n_deg_rth == pytest.approx(whole.n_deg_rth, rel=0.1)
 
 
 @pytest.mark.sweep

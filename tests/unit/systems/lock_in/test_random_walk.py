@@ -149,9 +149,6 @@ def test_path_exponent_is_that_of_a_weighted_line() -> None:
             walking.path_exponent(np.array(path), np.array([1e-3, 2e-3]), np.array(stds))
 
 
-# --- steadiness ------------------------------------------------------------------------------------------------------
-
-
 def outputs(seed: int, quantum: float = 0.5) -> Any:
     rng = np.random.default_rng(seed)
     found = rng.standard_normal(PERIODS) + np.diff(quantum * rng.standard_normal(PERIODS + 1))

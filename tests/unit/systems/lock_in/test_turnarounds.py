@@ -174,17 +174,6 @@ def test_a_pair_that_changed_places_is_marked_and_nothing_else() -> None:
     assert np.array_equal(found.level, level[order])
 
 
-def test_all_at_once() -> None:
-    level, rising, cosine = edges_of(swing(20, 40))
-    order = np.arange(level.size)
-    order[[19, 20]], order[[99, 100]] = (20, 19), (100, 99)
-    kept = np.delete(order, [45, 260])
-    found = counted(rising[kept], cosine[kept])
-    assert (found.repaired, int(found.suspect.sum()), found.breaks.size) == (1, 4, 1)
-    assert np.array_equal(found.level[:250], level[kept][:250])
-    assert np.array_equal(found.level % 2 == 0, cosine[kept])
-
-
 @pytest.mark.parametrize("noise_rad", [0.0, 0.05])
 def test_levels_of_a_simulated_beat(noise_rad: float) -> None:
     beat = simulate(Gyro(path_m=0.15, beat_noise_rad=noise_rad), 0.2, seed=4)

@@ -167,8 +167,6 @@ def test_offsets_are_recovered_and_intervals_hold() -> None:
     assert {name: np.mean(held) for name, held in within.items() if np.mean(held) < 0.9} == {}
 
 
-# --- the track -------------------------------------------------------------------------------------------------------
-
 FRAME = TangentFrame(37.5, 126.95)
 T_s = 7.0 + 0.02 * np.arange(25_000)  # 500 s at 50 Hz
 SPEED_m_s, HEIGHT_m = 250.0, 3000.0

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
-from sync_flights import BASE, END_S, LEVEL_UNTIL_S, LaneOffsets, flight, level_matrices, setup, turning
-from sync_planned import WanderingEgi
+from sync_flights import BASE, END_S, LEVEL_UNTIL_S, flight, level_matrices, setup, turning, white_egi
+from sync_planned import wandering_egi
 
 from bench.maths.strapdown import earth_rate, navigate, small_rotation
 from bench.systems.time_sync.estimators.kalman import filter as sync_filter
@@ -63,7 +63,7 @@ def matched() -> tuple[FilterRun, Array]:
     path = FlightPath(((0.0, 0.0, 0.0), (1.5, 8.0, 0.0), (4.0, 0.0, 9.0)))
     unit = imu_runs(path, 6.0, RUNS, SEED)
     offsets_s = np.random.default_rng(SEED).normal(size=RUNS) * 0.03
-    egi = LaneOffsets(path, np.arange(0.0213, 6.0, 0.02), SIGMAS, offsets_s, SEED + 1)
+    egi = white_egi(path, SIGMAS, offsets_s, SEED + 1)
     sizes = dict(zip(("position_sigma_m", "velocity_sigma_m_s", "attitude_sigma_deg"), SIGMAS, strict=True))
     run = run_filter(samples_of(unit), egi, setup(1, SIGMAS, **sizes))
     true = path.state(run.t_s)
@@ -110,7 +110,7 @@ def test_a_filter_that_knows_too_much_and_a_forgotten_turn_of_the_force_are_foun
 def test_the_covariance_of_wandering_errors_is_that_of_many_flights() -> None:
     """The offset itself was assumed within 30 ms, which draws it to zero: it is zero here."""
     runs, spread = 100, EgiSpread(wander_s=5.0, heading_wander_s=20.0)
-    egi = WanderingEgi(flight().path, END_S, spread, np.zeros(runs), np.random.default_rng(20))
+    egi = wandering_egi(flight().path, END_S, spread, np.zeros(runs), np.random.default_rng(20))
     run = run_filter(flight(runs).imu, egi, FilterSetup((True, True), (LOOSE, TIGHT), egi=spread))
     assert run.real_covariance is not None
     for group in range(2):
@@ -152,9 +152,6 @@ def test_eigenvalues_of_a_case_known_by_hand() -> None:
         assert bounds == pytest.approx(stats.chi2.ppf([0.025, 0.975], dof), rel=1e-5)
 
 
-# --- the error model -------------------------------------------------------------------------------------------------
-
-
 def test_error_model_is_that_of_the_mechanisation() -> None:
     """Each error by itself, put into the strapdown and carried on for one EGI interval by both."""
     rng = np.random.default_rng(2)
@@ -193,7 +190,7 @@ def test_biases_are_found_with_their_signs() -> None:
     """Sensors whose biases stand far above all noise, in a turn: what is left of them is a small part."""
     path, runs = turning(), 3
     unit = imu_runs(path, 6.0, runs, 5, ImuClass(5000.0, 0.1, 300.0, 1e-3))
-    egi = LaneOffsets(path, np.arange(0.0213, 6.0, 0.02), (0.01, 0.002, 0.001), np.full(runs, 0.0137), 6)
+    egi = white_egi(path, (0.01, 0.002, 0.001), np.full(runs, 0.0137), 6)
     begin = FilterSetup(
         (True,), ((0.01, 0.002, 0.001),), position_sigma_m=5.0, velocity_sigma_m_s=0.01, attitude_sigma_deg=0.002,
         imu=ImuDensities(5000.0, 0.1, 300.0, 1e-3),
@@ -204,8 +201,6 @@ def test_biases_are_found_with_their_signs() -> None:
         assert np.sqrt(np.mean(left**2)) < 0.05 * np.sqrt(np.mean(true**2))
     assert run.offset_s[-1, 0] == pytest.approx(0.0137, abs=2e-4)
 
-
-# --- past states -----------------------------------------------------------------------------------------------------
 
 RATE_rad_s = 0.3
 ACCELERATION_m_s2 = np.array([4.0, -2.0, 1.0])

@@ -66,9 +66,6 @@ def test_late_early_and_fractional_offsets_are_found_with_their_sign(sound: Filt
     assert np.all(sound.offset_s[-1].std(axis=-1) > 1e-6)  # lanes are not copies of each other
 
 
-# --- what would break it ---------------------------------------------------------------------------------------------
-
-
 def signs_of_rows(patch: pytest.MonkeyPatch, signs: Array | float) -> None:
     """The offset's column of H with other signs of position, velocity and attitude."""
     rows = sync_filter.measurement_rows
@@ -130,9 +127,6 @@ def test_truth_leaking_into_the_begin_and_white_errors_are_found(monkeypatch: py
         judge(run_sound(flight(6), replace(setup(3, BASE, keep_every=5), position_sigma_m=1.0)))
 
 
-# --- what it gives ---------------------------------------------------------------------------------------------------
-
-
 def test_without_the_state_the_errors_lag_by_the_offset() -> None:
     trip = flight(6)
     run = run_filter(trip.imu, trip.egi((0.0, 0.020)), setup(2, BASE, augmented=False))
@@ -177,23 +171,18 @@ def test_while_the_position_is_held_only_the_attitude_is_used() -> None:
     assert biggest_m[1] < 0.5 * biggest_m[0]
 
 
-def test_an_offset_of_a_tenth_of_a_second_is_found() -> None:
+def test_an_offset_of_a_tenth_is_found_and_half_a_second_from_a_rough_value() -> None:
     trip = flight(6)
-    run = run_filter(trip.imu, trip.egi((0.1,)), setup(1, LOOSE))
-    assert run.offset_s[-1].mean() == pytest.approx(0.1, abs=3.4e-3)
-    again = run_filter(trip.imu, trip.egi((0.1,)), setup(1, LOOSE, offset0_s=float(run.offset_s[-1].mean())))
-    assert again.offset_s[-1].mean() == pytest.approx(0.1, abs=0.5e-3)
 
+    def found(offset_s: float, **begin: float) -> float:
+        return float(run_filter(trip.imu, trip.egi((offset_s,)), setup(1, LOOSE, **begin)).offset_s[-1].mean())
 
-@pytest.mark.parametrize("offset_s", [0.5, -0.5])
-def test_half_a_second_is_found_from_a_rough_value(offset_s: float) -> None:
-    trip = flight(2)
-    begin = setup(1, LOOSE, offset0_s=offset_s - 0.02, look_ahead_s=0.6, reach_s=1.3)
-    run = run_filter(trip.imu, trip.egi((offset_s,)), begin)
-    assert run.offset_s[-1].mean() == pytest.approx(offset_s, abs=1e-3)
-
-
-# --- lost samples ----------------------------------------------------------------------------------------------------
+    rough_s = found(0.1)
+    assert rough_s == pytest.approx(0.1, abs=3.4e-3)
+    assert found(0.1, offset0_s=rough_s) == pytest.approx(0.1, abs=0.5e-3)
+    for offset_s in (0.5, -0.5):
+        begin = {"offset0_s": offset_s - 0.02, "look_ahead_s": 0.6, "reach_s": 1.3}
+        assert found(offset_s, **begin) == pytest.approx(offset_s, abs=1e-3)
 
 
 class Samples:

@@ -174,9 +174,6 @@ def test_lost_frames_are_no_step_and_too_few_tell_nothing() -> None:
         port_clocks.port_clock(tags_s, counter, stamps_s)
 
 
-# --- odd readings ----------------------------------------------------------------------------------------------------
-
-
 def smooth(seed: int = 1) -> Array:
     at = COUNTER / 50.0
     clean = np.stack([100.0 * at, np.sin(at), np.where(at > 30.0, 7.0 * (at - 30.0), 0.0)], axis=1)

@@ -172,9 +172,6 @@ def test_values_between_gates_are_those_of_the_band_limited_pulse(centre: float)
     assert not beyond.any()
 
 
-# --- the response ----------------------------------------------------------------------------------------------------
-
-
 def _sinc_islr_dB() -> float:
     """Energy of sinc^2 beyond its first zeros and within 12 widths of 0.8859, against that of the main lobe."""
     main = integrate.quad(lambda x: np.sinc(x) ** 2, 0.0, 1.0)[0]

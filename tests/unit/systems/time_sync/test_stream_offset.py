@@ -169,8 +169,6 @@ def test_a_telephone_beside_a_camera_system() -> None:
     assert entry["value"] == pytest.approx(2.675, abs=0.01)
 
 
-# --- both units ------------------------------------------------------------------------------------------------------
-
 UNITS = """\
 mapping: pair
 uut: {model: EGI and IMU, serial: S-1}

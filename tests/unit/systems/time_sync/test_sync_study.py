@@ -204,8 +204,6 @@ def test_a_group_flies_the_same_errors_in_any_task() -> None:
         assert np.array_equal(both.mean[name][:, 1:], alone.mean[name])
 
 
-# --- results made by formula: no simulation, no filter ---------------------------------------------------------------
-
 _EDGES_s = (20.0, 40.0)
 
 
