@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from scipy import stats
-from sync_flights import BASE, END_S, LEVEL_UNTIL_S, flight, level_matrices, setup, turning, white_egi
-from sync_planned import wandering_egi
+from sync_flights import BASE, END_S, LEVEL_UNTIL_S, flight, level_matrices, setup, turning, wandering_egi, white_egi
 
 from bench.maths.strapdown import earth_rate, navigate, small_rotation
 from bench.systems.time_sync.estimators.kalman import filter as sync_filter
