@@ -4,10 +4,7 @@ known iron; recordings of other people, one against the figures its author print
 
 from __future__ import annotations
 
-import json
-import os
 import struct
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from gnc_exchanges import FRAME, exchange
+from imported_logs import MAPPINGS, estimates_of, imported, of_mirror
 from imu_material import Rig
 from numpy.typing import NDArray
 from one_estimate import every, one, value
@@ -23,7 +21,6 @@ from spoken import english_left
 
 from bench.analysis import Analysis, Material
 from bench.analysis.doubt import weigh
-from bench.commands.import_log import import_log
 from bench.frame import load_frame
 from bench.model.errors import FitError
 from bench.plan import PlannedCommand, compile_sequence
@@ -34,10 +31,8 @@ Array = NDArray[np.float64]
 SEED, FIELD_gauss = 608, 0.43
 LAYOUTS = load_frame(FRAME).commands
 LIMITS = {"roll_error": {"value": 2.0, "unit": "deg"}}
-MIRROR = Path(os.environ.get("BENCH_CAPTURES", "/nowhere"))
 HARD = np.array([0.12, -0.05, 0.3])
 SOFT = np.array([[1.05, 0.02, -0.01], [0.02, 0.97, 0.03], [-0.01, 0.03, 0.99]])
-MAPPINGS = Path(__file__).resolve().parents[4] / "docs" / "mappings"
 
 
 def rolls(deg: range = range(0, 360, 45)):
@@ -236,22 +231,12 @@ def test_half_a_sphere_and_a_missing_axis_are_refused() -> None:
         magnetometer.analyse(lacking)
 
 
-def imported(tmp_path: Path, repository: str, name: str, mapping: str) -> tuple[Array, list[dict[str, float]], int]:
-    folder = MIRROR / repository / "repo"
-    if not folder.is_dir():
-        pytest.skip(f"no {folder}: name the folder of its copy in BENCH_CAPTURES")
-    shown = subprocess.run(["git", "-C", folder, "show", f"HEAD:{name}"], capture_output=True, check=True)
-    (tmp_path / "log.txt").write_bytes(shown.stdout)
-    status = import_log(MAPPINGS / f"{mapping}.yaml", tmp_path / "log.txt", tmp_path / "out")
-    (results,) = (tmp_path / "out").glob("*/results.json")
-    field = np.array([line.replace(",", " ").split() for line in shown.stdout.decode().splitlines() if line], float)
-    return field, json.loads(results.read_text(encoding="utf-8"))["estimates"], status
-
-
 @pytest.mark.real
 def test_a_real_sphere_against_a_fit_by_scipy(tmp_path: Path) -> None:
     """github.com/aleksandrbazhin/ellipsoid_fit_python: 347 readings in counts, of a field of 174."""
-    field, found, _ = imported(tmp_path, "aleksandrbazhin+ellipsoid_fit_python", "mag_out.txt", "magnetometer_sphere")
+    log = of_mirror("aleksandrbazhin+ellipsoid_fit_python", "mag_out.txt")
+    field = np.array([line.replace(",", " ").split() for line in log.decode().splitlines() if line], float)
+    found = estimates_of(imported(tmp_path, MAPPINGS / "magnetometer_sphere.yaml", log, None))
 
     def off(parameters: Array) -> Array:
         shape = np.zeros((3, 3))
@@ -271,5 +256,6 @@ def test_a_real_turn_against_the_figures_of_its_author(tmp_path: Path) -> None:
     Its z, 569.4, rests on readings that hardly leave a plane; it is not given here. Its fit is algebraic, which moves a
     centre by 1 % of the field of 190 where readings lie unevenly.
     """
-    _, found, _ = imported(tmp_path, "nliaudat+magnetometer_calibration", "mag_out_sample.txt", "hmc5883l_turn")
+    log = of_mirror("nliaudat+magnetometer_calibration", "mag_out_sample.txt")
+    found = estimates_of(imported(tmp_path, MAPPINGS / "hmc5883l_turn.yaml", log, None))
     assert [value(found, "mag_offset", axis=axis) for axis in "xy"] == pytest.approx([41.46, -87.80], abs=2.0)

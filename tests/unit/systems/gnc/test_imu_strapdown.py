@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from imported_logs import estimates_of, imported, table
 from one_estimate import every, one, value
 from scipy.spatial.transform import Rotation
 from spoken import english_left
@@ -20,7 +21,6 @@ from test_imu_logs import log
 
 from bench.analysis import Material, with_uncertainty
 from bench.analysis.doubt import weigh
-from bench.commands.import_log import import_log
 from bench.model.errors import ExitStatus, FitError
 from bench.systems.gnc.estimators import rest_drift
 from bench.systems.gnc.estimators.between_rests import drift_between_rests, turn_scale
@@ -349,21 +349,16 @@ def test_what_a_log_does_not_tell_is_missing_or_refused() -> None:
 
 def test_a_doubtful_result_ends_with_status_1(tmp_path: Path) -> None:
     """A log of one hand turn, whose error between rests has an interval of nine times its size."""
-    roles = [(f"{letter}{axis}", role, axis, unit) for letter, role, unit in
-             (("g", "gyro", "deg/s"), ("a", "accelerometer", "m/s2")) for axis in "xyz"]  # fmt: skip
     accel, gyro = noisy(*poses([("x", 90.0)], 9.0)[:2])
-    table = np.column_stack((np.arange(len(accel)) / RATE, np.degrees(gyro), accel))
-    names = ",".join(["t", *(name for name, *_ in roles)])
-    np.savetxt(tmp_path / "turn.csv", table, delimiter=",", header=names, comments="")
+    rows = np.column_stack((np.arange(len(accel)) / RATE, np.degrees(gyro), accel))
+    roles = ("gyro", "deg/s"), ("accelerometer", "m/s2")
     mapping = ["mapping: turn", "uut: {model: M, serial: S-3}", "analysis: imu_strapdown", "site: {gravity: 9.81 m/s2}"]
     mapping += ["columns:", "  t: {role: time, format: elapsed, unit: s, start: 2024-01-01T00:00:00Z}"]
-    mapping += [f"  {name}: {{role: {role}, axis: {axis}, unit: {unit}}}" for name, role, axis, unit in roles]
-    (tmp_path / "m.yaml").write_text("\n".join(mapping), encoding="utf-8")
-    assert import_log(tmp_path / "m.yaml", tmp_path / "turn.csv", tmp_path / "out") == ExitStatus.VERDICT_FAIL
-    (results,) = (tmp_path / "out").glob("*/results.json")
-    document = json.loads(results.read_text())
-    assert one(document, "level_error")["quality"] == "doubtful"
-    assert one(document, "angle_random_walk")["quality"] == "sound"
+    mapping += [f"  {role[0]}{axis}: {{role: {role}, axis: {axis}, unit: {u}}}" for role, u in roles for axis in "xyz"]
+    log = table("t,gx,gy,gz,ax,ay,az", rows)
+    found = estimates_of(imported(tmp_path, "\n".join(mapping), log, ExitStatus.VERDICT_FAIL))
+    assert one(found, "level_error")["quality"] == "doubtful"
+    assert one(found, "angle_random_walk")["quality"] == "sound"
 
 
 # What makers say of the sensors: VN-100 industrial, angle random walk 0.0035 deg/s/sqrt(Hz) = 0.21 deg/sqrt(h); the

@@ -5,9 +5,6 @@ a world that is not the named one, in which what is found is doubted or refused.
 from __future__ import annotations
 
 import csv
-import json
-import os
-import subprocess
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -16,6 +13,7 @@ from typing import Any
 import allantools
 import numpy as np
 import pytest
+from imported_logs import MAPPINGS, columns_of, estimates_of, imported, of_mirror, parsed
 from imu_material import SITE, Rig, Unit, earth_rate, to_local, values
 from numpy.typing import NDArray
 from one_estimate import every, one, value
@@ -23,12 +21,8 @@ from spoken import english_left
 
 from bench.analysis import Analysis, Material, build_results, estimate
 from bench.analysis.doubt import weigh
-from bench.commands.import_log import import_log
 from bench.model.errors import FitError, InputErrors
 from bench.model.texts import ENGLISH
-from bench.model.yamlio import parse_yaml
-from bench.plan.language.mapping import mapping_model
-from bench.replay.series import replay_series
 from bench.report.model import ReportModel
 from bench.report.tables import words_of
 from bench.report.verdict_tables import verdict_table
@@ -45,9 +39,7 @@ SEED, G = 607, 9.80665
 POSE, OVER = (20.0, 0.0, 0.0), (20.0, 0.0, 180.0)
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "x 1"}
 RATE_Hz, WALK = 50.0, 0.02  # of a log; deg/s/sqrt(Hz): 1.2 deg/sqrt(h)
-MIRROR = Path(os.environ.get("BENCH_CAPTURES", "/nowhere")) / "sunsided+sensor-fusion" / "repo"
 TEN_MINUTES = "data/set-2/unmoved-with-x-pointing-forward-10min"
-MAPPING = Path(__file__).resolve().parents[4] / "docs" / "mappings" / "mpu6050_at_rest.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -318,38 +310,26 @@ def test_what_the_analysis_needs() -> None:
     t_s, values = noise(10.0)
     with pytest.raises(FitError, match="B-GNC-006"):
         bias.analyse(log(values, t_s, "temperature"))
-    text = MAPPING.read_text(encoding="utf-8")
+    text = (MAPPINGS / "mpu6050_at_rest.yaml").read_text(encoding="utf-8")
     other = text.replace("role: gyro, axis: x", "role: magnetometer, axis: x")
     with pytest.raises(InputErrors, match="'magnetometer' is no role of the analysis 'bias_log'"):
-        parse_yaml(other, "m.yaml", mapping_model())
+        parsed(other)
     none = text[: text.index("  gyroBuffer[1]")]
     with pytest.raises(InputErrors, match="needs a column of the role gyro or accelerometer"):
-        parse_yaml(none, "m.yaml", mapping_model())
+        parsed(none)
 
 
 @pytest.mark.real
-@pytest.mark.skipif(not MIRROR.is_dir(), reason=f"no {MIRROR}: name the folder of its copy in BENCH_CAPTURES")
 def test_ten_minutes_of_a_real_gyroscope(tmp_path: Path) -> None:
     """github.com/sunsided/sensor-fusion: a MATLAB 7.3 file, and means and scatter as its author computed them."""
-
-    def file(name: str) -> bytes:
-        shown = subprocess.run(
-            ["git", "-C", MIRROR, "show", f"HEAD:{TEN_MINUTES}/{name}"], capture_output=True, check=True
-        )
-        return shown.stdout
-
-    (tmp_path / "gyro.mat").write_bytes(file("mpu6050_gyroscope.mat"))
-    assert import_log(MAPPING, tmp_path / "gyro.mat", tmp_path / "out") == 0
-    (results,) = (tmp_path / "out").glob("*/results.json")
-    estimates = json.loads(results.read_text(encoding="utf-8"))["estimates"]
-    series = replay_series(results.parent)
-    stated = {
-        row["axis"].lower(): row
-        for row in csv.DictReader(file("sensor-stats.csv").decode().splitlines())
-        if row["type"] == "gyroscope"
-    }
-    for axis, row in stated.items():
-        samples = series.columns[f"gyro_{axis}_deg_s"]
+    names = ("mpu6050_gyroscope.mat", "sensor-stats.csv")
+    log, stats = (of_mirror("sunsided+sensor-fusion", f"{TEN_MINUTES}/{name}") for name in names)
+    session = imported(tmp_path, MAPPINGS / "mpu6050_at_rest.yaml", log)
+    estimates, columns = estimates_of(session), columns_of(session)
+    stated = [row for row in csv.DictReader(stats.decode().splitlines()) if row["type"] == "gyroscope"]
+    for row in stated:
+        axis = row["axis"].lower()
+        samples = columns[f"gyro_{axis}_deg_s"]
         assert samples.size == int(row["count"])
         assert np.std(samples, ddof=1) == pytest.approx(float(row["v_std_dev"]), rel=1e-5)
         assert value(estimates, "mean_output", axis=axis) / 3600.0 == pytest.approx(float(row["v_mean"]), rel=1e-5)

@@ -4,21 +4,19 @@ rate with known noise, rounded to whole counts.
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
+from typing import Any
 
 import doubt_lock_in as worlds
 import numpy as np
 import pytest
+from imported_logs import columns_of, estimates_of, imported, parsed, table
 from laser_physics import World
 from numpy.typing import NDArray
+from one_estimate import every, one
 
 from bench.analysis import Material
-from bench.commands.import_log import import_log
 from bench.model.errors import FitError, InputErrors
-from bench.model.yamlio import parse_yaml
-from bench.plan.language.mapping import mapping_model
-from bench.replay.series import replay_series
 from bench.systems.lock_in import edge_log
 from bench.systems.lock_in.records import laser_records
 
@@ -88,17 +86,12 @@ def test_rows_that_are_no_edges_are_refused() -> None:
 
 def test_a_log_of_edges_comes_back_from_its_session(tmp_path: Path) -> None:
     series, _ = edges(0.05)
-    columns = [[f"{round(t_s * 1e9)}" for t_s in series["t_s"]]]
-    columns += [["" if np.isnan(level) else f"{level:.0f}" for level in series[name]] for name in COLUMNS[1:]]
-    lines = [",".join(row) for row in zip(*columns, strict=True)]
-    (tmp_path / "log.csv").write_text("\n".join(["t,a,b,dither", *lines]), encoding="utf-8")
-    (tmp_path / "m.yaml").write_text(EDGES.replace("analysis: rlg_edge_log\n", ""), encoding="utf-8")
-    assert import_log(tmp_path / "m.yaml", tmp_path / "log.csv", tmp_path / "out") == 0
-    read = replay_series(next((tmp_path / "out").iterdir())).columns
+    rows = zip(np.round(1e9 * series["t_s"]), *(series[name] for name in COLUMNS[1:]), strict=True)
+    log = table("t,a,b,dither", rows, "%.0f")
+    read = columns_of(imported(tmp_path, EDGES.replace("analysis: rlg_edge_log\n", ""), log))
     for name in COLUMNS:
         np.testing.assert_array_equal(np.round(read[name], 9), np.round(series[name], 9))
-    campaign = parse_yaml(EDGES, "m.yaml", mapping_model()).model.campaign()
-    assert campaign["laser"] == pytest.approx({"path_length_m": 0.15, "latitude_deg": 37.0})
+    assert parsed(EDGES).campaign()["laser"] == pytest.approx({"path_length_m": 0.15, "latitude_deg": 37.0})
 
 
 COUNTS = """\
@@ -122,19 +115,15 @@ def counts() -> Array:
     return np.floor(angle / SCALE_arcsec)
 
 
-def found(folder: Path, mapping: str, values: Array, status: int = 0) -> dict[str, dict[str, float]]:
-    (folder / "m.yaml").write_text(mapping, encoding="utf-8")
-    np.savetxt(folder / "log.csv", values, header="n", comments="", fmt="%d")
-    assert import_log(folder / "m.yaml", folder / "log.csv", folder / "out") == status
-    (results,) = (folder / "out").glob("*/results.json")
-    return {one["quantity"]: one for one in json.loads(results.read_text(encoding="utf-8"))["estimates"]}
+def counted(folder: Path, mapping: str, values: Array) -> list[dict[str, Any]]:
+    return estimates_of(imported(folder, mapping, table("n", values[:, None], "%d")))
 
 
 @pytest.mark.parametrize("role", ["count", "count_increment"])
 def test_rate_walk_and_quantisation_are_those_it_was_made_of(role: str, tmp_path: Path) -> None:
     values = counts() if role == "count" else np.diff(counts())
-    entries = found(tmp_path, COUNTS.replace("role: count", f"role: {role}"), values)
-    walk, rate, steps = (entries[name] for name in ("angle_random_walk", "mean_rate", "quantisation_noise"))
+    found = counted(tmp_path, COUNTS.replace("role: count", f"role: {role}"), values)
+    walk, rate, steps = (one(found, name) for name in ("angle_random_walk", "mean_rate", "quantisation_noise"))
     assert walk["value"] == pytest.approx(WALK, abs=1.5 * walk["expanded_uncertainty"])
     assert walk["expanded_uncertainty"] < 0.1 * WALK
     assert rate["value"] == pytest.approx(RATE_deg_h, abs=1.5 * rate["expanded_uncertainty"])
@@ -157,8 +146,8 @@ def test_the_bias_leaves_an_alignment_error_where_the_log_shows_one(tmp_path: Pa
     values = np.floor(np.cumsum(rate * step_s) / 0.001)
     mapping = COUNTS.replace("1.11 arcsec", "0.001 arcsec")
     stated = mapping + f"laser: {{path_length: 28 cm, latitude: {latitude_deg:g} deg}}\n"
-    entries = found(tmp_path, stated, values)
-    bias, error = entries["bias_instability"], entries["bias_alignment_error"]
+    found = counted(tmp_path, stated, values)
+    bias, error = one(found, "bias_instability"), one(found, "bias_alignment_error")
     assert bias["value"] == pytest.approx(bias_deg_h, abs=1.5 * bias["expanded_uncertainty"])
     level_deg_h = 15.041 * np.cos(np.deg2rad(latitude_deg))
     north, east = level_deg_h, bias["value"]  # of a unit that points north
@@ -167,8 +156,8 @@ def test_the_bias_leaves_an_alignment_error_where_the_log_shows_one(tmp_path: Pa
 
 
 def test_a_log_of_a_random_walk_alone_states_no_bias(tmp_path: Path) -> None:
-    entries = found(tmp_path, COUNTS + "laser: {path_length: 28 cm, latitude: 37 deg}\n", counts())
-    assert "bias_alignment_error" not in entries
+    found = counted(tmp_path, COUNTS + "laser: {path_length: 28 cm, latitude: 37 deg}\n", counts())
+    assert every(found, "bias_alignment_error") == []
 
 
 @pytest.mark.parametrize(
@@ -180,13 +169,9 @@ def test_a_log_of_a_random_walk_alone_states_no_bias(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_record_of_counts_is_refused(stamps_s: object, values: object, said: str, tmp_path: Path) -> None:
-    mapping = COUNTS.replace(
-        "row: {role: time, format: rows, rate: 10 Hz", "t: {role: time, format: samples, rate: 1 Hz"
-    )
-    (tmp_path / "m.yaml").write_text(mapping, encoding="utf-8")
-    np.savetxt(tmp_path / "log.csv", np.transpose([stamps_s, values]), "%d", ",", header="t,n", comments="")
+    mapping = COUNTS.replace("row: {role: time, format: rows, rate: 10", "t: {role: time, format: samples, rate: 1")
     with pytest.raises(FitError, match=f"B-FIT-169: .*{said}"):
-        import_log(tmp_path / "m.yaml", tmp_path / "log.csv", tmp_path / "out")
+        imported(tmp_path, mapping, table("t,n", np.transpose([stamps_s, values]), "%d"))
 
 
 @pytest.mark.parametrize(
@@ -201,4 +186,4 @@ def test_what_is_no_record_of_counts_is_refused(stamps_s: object, values: object
 )
 def test_mistakes_of_a_mapping_are_named(mapping: str, old: str, new: str, said: str) -> None:
     with pytest.raises(InputErrors, match=said):
-        parse_yaml(mapping.replace(old, new), "m.yaml", mapping_model())
+        parsed(mapping.replace(old, new))

@@ -5,26 +5,22 @@ widths.
 
 from __future__ import annotations
 
-import json
-import os
 import re
-import subprocess
+from io import BytesIO
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from imported_logs import MAPPINGS, estimates_of, imported, of_mirror, parsed
 from numpy.typing import NDArray
 from one_estimate import one
 from scipy.io import loadmat, savemat
 
 from bench.analysis import Analysis, Material
 from bench.analysis.doubt import weigh
-from bench.commands.import_log import import_log
 from bench.commands.importing import guess
 from bench.model.errors import FitError, InputErrors
-from bench.model.yamlio import parse_yaml
-from bench.plan.language.mapping import mapping_model
 from bench.systems.time_sync import phase_history
 from bench.systems.time_sync.estimators.sar.phase_history import compressed, scene_of
 from bench.systems.time_sync.estimators.sar.response import impulse_response
@@ -34,8 +30,6 @@ C_m_s = 299_792_458.0
 BAND_Hz = (9.5e9, 9.7e9)
 COUNT, LENGTH = 96, 64
 PLACES_m = np.array([[8.0, -5.0, 0.0], [-9.0, -6.0, 0.0]])
-MAPPINGS = Path(__file__).resolve().parents[4] / "docs" / "mappings"
-MIRROR = Path(os.environ.get("BENCH_CAPTURES", "/nowhere")) / "dm6718+RITSAR" / "repo"
 MAPPING = """\
 mapping: radar
 uut: {model: radar, serial: S-1}
@@ -171,22 +165,20 @@ def test_what_is_no_phase_history_is_refused(antenna_m: Array, noise: float, sai
 )
 def test_mistakes_of_a_mapping_are_named(old: str, new: str, said: str) -> None:
     with pytest.raises(InputErrors, match=said):
-        parse_yaml(MAPPING.replace(old, new), "m.yaml", mapping_model())
+        parsed(MAPPING.replace(old, new))
 
 
 @pytest.mark.parametrize("form", ["mat", "npz", "matlab_hdf5", "csv"])
 def test_a_phase_history_of_every_form(form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The rows of the matrix are frequencies in MATLAB, as in the Gotcha data, pulses in NumPy and in text."""
-    antenna_m, log, name = arc(), tmp_path / "log", "fp.T"
+    antenna_m, log, name = arc(), BytesIO(), "fp.T"
     samples = echoes(antenna_m)
     columns = dict(zip("xyz", antenna_m.T, strict=True))
     if form == "mat":
-        with log.open("wb") as stream:
-            savemat(stream, {"fp": samples.T, **columns})
+        savemat(log, {"fp": samples.T, **columns})
     elif form == "npz":
         name = "fp"
-        with log.open("wb") as stream:
-            np.savez(stream, fp=samples, **columns)
+        np.savez(log, fp=samples, **columns)
     elif form == "matlab_hdf5":
         with h5py.File(log, "w") as file:
             parts = np.empty(samples.shape, [("real", "f8"), ("imag", "f8")])
@@ -199,28 +191,20 @@ def test_a_phase_history_of_every_form(form: str, tmp_path: Path, capsys: pytest
         header = ",".join([*"xyz", *(f"s[{k}].{part}" for k in range(LENGTH) for part in ("real", "imag"))])
         table = np.column_stack((antenna_m, samples.view(np.float64)))
         np.savetxt(log, table, delimiter=",", header=header, comments="", fmt="%.17g")
-    (tmp_path / "m.yaml").write_text(MAPPING.replace("NAME", name), encoding="utf-8")
-    assert import_log(tmp_path / "m.yaml", log, tmp_path / "out") == 0
-    (results,) = (tmp_path / "out").glob("*/results.json")
-    entries = json.loads(results.read_text(encoding="utf-8"))["estimates"]
+    entries = estimates_of(imported(tmp_path, MAPPING.replace("NAME", name), log.getvalue()))
     assert entries[0]["value"] == pytest.approx(PLACES_m[0, 0], abs=0.02)
     capsys.readouterr()
-    guess(log)
+    guess(tmp_path / "log")
     assert re.search(r"\[\{0\.\.\d+\}\]\.imag': \{role: quadrature\}", capsys.readouterr().out)
 
 
 @pytest.mark.real
-@pytest.mark.skipif(not MIRROR.is_dir(), reason=f"no {MIRROR}: name the folder of its copy in BENCH_CAPTURES")
 def test_the_gotcha_scene_is_as_sharp_as_its_band_and_aperture(tmp_path: Path) -> None:
     """Its strongest reflector: 0.8859 c / 2B in range to 3 % (the band is not quite flat), in azimuth to 1 %."""
-    name = "examples/data/AFRL/pass1/HH/data_3dsar_pass1_az001_HH.mat"
-    shown = subprocess.run(["git", "-C", MIRROR, "show", f"HEAD:{name}"], capture_output=True, check=True)
-    (tmp_path / "log.mat").write_bytes(shown.stdout)
-    assert import_log(MAPPINGS / "gotcha_phase_history.yaml", tmp_path / "log.mat", tmp_path / "out") == 0
-    (results,) = (tmp_path / "out").glob("*/results.json")
-    entries = json.loads(results.read_text(encoding="utf-8"))["estimates"]
+    capture = of_mirror("dm6718+RITSAR", "examples/data/AFRL/pass1/HH/data_3dsar_pass1_az001_HH.mat")
+    entries = estimates_of(imported(tmp_path, MAPPINGS / "gotcha_phase_history.yaml", capture))
     found = {(entry["quantity"], entry["conditions"].get("axis")): entry["value"] for entry in entries}
-    log = loadmat(tmp_path / "log.mat", squeeze_me=True, struct_as_record=False)["data"]
+    log = loadmat(BytesIO(capture), squeeze_me=True, struct_as_record=False)["data"]
     antenna_m, frequency_Hz = np.column_stack((log.x, log.y, log.z)).astype(float), log.freq.astype(float)
     cosine = np.mean(np.hypot(log.x, log.y) / np.linalg.norm(antenna_m, axis=1))
     turned = np.radians(log.th[-1] - log.th[0]) * len(antenna_m) / (len(antenna_m) - 1) * cosine

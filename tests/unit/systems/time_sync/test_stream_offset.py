@@ -5,26 +5,20 @@ of both units, by a physics of its own (``sync_physics``), whose offset is known
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from imported_logs import columns_of, estimates_of, imported, of_mirror, parsed, table
 from numpy.typing import NDArray
 from one_estimate import every, one
 from sync_physics import IMU_s, OFFSET_s, Recording
 
 from bench.analysis import Material
 from bench.analysis.doubt import weigh
-from bench.commands.import_log import import_log
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError, InputErrors
-from bench.model.yamlio import parse_yaml
-from bench.plan.language.mapping import mapping_model
-from bench.replay.series import replay_series
 from bench.systems.time_sync import egi_log, logs
 from bench.systems.time_sync.estimators.common_motion import BLOCKS, common_motion
 
@@ -41,7 +35,6 @@ columns:
   b_t: {role: stamp, stream: other, unit: ms}
   b_w: {role: motion, stream: other, of: rate, unit: rad/s}
 """
-MIRROR = Path(os.environ.get("BENCH_CAPTURES", "/nowhere")) / "panxkun+AlignTimeStamp" / "repo"
 
 
 def rate(t_s: Array) -> Array:
@@ -130,43 +123,30 @@ def test_streams_without_a_common_motion_are_refused() -> None:
 
 
 def test_two_streams_in_one_file(tmp_path: Path) -> None:
-    made = streams(0.0137)
-    rows = [
-        f"{1.7e9 + t_s:.4f}," + ",".join("" if np.isnan(value) else repr(float(value)) for value in values)
-        for t_s, *values in zip(
-            made.series["t_s"], made.series["one_stamp"], made.series["one_rate"],
-            1e3 * made.series["other_stamp"], np.radians(made.series["other_rate"]), strict=True,
-        )
-    ]  # fmt: skip
-    (tmp_path / "log.csv").write_text("\n".join(["row,a_t,a_w,b_t,b_w", *rows]))
-    (tmp_path / "m.yaml").write_text(STREAMS)
-    assert import_log(tmp_path / "m.yaml", tmp_path / "log.csv", tmp_path / "out") == 0
-    (results,) = (tmp_path / "out").glob("*/results.json")
-    offset = json.loads(results.read_text())["estimates"][0]
+    made = streams(0.0137).series
+    made |= {"other_stamp": 1e3 * made["other_stamp"], "other_rate": np.radians(made["other_rate"])}
+    rows = np.column_stack(
+        [1.7e9 + made["t_s"], *(made[f"{k}_{n}"] for k in ("one", "other") for n in ("stamp", "rate"))]
+    )
+    offset = one(estimates_of(imported(tmp_path, STREAMS, table("row,a_t,a_w,b_t,b_w", rows))), "time_offset")
     assert offset["value"] == pytest.approx(0.0137, abs=offset["expanded_uncertainty"] + 1e-6)
 
 
 @pytest.mark.real
-@pytest.mark.skipif(not MIRROR.is_dir(), reason=f"no {MIRROR}: name the folder of its copy in BENCH_CAPTURES")
 def test_a_telephone_beside_a_camera_system() -> None:
     """github.com/panxkun/AlignTimeStamp: its authors find 2.675 s, where rotations over 1 s are alike to 0.9991."""
-
-    def file(name: str) -> Array:
-        shown = subprocess.run(["git", "-C", MIRROR, "show", f"HEAD:{name}"], capture_output=True, check=True)
-        return np.loadtxt(shown.stdout.decode().splitlines())
-
-    stamps = file("data/phone_traj.txt")[:, 0]
-    phone, camera = file("tmp/phone_rotation_before.txt"), file("tmp/vicon_rotation_before.txt")
+    names = ("data/phone_traj.txt", "tmp/phone_rotation_before.txt", "tmp/vicon_rotation_before.txt")
+    poses, phone, camera = (
+        np.loadtxt(of_mirror("panxkun+AlignTimeStamp", name).decode().splitlines()) for name in names
+    )
+    stamps = poses[:, 0]
     t_s = stamps[stamps - stamps[0] >= 1.0][: phone.size]
     columns = [
         {"name": name, "role": "motion", "stream": name, "of": "angle", "unit": "deg"} for name in ("one", "other")
     ]
-    log = Material(
-        (), {"uut": {"model": "m", "serial": "1"}, "columns": columns}, {},
-        series={"t_s": t_s, "one": np.degrees(camera), "other": np.degrees(phone)},
-    )  # fmt: skip
-    entry = logs.analyse(log).estimates[0]
-    assert entry["value"] == pytest.approx(2.675, abs=0.01)
+    series = {"t_s": t_s, "one": np.degrees(camera), "other": np.degrees(phone)}
+    log = Material((), {"uut": {"model": "m", "serial": "1"}, "columns": columns}, {}, series=series)
+    assert logs.analyse(log).estimates[0]["value"] == pytest.approx(2.675, abs=0.01)
 
 
 UNITS = """\
@@ -225,7 +205,7 @@ def log_of(seed: int) -> dict[str, Array]:
 
 def material(seed: int) -> Material:
     """Return the log as an import hands it on, in base units."""
-    campaign = parse_yaml(UNITS, "m.yaml", mapping_model()).model.campaign()
+    campaign = parsed(UNITS).campaign()
     series: dict[str, Any] = log_of(seed)
     for axis in "xyz":
         series[f"delta_angle_{axis}"] = np.degrees(series[f"delta_angle_{axis}"])
@@ -246,15 +226,8 @@ def test_the_offset_is_that_which_the_log_was_made_with() -> None:
 
 def test_a_log_comes_back_from_its_session(tmp_path: Path) -> None:
     series = {name: column[:400] for name, column in log_of(5).items()}
-    lines = [",".join(["received", *NAMES])]
-    lines += [
-        ",".join("" if np.isnan(value) else f"{value:.17g}" for value in row)
-        for row in zip(*series.values(), strict=True)
-    ]
-    (tmp_path / "log.csv").write_text("\n".join(lines), encoding="utf-8")
-    (tmp_path / "m.yaml").write_text(UNITS.replace("analysis: egi_offset\n", ""), encoding="utf-8")
-    assert import_log(tmp_path / "m.yaml", tmp_path / "log.csv", tmp_path / "out") == 0
-    read = replay_series(next((tmp_path / "out").iterdir())).columns
+    log = table(",".join(["received", *NAMES]), zip(*series.values(), strict=True))
+    read = columns_of(imported(tmp_path, UNITS.replace("analysis: egi_offset\n", ""), log))
     np.testing.assert_array_equal(read["latitude"], series["latitude"])
     np.testing.assert_allclose(read["delta_angle_z"], np.degrees(series["delta_angle_z"]), rtol=1e-14)
 
@@ -283,4 +256,4 @@ def test_too_few_rows_of_a_unit_are_refused() -> None:
 def test_mistakes_of_a_mapping_are_named(mapping: str, old: str, new: str, said: str) -> None:
     assert mapping.count(old) == 1
     with pytest.raises(InputErrors, match=said):
-        parse_yaml(mapping.replace(old, new), "m.yaml", mapping_model())
+        parsed(mapping.replace(old, new))
