@@ -5,6 +5,7 @@ Motions are closed forms of the planned calls, written here; the fits see rows a
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
 from typing import Any
@@ -14,25 +15,19 @@ from gnc_sensor_bench import Table, at, trapezoid
 from imu_material import SCALES
 from rehearsal import ROOT
 from scipy.linalg import sqrtm
-from spread_study import Key, key_of
+from spread_study import Key, Study, key_of
 
-from bench.analysis import CONTINUES, Estimates, Material
+from bench.analysis import CONTINUES, Analysis, Estimates, Material
 from bench.model.clock import NS
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
 from bench.plan import Plan, PlannedCall, PlannedRecord, compile_sequence
 from bench.record import RecordRow, Samples
+from bench.session.predicted import predicted
+from bench.systems.gnc.calibration import analysis as calibration
 from sim_instruments.worlds.common.attitude import Site
+from sim_instruments.worlds.gnc import imu_errors
 from sim_instruments.worlds.gnc.imu import ACCEL_LSB_G, GYRO_LSB_DEG_S, GncImu
-from sim_instruments.worlds.gnc.imu_errors import (
-    ARW_DEG_RT_H,
-    SLOW_ACCEL_G,
-    SLOW_ACCEL_S,
-    SLOW_GYRO_DEG_S,
-    SLOW_GYRO_S,
-    VRW_G_RTS,
-    ImuOptions,
-)
 from sim_instruments.worlds.gnc.magnetometer import EarthField, field_gauss
 
 SITE = Site()
@@ -110,9 +105,11 @@ def _spread_ns(one: Taken) -> np.ndarray:
     return ((one.begin_s + (np.arange(count) + 0.5) / 2.0) * NS).astype(np.int64)
 
 
-def campaign(records: list[Taken], seed: int, rate_Hz: float = 200.0, options: ImuOptions | None = None) -> Module:
+def campaign(
+    records: list[Taken], seed: int, rate_Hz: float = 200.0, options: imu_errors.ImuOptions | None = None
+) -> Module:
     """The records of one unit."""
-    imu = GncImu(seed, f"GNC-{seed}", options or ImuOptions(), site=SITE)
+    imu = GncImu(seed, f"GNC-{seed}", options or imu_errors.ImuOptions(), site=SITE)
     imu.power.on(2 * NS)
     module = Module(imu, taken=records, rate_Hz=rate_Hz)
     interval_ns = round(NS / rate_Hz)
@@ -148,16 +145,16 @@ def calibration_truth(module: Module) -> dict[Key, float]:
         matrix = np.linalg.inv(sensitivity)
         for row, column in np.ndindex(3, 3):
             place = {"kind": kind, "row": "xyz"[row], "column": "xyz"[column]}
-            truth[_key(f"{prefix}_matrix", place)] = matrix[row, column]
+            truth[campaign_key(f"{prefix}_matrix", place)] = matrix[row, column]
             if row != column:
-                truth[_key(f"{prefix}_cross_coupling", place)] = sensitivity[row, column]
+                truth[campaign_key(f"{prefix}_cross_coupling", place)] = sensitivity[row, column]
         for axis in range(3):
             place = {"kind": kind, "axis": "xyz"[axis]}
             others = [one for one in first if one.conditions.get("axis") != "xyz"[axis]]
             bias = module.mean_bias("accel_bias_g" if prefix == "accel" else "gyro_bias_deg_s", others)[axis]
-            truth[_key(f"{prefix}_bias", place)] = -bias if prefix == "accel" else 3600.0 * bias
-            truth[_key(f"{prefix}_scale_error", place)] = 1e6 * (sensitivity[axis, axis] - 1.0)
-            truth[_key(f"{prefix}_scale_repeatability", place)] = 0.0
+            truth[campaign_key(f"{prefix}_bias", place)] = -bias if prefix == "accel" else 3600.0 * bias
+            truth[campaign_key(f"{prefix}_scale_error", place)] = 1e6 * (sensitivity[axis, axis] - 1.0)
+            truth[campaign_key(f"{prefix}_scale_repeatability", place)] = 0.0
     return truth
 
 
@@ -172,9 +169,9 @@ def left_by(module: Module, estimates: Estimates) -> dict[Key, float]:
         _, check = _sets(module.taken, item)
         places = {(row, column): {"kind": kind, "row": "xyz"[row], "column": "xyz"[column]}
                   for row, column in np.ndindex(3, 3)}  # fmt: skip
-        matrix = np.array([found[_key(f"{prefix}_matrix", place)] for place in places.values()]).reshape(3, 3)
+        matrix = np.array([found[campaign_key(f"{prefix}_matrix", place)] for place in places.values()]).reshape(3, 3)
         product = matrix @ errors.sensitivity_at(module.degC(check))[0]
-        left |= {_key(f"{prefix}_coupling_compensated", place): product[where]
+        left |= {campaign_key(f"{prefix}_coupling_compensated", place): product[where]
                  for where, place in places.items() if where[0] != where[1]}  # fmt: skip
     return left
 
@@ -192,7 +189,7 @@ def _sets(taken: list[Taken], item: str) -> tuple[list[Taken], list[Taken]]:
     return list(first.values()), second
 
 
-def _key(quantity: str, conditions: dict[str, Any]) -> Key:
+def campaign_key(quantity: str, conditions: dict[str, Any]) -> Key:
     return key_of({"quantity": quantity, "conditions": conditions})
 
 
@@ -215,11 +212,11 @@ def bias_truth(module: Module) -> dict[Key, float]:
             noise = _noise(kind, sensitivity[axis], 1.0 / module.rate_Hz)
             unit = 3600.0 if kind == "gyro" else 1e3
             place = {"kind": kind, "axis": "xyz"[axis]}
-            truth[_key(f"{prefix}_bias", place | {"output": "indicated"})] = bias[axis]
-            truth[_key(f"{prefix}_bias_stability", place)] = unit * _scatter(noise, begins, np.full(360, 10.0))
+            truth[campaign_key(f"{prefix}_bias", place | {"output": "indicated"})] = bias[axis]
+            truth[campaign_key(f"{prefix}_bias_stability", place)] = unit * _scatter(noise, begins, np.full(360, 10.0))
             lengths = np.array([one.end_s - one.begin_s for one in windows])
             starts = np.array([one.begin_s for one in windows])
-            truth[_key(f"{prefix}_bias_repeatability", place)] = unit * _scatter(noise, starts, lengths)
+            truth[campaign_key(f"{prefix}_bias_repeatability", place)] = unit * _scatter(noise, starts, lengths)
     return truth
 
 
@@ -227,11 +224,11 @@ def _noise(kind: str, row: np.ndarray, interval_s: float) -> tuple[float, list[t
     """White variance of a mean over a second, and variance and time of each slow part, as the simulator makes them."""
     gain = float(row @ row)
     if kind == "gyro":
-        return (ARW_DEG_RT_H / 60.0) ** 2 + GYRO_LSB_DEG_S**2 / 12.0 * interval_s, [
-            (gain * SLOW_GYRO_DEG_S**2, SLOW_GYRO_S)
+        return (imu_errors.ARW_DEG_RT_H / 60.0) ** 2 + GYRO_LSB_DEG_S**2 / 12.0 * interval_s, [
+            (gain * imu_errors.SLOW_GYRO_DEG_S**2, imu_errors.SLOW_GYRO_S)
         ]
-    white = VRW_G_RTS**2 + ACCEL_LSB_G**2 / 12.0 * interval_s
-    return white, [(gain * SLOW_ACCEL_G**2, time_s) for time_s in SLOW_ACCEL_S]
+    white = imu_errors.VRW_G_RTS**2 + ACCEL_LSB_G**2 / 12.0 * interval_s
+    return white, [(gain * imu_errors.SLOW_ACCEL_G**2, time_s) for time_s in imu_errors.SLOW_ACCEL_S]
 
 
 def _scatter(noise: tuple[float, list[tuple[float, float]]], begin_s: np.ndarray, length_s: np.ndarray) -> float:
@@ -262,15 +259,46 @@ def magnetometer_truth(module: Module) -> dict[Key, float]:
     for method in ("ellipse", "extremes"):
         kind = {"kind": "magnetometer", "method": method}
         for axis in range(2):
-            truth[_key("mag_offset", kind | {"axis": "xyz"[axis]})] = float(plane.offset_gauss[axis])
-        truth[_key("mag_gain", kind)] = plane.gain
-        truth[_key("mag_angle", kind)] = plane.angle_deg
-        truth[_key("mag_radius", kind)] = plane.radius_gauss
+            truth[campaign_key("mag_offset", kind | {"axis": "xyz"[axis]})] = float(plane.offset_gauss[axis])
+        truth[campaign_key("mag_gain", kind)] = plane.gain
+        truth[campaign_key("mag_angle", kind)] = plane.angle_deg
+        truth[campaign_key("mag_radius", kind)] = plane.radius_gauss
     kind = {"kind": "magnetometer", "method": "ellipsoid"}
     inverse = np.linalg.inv(sensor.matrix)
     soft = np.real(sqrtm(inverse.T @ inverse)) / np.linalg.det(inverse) ** (1 / 3)
     for row in range(3):
-        truth[_key("mag_hard_iron", kind | {"axis": "xyz"[row]})] = float(sensor.offset_gauss[row])
+        truth[campaign_key("mag_hard_iron", kind | {"axis": "xyz"[row]})] = float(sensor.offset_gauss[row])
         for column in range(row + 1):
-            truth[_key("mag_soft_iron", kind | {"row": "xyz"[row], "column": "xyz"[column]})] = soft[row, column]
+            truth[campaign_key("mag_soft_iron", kind | {"row": "xyz"[row], "column": "xyz"[column]})] = soft[
+                row, column
+            ]
     return truth
+
+
+def study(
+    plan: Plan,
+    analyse: Callable[[Material], Analysis],
+    truth: Callable[[Module, Analysis], Mapping[Key, float]],
+    first_seed: int,
+    units: int,
+    answering: Callable[[Material, Plan, Module], Material] = lambda material, *_: material,
+) -> Study:
+    """Units of seeds that follow each other; ``answering``: what adds their answers to commands."""
+    found = Study(predicted(plan))
+    records = records_of(plan)
+    for seed in range(first_seed, first_seed + units):
+        module = campaign(records, seed, plan.campaign["rate_Hz"])
+        analysis = analyse(answering(material_of(plan, module), plan, module))
+        found.add(analysis.estimates, truth(module, analysis))
+    return found
+
+
+def calibration_study(plan: Plan, first_seed: int, units: int) -> Study:
+    """Calibrations of units of seeds that follow each other."""
+    return study(
+        plan,
+        calibration.analyse,
+        lambda module, analysis: calibration_truth(module) | left_by(module, analysis.estimates),
+        first_seed,
+        units,
+    )

@@ -78,13 +78,14 @@ def seen_while_turned(local: Any, outer: float, middle: float, inner_deg: Any, m
 class Rig:
     """Makes records one after the other; ``t_s`` is the bench clock."""
 
-    def __init__(self, seed: int, unit: Unit | None = None) -> None:
+    def __init__(self, seed: int, unit: Unit | None = None, rate_Hz: float = RATE_Hz) -> None:
         self.rng, self.unit, self.t_s, self.counter = np.random.default_rng(seed), unit or Unit(), 100.0, 0
+        self.rate_Hz = rate_Hz
         self.rows: list[RecordRow] = []
 
     def rest(self, seconds: float, pose: tuple[float, float, float], mounting: str = "x", **conditions: Any) -> None:
         """A record at rest."""
-        n = round(seconds * RATE_Hz)
+        n = round(seconds * self.rate_Hz)
         body = to_local(*pose, mounting).T
         earth = body @ earth_rate()
         force = body @ np.array([0.0, 0.0, SITE["gravity_m_s2"] / 9.80665])
@@ -92,11 +93,11 @@ class Rig:
 
     def turn(self, axis: str, turn_deg: float, seconds: float, middle: float, outer: float, **conditions: Any) -> None:
         """Three turns about the inner axis within 5 s, after 1 s of rest."""
-        n = round(seconds * RATE_Hz)
-        edges = np.arange(n + 1) / RATE_Hz
+        n = round(seconds * self.rate_Hz)
+        edges = np.arange(n + 1) / self.rate_Hz
         angle = np.interp(edges, [1.0, 6.0], [0.0, turn_deg])
         rates = np.zeros((n, 3))
-        rates[:, "xyz".index(axis)] = np.diff(angle) * RATE_Hz
+        rates[:, "xyz".index(axis)] = np.diff(angle) * self.rate_Hz
         middle_angle = (angle[1:] + angle[:-1]) / 2.0
         rates += seen_while_turned(earth_rate(), outer, middle, middle_angle, axis)
         about = {"axis": axis, "turn_deg": turn_deg, "turned": "inner", "direction": int(np.sign(turn_deg))}
@@ -104,8 +105,8 @@ class Rig:
 
     def spin(self, seconds: float, rate_deg_s: float, field_gauss: float, **conditions: Any) -> None:
         """The field across z seen from a unit that turns about z."""
-        n = round(seconds * RATE_Hz)
-        angle = np.deg2rad(rate_deg_s * np.arange(n) / RATE_Hz)
+        n = round(seconds * self.rate_Hz)
+        angle = np.deg2rad(rate_deg_s * np.arange(n) / self.rate_Hz)
         x, y = field_gauss * np.cos(angle), -field_gauss * np.sin(angle)
         alpha = np.deg2rad(1.5)
         seen = np.stack([0.05 + x * np.cos(alpha) + y * np.sin(alpha), -0.03 + y / 1.04, 0.2 + 0.0 * x], axis=1)
@@ -120,22 +121,22 @@ class Rig:
     ) -> None:  # fmt: skip
         n, unit = len(rate), self.unit
         gyro = (rate + unit.gyro_bias_deg_s) @ unit.gyro_S.T
-        gyro = gyro + self.rng.normal(0.0, unit.arw_deg_s_rtHz * RATE_Hz**0.5, gyro.shape)
+        gyro = gyro + self.rng.normal(0.0, unit.arw_deg_s_rtHz * self.rate_Hz**0.5, gyro.shape)
         accel = force @ unit.accel_S.T + unit.accel_bias_g
-        accel = accel + self.rng.normal(0.0, unit.vrw_g_rtHz * RATE_Hz**0.5, accel.shape)
-        tick = (np.arange(n) * 5000 + round(self.t_s * 1e6)) % (1 << 32)
+        accel = accel + self.rng.normal(0.0, unit.vrw_g_rtHz * self.rate_Hz**0.5, accel.shape)
+        tick = (np.arange(n) * round(1e6 / self.rate_Hz) + round(self.t_s * 1e6)) % (1 << 32)
         columns = {
             "gyro": np.rint(gyro / 0.005).astype(np.int32), "accel": np.rint(accel / 1e-3).astype(np.int32),
             "mag": np.zeros((n, 3), np.int16) if mag is None else mag.astype(np.int16),
             "temperature": np.full(n, 2500, np.int16), "tick": tick.astype(np.uint32),
         }  # fmt: skip
-        t_ns = ((self.t_s + np.arange(n) / RATE_Hz) * 1e9).astype(np.int64)
+        t_ns = ((self.t_s + np.arange(n) / self.rate_Hz) * 1e9).astype(np.int64)
         counter = self.counter + np.arange(n, dtype=np.int64)
         about = {"mounting": mounting, "outer_deg": pose[0], "middle_deg": pose[1], "inner_deg": pose[2], **conditions}
         window = RecordWindow(len(self.rows) + 1, "rs422", int(counter[0]), n, int(t_ns[0]), int(t_ns[-1]), about)
         samples = Samples(columns, counter, t_ns, SCALES)
         self.rows.append(RecordRow(window, {}, n, 0, 0, Quality.GOOD, samples=samples))
-        self.t_s += n / RATE_Hz + 5.0
+        self.t_s += n / self.rate_Hz + 5.0
         self.counter += n + 1000
 
     def material(self, analysis: str, **more: Any) -> Material:

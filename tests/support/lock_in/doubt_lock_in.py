@@ -7,13 +7,14 @@ of 2 s, so that a hundred of them are quick.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import numpy as np
 from doubt_classes import Seen, Switch
-from laser_physics import KNOTS, Array, Cycles, Int64, World, blocks, crossings, half_cycles
+from laser_physics import KNOTS, Array, Cycles, World, blocks, crossings, half_cycles
 from rlg_rig import as_row, material
 
 from bench.analysis import build_results
@@ -32,157 +33,92 @@ _SENSOR = 0.01  # standard uncertainty of the dither's sensor
 _EARTH_deg_h, _LATITUDE_deg, _ERROR_deg = 15.041067, 37.0, 360.0 / 6400.0
 
 
-class WrongPath(World):
-    @property
-    def stated_path_m(self) -> float:
-        return self.path_m * (1.0 + self.size)
+def wrong(*, spoils: bool = False, **parts: Any) -> type[World]:
+    """Return a world in which some parts are others; they take the world first, whose ``size`` they go by.
+
+    ``spoils``: the crossings are not where the phase is.
+    """
+    return type("Wrong", (World,), parts | ({"spoils": True} if spoils else {}))
 
 
-class WrongClock(World):
-    @property
-    def clock_share(self) -> float:
-        return 1.0 + self.size
+def turned(of: Callable[[World, Array], Array]) -> type[World]:
+    """The base turns by so many seconds of arc beside the earth."""
+    return wrong(turned_rad=lambda w, time_s: np.radians(of(w, time_s) / 3600.0))
 
 
-class SecondHarmonic(World):
-    @property
-    def second_harmonic(self) -> float:
-        return self.size
+def beta(of: Callable[[World, Array, Array], Array]) -> type[World]:
+    """The backscatter's phase is another one by so many degrees."""
+    return wrong(beta_rad=lambda w, share, sense: World.beta_rad(w, share, sense) + np.radians(of(w, share, sense)))
 
 
-class PhaseSteps(World):
-    def beta_rad(self, share: Array, sense: Array) -> Array:
-        return super().beta_rad(share, sense) + np.radians(self.size) * (share > 0.6)
+def jittered(w: World, rng: np.random.Generator, rate_rad_s: Array) -> Array:
+    """Phase noise of the beat's comparator, rad."""
+    return w.size * rng.standard_normal(rate_rad_s.size) / np.maximum(rate_rad_s, 1e5)
 
 
-class PhaseOfSides(World):
-    """The backscatter differs between maxima and minima of the angle, as where the body bends."""
-
-    def beta_rad(self, share: Array, sense: Array) -> Array:
-        return super().beta_rad(share, sense) + np.radians(self.size) * (sense > 0)
-
-
-class LockInFades(World):
-    def kappa_share(self, share: Array) -> Array:
-        return 1.0 - self.size * share
-
-
-class RateRamp(World):
-    """Size: deg/h in a second."""
-
-    def turned_rad(self, time_s: Array) -> Array:
-        return math.radians(self.size / 3600.0) * time_s**2 / 2.0
-
-
-class RateStep(World):
-    def turned_rad(self, time_s: Array) -> Array:
-        return math.radians(self.size / 3600.0) * np.maximum(time_s - 0.6 * self.seconds, 0.0)
-
-
-class Vibration(World):
-    """Size: arcsec at 7.3 Hz."""
-
-    def turned_rad(self, time_s: Array) -> Array:
-        return math.radians(self.size / 3600.0) * np.sin(2.0 * np.pi * 7.3 * time_s)
-
-
-class Offset(World):
-    """A comparator that switches beside zero: rising edges late, falling ones early."""
-
-    @property
-    def spoils(self) -> bool:
-        return True
-
-    def level_off_rad(self, level: Int64) -> Array:
-        return np.where(level % 2 == 0, self.size, -self.size)
-
-
-class RegularDither(World):
-    """Size: how many times less the dither's amplitude scatters."""
-
-    def scatter(self, rng: np.random.Generator, count: int) -> Array:
-        return super().scatter(rng, count) / self.size
-
-
-class BentDither(World):
-    @property
-    def spoils(self) -> bool:
-        return True
-
-    def bent(self, time_s: Array) -> Array:
-        return self.size * (1.0 - np.cos(3.0 * self.omega * time_s))
-
-    @property
-    def curved(self) -> float:
-        return 1.0 - 9.0 * self.size
-
-    @property
-    def rounds(self) -> tuple[float, ...]:
-        return math.inf, math.inf, math.inf, math.inf
-
-
-class Jitter(World):
-    """Size: rad of phase noise of the beat's comparator."""
-
-    @property
-    def spoils(self) -> bool:
-        return True
-
-    def jitter_s(self, rng: np.random.Generator, rate_rad_s: Array) -> Array:
-        return self.size * rng.standard_normal(rate_rad_s.size) / np.maximum(rate_rad_s, 1e5)
-
-
-class LostPairs(World):
+def lost_pairs(w: World, words: list[Array], rng: np.random.Generator) -> list[Array]:
     """So many times two neighbouring edges are lost in a run of one direction: 2 pi that nobody counts."""
-
-    def told(self, words: list[Array], rng: np.random.Generator) -> list[Array]:
-        for block in np.sort(rng.choice(len(words), round(self.size), replace=False)):
-            events = words[block]
-            beat = np.flatnonzero(events[1] == 0)
-            at = int(rng.choice(np.flatnonzero(np.diff(events[0][beat]) < np.median(np.diff(events[0][beat]))))) or 1
-            words[block] = np.delete(events, beat[at : at + 2], axis=1)
-        return words
+    for block in np.sort(rng.choice(len(words), round(w.size), replace=False)):
+        events = words[block]
+        beat = np.flatnonzero(events[1] == 0)
+        at = int(rng.choice(np.flatnonzero(np.diff(events[0][beat]) < np.median(np.diff(events[0][beat]))))) or 1
+        words[block] = np.delete(events, beat[at : at + 2], axis=1)
+    return words
 
 
-class StuckBits(World):
+def stuck_bits(w: World, words: list[Array], rng: np.random.Generator) -> list[Array]:
     """The tagger counts in steps of so many ticks."""
-
-    @property
-    def spoils(self) -> bool:
-        return True
-
-    def told(self, words: list[Array], rng: np.random.Generator) -> list[Array]:
-        for events in words:
-            events[0] = events[0] // round(self.size) * round(self.size)
-        return words
+    for events in words:
+        events[0] = events[0] // round(w.size) * round(w.size)
+    return words
 
 
-class Repeated(World):
+def repeated(w: World, words: list[Array], rng: np.random.Generator) -> list[Array]:
     """So many blocks hold the events of the one before."""
-
-    def told(self, words: list[Array], rng: np.random.Generator) -> list[Array]:
-        for block in np.sort(rng.choice(np.arange(1, len(words)), round(self.size), replace=False)):
-            words[block] = words[block - 1]
-        return words
+    for block in np.sort(rng.choice(np.arange(1, len(words)), round(w.size), replace=False)):
+        words[block] = words[block - 1]
+    return words
 
 
+BENT = wrong(
+    spoils=True,
+    bent=lambda w, time_s: w.size * (1.0 - np.cos(3.0 * w.omega * time_s)),
+    curved=property(lambda w: 1.0 - 9.0 * w.size),
+    rounds=(math.inf,) * 4,
+)
 SWITCHES = (
-    Switch("wrong_path", WrongPath, (1e-4, 1e-2, 0.3), "path_length"),
-    Switch("wrong_clock", WrongClock, (1e-5, 1e-2, 0.3), "tagger_clock"),
-    Switch("second_harmonic", SecondHarmonic, (1e-2, 0.1, 0.5)),
-    Switch("phase_steps", PhaseSteps, (0.3, 5.0, 60.0)),
-    Switch("phase_of_sides", PhaseOfSides, (0.3, 5.0, 60.0)),
-    Switch("lock_in_fades", LockInFades, (0.01, 0.1, 0.7)),
-    Switch("rate_ramp", RateRamp, (0.05, 2.0, 100.0)),
-    Switch("rate_step", RateStep, (0.05, 2.0, 100.0)),
-    Switch("vibration", Vibration, (1e-3, 0.03, 1.0)),
-    Switch("comparator_offset", Offset, (1e-3, 0.03, 0.5)),
-    Switch("regular_dither", RegularDither, (2.0, 20.0, 500.0)),
-    Switch("bent_dither", BentDither, (1e-6, 1e-4, 1e-2)),
-    Switch("jitter", Jitter, (1e-3, 0.03, 0.3)),
-    Switch("lost_pairs", LostPairs, (1.0, 5.0, 50.0)),
-    Switch("stuck_bits", StuckBits, (2.0, 8.0, 64.0)),
-    Switch("repeated_blocks", Repeated, (1.0, 5.0, 50.0)),
+    Switch(
+        "wrong_path",
+        wrong(stated_path_m=property(lambda w: w.path_m * (1.0 + w.size))),
+        (1e-4, 1e-2, 0.3),
+        "path_length",
+    ),
+    Switch("wrong_clock", wrong(clock_share=property(lambda w: 1.0 + w.size)), (1e-5, 1e-2, 0.3), "tagger_clock"),
+    Switch("second_harmonic", wrong(second_harmonic=property(lambda w: w.size)), (1e-2, 0.1, 0.5)),
+    Switch("phase_steps", beta(lambda w, share, _: w.size * (share > 0.6)), (0.3, 5.0, 60.0)),
+    # it differs between maxima and minima of the angle, as where the body bends
+    Switch("phase_of_sides", beta(lambda w, _, sense: w.size * (sense > 0)), (0.3, 5.0, 60.0)),
+    Switch("lock_in_fades", wrong(kappa_share=lambda w, share: 1.0 - w.size * share), (0.01, 0.1, 0.7)),
+    Switch("rate_ramp", turned(lambda w, time_s: w.size * time_s**2 / 2.0), (0.05, 2.0, 100.0)),  # deg/h in a second
+    Switch(
+        "rate_step", turned(lambda w, time_s: w.size * np.maximum(time_s - 0.6 * w.seconds, 0.0)), (0.05, 2.0, 100.0)
+    ),
+    Switch("vibration", turned(lambda w, time_s: w.size * np.sin(2.0 * np.pi * 7.3 * time_s)), (1e-3, 0.03, 1.0)),
+    # a comparator switches beside zero: rising edges late, falling ones early
+    Switch(
+        "comparator_offset",
+        wrong(spoils=True, level_off_rad=lambda w, n: np.where(n % 2 == 0, w.size, -w.size)),
+        (1e-3, 0.03, 0.5),
+    ),
+    # the dither's amplitude scatters so many times less
+    Switch(
+        "regular_dither", wrong(scatter=lambda w, rng, count: World.scatter(w, rng, count) / w.size), (2.0, 20.0, 500.0)
+    ),
+    Switch("bent_dither", BENT, (1e-6, 1e-4, 1e-2)),
+    Switch("jitter", wrong(spoils=True, jitter_s=jittered), (1e-3, 0.03, 0.3)),
+    Switch("lost_pairs", wrong(told=lost_pairs), (1.0, 5.0, 50.0)),
+    Switch("stuck_bits", wrong(spoils=True, told=stuck_bits), (2.0, 8.0, 64.0)),
+    Switch("repeated_blocks", wrong(told=repeated), (1.0, 5.0, 50.0)),
 )
 
 

@@ -95,6 +95,11 @@ class World:
     beta_deg: float = 65.0
     dither_Hz: float = 400.13
     quantum_deg_rth: float = 1.15e-4 * (0.28 / 0.15) ** 2
+    clock_share = 1.0  # ticks that there are over those that are stated
+    curved = 1.0  # curvature of the dither at a turnaround over that of its sine
+    rounds = (math.inf, 8.0, 8.0, 3.0, 3.0)  # largest v that each round moves; the fit looks at crossings to 7
+    spoils = False  # the crossings are not where the phase is: a compensator then adds errors of its own
+    second_harmonic = 0.0  # of the backscatter, relative
 
     @property
     def gain(self) -> float:
@@ -123,11 +128,6 @@ class World:
         """Backscatter phase at each turnaround."""
         return np.full_like(share, math.radians(self.beta_deg))
 
-    @property
-    def second_harmonic(self) -> float:
-        """Of the backscatter, relative."""
-        return 0.0
-
     def turned_rad(self, time_s: Array) -> Array:
         """Rotation of the base beside the earth's, rad."""
         return np.zeros_like(time_s)
@@ -149,29 +149,9 @@ class World:
         return words
 
     @property
-    def spoils(self) -> bool:
-        """Return whether the crossings are not where the phase is: a compensator then adds errors of its own."""
-        return False
-
-    @property
-    def rounds(self) -> tuple[float, ...]:
-        """Largest v of the crossings that each round of the iteration moves."""
-        return math.inf, 8.0, 8.0, 3.0, 3.0  # the fit looks at crossings to 7
-
-    @property
-    def curved(self) -> float:
-        """Curvature of the dither at a turnaround over that of its sine."""
-        return 1.0
-
-    @property
     def stated_path_m(self) -> float:
         """What the record says of the path."""
         return self.path_m
-
-    @property
-    def clock_share(self) -> float:
-        """Ticks that there are over those that are stated."""
-        return 1.0
 
 
 @dataclass(frozen=True)

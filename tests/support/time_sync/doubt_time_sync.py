@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from doubt_classes import Seen, Switch
-from sync_physics import DRIFT, IMU_CLOCK, LONG_s, OFFSET_s, Recording, Solutions, World, in_body, motion
+from sync_physics import DRIFT, IMU_CLOCK, TURNING, LONG_s, OFFSET_s, Recording, Solutions, World, in_body
 
 from bench.analysis import build_results
 from bench.systems.time_sync.analysis import analyse
@@ -17,138 +18,92 @@ PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session
 JUDGED = ("time_offset", "time_offset_from_stamps", "time_offset_drift", "clock_rate")
 
 
-class OldSolutions(World):
-    """The EGI tags its solutions too late: a constant latency that nobody stated."""
-
-    def age_s(self, t_s: Array) -> tuple[Array, Array, Array]:
-        age = np.full_like(t_s, self.size)
-        return age, age, age
+def wrong(**parts: Any) -> type[World]:
+    """Return a world in which some parts are others; they take the world first, whose ``size`` they go by."""
+    return type("Wrong", (World,), parts)
 
 
-class StatedLatency(World):
-    """The EGI waits longer before it sends than its maker says."""
-
-    def egi_arrival_s(self, t_s: Array) -> Array:
-        return np.full_like(t_s, self.size)
+def ages(of: Callable[[World, Array], Array]) -> type[World]:
+    """Solutions are older than their tags, all of them alike."""
+    return wrong(age_s=lambda w, t_s: (of(w, t_s),) * 3)
 
 
-class AgeSteps(World):
-    """In the middle of the turn the EGI begins to send older solutions."""
-
-    def age_s(self, t_s: Array) -> tuple[Array, Array, Array]:
-        age = self.size * (t_s > 0.5 * LONG_s)
-        return age, age, age
+def old_velocity(w: World, t_s: Array) -> tuple[Array, Array, Array]:
+    """It is smoothed in the EGI: older than position and attitude."""
+    return 0.0 * t_s, np.full_like(t_s, w.size), 0.0 * t_s
 
 
-class AgeDrifts(World):
-    """Solutions become older all the time, by ``size`` in a second."""
-
-    def age_s(self, t_s: Array) -> tuple[Array, Array, Array]:
-        age = self.size * (t_s - 0.5 * LONG_s)
-        return age, age, age
-
-
-class OldVelocity(World):
-    """Velocity is smoothed in the EGI: older than position and attitude."""
-
-    def age_s(self, t_s: Array) -> tuple[Array, Array, Array]:
-        none = np.zeros_like(t_s)
-        return none, np.full_like(t_s, self.size), none
-
-
-class LeverArm(World):
-    """The EGI sits off the inertial unit, forward and to the right."""
-
-    def lever_m(self) -> Array:
-        return self.size * np.array([1.0, 0.5, 0.0])
-
-
-class Axes(World):
+def turned_axes(w: World, solutions: Solutions) -> None:
     """The axes of the EGI are turned against those of the inertial unit, about all three, in degrees."""
-
-    def sent(self, solutions: Solutions) -> None:
-        _, _, yaw = motion(solutions.valid_s)
-        body = np.radians(self.size) * np.array([1.0, 1.0, 1.0]) * np.ones((len(yaw), 1))
-        solutions.tilt_rad += in_body(body, -yaw)
+    _, _, yaw = TURNING.motion(solutions.valid_s)
+    solutions.tilt_rad += in_body(np.radians(w.size) * np.ones((len(yaw), 3)), -yaw)
 
 
-class GyroScale(World):
-    def increments(self, dv: Array, dtheta: Array, t_s: Array) -> None:
-        dtheta *= 1.0 + self.size
+def scaled(dv_too: bool) -> Any:
+    def increments(w: World, dv: Array, dtheta: Array, _: Array) -> None:
+        changed = dv if dv_too else dtheta
+        changed *= 1.0 + w.size
+
+    return increments
 
 
-class AccelerometerScale(World):
-    def increments(self, dv: Array, dtheta: Array, t_s: Array) -> None:
-        dv *= 1.0 + self.size
-
-
-class OneBadSolution(World):
+def one_bad_solution(w: World, solutions: Solutions) -> None:
     """One position is off, as a frame is that got past its check."""
-
-    def sent(self, solutions: Solutions) -> None:
-        solutions.position_m[120] += self.size
+    solutions.position_m[120] += w.size
 
 
-class BadBurst(World):
+def bad_burst(w: World, solutions: Solutions) -> None:
     """For half a second the EGI has lost its satellites, and says nothing about it."""
-
-    def sent(self, solutions: Solutions) -> None:
-        solutions.position_m[100:107] += self.size * np.array([1.0, -1.0, 0.0])
+    solutions.position_m[100:107] += w.size * np.array([1.0, -1.0, 0.0])
 
 
-class FrozenSolutions(World):
+def frozen(w: World, solutions: Solutions) -> None:
     """The EGI sends the same solution again and again, for a part of the recording in the turn."""
-
-    def sent(self, solutions: Solutions) -> None:
-        first = len(solutions.valid_s) // 2
-        frozen = slice(first, first + max(2, round(self.size * len(solutions.valid_s))))
-        for values in (solutions.position_m, solutions.velocity_m_s, solutions.tilt_rad):
-            values[frozen] = values[first]
+    first = len(solutions.valid_s) // 2
+    held = slice(first, first + max(2, round(w.size * len(solutions.valid_s))))
+    for values in (solutions.position_m, solutions.velocity_m_s, solutions.tilt_rad):
+        values[held] = values[first]
 
 
-class OneBadIncrement(World):
-    def increments(self, dv: Array, dtheta: Array, t_s: Array) -> None:
-        dv[350, 1] += self.size
+def one_bad_increment(w: World, dv: Array, dtheta: Array, t_s: Array) -> None:
+    dv[350, 1] += w.size
 
 
-class LineFills(World):
-    """The line from the EGI is too slow: each frame waits longer than the one before, by ``size`` in a second."""
-
-    def egi_arrival_s(self, t_s: Array) -> Array:
-        return self.size * t_s
-
-
-class LineSwitches(World):
-    """In the middle the frames of the EGI begin to take another way."""
-
-    def egi_arrival_s(self, t_s: Array) -> Array:
-        return self.size * (t_s > 0.5 * LONG_s)
-
-
-class LargerErrors(World):
-    """The EGI is of a worse class than the sequence says."""
-
-    def errors(self) -> float:
-        return self.size
-
-
+MIDDLE_s = 0.5 * LONG_s
 SWITCHES = (
-    Switch("solutions_older_than_tags", OldSolutions, (1e-3, 5e-3, 3e-2), "latency_as_stated"),
-    Switch("latency_not_as_stated", StatedLatency, (1e-3, 5e-3, 3e-2), "latency_as_stated"),
-    Switch("age_steps", AgeSteps, (3e-4, 3e-3, 3e-2), "one_offset"),
-    Switch("age_drifts", AgeDrifts, (1e-5, 1e-4, 1e-3), "one_offset"),
-    Switch("velocity_older", OldVelocity, (1e-3, 1e-2, 1e-1), "one_age"),
-    Switch("lever_arm", LeverArm, (0.1, 1.0, 10.0), "one_place"),
-    Switch("axes_turned", Axes, (1e-3, 1e-2, 1e-1), "same_axes"),
-    Switch("gyro_scale", GyroScale, (1e-5, 1e-4, 1e-3), "scales_of_inertial_unit"),
-    Switch("accelerometer_scale", AccelerometerScale, (1e-4, 1e-3, 1e-2), "scales_of_inertial_unit"),
-    Switch("one_bad_solution", OneBadSolution, (0.1, 10.0, 1e4)),
-    Switch("bad_burst", BadBurst, (0.1, 3.0, 100.0)),
-    Switch("frozen_solutions", FrozenSolutions, (0.001, 0.01, 0.1)),
-    Switch("one_bad_increment", OneBadIncrement, (1e-3, 1e-1, 10.0)),
-    Switch("line_fills", LineFills, (1e-6, 1e-4, 1e-2), "steady_delay"),
-    Switch("line_switches", LineSwitches, (1e-4, 1e-3, 1e-2), "steady_delay"),
-    Switch("larger_errors", LargerErrors, (1.3, 2.0, 5.0), "errors_as_stated"),
+    Switch(
+        "solutions_older_than_tags",
+        ages(lambda w, t_s: np.full_like(t_s, w.size)),
+        (1e-3, 5e-3, 3e-2),
+        "latency_as_stated",
+    ),  # a constant latency that nobody stated
+    Switch(
+        "latency_not_as_stated",
+        wrong(egi_arrival_s=lambda w, t_s: np.full_like(t_s, w.size)),
+        (1e-3, 5e-3, 3e-2),
+        "latency_as_stated",
+    ),
+    Switch("age_steps", ages(lambda w, t_s: w.size * (t_s > MIDDLE_s)), (3e-4, 3e-3, 3e-2), "one_offset"),
+    Switch("age_drifts", ages(lambda w, t_s: w.size * (t_s - MIDDLE_s)), (1e-5, 1e-4, 1e-3), "one_offset"),
+    Switch("velocity_older", wrong(age_s=old_velocity), (1e-3, 1e-2, 1e-1), "one_age"),
+    # the EGI sits off the inertial unit, forward and to the right
+    Switch("lever_arm", wrong(lever_m=lambda w: w.size * np.array([1.0, 0.5, 0.0])), (0.1, 1.0, 10.0), "one_place"),
+    Switch("axes_turned", wrong(sent=turned_axes), (1e-3, 1e-2, 1e-1), "same_axes"),
+    Switch("gyro_scale", wrong(increments=scaled(False)), (1e-5, 1e-4, 1e-3), "scales_of_inertial_unit"),
+    Switch("accelerometer_scale", wrong(increments=scaled(True)), (1e-4, 1e-3, 1e-2), "scales_of_inertial_unit"),
+    Switch("one_bad_solution", wrong(sent=one_bad_solution), (0.1, 10.0, 1e4)),
+    Switch("bad_burst", wrong(sent=bad_burst), (0.1, 3.0, 100.0)),
+    Switch("frozen_solutions", wrong(sent=frozen), (0.001, 0.01, 0.1)),
+    Switch("one_bad_increment", wrong(increments=one_bad_increment), (1e-3, 1e-1, 10.0)),
+    # the line is too slow, each frame waits longer than the one before; in the middle frames take another way
+    Switch("line_fills", wrong(egi_arrival_s=lambda w, t_s: w.size * t_s), (1e-6, 1e-4, 1e-2), "steady_delay"),
+    Switch(
+        "line_switches",
+        wrong(egi_arrival_s=lambda w, t_s: w.size * (t_s > MIDDLE_s)),
+        (1e-4, 1e-3, 1e-2),
+        "steady_delay",
+    ),
+    Switch("larger_errors", wrong(errors=lambda w: w.size), (1.3, 2.0, 5.0), "errors_as_stated"),  # of a worse class
 )
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bench.maths.strapdown import small_rotation
-from bench.systems.time_sync.estimators.kalman.setup import FilterSetup, ImuSamples
+from bench.systems.time_sync.estimators.kalman.setup import EgiSpread, FilterSetup, ImuSamples
 from sim_instruments.worlds.time_sync.flight.egi import EgiErrors, EgiRuns, egi_error_runs
 from sim_instruments.worlds.time_sync.flight.imu import ImuRuns, imu_runs
 from sim_instruments.worlds.time_sync.flight.path import FlightPath
@@ -18,6 +19,7 @@ Array = NDArray[np.float64]
 
 LEVEL_UNTIL_S, TURN_UNTIL_S, END_S = 2.0, 4.0, 6.0
 SEED = 20
+EGI_s = 0.02
 BASE = (1.0, 0.2, 0.01)  # measurement noise: position m, velocity m/s, attitude deg
 
 
@@ -70,25 +72,41 @@ def flight(runs: int = 8, seed: int = SEED, end_s: float = END_S) -> Flight:
     return Flight(path, imu_runs(path, end_s, runs, seed), egi_error_runs(path, end_s, runs, seed))
 
 
-class LaneOffsets:
-    """EGI with white errors of known sizes, each lane with an offset of its own (one group).
+class LaneEgi:
+    """EGI with errors (n, R, 9) and an offset of its own on each lane, the same for all groups.
 
-    Args: sigmas: position m, velocity m/s, attitude deg.   offsets_s: (R,).
+    Errors: position m, velocity m/s, rotation rad.   ``offsets_s``: (R,).
     """
 
-    def __init__(self, path: FlightPath, t_s: Array, sigmas: tuple[float, float, float], offsets_s: Array, seed: int):
-        rng = np.random.default_rng(seed)
-        self.t_s, self._path, self._offsets_s = t_s, path, offsets_s
-        sizes = np.repeat([*sigmas[:2], np.deg2rad(sigmas[2])], 3)
-        self._errors = rng.normal(size=(t_s.size, offsets_s.size, 9)) * sizes
+    def __init__(self, path: FlightPath, t_s: Array, errors: Array, offsets_s: Array, groups: int = 1) -> None:
+        self.t_s, self._path, self._errors, self._offsets_s, self._groups = t_s, path, errors, offsets_s, groups
 
-    def block(self, k0: int, k1: int) -> tuple[Array, Array, Array]:
+    def block(self, k0: int, k1: int) -> tuple[Array, ...]:
         true = self._path.state((self.t_s[k0:k1, None] - self._offsets_s).ravel())
-        shape = (k1 - k0, 1, self._offsets_s.size)
-        errors = self._errors[k0:k1, None]
+        shape, errors = (-1, self._offsets_s.size, 3), self._errors[k0:k1]
         tilt = np.moveaxis(small_rotation(np.moveaxis(errors[..., 6:], -1, 0)), (0, 1), (-2, -1))
-        p, v = true.p.reshape(*shape, 3) + errors[..., :3], true.v.reshape(*shape, 3) + errors[..., 3:6]
-        return p, v, tilt @ level_matrices(true.yaw.reshape(shape))
+        level = level_matrices(true.yaw.reshape(errors.shape[:2]))
+        values = (true.p.reshape(shape) + errors[..., :3], true.v.reshape(shape) + errors[..., 3:6], tilt @ level)
+        return tuple(np.repeat(each[:, None], self._groups, axis=1) for each in values)
+
+
+def white_egi(path: FlightPath, sigmas: tuple[float, float, float], offsets_s: Array, seed: int) -> LaneEgi:
+    """White errors; ``sigmas``: position m, velocity m/s, attitude deg."""
+    t_s = np.arange(0.0213, END_S, 0.02)
+    sizes = np.repeat([*sigmas[:2], np.deg2rad(sigmas[2])], 3)
+    return LaneEgi(path, t_s, np.random.default_rng(seed).normal(size=(t_s.size, offsets_s.size, 9)) * sizes, offsets_s)
+
+
+def wandering_egi(path: FlightPath, end_s: float, spread: EgiSpread, offsets_s: Array, rng: Any) -> LaneEgi:
+    """Solutions whose errors wander, for both groups."""
+    t_s, runs = np.arange(0.2, end_s - 0.2, EGI_s), offsets_s.size
+    sizes = np.array([spread.position_m] * 3 + [spread.velocity_m_s] * 3
+                     + [*np.radians([spread.level_deg, spread.level_deg, spread.heading_deg])])  # fmt: skip
+    kept = np.exp(-EGI_s / np.array([spread.wander_s] * 6 + [np.inf, np.inf, spread.heading_wander_s]))
+    errors = rng.standard_normal((t_s.size, runs, 9))
+    for k in range(1, t_s.size):
+        errors[k] = kept * errors[k - 1] + np.sqrt(1.0 - kept**2) * errors[k]
+    return LaneEgi(path, t_s, errors * sizes, offsets_s, 2)
 
 
 def setup(groups: int, sigma_r: tuple[float, float, float], *, augmented: bool = True, **changes: float) -> FilterSetup:

@@ -7,7 +7,8 @@ the Earth, increments by Simpson's rule, errors of both units as their makers st
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -81,33 +82,58 @@ class World:
         return np.zeros_like(t_s)
 
 
-def motion(t_s: Array) -> tuple[Array, Array, Array]:
-    """Return position (n, 3), velocity (n, 3) and heading (n,): straight north, a right turn, straight."""
-    begin, end = TURN_s
-    rate = np.radians(RATE_deg_s)
-    turned = np.clip(t_s, begin, end) - begin
-    yaw = rate * turned
-    before, after = np.minimum(t_s, begin), np.maximum(t_s - end, 0.0)
-    last = rate * (end - begin)
-    north = SPEED_m_s * (before + np.sin(yaw) / rate + after * np.cos(last))
-    east = SPEED_m_s * ((1.0 - np.cos(yaw)) / rate + after * np.sin(last))
-    velocity = SPEED_m_s * np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(t_s)], axis=1)
-    return np.stack([north, east, np.full_like(t_s, -HEIGHT_m)], axis=1), velocity, yaw
+@dataclass(frozen=True)
+class Path:
+    """Straight north, a right turn at one rate from the first to the second of ``turn_s``, straight."""
+
+    turn_s: tuple[float, float] = TURN_s
+    rate_deg_s: float = RATE_deg_s
+    speed_m_s: float = SPEED_m_s
+
+    def motion(self, t_s: Array) -> tuple[Array, Array, Array]:
+        """Return position (n, 3), velocity (n, 3) and heading (n,)."""
+        begin, end = self.turn_s
+        rate = np.radians(self.rate_deg_s)
+        turned = np.clip(t_s, begin, end) - begin
+        yaw = rate * turned
+        before, after = np.minimum(t_s, begin), np.maximum(t_s - end, 0.0)
+        last = rate * (end - begin)
+        north = self.speed_m_s * (before + np.sin(yaw) / rate + after * np.cos(last))
+        east = self.speed_m_s * ((1.0 - np.cos(yaw)) / rate + after * np.sin(last))
+        velocity = self.speed_m_s * np.stack([np.cos(yaw), np.sin(yaw), np.zeros_like(t_s)], axis=1)
+        return np.stack([north, east, np.full_like(t_s, -HEIGHT_m)], axis=1), velocity, yaw
+
+    def turning(self, t_s: Array) -> Array:
+        """Return the rate of the turn (n, 3), rad/s."""
+        inside = (t_s > self.turn_s[0]) & (t_s < self.turn_s[1])
+        return np.where(inside, np.radians(self.rate_deg_s), 0.0)[:, None] * np.array([0.0, 0.0, 1.0])
+
+    def felt(self, t_s: Array) -> tuple[Array, Array]:
+        """Return specific force (n, 3) m/s2 and rate (n, 3) rad/s along the body's axes."""
+        position, velocity, yaw = self.motion(t_s)
+        earth = EARTH_rad_s * np.array([np.cos(LATITUDE), 0.0, -np.sin(LATITUDE)])
+        sine2 = np.sin(LATITUDE) ** 2
+        g0 = G_m_s2 * (1.0 + 0.00193185265241 * sine2) / np.sqrt(1.0 - 0.00669437999013 * sine2)
+        gravity = g0 * np.array([0.0, 0.0, 1.0]) + g0 / RADIUS_m * position * np.array([-1.0, -1.0, 2.0])
+        acceleration = np.cross(self.turning(t_s), velocity)
+        force = acceleration - gravity + 2.0 * np.cross(earth, velocity)
+        return in_body(force, yaw), in_body(earth + self.turning(t_s), yaw)
+
+    def integrals(self, edges_s: Array) -> tuple[Array, Array]:
+        """Return what the body feels, integrated between consecutive times (n + 1,) by Simpson's rule: (n, 3) twice."""
+        cut = np.union1d(edges_s, [at for at in self.turn_s if edges_s[0] < at < edges_s[-1]])
+        inside = 1e-9
+        parts = [self.felt(at) for at in (cut[:-1] + inside, 0.5 * (cut[:-1] + cut[1:]), cut[1:] - inside)]
+        steps = np.diff(cut)[:, None] / 6.0
+        begins = np.searchsorted(cut, edges_s[:-1])
+        return tuple(  # type: ignore[return-value]
+            np.add.reduceat(steps * (first + 4.0 * middle + last), begins, axis=0)
+            for first, middle, last in zip(*parts, strict=True)
+        )
 
 
-def felt(t_s: Array) -> tuple[Array, Array]:
-    """Return specific force (n, 3) m/s2 and rate (n, 3) rad/s along the body's axes."""
-    position, velocity, yaw = motion(t_s)
-    turning = np.where((t_s > TURN_s[0]) & (t_s < TURN_s[1]), np.radians(RATE_deg_s), 0.0)
-    up = np.array([0.0, 0.0, 1.0])
-    earth = EARTH_rad_s * np.array([np.cos(LATITUDE), 0.0, -np.sin(LATITUDE)])
-    sine2 = np.sin(LATITUDE) ** 2
-    g0 = G_m_s2 * (1.0 + 0.00193185265241 * sine2) / np.sqrt(1.0 - 0.00669437999013 * sine2)
-    gravity = g0 * up + g0 / RADIUS_m * position * np.array([-1.0, -1.0, 2.0])
-    acceleration = np.cross(turning[:, None] * up, velocity)
-    force = acceleration - gravity + 2.0 * np.cross(earth, velocity)
-    rate = earth + turning[:, None] * up
-    return in_body(force, yaw), in_body(rate, yaw)
+TURNING = Path()
+STRAIGHT = Path(turn_s=(0.0, 0.0))
 
 
 def in_body(vector: Array, yaw: Array) -> Array:
@@ -117,22 +143,9 @@ def in_body(vector: Array, yaw: Array) -> Array:
     return np.stack([forward, right, vector[:, 2]], axis=1)
 
 
-def integrals(edges_s: Array) -> tuple[Array, Array]:
-    """Return what the body feels, integrated between consecutive times (n + 1,) by Simpson's rule: (n, 3) twice."""
-    cut = np.union1d(edges_s, [at for at in TURN_s if edges_s[0] < at < edges_s[-1]])
-    inside = 1e-9
-    parts = [felt(at) for at in (cut[:-1] + inside, 0.5 * (cut[:-1] + cut[1:]), cut[1:] - inside)]
-    steps = np.diff(cut)[:, None] / 6.0
-    begins = np.searchsorted(cut, edges_s[:-1])
-    return tuple(  # type: ignore[return-value]
-        np.add.reduceat(steps * (first + 4.0 * middle + last), begins, axis=0)
-        for first, middle, last in zip(*parts, strict=True)
-    )
-
-
-def wander(rng: np.random.Generator, count: int, time_s: float) -> Array:
+def wander(rng: np.random.Generator, count: int, time_s: float, step_s: float = EGI_s) -> Array:
     """Return errors of unit variance that are alike for some time, (count, 3)."""
-    kept = np.exp(-EGI_s / time_s)
+    kept = np.exp(-step_s / time_s)
     white = rng.standard_normal((count, 3))
     out = np.empty_like(white)
     out[0] = white[0]
@@ -143,31 +156,60 @@ def wander(rng: np.random.Generator, count: int, time_s: float) -> Array:
 
 @dataclass(frozen=True)
 class Recording:
-    """One drive of both units: ``seed`` draws, ``world`` what is wrong, ``noise`` False without errors of any unit."""
+    """One drive of both units: ``seed`` draws, ``world`` what is wrong, ``noise`` False without errors of any unit.
+
+    ``offset_s``: EGI minus IMU clock in the middle.   ``epoch_s``: by which the clock of the EGI is ahead besides.
+    ``poll_ns``: step of the receive stamps.   ``loss``: share of frames that are lost.
+    """
 
     seed: int
     world: World = field(default_factory=World)
     noise: bool = True
+    path: Path = TURNING
+    long_s: float = LONG_s
+    imu_s: float = IMU_s
+    egi_s: float = EGI_s
+    offset_s: float = OFFSET_s
+    drift: float = DRIFT
+    imu_clock: float = IMU_CLOCK
+    first_tick: int = FIRST_TICK
+    epoch_s: float = 0.0
+    poll_ns: int = 1
+    loss: float = 0.0
+    records: int = 1
 
-    def material(self) -> Material:
-        """As the analysis takes it."""
-        imu, egi = self._imu(), self._egi()
-        conditions = {"item": "time_sync", "manoeuvre": "turn", "phase": "all"}
-        count = len(imu.counter)
-        window = RecordWindow(1, "imu", int(imu.counter[0]), count, int(imu.t_ns[0]), int(imu.t_ns[-1]), conditions)
-        row = RecordRow(window, {}, count, 0, 0, Quality.GOOD, samples=imu, beside={"egi": egi})
-        return Material([row], CAMPAIGN, {})
+    def material(self, **sections: Any) -> Material:
+        """As the analysis takes it; ``sections``: what the sequence states otherwise."""
+        imu, egi, rows = self._imu()[0], self._egi(), []
+        edges = np.linspace(imu.counter[0], imu.counter[-1] + 1, self.records + 1).astype(int)
+        for number, (first, stop) in enumerate(pairwise(edges.tolist()), 1):
+            samples = part(imu, (imu.counter >= first) & (imu.counter < stop))
+            begin_ns, end_ns = int(samples.t_ns[0]), int(samples.t_ns[-1])
+            early = (number > 1) & (egi.t_ns <= begin_ns - 200_000_000)
+            beside = part(egi, ~early & ((egi.t_ns <= end_ns) | (number == self.records)))
+            conditions = {"item": "time_sync", "manoeuvre": "turn", "phase": "all"}
+            window = RecordWindow(number, "imu", first, stop - first, begin_ns, end_ns, conditions)
+            lost = stop - first - len(samples)
+            beside = {"egi": beside}
+            rows.append(RecordRow(window, {}, len(samples), lost, 0, Quality.GOOD, samples=samples, beside=beside))
+        return Material(rows, dict(CAMPAIGN) | sections, {})
 
-    def _imu(self) -> Samples:
-        own_s = np.arange(round(LONG_s / IMU_s) + 1) * IMU_s
-        t_s = own_s / (1.0 + IMU_CLOCK)
-        dv, dtheta = integrals(t_s)
-        rng = np.random.default_rng([self.seed, 1])
+    @property
+    def biases(self) -> tuple[Array, Array]:
+        """Drawn biases of accelerometers, m/s2, and of gyros, rad/s."""
+        return self._imu()[1]
+
+    def _imu(self) -> tuple[Samples, tuple[Array, Array]]:
+        own_s = np.arange(round(self.long_s / self.imu_s) + 1) * self.imu_s
+        t_s = own_s / (1.0 + self.imu_clock)
+        dv, dtheta = self.path.integrals(t_s)
+        rng, biases = np.random.default_rng([self.seed, 1]), []
         for column, walk, bias in (
             (dv, 20e-6 * 9.80665, 200e-6 * 9.80665),
             (dtheta, np.radians(0.07) / 60.0, np.radians(1.0) / 3600.0),
         ):
-            errors = bias * IMU_s * rng.standard_normal(3) + walk * np.sqrt(IMU_s) * rng.standard_normal(column.shape)
+            biases.append(bias * rng.standard_normal(3))
+            errors = self.imu_s * biases[-1] + walk * np.sqrt(self.imu_s) * rng.standard_normal(column.shape)
             column += self.noise * errors
         self.world.increments(dv, dtheta, t_s[1:])
         columns = {
@@ -176,27 +218,25 @@ class Recording:
             "delta_velocity": np.rint(dv / 1e-8).astype(np.int32),
             "status": np.zeros(len(dv), np.uint16),
         }
-        arrived_s = t_s[1:] + IMU_LATENCY_s
-        return Samples(columns, 70_000 + np.arange(len(dv)), self._stamps(arrived_s, rng), _scales(columns))
+        return self._arrived(columns, 70_000, t_s[1:] + IMU_LATENCY_s, rng), (biases[0], biases[1])
 
     def _egi(self) -> Samples:
-        own_s = 0.1137 + np.arange(round((LONG_s - 0.2) / EGI_s)) * EGI_s
-        of_imu_s = own_s - OFFSET_s - DRIFT * (own_s - 0.5 * LONG_s)
-        t_s = of_imu_s / (1.0 + IMU_CLOCK)
+        own_s = 0.1137 + np.arange(round((self.long_s - 0.2) / self.egi_s)) * self.egi_s
+        of_imu_s = own_s - self.offset_s - self.drift * (own_s - 0.5 * self.long_s)
+        t_s = of_imu_s / (1.0 + self.imu_clock)
         ages = self.world.age_s(t_s)
-        position, velocity, yaw = (motion(t_s - age)[part] for part, age in enumerate(ages))
+        position, velocity, yaw = (self.path.motion(t_s - age)[part] for part, age in enumerate(ages))
         lever = in_body(self.world.lever_m() * np.ones((len(t_s), 1)), -yaw)
-        turning = np.where((t_s > TURN_s[0]) & (t_s < TURN_s[1]), np.radians(RATE_deg_s), 0.0)
         position = position + lever
-        velocity = velocity + np.cross(turning[:, None] * np.array([0.0, 0.0, 1.0]), lever)
+        velocity = velocity + np.cross(self.path.turning(t_s), lever)
         rng = np.random.default_rng([self.seed, 2])
         size = self.noise * self.world.errors()
-        position += size * POSITION_m * wander(rng, len(t_s), 20.0)
-        velocity += size * 0.017 * wander(rng, len(t_s), 20.0)
+        position += size * POSITION_m * wander(rng, len(t_s), 20.0, self.egi_s)
+        velocity += size * 0.017 * wander(rng, len(t_s), 20.0, self.egi_s)
         tilt = np.radians([0.0013, 0.0013, 0.0]) * rng.standard_normal(3) * np.ones((len(t_s), 1))
-        tilt[:, 2] = np.radians(0.0144) * wander(rng, len(t_s), 100.0)[:, 2]
+        tilt[:, 2] = np.radians(0.0144) * wander(rng, len(t_s), 100.0, self.egi_s)[:, 2]
         stamp_s = t_s + EGI_LATENCY_s + self.world.egi_arrival_s(t_s)
-        sent = Solutions(t_s, position, velocity, size * tilt, stamp_s, own_s)
+        sent = Solutions(t_s, position, velocity, size * tilt, stamp_s, own_s + self.epoch_s)
         self.world.sent(sent)
         return self._solutions(sent, yaw, rng)
 
@@ -211,15 +251,25 @@ class Recording:
             "position_sigma": np.full(len(yaw), POSITION_m), "mode": np.full(len(yaw), 3, np.uint16),
             "status": np.zeros(len(yaw), np.uint16),
         }  # fmt: skip
-        return Samples(columns, 17_500 + np.arange(len(yaw)), self._stamps(sent.stamp_s, rng), _scales(columns))
+        return self._arrived(columns, 17_500, sent.stamp_s, rng)
 
     def _ticks(self, own_s: Array, rng: np.random.Generator) -> Array:
         noise_s = self.noise * TAG_s * rng.standard_normal(own_s.size)
-        return np.rint((own_s + noise_s) * 1e7).astype(np.uint64) + np.uint64(FIRST_TICK)
+        return np.rint((own_s + noise_s) * 1e7).astype(np.uint64) + np.uint64(self.first_tick)
 
-    def _stamps(self, arrived_s: Array, rng: np.random.Generator) -> Array:
-        late_s = rng.exponential(JITTER_s, arrived_s.size) * (1.0 if self.noise else 1e-3)
-        return np.rint((np.maximum.accumulate(arrived_s + late_s) + 300.0) * 1e9).astype(np.int64)
+    def _arrived(self, columns: dict[str, Array], first: int, due_s: Array, rng: np.random.Generator) -> Samples:
+        late_s = rng.exponential(JITTER_s, due_s.size) * (1.0 if self.noise else 1e-3)
+        ns = np.rint((np.maximum.accumulate(due_s + late_s) + 300.0) * 1e9).astype(np.int64)
+        ns = -(-ns // self.poll_ns) * self.poll_ns
+        kept = rng.random(due_s.size) >= self.loss
+        kept[[0, -1]] = True
+        return part(Samples(columns, first + np.arange(due_s.size), ns, _scales(columns)), kept)
+
+
+def part(samples: Samples, kept: Array) -> Samples:
+    """Return some of the samples of a link."""
+    columns = {name: column[kept] for name, column in samples.columns.items()}
+    return replace(samples, columns=columns, counter=samples.counter[kept], t_ns=samples.t_ns[kept])
 
 
 def _scales(columns: Mapping[str, Array]) -> dict[str, tuple[float, float, str]]:

@@ -157,6 +157,4 @@ def test_the_roll_angle_is_that_of_the_table(sessions) -> None:
     size = np.hypot(*field.T)
     assert size.std() < 1.5 * 0.5e-3
     across = 0.43 * np.hypot(np.sin(np.radians(55.0)), np.cos(np.radians(55.0)) * np.sin(np.radians(DECLINATION_deg)))
-    assert size.mean() == pytest.approx(
-        across, rel=0.09
-    )  # sensitivity of x: 3 %, not more than 2.5 standard deviations
+    assert size.mean() == pytest.approx(across, rel=0.09)  # sensitivity of x: 3 %, at most 2.5 standard deviations

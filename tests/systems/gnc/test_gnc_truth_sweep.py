@@ -6,7 +6,6 @@ The figures of 50 units are in docs/gnc-module.md.
 from __future__ import annotations
 
 import functools
-import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -16,15 +15,11 @@ import pytest
 from gnc_sessions import Session, TURN_s, calibration_settings, recorded_unit, run_session, share_covered
 from rehearsal import ROOT
 from scipy.linalg import sqrtm
-from typer.testing import CliRunner
-
-from bench.cli import app
 
 MATRICES = tuple(f"{kind}_{what}" for kind in ("accel", "gyro") for what in ("scale_error", "cross_coupling"))
 COVERED = (*MATRICES, "accel_bias", "gyro_bias", "accel_matrix", "gyro_matrix")
 CROSS = ~np.eye(3, dtype=bool)
 Sessions = Callable[[str, int, float], list[Session]]
-SHORT = ["--set", "warm_up=2 s", "--set", "record_time=30 s", "--set", "attitude_time=25 s"]
 AXES = "xyz"
 
 
@@ -170,22 +165,3 @@ def test_the_ellipsoid_is_the_sensor_that_was_simulated(tmp_path_factory: pytest
     print("soft and hard iron, in standard uncertainties:", np.round(scores, 2))
     assert np.abs(scores).max() < 4.0
     assert np.sqrt(np.mean(np.square(scores))) < 2.0
-
-
-def test_attitudes_that_leave_a_direction_open_are_named_b_fit_091(tmp_path: Path) -> None:
-    text = (Path(__file__).resolve().parents[3] / "sequences" / "gnc_magnetometer.yaml").read_text()
-    for middle in ("50", "20", "-10", "-60", "-90"):
-        line = next(
-            one for one in text.splitlines() if 'attitude: {outer: "{north}"' in one and f"middle: {middle} deg" in one
-        )
-        text = text.replace(f"{line}\n", "")
-    text = text.replace('  - attitude: {outer: "{south}", middle: -60 deg}\n', "")
-    path = tmp_path / "gnc_magnetometer.yaml"
-    path.write_text(text)
-    words = ["run", str(path), "--clock", "virtual", "--seed", "5", "--out", str(tmp_path / "out"), *SHORT]
-    result = CliRunner().invoke(app, words)
-    assert result.exit_code == 1, result.output
-    (folder,) = (one for one in (tmp_path / "out").iterdir() if one.is_dir())
-    results = json.loads((folder / "results.json").read_text())
-    assert not [one for one in results["estimates"] if one["quantity"].startswith(("mag_hard", "mag_soft"))]
-    assert any("hard and soft iron" in note and "B-FIT-091" in note for note in results["notes"])

@@ -10,7 +10,6 @@ from functools import cache
 import doubt_gnc as gnc
 import pytest
 from doubt_classes import DOUBTED, REFUSED, WRONG, Seen, is_visible, sorted_classes
-from gnc_wrong_worlds import BiasStep
 
 from bench.analysis import build_results, is_sound
 from bench.model.assumptions import assumptions_of
@@ -93,7 +92,7 @@ def test_right_worlds_are_doubted_once_in_five_hundred() -> None:
 
 def test_coefficients_hold_sound_sections_alone() -> None:
     """Accelerometers whose bias steps by 10 mg: their section is left out and named, that of the gyros stays."""
-    material = gnc.recorded(3, BiasStep(1e-2)).material("imu_calibration", ("accel", "gyro"))
+    material = gnc.recorded(3, SWITCHES["bias_step"].world(1e-2)).material("imu_calibration", ("accel", "gyro"))
     analysis = analyse(material)
     results = build_results("session", analysis, {"records": len(material.rows)}, gnc.PROVENANCE)
     written = coefficients_of_session(analysis, results, material.campaign)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from one_estimate import value
 from rehearsal import Inside, bench
 
 SEED = 41
@@ -42,12 +43,7 @@ def against_truth(results: dict[str, Any], truth: dict[str, Any]) -> dict[str, l
 
 def ratio(results: dict[str, Any], method: str, **place: Any) -> float:
     """Random walk behind a compensator over that before it."""
-    (found,) = [
-        one["value"] for one in results["estimates"]
-        if one["quantity"] == "random_walk_ratio" and one["conditions"]["method"] == method
-        and all(one["conditions"][name] == value for name, value in place.items())
-    ]  # fmt: skip
-    return float(found)
+    return value(results, "random_walk_ratio", method=method, **place)
 
 
 @pytest.mark.slow
@@ -64,9 +60,6 @@ def test_a_short_campaign_and_the_same_without_its_truth(tmp_path: Path, inside:
     again = inside("fit", str(folder), "--json")
     assert again.returncode == 0, again.stderr
     assert json.loads(again.stdout)["estimates"] == results["estimates"]
-    report = (folder / "report.html").read_text("utf-8")
-    for words in ("Alignment time", "As figure 11 of the paper.", "Nobody knows the true one", "a half or a third"):
-        assert words in report
 
 
 @pytest.mark.sweep

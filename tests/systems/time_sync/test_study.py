@@ -63,10 +63,8 @@ def request(out: Path, **other: Any) -> StudyRequest:
 
 
 def test_an_unknown_study(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
+    with pytest.raises(InputError, match=f"B-STUDY-001.*{NAME}"):
         study(request(tmp_path, name="time_travel"))
-    assert caught.value.code == "B-STUDY-001"
-    assert NAME in caught.value.next_step
     assert list(tmp_path.iterdir()) == []
 
 
@@ -84,11 +82,9 @@ def test_files_and_exit_status(
     said = capsys.readouterr()
     assert json.loads(said.out) == document == json.loads((tmp_path / "out" / "study.json").read_text("utf-8"))
     assert (tmp_path / "out" / "report.html").read_text("utf-8") == "<html>"
-    assert "1/9  sar, both filters, offsets 0, 20 ms, images" in said.err
+    assert "1/9  sar" in said.err
     assert study(request(tmp_path / "out")) == (1 if spoilt else 0)
-    said = capsys.readouterr()
-    assert ("1 tolerances kept, 1 not" in said.out) == spoilt
-    assert ("fail       shift = 2 m  (offset_ms 20.0)" in said.out) == spoilt
+    assert ("1 tolerances kept, 1 not" in capsys.readouterr().out) == spoilt
 
 
 def _judged(verdict: str) -> dict[str, Any]:

@@ -13,6 +13,8 @@ import pytest
 from doubt_classes import CLASSES, DOUBTED, REFUSED, WRONG, Seen, is_visible, sorted_classes
 
 from bench.analysis import is_sound
+from bench.model.assumptions import Assumption, assumptions_of
+from bench.plan import compile_sequence
 
 GROSS = {
     "solutions_older_than_tags": {"stamps_disagree"},
@@ -104,3 +106,18 @@ def test_right_worlds_are_doubted_once_in_five_hundred() -> None:
     doubted = [seed for seed in range(500) if codes_of(worlds.seen(seed, None, 0.0))]
     print(f"seeds 0 to 499: doubted {doubted}")
     assert len(doubted) <= 5
+
+
+def taken_for_granted(**sections: object) -> dict[str, Assumption]:
+    stated = {"analysis": "time_sync", "latency": {"egi_s": 8e-3, "imu_s": 8e-4, "std_s": 1e-3}}
+    return {taken.code: taken for taken in assumptions_of(stated | sections)}
+
+
+def test_what_no_recording_can_show_is_named_with_its_size() -> None:
+    assert {switch.assumption for switch in worlds.SWITCHES} - {""} <= set(taken_for_granted())
+    assert "up to 5.5 ms" in taken_for_granted()["latency_as_stated"].unseen
+    assert "any size" in taken_for_granted(latency=None)["latency_as_stated"].unseen
+    for velocity_m_s, text in ((0.017, "0.11 m"), (0.17, "1.10 m")):
+        place = taken_for_granted(egi={"velocity_m_s": velocity_m_s, "level_deg": 0.0013})["one_place"]
+        assert text in place.unseen
+    assert len(assumptions_of(compile_sequence("time_sync_turn", None, {}).campaign)) == 8

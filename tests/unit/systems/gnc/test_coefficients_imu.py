@@ -64,16 +64,20 @@ def both(calibration: dict[str, Any]) -> dict[str, Any]:
     return merged([document("mag", magnetometer_section("ellipse", PLANE, SPAN)), calibration])
 
 
-def test_document_is_valid_by_the_shipped_schema(both: dict[str, Any]) -> None:
-    schema = json.loads(
-        (Path(__file__).parents[4] / "bench/systems/gnc/imu_coefficients.schema.json").read_text(encoding="utf-8")
-    )
+def test_document_is_valid_by_the_shipped_schema_and_filed(both: dict[str, Any], tmp_path: Path) -> None:
+    shipped = Path(__file__).parents[4] / "bench/systems/gnc/imu_coefficients.schema.json"
+    schema = json.loads(shipped.read_text(encoding="utf-8"))
     assert schema == coefficients_schema()
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.validate(json.loads(results_json(both)), schema)
     assert [one["section"] for one in both["sections"]] == ["accelerometer", "gyro", "magnetometer"]
     assert [one["session"] for one in both["sections"]] == ["cal", "cal", "mag"]
     assert both["simulated"] is True
+    one = analysis(triad_section("gyro", triad(), SPAN))
+    paths = write_coefficients(tmp_path, one, build_results("cal", one, {}, PROVENANCE), {})
+    assert [path.name for path in paths] == ["imu_coefficients.json", "imu_coefficients.h"]
+    text = paths[1].read_text()
+    assert ("SIMULATED" in text, "imu_compensate_accelerometer" in text, text.isascii()) == (True, False, True)
 
 
 def test_sessions_that_do_not_belong_together_are_refused(calibration: dict[str, Any]) -> None:
@@ -83,14 +87,12 @@ def test_sessions_that_do_not_belong_together_are_refused(calibration: dict[str,
         (document("again", gyro), "B-COEF-002"),
         (document("real", simulated=False), "B-COEF-003"),
     ):
-        with pytest.raises(InputError) as caught:
+        with pytest.raises(InputError, match=code):
             merged([calibration, second])
-        assert caught.value.code == code
     af, imu = (system.coefficients for system in systems() if system.coefficients is not None)
     converters = {"parameters": [], "sources": [{"session": "af"}]}
-    with pytest.raises(InputError, match="converters, others of an IMU") as caught:
+    with pytest.raises(InputError, match=r"B-COEF-007.*converters, others of an IMU"):
         merged_coefficients([Coefficients(imu, calibration), Coefficients(af, converters)])
-    assert caught.value.code == "B-COEF-007"
 
 
 @pytest.mark.parametrize(
@@ -102,21 +104,8 @@ def test_sessions_that_do_not_belong_together_are_refused(calibration: dict[str,
     ],
 )
 def test_a_section_that_is_not_in_the_form_is_refused(change: dict[str, Any], says: str) -> None:
-    with pytest.raises(InputError, match=says) as caught:
+    with pytest.raises(InputError, match=f"B-COEF-006.*{says}"):
         document("cal", triad_section("gyro", triad(), SPAN) | change)
-    assert caught.value.code == "B-COEF-006"
-
-
-def test_files_of_a_session(tmp_path: Path) -> None:
-    one = analysis(triad_section("gyro", triad(), SPAN))
-    results = build_results("cal", one, {}, PROVENANCE)
-    paths = write_coefficients(tmp_path, one, results, {})
-    assert [path.name for path in paths] == ["imu_coefficients.json", "imu_coefficients.h"]
-    text = paths[1].read_text()
-    assert "SIMULATED" in text
-    assert "w = K N - bias" in text
-    assert "imu_compensate_accelerometer" not in text
-    assert text.isascii()
 
 
 PROGRAM = """
@@ -169,11 +158,9 @@ def test_header_compiles_and_gives_the_same_numbers(tmp_path: Path, both: dict[s
     x, y = PLANE.corrected(given[:, 0], given[:, 1])
     np.testing.assert_allclose(found[:, 6:], np.column_stack([x, y]), rtol=1e-13, atol=1e-15)
     assert float(last) == pytest.approx(24.1 + 31.7 + 24.1)
-
-
-def test_header_of_one_section_compiles(tmp_path: Path, calibration: dict[str, Any]) -> None:
-    (tmp_path / "imu_coefficients.h").write_text(header_text(calibration | {"sections": []}))
+    (tmp_path / "imu_coefficients.h").write_text(header_text(both | {"sections": []}))
     (tmp_path / "main.c").write_text('#include "imu_coefficients.h"\nint main(void) { return IMU_HAS_GYRO; }\n')
-    command = [compiler(), *FLAGS, "-fsyntax-only", "main.c"]
-    built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert (built.returncode, built.stderr) == (0, "")
+    built = subprocess.run(
+        [compiler(), *FLAGS, "-fsyntax-only", "main.c"], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert (built.returncode, built.stderr) == (0, "")  # of no section

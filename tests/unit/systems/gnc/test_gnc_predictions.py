@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from one_estimate import every
 from rehearsal import ROOT
 
 from bench.analysis import Planned, Prediction
@@ -29,8 +30,8 @@ def plan_of(tmp_path: Path, name: str, *cuts: tuple[str, str], **settings: str) 
     return compile_sequence(path, None, settings)
 
 
-def stds(prediction: Prediction, quantity: str) -> list[float]:
-    return [entry["std_uncertainty"] for entry in prediction.estimates if entry["quantity"] == quantity]
+def stds(prediction: Prediction, quantity: str, **conditions: str) -> list[float]:
+    return [entry["std_uncertainty"] for entry in every(prediction, quantity, **conditions)]
 
 
 def test_a_calibration_follows_the_formulas_of_white_noise(tmp_path: Path) -> None:
@@ -49,25 +50,12 @@ def test_a_calibration_follows_the_formulas_of_white_noise(tmp_path: Path) -> No
     np.testing.assert_allclose(stds(found, "accel_scale_error"), due_ppm, rtol=1e-6)
 
 
-def test_noise_of_nothing_is_not_declared(tmp_path: Path) -> None:
-    """A sensor of no noise and no step would have no uncertainty at all."""
-    changes = ("accelerometer_random_walk: 100 ug/sqrt(Hz)", "accelerometer_random_walk: 0 ug/sqrt(Hz)")
-    steps = ("accelerometer_resolution: 1 mg", "accelerometer_resolution: 0 mg")
-    found = predicted(plan_of(tmp_path, "gnc_imu_calibration", changes, steps))
-    assert stds(found, "accel_bias") == []
-    assert any("accelerometers: their noise is not declared" in sentence for sentence in found.missing)
-
-
 def test_a_longer_position_buys_what_its_noise_allows(tmp_path: Path) -> None:
     short, long = (predicted(plan_of(tmp_path, "gnc_imu_calibration", position=time)) for time in ("100 s", "400 s"))
     gain = stds(short, "accel_scale_error")[0] / stds(long, "accel_scale_error")[0]
     assert 1.2 < gain < 2.0  # white noise alone would make it 2
-
-
-def test_the_tilt_that_the_site_states_is_in_it(tmp_path: Path) -> None:
-    plan = plan_of(tmp_path, "gnc_imu_calibration", ("azimuth: 90 deg}", "azimuth: 90 deg, tilt: 1 arcmin}"))
-    tilt = math.radians(1.0 / 60.0)
-    assert min(stds(predicted(plan), "accel_cross_coupling")) > 0.5 * tilt
+    tilted = plan_of(tmp_path, "gnc_imu_calibration", ("azimuth: 90 deg}", "azimuth: 90 deg, tilt: 1 arcmin}"))
+    assert min(stds(predicted(tilted), "accel_cross_coupling")) > 0.5 * math.radians(1.0 / 60.0)
 
 
 def test_what_a_plan_leaves_open_is_named(tmp_path: Path) -> None:
@@ -81,12 +69,14 @@ def test_what_a_plan_leaves_open_is_named(tmp_path: Path) -> None:
     found = predicted(plan_of(tmp_path, "gnc_imu_calibration", ("  - rotations: {axis: z}\n", "")))
     assert stds(found, "gyro_bias") == []
     assert "rotation Z+: no record" in found.missing
-
-
-def test_a_record_that_ends_within_the_turn_is_named(tmp_path: Path) -> None:
-    found = predicted(plan_of(tmp_path, "gnc_imu_calibration", turn_record="4 s"))
+    found = predicted(plan_of(tmp_path, "gnc_imu_calibration", turn_record="4 s"))  # it ends within the turn
     assert stds(found, "gyro_bias") == []
     assert any("B-FIT-08" in sentence for sentence in found.missing)
+    walk = ("accelerometer_random_walk: 100 ug/sqrt(Hz)", "accelerometer_random_walk: 0 ug/sqrt(Hz)")
+    steps = ("accelerometer_resolution: 1 mg", "accelerometer_resolution: 0 mg")  # no uncertainty at all
+    found = predicted(plan_of(tmp_path, "gnc_imu_calibration", walk, steps))
+    assert stds(found, "accel_bias") == []
+    assert any("accelerometers: their noise is not declared" in sentence for sentence in found.missing)
 
 
 @pytest.mark.parametrize("name", ["gnc_imu_calibration", "gnc_bias"])
@@ -113,18 +103,8 @@ def test_a_magnetometer_without_declared_noise_or_field_b_gnc_008(tmp_path: Path
         (sentence,) = found.missing
         assert name in sentence
         assert "is not declared" in sentence
-        with pytest.raises(FitError) as caught:
+        with pytest.raises(FitError, match="B-GNC-008"):
             of_magnetometer(Planned([], plan.campaign, {}))
-        assert caught.value.code == "B-GNC-008"
-
-
-def test_the_ellipse_of_an_even_turn_is_known_as_its_noise_says(tmp_path: Path) -> None:
-    """Offsets of n even readings of a circle: noise sqrt(2 / n); its radius noise sqrt(1 / n) for a known shape."""
-    found = predicted(plan_of(tmp_path, "gnc_magnetometer", record_time="48 s", attitude_time="24 s"))
-    noise = math.hypot(0.5e-3, 120e-6 / math.sqrt(12.0))
-    own = [entry for entry in found.estimates if entry["conditions"].get("method") == "ellipse"]
-    offsets = [entry["std_uncertainty"] for entry in own if entry["quantity"] == "mag_offset"]
-    np.testing.assert_allclose(offsets, noise * math.sqrt(2.0 / 9600.0), rtol=0.01)
 
 
 def test_attitudes_that_do_not_determine_an_ellipsoid_are_named(tmp_path: Path) -> None:
@@ -147,11 +127,16 @@ def test_a_unit_test_is_known_as_its_counter_and_its_noise_say(tmp_path: Path) -
     assert [sentence for sentence in of_one.missing if "declare gyro_random_walk" in sentence] == of_one.missing
 
 
-def test_rolls_are_known_as_one_reading_less_the_mean_of_all(tmp_path: Path) -> None:
-    """Noise of an axis over the field across z, which the site declares."""
+def test_ellipse_and_rolls_are_known_as_their_noise_says(tmp_path: Path) -> None:
+    """Offsets of n even readings of a circle: noise sqrt(2 / n); rolls: one reading less the mean of all, noise of an
+    axis over the field across z, which the site declares.
+    """
     found = predicted(plan_of(tmp_path, "gnc_magnetometer", record_time="48 s", attitude_time="24 s"))
+    noise = math.hypot(0.5e-3, 120e-6 / math.sqrt(12.0))
+    offsets = stds(found, "mag_offset", method="ellipse")
+    np.testing.assert_allclose(offsets, noise * math.sqrt(2.0 / 9600.0), rtol=0.01)
     dip, east = math.radians(55.0), math.radians(4.0)
     across = 0.43 * math.hypot(math.sin(dip), math.cos(dip) * math.sin(east))
-    single_deg = math.degrees(math.hypot(0.5e-3, 120e-6 / math.sqrt(12.0)) / across)
+    single_deg = math.degrees(noise / across)
     assert stds(found, "mag_roll") == pytest.approx([single_deg] * 8, rel=0.01)
     assert stds(found, "mag_roll_error") == pytest.approx([single_deg * math.sqrt(7.0 / 8.0)] * 24, rel=0.02)

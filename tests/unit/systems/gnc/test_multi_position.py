@@ -72,20 +72,16 @@ def test_same_minimum_as_another_parametrisation() -> None:
     assert fit.residual_rms == pytest.approx(np.sqrt(found.fun / len(mean)), rel=1e-6)
 
 
-def test_exact_poses_and_what_follows() -> None:
-    fit = fit_multi_position(poses(1, noise=0.0), G)
-    assert fit.matrix == pytest.approx(TRUE, abs=1e-12)
-    assert fit.counts_per_unit == pytest.approx(1.0 / TRUE.diagonal())
-    assert np.linalg.norm(fit.apply(poses(1, noise=0.0)), axis=1) == pytest.approx(np.full(36, G))
-
-
 def test_stated_scale_is_in_the_unit_of_its_uncertainty() -> None:
+    exact = fit_multi_position(poses(1, noise=0.0), G)
+    assert exact.matrix == pytest.approx(TRUE, abs=1e-12)
+    assert exact.counts_per_unit == pytest.approx(1.0 / TRUE.diagonal())
+    assert np.linalg.norm(exact.apply(poses(1, noise=0.0)), axis=1) == pytest.approx(np.full(36, G))
     fits = [fit_multi_position(poses(seed), G) for seed in range(100)]
     drawn = np.std([fit.counts_per_unit for fit in fits], axis=0)
     assert np.mean([fit.counts_per_unit_std for fit in fits], axis=0) == pytest.approx(drawn, rel=0.25)
-    assert np.mean([fit.zero_std for fit in fits], axis=0) == pytest.approx(
-        np.std([f.zero for f in fits], axis=0), rel=0.25
-    )
+    drawn = np.std([fit.zero for fit in fits], axis=0)
+    assert np.mean([fit.zero_std for fit in fits], axis=0) == pytest.approx(drawn, rel=0.25)
 
 
 @pytest.mark.parametrize(
@@ -99,24 +95,19 @@ def test_stated_scale_is_in_the_unit_of_its_uncertainty() -> None:
 def test_poses_not_spread_enough_are_refused_naming_the_direction(kept: Callable, missing: int) -> None:
     unit = directions(np.random.default_rng(9), 20_000)
     mean = (G * unit[kept(unit)][:40]) @ np.linalg.inv(TRUE).T + ZERO
-    with pytest.raises(FitError, match="do not determine the length along") as refused:
+    with pytest.raises(FitError, match=r"B-FIT-085.*do not determine the length along") as refused:
         fit_multi_position(mean, G)
-    assert refused.value.code == "B-FIT-085"
     named = [float(part) for part in refused.value.message.split("(")[1].split(")")[0].split(",")]
     assert np.argmax(np.abs(named)) == missing
 
 
 def test_too_few_poses_and_poses_that_are_none_are_refused() -> None:
-    with pytest.raises(FitError, match="9 poses, 10 are needed") as refused:
+    with pytest.raises(FitError, match=r"B-FIT-085.*9 poses, 10 are needed"):
         fit_multi_position(poses(1, 9), G)
-    assert refused.value.code == "B-FIT-085"
     rng = np.random.default_rng(5)
-    with pytest.raises(FitError, match="scatter by") as refused:
+    with pytest.raises(FitError, match=r"B-FIT-086.*scatter by"):
         fit_multi_position(directions(rng, 60) * rng.uniform(0.6, 1.4, (60, 1)), 1.0)
-    assert refused.value.code == "B-FIT-086"
 
-
-# --- at rest and between ---------------------------------------------------------------------------------------------
 
 MATRIX = np.array([[1.01, 0.004, -0.002], [0.006, 0.99, 0.005], [-0.003, 0.001, 1.02]])  # of K, per count of 80 / deg/s
 OFFSET = np.array([32768.0, 32466.0, 32485.0])
@@ -172,22 +163,16 @@ def test_moving_variance_is_that_of_numpy() -> None:
     assert found.threshold == pytest.approx(3.0 * initial)
 
 
-@pytest.mark.parametrize(
-    ("samples", "initial_s", "why"),
-    [
-        (np.random.default_rng(1).normal(size=(300, 3)), 5.0, "rest first"),
+def test_record_without_rest_is_refused() -> None:
+    noise = np.random.default_rng(1).normal(size=(3000, 3))
+    shaken = noise * (1 + 99 * (np.arange(3000) > 60))[:, None]
+    for samples, initial_s, why in (
+        (noise[:300], 5.0, "rest first"),
         (np.ones((3000, 3)), 5.0, "do not change"),
-        (
-            np.random.default_rng(1).normal(size=(3000, 3)) * (1 + 99 * (np.arange(3000) > 60))[:, None],
-            0.5,
-            "no interval",
-        ),
-    ],
-)
-def test_record_without_rest_is_refused(samples: np.ndarray, initial_s: float, why: str) -> None:
-    with pytest.raises(FitError, match=why) as refused:
-        static_intervals(samples, 100.0, initial_s=initial_s)
-    assert refused.value.code == "B-FIT-084"
+        (shaken, 0.5, "no interval"),
+    ):
+        with pytest.raises(FitError, match=f"B-FIT-084.*{why}"):
+            static_intervals(samples, 100.0, initial_s=initial_s)
 
 
 def test_gyroscopes_between_rests() -> None:
@@ -211,9 +196,8 @@ def test_turns_that_do_not_determine_the_gyroscopes_are_refused() -> None:
     force = (rests.means(acceleration) - ZERO) @ TRUE.T
     for count, order, code, why in ((10, -1, "B-FIT-086", "off by"), (6, 1, "B-FIT-085", "5 turns .*, 8 are needed")):
         some = StaticIntervals(rests.begin[:count], rests.end[:count], rests.threshold, rests.initial)
-        with pytest.raises(FitError, match=why) as refused:
+        with pytest.raises(FitError, match=f"{code}.*{why}"):
             fit_between_rests(step, gyro, some, force[:count][::order], 80.0)
-        assert refused.value.code == code
 
 
 def test_turns_about_one_axis_leave_the_others_open() -> None:
@@ -227,8 +211,6 @@ def test_turns_about_one_axis_leave_the_others_open() -> None:
     samples = force + rng.normal(size=force.shape) * 0.01
     rests = static_intervals(samples, rate, initial_s=3.0, window_s=1.0)
     assert [600 * k <= b < 600 * k + 200 for k, (b, _) in enumerate(pairwise([*rests.begin, 0]))] == [True] * 12
-    with pytest.raises(FitError, match="condition") as refused:
-        fit_between_rests(
-            np.full(len(rates), 0.01), rates + rng.normal(size=rates.shape) * 0.01, rests, rests.means(samples), 1.0
-        )
-    assert refused.value.code == "B-FIT-085"
+    gyro = rates + rng.normal(size=rates.shape) * 0.01
+    with pytest.raises(FitError, match=r"B-FIT-085.*condition"):
+        fit_between_rests(np.full(len(rates), 0.01), gyro, rests, rests.means(samples), 1.0)

@@ -4,33 +4,15 @@ unit's clock against the bench clock, from stamps made here by plain arithmetic.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 import pytest
 from imu_material import IMU, POSES, RATE_Hz, Rig
 from scipy import stats
 
-from bench.systems.gnc.estimators.clocks import (
-    BACKWARDS,
-    BURST,
-    CLOCK,
-    IRREGULAR,
-    RATE,
-    UNKNOWN_STD,
-    UnitClock,
-    check_ticks,
-    unit_clock,
-    unwrapped_ticks_s,
-)
-from bench.systems.gnc.estimators.sample_checks import (
-    FROZEN,
-    GAP,
-    REPEATED,
-    SATURATED,
-    SampleChecks,
-    check_samples,
-    longest_equal_run,
-    value_likelihood,
-)
+from bench.systems.gnc.estimators import clocks
+from bench.systems.gnc.estimators import sample_checks as faults
 from bench.systems.gnc.rows import SampledRow, check_notes
 from bench.systems.gnc.rows import checked as checked_rows
 
@@ -50,20 +32,83 @@ def ticks_s(seed: int = 122) -> np.ndarray:
     return np.asarray(np.arange(COUNT) * INTERVAL_s + np.random.default_rng(seed).normal(0, 2e-6, COUNT))
 
 
-def checked(columns: dict[str, np.ndarray], counter: np.ndarray | None = None, **more: np.ndarray) -> SampleChecks:
+def checked(
+    columns: dict[str, np.ndarray], counter: np.ndarray | None = None, **more: np.ndarray
+) -> faults.SampleChecks:
     number = np.arange(COUNT) if counter is None else counter
-    return check_samples(columns, number, limits=LIMITS, interval_s=INTERVAL_s, **more)
+    return faults.check_samples(columns, number, limits=LIMITS, interval_s=INTERVAL_s, **more)
 
 
-def kinds(checks: SampleChecks) -> set[str]:
+def kinds(checks: faults.SampleChecks) -> set[str]:
     return {finding.kind for finding in checks.findings}
 
 
-def test_nothing_wrong() -> None:
-    found = checked(record(), tick_s=ticks_s())
-    assert found.clean
-    assert found.sentences == ()
-    assert (found.samples, found.missing, found.gaps) == (COUNT, 0, 0)
+def clipped(gyro: np.ndarray, _: np.ndarray) -> None:
+    gyro[:, 0] = np.minimum(gyro[:, 0], 15)
+
+
+def at_the_end(gyro: np.ndarray, _: np.ndarray) -> None:
+    gyro[500:520, 1], gyro[600, 1] = 80_000, -80_000
+
+
+def hangs(_: np.ndarray, accel: np.ndarray) -> None:
+    accel[1000:1040, 2] = accel[1000, 2]
+
+
+def hangs_for_most(gyro: np.ndarray, _: np.ndarray) -> None:
+    gyro[500:3500, 0] = 7
+
+
+def never_moves(gyro: np.ndarray, _: np.ndarray) -> None:
+    gyro[:, 2] = 0
+
+
+def repeats(*both: np.ndarray) -> None:
+    for values in both:
+        values[301], values[900:903] = values[300], values[899]
+
+
+@pytest.mark.parametrize(
+    ("wrong", "kind", "channel", "least", "first", "said"),
+    [
+        (at_the_end, faults.SATURATED, "gyro y", 21, (500,), "at the end of the range"),
+        (clipped, faults.SATURATED, "gyro x", 1, range(COUNT), "held at their extreme 15"),  # as by an amplifier
+        (hangs, faults.FROZEN, "accel z", 39, (999, 1000), "accelerometer z"),
+        (hangs_for_most, faults.FROZEN, "gyro x", 2999, (499, 500), "gyro x"),
+        (never_moves, faults.FROZEN, "gyro z", COUNT - 1, (0,), "gyro z"),
+        (repeats, faults.REPEATED, None, 4, (301,), "4"),
+    ],
+)
+def test_each_fault_is_found_with_its_channel_count_and_place(
+    wrong: Callable[..., None], kind: str, channel: str | None, least: int, first: Sequence[int], said: str
+) -> None:
+    columns = record()
+    assert checked(columns, tick_s=ticks_s()).findings == ()
+    wrong(columns["gyro"], columns["accel"])
+    found = checked(columns)
+    (finding, *_) = [each for each in found.findings if each.kind == kind]
+    assert kind == faults.SATURATED or kinds(found) == {kind}
+    assert finding.channel == channel or channel is None
+    assert least <= finding.count == found.count(kind) <= least + 1 or wrong is clipped
+    assert finding.first in first
+    assert said in finding.sentence
+
+
+def test_gaps_and_two_samples_with_one_counter() -> None:
+    counter = np.arange(COUNT)
+    whole = checked(record(), counter)
+    assert (whole.clean, whole.sentences, whole.samples, whole.missing, whole.gaps) == (True, (), COUNT, 0, 0)
+    counter[700:] -= 1
+    found = checked(record(), counter)
+    assert "1 of them with its counter" in found.sentences[0]
+    assert kinds(found) == {faults.REPEATED}
+    counter = np.arange(COUNT)
+    counter[100:] += 7
+    counter[2000:] += 1
+    found = checked(record(), counter)
+    assert (found.missing, found.gaps, kinds(found)) == (8, 2, {faults.GAP})
+    assert "8 of 4008 samples are missing in 2 gaps, the first before counter 107, the longest of 7" in found.sentences
+    assert checked(record(), counter, tick_s=counter * INTERVAL_s).count(clocks.IRREGULAR) == 0
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.1, 0.3, 1.0, 4.0])
@@ -75,7 +120,7 @@ def test_no_false_alarm_while_a_field_turns(noise: float, turns: float) -> None:
     sine = np.round(3583.0 * np.cos(angle) + 0.3 + rng.normal(0.0, noise, angle.size)).astype(np.int64)
     if noise == 0.0 and turns == 0.0:
         sine[5] += 1  # a channel that never moves at all is told
-    found = check_samples({"mag": sine}, np.arange(angle.size), limits={"mag": 50_000}, interval_s=INTERVAL_s)
+    found = faults.check_samples({"mag": sine}, np.arange(angle.size), limits={"mag": 50_000}, interval_s=INTERVAL_s)
     assert found.clean, found.sentences
 
 
@@ -85,7 +130,7 @@ def test_false_alarms_of_many_records() -> None:
     alarms = 0
     for _ in range(2000):
         values = np.round(rng.normal(0.0, 1.2, 500))
-        longest = longest_equal_run([value_likelihood(values)], values.size, false_alarm=0.01)
+        longest = faults.longest_equal_run([faults.value_likelihood(values)], values.size, false_alarm=0.01)
         edges = np.flatnonzero(np.concatenate(([1], np.diff(values), [1])))
         alarms += np.diff(edges).max() - 1 > longest
     assert alarms <= 35  # binomial, 1 % of 2,000 and four standard deviations
@@ -96,55 +141,15 @@ def test_likelihood_of_one_value() -> None:
     for noise in (1.0, 4.0, 14.0):
         expected = stats.norm.cdf(0.5 / noise) - stats.norm.cdf(-0.5 / noise)
         values = np.round(rng.normal(0.0, noise, 36_000))
-        assert 0.98 * expected < value_likelihood(values) < 1.15 * expected
+        assert 0.98 * expected < faults.value_likelihood(values) < 1.15 * expected
         values[10_000:20_000] = values[10_000]
-        assert value_likelihood(values) > 0.9 * expected
-    assert value_likelihood(np.zeros(100)) == 1.0
-    assert longest_equal_run([0.5], 1000, 1e-3) == 19  # 1000 x 0.5^20 = 9.5e-4
-    assert longest_equal_run([0.01], 1000, 1e-3) == 2  # 1000 x 1e-6 / sqrt(4) = 5e-4, with two pairs 0.058
-    assert longest_equal_run([0.01, 0.01], 1000, 1e-3) == 1
-    assert longest_equal_run([1.0], 100) == 100
-    assert longest_equal_run([0.0], 100) == 0
-
-
-def test_saturation_at_the_end_of_the_range() -> None:
-    columns = record()
-    columns["gyro"][500:520, 1] = 80_000
-    columns["gyro"][600, 1] = -80_000
-    found = checked(columns)
-    finding = next(one for one in found.findings if one.kind == SATURATED)
-    assert (finding.channel, finding.count, finding.first) == ("gyro y", 21, 500)
-    assert "at the end of the range" in finding.sentence
-    assert found.count(SATURATED) == 21
-
-
-def test_saturation_inside_the_range() -> None:
-    """An amplifier that clips holds the output at an extreme that is not the end of the range."""
-    columns = record()
-    columns["gyro"][:, 0] = np.minimum(columns["gyro"][:, 0], 15)
-    found = checked(columns)
-    finding = next(one for one in found.findings if one.kind == SATURATED)
-    assert finding.channel == "gyro x"
-    assert "held at their extreme 15" in finding.sentence
-
-
-def test_a_sensor_that_hangs() -> None:
-    columns = record()
-    columns["accel"][1000:1040, 2] = columns["accel"][1000, 2]
-    found = checked(columns)
-    finding = next(one for one in found.findings if one.kind == FROZEN)
-    assert finding.channel == "accel z"
-    assert finding.first in (999, 1000)
-    assert finding.count >= 39
-    assert kinds(found) == {FROZEN}
-
-
-def test_a_sensor_that_hangs_for_most_of_the_record() -> None:
-    columns = record()
-    columns["gyro"][500:3500, 0] = 7
-    found = checked(columns)
-    assert [(one.kind, one.channel) for one in found.findings] == [(FROZEN, "gyro x")]
-    assert found.findings[0].first in (499, 500)
+        assert faults.value_likelihood(values) > 0.9 * expected
+    assert faults.value_likelihood(np.zeros(100)) == 1.0
+    assert faults.longest_equal_run([0.5], 1000, 1e-3) == 19  # 1000 x 0.5^20 = 9.5e-4
+    assert faults.longest_equal_run([0.01], 1000, 1e-3) == 2  # 1000 x 1e-6 / sqrt(4) = 5e-4, with two pairs 0.058
+    assert faults.longest_equal_run([0.01, 0.01], 1000, 1e-3) == 1
+    assert faults.longest_equal_run([1.0], 100) == 100
+    assert faults.longest_equal_run([0.0], 100) == 0
 
 
 @pytest.mark.parametrize("rate_steps", [43_200, 43_203.3])
@@ -156,47 +161,12 @@ def test_a_turn_without_noise_is_no_fault(rate_steps: float) -> None:
     assert found.clean, found.sentences
 
 
-def test_a_channel_that_never_moves() -> None:
-    columns = record()
-    columns["gyro"][:, 2] = 0
-    assert [(one.kind, one.channel) for one in checked(columns).findings] == [(FROZEN, "gyro z")]
-
-
-def test_repeated_samples() -> None:
-    columns = record()
-    for values in columns.values():
-        values[301] = values[300]
-        values[900:903] = values[899]
-    found = checked(columns)
-    finding = next(one for one in found.findings if one.kind == REPEATED)
-    assert (finding.count, finding.first) == (4, 301)
-    assert kinds(found) == {REPEATED}
-
-
-def test_two_samples_with_one_counter() -> None:
-    counter = np.arange(COUNT)
-    counter[700:] -= 1
-    found = checked(record(), counter)
-    assert "1 of them with its counter" in found.sentences[0]
-    assert kinds(found) == {REPEATED}
-
-
-def test_gaps() -> None:
-    counter = np.arange(COUNT)
-    counter[100:] += 7
-    counter[2000:] += 1
-    found = checked(record(), counter)
-    assert (found.missing, found.gaps, kinds(found)) == (8, 2, {GAP})
-    assert "8 of 4008 samples are missing in 2 gaps, the first before counter 107, the longest of 7" in found.sentences
-    assert checked(record(), counter, tick_s=counter * INTERVAL_s).count(IRREGULAR) == 0
-
-
 @pytest.mark.parametrize(
     ("where", "change_s", "expected"),
     [
-        (slice(50, 51), 0.002, {IRREGULAR}),
-        (slice(50, 51), -0.006, {IRREGULAR, BACKWARDS}),
-        (slice(50, None), 0.05, {IRREGULAR}),
+        (slice(50, 51), 0.002, {clocks.IRREGULAR}),
+        (slice(50, 51), -0.006, {clocks.IRREGULAR, clocks.BACKWARDS}),
+        (slice(50, None), 0.05, {clocks.IRREGULAR}),
     ],
 )
 def test_time_stamps_beside_their_place(where: slice, change_s: float, expected: set[str]) -> None:
@@ -204,25 +174,25 @@ def test_time_stamps_beside_their_place(where: slice, change_s: float, expected:
     stamps[where] += change_s
     found = checked(record(), tick_s=stamps)
     assert kinds(found) == expected
-    assert next(one for one in found.findings if one.kind == IRREGULAR).first in (50, 51)
+    assert next(one for one in found.findings if one.kind == clocks.IRREGULAR).first in (50, 51)
 
 
 def test_stamps_in_bursts() -> None:
     """A log that was written ten samples at a time."""
     stamps = np.repeat(np.arange(COUNT // 10) * 0.05, 10) + np.tile(np.arange(10) * 1e-4, COUNT // 10)
-    found = check_samples(record(), np.arange(COUNT), limits=LIMITS, interval_s=INTERVAL_s, tick_s=stamps)
+    found = faults.check_samples(record(), np.arange(COUNT), limits=LIMITS, interval_s=INTERVAL_s, tick_s=stamps)
     assert found.ticks is not None
-    assert {IRREGULAR, RATE} <= kinds(found)
+    assert {clocks.IRREGULAR, clocks.RATE} <= kinds(found)
     uneven = np.arange(COUNT) * INTERVAL_s
     uneven[100:110] = uneven[110] - np.arange(10, 0, -1) * 1e-4
-    assert {IRREGULAR, BURST} == kinds(checked(record(), tick_s=uneven))
+    assert {clocks.IRREGULAR, clocks.BURST} == kinds(checked(record(), tick_s=uneven))
 
 
 def test_a_wrong_rate_is_told() -> None:
     """204.8 Hz taken for a recording of 102.4 Hz turns it by twice the angle."""
-    found = check_ticks(np.arange(1000) / 102.4, np.arange(1000), 1.0 / 204.8)
+    found = clocks.check_ticks(np.arange(1000) / 102.4, np.arange(1000), 1.0 / 204.8)
     assert found.rate_error == pytest.approx(-0.5)
-    assert [fault[0] for fault in found.faults] == [RATE]
+    assert [fault[0] for fault in found.faults] == [clocks.RATE]
     assert "9.766 ms" in found.faults[0][3]
 
 
@@ -231,19 +201,19 @@ def test_a_clock_that_runs_off() -> None:
     device = np.arange(COUNT) * INTERVAL_s
     chunks = np.ceil(device * 50.0) / 50.0  # the bench sees chunks
     delay = rng.exponential(1e-3, COUNT)
-    good = check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / (1.0 + 20e-6) + delay)
+    good = clocks.check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / (1.0 + 20e-6) + delay)
     assert good.faults == ()
     assert abs(good.clock_error - 20e-6) < 1e-3
-    bad = check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / 1.005 + delay)
-    assert [fault[0] for fault in bad.faults] == [CLOCK]
+    bad = clocks.check_ticks(device, np.arange(COUNT), INTERVAL_s, chunks / 1.005 + delay)
+    assert [fault[0] for fault in bad.faults] == [clocks.CLOCK]
     assert bad.clock_error == pytest.approx(0.005, abs=5e-4)
-    assert np.isnan(check_ticks(device[:100], np.arange(100), INTERVAL_s, chunks[:100]).clock_error)
+    assert np.isnan(clocks.check_ticks(device[:100], np.arange(100), INTERVAL_s, chunks[:100]).clock_error)
 
 
 def test_ticks_begin_again_at_two_to_the_32() -> None:
     true_us = 2**32 - 12_000 + np.arange(10) * 5000
-    np.testing.assert_allclose(unwrapped_ticks_s(true_us % 2**32), np.arange(10) * 0.005, atol=1e-12)
-    backwards = unwrapped_ticks_s(np.array([1000, 6000, 4000]))
+    np.testing.assert_allclose(clocks.unwrapped_ticks_s(true_us % 2**32), np.arange(10) * 0.005, atol=1e-12)
+    backwards = clocks.unwrapped_ticks_s(np.array([1000, 6000, 4000]))
     np.testing.assert_allclose(backwards, [0.0, 0.005, 0.003])
 
 
@@ -253,9 +223,9 @@ def test_noise_of_which_the_middle_step_does_not_occur() -> None:
     second = np.where(np.arange(1000) % 2, 1000, 1004) * rng.choice((-1, 1), 1000)
     values = np.cumsum(np.cumsum(np.concatenate(([0, 1], second))))
     assert np.median(np.abs(np.diff(values, 2))) == 1002.0
-    assert 0.0 < value_likelihood(values) < 0.002
+    assert 0.0 < faults.value_likelihood(values) < 0.002
     noisy = np.random.default_rng(10).integers(-3000, 3000, 400)
-    assert check_samples({"mag": noisy}, np.arange(400), limits={}, interval_s=0.005).clean
+    assert faults.check_samples({"mag": noisy}, np.arange(400), limits={}, interval_s=0.005).clean
 
 
 def rows() -> list[SampledRow]:
@@ -289,30 +259,22 @@ def session_of(error: float, rng: np.random.Generator, first_s: float = 400.0) -
 def test_the_error_lies_within_its_interval() -> None:
     rng = np.random.default_rng(CLOCK_SEED)
     errors = rng.normal(0.0, 20e-6, 60)
-    found = [unit_clock(session_of(error, rng), INTERVAL_s) for error in errors]
+    found = [clocks.unit_clock(session_of(error, rng), INTERVAL_s) for error in errors]
     z = np.array([(one.error - error) / one.std for one, error in zip(found, errors, strict=True)])
     assert max(one.std for one in found) < 10e-6
     assert np.abs(z).max() < 2.5
     assert np.mean([one.error - error for one, error in zip(found, errors, strict=True)]) == pytest.approx(0, abs=2e-6)
 
 
-def test_stamps_that_wrap_between_records_are_one_stretch() -> None:
+def test_stamps_that_wrap_are_one_stretch_and_a_unit_that_was_switched_off_begins_anew() -> None:
     rng = np.random.default_rng(CLOCK_SEED)
-    found = unit_clock(session_of(30e-6, rng, first_s=3_700.0), INTERVAL_s)  # 2^32 us are 4,295 s
-    assert found.span_s > 1_700.0
-    assert found.error == pytest.approx(30e-6, abs=3 * found.std)
-
-
-def test_a_unit_that_was_switched_off_begins_anew() -> None:
-    rng = np.random.default_rng(CLOCK_SEED)
+    wrapped = clocks.unit_clock(session_of(30e-6, rng, first_s=3_700.0), INTERVAL_s)  # 2^32 us are 4,295 s
+    assert wrapped.span_s > 1_700.0
+    assert wrapped.error == pytest.approx(30e-6, abs=3 * wrapped.std)
     before = [stamps(100.0 + 90.0 * k, 60.0, 25e-6, rng) for k in range(4)]
     after = [stamps(2_000.0 + 90.0 * k, 60.0, 25e-6, rng, switched_on_s=1_900.0) for k in range(12)]
-    found = unit_clock([*before, *after], INTERVAL_s)
+    found = clocks.unit_clock([*before, *after], INTERVAL_s)
     assert 900.0 < found.span_s < 1_100.0
     assert found.error == pytest.approx(25e-6, abs=3 * found.std)
-
-
-def test_too_short_to_know_is_no_correction() -> None:
-    rng = np.random.default_rng(CLOCK_SEED)
-    found = unit_clock([stamps(10.0, 20.0, 40e-6, rng)], INTERVAL_s)
-    assert found == UnitClock(0.0, UNKNOWN_STD, 0.0)
+    unknown = clocks.UnitClock(0.0, clocks.UNKNOWN_STD, 0.0)  # too short to know is no correction
+    assert clocks.unit_clock([stamps(10.0, 20.0, 40e-6, rng)], INTERVAL_s) == unknown

@@ -1,25 +1,37 @@
-"""Angle random walk, quantisation, alignment time and the theory beside them."""
+"""Angle random walk, quantisation, alignment time and the theory beside them; checks of outputs and constants on
+numbers made by hand: fair chances where nothing is odd, small where it is.
+"""
 
 from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
 
 import allantools
 import numpy as np
 import pytest
 
 from bench.model.errors import FitError
-from bench.systems.lock_in.estimators.random_walk import (
-    alignment_time_s,
-    expected_random_walk,
-    gyro_gain,
-    lock_in_rate_deg_s,
-    path_exponent,
-    random_walk,
-    shared_variance,
-)
+from bench.systems.lock_in.estimators import random_walk as walking
+from bench.systems.lock_in.estimators.steadiness import change, constancy, line, parts_of, runs, wander
 
 PERIOD_s = 1.0 / 400.0
 MIL_deg = 0.05625
-_RUNS = 24
+RECORDS, PERIODS = 400, 800
+TIME = np.arange(PERIODS)
+TICKS = 49962.8048  # of a 20 MHz clock in a period of 2.498 ms
+
+
+def walk_deg_rth(walk_rad: float) -> float:
+    """What steps of a walk in half a period make of the angle."""
+    return float(np.rad2deg(walk_rad * np.sqrt(2.0 / PERIOD_s) / walking.gyro_gain(0.28)) * 60.0)
+
+
+def walks_of(walk_rad: float, quantum_rad: float, halves: int, records: int) -> list[walking.RandomWalk]:
+    """Results of records of seeds from 0 on."""
+    return [
+        walking.random_walk(increments(walk_rad, quantum_rad, halves, seed), PERIOD_s, 0.28) for seed in range(records)
+    ]
 
 
 def increments(walk_rad: float, quantum_rad: float, halves: int, seed: int) -> np.ndarray:
@@ -36,54 +48,50 @@ def increments(walk_rad: float, quantum_rad: float, halves: int, seed: int) -> n
     [(0.02, 0.0, 0.02, 0.03), (0.02, 0.02, 0.02, 0.04), (2e-3, 0.02, 0.04, 0.08)],
 )
 def test_walk_and_quantisation_are_told_apart(walk_rad: float, quantum_rad: float, bias: float, scatter: float) -> None:
-    runs = [random_walk(increments(walk_rad, quantum_rad, 8_000, seed), PERIOD_s, 0.28) for seed in range(_RUNS)]
-    truth = np.rad2deg(walk_rad * np.sqrt(2.0 / PERIOD_s) / gyro_gain(0.28)) * 60.0
-    walks = np.array([run.n_deg_rth for run in runs]) / truth
-    assert abs(walks.mean() - 1.0) < bias + 3.0 * scatter / np.sqrt(_RUNS)
+    found = walks_of(walk_rad, quantum_rad, 8_000, 24)
+    walks = np.array([each.n_deg_rth for each in found]) / walk_deg_rth(walk_rad)
+    assert abs(walks.mean() - 1.0) < bias + 3.0 * scatter / np.sqrt(24)
     assert walks.std() < 1.8 * scatter
-    stated = np.nanmean([run.n_std_deg_rth for run in runs]) / truth
+    stated = np.nanmean([each.n_std_deg_rth for each in found]) / walk_deg_rth(walk_rad)
     assert 0.5 * walks.std() < stated < 2.0 * walks.std()
     if quantum_rad > walk_rad:
-        quanta = np.deg2rad([run.q_deg for run in runs]) * gyro_gain(0.28)
+        quanta = np.deg2rad([each.q_deg for each in found]) * walking.gyro_gain(0.28)
         assert quanta.mean() == pytest.approx(quantum_rad / np.sqrt(2.0), rel=0.03)  # a mean of two readings
 
 
 def test_stated_uncertainties_and_limits_are_those_of_many_records() -> None:
     """60 records with a walk of half the quantisation: scores of one, 95 of 100 below the upper limit."""
-    runs = [random_walk(increments(0.01, 0.02, 2_000, seed), PERIOD_s, 0.28) for seed in range(60)]
-    walk_deg_rth = np.rad2deg(0.01 * np.sqrt(2.0 / PERIOD_s) / gyro_gain(0.28)) * 60.0
-    quantum_deg = np.rad2deg(0.02 / np.sqrt(2.0) / gyro_gain(0.28))
-    walks = np.array([(run.n_deg_rth - walk_deg_rth) / run.n_std_deg_rth for run in runs])
-    quanta = np.array([(run.q_deg - quantum_deg) / run.q_std_deg for run in runs])
+    found, due = walks_of(0.01, 0.02, 2_000, 60), walk_deg_rth(0.01)
+    quantum_deg = np.rad2deg(0.02 / np.sqrt(2.0) / walking.gyro_gain(0.28))
+    walks = np.array([(each.n_deg_rth - due) / each.n_std_deg_rth for each in found])
+    quanta = np.array([(each.q_deg - quantum_deg) / each.q_std_deg for each in found])
     assert 0.85 < walks.std() < 1.25
     assert 0.7 < np.nanstd(quanta) < 1.15
     assert abs(walks.mean()) < 0.35
-    assert 0.9 <= np.mean([walk_deg_rth < run.n_upper_deg_rth for run in runs]) < 1.0
+    assert 0.9 <= np.mean([due < each.n_upper_deg_rth for each in found]) < 1.0
 
 
 def test_a_walk_beside_hardly_any_quantisation_is_right_on_average() -> None:
     """Half of the records have a quantisation of 0; a walk fitted beside that 0 is low by 0.4 of its uncertainty."""
-    runs = [random_walk(increments(0.02, 0.002, 2_000, seed), PERIOD_s, 0.28) for seed in range(150)]
-    walk_deg_rth = np.rad2deg(0.02 * np.sqrt(2.0 / PERIOD_s) / gyro_gain(0.28)) * 60.0
-    scores = np.array([(run.n_deg_rth - walk_deg_rth) / run.n_std_deg_rth for run in runs])
-    assert 50 < sum(run.q_deg == 0.0 for run in runs) < 100
+    found = walks_of(0.02, 0.002, 2_000, 150)
+    scores = np.array([(each.n_deg_rth - walk_deg_rth(0.02)) / each.n_std_deg_rth for each in found])
+    assert 50 < sum(each.q_deg == 0.0 for each in found) < 100
     assert abs(scores.mean()) < 0.25
     assert 0.88 < scores.std() < 1.12
 
 
 def test_the_deviation_is_that_of_the_walk_and_not_of_its_smoothed_phases() -> None:
     """The mean of both senses would take 7.5 % off the variance at five periods."""
-    runs = [random_walk(increments(0.02, 0.0, 4_000, seed), PERIOD_s, 0.28) for seed in range(24)]
-    assert runs[0].tau_s[0] == pytest.approx(5.0 * PERIOD_s)
-    walk_deg_h = np.rad2deg(0.02 * np.sqrt(2.0 / PERIOD_s) / gyro_gain(0.28)) * 3600.0
-    found = np.mean([run.deviation_deg_h[0] ** 2 for run in runs])
-    assert found == pytest.approx(walk_deg_h**2 / (5.0 * PERIOD_s), rel=0.04)
+    found = walks_of(0.02, 0.0, 4_000, 24)
+    assert found[0].tau_s[0] == pytest.approx(5.0 * PERIOD_s)
+    variance = np.mean([each.deviation_deg_h[0] ** 2 for each in found])
+    assert variance == pytest.approx((60.0 * walk_deg_rth(0.02)) ** 2 / (5.0 * PERIOD_s), rel=0.04)
 
 
 def test_the_curve_is_that_of_another_package() -> None:
     steps = increments(1e-3, 0.02, 8_000, 3)
-    found = random_walk(steps, PERIOD_s, 0.28)
-    angle_deg = np.rad2deg(np.concatenate(([0.0], np.cumsum(steps))) / gyro_gain(0.28))
+    found = walking.random_walk(steps, PERIOD_s, 0.28)
+    angle_deg = np.rad2deg(np.concatenate(([0.0], np.cumsum(steps))) / walking.gyro_gain(0.28))
     _, deviation, _, _ = allantools.oadev(angle_deg, rate=1.0 / PERIOD_s, data_type="phase", taus=found.tau_s)
     np.testing.assert_allclose(found.deviation_deg_h, deviation * 3600.0, rtol=2e-3)  # less the smoothing of the walk
 
@@ -96,68 +104,147 @@ def test_walks_of_two_outputs_scatter_together_by_what_is_shared(part: float) ->
         first, other = increments(0.02, 0.0, 4_000, seed), increments(0.02, 0.0, 4_000, 1000 + seed)
         same = increments(0.0, 0.02, 4_000, 2000 + seed)
         first, behind = first + same, part * first + np.sqrt(1.0 - part**2) * other + same
-        walks.append([random_walk(each, PERIOD_s, 0.28).n_deg_rth ** 2 for each in (first, behind)])
+        walks.append([walking.random_walk(each, PERIOD_s, 0.28).n_deg_rth ** 2 for each in (first, behind)])
         behind[7] = np.nan
-        shared.append(shared_variance(first, behind))
+        shared.append(walking.shared_variance(first, behind))
     assert np.mean(shared) == pytest.approx(part**2, abs=0.03)
     assert np.corrcoef(np.transpose(walks))[0, 1] == pytest.approx(part**2, abs=0.4)
 
 
-def test_a_gap_shifts_nothing() -> None:
+def test_a_gap_shifts_nothing_and_too_short_a_record_is_refused() -> None:
     steps = increments(0.02, 0.0, 8_000, 5)
-    whole = random_walk(steps, PERIOD_s, 0.28)
     torn = steps + 4e-3  # a rate besides
     torn[2_000] = np.nan
-    found = random_walk(torn, PERIOD_s, 0.28)
+    whole, found = (walking.random_walk(each, PERIOD_s, 0.28) for each in (steps, torn))
     assert found.n_deg_rth == pytest.approx(whole.n_deg_rth, rel=0.03)
-
-
-def test_too_short() -> None:
-    with pytest.raises(FitError, match="averaging times") as caught:
-        random_walk(np.zeros(150), PERIOD_s, 0.28)
-    assert caught.value.code == "B-FIT-099"
+    with pytest.raises(FitError, match=r"B-FIT-099.*averaging times"):
+        walking.random_walk(np.zeros(150), PERIOD_s, 0.28)
 
 
 def test_published_figures() -> None:
-    """Paper: 0.005 deg/rt-h, 1 mil, 10 min; half the path, 5.7 times the walk."""
+    """Paper: 0.005 deg/rt-h, 1 mil, 10 min; half the path, 5.7 times the walk; 28 cm: 1.865 arcsec in a fringe."""
     error_deg = np.rad2deg(1.04e-3 * 0.982)  # 1.04 NATO mil at latitude 37 deg
-    assert alignment_time_s(0.005, 37.0, error_deg) == pytest.approx(600.0, rel=0.01)
+    assert walking.alignment_time_s(0.005, 37.0, error_deg) == pytest.approx(600.0, rel=0.01)
     per_s = 0.003 / 60.0 / (7.2921151e-5 * np.cos(np.deg2rad(37.0)) * MIL_deg)  # earth rate in rad/s
-    assert alignment_time_s(0.003, 37.0, MIL_deg) == pytest.approx(per_s**2, rel=1e-6)
-    short, long = expected_random_walk(0.2, 100.0, 0.14), expected_random_walk(0.05, 100.0, 0.28)
+    assert walking.alignment_time_s(0.003, 37.0, MIL_deg) == pytest.approx(per_s**2, rel=1e-6)
+    short, long = walking.expected_random_walk(0.2, 100.0, 0.14), walking.expected_random_walk(0.05, 100.0, 0.28)
     assert short / long == pytest.approx(5.66, abs=0.01)
     assert long == pytest.approx(2.724e-3, rel=1e-3)
+    assert np.rad2deg(2.0 * np.pi / walking.gyro_gain(0.28)) * 3600.0 == pytest.approx(1.865, abs=1e-3)
+    assert walking.lock_in_rate_deg_s(walking.gyro_gain(0.28) * np.deg2rad(0.05), 0.28) == pytest.approx(0.05)
 
 
-def test_gain_and_lock_in_rate() -> None:
-    """28 cm: 1.865 seconds of arc in a fringe of 2 pi."""
-    assert np.rad2deg(2.0 * np.pi / gyro_gain(0.28)) * 3600.0 == pytest.approx(1.865, abs=1e-3)
-    assert lock_in_rate_deg_s(gyro_gain(0.28) * np.deg2rad(0.05), 0.28) == pytest.approx(0.05)
-
-
-def test_path_exponent() -> None:
+def test_path_exponent_is_that_of_a_weighted_line() -> None:
+    """Against numpy; the middle path is off the power law and hardly counts."""
     path_m = np.array([0.15, 0.28, 0.34])
-    exponent, std = path_exponent(path_m, 3e-4 * path_m**-2.5, 0.02 * 3e-4 * path_m**-2.5)
-    assert exponent == pytest.approx(-2.5)
-    x = np.log(path_m)
-    assert std == pytest.approx(0.02 / np.sqrt(((x - x.mean()) ** 2).sum()))
+    for off, relative in (([1.0, 1.0, 1.0], [0.02] * 3), ([1.0, 1.3, 1.0], [0.01, 0.5, 0.02])):
+        walk = 3e-4 * path_m**-2.5 * off
+        std = np.array(relative) * walk
+        line, covariance = np.polyfit(np.log(path_m), np.log(walk), 1, w=walk / std, cov="unscaled")
+        exponent, uncertainty = walking.path_exponent(path_m, walk, std)
+        assert exponent == pytest.approx(line[0], rel=1e-9)
+        assert uncertainty == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-9)
+    for path, stds in (([0.28, 0.28], [1e-5, 1e-5]), ([0.15, 0.28], [1e-5, np.nan])):  # one path, an unknown walk
+        with pytest.raises(FitError, match=r"B-FIT-100.*path lengths"):
+            walking.path_exponent(np.array(path), np.array([1e-3, 2e-3]), np.array(stds))
 
 
-def test_path_exponent_of_walks_known_unlike_well() -> None:
-    """Against numpy's weighted line; the middle one is off the power law and hardly counts."""
-    path_m, off = np.array([0.15, 0.28, 0.34]), np.array([1.0, 1.3, 1.0])
-    walk = 3e-4 * path_m**-2.5 * off
-    std = np.array([0.01, 0.5, 0.02]) * walk
-    line, covariance = np.polyfit(np.log(path_m), np.log(walk), 1, w=walk / std, cov="unscaled")
-    exponent, uncertainty = path_exponent(path_m, walk, std)
-    assert exponent == pytest.approx(line[0], rel=1e-9)
-    assert uncertainty == pytest.approx(np.sqrt(covariance[0, 0]), rel=1e-9)
+def outputs(seed: int, quantum: float = 0.5) -> Any:
+    rng = np.random.default_rng(seed)
+    found = rng.standard_normal(PERIODS) + np.diff(quantum * rng.standard_normal(PERIODS + 1))
+    found[rng.choice(PERIODS, 5, replace=False)] = np.nan
+    return found
+
+
+def constants(seed: int, shift: Any = 0.0) -> Any:
+    """Scores of a laser whose kc is off by ``shift`` at each turnaround."""
+    rng = np.random.default_rng(seed)
+    root = rng.standard_normal((PERIODS, 2, 2))
+    information = root @ root.transpose(0, 2, 1)
+    score = np.einsum("upq,uq->up", root, rng.standard_normal((PERIODS, 2)))
+    score += information[:, :, 0] * np.broadcast_to(shift, PERIODS)[:, None]
+    change = np.linalg.solve(information.sum(axis=0), score.sum(axis=0))
+    score -= information @ change  # the fit has taken off what is common
+    return SimpleNamespace(score=score, information=information, kappa_rad_s=10.0, beta_rad=0.0)
+
+
+def assert_fair(chances: Any) -> None:
+    """No more small probabilities than chance brings, at three levels (99.9 % of a binomial count)."""
+    for level, most in ((0.1, 62), (0.01, 13), (0.001, 5)):
+        assert np.sum(np.asarray(chances) < level) <= most
+
+
+def test_chances_are_fair_where_nothing_is_odd() -> None:
+    records = [outputs(seed) for seed in range(RECORDS)]
+    assert_fair([wander(record).probability for record in records])
+    assert_fair([line(record).probability for record in records])
+    assert_fair([change(record)[0] for record in records])
+    fits = [constants(seed) for seed in range(RECORDS)]
+    assert_fair([constancy(fit, TIME * 4 // PERIODS).probability for fit in fits])
+    assert_fair([constancy(fit, TIME % 2).probability for fit in fits])
+    assert_fair([runs(fit)[0] for fit in fits])
 
 
 @pytest.mark.parametrize(
-    ("path_m", "std"), [([0.28, 0.28], [1e-5, 1e-5]), ([0.15, 0.28], [1e-5, np.nan])], ids=["one path", "unknown"]
+    ("added", "check"),
+    [
+        (3e-3 * (TIME - 400.0), wander),
+        (0.8 * (TIME > 500), wander),
+        (1.0 * np.sin(2.0 * np.pi * 0.0313 * TIME), line),
+    ],
+    ids=["ramp", "step", "line"],
 )
-def test_no_path_exponent(path_m: list[float], std: list[float]) -> None:
-    with pytest.raises(FitError, match="path lengths") as caught:
-        path_exponent(np.array(path_m), np.array([1e-3, 2e-3]), np.array(std))
-    assert caught.value.code == "B-FIT-100"
+def test_what_is_odd_is_found_and_taken_off(added: Any, check: Any) -> None:
+    right = outputs(1)
+    seen = check(right + added)
+    assert seen.probability < 1e-9
+    scatter = [np.nanstd(values[: PERIODS // 5 * 5].reshape(-1, 5).mean(axis=1)) for values in (right, right + added)]
+    left = np.nanstd(seen.left[: PERIODS // 5 * 5].reshape(-1, 5).mean(axis=1))
+    assert abs(left - scatter[0]) < 0.35 * abs(scatter[1] - scatter[0])
+
+
+def test_a_walk_that_grows() -> None:
+    grown = outputs(2) * np.where(TIME > 400, 3.0, 1.0)
+    probability, ratio = change(grown)
+    assert probability < 1e-9
+    assert 2.4 < ratio < 3.6
+
+
+def test_constants_that_change_from_group_to_group() -> None:
+    late = TIME >= 400
+    seen = constancy(constants(3, 0.5 * late), TIME * 4 // PERIODS)
+    assert seen.probability < 1e-9
+    assert abs(seen.kappa_moves) < 0.01  # as many before as behind
+    assert constancy(constants(3, 0.5 * late), TIME % 2).probability > 1e-3
+    wave = np.sin(2.0 * np.pi * TIME / 40.0)
+    probability, factor = runs(constants(4, wave))
+    assert probability < 1e-9
+    assert factor > 1.5
+    assert constancy(constants(5), np.minimum(TIME, 1)).probability == 1.0  # groups that tell nothing say nothing
+    assert parts_of(np.array([5.0, 1.0, 3.0, 2.0]), 2).tolist() == [1, 0, 1, 0]
+
+
+def test_a_turn_that_is_lost_is_odd_and_a_late_pick_off_is_not() -> None:
+    rng = np.random.default_rng(6)
+    psi = np.concatenate(([0.0], np.cumsum(0.05 * rng.standard_normal(400))))
+    rising = np.arange(401) % 2 == 0
+    late = psi + 3.0 * rising
+    assert walking.odd_steps(late, rising, np.ones(400, bool)).tolist() == []
+    late[201:] += 2.0 * np.pi
+    assert walking.odd_steps(late, rising, np.ones(400, bool)).tolist() == [200]
+    assert walking.odd_steps(late, rising, np.arange(400) != 200).tolist() == []
+
+
+def with_rounded_stamps(seed: int, vibration: float = 0.0) -> Any:
+    """White noise and stamps that are rounded to ticks, of a steady dither whose comparator jitters by 0.1 ticks."""
+    draw, when = np.random.default_rng(seed), np.arange(8001)
+    stamp = when * TICKS + 0.3 + 0.1 * draw.standard_normal(when.size)
+    moved = 0.3 * draw.standard_normal(8000) + vibration * np.sin(0.7 * when[1:])
+    return moved + np.diff(np.rint(stamp) - stamp)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_beat_of_clock_and_dither_is_no_line_of_the_rate(seed: int) -> None:
+    assert line(with_rounded_stamps(seed)).probability < 1e-9
+    assert line(with_rounded_stamps(seed), TICKS).probability > 1e-3
+    assert line(with_rounded_stamps(seed, 0.1), TICKS).probability < 1e-9  # a vibration beside it is seen

@@ -1,10 +1,17 @@
-"""Crossings round the turnarounds of a dither that is known in closed form, and what gates them."""
+"""From blocks of a time tagger to turnarounds: bytes by hand and gaps; levels counted through all that a tagger and a
+comparator may do to edges; crossings round the turnarounds of a dither known in closed form, and what gates them.
+"""
 
 from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from rlg_rig import as_row, block_bytes
+from rlg_second_opinion import Gyro, simulate, ticks
 
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.edges import EdgeLevels, edge_levels
@@ -12,16 +19,177 @@ from bench.systems.lock_in.estimators.global_constants import global_constants
 from bench.systems.lock_in.estimators.random_walk import cycle_increments, net_angle
 from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
 from bench.systems.lock_in.estimators.turnarounds import Turnarounds, turnarounds
+from bench.systems.lock_in.records import record_events
 
-CLOCK_Hz = 1e12  # so that the ticks say nothing
+CLOCK_HZ, PER_BLOCK = 100_000_000, 1_000_000
+FINE_Hz = 1e12  # so that the ticks say nothing
 OMEGA = 2.0 * np.pi * 400.0
 HALVES, AMPLITUDE_rad = 200, 150.0
-Int64 = NDArray[np.int64]
+Int64, Bool = NDArray[np.int64], NDArray[np.bool_]
 
 
-def ideal(
-    step_rad: float = 0.0, offset_rad: float = 0.3, beside_rad: float = 0.0
-) -> tuple[EdgeLevels, Int64, NDArray[np.bool_]]:
+def row(blocks: int = 4, *, dropped: Any = None, counter: Any = None, clock: Any = None, **change: Any) -> Any:
+    """Blocks of four events each: beat up, pick-off up, beat down, beat up; ticks 10, 20, 30, 40 of the block."""
+    events = np.empty(blocks, object)
+    for k in range(blocks):
+        events[k] = block_bytes([10, 20, 30, 40], [1, 1, 0, 1], [1, 0, 0, 1], [0, 1, 0, 0])
+    columns: dict[str, Any] = {
+        "tick": np.arange(5, 5 + blocks, dtype=np.uint64) * np.uint64(PER_BLOCK),
+        "clock": np.full(blocks, CLOCK_HZ, np.uint32) if clock is None else np.array(clock, np.uint32),
+        "dropped": np.zeros(blocks, np.uint32) if dropped is None else np.array(dropped, np.uint32),
+        "edges": np.full(blocks, 4, np.uint16),
+        "events": events,
+    }
+    numbers = np.arange(7, 7 + blocks) if counter is None else np.array(counter)
+    return as_row(columns | change, numbers, 3, {"path_length_m": 0.28, "clock_Hz": CLOCK_HZ})
+
+
+def test_events_by_hand() -> None:
+    """The golden block of the frame: 0x2693 = 9875: level 1, cosine 1, channel 0, 1234 ticks; 0xb170; 0x7a11fd."""
+    golden = bytes.fromhex("93260000 70b10000 fd117a00")
+    one = np.empty(1, object)
+    one[0] = golden
+    found = record_events(row(1, edges=np.array([3], np.uint16), events=one))
+    (stretch,) = found.stretches
+    assert stretch.begin_tick == 5 * PER_BLOCK
+    assert stretch.ticks.tolist() == [1234, 5678]
+    assert stretch.rising.tolist() == [True, False]
+    assert stretch.cosine.tolist() == [True, False]
+    assert stretch.pickoff_ticks.tolist() == [999999]
+    assert stretch.pickoff_rising.tolist() == [True]
+    assert found.clock_Hz == CLOCK_HZ
+
+
+def test_ticks_run_through_the_blocks() -> None:
+    (stretch,) = record_events(row(3)).stretches
+    assert stretch.ticks.tolist() == [k * PER_BLOCK + at for k in range(3) for at in (10, 30, 40)]
+    assert stretch.pickoff_ticks.tolist() == [k * PER_BLOCK + 20 for k in range(3)]
+    assert stretch.rising.tolist() == [True, False, True] * 3
+    assert stretch.ticks.dtype == np.int64
+
+
+def dark(blocks: int, *at: int) -> dict[str, Any]:
+    """Blocks of which some came without an edge."""
+    events = row(blocks).samples.columns["events"].copy()
+    for k in at:
+        events[k] = b""
+    return {"events": events, "edges": np.array([0 if k in at else 4 for k in range(blocks)], np.uint16)}
+
+
+def at_blocks(*numbers: int) -> Any:
+    return np.array(numbers, np.uint64) * np.uint64(PER_BLOCK)
+
+
+@pytest.mark.parametrize(
+    ("blocks", "change", "begins", "sizes", "lost"),
+    [
+        (4, {"counter": [7, 8, 11, 12], "tick": at_blocks(5, 6, 9, 10)}, [5, 9], [6, 6], {"lost_blocks": 2}),
+        (5, {"dropped": [0, 0, 40, 40, 40]}, [5, 8], [6, 6], {"lost_edges": 40, "torn": 1}),
+        (3, {"dropped": [40, 40, 40]}, [6], [6], {"lost_edges": 0}),  # the first one behind losses is not trusted
+        (6, dark(6, 0, 2, 3), [6, 9], [3, 6], {"dark": 3, "torn": 0, "lost_blocks": 0}),  # numbered all the same
+        (2, dark(2, 0, 1), [], [], {"dark": 2}),
+        (4, {"tick": at_blocks(5, 6, 0, 1)}, [5, 0], [6, 6], {}),  # a tagger that was started again
+        (5, {"dropped": [0, 40, 0, 0, 3]}, [5, 8], [3, 3], {"lost_edges": 43}),  # its own count begins at 0 again
+        (3, {"edges": np.array([4, 5, 4], np.uint16)}, [5, 7], [3, 3], {"torn": 1}),  # too few bytes
+    ],
+)
+def test_what_is_not_whole_is_left_out_and_never_bridged(
+    blocks: int, change: dict[str, Any], begins: list[int], sizes: list[int], lost: dict[str, int]
+) -> None:
+    found = record_events(row(blocks, **change))
+    assert [one.begin_tick // PER_BLOCK for one in found.stretches] == begins
+    assert [one.ticks.size for one in found.stretches] == sizes
+    assert {name: getattr(found, name) for name in lost} == lost
+
+
+@pytest.mark.parametrize(
+    ("wrong", "code"),
+    [
+        (lambda: replace(row(), samples=None), "B-RLG-001"),
+        (lambda: row(0), "B-RLG-001"),
+        (lambda: as_row({"gyro": np.zeros(4, np.int16)}, np.arange(4), 3, {}), "B-RLG-002"),
+        (lambda: row(clock=[CLOCK_HZ, CLOCK_HZ, 20_000_000, 20_000_000]), "B-RLG-003"),
+    ],
+)
+def test_what_is_no_record_of_edges_is_refused(wrong: Any, code: str) -> None:
+    with pytest.raises(FitError, match=f"{code}.*record 3"):
+        record_events(wrong())
+
+
+def edges_of(cells: Int64) -> tuple[Int64, Bool, Bool]:
+    """True levels, rising and cosine of the edges on a way through cells floor(psi / pi), one step at a time."""
+    up = np.diff(cells) > 0
+    level = np.maximum(cells[1:], cells[:-1])
+    even = level % 2 == 0
+    return level, up == even, even
+
+
+def swing(top: int, turns: int = 6) -> Int64:
+    """Cells of a phase that goes up to ``top`` and down again, ``turns`` times."""
+    once = np.concatenate((np.arange(top), np.arange(top, 0, -1)))
+    return np.concatenate((np.tile(once, turns), [0]))
+
+
+def counted(rising: Bool, cosine: Bool) -> EdgeLevels:
+    return edge_levels(np.arange(rising.size), rising, cosine)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_any_way_is_counted(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cells = np.cumsum(np.concatenate(([rng.integers(-9, 9)], rng.choice([-1, 1], 300))))
+    level, rising, cosine = edges_of(cells)
+    found = counted(rising, cosine)
+    assert np.unique(found.level - level).size == 1
+    assert (found.level - level)[0] % 2 == 0  # an even number of levels: a sine and a cosine tell no more
+    assert np.array_equal(found.direction, np.diff(cells))
+    assert not found.suspect.any()
+    assert found.breaks.size == 0
+    assert found.repaired == 0
+
+
+def test_an_edge_lost_in_a_run_is_bridged_and_one_at_a_turnaround_breaks_the_count() -> None:
+    level, rising, cosine = edges_of(swing(12))
+    kept = np.delete(np.arange(level.size), [5, 17, 30])
+    found = counted(rising[kept], cosine[kept])
+    assert found.repaired == 3
+    assert np.array_equal(found.level, level[kept])
+    kept = np.delete(np.arange(level.size), 12)  # the first one down from the top
+    found = counted(rising[kept], cosine[kept])
+    assert found.breaks.tolist() == [12]
+    assert np.array_equal(found.level[:12], level[:12])
+    off = found.level[12:] - level[kept][12:]
+    assert np.unique(off).size == 1
+    assert abs(int(off[0])) in (0, 2)  # its parity is right, whichever of the two it was
+    assert np.array_equal(found.level % 2 == 0, cosine[kept])
+
+
+def test_a_pair_that_changed_places_is_marked_and_nothing_else() -> None:
+    level, rising, cosine = edges_of(swing(12))
+    order = np.arange(level.size)
+    order[[11, 12]] = 12, 11
+    found = counted(rising[order], cosine[order])
+    assert np.flatnonzero(found.suspect).tolist() == [11, 12]
+    assert found.breaks.size == 0
+    assert np.array_equal(found.level, level[order])
+
+
+@pytest.mark.parametrize("noise_rad", [0.0, 0.05])
+def test_levels_of_a_simulated_beat(noise_rad: float) -> None:
+    beat = simulate(Gyro(path_m=0.15, beat_noise_rad=noise_rad), 0.2, seed=4)
+    found = edge_levels(ticks(beat.time_s, 100e6), beat.rising, beat.cosine)
+    assert np.unique(found.level - beat.level).size == 1
+    assert found.breaks.size == 0
+
+
+@pytest.mark.parametrize("tick", [[3], [5, 4, 6]])
+def test_no_stretch(tick: list[int]) -> None:
+    ones = np.ones(len(tick), bool)
+    with pytest.raises(FitError, match=r"B-FIT-095.*no stretch"):
+        edge_levels(np.array(tick), ones, ones)
+
+
+def ideal(step_rad: float = 0.0, offset_rad: float = 0.3, beside_rad: float = 0.0) -> tuple[EdgeLevels, Int64, Bool]:
     """Edges of psi = offset + A sin(w t) with a step at each turnaround, up at the maxima and down at the minima; the
     comparator switches ``beside_rad`` behind even levels and before odd ones.
     """
@@ -39,13 +207,13 @@ def ideal(
     time, level, up = np.concatenate(times), np.concatenate(levels), np.concatenate(upward)
     time += np.pi / OMEGA  # the first zero is a falling one now, and no tick is negative
     even = level % 2 == 0
-    zero = np.rint((np.arange(HALVES) + 1) * np.pi / OMEGA * CLOCK_Hz).astype(np.int64)
-    edges = edge_levels(np.rint(time * CLOCK_Hz).astype(np.int64), up == even, even)
+    zero = np.rint((np.arange(HALVES) + 1) * np.pi / OMEGA * FINE_Hz).astype(np.int64)
+    edges = edge_levels(np.rint(time * FINE_Hz).astype(np.int64), up == even, even)
     return edges, zero, np.arange(HALVES) % 2 == 0
 
 
-def turning(edges: EdgeLevels, zero: Int64, rising: NDArray[np.bool_], crossings: int = 16) -> Turnarounds:
-    return turnarounds(edges, zero, rising, CLOCK_Hz, crossings)
+def turning(edges: EdgeLevels, zero: Int64, rising: Bool, crossings: int = 16) -> Turnarounds:
+    return turnarounds(edges, zero, rising, FINE_Hz, crossings)
 
 
 def test_a_pure_dither_has_no_jump() -> None:
@@ -58,7 +226,7 @@ def test_a_pure_dither_has_no_jump() -> None:
         np.testing.assert_allclose(jumps.curvature_rad_s2, AMPLITUDE_rad * OMEGA**2, rtol=1e-6)
         truth = 0.3 - turns.sign * AMPLITUDE_rad
         np.testing.assert_allclose(np.cos(jumps.psi0_rad - truth), 1.0, atol=1e-9)
-        at = turns.reference_tick / CLOCK_Hz + jumps.zero_rate_s
+        at = turns.reference_tick / FINE_Hz + jumps.zero_rate_s
         np.testing.assert_allclose(at, (np.arange(HALVES - 1) + 1.5) * np.pi / OMEGA, atol=1e-10)
     assert np.abs(parabolas(turns, 4).dpsi_rad).max() < 0.02  # the dither is no parabola
 
@@ -108,10 +276,7 @@ def test_a_grazing_pair_is_left_out() -> None:
     inner = turns.phase_rad[turns.grazing][:, 15:17]
     assert np.array_equal(inner[:, 0], inner[:, 1])
     assert np.abs(dither_shape(turns).dpsi_rad).max() < 1e-6
-
-
-def test_a_pair_that_is_passed_clearly_stays() -> None:
-    turns = turning(*ideal(offset_rad=48 * np.pi - AMPLITUDE_rad + 0.02))
+    turns = turning(*ideal(offset_rad=48 * np.pi - AMPLITUDE_rad + 0.02))  # passed clearly
     assert not turns.grazing.any()
     assert turns.usable.all()
 
@@ -161,21 +326,11 @@ def test_an_edge_pair_that_changed_places_is_not_used() -> None:
     assert np.abs(dither_shape(turns).dpsi_rad).max() < 1e-6
 
 
-def test_too_few_crossings() -> None:
-    with pytest.raises(FitError, match="few_crossings 199") as caught:
-        turning(*ideal(), crossings=60)
-    assert caught.value.code == "B-FIT-097"
-
-
-def test_no_pick_off() -> None:
+def test_too_few_crossings_pick_offs_or_turnarounds_are_refused() -> None:
     edges, zero, rising = ideal()
-    with pytest.raises(FitError, match="period") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-097.*few_crossings 199"):
+        turning(edges, zero, rising, crossings=60)
+    with pytest.raises(FitError, match=r"B-FIT-096.*period"):
         turning(edges, zero[:2], rising[:2])
-    assert caught.value.code == "B-FIT-096"
-
-
-def test_too_few_turnarounds_for_constants() -> None:
-    edges, zero, rising = ideal()
-    with pytest.raises(FitError, match="lock-in constants") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-098.*lock-in constants"):
         global_constants(turning(edges, zero[:40], rising[:40]))
-    assert caught.value.code == "B-FIT-098"

@@ -1,4 +1,6 @@
-"""The filter of the time offset on short flights: what it finds, and that what would break it is found."""
+"""The filter of the time offset on short flights: what it finds, and that what would break it is found; tags off the
+grid, lost samples of both links, nothing to see, nothing to use.
+"""
 
 from __future__ import annotations
 
@@ -10,16 +12,21 @@ import pytest
 from numpy.typing import NDArray
 from sync_flights import BASE, END_S, LEVEL_UNTIL_S, TURN_UNTIL_S, Flight, flight, setup
 
+from bench.model.errors import FitError
 from bench.systems.time_sync.estimators.kalman import filter as sync_filter
 from bench.systems.time_sync.estimators.kalman import innovation as sync_innovation
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.innovation import nis_summary
-from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, FilterRun, FilterSetup
+from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, FilterRun, FilterSetup, ImuSamples
+from bench.systems.time_sync.estimators.kalman.stream import filled_noise
 from sim_instruments.worlds.time_sync.flight.egi import EgiRuns
+from sim_instruments.worlds.time_sync.flight.imu import imu_runs
+from sim_instruments.worlds.time_sync.flight.path import FlightPath
 
 Array = NDArray[np.float64]
 
 OFFSETS_S = (-0.020, 0.0137, 0.020)  # early, no whole number of samples, late
+OFFSET_S = 0.0137  # of one unit on a bench
 SETTLED_S = LEVEL_UNTIL_S + 0.5  # the offset is known, innovations are those of the EGI's errors
 
 
@@ -56,48 +63,24 @@ def test_late_early_and_fractional_offsets_are_found_with_their_sign(sound: Filt
     judge(sound)
     assert np.all(sound.sigma[-1, :, 15] < 0.3e-3)
     assert np.all(sound.sigma[at(sound, LEVEL_UNTIL_S - 0.1), :, 15] > 0.9 * 0.03)
+    assert np.all(sound.offset_s[-1].std(axis=-1) > 1e-6)  # lanes are not copies of each other
 
 
-def test_lanes_are_not_copies_of_each_other(sound: FilterRun) -> None:
-    assert np.all(sound.offset_s[-1].std(axis=-1) > 1e-6)
-
-
-# Mutations ------------------------------------------------------------------------------------------------------------
-
-
-def flipped_column(patch: pytest.MonkeyPatch) -> None:
-    """The offset's column of H with the other sign."""
+def signs_of_rows(patch: pytest.MonkeyPatch, signs: Array | float) -> None:
+    """The offset's column of H with other signs of position, velocity and attitude."""
     rows = sync_filter.measurement_rows
-    patch.setattr(sync_filter, "measurement_rows", lambda F, age_s, motion: rows(F, age_s, -motion))
+    patch.setattr(sync_filter, "measurement_rows", lambda F, age_s, motion: rows(F, age_s, signs * motion))
 
 
-def not_shifted(patch: pytest.MonkeyPatch) -> None:
-    """The estimate is not used in the prediction."""
-    patch.setattr(sync_innovation, "predicted_at", lambda t_s, offset_s: t_s - 0.0 * offset_s)
+def predicted(of: Callable[[Array, Array], Array]) -> Callable[[pytest.MonkeyPatch], None]:
+    """The prediction is for another time than that of the tag less the estimate."""
+    return lambda patch: patch.setattr(sync_innovation, "predicted_at", of)
 
 
 def both_flipped(patch: pytest.MonkeyPatch) -> None:
     """Column and shift: a filter in itself sound of which only the sign of the offset is wrong."""
-    flipped_column(patch)
-    patch.setattr(sync_innovation, "predicted_at", lambda t_s, offset_s: t_s + offset_s)
-
-
-def attitude_row_flipped(patch: pytest.MonkeyPatch) -> None:
-    rows = sync_filter.measurement_rows
-    signs = np.repeat([1.0, 1.0, -1.0], 3)
-    patch.setattr(sync_filter, "measurement_rows", lambda F, age_s, motion: rows(F, age_s, signs * motion))
-
-
-def rounded_to_samples(patch: pytest.MonkeyPatch) -> None:
-    """Only whole intervals of the IMU."""
-    patch.setattr(sync_innovation, "predicted_at", lambda t_s, offset_s: t_s - np.round(offset_s / 0.005) * 0.005)
-
-
-def truth_in_the_prediction(patch: pytest.MonkeyPatch) -> None:
-    """The true offset is given to the measurement model."""
-    patch.setattr(
-        sync_innovation, "predicted_at", lambda t_s, offset_s: t_s - np.array(OFFSETS_S)[:, None] + 0.0 * offset_s
-    )
+    signs_of_rows(patch, -1.0)
+    predicted(lambda t_s, offset_s: t_s + offset_s)(patch)
 
 
 def truth_at_the_begin(patch: pytest.MonkeyPatch) -> None:
@@ -111,20 +94,18 @@ def truth_at_the_begin(patch: pytest.MonkeyPatch) -> None:
     patch.setattr(sync_filter._Filter, "begin", leaking)
 
 
-MUTATIONS = [
-    flipped_column,
-    not_shifted,
-    attitude_row_flipped,
-    rounded_to_samples,
-    truth_in_the_prediction,
-]
+MUTATIONS = {
+    "flipped column": lambda patch: signs_of_rows(patch, -1.0),
+    "attitude row flipped": lambda patch: signs_of_rows(patch, np.repeat([1.0, 1.0, -1.0], 3)),
+    "the estimate is not used": predicted(lambda t_s, offset_s: t_s - 0.0 * offset_s),
+    "whole intervals of the IMU": predicted(lambda t_s, offset_s: t_s - np.round(offset_s / 0.005) * 0.005),
+    "truth": predicted(lambda t_s, offset_s: t_s - np.array(OFFSETS_S)[:, None] + 0.0 * offset_s),
+}
 
 
-@pytest.mark.parametrize("mutation", MUTATIONS, ids=lambda of: of.__name__)
-def test_a_broken_filter_is_found(
-    mutation: Callable[[pytest.MonkeyPatch], None], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    mutation(monkeypatch)
+@pytest.mark.parametrize("name", MUTATIONS)
+def test_a_broken_filter_is_found(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    MUTATIONS[name](monkeypatch)
     with pytest.raises(AssertionError):
         judge(run_sound(flight(6)))
 
@@ -138,19 +119,12 @@ def test_both_signs_wrong_shows_in_the_sign_of_the_offset_alone(monkeypatch: pyt
     assert np.all(nis_summary(run, SETTLED_S).ratio[:, 0] < 0.03)  # nothing else looks wrong
 
 
-def test_truth_leaking_into_the_begin_is_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    certain = replace(setup(3, BASE, keep_every=5), position_sigma_m=1.0)
-    truth_at_the_begin(monkeypatch)
-    with pytest.raises(AssertionError, match="level flight cannot tell"):
-        judge(run_sound(flight(6), certain))
-
-
-def test_white_egi_errors_are_found() -> None:
+def test_truth_leaking_into_the_begin_and_white_errors_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     with pytest.raises(AssertionError, match="change slowly"):
         judge(run_sound(flight(6).white()))
-
-
-# ----------------------------------------------------------------------------------------------------------------------
+    truth_at_the_begin(monkeypatch)
+    with pytest.raises(AssertionError, match="level flight cannot tell"):
+        judge(run_sound(flight(6), replace(setup(3, BASE, keep_every=5), position_sigma_m=1.0)))
 
 
 def test_without_the_state_the_errors_lag_by_the_offset() -> None:
@@ -197,17 +171,140 @@ def test_while_the_position_is_held_only_the_attitude_is_used() -> None:
     assert biggest_m[1] < 0.5 * biggest_m[0]
 
 
-def test_an_offset_of_a_tenth_of_a_second_is_found() -> None:
+def test_an_offset_of_a_tenth_is_found_and_half_a_second_from_a_rough_value() -> None:
     trip = flight(6)
-    run = run_filter(trip.imu, trip.egi((0.1,)), setup(1, LOOSE))
-    assert run.offset_s[-1].mean() == pytest.approx(0.1, abs=3.4e-3)
-    again = run_filter(trip.imu, trip.egi((0.1,)), setup(1, LOOSE, offset0_s=float(run.offset_s[-1].mean())))
-    assert again.offset_s[-1].mean() == pytest.approx(0.1, abs=0.5e-3)
+
+    def found(offset_s: float, **begin: float) -> float:
+        return float(run_filter(trip.imu, trip.egi((offset_s,)), setup(1, LOOSE, **begin)).offset_s[-1].mean())
+
+    rough_s = found(0.1)
+    assert rough_s == pytest.approx(0.1, abs=3.4e-3)
+    assert found(0.1, offset0_s=rough_s) == pytest.approx(0.1, abs=0.5e-3)
+    for offset_s in (0.5, -0.5):
+        begin = {"offset0_s": offset_s - 0.02, "look_ahead_s": 0.6, "reach_s": 1.3}
+        assert found(offset_s, **begin) == pytest.approx(offset_s, abs=1e-3)
 
 
-@pytest.mark.parametrize("offset_s", [0.5, -0.5])
-def test_half_a_second_is_found_from_a_rough_value(offset_s: float) -> None:
-    trip = flight(2)
-    begin = setup(1, LOOSE, offset0_s=offset_s - 0.02, look_ahead_s=0.6, reach_s=1.3)
-    run = run_filter(trip.imu, trip.egi((offset_s,)), begin)
-    assert run.offset_s[-1].mean() == pytest.approx(offset_s, abs=1e-3)
+class Samples:
+    """An EGI of stored samples."""
+
+    def __init__(self, t_s: Array, p: Array, v: Array, C: Array) -> None:
+        self.t_s, self.p, self.v, self.C = t_s, p, v, C
+
+    def block(self, k0: int, k1: int) -> tuple[Array, Array, Array]:
+        return self.p[k0:k1], self.v[k0:k1], self.C[k0:k1]
+
+
+def stored(trip: Flight, offsets_s: tuple[float, ...] = (OFFSET_S,)) -> Samples:
+    """All samples of a flight, in arrays of their own."""
+    egi = trip.egi(offsets_s)
+    return Samples(egi.t_s.copy(), *(x.copy() for x in egi.block(0, egi.t_s.size)))
+
+
+def test_tags_between_the_samples_of_the_imu() -> None:
+    """The same motion tagged by a clock whose samples fall between those of the IMU and drift by 400 ppm."""
+    trip = flight(1)
+    t_s = trip.errors.t_s * 1.0004 + 0.0031
+    true = trip.path.state(t_s - OFFSET_S)
+    p, v = true.p[:, None, None] + trip.errors.dp[:, None], true.v[:, None, None] + trip.errors.dv[:, None]
+    C = np.broadcast_to(trip.matrices(t_s - OFFSET_S)[:, None, None], (*p.shape, 3))
+    offset_s, _ = ends(run_filter(trip.imu, Samples(t_s, p, v, C), setup(1, BASE)))
+    assert offset_s == pytest.approx(OFFSET_S, abs=0.5e-3)
+
+
+def ends(run: FilterRun) -> tuple[float, float]:
+    return float(run.offset_s[-1, 0, 0]), float(run.sigma[-1, 0, 15])
+
+
+@pytest.fixture(scope="module")
+def whole() -> tuple[float, float]:
+    trip = flight(1)
+    offset_s, sigma_s = ends(run_filter(trip.imu, stored(trip), setup(1, BASE)))
+    assert offset_s == pytest.approx(OFFSET_S, abs=0.5e-3)
+    return offset_s, sigma_s
+
+
+@pytest.mark.parametrize("absent", [True, False], ids=["absent", "nan"])
+def test_lost_egi_samples_cost_little(whole: tuple[float, float], absent: bool) -> None:
+    trip = flight(1)
+    egi = stored(trip)
+    lost = np.random.default_rng(3).random(egi.t_s.size) < 0.05
+    lost[:4] = True  # the first ones among them
+    lost[60:85] = True  # half a second before the turn
+    if absent:
+        egi = Samples(egi.t_s[~lost], egi.p[~lost], egi.v[~lost], egi.C[~lost])
+    else:
+        egi.p[lost] = np.nan
+        egi.v[np.flatnonzero(lost)[::2]] = np.nan
+    run = run_filter(trip.imu, egi, setup(1, BASE))
+    offset_s, sigma_s = ends(run)
+    assert np.isfinite(run.p).all()
+    assert abs(offset_s - whole[0]) < 0.5 * whole[1]
+    assert sigma_s == pytest.approx(whole[1], rel=0.1)
+
+
+def with_filled(imu: ImuSamples, share: float) -> ImuSamples:
+    """Some samples lost and filled with the mean of their neighbours."""
+    filled = np.random.default_rng(5).random(imu.t_s.size) < share
+    filled[[0, -1]] = False
+    good = np.flatnonzero(~filled)
+    dv, dtheta = imu.dv.copy(), imu.dtheta.copy()
+    for x in (dv, dtheta):
+        for axis in range(3):
+            x[filled, 0, axis] = np.interp(np.flatnonzero(filled), good, x[good, 0, axis])
+    return ImuSamples(imu.t_s, dv, dtheta, filled)
+
+
+def test_filled_imu_samples_cost_little(whole: tuple[float, float]) -> None:
+    trip = flight(1)
+    offset_s, sigma_s = ends(run_filter(with_filled(trip.imu, 0.02), stored(trip), setup(1, BASE)))
+    assert abs(offset_s - whole[0]) < whole[1]
+    assert sigma_s > whole[1]  # wider process noise
+
+
+def test_a_filled_sample_is_trusted_by_what_changed_across_it() -> None:
+    dv = np.zeros((6, 1, 3))
+    dv[4:, 0, 1] = 0.04
+    filled = np.array([False, True, False, True, False, False])
+    sums = filled_noise(ImuSamples(np.arange(6) * 0.005, dv, np.zeros((6, 1, 3)), filled))
+    assert sums[2, :3] == pytest.approx(0.0)  # nothing changed across the first
+    assert sums[-1, :3] == pytest.approx(0.02**2)
+    assert sums[-1, 3:] == pytest.approx(0.0)
+    filled[2] = True  # three in a row: what they are off by they are off by together
+    sums = filled_noise(ImuSamples(np.arange(6) * 0.005, np.zeros((6, 1, 3)), dv, filled))
+    assert sums[-1, 3:] == pytest.approx((3 * 0.02) ** 2)
+
+
+def test_one_lane_without_its_sample_takes_it_from_its_group_only() -> None:
+    trip = flight(3, end_s=3.0)
+    egi, other = stored(trip, (0.0, 0.02)), stored(trip, (0.0, 0.02))
+    egi.p[80:100, 0, 1, 2] = np.nan
+    run, whole_run = (run_filter(trip.imu, x, setup(2, BASE, keep_every=10)) for x in (egi, other))
+    assert np.array_equal(run.p[:, 1], whole_run.p[:, 1])
+    assert not np.array_equal(run.p[:, 0], whole_run.p[:, 0])
+    assert whole_run.nis_count[:, 0].sum() - run.nis_count[:, 0].sum() == 20 * 3 * 4  # samples, lanes, blocks
+
+
+def test_what_does_not_move_tells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One lane at rest with a tight attitude: noise of the gyros must not pass for motion."""
+    path = FlightPath(((0.0, 0.0, 0.0),), speed_m_s=0.0)
+    still = replace(flight(1), path=path, unit=imu_runs(path, END_S, 1, 7))
+    run = run_filter(still.imu, still.egi((0.02,)), setup(1, TIGHT))
+    assert run.sigma[-1, 0, 15] > 0.97 * 0.03
+    assert abs(run.offset_s[-1, 0, 0] - 0.02) > 0.9 * 0.02
+    monkeypatch.setattr(sync_innovation, "_seen", lambda motions, noise: 1.0)
+    assert run_filter(still.imu, still.egi((0.02,)), setup(1, TIGHT)).sigma[-1, 0, 15] < 0.95 * 0.03
+
+
+@pytest.mark.parametrize("what", ["apart", "nan", "at the end"])
+def test_an_egi_that_cannot_be_held_against_the_imu_is_refused(what: str) -> None:
+    trip = flight(1)
+    egi = stored(trip)
+    if what == "apart":
+        egi.t_s += 1000.0
+    elif what == "nan":
+        egi.p[:] = np.nan
+    else:
+        egi.t_s += trip.imu.t_s[-1] - 0.04  # one sample, and none behind it that could be used
+    with pytest.raises(FitError, match="B-FIT-116"):
+        run_filter(trip.imu, egi, setup(1, LOOSE))

@@ -5,25 +5,22 @@ widths.
 
 from __future__ import annotations
 
-import json
-import os
 import re
-import subprocess
+from io import BytesIO
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
+from imported_logs import MAPPINGS, estimates_of, imported, of_mirror, parsed
 from numpy.typing import NDArray
+from one_estimate import one
 from scipy.io import loadmat, savemat
 
 from bench.analysis import Analysis, Material
 from bench.analysis.doubt import weigh
-from bench.commands.import_log import import_log
 from bench.commands.importing import guess
 from bench.model.errors import FitError, InputErrors
-from bench.model.yamlio import parse_yaml
-from bench.plan.language.mapping import mapping_model
 from bench.systems.time_sync import phase_history
 from bench.systems.time_sync.estimators.sar.phase_history import compressed, scene_of
 from bench.systems.time_sync.estimators.sar.response import impulse_response
@@ -33,8 +30,6 @@ C_m_s = 299_792_458.0
 BAND_Hz = (9.5e9, 9.7e9)
 COUNT, LENGTH = 96, 64
 PLACES_m = np.array([[8.0, -5.0, 0.0], [-9.0, -6.0, 0.0]])
-MAPPINGS = Path(__file__).resolve().parents[4] / "docs" / "mappings"
-MIRROR = Path(os.environ.get("BENCH_CAPTURES", "/nowhere")) / "dm6718+RITSAR" / "repo"
 MAPPING = """\
 mapping: radar
 uut: {model: radar, serial: S-1}
@@ -77,12 +72,8 @@ def material(samples: NDArray[np.complex128], antenna_m: Array) -> Material:
     return Material((), campaign, {}, series=series)
 
 
-def found(analysis: Analysis, quantity: str, axis: str | None = None) -> tuple[float, float]:
-    (entry,) = [
-        entry
-        for entry in analysis.estimates
-        if entry["quantity"] == quantity and entry["conditions"].get("axis") == axis
-    ]
+def found(analysis: Analysis, quantity: str, **where: str) -> tuple[float, float]:
+    entry = one(analysis, quantity, **where)
     return entry["value"], entry["std_uncertainty"]
 
 
@@ -93,9 +84,9 @@ def test_points_of_a_formula_stand_where_they_are_as_sharp_as_they_may_be() -> N
     ideal_m = 0.885893 * C_m_s / (2.0 * (BAND_Hz[1] - BAND_Hz[0]) * LENGTH / (LENGTH - 1))
     assert found(analysis, "place_x")[0] == pytest.approx(PLACES_m[0, 0], abs=0.02)
     assert found(analysis, "place_y")[0] == pytest.approx(PLACES_m[0, 1], abs=0.02)
-    assert found(analysis, "resolution", "range")[0] == pytest.approx(ideal_m, rel=0.01)
-    assert found(analysis, "resolution_over_ideal", "azimuth")[0] == pytest.approx(1.0, abs=0.01)
-    lobes = {axis: found(analysis, "pslr", axis) for axis in ("azimuth", "range")}
+    assert found(analysis, "resolution", axis="range")[0] == pytest.approx(ideal_m, rel=0.01)
+    assert found(analysis, "resolution_over_ideal", axis="azimuth")[0] == pytest.approx(1.0, abs=0.01)
+    lobes = {axis: found(analysis, "pslr", axis=axis) for axis in ("azimuth", "range")}
     assert all(value == pytest.approx(-13.26, abs=4.0 * std + 0.1) for value, std in lobes.values())
     assert weigh(analysis.evidence).against == []
     table = [row[1:3] for row in analysis.tables[0].rows]
@@ -109,7 +100,7 @@ def test_intervals_hold_what_noise_does() -> None:
     def values(seed: int, noise: float = 1.0) -> list[tuple[float, float]]:
         pulses = compressed(echoes(antenna_m, place_m, noise, seed), antenna_m, *BAND_Hz)
         target = impulse_response(pulses, antenna_m, scene.targets_m[0], (1.0, 2.0))
-        return [(one["value"], one["std_uncertainty"]) for one in phase_history._estimates(scene, target, COUNT, 0)]
+        return [(each["value"], each["std_uncertainty"]) for each in phase_history._estimates(scene, target, COUNT, 0)]
 
     scene = scene_of(compressed(echoes(antenna_m, place_m, 1.0), antenna_m, *BAND_Hz), antenna_m)
     truth = [value for value, _ in values(0, noise=0.0)]
@@ -127,7 +118,7 @@ def test_positions_that_are_off_along_the_track_are_seen() -> None:
 
     bent_m = np.linspace(-1.0, 1.0, COUNT)[:, None] ** 2 * np.array([0.01, 0.0, 0.0])
     analysis = image(bent_m)
-    assert found(analysis, "resolution_over_ideal", "azimuth")[0] > 1.2
+    assert found(analysis, "resolution_over_ideal", axis="azimuth")[0] > 1.2
     assert [one.code for one in weigh(analysis.evidence).against] == ["not_focused"]
     with pytest.raises(FitError, match="B-FIT-122: the strongest place"):
         image(10.0 * bent_m)
@@ -173,24 +164,21 @@ def test_what_is_no_phase_history_is_refused(antenna_m: Array, noise: float, sai
     ],
 )
 def test_mistakes_of_a_mapping_are_named(old: str, new: str, said: str) -> None:
-    with pytest.raises(InputErrors) as raised:
-        parse_yaml(MAPPING.replace(old, new), "m.yaml", mapping_model())
-    assert said in str(raised.value)
+    with pytest.raises(InputErrors, match=said):
+        parsed(MAPPING.replace(old, new))
 
 
 @pytest.mark.parametrize("form", ["mat", "npz", "matlab_hdf5", "csv"])
 def test_a_phase_history_of_every_form(form: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """The rows of the matrix are frequencies in MATLAB, as in the Gotcha data, pulses in NumPy and in text."""
-    antenna_m, log, name = arc(), tmp_path / "log", "fp.T"
+    antenna_m, log, name = arc(), BytesIO(), "fp.T"
     samples = echoes(antenna_m)
     columns = dict(zip("xyz", antenna_m.T, strict=True))
     if form == "mat":
-        with log.open("wb") as stream:
-            savemat(stream, {"fp": samples.T, **columns})
+        savemat(log, {"fp": samples.T, **columns})
     elif form == "npz":
         name = "fp"
-        with log.open("wb") as stream:
-            np.savez(stream, fp=samples, **columns)
+        np.savez(log, fp=samples, **columns)
     elif form == "matlab_hdf5":
         with h5py.File(log, "w") as file:
             parts = np.empty(samples.shape, [("real", "f8"), ("imag", "f8")])
@@ -203,28 +191,20 @@ def test_a_phase_history_of_every_form(form: str, tmp_path: Path, capsys: pytest
         header = ",".join([*"xyz", *(f"s[{k}].{part}" for k in range(LENGTH) for part in ("real", "imag"))])
         table = np.column_stack((antenna_m, samples.view(np.float64)))
         np.savetxt(log, table, delimiter=",", header=header, comments="", fmt="%.17g")
-    (tmp_path / "m.yaml").write_text(MAPPING.replace("NAME", name), encoding="utf-8")
-    assert import_log(tmp_path / "m.yaml", log, tmp_path / "out") == 0
-    (results,) = (tmp_path / "out").glob("*/results.json")
-    entries = json.loads(results.read_text(encoding="utf-8"))["estimates"]
+    entries = estimates_of(imported(tmp_path, MAPPING.replace("NAME", name), log.getvalue()))
     assert entries[0]["value"] == pytest.approx(PLACES_m[0, 0], abs=0.02)
     capsys.readouterr()
-    guess(log)
+    guess(tmp_path / "log")
     assert re.search(r"\[\{0\.\.\d+\}\]\.imag': \{role: quadrature\}", capsys.readouterr().out)
 
 
 @pytest.mark.real
-@pytest.mark.skipif(not MIRROR.is_dir(), reason=f"no {MIRROR}: name the folder of its copy in BENCH_CAPTURES")
 def test_the_gotcha_scene_is_as_sharp_as_its_band_and_aperture(tmp_path: Path) -> None:
     """Its strongest reflector: 0.8859 c / 2B in range to 3 % (the band is not quite flat), in azimuth to 1 %."""
-    name = "examples/data/AFRL/pass1/HH/data_3dsar_pass1_az001_HH.mat"
-    shown = subprocess.run(["git", "-C", MIRROR, "show", f"HEAD:{name}"], capture_output=True, check=True)
-    (tmp_path / "log.mat").write_bytes(shown.stdout)
-    assert import_log(MAPPINGS / "gotcha_phase_history.yaml", tmp_path / "log.mat", tmp_path / "out") == 0
-    (results,) = (tmp_path / "out").glob("*/results.json")
-    entries = json.loads(results.read_text(encoding="utf-8"))["estimates"]
+    capture = of_mirror("dm6718+RITSAR", "examples/data/AFRL/pass1/HH/data_3dsar_pass1_az001_HH.mat")
+    entries = estimates_of(imported(tmp_path, MAPPINGS / "gotcha_phase_history.yaml", capture))
     found = {(entry["quantity"], entry["conditions"].get("axis")): entry["value"] for entry in entries}
-    log = loadmat(tmp_path / "log.mat", squeeze_me=True, struct_as_record=False)["data"]
+    log = loadmat(BytesIO(capture), squeeze_me=True, struct_as_record=False)["data"]
     antenna_m, frequency_Hz = np.column_stack((log.x, log.y, log.z)).astype(float), log.freq.astype(float)
     cosine = np.mean(np.hypot(log.x, log.y) / np.linalg.norm(antenna_m, axis=1))
     turned = np.radians(log.th[-1] - log.th[0]) * len(antenna_m) / (len(antenna_m) - 1) * cosine

@@ -1,4 +1,6 @@
-"""A unit's clock by its receive stamps: rate and offset within the stated uncertainty, whatever the stamps are like."""
+"""A unit's clock by its receive stamps: rate and offset within the stated uncertainty, whatever the stamps are like;
+one bad reading among many is found, a kink, a step, a gap and honest noise are none.
+"""
 
 from __future__ import annotations
 
@@ -9,21 +11,12 @@ import pytest
 from scipy import optimize
 
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.port_clocks import (
-    PortClock,
-    StampNoise,
-    clock_difference,
-    even_tags_s,
-    expected_clock,
-    first_step,
-    line_below,
-    port_clock,
-    tag_noise_s,
-)
+from bench.systems.time_sync.estimators import port_clocks
 from bench.systems.time_sync.estimators.stamp_grid import grid_s
 
 Array = Any
 LATENCY_s = 0.008
+COUNTER = np.arange(3000)
 
 
 def port(
@@ -48,10 +41,10 @@ def port(
     return own_s + tag_noise * rng.standard_normal(own_s.size), np.arange(own_s.size), ns * 1e-9, ns, begin_s
 
 
-def fitted(seed: int, **kinds: Any) -> tuple[PortClock, float]:
+def fitted(seed: int, **kinds: Any) -> tuple[port_clocks.PortClock, float]:
     """Clock of a unit and the true least delay in the middle."""
     tags_s, counter, stamps_s, ns, begin_s = port(seed, **kinds)
-    found = port_clock(tags_s, counter, stamps_s, grid_s(ns))
+    found = port_clocks.port_clock(tags_s, counter, stamps_s, grid_s(ns))
     rate = 1.0 / (1.0 + 1e-6 * kinds.get("ppm", 10.0)) - 1.0
     return found, begin_s + LATENCY_s + rate * found.at_s
 
@@ -109,7 +102,7 @@ def test_noise_of_the_tags_is_taken_for_no_place_within_a_step() -> None:
 
 def test_tags_of_a_clock_that_does_not_run_evenly_stay_as_they_are() -> None:
     tags_s, counter, *_ = port(3, tag_noise=3e-4)
-    np.testing.assert_array_equal(even_tags_s(tags_s, counter), tags_s)
+    np.testing.assert_array_equal(port_clocks.even_tags_s(tags_s, counter), tags_s)
 
 
 @pytest.mark.parametrize("step_s", [0.0, 1e-3])
@@ -119,7 +112,7 @@ def test_what_is_expected_of_a_clock_is_what_ports_state(step_s: float) -> None:
     for seed in range(100, 140):
         found, _ = fitted(seed, ppm=float(rng.uniform(-20.0, 20.0)), poll_ns=round(1e9 * step_s))
         stated.append((found.rate_std, found.std_s(found.at_s), found.jitter_std_s))
-    due = expected_clock(np.arange(0.0, 60.0, 0.02), StampNoise(3e-4, 20e-6), step_s)
+    due = port_clocks.expected_clock(np.arange(0.0, 60.0, 0.02), port_clocks.StampNoise(3e-4, 20e-6), step_s)
     rms = np.sqrt(np.mean(np.square(stated), axis=0))
     assert rms == pytest.approx([due.rate_std, due.std_s(due.at_s), due.jitter_std_s], rel=0.2)
 
@@ -129,7 +122,7 @@ def test_without_jitter_the_step_is_the_uncertainty() -> None:
     for seed in range(6):
         tags_s, counter, stamps_s, ns, begin_s = port(seed, jitter_s=0.0)
         other = port(seed + 50, interval_s=0.005)[3]
-        found = port_clock(tags_s, counter, stamps_s, grid_s(np.concatenate((ns, other))))
+        found = port_clocks.port_clock(tags_s, counter, stamps_s, grid_s(np.concatenate((ns, other))))
         rate = 1.0 / (1.0 + 1e-5) - 1.0
         z.append((found.delay_s - begin_s - LATENCY_s - rate * found.at_s) / found.std_s(found.at_s))
         stds.append(found.std_s(found.at_s))
@@ -149,7 +142,7 @@ def test_line_below_is_that_of_a_linear_program() -> None:
     best = optimize.linprog(
         [-300.0, -place.sum()], A_ub=np.stack([np.ones(300), place], axis=1), b_ub=delay_s, bounds=[(None, None)] * 2
     )
-    assert line_below(place, delay_s) == pytest.approx(tuple(best.x), abs=1e-9)
+    assert port_clocks.line_below(place, delay_s) == pytest.approx(tuple(best.x), abs=1e-9)
 
 
 def test_difference_of_two_ports() -> None:
@@ -157,7 +150,7 @@ def test_difference_of_two_ports() -> None:
     one, _ = fitted(2, ppm=13.0)
     other, _ = fitted(3, ppm=10.0, interval_s=0.005)
     begins = port(2)[4], port(3)[4]
-    found = clock_difference(one, other, 30.0, latency_s=0.0, latency_std_s=1e-3)
+    found = port_clocks.clock_difference(one, other, 30.0, latency_s=0.0, latency_std_s=1e-3)
     assert found.drift == pytest.approx(3e-6, abs=3.0 * found.drift_std)
     assert found.offset_s == pytest.approx(begins[1] - begins[0] + 30.0 * 3e-6, abs=4.0 * found.stamps_std_s)
     assert found.std_s == pytest.approx(np.hypot(found.stamps_std_s, 1e-3))
@@ -167,22 +160,46 @@ def test_difference_of_two_ports() -> None:
 def test_a_step_of_the_clock_is_found(step_s: float) -> None:
     tags_s, counter, *_ = port(5)
     tags_s[1234:] += step_s
-    assert first_step(tags_s, counter) == 1234
+    assert port_clocks.first_step(tags_s, counter) == 1234
 
 
-def test_lost_frames_are_no_step() -> None:
+def test_lost_frames_are_no_step_and_too_few_tell_nothing() -> None:
     tags_s, counter, *_ = port(5)
     keep = np.random.default_rng(1).random(tags_s.size) > 0.3
-    assert first_step(tags_s[keep], counter[keep]) is None
-    assert first_step(tags_s[:2], counter[:2]) is None
-
-
-def test_noise_of_the_tags_needs_frames_in_a_row() -> None:
-    assert tag_noise_s(np.arange(20.0), np.arange(0, 40, 2)) == 0.0
-
-
-def test_too_few_frames() -> None:
+    assert port_clocks.first_step(tags_s[keep], counter[keep]) is None
+    assert port_clocks.first_step(tags_s[:2], counter[:2]) is None
+    assert port_clocks.tag_noise_s(np.arange(20.0), np.arange(0, 40, 2)) == 0.0  # no two frames in a row
     tags_s, counter, stamps_s, *_ = port(1, duration_s=2.0)
-    with pytest.raises(FitError, match="100 frames") as caught:
-        port_clock(tags_s, counter, stamps_s)
-    assert caught.value.code == "B-SYNC-009"
+    with pytest.raises(FitError, match=r"B-SYNC-009.*100 frames"):
+        port_clocks.port_clock(tags_s, counter, stamps_s)
+
+
+def smooth(seed: int = 1) -> Array:
+    at = COUNTER / 50.0
+    clean = np.stack([100.0 * at, np.sin(at), np.where(at > 30.0, 7.0 * (at - 30.0), 0.0)], axis=1)
+    return np.asarray(clean + 1e-3 * np.random.default_rng(seed).standard_normal(clean.shape))
+
+
+@pytest.mark.parametrize("size", [0.2, 10.0, 1e6])
+@pytest.mark.parametrize("at", [2, 700, 2997])
+def test_one_bad_reading_is_found(size: float, at: int) -> None:
+    values = smooth()
+    values[at, 1] += size
+    assert port_clocks.odd_readings(values, COUNTER).tolist() == [at]
+
+
+def test_three_of_three_thousand_are_found_and_not_a_fourth() -> None:
+    values = smooth()
+    values[[100, 900, 1700, 2500], 0] += [40.0, 30.0, 20.0, 10.0]
+    assert port_clocks.odd_readings(values, COUNTER).tolist() == [100, 900, 1700]
+
+
+def test_no_reading_of_a_kink_a_step_or_a_gap_is_bad_and_few_are_not_judged() -> None:
+    for seed in range(200):
+        assert port_clocks.odd_readings(smooth(seed), COUNTER).size == 0
+    stepped, beside, counter = smooth(), smooth(), COUNTER.copy()
+    stepped[1000:, 0] += 5.0
+    beside[1001] += 50.0
+    counter[1000:] += 5
+    for values, numbers in ((stepped, COUNTER), (beside, counter), (smooth()[:40], COUNTER[:40])):
+        assert port_clocks.odd_readings(values, numbers).size == 0

@@ -1,30 +1,29 @@
-"""Analysis stream_offset: two streams made of one formula with a known offset, one in the rows between the other's; and
-a telephone beside a camera system, whose offset its authors found by the largest correlation.
+"""Imported logs of two clocks. Analysis stream_offset: two streams made of one formula with a known offset, and a
+telephone beside a camera system, whose offset its authors found by the largest correlation. Analysis egi_offset: a log
+of both units, by a physics of its own (``sync_physics``), whose offset is known.
 """
 
 from __future__ import annotations
 
-import json
-import os
-import subprocess
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from imported_logs import columns_of, estimates_of, imported, of_mirror, parsed, table
 from numpy.typing import NDArray
+from one_estimate import every, one
+from sync_physics import IMU_s, OFFSET_s, Recording
 
 from bench.analysis import Material
 from bench.analysis.doubt import weigh
-from bench.commands.import_log import import_log
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError, InputErrors
-from bench.model.yamlio import parse_yaml
-from bench.plan.language.mapping import mapping_model
-from bench.systems.time_sync import logs
+from bench.systems.time_sync import egi_log, logs
 from bench.systems.time_sync.estimators.common_motion import BLOCKS, common_motion
 
 Array = NDArray[np.float64]
-MAPPING = """\
+STREAMS = """\
 mapping: streams
 uut: {model: pair, serial: S-1}
 analysis: stream_offset
@@ -36,7 +35,6 @@ columns:
   b_t: {role: stamp, stream: other, unit: ms}
   b_w: {role: motion, stream: other, of: rate, unit: rad/s}
 """
-MIRROR = Path(os.environ.get("BENCH_CAPTURES", "/nowhere")) / "panxkun+AlignTimeStamp" / "repo"
 
 
 def rate(t_s: Array) -> Array:
@@ -46,7 +44,7 @@ def rate(t_s: Array) -> Array:
     )
 
 
-def material(offset_s: float, noise: float = 0.2, epoch_s: float = 0.0, seed: int = 4, drift: float = 0.0) -> Material:
+def streams(offset_s: float, noise: float = 0.2, epoch_s: float = 0.0, seed: int = 4, drift: float = 0.0) -> Material:
     """Rows of 100 and of 40 a second in order of time; what the other stream's rows lack is NaN."""
     rng = np.random.default_rng(seed)
     one_s, other_s = np.arange(0.0, 60.0, 0.01), np.arange(0.003, 60.0, 0.025)
@@ -75,18 +73,16 @@ def material(offset_s: float, noise: float = 0.2, epoch_s: float = 0.0, seed: in
 
 @pytest.mark.parametrize(("offset_s", "epoch_s"), [(0.0137, 0.0), (-0.42, 0.0), (0.25, 1_600_000_000.0)])
 def test_the_offset_of_the_formula_is_found(offset_s: float, epoch_s: float) -> None:
-    analysis = logs.analyse(material(offset_s, epoch_s=epoch_s))
-    (entry,) = [one for one in analysis.estimates if one["quantity"] == "time_offset"]
+    analysis = logs.analyse(streams(offset_s, epoch_s=epoch_s))
+    entry = one(analysis, "time_offset")
     assert entry["value"] - epoch_s == pytest.approx(offset_s, abs=3.0 * entry["std_uncertainty"] + 1e-6)
     assert entry["std_uncertainty"] < 1e-3
-    assert {figure.y_label for figure in analysis.figures} == {"signal, deg/s"}
     assert weigh(analysis.evidence).against == []
-    assert analysis.tables[0].headers[1] == ("offset, s" if epoch_s else "offset, ms")
 
 
 def test_intervals_hold_the_offset_as_often_as_they_say() -> None:
     """Sixty logs of other noise: an interval of 95 % may miss in 8 of them at most, by the binomial law to 1 %."""
-    entries = [logs.analyse(material(0.0137, seed=seed)).estimates[0] for seed in range(60)]
+    entries = [logs.analyse(streams(0.0137, seed=seed)).estimates[0] for seed in range(60)]
     errors = np.array([entry["value"] - 0.0137 for entry in entries])
     expanded = np.array([entry["expanded_uncertainty"] for entry in entries])
     assert np.count_nonzero(np.abs(errors) > expanded) <= 8
@@ -95,9 +91,9 @@ def test_intervals_hold_the_offset_as_often_as_they_say() -> None:
 
 def test_intervals_of_the_halves_hold_it_too_and_their_difference_is_no_drift() -> None:
     """Few blocks of a half hold motion: by blocks alone 11 of 60 missed, and the score of the halves was 1.8."""
-    each = [common_motion(*streams["one"], *streams["other"]) for streams, _ in
-            (logs._streams(material(0.0137, seed=seed)) for seed in range(60))]  # fmt: skip
-    errors, std_s = (np.array([getattr(one, name) for one in each]) for name in ("halves_s", "halves_std_s"))
+    each = [common_motion(*read["one"], *read["other"]) for read, _ in
+            (logs._streams(streams(0.0137, seed=seed)) for seed in range(60))]  # fmt: skip
+    errors, std_s = (np.array([getattr(found, name) for found in each]) for name in ("halves_s", "halves_std_s"))
     missed = np.count_nonzero(np.abs(errors - 0.0137) > coverage_factor(BLOCKS - 1) * std_s, axis=0)
     assert missed.max() <= 8
     scores = np.diff(errors, axis=1)[:, 0] / np.hypot(*std_s.T)
@@ -105,17 +101,17 @@ def test_intervals_of_the_halves_hold_it_too_and_their_difference_is_no_drift() 
 
 
 def test_a_clock_that_drifts_and_a_motion_that_repeats_are_doubted() -> None:
-    drifting = weigh(logs.analyse(material(0.0, drift=2e-3)).evidence)
-    assert [one.code for one in drifting.against] == ["offset_changes"]
-    shaken = material(0.1)
+    drifting = weigh(logs.analyse(streams(0.0, drift=2e-3)).evidence)
+    assert [check.code for check in drifting.against] == ["offset_changes"]
+    shaken = streams(0.1)
     for name in ("one_rate", "other_rate"):
         t_s = shaken.series["t_s"]
         shaken.series[name][:] = np.where(np.isfinite(shaken.series[name]), 20.0 * np.sin(2.0 * t_s), np.nan)
-    assert "motion_repeats" in {one.code for one in weigh(logs.analyse(shaken).evidence).against}
+    assert "motion_repeats" in {check.code for check in weigh(logs.analyse(shaken).evidence).against}
 
 
 def test_streams_without_a_common_motion_are_refused() -> None:
-    noise = material(0.0, noise=1e4)
+    noise = streams(0.0, noise=1e4)
     with pytest.raises(FitError, match=r"B-SYNC-012: .*alike to"):
         logs.analyse(noise)
     noise.series["one_rate"][:] = 1.0
@@ -126,61 +122,138 @@ def test_streams_without_a_common_motion_are_refused() -> None:
         logs.analyse(noise)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("of: rate, unit: rad/s", "of: yaw, unit: rad/s", "the same 'of'"),
-        ("of: rate, unit: rad/s", "of: rate, unit: g", "the same 'of'"),
-        ("unit: ms", "unit: mV", "needs a unit of time"),
-        (
-            "role: motion, stream: one, of",
-            "role: movement, stream: one, of",
-            "'time', 'stamp', 'motion', 'temperature'",
-        ),
-        ("stream: other, unit: ms", "stream: two, unit: ms", "stream"),
-    ],
-)
-def test_mistakes_of_a_mapping_are_named(old: str, new: str, said: str) -> None:
-    with pytest.raises(InputErrors) as raised:
-        parse_yaml(MAPPING.replace(old, new), "m.yaml", mapping_model())
-    assert said in str(raised.value)
-
-
 def test_two_streams_in_one_file(tmp_path: Path) -> None:
-    made = material(0.0137)
-    rows = [
-        f"{1.7e9 + t_s:.4f}," + ",".join("" if np.isnan(value) else repr(float(value)) for value in values)
-        for t_s, *values in zip(
-            made.series["t_s"], made.series["one_stamp"], made.series["one_rate"],
-            1e3 * made.series["other_stamp"], np.radians(made.series["other_rate"]), strict=True,
-        )
-    ]  # fmt: skip
-    (tmp_path / "log.csv").write_text("\n".join(["row,a_t,a_w,b_t,b_w", *rows]))
-    (tmp_path / "m.yaml").write_text(MAPPING)
-    assert import_log(tmp_path / "m.yaml", tmp_path / "log.csv", tmp_path / "out") == 0
-    (results,) = (tmp_path / "out").glob("*/results.json")
-    offset = json.loads(results.read_text())["estimates"][0]
+    made = streams(0.0137).series
+    made |= {"other_stamp": 1e3 * made["other_stamp"], "other_rate": np.radians(made["other_rate"])}
+    rows = np.column_stack(
+        [1.7e9 + made["t_s"], *(made[f"{k}_{n}"] for k in ("one", "other") for n in ("stamp", "rate"))]
+    )
+    offset = one(estimates_of(imported(tmp_path, STREAMS, table("row,a_t,a_w,b_t,b_w", rows))), "time_offset")
     assert offset["value"] == pytest.approx(0.0137, abs=offset["expanded_uncertainty"] + 1e-6)
 
 
 @pytest.mark.real
-@pytest.mark.skipif(not MIRROR.is_dir(), reason=f"no {MIRROR}: name the folder of its copy in BENCH_CAPTURES")
 def test_a_telephone_beside_a_camera_system() -> None:
     """github.com/panxkun/AlignTimeStamp: its authors find 2.675 s, where rotations over 1 s are alike to 0.9991."""
-
-    def file(name: str) -> Array:
-        shown = subprocess.run(["git", "-C", MIRROR, "show", f"HEAD:{name}"], capture_output=True, check=True)
-        return np.loadtxt(shown.stdout.decode().splitlines())
-
-    stamps = file("data/phone_traj.txt")[:, 0]
-    phone, camera = file("tmp/phone_rotation_before.txt"), file("tmp/vicon_rotation_before.txt")
+    names = ("data/phone_traj.txt", "tmp/phone_rotation_before.txt", "tmp/vicon_rotation_before.txt")
+    poses, phone, camera = (
+        np.loadtxt(of_mirror("panxkun+AlignTimeStamp", name).decode().splitlines()) for name in names
+    )
+    stamps = poses[:, 0]
     t_s = stamps[stamps - stamps[0] >= 1.0][: phone.size]
     columns = [
         {"name": name, "role": "motion", "stream": name, "of": "angle", "unit": "deg"} for name in ("one", "other")
     ]
-    log = Material(
-        (), {"uut": {"model": "m", "serial": "1"}, "columns": columns}, {},
-        series={"t_s": t_s, "one": np.degrees(camera), "other": np.degrees(phone)},
-    )  # fmt: skip
-    entry = logs.analyse(log).estimates[0]
-    assert entry["value"] == pytest.approx(2.675, abs=0.01)
+    series = {"t_s": t_s, "one": np.degrees(camera), "other": np.degrees(phone)}
+    log = Material((), {"uut": {"model": "m", "serial": "1"}, "columns": columns}, {}, series=series)
+    assert logs.analyse(log).estimates[0]["value"] == pytest.approx(2.675, abs=0.01)
+
+
+UNITS = """\
+mapping: pair
+uut: {model: EGI and IMU, serial: S-1}
+analysis: egi_offset
+latency: {egi: 8 ms, imu: 0.8 ms, uncertainty: 1 ms}
+overload: {values: [""]}
+columns:
+  received: {role: time, format: unix, unit: s}
+  imu_stamp: {role: imu_stamp, unit: s}
+  delta_angle_x: {role: delta_angle, axis: x, unit: rad/s}
+  delta_angle_y: {role: delta_angle, axis: y, unit: rad/s}
+  delta_angle_z: {role: delta_angle, axis: z, unit: rad/s}
+  delta_velocity_x: {role: delta_velocity, axis: x, unit: m/s}
+  delta_velocity_y: {role: delta_velocity, axis: y, unit: m/s}
+  delta_velocity_z: {role: delta_velocity, axis: z, unit: m/s}
+  egi_stamp: {role: egi_stamp, unit: s}
+  latitude: {role: latitude, unit: deg}
+  longitude: {role: longitude, unit: deg}
+  height: {role: height, unit: m}
+  velocity_north: {role: velocity, axis: north, unit: m/s}
+  velocity_east: {role: velocity, axis: east, unit: m/s}
+  velocity_down: {role: velocity, axis: down, unit: m/s}
+  attitude_roll: {role: attitude, axis: roll, unit: deg}
+  attitude_pitch: {role: attitude, axis: pitch, unit: deg}
+  attitude_heading: {role: attitude, axis: heading, unit: deg}
+  position_sigma: {role: position_sigma, unit: m}
+"""
+NAMES = [line.split(":")[0].strip() for line in UNITS.splitlines()[7:]]
+AXES = {"velocity": ("north", "east", "down"), "attitude": ("roll", "pitch", "heading")}
+
+
+def log_of(seed: int) -> dict[str, Array]:
+    """Return one row for each frame of both units in the order in which they came, rates of turn in rad/s."""
+    (row,) = Recording(seed).material().rows
+    parts = []
+    for unit, samples in (("imu", row.samples), ("egi", row.beside["egi"])):
+        assert samples is not None
+        columns = {name: samples.scaled(name) for name in samples.columns if name not in ("tick", "mode", "status")}
+        columns = {
+            f"{name}_{axis}".rstrip("_"): column[:, at] if column.ndim > 1 else column
+            for name, column in columns.items()
+            for at, axis in enumerate(AXES.get(name, "xyz") if column.ndim > 1 else ("",))
+        }
+        columns[f"{unit}_stamp"] = samples.columns["tick"].astype(np.float64) * 1e-7
+        parts.append((samples.t_ns * 1e-9, columns))
+    received_s = np.concatenate([part[0] for part in parts])
+    order = np.argsort(received_s, kind="stable")
+    series = {"t_s": received_s[order]}
+    for name in NAMES:
+        pieces = [columns.get(name, np.full(at_s.size, np.nan)) for at_s, columns in parts]
+        series[name] = np.concatenate(pieces)[order] * (1.0 / IMU_s if name.startswith("delta_angle") else 1.0)
+    return series
+
+
+def material(seed: int) -> Material:
+    """Return the log as an import hands it on, in base units."""
+    campaign = parsed(UNITS).campaign()
+    series: dict[str, Any] = log_of(seed)
+    for axis in "xyz":
+        series[f"delta_angle_{axis}"] = np.degrees(series[f"delta_angle_{axis}"])
+    return Material((), campaign, {}, series=series)
+
+
+def test_the_offset_is_that_which_the_log_was_made_with() -> None:
+    analysis = egi_log.analyse(material(6))
+    offsets = every(analysis, "time_offset")
+    assert len(offsets) == 2
+    for offset in offsets:
+        assert offset["value"] == pytest.approx(OFFSET_s, abs=1.5 * offset["expanded_uncertainty"])
+        assert offset["expanded_uncertainty"] < 5e-3
+    stamps = one(analysis, "time_offset_from_stamps")
+    assert stamps["value"] == pytest.approx(OFFSET_s, abs=1.5 * stamps["expanded_uncertainty"])
+    assert weigh(analysis.evidence).against == []
+
+
+def test_a_log_comes_back_from_its_session(tmp_path: Path) -> None:
+    series = {name: column[:400] for name, column in log_of(5).items()}
+    log = table(",".join(["received", *NAMES]), zip(*series.values(), strict=True))
+    read = columns_of(imported(tmp_path, UNITS.replace("analysis: egi_offset\n", ""), log))
+    np.testing.assert_array_equal(read["latitude"], series["latitude"])
+    np.testing.assert_allclose(read["delta_angle_z"], np.degrees(series["delta_angle_z"]), rtol=1e-14)
+
+
+def test_too_few_rows_of_a_unit_are_refused() -> None:
+    log = material(5)
+    log.series["height"][:] = np.nan
+    with pytest.raises(FitError, match="B-SYNC-014: 0 rows of the log hold egi_stamp"):
+        egi_log.analyse(log)
+
+
+@pytest.mark.parametrize(
+    ("mapping", "old", "new", "said"),
+    [
+        (STREAMS, "of: rate, unit: rad/s", "of: yaw, unit: rad/s", "the same 'of'"),
+        (STREAMS, "of: rate, unit: rad/s", "of: rate, unit: g", "the same 'of'"),
+        (STREAMS, "unit: ms", "unit: mV", "needs a unit of time"),
+        (STREAMS, "motion, stream: one", "movement, stream: one", "'time', 'stamp', 'motion', 'temperature'"),
+        (STREAMS, "stream: other, unit: ms", "stream: two, unit: ms", "stream"),
+        (UNITS, "  height: {role: height, unit: m}\n", "", "needs columns of the role height in units of m"),
+        (UNITS, "attitude, axis: heading", "attitude, axis: x", "attitude, axes roll, pitch, heading,"),
+        (UNITS, "delta_angle, axis: z, unit: rad/s", "delta_angle, axis: z, unit: rad", "in units of deg or deg/s"),
+        (UNITS, "role: latitude", "role: motion, stream: one", "it takes: time, imu_stamp, delta_angle"),
+    ],
+)
+def test_mistakes_of_a_mapping_are_named(mapping: str, old: str, new: str, said: str) -> None:
+    assert mapping.count(old) == 1
+    with pytest.raises(InputErrors, match=said):
+        parsed(mapping.replace(old, new))

@@ -1,32 +1,40 @@
-"""What is flown in the study, how it is cut into tasks, how a value is held against its tolerance."""
+"""The study of the time offset: what is flown, how it is cut into tasks, how a value is held against its tolerance; and
+its document from results made by formula: every tolerance can fail, and nothing else fails with it.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 from importlib import import_module
+from typing import Any
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from bench.model.errors import FitError, InputError
+from bench.report.document import study_html
 from bench.systems.time_sync.estimators.sar.response import SEARCH_m
+from bench.systems.time_sync.study import study as published
+from bench.systems.time_sync.study.document import study_chapters, study_document, study_json
 from bench.systems.time_sync.study.flight import fly, headings, setup_of
 from bench.systems.time_sync.study.study import (
+    AUGMENTED,
     BASE,
+    ERRORLESS,
     ERRORS,
+    LOOSE,
     TIGHT,
+    UNAUGMENTED,
     FlightResult,
     Group,
+    Results,
     StudyOptions,
     Task,
-    checked_options,
-    image_tasks,
-    measured,
-    rms_std,
-    tasks_of,
 )
 from bench.systems.time_sync.study.tasks import _focused, image_result, predicted_shift_m, run_task, scene_of
 
@@ -44,15 +52,13 @@ from bench.systems.time_sync.study.tasks import _focused, image_result, predicte
     ],
 )
 def test_impossible_options(runs: int, offsets: str, said: str) -> None:
-    with pytest.raises(InputError) as caught:
-        checked_options(runs, 1, offsets, quick=False)
-    assert caught.value.code == "B-STUDY-002"
-    assert said in caught.value.message
+    with pytest.raises(InputError, match=f"B-STUDY-002.*{said}"):
+        published.checked_options(runs, 1, offsets, quick=False)
 
 
 def test_options() -> None:
-    assert checked_options(None, 7, "30, 0,-2.5,0", quick=False) == StudyOptions(50, 7, (-2.5, 0.0, 30.0))
-    quick = checked_options(None, 1, "0,10", quick=True)
+    assert published.checked_options(None, 7, "30, 0,-2.5,0", quick=False) == StudyOptions(50, 7, (-2.5, 0.0, 30.0))
+    quick = published.checked_options(None, 1, "0,10", quick=True)
     assert quick.runs < 50
     assert not quick.judged
     assert quick.long_s < StudyOptions().long_s == 500.0
@@ -62,7 +68,7 @@ def test_options() -> None:
 
 def test_tasks_travel_and_cover_everything() -> None:
     options = StudyOptions(offsets_ms=(0.0, 10.0, 20.0))
-    tasks = tasks_of(options)
+    tasks = published.tasks_of(options)
     assert tasks == pickle.loads(pickle.dumps(tasks))
     assert len({task.name for task in tasks}) == len(tasks)
     flown = {(task.kind, task.manoeuvre, group.offset_ms, group.augmented) for task in tasks for group in task.groups}
@@ -71,7 +77,7 @@ def test_tasks_travel_and_cover_everything() -> None:
     for manoeuvre in ("linear", "acceleration", "turn"):
         assert {("flight", manoeuvre, one, True) for one in (-20.0, 0.0, 10.0, 13.7, 20.0, 30.0)} <= flown
     assert {("image", "sar", one, state) for one in options.offsets_ms for state in (True, False)} <= flown
-    assert [len({group.offset_s for group in task.groups}) for task in image_tasks(options)] == [2, 1]
+    assert [len({group.offset_s for group in task.groups}) for task in published.image_tasks(options)] == [2, 1]
     assert all(task.position_sigma_m >= 10.0 for task in tasks if any(group.augmented for group in task.groups))
 
 
@@ -90,20 +96,9 @@ def test_tasks_travel_and_cover_everything() -> None:
     ],
 )
 def test_tolerance(value: float, ends: dict[str, float], verdict: str, limit: float | None) -> None:
-    found = measured("shift", "m", value, 0.01, {"offset_ms": 10.0}, n=50, **ends)
+    found = published.measured("shift", "m", value, 0.01, {"offset_ms": 10.0}, n=50, **ends)
     assert (found["verdict"], found["limit"]) == (verdict, limit)
     assert found["conditions"] == {"offset_ms": 10.0, **ends}
-
-
-def test_uncertainty_of_an_rms_against_draws() -> None:
-    """Scatter of the RMS of 50 normal errors over 20,000 trials, seed 5."""
-    draws = np.random.default_rng(5).standard_normal((20_000, 50))
-    assert np.sqrt(np.mean(draws**2, axis=1)).std() == pytest.approx(rms_std(1.0, 50), rel=0.02)
-
-
-def test_headings_against_scipy() -> None:
-    yaw = np.random.default_rng(3).uniform(-3.0, 3.0, 7)
-    assert headings(yaw) == pytest.approx(Rotation.from_euler("z", yaw[:, None]).as_matrix(), abs=1e-15)
 
 
 def test_predicted_shift_has_both_terms_with_their_signs() -> None:
@@ -116,6 +111,13 @@ def test_predicted_shift_has_both_terms_with_their_signs() -> None:
     towards_m = true_m + 0.01 * (pulse_s - 4.9995)[:, None] * sight
     assert predicted_shift_m(pulse_s, ahead_m, true_m, target_m) == pytest.approx(2.5, abs=1e-6)
     assert predicted_shift_m(pulse_s, towards_m, true_m, target_m) == pytest.approx(-45e3 / 250.0 * 0.01, abs=1e-4)
+
+
+def test_headings_against_scipy_and_the_uncertainty_of_an_rms_against_draws() -> None:
+    yaw = np.random.default_rng(3).uniform(-3.0, 3.0, 7)
+    assert headings(yaw) == pytest.approx(Rotation.from_euler("z", yaw[:, None]).as_matrix(), abs=1e-15)
+    draws = np.random.default_rng(5).standard_normal((20_000, 50))
+    assert np.sqrt(np.mean(draws**2, axis=1)).std() == pytest.approx(published.rms_std(1.0, 50), rel=0.02)
 
 
 def test_a_short_flight_end_to_end() -> None:
@@ -171,22 +173,20 @@ def test_the_image_shows_what_navigation_is_off_by() -> None:
 def test_an_image_far_behind_is_found_and_not_its_neighbour() -> None:
     """24 m behind the target, as at 150 ms and 160 m/s; the next target is 100 m away."""
     scene = scene_of(import_module("sim_instruments.worlds.time_sync.flight.path").MANOEUVRES["linear"], 1.0)
-    behind_m = scene.true_m - [24.0, 0.0, 0.0]
+    behind_m, search_m = scene.true_m - [24.0, 0.0, 0.0], scene.search_m(0.15)
     assert scene.search_m(0.03) == SEARCH_m
     with pytest.raises(FitError):
         _focused(scene, behind_m, scene.search_m(0.03))
-    response, predicted_m = _focused(scene, behind_m, scene.search_m(0.15))
-    assert response.azimuth_shift_m == pytest.approx(-24.0, abs=0.01)
-    assert predicted_m == pytest.approx(-24.0, abs=0.01)
-    told = replace(scene, true_m=scene.true_m + np.array([5.0, 0.0, 0.0]))
-    response, predicted_m = _focused(told, behind_m, scene.search_m(0.15))
-    assert response.azimuth_shift_m == pytest.approx(-24.0, abs=0.01)
-    assert predicted_m == pytest.approx(-29.0, abs=0.01)
+    for told_m, due_m in ((0.0, -24.0), (5.0, -29.0)):
+        told = replace(scene, true_m=scene.true_m + np.array([told_m, 0.0, 0.0]))
+        response, predicted_m = _focused(told, behind_m, search_m)
+        assert response.azimuth_shift_m == pytest.approx(-24.0, abs=0.01)
+        assert predicted_m == pytest.approx(due_m, abs=0.01)
 
 
 def test_position_is_held_while_the_radar_is_on_and_only_then() -> None:
     options = StudyOptions()
-    for task in tasks_of(options)[:-1]:
+    for task in published.tasks_of(options)[:-1]:
         opens_s = 490.0 if task.kind == "image" else math.inf
         setup = setup_of(task)
         assert setup.hold_position_from_s == opens_s
@@ -202,3 +202,238 @@ def test_a_group_flies_the_same_errors_in_any_task() -> None:
     assert isinstance(alone, FlightResult)
     for name in ERRORS:
         assert np.array_equal(both.mean[name][:, 1:], alone.mean[name])
+
+
+_EDGES_s = (20.0, 40.0)
+
+
+def made_results(options: StudyOptions) -> Results:
+    """Results that keep every tolerance."""
+    return Results(tuple((task, made(task)) for task in published.tasks_of(options)))
+
+
+def made(task: Task) -> Any:
+    """What a task gives."""
+    if task.kind == "ideal":
+        return published.IdealResult(2e-5, 3e-7, 0.249, 2.65, -13.26, -10.12, (_cut("azimuth", 0.0, "none", 0.0),))
+    return _image(task) if task.kind == "image" else _flight(task)
+
+
+def _flight(task: Task) -> FlightResult:
+    t_s = np.arange(0.1, task.duration_s, 0.1)
+    groups, shape = task.groups, (len(t_s), len(task.groups), 3)
+    mean = {name: np.zeros(shape) for name in ERRORS}
+    rms = {name: np.full(shape, 0.5) for name in ERRORS}
+    inside = (t_s >= _EDGES_s[0]) & (t_s <= _EDGES_s[1])
+    offset_s = np.array([group.offset_s for group in groups])
+    if task.manoeuvre == "linear":
+        mean["position_m"][:, :, 0] = -100.0 * offset_s
+        rms["position_m"][:, :, 0] = np.hypot(0.3, 100.0 * offset_s)
+    for at, group in enumerate(groups):
+        if task.manoeuvre == "acceleration":
+            rms["velocity_m_s"][:, at, 0] = published.VELOCITY_m_s.get(group.offset_ms, 0.05)
+            mean["velocity_m_s"][inside, at, 0] = -5.0 * group.offset_s
+        rms["attitude_deg"][:, at, 2] = published.YAW_deg.get(group.offset_ms, 0.01)
+    found = task.manoeuvre != "linear"
+    left_s = np.where((t_s[:, None] > 21.0) & found, 3e-4, np.abs(offset_s))
+    one = np.ones((len(t_s), len(groups)))
+    return FlightResult(
+        groups, task.runs, t_s, mean, rms, -0.3 * left_s, left_s, 3e-4 * one, 0.8 * one,
+        0.9 * one[0], 0.05 * one[0], np.where(t_s[:, None] > 21.0, 1e-3, 0.9) * one, 2e-3 * one,
+    )  # fmt: skip
+
+
+def _image(task: Task) -> published.ImageResult:
+    groups = tuple(group for group in task.groups if group.noise == "tight")
+    run_m = np.linspace(-0.8, 0.8, task.runs)
+    moved = np.array([0.0 if group.augmented else group.offset_s / 0.030 for group in groups])[:, None]
+    shift_m = run_m - 8.1 * moved
+    flat = np.ones_like(shift_m)
+    return published.ImageResult(
+        flight=_flight(task),
+        groups=groups,
+        predicted_m=shift_m + 1e-3,
+        several_m=shift_m[:, :3],
+        azimuth_shift_m=shift_m,
+        range_shift_m=0.0 * flat,
+        azimuth_resolution_m=0.25 * (1.0 + 0.04 * moved) * flat,
+        range_resolution_m=2.65 * flat,
+        pslr_dB=-11.5 + 1.7 * moved * flat,
+        islr_dB=-9.3 + 1.7 * moved * flat,
+        peak=0.98 * flat,
+        cuts=tuple(_cut("azimuth", one.offset_ms, one.solution, float(shift_m[k, 0])) for k, one in enumerate(groups)),
+        chips=tuple(_chip(one.offset_ms, one.solution, float(shift_m[k, 0])) for k, one in enumerate(groups)),
+    )
+
+
+def _cut(direction: str, offset_ms: float, solution: str, shift_m: float) -> published.Cut:
+    at_m = np.arange(-3.0, 3.0, 0.02)
+    return published.Cut(direction, offset_ms, solution, shift_m + at_m, np.sinc(at_m / 0.28).astype(np.complex128))
+
+
+def _chip(offset_ms: float, solution: str, shift_m: float) -> published.Chip:
+    along_m, range_m = np.arange(-12.0, 12.0, 0.2), np.arange(-20.0, 20.0, 1.0)
+    size = np.abs(np.outer(np.sinc((along_m - shift_m) / 0.28), np.sinc(range_m / 3.0)))
+    return published.Chip(offset_ms, solution, along_m, range_m, size)
+
+
+def changed(found: Results, kind: str, manoeuvre: str, **new: Any) -> Results:
+    """The same with some fields of some results changed by functions of the field and the groups."""
+
+    def other(task: Task, result: Any) -> Any:
+        if (task.kind, task.manoeuvre) != (kind, manoeuvre):
+            return result
+        fields = {name: change(getattr(result, name), result) for name, change in new.items() if hasattr(result, name)}
+        return replace(result, **fields)
+
+    return Results(tuple((task, other(task, result)) for task, result in found.pairs))
+
+
+OPTIONS = StudyOptions()
+SOUND = made_results(OPTIONS)
+
+
+def failed(found: Results, options: StudyOptions = OPTIONS) -> set[str]:
+    document = study_document(options, found, "test")
+    return {one["quantity"] for one in document["estimates"] if one["verdict"] == "fail"}
+
+
+def scaled(name: str, factor: float, axis: int = 0) -> Callable[[Any, Any], Any]:
+    def change(arrays: Any, result: Any) -> Any:
+        values = arrays[name].copy()
+        values[..., axis] *= factor
+        return {**arrays, name: values}
+
+    return change
+
+
+def times(factor: float) -> Callable[[Any, Any], Any]:
+    return lambda values, _: values * factor
+
+
+def by_offset(slope: float, augmented: bool) -> Callable[[Any, Any], Any]:
+    """Add something that grows with the offset, to the groups with or without the state."""
+
+    def change(values: Any, result: Any) -> Any:
+        return values + np.array([[slope * one.offset_s * (one.augmented == augmented)] for one in result.groups])
+
+    return change
+
+
+def test_what_is_due_passes_and_every_estimate_says_of_what_it_is() -> None:
+    document = study_document(OPTIONS, SOUND, "test")
+    assert failed(SOUND) == set()
+    assert [one["verdict"] for one in document["estimates"]].count("pass") > 100
+    said = [(one["quantity"], json.dumps(one["conditions"], sort_keys=True)) for one in document["estimates"]]
+    assert [one for one in said if said.count(one) > 1] == []
+    offsets_ms = {*OPTIONS.offsets_ms, *published.RECOVERED_ms}
+    for one in document["estimates"]:
+        where = one["conditions"]
+        assert type(where.get("offset_ms", 0.0)) is float
+        assert where.get("offset_ms", 0.0) in offsets_ms
+        assert where.get("filter", AUGMENTED) in {AUGMENTED, UNAUGMENTED, ERRORLESS}
+        assert where.get("noise", BASE) in {BASE, TIGHT, LOOSE}
+    paired = [one["conditions"] for one in document["estimates"] if one["quantity"] == "shift_unexplained_rms"]
+    assert {(one["filter"], one["offset_ms"]) for one in paired} == {
+        (name, offset_ms) for name in (AUGMENTED, UNAUGMENTED) for offset_ms in OPTIONS.offsets_ms
+    }
+
+
+SPOILT = {
+    "Table 5, 0 ms": ("flight", "linear", {"rms": scaled("position_m", 2.0)}, {"position_rms"}),
+    "sign of the lag": ("flight", "linear", {"mean": scaled("position_m", -1.0)}, {"position_mean"}),
+    "Table 6": ("flight", "acceleration", {"rms": scaled("velocity_m_s", 1.2)}, {"velocity_rms_max"}),
+    "Table 7": ("flight", "turn", {"rms": scaled("attitude_deg", 1.2, axis=2)}, {"yaw_rms_max"}),
+    "linear motion converges": ("flight", "linear", {"offset_rms_s": times(0.5)}, {"offset_error_rms"}),
+    "linear motion is believed": (
+        "flight", "linear", {"offset_nees": times(5.0)}, {"offset_nees", "offset_nees_over_offsets"},
+    ),
+    "linear motion has seen the truth": ("flight", "linear", {"offset_nees": times(0.1)}, {"offset_nees_over_offsets"}),
+    "turn does not find it": ("flight", "turn", {"offset_rms_s": times(4.0)}, {"offset_error_rms"}),
+    "sign of the estimate": ("flight", "turn", {"offset_mean_s": times(10.0)}, {"offset_error_mean"}),
+    "over-confident": (
+        "image", "sar",
+        {"flight": lambda flight, _: type(flight)(**{**vars(flight), "offset_nees": 8.0 * flight.offset_nees})},
+        {"offset_nees"},
+    ),
+    "shift of another sign": (
+        "image", "sar",
+        {"azimuth_shift_m": times(-1.0), "predicted_m": times(-1.0)}, {"shift_over_lag"},
+    ),
+    "shift said, not seen": ("image", "sar", {"azimuth_shift_m": by_offset(20.0, False)}, {"shift_unexplained_rms"}),
+    "compensation fails": (
+        "image", "sar",
+        {"azimuth_shift_m": by_offset(-250.0, True), "predicted_m": by_offset(-250.0, True)}, {"shift_against_none"},
+    ),
+    "resolution": ("image", "sar", {"azimuth_resolution_m": by_offset(-0.3, False)}, {"resolution_ratio"}),
+    "compensated resolution": ("image", "sar", {"azimuth_resolution_m": by_offset(0.1, True)}, {"resolution_ratio"}),
+    "side lobes": ("image", "sar", {"islr_dB": by_offset(-50.0, False)}, {"islr_against_none"}),
+    "compensated side lobes": ("image", "sar", {"islr_dB": by_offset(5.0, True)}, {"islr_against_none"}),
+    "strapdown": ("ideal", "turn", {"position_m": lambda *_: 1.1e-3}, {"navigation_error"}),
+    "ideal resolution": ("ideal", "turn", {"resolution_m": times(1.02)}, {"ideal_resolution"}),
+    "ideal range": ("ideal", "turn", {"range_resolution_m": times(1.02)}, {"ideal_range_resolution"}),
+    "ideal side lobe": ("ideal", "turn", {"pslr_dB": times(1.02)}, {"ideal_pslr"}),
+    "ideal side lobes": ("ideal", "turn", {"islr_dB": times(0.9)}, {"ideal_islr"}),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_every_tolerance_can_fail(name: str) -> None:
+    kind, manoeuvre, new, due = SPOILT[name]
+    assert failed(changed(SOUND, kind, manoeuvre, **new)) == due
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("manoeuvre", "name", "axis", "due"),
+    [
+        ("stationary", "position_m", 1, "position_rms_ratio"),
+        ("acceleration", "gyro_bias_deg_h", 1, "gyro_bias_rms_ratio"),
+        ("turn", "accel_bias_ug", 2, "accel_bias_rms_ratio"),
+    ],
+)
+def test_what_the_offset_must_not_reach(manoeuvre: str, name: str, axis: int, due: str, sign: float) -> None:
+    def change(arrays: Any, result: Any) -> Any:
+        values = arrays[name].copy()
+        values[..., axis] *= 1.0 + sign * np.array([one.offset_s for one in result.groups])
+        return {**arrays, name: values}
+
+    assert failed(changed(SOUND, "flight", manoeuvre, rms=change)) == {due}
+
+
+def test_few_runs_or_a_short_flight_are_not_judged() -> None:
+    for options in (StudyOptions(runs=49), StudyOptions(quick=True)):
+        document = study_document(options, made_results(options), "test")
+        judged = {one["quantity"] for one in document["estimates"] if one["verdict"] != "none"}
+        assert all(name.startswith(("ideal", "navigation")) for name in judged)
+        assert "nothing but the case without errors is judged" in document["notes"][0]
+
+
+def test_the_document_is_canonical_and_keeps_the_raw_cuts() -> None:
+    text = study_json(study_document(OPTIONS, SOUND, "test"))
+    document = json.loads(text)
+    assert text == study_json(study_document(OPTIONS, made_results(OPTIONS), "test"))
+    assert {one["filter"] for one in document["cuts"]} == {"none", "unaugmented", "augmented"}
+    assert all(len(one["at_m"]) == len(one["real"]) == len(one["imaginary"]) for one in document["cuts"])
+    limits = [one["limit"] for one in document["estimates"] if one["verdict"] != "none"]
+    assert all(isinstance(limit, float) for limit in limits)
+
+
+def rows_of(title: str, found: Results = SOUND, options: StudyOptions = OPTIONS) -> list[list[str]]:
+    """Rows of a table of the page."""
+    chapters = study_chapters(options, study_document(options, found, "test"), found)
+    (rows,) = (table.rows for chapter in chapters for table in chapter.tables if table.title == title)
+    return list(map(list, rows))
+
+
+def test_the_paper_stands_beside_ours_and_what_failed_comes_first() -> None:
+    paper = [["0", "0.01347"], ["10", "0.04958"], ["20", "0.09429"], ["30", "0.1396"]]
+    assert [row[:2] for row in rows_of("Table 7")] == paper
+    own = StudyOptions(offsets_ms=(-7.5, 0.0))  # offsets of one's own have no value of the paper
+    found = made_results(own)
+    assert failed(found, own) == set()
+    assert [row[1] for row in rows_of("Table 5", found, own)] == ["–", "0.3219"]
+    rows = rows_of("Tolerances", changed(SOUND, "ideal", "turn", pslr_dB=times(1.02)))
+    assert [row[0] for row in rows if row[-1] == "fail"] == ["ideal pslr"] == [rows[0][0]]
+    document = study_document(OPTIONS, SOUND, "test")
+    assert "SIMULATED" in study_html(document, study_chapters(OPTIONS, document, SOUND), "test")

@@ -1,0 +1,27 @@
+"""The one estimate of a quantity under some conditions, from what an analysis, a prediction or a document gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+
+def every(found: Any, quantity: str, **conditions: Any) -> list[dict[str, Any]]:
+    """Return all estimates of a quantity with these conditions; ``found``: estimates or what has them."""
+    estimates: Iterable[Any] = found["estimates"] if isinstance(found, Mapping) else getattr(found, "estimates", found)
+    return [
+        entry
+        for entry in estimates
+        if entry["quantity"] == quantity and conditions.items() <= entry["conditions"].items()
+    ]
+
+
+def one(found: Any, quantity: str, **conditions: Any) -> dict[str, Any]:
+    """Return the only estimate of a quantity with these conditions. Raises: ValueError if there are none or several."""
+    (entry,) = every(found, quantity, **conditions)
+    return entry
+
+
+def value(found: Any, quantity: str, **conditions: Any) -> float:
+    """Return the value of the only estimate of a quantity with these conditions."""
+    return float(one(found, quantity, **conditions)["value"])
