@@ -35,18 +35,12 @@ def test_12345678_hz_is_sent_with_every_digit() -> None:
         generator.output_off()
 
 
-def test_a_rounded_frequency_is_noticed() -> None:
+def test_a_rounded_frequency_an_error_and_no_waveform_are_told() -> None:
     script = [*START, *square(b"1.2345678E+07", b"2.5E+00"), (b"FREQ?\n", b"+1.23457E+07\n")]
     with scripted("agilent_33250a", script) as generator, refused("B-INST-011", "12345678"):
         generator.square(12_345_678.0, 2.5)
-
-
-def test_output_on_is_refused_without_a_waveform() -> None:
     with scripted("agilent_33250a", []) as generator, refused("B-INST-010"):
         generator.output_on()
-
-
-def test_errors_are_told() -> None:
     error = [(b"SYST:ERR?\n", b'-221,"Settings conflict"\n'), NO_ERROR]
     left_over = [pair for command in LEFT_OVER for pair in after(command + b"\n")]
     script = [*START, *left_over, (b"FUNC SQU\n", None), *error]

@@ -7,12 +7,9 @@ from scripted import CLEAR, POLL, TIMEOUT, refused, scripted
 START = [*IDENTIFY["agilent_34401a"], *after(b"CONF:VOLT:DC\n")]
 
 
-def test_voltage() -> None:
+def test_voltage_and_an_error_of_its_reading() -> None:
     with scripted("agilent_34401a", [*START, *slow(b"READ?\n", b"+5.00012345E+00\n"), NO_ERROR]) as meter:
         assert meter.measure_voltage() == 5.00012345
-
-
-def test_an_error_of_the_reading_is_told() -> None:
     script = [*START, *slow(b"READ?\n", b"+5.0E+00\n"), (b"SYST:ERR?\n", b'+531,"Insufficient memory"\n'), NO_ERROR]
     with scripted("agilent_34401a", script) as meter, refused("B-INST-005", "531"):
         meter.measure_voltage()
@@ -21,16 +18,18 @@ def test_an_error_of_the_reading_is_told() -> None:
 FOUR_WIRES = [*IDENTIFY["agilent_34401a"], *after(b"CONF:FRES 1.0E+03\n"), *after(b"FRES:NPLC 10\n")]
 
 
-def test_resistance() -> None:
+def test_resistance_and_volts_after_it_but_not_of_open_leads() -> None:
     script = [*FOUR_WIRES, *slow(b"READ?\n", b"+1.09735210E+02\n"), NO_ERROR]
     with scripted("agilent_34401a", script) as meter:
         assert meter.measure_resistance(1000.0, 10) == 109.73521
-
-
-def test_open_leads_and_too_large_a_resistance_are_no_reading() -> None:
     script = [*FOUR_WIRES, *slow(b"READ?\n", b"+9.90000000E+37\n")]
     with scripted("agilent_34401a", script) as meter, refused("B-INST-007"):
         meter.measure_resistance(1000.0, 10)
+    read = [*slow(b"READ?\n", b"+1.0E+00\n"), NO_ERROR]
+    script = [*FOUR_WIRES, *read, *after(b"CONF:VOLT:DC\n"), *read]
+    with scripted("agilent_34401a", script) as meter:
+        meter.measure_resistance(1000.0, 10)
+        assert meter.measure_voltage() == 1.0
 
 
 @pytest.mark.parametrize(("range_ohm", "cycles"), [(10.0, 10), (2e8, 10), (1000.0, 2), (1000.0, 0.02)])
@@ -47,11 +46,3 @@ def test_a_configuration_in_doubt_is_read_back() -> None:
     script += [*slow(b"READ?\n", b"+1.0E+02\n"), NO_ERROR]
     with scripted("agilent_34401a", script) as meter:
         assert meter.measure_resistance(100.0, 1) == 100.0
-
-
-def test_volts_follow_ohms() -> None:
-    read = [*slow(b"READ?\n", b"+1.0E+00\n"), NO_ERROR]
-    script = [*FOUR_WIRES, *read, *after(b"CONF:VOLT:DC\n"), *read]
-    with scripted("agilent_34401a", script) as meter:
-        meter.measure_resistance(1000.0, 10)
-        assert meter.measure_voltage() == 1.0

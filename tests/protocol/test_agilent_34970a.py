@@ -10,14 +10,11 @@ START = IDENTIFY["agilent_34970a"]
 SCAN = [*START, *after(b"ROUT:SCAN (@101,102)\n")]
 
 
-def test_scan() -> None:
+def test_scans_of_these_and_other_channels_and_thermocouples() -> None:
     with scripted(
         "agilent_34970a", [*SCAN, *slow(b"READ?\n", b"+2.31230000E+01,-9.98700000E+00\n"), NO_ERROR]
     ) as logger:
         assert logger.scan() == [23.123, -9.987]
-
-
-def test_other_channels_and_thermocouples() -> None:
     start = [*START[:8], *after(b"CONF:TEMP TC,K,(@203)\n"), *after(b"UNIT:TEMP C,(@203)\n")]
     junction = (b"TEMP:TRAN:TC:RJUN:TYPE? (@203)\n", b"INT\n")
     script = [*start, junction, *after(b"ROUT:SCAN (@203)\n"), *slow(b"READ?\n", b"+2.5E+01\n"), NO_ERROR]
@@ -29,25 +26,19 @@ JUNCTION, FIXED = b"TEMP:TRAN:TC:RJUN:TYPE? (@101,102)\n", b"INT,FIX\n"
 TO_INTERNAL = after(b"TEMP:TRAN:TC:RJUN:TYPE INT,(@101,102)\n")
 
 
-def test_a_reference_junction_that_somebody_fixed_is_the_internal_one_again() -> None:
+def test_a_reference_junction_that_somebody_fixed_is_the_internal_one_again_or_refused() -> None:
     script = [*START[:-1], (JUNCTION, FIXED), *TO_INTERNAL, (JUNCTION, b"INT, INT\n")]
     with scripted("agilent_34970a", script) as logger:
         logger.identify()
-
-
-def test_a_reference_junction_that_stays_fixed_is_refused() -> None:
     script = [*START[:-1], (JUNCTION, FIXED), *TO_INTERNAL, (JUNCTION, FIXED)]
     with scripted("agilent_34970a", script) as logger, refused("B-INST-011", "'INT,FIX', but 'INT,INT' was set"):
         logger.identify()
 
 
-def test_an_open_thermocouple() -> None:
+def test_an_open_thermocouple_or_a_missing_reading_is_no_scan() -> None:
     script = [*SCAN, *slow(b"READ?\n", b"+2.3E+01,+9.90000000E+37\n")]
     with scripted("agilent_34970a", script) as logger, refused("B-INST-007"):
         logger.scan()
-
-
-def test_missing_readings() -> None:
     once = [*slow(b"READ?\n", b"+2.3E+01\n"), (CLEAR, None)]
     script = [*SCAN, *once, NO_ERROR, *once, NO_ERROR, *once]
     due = pytest.raises(InstrumentError, match="2 readings are due")
@@ -79,13 +70,10 @@ def four_wires(start: list[tuple[bytes, bytes | None]]) -> list[tuple[bytes, byt
     return [*start, *(pair for setting in settings for pair in after(setting))]
 
 
-def test_resistance_of_one_channel() -> None:
+def test_resistance_of_one_channel_and_not_of_open_leads() -> None:
     script = [*four_wires(START), *slow(b"READ?\n", b"+1.00003270E+02\n"), NO_ERROR]
     with scripted("agilent_34970a", script) as logger:
         assert logger.measure_resistance(103, 100.0, 10) == 100.00327
-
-
-def test_open_leads() -> None:
     script = [*four_wires(START), *slow(b"READ?\n", b"+9.90000000E+37\n")]
     with scripted("agilent_34970a", script) as logger, refused("B-INST-007"):
         logger.measure_resistance(103, 100.0, 10)

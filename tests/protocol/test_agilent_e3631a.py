@@ -30,12 +30,9 @@ def test_limits_of_each_rail(rail: int, voltage: float, limit: float) -> None:
         supply.configure(rail, voltage, limit)
 
 
-def test_output_on_is_refused_before_a_rail_is_set() -> None:
+def test_an_unset_rail_and_a_lost_set_point_are_noticed() -> None:
     with scripted("agilent_e3631a", []) as supply, refused("B-INST-010"):
         supply.output_on()
-
-
-def test_a_lost_set_point_is_noticed() -> None:
     with scripted("agilent_e3631a", [*CONFIGURED[:-1], (b"VOLT?\n", b"-1.20000000E+01\n")]) as supply:
         with refused("B-INST-011"):
             supply.configure(3, -15.0, 0.5)

@@ -55,8 +55,10 @@ CASES = [
 ]
 
 
-def test_the_walk_knows_every_driver() -> None:
+def test_every_driver_is_known_to_the_walk_and_listed() -> None:
     assert set(MODULES) - SHARED == set(DRIVERS) == set(IDENTIFY) == set(MAKE_SAFE)
+    listed = (TOP / "docs" / "supported-instruments.md").read_text(encoding="utf-8")
+    assert [name for name in DRIVERS if f"| `{name}` |" not in listed] == []
 
 
 def test_every_code_of_an_instrument_is_asserted() -> None:
@@ -64,16 +66,11 @@ def test_every_code_of_an_instrument_is_asserted() -> None:
         {code for path in (TOP / folder).glob(names) for code in re.findall(pattern, path.read_text("utf-8"))}
         for folder, names, pattern in (
             ("instruments", "*.py", r"B-INST-\d{3}"),
-            ("tests/protocol", "test_*.py", r'(?:code == |refused\()"(B-INST-\d{3})"'),
+            ("tests/protocol", "test_*.py", r'(?:code == |refused\(|, )"(B-INST-\d{3})"'),
         )
     )
     assert raised
     assert raised - asserted == set()
-
-
-def test_every_driver_is_listed() -> None:
-    listed = (TOP / "docs" / "supported-instruments.md").read_text(encoding="utf-8")
-    assert [name for name in DRIVERS if f"| `{name}` |" not in listed] == []
 
 
 @pytest.mark.parametrize("name", DRIVERS)
@@ -101,10 +98,6 @@ def test_declarations(name: str) -> None:
                 assert parameter.low is not None
                 assert parameter.high is not None
                 assert parameter.low < parameter.high
-
-
-@pytest.mark.parametrize("name", DRIVERS)
-def test_energising_actions_come_with_a_safe_state(name: str) -> None:
     effects = {action.effect for action in actions_of(driver_class(name)).values()}
     if Effect.STIMULUS_ON in effects:
         assert Effect.STIMULUS_OFF in effects
@@ -177,20 +170,25 @@ def test_a_mute_instrument_times_out(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", DRIVERS)
-def test_by_hand(name: str) -> None:
+def test_by_hand_a_command_goes_out_once(name: str) -> None:
     with scripted(name, [*IDENTIFY[name], (b"XYZ?\n", b"1 2 3\n"), (b"XYZ 1\n", None)]) as driver:
         assert driver.raw("XYZ?") == "1 2 3"
         assert driver.raw("XYZ 1") is None
-
-
-@pytest.mark.parametrize("name", DRIVERS)
-def test_by_hand_nothing_is_repeated(name: str) -> None:
     with scripted(name, [*IDENTIFY[name], (b"XYZ?\n", TIMEOUT), *SILENT]) as driver, refused("B-INST-001", "XYZ"):
         driver.raw("XYZ?")
 
 
 @pytest.mark.parametrize("name", DRIVERS)
-def test_unknown_options_are_refused(name: str) -> None:
+def test_options_that_are_unknown_or_impossible_are_told(name: str) -> None:
+    """The defaults are right, no word is right everywhere, and whatever a YAML file may hold is judged."""
+    driver = driver_class(name)
+    assert driver.wrong_option(driver.default_options) is None
+    for option in driver.default_options:
+        option_is_wrong = [
+            driver.wrong_option({**driver.default_options, option: value})
+            for value in ("nonsense", ["x"], [True], True, -1e9, 1e9, math.nan, math.inf)
+        ]
+        assert all(wrong is not None and wrong[0] == option and option in wrong[1] for wrong in option_is_wrong)
     with pytest.raises(InputError, match="unknown option 'colour'") as caught:
         make(name, [], colour="red")
     assert caught.value.code == "B-INST-020"
@@ -206,16 +204,3 @@ def test_a_model_that_can_be_on_says_by_which_replies(name: str) -> None:
         forms = {question: manual.find(question) for question in (*tells.on, *tells.figures)}
         assert {question for question, form in forms.items() if form is None} == set()
         assert {manual.commands[form].touch for form in forms.values() if form is not None} == {"asks"}
-
-
-@pytest.mark.parametrize("name", DRIVERS)
-def test_impossible_options_are_told_without_an_instrument(name: str) -> None:
-    """The defaults are right, no word is right everywhere, and whatever a YAML file may hold is judged."""
-    driver = driver_class(name)
-    assert driver.wrong_option(driver.default_options) is None
-    for option in driver.default_options:
-        option_is_wrong = [
-            driver.wrong_option({**driver.default_options, option: value})
-            for value in ("nonsense", ["x"], [True], True, -1e9, 1e9, math.nan, math.inf)
-        ]
-        assert all(wrong is not None and wrong[0] == option and option in wrong[1] for wrong in option_is_wrong)

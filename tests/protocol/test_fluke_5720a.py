@@ -93,20 +93,14 @@ def test_faults_are_read_to_the_end_and_then_explained() -> None:
     assert "503 Over current limit; 301 No such range" in caught.value.message
 
 
-def test_operate_is_refused_before_an_output_is_set() -> None:
+def test_operate_is_not_sent_without_an_output_with_a_fault_or_another_set_point() -> None:
     with scripted("fluke_5720a", []) as calibrator, refused("B-INST-010"):
         calibrator.operate()
-
-
-def test_operate_is_not_sent_while_a_fault_is_queued() -> None:
     script = [*START, *OUT_10_MA, (b"FAULT?\n", b"77\n"), NO_FAULT, (b"EXPLAIN? 77\n", b'"x"\n')]
     with scripted("fluke_5720a", script) as calibrator:
         calibrator.output(0.01)
         with refused("B-INST-005"):
             calibrator.operate()
-
-
-def test_operate_is_not_sent_when_the_set_point_moved() -> None:
     script = [*START, *OUT_10_MA, NO_FAULT, (b"OUT?\n", b"2.0E-02,A,0\n")]
     with scripted("fluke_5720a", script) as calibrator:
         calibrator.output(0.01)
@@ -131,15 +125,12 @@ def test_operate_is_not_sent_with_an_offset_or_a_scale_factor(bits: int, keys: s
             calibrator.operate()
 
 
-def test_an_offset_that_comes_while_settling_ends_in_standby() -> None:
+def test_an_offset_or_a_scale_factor_that_comes_later_is_seen() -> None:
     script = [*START, *OUT_10_MA, *READY, (b"OPER\n", None), ON_NOT_SETTLED, (b"ISR?\n", b"257\n"), (b"STBY\n", None)]
     with scripted("fluke_5720a", script) as calibrator:
         calibrator.output(0.01)
         with refused("B-INST-019", "OFFSET"):
             calibrator.operate()
-
-
-def test_a_scale_factor_that_comes_during_the_dwell_is_seen() -> None:
     script = [*START, (b"ISR?\n", b"4609\n")]
     with scripted("fluke_5720a", script) as calibrator, refused("B-INST-019", "SCALE"):
         calibrator.operating()
@@ -153,16 +144,13 @@ def test_one_that_is_refused_is_made_safe_all_the_same_and_not_taken_for_prepare
         assert calibrator.operating() is True
 
 
-def test_a_trip_while_settling_ends_in_standby() -> None:
+def test_what_trips_or_never_settles_ends_in_standby() -> None:
     trip = [STANDBY, (b"FAULT?\n", b"505\n"), NO_FAULT, (b"EXPLAIN? 505\n", b'"Output tripped to standby"\n')]
     script = [*START, *OUT_10_MA, *READY, (b"OPER\n", None), ON_NOT_SETTLED, *trip, (b"STBY\n", None)]
     with scripted("fluke_5720a", script) as calibrator:
         calibrator.output(0.01)
         with refused("B-INST-013", "Output tripped to standby"):
             calibrator.operate()
-
-
-def test_never_settled_ends_in_standby_after_15_s() -> None:
     script = [*START, *OUT_10_MA, *READY, (b"OPER\n", None), *[ON_NOT_SETTLED] * 61, (b"STBY\n", None)]
     with scripted("fluke_5720a", script) as calibrator:
         calibrator.output(0.01)

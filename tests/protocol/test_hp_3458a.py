@@ -37,31 +37,25 @@ def test_the_smallest_range_that_holds(largest: float, sent: bytes) -> None:
         meter.configure_current(largest)
 
 
-def test_a_range_that_was_not_taken_is_an_error() -> None:
+def test_a_range_that_was_not_taken_and_errors_of_a_command_are_told() -> None:
     script = [*START, *configured(b"1.0E-03")[:-1], (b"RANGE?\n", b" 1.0E-02\r\n")]
     with scripted("hp_3458a", script) as meter, refused("B-INST-011", "RANGE"):
         meter.configure_current(1e-3)
-
-
-def test_overload() -> None:
-    script = [*START, (b"TRIG SGL\n", None), (POLL, 128), (READ, b" 1.0E+38\r\n")]
-    with scripted("hp_3458a", script) as meter, refused("B-INST-007"):
-        meter.measure_current()
-
-
-def test_no_reading_within_15_s() -> None:
-    script = [*START, (b"TRIG SGL\n", None), *[(POLL, 16)] * 61]
-    with scripted("hp_3458a", script) as meter, refused("B-INST-012"):
-        meter.measure_current()
-
-
-def test_errors_of_a_command_are_told() -> None:
     errors = [(b"ERRSTR?\n", b'105,"INVALID PARAMETER -- X"\r\n'), NO_ERROR]
     with (
         scripted("hp_3458a", [*START, (b"PRESET NORM\n", None), *errors]) as meter,
         refused("B-INST-005", "105 INVALID PARAMETER -- X"),
     ):
         meter.configure_current(0.1)
+
+
+def test_overload_and_no_reading_within_15_s() -> None:
+    script = [*START, (b"TRIG SGL\n", None), (POLL, 128), (READ, b" 1.0E+38\r\n")]
+    with scripted("hp_3458a", script) as meter, refused("B-INST-007"):
+        meter.measure_current()
+    script = [*START, (b"TRIG SGL\n", None), *[(POLL, 16)] * 61]
+    with scripted("hp_3458a", script) as meter, refused("B-INST-012"):
+        meter.measure_current()
 
 
 def test_it_tells_how_far_it_has_drifted_from_its_last_autocalibration() -> None:

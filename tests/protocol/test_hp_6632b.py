@@ -37,30 +37,21 @@ def test_a_protection_that_somebody_left_latched_is_told(condition: bytes, name:
             supply.output_on()
 
 
-def test_output_on_is_refused_without_limits() -> None:
+def test_no_output_without_limits_that_protect_and_that_the_model_has() -> None:
     with scripted("hp_6632b", []) as supply, refused("B-INST-010"):
         supply.output_on()
-
-
-def test_a_trip_that_does_not_protect_is_rejected() -> None:
     with scripted("hp_6632b", []) as supply, refused("B-INST-008", "not above voltage"):
         supply.configure(15.0, 1.5, 15.0)
-
-
-def test_28_volt_is_beyond_this_model() -> None:
     with scripted("hp_6632b", []) as supply, refused("B-INST-008", r"28\.0 V is above 20\.475"):
         supply.configure(28.0, 1.5, 22.0)
 
 
-def test_an_error_after_the_limit_stops_before_the_voltage() -> None:
+def test_limits_with_an_error_stop_before_the_voltage_and_do_not_count_as_set() -> None:
     error = [(b"SYST:ERR?\n", b'-222,"Data out of range"\n'), NO_ERROR]
     with scripted("hp_6632b", [*START, (b"CURR 1.5E+00\n", None), *error]) as supply:
         with refused("B-INST-005", "-222"):
             supply.configure(15.0, 1.5, 18.0)
         assert not supply.kept
-
-
-def test_limits_that_failed_to_change_do_not_count_as_set() -> None:
     error = [(b"SYST:ERR?\n", b'-222,"Data out of range"\n'), NO_ERROR]
     with scripted("hp_6632b", [*CONFIGURED, (b"CURR 1.0E+00\n", None), *error]) as supply:
         supply.configure(15.0, 1.5, 18.0)

@@ -33,10 +33,13 @@ def test_a_card_is_one_of_those_that_are_wired() -> None:
             switch.route(2, 1, card=card)
 
 
-def test_a_relay_that_stays_closed_stops_the_second_route() -> None:
+def test_a_relay_that_stays_closed_stops_the_second_route_and_is_not_safe() -> None:
     script = [*START, *after(b":OPEN ALL\n"), (b":CLOS:STAT?\n", b"(@1!2!7)\n")]
     with scripted("keithley_7002", script) as switch, refused("B-INST-015", "1!2!7"):
         switch.route(3, 1)
+    script = [*START, (b":OPEN ALL\n", None), NO_ERROR, (b":CLOS:STAT?\n", b"(@1!1!3)\n")]
+    with scripted("keithley_7002", script) as switch, refused("B-INST-009"):
+        switch.make_safe()
 
 
 @pytest.mark.parametrize("found", [b"(@)\n", b"(@1!1!3,1!2!3)\n", b"(@1!1!4)\n", b"(@1!1!3:1!1!4)\n"])
@@ -53,12 +56,6 @@ def test_the_error_queue_is_read_after_each_command() -> None:
         refused("B-INST-005", "-222 Parameter data out of range; -410 x"),
     ):
         switch.route(3, 1)
-
-
-def test_not_open_is_not_safe() -> None:
-    script = [*START, (b":OPEN ALL\n", None), NO_ERROR, (b":CLOS:STAT?\n", b"(@1!1!3)\n")]
-    with scripted("keithley_7002", script) as switch, refused("B-INST-009"):
-        switch.make_safe()
 
 
 def test_closed() -> None:

@@ -7,10 +7,9 @@ from collections.abc import Iterator
 from typing import Any
 from unittest.mock import MagicMock
 
-import numpy as np
 import pytest
 import pyvisa
-from known_drivers import CONTROLS, IDENTIFY
+from known_drivers import IDENTIFY
 from pyvisa.resources import MessageBasedResource
 from scripted import Log, refused
 
@@ -19,7 +18,6 @@ from sim_instruments.worlds.simulation import open_world
 
 SEED = 20
 ADDRESS = {name: f"GPIB0::{number}::INSTR" for number, name in enumerate(sorted(IDENTIFY), 1)}
-IDENTITY_QUESTIONS = {"*IDN?", "IDEN?", "END ALWAYS", "ID?", "OUTX 1", "V", "N1C1 RB I", "<device clear>"}
 
 
 class Bench:
@@ -62,27 +60,6 @@ def test_identity_and_safe_state_from_power_on(bench: Bench, name: str) -> None:
     assert driver.drain_errors() == []
 
 
-@pytest.mark.parametrize("name", sorted(IDENTIFY))
-def test_wrong_instrument_gets_no_stimulus(bench: Bench, name: str) -> None:
-    bench.world.faults.instrument(name).identity = "ACME,9999,0,1"
-    driver = bench.driver(name)
-    with refused("B-INST-002"):
-        driver.make_safe()
-    sent = {text.strip(CONTROLS) for _, direction, text, _ in bench.log.lines if direction == "tx"}
-    assert sent <= IDENTITY_QUESTIONS
-
-
-@pytest.mark.parametrize("name", sorted(IDENTIFY))
-def test_mute_instrument_is_given_up_within_seconds(bench: Bench, name: str) -> None:
-    driver = bench.driver(name)
-    driver.identify()
-    bench.world.faults.instrument(name).mute = True
-    began_ns = bench.clock.now_ns()
-    with refused("B-INST-001"):
-        driver.make_safe()
-    assert bench.clock.now_ns() - began_ns < 5 * NS
-
-
 @pytest.mark.parametrize("polarity", [1, -1])
 @pytest.mark.parametrize("current", [0.0, 3e-5, 1e-4, 1e-3, 1e-2, 0.1, 0.2])
 def test_a_point(bench: Bench, polarity: int, current: float) -> None:
@@ -109,16 +86,6 @@ def test_operating_into_an_open_circuit_ends_in_standby(bench: Bench) -> None:
     assert calibrator.operating() is False
 
 
-def test_opening_a_relay_under_current_is_seen_as_a_trip(bench: Bench) -> None:
-    calibrator, switch = bench.driver("fluke_5720a"), bench.driver("keithley_7002")
-    switch.route(1, 1)
-    calibrator.output(0.01)
-    calibrator.operate()
-    switch.open_all()
-    assert calibrator.operating() is False
-    calibrator.standby()
-
-
 @pytest.mark.parametrize(("key", "value"), [("offset_A", 5e-4), ("scale", 1.01)])
 @pytest.mark.parametrize("pressed", ["before the run", "before it is switched on", "during the dwell"])
 def test_no_current_is_taken_for_its_set_point_with_a_key_of_the_calibrator_pressed(
@@ -142,48 +109,3 @@ def test_no_current_is_taken_for_its_set_point_with_a_key_of_the_calibrator_pres
     assert simulated.operating is (pressed == "during the dwell")
     calibrator.make_safe()
     assert not simulated.operating
-
-
-def test_late_replies_are_never_taken_for_another_answer(bench: Bench) -> None:
-    supply = bench.driver("hp_6632b")
-    supply.configure(15.0, 1.5, 18.0)
-    supply.output_on()
-    faults = bench.world.faults.instrument("hp_6632b")
-    rng = np.random.default_rng(SEED)
-    for _ in range(300):
-        faults.late_s, faults.late_replies = float(rng.uniform(0.5, 3.0)), int(rng.integers(0, 2))
-        assert 14.9 < supply.measure_voltage() < 15.1
-        assert 0.0 <= supply.measure_current() < 1.5
-    clears = sum(text == "<device clear>" for _, _, text, _ in bench.log.lines)
-    assert clears > 50
-
-
-def test_garbled_replies_are_asked_again(bench: Bench) -> None:
-    supply = bench.driver("hp_6632b")
-    supply.identify()
-    for _ in range(50):
-        bench.world.faults.instrument("hp_6632b").garbled_replies = 1
-        assert abs(supply.measure_voltage()) < 0.1
-
-
-def test_frequencies_arrive_with_every_digit(bench: Bench) -> None:
-    generator = bench.driver("agilent_33250a")
-    generator.square(12_345_678.0, 1.0)
-    assert float(generator.raw("FREQ?")) == 12_345_678.0
-
-
-@pytest.mark.parametrize(("dialect", "other"), [("3800", "8800"), ("8800", "3800")])
-def test_chamber_in_both_dialects(dialect: str, other: str) -> None:
-    bench = Bench(dialect)
-    chamber = bench.driver("thermotron_3800", dialect=dialect)
-    chamber.stop()
-    chamber.set_temperature(-10.0, 0.5)
-    chamber.run()
-    bench.clock.sleep(600.0)
-    assert chamber.measure_air() == pytest.approx(bench.world.thermal.air_degC(bench.clock.now_ns()), abs=0.5)
-    assert chamber.measure_air() < 20.0
-    chamber.hold()
-    chamber.make_safe()
-    with refused("B-INST-002"):
-        bench.driver("thermotron_3800", dialect=other).identify()
-    bench.close()

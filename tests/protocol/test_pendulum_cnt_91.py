@@ -84,7 +84,10 @@ def test_a_stream_from_configuration_to_its_end() -> None:
     assert driver.test_resource.read_termination == "\n"
 
 
-def test_the_transcript_has_no_bytes() -> None:
+def test_a_reading_blocks_for_no_longer_and_its_bytes_are_not_in_the_transcript() -> None:
+    driver = started([(ASK, block(BLOCK))])
+    driver.read_stream(1_000_000)
+    assert driver.test_resource.timeouts_ms[-2:] == [700, 700]
     driver = started([(ASK, block(BLOCK))])
     driver.read_stream(1_000_000)
     assert [line[1:3] for line in driver.test_log.lines[-2:]] == [("tx", "STR:DATA? 240320"), ("rx", "<44 bytes>")]
@@ -97,7 +100,9 @@ def test_threshold_goes_to_both_inputs() -> None:
         assert driver.configured == (20e6, -0.125)
 
 
-def test_a_clock_between_the_divisors_is_refused_before_anything_is_sent() -> None:
+def test_nothing_is_asked_before_the_start_and_no_other_clock_is_sent() -> None:
+    with scripted(NAME, []) as driver:
+        assert driver.read_stream(1_000_000) == b""
     with scripted(NAME, []) as driver, refused("B-INST-008", "10, 20, 50, 100 MHz"):
         driver.configure(30e6)
 
@@ -121,15 +126,12 @@ def test_a_setting_that_reads_back_different(wrong: int) -> None:
         driver.configure(100e6)
 
 
-def test_a_start_that_does_not_measure() -> None:
+def test_a_start_or_a_stop_without_effect_is_told() -> None:
     script = [*STARTED[:-1], IDLE]
     with scripted(NAME, script) as driver:
         driver.configure(100e6)
         with refused("B-INST-011", "does not measure"):
             driver.start()
-
-
-def test_a_stop_and_a_safe_state_that_do_not_end_it() -> None:
     with scripted(NAME, [*START, *after(b"ABOR\n"), RUNNING, *after(b"ABOR\n"), RUNNING]) as driver:
         with refused("B-INST-011", "still measures"):
             driver.stop()
@@ -144,15 +146,19 @@ def test_a_second_start_keeps_what_was_not_read() -> None:
     assert driver.test_resource.events == []
 
 
-def test_before_the_start_nothing_is_asked() -> None:
-    with scripted(NAME, []) as driver:
-        assert driver.read_stream(1_000_000) == b""
-
-
-def test_a_full_memory_is_read_in_batches() -> None:
+def test_a_full_memory_is_read_in_batches_each_in_parts() -> None:
     full = 5461 * BLOCK  # 240,284 bytes: no other block fits into what was asked
     driver = started([(ASK, block(full)), (b"STR:DATA? 159716\n", block(BLOCK))])
     assert driver.read_stream(400_000) == full + BLOCK
+    whole = block(BLOCK)
+    driver = started([(ASK, [whole[:1], whole[1:30], whole[30:]])])
+    assert driver.read_stream(1_000_000) == BLOCK
+    full = 5461 * BLOCK
+    driver = started([(ASK, block(full)), (b"STR:DATA? 159716\n", TIMEOUT), (CLEAR, None), (ASK, TIMEOUT)])
+    assert driver.read_stream(400_000) == full
+    assert driver.read_stream(400_000) == b""
+    with refused("B-INST-001"):
+        driver.read_stream(1_000_000)
 
 
 def test_a_reading_begins_no_other_batch_after_a_tenth_of_a_second() -> None:
@@ -169,12 +175,6 @@ def test_a_reading_begins_no_other_batch_after_a_tenth_of_a_second() -> None:
     resource.write = slow
     assert driver.read_stream(1_000_000) == 2 * full
     assert driver.read_stream(1_000_000) == b""
-
-
-def test_a_batch_of_any_size_in_parts() -> None:
-    whole = block(BLOCK)
-    driver = started([(ASK, [whole[:1], whole[1:30], whole[30:]])])
-    assert driver.read_stream(1_000_000) == BLOCK
 
 
 @pytest.mark.parametrize("came", [4, 5, 20, 47])
@@ -199,15 +199,6 @@ def test_a_block_that_ends_early_is_handed_on() -> None:
     assert driver.read_stream(1_000_000) == BLOCK
 
 
-def test_an_error_behind_the_first_batch_does_not_cost_the_first() -> None:
-    full = 5461 * BLOCK
-    driver = started([(ASK, block(full)), (b"STR:DATA? 159716\n", TIMEOUT), (CLEAR, None), (ASK, TIMEOUT)])
-    assert driver.read_stream(400_000) == full
-    assert driver.read_stream(400_000) == b""
-    with refused("B-INST-001"):
-        driver.read_stream(1_000_000)
-
-
 @pytest.mark.parametrize(
     ("reply", "why"),
     [
@@ -230,13 +221,7 @@ def test_a_broken_bus_is_told_and_not_waited_for() -> None:
     assert driver.test_clock.now_ns() == 0
 
 
-def test_no_call_of_a_reading_may_block_for_long() -> None:
-    driver = started([(ASK, block(BLOCK))])
-    driver.read_stream(1_000_000)
-    assert driver.test_resource.timeouts_ms[-2:] == [700, 700]
-
-
-def test_a_reading_inside_another_conversation_gives_nothing() -> None:
+def test_a_reading_gives_nothing_inside_another_conversation_and_waits_for_no_thread() -> None:
     """Under the virtual clock the reader is called from within the calls of others, this instrument's too."""
     driver = started([(b"STR:LOST?\n", b"0\n")])
     inside: list[bytes] = []
@@ -245,9 +230,6 @@ def test_a_reading_inside_another_conversation_gives_nothing() -> None:
     resource.write = lambda text: (inside.append(driver.read_stream(1_000_000)), send(text))[1]
     assert driver.events_lost() == 0
     assert inside == [b""]
-
-
-def test_a_reading_waits_for_no_other_thread() -> None:
     driver = started([])
     found: list[bytes] = []
     with driver.bus.lock:
@@ -257,7 +239,7 @@ def test_a_reading_waits_for_no_other_thread() -> None:
     assert found == [b""]
 
 
-def test_after_a_reopening_the_stream_must_still_run() -> None:
+def test_after_a_reopening_the_stream_must_still_run_on_this_tagger() -> None:
     """The instrument was off for a moment: it answers, set as after power-on."""
     new = ScriptedResource([(CLEAR, None), *START, *read_back(b"10000000")[:1]])
     question = (b"STR:LOST?\n", BUS_ERROR)
@@ -265,16 +247,10 @@ def test_after_a_reopening_the_stream_must_still_run() -> None:
     with refused("B-INST-011", r"STR:CLOC\?' reads back"):
         driver.events_lost()
     assert new.events == []
-
-
-def test_after_a_reopening_a_stream_that_stands_still_is_told() -> None:
     new = ScriptedResource([(CLEAR, None), *START, *read_back(b"100000000"), IDLE])
     driver = started([(b"STR:LOST?\n", BUS_ERROR)], rungs={"reopen": lambda: new})
     with refused("B-INST-011", "does not measure"):
         driver.events_lost()
-
-
-def test_another_tagger_after_a_reopening_is_not_read() -> None:
     new = ScriptedResource([(CLEAR, None), (b"*IDN?\n", b"PENDULUM, CNT-91, 7654321, V1.01 28 Jun 2004\n")])
     driver = started([(b"STR:LOST?\n", BUS_ERROR)], rungs={"reopen": lambda: new})
     with refused("B-INST-016"):

@@ -74,15 +74,12 @@ def test_status_bits_are_values_of_the_reading(status: int, overload: bool, unlo
     assert (found["overload"], found["unlocked"]) == (overload, unlocked)
 
 
-def test_a_status_that_is_lost_counts_as_an_overload() -> None:
+def test_a_lost_status_counts_as_an_overload_and_a_lost_snapshot_is_asked_again() -> None:
     """Reading clears it: a second answer tells nothing of what came before the first."""
     script = [*START, (b"SNAP? 1,2,9\n", b"0.1,0.2,1\n"), (b"LIAS?\n", TIMEOUT), (POLL, 0), (CLEAR, None), QUIET]
     with scripted("srs_sr830", script) as lock_in:
         found = lock_in.measure()
     assert found["overload"] is True
-
-
-def test_a_snapshot_may_be_asked_again() -> None:
     reply = b"0.1,0.2,1\n"
     script = [*START, (b"SNAP? 1,2,9\n", TIMEOUT), *SILENT, *NO_EVENT, (b"SNAP? 1,2,9\n", reply), QUIET]
     with scripted("srs_sr830", script) as lock_in:
@@ -116,7 +113,18 @@ def test_phases_go_out_with_every_digit_and_read_back_but_for_turns(phase: float
         assert lock_in.phase_deg == phase
 
 
-def test_a_phase_that_reads_back_different_is_noticed() -> None:
+def test_what_reads_back_different_is_noticed() -> None:
+    orders = configured("SENS 0", "OFSL 0", "OFLT 0", "SYNC 0")
+    place = orders.index((b"OFLT?\n", b"0\n"))
+    script = [*START, *orders[:place], (b"OFLT?\n", b"2\n")]
+    with scripted("srs_sr830", script) as lock_in, refused("B-INST-011", r"OFLT\?"):
+        lock_in.configure(1e-5, 6, 2e-9, "off")
+    assert lock_in.kept == ()
+    orders = configured(*CHOSEN)
+    place = orders.index((b"OEXP? 1\n", b"0.00,0\n"))
+    script = [*START, *orders[:place], (b"OEXP? 1\n", b"0.00,1\n")]
+    with scripted("srs_sr830", script) as lock_in, refused("B-INST-011", "expand"):
+        lock_in.configure(1.0, 24, 1.0, "on")
     script = [*START, *order("PHAS 90"), (b"PHAS?\n", b"90.03\n")]
     with scripted("srs_sr830", script) as lock_in, refused("B-INST-011", r"90\.03"):
         lock_in.set_phase(90.0)
@@ -140,23 +148,6 @@ def test_a_refused_setting_is_told_with_its_registers() -> None:
     with scripted("srs_sr830", script) as lock_in, refused("B-INST-005") as caught:
         lock_in.configure(1.0, 24, 1.0, "on")
     assert "execution error; command error; DSP failure" in str(caught.value)
-
-
-def test_a_time_constant_that_the_amplifier_changed_is_noticed() -> None:
-    orders = configured("SENS 0", "OFSL 0", "OFLT 0", "SYNC 0")
-    place = orders.index((b"OFLT?\n", b"0\n"))
-    script = [*START, *orders[:place], (b"OFLT?\n", b"2\n")]
-    with scripted("srs_sr830", script) as lock_in, refused("B-INST-011", r"OFLT\?"):
-        lock_in.configure(1e-5, 6, 2e-9, "off")
-    assert lock_in.kept == ()
-
-
-def test_an_offset_that_stays_is_noticed() -> None:
-    orders = configured(*CHOSEN)
-    place = orders.index((b"OEXP? 1\n", b"0.00,0\n"))
-    script = [*START, *orders[:place], (b"OEXP? 1\n", b"0.00,1\n")]
-    with scripted("srs_sr830", script) as lock_in, refused("B-INST-011", "expand"):
-        lock_in.configure(1.0, 24, 1.0, "on")
 
 
 def test_the_lists_are_those_of_the_manual() -> None:

@@ -9,7 +9,7 @@ from bench.model.errors import InputError
 NO_ALARM = (b"ALRM1?\n", b"0\n")
 START = IDENTIFY["thermotron_3800"]
 START_8800 = [(b"IDEN?\n", b"Thermotron 8800 1.0\n"), NO_ALARM]
-HELD, RUNS, STOPPED = ((b"MODE?\n", mode) for mode in (b"24\n", b"16\n", b"2\n"))
+HELD = (b"MODE?\n", b"24\n")
 CONFIRMED = [(b"MRMP1?\n", b"0.5\n"), (b"SETP1?\n", b"-10.0\n")]
 
 
@@ -34,15 +34,12 @@ def test_8800_completions_are_read() -> None:
         assert chamber.test_clock.now_ns() == 0
 
 
-def test_8800_refusals_are_told() -> None:
+def test_8800_refusals_are_told_but_for_the_stop_of_a_stopped_chamber() -> None:
     with (
         scripted("thermotron_3800", [*START_8800, (b"RUNM\n", b"3\n")], dialect="8800") as chamber,
         refused("B-INST-005", "completion 3"),
     ):
         chamber.run()
-
-
-def test_stopping_a_stopped_chamber_is_safe_although_refused() -> None:
     with scripted(
         "thermotron_3800", [*START_8800, (b"STOP\n", b"5\n"), (b"MODE?\n", b"2\n")], dialect="8800"
     ) as chamber:
@@ -57,20 +54,6 @@ def test_process_alarms_stop_and_deviation_alarms_do_not() -> None:
         chamber.hold()
         with refused("B-INST-005", "high process limit alarm"):
             chamber.hold()
-
-
-def test_a_chamber_that_does_not_run_or_stop_is_noticed() -> None:
-    idle = (b"MODE?\n", b"2\n")
-    script = [*START, *after(b"RUNM\n", NO_ALARM), *[idle] * 7]
-    with scripted("thermotron_3800", script) as chamber, refused("B-INST-011"):
-        chamber.run()
-    for busy in ((b"MODE?\n", b"16\n"), (b"MODE?\n", b"1\n"), (b"MODE?\n", b"24\n")):
-        script = [*START, (b"STOP\n", None), *[busy] * 7]
-        with scripted("thermotron_3800", script) as chamber, refused("B-INST-009"):
-            chamber.stop()
-
-
-def test_alarms() -> None:
     with scripted("thermotron_3800", [*START, (b"ALRM1?\n", b"51\n"), (b"ALRM1?\n", b"2\n")]) as chamber:
         chamber.identify()
         assert chamber.drain_errors() == [
@@ -82,21 +65,26 @@ def test_alarms() -> None:
         assert chamber.drain_errors() == ["high deviation alarm"]
 
 
-def test_a_set_point_that_did_not_arrive_is_noticed() -> None:
+def test_a_chamber_that_does_not_run_stop_or_take_its_set_point_is_noticed() -> None:
+    idle = (b"MODE?\n", b"2\n")
+    script = [*START, *after(b"RUNM\n", NO_ALARM), *[idle] * 7]
+    with scripted("thermotron_3800", script) as chamber, refused("B-INST-011"):
+        chamber.run()
+    for busy in ((b"MODE?\n", b"16\n"), (b"MODE?\n", b"1\n"), (b"MODE?\n", b"24\n")):
+        script = [*START, (b"STOP\n", None), *[busy] * 7]
+        with scripted("thermotron_3800", script) as chamber, refused("B-INST-009"):
+            chamber.stop()
     script = [*START, *after(b"MRMP1,0.5\n", NO_ALARM), *after(b"SETP1,-10\n", NO_ALARM), CONFIRMED[0]]
     with scripted("thermotron_3800", [*script, (b"SETP1?\n", b"23.0\n")]) as chamber, refused("B-INST-011", "SETP1"):
         chamber.set_temperature(-10.0, 0.5)
 
 
-def test_the_other_dialect_is_another_instrument() -> None:
+def test_the_other_dialect_is_another_instrument_and_a_third_is_none() -> None:
     with (
         scripted("thermotron_3800", [START[0], (CLEAR, None), START[0]], dialect="8800") as chamber,
         refused("B-INST-002", "3800 REV 3"),
     ):
         chamber.identify()
-
-
-def test_dialects() -> None:
     with (
         pytest.raises(InputError, match="neither '3800' nor '8800'") as caught,
         scripted("thermotron_3800", [], dialect="2800"),

@@ -38,12 +38,8 @@ def test_exponent_form(value: float, text: str) -> None:
 
 
 @given(FINITE)
-def test_exponent_form_loses_nothing(value: float) -> None:
+def test_what_is_written_loses_nothing(value: float) -> None:
     assert float(exponent_form(value)) == value
-
-
-@given(FINITE)
-def test_plain_form_loses_nothing_and_has_no_exponent(value: float) -> None:
     text = plain_form(value)
     assert float(text) == value
     assert "e" not in text.lower()

@@ -28,11 +28,14 @@ def on_channel_one(bench: Bench, current: str) -> None:
     bench.clock.sleep(10.0)
 
 
-def test_power_on_state_is_standby_without_faults(bench: Bench) -> None:
+def test_power_on_is_standby_and_zero_into_an_open_circuit_stays_on(bench: Bench) -> None:
     assert status(bench) == STANDBY
     assert faults(bench) == []
     assert bench.ask("calibrator", "OUT?") == "0.0000000E+00,V,0.00E+00"
     assert bench.ask("calibrator", "RANGELCK?") == "OFF"
+    bench.send("calibrator", "OUT 0 A, 0 HZ", "OPER")
+    bench.clock.sleep(5.0)
+    assert status(bench) == OPERATING
 
 
 @pytest.mark.parametrize(
@@ -55,7 +58,7 @@ def test_multipliers_ma_is_milli_only_for_amperes(text: str, value: tuple[float,
     assert parse_value(text)[1] == value[1]
 
 
-def test_settled_bit_comes_after_the_settling_time(bench: Bench) -> None:
+def test_settled_comes_after_its_time_and_later_with_another_range(bench: Bench) -> None:
     bench.send("switch", ":CLOS (@1!1!1)")
     bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER")
     assert status(bench) == 1
@@ -63,9 +66,6 @@ def test_settled_bit_comes_after_the_settling_time(bench: Bench) -> None:
     assert status(bench) == 1
     bench.clock.sleep(0.02)
     assert status(bench) == OPERATING
-
-
-def test_range_change_while_operating_settles_longer(bench: Bench) -> None:
     on_channel_one(bench, "1.0E-03")
     bench.send("calibrator", "OUT 2.0E-03 A, 0 HZ")
     bench.clock.sleep(3.1)
@@ -105,12 +105,6 @@ def test_voltage_into_the_current_input_trips(bench: Bench) -> None:
     assert (status(bench), faults(bench)) == (STANDBY, [503])
 
 
-def test_zero_into_an_open_circuit_stays_on(bench: Bench) -> None:
-    bench.send("calibrator", "OUT 0 A, 0 HZ", "OPER")
-    bench.clock.sleep(5.0)
-    assert status(bench) == OPERATING
-
-
 @pytest.mark.parametrize(
     ("command", "fault"),
     [
@@ -138,12 +132,9 @@ def test_entry_limit_is_kept(bench: Bench) -> None:
     assert bench.ask("calibrator", "LIMIT?") == "2.500E-01,-2.500E-01"
 
 
-def test_fault_queue_keeps_fifteen_and_an_overflow_mark(bench: Bench) -> None:
+def test_faults_are_queued_to_fifteen_and_lost_with_the_status(bench: Bench) -> None:
     bench.send("calibrator", *["NONSENSE"] * 7, *["OUT x A"] * 13)
     assert faults(bench) == [702] * 7 + [703] * 8 + [601]
-
-
-def test_clear_status_destroys_the_evidence(bench: Bench) -> None:
     bench.send("calibrator", "NONSENSE", "*CLS")
     assert faults(bench) == []
 
@@ -155,7 +146,7 @@ def test_high_voltage_is_inhibited_while_a_fault_is_queued(bench: Bench) -> None
     assert status(bench) == OPERATING
 
 
-def test_range_lock_keeps_the_range_down_and_refuses_up(bench: Bench) -> None:
+def test_a_range_is_kept_down_and_not_exceeded(bench: Bench) -> None:
     calibrator = bench.world.instruments["calibrator"]
     bench.send("calibrator", "OUT 1.0E-02 A, 0 HZ", "RANGELCK ON", "OUT 0 A, 0 HZ")
     assert calibrator.range_index == 2
@@ -164,6 +155,8 @@ def test_range_lock_keeps_the_range_down_and_refuses_up(bench: Bench) -> None:
     assert calibrator.value == 0.0
     bench.send("calibrator", "RANGELCK OFF", "OUT 0 A, 0 HZ")
     assert calibrator.range_index == 0
+    bench.send("calibrator", "OUT 1.00000012345E-03 A, 0 HZ")
+    assert bench.ask("calibrator", "OUT?").split(",")[0] == "1.0000000E-03"
 
 
 @pytest.mark.parametrize(
@@ -173,11 +166,6 @@ def test_range_lock_keeps_the_range_down_and_refuses_up(bench: Bench) -> None:
 def test_lowest_range_that_holds(bench: Bench, current: str, index: int) -> None:
     bench.send("calibrator", f"OUT {current} A, 0 HZ")
     assert bench.world.instruments["calibrator"].range_index == index
-
-
-def test_setting_has_the_resolution_of_its_range(bench: Bench) -> None:
-    bench.send("calibrator", "OUT 1.00000012345E-03 A, 0 HZ")
-    assert bench.ask("calibrator", "OUT?").split(",")[0] == "1.0000000E-03"
 
 
 def test_reset_goes_to_standby(bench: Bench) -> None:

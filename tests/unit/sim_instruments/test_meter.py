@@ -1,10 +1,15 @@
-"""The simulated 3458A in the current loop, and a calibrator whose gain drifts."""
+"""The simulated meters at their terminals: current in the loop, resistances, ranges, accuracy, channels, errors."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
 from sim_bench import Bench, open_bench
 
+from sim_instruments.bus.ohms import ACCURACY as OHMS_ACCURACY
+from sim_instruments.bus.ohms import RANGES_OHM
 from sim_instruments.hp_3458a import ACCURACY, Hp3458A
+from sim_instruments.worlds.common.terminals import Source
 
 SEEDS = range(150)
 DAY_S = 86_400.0
@@ -34,17 +39,13 @@ def test_errors_of_a_range_are_as_large_as_its_specification(range_A: float) -> 
     assert np.std(gains) == pytest.approx(np.hypot(relative, floor) / 2, rel=0.2)
 
 
-def test_ranges_have_errors_of_their_own_that_stay() -> None:
+def test_ranges_have_errors_of_their_own_that_stay_until_switched_off() -> None:
     with open_bench(seed=3) as bench:
         first = configured(bench, 1e-3).error_A(1e-3) / 1e-3
         other = configured(bench, 1e-2).error_A(1e-2) / 1e-2
         again = configured(bench, 1e-3).error_A(1e-3) / 1e-3
         assert first == again
         assert first != other
-
-
-def test_errors_can_be_switched_off() -> None:
-    with open_bench(seed=3) as bench:
         bench.world.options["dmm_errors"] = False
         assert configured(bench, 1e-3).error_A(1e-3) == 0.0
 
@@ -60,3 +61,125 @@ def test_gain_of_the_calibrator_drifts_by_the_day() -> None:
         days = (after_ns - before_ns) * 1e-9 / DAY_S
         assert (after_A - before_A) / 0.1 == pytest.approx(2e-6 * days, rel=1e-6)
         assert before_A == pytest.approx(0.1, abs=1e-11)
+
+
+LEAD_OHM = 2.5
+
+
+def error(bench: Bench, role: str) -> int:
+    return int(bench.ask(role, "SYST:ERR?").partition(",")[0])
+
+
+def wired(bench: Bench, resistance_ohm: float) -> None:
+    source = Source(resistance_ohm=lambda t_ns: resistance_ohm, lead_ohm=LEAD_OHM)
+    bench.world.terminals.connect(source, "rail_dmm")
+    bench.world.terminals.connect(source, "logger", 103)
+
+
+READ_FOUR = (("rail_dmm", "CONF:FRES 1000"), ("logger", "CONF:FRES 1000,(@103)"))
+READ_TWO = (("rail_dmm", "CONF:RES 1000"), ("logger", "CONF:RES 1000,(@103)"))
+
+
+@pytest.mark.parametrize(("role", "configure"), READ_FOUR)
+def test_leads_cancel_with_four_wires(bench: Bench, role: str, configure: str) -> None:
+    wired(bench, 138.5055)
+    limit_ohm = 138.5 * OHMS_ACCURACY[1e3][0] + 1e3 * OHMS_ACCURACY[1e3][1]
+    assert float(bench.ask(role, configure, "READ?")) == pytest.approx(138.5055, abs=2 * limit_ohm)
+    assert error(bench, role) == 0
+
+
+@pytest.mark.parametrize(("role", "configure"), READ_TWO)
+def test_leads_do_not_cancel_with_two_wires(bench: Bench, role: str, configure: str) -> None:
+    wired(bench, 138.5055)
+    read_ohm = float(bench.ask(role, configure, "READ?"))
+    assert 138.5055 + 2 * LEAD_OHM - 0.05 < read_ohm < 138.5055 + 2 * LEAD_OHM + 8.0
+
+
+def test_errors_of_a_range_of_ohms_are_as_large_as_its_specification() -> None:
+    """Gain and zero of 150 meters: half of the 95 % figures, within 20 % (3.5 standard deviations)."""
+    zeros, gains = [], []
+    for seed in range(150):
+        with open_bench(seed=seed) as bench:
+            ohmmeter = bench.world.instruments["rail_dmm"]._ohmmeter  # type: ignore[attr-defined]
+            zeros.append(ohmmeter.error_ohm(1e2, 0.0) / 1e2)
+            gains.append((ohmmeter.error_ohm(1e2, 1e2) - ohmmeter.error_ohm(1e2, 0.0)) / 1e2)
+    of_reading, of_range = OHMS_ACCURACY[1e2]
+    assert np.std(zeros) == pytest.approx(of_range / 2, rel=0.2)
+    assert np.std(gains) == pytest.approx(of_reading / 2, rel=0.2)
+
+
+def test_a_longer_integration_has_less_noise_and_takes_longer() -> None:
+    spread, takes_s = {}, {}
+    for cycles in (0.2, 10.0):
+        with open_bench() as bench:
+            wired(bench, 100.0)
+            bench.send("rail_dmm", "CONF:FRES 100", f"FRES:NPLC {cycles}")
+            before_ns = bench.clock.now_ns()
+            read = [float(bench.ask("rail_dmm", "READ?")) for _ in range(200)]
+            spread[cycles], takes_s[cycles] = np.std(read), (bench.clock.now_ns() - before_ns) / 200e9
+    assert spread[10.0] == pytest.approx(1e2 * 1e-6 / 3, rel=0.2)
+    assert spread[0.2] == pytest.approx(spread[10.0] * 50**0.5, rel=0.2)
+    assert takes_s[10.0] - takes_s[0.2] == pytest.approx(2 * 9.8 / 50.0, abs=0.001)  # the zero is measured too
+
+
+@pytest.mark.parametrize(("role", "channel"), [("rail_dmm", ""), ("logger", ",(@103)")])
+def test_overload_at_120_percent_and_automatic_range(bench: Bench, role: str, channel: str) -> None:
+    wired(bench, 121.0)
+    assert float(bench.ask(role, f"CONF:FRES 100{channel}", "READ?")) == 9.9e37
+    assert float(bench.ask(role, f"CONF:FRES AUTO{channel}", "READ?")) == pytest.approx(121.0, abs=0.1)
+    wired(bench, 119.0)
+    assert float(bench.ask(role, f"CONF:FRES 100{channel}", "READ?")) == pytest.approx(119.0, abs=0.1)
+
+
+def test_open_leads_are_overload(bench: Bench) -> None:
+    assert float(bench.ask("rail_dmm", "MEAS:FRES? 1000")) == 9.9e37
+    assert float(bench.ask("logger", "CONF:FRES 1000,(@104)", "READ?")) == 9.9e37
+
+
+def test_resolution_integration_time_and_autozero_are_those_of_the_manual(bench: Bench) -> None:
+    assert float(bench.ask("rail_dmm", "CONF:FRES 100,3E-4", "FRES:NPLC?")) == 1.0
+    assert bench.ask("rail_dmm", "CONF?") == '"FRES +1.000000E+02,+3.000000E-04"'
+    assert float(bench.ask("rail_dmm", "CONF:FRES 100,DEF", "FRES:NPLC?")) == 10.0
+    bench.send("rail_dmm", "CONF:FRES 1000,3E-5")
+    assert error(bench, "rail_dmm") == 532
+    assert float(bench.ask("logger", "CONF:FRES 100,(@101,102)", "FRES:NPLC? (@102)")) == 1.0
+    assert bench.ask("logger", "FRES:NPLC 10,(@102)", "FRES:NPLC? (@101,102)") == "+1.00000000E+00,+1.00000000E+01"
+    bench.send("rail_dmm", f"CONF:FRES {RANGES_OHM[-1] * 2}")
+    assert error(bench, "rail_dmm") == -222
+    # 34401A User's Guide, autozero: it applies to volts and two-wire ohms; four wires switch it on
+    assert bench.ask("rail_dmm", "CONF:RES 100", "ZERO:AUTO OFF", "ZERO:AUTO?") == "0"
+    assert bench.ask("rail_dmm", "CONF:FRES 100", "ZERO:AUTO?") == "1"
+    assert bench.ask("rail_dmm", "ZERO:AUTO OFF", "ZERO:AUTO?") == "1"
+
+
+@pytest.mark.parametrize("channel", [111, 120, 320])
+def test_a_sense_channel_cannot_be_measured_with_four_wires(bench: Bench, channel: int) -> None:
+    bench.send("logger", f"CONF:FRES 100,(@{channel})")
+    assert error(bench, "logger") == 308
+    bench.send("logger", f"CONF:RES 100,(@{channel})")
+    assert error(bench, "logger") == 0
+
+
+def test_a_channel_waits_for_its_delay_and_is_a_thermocouple_or_a_resistance(bench: Bench) -> None:
+    wired(bench, 100.0)
+    bench.send("logger", "CONF:FRES 100,(@103)")
+    before_ns = bench.clock.now_ns()
+    bench.ask("logger", "READ?")
+    plain_s = (bench.clock.now_ns() - before_ns) * 1e-9
+    assert float(bench.ask("logger", "ROUT:CHAN:DEL 0.5,(@103)", "ROUT:CHAN:DEL? (@103)")) == 0.5
+    before_ns = bench.clock.now_ns()
+    bench.ask("logger", "READ?")
+    assert (bench.clock.now_ns() - before_ns) * 1e-9 == pytest.approx(plain_s + 0.5, abs=0.001)
+    wired(bench, 100.0)
+    assert float(bench.ask("logger", "CONF:FRES 100,(@103)", "READ?")) == pytest.approx(100.0, abs=0.1)
+    assert float(bench.ask("logger", "CONF:TEMP TC,T,(@103)", "READ?")) == pytest.approx(23.0, abs=2.0)
+    bench.send("logger", "FRES:NPLC 10,(@103)")
+    assert error(bench, "logger") == -221
+
+
+def test_a_voltage_hangs_where_the_world_connects_it(bench: Bench) -> None:
+    source = Source(voltage_V=lambda t_ns: 1.25)
+    bench.world.terminals.connect(source, "rail_dmm")
+    bench.world.terminals.connect(source, "logger", 104)
+    assert float(bench.ask("rail_dmm", "CONF:VOLT:DC", "READ?")) == pytest.approx(1.25, abs=1e-3)
+    assert float(bench.ask("logger", "ROUT:SCAN (@104)", "READ?")) == pytest.approx(1.25, abs=1e-3)

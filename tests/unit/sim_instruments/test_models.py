@@ -1,11 +1,16 @@
-"""Simulated instruments one by one: what their manuals promise, and their declared hazards."""
+"""Simulated instruments one by one: what their manuals promise, forms that public drivers use, declared hazards."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import Any
+
 import pytest
+import pyvisa
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from sim_bench import DRIVERS, Bench, open_bench
+from simulated_alone import ADDRESS, simulated
 
 SCPI_ROLES = [role for role in DRIVERS if role not in ("calibrator", "dmm", "chamber")]
 
@@ -46,13 +51,17 @@ def test_forms_between_short_and_long_are_unknown(bench: Bench, header: str) -> 
     assert error(bench, "supply") == -113
 
 
-def test_headers_after_a_semicolon_go_on_from_the_last_node(bench: Bench) -> None:
+def test_headers_go_on_from_the_last_node_and_events_are_collected(bench: Bench) -> None:
     bench.send("counter", "FREQ:GATE:SOUR TIME;TIME 2.5")
     assert error(bench, "counter") == 0
     assert float(bench.ask("counter", "FREQ:GATE:TIME?")) == 2.5
     bench.send("supply", "VOLT:PROT 21;*ESE 4;:VOLT 9")
     assert error(bench, "supply") == 0
     assert bench.ask("supply", "VOLT:PROT?;:VOLT?;*ESE?") == "2.10000E+01;9.00000E+00;4"
+    assert bench.ask("supply", "*ESR?") == "128"
+    bench.send("supply", "NONSENSE", "VOLT 1e9", "*OPC")
+    assert bench.ask("supply", "*ESR?") == str(32 | 16 | 1)
+    assert bench.ask("supply", "*ESR?") == "0"
 
 
 @pytest.mark.parametrize(("parameter", "number"), [("", -109), ("five", -104), ("nan", -222), ("1e9", -222)])
@@ -62,26 +71,16 @@ def test_bad_numbers_are_refused_and_leave_the_setting(bench: Bench, parameter: 
     assert bench.ask("supply", "VOLT?") == "5.00000E+00"
 
 
-def test_event_status_register_collects_and_clears(bench: Bench) -> None:
-    assert bench.ask("supply", "*ESR?") == "128"
-    bench.send("supply", "NONSENSE", "VOLT 1e9", "*OPC")
-    assert bench.ask("supply", "*ESR?") == str(32 | 16 | 1)
-    assert bench.ask("supply", "*ESR?") == "0"
-
-
 # --- switch ----------------------------------------------------------------------------------------------------------
 
 
-def test_closing_adds_and_nothing_opens_the_other_route(bench: Bench) -> None:
+def test_crosspoints_are_closed_opened_and_told(bench: Bench) -> None:
     bench.send("switch", ":CLOS (@1!1!3)", ":CLOS (@1!2!3)", ":CLOS (@1!1!10)")
     assert bench.ask("switch", ":CLOS:STAT?") == "(@1!1!3,1!1!10,1!2!3)"
     bench.send("switch", ":OPEN (@1!1!3)")
     assert bench.ask("switch", ":ROUT:CLOS:STAT?") == "(@1!1!10,1!2!3)"
     bench.send("switch", ":OPEN ALL")
     assert bench.ask("switch", ":CLOS:STAT?") == "(@)"
-
-
-def test_lists_ranges_and_questions_about_crosspoints(bench: Bench) -> None:
     bench.send("switch", ":CLOS (@1!1!9:1!2!1, 1!4!4)")
     assert bench.ask("switch", ":CLOS:STAT?") == "(@1!1!9,1!1!10,1!2!1,1!4!4)"
     assert bench.ask("switch", ":CLOS? (@1!1!1,1!1!9)") == "0,1"
@@ -188,16 +187,13 @@ def test_frequency_reaches_the_unit_with_an_error_within_3_ppm() -> None:
     assert min(errors_ppm) < -1.5
 
 
-def test_output_off_or_too_small_gives_the_unit_nothing(bench: Bench) -> None:
+def test_a_frequency_reaches_the_unit_at_the_amplitude_of_its_load(bench: Bench) -> None:
     drive_10_MHz(bench)
     assert bench.unit.fg[-1][1] > 0
     bench.send("function_generator", "VOLT 0.4")
     assert bench.unit.fg[-1][1] == 0.0
     bench.send("function_generator", "VOLT 5", "OUTP OFF")
     assert bench.unit.fg[-1][1] == 0.0
-
-
-def test_wrong_load_setting_doubles_the_amplitude(bench: Bench) -> None:
     generator = bench.world.instruments["function_generator"]
     bench.send("function_generator", "OUTP:LOAD 50", "VOLT 1")
     assert generator.open_amplitude_V == 2.0
@@ -205,6 +201,9 @@ def test_wrong_load_setting_doubles_the_amplitude(bench: Bench) -> None:
     assert float(bench.ask("function_generator", "VOLT?")) == 2.0
     bench.send("function_generator", "VOLT 1")
     assert generator.open_amplitude_V == 1.0
+    bench.send("function_generator", "APPL:SQU 12345678, 2, 0")
+    assert bench.ask("function_generator", "FREQ?") == "+1.2345678000000E+07"
+    assert bench.ask("function_generator", "OUTP?") == "1"
 
 
 @pytest.mark.parametrize("command", ["FREQ 90E6", "VOLT 21", "FREQ 0"])
@@ -216,13 +215,10 @@ def test_generator_refuses_what_it_cannot(bench: Bench, command: str) -> None:
     assert float(bench.ask("function_generator", "VOLT?")) == 5.0
 
 
-def test_apply_sets_and_switches_on(bench: Bench) -> None:
-    bench.send("function_generator", "APPL:SQU 12345678, 2, 0")
-    assert bench.ask("function_generator", "FREQ?") == "+1.2345678000000E+07"
-    assert bench.ask("function_generator", "OUTP?") == "1"
-
-
-def test_counter_reads_the_true_frequency_after_its_gate(bench: Bench) -> None:
+def test_a_counter_reads_the_true_frequency_after_its_gate_or_no_number_late(bench: Bench) -> None:
+    bench["counter"].timeout = 5000
+    assert float(bench.ask("counter", "FREQ:GATE:TIME 1", "READ?")) == 9.91e37
+    assert bench.clock.now_ns() > 2e9
     drive_10_MHz(bench)
     bench["counter"].timeout = 5000
     bench.send("counter", "ROSC:SOUR EXT", 'FUNC "FREQ 1"', "FREQ:GATE:TIME 1")
@@ -232,25 +228,10 @@ def test_counter_reads_the_true_frequency_after_its_gate(bench: Bench) -> None:
     assert frequency_Hz == pytest.approx(bench.unit.fg[-1][1], rel=6e-9)
 
 
-def test_counter_without_signal_answers_not_a_number_late(bench: Bench) -> None:
-    bench["counter"].timeout = 5000
-    assert float(bench.ask("counter", "FREQ:GATE:TIME 1", "READ?")) == 9.91e37
-    assert bench.clock.now_ns() > 2e9
-
-
-def test_lost_reference_shows_in_bit_10_once(bench: Bench) -> None:
-    bench.send("counter", "ROSC:SOUR EXT")
-    assert bench.ask("counter", "STAT:QUES:EVEN?") == "0"
-    bench.world.switches.switch("reference_lost")
-    assert bench.ask("counter", "STAT:QUES:EVEN?") == "1024"
-    bench.world.switches.switch("reference_lost", "off")
-    assert bench.ask("counter", "STAT:QUES:EVEN?") == "0"
-
-
 # --- supplies, logger, rail meter ------------------------------------------------------------------------------------
 
 
-def test_supply_powers_the_unit(bench: Bench) -> None:
+def test_a_supply_powers_the_unit_up_to_its_20_volts(bench: Bench) -> None:
     bench.send("supply", "CURR 2", "VOLT:PROT 20", "VOLT 18", "OUTP ON")
     assert bench.unit.power[-1][1:] == (True, 18.0)
     assert float(bench.ask("supply", "MEAS:VOLT?")) == pytest.approx(18.0, abs=0.01)
@@ -259,6 +240,8 @@ def test_supply_powers_the_unit(bench: Bench) -> None:
     assert bench.unit.power[-1][1:] == (True, 19.0)
     bench.send("supply", "OUTP OFF")
     assert bench.unit.power[-1][1:] == (False, 0.0)
+    bench.send("supply", "VOLT 28")
+    assert error(bench, "supply") == -222
 
 
 @pytest.mark.parametrize("commands", [("VOLT 11", "OUTP ON"), ("CURR 1.2", "VOLT 18", "OUTP ON"), ("VOLT 18",)])
@@ -279,11 +262,6 @@ def test_protection_latches_until_cleared(bench: Bench, trip: tuple[str, ...], c
     assert bench.ask("supply", "STAT:QUES:COND?") == "0"
 
 
-def test_model_ends_at_20_volts(bench: Bench) -> None:
-    bench.send("supply", "VOLT 28")
-    assert error(bench, "supply") == -222
-
-
 def test_selected_rail_is_hidden_state_and_ranges_differ(bench: Bench) -> None:
     bench.send("aux_supply", "INST:NSEL 2", "VOLT 15", "INST:SEL N25V", "VOLT -15", "INST:NSEL 1", "VOLT 15")
     assert error(bench, "aux_supply") == -222
@@ -295,19 +273,16 @@ def test_selected_rail_is_hidden_state_and_ranges_differ(bench: Bench) -> None:
     assert float(bench.ask("aux_supply", "MEAS:CURR?")) == pytest.approx(0.2, abs=1e-3)
 
 
-def test_rail_meter_reads_the_first_rail(bench: Bench) -> None:
+def test_the_rail_meter_reads_the_first_rail_and_nothing_before_a_measurement(bench: Bench) -> None:
+    bench.send("rail_dmm", "FETC?")
+    assert error(bench, "rail_dmm") == -230
+    bench.send("rail_dmm", "INIT")
+    assert abs(float(bench.ask("rail_dmm", "FETC?"))) < 1e-3
     bench.send("rail_dmm", "CONF:VOLT:DC")
     assert abs(float(bench.ask("rail_dmm", "READ?"))) < 1e-3
     bench.send("aux_supply", "APPL P6V, 5.0, 1.0", "OUTP ON")
     assert float(bench.ask("rail_dmm", "READ?")) == pytest.approx(5.0, abs=0.005)
     assert float(bench.ask("rail_dmm", "CONF:VOLT:DC 1", "READ?")) == 9.9e37
-
-
-def test_fetch_before_a_measurement_is_stale(bench: Bench) -> None:
-    bench.send("rail_dmm", "FETC?")
-    assert error(bench, "rail_dmm") == -230
-    bench.send("rail_dmm", "INIT")
-    assert abs(float(bench.ask("rail_dmm", "FETC?"))) < 1e-3
 
 
 def test_thermocouples_hang_in_the_laboratory_the_chamber_and_on_the_unit(bench: Bench) -> None:
@@ -321,7 +296,7 @@ def test_thermocouples_hang_in_the_laboratory_the_chamber_and_on_the_unit(bench:
     assert true[1] - true[2] > 10
 
 
-def test_a_thermocouple_with_a_fixed_junction_is_wrong_by_what_the_block_is_away_from_it(bench: Bench) -> None:
+def test_a_thermocouple_with_a_fixed_junction_is_wrong_and_a_plain_channel_reads_a_voltage(bench: Bench) -> None:
     junction = "SENS:TEMP:TRAN:TC:RJUN"
     bench.send("logger", f"{junction}:TYPE FIX,(@101)", f"{junction} 0.0,(@101)", "CONF:TEMP TC,T,(@101:103)")
     assert bench.ask("logger", f"{junction}:TYPE? (@101:103)") == "FIX,INT,INT"
@@ -336,9 +311,6 @@ def test_a_thermocouple_with_a_fixed_junction_is_wrong_by_what_the_block_is_away
     for wrong, number in ((f"{junction} 81,(@101)", -222), (f"{junction}:TYPE ICE,(@101)", -224)):
         bench.send("logger", wrong)
         assert error(bench, "logger") == number
-
-
-def test_channel_that_is_no_thermocouple_reads_a_voltage(bench: Bench) -> None:
     assert abs(float(bench.ask("logger", "ROUT:SCAN (@105)", "READ?"))) < 1e-3
     bench.send("logger", "ROUT:SCAN (@121)")
     assert error(bench, "logger") == -222
@@ -363,22 +335,107 @@ def test_8800_answers_every_operation(operation: str, completion: str) -> None:
         assert bench.ask("chamber", operation) == completion
 
 
-def test_chamber_runs_holds_and_stops() -> None:
-    with open_bench(instruments={"chamber": {"dialect": "8800"}}) as bench:
-        assert bench.ask("chamber", "MODE?") == "2"
-        for operation in ("MRMP1,0.5", "SETP1,-10", "RUNM"):
-            assert bench.ask("chamber", operation) == "0"
-        assert bench.ask("chamber", "MODE?") == "16"
-        bench.clock.sleep(1800.0)
-        assert bench.ask("chamber", "HOLD") == "0"
-        held_degC = float(bench.world.thermal.setpoint_degC(bench.clock.now_ns()))
-        bench.clock.sleep(3600.0)
-        assert float(bench.ask("chamber", "PVAR1?")) == pytest.approx(held_degC, abs=0.5)
-        assert held_degC == pytest.approx(8.0, abs=0.1)
-        assert bench.ask("chamber", "RESM") == "0"
-        bench.clock.sleep(7200.0)
-        assert float(bench.ask("chamber", "PVAR1?")) == pytest.approx(-10.0, abs=0.5)
-        assert bench.ask("chamber", "STOP") == "0"
-        assert bench.ask("chamber", "MODE?") == "2"
-        bench.clock.sleep(36_000.0)
-        assert float(bench.ask("chamber", "PVAR1?")) == pytest.approx(23.0, abs=0.5)
+@pytest.mark.parametrize(
+    ("command", "query", "value"),
+    [
+        ("SOUR1:FREQ 2.5 kHz", "SOURce1:FREQuency?", 2500.0),
+        ("FREQ 3MHZ", "FREQ?", 3e6),
+        ("FREQ 1E3HZ", "FREQ1?", 1000.0),
+        ("OUTP:LOAD INF;:VOLT 2 VPP", "SOUR:VOLT?", 2.0),
+        ("VOLT:OFFS 100 mV", "VOLT:OFFS?", 0.1),
+        ("OUTP1 ON", "OUTPUT1:STAT?", 1.0),
+        ("FUNC SQU;FUNC:SQU:DCYC 40", "FUNC:SQU:DCYC?", 40.0),
+        ("BURS:STAT 1", "SOUR1:BURS:STAT?", 1.0),
+        ("AM:STAT ON;:FM:STAT ON", "AM:STAT?", 0.0),
+        ("FUNC SIN;:VOLT 1 VRMS", "VOLT?", 2.8284),
+        ("FUNC SQU;:VOLT:UNIT VRMS;:VOLT 1", "VOLT?", 1.0),
+        ("FUNC SIN;:VOLT 0 DBM", "VOLT?", 0.6325),  # 1 mW in 50 ohm: 0.2236 V RMS
+        ("OUTP:LOAD 50;:VOLT:UNIT DBM;:OUTP:LOAD INF;:VOLT 4", "VOLT?", 4.0),
+        ("BURS:NCYC INF", "BURS:NCYC?", 9.9e37),
+    ],
+)
+def test_a_generator_takes_suffixes_units_and_modes(bench: Bench, command: str, query: str, value: float) -> None:
+    bench.send("function_generator", command)
+    assert float(bench.ask("function_generator", query)) == pytest.approx(value)
+    assert bench.ask("function_generator", "SYST:ERR?").startswith("+0")
+
+
+@pytest.mark.parametrize(
+    ("command", "number"),
+    [
+        ("FREQ 1 V", "-131"),
+        ("FREQ 1 qHz", "-131"),
+        ("FUNC:SQU:DCYC 40 V", "-138"),
+        ("SOUR2:FREQ 1", "-113"),
+        ("OUTP:LOAD INF;:VOLT:UNIT DBM", "-221"),
+        ("VOLT 25 DBM", "-222"),
+    ],
+)
+def test_what_a_generator_refuses_it_refuses_with_its_code(bench: Bench, command: str, number: str) -> None:
+    bench.send("function_generator", command)
+    assert bench.ask("function_generator", "SYST:ERR?").startswith(number)
+
+
+def test_a_multimeter_is_configured_for_what_is_not_at_its_terminals(bench: Bench) -> None:
+    for function, text in (
+        ("FREQ", '"FREQ '),
+        ("CURR:AC 1", '"CURR:AC '),
+        ("DIOD", '"DIOD"'),
+        ("VOLT:DC:RAT", '"VOLT:RAT '),
+    ):
+        bench.send("rail_dmm", f"CONF:{function}")
+        assert bench.ask("rail_dmm", "CONF?").startswith(text)
+    assert float(bench.ask("rail_dmm", "MEAS:CONT?")) == 9.9e37
+    bench.send("rail_dmm", "CONF:CURR 10")
+    assert bench.ask("rail_dmm", "SYST:ERR?").startswith("-222")
+    bench.send("rail_dmm", "CONF:VOLT:DC", "TRIG:COUN INF", "SAMP:COUN 600", "TRIG:COUN 1", "INIT")
+    assert bench.ask("rail_dmm", "SYST:ERR?").startswith("+531")
+    bench.send("rail_dmm", "SAMP:COUN 1", "TRIG:COUN INF", "INIT")
+    assert bench.ask("rail_dmm", "SYST:ERR?").startswith("+531")
+
+
+def test_a_trigger_sets_the_levels_of_the_supply_only_when_it_is_armed(bench: Bench) -> None:
+    bench.send("supply", "VOLT 5", "VOLT:TRIG 7", "*TRG")
+    assert float(bench.ask("supply", "VOLT?")) == 5.0
+    bench.send("supply", "INIT:NAME TRAN", "ABOR", "*TRG")
+    assert float(bench.ask("supply", "VOLT?")) == 5.0
+    bench.send("supply", "INIT:NAME TRAN", "*TRG")
+    assert float(bench.ask("supply", "VOLT?")) == 7.0
+
+
+def test_every_scpi_model_tells_options_and_version(bench: Bench) -> None:
+    assert bench.ask("counter", "*OPT?") == "0"
+    assert bench.ask("supply", "SYST:VERS?") == "1999.0"
+
+
+@pytest.fixture
+def lock_in() -> Iterator[Any]:
+    with simulated("srs_sr830") as world:
+        visa = pyvisa.ResourceManager(world.visa_library)
+        yield visa.open_resource(ADDRESS, read_termination="\n", write_termination="\n")
+        visa.close()
+
+
+def test_chains_and_snapshots_of_the_sr830(lock_in: Any) -> None:
+    lock_in.write("OUTX1;PHAS45.00;SENS22")
+    lock_in.write("PHAS?;SENS?")
+    assert [lock_in.read(), lock_in.read()] == ["45.00", "22"]
+    lock_in.write("*CLS")
+    assert len(lock_in.query("SNAP?1,2,5,8,10,11").split(",")) == 6
+    for wrong in ("SNAP?1", "SNAP?1,12"):
+        lock_in.write(wrong)
+        assert int(lock_in.query("*ESR?")) & 16
+
+
+@pytest.mark.parametrize(
+    ("message", "reply"),
+    [
+        ("SRAT 4;SRAT?", "4"), ("SLVL0.5;SLVL?", "0.500"), ("DDEF1,1,0;DDEF?1", "1,0"), ("*STB?", "0"),
+        ("AUXV 2,-1.5;AUXV? 2", "-1.500"), ("FMOD 1;FREQ 137.5;FREQ?", "137.5"), ("OAUX?1", "0"),
+        ("HARM 2;HARM?", "2"),
+    ],
+)  # fmt: skip
+def test_settings_of_the_sr830_that_public_drivers_use(lock_in: Any, message: str, reply: str) -> None:
+    lock_in.write("*CLS")
+    assert lock_in.query(message) == reply
+    assert int(lock_in.query("*ESR?")) & 0b110000 == 0

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from older_firmware import OlderFirmware
 from scripted import refused
 from table_rig import TableRig, open_table
 
 from bench.model.clock import NS
 from bench.model.errors import InputError
-from bench.model.manual import manual_of
-from bench.run.bench.first_contact import Tried, record_of, unproved, walk, write_record
-from sim_instruments.acutrol_3000 import BRAKE_DEG_S2, Acutrol3000
-from sim_instruments.worlds.common.motion import AxisMotion
+from sim_instruments.acutrol_3000 import BRAKE_DEG_S2
 
 SAFE_S = 5.0  # the deadline of safety
 
@@ -29,13 +23,18 @@ def rig() -> Iterator[TableRig]:
         yield opened
 
 
-def test_reading_the_status_byte_clears_it_and_the_queue_stays(rig: TableRig) -> None:
+def test_the_status_byte_is_cleared_by_reading_and_the_queue_stays(rig: TableRig) -> None:
     rig.send(":lim:rate rate,1,50", ":dem:rate 1,50.1", ":nonsense 1")
     assert [rig.ask("*STB?"), rig.ask("*STB?")] == ["192", "0"]
     assert [rig.ask(":stat:msg? qerror") for _ in range(3)] == [
         "103,LIMIT EXCEEDED", "101,COMMAND NOT RECOGNIZED", "",
     ]  # fmt: skip
     assert rig.ask(":query:error? 103") == "LIMIT EXCEEDED"
+    rig.clock.sleep(1.0)
+    rig.resource.write(":dem:rate 1,1")
+    rig.resource.write(":dem:rate 2,2")
+    assert (rig.ask(":dem:rate? 1"), rig.ask(":dem:rate? 2")) == ("1.000000", "0.000000")
+    assert rig.ask(":stat:msg? qerror") == "101,COMMAND NOT RECOGNIZED"
 
 
 @pytest.mark.parametrize(
@@ -75,14 +74,6 @@ def test_a_mode_that_is_activated_obeys_the_demand_that_is_loaded(rig: TableRig)
     assert rig.angles()[0] == 5.0
 
 
-def test_commands_that_come_too_fast_are_not_understood(rig: TableRig) -> None:
-    rig.clock.sleep(1.0)
-    rig.resource.write(":dem:rate 1,1")
-    rig.resource.write(":dem:rate 2,2")
-    assert (rig.ask(":dem:rate? 1"), rig.ask(":dem:rate? 2")) == ("1.000000", "0.000000")
-    assert rig.ask(":stat:msg? qerror") == "101,COMMAND NOT RECOGNIZED"
-
-
 def test_the_read_out_has_steps_and_the_noise_of_an_arc_second(rig: TableRig) -> None:
     rig.send(":int:close 3", ":mode:pos 3", ":dem:pos 3,17.5")
     rig.clock.sleep(30.0)
@@ -103,32 +94,6 @@ def test_an_axis_without_drive_is_braked_to_rest(rig: TableRig) -> None:
         rig.clock.sleep(1.0)
         assert rig.rates()[2] == 0.0
         assert rig.angles()[2] - here == pytest.approx(200.0**2 / (2 * BRAKE_DEG_S2), abs=0.5)
-
-
-def test_a_world_with_motion_is_moved(rig: TableRig) -> None:
-    rig.world.motion = tuple(AxisMotion(angle) for angle in (10.0, 20.0, 30.0))
-    table = Acutrol3000(rig.world, "another", {})
-    assert [axis.motion for axis in table.axes] == list(rig.world.motion)
-    assert [axis.number for axis in table.axes] == [1, 2, 3]
-
-
-def test_turns_end_exactly_so_much_further(rig: TableRig) -> None:
-    driver = rig.ready()
-    driver.move(1, 90.0, 45.0)
-    driver.move(2, -34.2, 45.0)
-    driver.move(3, 12.5, 45.0)
-    rig.clock.sleep(15.0)
-    for angle in (1080.0, -1080.0, 0.25):
-        assert driver.in_position()
-        began_ns, before = rig.clock.now_ns(), rig.angles()
-        driver.turn(3, angle, 270.0, 270.0)
-        rig.clock.sleep(8.0)
-        assert rig.angles() == pytest.approx([90.0, -34.2, before[2] + angle], abs=1e-9)
-        times = np.linspace(began_ns, rig.clock.now_ns(), 4000).astype(np.int64)
-        assert np.abs(rig.table.axes[2].motion.rate_deg_s(times)).max() <= 270.0 + 1e-9
-    driver.move(3, 0.0, 45.0)
-    rig.clock.sleep(5.0)
-    assert rig.angles()[2] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_after_a_spin_a_move_goes_on_from_the_reading(rig: TableRig) -> None:
@@ -345,29 +310,3 @@ def test_wrong_faults_are_refused(rig: TableRig, words: tuple[Any, ...]) -> None
         rig.world.switches.switch(*words)
     assert caught.value.code == "B-SIM-012"
     assert rig.world.switches.on == []
-
-
-def test_a_firmware_that_differs_in_three_replies_is_confirmed_and_used(rig: TableRig, tmp_path: Path) -> None:
-    rig.table.__class__, rig.table.identity = OlderFirmware, OlderFirmware.identity
-    manual = manual_of("acutrol_3000")
-    assert manual is not None
-    identity = rig.driver.introduce()
-    seen: list[Tried] = []
-    tried = walk(rig.driver, manual, lambda text: True, seen.append)
-    said = {one.form: one.said for one in tried}
-    assert said[":mode? {axis}"] in ("Off", "Rate")
-    assert said[":lim:abs? {axis}"].count(",") == 5
-    assert {one.outcome for one in tried} == {"as documented", "not tried"}
-    station = tmp_path / "station.yaml"
-    write_record(station, record_of("turntable", "acutrol_3000", identity, "somebody", "2026-01-02T03:04:05Z", tried))
-    assert unproved(station, "acutrol_3000", manual, identity) == []
-    assert len(unproved(station, "acutrol_3000", manual, replace(identity, firmware="1.0"))) == 2
-    rig.driver = rig.open()
-    driver = rig.ready()
-    driver.turn(3, 1080.0, 270.0, 270.0)
-    rig.clock.sleep(10.0)
-    assert driver.in_position()
-    assert rig.angles()[2] == pytest.approx(1080.0, abs=2e-3)
-    rig.send(":nonsense 1")
-    with refused("B-INST-005", "101,COMMAND NOT RECOGNIZED"):
-        driver.stop(3)

@@ -1,16 +1,23 @@
-"""The driver's stream from the simulated tagger: restarts, readers inside other calls, faults of the bus."""
+"""The simulated time tagger: its blocks byte by byte, the driver's stream, served too, restarts, faults of the bus."""
 
 from __future__ import annotations
 
-from typing import Any
+import struct
+import threading
+from collections.abc import Iterator
+from fractions import Fraction
 
 import numpy as np
 import pytest
+from crccheck.crc import Crc32
 from scripted import refused
-from tagger_bench import Blocks, TaggerBench, tagger_bench
+from sim_served import Served, serve
+from tagger_bench import PERIOD_PS, Blocks, Edges, TaggerBench, station, tagger_bench, wire
 
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError
+from instruments.pendulum_cnt_91 import PendulumCnt91
+from sim_instruments.bus.time_tag_blocks import MEMORY_BLOCKS, MOST_EVENTS, TagBlocks
 
 SLOW_PS = 33_333_331  # 30,000 edges/s
 
@@ -21,24 +28,7 @@ def numbers(bench: TaggerBench, found: Blocks) -> np.ndarray:
     return np.ceil(ticks_ps / bench.edges.period_ps).astype(np.int64)
 
 
-def test_stop_and_start_lose_no_block_and_number_them_on() -> None:
-    with tagger_bench(period_ps=SLOW_PS) as bench:
-        stream = b""
-        for clock_Hz in (20e6, 100e6, 10e6):
-            bench.stream(clock_Hz)
-            stream += bench.collect(0.95, every_s=0.37)
-            bench.tagger.stop()
-        stream += bench.collect(0.2, every_s=0.1)
-        found = Blocks(stream)
-        np.testing.assert_array_equal(np.diff(found.counter), 1)
-        assert found.counts.lost == found.counts.bad == 0
-        changes = np.flatnonzero(np.diff(found.clock_Hz))
-        assert found.clock_Hz[changes].tolist() == [20_000_000, 100_000_000]
-        assert found.clock_Hz[-1] == 10_000_000
-        assert found.dropped.max() == 0
-
-
-def test_what_an_earlier_run_left_is_not_of_this_one() -> None:
+def test_a_run_begins_with_its_own_blocks_and_ends_with_the_safe_state() -> None:
     with tagger_bench(period_ps=SLOW_PS) as bench:
         bench.stream()
         bench.clock.sleep(1.0)
@@ -51,10 +41,6 @@ def test_what_an_earlier_run_left_is_not_of_this_one() -> None:
         assert found.tick[0] >= began_tick
         assert found.counter[0] >= 100  # numbered on all the same
         assert found.dropped.max() == 0
-
-
-def test_the_safe_state_ends_the_stream_and_what_was_buffered_can_be_read() -> None:
-    with tagger_bench(period_ps=SLOW_PS) as bench:
         bench.stream()
         bench.clock.sleep(0.5)
         bench.tagger.make_safe()
@@ -62,21 +48,6 @@ def test_the_safe_state_ends_the_stream_and_what_was_buffered_can_be_read() -> N
         assert len(Blocks(bench.tagger.read_stream(10**8)).counter) in (50, 51)
         bench.clock.sleep(1.0)
         assert bench.tagger.read_stream(10**8) == b""
-
-
-@pytest.mark.parametrize("size", [24_032, 100_000, 1_000_000])
-def test_no_more_than_asked_for(size: int) -> None:
-    with tagger_bench() as bench:
-        bench.stream()
-        bench.clock.sleep(1.0)
-        stream = b""
-        while chunk := bench.tagger.read_stream(size):
-            assert len(chunk) <= size
-            stream += chunk
-            if len(stream) > 2_000_000:
-                break
-        assert Blocks(stream).counts.bad == 0
-        assert bench.tagger.read_stream(24_031) == b""  # no block may fit
 
 
 def test_a_reader_inside_every_call_takes_no_reply_of_theirs() -> None:
@@ -131,35 +102,6 @@ def test_a_mute_tagger_costs_little_time_and_its_stream_goes_on_afterwards() -> 
         assert bench.tagger.drain_errors() == []
 
 
-def test_a_tagger_that_hangs_costs_little_time() -> None:
-    with tagger_bench(period_ps=SLOW_PS) as bench:
-        bench.stream()
-        bench.faults.hang = True
-        for _ in range(3):
-            began_ns = bench.clock.now_ns()
-            with pytest.raises(InstrumentError):
-                bench.tagger.read_stream(10**7)
-            assert bench.clock.now_ns() - began_ns < 1.5 * NS
-        bench.faults.hang = False
-        assert len(Blocks(bench.collect(1.0, every_s=0.5)).counter) > 50
-
-
-def test_a_late_block_is_not_taken_for_a_later_one() -> None:
-    with tagger_bench(period_ps=SLOW_PS) as bench:
-        bench.stream()
-        stream = bench.collect(0.5, every_s=0.1)
-        bench.faults.late_s, bench.faults.late_replies = 1.2, 1
-        bench.clock.sleep(0.1)
-        with pytest.raises(InstrumentError):
-            bench.tagger.read_stream(10**7)
-        stream += bench.collect(2.0, every_s=0.1)
-        found = Blocks(stream)
-        assert found.counts.bad == 0
-        assert np.all(np.diff(found.counter) > 0)
-        assert found.counts.lost == found.counter[-1] - found.counter[0] + 1 - len(found.counter) > 0
-        assert bench.tagger.events_lost() == 0  # they were lost on the way, not in the instrument
-
-
 @pytest.mark.parametrize("replies", [1, 3])
 def test_damaged_blocks_are_left_to_the_checksum(replies: int) -> None:
     with tagger_bench(period_ps=SLOW_PS) as bench:
@@ -194,20 +136,268 @@ def test_power_that_was_gone_leaves_a_silent_stream_until_it_is_started_again() 
         assert len(Blocks(bench.collect(0.5)).counter) >= 50
 
 
-def test_the_words_of_the_bench_stay_within_a_second() -> None:
-    """Stop, configure and start on the bus: less than the pause between two blocks of different clocks may be."""
-    with tagger_bench() as bench:
-        bench.stream()
-        began_ns = bench.clock.now_ns()
-        bench.tagger.stop()
-        bench.stream(20e6)
-        assert bench.clock.now_ns() - began_ns < 0.2 * NS
+class ServedTagger:
+    """Served bench, its edges and a driver on it."""
+
+    def __init__(self, served: Served) -> None:
+        self.served = served
+        self.edges = Edges(PERIOD_PS, served.world.clock.now_ns())
+        wire(served.world, self.edges)
+        self.tagger = self.driver(served.open("tagger"))
+
+    def driver(self, resource: object) -> PendulumCnt91:
+        clock = self.served.world.clock
+        return PendulumCnt91(resource, role="tagger", clock=clock, transcript=lambda *_: None)  # type: ignore[arg-type]
+
+    def collect(self, seconds: float, every_s: float) -> bytes:
+        clock, found = self.served.world.clock, b""
+        end_ns = clock.now_ns() + round(seconds * 1e9)
+        while clock.now_ns() < end_ns:
+            clock.sleep(every_s)
+            found += self.tagger.read_stream(1_000_000)
+        return found
 
 
-def test_the_transcript_has_sizes_and_no_bytes() -> None:
+@pytest.fixture
+def rack() -> Iterator[ServedTagger]:
+    with serve(wiring=station()) as served:
+        yield ServedTagger(served)
+
+
+def test_600_000_edges_a_second_come_whole_through_the_sockets(rack: ServedTagger) -> None:
+    rack.tagger.configure(100e6)
+    rack.tagger.start()
+    stream = rack.collect(1.0, 0.05)
+    rack.tagger.stop()
+    while chunk := rack.tagger.read_stream(1_000_000):
+        stream += chunk
+    found = Blocks(stream)
+    assert rack.tagger.events_lost() == 0
+    assert found.counts.bad == found.counts.lost == found.counts.skipped_bytes == 0
+    np.testing.assert_array_equal(np.diff(found.counter), 1)
+    k = np.arange(len(found.ticks)) + int(np.ceil(found.ticks[0] * 10_000 / PERIOD_PS))
+    np.testing.assert_array_equal(found.ticks, rack.edges.times_ps(k) // 10_000)
+    assert len(found.ticks) > 500_000
+    assert 10 in stream  # line feeds are bytes like any other
+
+
+def test_a_reader_in_another_thread_and_commands_do_not_meet(rack: ServedTagger) -> None:
+    """Stop and start again and again while another thread reads: no block is lost, no reply taken for another."""
+    chunks: list[bytes] = []
+    over, failed = threading.Event(), list[Exception]()
+
+    def read() -> None:
+        try:
+            while not over.wait(0.005):
+                chunks.append(rack.tagger.read_stream(1_000_000))
+        except Exception as error:
+            failed.append(error)
+
+    rack.tagger.configure(100e6)
+    reader = threading.Thread(target=read)
+    reader.start()
+    for clock_Hz in (100e6, 20e6) * 5:
+        rack.tagger.configure(clock_Hz)
+        rack.tagger.start()
+        for _ in range(5):
+            assert rack.tagger.measuring()
+            assert rack.tagger.events_lost() == 0
+    rack.tagger.stop()
+    over.set()
+    reader.join()
+    while chunk := rack.tagger.read_stream(1_000_000):
+        chunks.append(chunk)
+    assert failed == []
+    found = Blocks(b"".join(chunks))
+    assert found.counts.bad == found.counts.lost == found.counts.skipped_bytes == 0
+    np.testing.assert_array_equal(np.diff(found.counter), 1)
+    assert np.count_nonzero(np.diff(found.clock_Hz)) == 9
+
+
+def written(counter: int, tick: int, clock_Hz: int, dropped: int, events: str) -> bytes:
+    """A block out of the words of frames/time_tags.yaml; the checksum is another library's."""
+    words = bytes.fromhex(events)
+    size = 4 + 24 + len(words) + 4
+    body = struct.pack("<HIQIIH", size, counter, tick, clock_Hz, dropped, len(words) // 4) + words
+    return bytes.fromhex("a55ac33c") + body + struct.pack("<I", Crc32.calc(body))
+
+
+def add(blocks: TagBlocks, *events: tuple[int, int]) -> None:
+    ticks, flags = zip(*events, strict=True)
+    blocks.add(np.array(ticks, np.int64), np.array(flags, np.uint32))
+
+
+def test_blocks_are_those_written_by_hand() -> None:
+    """At 10 MHz a block has 100,000 ticks. Edges: tick 7 beat up, cosine up; 70,007 pick-off up; 100,006 beat down."""
+    blocks = TagBlocks()
+    blocks.start(10_000_000, 7)
+    add(blocks, (7, 0b011), (70_007, 0b101), (100_006, 0b000))
+    blocks.close_until(100_006)
+    assert blocks.take(1000) == b""
+    blocks.close_until(100_007)
+    expected = bytes.fromhex(
+        "a55ac33c 2c00 00000000 0700000000000000 80969800 00000000 0300"
+        "03000000"  # 0 ticks << 3 | 3
+        "858b0800"  # 70,000 << 3 | 5 = 0x88b85
+        "f8340c00"  # 99,999 << 3 = 0xc34f8
+    )
+    assert blocks.take(1000) == expected + struct.pack("<I", Crc32.calc(expected[4:]))
+    blocks = TagBlocks()
+    blocks.start(10_000_000, 0)
+    add(blocks, (99_999, 1), (100_000, 0))
+    blocks.close_until(400_000)
+    assert blocks.take(10_000) == b"".join(
+        [
+            written(0, 0, 10_000_000, 0, "f9340c00"),
+            written(1, 100_000, 10_000_000, 0, "00000000"),
+            written(2, 200_000, 10_000_000, 0, ""),
+            written(3, 300_000, 10_000_000, 0, ""),
+        ]
+    )
+    blocks = TagBlocks()
+    blocks.start(10_000_000, 0)
+    blocks.close_until(300_000)  # three of 32 bytes
+    assert [len(blocks.take(size)) for size in (31, 63, 64, 64)] == [0, 32, 64, 0]
+
+
+def test_edges_come_in_any_portions() -> None:
+    rng = np.random.default_rng(17)
+    ticks, flags = np.sort(rng.integers(0, 5_000_000, 20_000)), rng.integers(0, 8, 20_000).astype(np.uint32)
+    streams = []
+    for cuts in ([5_000_000], [*np.sort(rng.integers(0, 5_000_000, 60)).tolist(), 5_000_000]):
+        blocks, begin = TagBlocks(), 0
+        blocks.start(20_000_000, 0)
+        for cut in cuts:
+            end = int(np.searchsorted(ticks, cut))
+            blocks.add(ticks[begin:end], flags[begin:end])
+            blocks.close_until(cut)
+            begin = end
+        streams.append(blocks.take(10**7))
+    assert streams[0] == streams[1]
+    found = Blocks(streams[0])
+    np.testing.assert_array_equal(found.ticks, ticks)
+    np.testing.assert_array_equal(found.words & 7, flags)
+
+
+def test_what_does_not_fit_into_block_or_memory_is_counted() -> None:
+    blocks = TagBlocks()
+    blocks.start(100_000_000, 0)
+    ticks = np.arange(12_500) * 160  # 6,250 in each of two blocks
+    blocks.add(ticks, np.zeros(12_500, np.uint32))
+    blocks.close_until(3_000_000)
+    found = Blocks(blocks.take(10**7))
+    assert found.edges.tolist() == [MOST_EVENTS, MOST_EVENTS, 0]
+    assert found.dropped.tolist() == [250, 500, 500]
+    np.testing.assert_array_equal(found.ticks, [*ticks[:6000], *ticks[6250:12_250]])
+    blocks = TagBlocks()
+    blocks.start(10_000_000, 0)
+    total = MEMORY_BLOCKS + 5
+    blocks.add(np.arange(total) * 100_000, np.ones(total, np.uint32))
+    blocks.close_until(total * 100_000)
+    first = Blocks(blocks.take(10**7))
+    assert len(first.counter) == MEMORY_BLOCKS
+    assert first.dropped[-1] == 0
+    add(blocks, (total * 100_000, 1))
+    blocks.close_until((total + 1) * 100_000)
+    after = Blocks(blocks.take(10**7))
+    assert after.counter.tolist() == [total]
+    assert after.dropped.tolist() == [5] == [blocks.dropped]
+
+
+@pytest.mark.parametrize("clock_Hz", [10_000_000, 20_000_000, 50_000_000, 100_000_000])
+@pytest.mark.parametrize("error_ppm", [0.0, 25.0, -312.5])
+def test_stamps_are_whole_ticks_of_its_own_clock(clock_Hz: int, error_ppm: float) -> None:
+    """Each stamp against exact fractions; the tagger starts where its clock has counted for some milliseconds."""
+    with tagger_bench(period_ps=33_333_331, clock_error_ppm=error_ppm) as bench:
+        bench.stream(float(clock_Hz))
+        found = Blocks(bench.collect(0.5))
+        rate = Fraction(clock_Hz) * (1 + Fraction(error_ppm) / 10**6)
+        first = round(float(found.ticks[0] / rate) * 1e12 / 33_333_331)
+        times_ps = [int(t) for t in bench.edges.times_ps(np.arange(first, first + len(found.ticks)))]
+        np.testing.assert_array_equal(found.ticks, [t * rate // 10**12 for t in times_ps])
+        np.testing.assert_array_equal(found.words & 7, bench.edges.flags(np.arange(first, first + len(found.ticks))))
+        assert set(found.clock_Hz.tolist()) == {clock_Hz}
+        assert set(np.diff(found.tick).tolist()) == {clock_Hz // 100}
+
+
+def test_600_000_edges_a_second_for_seconds_without_a_loss() -> None:
     with tagger_bench() as bench:
         bench.stream()
-        bench.collect(1.0)
-        replies: list[Any] = [line[2] for line in bench.transcript if line[1] == "rx"]
-        assert sum(int(text[1:-7]) for text in replies if text.endswith(" bytes>")) > 2_000_000
-        assert max(map(len, replies)) < 60
+        stream = bench.collect(4.0)
+        found = Blocks(stream)
+        assert bench.tagger.events_lost() == 0
+        first = int(found.ticks[0]) * 10_000 // PERIOD_PS
+        first += int(found.ticks[0]) * 10_000 > first * PERIOD_PS
+        k = np.arange(first, first + len(found.ticks))
+        assert found.ticks[0] * 10_000 <= k[0] * PERIOD_PS < (found.ticks[0] + 1) * 10_000
+        np.testing.assert_array_equal(found.ticks, bench.edges.times_ps(k) // 10_000)
+        np.testing.assert_array_equal(found.words & 7, bench.edges.flags(k))
+        np.testing.assert_array_equal(np.diff(found.counter), 1)
+        assert len(found.ticks) > 4 * 599_000
+        assert found.counts.bad == found.counts.lost == found.counts.skipped_bytes == 0
+
+
+def test_a_reader_who_pauses_a_second_loses_nothing_and_one_who_pauses_ten_is_told() -> None:
+    with tagger_bench() as bench:
+        bench.stream()
+        whole = Blocks(bench.collect(2.0, every_s=2.0))
+        assert (whole.counts.lost, bench.tagger.events_lost()) == (0, 0)
+        bench.clock.sleep(10.0)
+        late = Blocks(bench.tagger.read_stream(10**8) + bench.collect(1.0))
+        gap = np.flatnonzero(np.diff(late.counter) > 1)
+        assert len(gap) == 1
+        missing = int(late.counter[gap[0] + 1] - late.counter[gap[0]] - 1)
+        assert 650 < missing < 720  # ten seconds less the memory
+        assert late.counts.lost == missing
+        lost = int(late.dropped[-1])
+        assert lost == bench.tagger.events_lost()
+        assert late.dropped[gap[0]] == 0
+        assert late.dropped[gap[0] + 1] == lost
+        first, last = (int(late.ticks[at]) * 10_000 / PERIOD_PS for at in (0, -1))
+        assert round(last) - round(first) + 1 == len(late.ticks) + lost  # every edge is there or counted
+
+
+def test_an_idle_tagger_asks_for_no_edge_and_without_comparators_blocks_are_empty() -> None:
+    with tagger_bench() as bench:
+        bench.tagger.configure(100e6)
+        bench.clock.sleep(3600.0)
+        assert bench.edges.asked_ns == []
+        bench.tagger.start()
+        bench.collect(5.0, every_s=2.5)
+        assert len(bench.edges.asked_ns) >= 6
+        assert np.diff([bench.clock.now_ns() - 5 * 10**9, *bench.edges.asked_ns]).max() <= 10**9
+    with tagger_bench() as bench:
+        for name in ("edges_until", "skip_edges", "edges_epoch_ns"):
+            delattr(bench.world, name)
+        bench.stream()
+        found = Blocks(bench.collect(1.0))
+        assert len(found.counter) >= 100
+        assert found.edges.sum() == 0
+
+
+def test_the_instrument_refuses_what_it_cannot_do_and_a_reset_forgets_everything() -> None:
+    with tagger_bench() as bench:
+        bench.tagger.configure(20e6, 0.1014)
+        assert float(bench.tagger.raw("INP2:LEV?") or "") == pytest.approx(0.1025)
+        bench.tagger.start()
+        bench.clock.sleep(0.5)
+        bench.tagger.raw("*RST")
+        assert bench.tagger.raw("STR:DATA? 100000") == "#10"
+        assert not bench.tagger.measuring()
+        assert bench.tagger.raw("INP:COUP?") == "AC"
+        assert int(bench.tagger.raw("STR:CLOC?") or 0) == 10_000_000
+        tagger = bench.tagger
+        tagger.identify()
+        for commands, code in (
+            (["STR:CLOC 30E6"], -222),
+            (["STR:CLOC 1E9"], -222),
+            (["INIT", "INIT"], -213),
+            (["STR:CLOC 2E7"], -221),
+            (["INIT:CONT ON"], -221),
+            (["INP:LEV 5.1"], -222),
+            (["INP2:COUP HF"], -224),
+            (["FETC:ARR? MAX"], -113),
+        ):
+            for command in commands:
+                tagger.bus.write(command, 1.0)
+            assert tagger.drain_errors()[0].startswith(str(code)), commands

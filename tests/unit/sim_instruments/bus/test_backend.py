@@ -13,8 +13,7 @@ import pytest
 import pyvisa
 from pyvisa.constants import AccessModes, StatusCode
 from pyvisa.errors import VisaIOError
-from pyvisa_sim.component import NoResponse
-from pyvisa_sim.devices import Device, Devices
+from pyvisa_sim.devices import Device
 from sim_bench import ADDRESSES, DRIVERS, Bench, open_bench
 
 from sim_instruments.bus.backend import BenchVisaLibrary
@@ -52,20 +51,6 @@ def test_the_test_suite_of_pyvisa_sim_passes_under_bench(tmp_path: Path) -> None
     assert "failed" not in run.stdout
 
 
-def test_internals_of_pyvisa_sim_that_the_backend_builds_on() -> None:
-    device = Device("plain", b";")
-    device.add_eom("GPIB INSTR", "\n", "\r\n")
-    device.add_dialogue("?IDN", "plain")
-    device.add_dialogue("!CAL", NoResponse)
-    devices = Devices()
-    devices.add_device("GPIB0::3::INSTR", device)
-    assert device._response_eom == b"\r\n"
-    assert device._match(b"?IDN") == b"plain"
-    assert device._match(b"nothing") is None
-    assert devices["GPIB0::3::INSTR"] is device
-    assert devices.list_resources() == ("GPIB0::3::INSTR",)
-
-
 def test_simulators_do_not_hide_attributes_of_the_pyvisa_sim_device() -> None:
     plain = {name for name in vars(Device("plain", b";")) if name.startswith("_")}
     plain |= {name for name in vars(Device) if name.startswith("_match")}
@@ -77,27 +62,21 @@ def test_simulators_do_not_hide_attributes_of_the_pyvisa_sim_device() -> None:
             assert isinstance(device._error_queues, dict)
 
 
-def test_every_instrument_answers_at_its_address(bench: Bench) -> None:
+def test_each_instrument_is_at_its_address_and_nowhere_else(bench: Bench) -> None:
     assert set(bench.manager.list_resources()) == set(ADDRESSES.values())
     for role in DRIVERS:
         question = {"dmm": "ID?", "chamber": "IDEN?"}.get(role, "*IDN?")
         assert DRIVERS[role].rpartition("_")[2].upper()[:4] in bench.ask(role, question).upper()
-
-
-def test_library_of_a_world_is_the_backend_and_shows_no_world_id(bench: Bench) -> None:
     assert type(bench.manager.visalib) is BenchVisaLibrary
     assert bench.world.id not in bench["calibrator"].query("*IDN?")
     assert bench["switch"].resource_name == ADDRESSES["switch"]
-
-
-def test_address_without_instrument_and_interface_resource_are_not_found(bench: Bench) -> None:
     for resource in ("GPIB0::29::INSTR", "GPIB0::INTFC"):
         with pytest.raises(VisaIOError) as caught:
             bench.manager.open_resource(resource)
         assert caught.value.error_code == StatusCode.error_resource_not_found
 
 
-def test_closed_world_opens_nothing() -> None:
+def test_what_is_no_open_world_opens_nothing() -> None:
     with open_bench() as bench:
         library = bench.manager.visalib
     manager = pyvisa.ResourceManager(library)
@@ -105,14 +84,11 @@ def test_closed_world_opens_nothing() -> None:
         manager.open_resource(ADDRESSES["switch"])
     assert caught.value.error_code == StatusCode.error_resource_not_found
     manager.close()
-
-
-def test_name_that_is_no_world_and_no_file_is_refused() -> None:
     with pytest.raises(FileNotFoundError):
         pyvisa.ResourceManager("w0@bench")
 
 
-def test_timeout_passes_on_the_clock_of_the_world_and_not_in_reality(bench: Bench) -> None:
+def test_timeouts_and_latencies_pass_on_the_clock_of_the_world(bench: Bench) -> None:
     bench["calibrator"].timeout = 2000
     before_ns, real_s = bench.clock.now_ns(), time.perf_counter()
     with pytest.raises(VisaIOError) as caught:
@@ -120,15 +96,12 @@ def test_timeout_passes_on_the_clock_of_the_world_and_not_in_reality(bench: Benc
     assert caught.value.error_code == StatusCode.error_timeout
     assert bench.clock.now_ns() - before_ns == 2 * NS
     assert time.perf_counter() - real_s < 1.0
-
-
-def test_each_bus_operation_takes_its_latency(bench: Bench) -> None:
     before_ns = bench.clock.now_ns()
     bench.ask("calibrator", "ISR?")
     assert bench.clock.now_ns() - before_ns == 4_000_000
 
 
-def test_serial_poll_shows_message_available_and_errors(bench: Bench) -> None:
+def test_the_serial_poll_shows_messages_errors_and_service_requests(bench: Bench) -> None:
     switch = bench["switch"]
     assert switch.read_stb() == 0
     switch.write(":CLOS (@1!1!11)")
@@ -137,40 +110,32 @@ def test_serial_poll_shows_message_available_and_errors(bench: Bench) -> None:
     assert switch.read_stb() == 16
     assert switch.read() == '-222,"Parameter data out of range"'
     assert switch.read_stb() == 0
-
-
-def test_service_request_bit_follows_the_enable_register(bench: Bench) -> None:
     bench.send("supply", "*CLS", "*SRE 4", "NONSENSE")
     assert bench["supply"].read_stb() == 64 | 4
 
 
-def test_device_clear_empties_input_and_output(bench: Bench) -> None:
+def test_a_stale_reply_is_dropped_and_told(bench: Bench) -> None:
     bench["switch"].write("*IDN?")
     bench["switch"].clear()
     assert bench["switch"].read_stb() == 0
     assert bench.ask("switch", "SYST:ERR?") == '0,"No error"'
-
-
-def test_interrupted_query_drops_the_stale_reply(bench: Bench) -> None:
     bench["supply"].write("*IDN?")
     assert bench.ask("supply", "VOLT?") == "0.00000E+00"
     assert bench.ask("supply", "SYST:ERR?") == '-410,"Query INTERRUPTED"'
-
-
-def test_read_without_question_is_queued_as_unterminated(bench: Bench) -> None:
     with pytest.raises(VisaIOError):
         bench["supply"].read()
     assert bench.ask("supply", "SYST:ERR?") == '-420,"Query UNTERMINATED"'
 
 
-def test_two_queries_in_one_message_give_one_reply(bench: Bench) -> None:
+def test_messages_and_replies_are_joined_and_read_in_parts(bench: Bench) -> None:
+    bench["supply"].send_end = False
+    bench["supply"].write_raw(b"VO")
+    bench["supply"].write_raw(b"LT?\n")
+    assert bench["supply"].read() == "0.00000E+00"
     assert bench.ask("supply", "VOLT 5;CURR 1;VOLT?;CURR?") == "5.00000E+00;1.00000E+00"
     assert bench["supply"].read_stb() == 0
     assert bench.ask("calibrator", "ISR?;FAULT?;*STB?") == "4096;0;0"
     assert bench["calibrator"].read_stb() == 0
-
-
-def test_reply_is_read_in_parts_and_up_to_a_termination_character(bench: Bench) -> None:
     counter = bench["counter"]
     counter.write("*IDN?")
     assert counter.read_bytes(7) == b"Agilent"
@@ -178,13 +143,6 @@ def test_reply_is_read_in_parts_and_up_to_a_termination_character(bench: Bench) 
     counter.read_termination = ","
     counter.write("*IDN?")
     assert [counter.read(), counter.read()] == ["Agilent Technologies", "53230A"]
-
-
-def test_message_ends_with_end_or_line_feed(bench: Bench) -> None:
-    bench["supply"].send_end = False
-    bench["supply"].write_raw(b"VO")
-    bench["supply"].write_raw(b"LT?\n")
-    assert bench["supply"].read() == "0.00000E+00"
 
 
 def test_exclusive_lock_keeps_another_session_out(bench: Bench) -> None:
@@ -208,7 +166,12 @@ def test_exclusive_lock_keeps_another_session_out(bench: Bench) -> None:
     assert caught.value.error_code == StatusCode.error_session_not_locked
 
 
-def test_shared_lock_is_shared_by_key_and_closing_gives_it_back(bench: Bench) -> None:
+def test_a_shared_lock_is_shared_by_key_and_given_back_by_closing(bench: Bench) -> None:
+    holder = bench.manager.open_resource(ADDRESSES["switch"], access_mode=AccessModes.exclusive_lock)
+    with pytest.raises(VisaIOError):
+        bench["switch"].query("*IDN?")
+    holder.close()
+    assert bench.ask("switch", "*IDN?").startswith("KEITHLEY")
     others = [bench.manager.open_resource(ADDRESSES["switch"], read_termination="\n") for _ in range(2)]
     key = bench["switch"].lock(requested_key=None)
     assert others[0].lock(requested_key=key) == key
@@ -217,14 +180,6 @@ def test_shared_lock_is_shared_by_key_and_closing_gives_it_back(bench: Bench) ->
     bench["switch"].close()
     others[0].close()
     assert others[1].query("*IDN?").startswith("KEITHLEY")
-
-
-def test_opening_with_a_lock_takes_it(bench: Bench) -> None:
-    holder = bench.manager.open_resource(ADDRESSES["switch"], access_mode=AccessModes.exclusive_lock)
-    with pytest.raises(VisaIOError):
-        bench["switch"].query("*IDN?")
-    holder.close()
-    assert bench.ask("switch", "*IDN?").startswith("KEITHLEY")
 
 
 def test_pyvisa_sim_devices_still_refuse_what_only_live_ones_can(tmp_path: Path) -> None:

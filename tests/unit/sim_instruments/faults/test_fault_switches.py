@@ -1,15 +1,19 @@
-"""Every fault of the list, in virtual time: its effect through VISA, the serial port or the wires, and its end."""
+"""Every fault of the list, in virtual time: its effect through VISA, the port or the wires, its rate and its end."""
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Iterator
 from itertools import pairwise
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import pyvisa
 import serial
-from fault_schedule import DRAWS, TimedFault, random_schedule, schedule
+from calibrator_trip import trip_calibrator
+from fault_schedule import DRAWS, random_schedule, schedule
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from sim_bench import DRIVERS, Bench, open_bench, station
@@ -18,7 +22,9 @@ from bench.frame import LinkDecoder, load_frame
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputError
 from bench.model.shipped import find_shipped
-from sim_instruments.faults.named import listing
+from sim_instruments.faults.fault import Fault
+from sim_instruments.faults.named import FaultSwitches, listing
+from sim_instruments.faults.switchboard import Faults, LinkFaults
 from sim_instruments.worlds.simulation import open_world, possible_faults
 
 NS = 1_000_000_000
@@ -233,7 +239,7 @@ def test_a_chamber_that_runs_away_is_stopped_by_stop_alone(bench: Bench) -> None
     assert float(world.thermal.air_degC(bench.clock.now_ns())) < air[-1]
 
 
-def test_a_runaway_ends_with_the_fault(bench: Bench) -> None:
+def test_a_runaway_ends_with_its_fault_and_a_chamber_falls_short(bench: Bench) -> None:
     for operation in ("MRMP1,1.0", "SETP1,25", "RUNM"):
         bench.ask("chamber", operation)
     bench.world.switches.switch("chamber_runaway", 2.0)
@@ -241,9 +247,6 @@ def test_a_runaway_ends_with_the_fault(bench: Bench) -> None:
     bench.world.switches.switch("chamber_runaway", "off")
     bench.clock.sleep(7200.0)
     assert float(bench.world.thermal.air_degC(bench.clock.now_ns())) == pytest.approx(25.0, abs=1e-6)
-
-
-def test_a_chamber_falls_short_of_where_it_is_sent(bench: Bench) -> None:
     for operation in ("MRMP1,1.0", "SETP1,30", "RUNM"):
         bench.ask("chamber", operation)
     bench.world.switches.switch("chamber_shortfall", 3)
@@ -286,17 +289,6 @@ def test_mistakes_are_one_clear_error(bench: Bench, words: tuple[Any, ...], code
     assert bench.world.switches.on == []
 
 
-def test_a_schedule_switches_at_its_times(bench: Bench) -> None:
-    bench.clock.sleep(5.0)
-    late = TimedFault(30.0, "drop", "port_a", (0.1,))
-    schedule(bench.world, [late, TimedFault(10.0, "mute", "dmm", for_s=15.0), TimedFault(20.0, "trip")])
-    seen = {}
-    for at_s in (14.0, 16.0, 29.0, 31.0, 36.0):
-        bench.clock.sleep_until_ns(round(at_s * NS))
-        seen[at_s] = list(bench.world.switches.on)
-    assert seen == {14.0: [], 16.0: ["mute dmm"], 29.0: ["mute dmm"], 31.0: [], 36.0: ["drop port_a 0.1"]}
-
-
 def test_a_random_schedule_is_the_same_for_a_seed_and_every_entry_is_possible(bench: Bench) -> None:
     arguments = (36_000.0, tuple(DRIVERS), ("port_a", "port_b"), 60.0)
     entries = random_schedule(7, *arguments)
@@ -309,3 +301,108 @@ def test_a_random_schedule_is_the_same_for_a_seed_and_every_entry_is_possible(be
     bench.world.switches.clear()
     assert bench.world.switches.on == []
     assert not bench.world.faults.link("port_a").active
+
+
+def in_pieces(draw, total: int, sizes: list[int]) -> np.ndarray:
+    parts, at = [], 0
+    while at < total:
+        n = min(sizes[len(parts) % len(sizes)], total - at)
+        parts.append(draw(at, n))
+        at += n
+    return np.concatenate(parts)
+
+
+@pytest.mark.parametrize("sizes", [[1, 1, 3], [7, 100], [4095, 2], [10_000]])
+def test_link_faults_do_not_depend_on_how_the_stream_is_cut(sizes: list[int]) -> None:
+    total = 10_000
+    faults = LinkFaults(5, "port_a", bit_error_rate=1e-4, drop_rate=0.01, duplicate_rate=0.02)
+    assert np.array_equal(in_pieces(faults.copies, total, sizes), faults.copies(0, total))
+    flips = in_pieces(lambda at, n: faults.flips(at, n, 57), total, sizes)
+    assert np.array_equal(flips, faults.flips(0, total, 57))
+
+
+def test_link_faults_have_their_rates_and_are_each_links_own() -> None:
+    n, length = 200_000, 57
+    faults = LinkFaults(6, "port_a", bit_error_rate=1e-4, drop_rate=0.01, duplicate_rate=0.02)
+    copies = faults.copies(0, n)
+    assert (copies == 0).mean() == pytest.approx(0.01, rel=0.1)
+    assert (copies == 2).mean() == pytest.approx(0.02 * 0.99, rel=0.1)
+    bits = np.unpackbits(faults.flips(0, n, length)).sum()
+    assert bits / (n * length * 8) == pytest.approx(1e-4, rel=0.02)
+    a, b, other = (LinkFaults(seed, name, drop_rate=0.5) for seed, name in ((1, "a"), (1, "b"), (2, "a")))
+    assert not np.array_equal(a.copies(0, 1000), b.copies(0, 1000))
+    assert not np.array_equal(a.copies(0, 1000), other.copies(0, 1000))
+    faults = LinkFaults(1, "port_a")
+    assert not faults.active
+    assert np.array_equal(faults.copies(0, 100), np.ones(100))
+    assert not faults.flips(0, 100, 57).any()
+    faults.silent = True
+    assert faults.active
+    assert not faults.copies(0, 100).any()
+
+
+def test_late_reply_is_read_by_the_next_query_unless_cleared() -> None:
+    for clear in (False, True):
+        with open_bench() as bench:
+            faults = bench.world.faults.instrument("supply")
+            faults.late_s, faults.late_replies = 3.0, 1
+            with pytest.raises(VisaIOError):
+                bench.ask("supply", "*IDN?")
+            if clear:
+                bench["supply"].clear()
+            bench["supply"].timeout = 5000
+            assert bench.ask("supply", "VOLT?").startswith("0.0" if clear else "HEWLETT-PACKARD")
+
+
+def test_garbled_replies_are_seeded_and_counted() -> None:
+    replies = []
+    for _ in range(2):
+        with open_bench(seed=3) as bench:
+            bench.world.faults.instrument("supply").garbled_replies = 2
+            replies.append([bench.ask("supply", "VOLT?") for _ in range(3)])
+    assert replies[0] == replies[1]
+    assert "#" in replies[0][0]
+    assert "#" in replies[0][1]
+    assert replies[0][2] == "0.00000E+00"
+
+
+def test_calibrator_trips_at_the_given_time(bench: Bench) -> None:
+    bench.send("switch", ":CLOS (@1!1!1)")
+    bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER")
+    trip_calibrator(bench.world, 100 * NS)
+    bench.clock.sleep_until_ns(99 * NS)
+    assert bench.ask("calibrator", "ISR?") == "4097"
+    bench.clock.sleep_until_ns(101 * NS)
+    assert bench.ask("calibrator", "ISR?") == "4096"
+    assert bench.unit.history[-1] == (100 * NS, 1, bench.world.wiring.leakage_A[0, 0])
+
+
+def test_coming_trip_bounds_the_quiet_time(bench: Bench) -> None:
+    seen = []
+    trip_calibrator(bench.world, 100 * NS)
+    bench.clock.every(40.0, lambda: seen.append(bench.clock.quiet_until_ns()))
+    bench.clock.sleep_until_ns(150 * NS)
+    assert seen == [100 * NS, 100 * NS, 150 * NS]
+
+
+@pytest.mark.parametrize("name", ["clear", "state"])
+def test_clear_and_state_stand_alone(name: str) -> None:
+    with pytest.raises(InputError, match=f"B-SIM-012.*stands alone.*bench sim fault {name}"):
+        FaultSwitches(SimpleNamespace(instruments={}, ports=["port_a"])).switch(name, "x")
+
+
+def test_each_model_does_what_it_declares_under_a_name() -> None:
+    done: list[tuple[str, float]] = []
+    models = {
+        role: SimpleNamespace(
+            named_faults={"jam": Fault("mill", (("RATE", 0.0, 9.0),), "it jams", lambda model, rate: model.jam(rate))},
+            jam=lambda rate, role=role: done.append((role, rate)),
+        )
+        for role in ("coarse", "fine")
+    }
+    models["fine"].named_faults["slip"] = Fault("mill", (), "it slips", lambda _: done.append(("slip", 0.0)))
+    bench = SimpleNamespace(lock=contextlib.nullcontext(), faults=Faults(1), instruments=models, ports=())
+    switches = FaultSwitches(bench)
+    switches.switch("jam", "3")
+    switches.switch("slip")
+    assert done == [("coarse", 3.0), ("fine", 3.0), ("slip", 0.0)]

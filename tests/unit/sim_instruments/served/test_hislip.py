@@ -1,4 +1,4 @@
-"""Simulated instruments over HiSLIP, reached by stock PyVISA with pyvisa-py."""
+"""Simulated instruments over HiSLIP and raw sockets, reached by stock PyVISA with pyvisa-py; late replies."""
 
 from __future__ import annotations
 
@@ -7,14 +7,18 @@ import socket
 import subprocess
 import sys
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from pyvisa_py.common import LOGGER
 from sim_bench import DRIVERS
-from sim_served import RawClient, Served, descriptors, serve, threads
+from sim_served import LIMIT_S, RawClient, Served, descriptors, serve, threads
 
 from bench.model.clock import VirtualClock, WallClock
 from sim_instruments.served.process import InstrumentServers
@@ -63,20 +67,6 @@ def test_port_can_be_chosen_and_a_taken_one_is_an_error_that_leaves_nothing(serv
     again.close()
 
 
-def test_serial_poll_shows_message_available_until_it_is_read_and_errors(served: Served) -> None:
-    supply = served.open("supply")
-    assert supply.read_stb() == 0
-    supply.write("*IDN?")
-    while not supply.read_stb() & 16:
-        pass
-    assert supply.read_stb() == 16
-    assert supply.read().startswith("HEWLETT-PACKARD,6632B")
-    assert supply.read_stb() == 0
-    supply.write("NONSENSE")
-    assert supply.read_stb() == 4
-    assert supply.query("SYST:ERR?") == '-113,"Undefined header"'
-
-
 def test_serial_poll_while_a_reply_is_pending(served: Served) -> None:
     dmm = served.open("dmm")
     for command in ("END ALWAYS", "NPLC 50", "TRIG HOLD"):
@@ -89,14 +79,6 @@ def test_serial_poll_while_a_reply_is_pending(served: Served) -> None:
     assert len(polls) > 2
     assert abs(float(dmm.read())) < 1.0
     assert dmm.read_stb() == 16
-
-
-def test_reply_in_parts_and_its_end(served: Served) -> None:
-    counter = served.open("counter")
-    counter.write("*IDN?")
-    assert counter.read_bytes(7) == b"Agilent"
-    assert counter.read_raw().endswith(b"-35\n")
-    assert counter.query("*IDN?").startswith("Agilent Technologies,53230A")
 
 
 def test_a_small_largest_message_cuts_the_reply(served: Served) -> None:
@@ -114,33 +96,6 @@ def test_a_small_largest_message_cuts_the_reply(served: Served) -> None:
     client.close()
 
 
-def test_device_clear_drops_what_was_said_and_what_was_asked(served: Served) -> None:
-    supply = served.open("supply")
-    served.world.faults.instrument("supply").late_s = 0.2
-    served.world.faults.instrument("supply").late_replies = 1
-    supply.write("*IDN?")
-    supply.clear()
-    assert supply.read_stb() == 0
-    supply.timeout = 400
-    with pytest.raises(VisaIOError) as caught:
-        supply.read()
-    assert caught.value.error_code == StatusCode.error_timeout
-    supply.timeout = 5000
-    assert supply.query("SYST:ERR?") == '+0,"No error"'
-
-
-def test_mute_instrument_times_out_is_polled_and_answers_again(served: Served) -> None:
-    supply = served.open("supply", 200)
-    served.world.faults.instrument("supply").mute = True
-    with pytest.raises(VisaIOError) as caught:
-        supply.query("VOLT?")
-    assert caught.value.error_code == StatusCode.error_timeout
-    assert supply.read_stb() == 0
-    served.world.faults.instrument("supply").mute = False
-    supply.clear()
-    assert supply.query("VOLT?") == "0.00000E+00"
-
-
 def test_hung_instrument_answers_not_even_a_poll_and_its_neighbour_does(served: Served) -> None:
     supply, counter = served.open("supply", 200), served.open("counter")
     served.world.faults.instrument("supply").hang = True
@@ -154,15 +109,6 @@ def test_hung_instrument_answers_not_even_a_poll_and_its_neighbour_does(served: 
         again.query("VOLT?")
     served.world.faults.instrument("supply").hang = False
     assert again.query("VOLT?") == "0.00000E+00"
-
-
-def test_one_instrument_does_not_wait_for_another(served: Served) -> None:
-    slow, quick = served.open("dmm"), served.open("supply")
-    for command in ("END ALWAYS", "NPLC 100", "TRIG HOLD", "TRIG SGL"):
-        slow.write(command)
-    for _ in range(20):
-        assert quick.query("VOLT?") == "0.00000E+00"
-    assert not slow.read_stb() & 128
 
 
 def test_two_sessions_on_one_instrument_share_its_state_and_not_their_replies(served: Served) -> None:
@@ -249,3 +195,196 @@ def test_sessions_that_come_and_go_leave_nothing(served: Served) -> None:
         wait.sleep(0.01)
     assert descriptors() <= before
     assert served.open("supply").query("VOLT?") == "0.00000E+00"
+
+
+IDENTITY = b"HEWLETT-PACKARD,6632B,SIM6632,A.03.01\n"
+
+
+@contextmanager
+def plain(served: Served, role: str = "supply") -> Iterator[socket.socket]:
+    """A plain TCP connection, as netcat makes one."""
+    port = int(served.servers.sockets()[role].split("::")[2])
+    with socket.create_connection(("127.0.0.1", port), timeout=LIMIT_S) as sock:
+        yield sock
+
+
+@pytest.fixture
+def sock(served: Served) -> Iterator[socket.socket]:
+    with plain(served) as opened:
+        yield opened
+
+
+def lines(sock: socket.socket, count: int) -> list[bytes]:
+    received = b""
+    while received.count(b"\n") < count:
+        chunk = sock.recv(4096)
+        if not chunk:
+            break
+        received += chunk
+    return received.splitlines(keepends=True)
+
+
+def test_every_instrument_has_a_port_of_its_own(served: Served) -> None:
+    sockets = served.servers.sockets()
+    assert list(sockets) == list(DRIVERS)
+    assert len(set(sockets.values())) == len(DRIVERS)
+    for role, driver in DRIVERS.items():
+        answer = served.open_socket(role).query({"dmm": "ID?", "chamber": "IDEN?"}.get(role, "*IDN?"))
+        assert driver.rpartition("_")[2].upper()[:4] in answer.upper()
+
+
+def test_commands_sent_at_once_are_answered_in_order(sock: socket.socket) -> None:
+    sock.sendall(b"VOLT 3\nVOLT?\r\n*IDN?\n\nSYST:ERR?\n")
+    assert lines(sock, 3) == [b"3.00000E+00\n", IDENTITY, b'+0,"No error"\n']
+    sock.sendall(b"*IDN?\nVOLT?\nVOLT")
+    sock.shutdown(socket.SHUT_WR)
+    assert lines(sock, 3) == [IDENTITY, b"3.00000E+00\n"]
+
+
+def test_more_commands_than_are_taken_in_advance(served: Served, sock: socket.socket) -> None:
+    served.no_latency()
+    sock.sendall(b"".join(b"*ESE %d;*ESE?\n" % (number % 256) for number in range(2000)))
+    assert lines(sock, 2000) == [b"%d\n" % (number % 256) for number in range(2000)]
+
+
+def test_client_that_goes_in_the_middle_leaves_the_instrument_usable(served: Served) -> None:
+    with plain(served) as sock:
+        sock.sendall(b"*IDN?\nVOLT 19")
+    with plain(served) as sock:
+        sock.sendall(b"VOLT?\nSYST:ERR?\n")
+        assert lines(sock, 2) == [b"0.00000E+00\n", b'+0,"No error"\n']
+
+
+def test_line_without_an_end_closes_the_connection(served: Served, sock: socket.socket) -> None:
+    with pytest.raises(OSError, match=r"reset|pipe"):
+        sock.sendall(bytes(64 << 20))
+    with plain(served) as another:
+        another.sendall(b"*IDN?\n")
+        assert lines(another, 1) == [IDENTITY]
+
+
+def test_late_reply_comes_late_and_a_mute_instrument_says_nothing(served: Served) -> None:
+    supply = served.open_socket("supply", 100)
+    faults = served.world.faults.instrument("supply")
+    faults.late_s, faults.late_replies = 0.3, 1
+    with pytest.raises(VisaIOError) as caught:
+        supply.query("VOLT?")
+    assert caught.value.error_code == StatusCode.error_timeout
+    supply.timeout = 5000
+    assert supply.read() == "0.00000E+00"
+    faults.mute = True
+    supply.timeout = 100
+    with pytest.raises(VisaIOError):
+        supply.query("VOLT?")
+    faults.mute = False
+    supply.timeout = 5000
+    assert supply.query("VOLT?") == "0.00000E+00"
+
+
+def test_hung_instrument_forgets_what_it_is_told(served: Served, sock: socket.socket) -> None:
+    served.world.faults.instrument("supply").hang = True
+    sock.sendall(b"VOLT 9\nVOLT?\n")
+    sock.settimeout(0.2)
+    with pytest.raises(TimeoutError):
+        sock.recv(1)
+    sock.settimeout(LIMIT_S)
+    served.world.faults.instrument("supply").hang = False
+    sock.sendall(b"VOLT?\n")
+    assert lines(sock, 1) == [b"0.00000E+00\n"]
+
+
+def test_lock_over_hislip_keeps_a_raw_socket_waiting(served: Served, sock: socket.socket) -> None:
+    holder = RawClient(served.servers.hislip_port)
+    assert holder.lock() == 1
+    sock.sendall(b"VOLT?\n")
+    sock.settimeout(0.1)
+    with pytest.raises(TimeoutError):
+        sock.recv(1)
+    sock.settimeout(LIMIT_S)
+    holder.close()
+    assert lines(sock, 1) == [b"0.00000E+00\n"]
+
+
+SEED = 4880
+ROLE = "supply"
+
+
+class Questions:
+    """Asks for numbers that change with each question, of an instrument that is late now and then."""
+
+    def __init__(self, served: Served, timeout_s: float, *, late: float) -> None:
+        served.no_latency()
+        self.served, self.timeout_s, self.late = served, timeout_s, late
+        self.rng = np.random.default_rng(SEED)
+        self.faults = served.world.faults.instrument(ROLE)
+        self.session = self._open()
+        self.answers = self.timeouts = self.mismatches = self.broken_clears = 0
+
+    def _open(self) -> Any:
+        return self.served.open(ROLE, round(1000 * self.timeout_s))
+
+    def ask(self, number: int, *, clear: bool) -> None:
+        """Set a register to the number and ask for it, once, with a seeded delay about the timeout."""
+        self.session.write(f"*ESE {number % 256}")
+        self.faults.late_s = float(self.rng.uniform(0.0, 2.5 * self.timeout_s))
+        self.faults.late_replies = int(self.rng.random() < self.late)
+        try:
+            answer = self.session.query("*ESE?")
+        except VisaIOError:
+            self.timeouts += 1
+            if clear:
+                self._recover()
+            return
+        self.answers += 1
+        self.mismatches += answer != str(number % 256)
+
+    def _recover(self) -> None:
+        """Serial poll, take a reply that is there, clear; a clear that finds one more reply needs a new session."""
+        try:
+            if self.session.read_stb() & 16:
+                self.session.read()
+            self.session.clear()
+        except (VisaIOError, OSError, RuntimeError):
+            self.broken_clears += 1
+            self.session.close()
+            self.session = self._open()
+
+
+@pytest.mark.parametrize(
+    ("count", "timeout_s", "late", "timeouts"),
+    [(500, 0.02, 0.5, 50), pytest.param(100_000, 0.004, 0.2, 5_000, marks=pytest.mark.sweep)],
+)
+def test_after_a_timeout_the_next_question_gets_its_own_answer(
+    served: Served, count: int, timeout_s: float, late: float, timeouts: int
+) -> None:
+    questions = Questions(served, timeout_s, late=late)
+    for number in range(count):
+        questions.ask(number, clear=False)
+    print(f"seed {SEED}: {questions.answers} answers, {questions.timeouts} time-outs")
+    assert (questions.mismatches, questions.answers + questions.timeouts) == (0, count)
+    assert questions.timeouts > timeouts
+    assert questions.answers > 100
+
+
+def test_ladder_of_poll_clear_and_repeat_finds_the_way_back(served: Served) -> None:
+    questions = Questions(served, 0.04, late=0.5)
+    for number in range(60):
+        questions.ask(number, clear=True)
+    questions.late = 0.0
+    questions.timeout_s = 5.0
+    questions.session.timeout = 5000
+    before = questions.answers
+    for number in range(60, 80):
+        questions.ask(number, clear=True)
+    assert questions.mismatches == 0
+    assert questions.answers == before + 20
+
+
+@pytest.mark.sweep
+def test_a_thousand_clears(served: Served) -> None:
+    questions = Questions(served, 0.02, late=0.6)
+    for number in range(4_000):
+        questions.ask(number, clear=True)
+    print(f"seed {SEED}: {questions.timeouts} time-outs, {questions.broken_clears} sessions reopened")
+    assert questions.mismatches == 0
+    assert questions.timeouts > 1_000

@@ -33,12 +33,9 @@ def one(served: Served) -> Iterator[RawClient]:
         yield made
 
 
-def test_header_is_the_one_of_the_specification() -> None:
+def test_messages_are_as_specified_and_found_in_pieces_of_any_size() -> None:
     message = Message(7, 1, 0xFFFFFF02, b"*IDN?")
     assert message.packed() == bytes.fromhex("4853 07 01 ffffff02 0000000000000005") + b"*IDN?"
-
-
-def test_messages_are_found_in_pieces_of_any_size() -> None:
     rng = np.random.default_rng(3)
     sent = [Message(int(rng.integers(0, 256)), 1, number, rng.bytes(int(rng.integers(0, 40)))) for number in range(200)]
     stream = b"".join(message.packed() for message in sent)
@@ -68,15 +65,12 @@ def test_reply_carries_the_number_of_its_question(one: RawClient) -> None:
         assert one.sync.hear() == (7, 0, number, IDENTITY)
 
 
-def test_command_in_several_messages(one: RawClient) -> None:
+def test_a_command_comes_in_several_messages_or_ends_with_a_line_feed(one: RawClient) -> None:
     one.sync.say(6, 0, FIRST, b"*I")
     one.sync.say(6, 0, FIRST + 2, b"DN")
     assert one.sync.silent()
     one.sync.say(7, 0, FIRST + 4, b"?")
     assert one.sync.hear() == (7, 0, FIRST + 4, IDENTITY)
-
-
-def test_line_feed_ends_a_command_too(one: RawClient) -> None:
     one.sync.say(6, 0, FIRST, b"*IDN?\n")
     assert one.sync.hear() == (7, 0, FIRST, IDENTITY)
 
@@ -122,7 +116,19 @@ def test_commands_that_have_arrived_come_before_the_poll(one: RawClient) -> None
         assert one.status() == 0, number
 
 
-def test_device_clear_drops_input_output_and_late_replies(served: Served, one: RawClient) -> None:
+def test_a_device_clear_drops_input_output_late_replies_and_what_comes_meanwhile(
+    one: RawClient, served: Served
+) -> None:
+    one.asynchronous.say(19)
+    assert one.asynchronous.hear()[0] == 23
+    one.send(b"VOLT 9", FIRST + 8)
+    one.send(b"*IDN?", FIRST + 10)
+    one.sync.say(8, 1)
+    assert one.sync.hear() == (9, 0, 0, b"")
+    one.send(b"VOLT?", FIRST)
+    assert one.sync.hear() == (7, 0, FIRST, b"0.00000E+00\n")
+    one.sync.say(8)
+    assert one.sync.hear()[:2] == (3, 0)
     faults = served.world.faults.instrument("supply")
     faults.late_s, faults.late_replies = 0.3, 1
     one.sync.say(6, 0, FIRST, b"VOLT 12;")
@@ -134,33 +140,16 @@ def test_device_clear_drops_input_output_and_late_replies(served: Served, one: R
     assert one.sync.silent(0.5)
 
 
-def test_during_device_clear_what_arrives_is_thrown_away(one: RawClient) -> None:
-    one.asynchronous.say(19)
-    assert one.asynchronous.hear()[0] == 23
-    one.send(b"VOLT 9", FIRST + 8)
-    one.send(b"*IDN?", FIRST + 10)
-    one.sync.say(8, 1)
-    assert one.sync.hear() == (9, 0, 0, b"")
-    one.send(b"VOLT?", FIRST)
-    assert one.sync.hear() == (7, 0, FIRST, b"0.00000E+00\n")
-    one.sync.say(8)
-    assert one.sync.hear()[:2] == (3, 0)
-
-
-def test_trigger_reaches_the_instrument_and_its_reading_carries_the_number() -> None:
+def test_a_meter_is_triggered_by_message_and_its_reply_has_no_end() -> None:
     with serve() as served, client(served, b"hislip2") as one:
+        one.send(b"ID?", FIRST)
+        assert one.sync.hear() == (6, 0, FIRST, b"HP3458A\r\n")
         for number, command in enumerate((b"END ALWAYS", b"NPLC 1", b"TRIG HOLD")):
             one.send(command, FIRST + 2 * number)
         one.sync.say(12, 0, 0x42)
         kind, _, number, reading = one.sync.hear()
         assert (kind, number) == (7, 0x42)
         float(reading)
-
-
-def test_reply_without_end_is_data_only() -> None:
-    with serve() as served, client(served, b"hislip2") as one:
-        one.send(b"ID?", FIRST)
-        assert one.sync.hear() == (6, 0, FIRST, b"HP3458A\r\n")
 
 
 @pytest.mark.parametrize("control", range(7))
@@ -185,9 +174,6 @@ def test_messages_that_are_refused_leave_the_session_open(one: RawClient) -> Non
     one.sync.say(3, 0, 0, b"the client did not like something")
     one.send(b"*IDN?", FIRST)
     assert one.sync.hear() == (7, 0, FIRST, IDENTITY)
-
-
-def test_message_that_grows_too_large_is_refused_and_forgotten(one: RawClient) -> None:
     for _ in range(2):
         one.sync.say(6, 0, FIRST, b"x" * 600_000)
     assert one.sync.hear()[:2] == (3, 4)
@@ -205,7 +191,7 @@ def test_bad_header_ends_the_session_on_both_channels(served: Served, one: RawCl
         assert another.status() == 0
 
 
-def test_fatal_errors_of_the_beginning(served: Served) -> None:
+def test_fatal_errors_end_the_session(served: Served) -> None:
     port = served.servers.hislip_port
     for kind, payload, reason in (
         (7, b"*IDN?", 3),
@@ -226,9 +212,6 @@ def test_fatal_errors_of_the_beginning(served: Served) -> None:
     assert half.hear()[:2] == (2, 2)
     assert half.ended()
     half.sock.close()
-
-
-def test_second_initialization_and_wrong_size_of_a_size_end_the_session(served: Served) -> None:
     for kind, payload, reason in ((0, b"hislip6", 3), (17, b"", 3), (15, b"1234", 1)):
         with client(served) as one:
             one.asynchronous.say(kind, 0, 0, payload)

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 import serial
-from sim_bench import Bench, open_bench, station
+from sim_bench import Bench, open_bench
 
-from bench.model.clock import NS, VirtualClock, WallClock
+from bench.model.clock import NS, WallClock
 from bench.model.errors import InputError, InputErrors
 from bench.model.shipped import find_shipped
 from bench.plan import check_plan, compile_sequence, load_station
@@ -24,8 +24,7 @@ from sim_instruments.faults.switchboard import LinkFaults
 from sim_instruments.served.control_socket import ControlSocket
 from sim_instruments.served.process import OutputWatch
 from sim_instruments.served.pty_links import PtyLink
-from sim_instruments.worlds.common.thermal import AIR_LAG_S, UNIT_LAG_S, Thermal
-from sim_instruments.worlds.simulation import open_world
+from sim_instruments.worlds.common.thermal import UNIT_LAG_S, Thermal
 
 TODAY = date(2031, 5, 7)
 
@@ -110,22 +109,6 @@ def test_who_does_not_read_loses_what_the_terminal_cannot_hold(line: tuple[Line,
         port.reset_input_buffer()
         give(world, link, b"x" * 9)
         assert b"x" * 9 in port.read(100_000)
-
-
-def test_an_unplugged_terminal_comes_back_as_another_one(line: tuple[Line, PtyLink]) -> None:
-    world, link = line
-    with serial.Serial(str(link.path), timeout=0.1) as port:
-        world.link("port_a").unplug(True)
-        give(world, link, b"lost")
-        assert not link.path.is_symlink()
-        with pytest.raises(serial.SerialException):
-            port.read(1)
-        world.link("port_a").unplug(False)
-        link.pump()
-        with serial.Serial(str(link.path), timeout=0.1) as again:
-            give(world, link, b"new")
-            assert again.read(3) == b"new"
-    assert link.lost_bytes == 4
 
 
 @pytest.fixture
@@ -269,15 +252,6 @@ def test_bus_times_are_those_of_the_station(tmp_path: Path) -> None:
     assert "B-PLAN-060" in {error.code for error in check_plan(plan)}
 
 
-@pytest.mark.parametrize("name", ["scale_factor_wall", "scale_factor_wall_30s"])
-def test_the_wall_sequences_pass_on_the_rack(name: str) -> None:
-    plan = compile_sequence(find_shipped("sequences", name))
-    assert plan.station_name == "af_rack_sim"
-    assert check_plan(plan) == []
-    total_s = plan.prepare_s + plan.duration_s + plan.finally_s
-    assert total_s < (600.0 if name == "scale_factor_wall" else 45.0)
-
-
 def test_a_clock_with_a_rate() -> None:
     clock, real = WallClock(rate=50.0), WallClock()
     seen: list[int] = []
@@ -310,17 +284,6 @@ def test_time_constants_divide_every_lag(factor: float) -> None:
         assert float(fast.unit_degC(t_ns[1])) == pytest.approx(float(slow.unit_degC(t_ns[0])), abs=1e-6)
 
 
-def test_a_runaway_rises_from_where_the_air_is() -> None:
-    thermal = Thermal()
-    thermal.ramp(28.0, 1.0, 0)
-    before = float(thermal.air_degC(200 * NS))
-    thermal.run_away(2.0, 200 * NS)
-    assert float(thermal.air_degC(200 * NS)) == pytest.approx(before)
-    assert float(thermal.air_degC(260 * NS)) == pytest.approx(before + 2.0)
-    assert thermal.unit_moment(round((200 + 40 * UNIT_LAG_S) * NS))[1] == pytest.approx(2.0 / 60.0)
-    assert AIR_LAG_S == 120.0
-
-
 def test_the_calibrator_settles_as_fast_as_the_world_is() -> None:
     with open_bench(options={"time_constants": "100"}) as bench:
         bench.send("switch", ":CLOS (@1!1!1)")
@@ -328,36 +291,3 @@ def test_the_calibrator_settles_as_fast_as_the_world_is() -> None:
         assert bench.ask("calibrator", "ISR?") == "1"
         bench.clock.sleep(0.06)
         assert bench.ask("calibrator", "ISR?") == "4097"
-
-
-@pytest.mark.parametrize("value", ["0", "0.5", "1001", "nan", "on"])
-def test_impossible_time_constants_b_sim_002(value: str) -> None:
-    with pytest.raises(InputError) as caught:
-        open_world("af_converter", clock=VirtualClock(), seed=1, station=station(), options={"time_constants": value})
-    assert caught.value.code == "B-SIM-002"
-    assert "from 1 to 1000" in str(caught.value)
-
-
-def test_a_second_instrument_of_a_model_is_another_one() -> None:
-    entries = station()
-    second = {
-        "function_generator_2": ("agilent_33250a", "B"), "counter_2": ("agilent_53230a", "B"),
-        "aux_supply_2": ("agilent_e3631a", "B"), "rail_dmm_2": ("agilent_34401a", "B"),
-    }  # fmt: skip
-    for number, (role, (driver, serial_number)) in enumerate(second.items(), 20):
-        entries["instruments"][role] = {
-            "driver": driver, "resource": f"GPIB0::{number}::INSTR", "options": {}, "serial": serial_number,
-        }  # fmt: skip
-    with_unit = open_world("af_converter", clock=VirtualClock(), seed=1, station=entries)
-    with open_bench() as alone:
-        for role in ("function_generator", "rail_dmm", "counter", "aux_supply"):
-            first, other = with_unit.instruments[role], with_unit.instruments[f"{role}_2"]
-            assert vars(first).get("_gain") is None or str(vars(first)["_gain"]) != str(vars(other)["_gain"])
-            assert str(vars(first).get("_gain")) == str(vars(alone.world.instruments[role]).get("_gain"))
-            assert first.is_first
-            assert not other.is_first
-    generator, counter = with_unit.instruments["function_generator_2"], with_unit.instruments["counter_2"]
-    assert generator.identity.split(",")[2] == "B"
-    assert generator.error_ppm != with_unit.instruments["function_generator"].error_ppm
-    assert counter.partner(type(generator)) is generator
-    with_unit.close()

@@ -1,26 +1,26 @@
-"""The hysteresis of the simulated bias: the play operator, what drives it, and that the past stays as it was."""
+"""What is true of a simulated unit: its random walk, and the hysteresis of its bias, what drives it, its past."""
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
-from ngu_counts import count_windows
 from sim_bench import station
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
+from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.block import BlockFactory
-from sim_instruments.worlds.af_converter.constants import KINDS
-from sim_instruments.worlds.af_converter.gates import Drive, GateMachine
+from sim_instruments.worlds.af_converter.constants import CHANNELS, WALK_A_RTH
 from sim_instruments.worlds.af_converter.ngu import Ngu
 from sim_instruments.worlds.af_converter.truth import estimates
-from sim_instruments.worlds.af_converter.unit_constants import NguTruth
+from sim_instruments.worlds.af_converter.unit_constants import BiasWalk, NguTruth
 from sim_instruments.worlds.common.thermal import Thermal, follow, play_after
 from sim_instruments.worlds.simulation import open_world
 
 NUMBERS = np.arange(1, 11)
-K0_C = np.array([kind.k0_C for kind in KINDS])
 BRANCHES = (("hold_start", 2), ("up", 10), ("hold_top", 1), ("down", 10), ("hold_end", 2))  # hours
 RAMP_START_S = 30_000
 
@@ -80,7 +80,7 @@ def test_offset_against_the_definition_on_a_fine_grid() -> None:
     assert all(np.abs(np.array(at_degC) - degC).min() < 1e-6 for degC in turning)
 
 
-def test_what_is_commanded_later_leaves_the_past() -> None:
+def test_commands_leave_the_past_and_rates_are_derivatives() -> None:
     thermal = ramped()
     now_ns = (RAMP_START_S + 48_000) * NS  # the unit has just turned at the top and will not again by itself
     t_ns = np.linspace(0, now_ns, 997).astype(np.int64)
@@ -90,9 +90,6 @@ def test_what_is_commanded_later_leaves_the_past() -> None:
     np.testing.assert_array_equal(thermal.play_offset_degC(t_ns, 2.5), before)
     assert thermal.turns_degC(now_ns)[: len(turns)] == turns
     assert thermal.turns_degC(now_ns + 7200 * NS) != turns
-
-
-def test_the_rate_is_the_derivative() -> None:
     thermal = ramped()
     for t_s in (300, 2000, 9000, 40_000, 77_500, 90_000):
         slope = (thermal.unit_degC((t_s + 1) * NS) - thermal.unit_degC((t_s - 1) * NS)) / 2
@@ -101,7 +98,7 @@ def test_the_rate_is_the_derivative() -> None:
         assert rate_degC_s == pytest.approx(slope, abs=1e-8)
 
 
-def test_the_drawn_loops_are_as_designed() -> None:
+def test_loops_and_curves_are_drawn_as_designed() -> None:
     truths = [NguTruth(seed) for seed in range(100)]
     width_nA = np.abs([truth.hysteresis_A for truth in truths]) * 1e9
     half_width = np.array([truth.half_width_degC for truth in truths])
@@ -109,6 +106,11 @@ def test_the_drawn_loops_are_as_designed() -> None:
         assert 0.8 * nA <= width_nA[:, kind].min() < 0.85 * nA < 1.15 * nA < width_nA[:, kind].max() <= 1.2 * nA
         assert 0.8 * degC <= half_width[:, kind].min() < half_width[:, kind].max() <= 1.2 * degC
     assert 400 < sum((truth.hysteresis_A > 0).sum() for truth in truths) < 600
+    for seed in range(20):
+        for number in NUMBERS.tolist():
+            square, cube = (NguTruth(seed).bias_tc_A(number, order) * 1e9 for order in (2, 3))
+            assert 0.5 < abs(square) * 30**2 < 6.0
+            assert 0.5 < abs(cube) * 30**3 < 4.0
 
 
 def test_falling_minus_rising_is_the_width_and_the_centre_is_the_cubic() -> None:
@@ -121,21 +123,10 @@ def test_falling_minus_rising_is_the_width_and_the_centre_is_the_cubic() -> None
         assert falling_A - rising_A == pytest.approx(truth.hysteresis_A[number - 1], rel=1e-9)
         curve = [truth.bias_tc_A(number, order) for order in range(4)]
         assert (falling_A + rising_A) / 2 == pytest.approx(np.polynomial.polynomial.polyval(3.0, curve), rel=1e-12)
-
-
-def test_all_channels_at_once_are_the_channels_one_by_one() -> None:
     truth, offset = NguTruth(5), np.linspace(-3.0, 3.0, 10)
     np.testing.assert_allclose(
         truth.all_bias_A(33.0, 777.0, offset), truth.bias_A(NUMBERS, 33.0, 777.0, offset), rtol=1e-14
     )
-
-
-def test_the_curve_bends_by_a_few_nA_over_the_range() -> None:
-    for seed in range(20):
-        for number in NUMBERS.tolist():
-            square, cube = (NguTruth(seed).bias_tc_A(number, order) * 1e9 for order in (2, 3))
-            assert 0.5 < abs(square) * 30**2 < 6.0
-            assert 0.5 < abs(cube) * 30**3 < 4.0
 
 
 def test_hysteresis_can_be_switched_off() -> None:
@@ -166,32 +157,6 @@ def test_ten_seconds_at_once_are_ten_seconds_of_small_steps() -> None:
             offset = thermal.play_offset_degC(t_ns, truth.half_width_degC[number - 1])
             mean_A = truth.bias_A(number, unit_degC, t_ns / NS, offset).mean()
             assert abs(block.bias_A[number - 1] - mean_A) < 5e-12
-
-
-def test_records_on_a_ramp_have_the_counts_of_their_frames() -> None:
-    """Contiguous windows across the turn at the top, noise off: charge of the frames against the one-step counts."""
-    truth, thermal = NguTruth(6, {"noise": "off", "master_error_ppm": "0"}), ramped()
-    start_s, m = RAMP_START_S + 46_000, 50
-    machine = GateMachine(BlockFactory(truth, thermal.unit, start_s * NS, 0), Drive())
-    rows = machine.run((start_s + 100 * m) * NS + NS // 100)
-    frames = {
-        name: np.concatenate([getattr(part, name) for part in rows], axis=1)[:, : m * 10_000] for name in ("npp", "ppp")
-    }
-    middle_ns = (start_s + 50 + 100 * np.arange(m)) * NS
-    offset = np.stack([thermal.play_offset_degC(middle_ns, r) for r in truth.half_width_degC], axis=1)
-    counts = count_windows(
-        truth,
-        np.zeros((m, 10)),
-        start_s + 100.0 * np.arange(m),
-        thermal.unit_degC(middle_ns),
-        play_offset_degC=offset,
-        settle_s=0.0,
-    )
-    for name in ("npp", "ppp"):
-        windows = frames[name].reshape(10, m, 10_000).sum(axis=2, dtype=np.int64).T
-        # two pulses for the first charge and the clock edges, and 0.05 nA in the mean of 50 windows
-        limit = 2 + 0.05e-9 * 100 * m / K0_C
-        assert (np.abs(windows.sum(axis=0) - getattr(counts, name).sum(axis=0)) <= limit).all()
 
 
 @pytest.mark.parametrize("pause_s", [0.7, 37.0, 400.0])
@@ -252,9 +217,111 @@ def test_truth_of_a_bias_campaign() -> None:
     units = {e["quantity"]: e["unit"] for e in found}
     assert (units["bias_tc1"], units["bias_tc3"]) == ("A/degC", "A/degC3")
     assert units["master_clock_error_tc2"] == "ppm/degC2"
-
-
-def test_a_unit_without_hysteresis_has_no_half_width() -> None:
     found = estimates(NguTruth(3, {"hysteresis": "off"}), ramped(), bias_campaign_windows())
     assert {e["value"] for e in found if e["quantity"] == "hysteresis_width"} == {0.0}
     assert not [e for e in found if e["quantity"] == "play_half_width"]
+
+
+ALL = np.arange(CHANNELS)
+BLOCK_s = 40_960.0  # 4,096 steps of 10 s
+TIMES_s = np.array([0.0, 3.3, 10.0, 20_000.0, BLOCK_s - 10.0, BLOCK_s - 4.2, BLOCK_s, BLOCK_s + 5.0, 136_800.0])
+
+
+def test_errors_spread_as_designed():
+    drawn = np.array(
+        [[NguTruth(seed).dsf_n_ppm(NUMBERS, 20.0), NguTruth(seed).dsf_p_ppm(NUMBERS, 20.0)] for seed in range(200)]
+    )
+    assert abs(drawn.mean()) < 4 * 400 / np.sqrt(drawn.size)
+    assert drawn.std() == pytest.approx(400, rel=0.05)
+    assert abs(np.corrcoef(drawn[:, 0].ravel(), drawn[:, 1].ravel())[0, 1]) < 0.1
+    degC = np.linspace(-12, 52, 33)[:, None]
+    for seed in range(100):
+        bias_A = NguTruth(seed).bias_A(NUMBERS, degC, 70_000.0)
+        assert (bias_A[:, :6] > 200e-9).all()
+        assert (bias_A[:, 6:] < -180e-9).all()
+    hours = 38.0
+    walked_A = [
+        NguTruth(s).bias_A(NUMBERS, 20.0, hours * 3600) - NguTruth(s).bias_A(NUMBERS, 20.0, 0.0) for s in range(60)
+    ]
+    assert np.std(walked_A) == pytest.approx(0.3e-9 * np.sqrt(hours), rel=0.1)
+
+
+def test_a_unit_is_a_function_of_its_seed_and_comes_back_with_other_noise():
+    first, same, other = NguTruth(5), NguTruth(5), NguTruth(6)
+    at = (NUMBERS, 31.5, 80_000.0)
+    np.testing.assert_array_equal(first.bias_A(*at), same.bias_A(*at))
+    assert (first.bias_A(*at) != other.bias_A(*at)).all()
+    first, second = NguTruth(1, {"unit_seed": "5"}), NguTruth(2, {"unit_seed": "5", "check_standard": "7:9"})
+    channels = np.array([1, 2, 3, 4, 5, 6, 8, 9, 10])
+    np.testing.assert_array_equal(first.dsf_n_ppm(channels, 40.0), second.dsf_n_ppm(channels, 40.0))
+    assert first.master_ppm(40.0) == second.master_ppm(40.0) == NguTruth(5).master_ppm(40.0)
+    assert first.bias_A(1, 40.0, 3600.0) != second.bias_A(1, 40.0, 3600.0)
+    assert first.bias_tc_A(1, 0) == second.bias_tc_A(1, 0)
+    assert second.dsf_p_ppm(7, 40.0) == NguTruth(9).dsf_p_ppm(7, 40.0) != first.dsf_p_ppm(7, 40.0)
+    assert second.hysteresis_A[6] == NguTruth(9).hysteresis_A[6]
+
+
+def test_coefficients_are_the_derivatives_of_the_error():
+    truth = NguTruth(8)
+    for polarity, error in (("n", truth.dsf_n_ppm), ("p", truth.dsf_p_ppm)):
+        tc1, tc2 = truth.tc_ppm(4, polarity, 25.0)
+        above, at, below = (float(error(4, t)) for t in (35.0, 25.0, 15.0))
+        assert tc1 == pytest.approx((above - below) / 20.0)
+        assert tc2 == pytest.approx((above - 2 * at + below) / 200.0)
+        assert 5.0 < abs(truth.tc_ppm(4, polarity)[0]) < 11.0
+
+
+def test_options_replace_the_clock_errors_and_switch_the_noise_off():
+    truth = NguTruth(
+        1, {"master_error_ppm": "-50", "af_clock_error_ppm": "50", "noise": "off", "calibrator_gain": "on"}
+    )
+    assert float(truth.master_error_ppm(20.0)) == -50.0
+    assert truth.af_clock_error_ppm == 50.0
+    assert truth.bias_A(1, 20.0, 0.0) == truth.bias_A(1, 20.0, 100_000.0)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"noise": "maybe"}, {"master_error_ppm": "fast"}, {"af_clock_error_ppm": "1e9"}, {"master_error_ppm": "nan"},
+     {"unit_seed": "-1"}, {"check_standard": "11:3"}, {"check_standard": "7"}],
+)  # fmt: skip
+def test_a_bad_option_is_refused(options):
+    with pytest.raises(InputError) as caught:
+        NguTruth(1, options)
+    assert caught.value.code == "B-NGU-001"
+    assert next(iter(options)) in str(caught.value)
+
+
+def whole_walk_A(seed: int, blocks: int) -> np.ndarray:
+    """All steps one after the other, kept."""
+    steps = [generator(seed, "ngu bias walk", block).standard_normal((4096, CHANNELS)) for block in range(blocks)]
+    walk = np.zeros((0, CHANNELS))
+    for one in steps:
+        start = walk[-1] if len(walk) else 0.0
+        walk = np.concatenate((walk, np.cumsum(one * (WALK_A_RTH * np.sqrt(10.0 / 3600.0)), axis=0) + start))
+    return walk
+
+
+def test_it_is_the_walk_of_all_steps_bit_for_bit_in_any_order() -> None:
+    steps, walk = whole_walk_A(7, 4), BiasWalk(7)
+    for step in (0, 1, 4094, 4095, 4096, 8191, 8192, 13_000):
+        assert np.array_equal(walk.at(ALL, step * 10.0), steps[step]), step
+    half = walk.at(ALL, BLOCK_s - 5.0)
+    assert half == pytest.approx((steps[4095] + steps[4096]) / 2, rel=1e-12)
+    together = BiasWalk(3).at(ALL, TIMES_s[:, None])
+    assert together.shape == (TIMES_s.size, CHANNELS)
+    walk = BiasWalk(3)
+    for place in (8, 0, 6, 5, 4, 7, 3, 2, 1, 8):
+        assert np.array_equal(walk.at(ALL, TIMES_s[place]), together[place]), TIMES_s[place]
+    assert np.array_equal(BiasWalk(3).at(np.array(4), TIMES_s), together[:, 4])
+
+
+def test_memory_does_not_grow_with_the_campaign() -> None:
+    walk = BiasWalk(1)
+    walk.at(ALL, 0.0)
+    tracemalloc.start()
+    walk.at(ALL, 10.0 * BLOCK_s)
+    walk.at(ALL, 0.0)
+    held_KiB = tracemalloc.get_traced_memory()[0] / 1024
+    tracemalloc.stop()
+    assert held_KiB < 340  # one block of 4,097 steps is 320 KiB, the values between the blocks 2 KiB

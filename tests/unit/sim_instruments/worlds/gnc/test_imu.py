@@ -1,26 +1,42 @@
-"""The simulated sensors of a module: errors, ranges, power, and their noise over short and long times."""
+"""The body's motion, and the simulated sensors of a module: errors, ranges, power, noise, fields."""
 
 from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
 
 import allantools
 import numpy as np
 import pytest
-from gnc_sensor_bench import IDEAL, QUIET, Table, at, module, posed, times_ns, trapezoid, turning
+from gnc_sensor_bench import (
+    IDEAL,
+    MOUNTINGS,
+    QUIET,
+    Formula,
+    Table,
+    at,
+    body_to_local,
+    module,
+    posed,
+    times_ns,
+    trapezoid,
+    turning,
+)
 from scipy import stats
+from scipy.spatial.transform import Rotation
 
 from bench.model.clock import NS
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.common.sensor_noise import SlowNoise, WhiteNoise
 from sim_instruments.worlds.gnc.imu import GncImu, ImuOptions
 from sim_instruments.worlds.gnc.imu_errors import ImuErrors, Triad
+from sim_instruments.worlds.gnc.magnetometer import EarthField, Magnetometer
 
 UNITS = [ImuErrors(9, f"GNC-{number:03d}", ImuOptions()) for number in range(300)]
-UP = {"+x": (-90, 0), "-x": (90, 0), "+y": (0, 90), "-y": (0, -90), "+z": (0, 0), "-z": (0, 180)}  # middle, inner
-COLD = 10**12  # a time long before any power-on
 STAMPS = times_ns(500.0)
 
 
-def test_draws_of_many_units() -> None:
+def test_units_are_drawn_by_seed_and_serial_in_their_classes() -> None:
     """The classes of the page: 1 % scale, 0.3 % cross terms that are not symmetric, 0.1 deg/s, 10 mg."""
     gyro = np.array([unit.gyro.sensitivity for unit in UNITS])
     rows, columns = np.nonzero(~np.eye(3, dtype=bool))
@@ -38,9 +54,6 @@ def test_draws_of_many_units() -> None:
     assert 8.8 < ten_seconds_deg_h.max() <= 9.1
     fine = np.array([ImuErrors(9, str(n), ImuOptions(imu_class="table_3")).accel.sensitivity for n in range(100)])
     assert np.abs(fine[:, rows, columns]).max() < 0.001
-
-
-def test_serial_and_seed_make_the_unit() -> None:
     again, other = (ImuErrors(9, serial, ImuOptions()) for serial in ("GNC-001", "GNC-1"))
     assert np.array_equal(again.gyro.sensitivity, UNITS[1].gyro.sensitivity)
     assert not np.array_equal(other.gyro.sensitivity, UNITS[1].gyro.sensitivity)
@@ -48,36 +61,6 @@ def test_serial_and_seed_make_the_unit() -> None:
     assert np.array_equal(ideal.accel.sensitivity, np.eye(3))
     assert not ideal.gyro.bias.any()
     assert np.array_equal(ideal.gyro.white, again.gyro.white)  # its noise stays
-
-
-def test_six_positions_show_the_accelerometer() -> None:
-    """N = S (a + b), by least squares over six poses of a quiet unit; written here, from nothing of the fits."""
-    inputs, indicated = [], []
-    for up, (middle, inner) in UP.items():
-        unit = module(posed(0, middle, inner), QUIET)
-        sign = 1.0 if up[0] == "+" else -1.0
-        inputs.append([*(sign * 9.7969 / 9.80665 * np.eye(3)["xyz".index(up[1])]), 1.0])
-        indicated.append(unit.readings(np.array([COLD])).accel_g[0])
-    found = np.linalg.lstsq(np.array(inputs), np.array(indicated), rcond=None)[0]
-    expected = sensitivity_at(unit.errors.accel, 23.0)
-    matrix = found[:3].T
-    assert matrix == pytest.approx(expected, abs=1e-12)
-    assert np.linalg.solve(expected, found[3]) == pytest.approx(bias_at(unit.errors.accel, 23.0), abs=1e-12)
-
-
-def test_turns_show_the_gyroscope() -> None:
-    """Column j of S is half the difference of the sums of both senses about axis j, per degree: earth and bias go."""
-    found = np.empty((3, 3))
-    for axis, mounting in enumerate("xyz"):
-        sums = []
-        for turn in (1080.0, -1080.0):
-            table = Table((at(90.0), at(-34.2), trapezoid(1.003, turn, 270.0, 270.0)), mounting)
-            unit = module(table, QUIET)
-            sums.append(unit.readings(times_ns(15.3)).gyro_deg_s.sum(axis=0) * 0.005)
-        found[:, axis] = (sums[0] - sums[1]) / 2160.0
-    expected = sensitivity_at(unit.errors.gyro, 23.0)
-    assert found == pytest.approx(expected, abs=1e-9)
-    assert np.abs(expected - expected.T).max() > 1e-3
 
 
 def sensitivity_at(triad: Triad, degC: float) -> np.ndarray:
@@ -93,7 +76,7 @@ def bias_at(triad: Triad, degC: float) -> np.ndarray:
     return triad.bias + (degC - 25.0) * triad.bias_per_degC
 
 
-def test_rounding() -> None:
+def test_counts_are_rounded_and_end_at_their_range() -> None:
     """Counts are the nearest of 0.005 deg/s, 1 mg, 120 microgauss and 0.01 degC."""
     unit = module(Table(), ImuOptions())
     stamps = times_ns(10.0)
@@ -107,10 +90,7 @@ def test_rounding() -> None:
         assert raw.dtype == np.int64
         assert np.abs(raw * lsb - exact).max() <= lsb / 2 * (1 + 1e-9)
         assert len(np.unique(raw)) > 3  # the noise moves every sensor over several steps
-
-
-def test_saturation() -> None:
-    """Beyond 400 deg/s, 50 g and 6 gauss nothing more is told."""
+    # beyond 400 deg/s, 50 g and 6 gauss nothing more is told
     fast = module(Table((at(0), at(0), turning(500.0))), IDEAL).sample(times_ns(1.0))
     assert set(fast.gyro[:, 0]) == {80_000}
     back = module(Table((at(0), at(0), turning(-400.1))), IDEAL).sample(times_ns(1.0))
@@ -215,7 +195,7 @@ def test_white_noise_of_any_rate(step_ns: int) -> None:
     assert np.unique(drawn).size == 50_000
 
 
-def test_slow_noise_is_a_gauss_markov_process() -> None:
+def test_slow_noise_is_a_gauss_markov_process_from_the_first_power_on() -> None:
     """Standard deviation and correlation after one correlation time, over 4,000 of them."""
     slow = SlowNoise(1, "test", np.array([2.0, 0.5]), np.array([20.0, 50.0]))
     seconds = np.arange(200_000)
@@ -226,20 +206,17 @@ def test_slow_noise_is_a_gauss_markov_process() -> None:
         assert np.corrcoef(one[:-time_s], one[time_s:])[0, 1] == pytest.approx(np.exp(-1), abs=0.06)
     between = slow.at(seconds[5:50] * NS + NS // 4)
     assert between == pytest.approx(values[5:50] + (values[6:51] - values[5:50]) / 4, rel=1e-12)
-
-
-def test_slow_noise_is_stationary_from_the_start() -> None:
     first = [SlowNoise(seed, "test", np.ones(3), np.full(3, 300.0)).at(np.array([0]))[0] for seed in range(300)]
     assert np.std(first) == pytest.approx(1.0, rel=0.1)
-
-
-def test_order_of_asking_changes_nothing() -> None:
-    """Across the borders of blocks (1,024 s) and chunks, forwards, backwards and one by one."""
-    slow = SlowNoise(2, "test", np.ones(2), np.array([10.0, 1000.0]))
-    places = np.array([0, 1, 1_023_400_000_000, 1_024 * NS, 1_024 * NS + 1, 5_000 * NS], np.int64)
-    together = SlowNoise(2, "test", np.ones(2), np.array([10.0, 1000.0])).at(places)
-    for index in (5, 0, 3, 2, 4, 1, 5):
-        assert np.array_equal(slow.at(places[index : index + 1])[0], together[index])
+    # a bench whose clock has run for a year is no slower, and its unit walks as after a second
+    year, drifts = 31_536_000 * NS, []
+    for begin_ns in (NS, year):
+        unit = GncImu(4, "GNC-01")
+        unit.power.on(begin_ns)
+        stamps = begin_ns + np.arange(0, 3600, 60) * NS
+        drifts.append(unit.gyro_bias_deg_s(stamps))
+    assert drifts[0] == pytest.approx(drifts[1], rel=1e-9)
+    assert np.ptp(drifts[0]) > 1e-4
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -255,18 +232,6 @@ def test_samples_do_not_depend_on_the_calls(seed: int) -> None:
         joined = np.concatenate([getattr(drawn[place], name) for place in range(len(pieces))])
         assert np.array_equal(joined, getattr(whole, name)), name
     assert unit.sample(stamps[:0]).gyro.shape == (0, 3)
-
-
-def test_slow_noise_begins_with_the_first_power_on() -> None:
-    """A bench whose clock has run for a year is no slower, and its unit walks as after a second."""
-    year, drifts = 31_536_000 * NS, []
-    for begin_ns in (NS, year):
-        unit = GncImu(4, "GNC-01")
-        unit.power.on(begin_ns)
-        stamps = begin_ns + np.arange(0, 3600, 60) * NS
-        drifts.append(unit.gyro_bias_deg_s(stamps))
-    assert drifts[0] == pytest.approx(drifts[1], rel=1e-9)
-    assert np.ptp(drifts[0]) > 1e-4
 
 
 def test_units_seeds_and_axes_are_strangers() -> None:
@@ -298,3 +263,206 @@ def test_noise_of_a_slower_stream() -> None:
     fast = unit.readings(times_ns(200.0)).gyro_deg_s
     slow = unit.readings(times_ns(200.0, rate_hz=50.0), 20_000_000).gyro_deg_s
     assert slow.std(axis=0) == pytest.approx(fast.std(axis=0) / 2, rel=0.03)
+
+
+ONE = np.array([NS], np.int64)
+TURN = Table((at(90.0), at(0), turning(0.05)), "z")  # z north, a turn in 7,200 s: 0.01 deg for each of 36,000 samples
+ONCE = np.arange(720_000, dtype=np.int64)[::20] * (NS // 100)
+
+
+def test_the_field_and_its_noise_are_as_stated() -> None:
+    """0.43 gauss, 55 degrees below the horizon, 4 degrees west of north."""
+    east, north, up = EarthField().local_gauss
+    assert np.hypot(np.hypot(east, north), up) == pytest.approx(0.43, rel=1e-12)
+    assert np.rad2deg(np.arctan2(-up, np.hypot(east, north))) == pytest.approx(55.0)
+    assert np.rad2deg(np.arctan2(east, north)) == pytest.approx(-4.0)
+    noise = module(posed(0, 0, 0), ImuOptions()).readings(times_ns(200.0)).mag_gauss.std(axis=0)
+    assert noise == pytest.approx([0.5e-3] * 3, rel=0.02)
+
+
+@pytest.mark.parametrize("mounting", ["x", "y", "z"])
+def test_an_ideal_sensor_shows_it_in_body_axes(mounting: str) -> None:
+    for outer, middle, inner in np.random.default_rng(3).uniform(-180, 180, (30, 3)):
+        table = posed(outer, middle, inner, mounting)
+        expected = body_to_local(table, ONE, Site())[0].inv().apply(EarthField().local_gauss)
+        assert module(table, IDEAL).readings(ONE).mag_gauss[0] == pytest.approx(expected, abs=1e-14)
+
+
+@pytest.mark.parametrize("serial", ["GNC-01", "GNC-02", "GNC-03"])
+def test_what_a_turn_about_z_shows(serial: str) -> None:
+    """Centre, ratio of the sizes, x at the largest y, and the roll after correction, of 36,000 points of the turn."""
+    unit = module(TURN, QUIET, serial)
+    seen, true = unit.readings(ONCE).mag_gauss, module(TURN, IDEAL).readings(ONCE).mag_gauss
+    plane = unit.magnetometer.in_plane(np.hypot(true[0, 0], true[0, 1]), true[:, 2].mean())
+    high, low = seen.max(axis=0), seen.min(axis=0)
+    assert (high + low)[:2] / 2 == pytest.approx(plane.offset_gauss, abs=1e-8)
+    assert (high - low)[0] / (high - low)[1] == pytest.approx(plane.gain, rel=1e-7)
+    x, y = seen[:, 0] - plane.offset_gauss[0], (seen[:, 1] - plane.offset_gauss[1]) * plane.gain
+    sin_alpha = x[np.argmax(y)] / y.max()
+    assert np.rad2deg(np.arcsin(sin_alpha)) == pytest.approx(plane.angle_deg, abs=0.01)  # a step of the turn
+    sin_alpha = np.sin(np.deg2rad(plane.angle_deg))
+    corrected = (x - y * sin_alpha) / np.cos(np.deg2rad(plane.angle_deg)) + 1j * y
+    assert np.abs(corrected) == pytest.approx(np.full(ONCE.size, plane.radius_gauss), rel=1e-12)  # a circle
+    shift_deg = np.rad2deg(np.angle((true[:, 0] + 1j * true[:, 1]) / corrected))  # roll is minus the angle of x, y
+    assert shift_deg == pytest.approx(np.full(ONCE.size, plane.roll_deg), abs=1e-9)
+
+
+def test_draws_of_many_units() -> None:
+    """Gains of 3 %, 1 to 2 degrees between the axes, 0.1 gauss of offset; soft iron turns the roll by tenths."""
+    planes = [Magnetometer(2, f"GNC-{number}").in_plane(0.35, 0.2) for number in range(400)]
+    assert np.std([plane.gain for plane in planes]) == pytest.approx(0.042, rel=0.12)
+    angles = np.abs([plane.angle_deg for plane in planes])
+    assert np.mean(angles) == pytest.approx(1.5, abs=0.1)
+    assert 0.4 < angles.min() < angles.max() < 2.6
+    assert np.std([plane.offset_gauss for plane in planes]) == pytest.approx(0.1, rel=0.1)
+    assert 0.05 < np.std([plane.roll_deg for plane in planes]) < 0.2
+    ideal = Magnetometer(2, "GNC-0", errors=False)
+    assert np.array_equal(ideal.matrix, np.eye(3))
+    assert not ideal.offset_gauss.any()
+
+
+def test_the_turntable_makes_it_wrong() -> None:
+    """Its iron turns with the unit: the centre of the ellipse is off by more than a tenth of the field."""
+    wrong, right = (module(Table(TURN.motion, "z", table), QUIET) for table in ("turntable", "non_magnetic"))
+    middles, sizes = [], []
+    for unit in (wrong, right):
+        seen = unit.readings(ONCE).mag_gauss
+        middles.append((seen.max(axis=0) + seen.min(axis=0))[:2] / 2)
+        sizes.append((seen.max(axis=0) - seen.min(axis=0))[:2])
+    assert np.hypot(*(middles[0] - middles[1])) > 0.043
+    gains = [one[0] / one[1] for one in sizes]
+    assert abs(gains[0] / gains[1] - 1) > 0.01
+    bench = module(Table(TURN.motion, "z", "bench"), QUIET).readings(ONCE[:5]).mag_gauss
+    assert np.array_equal(bench, right.readings(ONCE[:5]).mag_gauss)
+
+
+EARTH_DEG_S = 360.0 / 86_164.0905  # by the length of the sidereal day
+SITE = Site(latitude_deg=34.2, gravity_m_s2=9.7969, azimuth_deg=71.0)
+
+
+def still(
+    outer: float, middle: float, inner: float, mounting: str = "x", site: Site = SITE
+) -> tuple[np.ndarray, np.ndarray]:
+    read = module(posed(outer, middle, inner, mounting), site=site).readings(ONE)
+    return read.gyro_deg_s[0], read.accel_g[0]
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_earth_and_gravity_in_a_hundred_poses(mounting: str) -> None:
+    rng = np.random.default_rng(1)
+    latitude = np.deg2rad(SITE.latitude_deg)
+    earth = EARTH_DEG_S * np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    for outer, middle, inner in rng.uniform(-720.0, 720.0, (100, 3)):
+        attitude = body_to_local(posed(outer, middle, inner, mounting), ONE, SITE)[0]
+        rate, force = still(outer, middle, inner, mounting)
+        assert rate == pytest.approx(attitude.inv().apply(earth), rel=0, abs=2e-9)
+        assert force == pytest.approx(attitude.inv().apply([0, 0, 9.7969 / 9.80665]), rel=0, abs=1e-13)
+
+
+def test_closed_forms() -> None:
+    rate, force = still(0, 0, 0, site=Site(90.0, 9.80665, 0.0))  # at the pole, level
+    assert rate == pytest.approx([0, 0, EARTH_DEG_S], rel=1e-6, abs=1e-17)
+    assert force == pytest.approx([0, 0, 1], abs=1e-16)
+    rate, _ = still(0, 0, 0, site=Site(0.0, 9.78, 0.0))  # at the equator, inner axis to the north
+    assert rate == pytest.approx([EARTH_DEG_S, 0, 0], rel=1e-6, abs=1e-17)
+    rate, _ = still(0, 0, 0, site=Site(0.0, 9.78, 90.0))  # inner axis to the east, table y to the north
+    assert rate == pytest.approx([0, EARTH_DEG_S, 0], rel=1e-6, abs=1e-17)
+    _, force = still(33.0, -90.0, 0)  # x up
+    assert force == pytest.approx([9.7969 / 9.80665, 0, 0], abs=1e-15)
+    _, force = still(33.0, 0, 90.0)  # y up
+    assert force == pytest.approx([0, 9.7969 / 9.80665, 0], abs=1e-15)
+
+
+def wild(mounting: str) -> Table:
+    outer = Formula(lambda t_s: 40.0 * t_s + 25.0 * np.sin(2.1 * t_s))
+    middle = Formula(lambda t_s: 60.0 * np.sin(1.3 * t_s + 0.4))
+    return Table((outer, middle, Formula(lambda t_s: -120.0 * t_s + 80.0 * np.cos(1.7 * t_s))), mounting)
+
+
+def mean_rate_deg_s(attitude: Callable[[np.ndarray], Rotation], stamps: np.ndarray) -> np.ndarray:
+    """Mean body rate over each sample from the attitudes at fifty steps of 0.1 ms."""
+    steps = [attitude(stamps - 5_000_000 + 100_000 * step) for step in range(51)]
+    turns = [(one.inv() * other).as_rotvec() for one, other in itertools.pairwise(steps)]
+    return np.rad2deg(np.sum(turns, axis=0)) / 0.005
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_all_axes_moving(mounting: str) -> None:
+    """The rate against the difference of scipy's attitudes over each sample; Earth does not turn here."""
+    table, stamps = wild(mounting), times_ns(4.0, first_s=1.0)
+    read = module(table, site=Site(latitude_deg=90.0, azimuth_deg=20.0)).readings(stamps)
+    expected = mean_rate_deg_s(lambda t_ns: body_to_local(table, t_ns, Site(azimuth_deg=20.0)), stamps)
+    middle = body_to_local(table, stamps - 2_500_000, Site(azimuth_deg=20.0))
+    earth = middle.inv().apply([0, 0, EARTH_DEG_S])
+    assert np.abs(read.gyro_deg_s - earth - expected).max() < 3e-6
+    assert np.abs(read.gyro_deg_s).max() > 200.0
+    assert np.abs(read.accel_g - middle.inv().apply([0, 0, 9.7969 / 9.80665])).max() < 4e-5  # mean against middle
+
+
+def test_tilt_turns_the_body_with_its_rate() -> None:
+    """A tilt of 1 arcmin that wobbles with the angles, as a rotation vector handed to scipy."""
+    options = ImuOptions(errors=False, noise=False, tilt_arcmin=1.0)
+    table, stamps = wild("x"), times_ns(4.0, first_s=1.0)
+    unit = module(table, options, site=Site(azimuth_deg=20.0))
+    tilt = unit.errors.tilt("x")
+    assert tilt is not None
+
+    def attitude(t_ns: np.ndarray) -> Rotation:
+        angles = np.stack([axis.angle_deg(t_ns) for axis in table.motion], axis=1)
+        return body_to_local(table, t_ns, Site(azimuth_deg=20.0)) * Rotation.from_rotvec(tilt.rad(angles))
+
+    latitude = np.deg2rad(34.2)
+    earth = attitude(stamps - 2_500_000).inv().apply(EARTH_DEG_S * np.array([0, np.cos(latitude), np.sin(latitude)]))
+    expected = mean_rate_deg_s(attitude, stamps)
+    read = unit.readings(stamps)
+    assert np.abs(read.gyro_deg_s - earth - expected).max() < 1e-4  # the tilt is kept to its first order
+    assert (
+        np.abs(module(table, site=Site(azimuth_deg=20.0)).readings(stamps).gyro_deg_s - earth - expected).max() > 0.03
+    )
+
+
+def test_size_of_the_tilt() -> None:
+    """1 arcmin RMS about each axis over mountings and poses."""
+    poses = np.random.default_rng(2).uniform(-180, 180, (50, 3))
+    options = ImuOptions(tilt_arcmin=1.0)
+    tilts = [ImuErrors(5, f"GNC-{unit}", options).tilt("xyz"[unit % 3]).rad(poses) for unit in range(300)]
+    rms_arcmin = np.rad2deg(np.sqrt(np.mean(np.square(tilts), axis=(0, 1)))) * 60
+    assert rms_arcmin == pytest.approx([1, 1, 1], rel=0.08)
+    assert ImuErrors(5, "GNC-1", ImuOptions()).tilt("x") is None
+
+
+@pytest.mark.parametrize("turn_deg", [1080.0, -1080.0])
+@pytest.mark.parametrize("start_s", [1.0, 1.00237])
+def test_the_sum_of_the_samples_is_the_turn(turn_deg: float, start_s: float) -> None:
+    """Corners of the trapezoid between samples cost nothing: a sample is the mean over its interval.
+
+    The inner axis points east, where Earth's rate has no component.
+    """
+    table = Table((at(0), at(0), trapezoid(start_s, turn_deg, 270.0, 270.0)))
+    read = module(table, IDEAL).readings(times_ns(15.3))
+    assert read.gyro_deg_s[:, 0].sum() * 0.005 == pytest.approx(turn_deg, rel=1e-9)
+    slow = module(table, IDEAL).readings(times_ns(15.3, rate_hz=10.0), 100_000_000)
+    assert slow.gyro_deg_s[:, 0].sum() * 0.1 == pytest.approx(turn_deg, rel=1e-9)
+
+
+def test_a_long_interval_is_no_coarser_inside() -> None:
+    """Samples of 100 ms are the means of twenty of 5 ms, all axes moving."""
+    table = wild("y")
+    fine = module(table).readings(times_ns(3.0))
+    coarse = module(table).readings(times_ns(3.0, rate_hz=10.0), 100_000_000)
+    assert coarse.gyro_deg_s == pytest.approx(fine.gyro_deg_s.reshape(30, 20, 3).mean(axis=1), abs=1e-9)
+    assert coarse.accel_g == pytest.approx(fine.accel_g.reshape(30, 20, 3).mean(axis=1), abs=1e-12)
+
+
+def test_lever_arm() -> None:
+    """10 mm beside the axis at 300 deg/s: omega squared r inward; a change of rate pushes along the circle."""
+    options = ImuOptions(errors=False, noise=False, lever_arm_m=(0.5, 0.01, 0.0))
+    stamps = times_ns(1.0)
+    spinning = Table((at(0), at(0), turning(300.0)))
+    extra = module(spinning, options).readings(stamps).accel_g - module(spinning).readings(stamps).accel_g
+    assert extra == pytest.approx(
+        np.tile([0, -(np.deg2rad(300) ** 2) * 0.01 / 9.80665, 0], (200, 1)), rel=1e-6, abs=1e-9
+    )
+    speeding = Table((at(0), at(0), Formula(lambda t_s: 50.0 * t_s**2)))
+    extra = module(speeding, options).readings(stamps).accel_g - module(speeding).readings(stamps).accel_g
+    assert extra[:, 2] == pytest.approx(np.full(200, np.deg2rad(100) * 0.01 / 9.80665), rel=1e-4)

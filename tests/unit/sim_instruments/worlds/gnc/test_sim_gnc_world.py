@@ -1,4 +1,4 @@
-"""The simulated GNC bench: what a person does at it, its modules, their faults: each fails its unit tests."""
+"""The simulated GNC bench: what a person does at it, its modules, their memories, their faults."""
 
 from __future__ import annotations
 
@@ -10,15 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gnc_judge import ITEMS, failed_items
-from gnc_rig import DMM, STATION, STREAM, SUPPLY, frames_in, open_host
+from gnc_rig import DMM, STREAM, SUPPLY, frames_in, open_host
 
-from bench.model.clock import VirtualClock
-from bench.model.errors import InputError
-from bench.model.installed import offers
 from bench.model.ports import RecordWindow
 from sim_instruments.worlds.gnc.magnetometer import Correction
-from sim_instruments.worlds.gnc.options import FAULTS, parse_faults
-from sim_instruments.worlds.simulation import open_world, options_of
+from sim_instruments.worlds.gnc.options import FAULTS
+from sim_instruments.worlds.gnc.processor import SECTOR, SIZE, Memories, ModuleDraws, Operation, Region, pattern_of
 
 TABLE = Path(__file__).resolve().parents[5] / "docs" / "gnc-faults.md"
 ROW = re.compile(r"^\| (\d+) \| `(\w+)` \| (.+) \| ([\w, ]+) \|$", re.MULTILINE)
@@ -59,29 +56,21 @@ def test_a_module_is_a_function_of_seed_and_serial():
     assert len(set(found.values())) == 4
 
 
-def test_the_mounting_decides_which_axis_feels_gravity():
+def test_the_mounting_decides_which_axis_feels_gravity_from_the_act_on():
     with open_host(options={"imu_errors": "off", "noise": "off"}) as host:
         felt = {}
-        for axis in ("x", "y", "z"):
+        for axis in ("y", "z", "x"):
             host.world.operate("mounting", axis)
             host.clock.sleep(1)
             felt[axis] = [round(value / 100_000) for value in imu_means(host)[3:]]
-    assert felt == {"x": [0, 0, 1], "y": [1, 0, 0], "z": [0, 1, 0]}
-
-
-def test_samples_before_an_act_do_not_know_of_it():
-    with open_host(options={"imu_errors": "off", "noise": "off"}) as host:
         host.ask(0x20, "BHI", 7, 200, 0)
         host.clock.sleep(10)
         host.world.operate("mounting", "y")
         host.clock.sleep(10)
-        rows = np.array([row[8] for row in _rows(host.read())])
-    assert rows[:1990].min() > 990
-    assert abs(rows[2010:]).max() < 10
-
-
-def _rows(received):
-    return [struct.unpack("<2IB9ih", f.payload) for f in frames_in(received) if f.kind == STREAM]
+        along_z = np.array([struct.unpack("<2IB9ih", f.payload)[8] for f in frames_in(host.read()) if f.kind == STREAM])
+    assert felt == {"x": [0, 0, 1], "y": [1, 0, 0], "z": [0, 1, 0]}
+    assert along_z[:1990].min() > 990
+    assert abs(along_z[2010:]).max() < 10
 
 
 def test_the_table_disturbs_the_magnetometer_but_a_non_magnetic_one_does_not():
@@ -93,31 +82,6 @@ def test_the_table_disturbs_the_magnetometer_but_a_non_magnetic_one_does_not():
             read[table] = struct.unpack("<4h", host.ask(0x30)[1])[1:]
     assert np.abs(np.subtract(read["bench"], read["non_magnetic"])).max() < 40
     assert np.abs(np.subtract(read["bench"], read["turntable"])).max() > 200
-
-
-@pytest.mark.parametrize(
-    ("name", "value", "code"),
-    [
-        ("chamber", 1, "B-SIM-018"),
-        ("unit", "", "B-SIM-019"),
-        ("unit", "x" * 13, "B-SIM-019"),
-        ("unit", "Größe", "B-SIM-019"),
-        ("dip_switch", 6, "B-SIM-019"),
-        ("dip_switch", "1.5", "B-SIM-019"),
-        ("mounting", "w", "B-SIM-019"),
-        ("table", "wood", "B-SIM-019"),
-    ],
-)
-def test_what_a_person_cannot_do_is_refused(name, value, code):
-    with open_host(on=False) as host, pytest.raises(InputError, match=code):
-        host.world.operate(name, value)
-
-
-def test_nobody_operates_the_other_bench():
-    world = open_world("af_converter", clock=VirtualClock(), seed=1, station={"instruments": {}})
-    with pytest.raises(InputError, match="B-SIM-018"):
-        world.operate("unit", "X")
-    world.close()
 
 
 def test_a_dip_switch_may_be_written_as_a_whole_number_of_any_kind():
@@ -145,21 +109,6 @@ def test_supply_and_meter_see_the_module():
         host.clock.sleep(2)
         assert host.exchange(0x01) is None
         assert float(supply.query("MEAS:CURR?")) == pytest.approx(0.0, abs=2e-3)
-
-
-@pytest.mark.parametrize(
-    "options", [{"hysteresis": "on"}, {"noise": "yes"}, {"tilt_arcmin": "61"}, {"tilt_arcmin": "-1"}]
-)
-def test_options_that_are_none_of_this_world_are_refused(options):
-    with pytest.raises(InputError, match="B-SIM-002"):
-        open_world("gnc_module", clock=VirtualClock(), seed=1, station=STATION, options=options)
-
-
-def test_every_world_tells_its_options():
-    assert set(options_of("gnc_module")) == {"imu_errors", "noise", "tilt_arcmin", "faults"}
-    assert "calibrator_gain" in options_of("af_converter")
-    worlds = {offer.name for offer in offers("worlds")}
-    assert worlds == {"af_converter", "gnc_module", "fog_north", "plain_unit", "ring_laser", "time_sync"}
 
 
 def test_truth_is_told_by_unit():
@@ -205,10 +154,11 @@ def test_roll_over_the_link_uses_the_correction_that_was_set():
         assert struct.unpack("<4h", host.ask(0x30)[1])[1:] == tuple(plain), "without power it is forgotten"
 
 
-@pytest.mark.parametrize("name", FAULTS)
-def test_a_fault_fails_exactly_its_tests(name):
-    with open_host(3, "GNC-02", on=False, options={"faults": f"GNC-01=sci_silent,GNC-02={name}"}) as host:
-        assert failed_items(host)[0] == set(FAULTS[name].fails)
+@pytest.mark.parametrize("names", [*FAULTS, "gps_silent+io_open"])
+def test_faults_fail_exactly_their_tests(names):
+    """One of each kind, and two at once."""
+    with open_host(3, "GNC-02", on=False, options={"faults": f"GNC-01=sci_silent,GNC-02={names}"}) as host:
+        assert failed_items(host)[0] == {item for name in names.split("+") for item in FAULTS[name].fails}
 
 
 def test_the_table_of_the_documentation_is_the_one_of_the_code():
@@ -222,11 +172,6 @@ def test_the_table_of_the_documentation_is_the_one_of_the_code():
     assert len({fault.code for fault in FAULTS.values()}) == len(FAULTS)
 
 
-def test_two_faults_at_once_fail_the_tests_of_both():
-    with open_host(3, "A", on=False, options={"faults": "A=gps_silent+io_open"}) as host:
-        assert failed_items(host)[0] == {"gps", "io", "spi"}
-
-
 @pytest.mark.parametrize("name", ["cpu_carry", "gps_silent", "spi_lost_clock"])
 def test_a_fault_can_be_switched_on_by_a_command(name):
     with open_host(3) as host:
@@ -234,22 +179,13 @@ def test_a_fault_can_be_switched_on_by_a_command(name):
         assert failed_items(host)[0] == set(FAULTS[name].fails)
 
 
-def sound_modules_pass(seeds):
-    for seed in seeds:
-        serial = f"GNC-{seed:03}"
-        with open_host(seed, serial, on=False) as host:
+@pytest.mark.parametrize("modules", [8, pytest.param(200, marks=pytest.mark.sweep)])
+def test_a_module_without_faults_passes_and_takes_its_time(modules):
+    for seed in range(modules):
+        with open_host(seed, f"GNC-{seed:03}", on=False, options={"faults": "none"}) as host:
             failed, duration_s = failed_items(host)
         assert not failed, (seed, failed)
         assert 8.0 <= duration_s <= 9.0, (seed, duration_s)  # the rest up to 10 s is left to boot and controller
-
-
-def test_a_module_without_faults_passes_and_takes_its_time():
-    sound_modules_pass(range(8))
-
-
-@pytest.mark.sweep
-def test_two_hundred_modules_without_faults_pass():
-    sound_modules_pass(range(200))
 
 
 def test_a_module_passes_again_and_again():
@@ -260,20 +196,98 @@ def test_a_module_passes_again_and_again():
         assert failed_items(host)[0] == set()
 
 
-@pytest.mark.parametrize("text", ["GNC-01", "GNC-01=", "=cpu_carry", "GNC-01=cpu_cary", "GNC-01=cpu_carry+"])
-def test_an_option_that_cannot_be_read_is_refused(text):
-    with pytest.raises(InputError, match="B-SIM-002"):
-        parse_faults(text)
-    with pytest.raises(InputError, match="B-SIM-002"):
-        open_world("gnc_module", clock=None, seed=1, station={}, options={"faults": text})
+WORDS = SECTOR // 4
 
 
-@pytest.mark.parametrize("text", ["", "none"])
-def test_no_faults(text):
-    assert parse_faults(text) == {}
+def memories(*faults, seed=1, serial="GNC-01"):
+    return Memories(ModuleDraws(seed, serial), set(faults))
 
 
-def test_the_nearest_fault_is_named():
-    with pytest.raises(InputError) as caught:
-        parse_faults("GNC-01=flash_week_cell")
-    assert "'flash_weak_cell'" in str(caught.value.next_step)
+def prepared(memory, region, pattern=2, length=SECTOR):
+    memory.do(region, Operation.ERASE, 0, 0, length)
+    memory.do(region, Operation.PROGRAM, pattern, 0, length)
+    return memory.do(region, Operation.VERIFY, pattern, 0, length)
+
+
+def test_patterns_reach_the_end_of_a_memory():
+    words = np.array([0, 1, 1024])
+    assert [hex(v) for v in pattern_of(0, words)] == ["0x55555555"] * 3
+    assert [hex(v) for v in pattern_of(1, words)] == ["0xaaaaaaaa"] * 3
+    assert list(pattern_of(2, words)) == [0, 4, 4096]
+    memory = memories()
+    for region, operation in ((Region.RAM, Operation.WRITE_READ), (Region.SPI_FLASH, Operation.ERASE)):
+        assert memory.do(region, operation, 2, SIZE[region] - 4, 4).checked == 1
+
+
+@pytest.mark.parametrize("region", [Region.SPI_FLASH, Region.INTERNAL_FLASH])
+def test_flash_is_not_blank_until_it_is_erased_and_holds_what_is_programmed(region):
+    memory = memories()
+    assert memory.do(region, Operation.BLANK_CHECK, 0, 0, SECTOR).wrong > 0.99 * WORDS
+    memory.do(region, Operation.ERASE, 0, 0, SECTOR)
+    assert memory.do(region, Operation.BLANK_CHECK, 0, 0, SECTOR).wrong == 0
+    assert memory.do(region, Operation.BLANK_CHECK, 0, SECTOR, 4).wrong == 1, "only what was erased is blank"
+    assert prepared(memory, region).wrong == 0
+    assert memory.erases[region] == 2
+
+
+def test_flash_is_programmed_to_zeros_and_erased_by_sectors():
+    memory = memories()
+    prepared(memory, Region.SPI_FLASH, pattern=0)
+    memory.do(Region.SPI_FLASH, Operation.PROGRAM, 1, 0, SECTOR)
+    found = memory.do(Region.SPI_FLASH, Operation.VERIFY, 1, 0, SECTOR)
+    assert (found.wrong, found.expected, found.received) == (WORDS, 0xAAAAAAAA, 0)
+    memory = memories()
+    memory.do(Region.SPI_FLASH, Operation.ERASE, 0, SECTOR - 4, 8)
+    assert memory.do(Region.SPI_FLASH, Operation.BLANK_CHECK, 0, 0, 2 * SECTOR).wrong == 0
+    assert memory.do(Region.SPI_FLASH, Operation.BLANK_CHECK, 0, 2 * SECTOR, 4).wrong == 1
+
+
+@pytest.mark.parametrize(
+    ("fault", "region", "length", "wrong"),
+    [
+        ("ram_stuck_bit", Region.RAM, SIZE[Region.RAM], ({0}, {1}, {1})),  # where the pattern has a zero
+        ("ram_coupled_bits", Region.RAM, SECTOR, ({0}, {0}, {1, 2})),  # found by addresses only
+        ("sdram_address_short", Region.SDRAM, SECTOR, ({0}, {0}, range(SECTOR // 8, WORDS + 1))),
+        ("sdram_address_short", Region.SDRAM, SIZE[Region.SDRAM], ({0}, {0}, range(SIZE[Region.SDRAM] // 8, 2**30))),
+        ("sdram_data_open", Region.SDRAM, SECTOR, (range(WORDS + 1), {WORDS}, range(WORDS + 1))),  # it reads one
+    ],
+)
+def test_each_fault_of_a_memory_is_found_by_its_patterns(fault, region, length, wrong):
+    memory = memories(fault)
+    found = [memory.do(region, Operation.WRITE_READ, pattern, 0, length) for pattern in (0, 1, 2)]
+    assert all(one.wrong in due for one, due in zip(found, wrong, strict=True))
+    if fault == "ram_stuck_bit":
+        assert found[1].received == found[1].expected | 1 << 30
+        assert found[1].address == found[2].address < SECTOR
+    elif fault == "sdram_address_short":
+        assert found[2].expected ^ found[2].received in (1 << 9, 1 << 13, 1 << 9 | 1 << 13)
+    elif fault == "sdram_data_open":
+        assert found[1].received == 0xAAAAAAAA | 1 << 22
+
+
+def test_a_weak_cell_is_not_blank_and_lost_bits_are_not_verified():
+    weak, lost = memories("flash_weak_cell"), memories("flash_lost_bits")
+    for memory, blank_wrong, verify_wrong in ((weak, 1, 0), (lost, 0, 1)):
+        memory.do(Region.SPI_FLASH, Operation.ERASE, 0, 0, SECTOR)
+        assert memory.do(Region.SPI_FLASH, Operation.BLANK_CHECK, 0, 0, SECTOR).wrong == blank_wrong
+        memory.do(Region.SPI_FLASH, Operation.PROGRAM, 2, 0, SECTOR)
+        assert memory.do(Region.SPI_FLASH, Operation.VERIFY, 2, 0, SECTOR).wrong == verify_wrong
+
+
+def test_what_lies_elsewhere_is_not_touched_by_a_fault():
+    memory = memories("flash_weak_cell", "internal_flash_worn", "flash_lost_bits")
+    for region in (Region.SPI_FLASH, Region.INTERNAL_FLASH):
+        memory.do(region, Operation.ERASE, 0, SECTOR, SECTOR)
+        memory.do(region, Operation.PROGRAM, 2, SECTOR, SECTOR)
+        assert memory.do(region, Operation.VERIFY, 2, SECTOR, SECTOR).wrong == 0
+
+
+def test_places_follow_from_seed_and_serial():
+    places = {
+        memories("ram_stuck_bit", seed=seed, serial=serial).do(Region.RAM, Operation.WRITE_READ, 1, 0, SECTOR).address
+        for seed in (1, 2, 3)
+        for serial in ("A", "B")
+    }
+    assert len(places) >= 5
+    again = memories("ram_stuck_bit", seed=3, serial="B").do(Region.RAM, Operation.WRITE_READ, 1, 0, SECTOR).address
+    assert again in places

@@ -69,7 +69,7 @@ def test_the_way_back_agrees_with_iteration_everywhere():
         close(found[2], by_iteration(earth_m)[2], atol=1e-8)
 
 
-def test_axes_are_where_the_coordinates_grow():
+def test_axes_and_angles_are_those_of_a_second_method():
     place, step = np.array([0.65, 2.2, 3000.0]), np.array([1e-6, 1e-6, 1.0])
     axes = level_axes(place[0], place[1])
     for column, coordinate in enumerate((0, 1)):
@@ -80,9 +80,6 @@ def test_axes_are_where_the_coordinates_grow():
         close(grown / np.linalg.norm(grown), axes[:, column], atol=1e-9)
     close(to_earth(*place) - to_earth(place[0], place[1], place[2] + 1.0), axes[:, 2], atol=1e-8)
     assert np.linalg.det(axes) == pytest.approx(1.0)
-
-
-def test_euler_angles_are_those_of_another_library():
     angles = np.random.default_rng(3).uniform([-3.0, -1.5, 0.0], [3.0, 1.5, 6.28], (50, 3))
     turn = Rotation.from_euler("ZYX", angles[:, ::-1]).as_matrix()
     close(euler_rad(turn), angles, atol=1e-12)

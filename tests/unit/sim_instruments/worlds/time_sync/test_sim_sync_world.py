@@ -1,4 +1,6 @@
-"""The simulated time-offset bench: its streams against the direct simulation, flight, radar, truth, operations."""
+"""The simulated time-offset bench: streams against the direct simulation, flight, radar, echoes, truth, operations."""
+
+from __future__ import annotations
 
 import numpy as np
 import pytest
@@ -7,14 +9,14 @@ from sync_rig import QUIET, Rig, flying, turning
 
 from bench.maths.geodesy import TangentFrame, body_to_level
 from bench.model.clock import NS
-from bench.model.errors import InputError
 from bench.model.ports import RecordWindow
 from bench.systems.time_sync.estimators.sar.pulses import Pulses
 from bench.systems.time_sync.estimators.sar.response import impulse_response
-from sim_instruments.worlds.simulation import check_operation, options_of
+from sim_instruments.worlds.simulation import options_of
 from sim_instruments.worlds.time_sync.flight.egi import egi_error_runs
 from sim_instruments.worlds.time_sync.flight.imu import exact_increments, imu_runs
 from sim_instruments.worlds.time_sync.flight.path import FlightPath
+from sim_instruments.worlds.time_sync.radar import Radar, echoes, scene
 
 PLACE = (37.5, 127.0)  # origin of every flight
 BOOT_S = 4.0  # of the rig, when its flight begins
@@ -168,23 +170,6 @@ def test_before_a_flight_the_egi_aligns_and_a_flight_begins_at_the_origin_headin
     assert np.diff(rows[:, 0]).tolist() == [1.0] * (len(rows) - 1)
 
 
-def test_without_noise_sensors_are_perfect_and_with_it_as_large_as_stated():
-    rig = flying(100.0, seed=4, tag_noise_s=0.0, listen=("imu",))
-    rig.clock.sleep(40.0)
-    imu = rig.rows("imu")
-    imu = imu[flight_s(rig, "imu", imu) > 0.0]
-    perfect = flying(100.0, seed=4, **QUIET, listen=("imu",))
-    perfect.clock.sleep(40.0)
-    bare = perfect.rows("imu")
-    error = imu[:, 2:8] - bare[-len(imu) :, 2:8]
-    walk = np.radians(0.07) / 60.0 * np.sqrt(0.005) / 1e-9, 20e-6 * 9.80665 * np.sqrt(0.005) / 1e-8
-    np.testing.assert_allclose(error[:, :3].std(axis=0), walk[0], rtol=0.03)
-    np.testing.assert_allclose(error[:, 3:].std(axis=0), walk[1], rtol=0.03)
-    flight = rig.world.flight
-    accel = 1e-8 * error[:, 3:].mean(axis=0) / 0.005
-    np.testing.assert_allclose(accel, flight.imu.accel_bias, atol=4.5 * 20e-6 * 9.80665 / np.sqrt(40.0))
-
-
 # --- the radar -----------------------------------------------------------------------------------------------------
 
 
@@ -289,7 +274,7 @@ def windows(*spans_s, **conditions):
     ]
 
 
-def test_truth_is_the_offset_at_the_middle_its_drift_and_the_biases():
+def test_truth_is_the_offset_at_the_middle_its_drift_and_the_biases_of_its_records():
     rig = flying(100.0, seed=9, offset_s=0.02, drift_ppm=5.0, imu_clock_ppm=10.0)
     rig.clock.sleep(60.0)
     found = rig.world.truth(windows((10.0, 30.0), (30.0, 60.0), item="time_sync", manoeuvre="turn"))
@@ -305,41 +290,10 @@ def test_truth_is_the_offset_at_the_middle_its_drift_and_the_biases():
     gyro = [one["value"] for one in found if one["quantity"] == "gyro_bias"]
     np.testing.assert_allclose(np.array(accel) * 9.80665e-6, direct.accel_bias[0], rtol=1e-9)
     np.testing.assert_allclose(np.radians(gyro) / 3600.0, direct.gyro_bias[0], rtol=1e-9)
-
-
-def test_there_is_no_truth_of_records_of_something_else_or_of_a_unit_that_never_ran():
     rig = flying()
     assert rig.world.truth([]) == []
     assert rig.world.truth(windows((1.0, 2.0), item="warm_up")) == []
     assert Rig().world.truth(windows((1.0, 2.0), item="time_sync")) == []
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [("speed", -1.0), ("speed", "fast"), ("speed", 401.0), ("speed", "100 m"), ("acceleration", 51.0),
-     ("acceleration", None), ("radar", True), ("radar", "of")],
-)  # fmt: skip
-def test_what_cannot_be_is_refused(name, value):
-    world = Rig().world
-    with pytest.raises(InputError, match="cannot be") as caught:
-        world.operate(name, value)
-    assert caught.value.code == "B-SIM-019"
-    with pytest.raises(InputError) as caught:
-        check_operation("time_sync", name, value)
-    assert caught.value.code == "B-SIM-019"
-
-
-def test_nobody_can_do_anything_else():
-    with pytest.raises(InputError) as caught:
-        Rig().world.operate("altitude", 3.0)
-    assert caught.value.code == "B-SIM-018"
-
-
-@pytest.mark.parametrize("options", [{"offset_s": 2}, {"noise": "yes"}, {"jitter": 1e-3}, {"drift_ppm": "nan"}])
-def test_options_are_checked(options):
-    with pytest.raises(InputError) as caught:
-        Rig(**options)
-    assert caught.value.code == "B-SIM-002"
 
 
 def test_options_have_names_and_what_is_not_given_is_drawn_within_its_limits():
@@ -354,3 +308,43 @@ def test_options_have_names_and_what_is_not_given_is_drawn_within_its_limits():
     spread = np.array(drawn)
     assert (np.abs(spread) <= [0.03, 5.0, 20.0]).all()
     assert (np.ptp(spread, axis=0) > [0.03, 5.0, 20.0]).all()
+
+
+RADAR = Radar()
+
+
+def _echo(range_m: float, amplitude: float = 1.0) -> np.ndarray:
+    return echoes(RADAR, np.array([[0.0, 0.0, 0.0]]), np.array([[0.0, range_m, 0.0]]), np.array([amplitude])).gates[0]
+
+
+def test_the_phase_is_minus_four_pi_range_over_wavelength() -> None:
+    """45 km = 1441002.767... waves of 9.6 GHz each way, reckoned in whole numbers."""
+    both_ways, light = 2 * 45_000 * 9_600_000_000, 299_792_458
+    turns = (both_ways % light) / light
+    peak = _echo(45_000.0)
+    assert np.angle(peak[np.abs(peak).argmax()] * np.exp(2j * np.pi * turns)) == pytest.approx(0.0, abs=1e-4)
+
+
+def test_pulses_one_by_one_are_those_of_the_whole_aperture() -> None:
+    track = np.stack([np.arange(2500) * 0.25, np.zeros(2500), np.full(2500, -3000.0)], axis=1)
+    targets = scene(RADAR, track[0], np.array([250.0, 0.0, 0.0]), ahead_s=1.25)
+    whole = echoes(RADAR, track, targets, np.ones(3))
+    some = [echoes(RADAR, track[index : index + 1], targets, np.ones(3)) for index in (0, 1999, 2000, 2499)]
+    for index, one in zip((0, 1999, 2000, 2499), some, strict=True):
+        assert np.array_equal(whole.gates[index], one.gates[0])
+        assert one.near_range_m == whole.near_range_m
+
+
+@pytest.mark.parametrize(("heading_deg", "right"), [(0.0, [0.0, 1.0]), (90.0, [-1.0, 0.0]), (200.0, [0.3420, -0.9397])])
+def test_the_scene_is_broadside_to_the_right_on_the_ground(heading_deg: float, right: list[float]) -> None:
+    heading = np.radians(heading_deg)
+    velocity = 250.0 * np.array([np.cos(heading), np.sin(heading), 0.0])
+    start = np.array([1000.0, -2000.0, -3000.0])
+    targets = scene(RADAR, start, velocity)
+    middle = start + 5.0 * velocity
+    sight = targets - middle
+    assert np.linalg.norm(sight[0]) == pytest.approx(45_000.0, abs=1e-6)
+    assert sight[0] @ velocity == pytest.approx(0.0, abs=1e-6)
+    assert sight[0, :2] / np.linalg.norm(sight[0, :2]) == pytest.approx(right, abs=1e-4)
+    assert targets[:, 2] == pytest.approx([0.0, 0.0, 0.0], abs=1e-9)
+    assert sight @ velocity / 250.0 == pytest.approx([0.0, 100.0, -100.0], abs=1e-6)
