@@ -1,7 +1,14 @@
-"""Commands with sequence numbers: matching, retries, refusals, stops and holds; against a board made for the test."""
+"""Commands with sequence numbers: against a board made for the test, and over a damaged line with the simulated one.
+
+The simulated board counts the erases of its FLASH itself: one that is done twice shows in every later answer.
+"""
 
 from __future__ import annotations
 
+import struct
+from itertools import pairwise
+
+import numpy as np
 import pytest
 from exchange_rig import (
     ANSWER,
@@ -19,6 +26,7 @@ from exchange_rig import (
     unit_step,
     wire,
 )
+from gnc_rig import open_host
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import BenchError, LinkError, OperatorStop
@@ -27,6 +35,7 @@ from bench.run.context import RunContext
 from bench.run.links.unit import Unit
 from bench.run.steps.dispatch import execute
 from bench.run.stop import Interruption
+from sim_instruments.worlds.gnc.board import GncBoard
 
 
 def echo(number: int, payload: bytes = b"hello", item: str = "sci") -> Step:
@@ -87,9 +96,6 @@ def test_numbers_go_round_and_each_command_is_done_once() -> None:
     assert [one["sequence"] for one in bench.told] == [(1 + number) % 256 for number in range(600)]
     assert set(bench.board.done.values()) == {1}
     assert len(bench.board.done) == 601  # and the one that opens the run
-
-
-# --- lost, late and repeated frames --------------------------------------------------------------------------------
 
 
 def test_a_lost_command_is_sent_again_with_its_number() -> None:
@@ -190,9 +196,6 @@ def test_a_false_length_stalls_nothing_for_longer_than_a_retry() -> None:
     assert bench.board.done[SCI, bytes(20)] == 1
 
 
-# --- refusals and statuses -----------------------------------------------------------------------------------------
-
-
 def test_a_refusal_is_an_answer_and_not_sent_again() -> None:
     bench = Bench()
     bench.do(unit_step(0, "unheard_of", 0x66, b"", "anything"))
@@ -219,9 +222,6 @@ def test_a_refusal_with_status_zero_is_a_refusal() -> None:
     bench.board.says = lambda command, payload: (REFUSAL, 0, b"")
     with pytest.raises(LinkError, match="B-RUN-023"):
         bench.do(echo(0, item=""))
-
-
-# --- stops, holds, lost links --------------------------------------------------------------------------------------
 
 
 def test_a_stop_is_obeyed_while_an_answer_is_waited_for() -> None:
@@ -302,9 +302,6 @@ def test_a_port_that_is_gone_for_good_ends_the_run() -> None:
     assert caught.value.code in ("B-RUN-020", "B-RUN-024")
 
 
-# --- who the unit is -----------------------------------------------------------------------------------------------
-
-
 def other_unit(command: int, payload: bytes) -> tuple[int, int, bytes]:
     return ANSWER, 0, WHO.replace(b"GNC-1", b"GNC-2")
 
@@ -342,3 +339,80 @@ def test_a_test_is_not_sent_again_after_a_restart_of_the_unit_but_a_command_is()
 
 def stream_payload(step: Step) -> bytes:
     return bytes(step.payload)
+
+
+SEED = 23
+DAMAGED = 0.05
+SPI_FLASH, ERASE, SECTOR = 2, 1, 4096
+
+
+class DamagedLine:
+    """The board's line; one bit of some frames is flipped, on the way there and back."""
+
+    def __init__(self, board: GncBoard) -> None:
+        self._board, self._rng, self.flipped = board, np.random.default_rng(SEED), 0
+
+    def _damaged(self, chunk: bytes) -> bytes:
+        if not chunk or self._rng.random() >= DAMAGED:
+            return chunk
+        at = int(self._rng.integers(len(chunk)))
+        if len(chunk) > 10 and self._rng.random() < 0.2:
+            at = int(self._rng.integers(8, 10))  # the length
+        self.flipped += 1
+        return chunk[:at] + bytes([chunk[at] ^ 1 << int(self._rng.integers(8))]) + chunk[at + 1 :]
+
+    @property
+    def in_waiting(self) -> int:
+        return self._board.waiting("rs422")
+
+    def read(self, size: int = 1) -> bytes:
+        return self._damaged(self._board.read("rs422", size))
+
+    def write(self, sent: bytes) -> int:
+        self._board.write("rs422", self._damaged(sent))
+        return len(sent)
+
+    def close(self) -> None:
+        return None
+
+
+def exchanged(total: int) -> None:
+    with open_host(seed=SEED) as host:
+        line = DamagedLine(host.board)
+        context = context_of(host.clock, line)
+        echoes = {}
+        for number in range(total):
+            if number % 5 == 0:
+                payload = struct.pack("<BBBII", SPI_FLASH, 0, ERASE, 0, SECTOR)
+                step = unit_step(number, "memory", MEMORY, payload, "memory", timeout=1.0)
+            else:
+                echoes[number] = number.to_bytes(3, "little") + bytes(number % 40)
+                step = unit_step(number, "sci", SCI, echoes[number], "sci")
+            execute(context, step)
+    told = events(context, "exchange")
+    reported = [one for one in told if one["status"] is None]
+    erases = [
+        struct.unpack("<6I", bytes.fromhex(one["received"]))[5]
+        for one in told
+        if one["name"] == "memory" and one["status"] == 0
+    ]
+    print(f"seed {SEED}: {total} exchanges, {line.flipped} damaged, {len(reported)} reported, {erases[-1]} erases")
+    assert len(told) == total
+    assert all(
+        one["received"] == echoes[one["step"]].hex() for one in told if one["name"] == "sci" and one["status"] == 0
+    )
+    assert {one["status"] for one in told} <= {0, None}
+    assert len(reported) <= 3 + total // 200
+    assert sum(one["attempts"] > 1 for one in told) > total // 50
+    unanswered = sum(one["name"] == "memory" for one in reported)
+    assert total // 5 - unanswered <= erases[-1] <= total // 5, "an erase was done twice"
+    assert all(later > before for before, later in pairwise(erases))
+
+
+def test_300_exchanges_with_the_simulated_board() -> None:
+    exchanged(300)
+
+
+@pytest.mark.sweep
+def test_2000_exchanges_with_the_simulated_board() -> None:
+    exchanged(2000)
