@@ -36,32 +36,26 @@ def rule(**changes: Any) -> InterlockRule:
 
 AT_ONCE = {"dwell_s": 0.0}
 BEGIN_S = 5.0  # of the watch; readings below count from it
-EDGES: dict[str, tuple[dict[str, Any], list[tuple[float, float | None]], list[str | None]]] = {
-    "a value on a level": (AT_ONCE, [(1, 24.0), (2, 22.0)], [None, None]),
-    "the next float above": (AT_ONCE, [(1, math.nextafter(24.0, 99))], ["tripped"]),
-    "the next float below": (AT_ONCE, [(1, math.nextafter(22.0, 0))], ["tripped"]),
-    "a good value begins the dwell again": (
-        {}, [(0, 25), (9, 23), (10, 25), (19, 25), (20, 25)], [None, None, None, None, "tripped"],
+STALE = {"stale_s": 60.0}
+RELEASED_41 = {0: "tripped", 20: "lasting", 41: "released"}
+RELEASED_81 = {0: "tripped", 3: "lasting", 81: "released"}
+EDGES: dict[str, tuple[dict[str, Any], dict[float, float | None], dict[float, str]]] = {
+    "on a level": (AT_ONCE, {1: 24.0, 2: 22.0}, {}),
+    "the next float above": (AT_ONCE, {1: math.nextafter(24.0, 99)}, {1: "tripped"}),
+    "the next float below": (AT_ONCE, {1: math.nextafter(22.0, 0)}, {1: "tripped"}),
+    "a good value begins the dwell again": ({}, {0: 25, 9: 23, 10: 25, 19: 25, 20: 25}, {20: "tripped"}),
+    "it releases on its level, in time": (AT_ONCE, {0: 25, 3: 23.9, 61: 23.8, 80.9: 23.8, 81: 23.8}, RELEASED_81),
+    "beyond it the release begins again": (AT_ONCE, {0: 25, 1: 23, 20: 23.81, 21: 23, 40: 23, 41: 23}, RELEASED_41),
+    "a gap hides nothing": ({}, {0: 25, 5: None, 10: 25}, {10: "tripped"}),
+    "stale, and back": (
+        STALE,
+        {1: 23, 61: None, 61.1: None, 62: None, 63: 23, 83: 23},
+        {61.1: "stale", 83: "released"},
     ),
-    "it releases on its level after its time and not between the levels": (
-        AT_ONCE, [(0, 25), (1, 23.9), (60, 23.9), (61, 23.8), (80.9, 23.8), (81, 23.8)],
-        ["tripped", None, "lasting", None, None, "released"],
-    ),
-    "a value beyond it begins the release again": (
-        AT_ONCE, [(0, 25), (1, 23), (20, 23.81), (21, 23), (40, 23), (41, 23)],
-        ["tripped", None, "lasting", None, None, "released"],
-    ),
-    "a gap does not hide a value that is beyond": ({}, [(0, 25), (5, None), (10, 25)], [None, None, "tripped"]),
-    "readings that stay away": (
-        {"stale_s": 60.0}, [(1, 23), (61, None), (61.1, None), (62, None), (63, 23), (83, 23)],
-        [None, None, "stale", None, None, "released"],
-    ),
-    "a reading that never came": ({"stale_s": 60.0}, [(60, None), (60.001, None)], [None, "stale"]),
-    "lasting comes once, after two seconds at least": (
-        AT_ONCE, [(0, 25), (1.9, 25), (2, 25), (9, 25)], ["tripped", None, "lasting", None],
-    ),
-    "or after another dwell": ({}, [(0, 25), (10, 25), (19, 25), (20, 25)], [None, "tripped", None, "lasting"]),
-}  # fmt: skip
+    "a reading that never came": (STALE, {60: None, 60.001: None}, {60.001: "stale"}),
+    "it lasts after two seconds at least": (AT_ONCE, {0: 25, 1.9: 25, 2: 25, 9: 25}, {0: "tripped", 2: "lasting"}),
+    "or another dwell": ({}, {0: 25, 10: 25, 19: 25, 20: 25}, {10: "tripped", 20: "lasting"}),
+}
 
 
 def feed(state: InterlockState, *readings: tuple[float, float | None]) -> list[str | None]:
@@ -73,8 +67,8 @@ def state_of(**changes: Any) -> InterlockState:
 
 
 @pytest.mark.parametrize(("changes", "readings", "told"), EDGES.values(), ids=EDGES)
-def test_at_the_edges_of_its_levels_and_times(changes: Any, readings: Any, told: list[str | None]) -> None:
-    assert feed(state_of(**changes), *readings) == told
+def test_at_the_edges_of_its_levels_and_times(changes: Any, readings: Any, told: dict[float, str]) -> None:
+    assert feed(state_of(**changes), *readings.items()) == [told.get(t_s) for t_s in readings]
 
 
 @pytest.mark.parametrize("missing", [None, math.nan, math.inf, -math.inf])
