@@ -11,7 +11,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from hold_rig import HoldRig
+from run_rig import HoldRig
 
 from bench.commands import conducting as at_the_terminal
 from bench.commands import control as command

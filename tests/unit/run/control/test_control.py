@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hold_rig import HoldRig
+from run_rig import HoldRig
 
 from bench.commands import control as command
 from bench.model.clock import WallClock

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hold_rig import HoldRig
+from run_rig import HoldRig
 
 from bench.analysis import Analysis, link_checks
 from bench.model.clock import WallClock

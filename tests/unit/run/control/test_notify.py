@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hold_rig import HoldRig
+from run_rig import HoldRig
 
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputErrors

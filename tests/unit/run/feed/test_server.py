@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hold_rig import HoldRig
+from run_rig import HoldRig
 
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus

@@ -57,14 +57,12 @@ def test_what_is_not_known_crosses_nothing(values: dict[str, float]) -> None:
     assert decide(watched(values=values), 100 * NS) is None
 
 
-def test_a_controller_that_is_gone_is_not_waited_for() -> None:
-    found = decide(watched(gone=True), 100 * NS)
-    assert (found.reason, found.heat_off) == ("gone", False)
-
-
-def test_a_hot_chamber_that_nobody_controls_any_more_is_switched_off() -> None:
-    found = decide(watched(gone=True, values={"chamber_air_degC": 66.0}), 100 * NS)
-    assert found.heat_off
+@pytest.mark.parametrize(("air_degC", "heat_off"), [(20.0, False), (66.0, True)])
+def test_a_controller_that_is_gone_is_not_waited_for_and_a_hot_chamber_goes_off(
+    air_degC: float, heat_off: bool
+) -> None:
+    found = decide(watched(gone=True, values={"chamber_air_degC": air_degC}), 100 * NS)
+    assert (found.reason, found.heat_off) == ("limit" if heat_off else "gone", heat_off)
 
 
 @given(

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hold_rig import RECORD_S, SETTLE_S, HoldRig, Passive, sound
-from run_rig import Instrument, Rig, instrument_error
+from run_rig import RECORD_S, SETTLE_S, HoldRig, Instrument, Passive, Rig, instrument_error, sound
 
 from bench.model.errors import BenchError, ExitStatus
 from bench.model.ports import Effect, Identity, action

@@ -9,9 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hold_rig import HoldRig
 from planned_step import planned
-from run_rig import Instrument, Rig
+from run_rig import HoldRig, Instrument, Rig
 from table_rig import TableRig, open_table
 
 from bench.model.drivers import driver_class

@@ -9,8 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from hold_rig import Beside, HoldRig, sound
-from run_rig import Instrument, Rig, instrument_error
+from run_rig import Beside, HoldRig, Instrument, Rig, instrument_error, sound
 
 from bench.model import clock as clock_module
 from bench.model.clock import NS, VirtualClock, WallClock, to_ns

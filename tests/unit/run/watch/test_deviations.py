@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hold_rig import HoldRig, Passive
+from run_rig import HoldRig, Passive
 from unruly_chamber import SECOND_AIR, Watched, campaign
 
 from bench.model.errors import InstrumentError

@@ -13,8 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hold_rig import HoldRig, Passive, sound
-from run_rig import instrument_error
+from run_rig import HoldRig, Passive, instrument_error, sound
 
 from bench.model.clock import NS
 from bench.model.errors import ExitStatus
