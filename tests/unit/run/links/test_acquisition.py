@@ -122,19 +122,6 @@ def refuse(_: object) -> NoReturn:
     raise OSError("not here")
 
 
-def test_a_port_that_cannot_be_opened_again_is_waited_for_and_given_up(tmp_path: Path) -> None:
-    rig = Rig(tmp_path)
-    with ExitStack() as stack:
-        kept(rig, stack)
-        rig.port_a.broken = OSError("gone")
-        rig.clock.sleep(2.0)
-        assert rig.stop.holds.reasons == {"link port_a": "the port cannot be read: gone"}
-        assert rig.stop.fault is None
-        rig.clock.sleep(601.0)
-        assert rig.stop.fault.code == "B-RUN-024"
-    assert [event["state"] for event in rig.events("link")] == ["lost"]
-
-
 def test_errors_the_kernel_counts_are_events(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(tmp_path)
     counts = {"frame": 2, "overrun": 0, "parity": 0, "buf_overrun": 1}
