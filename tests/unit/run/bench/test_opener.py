@@ -234,9 +234,13 @@ def test_what_a_person_does_is_told_to_the_process_that_serves_the_bench(control
     assert HEARD == [["operate", "unit", "GNC-05"], ["operate", "unit", "5"]]
 
 
-def test_on_a_real_bench_the_person_has_done_it(control: Path) -> None:
+def test_a_person_has_done_it_on_a_real_bench_and_one_that_is_gone_is_one_clear_error(
+    control: Path, tmp_path: Path
+) -> None:
     bench_at(None).operate("unit", "GNC-05")
     assert HEARD == []
+    with pytest.raises(InputError, match="B-SIM-015"):
+        told(tmp_path / "none.sock", ["operate", "unit", "GNC-05"])
 
 
 def test_its_error_is_the_run_s_error(control: Path) -> None:
@@ -244,11 +248,6 @@ def test_its_error_is_the_run_s_error(control: Path) -> None:
         bench_at(control).operate("chamber", "1")
     assert (caught.value.code, caught.value.where, caught.value.next_step) == ("B-SIM-018", "here", "leave it")
     assert "error" in ask(control, ["operate", "chamber", "1"])
-
-
-def test_a_bench_that_is_gone_is_one_clear_error(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="B-SIM-015"):
-        told(tmp_path / "none.sock", ["operate", "unit", "GNC-05"])
 
 
 RESOURCES = {"a": "GPIB0::4::INSTR", "b": "TCPIP0::1.2.3.4::INSTR", "c": "gpib0::5::INSTR", "d": "GPIB1::4::INSTR"}

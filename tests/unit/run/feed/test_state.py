@@ -172,16 +172,8 @@ def test_a_living_run_says_where_it_is_and_one_gone_on_with_what_it_has() -> Non
 
 
 def test_a_prompt_is_a_wait_in_a_living_run_and_in_a_recording() -> None:
-    asked = {
-        "id": "1",
-        "text": "door closed?",
-        "confirm": "operator",
-        "unit": "",
-        "low": None,
-        "high": None,
-        "presence": "bench",
-        "arms": False,
-    }
+    asked = dict.fromkeys(("low", "high")) | {"id": "1", "text": "door closed?", "confirm": "operator", "unit": ""}
+    asked |= {"presence": "bench", "arms": False}
     live = RunState(small_plan(), MANIFEST)
     live.on_step(0, START_S)
     live.on_prompt({**asked, "since_utc_s": START_S})
