@@ -1,4 +1,4 @@
-"""The sequencer: order, journal, retakes, and that every way out leaves the bench safe."""
+"""The sequencer and its observers: order, journal, retakes, and that every way out leaves the bench safe."""
 
 from __future__ import annotations
 
@@ -7,10 +7,13 @@ import signal
 from pathlib import Path
 
 import pytest
-from run_rig import Rig, instrument_error
+from run_rig import Listener, Rig, Sink, instrument_error
 
-from bench.model.errors import ExitStatus
+from bench.model.clock import VirtualClock
+from bench.model.errors import ExitStatus, OperatorStop
+from bench.model.events import Config, Disk, Event, Phase
 from bench.record import RecordError, read_journal
+from bench.run.observers import AtTerminal, Observer, Observers, Order, Recorder
 from bench.run.stop import StopSwitch
 
 RECORD = {"seconds": 1.0, "retry": 1, "max_lost": 0.0}
@@ -54,14 +57,8 @@ def test_steps_are_done_in_order_and_journalled_with_their_conditions(tmp_path: 
     ]
     assert [entry.phase for entry in entries] == ["campaign"] * 4 + ["finally"]
     assert [event["name"] for event in rig.events("phase")] == ["campaign", "finally"]
-
-
-def test_the_finally_phase_comes_before_the_safe_state(tmp_path: Path) -> None:
-    rig = three_steps(tmp_path)
-    rig.step("call", "switch", "output", current=0.0, phase="finally")
-    rig.run()
     names = [name for _, name, _ in rig.calls]
-    assert names.index("switch.output") < names.index("calibrator.make_safe")
+    assert names.index("switch.operating") < names.index("calibrator.make_safe")
 
 
 def test_a_failed_verify_takes_the_point_again_and_replaces_the_record(tmp_path: Path) -> None:
@@ -75,18 +72,10 @@ def test_a_failed_verify_takes_the_point_again_and_replaces_the_record(tmp_path:
     assert [event["record"] for event in rig.events("retake")] == [1]
     assert [event["number"] for event in rig.events("record")] == [1, 1, 2]
     assert [row.window.number for row in outcome.rows] == [1, 2]
-    assert outcome.rows[0].window.t_start_ns > 5e9
+    (_, second_output, _) = rig.called("calibrator.output")
+    assert outcome.rows[0].window.t_start_ns / 1e9 - second_output >= 4.5  # it has its full settle time
     assert outcome.retaken == 1
     assert any("taken again" in text for text in rig.listener.messages)
-
-
-def test_a_retake_has_its_full_settle_time(tmp_path: Path) -> None:
-    rig = Rig(tmp_path, "calibrator")
-    point(rig)
-    rig.instruments["calibrator"].answers["operating"] = [False, True]
-    outcome = rig.run()
-    (second_output,) = rig.called("calibrator.output")[1:]
-    assert outcome.rows[0].window.t_start_ns / 1e9 - second_output >= 4.5
 
 
 @pytest.mark.parametrize("retry", [0, 1, 2])
@@ -179,10 +168,9 @@ def test_a_stop_request_ends_before_the_next_step(tmp_path: Path) -> None:
     rig = three_steps(tmp_path)
     rig.listener.on_step = lambda step: os.kill(os.getpid(), signal.SIGINT) if step.number == 1 else None
     with rig.stop:
-        outcome = rig.run()
-    assert outcome.error.code == "B-RUN-010"
-    assert outcome.error.exit_status is ExitStatus.SAFE_BY_OPERATOR
-    assert "SIGINT" in outcome.error.message
+        error = rig.run().error
+    assert (error.code, error.exit_status) == ("B-RUN-010", ExitStatus.SAFE_BY_OPERATOR)
+    assert "SIGINT" in error.message
     assert rig.listener.steps[-1] == 1
     assert safe_calls(rig) == ["calibrator", "switch", "supply"]
 
@@ -255,3 +243,68 @@ def test_a_disk_that_refuses_journal_lines_does_not_end_a_run(tmp_path: Path, mo
     rig = three_steps(tmp_path)
     assert rig.run().error is None
     assert len([text for text in rig.listener.messages if "B-REC-005" in text]) == 1
+
+
+PHASE = Phase(name="campaign", t_start_ns=0)
+CONFIG = Config(file="a.yaml", change="changed")
+
+
+class Noting(Observer):
+    def __init__(self, told: list[str], name: str, order: Order, error: Exception | None = None) -> None:
+        self.told, self.name, self.error = told, name, error
+        self.order = order  # type: ignore[misc]
+
+    def event(self, event: Event, t_mono_ns: int) -> None:
+        self.told.append(self.name)
+        if self.error is not None:
+            raise self.error
+
+
+def test_the_recorder_is_first_wherever_it_comes_in() -> None:
+    told: list[str] = []
+    observers = Observers(VirtualClock())
+    for name, order in (("page", Order.WATCHERS), ("keeper", Order.SAFETY), ("writer", Order.RECORDER)):
+        observers.add(Noting(told, name, order))
+    observers.event(PHASE)
+    assert told == ["writer", "keeper", "page"]
+
+
+def test_one_that_fails_is_said_once_and_stops_nobody() -> None:
+    told: list[str] = []
+    broken, listener = Noting(told, "broken", Order.WATCHERS, ValueError("x")), Listener()
+    broken.loss = "nobody draws any more"  # type: ignore[misc]
+    observers = Observers(VirtualClock(), broken, Noting(told, "next", Order.WATCHERS), AtTerminal(listener))
+    observers.event(PHASE)
+    observers.event(PHASE)
+    assert told == ["broken", "next", "next"]
+    assert listener.messages == ["nobody draws any more (ValueError: x); the run goes on"]
+
+
+def test_what_the_run_cannot_do_without_ends_it_and_a_second_signal_is_not_lost() -> None:
+    vital = Noting([], "keeper", Order.SAFETY, ValueError("x"))
+    vital.vital = True  # type: ignore[misc]
+    with pytest.raises(ValueError, match="x"):
+        Observers(VirtualClock(), vital).event(PHASE)
+    stop = Noting([], "page", Order.WATCHERS, OperatorStop("B-RUN-011", "stopped"))
+    with pytest.raises(OperatorStop):
+        Observers(VirtualClock(), stop).event(PHASE)
+
+
+def test_nobody_acts_on_what_is_not_written_and_a_person_still_hears_of_it() -> None:
+    class Full(Sink):
+        def event(self, *_: object) -> None:
+            raise RecordError("B-REC-003", "full")
+
+    told: list[str] = []
+    listener = Listener()
+    observers = Observers(VirtualClock(), Recorder(Full()), Noting(told, "page", Order.WATCHERS), AtTerminal(listener))
+    with pytest.raises(RecordError):
+        observers.event(CONFIG)
+    observers.note(CONFIG)
+    assert (told, listener.messages) == ([], [CONFIG.sentence])
+
+
+def test_a_full_disk_is_told_and_not_written() -> None:
+    sink, listener = Sink(), Listener()
+    Observers(VirtualClock(), Recorder(sink), AtTerminal(listener)).event(Disk(code="B-REC-001", text="full"))
+    assert (sink.events, listener.messages) == ([], ["full"])

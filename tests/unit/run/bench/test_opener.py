@@ -1,10 +1,13 @@
-"""Opening a bench: what is refused, what is closed again, and who is asked before a library that waits long."""
+"""Opening a bench, asking it side by side, and the way to its safe state; what a prompt sets on a served one."""
 
 from __future__ import annotations
 
 import socket
+import threading
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
@@ -13,15 +16,19 @@ import serial
 from pyvisa.constants import InterfaceType
 from pyvisa_py.sessions import Session, UnavailableSession
 
-from bench.model.clock import VirtualClock, WallClock
-from bench.model.errors import BenchError, ExitStatus
+from bench.model.clock import NS, VirtualClock, WallClock
+from bench.model.errors import BenchError, ExitStatus, InputError, InstrumentError
 from bench.plan import Plan, Station, compile_sequence, load_station
 from bench.run.bench import opener
 from bench.run.bench.opener import OpenBench, check_answers, missing_buses, open_bench, port_of
+from bench.run.bench.safety import LATE_S, PAUSE_S, QUICK_S, WayToSafe, make_safe, states_of
+from bench.run.bench.served_world import ask, told
+from bench.run.bench.side_by_side import asked, bus_of
 from bench.run.bench.transcript import HeldTranscript, new_folder
 from bench.run.control.operator import SimulatedOperator
 from bench.run.observers import Observers, Recorder
 from bench.run.session import conduct
+from sim_instruments.served.control_socket import ControlSocket
 
 ROOT = Path(__file__).resolve().parents[4]
 SIMULATED = (ROOT / "stations" / "af_bench_sim.yaml").read_text()
@@ -196,3 +203,156 @@ def test_somebody_answers_or_not() -> None:
     with pytest.raises(OSError, match=r"refused|timed out"):
         check_answers(f"TCPIP0::127.0.0.1::{port}::SOCKET")
     check_answers("GPIB0::4::INSTR")
+
+
+HEARD: list[list[str]] = []
+
+
+def answer(words: Sequence[str]) -> dict[str, Any]:
+    HEARD.append(list(words))
+    if words[1] != "unit":
+        raise InputError("B-SIM-018", "nobody can do this", where="here", next_step="leave it")
+    return {"lines": []}
+
+
+@pytest.fixture
+def control(tmp_path: Path) -> Iterator[Path]:
+    HEARD.clear()
+    socket = ControlSocket(tmp_path / "control.sock", answer)
+    yield tmp_path / "control.sock"
+    socket.close()
+
+
+def bench_at(control: Path | None) -> OpenBench:
+    station: Any = SimpleNamespace(file=SimpleNamespace(control=None if control is None else str(control)))
+    return OpenBench(station, {}, {}, None, lambda: None)
+
+
+def test_what_a_person_does_is_told_to_the_process_that_serves_the_bench(control: Path) -> None:
+    bench_at(control).operate("unit", "GNC-05")
+    bench_at(control).operate("unit", 5)
+    assert HEARD == [["operate", "unit", "GNC-05"], ["operate", "unit", "5"]]
+
+
+def test_a_person_has_done_it_on_a_real_bench_and_one_that_is_gone_is_one_clear_error(
+    control: Path, tmp_path: Path
+) -> None:
+    bench_at(None).operate("unit", "GNC-05")
+    assert HEARD == []
+    with pytest.raises(InputError, match="B-SIM-015"):
+        told(tmp_path / "none.sock", ["operate", "unit", "GNC-05"])
+
+
+def test_its_error_is_the_run_s_error(control: Path) -> None:
+    with pytest.raises(InputError, match="nobody can do this") as caught:
+        bench_at(control).operate("chamber", "1")
+    assert (caught.value.code, caught.value.where, caught.value.next_step) == ("B-SIM-018", "here", "leave it")
+    assert "error" in ask(control, ["operate", "chamber", "1"])
+
+
+RESOURCES = {"a": "GPIB0::4::INSTR", "b": "TCPIP0::1.2.3.4::INSTR", "c": "gpib0::5::INSTR", "d": "GPIB1::4::INSTR"}
+
+
+def test_a_board_is_one_bus_and_everything_else_its_own() -> None:
+    assert [bus_of(resource) for resource in RESOURCES.values()] == ["GPIB0", RESOURCES["b"].upper(), "GPIB0", "GPIB1"]
+
+
+def test_different_buses_are_asked_at_the_same_time_and_one_bus_in_order() -> None:
+    together = threading.Barrier(3, timeout=10.0)  # of a, b and d; c waits for a
+    heard: list[str] = []
+
+    def ask(role: str) -> str:
+        if role != "c":
+            together.wait()
+        heard.append(role)
+        return role.upper()
+
+    assert asked(RESOURCES, ask, WallClock()) == {"a": "A", "b": "B", "c": "C", "d": "D"}
+    assert heard.index("a") < heard.index("c")
+
+
+def test_a_rehearsal_asks_in_the_order_of_the_station() -> None:
+    heard: list[str] = []
+    asked(RESOURCES, heard.append, VirtualClock())
+    assert heard == list(RESOURCES)
+
+
+class Mute:
+    """Never safe; ``limits_s`` holds the time it was given in each attempt, None: as long as it takes."""
+
+    role = "mute"
+
+    def __init__(self) -> None:
+        self.limits_s: list[float | None] = []
+        self._limit_s: float | None = None
+
+    def quick(self, limit_s: float) -> Mute:
+        self._limit_s = limit_s
+        return self
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(self, *_: object) -> None:
+        return None
+
+    def make_safe(self) -> None:
+        self.limits_s.append(self._limit_s)
+        self._limit_s = None
+        raise RuntimeError("no answer")
+
+
+def test_one_that_was_mute_to_everything_is_not_waited_for_again() -> None:
+    for mute, limits_s in (((), [QUICK_S, None, None]), (("mute",), [QUICK_S] * 3)):
+        instrument = Mute()
+        failures = make_safe({"mute": instrument}, [], VirtualClock(), mute)  # type: ignore[dict-item]
+        assert [failure.code for failure in failures] == ["B-RUN-060"]
+        assert instrument.limits_s == limits_s
+
+
+class Instrument:
+    """Fails with each error of a list in turn (None: it answers), then answers for good."""
+
+    def __init__(self, clock: VirtualClock, *errors: str) -> None:
+        self._clock, self._errors = clock, list(errors)
+        self.calls_s: list[float] = []
+
+    def make_safe(self) -> None:
+        self.calls_s.append(self._clock.now_ns() / NS)
+        if self._errors and (code := self._errors.pop(0)):
+            raise InstrumentError(code, "nobody there")
+
+
+def test_everybody_is_told_in_order_and_who_answers_at_once_is_done() -> None:
+    clock = VirtualClock()
+    bench = {role: Instrument(clock) for role in ("supply", "switch", "calibrator")}
+    assert make_safe(bench, ("calibrator", "switch"), clock) == []  # type: ignore[arg-type]
+    assert [len(one.calls_s) for one in bench.values()] == [1, 1, 1]
+    assert list(WayToSafe(bench, ("calibrator", "switch"), clock).left) == ["calibrator", "switch", "supply"]
+
+
+def test_who_was_away_is_confirmed_by_a_second_answer() -> None:
+    """What it was told before it was away may come late: between the answers it has time to take effect."""
+    clock = VirtualClock()
+    calibrator = Instrument(clock, "B-INST-003", "")
+    way = WayToSafe({"calibrator": calibrator}, (), clock)
+    way.attempt()
+    assert way.left == {"calibrator": "unreachable"}
+    clock.sleep(1.0)
+    way.attempt()
+    assert (way.left, way.failures) == ({"calibrator": "commanded"}, {})
+    way.attempt()  # too soon: it is not even asked
+    assert calibrator.calls_s == [0.0, 1.0]
+    clock.sleep(LATE_S)
+    way.attempt()
+    assert way.left == {}
+
+
+def test_what_fails_to_the_end_is_told_with_what_is_known_of_it() -> None:
+    clock, live = VirtualClock(), []
+    gone, mute = Instrument(clock, *["B-RUN-002"] * 9), Instrument(clock, *["B-INST-001"] * 9)
+    failures = make_safe({"gone": gone, "mute": mute}, (), clock, live=live.append)  # type: ignore[arg-type]
+    assert states_of(failures) == {"gone": "unreachable", "mute": "commanded"}
+    assert {failure.code for failure in failures} == {"B-RUN-060"}
+    assert len(live) >= 4  # a guard takes a silence of 1.5 s for a run that hangs
+    assert PAUSE_S / 4 < 1.5 > QUICK_S

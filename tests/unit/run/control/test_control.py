@@ -1,4 +1,4 @@
-"""The control socket: what it answers, and that no client can hold a run up."""
+"""The control socket: what it answers, that no client can hold a run up, and alarms that are shelved through it."""
 
 from __future__ import annotations
 
@@ -9,17 +9,19 @@ import stat
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hold_rig import HoldRig
+from run_rig import HoldRig
 
 from bench.commands import control as command
-from bench.model.clock import WallClock
+from bench.model.clock import VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError
-from bench.model.events import ClockStep, Event
+from bench.model.events import ClockStep, Deviation, Event, Guard
+from bench.plan.language.notices import Notify
 from bench.record import RecordError
 from bench.run.context import RunContext
 from bench.run.control.channel import MOST_REFUSED, Control, control
@@ -32,6 +34,7 @@ from bench.run.control.local_socket import (
     find_socket,
     socket_path,
 )
+from bench.run.control.notify import Notifier
 from bench.run.feed.state import RunState
 from bench.run.observers import Following, Observer
 
@@ -132,15 +135,11 @@ def test_what_cannot_be_done_is_refused_and_changes_nothing(
     assert refused == ([(request_["command"], False, reply["error"])] if understood else [])
 
 
-def test_half_a_character_keeps_no_abort_back(tmp_path: Path) -> None:
+def test_half_a_character_keeps_no_abort_back_and_a_run_that_ends_takes_no_command(tmp_path: Path) -> None:
     rig, context, answering = controlled(tmp_path)
     assert answering.answer({"command": "abort", "reason": "smoke \udcff"}, "me")["ok"]
     assert context.stop.requested == "abort by me: smoke ?"
     assert [event["reason"] for event in rig.events("control")] == ["smoke ?"]
-
-
-def test_a_run_that_ends_is_not_paused(tmp_path: Path) -> None:
-    _, context, answering = controlled(tmp_path)
     context.stop.interruptible = False
     assert "put away" in answering.answer({"command": "pause", "reason": "x"}, "me")["error"]
     context.stop.shield()
@@ -265,18 +264,9 @@ def test_lines_may_come_in_pieces_and_together(tmp_path: Path) -> None:
         assert "slow" in context.stop.holds.reasons["operator"]
 
 
-class Hour:
-    """A clock that somebody else sets."""
-
-    now = 0
-
-    def now_ns(self) -> int:
-        return self.now
-
-
 def test_a_silent_client_is_let_go_and_an_error_of_the_answer_is_a_reply(tmp_path: Path) -> None:
-    hour = Hour()
-    server = ControlServer(tmp_path / "s", lambda request, by: {"ok": True, "n": 1 // request["by"]}, hour)  # type: ignore[arg-type]
+    hour = VirtualClock()
+    server = ControlServer(tmp_path / "s", lambda request, by: {"ok": True, "n": 1 // request["by"]}, hour)
     try:
         with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as silent:
             silent.settimeout(WAIT_S)
@@ -284,7 +274,7 @@ def test_a_silent_client_is_let_go_and_an_error_of_the_answer_is_a_reply(tmp_pat
             assert talk(tmp_path / "s", b'{"by": 0}\n') == [
                 {"ok": False, "error": "ZeroDivisionError: integer division or modulo by zero"}
             ]
-            hour.now += round((IDLE_S + 1) * 1e9)
+            hour.sleep(IDLE_S + 1)
             assert silent.recv(10) == b""
         assert talk(tmp_path / "s", b'{"by": 1}\n')[0]["ok"]
     finally:
@@ -363,3 +353,74 @@ def test_refused_commands_do_not_fill_a_disk_and_a_full_one_refuses_none(
     monkeypatch.setattr(rig.sink, "event", full)
     assert answering.answer({"command": "abort", "reason": "fire"}, "me")["ok"]
     assert context.stop.requested == "abort by me: fire"
+
+
+SHELVE = {"command": "shelve", "alarm": "1", "seconds": 1800.0, "reason": "the clock is being set"}
+DEVIATION = Deviation(
+    name="air", of="chamber", state="begun", value=53.0, set_point=50.0, limit=2.0, unit="degC", by="its own sensor",
+    door=None, action="look",
+)  # fmt: skip
+START_UTC_S = 946_684_800.0  # of the virtual clock
+
+
+def shelving(folder: Path) -> tuple[Any, Any, RunState, Control]:
+    """Return rig, context, state and control of a run with one alarm."""
+    rig, context, _ = controlled(folder)
+    state = RunState(rig.steps, {})
+    following = Following(context.observers)
+    context.observers.add(Told(state))
+    context.event(ClockStep(step_s=3.0, t_utc_ns=0))
+    return rig, context, state, Control(context, following, dict, state)
+
+
+def test_it_is_recorded_and_shown_with_who_why_and_until_when(tmp_path: Path) -> None:
+    rig, _, state, answering = shelving(tmp_path)
+    reply = answering.answer({**SHELVE, "by": "kim"}, "root (process 12)")
+    assert reply["text"] == "alarm 1 is shelved until 2000-01-01T00:30:00Z; nobody is notified of it until then"
+    (event,) = rig.events("control")
+    assert (event["what"], event["alarm"], event["ok"]) == ("shelve", "1", True)
+    assert (event["by"], event["reason"]) == ("kim via root (process 12)", SHELVE["reason"])
+    (alarm,) = state.document(START_UTC_S + 10.0)["alarms"]
+    assert alarm["shelved"] == {"by": event["by"], "reason": SHELVE["reason"], "until_utc_s": START_UTC_S + 1800.0}
+    (alarm,) = state.document(START_UTC_S + 1800.0)["alarms"]
+    assert alarm["shelved"] is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [({"reason": " "}, "reason"), ({"alarm": "7"}, "'7'; there are: 1:"), ({"alarm": 1}, "'1'; there are")]
+    + [({"seconds": seconds}, "60 s to 8 h") for seconds in (59.0, 28_801.0, 10**400, True, "1800", None)],
+)
+def test_what_is_wrong_is_refused_and_shelves_nothing(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
+    rig, _, state, answering = shelving(tmp_path)
+    reply = answering.answer({**SHELVE, **changes}, "me")
+    assert said in reply["error"]
+    assert rig.events("control")[0]["ok"] is False
+    assert state.document(START_UTC_S + 1.0)["alarms"][0]["shelved"] is None
+
+
+def test_a_fault_is_never_shelved(tmp_path: Path) -> None:
+    _, context, _, answering = shelving(tmp_path)
+    context.event(Guard(state="acted", reason="limit", text="too hot"))
+    assert "never shelved" in answering.answer({**SHELVE, "alarm": "2"}, "me")["error"]
+
+
+def test_nobody_is_notified_of_what_is_shelved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, context, state, answering = shelving(tmp_path)
+    context.event(DEVIATION)
+    sent: list[str] = []
+    monkeypatch.setattr(Notifier, "_send", lambda self, name, send, message: sent.append(message["event"]))
+    notifier = Notifier(Notify(command=["x"]), context, lambda: "", shelved=state.is_shelved)  # type: ignore[call-arg]
+    notifier.event(DEVIATION, 0)
+    assert answering.answer({**SHELVE, "alarm": "2"}, "me")["ok"]
+    notifier.event(DEVIATION, 0)
+    notifier.event(replace(DEVIATION, of="another"), 0)
+    context.clock.sleep(SHELVE["seconds"])
+    notifier.event(DEVIATION, 0)
+    notifier.close()
+    assert sent == ["alarm"] * 3
+
+
+def test_a_time_without_its_unit_is_one_clear_error(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="B-CTRL-004"):
+        command.shelve(tmp_path, "1", "30", "door")

@@ -22,8 +22,8 @@ OFF = (
 )  # fmt: skip
 
 
-def bench(*places: str) -> Outputs:
-    return Outputs({role: PLACES[role] for role in places or PLACES}, GOOD_FOR_S)
+def bench() -> Outputs:
+    return Outputs(PLACES, GOOD_FOR_S)
 
 
 def asked(outputs: Outputs, role: str, question: str, reply: str, t: float) -> None:
@@ -42,16 +42,11 @@ def parts(document: dict[str, Any]) -> dict[str, str]:
     return {part["role"]: part["state"] for part in document["parts"]}
 
 
-def test_nothing_is_known_before_anything_has_answered() -> None:
-    document = bench().document(0.0)
-    assert (document["state"], document["confirmed_utc_s"]) == ("unknown", None)
-    assert parts(document) == dict.fromkeys(
-        ("calibrator", "switch", "supply", "chamber"), "unknown"
-    )  # a meter only reads
-
-
-def test_all_are_off_when_the_last_of_them_has_said_so() -> None:
+def test_all_are_off_when_the_last_of_them_has_said_so_and_nothing_is_known_before() -> None:
     outputs = bench()
+    document = outputs.document(0.0)
+    assert (document["state"], document["confirmed_utc_s"]) == ("unknown", None)
+    assert parts(document) == dict.fromkeys(("calibrator", "switch", "supply", "chamber"), "unknown")  # a meter reads
     for number, line in enumerate(OFF):
         assert outputs.document(float(number))["state"] == "unknown"
         asked(outputs, *line, float(number))

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hold_rig import HoldRig
+from run_rig import HoldRig
 
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
@@ -149,16 +149,15 @@ def answering(folder: Path, header: bytes) -> Iterator[FeedClient]:
         thread.join(WAIT_S)
 
 
-@pytest.mark.parametrize("header", NO_REPLIES, ids=range(len(NO_REPLIES)))
-def test_a_reply_that_is_none(tmp_path: Path, header: bytes) -> None:
-    with answering(tmp_path, header) as client, pytest.raises(FeedGone):
-        client.poll(0)
-
-
-def test_the_least_that_is_a_reply(tmp_path: Path) -> None:
-    with answering(tmp_path, json.dumps(REPLY).encode()) as client:
-        assert client.poll(0).header["state"] == {}
-        client.close()
+@pytest.mark.parametrize("header", [json.dumps(REPLY).encode(), *NO_REPLIES], ids=range(1 + len(NO_REPLIES)))
+def test_the_least_that_is_a_reply_and_what_is_none(tmp_path: Path, header: bytes) -> None:
+    with answering(tmp_path, header) as client:
+        if header in NO_REPLIES:
+            with pytest.raises(FeedGone):
+                client.poll(0)
+        else:
+            assert client.poll(0).header["state"] == {}
+            client.close()
 
 
 @pytest.mark.parametrize(
@@ -223,24 +222,22 @@ def test_one_that_asks_wildly_waits_and_one_that_says_nothing_goes(
         until(lambda: server._clients == [])
 
 
-def test_an_error_of_the_run_is_no_reply_and_nothing_else(tmp_path: Path) -> None:
-    def broken() -> dict[str, Any]:
-        raise ZeroDivisionError
+def test_an_error_of_the_run_is_no_reply_and_numbers_that_are_not_finite_become_null(tmp_path: Path) -> None:
+    states = iter([math.inf, math.inf, math.inf, math.nan])
 
-    with served(tmp_path, broken):
+    def state() -> dict[str, Any]:
+        rate_Hz = next(states)
+        return {"rate_Hz": rate_Hz} if math.isnan(rate_Hz) else {"error": 1 / 0}
+
+    with served(tmp_path, state):
         for _ in range(3):
             with connected(tmp_path) as client:
                 client.sendall(b'{"since": 0, "state": true}\n')
                 assert client.recv(10) == b""
         with connected(tmp_path) as client:
-            client.sendall(b'{"since": 0}\n')
+            client.sendall(b'{"since": 0}\n{"state": true}\n')
             assert reply_of(client)[0]["n"] == 3
-
-
-def test_numbers_that_are_not_finite_become_null(tmp_path: Path) -> None:
-    with served(tmp_path, lambda: {"rate_Hz": math.nan}), connected(tmp_path) as client:
-        client.sendall(b'{"state": true}\n')
-        assert reply_of(client)[0]["state"] == {"rate_Hz": None}
+            assert reply_of(client)[0]["state"] == {"rate_Hz": None}
 
 
 def test_a_hundred_clients_leave_nothing_behind(tmp_path: Path) -> None:
@@ -257,15 +254,17 @@ def test_a_hundred_clients_leave_nothing_behind(tmp_path: Path) -> None:
     assert threading.active_count() <= before
 
 
-def watched(rig: HoldRig, folder: Path) -> Any:
+@pytest.fixture
+def watched(tmp_path: Path) -> tuple[HoldRig, Any]:
     """The fake run, with what the feed needs to know of its plan."""
+    rig = HoldRig(tmp_path, 1)
     context: Any = rig.context()
-    context.folder = folder
+    context.folder = tmp_path
     context.manifest = {"session": "20000101T000000Z_x_1", "campaign": {}}
     file = SimpleNamespace(graphs=[])
     context.plan.interlocks = ()
     context.plan.station = SimpleNamespace(safe_order=(), file=file, instruments={}, guard_limits_degC={})
-    return context
+    return rig, context
 
 
 @pytest.mark.parametrize("kind", ["feed", "control"])
@@ -287,20 +286,20 @@ def test_without_descriptors_it_does_not_spin(tmp_path: Path, monkeypatch: pytes
     server.close()
 
 
-def test_a_run_that_cannot_be_watched_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_cannot_be_watched_runs(watched: tuple[HoldRig, Any], monkeypatch: pytest.MonkeyPatch) -> None:
     def refused(folder: Path, what: str) -> Path:
         raise PermissionError("belongs to somebody else")
 
     monkeypatch.setattr("bench.run.feed.live.socket_path", refused)
-    rig = HoldRig(tmp_path, 1)
-    context = watched(rig, tmp_path)
+    rig, context = watched
     with live_feed(context):
         assert any("nobody can watch this run" in text for text in rig.listener.messages)
 
 
-def test_an_error_inside_the_feed_is_said_once_and_is_no_concern_of_the_run(tmp_path: Path) -> None:
-    rig = HoldRig(tmp_path, 1)
-    context = watched(rig, tmp_path)
+def test_an_error_inside_the_feed_is_said_once_and_is_no_concern_of_the_run(
+    tmp_path: Path, watched: tuple[HoldRig, Any]
+) -> None:
+    rig, context = watched
     with live_feed(context) as feed:
         client = FeedClient(tmp_path)
         assert client.poll(0).header["state"]["state"] == "starting"
@@ -319,9 +318,8 @@ def test_an_error_inside_the_feed_is_said_once_and_is_no_concern_of_the_run(tmp_
     assert len(rig.events("phase")) == 3
 
 
-def test_the_set_point_of_a_run_that_came_back_is_a_point(tmp_path: Path) -> None:
-    rig = HoldRig(tmp_path, 1)
-    context = watched(rig, tmp_path)
+def test_the_set_point_of_a_run_that_came_back_is_a_point(watched: tuple[HoldRig, Any]) -> None:
+    _, context = watched
     with live_feed(context) as feed:
         context.event(Reentry(step=0, target_degC=50.0, unit_degC=23.0, soaked=False, seconds=1.0))
         context.event(Reentry(step=0, target_degC=None, unit_degC=23.0, soaked=False, seconds=1.0))
@@ -329,12 +327,13 @@ def test_the_set_point_of_a_run_that_came_back_is_a_point(tmp_path: Path) -> Non
         assert not feed.broken
 
 
-def test_a_long_path_gets_a_short_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_feed_at_a_long_path_gets_a_short_socket(
+    tmp_path: Path, watched: tuple[HoldRig, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", "/tmp")
-    folder = tmp_path / ("x" * 120)
+    _, context = watched
+    context.folder = folder = tmp_path / ("x" * 120)
     folder.mkdir()
-    rig = HoldRig(tmp_path, 1)
-    context = watched(rig, folder)
     with live_feed(context):
         assert len((folder / "live.path").read_text()) <= LONGEST_PATH
         client = FeedClient(folder)

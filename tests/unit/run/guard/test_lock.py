@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
 from pathlib import Path
 
 import pytest
@@ -83,18 +82,10 @@ def test_of_many_at_once_one_gets_it(tmp_path: Path) -> None:
     assert sum("B-RUN-092" in text for text in refusals) == 4
 
 
-def test_one_bus_in_common_is_enough(tmp_path: Path, holder: subprocess.Popen[str]) -> None:
-    with pytest.raises(InputError, match="in use"):
-        lock(tmp_path, (KEYS[0],), "talk").take()
-    with lock(tmp_path, ("GPIB1",)):
-        pass
-    assert holder.poll() is None
-
-
-def test_the_one_who_is_refused_keeps_nothing(tmp_path: Path) -> None:
+def test_one_bus_in_common_is_enough_and_who_is_refused_keeps_nothing(tmp_path: Path) -> None:
     with lock(tmp_path, ("B",)):
-        with pytest.raises(InputError):
-            lock(tmp_path, ("A", "B")).take()
+        with pytest.raises(InputError, match="in use"):
+            lock(tmp_path, ("A", "B"), "talk").take()
         with lock(tmp_path, ("A",)):
             pass
 
@@ -139,12 +130,15 @@ def test_a_guard_at_work_is_waited_for(tmp_path: Path) -> None:
         assert 3.0 <= clock.now_ns() / 1e9 < 3.5
 
 
-def test_a_guard_is_not_waited_for_without_end(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("holder_", "least_s"), [(GUARD, 10.0), ("talk", 0.0)])
+def test_a_guard_is_not_waited_for_without_end_and_nobody_else_at_all(
+    tmp_path: Path, holder_: str, least_s: float
+) -> None:
     clock = VirtualClock()
-    with ExitStack() as stack:
-        stack.enter_context(BenchLock(KEYS, GUARD, clock, folder=tmp_path))
-        with pytest.raises(InputError, match="'guard' of"):
+    with BenchLock(KEYS, holder_, clock, folder=tmp_path):
+        with pytest.raises(InputError, match=f"'{holder_}' of"):
             BenchLock(KEYS, "run", clock, folder=tmp_path, patience_s=10.0).take()
+        assert least_s <= clock.now_ns() / 1e9 < least_s + 1.0
 
 
 def test_one_that_has_not_named_itself_is_given_some_time(tmp_path: Path) -> None:
@@ -160,14 +154,6 @@ def test_one_that_has_not_named_itself_is_given_some_time(tmp_path: Path) -> Non
     assert clock.now_ns() < 1e9
     with BenchLock(KEYS, "run", clock, folder=tmp_path, patience_s=90.0):
         assert 3.0 <= clock.now_ns() / 1e9 < 3.5
-
-
-def test_nobody_else_is_waited_for(tmp_path: Path) -> None:
-    clock = VirtualClock()
-    with BenchLock(KEYS, "talk", clock, folder=tmp_path):
-        with pytest.raises(InputError, match="'talk' of"):
-            BenchLock(KEYS, "run", clock, folder=tmp_path, patience_s=10.0).take()
-        assert clock.now_ns() < 1e9
 
 
 def test_a_lock_that_cannot_be_opened_is_said(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The parts of the guard process: its brief, its diary, the handle on its controller, a guard that does not start."""
+"""The parts of the guard process: its brief, its diary, its last words, the handle on its controller, its start."""
 
 from __future__ import annotations
 
@@ -24,11 +24,13 @@ from bench.plan import load_station
 from bench.plan.language.notices import Notify
 from bench.run.bench.drill import drill, latest_drill
 from bench.run.bench.drill_controller import source_of
+from bench.run.guard import last_words as last_words_module
 from bench.run.guard.act import act
 from bench.run.guard.decision import Action, Address, Brief, Watched
 from bench.run.guard.diary import Diary, guard_word, read_diary
 from bench.run.guard.guarding import brief_of, station_lock
 from bench.run.guard.health import LINKS, SEQUENCER, Health
+from bench.run.guard.last_words import guard_lines, last_words, terminal_of, write_to_terminal
 from bench.run.guard.notice import notice_command
 from bench.run.guard.process import _watch
 from bench.run.guard.start import GuardProcess
@@ -144,12 +146,6 @@ def test_the_stimulus_goes_off_first_and_what_failed_is_confirmed_twice(tmp_path
     assert states == ["commanded", "commanded", "confirmed off"]  # failed, answered once, answered for good
 
 
-def test_only_what_a_controller_left_behind_is_made_safe_and_nobody_is_ended(tmp_path: Path) -> None:
-    calls, safe, diary = acted(tmp_path, Action("left", "it left", left=("chamber",)), failures=0)
-    assert (calls, safe) == (["chamber.make_safe"], True)
-    assert [entry["what"] for entry in diary] == ["act", "lock", "instrument", "safe", "notify"]
-
-
 def test_a_guard_goes_on_until_somebody_takes_the_bench_over(tmp_path: Path) -> None:
     """Nothing ever answers; the person is named in the diary, and people were told before and at the end."""
     timer = threading.Timer(0.5, lambda: ask_to_let_go({"folder": str(tmp_path)}))
@@ -165,10 +161,23 @@ def test_a_guard_goes_on_until_somebody_takes_the_bench_over(tmp_path: Path) -> 
     assert not (tmp_path / TAKE_OVER).exists()
 
 
-def test_the_heat_goes_off_first_when_it_is_too_hot(tmp_path: Path) -> None:
-    calls, safe, _ = acted(tmp_path, Action("limit", "too hot", heat_off=True), failures=0)
-    assert calls == ["chamber.stop", "calibrator.make_safe"]
-    assert safe
+@pytest.mark.parametrize(
+    ("action_", "calls", "kinds"),
+    [
+        (
+            Action("left", "it left", left=("chamber",)),
+            ["chamber.make_safe"],
+            ["act", "lock", "instrument", "safe", "notify"],  # and nobody is ended
+        ),
+        (Action("limit", "too hot", heat_off=True), ["chamber.stop", "calibrator.make_safe"], None),
+    ],
+)
+def test_only_what_was_left_is_made_safe_and_heat_goes_off_first_when_it_is_too_hot(
+    tmp_path: Path, action_: Action, calls: list[str], kinds: list[str] | None
+) -> None:
+    done, safe, diary = acted(tmp_path, action_, failures=0)
+    assert (done, safe) == (calls, True)
+    assert kinds in (None, [entry["what"] for entry in diary])
 
 
 def test_a_controller_is_ended_even_if_it_is_stopped(tmp_path: Path) -> None:
@@ -213,26 +222,21 @@ def test_a_guard_that_does_not_start_is_said(tmp_path: Path) -> None:
 
 
 def test_silence_of_a_part_holds_the_heartbeat_back() -> None:
-    class Clock(WallClock):
-        at_ns = 0
-
-        def now_ns(self) -> int:
-            return self.at_ns
-
-    clock, sent, told = Clock(), [], []
+    clock: Any = VirtualClock()
+    sent, told = [], []
     health = Health(clock)
     guard = GuardProcess(BRIEF, health, StopSwitch(), clock, lambda event: told.append(event.document()))
     guard._send = sent.append  # type: ignore[method-assign, assignment]
     guard._hear = lambda: None  # type: ignore[method-assign]
     health.alive(SEQUENCER)
     health.alive(LINKS)
-    for at_ns, beats in ((1_400_000_000, 1), (1_500_000_000, 1), (1_600_000_000, 1)):
-        clock.at_ns = at_ns
+    for at_s in (1.4, 1.5, 1.6):
+        clock.sleep_until_ns(round(at_s * NS))
         guard.beat()
-        assert len(sent) == beats
+        assert len(sent) == 1
     assert told == [{"state": "withheld", "parts": [SEQUENCER]}]
     with health.asking():  # a person may take hours, and the links are polled meanwhile
-        clock.at_ns = 3_600_000_000_000
+        clock.sleep(3600.0)
         health.alive(LINKS)
         guard.beat()
         assert len(sent) == 2
@@ -254,8 +258,7 @@ def test_people_are_told_every_way_the_station_names(tmp_path: Path) -> None:
 
 
 def test_nobody_is_told_who_does_not_want_to_know() -> None:
-    assert notice_command(None) == ()
-    assert notice_command(Notify.model_validate({"on": ["end"], "command": ["mail"]})) == ()
+    assert notice_command(None) == notice_command(Notify.model_validate({"on": ["end"], "command": ["mail"]})) == ()
 
 
 def test_a_bench_in_this_process_needs_no_lock() -> None:
@@ -333,3 +336,97 @@ def test_a_guard_that_was_stopped_with_its_controller_begins_to_wait_anew_once(
     slept = [entry["seconds"] for entry in read_diary(tmp_path / "guard.jsonl") if entry["what"] == "asleep"]
     longest_s = max(away_s.values(), default=0.0)
     assert slept == ([] if reason != "silent" or longest_s < 1.0 else [pytest.approx(longest_s, abs=0.11)])
+
+
+UTC = "2026-03-01T01:00:02.123+00:00"
+WORD: dict[str, Any] = {"reason": "no heartbeat for 2.05 s", "safe": True, "unsafe": {}, "utc": UTC, "by": ""}
+
+
+@pytest.mark.parametrize(
+    ("changes", "confirmed", "named"),
+    [
+        ({}, True, ["bench resume night"]),
+        ({"safe": False, "unsafe": {"calibrator": "unreachable"}}, False, ["calibrator (unreachable)", "front panels"]),
+        ({"safe": None, "unsafe": {}}, False, ["any instrument", "hands off"]),
+        ({"safe": None, "unsafe": {"calibrator": "unreachable"}}, False, ["calibrator (unreachable)", "hands off"]),
+        ({"safe": False, "unsafe": {"calibrator": ""}, "by": "kim"}, False, ["kim took the bench over", "calibrator"]),
+    ],
+)
+def test_why_it_acted_what_is_confirmed_and_what_to_do(
+    changes: dict[str, Any], confirmed: bool, named: list[str]
+) -> None:
+    text = last_words({**WORD, **changes}, "night")
+    assert ("Confirmed" in text, "NOT confirmed" in text) == (confirmed, not confirmed)
+    missing = [
+        word for word in ["night", "no heartbeat for 2.05 s", "2026-03-01T01:00:02Z", *named] if word not in text
+    ]
+    assert missing == []
+
+
+@pytest.mark.parametrize(
+    ("entries", "safe"),
+    [
+        ([{"what": "safe"}], True),
+        ([{"what": "instrument", "role": "dmm"}], None),
+        ([{"what": "safe", "instruments": ["dmm"]}], False),
+        ([{"what": "safe"}, {"what": "taken over", "by": "kim"}], False),
+        ([{"what": "unsafe"}], False),
+    ],
+)
+def test_a_word_that_contradicts_itself_confirms_nothing(
+    entries: list[dict[str, Any]], safe: bool | None, tmp_path: Path
+) -> None:
+    lines = [json.dumps(entry) + "\n" for entry in ({"what": "act", "text": "too hot"}, *entries)]
+    (tmp_path / "guard.jsonl").write_text("".join(lines))
+    word = guard_word(tmp_path)
+    assert word is not None
+    assert word["safe"] is safe
+
+
+def test_a_guard_that_did_not_act_has_no_words(tmp_path: Path) -> None:
+    assert guard_lines(tmp_path) == []
+    (tmp_path / "guard.jsonl").write_text('{"what":"act","text":"too hot","utc":"2026-03-01T01:00:02+00:00"}\n')
+    (line,) = guard_lines(tmp_path)
+    assert line.startswith(f"The guard of {tmp_path} has acted (too hot), last heard of at 2026-03-01T01:00:02Z.")
+
+
+@pytest.mark.parametrize("by_path", [True, False])
+def test_a_terminal_shows_one_line_and_its_cursor_and_obeys_no_text(by_path: bool) -> None:
+    controller, terminal = os.openpty()
+    try:
+        place = terminal_of(terminal) if by_path else terminal
+        assert write_to_terminal(place, "ended\nby its\x1b[31m guard \x07")
+        assert os.read(controller, 4096).replace(b"\r\r\n", b"\r\n") == b"\r\n\x1b[?25hended by its?[31m guard ?\r\n"
+        os.fstat(terminal)  # it stays open
+    finally:
+        os.close(controller)
+        os.close(terminal)
+
+
+def test_a_file_gets_the_paragraph_behind_what_it_has(tmp_path: Path) -> None:
+    log = tmp_path / "run.log"
+    with log.open("w") as stream:
+        stream.write("record 50/765")
+        stream.flush()
+        assert terminal_of(stream.fileno()) == str(log)
+    assert write_to_terminal(log, "ended by its guard")
+    assert log.read_text() == "record 50/765\nended by its guard\n"
+
+
+def test_a_pipe_has_no_path_and_a_place_that_is_gone_takes_nothing(tmp_path: Path) -> None:
+    ends = os.pipe()
+    assert terminal_of(ends[1]) == ""
+    for end in ends:
+        os.close(end)
+    assert terminal_of(ends[1]) == ""
+    assert not write_to_terminal("", "x")
+    assert not write_to_terminal(tmp_path / "gone", "x")
+    assert not (tmp_path / "gone").exists()
+
+
+def test_a_place_that_takes_nothing_is_not_waited_for(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(last_words_module, "WRITE_S", 0.05)
+    place = tmp_path / "stopped"
+    os.mkfifo(place)  # nobody reads it: opening it waits, as a write to a terminal that was stopped does
+    assert not write_to_terminal(place, "x")
+    os.close(os.open(place, os.O_RDONLY | os.O_NONBLOCK))  # the thread that waits there may leave

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from hold_rig import HoldRig, Passive, sound
+from run_rig import HoldRig, Passive, sound
 
 from bench.model.ports import Effect, action
 from bench.plan import InterlockRule, compile_sequence

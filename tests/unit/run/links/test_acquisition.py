@@ -1,4 +1,4 @@
-"""Acquisition: order of links, ticks of the recorder, stale values, faults of a port; and the listener's safety."""
+"""Acquisition and who looks after its links: order, ticks, stale values, faults of a port; the listener's safety."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import threading
 from contextlib import ExitStack
 from pathlib import Path
 from types import SimpleNamespace
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import pytest
 from run_rig import Listener, Rig
@@ -122,19 +122,6 @@ def refuse(_: object) -> NoReturn:
     raise OSError("not here")
 
 
-def test_a_port_that_cannot_be_opened_again_is_waited_for_and_given_up(tmp_path: Path) -> None:
-    rig = Rig(tmp_path)
-    with ExitStack() as stack:
-        kept(rig, stack)
-        rig.port_a.broken = OSError("gone")
-        rig.clock.sleep(2.0)
-        assert rig.stop.holds.reasons == {"link port_a": "the port cannot be read: gone"}
-        assert rig.stop.fault is None
-        rig.clock.sleep(601.0)
-        assert rig.stop.fault.code == "B-RUN-024"
-    assert [event["state"] for event in rig.events("link")] == ["lost"]
-
-
 def test_errors_the_kernel_counts_are_events(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     rig = Rig(tmp_path)
     counts = {"frame": 2, "overrun": 0, "parity": 0, "buf_overrun": 1}
@@ -165,9 +152,6 @@ def test_a_run_that_is_over_waits_for_nothing(tmp_path: Path) -> None:
         assert rig.stop.holds.reasons == {}
         assert rig.port_b.written == b""
     assert rig.events("link") == []
-
-
-# --- beside the steps ----------------------------------------------------------------------------------------------
 
 
 def test_the_first_fault_beside_the_steps_counts() -> None:
@@ -264,3 +248,60 @@ def test_nothing_is_stamped_between_the_last_bytes_that_count_and_the_event(tmp_
         assert not done.wait(0.2)
         assert reader.last_byte_ns == before
     assert done.wait(5.0)
+
+
+def test_a_port_that_is_back_without_frames_is_not_back(tmp_path: Path) -> None:
+    """Its newest frame is not old yet when the port opens again; it says nothing of now."""
+    rig = Rig(tmp_path)
+    record = rig.step("record", "port_a", seconds=100.0)
+    context = rig.context()
+    port: Any = rig.port_a
+    port.reopen = lambda: setattr(port, "broken", None)
+    with keep_links(context) as keeper:
+        rig.clock.sleep(5.05)
+        keeper.step(record, 0.0)
+        port.broken, port.dropped = OSError("gone"), lambda counter: True
+        context.acquisition.catch_up()
+        keeper.service()
+        assert list(context.stop.holds.reasons) == ["link port_a"]
+        for _ in range(3):
+            rig.clock.sleep(0.3)
+            keeper.service()
+            assert list(context.stop.holds.reasons) == ["link port_a"]
+        port.dropped = lambda counter: False
+        rig.clock.sleep(0.3)
+        keeper.service()
+        assert context.stop.holds.reasons == {}
+
+
+def test_what_a_person_switches_on_and_off_is_missed_only_while_it_is_on(tmp_path: Path) -> None:
+    """A radar: one flight after the other would stand still for it for ever."""
+    rig = Rig(tmp_path)
+    prompt = rig.step("prompt", text="radar", sets={"radar": "on"})
+    record = rig.step("record", "port_a", seconds=100.0)
+    context = rig.context()
+    port: Any = rig.port_a
+    port.dropped = lambda counter: True  # nothing is sent before somebody switches it on
+
+    def silent_after_s(seconds: float) -> bool:
+        rig.clock.sleep(seconds)
+        context.acquisition.catch_up()
+        keeper.service()
+        return bool(context.stop.holds.reasons)
+
+    with keep_links(context) as keeper:
+        rig.clock.sleep(1.0)
+        keeper.step(prompt, 0.0)
+        port.dropped = lambda counter: False
+        keeper.step(record, 0.0)
+        assert not silent_after_s(5.0)
+        keeper.step(prompt, 0.0)
+        port.dropped = lambda counter: True
+        keeper.step(record, 0.0)
+        assert not silent_after_s(5.0)
+        keeper.step(prompt, 0.0)
+        port.dropped = lambda counter: False
+        keeper.step(record, 0.0)
+        assert not silent_after_s(5.0)
+        port.dropped = lambda counter: True
+        assert silent_after_s(5.0)

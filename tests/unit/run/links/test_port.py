@@ -126,9 +126,6 @@ def test_a_port_by_the_serial_number_of_its_adapter(line: Line, monkeypatch: pyt
         open_port("port_a", "serial-number:FT4711", 115_200, exclusive=True)
 
 
-# --- the kernel's counters -----------------------------------------------------------------------------------------
-
-
 def test_a_pseudo_terminal_counts_nothing(link: PortLink) -> None:
     assert kernel_counts(link) is None
     assert kernel_counts(SimpleNamespace()) is None
@@ -155,9 +152,6 @@ def test_the_counters_of_a_real_uart() -> None:
                 assert all(value >= 0 for value in found.values())
                 return
     pytest.skip("no serial port here that counts")
-
-
-# --- the unit ------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize(
@@ -194,30 +188,29 @@ def unit_step(number: int, name: str, code: int) -> Step:
     return planned("unit", number, role="port_b", name=name, command=code)
 
 
-def asked_unit(tmp_path: Path, answer: bytes, serial_number: str) -> Unit:
-    rig = Rig(tmp_path)
-    rig.steps = [unit_step(0, "identify", 1), unit_step(1, "start", 2), unit_step(2, "stop", 3)]
-    context = rig.context()
-    context.plan.campaign["uut"] = {"serial": serial_number}  # type: ignore[index]
-    unit = Unit(context)
-    assert unit.ask()
-    definition = frame("ngu_b")
-    rig.port_b._pending.append((0, definition.encode_one({"command": 1, "status": 0, "payload": answer}, "answer")))
-    assert unit.verdict() == "pending"
-    context.acquisition.refresh()
-    return unit
+THREE_COMMANDS = [unit_step(0, "identify", 1), unit_step(1, "start", 2), unit_step(2, "stop", 3)]
 
 
 @pytest.mark.parametrize(
     ("answer", "verdict"), [(b"NGU SIM-1 1.0", "same"), (b"NGU SIM-10 1.0", "other"), (b"\xff\x00", "other")]
 )
 def test_a_unit_that_was_never_asked_is_known_by_its_serial_number(tmp_path: Path, answer: bytes, verdict: str) -> None:
-    assert asked_unit(tmp_path, answer, "SIM-1").verdict() == verdict
+    rig = Rig(tmp_path)
+    rig.steps = THREE_COMMANDS
+    context = rig.context()
+    context.plan.campaign["uut"] = {"serial": "SIM-1"}  # type: ignore[index]
+    unit = Unit(context)
+    assert unit.ask()
+    definition = frame("ngu_b")
+    rig.port_b._pending.append((0, definition.encode_one({"command": 1, "status": 0, "payload": answer}, "answer")))
+    assert unit.verdict() == "pending"
+    context.acquisition.refresh()
+    assert unit.verdict() == verdict
 
 
 def test_the_last_command_before_a_step_is_sent_again(tmp_path: Path) -> None:
     rig = Rig(tmp_path)
-    rig.steps = [unit_step(0, "identify", 1), unit_step(1, "start", 2), unit_step(2, "stop", 3)]
+    rig.steps = THREE_COMMANDS
     unit = Unit(rig.context())
     assert [unit.again(number) for number in (1, 2, 3)] == ["", "start", "stop"]
     rig.port_b.write = lambda sent: (_ for _ in ()).throw(OSError("gone"))  # type: ignore[method-assign]
@@ -242,9 +235,11 @@ def link_of(instrument: Any) -> InstrumentLink:
     return InstrumentLink("edges", instrument)
 
 
-def test_what_is_buffered_is_read_once() -> None:
+def test_what_is_buffered_is_read_once_and_nothing_is_written_to_it() -> None:
     link = link_of(Buffer())
     assert [link.read(4), link.read(4), link.read(4)] == [b"abcd", b"ef", b""]
+    with pytest.raises(OSError, match="3 bytes for an instrument"):
+        link.write(b"abc")
 
 
 def test_an_instrument_that_does_not_answer_is_a_port_that_is_gone_and_comes_back() -> None:
@@ -266,11 +261,6 @@ def test_frames_that_waited_in_a_buffer_are_not_old() -> None:
     assert is_stale(reader, to_ns(0.51))
 
 
-def test_nothing_is_written_to_a_buffer() -> None:
-    with pytest.raises(OSError, match="3 bytes for an instrument"):
-        link_of(Buffer()).write(b"abc")
-
-
 def test_an_instrument_without_a_buffer_b_run_007() -> None:
     with pytest.raises(InputError) as caught:
         link_of(SimpleNamespace(role="supply"))
@@ -278,16 +268,16 @@ def test_an_instrument_without_a_buffer_b_run_007() -> None:
 
 
 @pytest.mark.parametrize(
-    ("old", "new", "due"),
+    ("link", "due"),
     [
-        ("{frame: time_tags, instrument: tagger}", "{frame: time_tags}", "a link has a 'baud', or the 'instrument'"),
-        ("{frame: time_tags, instrument: tagger}", "{frame: time_tags, instrument: tagger, baud: 9600}", "no 'baud'"),
-        ("{frame: time_tags, instrument: tagger}", "{frame: time_tags, instrument: taggr}", "'taggr', which is no"),
+        ("{frame: time_tags}", "'baud', or the 'instrument'"),
+        ("{frame: time_tags, instrument: tagger, baud: 9600}", "no 'baud'"),
+        ("{frame: time_tags, instrument: taggr}", "'taggr', which is no"),
     ],
 )
-def test_a_link_has_one_source(tmp_path: Path, old: str, new: str, due: str) -> None:
+def test_a_link_has_one_source(tmp_path: Path, link: str, due: str) -> None:
+    shipped = find_shipped("stations", "rlg_bench_sim").read_text(encoding="utf-8")
     path = tmp_path / "rlg_bench_sim.yaml"
-    path.write_text(find_shipped("stations", "rlg_bench_sim").read_text(encoding="utf-8").replace(old, new))
-    with pytest.raises(InputErrors) as caught:
+    path.write_text(shipped.replace("{frame: time_tags, instrument: tagger}", link))
+    with pytest.raises(InputErrors, match=due):
         load_station(path)
-    assert due in str(caught.value)

@@ -13,7 +13,7 @@ from bench.frame import load_frame
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import ExitStatus
 from bench.model.shipped import find_shipped
-from bench.plan import Step, check_plan, compile_sequence
+from bench.plan import Plan, Step, check_plan, compile_sequence
 from bench.replay import replay_rows
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
@@ -44,7 +44,7 @@ finally:
        stable: {within: 2 degC, for: 1 min, sensor: air}}
 """
 SECOND_RECORD_S = 21
-KINDS = ("link", "hold", "release", "error", "end", "answer", "gap")
+KINDS = ("link", "hold", "release", "error", "end", "answer", "gap", "exchange")
 ERASE = 1
 
 
@@ -54,7 +54,6 @@ class Watched:
 
     plan: list[tuple[float, Callable[[World], None]]]
     worlds: list[World] = field(default_factory=list)
-    messages: list[str] = field(default_factory=list)
 
     def begin(self, world: World) -> World:
         self.worlds.append(world)
@@ -73,13 +72,12 @@ class Watched:
         return None
 
     def message(self, text: str) -> None:
-        self.messages.append(text)
+        return None
 
 
 @dataclass
 class Ran:
     run: Conducted
-    watched: Watched
 
     def events(self, kind: str) -> list[dict[str, Any]]:
         return [dict(fields) for found, _, fields in self.run.events if found == kind]
@@ -90,13 +88,30 @@ class Ran:
 
 
 Start = Callable[..., Ran]
+Happening = tuple[float, Callable[[World], None]]
 
 
 @pytest.fixture
-def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Start:
-    """Run the sequence, changed, while things happen at seconds of the bench clock."""
+def watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Plan, list[Happening]], Ran]:
+    """Run a plan while things happen at seconds of the bench clock."""
 
-    def run(*happens: tuple[float, Callable[[World], None]], changes: tuple[tuple[str, str], ...] = ()) -> Ran:
+    def run(plan: Plan, happens: list[Happening]) -> Ran:
+        watched, plain = Watched(happens), simulation.open_world
+        monkeypatch.setattr(simulation, "open_world", lambda *a, **k: watched.begin(plain(*a, **k)))
+        done = conduct(
+            plan, clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(), listener=watched,
+            keep_events=KINDS,
+        )  # fmt: skip
+        return Ran(done)
+
+    return run
+
+
+@pytest.fixture
+def start(tmp_path: Path, watch: Callable[[Plan, list[Happening]], Ran]) -> Start:
+    """Run the sequence, changed, while things happen."""
+
+    def run(*happens: Happening, changes: tuple[tuple[str, str], ...] = ()) -> Ran:
         text = SEQUENCE
         for old, new in changes:
             assert old in text
@@ -105,13 +120,7 @@ def start(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Start:
         path.write_text(text)
         plan = compile_sequence(path, None, {})
         assert check_plan(plan) == []
-        watched, plain = Watched(list(happens)), simulation.open_world
-        monkeypatch.setattr(simulation, "open_world", lambda *a, **k: watched.begin(plain(*a, **k)))
-        done = conduct(
-            plan, clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(), listener=watched,
-            keep_events=KINDS,
-        )  # fmt: skip
-        return Ran(done, watched)
+        return watch(plan, list(happens))
 
     return run
 
@@ -259,29 +268,14 @@ def test_nothing_is_held_while_the_bench_is_put_away(start: Start) -> None:
 
 
 @pytest.mark.parametrize("pulled_s", [6.0, 12.0, 14.5])
-def test_a_run_of_unit_tests_waits_for_its_link(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, pulled_s: float
-) -> None:
+def test_a_run_of_unit_tests_waits_for_its_link(watch: Callable[[Plan, list[Happening]], Ran], pulled_s: float) -> None:
     plan = compile_sequence("gnc_unit_test", None, {"units": "GNC-01"})
-    watched, plain = (
-        Watched([(pulled_s, unplug("rs422", True)), (pulled_s + 5, unplug("rs422", False))]),
-        simulation.open_world,
-    )
-    monkeypatch.setattr(simulation, "open_world", lambda *a, **k: watched.begin(plain(*a, **k)))
-    done = conduct(
-        plan, clock=VirtualClock(), seed=5, out=tmp_path, operator=SimulatedOperator(), listener=watched,
-        keep_events=("exchange", "hold", "link"),
-    )  # fmt: skip
-    assert done.outcome.error is None
-    events: dict[str, list[Any]] = {kind: [f for k, _, f in done.events if k == kind] for kind in ("exchange", "link")}
-    assert [one["state"] for one in events["link"]] == ["lost", "back"]
-    tests = [step.number for step in plan.steps if step.kind == "unit"]
-    assert [one["step"] for one in events["exchange"]] == tests
-    assert {one["status"] for one in events["exchange"]} == {0}
+    ran = watch(plan, [(pulled_s, unplug("rs422", True)), (pulled_s + 5, unplug("rs422", False))])
+    assert ran.run.outcome.error is None
+    assert ran.links == ["rs422 lost", "rs422 back"]
+    told = ran.events("exchange")
+    assert [one["step"] for one in told] == [step.number for step in plan.steps if step.kind == "unit"]
+    assert {one["status"] for one in told} == {0}
     memory = load_frame(find_shipped("frames", "gnc_422")).commands["memory"]
-    erased = [
-        memory.decode(bytes.fromhex(one["received"]))["erases"]
-        for one in events["exchange"]
-        if one["name"] == "memory" and one["conditions"]["operation"] == ERASE
-    ]
-    assert erased == [1, 1]
+    erases = [one for one in told if one["name"] == "memory" and one["conditions"]["operation"] == ERASE]
+    assert [memory.decode(bytes.fromhex(one["received"]))["erases"] for one in erases] == [1, 1]

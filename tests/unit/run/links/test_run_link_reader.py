@@ -83,38 +83,31 @@ def take(reader: LinkReader, clock: VirtualClock, sent: bytes, count: int) -> No
     reader.decode()
 
 
-# --- damage: exact counts ------------------------------------------------------------------------------------------
-
-
-def flip_bits(rate: float, total: int) -> None:
+@pytest.mark.parametrize("rate", [1e-5, 1e-4, 1e-3])
+def test_no_damaged_frame_of_a_million_is_accepted_and_no_whole_one_missed(rate: float) -> None:
     """Every frame without a flipped bit is found, every other one is not, and each found one is as it was sent."""
+    total = 1_000_000
     definition, clock = frame("ngu_a"), VirtualClock()
     reader, faults = reader_of(definition, clock), LinkFaults(SEED, "port_a", bit_error_rate=rate)
     found: list[np.ndarray] = []
     reader.listeners.append(lambda batch: found.append(batch.messages["frame"].rows.copy()))
-    sent, kept = [], []
+    whole_frames = 0
     for first, count in blocks(total):
         plain = frames(definition, first, count)
         damaged = faults.frames(first, plain)
         whole = (damaged == plain).all(axis=1)
-        kept.append(plain[whole][:, :-2])
-        sent.append(int(whole.sum()))
+        whole_frames += int(whole.sum())
         take(reader, clock, damaged.tobytes(), count)
-        assert np.array_equal(np.concatenate(found), np.concatenate(kept)), f"seed {SEED}, rate {rate}, frame {first}"
+        assert np.array_equal(np.concatenate(found), plain[whole][:, :-2]), f"seed {SEED}, rate {rate}, frame {first}"
         found.clear()
-        kept.clear()
     counts = reader.decoder.counts
-    assert counts.frames == sum(sent) < total
+    assert counts.frames == whole_frames < total
     assert counts.lost + counts.frames <= total <= counts.lost + counts.frames + LENGTH
-    print(f"seed {SEED}: {rate:g} per bit: {total - sum(sent)} of {total} frames damaged, none accepted")
+    print(f"seed {SEED}: {rate:g} per bit: {total - whole_frames} of {total} frames damaged, none accepted")
 
 
-@pytest.mark.parametrize("rate", [1e-5, 1e-4, 1e-3])
-def test_no_damaged_frame_of_a_million_is_accepted_and_no_whole_one_missed(rate: float) -> None:
-    flip_bits(rate, 1_000_000)
-
-
-def drop_and_repeat(total: int) -> None:
+def test_lost_and_repeated_among_a_million_frames_are_counted_exactly() -> None:
+    total = 1_000_000
     definition, clock = frame("ngu_a"), VirtualClock()
     reader = reader_of(definition, clock)
     faults = LinkFaults(SEED, "port_a", drop_rate=2e-3, duplicate_rate=1e-3)
@@ -130,10 +123,6 @@ def drop_and_repeat(total: int) -> None:
     assert lost > 10
 
 
-def test_lost_and_repeated_among_a_million_frames_are_counted_exactly() -> None:
-    drop_and_repeat(1_000_000)
-
-
 def test_exchanged_frames_are_one_lost_and_one_repeated() -> None:
     """The one that comes late is not summed: its place has passed. Both numbers say so."""
     definition, clock = frame("ngu_a"), VirtualClock()
@@ -144,9 +133,6 @@ def test_exchanged_frames_are_one_lost_and_one_repeated() -> None:
     counts = reader.decoder.counts
     assert (counts.frames, counts.lost, counts.duplicate) == (1000, 1, 1)
     assert reader.last_counter == 999
-
-
-# --- bounds --------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.parametrize("pattern", [b"\x00", b"\xff", b"\xeb", b"\xeb\x90", b"\xeb\x90\xeb"])
@@ -221,9 +207,6 @@ def test_bytes_the_recorder_refused_are_given_again() -> None:
     assert b"".join(given) == b"abc"
 
 
-# --- state ---------------------------------------------------------------------------------------------------------
-
-
 def test_a_link_goes_stale_after_two_periods_and_silent_after_two_seconds(tmp_path: Path) -> None:
     rig = Rig(tmp_path)
     acquisition = rig.context().acquisition
@@ -247,21 +230,19 @@ def test_a_link_goes_stale_after_two_periods_and_silent_after_two_seconds(tmp_pa
     assert after.age_s == pytest.approx(2.0105)
 
 
-def test_the_counters_of_a_link_in_its_status(tmp_path: Path) -> None:
-    rig = Rig(tmp_path)
-    acquisition = rig.context().acquisition
-    rig.port_a.dropped = lambda counter: 100 <= counter < 105
-    rig.clock.sleep(4.0)
-    found, reader = acquisition.status()["port_a"], acquisition.readers["port_a"]
-    assert (found.frames, found.lost, found.bad) == (394, 5, 0)
-    assert (reader.decoder.counts.duplicate, reader.behind) == (0, 0)
-
-
-def test_a_status_is_given_even_while_the_lock_is_held(tmp_path: Path) -> None:
+@pytest.mark.parametrize("locked", [False, True])
+def test_a_status_has_the_counters_of_a_link_and_is_given_even_while_the_lock_is_held(
+    tmp_path: Path, locked: bool
+) -> None:
     rig = Rig(tmp_path)
     acquisition: Any = rig.context().acquisition
-    acquisition.lock = SimpleNamespace(acquire=lambda timeout: False)
-    assert acquisition.status()["port_a"].frames == 0
+    rig.port_a.dropped = lambda counter: 100 <= counter < 105
+    rig.clock.sleep(4.0)
+    if locked:
+        acquisition.lock = SimpleNamespace(acquire=lambda timeout: False)
+    found, reader = acquisition.status()["port_a"], acquisition.readers["port_a"]
+    assert (found.frames, found.lost, found.bad) == ((0, 0, 0) if locked else (394, 5, 0))  # as of the last look
+    assert (reader.decoder.counts.duplicate, reader.behind) == (0, 0)
 
 
 def test_waiting_for_frames_is_a_sign_of_life_and_heeds_a_stop(tmp_path: Path) -> None:
@@ -294,9 +275,6 @@ def test_the_decoder_is_never_more_than_a_minute_behind() -> None:
     assert reader.last_counter == 5999
     acquisition.stop()
     assert reader.last_counter == 6999
-
-
-# --- the wall clock ------------------------------------------------------------------------------------------------
 
 
 class WallInHand(WallClock):

@@ -44,41 +44,8 @@ from bench.run.preflight.of_machine import (
 BAUD = 921_600
 
 
-# --- clock, sleep, power, room ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("state", "newest_ns", "status", "value"),
-    [
-        (KernelClock(True, 0.02), NOON_NS, Status.OK, "within 0.02 s"),
-        (KernelClock(True, 0.02), NOON_NS + 61 * NS, Status.WARN, "behind"),
-        (KernelClock(True, 3.0), None, Status.WARN, "within 3 s"),
-        (KernelClock(False, 0.02), None, Status.WARN, "not synchronised"),
-        (None, None, Status.WARN, "unknown"),
-    ],
-)
-def test_clock(tmp_path: Path, state: KernelClock | None, newest_ns: int | None, status: Status, value: str) -> None:
-    found = clock_state(context(tmp_path, host=Machine(clock=state, newest_ns=newest_ns)))
-    assert (found.status, found.value) == (status, value)
-
-
-SYSTEMD = {"/run/systemd/system": ()}
-KNOWS = {"/sys/power/state": "freeze mem disk"}
-
-
-@pytest.mark.parametrize(
-    ("machine", "status"),
-    [
-        (Machine(), Status.OK),
-        (Machine(files={"/sys/power/state": ""}), Status.OK),
-        (Machine(files=KNOWS), Status.WARN),
-        (Machine(files=KNOWS, folders=SYSTEMD), Status.WARN),
-        (Machine(files=KNOWS, programs={"systemd-inhibit": "systemd 252"}), Status.WARN),
-        (Machine(files=KNOWS, folders=SYSTEMD, programs={"systemd-inhibit": "systemd 252"}), Status.OK),
-    ],
-)
-def test_suspend(tmp_path: Path, machine: Machine, status: Status) -> None:
-    assert sleep(context(tmp_path, host=machine)).status is status
+def memory(free_kB: int) -> dict[str, str]:
+    return {"/proc/meminfo": f"MemTotal: 8000000 kB\nMemAvailable:   {free_kB} kB\n"}
 
 
 def power(**files: str) -> Machine:
@@ -87,46 +54,65 @@ def power(**files: str) -> Machine:
     return Machine(files=paths, folders={"/sys/class/power_supply": supplies})
 
 
-@pytest.mark.parametrize(
-    ("machine", "status", "value"),
-    [
-        (Machine(), Status.OK, "no battery"),
-        (power(BAT0__type="Battery", AC__type="Mains", AC__online="1"), Status.OK, "AC"),
-        (
-            power(BAT0__type="Battery", BAT0__capacity="81", AC__type="Mains", AC__online="0"),
-            Status.WARN,
-            "battery, 81 %",
-        ),
-        (power(BAT0__type="Battery"), Status.WARN, "battery, ? %"),
-        (power(mouse__type="Battery", mouse__scope="Device"), Status.OK, "no battery"),
-    ],
-)
-def test_mains(tmp_path: Path, machine: Machine, status: Status, value: str) -> None:
-    found = mains(context(tmp_path, host=machine))
-    assert (found.status, found.value) == (status, value)
+def latency(text: str) -> Machine:
+    return Machine(files={"terminal 7": "/dev/ttyUSB7", "/sys/bus/usb-serial/devices/ttyUSB7/latency_timer": text})
 
 
-def memory(free_kB: int) -> dict[str, str]:
-    return {"/proc/meminfo": f"MemTotal: 8000000 kB\nMemAvailable:   {free_kB} kB\n"}
-
-
+SYNCHRONISED = KernelClock(True, 0.02)
+GUARD = {Path(sys.executable).name: "ready"}
+SYSTEMD = {"/run/systemd/system": ()}
+INHIBIT = {"systemd-inhibit": "systemd 252"}
+KNOWS = {"/sys/power/state": "freeze mem disk"}
 GROUP = {"/sys/fs/cgroup/memory.max": "600000000", "/sys/fs/cgroup/memory.current": "200000000"}
+MUCH_kB = 4_000_000
+USB = {"port_a": SimpleNamespace(fileno=lambda: 7), "port_b": SimpleNamespace()}
+DRAINED = {"BAT0__type": "Battery", "BAT0__capacity": "81"}
 
 
 @pytest.mark.parametrize(
-    ("machine", "status"),
+    ("check", "machine", "status", "value"),
     [
-        (Machine(files=memory(512_000)), Status.OK),
-        (Machine(files=memory(511_000)), Status.WARN),
-        (Machine(files=memory(4_000_000) | GROUP), Status.WARN),
-        (Machine(files=memory(4_000_000) | GROUP | {"/sys/fs/cgroup/memory.max": "max"}), Status.OK),
-        (Machine(), Status.WARN),
-        (Machine(files=memory(4_000_000), open_files=255), Status.FAIL),
-        (Machine(files=memory(4_000_000), open_files=None), Status.OK),
+        (clock_state, Machine(clock=SYNCHRONISED, newest_ns=NOON_NS), Status.OK, "within 0.02 s"),
+        (clock_state, Machine(clock=SYNCHRONISED, newest_ns=NOON_NS + 61 * NS), Status.WARN, "behind"),
+        (clock_state, Machine(clock=KernelClock(True, 3.0), newest_ns=None), Status.WARN, "within 3 s"),
+        (clock_state, Machine(clock=KernelClock(False, 0.02), newest_ns=None), Status.WARN, "not synchronised"),
+        (clock_state, Machine(clock=None, newest_ns=None), Status.WARN, "unknown"),
+        (sleep, Machine(), Status.OK, None),
+        (sleep, Machine(files={"/sys/power/state": ""}), Status.OK, None),
+        (sleep, Machine(files=KNOWS), Status.WARN, None),
+        (sleep, Machine(files=KNOWS, folders=SYSTEMD), Status.WARN, None),
+        (sleep, Machine(files=KNOWS, programs=INHIBIT), Status.WARN, None),
+        (sleep, Machine(files=KNOWS, folders=SYSTEMD, programs=INHIBIT), Status.OK, None),
+        (mains, Machine(), Status.OK, "no battery"),
+        (mains, power(BAT0__type="Battery", AC__type="Mains", AC__online="1"), Status.OK, "AC"),
+        (mains, power(**DRAINED, AC__type="Mains", AC__online="0"), Status.WARN, "battery, 81 %"),
+        (mains, power(BAT0__type="Battery"), Status.WARN, "battery, ? %"),
+        (mains, power(mouse__type="Battery", mouse__scope="Device"), Status.OK, "no battery"),
+        (room_to_run, Machine(files=memory(512_000)), Status.OK, None),
+        (room_to_run, Machine(files=memory(511_000)), Status.WARN, None),
+        (room_to_run, Machine(files=memory(MUCH_kB) | GROUP), Status.WARN, None),
+        (room_to_run, Machine(files=memory(MUCH_kB) | GROUP | {"/sys/fs/cgroup/memory.max": "max"}), Status.OK, None),
+        (room_to_run, Machine(), Status.WARN, None),
+        (room_to_run, Machine(files=memory(MUCH_kB), open_files=255), Status.FAIL, None),
+        (room_to_run, Machine(files=memory(MUCH_kB), open_files=None), Status.OK, None),
+        (guard, Machine(programs=GUARD), Status.OK, None),
+        (guard, Machine(), Status.FAIL, None),
+        (latency_timers, latency("1"), Status.OK, "1 ms"),
+        (latency_timers, latency("2"), Status.OK, "2 ms"),
+        (latency_timers, latency("16"), Status.WARN, "16 ms"),
     ],
 )
-def test_memory_and_descriptors(tmp_path: Path, machine: Machine, status: Status) -> None:
-    assert room_to_run(context(tmp_path, host=machine)).status is status
+def test_what_a_machine_is_like(
+    tmp_path: Path, check: Any, machine: Machine, status: Status, value: str | None
+) -> None:
+    found = check(context(tmp_path, host=machine, links=USB if check is latency_timers else {}))
+    (finding,) = found if isinstance(found, list) else [found]
+    assert (finding.status, value if value is None else finding.value) == (status, value)
+
+
+def test_a_rehearsal_needs_no_guard_and_no_drill(tmp_path: Path) -> None:
+    bench = context(tmp_path, plan=in_process_plan())
+    assert (guard(bench).status, drill(bench).status) == (Status.SKIPPED, Status.SKIPPED)
 
 
 def test_versions_are_those_of_the_lock(tmp_path: Path) -> None:
@@ -147,13 +133,6 @@ def test_the_lock_names_the_packages_that_numbers_depend_on() -> None:
     assert [one for one in PACKAGES if f"\n{one.lower()}==" not in lock] == ["inertial-bench"]
 
 
-def test_guard_must_start(tmp_path: Path) -> None:
-    python = Path(sys.executable).name
-    assert guard(context(tmp_path, host=Machine(programs={python: "ready"}))).status is Status.OK
-    assert guard(context(tmp_path)).status is Status.FAIL
-    assert guard(context(tmp_path, plan=in_process_plan())).status is Status.SKIPPED
-
-
 @pytest.mark.parametrize(
     ("days", "passed", "status"),
     [(1.0, True, Status.OK), (30.0, True, Status.OK), (30.1, True, Status.WARN), (1.0, False, Status.FAIL)],
@@ -170,7 +149,6 @@ def test_the_last_drill(tmp_path: Path, days: float, passed: bool, status: Statu
 
 def test_a_bench_without_a_drill(tmp_path: Path) -> None:
     assert drill(context(tmp_path)).status is Status.WARN
-    assert drill(context(tmp_path, plan=in_process_plan())).status is Status.SKIPPED
 
 
 def test_a_bench_that_no_drill_can_try_is_not_told_to_run_one(tmp_path: Path) -> None:
@@ -205,9 +183,6 @@ def test_a_machine_is_asked_without_errors(tmp_path: Path) -> None:
     assert host.newest_change_utc_ns(tmp_path) == (tmp_path / "session").stat().st_mtime_ns
     state = host.kernel_clock()
     assert state is None or state.largest_error_s >= 0.0
-
-
-# --- disk -------------------------------------------------------------------------------------------------------------
 
 
 def test_room_on_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -256,9 +231,6 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
     assert found.status is Status.FAIL
     assert "Read-only" in found.text
     assert list(tmp_path.iterdir()) == []
-
-
-# --- links ------------------------------------------------------------------------------------------------------------
 
 
 @pytest.fixture
@@ -313,14 +285,6 @@ def test_what_is_no_terminal(tmp_path: Path) -> None:
     with (tmp_path / "file").open() as file:
         found = line_settings(context(tmp_path, links={"port_a": file, "port_b": SimpleNamespace()}))[0]
     assert found.status is Status.WARN
-
-
-@pytest.mark.parametrize(("text", "status"), [("1", Status.OK), ("2", Status.OK), ("16", Status.WARN)])
-def test_latency_of_a_usb_adapter(tmp_path: Path, text: str, status: Status) -> None:
-    files = {"terminal 7": "/dev/ttyUSB7", "/sys/bus/usb-serial/devices/ttyUSB7/latency_timer": text}
-    links = {"port_a": SimpleNamespace(fileno=lambda: 7), "port_b": SimpleNamespace()}
-    (found,) = latency_timers(context(tmp_path, host=Machine(files=files), links=links))
-    assert (found.name, found.status, found.value) == ("latency of port_a", status, f"{text} ms")
 
 
 def test_what_the_links_deliver_before_the_unit_is_on(tmp_path: Path, line: tuple[Any, int]) -> None:

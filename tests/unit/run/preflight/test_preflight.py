@@ -1,27 +1,49 @@
-"""The pre-flight as a whole: what it refuses, what it tells, and that no check can raise or hang."""
+"""The pre-flight: what it refuses and tells, that no check can raise or hang, and what it says about instruments."""
 
 from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from preflight_bench import Machine, clock_at_noon, context, in_process_plan, no_answer, served_plan
+from preflight_bench import (
+    Instrument,
+    Machine,
+    calls,
+    clock_at_noon,
+    context,
+    in_process_plan,
+    no_answer,
+    refuses,
+    served_plan,
+)
 
-from bench.model.clock import VirtualClock, WallClock
+from bench.model.clock import NS, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError, InstrumentError
 from bench.model.events import Event
+from bench.model.ports import Identity
 from bench.report.tables import analysis_tables
-from bench.run.bench.opener import OpenBench, open_bench
+from bench.run.bench.opener import open_bench
 from bench.run.bench.side_by_side import bus_of
-from bench.run.guard.lock import BenchLock, bus_keys
 from bench.run.preflight import Finding, Preflight, Report, Status
 from bench.run.preflight import survey as surveying
+from bench.run.preflight.context import PreflightContext
 from bench.run.preflight.of_bench import interlocks
+from bench.run.preflight.of_instruments import (
+    generators,
+    identities,
+    laboratory,
+    reference,
+    self_calibration,
+    standards,
+    warm_up,
+    wiring,
+)
 from bench.run.preflight.of_machine import stay_awake
 from bench.run.preflight.survey import Check, examine, survey
 from bench.session.happenings import preflight_table
@@ -32,15 +54,11 @@ INPUT = Finding("three", Status.FAIL, "3", "4", "no room")
 BENCH = Finding("four", Status.FAIL, "5", "6", "wrong one", of_bench=True)
 
 
-def test_a_warning_does_not_keep_a_run_from_starting() -> None:
+def test_one_error_lists_everything_that_keeps_a_run_from_starting_and_a_warning_does_not() -> None:
     assert Report((OK, WARN)).refusal() is None
-
-
-def test_one_error_lists_everything_that_does() -> None:
     refusal = Report((OK, INPUT, WARN)).refusal()
     assert isinstance(refusal, InputError)
     assert (refusal.code, refusal.exit_status) == ("B-RUN-080", ExitStatus.BAD_INPUT)
-    assert refusal.message == "not started: three: 3 (due: 4), no room"
     both = Report((INPUT, BENCH)).refusal()
     assert isinstance(both, InstrumentError)
     assert (both.code, both.exit_status) == ("B-RUN-081", ExitStatus.SAFE_AFTER_FAULT)
@@ -60,9 +78,6 @@ def test_a_plan_without_interlocks_is_a_warning(tmp_path: Path) -> None:
     assert (watched.status, watched.text) == (Status.OK, "")
     assert (bare.status, bare.value) == (Status.WARN, "0")
     assert "no interlock is declared" in bare.text
-
-
-# --- checks that go wrong ---------------------------------------------------------------------------------------------
 
 
 def looked(tmp_path: Path, *checks: Check) -> Report:
@@ -109,54 +124,19 @@ def test_a_check_that_hangs_keeps_nobody_waiting(tmp_path: Path, blocked: Any, m
     assert (following.status, following.text) == (Status.SKIPPED, "the bus does not answer")
 
 
-# --- as a run uses it -------------------------------------------------------------------------------------------------
-
-
-@pytest.fixture
-def rehearsed() -> Iterator[tuple[OpenBench, VirtualClock, list[str]]]:
-    """The simulated bench of the shipped station, opened and identified; and every command that reaches it."""
-    clock, sent = VirtualClock(), []
-
-    def transcript(role: str, direction: str, text: str, t_mono_ns: int) -> None:
-        if direction == "tx":
-            sent.append(text)
-
-    bench = open_bench(in_process_plan().station, clock, transcript, seed=1)
-    for instrument in bench.instruments.values():
-        instrument.identify()
-    sent.clear()
-    yield bench, clock, sent
-    bench.close()
-
-
-def test_a_rehearsal_asks_no_instrument_and_writes_nothing_of_the_machine(
-    tmp_path: Path, rehearsed: tuple[OpenBench, VirtualClock, list[str]]
-) -> None:
-    bench, clock, sent = rehearsed
-    told: list[str] = []
-    assert Preflight(told.append, Machine())(in_process_plan(), bench, clock, tmp_path) is None
-    assert (told, sent, clock.now_ns()) == ([], [], clock.now_ns())
+def test_a_rehearsal_asks_no_instrument_and_writes_nothing_of_the_machine(tmp_path: Path) -> None:
+    clock, sent, told = VirtualClock(), [], []
+    plan = in_process_plan()
+    bench = open_bench(plan.station, clock, lambda role, direction, text, t_mono_ns: sent.append(text), seed=1)
+    try:
+        for instrument in bench.instruments.values():
+            instrument.identify()
+        sent.clear()
+        assert Preflight(told.append, Machine())(plan, bench, clock, tmp_path) is None
+    finally:
+        bench.close()
+    assert (told, set(sent)) == ([], {"<close>"})
     assert list(tmp_path.iterdir()) == []
-
-
-def test_a_run_is_refused_for_another_serial_number(
-    tmp_path: Path, rehearsed: tuple[OpenBench, VirtualClock, list[str]]
-) -> None:
-    bench, clock, _ = rehearsed
-    calibrator: Any = bench.instruments["calibrator"]
-    calibrator.identity = calibrator.identity.__class__("FLUKE", "5720A", "other", "1")
-    with pytest.raises(InstrumentError, match="5720A other") as caught:
-        Preflight()(in_process_plan(), bench, clock, tmp_path)
-    assert caught.value.code == "B-RUN-081"
-
-
-def test_a_run_without_room_is_refused(
-    tmp_path: Path, rehearsed: tuple[OpenBench, VirtualClock, list[str]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    bench, clock, _ = rehearsed
-    monkeypatch.setattr("shutil.disk_usage", lambda _: SimpleNamespace(free=0))
-    with pytest.raises(InputError, match="B-RUN-080"):
-        Preflight()(in_process_plan(), bench, clock, tmp_path)
 
 
 def test_warnings_are_told_and_the_run_goes_on(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -167,20 +147,6 @@ def test_warnings_are_told_and_the_run_goes_on(tmp_path: Path, monkeypatch: pyte
     event = Preflight(told.append, Machine())(served_plan(), bench, WallClock(), tmp_path)
     assert told == ["pre-flight, warning: two: not so fine"] * 3
     assert (event.ok, event.warn) == (3, 3)
-
-
-# --- bench check --live -----------------------------------------------------------------------------------------------
-
-
-def test_a_bench_that_is_in_use_is_not_touched(tmp_path: Path) -> None:
-    plan = served_plan()
-    keys = bus_keys(entry.resource for entry in plan.station.instruments.values())
-    with BenchLock(keys, "run", WallClock()):
-        found = examine(plan, clock_at_noon(), tmp_path, Machine())
-    assert found.findings[0].name == "second controller"
-    assert found.findings[0].status is Status.FAIL
-    assert "'run' of" in found.findings[0].text
-    assert not [one for one in found.findings if one.name.startswith(("identity", "line", "silence", "10 MHz"))]
 
 
 IDENTITIES = [f"identity of {role}" for role in served_plan().station.instruments]
@@ -234,38 +200,147 @@ def test_instruments_of_different_buses_are_opened_side_by_side(
     assert {one.text for one in found.of(Status.FAIL) if one.name in IDENTITIES} == {"does not open"}
 
 
-# --- awake ------------------------------------------------------------------------------------------------------------
-
-
 class Run:
-    """What an inhibitor sees of a run."""
+    """What an inhibitor sees of a run; ``held`` what it was told."""
 
     def __init__(self, virtual: bool = False) -> None:
         self.clock = SimpleNamespace(virtual=virtual)
         self.plan = served_plan()
-        self.events: list[tuple[str, dict[str, Any]]] = []
+        self.held: list[bool] = []
 
     def event(self, event: Event) -> None:
-        self.events.append((event.kind, event.document()))
+        self.held.append(event.document()["held"])
 
 
 def test_an_inhibitor_lives_as_long_as_the_run(tmp_path: Path) -> None:
     run: Any = Run()
     ended = tmp_path / "ended"
     with stay_awake(run, ("sh", "-c", f"cat; touch {ended}")):
-        assert run.events == [("inhibit", {"held": True, "text": "the machine stays awake"})]
+        assert run.held == [True]
         assert not ended.exists()
     assert ended.exists()
 
 
-@pytest.mark.parametrize("word", ["false", "no-such-program"])
-def test_a_run_goes_on_without_an_inhibitor(word: str) -> None:
-    run: Any = Run()
+@pytest.mark.parametrize(
+    ("word", "virtual", "held"), [("false", False, [False]), ("no-such-program", False, [False]), ("false", True, [])]
+)
+def test_a_run_goes_on_without_an_inhibitor_and_a_rehearsal_takes_none(
+    word: str, virtual: bool, held: list[bool]
+) -> None:
+    run: Any = Run(virtual)
     with stay_awake(run, (word,)):
-        assert [fields["held"] for _, fields in run.events] == [False]
+        assert run.held == held
 
 
-def test_a_rehearsal_takes_no_inhibitor() -> None:
-    run: Any = Run(virtual=True)
-    with stay_awake(run, ("no-such-program",)):
-        assert run.events == []
+DAY_NS = 86_400 * NS
+
+
+def on_bench(out: Path, role: str, **answers: Any) -> PreflightContext:
+    known = Instrument(Identity("maker", "model", "0", "1"), **answers)
+    return context(out, instruments={role: known})
+
+
+def single(findings: list[Finding]) -> Finding:
+    (finding,) = findings
+    return finding
+
+
+@pytest.mark.parametrize(
+    ("identity", "status", "value"),
+    [
+        (Identity("FLUKE", "5720A", "SIM5720", "1"), Status.OK, "5720A SIM5720"),
+        (Identity("FLUKE", "5720A", "0", "1"), Status.OK, "5720A (tells no number)"),
+        (Identity("FLUKE", "5720A", "7", "1"), Status.FAIL, "5720A 7"),
+        (None, Status.FAIL, "B-INST-001"),
+    ],
+)
+def test_identity_and_serial_number_at_the_first_try(
+    tmp_path: Path, identity: Identity | None, status: Status, value: str
+) -> None:
+    hurried: list[float] = []
+    calibrator: Any = Instrument(identity, quick=lambda limit_s: nullcontext(hurried.append(limit_s)))
+    bench = context(tmp_path, instruments={"calibrator": calibrator})
+    others = {role: no_answer() for role in bench.station.instruments if role != "calibrator"}
+    findings = identities(replace(bench, absent=others))
+    assert (len(findings), hurried) == (10, [1.0])
+    assert (findings[0].status, findings[0].value) == (status, value)
+    assert all(finding.status is Status.FAIL and finding.of_bench for finding in findings[1:])
+
+
+def locked(*answers: bool) -> dict[str, Any]:
+    left = list(answers)
+    return {"reference_locked": lambda: left.pop(0)}
+
+
+def warm(hours: float) -> dict[str, Any]:
+    return {"warm_up_s": 1800.0, "time_on_s": calls(3600.0 * hours)}
+
+
+def calibrated(days: float) -> dict[str, Any]:
+    return {"self_calibration": calls((days, 30.0, "days", "since"))}
+
+
+UNKNOWN = {"warm_up_s": 1800.0}  # how long it is on
+MUTE: dict[str, Any] = dict.fromkeys(("time_on_s", "self_calibration", "reference_locked", "scan"), refuses)
+
+
+@pytest.mark.parametrize(
+    ("check", "role", "answers", "status", "value"),
+    [
+        (warm_up, "calibrator", warm(7100 / 3600), Status.FAIL, "1.97 h"),  # the plan asks for 2 h
+        (warm_up, "calibrator", warm(2.0), Status.OK, ""),
+        (warm_up, "calibrator", UNKNOWN | MUTE, Status.WARN, "unknown"),
+        (warm_up, "calibrator", UNKNOWN, Status.SKIPPED, ""),  # a prompt asks
+        (warm_up, "counter", UNKNOWN, Status.WARN, ""),
+        (self_calibration, "calibrator", calibrated(30.0), Status.OK, ""),
+        (self_calibration, "calibrator", calibrated(31.0), Status.FAIL, "31 days"),
+        (self_calibration, "calibrator", MUTE, Status.WARN, ""),
+        (reference, "counter", locked(True), Status.OK, ""),
+        (reference, "counter", locked(False, True), Status.WARN, ""),
+        (reference, "counter", locked(False, False), Status.FAIL, ""),
+        (reference, "dmm", locked(False, False), Status.WARN, ""),
+        (reference, "counter", MUTE, Status.WARN, ""),
+        (laboratory, "logger", {"scan": calls([22.0, 50.0, 50.0])}, Status.OK, ""),
+        (laboratory, "logger", {"scan": calls([24.0, 50.0, 50.0])}, Status.OK, ""),
+        (laboratory, "logger", {"scan": calls([24.01, 50.0, 50.0])}, Status.FAIL, ""),
+        (laboratory, "logger", {"scan": calls([21.99, 50.0, 50.0])}, Status.FAIL, ""),
+        (laboratory, "logger", MUTE, Status.WARN, ""),
+        (laboratory, "dmm", {}, Status.WARN, ""),  # nobody measures it
+        (generators, "function_generator", {"square": None}, Status.SKIPPED, ""),  # the campaign measures it
+    ],
+)
+def test_what_an_instrument_says_of_itself(
+    tmp_path: Path, check: Any, role: str, answers: dict[str, Any], status: Status, value: str
+) -> None:
+    found = check(on_bench(tmp_path, role, **answers))
+    finding = found if isinstance(found, Finding) else single(found)
+    assert (finding.status, finding.value if value else "") == (status, value)
+    assert finding.of_bench or status is not Status.FAIL or check is laboratory
+
+
+def test_what_the_plan_does_not_use_is_not_judged(tmp_path: Path) -> None:
+    assert warm_up(on_bench(tmp_path, "dmm", warm_up_s=1800.0)) == []
+    assert self_calibration(on_bench(tmp_path, "dmm", self_calibration=refuses)) == []
+
+
+@pytest.mark.parametrize(
+    ("days", "status"),
+    [(0, Status.OK), (333, Status.OK), (334, Status.WARN), (335, Status.FAIL), (336, Status.FAIL), (-31, Status.FAIL)],
+)
+def test_certificates_hold_until_the_planned_end(tmp_path: Path, days: int, status: Status) -> None:
+    """Calibrated 30 days before the first of March, due 335 days after it; the run takes 3 h, from 22 o'clock."""
+    clock = VirtualClock(clock_at_noon().utc_ns() + days * DAY_NS + 10 * 3600 * NS)
+    found = standards(context(tmp_path, clock=clock))
+    assert found.status is status
+    assert ("not valid" in found.value) is (status is Status.FAIL)
+    assert not found.of_bench
+
+
+def test_wiring(tmp_path: Path) -> None:
+    found = wiring(context(tmp_path, host=Machine()))
+    assert (found.status, found.value) == (Status.OK, "6 records, 3 channels")
+    plan = served_plan()
+    unwired = replace(plan, steps=tuple(step for step in plan.steps if getattr(step, "purpose", "") != "wiring"))
+    assert wiring(context(tmp_path, plan=unwired)).status is Status.WARN
+    quiet = replace(unwired, steps=tuple(step for step in unwired.steps if step.name != "operate"))
+    assert wiring(context(tmp_path, plan=quiet)).status is Status.SKIPPED

@@ -1,7 +1,14 @@
-"""Commands with sequence numbers: matching, retries, refusals, stops and holds; against a board made for the test."""
+"""Commands with sequence numbers: against a board made for the test, and over a damaged line with the simulated one.
+
+The simulated board counts the erases of its FLASH itself: one that is done twice shows in every later answer.
+"""
 
 from __future__ import annotations
 
+import struct
+from itertools import pairwise
+
+import numpy as np
 import pytest
 from exchange_rig import (
     ANSWER,
@@ -19,6 +26,7 @@ from exchange_rig import (
     unit_step,
     wire,
 )
+from gnc_rig import open_host
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import BenchError, LinkError, OperatorStop
@@ -27,6 +35,7 @@ from bench.run.context import RunContext
 from bench.run.links.unit import Unit
 from bench.run.steps.dispatch import execute
 from bench.run.stop import Interruption
+from sim_instruments.worlds.gnc.board import GncBoard
 
 
 def echo(number: int, payload: bytes = b"hello", item: str = "sci") -> Step:
@@ -89,25 +98,17 @@ def test_numbers_go_round_and_each_command_is_done_once() -> None:
     assert len(bench.board.done) == 601  # and the one that opens the run
 
 
-# --- lost, late and repeated frames --------------------------------------------------------------------------------
-
-
-def test_a_lost_command_is_sent_again_with_its_number() -> None:
+@pytest.mark.parametrize("way", ["passes", "returns"])
+def test_a_lost_command_or_answer_is_sent_again_with_its_number_and_nothing_is_done_twice(way: str) -> None:
     bench = Bench()
-    bench.line.passes = lambda number, frame: b"" if number in (2, 3) else frame  # 1 opens the run
-    bench.do(echo(0))
+    lost = (2, 3)  # 1 opens the run
+    bench.line.passes = lambda number, frame: b"" if way == "passes" and number in lost else frame
+    bench.line.returns = lambda number, frame: [] if way == "returns" and number in lost else [(0.001, frame)]
+    bench.do(unit_step(0, "memory", MEMORY, b"erase", "memory"))
     assert len(set(bench.line.written[1:])) == 1
     assert (bench.told[0]["attempts"], bench.told[0]["status"]) == (3, 0)
-    assert bench.board.done[SCI, b"hello"] == 1
-
-
-def test_a_lost_answer_is_given_again_and_nothing_is_done_twice() -> None:
-    bench = Bench()
-    bench.line.returns = lambda number, frame: [] if number in (2, 3) else [(0.001, frame)]
-    bench.do(unit_step(0, "memory", MEMORY, b"erase", "memory"))
-    assert (bench.told[0]["attempts"], bench.told[0]["status"]) == (3, 0)
     assert bench.board.done[MEMORY, b"erase"] == 1
-    assert bench.board.repeated == 2
+    assert bench.board.repeated == (2 if way == "returns" else 0)
 
 
 def test_nobody_answers() -> None:
@@ -141,19 +142,15 @@ def test_the_late_answer_of_an_earlier_command_is_not_this_ones() -> None:
     assert bench.told[1]["ignored"] == 1
 
 
-def test_an_answer_to_another_command_with_this_number_is_not_this_ones() -> None:
+@pytest.mark.parametrize(
+    ("delay_s", "command"),
+    [(0.02, MEMORY), (0.0, SCI)],  # another code with this number; what came before, as of 256 commands ago
+)
+def test_an_answer_to_another_command_or_from_before_is_not_this_ones(delay_s: float, command: int) -> None:
     bench = Bench()
     bench.do(echo(0))
-    bench.line.say(0.02, wire(ANSWER, 2, MEMORY, b"\x00other"))  # the number of the next command, another code
+    bench.line.say(delay_s, wire(ANSWER, 2, command, b"\x00other"))  # the number of the next command
     bench.line.returns = lambda number, frame: [(0.1, frame)]
-    bench.do(echo(1, b"mine"))
-    assert (bench.told[1]["received"], bench.told[1]["ignored"]) == (b"mine".hex(), 1)
-
-
-def test_what_came_before_a_command_was_sent_is_no_answer_to_it() -> None:
-    bench = Bench()
-    bench.do(echo(0))
-    bench.line.say(0.0, wire(ANSWER, 2, SCI, b"\x00other"))  # as of 256 commands ago
     bench.do(echo(1, b"mine"))
     assert (bench.told[1]["received"], bench.told[1]["ignored"]) == (b"mine".hex(), 1)
 
@@ -190,9 +187,6 @@ def test_a_false_length_stalls_nothing_for_longer_than_a_retry() -> None:
     assert bench.board.done[SCI, bytes(20)] == 1
 
 
-# --- refusals and statuses -----------------------------------------------------------------------------------------
-
-
 def test_a_refusal_is_an_answer_and_not_sent_again() -> None:
     bench = Bench()
     bench.do(unit_step(0, "unheard_of", 0x66, b"", "anything"))
@@ -203,25 +197,17 @@ def test_a_refusal_is_an_answer_and_not_sent_again() -> None:
     assert caught.value.code == "B-RUN-023"
 
 
-@pytest.mark.parametrize("status", [1, BUSY, 5])
-def test_a_status_is_noted_for_a_test_and_ends_a_run_otherwise(status: int) -> None:
+@pytest.mark.parametrize(("kind", "status"), [(ANSWER, 1), (ANSWER, BUSY), (ANSWER, 5), (REFUSAL, 0)])
+def test_a_status_is_noted_for_a_test_and_ends_a_run_otherwise(kind: int, status: int) -> None:
     bench = Bench()
-    bench.board.says = lambda command, payload: (ANSWER, status, b"why")
+    why = b"" if kind == REFUSAL else b"why"
+    bench.board.says = lambda command, payload: (kind, status, why)
     bench.do(echo(0))
-    assert (bench.told[0]["status"], bench.told[0]["attempts"]) == (status, 1)
-    assert bench.told[0]["received"] == b"why".hex()
+    (told,) = bench.told
+    assert (told["status"], told["attempts"], told["refused"]) == (status, 1, kind == REFUSAL)
+    assert told["received"] == why.hex()
     with pytest.raises(LinkError, match="B-RUN-023"):
         bench.do(echo(1, item=""))
-
-
-def test_a_refusal_with_status_zero_is_a_refusal() -> None:
-    bench = Bench()
-    bench.board.says = lambda command, payload: (REFUSAL, 0, b"")
-    with pytest.raises(LinkError, match="B-RUN-023"):
-        bench.do(echo(0, item=""))
-
-
-# --- stops, holds, lost links --------------------------------------------------------------------------------------
 
 
 def test_a_stop_is_obeyed_while_an_answer_is_waited_for() -> None:
@@ -247,16 +233,8 @@ def test_a_hold_waits_for_the_answer() -> None:
 def test_a_command_that_a_lost_link_broke_off_keeps_its_number() -> None:
     bench = Bench()
     bench.do(echo(0))
-    reader = bench.context.acquisition.readers["rs422"]
-    reader.kept = True  # somebody brings the port back
     step = unit_step(1, "memory", MEMORY, b"erase", "memory")
-    bench.line.returns = lambda number, frame: _lose(bench)
-    with pytest.raises(Interruption):
-        bench.do(step)
-    bench.line.broken = None
-    reader.found()
-    bench.context.stop.holds.release("link rs422")
-    bench.line.returns = lambda number, frame: [(0.001, frame)]
+    broken_off(bench, step)
     bench.do(step)
     assert bench.board.done[MEMORY, b"erase"] == 1
     assert [one["sequence"] for one in bench.told] == [1, 2]
@@ -267,16 +245,9 @@ def test_a_test_that_another_command_has_overtaken_is_not_done_twice(item: str, 
     """The board remembers the newest number only; behind an identify it would erase again."""
     bench = Bench()
     bench.do(echo(0))
-    reader = bench.context.acquisition.readers["rs422"]
-    reader.kept = True
     step = unit_step(1, "memory", MEMORY, b"erase", item)
-    bench.line.returns = lambda number, frame: _lose(bench)
-    with pytest.raises(Interruption):
-        bench.do(step)
-    bench.line.broken = None
-    reader.found()
-    bench.context.stop.holds.release("link rs422")
-    bench.line.returns = lambda number, frame: [(0.001, frame)]
+    broken_off(bench, step)
+    reader = bench.context.acquisition.readers["rs422"]
     reader.send(reader.command(IDENTIFY, (), reader.numbers.new()))
     bench.do(step)
     assert bench.board.done[MEMORY, b"erase"] == times
@@ -287,11 +258,23 @@ def test_a_test_that_another_command_has_overtaken_is_not_done_twice(item: str, 
     assert bench.board.done[MEMORY, b"erase"] == times + 1
 
 
-def _lose(bench: Bench) -> list[tuple[float, bytes]]:
-    """The port goes while the answer is on its way; whoever looks after the links asks the run to stand still."""
-    bench.line.broken = OSError("the adapter was pulled")
-    bench.context.stop.holds.hold("link rs422", "the port is gone")
-    return []
+def broken_off(bench: Bench, step: Step) -> None:
+    """Lose the port while the answer is on its way, and bring it back; the run stands still meanwhile."""
+
+    def lose(number: int, frame: bytes) -> list[tuple[float, bytes]]:
+        bench.line.broken = OSError("the adapter was pulled")
+        bench.context.stop.holds.hold("link rs422", "the port is gone")
+        return []
+
+    reader = bench.context.acquisition.readers["rs422"]
+    reader.kept = True  # somebody brings the port back
+    bench.line.returns = lose
+    with pytest.raises(Interruption):
+        bench.do(step)
+    bench.line.broken = None
+    reader.found()
+    bench.context.stop.holds.release("link rs422")
+    bench.line.returns = lambda number, frame: [(0.001, frame)]
 
 
 def test_a_port_that_is_gone_for_good_ends_the_run() -> None:
@@ -302,19 +285,12 @@ def test_a_port_that_is_gone_for_good_ends_the_run() -> None:
     assert caught.value.code in ("B-RUN-020", "B-RUN-024")
 
 
-# --- who the unit is -----------------------------------------------------------------------------------------------
-
-
-def other_unit(command: int, payload: bytes) -> tuple[int, int, bytes]:
-    return ANSWER, 0, WHO.replace(b"GNC-1", b"GNC-2")
-
-
 def test_units_that_are_swapped_between_tests_are_no_other_unit() -> None:
     asked, tested = unit_step(0, "identify", IDENTIFY), unit_step(1, "identify", IDENTIFY, item="identify")
     bench = Bench(asked, tested)
     unit = Unit(bench.context)
     bench.do(asked)
-    bench.board.says = other_unit
+    bench.board.says = lambda command, payload: (ANSWER, 0, WHO.replace(b"GNC-1", b"GNC-2"))
     bench.do(tested)
     bench.context.stop.check()
     unit.ask()
@@ -337,8 +313,73 @@ def test_a_test_is_not_sent_again_after_a_restart_of_the_unit_but_a_command_is()
     bench = Bench(stream, erase)
     bench.do(erase)
     assert Unit(bench.context).again(2) == "stream_start"
-    assert bench.board.done == {(IDENTIFY, b""): 1, (MEMORY, b"erase"): 1, (0x20, stream_payload(stream)): 1}
+    assert bench.board.done == {(IDENTIFY, b""): 1, (MEMORY, b"erase"): 1, (0x20, bytes(stream.payload)): 1}
 
 
-def stream_payload(step: Step) -> bytes:
-    return bytes(step.payload)
+SEED = 23
+DAMAGED = 0.05
+SPI_FLASH, ERASE, SECTOR = 2, 1, 4096
+
+
+class DamagedLine:
+    """The board's line; one bit of some frames is flipped, on the way there and back."""
+
+    def __init__(self, board: GncBoard) -> None:
+        self._board, self._rng, self.flipped = board, np.random.default_rng(SEED), 0
+
+    def _damaged(self, chunk: bytes) -> bytes:
+        if not chunk or self._rng.random() >= DAMAGED:
+            return chunk
+        at = int(self._rng.integers(len(chunk)))
+        if len(chunk) > 10 and self._rng.random() < 0.2:
+            at = int(self._rng.integers(8, 10))  # the length
+        self.flipped += 1
+        return chunk[:at] + bytes([chunk[at] ^ 1 << int(self._rng.integers(8))]) + chunk[at + 1 :]
+
+    @property
+    def in_waiting(self) -> int:
+        return self._board.waiting("rs422")
+
+    def read(self, size: int = 1) -> bytes:
+        return self._damaged(self._board.read("rs422", size))
+
+    def write(self, sent: bytes) -> int:
+        self._board.write("rs422", self._damaged(sent))
+        return len(sent)
+
+    def close(self) -> None:
+        return None
+
+
+@pytest.mark.parametrize("total", [300, pytest.param(2000, marks=pytest.mark.sweep)])
+def test_exchanges_with_the_simulated_board_over_a_damaged_line(total: int) -> None:
+    with open_host(seed=SEED) as host:
+        line = DamagedLine(host.board)
+        context = context_of(host.clock, line)
+        echoes = {}
+        for number in range(total):
+            if number % 5 == 0:
+                payload = struct.pack("<BBBII", SPI_FLASH, 0, ERASE, 0, SECTOR)
+                step = unit_step(number, "memory", MEMORY, payload, "memory", timeout=1.0)
+            else:
+                echoes[number] = number.to_bytes(3, "little") + bytes(number % 40)
+                step = unit_step(number, "sci", SCI, echoes[number], "sci")
+            execute(context, step)
+    told = events(context, "exchange")
+    reported = [one for one in told if one["status"] is None]
+    erases = [
+        struct.unpack("<6I", bytes.fromhex(one["received"]))[5]
+        for one in told
+        if one["name"] == "memory" and one["status"] == 0
+    ]
+    print(f"seed {SEED}: {total} exchanges, {line.flipped} damaged, {len(reported)} reported, {erases[-1]} erases")
+    assert len(told) == total
+    assert all(
+        one["received"] == echoes[one["step"]].hex() for one in told if one["name"] == "sci" and one["status"] == 0
+    )
+    assert {one["status"] for one in told} <= {0, None}
+    assert len(reported) <= 3 + total // 200
+    assert sum(one["attempts"] > 1 for one in told) > total // 50
+    unanswered = sum(one["name"] == "memory" for one in reported)
+    assert total // 5 - unanswered <= erases[-1] <= total // 5, "an erase was done twice"
+    assert all(later > before for before, later in pairwise(erases))

@@ -108,18 +108,11 @@ def test_a_hold_that_let_the_unit_cool_soaks_again_in_a_run(tmp_path: Path) -> N
             rig.clock.every(20.0, lambda: rig.stop.holds.release("test"), observer=False)
 
     rig.listener.on_step = hold
-    context = rig.context
-    rig.context = lambda: _with_order(context())  # type: ignore[method-assign]
     outcome = rig.run()
     assert outcome.error is None
     assert [one["soaked"] for one in rig.events("reentry")] == [True]
     assert len(outcome.rows) == 1
     assert outcome.slip_s > 600.0
-
-
-def _with_order(context: Any) -> Any:
-    context.plan.station = SimpleNamespace(safe_order=())
-    return context
 
 
 def test_a_stop_still_ends_a_soak_that_is_done_again(tmp_path: Path) -> None:
@@ -132,8 +125,6 @@ def test_a_stop_still_ends_a_soak_that_is_done_again(tmp_path: Path) -> None:
         enter(context, 1)
     assert not context.stop.deferred
 
-
-# --- steps that are done again -------------------------------------------------------------------------------------
 
 DRIVERS = {
     "calibrator": "fluke_5720a",
@@ -154,10 +145,6 @@ def again(rig: Rig) -> list[str]:
     plan: Any = SimpleNamespace(steps=tuple(rig.steps))
     found = steps_again(plan, len(rig.steps), declared())
 
-    def said(one: Step) -> str:
-        return "settle" if one.kind == "settle" else f"{one.role}.{one.name}{one.told().get('rail', '')}"
-
-    return [said(one) for one in found]
     return [f"{one.role}.{one.name}{one.told().get('rail', '')}" if one.kind != "settle" else "settle" for one in found]
 
 
@@ -227,9 +214,6 @@ def test_what_was_off_warms_up_again(tmp_path: Path, start: int, due_s: float) -
     enter(context, start)
     assert (rig.clock.now_ns() - began_ns) / NS == pytest.approx(due_s)
     assert any("warming up again" in text for text in rig.listener.messages) == (due_s > 0.0)
-
-
-# --- set-points ----------------------------------------------------------------------------------------------------
 
 
 def entry(number: int, **setpoint: Any) -> Any:

@@ -1,23 +1,21 @@
-"""Single steps: readings and overloads, prompts, commands to the unit."""
+"""Single steps and the timeline: readings, prompts, commands to the unit; waits, slip, and settle times in full."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from run_rig import Rig, instrument_error
+from run_rig import PortB, Rig, instrument_error
 
+from bench.model.clock import NS, VirtualClock
 from bench.model.errors import BenchError
 from bench.model.quality import Quality
 from bench.run.control.operator import Answer, Question, SimulatedOperator, judge
+from bench.run.steps.timing import Timeline
+from bench.run.stop import StopSwitch
 
 OHM = {"text": "resistance?", "unit": "ohm", "low": 1.0, "high": 2.0}
-
-
-def ended_by(rig: Rig) -> BenchError:
-    error = rig.run().error
-    assert error is not None
-    return error
 
 
 def test_a_reading_becomes_an_event(tmp_path: Path) -> None:
@@ -65,7 +63,7 @@ def test_every_other_instrument_error_ends_the_run(tmp_path: Path, kind: str, na
     rig.instruments["logger"].fail[name] = instrument_error(code)
     rig.step(kind, "logger", name, **({"current": 1.0} if name == "output" else {}))
     rig.step("call", "logger", "operating")
-    assert ended_by(rig).code == code
+    assert rig.run().error.code == code
     assert rig.listener.steps == [0]
 
 
@@ -76,26 +74,20 @@ def test_raw_text_is_sent(tmp_path: Path) -> None:
     assert ("logger.raw", ("FUNC SQU",)) in [(name, arguments) for _, name, arguments in rig.calls]
 
 
-# --- prompts -------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("value", [1.0, 1.5, 2.0])
-def test_an_answer_inside_the_limits_is_recorded(tmp_path: Path, value: float) -> None:
+@pytest.mark.parametrize(
+    ("value", "code"),
+    [(1.0, ""), (1.5, ""), (2.0, ""), (None, "B-RUN-040"), (0.99, "B-RUN-041"), (2.01, "B-RUN-041")],
+)
+def test_an_answer_is_recorded_and_one_outside_the_limits_ends_the_run(
+    tmp_path: Path, value: float | None, code: str
+) -> None:
     rig = Rig(tmp_path)
     rig.operator.value = value
     rig.step("prompt", **OHM)
-    assert rig.run().error is None
+    error = rig.run().error
+    assert (error.code if error else "") == code
     (event,) = rig.events("prompt")
     assert (event["by"], event["value"], event["unit"]) == ("somebody", value, "ohm")
-
-
-@pytest.mark.parametrize(("value", "code"), [(None, "B-RUN-040"), (0.99, "B-RUN-041"), (2.01, "B-RUN-041")])
-def test_a_bad_answer_ends_the_run_and_is_recorded(tmp_path: Path, value: float | None, code: str) -> None:
-    rig = Rig(tmp_path)
-    rig.operator.value = value
-    rig.step("prompt", **OHM)
-    assert ended_by(rig).code == code
-    assert rig.events("prompt")[0]["value"] == value
 
 
 def test_a_nan_is_not_inside_any_limits() -> None:
@@ -107,12 +99,6 @@ def test_a_nan_is_not_inside_any_limits() -> None:
 def test_the_simulated_operator_answers_inside_the_limits(low: float | None, high: float | None) -> None:
     question = Question("x", unit="V", low=low, high=high)
     judge(question, SimulatedOperator().ask(question), "")
-
-
-def test_a_confirmation_needs_no_value(tmp_path: Path) -> None:
-    rig = Rig(tmp_path)
-    rig.step("prompt", text="door closed?", confirm="operator")
-    assert rig.run().error is None
 
 
 def test_what_a_person_did_is_done_to_a_simulated_bench_behind_the_answer(tmp_path: Path) -> None:
@@ -138,9 +124,6 @@ def test_a_refused_value_changes_nothing_on_the_bench(tmp_path: Path) -> None:
     assert done == []
 
 
-# --- commands to the unit ------------------------------------------------------------------------------------------
-
-
 def unit_step(folder: Path) -> Rig:
     rig = Rig(folder)
     rig.step("settle", duration_s=1.0, bus_s=0.0)
@@ -158,37 +141,23 @@ def test_a_command_waits_for_its_answer(tmp_path: Path) -> None:
     assert rig.events("answer")[0]["status"] == 0
 
 
-def test_no_answer(tmp_path: Path) -> None:
-    error = ended_by(unit_step(tmp_path))
-    assert error.code == "B-RUN-022"
-    assert "start_stream" in error.message
-
-
-@pytest.mark.parametrize("status", [1, 2, 255])
-def test_a_refusal_ends_the_run(tmp_path: Path, status: int) -> None:
+@pytest.mark.parametrize(
+    ("arrange", "code"),
+    [
+        (lambda port: None, "B-RUN-022"),
+        (lambda port: port.answer.update({1: (0, 0.1)}), "B-RUN-022"),  # to another command
+        (lambda port: port.say(2, 0, delay_s=0.9999), "B-RUN-022"),  # before the command; nobody has looked yet
+        (lambda port: port.answer.update({2: (1, 0.1)}), "B-RUN-023"),
+        (lambda port: port.answer.update({2: (255, 0.1)}), "B-RUN-023"),
+        (lambda port: setattr(port, "accepts", 3), "B-RUN-020"),
+    ],
+)
+def test_a_command_without_its_answer_ends_the_run(tmp_path: Path, arrange: Callable[[PortB], None], code: str) -> None:
     rig = unit_step(tmp_path)
-    rig.port_b.answer = {2: (status, 0.1)}
-    error = ended_by(rig)
-    assert error.code == "B-RUN-023"
-    assert f"status {status}" in error.message
-
-
-def test_the_answer_to_another_command_does_not_count(tmp_path: Path) -> None:
-    rig = unit_step(tmp_path)
-    rig.port_b.answer = {1: (0, 0.1)}
-    assert ended_by(rig).code == "B-RUN-022"
-
-
-def test_an_answer_that_came_before_the_command_does_not_count(tmp_path: Path) -> None:
-    rig = unit_step(tmp_path)
-    rig.port_b.say(2, 0, delay_s=0.9999)  # arrives, but nobody has looked yet
-    assert ended_by(rig).code == "B-RUN-022"
-
-
-def test_not_all_bytes_could_be_sent(tmp_path: Path) -> None:
-    rig = unit_step(tmp_path)
-    rig.port_b.accepts = 3
-    assert ended_by(rig).code == "B-RUN-020"
+    arrange(rig.port_b)
+    error = rig.run().error
+    assert error.code == code
+    assert "start_stream" in error.message or code == "B-RUN-020"
 
 
 def test_the_time_a_person_takes_to_answer_is_a_slip_and_no_overrun(tmp_path: Path) -> None:
@@ -201,3 +170,77 @@ def test_the_time_a_person_takes_to_answer_is_a_slip_and_no_overrun(tmp_path: Pa
     assert outcome.overruns == 0
     assert outcome.slip_s == pytest.approx(600.0)
     assert rig.events("slip") == [{"step": 0, "seconds": 600.0, "reason": "prompt"}]
+
+
+def timeline() -> Timeline:
+    clock = VirtualClock()
+    clock.sleep(5.0)
+    return Timeline(clock, StopSwitch(), clock.now_ns())
+
+
+def test_waits_end_at_planned_times() -> None:
+    line = timeline()
+    for at_s in (0.5, 2.0, 2.0, 7.25):
+        line.wait_until(at_s)
+        assert line.clock.now_ns() == 5 * NS + round(at_s * NS)
+    assert line.lateness_ns == [0, 0, 0, 0]
+
+
+def test_a_late_wait_is_noted_and_takes_no_time() -> None:
+    line = timeline()
+    line.clock.sleep(3.0)
+    line.wait_until(1.0)
+    assert line.clock.now_ns() == 8 * NS
+    assert line.lateness_ns == [2 * NS]
+
+
+def test_reach_never_goes_back() -> None:
+    line = timeline()
+    line.clock.sleep(3.0)
+    line.reach(1.0)
+    assert line.clock.now_ns() == 8 * NS
+    assert line.lateness_ns == []
+    line.reach(4.0)
+    assert line.clock.now_ns() == 9 * NS
+
+
+def test_slip_moves_everything_after_it() -> None:
+    line = timeline()
+    line.add_slip(NS)
+    line.add_slip(NS // 2)
+    line.wait_until(1.0)
+    assert line.clock.now_ns() == 7 * NS + NS // 2
+    assert line.target_ns(10.0) == 16 * NS + NS // 2
+
+
+@pytest.mark.parametrize("bus_takes_s", [0.5, 2.0, 2.5, 30.0])
+def test_settle_is_never_shorter_than_planned_minus_its_bus_time(tmp_path: Path, bus_takes_s: float) -> None:
+    """Planned: 20 s with 2 s of bus time in it. Whatever the bus takes, at least 18 s remain, and later steps shift."""
+    rig = Rig(tmp_path, "calibrator")
+    rig.instruments["calibrator"].slow_s["output"] = bus_takes_s
+    rig.step("call", "calibrator", "output", current=1.0)
+    rig.step("settle", duration_s=20.0, bus_s=2.0)
+    rig.step("call", "calibrator", "operating")
+    rig.step("settle", duration_s=10.0, bus_s=0.1)
+    rig.step("call", "calibrator", "operating")
+    outcome = rig.run()
+    slip_s = max(0.0, bus_takes_s - 2.0)
+    first, second = rig.called("calibrator.operating")
+    assert first == pytest.approx(20.0 + slip_s, abs=1e-9)
+    assert first - bus_takes_s >= 18.0 - 1e-9
+    assert second == pytest.approx(first + 10.0, abs=1e-9)
+    assert outcome.slip_s == pytest.approx(slip_s)
+    assert outcome.overruns == (1 if slip_s else 0)
+    assert [event["seconds"] for event in rig.events("overrun")] == pytest.approx([slip_s] if slip_s else [])
+
+
+def test_lateness_of_the_whole_run_is_in_the_outcome(tmp_path: Path) -> None:
+    rig = Rig(tmp_path, "calibrator")
+    rig.instruments["calibrator"].slow_s["output"] = 3.0
+    rig.step("call", "calibrator", "output", current=1.0)
+    rig.step("record", "port_a", seconds=1.0, retry=0, max_lost=0.0, retry_step=0)
+    rig.step("settle", duration_s=1.0, bus_s=0.0)
+    outcome = rig.run()
+    assert outcome.error is None
+    assert outcome.lateness_ms == (0.0, 0.0, 0.0)  # shifted by slip, then on time
+    assert outcome.slip_s == pytest.approx(3.01)  # the last frame is on the wire 0.6 ms after its gate; 10 ms per look

@@ -68,19 +68,14 @@ def test_single_readings_have_the_least_and_greatest_values_of_the_trend(recorde
     assert span is not None
     raw = raw_window(folder, [*GYROS, "bench.setpoint"], span[0] + 5, span[0] + 15)
     seconds = history(folder, GYROS, span[0] + 5, span[0] + 15, 100)
-    assert raw.bucket_s == 0.0
-    assert seconds.bucket_s == 1.0
+    assert (raw.bucket_s, seconds.bucket_s) == (0.0, 1.0)
+    widths_s = {20.0: 0.0, 22.0: 1.0}  # raw only where there is room for it
+    assert {stop: history(folder, GYROS, span[0] + 1, span[0] + stop, 1000).bucket_s for stop in widths_s} == widths_s
     assert len(raw.t_utc_s) >= 1000
     for row, start in enumerate(seconds.t_utc_s[1:-1], 1):
         mine = (raw.t_utc_s > start + 1e-6) & (raw.t_utc_s <= start + 1 + 1e-6)
         assert np.nanmin(raw.low[mine][:, :6], axis=0).tolist() == seconds.low[row].tolist()
         assert np.nanmax(raw.high[mine][:, :6], axis=0).tolist() == seconds.high[row].tolist()
-
-
-def test_history_is_raw_only_where_there_is_room(recorded: tuple[Path, Heard]) -> None:
-    start = (TrendReader(recorded[0]).span_s() or (0.0, 0.0))[0]
-    assert history(recorded[0], GYROS, start + 1, start + 20, 1000).bucket_s == 0.0
-    assert history(recorded[0], GYROS, start + 1, start + 22, 1000).bucket_s == 1.0
 
 
 def test_a_segment_without_an_end_is_read_up_to_its_last_chunk(recorded: tuple[Path, Heard], tmp_path: Path) -> None:
@@ -154,28 +149,23 @@ def test_a_disk_that_refuses_costs_the_trend_and_nothing_else(
     assert not (done.folder / FOLDER / "trend.json").exists(), "half a trend must not pass for a whole one"
 
 
-def test_a_folder_that_cannot_be_made_is_said_and_the_run_goes_on(tmp_path: Path) -> None:
+@pytest.mark.parametrize(("way", "words"), [("folder", "no trend is written"), ("error", "ZeroDivisionError")])
+def test_whatever_keeps_a_trend_from_being_written_is_said_and_the_run_goes_on(
+    tmp_path: Path, way: str, words: str
+) -> None:
     @contextmanager
     def beside(context: RunContext) -> Iterator[None]:
-        (context.folder / FOLDER).write_text("in the way")
+        if way == "folder":
+            (context.folder / FOLDER).write_text("in the way")
         with trend_recorder(context) as recorder:
-            assert recorder is None
+            assert (recorder is None) == (way == "folder")
+            if recorder is not None:
+                recorder._bench.advance = lambda t_utc_ns: 1 / 0  # type: ignore[method-assign,assignment,return-value]
             yield
 
     done, heard = run_short(tmp_path, beside=[beside])
-    assert len([text for text in heard.said if "no trend is written" in text]) == 1
+    assert len([text for text in heard.said if words in text]) == 1
     assert SessionReader(done.folder).damage == []
-
-
-def test_an_error_nobody_foresaw_costs_the_trend_alone(tmp_path: Path) -> None:
-    @contextmanager
-    def beside(context: RunContext) -> Iterator[None]:
-        with trend_recorder(context) as recorder:
-            recorder._bench.advance = lambda t_utc_ns: 1 / 0  # type: ignore[method-assign,assignment,return-value]
-            yield
-
-    _, heard = run_short(tmp_path, beside=[beside])
-    assert [text for text in heard.said if "ZeroDivisionError" in text] != []
 
 
 def test_what_no_session_has_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
