@@ -58,12 +58,6 @@ def test_every_key_has_a_row(site: Path, kind: str) -> None:
         assert [key for key in model.get("properties", {}) if f"\n| `{key}` |" not in sections[name]] == [], name
 
 
-def test_a_quantity_has_its_unit_and_its_default(site: Path) -> None:
-    page = (site / "docs" / "reference" / "station.md").read_text(encoding="utf-8")
-    assert "| `silence` | quantity in s | `2 s` |" in page
-    assert "| `window` | quantity in s | `60 s` | time that is shown at first |" in page
-
-
 def test_every_name_of_the_interface_is_there(site: Path) -> None:
     page = (site / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
     assert [name for name in api.__all__ if f"\n## bench.{name}\n" not in page] == []
