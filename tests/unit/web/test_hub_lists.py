@@ -18,9 +18,8 @@ from bench.model.clock import VirtualClock
 from bench.record.writer import OPEN_MARKER
 from bench.session import partial_fits
 from bench.session.partial_fits import KEPT_IN_ALL, KEPT_PER_ROW, PartialFits, finished_estimates, joined
-from bench.web.recorded.listing import READ_AT_ONCE, RunList, verdict_of
+from bench.web.recorded.listing import READ_AT_ONCE, RunList
 from bench.web.recorded.past import MOST_POINTS, Past, Trends, history_query
-from bench.web.runs import calibration_rows
 from bench.web.security.refusal import Refusal
 
 GOOD = {"signals": "a.b,a.c,a.b", "t0": "1.5", "t1": "2.5", "n": "10"}
@@ -94,12 +93,6 @@ def test_a_pipe_or_a_link_in_a_session_holds_nobody_up(tmp_path: Path) -> None:
             assert page.ask("GET", f"/api/v1/runs/{path}", page.cookie("viewer")).status == 404
 
 
-def test_a_run_that_is_not_there_has_no_document(page: Page) -> None:
-    with pytest.raises(Refusal) as refused:
-        page.app.state.hub.folder("20000101T000000Z_gone")
-    assert (refused.value.status, refused.value.code) == (404, "B-WEB-013")
-
-
 def test_a_session_that_cannot_be_read_has_a_document_that_says_so(page: Page) -> None:
     state = page.ask("GET", f"/api/v1/runs/{RUN}", page.cookie("viewer")).json
     assert (state["state"], state["outcome"]["error"]) == ("stopped", "B-REC-012")
@@ -111,11 +104,6 @@ def test_runs_are_listed_newest_first(page: Page) -> None:
     assert rows[0]["started_utc_s"] == 1_767_323_045
     assert (rows[0]["state"], rows[0]["verdict"], rows[0].get("live")) == ("ended", None, None)
     assert rows[1]["title"] is None, "its segment is empty"
-
-
-def test_no_history_is_an_empty_list(page: Page) -> None:
-    assert page.ask("GET", "/api/v1/calibrations", page.cookie("viewer")).json == {"calibrations": []}
-    assert calibration_rows(None, page.serving.out) == []
 
 
 def test_a_session_is_read_once_until_its_folder_changes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,22 +128,6 @@ def test_a_session_is_read_once_until_its_folder_changes(tmp_path: Path, monkeyp
     row = runs.rows()[0][0]
     assert (row["verdict"], row["uut"]["serial"], row["records"]["done"], row["state"]) == ("fail", "9", 5, "stopped")
     assert read[-1] == newest.name
-
-
-def test_a_folder_named_after_no_time_is_listed_without_one(tmp_path: Path) -> None:
-    for name in ("20260101T000067Z_x_1", "20261399T999999Z_x_1", "20260101T000001Z_x_1"):
-        write_sample(tmp_path / name, seconds=1)
-    rows, _ = RunList(tmp_path).rows()
-    assert sorted(row["started_utc_s"] is None for row in rows) == [False, True, True]
-
-
-def test_the_verdict_of_a_session_is_its_worst() -> None:
-    def of(*verdicts: str) -> str:
-        return verdict_of({"estimates": [{"verdict": one} for one in verdicts]})
-
-    assert of("none", "pass", "conditional_pass") == "conditional_pass"
-    assert of("pass", "fail", "conditional_fail") == "fail"
-    assert of("none") == of() == "none"
 
 
 def row(value: float, channel: int = 1) -> dict[str, Any]:

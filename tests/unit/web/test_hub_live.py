@@ -116,14 +116,6 @@ def test_a_page_may_ask_for_a_snapshot_and_says_nothing_else_that_matters(page: 
     assert feed.state["state"] == "running"
 
 
-def test_a_page_that_comes_later_gets_a_snapshot_too(page: Page, feed: FeedStandIn) -> None:
-    with watching(page) as one:
-        until(one, "heartbeat")
-        with watching(page, "operator") as two:
-            assert until(two, "snapshot")["points"]["n"] == 600
-            assert until(two, "heartbeat")["age_s"] < 3
-
-
 def test_many_pages_cost_the_run_one_question(page: Page, feed: FeedStandIn) -> None:
     with watching(page) as one, watching(page, "operator") as two, watching(page) as three:
         for connection in (one, two, three):

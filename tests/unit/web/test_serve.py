@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import os
 import re
 import shutil
@@ -13,7 +14,7 @@ import ssl
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from http.client import HTTPConnection, HTTPSConnection
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -391,3 +392,77 @@ def test_viewers_leave_room_for_operators_b_web_023(page: Page, monkeypatch: pyt
         return [*counts, *(message["code"] for message in closed)]
 
     assert asyncio.run(crowd()) == [1, 1, 4429, 4429]
+
+
+def test_a_page_that_is_cut_at_the_end_leaves_no_traceback(page: Page, caplog: pytest.LogCaptureFixture) -> None:
+    uvicorn = logging.getLogger("uvicorn.error")
+    for error in (asyncio.CancelledError(), OSError("something else")):
+        uvicorn.error("Exception in ASGI application", exc_info=error)
+    assert [str(record.exc_info[1]) for record in caplog.records if record.exc_info] == ["something else"]
+
+
+def test_a_head_without_end_is_refused(page: Page) -> None:
+    with socket.create_connection(("127.0.0.1", page.port), CUT_S) as stream:
+        stream.sendall(b"GET / HTTP/1.1\r\nX-Long: ")
+        sent = 0
+        with suppress(OSError):
+            while sent < 100 * serving.LARGEST_HEAD:
+                sent += stream.send(b"x" * 4096)
+        assert sent < 100 * serving.LARGEST_HEAD, "it does not take for ever what has no end"
+    assert page.ask("GET", "/").status == 401
+
+
+def test_an_address_holds_no_more_connections_than_its_share_and_the_next_one_waits_for_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serving, "MOST_OF_ADDRESS", 3)
+    with served(tmp_path) as page:
+        place = ("127.0.0.1", page.port)
+        held = [socket.create_connection(place, CUT_S) for _ in range(3)]
+        for stream in held:
+            stream.sendall(whole(page))
+            assert stream.recv(12) == b"HTTP/1.1 401"
+        with socket.create_connection(place, CUT_S) as beyond:
+            assert is_cut(beyond)
+        with socket.create_connection(place, CUT_S, source_address=("127.0.0.2", 0)) as other:
+            other.sendall(whole(page))
+            assert other.recv(12) == b"HTTP/1.1 401"
+        held.pop().close()
+        until(lambda: page.ask("GET", "/").status == 401)
+        for stream in held:
+            stream.close()
+
+
+def test_pages_that_come_and_go_leave_no_connection_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serving, "MOST_OF_ADDRESS", 2)
+    with served(tmp_path) as page:
+        for _ in range(5):
+            assert page.close_code(page.cookie(VIEWER), origin=page.origin) == 4404  # there is no such run
+        assert page.ask("GET", "/").status == 401
+
+
+def test_an_address_has_no_more_pages_than_its_share_b_web_023(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate, "MOST_OF_ADDRESS", 2)
+    with served(tmp_path) as page:
+        pass
+    headers = {"Host": f"127.0.0.1:{page.port}", "Origin": page.origin, **page.cookie(OPERATOR)}
+
+    async def crowd() -> list[bool]:
+        over = asyncio.Event()
+
+        async def route(scope: Scope, receive: Receive, send: Send) -> None:
+            await over.wait()
+
+        one = Gate(route, page.serving)
+        pages = [await opened(one, headers, over) for _ in range(3)]
+        refused = [bool(sent) for _, sent in pages]
+        over.set()
+        await asyncio.gather(*(task for task, _ in pages))
+        over.clear()
+        again, sent = await opened(one, headers, over)
+        refused.append(bool(sent))
+        over.set()
+        await again
+        return refused
+
+    assert asyncio.run(crowd()) == [False, False, True, False]
