@@ -130,12 +130,6 @@ def test_the_value_nearest_to_its_limit_and_the_risk_of_the_rule(model: ReportMo
     assert "Largest risk among the 1 refused here: <\u00a00.01\u00a0%." in said["Decision rule"]
 
 
-@pytest.mark.parametrize(("rule", "words"), [("simple", "Simple acceptance"), ("guard_band", "Guarded acceptance")])
-def test_the_rule_is_that_of_the_results(model: ReportModel, rule: str, words: str) -> None:
-    other = replace(model, results={**model.results, "decision_rule": rule})
-    assert on(first_page(other, None, WORDS))["Decision rule"].startswith(words)
-
-
 def test_what_the_laboratory_states_is_on_it(page: FirstPage) -> None:
     said = on(page)
     assert (page.title, page.number) == ("Calibration report", "EX-2026-0002")
@@ -196,30 +190,6 @@ def test_doubtful_values_are_marked_and_say_so_above(model: ReportModel) -> None
     assert shown.notes == (WORDS("first.results.unsound"),)
 
 
-def test_where_nothing_is_sound_the_rule_is_stated_and_that_nothing_is_judged(model: ReportModel) -> None:
-    doubtful = {**estimate("bias", "A", 1e-9, 1e-10, channel=1), "quality": "doubtful", "limit": 1e-8}
-    results = {**model.results, "estimates": [{**doubtful, "verdict": "indeterminate"}], "decision_rule": "guard_band"}
-    rule = on(first_page(replace(model, results=results), None, words_of("en")))["Decision rule"]
-    assert rule.startswith("Guarded acceptance")
-    assert rule.endswith("No value is judged: none that has a limit is sound.")
-
-
-def test_a_refused_value_without_a_limit_of_its_own_does_not_say_that_there_are_no_limits(model: ReportModel) -> None:
-    """At rest the sequence states limits of a time offset, but no value is held against them (docs/time-sync.md)."""
-    refused = {**estimate("time_offset", "s", 0.0, 0.03), "value": None, "quality": "refused", "limit": None}
-    results = {**model.results, "estimates": [{**refused, "verdict": "indeterminate"}]}
-    rule = on(first_page(replace(model, results=results), None, words_of("en")))["Decision rule"]
-    assert rule == "No value is judged: none that is stated here is held against a limit."
-
-
-def test_results_of_an_analysis_with_another_way_than_their_own_are_shown(model: ReportModel) -> None:
-    """A log in a turn about z is fitted by the ellipse: the method of the results names the way, not the fit."""
-    found = estimate("mag_gain", "1", 1.01, 0.01, kind="magnetometer", method="ellipse")
-    results = {**model.results, "estimates": [found], "method": "turn_about_z"}
-    page = first_page(replace(model, results=results, main=()), None, words_of("en"))
-    assert any("1.010 ± 0.010" in row for block in page.results for row in block.rows)
-
-
 def test_more_than_the_page_has_room_for_is_thinned_and_told(model: ReportModel) -> None:
     """Of 13 temperatures five are shown, both ends among them; of 14 channels twelve; what is left out is said."""
     where = [(channel, float(degC)) for channel in range(1, 15) for degC in range(-60, 70, 10)]
@@ -234,12 +204,6 @@ def test_more_than_the_page_has_room_for_is_thinned_and_told(model: ReportModel)
     assert "The first 12 of 14 rows" in table.caption
     assert shown.notes == (WORDS("first.results.further"),)
     assert len(png_pages(model, [], WORDS, 20.0, shown)) == 1
-
-
-def test_a_campaign_without_results_says_so(model: ReportModel) -> None:
-    bare = first_page(replace(model, results={**model.results, "estimates": []}), laboratory(), WORDS)
-    assert (bare.results, bare.notes) == ((), (WORDS("first.results.none"),))
-    assert bare.not_accredited == (WORDS("first.accreditation.nothing"),)
 
 
 def test_what_is_measured_outside_of_what_the_laboratory_states_is_told(model: ReportModel) -> None:
@@ -277,37 +241,6 @@ def test_entries_that_may_not_be_are_refused(wrong: dict[str, Any], said: str) -
         laboratory(**wrong)
 
 
-CLAUSES = {
-    *(f"7.8.2.1 {letter})" for letter in "abcdefghijklmnop"),
-    "7.8.2.2",
-    *(f"7.8.4.1 {letter})" for letter in "abcdef"),
-    *("7.8.4.3", "7.8.6.1", "7.8.6.2", "7.8.7", "7.8.8"),
-}
-
-
-def test_every_clause_has_its_place_in_the_docs(page: FirstPage) -> None:
-    """What the table calls an entry or a statement of page 1 is one."""
-    text = (ROOT / "docs" / "report.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (7\.8\.[^|]*?) \| [^|]* \| ([^|]*) \|$", text, re.MULTILINE)
-    assert {clause for clause, _ in rows} == CLAUSES
-    places = set(re.findall(r"\*([^*]+)\*", " ".join(place for _, place in rows)))
-    assert places >= {"Laboratory", "Customer", "Item", "Decision rule", "Environment", "Traceability"}
-    titles = {text for key, text in WORDS.all.items() if key.startswith("section.")}
-    assert places <= {*on(page), *titles}
-
-
-@pytest.mark.parametrize(
-    ("language", "of_test", "of_calibration"), [("en", "Tested", "Calibrated"), ("ko", "시험일", "교정일")]
-)
-def test_a_test_is_called_one(model: ReportModel, language: str, of_test: str, of_calibration: str) -> None:
-    """ISO/IEC 17025 7.8.3: an analysis of items that pass or fail."""
-    words = words_of(language)
-    tested = replace(model, results={**model.results, "campaign": "gnc_unit_test"})
-    assert f"{of_test} (UTC)" in on(first_page(tested, None, words))
-    assert f"{of_calibration} (UTC)" in on(first_page(model, None, words))
-    assert first_page(tested, laboratory(), words).title == words("first.title.test")
-
-
 def test_a_log_without_a_date_states_none_and_no_sequence(model: ReportModel) -> None:
     name = "19700101T000000Z_log_unknown"
     log = replace(model, started_utc=started_utc(name), origin={"sequence": "my_map", "clock": "log"})
@@ -331,16 +264,3 @@ def test_the_clock_of_the_bench_is_named_where_results_are_by_it(
     """ISO/IEC 17025 7.8.4.1 c): what has no certificate is not among those that have one."""
     timed = replace(model, results={**model.results, "campaign": campaign})
     assert ("clock of the bench" in on(first_page(timed, None, WORDS))["Traceability"]) == named
-
-
-def test_a_shipped_title_is_told_in_korean(model: ReportModel) -> None:
-    told = replace(model, title="Ring laser lock-in and its compensation", origin={"sequence": "rlg_lock_in"},
-                   results={**model.results, "campaign": "rlg_lock_in"})  # fmt: skip
-    assert first_page(told, None, words_of("ko")).subject == "링 레이저의 록인과 그 보상"
-
-
-def test_a_condition_down_the_side_has_a_prefix(model: ReportModel) -> None:
-    rows = [estimate("rate", "deg/s", 0.1, 0.01, clock_Hz=hertz) for hertz in (20e6, 100e6)]
-    (block,) = first_page(replace(model, main=(), results={**model.results, "estimates": rows}), None, WORDS).results
-    assert block.headers[0] == "clock / MHz"
-    assert [row[0] for row in block.rows] == ["20", "100"]
