@@ -133,10 +133,3 @@ def test_what_is_refused(say: Say, url: str, tmp_path: Path) -> None:
         status, text, complaint = say(*words)
         assert (status, text) == (2, ""), words
         assert f"error {code}: " in complaint
-
-
-@pytest.mark.parametrize("command", ["charts", "freeze", "adjusted"])
-def test_help_shows_an_example(command: str, say: Say) -> None:
-    status, text, _ = say(command, "--help")
-    assert status == 0
-    assert f"bench history {command}" in text.split("Example")[1]
