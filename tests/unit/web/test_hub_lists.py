@@ -22,20 +22,15 @@ from bench.web.recorded.listing import READ_AT_ONCE, RunList
 from bench.web.recorded.past import MOST_POINTS, Past, Trends, history_query
 from bench.web.security.refusal import Refusal
 
+SAMPLE = "20260102T030405Z_sample_7"
 GOOD = {"signals": "a.b,a.c,a.b", "t0": "1.5", "t1": "2.5", "n": "10"}
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
     with served(tmp_path_factory.mktemp("lists")) as found:
-        write_sample(found.serving.out / "20260102T030405Z_sample_7", seconds=3)
+        write_sample(found.serving.out / SAMPLE, seconds=3)
         yield found
-
-
-def test_a_history_request_is_read() -> None:
-    query = history_query(GOOD)
-    assert (query.signals, query.t0_utc_s, query.t1_utc_s, query.n) == (("a.b", "a.c"), 1.5, 2.5, 10)
-    assert history_query({**GOOD, "n": "999999"}).n == MOST_POINTS
 
 
 @pytest.mark.parametrize(
@@ -45,18 +40,21 @@ def test_a_history_request_is_read() -> None:
      {"n": "9" * 5000}, {"n": "٣"}],
 )  # fmt: skip
 def test_a_history_request_that_makes_no_sense_is_refused(wrong: dict[str, str]) -> None:
+    query = history_query(GOOD)
+    assert (query.signals, query.t0_utc_s, query.t1_utc_s, query.n) == (("a.b", "a.c"), 1.5, 2.5, 10)
+    assert history_query({**GOOD, "n": "999999"}).n == MOST_POINTS
     with pytest.raises(Refusal) as refused:
         history_query({**GOOD, **wrong})
     assert (refused.value.code, refused.value.status) == ("B-WEB-020", 400)
 
 
 def test_history_over_http_says_what_is_wrong(page: Page) -> None:
-    path = f"/api/v1/runs/{RUN}/history?signals=a.b&t0=2&t1=1"
-    answer = page.ask("GET", path, page.cookie("viewer"))
-    assert (answer.status, answer.json["error"]) == (400, "B-WEB-020")
-    assert "later" in answer.json["text"]
-    path = "/api/v1/runs/20260102T030405Z_sample_7/history?signals=port_a.nothing&t0=1&t1=2"
-    assert page.ask("GET", path, page.cookie("viewer")).status == 400
+    for asked, code in (
+        (f"{RUN}/history?signals=a.b&t0=2&t1=1", "B-WEB-020"),
+        (f"{SAMPLE}/history?signals=port_a.nothing&t0=1&t1=2", "B-FRAME-024"),
+    ):
+        answer = page.ask("GET", f"/api/v1/runs/{asked}", page.cookie("viewer"))
+        assert (answer.status, answer.json["error"]) == (400, code)
 
 
 def test_a_session_without_a_report_says_so(page: Page) -> None:
@@ -71,8 +69,8 @@ def test_a_session_without_a_report_says_so(page: Page) -> None:
 def test_a_report_that_leads_elsewhere_is_not_read(page: Page) -> None:
     secret = page.serving.out.parent / "secret"
     secret.write_text("secret")
-    (page.serving.out / "20260102T030405Z_sample_7" / "report.html").symlink_to(secret)
-    assert page.ask("GET", "/api/v1/runs/20260102T030405Z_sample_7/report", page.cookie("viewer")).status == 404
+    (page.serving.out / SAMPLE / "report.html").symlink_to(secret)
+    assert page.ask("GET", f"/api/v1/runs/{SAMPLE}/report", page.cookie("viewer")).status == 404
 
 
 def test_a_pipe_or_a_link_in_a_session_holds_nobody_up(tmp_path: Path) -> None:
@@ -100,7 +98,7 @@ def test_a_session_that_cannot_be_read_has_a_document_that_says_so(page: Page) -
 
 def test_runs_are_listed_newest_first(page: Page) -> None:
     rows = page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"]
-    assert [row["run"] for row in rows] == ["20260102T030405Z_sample_7", RUN]
+    assert [row["run"] for row in rows] == [SAMPLE, RUN]
     assert rows[0]["started_utc_s"] == 1_767_323_045
     assert (rows[0]["state"], rows[0]["verdict"], rows[0].get("live")) == ("ended", None, None)
     assert rows[1]["title"] is None, "its segment is empty"
@@ -212,22 +210,10 @@ def test_processes_import_nothing_from_where_the_server_was_started(
     taken = tmp_path / "taken"
     for name in ("json", "numpy"):
         (tmp_path / f"{name}.py").write_text(f"open({str(taken)!r}, 'w')\n")
-    write_sample(tmp_path / "20260102T030405Z_sample_7", seconds=3)
+    write_sample(tmp_path / SAMPLE, seconds=3)
     monkeypatch.chdir(tmp_path)
-    folder, cache = tmp_path / "20260102T030405Z_sample_7", tmp_path / "cache"
+    folder, cache = tmp_path / SAMPLE, tmp_path / "cache"
     assert Trends(cache).made(folder) is not None
     asyncio.run(PartialFits(VirtualClock())._answer(folder))
     assert list(cache.glob("*/*/trend/trend.json"))
     assert not taken.exists()
-
-
-def test_a_recording_is_read_once_until_it_changes(tmp_path: Path) -> None:
-    folder = tmp_path / "20260102T030405Z_sample_7"
-    write_sample(folder, seconds=3)
-    past = Past(tmp_path / "cache")
-    first = past._read(folder)
-    assert past._read(folder) is first
-    (folder / "results.json").write_text("{}")
-    again = past._read(folder)
-    assert again is not first
-    assert past._read(folder) is again

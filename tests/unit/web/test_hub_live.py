@@ -4,24 +4,30 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import socket
 import struct
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from feed_stand_in import NAMES, T0, FeedStandIn
 from record_sample import write_sample
+from starlette.websockets import WebSocketDisconnect
 from web_rig import RUN, Page, served
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from bench.model.clock import WallClock
-from bench.record.writer import OPEN_MARKER
+from bench.model.errors import InputError
+from bench.record import OPEN_MARKER
+from bench.web import socket as served_socket
 from bench.web.live import LiveRun
+from bench.web.security.tokens import OPERATOR, VIEWER
 
 
 @pytest.fixture
@@ -41,9 +47,9 @@ def feed(page: Page) -> Iterator[FeedStandIn]:
 
 
 @contextmanager
-def watching(page: Page, role: str = "viewer", run: str = RUN) -> Iterator[ClientConnection]:
+def watching(page: Page, role: str = VIEWER, run: str = RUN, login_id: str = "") -> Iterator[ClientConnection]:
     url = f"ws://127.0.0.1:{page.port}/ws?run={run}"
-    headers = page.cookie(role)
+    headers = page.cookie(role, login_id=login_id)
     with connect(url, origin=page.origin, additional_headers=headers, proxy=None) as connection:  # type: ignore[arg-type]
         yield connection
 
@@ -228,3 +234,102 @@ def test_the_list_and_the_document_show_a_living_run(page: Page, feed: FeedStand
     assert (row["state"], row["records"]["done"]) == ("running", None)
     feed.close()
     assert page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"][0]["state"] == "stopped"
+
+
+# --- the end of a login, and of a page ---------------------------------------------------------------------------
+
+
+def closed_with(connection: ClientConnection) -> tuple[int, str]:
+    """Return code and reason, behind all that was sent before; nothing else would ever close it."""
+    with pytest.raises(ConnectionClosed) as closed:
+        until(connection, "never")
+    assert closed.value.rcvd is not None
+    return closed.value.rcvd.code, closed.value.rcvd.reason
+
+
+@pytest.mark.parametrize("role", [VIEWER, OPERATOR])
+def test_a_logout_closes_every_socket_of_its_login_and_none_of_somebody_else(
+    page: Page, feed: FeedStandIn, role: str
+) -> None:
+    with (
+        watching(page, role, login_id="own") as one,
+        watching(page, role, login_id="own") as two,
+        watching(page, role, login_id="another") as other,
+    ):
+        for connection in (one, two, other):
+            until(connection, "snapshot")
+        assert page.post("/logout", role, {}, login_id="own").status == 200
+        assert [closed_with(connection) for connection in (one, two)] == [(4401, "B-WEB-008")] * 2
+        other.send(json.dumps({"type": "snapshot"}))
+        until(other, "snapshot")
+        assert page.close_code(page.cookie(role, login_id="own"), RUN, page.origin) == 4401
+        assert page.post("/logout", role, {}, login_id="another").status == 200
+        assert closed_with(other) == (4401, "B-WEB-008")
+
+
+def test_whoever_logs_out_while_a_page_opens_sees_nothing(page: Page, feed: FeedStandIn) -> None:
+    """The gate asks once more behind the opening: a login that has ended by then is closed before its snapshot."""
+    entered = page.app.state.hub.watching
+
+    def slow(run: str, viewer: object) -> object:
+        page.serving.logged_out.add(page.serving.cookies.read(page.cookie(VIEWER)["Cookie"]))  # type: ignore[arg-type]
+        return entered(run, viewer)
+
+    page.app.state.hub.watching = slow
+    assert page.close_code(page.cookie(VIEWER), RUN, page.origin) == 4401
+
+
+class Gone:
+    """A socket whose other end is closed at the first message; ``error`` is what sending says then."""
+
+    def __init__(self, hub: Any, error: Exception) -> None:
+        self.app = SimpleNamespace(state=SimpleNamespace(hub=hub))
+        self.scope, self.query_params = {"user": SimpleNamespace(role="viewer")}, {"run": "one"}
+        self._error = error
+        self.sent = 0
+
+    async def accept(self) -> None:
+        return None
+
+    async def send_text(self, message: str) -> None:
+        self.sent += 1
+        raise self._error
+
+    send_bytes = send_text
+
+    async def receive_text(self) -> str:
+        await asyncio.Event().wait()
+        return ""
+
+    async def close(self, code: int, reason: str) -> None:
+        await self.send_text(reason)
+
+
+class Hub:
+    """One run with a snapshot; or ``error`` instead."""
+
+    def __init__(self, error: Exception | None = None) -> None:
+        self._error = error
+
+    @asynccontextmanager
+    async def watching(self, run: str, viewer: Any) -> Any:
+        if self._error is not None:
+            raise self._error
+        viewer.ask_snapshot()
+        yield SimpleNamespace(room=SimpleNamespace(snapshot=lambda viewer: ["state"]))
+
+
+CLOSED = "Unexpected ASGI message 'websocket.send', after sending 'websocket.close' or response already completed"
+ERRORS = [WebSocketDisconnect(1006), RuntimeError(CLOSED)]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=["disconnected", "closed already"])
+@pytest.mark.parametrize("hub", [Hub(), Hub(InputError("B-WEB-013", "there is no such run"))], ids=["run", "none"])
+def test_a_page_that_goes_away_while_it_is_sent_to(
+    hub: Hub, error: Exception, caplog: pytest.LogCaptureFixture
+) -> None:
+    page = Gone(hub, error)
+    with caplog.at_level(logging.DEBUG):
+        asyncio.run(asyncio.wait_for(served_socket.socket(page), 10.0))  # type: ignore[arg-type]
+    assert page.sent == 1
+    assert [record for record in caplog.records if record.exc_info] == []

@@ -176,30 +176,22 @@ def test_the_messages_are_on_the_axis_of_utc(session: Recording) -> None:
     assert session.until(UTC_S + 2e9) == len(session.messages) == 212  # 200 lines, 10 records, end and closed
 
 
-def test_the_part_after_a_resume_has_its_own_utc(tmp_path: Path) -> None:
-    folder = tmp_path / "s"
-    write_session(folder, ends=False)
-    writer = resume_session(folder, Resume(reason="power"), t_mono_ns=3 * NS)
-    writer.clock_pair(3 * NS, (UTC_S + 5000) * NS)  # another boot: its clock begins anew
-    writer.command("dmm", "tx", "READ? again", 13 * NS)
-    writer.close("done")
-    found = read_recording(folder)
-    again = next(index for index, one in enumerate(found.messages) if b"again" in one.payload)
-    assert found.t_utc_s[again] == UTC_S + 5010
-    assert found.t_utc_s == sorted(found.t_utc_s)
-
-
-def test_the_part_behind_a_clock_that_went_back_follows_with_its_own_lengths(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ahead_s", [5000, -5000])
+def test_the_part_after_a_resume_has_its_own_utc_and_a_clock_that_went_back_its_own_lengths(
+    tmp_path: Path, ahead_s: int
+) -> None:
     folder = tmp_path / "s"
     write_session(folder, ends=False)
     last_s = read_recording(folder).last_utc_s
     writer = resume_session(folder, Resume(reason="power"), t_mono_ns=3 * NS)
-    writer.clock_pair(3 * NS, (UTC_S - 5000) * NS)
+    writer.clock_pair(3 * NS, (UTC_S + ahead_s) * NS)  # another boot: its clock begins anew
     writer.command("dmm", "tx", "READ? again", 13 * NS)
     writer.close("done")
     found = read_recording(folder)
     again = next(index for index, one in enumerate(found.messages) if b"again" in one.payload)
-    assert found.t_utc_s[again] == pytest.approx(last_s + 10.0, abs=1e-3)
+    due_s = UTC_S + ahead_s + 10 if ahead_s > 0 else last_s + 10.0
+    assert found.t_utc_s[again] == pytest.approx(due_s, abs=1e-3)
+    assert found.t_utc_s == sorted(found.t_utc_s)
 
 
 def state_of(session: Recording) -> RecordedState:
