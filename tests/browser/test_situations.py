@@ -14,10 +14,6 @@ from playwright.sync_api import Browser, Page, expect
 from shown_run import ShownRun
 from situations import LIVING, OVER, state_of
 
-from bench.tui.look import Look, catalogue
-from bench.tui.page import page_of
-from bench.tui.watch import Seen
-
 pytestmark = pytest.mark.waits
 
 SIZES = {"wide": {"width": 1280, "height": 800}, "phone": {"width": 390, "height": 844}}
@@ -120,14 +116,3 @@ def test_a_session_that_is_over_begins_with_its_outcome(
         expect(page.locator("#session-outcome .outcome-word")).to_have_text(OVER[what])
         expect(page.locator("#session-outcome #report")).to_be_visible()
         picture(page, screenshots / f"over_{what}.png")
-
-
-@pytest.mark.parametrize("name", LIVING)
-def test_the_terminal_says_the_same(living: dict[str, ShownRun], screenshots: Path, name: str) -> None:
-    situation = LIVING[name]
-    lines = page_of(Seen(living[name].state, "x"), Look(catalogue()))
-    text = "\n".join(line.plain for line in (*lines.head, *lines.body))
-    assert situation.word in text
-    assert "ENERGISED" in text
-    assert all(words in " ".join(text.split()) for words in situation.says), text
-    (screenshots / f"top_{name}.txt").write_text(text, encoding="utf-8")

@@ -14,7 +14,6 @@ from scipy import stats
 
 from bench.model.errors import InputError
 from bench.report.dcc import Calibration, certificate_text, nobody, overdue, session_of
-from bench.report.dcc.calibration import TEXTS
 
 TOKENS = {
     "ppm": r"\one", "A": r"\ampere", "ppm/degC": r"\kelvin\tothe{-1}", "A/degC2": r"\ampere\kelvin\tothe{-2}",
@@ -93,14 +92,6 @@ def test_a_condition_is_a_number_with_its_unit_where_it_is_one_and_a_word_where_
     assert (found["kind"][2], found["closed"][2]) == ("gyro", "true")
 
 
-def test_many_values_of_a_quantity_are_one_table() -> None:
-    results = ET.fromstring(xml_of(calibration())).findall(".//dcc:results/dcc:result", NS)
-    kinds = Counter(one.get("refType") for one in results)
-    assert kinds["bench_quantity_0"] == 1
-    assert kinds["bench_drift"] == 2  # a sentence among the conditions makes a table of its own
-    assert kinds["bench_few"] == 2  # finite degrees of freedom are a column
-
-
 def test_a_small_sample_says_which_distribution_and_how_many_degrees_of_freedom() -> None:
     k = float(stats.t.ppf(0.975, 3.7))
     xml = xml_of(calibration(estimates=[estimate("few", "A", 1e-9, 2e-9, dof=3.7, coverage_factor=k)]))
@@ -151,19 +142,6 @@ def test_verdicts_have_their_rule_their_limits_and_the_worst_one_for_the_whole()
     assert texts_of(xml, ".//dcc:conformityXMLList") == ["pass conditionalPass"]
     (rule,) = texts_of(xml, ".//dcc:statement[@refType='bench_decisionRule']/dcc:declaration/dcc:content")
     assert "non-binary" in rule
-
-
-@pytest.mark.parametrize("rule", ["simple", "guard_band", "non_binary"])
-def test_every_rule_of_decision_has_its_words(rule: str) -> None:
-    made = calibration()
-    xml = xml_of(replace(made, results={**made.results, "decision_rule": rule}))
-    assert TEXTS(f"rule.{rule}") in texts_of(xml, ".//dcc:declaration/dcc:content")
-
-
-def test_nothing_judged_is_said() -> None:
-    xml = xml_of(calibration(estimates=[estimate("any", "A", 1.0, 2.0)]))
-    assert TEXTS("statement.not_judged") in texts_of(xml, ".//dcc:declaration/dcc:content")
-    assert texts_of(xml, ".//dcc:conformity") == []
 
 
 def test_a_simulated_specimen_is_marked_everywhere() -> None:
