@@ -7,10 +7,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from browser_rig import PageServer, chromium
-from playwright.sync_api import Browser
+from browser_rig import PATIENCE_MS, PageServer, chromium
+from playwright.sync_api import Browser, expect
 from shown_run import ShownRun
 from situations import stage_living, stage_over
+
+expect.set_options(timeout=PATIENCE_MS)
 
 
 @pytest.fixture(scope="module")  # Playwright keeps an event loop running, which tests of other folders start themselves

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import pytest
 import store_sample
-from browser_rig import PageServer, visiting
-from playwright.sync_api import Browser, Page
+from browser_rig import PageServer, until, visiting
+from playwright.sync_api import Browser, Page, expect
 from shown_run import ShownRun
 from situations import LIVING, state_of
 from test_axe import DESK, PHONE, nothing_is_wrong
-from test_reach import SMALLER, TOUCH_PX, WIDER, well_led
+from test_reach import fits_and_can_be_touched, well_led
 from test_situations import picture
 
 from bench.model.clock import WallClock
@@ -29,9 +29,9 @@ pytestmark = pytest.mark.waits
 LIMIT_S = 5.0
 CLOCK = WallClock()
 RUN = "20260301T000000Z_real_7"
-STATES = """() => Object.fromEntries([...document.querySelectorAll("#benches tbody tr")].map(
+STATES = """() => Object.fromEntries([...document.querySelectorAll("#benches tbody tr[data-key]")].map(
   (row) => [row.dataset.key, row.querySelector(".fleet-state").dataset.state]))"""
-ROWS = """() => [...document.querySelectorAll("#benches tbody tr")].map(
+ROWS = """() => [...document.querySelectorAll("#benches tbody tr[data-key]")].map(
   (row) => [row.dataset.key, row.className.match(/need-(\\w+)/)[1]])"""
 
 
@@ -89,24 +89,25 @@ def open_fleet(page: Page, fleet: PageServer, wanted: dict[str, str]) -> None:
 
 def as_it_is_shown(page: Page, bench: PageServer) -> None:
     """The real bench, whose run holds at its open door; its links, and nothing that commands."""
-    real = page.inner_text("#benches tr[data-key=real]")
-    assert all(words in real for words in ("HOLDING", "door is open", "38.0 %", "ENERGISED", "NGU 7", "here")), real
-    assert page.get_attribute("#benches tr[data-key=real] a", "href") == f"{bench.origin}/"
-    assert page.locator(f"#benches a[href='{bench.origin}/runs/{RUN}']").count() == 1
-    assert page.locator("#benches button, #benches input, #benches form").count() == 0
+    real = page.locator("#benches tr[data-key=real]")
+    for words in ("HOLDING", "door is open", "38.0 %", "ENERGISED", "NGU 7", "here"):
+        expect(real).to_contain_text(words)
+    expect(real.locator("a").first).to_have_attribute("href", f"{bench.origin}/")
+    expect(page.locator(f"#benches a[href='{bench.origin}/runs/{RUN}']")).to_have_count(1)
+    expect(page.locator("#benches button, #benches input, #benches form")).to_have_count(0)
 
 
 def those_that_need_somebody_stand_first(page: Page, gone: list[str], silent: str) -> None:
     names, need = zip(*page.evaluate(ROWS), strict=True)
     assert list(need) == sorted(need, key=["much", "some", "none"].index)
     assert list(names[: len(gone)]) == gone
-    text = page.inner_text(f"#benches tr[data-key={silent}]")
-    assert "heard last" in text
-    assert "ENERGISED" not in text
+    row = page.locator(f"#benches tr[data-key={silent}]")
+    expect(row).to_contain_text("heard last")
+    expect(row).not_to_contain_text("ENERGISED")
     page.click("#states button[data-filter=unknown]")
-    assert list(states(page)) == gone
+    until(page, lambda: list(states(page)) == gone, "those that are unknown")
     page.fill("#search", f"{silent} room")
-    assert list(states(page)) == [silent]
+    until(page, lambda: list(states(page)) == [silent], "the one that is looked for")
     page.fill("#search", "")
     page.click("#states button[data-filter=all]")
 
@@ -156,13 +157,13 @@ def test_a_page_that_does_not_hear_its_server_knows_nothing(
         fleet.process.send_signal(signal.SIGSTOP)
         try:
             within(page, dict.fromkeys(played, "unknown"), LIMIT_S)
-            assert {need for _, need in page.evaluate(ROWS)} == {"much"}
-            assert "ENERGISED" not in page.inner_text("#benches")
-            assert page.is_visible("#trouble")
+            until(page, lambda: {need for _, need in page.evaluate(ROWS)} == {"much"}, "all need somebody")
+            expect(page.locator("#benches")).not_to_contain_text("ENERGISED")
+            expect(page.locator("#trouble")).to_be_visible()
         finally:
             fleet.process.send_signal(signal.SIGCONT)
         within(page, played, 20.0)
-        assert page.is_hidden("#trouble")
+        expect(page.locator("#trouble")).to_be_hidden()
 
 
 @pytest.fixture(scope="module")
@@ -193,19 +194,10 @@ def test_everybody_reads_and_reaches_it(browser: Browser, few: PageServer, scree
         open_few(visitor.page, few)
         well_led(visitor.page)
         nothing_is_wrong(visitor.page, crossed=True)
-        assert "OVERDUE" in visitor.page.inner_text("#due")
-        assert visitor.page.locator("#sessions tbody tr").count() == 2
+        expect(visitor.page.locator("#due")).to_contain_text("OVERDUE")
+        expect(visitor.page.locator("#sessions tbody tr")).to_have_count(2)
         picture(visitor.page, screenshots / "fleet_few.png")
     with visiting(browser, few, "viewer", has_touch=True, viewport=PHONE) as visitor:
         open_few(visitor.page, few)
-        assert visitor.page.evaluate(WIDER) == []
-        assert visitor.page.evaluate(SMALLER, TOUCH_PX) == []
+        fits_and_can_be_touched(visitor.page)
         picture(visitor.page, screenshots / "fleet_few_phone.png")
-
-
-def test_in_korean(browser: Browser, few: PageServer) -> None:
-    with visiting(browser, few, "viewer", locale="ko-KR", viewport=PHONE) as visitor:
-        open_few(visitor.page, few)
-        assert visitor.page.evaluate("() => document.documentElement.lang") == "ko"
-        assert visitor.page.inner_text("h1") == "시험실의 벤치"
-        assert visitor.page.evaluate(WIDER) == []

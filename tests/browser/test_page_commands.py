@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from browser_rig import PageServer, until, visiting
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, expect
 from shown_run import ShownRun, now_utc_s
 
 pytestmark = pytest.mark.waits
@@ -48,7 +48,7 @@ def test_everything_is_done_by_keyboard(browser: Browser, server: PageServer, sh
         page.wait_for_selector("#graphs figure .ends button")
         del visitor.wrong[:]
         page.keyboard.press("Tab")
-        assert page.evaluate(FOCUS) == "skip"
+        expect(page.locator("a.skip")).to_be_focused()
         press(page, "#take")
         page.wait_for_selector("#pause:enabled")
         pause_and_resume(page, shown)
@@ -84,7 +84,7 @@ def acknowledge(page: Page, shown: ShownRun) -> None:
     shown.state["alarms"] = [{**ALARM, "t_utc_s": now_utc_s()}]
     page.wait_for_selector("#alarms li")
     press(page, "#alarms button")
-    until(page, lambda: "acknowledged by kim" in page.inner_text("#alarms"), "who has seen it")
+    expect(page.locator("#alarms")).to_contain_text("acknowledged by kim")
     assert shown.asked[-1]["alarm"] == "a1"
 
 
@@ -98,11 +98,11 @@ def answer(page: Page, shown: ShownRun) -> None:
     until(page, lambda: commands(shown)[-1] == "answer", "the answer")
     assert shown.asked[-1]["value"] == 2e6
     for number, (unit, typed, value) in enumerate((("ohm", "2 Mohm", "2 Mohm"), ("1", "45", "45 %"), ("", "", True))):
-        until(page, lambda: page.is_hidden("#prompt"), "the question to be gone")
+        expect(page.locator("#prompt")).to_be_hidden()
         shown.state["prompt"] = {"id": f"q{number}", "text": "And now?", "confirm": "operator",
                                  "unit": unit, "low": None, "high": None, "since_utc_s": now_utc_s()}  # fmt: skip
         page.wait_for_selector("#prompt[open]")
-        assert page.is_visible("#prompt-value") == bool(unit)  # without a unit there is nothing to type
+        expect(page.locator("#prompt-value")).to_be_visible(visible=bool(unit))  # without a unit nothing is typed
         if typed:
             page.fill("#prompt-value", typed)
         press(page, "#prompt-form .main")
@@ -137,31 +137,30 @@ def test_a_mistake_does_nothing(browser: Browser, server: PageServer, shown: Sho
         page.click("#reason-go")
         until(page, lambda: commands(shown) == ["answer", "abort"], "abort")
         assert shown.asked[1]["by"].startswith("kim, operator, 127.0.0.1")
-        until(page, lambda: page.inner_text("#command-reply") == "abort heard", "the answer of the run")
+        expect(page.locator("#command-reply")).to_have_text("abort heard")
 
 
 def abort_needs_two_steps_and_a_reason(page: Page, shown: ShownRun) -> None:
     page.click("#abort")
-    assert "not an emergency stop" in page.inner_text("#reason-text")
+    expect(page.locator("#reason-text")).to_contain_text("not an emergency stop")
     page.evaluate("() => document.getElementById('reason-form').requestSubmit()")  # without a reason
     page.keyboard.press("Escape")
     page.click("#abort")
     page.fill("#reason-value", "smoke")
     page.keyboard.press("Enter")
-    assert "step 2 of 2" in page.inner_text("#reason-title")
+    expect(page.locator("#reason-title")).to_contain_text("step 2 of 2")
     page.keyboard.press("Enter")  # once too often: the focus is on Cancel
-    assert page.is_hidden("#reason")
+    expect(page.locator("#reason")).to_be_hidden()
     assert commands(shown) == []
 
 
 def an_alarm_is_announced_once(page: Page, shown: ShownRun) -> None:
     shown.state["alarms"] = [{**ALARM, "t_utc_s": now_utc_s()}]
-    page.wait_for_selector("#alarms li")
-    assert page.inner_text("#announce").strip() == "WARNING: GPIB 14 timeout"
+    expect(page.locator("#announce")).to_have_text("WARNING: GPIB 14 timeout")
     page.evaluate("() => { document.getElementById('announce').textContent = ''; }")
     shown.state["progress"] = 0.39
-    until(page, lambda: page.inner_text("#percent") == "39.0 %", "another delta")
-    assert page.inner_text("#announce") == ""
+    expect(page.locator("#percent")).to_have_text("39.0 %")  # another delta
+    expect(page.locator("#announce")).to_be_empty()
 
 
 def closing_a_prompt_answers_nothing(page: Page, shown: ShownRun) -> None:
@@ -170,15 +169,15 @@ def closing_a_prompt_answers_nothing(page: Page, shown: ShownRun) -> None:
     page.wait_for_selector("#prompt[open]")
     page.click("#theme")  # the page behind can still be used
     page.click("#prompt-close")
-    assert page.is_hidden("#prompt")
+    expect(page.locator("#prompt")).to_be_hidden()
     page.wait_for_timeout(1500)
     assert page.is_hidden("#prompt"), "it came back by itself"
     assert commands(shown) == []
     page.click("#show-prompt")
     page.fill("#prompt-value", "5")
     page.keyboard.press("Enter")
-    assert "at least 1000000 ohm" in page.inner_text("#prompt-trouble")
+    expect(page.locator("#prompt-trouble")).to_contain_text("1000000 ohm")
     page.fill("#prompt-value", "2e6")
     page.keyboard.press("Enter")
     until(page, lambda: commands(shown) == ["answer"], "the answer")
-    until(page, lambda: page.is_hidden("#show-prompt"), "the question to be gone")
+    expect(page.locator("#show-prompt")).to_be_hidden()

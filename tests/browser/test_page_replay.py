@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from browser_rig import PageServer, until, visiting
-from playwright.sync_api import Browser, Page
+from playwright.sync_api import Browser, Page, expect
 from recorded import writable_copy
 
 pytestmark = pytest.mark.waits
@@ -19,7 +19,6 @@ pytestmark = pytest.mark.waits
 ZOOM_MS = 300
 FIRST_PLOT_MS = 1500
 ATTEMPTS = 3  # another process of the machine may be in the way once
-SMALL = {"width": 800, "height": 600}
 COMMANDS = ("pause", "resume", "abort", "take", "give")
 # From the end of a drag to the frame in which its data are drawn.
 WATCH = """() => {
@@ -94,47 +93,45 @@ def zoom_to_readings(page: Page, parts: tuple[float, ...]) -> list[float]:
     return [float(one) for one in page.evaluate("window.zoomed")]
 
 
-def test_a_replay_offers_no_command(browser: Browser, server: PageServer, finished: str, screenshots: Path) -> None:
+def test_a_replay_offers_no_command(browser: Browser, server: PageServer, finished: str) -> None:
     with visiting(browser, server, "operator") as visitor:
         page = visitor.open_run(finished)
-        assert page.inner_text("#replay-band").startswith("RECORDING")
-        assert "SIMULATED" in page.inner_text("header.bar")
-        assert page.is_visible("#watermark")
-        assert page.is_hidden("#commands")
-        assert all(page.is_hidden(f"#{name}") for name in COMMANDS)
-        rows = page.locator("#estimates tbody tr")
-        until(page, lambda: rows.count() > 3, "results")
-        assert re.search(r"Scale-factor error N.*ppm", rows.first.inner_text().replace("\n", " "))
-        assert page.locator("#estimates button.quantity").first.get_attribute("title") == "dsf_n"
+        expect(page.locator("#replay-band")).to_contain_text("RECORDING")
+        expect(page.locator("header.bar")).to_contain_text("SIMULATED")
+        expect(page.locator("#watermark")).to_be_visible()
+        for name in COMMANDS:
+            expect(page.locator(f"#{name}")).to_be_hidden()
+        expect(page.locator("#estimates tbody tr").first).to_contain_text(
+            re.compile(r"Scale-factor error N.*ppm", re.S)
+        )
+        expect(page.locator("#estimates button.quantity").first).to_have_attribute("title", "dsf_n")
         one_figure_of_each(page)
-        page.screenshot(path=screenshots / "replay.png", full_page=True)
         print("zoom to raw, ms:", [round(one) for one in zoom_to_readings(page, (0.03, 0.04))])
-        page.screenshot(path=screenshots / "replay-raw.png", full_page=True)
         at = page.inner_text("#replay-at")
         page.click("#replay-play")
         page.select_option("#replay-speed", "1000")
-        until(page, lambda: page.inner_text("#replay-at") != at, "a replay that goes on")
-        assert page.is_visible("#replay-band")
-        assert page.is_hidden("#commands")
+        expect(page.locator("#replay-at")).not_to_have_text(at)
+        expect(page.locator("#replay-band")).to_be_visible()
+        expect(page.locator("#commands")).to_be_hidden()
 
 
 def one_figure_of_each(page: Page) -> None:
     """Rates in the unit of the channels under test, counts by one choice; temperature with its limits; a result."""
     gyros = page.locator("figure.graph").first
     said = gyros.locator("p.bucket")
-    until(page, lambda: said.inner_text().startswith("mean over 1 s"), "what a rate is taken over")
-    assert [one.split("\n")[0] for one in gyros.locator(".ends button").all_inner_texts()] == ["channel 1", "channel 2"]
+    expect(said).to_contain_text("mean over 1 s")
+    expect(gyros.locator(".ends button")).to_contain_text(["channel 1", "channel 2"])
     gyros.locator("summary").click()
-    assert "channel 1 (port_a.npp-ppp[1]/s) / mA" in gyros.locator("table").inner_text()
+    expect(gyros.locator("table")).to_contain_text("channel 1 (port_a.npp-ppp[1]/s) / mA")
     gyros.get_by_role("button", name="Counts").click()
-    until(page, lambda: said.inner_text().startswith("min and max of each 0.1 s"), "what came in single frames")
-    assert gyros.locator(".ends button").count() == 6
-    temperature = page.locator("figure.graph.wide").first
-    until(page, lambda: "guard (unit): 70 \u00b0C" in temperature.inner_text(), "the limits of temperatures")
-    assert page.locator("figure.graph").count() == 4  # gyros, accelerometers, temperature, history
-    assert "Scale-factor error N" in page.inner_text("#estimate-figure figcaption")
+    expect(said).to_contain_text("min and max of each 0.1 s")  # what came in single frames
+    expect(gyros.locator(".ends button")).to_have_count(6)
+    expect(page.locator("figure.graph.wide").first).to_contain_text("guard (unit): 70 \u00b0C")
+    expect(page.locator("figure.graph")).to_have_count(4)  # gyros, accelerometers, temperature, history
+    caption = page.locator("#estimate-figure figcaption")
+    expect(caption).to_contain_text("Scale-factor error N")
     page.locator("#estimates button.quantity").nth(1).click()
-    assert "Scale-factor error P" in page.inner_text("#estimate-figure figcaption")
+    expect(caption).to_contain_text("Scale-factor error P")
 
 
 @pytest.mark.sweep
@@ -170,11 +167,11 @@ def test_what_is_not_sound_stands_before_everything_else(browser: Browser, serve
     (doubted / "results.json").write_text(json.dumps(results))
     with visiting(browser, server, "viewer") as visitor:
         page = visitor.open_run(doubted.name)
-        until(page, lambda: page.is_visible("#estimates-doubt"), "the doubt")
-        assert page.inner_text("#estimates-doubt").startswith("DOUBTFUL, 1 estimate: The levels are not on a line.")
+        expect(page.locator("#estimates-doubt")).to_contain_text("DOUBTFUL, 1 estimate: The levels are not on a line.")
         said, first = page.locator("#estimates-doubt").bounding_box(), page.locator("#graphs").bounding_box()
         assert said is not None
         assert first is not None
         assert said["y"] < first["y"]
-        assert "doubtful" in page.locator("#estimates tbody tr").nth(1).inner_text()
-        assert not any("doubtful" in row for row in page.locator("#estimates tbody tr").all_inner_texts()[2:])
+        rows = page.locator("#estimates tbody tr")
+        expect(rows.nth(1)).to_contain_text("doubtful")
+        assert not any("doubtful" in row for row in rows.all_inner_texts()[2:])

@@ -115,13 +115,3 @@ def test_times_are_written_in_full(visitor: Visitor, form: str, expected: str) -
       return (await import("/static/words.js")).stamp(1795200350, 1795200350 - 3700);
     }"""
     assert visitor.page.evaluate(script, form) == expected
-
-
-def test_ticks_name_the_day_at_first_and_at_midnight(visitor: Visitor) -> None:
-    script = """async () => {
-      (await import("/static/base.js")).setTimeForm("utc");
-      const { timeTicks } = await import("/static/words.js");
-      return timeTicks(1795200350, 1795200350 + 12 * 3600, 6, null).map(([, label]) => label);
-    }"""
-    assert visitor.page.evaluate(script) == [
-        "20:00\n2026-11-20", "22:00", "00:00\n2026-11-21", "02:00", "04:00", "06:00"]  # fmt: skip

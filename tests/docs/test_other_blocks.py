@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import textwrap
 import tomllib
 from pathlib import Path
@@ -50,6 +51,8 @@ RUN_ELSEWHERE = {
     "docs/tutorial.md": "tests/docs/test_tutorial.py",
 }
 
+NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
+
 
 class AnyDocument(RootModel[Any]):
     """A YAML document of any form, as the loader of the bench reads it."""
@@ -95,3 +98,11 @@ def test_every_block_with_a_language_is_looked_at() -> None:
     known = {"sh", "yaml", "python", "toml", "text", "nginx", "prometheus"}
     found = [block for page in PAGES for block in blocks_of(page) if block.language not in known]
     assert {(block.language, block.page) for block in found} == {("json", "docs/session-format.md")}
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+def test_a_notebook_was_executed_in_order_without_an_error(path: Path) -> None:
+    """``make site`` executes them anew and fails with any cell."""
+    cells = [cell for cell in json.loads(path.read_text(encoding="utf-8"))["cells"] if cell["cell_type"] == "code"]
+    assert [cell["execution_count"] for cell in cells] == list(range(1, len(cells) + 1))
+    assert "error" not in {output["output_type"] for cell in cells for output in cell["outputs"]}

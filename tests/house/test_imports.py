@@ -6,11 +6,8 @@ The graph holds every import of the packages, also those in functions and for ty
 from __future__ import annotations
 
 import re
-from collections import Counter
-from collections.abc import Iterable
 from copy import deepcopy
 from functools import cache
-from pathlib import Path
 
 import grimp
 import pytest
@@ -18,7 +15,7 @@ from importlinter.api import read_configuration
 from importlinter.application.use_cases import _get_built_in_contract_types
 from importlinter.domain.contract import Contract
 from structure import circles
-from tree import PRODUCT, TOP, module_of, name_of, python_files, text_of
+from tree import PRODUCT, TOP, module_of, python_files, text_of
 
 CONFIGURATION = read_configuration(str(TOP / ".importlinter"))
 CONTRACTS = {str(options["id"]): options for options in CONFIGURATION["contracts_options"]}
@@ -40,8 +37,6 @@ PLANTED = {
     "clusters-in-one-place": ("bench.commands.study", "distributed"),
     "storage-in-one-place": ("bench.archive.index", "fsspec"),
 }
-MOST_FILES = 30
-SIBLINGS = {"instruments", "sim_instruments", "tests/protocol"}  # one model each
 BESIDE = {f"sim_instruments{name}" for name in ("", ".arrays", ".seeds")}  # no models, in the folder of the models
 MODELS = {module_of(path) for path in (TOP / "sim_instruments").glob("*.py")}.difference(BESIDE)
 SHARED = tuple(f"sim_instruments.{room}" for room in ("arrays", "bus", "faults", "seeds", "worlds.common"))
@@ -97,11 +92,6 @@ def test_a_room_that_no_floor_names_is_refused() -> None:
 # --- circles and models ------------------------------------------------------------------------------------------
 
 
-def test_the_graph_knows_imports_in_functions_and_for_types() -> None:
-    assert "bench.commands.run" in arrows()["bench.cli"]
-    assert "bench.plan.expand" in arrows()["bench.plan.readings"]
-
-
 def test_there_is_no_circle() -> None:
     assert circles(arrows()) == []
 
@@ -127,20 +117,6 @@ def test_instruments_know_floor_0_and_frames_only() -> None:
 
 
 # --- rooms and faces ---------------------------------------------------------------------------------------------
-
-
-def flat_folders(files: Iterable[Path]) -> dict[str, int]:
-    """Return folders that hold too many files, with their number."""
-    counts = Counter(name_of(path.parent) for path in files)
-    return {name: count for name, count in counts.items() if count > MOST_FILES and name not in SIBLINGS}
-
-
-def test_no_flat_folder() -> None:
-    assert flat_folders(python_files(*PRODUCT, "tests")) == {}, "build rooms: folders that say what is done there"
-
-
-def test_the_measure_finds_a_flat_folder() -> None:
-    assert flat_folders([TOP / "bench" / "plan" / f"part_{n}.py" for n in range(31)]) == {"bench/plan": 31}
 
 
 def past_a_face(imports: grimp.ImportGraph, module: str, packages: set[str]) -> set[str]:

@@ -3,10 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
+import os
 import subprocess
 import sys
 
 import pytest
+from scipy import special
+
+from bench import cli
+from bench.maths.verdict import coverage_factor
 
 LOOK = """
 import contextlib, io, json, sys
@@ -39,6 +45,19 @@ def test_a_name_that_is_none_costs_nothing(command: str) -> None:
     assert [name for name in modules if name.startswith((*ROOMS, "bench.systems", "bench.plan"))] == []
 
 
+def test_the_history_loads_no_fit_and_no_drawing() -> None:
+    program = "import sys, bench.commands.history.show; print(*{name.partition('.')[0] for name in sys.modules})"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert "bench" in done.stdout.split()
+    assert not set(done.stdout.split()) & {"scipy", "matplotlib"}
+
+
+def test_the_normal_coverage_factor_is_known_without_scipy_to_the_last_bit() -> None:
+    assert coverage_factor() == float(special.ndtri(0.975)) == 1.959963984540054
+    assert coverage_factor(math.inf, 0.99) == float(special.ndtri(0.995))
+    assert round(coverage_factor(10.0), 2) == 2.23  # JCGM 100:2008 table G.2
+
+
 def test_a_check_loads_declarations_and_no_analysis() -> None:
     status, modules = loaded_by("check", "timeline_example")
     assert status == 0
@@ -47,3 +66,20 @@ def test_a_check_loads_declarations_and_no_analysis() -> None:
     systems = {name for name in modules if name.startswith("bench.systems.") and name.count(".") > 2}
     assert {name.rpartition(".")[2] for name in systems} <= {"assumptions", "declaration", "sections"}
     assert [name for name in modules if name.startswith(("bench.analysis.", "bench.report.", "bench.store."))] == []
+
+
+@pytest.mark.parametrize(("before", "after"), [(None, "1"), ("4", "4")])
+def test_one_thread_unless_somebody_wants_more(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], before: str | None, after: str
+) -> None:
+    names = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS")
+    for name in names:
+        monkeypatch.setenv(name, before or "")
+        if before is None:
+            monkeypatch.delenv(name)
+    monkeypatch.setattr(sys, "argv", ["bench", "version"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    assert ended.value.code == 0
+    assert capsys.readouterr().out
+    assert [os.environ[name] for name in names] == [after, after]

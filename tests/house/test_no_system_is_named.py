@@ -17,14 +17,8 @@ ROOMS = sorted(
     for path in (TOP / "bench").iterdir()
     if (path / "__init__.py").exists() and path.name != "systems"
 )
-WORDS = (
-    "af_converter", "ngu",
-    "gnc", "gnc_module", "imu",
-    "fog", "fog_north", "north_finder",
-    "rlg", "lock_in", "ring_laser",
-    "time_sync", "egi", "sar",
-)  # fmt: skip
-NAMED = re.compile(rf"(?<![A-Za-z0-9])(?:{'|'.join(WORDS)})(?![A-Za-z0-9])", re.IGNORECASE)
+WORDS = "af_converter|ngu|gnc|gnc_module|imu|fog|fog_north|north_finder|rlg|lock_in|ring_laser|time_sync|egi|sar"
+NAMED = re.compile(rf"(?<![A-Za-z0-9])(?:{WORDS})(?![A-Za-z0-9])", re.IGNORECASE)
 
 
 def words_of(path: Path) -> list[str]:

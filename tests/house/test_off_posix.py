@@ -80,48 +80,23 @@ def done(top: Path) -> dict[str, Done]:
     )
 
 
-@pytest.mark.parametrize(
-    "command",
-    [
-        "check",
-        "run",
-        "replay",
-        "fit",
-        "report",
-        "verify",
-        "recover",
-        "decode",
-        "import",
-        "list",
-        "export",
-        "tables",
-        "init",
-        "names",
-        "talk",
-    ],
-)
-def test_what_records_reads_and_computes_works(done: dict[str, Done], command: str) -> None:
-    status, said, errors = done[command]
-    assert (status, "error B-" in errors) == (0, False), errors
-    assert said
+def test_what_records_reads_and_computes_works(done: dict[str, Done], top: Path) -> None:
+    for name, (status, said, errors) in done.items():
+        if name not in ("pause", "doctor"):
+            assert (status, "error B-" in errors, bool(said)) == (0, False, True), (name, errors)
+    for name in ("fields.csv", "history.csv"):
+        assert (top / name).read_text().count("\n") > 1
+    assert json.loads(done["fit"][1])["estimates"]
+    assert json.loads(done["list"][1])
+    assert list((top / "sessions").glob("*_any_log_S-1/session.0001.mcap"))
 
 
 def test_a_rehearsal_is_the_same_byte_for_byte(done: dict[str, Done], top: Path, golden: Path) -> None:
-    assert done["run"][0] == 0
     here = top / "sessions" / SESSION
     segments = sorted(path.name for path in golden.glob("*.mcap"))
     assert segments
     assert [(here / name).read_bytes() for name in segments] == [(golden / name).read_bytes() for name in segments]
     assert "identical" in done["replay"][1] + done["replay"][2]
-
-
-def test_the_results_of_files_are_there(done: dict[str, Done], top: Path) -> None:
-    assert done["decode"][0] == 0
-    assert (top / "fields.csv").read_text().count("\n") > 1
-    assert (top / "history.csv").read_text().count("\n") > 1
-    assert json.loads(done["fit"][1])["estimates"]
-    assert json.loads(done["list"][1])
-    assert list((top / "sessions").glob("*_any_log_S-1/session.0001.mcap"))
 
 
 def test_nobody_can_be_asked_where_no_run_is_alive(done: dict[str, Done]) -> None:

@@ -58,21 +58,6 @@ def test_locks_agree() -> None:
         assert pins["run"].items() <= pins[other].items()
 
 
-def _of_a_bench() -> list[str]:
-    """Return the packages of a bench with its report, history, page and terminal view, which 'make demo' installs."""
-    extras = PROJECT["project"]["optional-dependencies"]
-    texts = {text for name in ("report", "history", "page", "terminal") for text in extras[name]}
-    return sorted({re.split(r"[<>=!~;\[ ]", text)[0] for text in [*PROJECT["project"]["dependencies"], *texts]})
-
-
-@pytest.mark.parametrize("name", _of_a_bench())
-def test_dependency_is_locked_and_explained(name: str) -> None:
-    normal = re.sub(r"[-_.]+", "-", name).lower()
-    assert re.search(rf"^{re.escape(normal)}==", (TOP / "requirements" / "run.txt").read_text("utf-8"), re.MULTILINE)
-    page = (TOP / "docs" / "decisions" / "0001-dependencies.md").read_text(encoding="utf-8").lower()
-    assert f"| {name.lower()} |" in page
-
-
 def test_no_trace_of_one_machine() -> None:
     own = Path(__file__)
     found = [
@@ -82,10 +67,3 @@ def test_no_trace_of_one_machine() -> None:
         for match in TRACES.finditer(path.read_text(encoding="utf-8", errors="replace"))
     ]
     assert found == []
-
-
-@pytest.mark.parametrize(
-    "words", [("see ", "root", "x"), ("in ", "work", "main"), ("https:/", "index.example", "simple")]
-)
-def test_the_search_finds_traces(words: tuple[str, ...]) -> None:
-    assert TRACES.search("/".join(words))

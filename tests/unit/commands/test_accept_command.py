@@ -112,13 +112,6 @@ def test_without_acceptance_coefficients_leave_it_out(say: Say, compensating: Pa
     assert "accepted" not in written["sources"][0]
 
 
-def test_coefficients_accept_too(say: Say, compensating: Path, tmp_path: Path) -> None:
-    status, _, err = say("coefficients", compensating, "--out", tmp_path / "out", "--accept", "dsf_n channel=1", *WHO)
-    assert status == 0, err
-    written = json.loads((tmp_path / "out" / "coefficients.json").read_text())
-    assert ("dsf_n", CHANNEL) in {(part["parameter"], part["channel"]) for part in written["parameters"]}
-
-
 def test_a_new_doubt_ends_it(say: Say, session: Path, doubts: Doubts) -> None:
     say("fit", session, "--accept", "dsf_n", *WHO)
     doubts.evidence.append(dataclasses.replace(doubts.evidence[0], code="another_doubt"))

@@ -81,45 +81,39 @@ def good(name: str) -> dict[str, Any]:
     return results(name, name, [coupling(0.1 * LIMIT)])
 
 
-def test_all_pass(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    status, document = run(monkeypatch, tmp_path, {name: good(name) for name in "abc"})
-    assert status == ExitStatus.PASS
-    assert document["yield"]["units"] == {
-        "pass": 3, "fail": 0, "without_verdict": 0, "yield": 1.0, "interval_95": [pytest.approx(0.2924, abs=1e-4), 1.0],
-    }  # fmt: skip
-    assert "3 units in 3 sessions: 3 pass" in capsys.readouterr().out
+BAD = results("b", "b", [coupling(3 * LIMIT), coupling(0.0, "y")])
+NONE = FitError("B-FIT-005", "one polarity")
+CASES: list[tuple[dict[str, Session], tuple[str, ...], int, list[str], tuple[int, int, int]]] = [
+    ({name: good(name) for name in "abc"}, (), ExitStatus.PASS, [], (3, 0, 0)),
+    ({"a": good("a"), "b": BAD}, (), ExitStatus.VERDICT_FAIL, [], (1, 1, 0)),
+    ({"a": good("a"), "b": NONE}, (), ExitStatus.VERDICT_FAIL, ["B-FIT-005"], (1, 0, 1)),
+    ({"a": good("a"), "b": BAD, "c": good("c")}, ("c",), ExitStatus.SESSION_DAMAGED, ["B-REC-012"], (1, 1, 0)),
+    ({"a": good("a"), "b": None}, (), ExitStatus.PASS, ["B-CLI-008"], (1, 0, 0)),
+]
 
 
-def test_a_verdict_fails(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bad = results("b", "b", [coupling(3 * LIMIT), coupling(0.0, "y")])
-    status, _ = run(monkeypatch, tmp_path, {"a": good("a"), "b": bad})
-    assert status == ExitStatus.VERDICT_FAIL
-    assert "GNC b  b: 1 of 2 judged failed" in capsys.readouterr().out
-
-
-def test_a_session_that_determines_no_result_counts(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    status, document = run(monkeypatch, tmp_path, {"a": good("a"), "b": FitError("B-FIT-005", "one polarity")})
-    assert status == ExitStatus.VERDICT_FAIL
-    assert document["left_out"] == [{"session": "b", "code": "B-FIT-005", "text": "one polarity"}]
-    assert document["yield"]["units"]["without_verdict"] == 1
-
-
-def test_a_session_that_cannot_be_read_is_listed_and_the_others_count(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+@pytest.mark.parametrize(("sessions", "broken", "status", "left_out", "counts"), CASES)
+def test_each_session_counts_or_is_listed_with_its_reason(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    sessions: dict[str, Session],
+    broken: tuple[str, ...],
+    status: int,
+    left_out: list[str],
+    counts: tuple[int, int, int],
 ) -> None:
-    bad = results("b", "b", [coupling(3 * LIMIT)])
-    status, document = run(monkeypatch, tmp_path, {"a": good("a"), "b": bad, "c": good("c")}, broken=("c",))
-    assert status == ExitStatus.SESSION_DAMAGED
-    assert [(one["session"], one["code"]) for one in document["left_out"]] == [("c", "B-REC-012")]
-    assert (document["yield"]["units"]["pass"], document["yield"]["units"]["fail"]) == (1, 1)
-
-
-def test_a_session_without_an_analysis_is_listed_and_costs_nothing(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    status, document = run(monkeypatch, tmp_path, {"a": good("a"), "b": None})
-    assert status == ExitStatus.PASS
-    assert [one["code"] for one in document["left_out"]] == ["B-CLI-008"]
+    """All pass; one fails; one determines nothing; one cannot be read; one has no analysis, which costs nothing."""
+    found, document = run(monkeypatch, tmp_path, sessions, broken)
+    assert found == status
+    assert [one["code"] for one in document["left_out"]] == left_out
+    units = document["yield"]["units"]
+    assert (units["pass"], units["fail"], units["without_verdict"]) == counts
+    said = capsys.readouterr().out
+    assert ("b: 1 of 2 judged failed" in said) is (counts[1] == 1)
+    if counts[0] == 3:
+        assert units["interval_95"] == [pytest.approx(0.2924, abs=1e-4), 1.0]
+        assert "3 units in 3 sessions: 3 pass" in said
 
 
 # --- real sessions -------------------------------------------------------------------------------------------------

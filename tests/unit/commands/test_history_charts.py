@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import shutil
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -16,10 +15,7 @@ from store_database import new_history
 
 from bench import cli
 from bench.model.errors import ExitStatus
-from bench.report import LABORATORY_FILE
 
-ROOT = Path(__file__).resolve().parents[3]
-GOLDEN = ROOT / "tests" / "golden" / "sessions" / "0.1.0" / "20000101T000000Z_golden_GOLDEN"
 SEED = 23
 Say = Callable[..., tuple[int, str, str]]
 
@@ -96,28 +92,6 @@ def test_freeze_and_adjusted(say: Say, url: str) -> None:
     )
 
 
-def test_the_laboratory_file_of_a_session_says_it_at_import(say: Say, url: str, tmp_path: Path) -> None:
-    session = tmp_path / GOLDEN.name
-    shutil.copytree(GOLDEN, session)
-    text = (ROOT / "docs" / "laboratory.yaml").read_text(encoding="utf-8")
-    adjustment = 'adjustment: {what: "Resistor R12 of channel 3 was exchanged.", results: as_left, other: EX-1}\n'
-    (session / LABORATORY_FILE).write_text(text + adjustment, encoding="utf-8")
-    assert say("import", str(session))[0] == 0
-    told = json.loads(say("show", GOLDEN.name, "--json")[1])["adjustment"]
-    assert (told["state"], told["stated_by"]) == ("as_left", "A. Example")
-    assert told["what"] == "Resistor R12 of channel 3 was exchanged."
-
-
-def test_certificates_and_a_bench(say: Say, url: str) -> None:
-    charts_sample.written(url, unit(0.0))
-    status, text, _ = say("charts", "--certificates")
-    assert status == 0
-    assert "all units: 6 charts" in text
-    status, text, _ = say("charts", "--bench", "bench_1")
-    assert status == 0
-    assert "no signal" in text
-
-
 def test_what_is_refused(say: Say, url: str, tmp_path: Path) -> None:
     charts_sample.written(url, unit(0.0))
     refused = (
@@ -133,10 +107,3 @@ def test_what_is_refused(say: Say, url: str, tmp_path: Path) -> None:
         status, text, complaint = say(*words)
         assert (status, text) == (2, ""), words
         assert f"error {code}: " in complaint
-
-
-@pytest.mark.parametrize("command", ["charts", "freeze", "adjusted"])
-def test_help_shows_an_example(command: str, say: Say) -> None:
-    status, text, _ = say(command, "--help")
-    assert status == 0
-    assert f"bench history {command}" in text.split("Example")[1]

@@ -7,15 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from import_sample import LOG, RAMP, SHORT, ramp_rows, write_ramp
+from import_sample import LOG, SHORT
 
 from bench.commands import import_log
 from bench.commands.import_log import import_log as import_file
 from bench.model.errors import InputError, SessionDamaged
-from bench.plan.language.mapping import load_mapping
 from bench.record import SessionReader, SessionWriter
 from bench.replay import replay_rows
-from bench.replay.series import file_lines, replay_series, survey
+from bench.replay.series import replay_series, survey
 
 
 def imported(tmp_path: Path, mapping: str, log: bytes) -> Path:
@@ -63,21 +62,9 @@ def test_the_columns_come_back_from_the_session_alone(tmp_path: Path) -> None:
     assert (replayed.rows, replayed.totals["frames"], replayed.notes) == ((), 0, ())
 
 
-def test_nothing_is_written_for_a_log_that_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="B-IMP-005"):
-        imported(tmp_path, SHORT, (LOG + "x,y,z\n").encode())
-    assert not (tmp_path / "out").exists()
-
-
 def test_an_unknown_analysis_is_refused_with_its_place(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"B-FIT-011: .*m.yaml:2:1: unknown analysis 'temperature_rampe'"):
         imported(tmp_path, SHORT.replace("uut:", "analysis: temperature_rampe\nuut:", 1), LOG.encode())
-    assert not (tmp_path / "out").exists()
-
-
-def test_an_analysis_of_records_is_refused_with_its_place(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"B-FIT-011: .*m.yaml:2:1: .*'scale_factor' is made of a bench's records"):
-        imported(tmp_path, SHORT.replace("uut:", "analysis: scale_factor\nuut:", 1), LOG.encode())
     assert not (tmp_path / "out").exists()
 
 
@@ -129,13 +116,3 @@ def test_bytes_cut_anywhere_by_another_writer_and_a_changed_log_is_told(tmp_path
     found = replay_series(tmp_path / "s")
     assert found.columns["sensor"].tolist() == [20.5, 20.6]
     assert "is not the file that was imported" in found.notes[0]
-
-
-def test_a_log_of_the_shape_of_a_real_one(tmp_path: Path) -> None:
-    """Sentinels in the first row, a trailing delimiter, CR LF."""
-    (tmp_path / "m.yaml").write_text(RAMP)
-    path = write_ramp(tmp_path / "log.dsv", ramp_rows(1))
-    found = survey(file_lines(path), load_mapping(tmp_path / "m.yaml").model, str(path))
-    assert found.counts.rows == 960
-    assert found.counts.overloads == {"standard": 1, "meter": 1}
-    assert found.counts.overload_rows == 1

@@ -126,11 +126,3 @@ def test_nothing_is_written_over_and_names_stay_names(lab: Path, tmp_path: Path)
         assert caught.value.code == code
     assert (lab / "bench.toml").read_text() == before
     assert not (tmp_path / "new").exists()
-
-
-def test_another_bench_to_begin_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    said = bench("init", "north", "--station", "fog_bench_sim")
-    assert (tmp_path / "north/stations/my_fog_bench_sim.yaml").is_file()
-    assert list((tmp_path / "north/sequences").iterdir()) == []  # the first sequence is for another bench
-    assert "first_check" not in said + (tmp_path / "north/README.md").read_text()

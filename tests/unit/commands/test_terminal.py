@@ -5,29 +5,24 @@ from __future__ import annotations
 import io
 import os
 import sys
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from planned_step import planned
-from rich.console import Console
 from top_sample import NOW_S, FakeFeed, SetClock, document
 
 from bench.commands import progress as progress_module
 from bench.commands.check import settings_of
 from bench.commands.conducting import TerminalOperator
-from bench.commands.console import PLAIN_COLUMNS, console
-from bench.commands.progress import LOOK_EVERY_S, Follower, PlainLines, ProgressBar, doing, ends, losses
+from bench.commands.console import console
+from bench.commands.progress import LOOK_EVERY_S, Follower, PlainLines, ProgressBar, doing
 from bench.model.errors import BenchError
-from bench.model.units import hours
 from bench.plan import Step
 from bench.run.control.operator import Question
 from bench.run.feed.client import FeedGone
-from bench.session.output import write_file
 
 PLAN: Any = SimpleNamespace(steps=(None,) * 9, record_count=100, prepare_s=10.0, duration_s=90.0, finally_s=0.0)
-STEP = planned("record", 3, conditions={"temperature_degC": 23.0, "channel": 1})
 
 
 def test_a_terminal_that_hangs_up_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,6 +35,12 @@ def test_a_terminal_that_hangs_up_costs_nothing(monkeypatch: pytest.MonkeyPatch)
         out.print("not heard")
         out.print("nor this")
         assert not gone.isatty()  # closing it flushes what is left, which must not fail either
+    read, write = os.pipe()
+    os.close(read)
+    with os.fdopen(write, "w") as closed:
+        monkeypatch.setattr(sys, "stderr", closed)
+        for _ in range(2):
+            console(stderr=True).print("x")
 
 
 def step(kind: str, **fields: Any) -> Step:
@@ -66,28 +67,22 @@ def typed(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return lines
 
 
-def test_a_confirmation_is_asked_for_until_it_is_clear(typed: list[str]) -> None:
-    typed += ["", "perhaps", "YES"]
+def test_an_answer_is_asked_for_until_it_is_clear(typed: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+    typed += ["", "perhaps", "YES", "a little", "3", "3 V", "0.2 kohm"]
     assert TerminalOperator().ask(Question("door closed?", "operator")).by == "operator"
-    assert typed == []
-
-
-def test_a_value_is_asked_for_until_it_can_be_read(typed: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    typed += ["a little", "3", "3 V", "0.2 kohm"]
+    capsys.readouterr()
     assert TerminalOperator().ask(Question("resistance?", unit="ohm")).value == 200.0
     assert len(capsys.readouterr().err.splitlines()) >= 4
+    assert typed == []
 
 
 @pytest.mark.parametrize("unit", ["", "ohm"])
 @pytest.mark.parametrize("answer", [["stop"], []])
-def test_a_refusal(typed: list[str], unit: str, answer: list[str]) -> None:
+def test_a_refusal_or_nobody(monkeypatch: pytest.MonkeyPatch, typed: list[str], unit: str, answer: list[str]) -> None:
     typed += answer
     with pytest.raises(BenchError) as caught:
         TerminalOperator().ask(Question("ready?", unit=unit))
     assert caught.value.code == "B-CLI-006"
-
-
-def test_nobody_at_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: False))
     with pytest.raises(BenchError) as caught:
         TerminalOperator().ask(Question("ready?"))
@@ -98,9 +93,6 @@ def test_nobody_at_the_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_texts_that_look_like_markup_are_printed_as_they_are(text: str, capsys: pytest.CaptureFixture[str]) -> None:
     console(stderr=True).print(text)
     assert capsys.readouterr().err == text + "\n"
-
-
-def test_a_long_error_stays_on_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     console(stderr=True).print("word " * 100)
     assert capsys.readouterr().err.count("\n") == 1
 
@@ -113,15 +105,6 @@ def test_a_broken_pipe_is_an_error_and_not_an_exit(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(sys, "stdout", Closed())
     with pytest.raises(BrokenPipeError):
         console().print("x")
-
-
-def test_what_is_told_to_nobody_ends_no_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    read, write = os.pipe()
-    os.close(read)
-    with os.fdopen(write, "w") as closed:
-        monkeypatch.setattr(sys, "stderr", closed)
-        for _ in range(2):
-            console(stderr=True).print("x")
 
 
 def test_plain_lines_tell_soaks_prompts_and_every_50th_record(capsys: pytest.CaptureFixture[str]) -> None:
@@ -140,31 +123,11 @@ def test_the_progress_bar_takes_everything(capsys: pytest.CaptureFixture[str]) -
     with ProgressBar(PLAN, console(stderr=True)) as bar:
         bar.step(step("soak", conditions={"label": "[x]"}), 50.0)
         bar.record(record(lost=3))
+        bar.record(record(purpose="wiring"))  # none of the campaign
         bar.message("[careful]")
     said = capsys.readouterr().err
     assert "[careful]" in said
     assert "1/100 records, 3 lost" in said
-
-
-def test_records_of_the_wiring_check_are_none_of_the_campaign(capsys: pytest.CaptureFixture[str]) -> None:
-    with ProgressBar(PLAN, console(stderr=True)) as bar:
-        bar.record(record(purpose="wiring"))
-        bar.record(record(purpose="measurement"))
-    assert "1/100 records" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize("columns", [60, 80, 200])
-def test_a_narrow_terminal_shows_figures_instead_of_a_bar(columns: int) -> None:
-    out = io.StringIO()
-    with ProgressBar(PLAN, Console(file=out, width=columns, force_terminal=True, color_system=None)) as bar:
-        bar.step(step("record", conditions={"temperature_degC": 23.3, "channel": 1, "route": "open"}), 50.0)
-        bar.record(record(lost=3))
-    assert ("\u2501" in out.getvalue()) == (columns == 200)
-    assert columns < 80 or "1/100 records" in out.getvalue()
-
-
-def test_hours() -> None:
-    assert [hours(seconds) for seconds in (0.4, 59.6, 136_800.0)] == ["0:00:00", "0:01:00", "38:00:00"]
 
 
 def test_settings() -> None:
@@ -173,32 +136,6 @@ def test_settings() -> None:
         with pytest.raises(BenchError) as caught:
             settings_of([wrong])
         assert caught.value.code == "B-CLI-001"
-
-
-def test_an_output_file_brings_its_folder_or_a_clear_error(tmp_path: Path) -> None:
-    write_file(tmp_path / "new" / "x.json", "{}")
-    assert (tmp_path / "new" / "x.json").read_text() == "{}"
-    with pytest.raises(BenchError) as caught:
-        write_file(tmp_path / "new" / "x.json" / "y", "")
-    assert caught.value.code == "B-CLI-007"
-
-
-def test_a_narrow_terminal_cuts_no_number_off(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("FORCE_COLOR", "1")
-    monkeypatch.setenv("COLUMNS", "80")
-    assert console().is_terminal
-    assert console().width == PLAIN_COLUMNS
-    assert console(stderr=True).width == 80
-    monkeypatch.setenv("COLUMNS", "160")
-    assert console().width == 160
-
-
-def test_a_prompt_is_told_with_its_text_and_only_where_somebody_is_asked(capsys: pytest.CaptureFixture[str]) -> None:
-    asked = step("prompt", text="DIP switch 1 on")
-    PlainLines(PLAN, console()).step(asked, 15.0)
-    assert capsys.readouterr().out.split() == ["0:00:15", "step", "4/9", "prompt:", "DIP", "switch", "1", "on"]
-    PlainLines(PLAN, console(), asks=False).step(asked, 15.0)
-    assert capsys.readouterr().out == ""
 
 
 class Told:
@@ -233,68 +170,6 @@ def test_what_is_going_on(found: dict[str, Any], words: str) -> None:
     assert doing(found) == words
 
 
-def test_losses_and_the_end() -> None:
-    assert losses(document()) == "7 lost, 3 bad"
-    assert losses(document(links=None)) == "0 lost"
-    assert ends(document()) == "ends 11-19 11:26Z, latest 12:00Z"
-    assert ends(document(clock="virtual")) == ""
-    assert ends(document(eta=None)) == ""
-
-
-@pytest.mark.parametrize("columns", [80, 140])
-def test_two_lines_on_a_terminal(columns: int) -> None:
-    out = io.StringIO()
-    with ProgressBar(PLAN, Console(file=out, width=columns, force_terminal=True, color_system=None)) as bar:
-        bar.show(Told())  # type: ignore[arg-type]
-    figures, what = out.getvalue().rpartition("\x1b[2K")[2].split("\n")[:2]
-    assert "1:00:00" in figures
-    assert " 38 %" in figures
-    assert "0/100 records, 7 lost, 3 bad" in figures
-    assert "ends 11-19 11:26Z, latest 12:00Z" in figures
-    assert what.strip().startswith("step 4123/9170  soak 50 degC: 48.2 degC, +0.4 degC/min")
-    assert ("\u2501" in figures) == (columns == 140)
-
-
-def test_a_question_stands_below_what_was_drawn_and_is_not_drawn_over() -> None:
-    out = io.StringIO()
-    with ProgressBar(PLAN, Console(file=out, width=80, force_terminal=True, color_system=None)) as bar:
-        bar.show(Told())  # type: ignore[arg-type]
-        with bar.aside():
-            before = len(out.getvalue())
-            bar.show(Told())  # type: ignore[arg-type]
-            bar._progress.refresh()
-            out.write("door closed?\nyes or stop:\n")
-            while_asked = out.getvalue()[before:]
-        after = out.getvalue()[before + len(while_asked) :]
-        bar.show(Told(progress=0.5))  # type: ignore[arg-type]
-    assert while_asked == "door closed?\nyes or stop:\n"
-    assert "1:00:00" in after  # at once what stood there before
-    assert "\x1b[1A" not in after.split("1:00:00")[0]  # and below the question
-    assert " 50 %" in out.getvalue()
-
-
-def test_a_rehearsal_shows_how_long_it_still_takes() -> None:
-    out = io.StringIO()
-    with ProgressBar(PLAN, Console(file=out, width=80, force_terminal=True, color_system=None)) as bar:
-        bar.show(Told(clock="virtual"))  # type: ignore[arg-type]
-    assert "ends" not in out.getvalue()
-    assert ":--" in out.getvalue()
-
-
-def test_steps_are_shown_until_the_run_says_more_itself() -> None:
-    out = io.StringIO()
-    with ProgressBar(PLAN, Console(file=out, width=80, force_terminal=True, color_system=None)) as bar:
-        bar.step(STEP, 50.0)
-        bar.show(SimpleNamespace(look=lambda: None))  # type: ignore[arg-type]
-        bar._progress.refresh()
-        first = out.getvalue()
-        bar.show(Told())  # type: ignore[arg-type]
-        bar.step(STEP, 60.0)
-    assert "0:00:50" in first
-    assert "record 23 degC channel 1" in first
-    assert "0:01:00" not in out.getvalue()
-
-
 def test_a_quiet_log_shows_that_the_run_lives(capsys: pytest.CaptureFixture[str]) -> None:
     clock: Any = SetClock()
     lines = PlainLines(PLAN, console(), clock)
@@ -310,6 +185,12 @@ def test_a_quiet_log_shows_that_the_run_lives(capsys: pytest.CaptureFixture[str]
     lines.sign_of_life(told)
     words = "1:00:00  38 %  step 4123/9170  soak 50 degC: 48.2 degC, +0.4 degC/min, 0:12:40 of 0:30:00; "
     assert capsys.readouterr().out == f"{words}0/100 records, 7 lost, 3 bad; ends 11-19 11:26Z, latest 12:00Z\n"
+    for minute in range(30):
+        clock.s += 60.0
+        if minute % 5 == 0:
+            lines.message("x")
+        lines.sign_of_life(told)
+    assert set(capsys.readouterr().out.split()) == {"x"}  # a log that is not quiet needs no sign
 
 
 @pytest.mark.parametrize(
@@ -331,17 +212,6 @@ def test_while_it_waits_for_disk_instrument_or_person_it_says_so_each_half_minut
         lines.sign_of_life(told)
     assert LOOK_EVERY_S == 30.0
     assert capsys.readouterr().out.count(said) == 4
-
-
-def test_a_log_that_is_not_quiet_needs_no_sign(capsys: pytest.CaptureFixture[str]) -> None:
-    clock: Any = SetClock()
-    lines = PlainLines(PLAN, console(), clock)
-    for minute in range(60):
-        clock.s = 60.0 * minute
-        if minute % 5 == 0:
-            lines.message("x")
-        lines.sign_of_life(Told())  # type: ignore[arg-type]
-    assert set(capsys.readouterr().out.split()) == {"x"}
 
 
 def test_nobody_answers_is_no_trouble(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

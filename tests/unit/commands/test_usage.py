@@ -1,4 +1,4 @@
-"""The command line as people read it: every command in a group, 80 columns, -h, --version, completion."""
+"""The command line as people use it: every command in a group, -h, --version, guesses, completion."""
 
 from __future__ import annotations
 
@@ -15,65 +15,22 @@ from bench.commands.usage import GROUPS, completing
 COMMAND = typer.main.get_command(app)
 
 
-def every_command(command: Any = COMMAND, words: tuple[str, ...] = ()) -> list[tuple[str, ...]]:
-    """Return the words of every command, of the groups too."""
-    inner = getattr(command, "commands", {})
-    return [words, *(found for name, one in inner.items() for found in every_command(one, (*words, name)))]
-
-
-@pytest.mark.parametrize("words", every_command(), ids=" ".join)
-def test_help_is_readable_at_80_columns(
-    words: tuple[str, ...], inside: Inside, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("COLUMNS", "80")
-    done, long = inside(*words, "-h"), inside(*words, "--help")
-    assert done.returncode == 0
-    assert done.stdout == long.stdout
-    lines = done.stdout.splitlines()
-    assert lines[0].startswith(" ".join(("Usage: bench", *words, "[OPTIONS]")))
-    assert max(map(len, lines)) <= 80
-    assert not any(sign in done.stdout for sign in ("<bool>", "<str>", "<path>", "{", "│"))
-    assert "-h, --help" in done.stdout
-    if words:
-        assert "Example" in done.stdout or "Commands:" in done.stdout or words == ("version",)
-
-
 def test_every_command_stands_in_one_group() -> None:
     listed = [name for lines in GROUPS.values() for name in lines]
     assert sorted(listed) == sorted(COMMAND.commands)  # type: ignore[attr-defined]
-    assert max(len(line) for lines in GROUPS.values() for line in lines.values()) <= 60
 
 
-def test_usage_lines_name_what_is_due(inside: Inside) -> None:
-    firsts = {words: inside(*words.split(), "-h").stdout.splitlines()[0] for words in ("", "run", "talk", "batch")}
-    assert firsts == {
-        "": "Usage: bench [OPTIONS] COMMAND",
-        "run": "Usage: bench run [OPTIONS] SEQUENCE",
-        "talk": "Usage: bench talk [OPTIONS] INSTRUMENT [COMMAND]",
-        "batch": "Usage: bench batch [OPTIONS] SESSION...",
-    }
-    said = inside("run", "-h").stdout
-    assert "  --station STATION " in said
-    assert "  --seed N " in said
-    assert "  --truth  " in said
-
-
-def test_no_command_is_the_help(inside: Inside) -> None:
-    assert inside().stdout == inside("--help").stdout
-    assert inside("history").returncode in (0, 2)
-
-
-def test_the_version_is_an_option_too(inside: Inside) -> None:
+def test_help_and_version_are_options_too(inside: Inside) -> None:
+    """tests/runs/test_cli_status.py asks each command for its help."""
+    assert inside().stdout == inside("--help").stdout == inside("-h").stdout
     assert inside("--version").stdout == inside("version").stdout == f"{bench.__version__}\n"
-    assert inside("--version").returncode == 0
 
 
 def test_a_mistyped_command_is_guessed(inside: Inside) -> None:
     done = inside("rnu")
     assert done.returncode == 2
-    assert done.stderr == (
-        "error B-CLI-011: No such command 'rnu'. Did you mean 'run'? Next: add --help to see how the command is used\n"
-    )
+    assert "error B-CLI-011: " in done.stderr
+    assert "'run'" in done.stderr
 
 
 def test_commands_names_and_paths_are_completed(tmp_path: Any, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -112,12 +112,9 @@ def test_statistics_are_those_of_the_values() -> None:
     assert found["mean"] == pytest.approx(np.mean(values), rel=1e-12)
     assert found["std"] == pytest.approx(np.std(values, ddof=1), rel=1e-12)
     assert found["min"]["value"] == min(values)
+    (alone,) = batch_of(results("s1", "A", [coupling(GOOD)])).spreads
+    assert alone.std is None
     assert found["max"]["serial"] == documents[int(np.argmax(values))]["uut"]["serial"]
-
-
-def test_one_value_has_no_standard_deviation() -> None:
-    (found,) = batch_of(results("s1", "A", [coupling(GOOD)])).spreads
-    assert found.std is None
 
 
 @pytest.mark.parametrize(
@@ -200,14 +197,3 @@ def test_what_was_left_out_stands_on_the_page() -> None:
     page = batch_html(found, "test")
     assert "B-REC-012" in page
     assert "the manifest &lt;is&gt; missing" in page
-
-
-def test_a_batch_of_nothing_that_could_be_read_is_a_page_too() -> None:
-    found = Batch()
-    found.left_out.append(LeftOut("s1", "B-REC-012", "no manifest"))
-    assert "B-REC-012" in batch_html(found, "test")
-    assert batch_document(found, "test")["yield"]["units"]["yield"] is None
-
-
-def test_values_far_apart_are_drawn_about_their_means_and_the_axis_says_so() -> None:
-    assert "from the mean of the strip" in batch_html(batch_of(*calibrations(10)), "test")

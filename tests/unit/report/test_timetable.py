@@ -10,10 +10,8 @@ from report_sample import SamplePlan, sample_steps
 
 from bench.model.shipped import find_shipped
 from bench.plan import Step, compile_sequence, planned_temperature
-from bench.report import TemperatureTrace
-from bench.report.plots import plot_timetable, timetable_picture
+from bench.report.plots import plot_timetable
 from bench.report.plots.figures import thin
-from bench.report.tables import words_of
 from bench.report.timetable import timetable
 
 
@@ -24,12 +22,6 @@ def test_bars_cover_exactly_the_planned_time() -> None:
     repeat = [bar for bar in table.bars if bar.kind == "repeat"]
     assert [(bar.lane, bar.start_s, bar.duration_s) for bar in repeat] == [("channel 1", 135_000.0, 1800.0)]
     assert len(table.bars) == 1 + 5 + 50 + 1 + 1
-
-
-def test_preparation_lies_before_hour_0_and_the_end_after_the_campaign() -> None:
-    bars = timetable(sample_steps(), prepare_s=600.0).bars
-    assert (bars[0].start_s, bars[0].duration_s) == (-600.0, 600.0)
-    assert (bars[-1].start_s, bars[-1].duration_s) == (136_800.0, 60.0)
 
 
 def test_planned_temperature_ramps_then_holds() -> None:
@@ -101,20 +93,6 @@ def test_shipped_bias_ramp_is_planned_from_the_room_to_both_ends_and_back() -> N
     assert found[-1] == (97_800.0, 23.0)
     hours = [(t_s / 3600.0, degC) for t_s, degC in found[2:-2]]
     assert hours == [(2.0, -10.0), (12.0, 50.0), (13.0, 50.0), (23.0, -10.0), (25.0, -10.0)]
-
-
-def test_plan_without_soak_or_channels_has_lanes_by_kind() -> None:
-    steps = (planned("settle", duration_s=20.0), record(20.0, 100.0))
-    table = timetable(steps, prepare_s=0.0)
-    assert table.lanes == ("settle", "record")
-    picture = timetable_picture(table, TemperatureTrace(), words_of("en"))
-    assert picture is not None
-    assert "Temperature" not in picture.svg
-    assert "Time from hour 0 / min" in picture.svg
-
-
-def test_nothing_planned_nothing_drawn() -> None:
-    assert timetable_picture(timetable((), prepare_s=0.0), TemperatureTrace(), words_of("en")) is None
 
 
 def test_thinning_keeps_extremes_and_drops_missing_readings() -> None:

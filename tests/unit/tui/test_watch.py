@@ -94,13 +94,6 @@ def test_what_the_guard_of_a_lost_run_did(tmp_path: Path, diary: str, words: str
     assert watch.look().guard is None
 
 
-def test_another_process_answers() -> None:
-    rig = Rig()
-    rig.feed.document = document(boot_id="ffff", t_utc_s=NOW_S + 60.0)
-    assert rig.watch.look().document["t_utc_s"] == NOW_S + 60.0
-    assert rig.watch.look().document["boot_id"] == "ffff"
-
-
 def test_a_session_that_is_closed_has_ended_and_is_not_asked_again() -> None:
     rig = Rig(holds={"kim": "door"})
     rig.feed.silent, rig.end, rig.clock.s = True, GOOD, 100.0
@@ -135,18 +128,14 @@ def test_what_is_drawn_does_not_change_under_the_drawing() -> None:
 
 
 def test_how_a_session_ended(tmp_path: Path) -> None:
+    golden = next((Path(__file__).resolve().parents[2] / "golden" / "sessions").glob("*/*_golden_GOLDEN/*.mcap")).parent
+    shutil.copytree(golden, tmp_path / "golden")
+    assert ending(tmp_path / "golden") == {**GOOD, "unconfirmed": []}
     write_sample(tmp_path / "s", seconds=2)
     assert ending(tmp_path / "s") == {"outcome": None, "unconfirmed": ()}  # closed, but it does not say how
     (tmp_path / "s" / OPEN_MARKER).touch()
     assert ending(tmp_path / "s") is None
     assert ending(tmp_path / "none") is None
-
-
-def test_a_golden_session_ended_well(tmp_path: Path) -> None:
-    golden = Path(__file__).resolve().parents[2] / "golden" / "sessions"
-    folder = next(golden.glob("*/*_golden_GOLDEN/session.0001.mcap")).parent
-    shutil.copytree(folder, tmp_path / "s")
-    assert ending(tmp_path / "s") == {**GOOD, "unconfirmed": []}
 
 
 class Runs:
@@ -195,14 +184,6 @@ def test_the_newest_run_that_answers_is_shown_in_plain_text(
     assert "\x1b" not in said
 
 
-def test_a_session_that_is_named(runs: Runs, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    place = folder(tmp_path, "one", 5)
-    folder(tmp_path, "two", 1)
-    runs.answering = {"one": FakeFeed(document(sequence="one")), "two": FakeFeed(document(sequence="two"))}
-    assert command.top(place, Path("nowhere")) == ExitStatus.PASS
-    assert "RUNNING  one" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize("named", [True, False])
 def test_no_run_answers(runs: Runs, tmp_path: Path, named: bool) -> None:
     place = folder(tmp_path, "dead", 1)
@@ -245,12 +226,6 @@ def test_on_a_terminal_it_waits_for_a_run_to_appear(
         command.top(tmp_path / "named", tmp_path)
 
 
-def test_no_folder_at_all(runs: Runs, tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        command.top(None, tmp_path / "none")
-    assert caught.value.code == "B-TUI-001"
-
-
 @pytest.mark.parametrize(("term", "app"), [("xterm", True), ("dumb", False)])
 def test_a_terminal_gets_the_view(
     runs: Runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, term: str, app: bool
@@ -281,10 +256,3 @@ def test_the_hour_before_comes_from_the_trend(tmp_path: Path, monkeypatch: pytes
     seen = Seen(document(), "")
     watch.remember_earlier(seen, tmp_path)
     assert list(seen.trend.buckets.values()) == [(20.0, 21.0)]
-
-
-def test_a_session_without_a_trend_begins_now(tmp_path: Path) -> None:
-    seen = Seen(document(), "")
-    watch.remember_earlier(seen, tmp_path)
-    watch.remember_earlier(Seen(document(t_utc_s=None), ""), tmp_path)
-    assert seen.trend.buckets == {}

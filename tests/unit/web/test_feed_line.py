@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import socket
 import struct
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -122,11 +121,3 @@ def test_what_is_no_answer(told: bytes, tmp_path: Path) -> None:
         assert caught.value.code == "B-RUN-100"
 
     asyncio.run(with_answers(tmp_path, answer, task))
-
-
-def test_nobody_takes_the_connection(tmp_path: Path) -> None:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as mute:
-        mute.bind(str(tmp_path / "live.sock"))
-        mute.listen(1)
-        with pytest.raises(FeedGone, match="timed out"):
-            polled(FeedLine(tmp_path, answer_s=0.1), (0, True))

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import re
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -23,12 +21,6 @@ CSP = (
     "connect-src 'self'; object-src 'none'; base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
 )
 FILLED = {"run": RUN, "file": "bokeh.min.js"}
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with served(tmp_path_factory.mktemp("page")) as found:
-        yield found
 
 
 def paths(page: Page, method: str) -> list[str]:
@@ -277,23 +269,6 @@ def test_an_open_socket_keeps_the_command(page: Page, role: str, name: str, coun
 def test_the_socket_of_a_forged_host_is_closed(tmp_path: Path) -> None:
     with served(tmp_path, hosts=frozenset({"bench.example.org"})) as page:
         assert page.close_code(page.cookie(OPERATOR), RUN, "http://bench.example.org") == 4403
-
-
-def test_assets_are_revalidated(page: Page) -> None:
-    first = page.ask("GET", "/bokeh/bokeh.min.js", page.cookie(VIEWER))
-    assert first.status == 200
-    assert first.headers["content-type"].startswith("text/javascript")
-    again = page.ask("GET", "/bokeh/bokeh.min.js", {**page.cookie(VIEWER), "If-None-Match": first.headers["etag"]})
-    assert (again.status, again.body) == (304, b"")
-    assert len(first.body) > 500_000
-
-
-def test_the_session_says_who_is_there(page: Page) -> None:
-    answer = page.ask("GET", "/api/v1/session", page.cookie(OPERATOR, "이름"))
-    assert answer.json["name"] == "이름"
-    assert answer.json["role"] == OPERATOR
-    assert answer.json["operator"] is None
-    assert "B-WEB-008" not in json.dumps(answer.json)
 
 
 def test_behind_a_proxy_its_address_and_its_entry_are_used(tmp_path: Path) -> None:

@@ -20,8 +20,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from bench.model.clock import WallClock
-from bench.record.writer import OPEN_MARKER
+from bench.record import OPEN_MARKER
 from bench.web.live import LiveRun
+from bench.web.security.tokens import OPERATOR, VIEWER
 
 
 @pytest.fixture
@@ -41,9 +42,9 @@ def feed(page: Page) -> Iterator[FeedStandIn]:
 
 
 @contextmanager
-def watching(page: Page, role: str = "viewer", run: str = RUN) -> Iterator[ClientConnection]:
+def watching(page: Page, role: str = VIEWER, run: str = RUN, login_id: str = "") -> Iterator[ClientConnection]:
     url = f"ws://127.0.0.1:{page.port}/ws?run={run}"
-    headers = page.cookie(role)
+    headers = page.cookie(role, login_id=login_id)
     with connect(url, origin=page.origin, additional_headers=headers, proxy=None) as connection:  # type: ignore[arg-type]
         yield connection
 
@@ -114,14 +115,6 @@ def test_a_page_may_ask_for_a_snapshot_and_says_nothing_else_that_matters(page: 
         connection.send(json.dumps({"type": "snapshot"}))
         assert until(connection, "snapshot")["state"]["state"] == "running"
     assert feed.state["state"] == "running"
-
-
-def test_a_page_that_comes_later_gets_a_snapshot_too(page: Page, feed: FeedStandIn) -> None:
-    with watching(page) as one:
-        until(one, "heartbeat")
-        with watching(page, "operator") as two:
-            assert until(two, "snapshot")["points"]["n"] == 600
-            assert until(two, "heartbeat")["age_s"] < 3
 
 
 def test_many_pages_cost_the_run_one_question(page: Page, feed: FeedStandIn) -> None:
@@ -236,3 +229,46 @@ def test_the_list_and_the_document_show_a_living_run(page: Page, feed: FeedStand
     assert (row["state"], row["records"]["done"]) == ("running", None)
     feed.close()
     assert page.ask("GET", "/api/v1/runs", page.cookie("viewer")).json["runs"][0]["state"] == "stopped"
+
+
+# --- the end of a login, and of a page ---------------------------------------------------------------------------
+
+
+def closed_with(connection: ClientConnection) -> tuple[int, str]:
+    """Return code and reason, behind all that was sent before; nothing else would ever close it."""
+    with pytest.raises(ConnectionClosed) as closed:
+        until(connection, "never")
+    assert closed.value.rcvd is not None
+    return closed.value.rcvd.code, closed.value.rcvd.reason
+
+
+@pytest.mark.parametrize("role", [VIEWER, OPERATOR])
+def test_a_logout_closes_every_socket_of_its_login_and_none_of_somebody_else(
+    page: Page, feed: FeedStandIn, role: str
+) -> None:
+    with (
+        watching(page, role, login_id="own") as one,
+        watching(page, role, login_id="own") as two,
+        watching(page, role, login_id="another") as other,
+    ):
+        for connection in (one, two, other):
+            until(connection, "snapshot")
+        assert page.post("/logout", role, {}, login_id="own").status == 200
+        assert [closed_with(connection) for connection in (one, two)] == [(4401, "B-WEB-008")] * 2
+        other.send(json.dumps({"type": "snapshot"}))
+        until(other, "snapshot")
+        assert page.close_code(page.cookie(role, login_id="own"), RUN, page.origin) == 4401
+        assert page.post("/logout", role, {}, login_id="another").status == 200
+        assert closed_with(other) == (4401, "B-WEB-008")
+
+
+def test_whoever_logs_out_while_a_page_opens_sees_nothing(page: Page, feed: FeedStandIn) -> None:
+    """The gate asks once more behind the opening: a login that has ended by then is closed before its snapshot."""
+    entered = page.app.state.hub.watching
+
+    def slow(run: str, viewer: object) -> object:
+        page.serving.logged_out.add(page.serving.cookies.read(page.cookie(VIEWER)["Cookie"]))  # type: ignore[arg-type]
+        return entered(run, viewer)
+
+    page.app.state.hub.watching = slow
+    assert page.close_code(page.cookie(VIEWER), RUN, page.origin) == 4401

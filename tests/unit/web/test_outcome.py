@@ -4,24 +4,21 @@ from __future__ import annotations
 
 import json
 import os
-import re
-from collections.abc import Callable, Mapping
+import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pytest
 from recorded import writable_copy
 
-import bench.web
-from bench.maths.verdict import MEANINGS
 from bench.record import OPEN_MARKER, SessionWriter
 from bench.web.now import now_of, silent_row
 from bench.web.recorded.listing import results_of, session_row
-from bench.web.recorded.outcome import OUTCOMES, SessionOutcome, outcome_of
+from bench.web.recorded.outcome import SessionOutcome, outcome_of
 from bench.web.recorded.past import Past
+from bench.web.recorded.recording import RecordedState
 
-STATIC = Path(bench.web.__file__).parent / "static"
-Change = Callable[[Path, dict[str, Any]], None]
 SAFE = ("safe", {"failures": []})
 END = {"steps": 3, "records": 1, "slip_s": 0.0, "overruns": 0, "retaken": 0, "lateness_ms": [0.0, 0.0, 0.0]}
 
@@ -59,66 +56,30 @@ def test_the_recording_that_was_not_touched(session: Path) -> None:
     assert session_row(session)["outcome"] == found.document()
 
 
-@pytest.mark.parametrize(
-    ("verdicts", "word"),
-    [(("pass", "none"), "pass"), (("pass", "conditional_pass"), "conditional_pass"), (("pass", "fail"), "fail"),
-     (("conditional_fail", "pass"), "conditional_fail"), (("indeterminate", "pass"), "doubtful"),
-     (("indeterminate", "conditional_fail"), "doubtful")],
-)  # fmt: skip
-def test_the_worst_verdict_counts(session: Path, verdicts: tuple[str, ...], word: str) -> None:
-    assert judged(session, *verdicts).word == word
-
-
-def test_the_page_has_the_words_and_colours_of_the_one_mapping() -> None:
-    """Scripts and styles cannot import it: they are held against it, verdict by verdict."""
-    scripts = {path.name: path.read_text() for path in STATIC.iterdir() if path.suffix in (".js", ".css", ".svg")}
-    listed = re.search(r"^const OUTCOMES = (\[.*\]);$", scripts["start.js"], re.MULTILINE)
-    assert listed is not None
-    assert sorted(json.loads(listed[1])) == sorted(OUTCOMES)
-    rows = re.search(r"^const VERDICT_CLASS = \{ (.*) \};$", scripts["estimates.js"], re.MULTILINE)
-    assert rows is not None
-    marked = dict(entry.split(": ") for entry in rows[1].replace('"', "").split(", "))
-    assert marked == {name: meaning.look for name, meaning in MEANINGS.items() if meaning.look != "good"}
-    for verdict, meaning in MEANINGS.items():
-        word = "doubtful" if verdict == "indeterminate" else verdict
-        assert f'<symbol id="outcome-{word}"' in scripts["icons.svg"]
-        rules = [line for line in scripts["panels.css"].splitlines() if f'[data-outcome="{word}"]' in line]
-        assert len(rules) == 3
-        assert all(f"var(--{meaning.look})" in rule for rule in rules)
-
-
-def test_a_pass_with_doubt_is_doubtful_and_a_fail_stays_a_fail(session: Path) -> None:
-    assert judged(session, "pass", quality="doubtful").word == "doubtful"
-    assert judged(session, "conditional_pass", quality="doubtful").word == "doubtful"
-    assert judged(session, "none", quality="refused").word == "doubtful"
+def test_the_worst_verdict_counts_and_a_pass_with_doubt_is_doubtful(session: Path) -> None:
+    assert judged(session, "pass", "none").word == "pass"
+    assert judged(session, "pass", "conditional_pass").word == "conditional_pass"
+    assert judged(session, "pass", "fail").word == "fail"
+    assert judged(session, "conditional_fail", "pass").word == "conditional_fail"
+    assert judged(session, "indeterminate", "conditional_fail").word == "doubtful"
+    for verdict in ("pass", "conditional_pass", "none"):
+        assert judged(session, verdict, quality="doubtful").word == "doubtful"
     assert judged(session, "fail", quality="doubtful").word == "fail"
 
 
-def test_results_of_another_recording_are_none_of_this_one(session: Path) -> None:
-    results = results_of(session)
-    results["provenance"]["session_sha256"] = "0" * 64
-    (session / "results.json").write_text(json.dumps(results))
-    assert outcome(session).word == "damaged"
-    assert "another recording" in outcome(session).why
-
-
-def test_an_end_that_is_missing_is_damage(session: Path) -> None:
-    last = sorted(session.glob("session.*.mcap"))[-1]
+def test_a_recording_that_is_not_whole_is_damaged_and_says_why(session: Path) -> None:
+    results, last = results_of(session), sorted(session.glob("session.*.mcap"))[-1]
+    other = {**results, "provenance": {**results["provenance"], "session_sha256": "0" * 64}}
+    (session / "results.json").write_text(json.dumps(other))
+    assert (outcome(session).word, "another recording" in outcome(session).why) == ("damaged", True)
+    (session / "results.json").unlink()
+    assert outcome(session).word == "no_results"
+    last.rename(last.with_name("session.0009.mcap"))
+    assert (outcome(session).word, f"{last.name} is missing" in outcome(session).why) == ("damaged", True)
+    last.with_name("session.0009.mcap").rename(last)
     os.truncate(last, last.stat().st_size // 2)
     assert outcome(session).word == "damaged"
     assert Past().final(session)["session"]["outcome"]["word"] == "damaged"
-
-
-def test_a_segment_that_is_missing_is_named(session: Path) -> None:
-    last = sorted(session.glob("session.*.mcap"))[-1]
-    last.rename(last.with_name("session.0009.mcap"))
-    assert outcome(session).word == "damaged"
-    assert f"{last.name} is missing" in outcome(session).why
-
-
-def test_without_results_it_says_so(session: Path) -> None:
-    (session / "results.json").unlink()
-    assert outcome(session).word == "no_results"
 
 
 @pytest.mark.parametrize(("code", "word"), [("B-RUN-010", "stopped"), ("B-RUN-031", "fault")])
@@ -178,3 +139,33 @@ def test_a_card_shows_alarms_that_last_or_that_nobody_has_seen() -> None:
     card = now_of({"alarms": [alarm, over], "attention": "much", "prompt": {"text": "door?"}, "step": {"what": "soak"}})
     assert (card["alarm_count"], card["attention"], card["prompt"], card["what"]) == (1, "much", "door?", "soak")
     assert card["bench"]["state"] == "unknown"  # a run of another version says nothing of it
+
+
+@pytest.fixture(scope="module")
+def past(tmp_path_factory: pytest.TempPathFactory) -> Past:
+    return Past(tmp_path_factory.mktemp("cache"))
+
+
+def test_the_outline_of_a_recording_agrees_with_its_state(past: Past, golden: Path) -> None:
+    outline, final = past.outline(golden), past.final(golden)
+    assert outline is not None
+    assert outline["graphs"] == final["graphs"]
+    assert outline["signals"] == final["signals"]
+    span = outline["replay"]
+    assert abs(span["first_utc_s"] - final["started_utc_s"]) <= 1.0
+    assert abs(span["last_utc_s"] - final["t_utc_s"]) <= 1.5  # the trend ends with a whole second
+
+
+def test_a_recording_without_a_trend_has_none(past: Past, golden: Path, tmp_path: Path) -> None:
+    shutil.copy(golden / "session.0001.mcap", tmp_path)
+    assert past.outline(tmp_path) is None
+
+
+def test_the_end_that_is_known_is_the_end_that_would_be_made(past: Past, golden: Path) -> None:
+    known = past.state(golden)
+    recording = known.recording
+    made = RecordedState(recording, known.scenery)
+    assert known.at(recording.last_utc_s) == made.at(recording.last_utc_s)
+    middle_s = (recording.first_utc_s + recording.last_utc_s) / 2
+    assert known.at(middle_s) == made.at(middle_s)
+    assert known.at(recording.last_utc_s) == made.at(recording.last_utc_s)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import os
 import re
 import shutil
@@ -13,7 +14,7 @@ import ssl
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from http.client import HTTPConnection, HTTPSConnection
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -145,9 +146,16 @@ def refused(**fields: object) -> InputError:
     return raised.value
 
 
-@pytest.mark.parametrize("host", ["0.0.0.0", "::", "192.0.2.7", "bench.example.org", "127.0.0.1.example.org", ""])
-def test_other_machines_need_encryption_b_web_001(host: str) -> None:
-    assert refused(host=host).code == "B-WEB-001"
+HOSTS = ("0.0.0.0", "::", "192.0.2.7", "bench.example.org", "127.0.0.1.example.org", "")
+PROXIES = ("http://a.example", "a.example", "https://", "https://u@a.example", "https://a.example:port", "")
+PATHS = ("https://a.example/x", "https://a.example?x", "ftp://a.example")
+
+
+def test_other_machines_need_encryption_and_a_proxy_is_a_whole_server_of_https(tmp_path: Path) -> None:
+    assert {host: refused(host=host).code for host in HOSTS} == dict.fromkeys(HOSTS, "B-WEB-001")
+    found = {refused(behind_proxy=url, host="127.0.0.1").code for url in (*PROXIES, *PATHS)}
+    assert found == {"B-WEB-003"}
+    assert refused(out=tmp_path / "x").code == "B-WEB-005"
 
 
 def test_a_certificate_that_cannot_be_used_b_web_002(tmp_path: Path, certificate: tuple[Path, Path]) -> None:
@@ -162,22 +170,12 @@ def test_a_certificate_that_cannot_be_used_b_web_002(tmp_path: Path, certificate
         assert refused(cert=one, key=other).code == "B-WEB-002"
 
 
-@pytest.mark.parametrize("url", ["http://a.example", "a.example", "https://", "https://a.example/x", "https://u@a.example",
-                                 "https://a.example:port", "https://a.example?x", "ftp://a.example", ""])  # fmt: skip
-def test_a_proxy_is_a_whole_https_server_b_web_003(url: str) -> None:
-    assert refused(behind_proxy=url, host="127.0.0.1").code == "B-WEB-003"
-
-
 def test_a_port_in_use_b_web_004(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path))
     with socket.create_server(("127.0.0.1", 0)) as other:
         wrong = refused(port=other.getsockname()[1], out=tmp_path)
         assert (wrong.code, wrong.exit_status) == ("B-WEB-004", 2)
     assert not (tmp_path / "inertial-bench").exists()  # no tokens are made that nobody would see again
-
-
-def test_a_folder_that_is_not_there_b_web_005(tmp_path: Path) -> None:
-    assert refused(out=tmp_path / "x").code == "B-WEB-005"
 
 
 def test_behind_a_proxy(tmp_path: Path) -> None:
@@ -204,12 +202,6 @@ def test_an_address_is_written_as_browsers_write_it() -> None:
     assert written(("::1", 80), secure=False) == {"[::1]", "[::1]:80"}
     assert written(("::ffff:192.0.2.7", 8321), secure=False) == {"192.0.2.7:8321"}
     assert written(None, secure=True) == frozenset()
-
-
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with served(tmp_path_factory.mktemp("page")) as found:
-        yield found
 
 
 def whole(page: Page) -> bytes:
@@ -345,49 +337,106 @@ def test_pings_of_somebody_who_does_not_read_pile_up_nothing(page: Page) -> None
     assert wire.aborted, "or what was never read would be kept"
 
 
-async def opened(gate_: Gate, headers: dict[str, str], until: asyncio.Event) -> tuple[asyncio.Task[None], list[Any]]:
-    """A WebSocket at the gate that stays open until told, and what it was sent."""
-    raw = [(key.lower().encode(), value.encode()) for key, value in headers.items()]
-    scope = {"type": "websocket", "path": "/ws", "raw_path": b"/ws", "headers": raw, "client": ("127.0.0.1", 1)}
-    sent: list[Any] = []
+def crowd(page: Page, roles: list[str]) -> list[list[Any]]:
+    """What is sent to pages of these roles, one behind the other, by a gate that keeps them open; then to one more."""
 
-    async def send(message: Any) -> None:
-        sent.append(message)
+    async def run() -> list[list[Any]]:
+        over = asyncio.Event()
 
-    async def receive() -> dict[str, str]:
-        return {"type": "websocket.connect"}
+        async def route(scope: Scope, receive: Receive, send: Send) -> None:
+            await over.wait()
 
-    task = asyncio.create_task(gate_(scope, receive, send))
-    await asyncio.sleep(0)
-    return task, sent
+        gate_, sent = Gate(route, page.serving), []
+
+        async def opened(role: str) -> asyncio.Task[None]:
+            headers = {"Host": f"127.0.0.1:{page.port}", "Origin": page.origin, **page.cookie(role)}
+            raw = [(key.lower().encode(), value.encode()) for key, value in headers.items()]
+            scope = {"type": "websocket", "path": "/ws", "raw_path": b"/ws", "headers": raw, "client": ("127.0.0.1", 1)}
+            heard: list[Any] = []
+            sent.append(heard)
+
+            async def send(message: Any) -> None:
+                heard.append(message)
+
+            async def receive() -> dict[str, str]:
+                return {"type": "websocket.connect"}
+
+            task = asyncio.create_task(gate_(scope, receive, send))
+            await asyncio.sleep(0)
+            return task
+
+        tasks = [await opened(role) for role in roles]
+        over.set()
+        await asyncio.gather(*tasks)
+        over.clear()
+        last = await opened(roles[0])
+        over.set()
+        await last
+        return sent
+
+    return asyncio.run(run())
 
 
 def test_viewers_leave_room_for_operators_b_web_023(page: Page, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(gate, "MOST_SOCKETS", 5)
     monkeypatch.setattr(gate, "KEPT_FOR_OPERATORS", 2)
-    common = {"Host": f"127.0.0.1:{page.port}", "Origin": page.origin}
+    sent = crowd(page, [VIEWER] * 4 + [OPERATOR] * 3)
+    closed = [heard[-1] if heard else {} for heard in sent]
+    refused = (4429, "B-WEB-023")
+    told = [(one.get("code"), one.get("reason")) == refused for one in closed]
+    assert [number for number, is_refused in enumerate(told) if is_refused] == [3, 6]
+    assert [bool(heard) for heard in sent] == [one != {} for one in closed]
 
-    async def crowd() -> list[int]:
-        until = asyncio.Event()
 
-        async def route(scope: Scope, receive: Receive, send: Send) -> None:
-            await until.wait()
+def test_a_page_that_is_cut_at_the_end_leaves_no_traceback(page: Page, caplog: pytest.LogCaptureFixture) -> None:
+    uvicorn = logging.getLogger("uvicorn.error")
+    for error in (asyncio.CancelledError(), OSError("something else")):
+        uvicorn.error("Exception in ASGI application", exc_info=error)
+    assert [str(record.exc_info[1]) for record in caplog.records if record.exc_info] == ["something else"]
 
-        one = Gate(route, page.serving)
-        viewers = [await opened(one, {**common, **page.cookie(VIEWER)}, until) for _ in range(4)]
-        operators = [await opened(one, {**common, **page.cookie(OPERATOR)}, until) for _ in range(3)]
-        closed = [
-            message for _, sent in (*viewers, *operators) for message in sent if message["type"].endswith("close")
-        ]
-        assert {message["reason"] for message in closed} == {"B-WEB-023"}
-        counts = [sum(bool(sent) for _, sent in group) for group in (viewers, operators)]
-        until.set()
-        await asyncio.gather(*(task for task, _ in (*viewers, *operators)))
-        until.clear()
-        task, sent = await opened(one, {**common, **page.cookie(VIEWER)}, until)
-        assert sent == [], "there is room again"
-        until.set()
-        await task
-        return [*counts, *(message["code"] for message in closed)]
 
-    assert asyncio.run(crowd()) == [1, 1, 4429, 4429]
+def test_a_head_without_end_is_refused(page: Page) -> None:
+    with socket.create_connection(("127.0.0.1", page.port), CUT_S) as stream:
+        stream.sendall(b"GET / HTTP/1.1\r\nX-Long: ")
+        sent = 0
+        with suppress(OSError):
+            while sent < 100 * serving.LARGEST_HEAD:
+                sent += stream.send(b"x" * 4096)
+        assert sent < 100 * serving.LARGEST_HEAD, "it does not take for ever what has no end"
+    assert page.ask("GET", "/").status == 401
+
+
+def test_an_address_holds_no_more_connections_than_its_share_and_the_next_one_waits_for_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(serving, "MOST_OF_ADDRESS", 3)
+    with served(tmp_path) as page:
+        place = ("127.0.0.1", page.port)
+        held = [socket.create_connection(place, CUT_S) for _ in range(3)]
+        for stream in held:
+            stream.sendall(whole(page))
+            assert stream.recv(12) == b"HTTP/1.1 401"
+        with socket.create_connection(place, CUT_S) as beyond:
+            assert is_cut(beyond)
+        with socket.create_connection(place, CUT_S, source_address=("127.0.0.2", 0)) as other:
+            other.sendall(whole(page))
+            assert other.recv(12) == b"HTTP/1.1 401"
+        held.pop().close()
+        until(lambda: page.ask("GET", "/").status == 401)
+        for stream in held:
+            stream.close()
+
+
+def test_pages_that_come_and_go_leave_no_connection_counted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(serving, "MOST_OF_ADDRESS", 2)
+    with served(tmp_path) as page:
+        for _ in range(5):
+            assert page.close_code(page.cookie(VIEWER), origin=page.origin) == 4404  # there is no such run
+        assert page.ask("GET", "/").status == 401
+
+
+def test_an_address_has_no_more_pages_than_its_share_b_web_023(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(gate, "MOST_OF_ADDRESS", 2)
+    with served(tmp_path) as page:
+        pass
+    assert [bool(heard) for heard in crowd(page, [OPERATOR] * 3)] == [False, False, True, False]

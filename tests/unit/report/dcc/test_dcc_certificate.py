@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections import Counter
 from dataclasses import replace
 from datetime import date
-from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import pytest
@@ -15,10 +12,8 @@ from dcc_checker import problems
 from dcc_sample import NS, calibration, estimate, expected, judged, many_estimates, read_certificate, standard
 from scipy import stats
 
-import bench.report.dcc as package
 from bench.model.errors import InputError
 from bench.report.dcc import Calibration, certificate_text, nobody, overdue, session_of
-from bench.report.dcc.calibration import TEXTS
 
 TOKENS = {
     "ppm": r"\one", "A": r"\ampere", "ppm/degC": r"\kelvin\tothe{-1}", "A/degC2": r"\ampere\kelvin\tothe{-2}",
@@ -97,14 +92,6 @@ def test_a_condition_is_a_number_with_its_unit_where_it_is_one_and_a_word_where_
     assert (found["kind"][2], found["closed"][2]) == ("gyro", "true")
 
 
-def test_many_values_of_a_quantity_are_one_table() -> None:
-    results = ET.fromstring(xml_of(calibration())).findall(".//dcc:results/dcc:result", NS)
-    kinds = Counter(one.get("refType") for one in results)
-    assert kinds["bench_quantity_0"] == 1
-    assert kinds["bench_drift"] == 2  # a sentence among the conditions makes a table of its own
-    assert kinds["bench_few"] == 2  # finite degrees of freedom are a column
-
-
 def test_a_small_sample_says_which_distribution_and_how_many_degrees_of_freedom() -> None:
     k = float(stats.t.ppf(0.975, 3.7))
     xml = xml_of(calibration(estimates=[estimate("few", "A", 1e-9, 2e-9, dof=3.7, coverage_factor=k)]))
@@ -157,19 +144,6 @@ def test_verdicts_have_their_rule_their_limits_and_the_worst_one_for_the_whole()
     assert "non-binary" in rule
 
 
-@pytest.mark.parametrize("rule", ["simple", "guard_band", "non_binary"])
-def test_every_rule_of_decision_has_its_words(rule: str) -> None:
-    made = calibration()
-    xml = xml_of(replace(made, results={**made.results, "decision_rule": rule}))
-    assert TEXTS(f"rule.{rule}") in texts_of(xml, ".//dcc:declaration/dcc:content")
-
-
-def test_nothing_judged_is_said() -> None:
-    xml = xml_of(calibration(estimates=[estimate("any", "A", 1.0, 2.0)]))
-    assert TEXTS("statement.not_judged") in texts_of(xml, ".//dcc:declaration/dcc:content")
-    assert texts_of(xml, ".//dcc:conformity") == []
-
-
 def test_a_simulated_specimen_is_marked_everywhere() -> None:
     xml = xml_of(calibration(specimen=True, simulated=True))
     mark = "SPECIMEN - simulated, not a calibration"
@@ -188,10 +162,6 @@ def test_a_specimen_of_a_real_session_is_not_called_simulated() -> None:
     xml = xml_of(calibration(specimen=True))
     assert b"SPECIMEN - not a calibration certificate" in xml
     assert b"simulated" not in xml
-
-
-def test_a_certificate_bears_no_mark() -> None:
-    assert b"SPECIMEN" not in xml_of(calibration())
 
 
 def test_the_session_it_belongs_to_is_told() -> None:
@@ -265,13 +235,6 @@ def test_surroundings_in_their_units() -> None:
         assert set(texts_of(xml, f"{one}//si:unit")) == {unit}
 
 
-def test_notes_and_statements_of_the_laboratory_are_in_it() -> None:
-    found = texts_of(xml_of(calibration()), ".//dcc:statement/dcc:declaration/dcc:content")
-    assert "A restriction of the results." in found
-    assert any(text.startswith("This document may not be reproduced") for text in found)
-    assert any("8 frames received whole, 7 damaged, 6 lost; records taken again: 4" in text for text in found)
-
-
 def test_text_that_xml_cannot_hold_does_no_harm() -> None:
     made = calibration()
     odd = {**made.manifest, "title": " <a & b> \x07 \n 'c' \ud800 ", "identities": {"dmm": {"manufacturer": " A & B "}}}
@@ -288,37 +251,3 @@ def test_a_unit_without_a_form_in_dsi_stops_it() -> None:
     with pytest.raises(InputError) as caught:
         certificate_text(calibration(estimates=[estimate("any", "furlong", 1.0, 2.0)]))
     assert caught.value.code == "B-DCC-007"
-
-
-FOLDER = Path(package.__file__).parent
-CATALOGUE = json.loads((FOLDER / "texts" / "en.json").read_text())
-OPEN_FAMILIES = (
-    "quantity.",
-    "ending.",
-    "method.",
-    "rule.",
-    "surroundings.",
-    "identification.",
-    "conformity.",
-    "column.",
-    "statement.adjustment.",
-)
-
-
-def keys_in_code() -> set[str]:
-    found: set[str] = set()
-    for path in FOLDER.glob("*.py"):
-        found |= set(re.findall(r'TEXTS\(\s*"([a-z_.0-9A-Z]+)"', path.read_text()))
-        found |= set(re.findall(r'"((?:mark|statement|result|identification)\.[a-z_0-9]+)"', path.read_text()))
-    return found
-
-
-def test_every_text_of_the_code_is_in_the_catalogue() -> None:
-    assert len(keys_in_code()) > 20
-    assert keys_in_code() - CATALOGUE.keys() == set()
-
-
-def test_every_text_of_the_catalogue_is_used() -> None:
-    single = {key for key in CATALOGUE if not key.startswith((*OPEN_FAMILIES, "ref_type."))}
-    assert single - keys_in_code() == set()
-    assert list(CATALOGUE) == sorted(CATALOGUE)

@@ -94,14 +94,6 @@ def test_what_does_not_hold_has_its_line_and_its_path(schema: Path) -> None:
     assert f"line {second.line}: " in str(error)
 
 
-def test_a_long_list_of_mistakes_is_cut_and_says_so(schema: Path) -> None:
-    broken = certificate_text(calibration()).replace("\\one</si:unitXMLList>", "\\one</si:unit>")
-    broken = broken.replace("<si:unitXMLList>\\one", "<si:unit>\\one")
-    found = CertificateSchema(schema).violations(broken)
-    assert len(found) > 20
-    assert f"and {len(found) - 20} more" in str(not_valid(found, Path("x"), schema))
-
-
 def test_a_missing_import_is_named(schema: Path) -> None:
     (schema.parent / "SI_Format.xsd").unlink()
     with pytest.raises(InputError, match=r"SI_Format\.xsd") as caught:
@@ -115,15 +107,10 @@ def test_a_missing_import_is_named(schema: Path) -> None:
 )
 def test_what_is_no_schema_of_this_version_is_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "dcc.xsd").write_text(text)
-    with pytest.raises(InputError) as caught:
-        CertificateSchema(tmp_path / "dcc.xsd")
-    assert caught.value.code == "B-DCC-008"
-
-
-def test_a_schema_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        CertificateSchema(tmp_path / "none.xsd")
-    assert caught.value.code == "B-DCC-008"
+    for name in ("dcc.xsd", "none.xsd"):
+        with pytest.raises(InputError) as caught:
+            CertificateSchema(tmp_path / name)
+        assert caught.value.code == "B-DCC-008"
 
 
 def test_a_schema_that_is_broken_inside_is_refused(schema: Path) -> None:
@@ -197,12 +184,6 @@ def test_a_mistake_is_told_with_its_place(tmp_path: Path, old: str, new: str, to
     assert "B-YAML-" in message
 
 
-def test_a_file_that_is_not_there(tmp_path: Path) -> None:
-    with pytest.raises(InputError) as caught:
-        load_laboratory(tmp_path / "none.yaml")
-    assert caught.value.code == "B-YAML-001"
-
-
 @pytest.mark.parametrize("unit", WRITTEN_OUT)
 def test_units_as_they_are_written_out_by_hand(unit: str) -> None:
     found = si_unit(unit)
@@ -246,11 +227,6 @@ def test_a_number_is_moved_exactly_and_fits_the_pattern_of_dsi(value: float, pow
     text = si_number(value, power)
     assert Decimal(text) == Decimal(repr(value)).scaleb(power)
     assert re.fullmatch(PATTERNS["decimal"], text)
-
-
-@given(st.integers(min_value=-(10**18), max_value=10**18))
-def test_whole_numbers_stay_whole(value: int) -> None:
-    assert si_number(value) == str(value)
 
 
 @pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])

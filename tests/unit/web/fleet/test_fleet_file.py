@@ -64,50 +64,48 @@ def test_what_it_says(tmp_path: Path) -> None:
     assert TOKEN not in repr(one)
 
 
-@pytest.mark.parametrize(
-    "url",
-    [
-        "http://one.example.org",
-        "http://192.0.2.7:8321",
-        "ftp://one.example.org",
-        "https://kim:secret@one.example.org",
-        "https://one.example.org/runs/x",
-        "https://one.example.org?token=x",
-        "https://one.example.org:99999",
-        "one.example.org",
-    ],
-)
-def test_an_address_that_is_not_taken_b_fleet_001(tmp_path: Path, url: str) -> None:
-    said = refused(tmp_path, f"  - {{name: one, url: '{url}', token_env: TOKEN_ONE}}\n")
-    assert said.startswith("error B-FLEET-001: fleet.yaml:2:17: ")
-    assert "Next: for example https://" in said
-    assert "secret" not in said
+NOT_TAKEN = """http://one.example.org http://192.0.2.7:8321 ftp://one.example.org one.example.org
+    https://kim:secret@one.example.org https://one.example.org/runs/x https://one.example.org?token=x
+    https://one.example.org:99999"""
+TOKENS = {
+    "token_env: MISSING": "the variable MISSING is empty",
+    "token_env: EMPTY": "the variable EMPTY is empty",
+    "token_env: WORDS": "the variable WORDS holds no token",
+    "token_file: no.token": "cannot be read: No such file",
+    "token_file: .": "cannot be read: ",
+}
+NO_BENCH = """name: one
+    name: one, url: 'https://one.example.org'
+    name: one, url: 'https://one.example.org', token_env: A, token_file: b
+    name: one, folder: a, token_env: A
+    name: one, folder: a, url: 'https://one.example.org', token_env: A
+    name: '', folder: a
+    name: one, folder: a, token: secret"""
+WRONG = [
+    ("name: one, folder: nowhere", "B-FLEET-004: fleet.yaml:2:17: ", ""),
+    *((f"name: one, url: '{url}', token_env: A", "B-FLEET-001: fleet.yaml:2:17: ", "") for url in NOT_TAKEN.split()),
+    *((f"name: a, url: 'https://a.org', {key}", "B-FLEET-003: fleet.yaml:2:37: ", TOKENS[key]) for key in TOKENS),
+    *((line.strip(), "B-YAML-01", ": fleet.yaml:2:") for line in NO_BENCH.splitlines()),
+]
+
+
+@pytest.mark.parametrize(("line", "begins", "words"), WRONG)
+def test_a_line_that_is_not_taken_has_its_code_and_its_place(
+    tmp_path: Path, line: str, begins: str, words: str
+) -> None:
+    said = refused(tmp_path, f"  - {{{line}}}\n")
+    assert said.startswith(f"error {begins}")
+    assert words in said
+    assert "kim:secret" not in said
 
 
 def test_a_bench_that_stands_there_twice_b_fleet_002(tmp_path: Path) -> None:
-    said = refused(tmp_path, f"{REMOTE}{REMOTE.replace('org', 'org/')}")
-    first, second = said.splitlines()
+    first, second = refused(tmp_path, f"{REMOTE}{REMOTE.replace('org', 'org/')}").splitlines()
     assert first.startswith("error B-FLEET-002: fleet.yaml:3:6: name 'one' stands there twice, first at fleet.yaml:2:6")
     assert second.startswith("error B-FLEET-002: fleet.yaml:3:17: url 'https://one.example.org/'")
     (tmp_path / "a").mkdir()
     folders = "  - {name: one, folder: a}\n  - {name: two, folder: a}\n"
     assert "fleet.yaml:3:17: folder 'a' stands there twice" in refused(tmp_path, folders)
-
-
-@pytest.mark.parametrize(
-    ("key", "words"),
-    [
-        ("token_env: MISSING", "the variable MISSING is empty"),
-        ("token_env: EMPTY", "the variable EMPTY is empty"),
-        ("token_env: WORDS", "the variable WORDS holds no token"),
-        ("token_file: no.token", "cannot be read: No such file"),
-        ("token_file: .", "cannot be read: "),
-    ],
-)
-def test_a_token_that_is_not_there_b_fleet_003(tmp_path: Path, key: str, words: str) -> None:
-    said = refused(tmp_path, f"  - {{name: one, url: 'https://one.example.org', {key}}}\n")
-    assert said.startswith("error B-FLEET-003: fleet.yaml:2:49: ")
-    assert words in said
 
 
 @pytest.mark.skipif(not hasattr(os, "geteuid"), reason="files have no owners here")
@@ -118,28 +116,6 @@ def test_the_file_of_a_token_is_for_its_owner_b_fleet_003(tmp_path: Path, text: 
     assert "B-FLEET-003" in said
     assert words in said
     assert TOKEN not in said
-
-
-def test_a_folder_that_is_not_there_b_fleet_004(tmp_path: Path) -> None:
-    assert refused(tmp_path, "  - {name: one, folder: nowhere}\n").startswith("error B-FLEET-004: fleet.yaml:2:17: ")
-
-
-@pytest.mark.parametrize(
-    "line",
-    [
-        "{name: one}",
-        "{name: one, url: 'https://one.example.org'}",
-        "{name: one, url: 'https://one.example.org', token_env: A, token_file: b}",
-        "{name: one, folder: a, token_env: A}",
-        "{name: one, folder: a, url: 'https://one.example.org', token_env: A}",
-        "{name: '', folder: a}",
-        "{name: one, folder: a, token: secret}",
-    ],
-)
-def test_what_the_loader_refuses(tmp_path: Path, line: str) -> None:
-    said = refused(tmp_path, f"  - {line}\n")
-    assert said.startswith("error B-YAML-01")
-    assert ": fleet.yaml:2:" in said
 
 
 def test_all_mistakes_are_said_at_once_in_order(tmp_path: Path) -> None:

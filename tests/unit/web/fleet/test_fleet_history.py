@@ -54,12 +54,6 @@ def test_sessions_over_all_are_the_history_newest_first(
     assert [row["uut_serial"] for row in answer["calibrations"]] == ["B2", "A1", "A1", "A1"]
 
 
-def test_without_a_history_nothing_is_said(tmp_path: Path) -> None:
-    with served(tmp_path, make=lambda serving: create_fleet_app(serving, ())) as page:
-        assert page.ask("GET", "/api/v1/due", page.cookie(VIEWER)).json == {"due": [], "named": False}
-        assert page.ask("GET", "/api/v1/calibrations", page.cookie(VIEWER)).json["calibrations"] == []
-
-
 @pytest.mark.parametrize(("file", "status"), [("nothing.sqlite", 200), ("text.sqlite", 400)])
 def test_a_history_that_is_not_there_is_empty_and_one_that_cannot_be_read_says_why(
     tmp_path: Path, file: str, status: int

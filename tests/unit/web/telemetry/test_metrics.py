@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import re
 import shutil
 import threading
 from collections.abc import Iterator
@@ -287,11 +288,6 @@ def test_asked_a_hundred_times_a_second_it_looks_once(tmp_path: Path) -> None:
     asyncio.run(asked(100))
 
 
-def test_no_family_is_empty_and_all_have_a_name_of_the_bench() -> None:
-    found = families([SeenRun({"run": "r"})])
-    assert [family.name for family in found if not family.name.startswith("bench_") or not family.samples] == []
-
-
 def test_the_end_of_a_recording_that_takes_long_to_read_holds_nobody_up(
     page: Page, shown: ShownRun, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -314,3 +310,36 @@ def test_the_end_of_a_recording_that_takes_long_to_read_holds_nobody_up(
     while now(samples(page), "bench_run_state") == ["ended"]:
         pass
     assert now(samples(page), "bench_run_outcome") == ["damaged"]
+
+
+# --- what docs/ways-out.md asks for --------------------------------------------------------------------------------
+
+ROOT = Path(__file__).resolve().parents[4]
+PAGE = (ROOT / "docs" / "ways-out.md").read_text(encoding="utf-8")
+BOARD = (ROOT / "docs" / "grafana" / "bench.json").read_text(encoding="utf-8")
+NAME = re.compile(r"\bbench_[a-z_]+\b")
+
+
+def everything() -> list[SeenRun]:
+    """Return runs that together have a sample of every metric."""
+    row = {"quantity": "bias", "unit": "A", "value": 1.0, "expanded_uncertainty": 0.1, "limit": 2.0, "conditions": {}}
+    link = {"state": "streaming", "frames": 1, "bad": 0, "lost": 0, "duplicate": 0, "rate_Hz": 100.0, "age_s": 0.0}
+    counts = dict.fromkeys(("planned", "done", "retaken", "flagged"), 1)
+    state = {
+        "run": "r", "state": "running", "attention": "none", "uut": {"model": "NGU", "serial": "7"}, "t_utc_s": 1.0,
+        "bench": {"state": "off", "confirmed_utc_s": 0.0, "unconfirmed": {}}, "progress": 0.5,
+        "eta": {"likely_utc_s": 2.0}, "alarms": [],
+        "records": counts, "links": {"a": link}, "estimates": {"rows": [row]}, "session": {"outcome": {"word": "pass"}},
+    }  # fmt: skip
+    return [SeenRun(state, {"bench.air": 20.0}, 0.0)]
+
+
+def test_the_page_names_every_metric_and_page_and_dashboard_no_other() -> None:
+    found = families(everything())
+    assert [family.name for family in found if not family.samples] == []
+    exported = {sample.name for family in found for sample in family.samples}
+    table = re.findall(r"^\| (`bench_[^|]+) \|", PAGE, re.MULTILINE)
+    assert {name for cell in table for name in NAME.findall(cell)} == exported
+    asked = re.findall(r'"expr": "([^"\\]*)', BOARD) + re.findall(r"```prometheus\n(.*?)```", PAGE, re.DOTALL)
+    assert len(asked) > 10
+    assert {name for text in asked for name in NAME.findall(text)} <= exported

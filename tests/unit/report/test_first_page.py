@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from dataclasses import replace
@@ -12,17 +11,18 @@ from typing import Any
 import pytest
 import yaml
 from pydantic import ValidationError
-from report_sample import estimate, sample_model, small_model
+from report_sample import estimate, sample_model
 
 from bench.report import Report
+from bench.report.accreditation import below_capability, not_covered
 from bench.report.assemble import started_utc
-from bench.report.document import document_files, png_pages
+from bench.report.document import png_pages
 from bench.report.first import FirstPage, days_of, first_page
-from bench.report.laboratory import Laboratory
+from bench.report.laboratory import Accreditation, Capability, Laboratory
 from bench.report.model import ReportModel
 from bench.report.tables import words_of
 
-ROOT = Path(__file__).resolve().parents[4]
+ROOT = Path(__file__).resolve().parents[3]
 WORDS = words_of("en")
 MAIN = ("dsf_n", "dsf_p", "bias", "hysteresis_width")
 EXAMPLE: dict[str, Any] = yaml.safe_load((ROOT / "docs" / "laboratory.yaml").read_text(encoding="utf-8"))
@@ -108,14 +108,6 @@ def test_values_and_uncertainties_are_those_of_the_results(model: ReportModel, p
     assert set(block.foot[-1][1:]) == {"1.96"}
 
 
-def test_few_values_stand_with_their_own_uncertainty(model: ReportModel) -> None:
-    few = [row for row in model.results["estimates"] if row["conditions"].get("temperature_degC") == 20.0]
-    (block,) = first_page(replace(model, results={**model.results, "estimates": few}), None, WORDS).results
-    assert block.headers[1:] == ("20", "20", "20")
-    assert all(" ± " in text for line in block.rows for text in line[1:])
-    assert [line[0] for line in block.foot] == ["k"]
-
-
 def test_the_value_nearest_to_its_limit_and_the_risk_of_the_rule(model: ReportModel, page: FirstPage) -> None:
     """A conditional pass at 95 of 100 ppm, u = 10 / 1.96 ppm, is wrong with 16 %; the fail at 120 ppm with 0.004 %."""
     said = on(page)
@@ -128,12 +120,6 @@ def test_the_value_nearest_to_its_limit_and_the_risk_of_the_rule(model: ReportMo
     assert 16.0 < risk < 17.0
     assert f"Largest risk among the 2 accepted here: {risk:.2f}\u00a0%." in said["Decision rule"]
     assert "Largest risk among the 1 refused here: <\u00a00.01\u00a0%." in said["Decision rule"]
-
-
-@pytest.mark.parametrize(("rule", "words"), [("simple", "Simple acceptance"), ("guard_band", "Guarded acceptance")])
-def test_the_rule_is_that_of_the_results(model: ReportModel, rule: str, words: str) -> None:
-    other = replace(model, results={**model.results, "decision_rule": rule})
-    assert on(first_page(other, None, WORDS))["Decision rule"].startswith(words)
 
 
 def test_what_the_laboratory_states_is_on_it(page: FirstPage) -> None:
@@ -177,15 +163,6 @@ def test_a_value_that_is_judged_on_the_page_needs_the_scope_too(model: ReportMod
     assert reason.startswith("dsf_n_residual: 120 ppm by scale_factor is outside the scope")
 
 
-def test_without_a_laboratory_it_says_what_nobody_stated(model: ReportModel) -> None:
-    bare = first_page(model, None, WORDS)
-    said = on(bare)
-    assert bare.title == "Report"
-    assert said["Laboratory"] == "not stated; give --laboratory"
-    assert {said[name] for name in ("Customer", "State on receipt", "Received", "Issued", "Place")} == {"not stated"}
-    assert not {"Accreditation", "Next calibration", "Replaces", "Adjustment"} & said.keys()
-
-
 def test_doubtful_values_are_marked_and_say_so_above(model: ReportModel) -> None:
     first, *others = model.results["estimates"]
     reason = {"code": "odd", "sentence": "It is odd.", "figure": 1.0}
@@ -196,65 +173,9 @@ def test_doubtful_values_are_marked_and_say_so_above(model: ReportModel) -> None
     assert shown.notes == (WORDS("first.results.unsound"),)
 
 
-def test_where_nothing_is_sound_the_rule_is_stated_and_that_nothing_is_judged(model: ReportModel) -> None:
-    doubtful = {**estimate("bias", "A", 1e-9, 1e-10, channel=1), "quality": "doubtful", "limit": 1e-8}
-    results = {**model.results, "estimates": [{**doubtful, "verdict": "indeterminate"}], "decision_rule": "guard_band"}
-    rule = on(first_page(replace(model, results=results), None, words_of("en")))["Decision rule"]
-    assert rule.startswith("Guarded acceptance")
-    assert rule.endswith("No value is judged: none that has a limit is sound.")
-
-
-def test_a_refused_value_without_a_limit_of_its_own_does_not_say_that_there_are_no_limits(model: ReportModel) -> None:
-    """At rest the sequence states limits of a time offset, but no value is held against them (docs/time-sync.md)."""
-    refused = {**estimate("time_offset", "s", 0.0, 0.03), "value": None, "quality": "refused", "limit": None}
-    results = {**model.results, "estimates": [{**refused, "verdict": "indeterminate"}]}
-    rule = on(first_page(replace(model, results=results), None, words_of("en")))["Decision rule"]
-    assert rule == "No value is judged: none that is stated here is held against a limit."
-
-
-def test_results_of_an_analysis_with_another_way_than_their_own_are_shown(model: ReportModel) -> None:
-    """A log in a turn about z is fitted by the ellipse: the method of the results names the way, not the fit."""
-    found = estimate("mag_gain", "1", 1.01, 0.01, kind="magnetometer", method="ellipse")
-    results = {**model.results, "estimates": [found], "method": "turn_about_z"}
-    page = first_page(replace(model, results=results, main=()), None, words_of("en"))
-    assert any("1.010 ± 0.010" in row for block in page.results for row in block.rows)
-
-
-def test_more_than_the_page_has_room_for_is_thinned_and_told(model: ReportModel) -> None:
-    """Of 13 temperatures five are shown, both ends among them; of 14 channels twelve; what is left out is said."""
-    where = [(channel, float(degC)) for channel in range(1, 15) for degC in range(-60, 70, 10)]
-    many = [estimate("dsf_n", "ppm", 1.0, 0.1, channel=channel, temperature_degC=degC) for channel, degC in where]
-    many += [estimate(f"x{index}", "ppm", 1.0, 0.1) for index in range(30)]
-    names = ("dsf_n", *(f"x{index}" for index in range(30)))
-    shown = first_page(replace(model, main=names, results={**model.results, "estimates": many}), None, WORDS)
-    table = shown.results[0]
-    assert [number(text) for text in table.headers[1:]] == [-60.0, -30.0, 0.0, 30.0, 60.0]
-    assert len(table.rows) == 12
-    assert "Not all temperatures" in table.caption
-    assert "The first 12 of 14 rows" in table.caption
-    assert shown.notes == (WORDS("first.results.further"),)
-    assert len(png_pages(model, [], WORDS, 20.0, shown)) == 1
-
-
-def test_a_campaign_without_results_says_so(model: ReportModel) -> None:
-    bare = first_page(replace(model, results={**model.results, "estimates": []}), laboratory(), WORDS)
-    assert (bare.results, bare.notes) == ((), (WORDS("first.results.none"),))
-    assert bare.not_accredited == (WORDS("first.accreditation.nothing"),)
-
-
 def test_what_is_measured_outside_of_what_the_laboratory_states_is_told(model: ReportModel) -> None:
     own = laboratory(surroundings={"temperature": ["22 degC", "23 degC"]})
     assert "not within what the laboratory states" in on(first_page(model, own, WORDS))["Environment"]
-
-
-def test_number_and_end_mark_are_on_page_and_paper(model: ReportModel) -> None:
-    report = Report(replace(small_model(), main=MAIN), laboratory=laboratory())
-    text = report.html()
-    assert '@bottom-left { content: "EX-2026-0002"' in text
-    assert "<p>End of the report EX-2026-0002" in text
-    assert Report(replace(small_model(), main=MAIN), laboratory=laboratory(), sections=report.sections).html() == text
-    frame = json.loads(document_files(model, [], WORDS, first_page(model, laboratory(), WORDS))["report.json"])
-    assert (frame["first"]["number"], frame["page"]) == ("EX-2026-0002", "page #n of #total")
 
 
 def test_the_days_are_of_the_name_of_the_session(model: ReportModel) -> None:
@@ -277,37 +198,6 @@ def test_entries_that_may_not_be_are_refused(wrong: dict[str, Any], said: str) -
         laboratory(**wrong)
 
 
-CLAUSES = {
-    *(f"7.8.2.1 {letter})" for letter in "abcdefghijklmnop"),
-    "7.8.2.2",
-    *(f"7.8.4.1 {letter})" for letter in "abcdef"),
-    *("7.8.4.3", "7.8.6.1", "7.8.6.2", "7.8.7", "7.8.8"),
-}
-
-
-def test_every_clause_has_its_place_in_the_docs(page: FirstPage) -> None:
-    """What the table calls an entry or a statement of page 1 is one."""
-    text = (ROOT / "docs" / "report.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (7\.8\.[^|]*?) \| [^|]* \| ([^|]*) \|$", text, re.MULTILINE)
-    assert {clause for clause, _ in rows} == CLAUSES
-    places = set(re.findall(r"\*([^*]+)\*", " ".join(place for _, place in rows)))
-    assert places >= {"Laboratory", "Customer", "Item", "Decision rule", "Environment", "Traceability"}
-    titles = {text for key, text in WORDS.all.items() if key.startswith("section.")}
-    assert places <= {*on(page), *titles}
-
-
-@pytest.mark.parametrize(
-    ("language", "of_test", "of_calibration"), [("en", "Tested", "Calibrated"), ("ko", "시험일", "교정일")]
-)
-def test_a_test_is_called_one(model: ReportModel, language: str, of_test: str, of_calibration: str) -> None:
-    """ISO/IEC 17025 7.8.3: an analysis of items that pass or fail."""
-    words = words_of(language)
-    tested = replace(model, results={**model.results, "campaign": "gnc_unit_test"})
-    assert f"{of_test} (UTC)" in on(first_page(tested, None, words))
-    assert f"{of_calibration} (UTC)" in on(first_page(model, None, words))
-    assert first_page(tested, laboratory(), words).title == words("first.title.test")
-
-
 def test_a_log_without_a_date_states_none_and_no_sequence(model: ReportModel) -> None:
     name = "19700101T000000Z_log_unknown"
     log = replace(model, started_utc=started_utc(name), origin={"sequence": "my_map", "clock": "log"})
@@ -324,23 +214,58 @@ def test_a_log_without_a_date_states_none_and_no_sequence(model: ReportModel) ->
     assert pairs.keys().isdisjoint({"sequence", "clock", "SHA-256 of the plan", "SHA-256 of the frame definition"})
 
 
-@pytest.mark.parametrize(("campaign", "named"), [("time_sync", True), ("scale_factor", False)])
-def test_the_clock_of_the_bench_is_named_where_results_are_by_it(
-    model: ReportModel, campaign: str, named: bool
-) -> None:
-    """ISO/IEC 17025 7.8.4.1 c): what has no certificate is not among those that have one."""
-    timed = replace(model, results={**model.results, "campaign": campaign})
-    assert ("clock of the bench" in on(first_page(timed, None, WORDS))["Traceability"]) == named
+# --- under an accreditation -------------------------------------------------------------------------------------
+
+CAPABLE = [
+    {"quantity": "dsf_n", "range": ["-1000 ppm", "1000 ppm"], "cmc": "20 ppm", "method": "scale_factor"},
+    {"quantity": "bias", "range": ["-1 uA", "1 uA"], "cmc": "0.5 nA", "method": "scale_factor"},
+]
+OWN = Accreditation.model_validate({"body": "Example Body", "number": "EX-0000", "scope": CAPABLE})
 
 
-def test_a_shipped_title_is_told_in_korean(model: ReportModel) -> None:
-    told = replace(model, title="Ring laser lock-in and its compensation", origin={"sequence": "rlg_lock_in"},
-                   results={**model.results, "campaign": "rlg_lock_in"})  # fmt: skip
-    assert first_page(told, None, words_of("ko")).subject == "링 레이저의 록인과 그 보상"
+def stated(quantity: str, unit: str, value: float, expanded: float, **more: Any) -> dict[str, Any]:
+    return estimate(quantity, unit, value, expanded, channel=1) | more
 
 
-def test_a_condition_down_the_side_has_a_prefix(model: ReportModel) -> None:
-    rows = [estimate("rate", "deg/s", 0.1, 0.01, clock_Hz=hertz) for hertz in (20e6, 100e6)]
-    (block,) = first_page(replace(model, main=(), results={**model.results, "estimates": rows}), None, WORDS).results
-    assert block.headers[0] == "clock / MHz"
-    assert [row[0] for row in block.rows] == ["20", "100"]
+@pytest.mark.parametrize(
+    ("found", "method", "reason"),
+    [
+        (stated("dsf_n", "ppm", 12.0, 20.0), "scale_factor", ""),
+        (stated("dsf_n", "1", 12e-6, 20e-6), "scale_factor", ""),  # the same in another unit
+        (stated("bias", "A", 4e-7, 5e-10), "scale_factor", ""),
+        (stated("bias", "nA", 400.0, 0.5), "scale_factor", ""),
+        (stated("dsf_n", "ppm", 12.0, 19.9), "scale_factor", "U = 19.9 ppm is below the CMC of 20 ppm"),
+        (stated("bias", "nA", 400.0, 0.4), "scale_factor", "U = 0.4 nA is below the CMC of 0.5 nA"),
+        (stated("dsf_n", "ppm", 12.0, 0.0), "scale_factor", "U = 0 ppm is below the CMC of 20 ppm"),
+        (stated("dsf_n", "ppm", 1000.1, 30.0), "scale_factor", "1000.1 ppm by scale_factor is outside the scope"),
+        (stated("dsf_n", "ppm", 12.0, 30.0), "dmm_method", "12 ppm by dmm_method is outside the scope"),
+        (stated("dsf_n", "A", 12.0, 30.0), "scale_factor", "12 A by scale_factor is outside the scope"),
+        (stated("lag", "pulse", 1.0, 2.0), "scale_factor", "1 pulse by scale_factor is outside the scope"),
+        (stated("dsf_n", "ppm", 12.0, 30.0, quality="doubtful"), "scale_factor", "is doubtful"),
+    ],
+)
+def test_each_condition_alone_keeps_a_result_out(found: dict[str, Any], method: str, reason: str) -> None:
+    said = not_covered(OWN, method, [found])
+    assert said == ({found["quantity"]: reason} if reason else {})
+
+
+def test_reasons_of_one_quantity_are_counted() -> None:
+    rows = [stated("dsf_n", "ppm", 1.0, 10.0), stated("dsf_n", "ppm", 2.0, 11.0), stated("bias", "nA", 400.0, 0.5)]
+    assert list(not_covered(OWN, "scale_factor", rows).values()) == [
+        "U = 10 ppm is below the CMC of 20 ppm, and 1 more of it"
+    ]
+
+
+def test_a_result_outside_the_scope_has_no_capability_to_be_below_of() -> None:
+    rows = [stated("dsf_n", "ppm", 5000.0, 1.0), stated("dsf_n", "ppm", 5.0, 1.0, quality="refused")]
+    assert below_capability(OWN, "scale_factor", rows) == {}
+    assert list(below_capability(OWN, "scale_factor", [*rows, stated("bias", "A", 0.0, 1e-10)])) == ["bias"]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"cmc": "20 nA"}, {"cmc": "20"}, {"cmc": "0 ppm"}, {"range": ["1 ppm", "-1 ppm"]}, {"range": ["1 A", "2 ppm"]}],
+)
+def test_a_line_of_the_scope_that_says_nothing_is_refused(wrong: dict[str, Any]) -> None:
+    with pytest.raises(ValidationError):
+        Capability.model_validate(CAPABLE[0] | wrong)
