@@ -15,8 +15,7 @@ import pytest
 from dcc_checker import problems, xsd
 from dcc_sample import EXAMPLE, expected, read_certificate
 from import_sample import RAMP, ramp_rows, write_ramp
-from recorded import writable_copy
-from rehearsal import Inside, bench
+from rehearsal import Inside, bench, writable_copy
 
 from bench.analysis import results_json
 from bench.commands import certificate as command

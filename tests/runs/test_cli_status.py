@@ -14,8 +14,7 @@ from subprocess import CompletedProcess
 from typing import Any
 
 import pytest
-from recorded import writable_copy
-from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, main_of
+from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, main_of, writable_copy
 
 import bench.commands.run as run_command
 import bench.session.finish as finish_command

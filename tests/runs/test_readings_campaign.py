@@ -10,10 +10,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import Crashes, crashed_at, go_on, nobody_in
 from probe_bench import OHM_AT_0, OHM_PER_DEGC, RECORD, TEMPERATURES_DEGC, probe_plan, written
 from probe_campaign import AtReading, command
-from rehearsal import SEED, Rehearsal
+from rehearsal import SEED, Crashes, Rehearsal, crashed_at, go_on, nobody_in
 
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock

@@ -13,8 +13,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from recorded import writable_copy
-from rehearsal import ROOT
+from rehearsal import ROOT, writable_copy
 
 from bench.commands.certificate import certificate
 from bench.commands.fit import report

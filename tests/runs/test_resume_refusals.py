@@ -8,8 +8,7 @@ import zlib
 from pathlib import Path
 
 import pytest
-from crashes import Crashes, copied, go_on, kinds
-from rehearsal import ROOT, SEED, Watched, tiny_plan
+from rehearsal import ROOT, SEED, Crashes, Watched, copied, go_on, kinds, tiny_plan
 
 from bench.analysis import results_json
 from bench.commands.resume import resume

@@ -9,10 +9,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import Crashes, crashed_at, go_on, nobody, nobody_in
 from probe_campaign import command
 from probe_decisions import HEAD, WARM_UP, deciding_plan, sequence_file
-from rehearsal import SEED, Rehearsal, contents
+from rehearsal import SEED, Crashes, Rehearsal, contents, crashed_at, go_on, nobody, nobody_in
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InputError, InstrumentError

@@ -8,10 +8,9 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import Crashes, crashed_at, go_on, nobody, nobody_in
 from probe_campaign import AtReading
 from probe_decisions import HEAD, deciding_plan
-from rehearsal import SEED
+from rehearsal import SEED, Crashes, crashed_at, go_on, nobody, nobody_in
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.events import event_of

@@ -11,8 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import go_on, nobody_in, watch_worlds
-from rehearsal import ROOT, SEED, Watched, contents
+from rehearsal import ROOT, SEED, Watched, contents, go_on, nobody_in, watch_worlds
 
 from bench.analysis import results_json
 from bench.commands.session import replay

@@ -8,9 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import go_on
 from gnc_exchanges import exchanges, material
-from rehearsal import SEED, Watched
+from rehearsal import SEED, Watched, go_on
 
 from bench.analysis import Analysis, GivenValue
 from bench.model.clock import VirtualClock

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from recorded import writable_copy
+from rehearsal import writable_copy
 
 import bench.web
 from bench.maths.verdict import MEANINGS
