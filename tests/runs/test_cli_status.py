@@ -14,7 +14,7 @@ from subprocess import CompletedProcess
 from typing import Any
 
 import pytest
-from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, main_of, writable_copy
+from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, main_of, shortened, writable_copy
 
 import bench.commands.run as run_command
 import bench.session.finish as finish_command
@@ -36,14 +36,13 @@ def refused(done: CompletedProcess[str], status: int, code: str) -> str:
     return next(line for line in lines if code in line)
 
 
-def sequence(folder: Path, *changes: tuple[str, str]) -> Path:
-    text = (ROOT / "sequences" / "timeline_example.yaml").read_text()
-    for old, new in changes:
-        assert text.count(old) >= 1, old
-        text = text.replace(old, new)
-    path = folder / "changed.yaml"
-    path.write_text(text)
-    return path
+def sequence(folder: Path, *changes: tuple[str, str]) -> str:
+    return str(shortened(ROOT / "sequences" / "timeline_example.yaml", folder, "changed", *changes))
+
+
+def only_session(out: Path) -> Path:
+    (session,) = (path for path in out.iterdir() if path.is_dir())
+    return session
 
 
 # --- 0 and 1 -------------------------------------------------------------------------------------------------------
@@ -104,7 +103,7 @@ def test_2_all_mistakes_of_a_file_one_line_each(tmp_path: Path, inside: Inside) 
     path = sequence(
         tmp_path, ("voltage: 18 V", "voltage: 18 A"), ("channel: 3, polarity: +}}}", "channel: 33, polarity: +}}}")
     )
-    done = inside("check", str(path))
+    done = inside("check", path)
     assert done.returncode == 2
     lines = done.stderr.splitlines()
     assert len(lines) >= 2
@@ -126,7 +125,7 @@ def test_2_settings_of_an_editor_are_not_spoiled(tmp_path: Path, inside: Inside)
 
 def test_2_a_session_that_asks_for_no_analysis(tmp_path: Path, inside: Inside) -> None:
     assert inside("run", "timeline_example", "--out", str(tmp_path)).returncode == 0
-    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    session = only_session(tmp_path)
     for command in ("fit", "replay", "report"):
         refused(inside(command, str(session)), 2, "B-CLI-008")
 
@@ -136,27 +135,16 @@ def test_2_a_session_that_asks_for_no_analysis(tmp_path: Path, inside: Inside) -
 
 def test_3_the_unit_refuses_a_command(tmp_path: Path, inside: Inside) -> None:
     path = sequence(tmp_path, ("code: 2,", "code: 99,"))
-    done = inside("run", str(path), "--out", str(tmp_path / "out"))
+    done = inside("run", path, "--out", str(tmp_path / "out"))
     assert "status 1" in refused(done, 3, "B-RUN-023")
     assert "The bench is safe; 0 of 1 records" in done.stdout
 
 
-def test_3_not_confirmed_safe_is_never_exit_status_0(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                     capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
-    from instruments.hp_6632b import DRIVER
-
-    def fails(self: Any) -> None:
-        raise self.error("B-INST-009", "the output is still on")
-
-    monkeypatch.setattr(DRIVER, "make_safe", fails)
-    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_AFTER_FAULT
-    (error,) = [line for line in capsys.readouterr().err.splitlines() if "B-RUN-060" in line]
-    assert "supply: not confirmed safe" in error
-    assert "B-INST-009" in error
-
-
-def test_3_not_confirmed_safe_at_the_end_is_the_last_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                          capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
+@pytest.mark.parametrize("when", ["at once", "at the end"])
+def test_3_not_confirmed_safe_is_never_exit_status_0(
+    when: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At the end it is the last line."""
     from instruments.hp_6632b import DRIVER
 
     begins = DRIVER.make_safe
@@ -168,9 +156,15 @@ def test_3_not_confirmed_safe_at_the_end_is_the_last_line(tmp_path: Path, monkey
     def fails(self: Any) -> None:
         raise self.error("B-INST-009", "the output is still on")
 
-    monkeypatch.setattr(DRIVER, "make_safe", fails_later)
+    monkeypatch.setattr(DRIVER, "make_safe", fails if when == "at once" else fails_later)
     assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_AFTER_FAULT
-    assert capsys.readouterr().out.endswith("The bench is NOT confirmed safe: supply, switch off at the front panel\n")
+    said = capsys.readouterr()
+    if when == "at once":
+        (error,) = [line for line in said.err.splitlines() if "B-RUN-060" in line]
+        assert "supply: not confirmed safe" in error
+        assert "B-INST-009" in error
+    else:
+        assert said.out.endswith("The bench is NOT confirmed safe: supply, switch off at the front panel\n")
 
 
 def test_137_stands_wherever_the_statuses_do(inside: Inside) -> None:
@@ -179,35 +173,28 @@ def test_137_stands_wherever_the_statuses_do(inside: Inside) -> None:
         assert "\n| 137 |" in (ROOT / "docs" / page).read_text()
 
 
-def test_3_a_prompt_and_nobody_to_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                         capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
-    from bench.commands.conducting import TerminalOperator
-
-    monkeypatch.setattr(conducting, "SimulatedOperator", TerminalOperator)
-    monkeypatch.setattr(sys.stdin, "isatty", lambda: False, raising=False)
-    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_AFTER_FAULT
-    assert "error B-CLI-005: " in capsys.readouterr().err
-
-
-# --- 4 -------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("typed", ["stop\n", ""])
-def test_4_the_operator_refuses_a_prompt(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], typed: str
-) -> None:
-    from bench.commands.conducting import TerminalOperator
-
+@pytest.mark.parametrize(
+    ("typed", "status", "code"),
+    [(None, 3, "B-CLI-005"), ("stop\n", 4, "B-CLI-006"), ("", 4, "B-CLI-006")],
+    ids=["nobody", "stop", "end of file"],
+)
+def test_3_and_4_a_prompt_that_nobody_answers_or_that_the_operator_refuses(
+    typed: str | None, status: int, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
     def answer(prompt: str) -> str:
         if not typed:
             raise EOFError
         return typed
 
-    monkeypatch.setattr(conducting, "SimulatedOperator", TerminalOperator)
-    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(conducting, "SimulatedOperator", conducting.TerminalOperator)
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: typed is not None, raising=False)
     monkeypatch.setattr("builtins.input", answer)
-    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_BY_OPERATOR
-    assert "error B-CLI-006: " in capsys.readouterr().err
+    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == status
+    assert f"error {code}: " in capsys.readouterr().err
+
+
+# --- 4 -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -223,7 +210,7 @@ def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path, in
     refused(CompletedProcess(command, process.returncode, out, err), 4, "B-RUN-010")
     assert "The bench is safe" in out
     assert took_s < 5.0
-    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    session = only_session(tmp_path)
     assert (session / "journal.jsonl").exists()
     assert not (session / "session.open").exists()
     recovered = inside("recover", str(session), "--json")
@@ -308,7 +295,7 @@ def test_70_an_error_nobody_foresaw_during_a_run_closes_the_session(
     monkeypatch.setattr(DRIVER, "route", fails)
     assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.INTERNAL
     assert "B-INT-001" in capsys.readouterr().err
-    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    session = only_session(tmp_path)
     assert not (session / "session.open").exists()
 
 
@@ -331,7 +318,7 @@ def test_json_is_one_document_and_nothing_else(golden: Path, tmp_path: Path, ins
 
 def test_json_of_a_run_that_failed_is_no_document(tmp_path: Path, inside: Inside) -> None:
     path = sequence(tmp_path, ("code: 2,", "code: 99,"))
-    done = inside("run", str(path), "--out", str(tmp_path / "out"), "--json")
+    done = inside("run", path, "--out", str(tmp_path / "out"), "--json")
     refused(done, 3, "B-RUN-023")
     assert done.stdout == ""
 
@@ -348,20 +335,6 @@ def test_results_are_written_when_nobody_listens(closing: str, tmp_path: Path) -
     command = [sys.executable, "-m", "bench", "run", GOLDEN_SEQUENCE, "--out", str(tmp_path)]
     done = subprocess.run(["bash", "-c", f"set -o pipefail; {shlex.join(command)} {closing}"], check=False)
     assert done.returncode == ExitStatus.PASS
-    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    session = only_session(tmp_path)
     assert (session / "results.json").exists()
     assert (session / "report.html").exists()
-
-
-@pytest.mark.parametrize("command", ["check", "run", "replay", "fit", "report", "decode", "recover", "talk", "schema"])
-def test_every_help_shows_an_example(command: str, inside: Inside) -> None:
-    done = inside(command, "--help")
-    assert done.returncode == 0
-    assert f"bench {command}" in done.stdout.split("Example")[1]
-
-
-def test_talk_reaches_an_instrument_and_records_it(tmp_path: Path, inside: Inside) -> None:
-    done = inside("talk", "calibrator", "*IDN?", "--out", str(tmp_path))
-    assert done.returncode == 0
-    assert "FLUKE,5720A" in done.stdout
-    assert "recorded in" in done.stdout

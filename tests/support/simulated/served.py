@@ -7,6 +7,8 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,28 +24,44 @@ class Served:
     """``bench sim`` of the station ``of`` in a process; ``station`` is the station file that reaches it."""
 
     def __init__(self, folder: Path, *words: str, of: str = "af_rack_sim") -> None:
-        self.folder = folder
+        self.folder, self.station = folder, folder / "station.yaml"
+        self.said: list[str] = []
         command = [sys.executable, "-m", "bench", "sim", of, "--clean", "--dir", str(folder), *words]
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.said.append(line.strip())
             if line.strip() == "ready":
                 break
-        self.station = folder / "station.yaml"
+        else:
+            raise AssertionError("\n".join(self.said))
 
-    def close(self) -> None:
-        self._process.send_signal(signal.SIGINT)
-        self._process.wait(START_S)
-        assert self._process.stdout is not None
-        self._process.stdout.close()
+    def close(self, number: int = signal.SIGINT) -> int:
+        """End it by a signal; return its exit status."""
+        self.process.send_signal(number)
+        status = self.process.wait(START_S)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        return status
 
-    def fault(self, *words: str) -> None:
-        assert "error" not in ask(self.folder / "control.sock", words)
+    def fault(self, *words: str) -> list[str]:
+        """Switch a fault; return what is on. The command ``bench sim fault`` does no more than this, and prints it."""
+        reply = ask(self.folder / "control.sock", words)
+        assert "error" not in reply, reply
+        return list(reply["lines"])
 
     def state(self) -> dict[str, Any]:
         """What the bench really does at this moment."""
         found: dict[str, Any] = ask(self.folder / "control.sock", ["state"])["state"]
         return found
+
+    def until(self, true: Callable[[dict[str, Any]], object], what: str, limit_s: float = 20.0) -> dict[str, Any]:
+        """Wait for something that the bench really does; return its state."""
+        end_s = time.monotonic() + limit_s
+        while not true(state := self.state()):
+            assert time.monotonic() < end_s, f"never came: {what}"
+            time.sleep(0.02)
+        return state
 
     def on(self) -> list[str]:
         """Roles whose stimulus or route is on."""
@@ -53,10 +71,20 @@ class Served:
             *(["switch"] if instruments["switch"]["closed"] else []),
         ]
 
-    def changed_s(self, role: str) -> float:
-        """Monotonic time of this machine when an output of a role last changed."""
+    def changed_s(self, *roles: str) -> float:
+        """Monotonic time of this machine when an output of these roles last changed."""
         found = self.state()
-        return float(found["time_s"] - found["instruments"][role]["unchanged_s"])
+        return max(float(found["time_s"] - found["instruments"][role]["unchanged_s"]) for role in roles)
+
+
+@contextmanager
+def serving(folder: Path, *words: str, of: str = "af_rack_sim") -> Iterator[Served]:
+    """Serve a bench, and end it whatever happens."""
+    served = Served(folder, *words, of=of)
+    try:
+        yield served
+    finally:
+        served.close()
 
 
 class Controller:
