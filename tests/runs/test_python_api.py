@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, bench, contents
+from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, contents
 
 import bench as product
 from bench import api
@@ -138,9 +138,3 @@ def test_the_example_of_the_page_is_executed(short: tuple[Path, Any]) -> None:
         capture_output=True, text=True, check=True, cwd=ROOT,
     )  # fmt: skip
     assert done.stdout == shown
-
-
-def test_the_command_is_the_same_from_a_shell(golden: Path, tmp_path: Path) -> None:
-    done = bench("export", str(golden), "--to", "csv", "--out", str(tmp_path / "tables"))
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "tables" / "records.csv").exists()
