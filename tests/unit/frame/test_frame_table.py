@@ -9,8 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from captured import captured
-from record_sample import frame
+from record_sample import captured, frame
 
 from bench.commands.frame.decode import decode
 from bench.frame import FrameDefinition, Tables, decode_capture

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from captured import captured
+from record_sample import captured
 
 from bench.frame import load_frame
 

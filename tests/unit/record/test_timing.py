@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from record_frames import FRAME_NS, constant_stream, stream
-from record_sample import frame
+from record_sample import FRAME_NS, constant_stream, frame, stream
 
 from bench.frame import LinkDecoder
 from bench.model.ports import RecordWindow

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from record_frames import FRAME_NS, Stream, housekeeping, stream
-from record_sample import NS, frame
+from record_sample import FRAME_NS, NS, Stream, frame, housekeeping, stream
 
 from bench.frame import LinkDecoder
 from bench.model.errors import InputError, SessionDamaged

@@ -13,9 +13,9 @@ import pandas as pd
 import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
+from record_sample import write_resumed
 from rehearsal import Inside
 from scipy import io
-from table_sample import write_resumed
 
 from bench.model.errors import InputError
 from bench.tables import FORMATS, Session, export_session, mcap_file

@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from record_sample import NS, frame
-from table_sample import AWAY_S, FRAMES, counted, write_resumed
+from record_sample import AWAY_S, FRAMES, NS, counted, frame, write_resumed
 
 from bench.frame import LinkDecoder
 from bench.model.errors import BenchError, InputError

@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from table_sample import write_resumed
+from record_sample import write_resumed
 
 import bench
 from bench.model.errors import InputError
