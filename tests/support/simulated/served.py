@@ -12,11 +12,12 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bench.run.bench.served_world import ask
 from bench.run.guard.diary import read_diary
 
+T = TypeVar("T")
 HERE = Path(__file__).resolve().parent
 START_S = 60.0
 SAFE_S = 5.0  # the deadline of safety
@@ -120,13 +121,17 @@ class Controller:
 
     def wait_for_guard(self, *words: str) -> dict[str, Any]:
         """The guard's entry that is one of ``words``."""
+        return self.until(
+            lambda: next((entry for entry in self.diary if entry["what"] in words), None), f"a note of {words}"
+        )
+
+    def until(self, found: Callable[[], T], what: str) -> T:
+        """The first true value of ``found``."""
         end_s = time.monotonic() + START_S
-        while time.monotonic() < end_s:
-            for entry in self.diary:
-                if entry["what"] in words:
-                    return entry
+        while not (value := found()):
+            assert time.monotonic() < end_s, f"{what} did not come, but: {self.diary}"
             time.sleep(0.05)
-        raise AssertionError(f"the guard noted none of {words}, but: {self.diary}")
+        return value
 
     def end(self) -> int:
         """Wait for its end; returns its status."""
