@@ -13,11 +13,23 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import Crashes, crashed_everywhere, crashes_in
 from hypothesis import HealthCheck, settings
 from probe_bench import installed
-from recorded import recorded
-from rehearsal import NAME, SAID, Inside, Rehearsal, main_of, record_golden, record_ramp, record_short, rehearsed
+from rehearsal import (
+    NAME,
+    SAID,
+    Crashes,
+    Inside,
+    Rehearsal,
+    crashed_everywhere,
+    crashes_in,
+    main_of,
+    record_golden,
+    record_ramp,
+    record_short,
+    recorded,
+    rehearsed,
+)
 from two_ends import TwoEnds, arrange, give_way
 
 from bench.model.folders import cache_folder

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from browser_rig import PageServer, until, visiting
 from playwright.sync_api import Browser, Page, expect
-from recorded import writable_copy
+from rehearsal import writable_copy
 
 pytestmark = pytest.mark.waits
 

@@ -12,8 +12,7 @@ import pytest
 import typer
 from commands_not_run import MOST_CHECKED, MOST_PARSED, NOT_RUN
 from doc_blocks import ROOT, Block, blocks, words_of
-from recorded import writable_copy
-from rehearsal import Inside
+from rehearsal import Inside, writable_copy
 
 from bench.cli import app
 

@@ -6,16 +6,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from served import Served
+from served import Served, serving
 
 
 @pytest.fixture(scope="module")
 def bench_in_real_time(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
-    served = Served(tmp_path_factory.mktemp("served"))
-    try:
+    with serving(tmp_path_factory.mktemp("served")) as served:
         yield served
-    finally:
-        served.close()
 
 
 @pytest.fixture

@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
-from soak_campaign import Quiet, soak_plan
+from rehearsal import rehearsed
+from soak_campaign import soak_plan
 
 from bench.commands.resume import resume
 from bench.commands.session import replay
-from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InputError
 from bench.record import SessionReader, SessionWriter
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import conduct
 from bench.session.service import read_view
 from bench.session.view import analyse_view
 
@@ -40,10 +38,7 @@ def ended(tmp_path_factory: pytest.TempPathFactory) -> Ended:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(SessionWriter, "close", close)
-        run = conduct(
-            soak_plan(folder), clock=VirtualClock(), seed=2, out=folder / "out", operator=SimulatedOperator(),
-            listener=Quiet(),
-        )  # fmt: skip
+        run = rehearsed(folder / "out", soak_plan(folder), seed=2).run
     assert run.outcome.error is None
     return Ended(run.folder, folder / "unclosed" / run.folder.name)
 

@@ -14,15 +14,15 @@ from typing import Any
 
 import pytest
 from kill_drill import SEQUENCE
+from rehearsal import rehearsed
 from served import Served
-from soak_campaign import Quiet, soak_plan, watchers
+from soak_campaign import soak_plan, watchers
 
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock, WallClock
 from bench.model.events import Event
 from bench.record import SessionReader
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import Conducted, conduct
+from bench.run.session import Conducted
 from bench.run.stop import StopSwitch
 from bench.run.watch.clock import LOOK_S, STEP_S, clock_watch
 from bench.session.happenings import happenings
@@ -86,11 +86,10 @@ def test_a_thread_that_was_not_given_the_processor_sees_no_step() -> None:
 
 
 def conducted(folder: Path, clock: VirtualClock) -> tuple[Conducted, Any]:
+    folder.mkdir()
     plan = soak_plan(folder)
-    run = conduct(
-        plan, clock=clock, seed=5, out=folder / "out", operator=SimulatedOperator(), listener=Quiet(),
-        keep_events=KEPT_EVENTS, beside=[*watchers(plan), clock_watch],
-    )  # fmt: skip
+    beside = [*watchers(plan), clock_watch]
+    run = rehearsed(folder / "out", plan, clock=clock, seed=5, beside=beside, kept=KEPT_EVENTS).run
     assert run.outcome.error is None
     return run, plan
 
@@ -100,8 +99,6 @@ def steps_in(folder: Path) -> list[tuple[str, int]]:
 
 
 def test_a_campaign_takes_exactly_as_long_under_a_clock_that_is_set(tmp_path: Path) -> None:
-    for name in ("plain", "moved"):
-        (tmp_path / name).mkdir()
     plain, _ = conducted(tmp_path / "plain", VirtualClock())
     moved, plan = conducted(tmp_path / "moved", stepped(-HOUR_S))
     assert steps_in(moved.folder) == steps_in(plain.folder)  # every soak, dwell and record, to the nanosecond

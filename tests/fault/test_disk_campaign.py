@@ -11,18 +11,16 @@ from pathlib import Path
 import pytest
 from kill_drill import LONGEST_S, SEQUENCE, Process, session_in
 from record_sample import FaultyFiles, io_error, no_space
+from rehearsal import Rehearsal, rehearsed
 from served import Served
-from soak_campaign import Quiet, soak_plan, watchers
+from soak_campaign import soak_plan, watchers
 
 from bench.commands.resume import resume
 from bench.model.clock import NS, VirtualClock
 from bench.record import SessionReader
 from bench.record import writer as writer_module
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import Conducted, conduct
 from bench.session.service import read_view
 from sim_instruments.served.process import OutputWatch
-from sim_instruments.worlds import simulation
 from sim_instruments.worlds.common.world import World
 
 STRACE = shutil.which("strace")
@@ -31,25 +29,11 @@ STALL_AT_S, STALL_S = 15.0, 10
 FULL_FROM_S, FULL_TO_S = 120.0, 160.0
 
 
-def conducted(
-    folder: Path, patch: pytest.MonkeyPatch, fault: Callable[[float, str], OSError | None]
-) -> tuple[Conducted, Quiet, World]:
+def conducted(folder: Path, patch: pytest.MonkeyPatch, fault: Callable[[float, str], OSError | None]) -> Rehearsal:
     """The short campaign on a disk whose calls fail as ``fault(seconds, kind)`` says."""
-    clock, listener, worlds = VirtualClock(), Quiet(), []
-    plain = simulation.open_world
-
-    def open_world(*words: object, **options: object) -> World:
-        worlds.append(plain(*words, **options))  # type: ignore[arg-type]
-        return worlds[-1]
-
-    patch.setattr(simulation, "open_world", open_world)
+    clock, plan = VirtualClock(), soak_plan(folder)
     patch.setattr(writer_module, "OsFiles", lambda: FaultyFiles(lambda kind, n: fault(clock.now_ns() / NS, kind)))
-    plan = soak_plan(folder)
-    run = conduct(
-        plan, clock=clock, seed=4, out=folder / "out", operator=SimulatedOperator(), listener=listener,
-        beside=watchers(plan),
-    )  # fmt: skip
-    return run, listener, worlds[-1]
+    return rehearsed(folder / "out", plan, clock=clock, seed=4, beside=watchers(plan))
 
 
 def on(world: World) -> list[str]:
@@ -64,10 +48,11 @@ def test_a_disk_that_refuses_for_a_while_costs_nothing(
     def fault(t_s: float, kind: str) -> OSError | None:
         return error() if FULL_FROM_S <= t_s < FULL_TO_S and kind in ("write", "create") else None
 
-    run, listener, _ = conducted(tmp_path, monkeypatch, fault)
+    done = conducted(tmp_path, monkeypatch, fault)
+    run = done.run
     assert run.outcome.error is None
     assert len(run.outcome.rows) + 4 >= RECORDS
-    assert len([text for text in listener.messages if "B-REC-001" in text]) == 1  # one alarm, not one each second
+    assert len([text for text in done.watched.messages if "B-REC-001" in text]) == 1  # one alarm, not one each second
     assert [fields["code"] for _, _, fields in SessionReader(run.folder).events("error")] == ["B-REC-004"]
     view = read_view(run.folder, strict=True)
     assert [row.window for row in view.rows] == [row.window for row in run.outcome.rows]
@@ -83,11 +68,12 @@ def test_a_disk_that_stays_full_ends_the_run_safely_and_it_goes_on_when_there_is
     def fault(t_s: float, kind: str) -> OSError | None:
         return no_space() if t_s >= FULL_FROM_S and kind in ("write", "create") else None
 
-    run, _, world = conducted(tmp_path, monkeypatch, fault)
+    done = conducted(tmp_path, monkeypatch, fault)
+    run = done.run
     assert run.outcome.error is not None
     assert run.outcome.error.code == "B-REC-003"
     assert run.outcome.unsafe == ()
-    assert on(world) == []
+    assert on(done.world) == []
     monkeypatch.undo()  # there is room again
     whole = read_view(run.folder).rows
     assert resume(run.folder, None, None, as_json=False) == 0

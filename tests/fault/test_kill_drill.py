@@ -116,17 +116,8 @@ def test_a_kill_and_a_stop(pool: list[Served], tmp_path: Path, inside: Inside) -
     assert len(done[0].kills) == 2
     assert done[0].acknowledged > 0
     if done[0].estimates:  # a machine without time leaves gaps in the streams, which are flagged
-        words = (
-            "--station",
-            "af_rack_sim",
-            "--clock",
-            "virtual",
-            "--seed",
-            str(SEED),
-            "--out",
-            str(tmp_path / "virtual"),
-        )
-        assert inside("run", SEQUENCE, *words).returncode == 0
+        words = ("--station", "af_rack_sim", "--clock", "virtual", "--seed", str(SEED))
+        assert inside("run", SEQUENCE, *words, "--out", str(tmp_path / "virtual")).returncode == 0
         (results,) = (tmp_path / "virtual").glob("*/results.json")
         reference = Drilled(estimates=compared_of(json.loads(results.read_text())))
         assert max(held_against([reference], done)) <= MOST_E_N

@@ -10,29 +10,19 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from soak_campaign import HERE, ROOT, Quiet
+from rehearsal import ROOT, rehearsed
+from soak_campaign import HERE
 
 from bench.commands.recover import recover
 from bench.commands.resume import resume
-from bench.model.clock import VirtualClock
 from bench.model.errors import BenchError
 from bench.model.shipped import find_shipped
 from bench.plan import compile_sequence, load_station
 from bench.record import SessionWriter
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import conduct
 
 LEADING_OUT = (
-    "../evil",
-    "../../evil",
-    "/tmp/evil",
-    "a/../../evil",
-    "..",
-    "~/evil",
-    "evil\\..\\x",
-    "ev\x00il",
-    "evil\n",
-)
+    "../evil", "../../evil", "/tmp/evil", "a/../../evil", "..", "~/evil", "evil\\..\\x", "ev\x00il", "evil\n",
+)  # fmt: skip
 QUOTED = [json.dumps(name) for name in LEADING_OUT]
 
 
@@ -65,9 +55,7 @@ def attempt(sequence: Path, station: Path | None) -> str:
     """Compile and run; the code of the refusal, or "" if it ran."""
     try:
         plan = compile_sequence(sequence, None if station is None else load_station(station), {})
-        run = conduct(
-            plan, clock=VirtualClock(), seed=1, out=Path("out"), operator=SimulatedOperator(), listener=Quiet()
-        )
+        run = rehearsed(Path("out"), plan, seed=1).run
     except BenchError as error:
         return error.code
     assert run.folder.resolve().parent == Path("out").resolve()

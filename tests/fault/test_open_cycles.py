@@ -6,22 +6,19 @@ import gc
 import threading
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-from unittest.mock import patch
 
 import pytest
+from rehearsal import rehearsed
 from served import Served
-from soak_campaign import Quiet, soak_plan
+from soak_campaign import soak_plan
 
-from bench.model.clock import VirtualClock, WallClock
+from bench.model.clock import WallClock
 from bench.model.errors import BenchError
 from bench.plan import Plan, load_station
 from bench.record import Journal, SessionWriter
 from bench.run.bench.opener import open_bench
-from bench.run.control.operator import SimulatedOperator
 from bench.run.guard.lock import bench_lock
-from bench.run.session import conduct
-from sim_instruments.worlds import simulation
+from sim_instruments.worlds.common.world import World
 
 pytestmark = pytest.mark.waits
 
@@ -48,16 +45,13 @@ def constant(cycle: Callable[[int], None], cycles: int) -> None:
 
 def failing_run(plan: Plan, out: Path) -> Callable[[int], None]:
     """A run whose instrument is not the one it should be: opened, refused, closed."""
-    plain = simulation.open_world
 
-    def open_world(*words: Any, **options: Any) -> Any:
-        world = plain(*words, **options)
+    def exchange(world: World) -> None:
         world.faults.instrument("switch").identity = "ACME,42,0,0"
-        return world
 
     def cycle(_: int) -> None:
-        with patch.object(simulation, "open_world", open_world), pytest.raises(BenchError, match="B-INST-002"):
-            conduct(plan, clock=VirtualClock(), seed=1, out=out, operator=SimulatedOperator(), listener=Quiet())
+        with pytest.raises(BenchError, match="B-INST-002"):
+            rehearsed(out, plan, exchange, seed=1)
 
     return cycle
 

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from captured import captured
+from record_sample import captured
 from record_sample import frame as frame_of
 
 from bench.frame import Counted, MessageBatch, parse_frame

@@ -6,9 +6,10 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
-from rehearsal import Rehearsal, tiny_plan
+from rehearsal import Rehearsal, Watched, tiny_plan
 
 from bench.model.errors import BenchError
 from bench.record import RecordError, SessionWriter
@@ -26,9 +27,18 @@ def left_on(world: World) -> None:
     assert calibrator.operating
 
 
-def assert_off(world: World) -> None:
-    assert not world.instruments["calibrator"].operating
+def refused(tmp_path: Path, rehearse: Start, change: Callable[[World], object]) -> tuple[BenchError, World]:
+    """Return why a run does not begin on a bench that was left on and changed, and its world."""
+    watched = Watched()
+    with pytest.raises(BenchError) as caught:
+        rehearse(tiny_plan(tmp_path), arrange=lambda world: (left_on(world), change(world)), watched=watched)
+    world = watched.worlds[0]
     assert world.wiring.closed == frozenset()
+    return caught.value, world
+
+
+def no_space(*_: object, **__: object) -> Any:
+    raise RecordError("B-REC-001", "cannot be written: No space left on device")
 
 
 def test_a_bench_that_was_left_on_is_made_safe_before_the_first_prompt(tmp_path: Path, rehearse: Start) -> None:
@@ -44,35 +54,20 @@ def test_a_bench_that_was_left_on_is_made_safe_before_the_first_prompt(tmp_path:
 
 @pytest.mark.parametrize("role", ["logger", "calibrator"])
 def test_a_silent_instrument_at_the_start_leaves_nothing_on(tmp_path: Path, rehearse: Start, role: str) -> None:
-    worlds: list[World] = []
-
-    def arrange(world: World) -> None:
-        worlds.append(world)
-        left_on(world)
-        world.faults.instrument(role).mute = True
-
-    with pytest.raises(BenchError) as caught:
-        rehearse(tiny_plan(tmp_path), arrange=arrange)
-    assert caught.value.code == "B-INST-001"
-    assert any("B-RUN-060" in note and role in note for note in caught.value.__notes__)
-    assert worlds[0].wiring.closed == frozenset()
-    if role == "logger":
-        assert_off(worlds[0])
+    error, world = refused(tmp_path, rehearse, lambda world: setattr(world.faults.instrument(role), "mute", True))
+    assert error.code == "B-INST-001"
+    assert any("B-RUN-060" in note and role in note for note in error.__notes__)
+    assert role == "calibrator" or not world.instruments["calibrator"].operating
 
 
 def test_an_instrument_with_another_serial_number_is_refused(tmp_path: Path, rehearse: Start) -> None:
-    worlds: list[World] = []
-
-    def arrange(world: World) -> None:
-        worlds.append(world)
-        left_on(world)
+    def other(world: World) -> None:
         world.faults.instrument("calibrator").identity = "FLUKE,5720A,OTHER99,1.0"
 
-    with pytest.raises(BenchError) as caught:
-        rehearse(tiny_plan(tmp_path), arrange=arrange)
-    assert caught.value.code == "B-RUN-006"
-    assert "OTHER99" in caught.value.message
-    assert_off(worlds[0])
+    error, world = refused(tmp_path, rehearse, other)
+    assert error.code == "B-RUN-006"
+    assert "OTHER99" in error.message
+    assert not world.instruments["calibrator"].operating
     assert not (tmp_path / "out").exists()
 
 
@@ -87,28 +82,16 @@ def test_a_disk_without_room_is_refused_before_anything_is_opened(
 def test_a_session_that_cannot_be_created_leaves_nothing_on(
     tmp_path: Path, rehearse: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    worlds: list[World] = []
-
-    def refuse(*_: object, **__: object) -> SessionWriter:
-        raise RecordError("B-REC-001", "cannot be written: No space left on device")
-
-    def arrange(world: World) -> None:
-        worlds.append(world)
-        left_on(world)
-
-    monkeypatch.setattr(SessionWriter, "create", refuse)
-    with pytest.raises(BenchError, match="B-REC-001"):
-        rehearse(tiny_plan(tmp_path), arrange=arrange)
-    assert_off(worlds[0])
+    monkeypatch.setattr(SessionWriter, "create", no_space)
+    error, world = refused(tmp_path, rehearse, lambda world: None)
+    assert error.code == "B-REC-001"
+    assert not world.instruments["calibrator"].operating
 
 
 def test_a_session_that_cannot_be_closed_still_tells_how_the_run_ended(
     tmp_path: Path, rehearse: Start, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def refuse(*_: object) -> str:
-        raise RecordError("B-REC-001", "cannot be written: No space left on device")
-
-    monkeypatch.setattr(SessionWriter, "close", refuse)
+    monkeypatch.setattr(SessionWriter, "close", no_space)
     outcome = rehearse(tiny_plan(tmp_path)).run.outcome
     assert outcome.error.code == "B-RUN-061"
     assert outcome.unsafe == ()

@@ -8,14 +8,13 @@ from typing import Any
 
 import pytest
 from calibrator_trip import trip_calibrator
-from rehearsal import SEED, Rehearsal, SOAK_s, tiny_plan
+from rehearsal import SEED, Act, Rehearsal, SOAK_s, assert_nothing_switched, assert_safe, overheard, tiny_plan
 
 from bench.analysis import Material, analyse
 from bench.model.clock import NS
 from bench.model.errors import BenchError, ExitStatus
 from bench.model.quality import Quality
 from bench.plan import Step
-from bench.record import SessionReader
 from bench.replay import replay_rows
 from sim_instruments.worlds.common.world import World
 
@@ -23,27 +22,21 @@ Start = Callable[..., Rehearsal]
 TRIPPED_POINT = 10  # number of the record during which the calibrator trips
 
 
+def estimates_of(rehearsal: Rehearsal) -> Any:
+    run = rehearsal.run
+    return analyse(Material(run.outcome.rows, run.manifest["campaign"], run.manifest["standards"])).estimates
+
+
 def worst_u(rehearsal: Rehearsal) -> float:
     """Largest difference of a scale-factor error from the truth, in its stated standard uncertainty (11 to 12 ppm)."""
-    run = rehearsal.run
-    found = analyse(Material(run.outcome.rows, run.manifest["campaign"], run.manifest["standards"])).estimates
-    true = {one["quantity"]: one["value"] for one in run.truth if one["quantity"] in ("dsf_n", "dsf_p")}
+    true = {one["quantity"]: one["value"] for one in rehearsal.run.truth if one["quantity"] in ("dsf_n", "dsf_p")}
     errors = {
         one["quantity"]: abs(one["value"] - true[one["quantity"]]) / one["std_uncertainty"]
-        for one in found if one["quantity"] in true
+        for one in estimates_of(rehearsal) if one["quantity"] in true
     }  # fmt: skip
     assert set(errors) == {"dsf_n", "dsf_p"}
     print(f"seed {SEED}: errors {errors} u")
     return float(max(errors.values()))
-
-
-def assert_safe(world: World) -> None:
-    """No current, no closed relay, no power to the unit, chamber stopped or on hold: what the world itself says."""
-    assert world.wiring.loop_current_A == 0.0
-    assert world.wiring.closed == frozenset()
-    assert not world.instruments["calibrator"].operating
-    assert not world.instruments["supply"].on
-    assert world.instruments["chamber"].outputs()["mode"] in ("stopped", "holding")
 
 
 def ended_with(rehearsal: Rehearsal, code: str) -> BenchError:
@@ -54,124 +47,106 @@ def ended_with(rehearsal: Rehearsal, code: str) -> BenchError:
     return error
 
 
-def records_begun(step: Step, wanted: int, seen: list[int]) -> bool:
-    if step.kind == "record" and step.phase == "campaign":
-        seen.append(step.number)
-        return len(seen) == wanted
-    return False
+def at_record(wanted: int, do: Callable[[World], object]) -> Act:
+    """Do something when so many records of the campaign have begun."""
+    seen: list[int] = []
+
+    def act(world: World, step: Step) -> None:
+        if step.kind == "record" and step.phase == "campaign":
+            seen.append(step.number)
+            if len(seen) == wanted:
+                do(world)
+
+    return act
 
 
-def commands(rehearsal: Rehearsal, role: str) -> list[str]:
-    """What was sent to an instrument, from the session."""
-    messages = SessionReader(rehearsal.run.folder).select(frozenset({f"/instrument/{role}"}))
-    return [one["text"] for one in (message.document() for message in messages) if one["direction"] == "tx"]
+def at_soak(do: Callable[[World], object], phases: tuple[str, ...] = ("prepare", "campaign", "finally")) -> Act:
+    """Do something at each soak."""
+    return lambda world, step: do(world) if step.kind == "soak" and step.phase in phases else None
+
+
+def windows_again(rehearsal: Rehearsal) -> list[tuple[object, object]]:
+    """Return window and quality of each record that a replay finds."""
+    again = replay_rows(rehearsal.run.folder, strict=True).measurement_rows
+    return [(row.window, row.quality) for row in again]
+
+
+def lived_through(rehearsal: Rehearsal) -> None:
+    """The run has ended as planned, all its records are there, and they are true."""
+    assert rehearsal.run.outcome.error is None
+    assert len(rehearsal.run.outcome.rows) == 15
+    assert worst_u(rehearsal) < 1.0
 
 
 def test_a_bench_without_faults(tmp_path: Path, rehearse: Start) -> None:
     found = rehearse(tiny_plan(tmp_path))
-    assert found.run.outcome.error is None
+    lived_through(found)
     assert found.run.outcome.unsafe == ()
-    assert len(found.run.outcome.rows) == 15
-    assert worst_u(found) < 1.0
     assert_safe(found.world)
 
 
 def test_a_trip_during_a_dwell_takes_the_point_again(tmp_path: Path, rehearse: Start) -> None:
-    seen: list[int] = []
-
-    def trip(world: World, step: Step) -> None:
-        if records_begun(step, TRIPPED_POINT, seen):
-            trip_calibrator(world, world.clock.now_ns() + 5 * NS)
-
+    trip = at_record(TRIPPED_POINT, lambda world: trip_calibrator(world, world.clock.now_ns() + 5 * NS))
     found = rehearse(tiny_plan(tmp_path), act=trip)
+    lived_through(found)
     outcome = found.run.outcome
-    assert outcome.error is None
-    assert outcome.retaken == 1
-    assert len(outcome.rows) == 15
-    assert len(found.events("retake")) == 1
-    assert worst_u(found) < 1.0
-    again = replay_rows(found.run.folder, strict=True).measurement_rows
-    assert [row.window for row in again] == [row.window for row in outcome.rows]
+    assert outcome.retaken == len(found.events("retake")) == 1
+    assert windows_again(found) == [(row.window, row.quality) for row in outcome.rows]
 
 
 def test_a_silent_thermometer_costs_its_readings_and_not_the_campaign(tmp_path: Path, rehearse: Start) -> None:
-    def mute(world: World, step: Step) -> None:
-        if step.kind == "soak":
-            world.faults.instrument("logger").mute = True
-
-    found = rehearse(tiny_plan(tmp_path), act=mute)
+    found = rehearse(tiny_plan(tmp_path), act=at_soak(lambda world: mute(world, "logger")))
     assert found.run.outcome.error is None
     assert len(found.run.outcome.rows) == 15
     assert [one["code"] for one in found.events("reading") if one["role"] == "logger"] == ["B-INST-001"]
     assert [failure.where for failure in found.run.outcome.unsafe] == ["logger"]
 
 
+def mute(world: World, role: str) -> None:
+    world.faults.instrument(role).mute = True
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("role", ["calibrator", "switch"])
 def test_an_instrument_that_stays_silent_ends_the_run_safely(tmp_path: Path, rehearse: Start, role: str) -> None:
-    seen: list[int] = []
-
-    def mute(world: World, step: Step) -> None:
-        if records_begun(step, 4, seen):
-            world.faults.instrument(role).mute = True
-
-    found = rehearse(tiny_plan(tmp_path), act=mute)
+    found = rehearse(tiny_plan(tmp_path), act=at_record(4, lambda world: mute(world, role)))
     error = ended_with(found, "B-RUN-070")  # after half an hour
     assert role in error.where
-    assert [failure.where for failure in found.run.outcome.unsafe] == [role]
-    assert [failure.code for failure in found.run.outcome.unsafe] == ["B-RUN-060"]
+    assert [(failure.where, failure.code) for failure in found.run.outcome.unsafe] == [(role, "B-RUN-060")]
     assert_safe(found.world)  # it hears what it cannot confirm
     assert (found.run.folder / "journal.jsonl").exists()
 
 
 @pytest.mark.parametrize("role", ["calibrator", "switch", "chamber", "supply"])
 def test_an_instrument_that_is_silent_for_a_while_costs_no_record(tmp_path: Path, rehearse: Start, role: str) -> None:
-    seen: list[int] = []
+    def for_a_while(world: World) -> None:
+        world.switches.switch("mute", role)
+        world.after(60.0, lambda: world.switches.switch("mute", role, "off"))
 
-    def mute(world: World, step: Step) -> None:
-        if records_begun(step, 4, seen):
-            world.switches.switch("mute", role)
-            world.after(60.0, lambda: world.switches.switch("mute", role, "off"))
-
-    found = rehearse(tiny_plan(tmp_path), act=mute)
-    assert found.run.outcome.error is None
+    found = rehearse(tiny_plan(tmp_path), act=at_record(4, for_a_while))
+    lived_through(found)
     assert found.run.outcome.unsafe == ()
-    assert len(found.run.outcome.rows) == 15
-    assert worst_u(found) < 1.0
     assert_safe(found.world)
 
 
 @pytest.mark.parametrize("role", ["calibrator", "switch", "chamber", "rail_dmm"])
-def test_a_wrong_instrument_gets_no_command_and_nothing_is_switched(
-    tmp_path: Path, rehearse: Start, monkeypatch: pytest.MonkeyPatch, role: str
-) -> None:
-    worlds: list[World] = []
-    heard: list[str] = []
+def test_a_wrong_instrument_gets_no_command_and_nothing_is_switched(tmp_path: Path, rehearse: Start, role: str) -> None:
+    heard: list[list[str]] = []
 
-    def arrange(world: World) -> None:
-        worlds.append(world)
+    def exchange(world: World) -> None:
         world.faults.instrument(role).identity = "ACME,42,0,0"
-        for device in world.instruments.values():
-            plain = device.execute
-            device.execute = lambda text, plain=plain: (heard.append(text), plain(text))[1]  # type: ignore
+        heard.append(overheard(world))
 
     with pytest.raises(BenchError) as caught:
-        rehearse(tiny_plan(tmp_path), arrange=arrange)
+        rehearse(tiny_plan(tmp_path), arrange=exchange)
     assert caught.value.code == "B-INST-002"
     assert role in caught.value.where
-    assert heard
-    stimulus = ("OPER", "OUT ", "OUTP ON", ":CLOS", "RUNM", "SETP1,", "VOLT ", "FUNC")
-    assert [text for text in heard if text.upper().startswith(stimulus) and "?" not in text] == []
+    assert_nothing_switched(heard[0])
     assert not (tmp_path / "out").exists()
 
 
 def test_a_silent_port_ends_the_run(tmp_path: Path, rehearse: Start) -> None:
-    seen: list[int] = []
-
-    def unplug(world: World, step: Step) -> None:
-        if records_begun(step, 3, seen):
-            world.faults.link("port_a").silent = True
-
+    unplug = at_record(3, lambda world: setattr(world.faults.link("port_a"), "silent", True))
     found = rehearse(tiny_plan(tmp_path), act=unplug)
     ended_with(found, "B-RUN-021")
     assert len(found.run.outcome.rows) == 2
@@ -213,10 +188,7 @@ def test_one_frame_in_a_hundred_lost_during_part_of_the_campaign(tmp_path: Path,
     flagged = [row.window.number for row in outcome.rows if row.quality & Quality.LOST]
     assert flagged == [6 + 2, 7 + 2, 8 + 2]  # two wiring records come first
     assert found.run.counts["frames_lost"] >= sum(row.lost for row in outcome.rows) > 0
-    estimates = analyse(
-        Material(outcome.rows, found.run.manifest["campaign"], found.run.manifest["standards"])
-    ).estimates
-    assert {one["dropped"] for one in estimates if one["quantity"] == "dsf_n"} == {3}
+    assert {one["dropped"] for one in estimates_of(found) if one["quantity"] == "dsf_n"} == {3}
     assert worst_u(found) < 1.0
 
 
@@ -241,10 +213,11 @@ def test_swapped_wires_are_found_before_hour_0(tmp_path: Path, rehearse: Start, 
     assert not found.world.instruments["supply"].on
 
 
-def test_a_chamber_that_never_settles_is_held_for_and_then_given_up(tmp_path: Path, rehearse: Start) -> None:
-    def short_of(world: World) -> None:
-        world.switches.switch("chamber_shortfall", 1.5)
+def short_of(world: World) -> None:
+    world.switches.switch("chamber_shortfall", 1.5)
 
+
+def test_a_chamber_that_never_settles_is_held_for_and_then_given_up(tmp_path: Path, rehearse: Start) -> None:
     found = rehearse(tiny_plan(tmp_path), arrange=short_of)
     ended_with(found, "B-RUN-031")
     (late,) = found.events("late")
@@ -255,14 +228,10 @@ def test_a_chamber_that_never_settles_is_held_for_and_then_given_up(tmp_path: Pa
 
 
 def test_the_flag_of_a_skipped_soak_survives_a_replay(tmp_path: Path, rehearse: Start) -> None:
-    def short_of(world: World) -> None:
-        world.switches.switch("chamber_shortfall", 1.5)
-
     found = rehearse(tiny_plan(tmp_path, ("late: hold", "late: skip")), arrange=short_of)
     assert found.run.outcome.error is None
     assert {row.quality for row in found.run.outcome.rows} == {Quality.NOT_SETTLED}
-    again = replay_rows(found.run.folder, strict=True).measurement_rows
-    assert {row.quality for row in again} == {Quality.NOT_SETTLED}
+    assert {quality for _, quality in windows_again(found)} == {Quality.NOT_SETTLED}
 
 
 def test_an_open_thermocouple_is_a_flagged_reading(tmp_path: Path, rehearse: Start) -> None:
@@ -279,10 +248,7 @@ def test_an_open_thermocouple_is_a_flagged_reading(tmp_path: Path, rehearse: Sta
 
 
 def test_a_chamber_that_runs_away_is_stopped_and_not_held(tmp_path: Path, rehearse: Start) -> None:
-    def run_away(world: World, step: Step) -> None:
-        if step.kind == "soak" and step.phase == "campaign":
-            world.switches.switch("chamber_runaway", 0.3)
-
+    run_away = at_soak(lambda world: world.switches.switch("chamber_runaway", 0.3), ("campaign",))
     found = rehearse(tiny_plan(tmp_path), act=run_away)
     ended_with(found, "B-RUN-031")
     assert found.run.outcome.unsafe == ()

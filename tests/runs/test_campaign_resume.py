@@ -11,8 +11,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import Crashes, copied, crash_of, go_on, kinds, nobody, nobody_in, watch_worlds
-from rehearsal import SEED, Rehearsal, SOAK_s, Watched, tiny_plan
+from rehearsal import (
+    SEED,
+    Crashes,
+    Rehearsal,
+    SOAK_s,
+    Watched,
+    assert_safe,
+    copied,
+    crashed_at,
+    go_on,
+    kinds,
+    rehearsed,
+    tiny_plan,
+)
 
 from bench.analysis import results_json
 from bench.commands.fit import fit
@@ -26,9 +38,8 @@ from bench.plan import Step
 from bench.record import RecordRow, SessionReader, read_journal
 from bench.replay.parts import recorded_windows
 from bench.run.context import RunContext
-from bench.run.control.operator import SimulatedOperator
 from bench.run.resume import read_stopped, resumption
-from bench.run.session import Conducted, conduct
+from bench.run.session import Conducted
 from bench.run.steps.setpoints import expected_of
 from bench.session.happenings import splice_tables
 from bench.session.service import read_view
@@ -36,10 +47,7 @@ from bench.session.view import SessionView, analyse_view, report_html
 from sim_instruments.worlds.af_converter import core as ngu_core
 from sim_instruments.worlds.common.world import World
 
-Start = Callable[..., Rehearsal]
 RECORDS = 15 + 2  # with the wiring check
-
-
 QUICK = ("wiring", "behind a record", "finally")
 REST = ("prompt", "power", "soak", "first point", "between points", "last record")
 PLACES = (*QUICK, *(pytest.param(place, marks=pytest.mark.slow) for place in REST))
@@ -66,6 +74,17 @@ def dsf_of(view: SessionView) -> dict[str, dict[str, Any]]:
     return {entry["quantity"]: entry for entry in results["estimates"] if entry["quantity"].startswith("dsf_")}
 
 
+def event_in(folder: Path, kind: str) -> Any:
+    """Return the fields of the only event of a kind."""
+    ((_, _, fields),) = SessionReader(folder).events(kind)
+    return fields
+
+
+def in_order(view: SessionView) -> bool:
+    starts = [row.window.t_start_ns for row in view.rows]
+    return starts == sorted(starts)
+
+
 @dataclass(frozen=True)
 class GoneOn:
     """A killed run that was gone on with: what was there before, who watched, how it ended."""
@@ -82,11 +101,8 @@ def gone_on(crashes: Crashes, tmp_path_factory: pytest.TempPathFactory) -> Calla
     """Go on with the run that was killed at a place, once for all tests; for reading only."""
 
     def go(place: str) -> GoneOn:
-        folder, watched = copied(crashes, place, tmp_path_factory.mktemp("gone_on")), nobody()
-        acknowledged, before = records_in(folder), read_view(folder).rows
-        with pytest.MonkeyPatch.context() as patch:
-            watch_worlds(patch, watched)
-            return GoneOn(folder, acknowledged, before, watched, go_on(folder, watched))
+        folder, watched = copied(crashes, place, tmp_path_factory.mktemp("gone_on")), Watched()
+        return GoneOn(folder, records_in(folder), read_view(folder).rows, watched, go_on(folder, watched))
 
     return cache(go)
 
@@ -109,38 +125,35 @@ def test_a_killed_run_goes_on_and_gives_the_same_results(
     sigma = worst_sigma(view, read_view(crashes.whole))
     print(f"seed {SEED}, killed at {place}: worst difference {sigma:.2f} standard uncertainties")
     assert sigma < 3.0
-    world = done.watched.worlds[-1]
-    assert world.wiring.loop_current_A == 0.0
-    assert world.wiring.closed == frozenset()
-    assert not world.instruments["supply"].on
+    assert_safe(done.watched.worlds[-1])
     assert not (done.folder / "journal.jsonl").exists()
     assert not (done.folder / "session.open").exists()
 
 
 def test_acknowledged_records_are_not_taken_again(gone_on: Callable[[str], GoneOn]) -> None:
     done = gone_on("between points")
-    before = {row.window.number: row for row in done.before}
     after = {row.window.number: row for row in read_view(done.folder).rows}
-    assert before
-    for number, row in before.items():
-        assert after[number].window == row.window
-        assert after[number].sums["npp"].tolist() == row.sums["npp"].tolist()
+    assert done.before
+    for row in done.before:
+        assert after[row.window.number].window == row.window
+        assert after[row.window.number].sums["npp"].tolist() == row.sums["npp"].tolist()
     taken_again = [step.number for step in done.watched.steps if step.kind == "record"]
-    assert set(taken_again).isdisjoint({row.window.step for row in before.values()})
+    assert set(taken_again).isdisjoint({row.window.step for row in done.before})
 
 
 def test_the_unit_is_soaked_again_only_if_it_has_left_its_band(
     gone_on: Callable[[str], GoneOn], tmp_path: Path
 ) -> None:
     """A bench begun anew has its unit at 23 degC: out of the band of 1 degC about 25 degC, inside one of 3 degC."""
-    ((_, _, fields),) = list(SessionReader(gone_on("between points").folder).events("reentry"))
+    fields = event_in(gone_on("between points").folder, "reentry")
     assert fields["soaked"]
     assert abs(fields["unit_degC"] - 23.0) < 0.2
     assert fields["seconds"] >= SOAK_s
     wide = tiny_plan(tmp_path, ("within: 1 degC  ", "within: 3 degC  "))
-    quick = crash_of(wide, tmp_path / "wide", kinds(wide)["between points"])
-    go_on(quick, nobody())
-    ((_, _, fields),) = list(SessionReader(quick).events("reentry"))
+    number = kinds(wide)["between points"]
+    quick = crashed_at(wide, tmp_path, {number}).at(number)
+    go_on(quick)
+    fields = event_in(quick, "reentry")
     assert not fields["soaked"]
     assert fields["seconds"] < 60.0
 
@@ -150,8 +163,7 @@ def test_a_session_that_was_gone_on_with_replays_identically_and_says_so(
 ) -> None:
     folder = copied(crashes, "behind a record", tmp_path)
     assert resume(folder, None, None, as_json=False) == ExitStatus.PASS
-    said = capsys.readouterr()
-    assert "going on at step" in said.err
+    assert "going on at step" in capsys.readouterr().err
     assert replay(folder, as_json=False) == ExitStatus.PASS
     assert "every number is identical" in capsys.readouterr().out
     view = read_view(folder)
@@ -170,16 +182,14 @@ def test_a_session_that_was_gone_on_with_replays_identically_and_says_so(
 
 
 def test_behind_a_clock_that_went_back_records_stay_in_order_and_the_time_away_is_unknown(
-    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    crashes: Crashes, tmp_path: Path
 ) -> None:
     folder = copied(crashes, "between points", tmp_path)
-    assert go_on(folder, nobody_in(monkeypatch), utc_back_s=3600.0).outcome.error is None
+    assert go_on(folder, utc_back_s=3600.0).outcome.error is None
     view = read_view(folder)
-    starts = [row.window.t_start_ns for row in view.rows]
-    assert starts == sorted(starts)
+    assert in_order(view)
     (event,) = (event for _, event in view.events if isinstance(event, Resume))
     assert (event.away_s, event.utc_back_s) == (None, pytest.approx(3600.0))
-    assert "3600 s behind what was recorded" in event.sentence
     results, analysis = analyse_view(view)
     assert results["splices"][0]["away_s"] is None
     assert any("Nobody knows how long the run was away" in note for note in results["notes"])
@@ -201,9 +211,7 @@ def test_a_resumption_says_that_the_time_away_is_unknown(
     assert "UTC is 3600 s behind what was recorded" in told
 
 
-def test_a_run_that_was_stopped_twice_goes_on_twice(
-    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_that_was_stopped_twice_goes_on_twice(crashes: Crashes, tmp_path: Path) -> None:
     folder = copied(crashes, "behind a record", tmp_path)
     target = kinds(crashes.plan)["last record"]
 
@@ -211,33 +219,29 @@ def test_a_run_that_was_stopped_twice_goes_on_twice(
         if step.number == target:
             shutil.copytree(folder, tmp_path / "again" / folder.name)
 
-    watch_worlds(monkeypatch, watched := Watched(copy))
-    go_on(folder, watched)
+    go_on(folder, Watched(copy))
     again = tmp_path / "again" / folder.name
-    assert go_on(again, nobody_in(monkeypatch)).outcome.error is None
+    assert go_on(again).outcome.error is None
     view = read_view(again)
     assert [splice.step for splice in view.splices] == sorted(splice.step for splice in view.splices)
-    assert len(view.splices) == 2
-    assert len(view.rows) == 15
-    starts = [row.window.t_start_ns for row in view.rows]
-    assert starts == sorted(starts)
+    assert (len(view.splices), len(view.rows)) == (2, 15)
+    assert in_order(view)
 
 
-def test_a_run_that_ended_by_a_fault_goes_on(tmp_path: Path, rehearse: Start) -> None:
+def test_a_run_that_ended_by_a_fault_goes_on(tmp_path: Path, rehearse: Callable[..., Rehearsal]) -> None:
     plan = tiny_plan(tmp_path)
     target = kinds(plan)["between points"]
 
     def mute(world: World, step: Step) -> None:
         world.faults.instrument("calibrator").mute = step.number == target
 
-    found = rehearse(plan, act=mute)
-    assert found.run.outcome.error is not None
-    assert fit(found.run.folder, None, as_json=True) == ExitStatus.PASS
-    assert read_view(found.run.folder).incomplete
-    done = go_on(found.run.folder, Watched(lambda world, step: None, worlds=[None]))  # type: ignore[list-item]
-    assert done.outcome.error is None
-    view = read_view(found.run.folder)
-    assert [splice.reason for splice in view.splices] == [found.run.outcome.error.code]
+    found = rehearse(plan, act=mute).run
+    assert found.outcome.error is not None
+    assert fit(found.folder, None, as_json=True) == ExitStatus.PASS
+    assert read_view(found.folder).incomplete
+    assert go_on(found.folder).outcome.error is None
+    view = read_view(found.folder)
+    assert [splice.reason for splice in view.splices] == [found.outcome.error.code]
     assert len(view.rows) == 15
 
 
@@ -253,29 +257,22 @@ def test_a_fit_during_the_run_reads_what_is_there_and_judges_nothing(
     assert "Incomplete: the run has not ended" in report_html(view, results, analysis)
     assert results["incomplete"] is True
     assert results["notes"][0].startswith("Incomplete")
-    assert results["estimates"]
     assert {one["verdict"] for one in results["estimates"]} == {"none"}
     assert {path.name: path.read_bytes() for path in folder.iterdir()} == before
     whole, _ = analyse_view(read_view(crashes.whole))
-    assert "incomplete" not in whole
-    assert "splices" not in whole
+    assert not {"incomplete", "splices"} & whole.keys()
 
 
-def test_the_journal_holds_what_the_instruments_confirmed(crashes: Crashes) -> None:
-
-    entries = read_journal(crashes.at(kinds(crashes.plan)["behind a record"])).entries
-    state = expected_of(entries)
+def test_what_the_instruments_confirmed_is_in_the_journal_and_held_against_what_is_found(
+    crashes: Crashes, gone_on: Callable[[str], GoneOn]
+) -> None:
+    state = expected_of(read_journal(crashes.at(kinds(crashes.plan)["behind a record"])).entries)
     assert state["supply"]["configure"] == {"voltage": 18.0, "current_limit": 2.0, "over_voltage": 21.0}
-    assert "output_on" in state["supply"]
     assert state["chamber"]["set_temperature"]["temperature"] == 25.0
-    assert "operate" in state["calibrator"]
-    assert "route" in state["switch"]
     assert state["function_generator"]["square"]["frequency"] == 10e6
-
-
-def test_what_is_found_is_compared_with_what_was_set(gone_on: Callable[[str], GoneOn]) -> None:
-    ((_, _, fields),) = list(SessionReader(gone_on("behind a record").folder).events("resume"))
-    said = "\n".join(fields["differences"])
+    for role, call in (("supply", "output_on"), ("calibrator", "operate"), ("switch", "route")):
+        assert call in state[role]
+    said = "\n".join(event_in(gone_on("behind a record").folder, "resume")["differences"])
     assert "calibrator: output was on, is off" in said
     assert "supply: was at 18 V, is at " in said
     assert "switch: a route was closed" in said
@@ -288,30 +285,27 @@ def test_recover_lists_the_records_and_why(crashes: Crashes, capsys: pytest.Capt
     assert "8 missing: the run stopped before" in said
 
 
-def test_what_a_stopped_run_knew_is_known_again(
-    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_a_stopped_run_knew_is_known_again(crashes: Crashes, tmp_path: Path) -> None:
     """Who the unit is; and that a soak was left unstable, so that the records behind it still say so."""
     folder = copied(crashes, "behind a record", tmp_path)
     stopped = read_stopped(folder)
     plain = resumption(stopped, 0)
     soak = [step for step in stopped.plan.steps[: plain.start] if step.kind == "soak"][-1].number
-    assert plain.settled
-    for policy, number in (("hold", soak), ("skip", soak + 1)):
+
+    def after(policy: str, number: int) -> Any:
         late = Late(step=number, policy=policy, last_degC=20.0, slope_degC_min=0.1)
-        assert resumption(replace(stopped, events=[*stopped.events, late]), 0).settled
-    late = Late(step=soak, policy="skip", last_degC=20.0, slope_degC_min=0.1)
-    resumed = resumption(replace(stopped, events=[*stopped.events, late]), 0)
+        return resumption(replace(stopped, events=[*stopped.events, late]), 0)
+
+    assert plain.settled
+    assert after("hold", soak).settled
+    assert after("skip", soak + 1).settled
     seen = []
 
     def look(context: RunContext) -> AbstractContextManager[object]:
         seen.append((context.settled, context.unit_answer))
         raise BenchError("B-RUN-090", "that is enough")
 
-    conduct(
-        stopped.plan, clock=VirtualClock(), seed=SEED, out=tmp_path, operator=SimulatedOperator(),
-        listener=nobody_in(monkeypatch), beside=[look], resumed=resumed,
-    )  # fmt: skip
+    rehearsed(tmp_path, stopped.plan, beside=[look], resumed=after("skip", soak))
     assert seen == [(False, b"NGU SIM-1 1.0")]
 
 
@@ -320,11 +314,10 @@ def test_another_unit_is_not_gone_on_with(crashes: Crashes, tmp_path: Path, monk
     folder = copied(crashes, "behind a record", tmp_path)
     before = records_in(folder)
     monkeypatch.setattr(ngu_core, "IDENTITY", b"NGU SIM-2 1.0")
-    error = go_on(folder, nobody_in(monkeypatch)).outcome.error
+    error = go_on(folder).outcome.error
     assert (error.code, error.exit_status) == ("B-RUN-025", ExitStatus.SAFE_AFTER_FAULT)
     assert "expected 'NGU SIM-1 1.0'" in error.message
     assert len(records_in(folder)) <= len(before)
     monkeypatch.undo()
-    run = go_on(folder, nobody_in(monkeypatch))
-    assert run.outcome.error is None
+    assert go_on(folder).outcome.error is None
     assert sorted(records_in(folder)) == list(range(1, RECORDS + 1))

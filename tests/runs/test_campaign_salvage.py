@@ -3,23 +3,20 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from rehearsal import SEED, Rehearsal, Watched, tiny_plan
+from rehearsal import SEED, Rehearsal, crashed_at, rehearsed, shortened, tiny_plan
 
 from bench.commands.fit import fit
 from bench.commands.recover import recover
-from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InputError
 from bench.model.events import Skip
 from bench.plan import Plan, Step, check_plan, compile_sequence
 from bench.replay import replay_rows
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import conduct
 from bench.session.makeup import make_up_sequence
 from bench.session.record_states import record_states
 from bench.session.service import merged, read_view
@@ -33,17 +30,17 @@ SETTINGS = {"world.calibrator_gain": "off", "dwell": "8 s"}
 def small_plan(folder: Path) -> Plan:
     """Two temperatures, one channel, no closing repeat, with a dwell given by hand: 30 records."""
     tiny_plan(folder)
-    text = (folder / "tiny.yaml").read_text().replace("in: [25 degC]", "in: [23 degC, 25 degC]")
-    path = folder / "small.yaml"
-    path.write_text(text.replace("sequence: tiny", "sequence: small").replace("duration: 2250 s\nrecords: 15\n", ""))
-    return compile_sequence(path, None, SETTINGS)
+    changes = (
+        ("in: [25 degC]", "in: [23 degC, 25 degC]"),
+        ("sequence: tiny", "sequence: small"),
+        ("duration: 2250 s\nrecords: 15\n", ""),
+    )
+    return compile_sequence(shortened(folder / "tiny.yaml", folder, "small", *changes), None, SETTINGS)
 
 
-def run(plan: Plan, out: Path, act: Callable[[World, Step], None] = lambda world, step: None) -> Path:
-    watched = Watched(act, worlds=[None])  # type: ignore[list-item]
-    done = conduct(plan, clock=VirtualClock(), seed=SEED, out=out, operator=SimulatedOperator(), listener=watched)
-    assert done.outcome.error is None
-    return done.folder
+def nothing_recorded(*events: tuple[int, object]) -> Any:
+    """Return a replay without a record."""
+    return SimpleNamespace(manifest={}, rows=(), events=list(events))
 
 
 @pytest.fixture(scope="module")
@@ -51,23 +48,20 @@ def stopped(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A session whose run was killed inside the second temperature, and the same run undisturbed."""
     folder = tmp_path_factory.mktemp("salvage")
     plan = small_plan(folder)
-    records = [step.number for step in plan.phase("campaign") if step.kind == "record"]
-
-    def copy(world: World, step: Step) -> None:
-        if step.number == records[21]:
-            (session,) = (folder / "out").iterdir()
-            shutil.copytree(session, folder / "crash" / session.name)
-
-    whole = run(plan, folder / "out", copy)
-    (crash,) = (folder / "crash").iterdir()
-    return crash, whole
+    number = [step.number for step in plan.phase("campaign") if step.kind == "record"][21]
+    crashes = crashed_at(plan, folder, {number})
+    return crashes.at(number), crashes.whole
 
 
 def test_the_make_up_takes_what_is_missing_and_an_overlap(
     stopped: tuple[Path, Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    """The salvaged folder itself is untouched."""
     path = tmp_path / "rest.yaml"
+    before = {path.name: path.read_bytes() for path in stopped[0].iterdir()}
     assert recover(stopped[0], path, as_json=False) == ExitStatus.PASS
+    replay_rows(stopped[0])
+    assert {path.name: path.read_bytes() for path in stopped[0].iterdir()} == before
     said = capsys.readouterr().out
     assert "9 points to make up and 1 that overlap" in " ".join(said.split())
     plan = compile_sequence(path, None, {"world.calibrator_gain": "off"})
@@ -89,7 +83,8 @@ def test_the_make_up_takes_what_is_missing_and_an_overlap(
 def test_both_sessions_together_give_what_was_promised(stopped: tuple[Path, Path], tmp_path: Path) -> None:
     path = tmp_path / "rest.yaml"
     recover(stopped[0], path, as_json=False)
-    make_up = run(compile_sequence(path, None, {"world.calibrator_gain": "off"}), tmp_path / "out")
+    made = compile_sequence(path, None, {"world.calibrator_gain": "off"})
+    make_up = rehearsed(tmp_path / "out", made).run.folder
     alone, _ = analyse_view(read_view(stopped[0]))
     assert alone["incomplete"] is True
     view = merged(read_view(stopped[0]), [read_view(make_up)])
@@ -153,45 +148,37 @@ def test_nothing_to_make_up_is_said(stopped: tuple[Path, Path], tmp_path: Path) 
 
 def test_a_ramp_without_gaps_cannot_be_made_up(tmp_path: Path) -> None:
     plan = compile_sequence("bias_ramp_short")
-    nothing: Any = type("Nothing", (), {"manifest": {}, "rows": (), "events": []})()
     with pytest.raises(InputError, match="B-RES-008"):
-        make_up_sequence(plan, record_states(plan.steps, nothing))
+        make_up_sequence(plan, record_states(plan.steps, nothing_recorded()))
 
 
 def test_skipped_records_are_missing_for_that_reason(stopped: tuple[Path, Path]) -> None:
     plan = compile_sequence("scale_factor_short")
     records = [step for step in plan.phase("campaign") if step.kind == "record"]
     skip = Skip(first=records[0].number, stop=records[1].number, reason="a door", by="kim")
-    nothing: Any = type("Nothing", (), {"manifest": {}, "rows": (), "events": [(0, skip)]})()
-    states = record_states(plan.steps, nothing)
+    states = record_states(plan.steps, nothing_recorded((0, skip)))
     assert [one.why for one in states[:2]] == ["skipped: a door", "the run stopped before"]
 
 
-def test_a_session_of_another_unit_does_not_complete_this_one(stopped: tuple[Path, Path]) -> None:
-    view = read_view(stopped[0])
-    campaign = {**view.manifest["campaign"], "uut": {"model": "NGU", "serial": "SIM-2"}}
-    other = SessionView({**view.manifest, "campaign": campaign}, view.rows, view.counts, view.session_sha256)
-    with pytest.raises(InputError, match="B-RES-010"):
-        merged(view, [other])
-
-
-@pytest.mark.parametrize("field", ["serial", "certificate", "corrections"])
-def test_a_session_made_with_another_standard_does_not_complete_this_one(
+@pytest.mark.parametrize("field", ["uut", "serial", "certificate", "corrections"])
+def test_a_session_of_another_unit_or_standard_does_not_complete_this_one(
     stopped: tuple[Path, Path], field: str
 ) -> None:
     """Its records would be judged by the values and uncertainties of a standard that never saw them."""
     view = read_view(stopped[0])
-    register = {role: {**one, field: "another"} for role, one in view.manifest["standards"].items()}
-    other = SessionView({**view.manifest, "standards": register}, view.rows, view.counts, view.session_sha256)
-    with pytest.raises(InputError, match="standards"):
+    if field == "uut":
+        changed = {"campaign": {**view.manifest["campaign"], "uut": {"model": "NGU", "serial": "SIM-2"}}}
+    else:
+        changed = {"standards": {role: {**one, field: "another"} for role, one in view.manifest["standards"].items()}}
+    other = SessionView({**view.manifest, **changed}, view.rows, view.counts, view.session_sha256)
+    with pytest.raises(InputError, match="B-RES-010" if field == "uut" else "standards"):
         merged(view, [other])
 
 
 def test_the_flat_form_is_made_up_too(tmp_path: Path) -> None:
     """Records of a timeline carry no procedure: what stands since the record before them belongs to the point."""
     plan = compile_sequence("timeline_example")
-    nothing: Any = type("Nothing", (), {"manifest": {}, "rows": (), "events": []})()
-    text, points, overlap = make_up_sequence(plan, record_states(plan.steps, nothing))
+    text, points, overlap = make_up_sequence(plan, record_states(plan.steps, nothing_recorded()))
     assert (points, overlap) == (1, 0)
     path = tmp_path / "flat.yaml"
     path.write_text(text)
@@ -200,10 +187,3 @@ def test_the_flat_form_is_made_up_too(tmp_path: Path) -> None:
     kinds = [f"{step.role}.{step.name}" for step in made.phase("campaign") if step.kind in ("call", "verify", "unit")]
     assert kinds.index("calibrator.operate") < kinds.index("calibrator.operating")
     assert "supply.output_on" in kinds
-
-
-def test_the_rest_of_a_salvaged_folder_is_untouched(stopped: tuple[Path, Path], tmp_path: Path) -> None:
-    before = {path.name: path.read_bytes() for path in stopped[0].iterdir()}
-    recover(stopped[0], tmp_path / "rest.yaml", as_json=False)
-    replay_rows(stopped[0])
-    assert {path.name: path.read_bytes() for path in stopped[0].iterdir()} == before

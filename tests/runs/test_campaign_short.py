@@ -8,8 +8,7 @@ from subprocess import CompletedProcess
 
 import jsonschema
 import pytest
-from recorded import writable_copy
-from rehearsal import NAME, SEED, Inside, contents, record_golden
+from rehearsal import NAME, SEED, Inside, contents, record_golden, writable_copy
 
 from bench.analysis import results_schema
 

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 from rehearsal import bench
+from served import Served, serving
 
 from bench.model.clock import WallClock
 from bench.plan import load_station
-from bench.run.bench.served_world import ask
 from bench.run.guard.lock import BenchLock, bus_keys
 
 pytestmark = pytest.mark.waits
@@ -50,63 +48,40 @@ def test_the_table_says_how_it_ends(tmp_path: Path) -> None:
 
 
 @pytest.fixture(scope="module")
-def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """Folder of a ``bench sim`` that runs."""
-    folder = tmp_path_factory.mktemp("bench") / "sim"
-    command = [sys.executable, "-m", "bench", "sim", "af_rack_sim", "--dir", str(folder)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
-        assert process.stdout is not None
-        said = []
-        for line in process.stdout:
-            said.append(line)
-            if line.strip() == "ready":
-                break
-        assert said[-1:] == ["ready\n"], said
-        yield folder
-        process.terminate()
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with serving(tmp_path_factory.mktemp("bench") / "sim") as bench:
+        yield bench
 
 
-def fault(folder: Path, *words: str) -> None:
-    reply = ask(folder / "control.sock", words)
-    assert "error" not in reply, reply
-
-
-def outputs(folder: Path) -> dict[str, Any]:
+def outputs(served: Served) -> dict[str, Any]:
     """What the bench really does, without the times."""
-    state = ask(folder / "control.sock", ["state"])["state"]["instruments"]
+    state = served.state()["instruments"]
     return {role: {key: one[key] for key in one if key != "unchanged_s"} for role, one in state.items()}
 
 
-def station(folder: Path) -> tuple[str, str]:
-    return "--station", str(folder / "station.yaml")
+def looked_at(served: Served, out: Path) -> tuple[int, dict[str, Row], str]:
+    return looked(out, "scale_factor_wall", "--station", str(served.station))
 
 
-def test_fourteen_instruments_and_two_lines_are_as_they_should_be(served: Path, tmp_path: Path) -> None:
+def test_fourteen_instruments_and_two_lines_are_as_they_should_be(served: Served, tmp_path: Path) -> None:
     before = outputs(served)
-    status, found, said = looked(tmp_path, "scale_factor_wall", *station(served))
+    status, found, said = looked_at(served, tmp_path)
     assert (status, said) == (0, "")
     assert sum(name.startswith("identity of ") for name in found) == 14
-    for name in (
-        "second controller",
-        "line of port_a",
-        "line of port_b",
-        "10 MHz at counter",
-        "laboratory air",
-        "guard",
-    ):
-        assert found[name]["status"] == "ok", found[name]
+    right = ("second controller", "line of port_a", "line of port_b", "10 MHz at counter", "laboratory air", "guard")
+    assert {name: found[name]["status"] for name in right} == dict.fromkeys(right, "ok")
     assert found["warm-up of calibrator"]["value"].startswith("5.")
     assert outputs(served) == before, "nothing was switched"
 
 
-def test_whatever_is_wrong_is_told_at_once_and_nothing_is_switched(served: Path, tmp_path: Path) -> None:
+def test_whatever_is_wrong_is_told_at_once_and_nothing_is_switched(served: Served, tmp_path: Path) -> None:
     before = outputs(served)
     for words in (("mute", "dmm"), ("identity", "supply", "HEWLETT-PACKARD,6632A,1,1"), ("reference_lost",)):
-        fault(served, *words)
+        served.fault(*words)
     try:
-        status, found, said = looked(tmp_path, "scale_factor_wall", *station(served))
+        status, found, said = looked_at(served, tmp_path)
     finally:
-        fault(served, "clear")
+        served.fault("clear")
     assert status == 3
     failed = {name: row["value"] for name, row in found.items() if row["status"] == "fail"}
     assert failed == {
@@ -119,11 +94,11 @@ def test_whatever_is_wrong_is_told_at_once_and_nothing_is_switched(served: Path,
     assert outputs(served) == before
 
 
-def test_a_bench_in_use_is_left_alone(served: Path, tmp_path: Path) -> None:
-    found_station = load_station(served / "station.yaml")
+def test_a_bench_in_use_is_left_alone(served: Served, tmp_path: Path) -> None:
+    found_station = load_station(served.station)
     keys = bus_keys(entry.resource for entry in found_station.instruments.values())
     with BenchLock(keys, "run", WallClock()):
-        status, found, said = looked(tmp_path, "scale_factor_wall", *station(served))
+        status, found, said = looked_at(served, tmp_path)
     assert status == 2
     assert "B-RUN-080" in said
     assert "'run' of" in found["second controller"]["text"]

@@ -14,8 +14,7 @@ from subprocess import CompletedProcess
 from typing import Any
 
 import pytest
-from recorded import writable_copy
-from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, main_of
+from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, main_of, shortened, writable_copy
 
 import bench.commands.run as run_command
 import bench.session.finish as finish_command
@@ -37,24 +36,24 @@ def refused(done: CompletedProcess[str], status: int, code: str) -> str:
     return next(line for line in lines if code in line)
 
 
-def sequence(folder: Path, *changes: tuple[str, str]) -> Path:
-    text = (ROOT / "sequences" / "timeline_example.yaml").read_text()
-    for old, new in changes:
-        assert text.count(old) >= 1, old
-        text = text.replace(old, new)
-    path = folder / "changed.yaml"
-    path.write_text(text)
-    return path
+def sequence(folder: Path, *changes: tuple[str, str]) -> str:
+    return str(shortened(ROOT / "sequences" / "timeline_example.yaml", folder, "changed", *changes))
+
+
+def only_session(out: Path) -> Path:
+    (session,) = (path for path in out.iterdir() if path.is_dir())
+    return session
 
 
 # --- 0 and 1 -------------------------------------------------------------------------------------------------------
 
 
-def test_0_a_sequence_without_analysis(tmp_path: Path, inside: Inside) -> None:
+def test_0_a_sequence_without_analysis_and_2_whoever_asks_for_one(tmp_path: Path, inside: Inside) -> None:
     done = inside("run", "timeline_example", "--out", str(tmp_path))
     assert done.returncode == 0
     assert "1 records in" in done.stdout
-    assert done.stdout.count("\n") == len(done.stdout.splitlines())
+    for command in ("fit", "replay", "report"):
+        refused(inside(command, str(only_session(tmp_path))), 2, "B-CLI-008")
 
 
 def test_1_a_verdict_fails(golden: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -92,6 +91,8 @@ def test_1_a_verdict_fails(golden: Path, monkeypatch: pytest.MonkeyPatch, tmp_pa
         (["talk", "theremin", "*IDN?"], "B-CLI-003"),
         (["fit", "/nonexistent"], "B-REC-010"),
         (["schema", "--out", "/proc/none"], "B-CLI-007"),
+        (["run", "timeline_example", "--history", "nonsense"], "B-STORE-001"),
+        (["run", "timeline_example", "--history", "mysql://user@host/calibrations"], "B-STORE-001"),
     ],
 )
 def test_2_bad_input(words: list[str], code: str, tmp_path: Path, inside: Inside) -> None:
@@ -105,7 +106,7 @@ def test_2_all_mistakes_of_a_file_one_line_each(tmp_path: Path, inside: Inside) 
     path = sequence(
         tmp_path, ("voltage: 18 V", "voltage: 18 A"), ("channel: 3, polarity: +}}}", "channel: 33, polarity: +}}}")
     )
-    done = inside("check", str(path))
+    done = inside("check", path)
     assert done.returncode == 2
     lines = done.stderr.splitlines()
     assert len(lines) >= 2
@@ -125,39 +126,25 @@ def test_2_settings_of_an_editor_are_not_spoiled(tmp_path: Path, inside: Inside)
     assert len(settings["yaml.schemas"]) >= 3
 
 
-def test_2_a_session_that_asks_for_no_analysis(tmp_path: Path, inside: Inside) -> None:
-    assert inside("run", "timeline_example", "--out", str(tmp_path)).returncode == 0
-    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
-    for command in ("fit", "replay", "report"):
-        refused(inside(command, str(session)), 2, "B-CLI-008")
-
-
 # --- 3 -------------------------------------------------------------------------------------------------------------
 
 
-def test_3_the_unit_refuses_a_command(tmp_path: Path, inside: Inside) -> None:
+@pytest.mark.parametrize("form", ["text", "json"])
+def test_3_the_unit_refuses_a_command(tmp_path: Path, inside: Inside, form: str) -> None:
     path = sequence(tmp_path, ("code: 2,", "code: 99,"))
-    done = inside("run", str(path), "--out", str(tmp_path / "out"))
+    done = inside("run", path, "--out", str(tmp_path / "out"), *(["--json"] if form == "json" else []))
     assert "status 1" in refused(done, 3, "B-RUN-023")
-    assert "The bench is safe; 0 of 1 records" in done.stdout
+    if form == "json":
+        assert done.stdout == ""
+    else:
+        assert "The bench is safe; 0 of 1 records" in done.stdout
 
 
-def test_3_not_confirmed_safe_is_never_exit_status_0(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                     capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
-    from instruments.hp_6632b import DRIVER
-
-    def fails(self: Any) -> None:
-        raise self.error("B-INST-009", "the output is still on")
-
-    monkeypatch.setattr(DRIVER, "make_safe", fails)
-    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_AFTER_FAULT
-    (error,) = [line for line in capsys.readouterr().err.splitlines() if "B-RUN-060" in line]
-    assert "supply: not confirmed safe" in error
-    assert "B-INST-009" in error
-
-
-def test_3_not_confirmed_safe_at_the_end_is_the_last_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                                          capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
+@pytest.mark.parametrize("when", ["at once", "at the end"])
+def test_3_not_confirmed_safe_is_never_exit_status_0(
+    when: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """At the end it is the last line."""
     from instruments.hp_6632b import DRIVER
 
     begins = DRIVER.make_safe
@@ -169,9 +156,15 @@ def test_3_not_confirmed_safe_at_the_end_is_the_last_line(tmp_path: Path, monkey
     def fails(self: Any) -> None:
         raise self.error("B-INST-009", "the output is still on")
 
-    monkeypatch.setattr(DRIVER, "make_safe", fails_later)
+    monkeypatch.setattr(DRIVER, "make_safe", fails if when == "at once" else fails_later)
     assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_AFTER_FAULT
-    assert capsys.readouterr().out.endswith("The bench is NOT confirmed safe: supply, switch off at the front panel\n")
+    said = capsys.readouterr()
+    if when == "at once":
+        (error,) = [line for line in said.err.splitlines() if "B-RUN-060" in line]
+        assert "supply: not confirmed safe" in error
+        assert "B-INST-009" in error
+    else:
+        assert said.out.endswith("The bench is NOT confirmed safe: supply, switch off at the front panel\n")
 
 
 def test_137_stands_wherever_the_statuses_do(inside: Inside) -> None:
@@ -180,35 +173,28 @@ def test_137_stands_wherever_the_statuses_do(inside: Inside) -> None:
         assert "\n| 137 |" in (ROOT / "docs" / page).read_text()
 
 
-def test_3_a_prompt_and_nobody_to_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-                                         capsys: pytest.CaptureFixture[str]) -> None:  # fmt: skip
-    from bench.commands.conducting import TerminalOperator
-
-    monkeypatch.setattr(conducting, "SimulatedOperator", TerminalOperator)
-    monkeypatch.setattr(sys.stdin, "isatty", lambda: False, raising=False)
-    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_AFTER_FAULT
-    assert "error B-CLI-005: " in capsys.readouterr().err
-
-
-# --- 4 -------------------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("typed", ["stop\n", ""])
-def test_4_the_operator_refuses_a_prompt(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], typed: str
-) -> None:
-    from bench.commands.conducting import TerminalOperator
-
+@pytest.mark.parametrize(
+    ("typed", "status", "code"),
+    [(None, 3, "B-CLI-005"), ("stop\n", 4, "B-CLI-006"), ("", 4, "B-CLI-006")],
+    ids=["nobody", "stop", "end of file"],
+)
+def test_3_and_4_a_prompt_that_nobody_answers_or_that_the_operator_refuses(
+    typed: str | None, status: int, code: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
     def answer(prompt: str) -> str:
         if not typed:
             raise EOFError
         return typed
 
-    monkeypatch.setattr(conducting, "SimulatedOperator", TerminalOperator)
-    monkeypatch.setattr(sys.stdin, "isatty", lambda: True, raising=False)
+    monkeypatch.setattr(conducting, "SimulatedOperator", conducting.TerminalOperator)
+    monkeypatch.setattr(sys.stdin, "isatty", lambda: typed is not None, raising=False)
     monkeypatch.setattr("builtins.input", answer)
-    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.SAFE_BY_OPERATOR
-    assert "error B-CLI-006: " in capsys.readouterr().err
+    assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == status
+    assert f"error {code}: " in capsys.readouterr().err
+
+
+# --- 4 -------------------------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
@@ -216,7 +202,10 @@ def test_4_the_operator_refuses_a_prompt(
 def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path, inside: Inside) -> None:
     command = [sys.executable, "-m", "bench", "run", "timeline_example", "--clock", "wall", "--out", str(tmp_path)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        wait_for_the_session(tmp_path)
+        end_s = time.monotonic() + 30.0
+        while not any(journal.stat().st_size > 200 for journal in tmp_path.glob("*/journal.jsonl")):
+            assert time.monotonic() < end_s, "no step was done"
+            time.sleep(0.1)
         began = time.monotonic()
         process.send_signal(signal.SIGINT)
         out, err = process.communicate(timeout=30)
@@ -224,30 +213,13 @@ def test_4_ctrl_c_under_the_wall_clock_ends_safely_within_5_s(tmp_path: Path, in
     refused(CompletedProcess(command, process.returncode, out, err), 4, "B-RUN-010")
     assert "The bench is safe" in out
     assert took_s < 5.0
-    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    session = only_session(tmp_path)
     assert (session / "journal.jsonl").exists()
     assert not (session / "session.open").exists()
     recovered = inside("recover", str(session), "--json")
     assert json.loads(recovered.stdout)
     assert recovered.returncode == 0, recovered.stdout
     print(f"safe {took_s:.1f} s after SIGINT")
-
-
-def wait_for_the_session(folder: Path) -> None:
-    """Until steps are being done: the first flat steps take the first seconds."""
-    deadline = time.monotonic() + 30
-    while time.monotonic() < deadline:
-        if any(journal.stat().st_size > 200 for journal in folder.glob("*/journal.jsonl")):
-            return
-        time.sleep(0.1)
-    raise AssertionError("the run did not start")
-
-
-def test_2_an_address_of_the_history_that_is_none_is_refused_before_the_run(tmp_path: Path, inside: Inside) -> None:
-    out = tmp_path / "out"
-    for url in ("nonsense", "mysql://user@host/calibrations"):
-        refused(inside("run", "timeline_example", "--history", url, "--out", str(out)), 2, "B-STORE-001")
-    assert not out.exists()
 
 
 # --- 5 -------------------------------------------------------------------------------------------------------------
@@ -278,8 +250,7 @@ def test_5_a_damaged_session(golden: Path, tmp_path: Path, inside: Inside) -> No
     raw[len(raw) // 2] ^= 1
     segment.write_bytes(raw)
     refused(inside("replay", str(copy)), 5, "B-REC-011")
-    assert inside("recover", str(copy)).returncode == 5
-    assert inside("fit", str(copy)).returncode == 5
+    assert [inside(command, str(copy)).returncode for command in ("recover", "fit")] == [5, 5]
 
 
 # --- 70 ------------------------------------------------------------------------------------------------------------
@@ -309,7 +280,7 @@ def test_70_an_error_nobody_foresaw_during_a_run_closes_the_session(
     monkeypatch.setattr(DRIVER, "route", fails)
     assert main_of(monkeypatch, "run", "timeline_example", "--out", str(tmp_path)) == ExitStatus.INTERNAL
     assert "B-INT-001" in capsys.readouterr().err
-    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    session = only_session(tmp_path)
     assert not (session / "session.open").exists()
 
 
@@ -330,13 +301,6 @@ def test_json_is_one_document_and_nothing_else(golden: Path, tmp_path: Path, ins
         assert "Traceback" not in done.stderr
 
 
-def test_json_of_a_run_that_failed_is_no_document(tmp_path: Path, inside: Inside) -> None:
-    path = sequence(tmp_path, ("code: 2,", "code: 99,"))
-    done = inside("run", str(path), "--out", str(tmp_path / "out"), "--json")
-    refused(done, 3, "B-RUN-023")
-    assert done.stdout == ""
-
-
 def test_a_reader_that_goes_away_is_no_error() -> None:
     command = f"{sys.executable} -m bench run --help | head -c 1 > /dev/null; exit ${{PIPESTATUS[0]}}"
     done = subprocess.run(["bash", "-c", command], capture_output=True, text=True, check=False)
@@ -349,20 +313,6 @@ def test_results_are_written_when_nobody_listens(closing: str, tmp_path: Path) -
     command = [sys.executable, "-m", "bench", "run", GOLDEN_SEQUENCE, "--out", str(tmp_path)]
     done = subprocess.run(["bash", "-c", f"set -o pipefail; {shlex.join(command)} {closing}"], check=False)
     assert done.returncode == ExitStatus.PASS
-    (session,) = (path for path in tmp_path.iterdir() if path.is_dir())
+    session = only_session(tmp_path)
     assert (session / "results.json").exists()
     assert (session / "report.html").exists()
-
-
-@pytest.mark.parametrize("command", ["check", "run", "replay", "fit", "report", "decode", "recover", "talk", "schema"])
-def test_every_help_shows_an_example(command: str, inside: Inside) -> None:
-    done = inside(command, "--help")
-    assert done.returncode == 0
-    assert f"bench {command}" in done.stdout.split("Example")[1]
-
-
-def test_talk_reaches_an_instrument_and_records_it(tmp_path: Path, inside: Inside) -> None:
-    done = inside("talk", "calibrator", "*IDN?", "--out", str(tmp_path))
-    assert done.returncode == 0
-    assert "FLUKE,5720A" in done.stdout
-    assert "recorded in" in done.stdout

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import Inside
+from rehearsal import ROOT, Inside
 
 from bench.commands.control import ask
 from bench.model.clock import WallClock
@@ -41,7 +41,7 @@ def status(folder: Path) -> dict[str, Any]:
 
 def arranged(folder: Path) -> tuple[Path, Path]:
     """The half-minute campaign with an early verdict, a user who wants to be told, and where he is told."""
-    text = (Path(__file__).resolve().parents[2] / "sequences" / "scale_factor_wall_30s.yaml").read_text()
+    text = (ROOT / "sequences" / "scale_factor_wall_30s.yaml").read_text()
     head, _, rest = text.partition("\nuut:")
     sequence = folder / "sequences" / "scale_factor_wall_30s.yaml"
     sequence.parent.mkdir()

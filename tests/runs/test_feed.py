@@ -2,39 +2,35 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import socket
 import sys
 import threading
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from rehearsal import Watched, tiny_plan
+from rehearsal import SOAK_s, contents, rehearsed, tiny_plan
 
-from bench.model.clock import VirtualClock
 from bench.model.events import event_of
 from bench.plan import Plan, steps_of
 from bench.record import SessionReader
 from bench.run.besides import besides
-from bench.run.control.operator import SimulatedOperator
+from bench.run.context import RunContext
 from bench.run.feed.client import FeedClient, FeedGone
 from bench.run.feed.state import RunState
-from bench.run.session import Conducted, conduct
-from bench.run.stop import StopSwitch
+from bench.run.session import Beside, Conducted
 from bench.tables import watch
 
-SEED = 5
 UTC_S = 946_684_800.0
 LATE = (("slot: 1800 s", "slot: 1200 s"), ("duration: 2250 s", "duration: 1650 s"))  # too short to get warm
 
 
 class Crowd:
-    """Watchers of the run in ``out``: one polls as fast as it can and keeps what it sees, one asks and never reads, and
-    one is a notebook."""
+    """Watchers of a run: one polls as fast as it can and keeps what it sees, one never reads, one is a notebook."""
 
     def __init__(self, out: Path) -> None:
         self.seen: list[dict[str, Any]] = []
@@ -104,17 +100,9 @@ class Crowd:
                 self._ended.wait(20.0)
 
 
-def conducted(plan: Plan, out: Path, act: Callable[[], object] = lambda: None) -> Conducted:
-    return conduct(
-        plan, clock=VirtualClock(), seed=SEED, out=out, operator=SimulatedOperator(),
-        listener=Watched(lambda world, step: act(), [None]),  # type: ignore[list-item]
-        beside=besides(plan, {}, virtual=True),
-    )  # fmt: skip
-
-
-def hashes(folder: Path) -> dict[str, str]:
-    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
-    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+def conducted(plan: Plan, out: Path, act: Callable[[], object] = lambda: None, *beside: Beside) -> Conducted:
+    watched = [*besides(plan, {}, virtual=True), *beside]
+    return rehearsed(out, plan, act=lambda world, step: act(), seed=5, beside=watched).run
 
 
 @pytest.mark.slow
@@ -126,14 +114,14 @@ def test_a_watched_run_writes_the_same_bytes_and_tells_the_truth(
     with Crowd(tmp_path / "watched") as crowd:
         monkeypatch.setitem(sys.modules, "IPython.display", crowd)  # type: ignore[arg-type]
         watched = conducted(plan, tmp_path / "watched", lambda: crowd.looked.wait(20.0))
-    assert hashes(watched.folder) == hashes(alone.folder)
+    assert contents(watched.folder) == contents(alone.folder)
     assert not list(watched.folder.glob("live*"))
     assert len(crowd.seen) > 5
     assert crowd.points > 600
     assert len(set(crowd.pictures)) > 1
     assert {picture[:4] for picture in crowd.pictures[:-1]} == {b"\x89PNG"}
     assert crowd.pictures[-1] == b"end"
-    (end,) = [t_ns / 1e9 + UTC_S for kind, t_ns, _ in SessionReader(watched.folder).events("end")]
+    (end,) = [utc_s(t_ns) for _, t_ns, _ in SessionReader(watched.folder).events("end")]
     etas = [one["eta"] for one in crowd.seen if one["eta"] is not None]
     assert etas
     for eta in etas:
@@ -150,33 +138,53 @@ def test_a_watched_run_writes_the_same_bytes_and_tells_the_truth(
     json.dumps(crowd.seen, allow_nan=False)
 
 
+def utc_s(t_ns: int) -> float:
+    return t_ns / 1e9 + UTC_S
+
+
 def documents_of(folder: Path, look: Callable[[float, RunState], None]) -> RunState:
     """Feed a recording to a state and look at it before each event."""
     reader = SessionReader(folder)
     state = RunState(steps_of(reader.texts["plan.json"]), reader.manifest, source="replay")
     for message in reader.messages(frozenset({"/event", "/instrument/"})):
-        t_utc_s = message.t_ns / 1e9 + UTC_S
+        t_utc_s = utc_s(message.t_ns)
         if message.topic == "/event":
             look(t_utc_s, state)
-            kind, fields = message.event()
-            state.on_event(event_of(kind, fields), t_utc_s)
+            state.on_event(event_of(*message.event()), t_utc_s)
         else:
             line = message.document()
             state.on_traffic(message.topic.rpartition("/")[2], line["direction"], line["text"], t_utc_s)
     return state
 
 
+def held_for_a_while(from_s: float) -> Beside:
+    """The run stands still for 200 s from a time on."""
+
+    def beside(context: RunContext) -> AbstractContextManager[None]:
+        holds = context.stop.holds
+        held: list[object] = []
+
+        def look() -> None:
+            now_s = context.clock.now_ns() / 1e9
+            if now_s >= from_s and not held:
+                held.append(holds.hold("operator", "door"))
+            elif now_s >= from_s + 200.0:
+                holds.release("operator")
+
+        context.clock.every(1.0, look)
+        return nullcontext()
+
+    return beside
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("act", ["pause", "late soak"])
-def test_a_recording_says_the_same_and_when_the_run_will_end(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, act: str
-) -> None:
+def test_a_recording_says_the_same_and_when_the_run_will_end(tmp_path: Path, act: str) -> None:
     plan = tiny_plan(tmp_path, *(LATE if act == "late soak" else ()))
-    if act == "pause":
-        held_for_a_while(monkeypatch)
-    folder = conducted(plan, tmp_path / "out").folder
-    (end,) = [t_ns / 1e9 + UTC_S for _, t_ns, _ in SessionReader(folder).events("end")]
-    known = [t_ns / 1e9 + UTC_S for _, t_ns, _ in SessionReader(folder).events("release" if act == "pause" else "late")]
+    beside = [held_for_a_while(plan.prepare_s + SOAK_s + 50.0)] if act == "pause" else []
+    folder = conducted(plan, tmp_path / "out", lambda: None, *beside).folder
+    (end,) = [utc_s(t_ns) for _, t_ns, _ in SessionReader(folder).events("end")]
+    known = [utc_s(t_ns) for _, t_ns, _ in SessionReader(folder).events("release" if act == "pause" else "late")]
     assert len(known) == 1  # before it nobody can know how much later the run will be over
     ranges: list[tuple[float, float]] = []
 
@@ -192,27 +200,3 @@ def test_a_recording_says_the_same_and_when_the_run_will_end(
     final = state.document(end)
     assert (final["state"], final["outcome"]) == ("ended", {"error": None, "text": "done"})
     assert (final["records"]["done"], final["progress"]) == (15, 1.0)
-
-
-def held_for_a_while(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The run stands still for 200 s when it comes to its first measured point."""
-    seen: list[int] = []
-    check = StopSwitch.check
-
-    def holding(self: StopSwitch) -> None:
-        seen.append(1)
-        if len(seen) == 200:
-            self.holds.hold("operator", "door")
-        check(self)
-
-    monkeypatch.setattr(StopSwitch, "check", holding)
-    stand = StopSwitch.check_stop
-
-    def looking(self: StopSwitch) -> None:
-        stand(self)
-        if len(seen) >= 200 and "operator" in self.holds.reasons:
-            seen.append(1)
-            if len(seen) > 1200:
-                self.holds.release("operator")
-
-    monkeypatch.setattr(StopSwitch, "check_stop", looking)

@@ -12,10 +12,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from rehearsal import ROOT
 
 pytestmark = pytest.mark.sweep
 
-TOP = Path(__file__).resolve().parents[2]
 OTHER = "instrumentkit"
 NOBODY = 1 << 22  # a number that no process has
 COMMANDS = (
@@ -32,9 +32,9 @@ class Environment:
         self.folder = folder
         self.python = folder / "venv" / "bin" / "python"
         subprocess.run([sys.executable, "-m", "venv", folder / "venv"], check=True)
-        self.pip("install", "--require-hashes", "-r", str(TOP / "requirements" / "run.txt"))
+        self.pip("install", "--require-hashes", "-r", str(ROOT / "requirements" / "run.txt"))
         self.pip("install", "setuptools>=77", "wheel")
-        self.pip("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder / "dist"), str(TOP))
+        self.pip("wheel", "--no-deps", "--no-build-isolation", "--wheel-dir", str(folder / "dist"), str(ROOT))
         (self.wheel,) = (folder / "dist").glob("*.whl")
 
     def pip(self, *words: str) -> None:

@@ -16,8 +16,9 @@ from typing import Any
 
 import pytest
 from planned_step import planned
+from record_sample import frame
 
-from bench.frame import FrameDefinition, LinkDecoder, load_frame
+from bench.frame import FrameDefinition, LinkDecoder
 from bench.model.clock import NS, WallClock, to_ns
 from bench.model.events import Event
 from bench.record import SessionReader, SessionWriter
@@ -35,22 +36,28 @@ from bench.run.stop import StopSwitch
 
 pytestmark = pytest.mark.waits
 
-FRAMES = Path(__file__).resolve().parents[2] / "frames"
+LINKS_OF_UNIT = {"port_b": "ngu_b", "port_a": "ngu_a"}
 DETECT_S = 1.0
 RESUME_S = 5.0
 RECORD = planned("record", 7, duration_s=1.0)
 
 
-def frame_bytes(definition: FrameDefinition, counter: int) -> bytes:
-    if definition.name == "ngu_a":
-        columns: dict[str, Any] = {
-            "npp": [[0] * 10], "ppp": [[0] * 10], "af_clock": 2560, "master_count": 100_000, "fg_count": 100_000,
-        }  # fmt: skip
-        return bytes(definition.encode({**columns, "counter": counter % 65536, "status": 0}, 1).tobytes())
-    columns = {
+CONSTANT: dict[str, dict[str, Any]] = {
+    "ngu_a": {
+        "npp": [[0] * 10], "ppp": [[0] * 10], "af_clock": 2560, "master_count": 100_000, "fg_count": 100_000,
+        "status": 0,
+    },
+    "ngu_b": {
         "unit_temperature": [[2000] * 4], "supply_voltage": 28_000, "supply_current": 1800, "rails": [[5000] * 3],
-    }  # fmt: skip
-    return bytes(definition.encode({**columns, "counter": counter % 65536, "status": 1}, 1, "housekeeping").tobytes())
+        "status": 1,
+    },
+}  # fmt: skip
+
+
+def frame_bytes(definition: FrameDefinition, counter: int) -> bytes:
+    message = "frame" if definition.name == "ngu_a" else "housekeeping"
+    columns = {**CONSTANT[definition.name], "counter": counter % 65536}
+    return bytes(definition.encode(columns, 1, message).tobytes())
 
 
 class Unit:
@@ -58,7 +65,7 @@ class Unit:
 
     def __init__(self, folder: Path, clock: WallClock) -> None:
         self.clock = clock
-        self.definitions = {name: load_frame(FRAMES / f"{frame}.yaml") for name, frame in LINKS_OF_UNIT.items()}
+        self.definitions = {link: frame(name) for link, name in LINKS_OF_UNIT.items()}
         self.names = {name: folder / name for name in self.definitions}
         self.sent = dict.fromkeys(self.definitions, 0)
         self.instead: dict[str, bytes] = {}
@@ -103,9 +110,6 @@ class Unit:
         self._thread.join()
         for descriptor in (*self.far.values(), *self._near):
             os.close(descriptor)
-
-
-LINKS_OF_UNIT = {"port_b": "ngu_b", "port_a": "ngu_a"}
 
 
 class Bench:

@@ -6,17 +6,15 @@ The other run of this seed was watched by nobody, so the same seed gives the sam
 from __future__ import annotations
 
 import json
-import os
-import re
 import subprocess
 import sys
 import time
-from http.client import HTTPConnection
 from pathlib import Path
 from subprocess import CompletedProcess
 
 import pytest
 from rehearsal import NAME, SEED, contents
+from served import ServedPage
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
@@ -25,28 +23,18 @@ pytestmark = pytest.mark.waits
 TRIES = 1_000
 
 
-def log_in(port: int, token: str) -> str:
-    page = HTTPConnection("127.0.0.1", port, timeout=30)
-    kind = {"Content-Type": "application/x-www-form-urlencoded", "Origin": f"http://127.0.0.1:{port}"}
-    page.request("POST", "/login", f"name=kim&token={token}", kind)
-    answer = page.getresponse()
-    answer.read()
-    page.close()
-    return answer.getheader("set-cookie", "").partition(";")[0]
-
-
-def watch(port: int, cookie: str) -> list[str]:
-    """States of the run that a page is told, until it has heard five batches of points of the living run."""
-    place, origin = f"ws://127.0.0.1:{port}/ws?run={NAME}", f"http://127.0.0.1:{port}"
+def watch(server: ServedPage) -> str:
+    """Return the state that a page is told, once it has heard five batches of points of the living run."""
+    place, head = f"ws://127.0.0.1:{server.port}/ws?run={NAME}", {"Cookie": server.cookie}
     for _ in range(TRIES):
-        with connect(place, origin=origin, additional_headers={"Cookie": cookie}, proxy=None, max_size=None) as page:  # type: ignore[arg-type]
+        with connect(place, origin=server.origin, additional_headers=head, proxy=None, max_size=None) as page:  # type: ignore[arg-type]
             try:
                 said = json.loads(page.recv(timeout=30))
                 if said["state"]["source"] != "live":
                     continue  # it has just begun and does not answer yet
                 for _ in range(5):
                     page.recv(timeout=30)
-                return [said["state"]["state"]]
+                return str(said["state"]["state"])
             except ConnectionClosed as closed:
                 if closed.rcvd is None or closed.rcvd.code != 4404:  # there is no such run yet
                     raise
@@ -59,35 +47,18 @@ def test_a_killed_page_server_leaves_the_run_as_it_is(
     short: tuple[Path, CompletedProcess[str]], tmp_path: Path
 ) -> None:
     unwatched, _ = short
-    environment = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path / "config"), "PYTHONUNBUFFERED": "1"}
-    bench = [sys.executable, "-m", "bench"]
     out = tmp_path / "out"
     out.mkdir()
-    serve = [*bench, "serve", "--out", str(out), "--port", "0"]
-    with subprocess.Popen(serve, stdout=subprocess.PIPE, text=True, env=environment) as server:
-        assert server.stdout is not None
-        said = "".join(line for line, _ in zip(server.stdout, range(4), strict=False))
-        port, token = re.search(r":(\d+)/", said), re.search(r"viewer token: (\S+)", said)
-        assert port is not None
-        assert token is not None
-        cookie = log_in(int(port[1]), token[1])
-        words = [
-            "run",
-            "scale_factor_short",
-            "--seed",
-            str(SEED),
-            "--out",
-            str(out),
-            "--set",
-            "world.calibrator_gain=off",
-            "--truth",
-        ]
-        with subprocess.Popen([*bench, *words], stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL) as run:
-            seen = watch(int(port[1]), cookie)
+    server = ServedPage(tmp_path, tmp_path / "config", "--out", str(out))
+    words = ["run", "scale_factor_short", "--seed", str(SEED), "--out", str(out), "--truth"]
+    command = [sys.executable, "-m", "bench", *words, "--set", "world.calibrator_gain=off"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stdin=subprocess.DEVNULL) as run:
+        try:
+            assert watch(server) in ("starting", "running")
+        finally:
             server.kill()
-            assert run.poll() is None, "the server was to be killed during the run"
-            assert run.wait() == 0
-    assert seen[0] in ("starting", "running")
+        assert run.poll() is None, "the server was to be killed during the run"
+        assert run.wait() == 0
     first, second = contents(unwatched), contents(out / NAME)
     assert {name for name in first if first[name] != second.get(name)} == set()
     assert first.keys() == second.keys()

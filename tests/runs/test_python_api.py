@@ -12,7 +12,7 @@ from typing import Any
 
 import pandas as pd
 import pytest
-from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, bench, contents
+from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, contents
 
 import bench as product
 from bench import api
@@ -72,19 +72,15 @@ def test_check_says_what_the_command_says(inside: Inside) -> None:
 
 
 def test_run_gives_the_session_of_the_command(golden: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Called by its package, which is a module and can be called too."""
     capfd.readouterr()  # what the recording of the golden session said
-    session = api.run(GOLDEN_SEQUENCE, clock="virtual", seed=3, out=tmp_path, truth=True)
+    session = product.run(GOLDEN_SEQUENCE, clock="virtual", seed=3, out=tmp_path, truth=True)
     assert capfd.readouterr().out == ""
     mine, theirs = contents(session.folder), contents(golden)
     assert {name for name in theirs if mine.get(name) != theirs[name]} == set()
     assert (tmp_path / f"{session.folder.name}.truth.json").exists()
     assert (tmp_path / "history.sqlite").exists()
     assert len(session.records) == 10
-
-
-def test_a_run_that_is_called_by_its_package(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(api, "run", lambda *words, **options: (words, options))
-    assert product.run("x", seed=2) == (("x",), {"seed": 2})
 
 
 def test_fit_gives_the_estimates_of_the_command(golden: Path, inside: Inside) -> None:
@@ -138,9 +134,3 @@ def test_the_example_of_the_page_is_executed(short: tuple[Path, Any]) -> None:
         capture_output=True, text=True, check=True, cwd=ROOT,
     )  # fmt: skip
     assert done.stdout == shown
-
-
-def test_the_command_is_the_same_from_a_shell(golden: Path, tmp_path: Path) -> None:
-    done = bench("export", str(golden), "--to", "csv", "--out", str(tmp_path / "tables"))
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "tables" / "records.csv").exists()

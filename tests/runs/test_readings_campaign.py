@@ -10,13 +10,21 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import Crashes, crashed_at, go_on, nobody_in
-from probe_bench import OHM_AT_0, OHM_PER_DEGC, RECORD, TEMPERATURES_DEGC, probe_plan, written
-from probe_campaign import AtReading, command
-from rehearsal import SEED, Rehearsal
+from probe_bench import (
+    NAME,
+    OHM_AT_0,
+    OHM_PER_DEGC,
+    RECORD,
+    TEMPERATURES_DEGC,
+    at_reading,
+    command,
+    probe_plan,
+    written,
+)
+from rehearsal import SEED, Crashes, Rehearsal, Watched, crashed_at, go_on, rehearsed
 
 from bench.commands.run import view_of
-from bench.model.clock import NS, VirtualClock
+from bench.model.clock import NS
 from bench.model.errors import InstrumentError
 from bench.model.events import Event, Reading
 from bench.model.quality import Quality
@@ -24,10 +32,8 @@ from bench.plan.summary import summarise
 from bench.replay import replay_rows
 from bench.run.besides import besides
 from bench.run.context import RunContext
-from bench.run.control.operator import SimulatedOperator
 from bench.run.feed.client import FeedClient
 from bench.run.observers import Observer
-from bench.run.session import conduct
 from bench.run.stop import Wish
 from bench.session.early import verdict
 from bench.session.record_states import INVALID, VALID, record_states
@@ -40,9 +46,9 @@ from bench.web.recorded.past import Past
 from sim_instruments.worlds.common.terminals import Source
 from sim_instruments.worlds.common.world import World
 
-NAME = "20000101T000000Z_probes_P-1"
 ROUNDS, READINGS, RECORDS = 3, 4, 4
 SESSION = tuple[Path, Path]
+Start = Callable[..., Rehearsal]
 pytestmark = pytest.mark.usefixtures("probes")
 
 
@@ -144,20 +150,13 @@ def test_the_page_and_the_terminal_show_readings(tmp_path: Path) -> None:
     plan = probe_plan(tmp_path)
     documents: list[dict[str, Any]] = []
 
-    class Watcher:
-        def step(self, step: object, at_s: float) -> None: ...
-
-        def message(self, text: str) -> None: ...
-
+    class Watcher(Watched):
         def record(self, row: object) -> None:
             client = FeedClient(next((tmp_path / "out").iterdir()))
             documents.append(client.poll(0).header["state"])
             client.close()
 
-    done = conduct(
-        plan, clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(), listener=Watcher(),
-        beside=besides(plan, {}, virtual=True),
-    )  # fmt: skip
+    done = rehearsed(tmp_path / "out", plan, watched=Watcher(), beside=besides(plan, {}, virtual=True)).run
     assert done.outcome.error is None
     recorded = Past().final(done.folder)
     for document in (documents[-1], recorded):
@@ -185,12 +184,10 @@ def counted(folder: Path) -> dict[str, int]:
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 5])
-def test_a_killed_run_is_gone_on_with(
-    crashes: Crashes, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_run_is_gone_on_with(crashes: Crashes, number: int, tmp_path: Path) -> None:
     source = crashes.at(number)
     folder = Path(shutil.copytree(source, tmp_path / source.name))
-    done = go_on(folder, nobody_in(monkeypatch), away_s=600.0)
+    done = go_on(folder, away_s=600.0)
     assert done.outcome.error is None
     view = read_view(folder)
     assert not view.incomplete
@@ -199,7 +196,7 @@ def test_a_killed_run_is_gone_on_with(
     assert counted(folder) == counted(crashes.whole)
 
 
-def test_a_run_that_is_killed_inside_a_record_takes_it_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_that_is_killed_inside_a_record_takes_it_again(tmp_path: Path) -> None:
     """The readings of the record that was cut off stay in the session and belong to no record."""
 
     class CopyBeside(Observer):
@@ -216,13 +213,9 @@ def test_a_run_that_is_killed_inside_a_record_takes_it_again(tmp_path: Path, mon
         context.observers.add(CopyBeside(context))
         return nullcontext()
 
-    plan, watched = probe_plan(tmp_path), nobody_in(monkeypatch)
-    conduct(
-        plan, clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(), listener=watched,
-        beside=[copy_beside],
-    )  # fmt: skip
+    rehearsed(tmp_path / "out", probe_plan(tmp_path), beside=[copy_beside])
     folder = tmp_path / "crash" / NAME
-    assert go_on(folder, watched).outcome.error is None
+    assert go_on(folder).outcome.error is None
     view = read_view(folder)
     assert [row.readings for row in view.rows] == [ROUNDS * READINGS] * RECORDS
     assert len(material_of(view).readings) > RECORDS * ROUNDS * READINGS
@@ -238,14 +231,10 @@ def wished_again(context: RunContext) -> None:
 
 
 @pytest.mark.parametrize("act", [bus_failed, wished_again])
-def test_a_record_that_is_interrupted_is_taken_again(
-    act: Callable[[RunContext], None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_record_that_is_interrupted_is_taken_again(act: Callable[[RunContext], None], tmp_path: Path) -> None:
     """An instrument is waited for, or an interlock asks for it: the readings before belong to no record."""
-    done = conduct(
-        probe_plan(tmp_path), clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(),
-        listener=nobody_in(monkeypatch), beside=[AtReading(ROUNDS + 2, act)], keep_events=KEPT_EVENTS,
-    )  # fmt: skip
+    meter = at_reading(ROUNDS + 2, act)
+    done = rehearsed(tmp_path / "out", probe_plan(tmp_path), beside=[meter], kept=KEPT_EVENTS).run
     assert done.outcome.error is None
     holds = [str(fields["by"]) for kind, _, fields in done.events if kind == "hold"]
     assert holds == (["instrument meter"] if act is bus_failed else [])
@@ -262,9 +251,7 @@ def open_leads(world: World) -> None:
     world.terminals.connect(Source(resistance_ohm=lambda t_ns: 1e9), "scanner", 101)
 
 
-def test_a_reading_without_a_value_is_flagged_and_the_run_goes_on(
-    tmp_path: Path, rehearse: Callable[..., Rehearsal]
-) -> None:
+def test_a_reading_without_a_value_is_flagged_and_the_run_goes_on(tmp_path: Path, rehearse: Start) -> None:
     done = rehearse(
         probe_plan(tmp_path, ("seconds: 60 s", "seconds: 60 s\n          max_lost: 30 %")), arrange=open_leads
     )
@@ -279,9 +266,7 @@ def test_a_reading_without_a_value_is_flagged_and_the_run_goes_on(
     assert not done.events("retake")
 
 
-def test_a_record_that_lost_too_many_readings_is_taken_again(
-    tmp_path: Path, rehearse: Callable[..., Rehearsal]
-) -> None:
+def test_a_record_that_lost_too_many_readings_is_taken_again(tmp_path: Path, rehearse: Start) -> None:
     plan = probe_plan(tmp_path, ("seconds: 60 s", "seconds: 60 s\n          retry: 1"))
     done = rehearse(plan, act=lambda world, step: open_leads(world) if step.number == plan.steps[-1].number else None)
     assert [one["reason"] for one in done.events("retake")] == ["3 of 12 readings lost"]
@@ -289,9 +274,7 @@ def test_a_record_that_lost_too_many_readings_is_taken_again(
     assert [row.unread for row in replay_rows(done.run.folder).rows] == [0, 0, 0, 3]
 
 
-def test_a_record_in_which_nothing_was_read_is_invalid_and_can_be_made_up(
-    tmp_path: Path, rehearse: Callable[..., Rehearsal]
-) -> None:
+def test_a_record_in_which_nothing_was_read_is_invalid_and_can_be_made_up(tmp_path: Path, rehearse: Start) -> None:
     folder = tmp_path / "first"
     plan = probe_plan(folder, (RECORD[RECORD.index("            - scanner.measure_resistance: {channel: 102") :], ""))
     done = rehearse(plan, act=lambda world, step: open_leads(world) if step.number == plan.steps[-1].number else None)
@@ -308,9 +291,7 @@ def test_a_record_in_which_nothing_was_read_is_invalid_and_can_be_made_up(
     assert sum(len([one for one in rows.readings_of(row) if one.value is not None]) for row in rows.rows) == ROUNDS * 5
 
 
-def test_a_record_behind_a_soak_that_stayed_unstable_says_so(
-    tmp_path: Path, rehearse: Callable[..., Rehearsal]
-) -> None:
+def test_a_record_behind_a_soak_that_stayed_unstable_says_so(tmp_path: Path, rehearse: Start) -> None:
     late = ("slot: 60 min", "slot: 5 min\n          late: skip"), ("for: 5 min", "for: 4 min")
     plan = probe_plan(tmp_path, *late)
     done = rehearse(plan)
@@ -319,7 +300,7 @@ def test_a_record_behind_a_soak_that_stayed_unstable_says_so(
     assert [one.state for one in states][-2:] == [INVALID] * 2
 
 
-def test_records_of_readings_without_a_gap(tmp_path: Path, rehearse: Callable[..., Rehearsal]) -> None:
+def test_records_of_readings_without_a_gap(tmp_path: Path, rehearse: Start) -> None:
     windows = ("seconds: 60 s", "seconds: 60 s\n          windows: 2"), ("records: 4", "records: 8")
     plan = probe_plan(tmp_path, *windows)
     done = rehearse(plan)

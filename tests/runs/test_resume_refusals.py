@@ -8,49 +8,48 @@ import zlib
 from pathlib import Path
 
 import pytest
-from crashes import Crashes, copied, go_on, kinds
-from rehearsal import ROOT, SEED, Watched, tiny_plan
+from rehearsal import (
+    ROOT,
+    Crashes,
+    assert_nothing_switched,
+    compiled,
+    copied,
+    go_on,
+    kinds,
+    overheard,
+    rehearsed,
+    tiny_plan,
+)
 
 from bench.analysis import results_json
 from bench.commands.resume import resume
 from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus, InputError, InstrumentError, SessionDamaged
 from bench.model.shipped import find_shipped
-from bench.plan import Plan, Step, compile_sequence, frozen_plan, load_station
+from bench.plan import Step, frozen_plan, load_station
 from bench.record import Journal, SessionReader
 from bench.run.bench.talk import TalkSession
-from bench.run.control.operator import SimulatedOperator
 from bench.run.resume import changed_files, read_stopped
-from bench.run.session import Conducted, conduct
+from bench.run.session import Conducted
 from bench.session.happenings import happenings
 from bench.session.service import read_view
 from bench.session.view import analyse_view
-from sim_instruments.worlds import simulation
 from sim_instruments.worlds.common.world import World
 
 
-def test_another_standard_is_refused_before_any_stimulus(
-    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_another_standard_is_refused_before_any_stimulus(crashes: Crashes, tmp_path: Path) -> None:
     folder = copied(crashes, "between points", tmp_path)
     before = sorted(path.name for path in folder.iterdir())
-    plain = simulation.open_world
-    heard: list[str] = []
+    heard: list[list[str]] = []
 
-    def open_world(*words: object, **options: object) -> World:
-        world = plain(*words, **options)  # type: ignore[arg-type]
+    def exchange(world: World) -> None:
         world.faults.instrument("rail_dmm").identity = "HEWLETT-PACKARD,34401A,4711,11-5-2"
-        for device in world.instruments.values():
-            run = device.execute
-            device.execute = lambda text, run=run: (heard.append(text), run(text))[1]  # type: ignore[misc]
-        return world
+        heard.append(overheard(world))
 
-    monkeypatch.setattr(simulation, "open_world", open_world)
     with pytest.raises(InstrumentError) as caught:
-        go_on(folder, Watched(lambda world, step: None, worlds=[None]))  # type: ignore[list-item]
+        go_on(folder, arrange=exchange)
     assert caught.value.code in ("B-RES-006", "B-RUN-006")
-    assert heard
-    assert [text for text in heard if text.upper().startswith(("OPER", "OUT ", "OUTP ON", ":CLOS (", "RUNM"))] == []
+    assert_nothing_switched(heard[0])
     assert sorted(path.name for path in folder.iterdir()) == before
 
 
@@ -92,7 +91,6 @@ def test_another_plan_is_refused_and_the_same_one_is_not(crashes: Crashes, tmp_p
 
 
 def test_a_session_without_a_plan_is_refused(tmp_path: Path) -> None:
-
     station = load_station(find_shipped("stations", "af_bench_sim"))
     with TalkSession(station, "dmm", VirtualClock(), tmp_path) as session:
         session.send("ID?")
@@ -104,17 +102,13 @@ def test_a_session_without_a_plan_is_refused(tmp_path: Path) -> None:
 def test_a_session_that_lost_its_plan_is_refused(crashes: Crashes, tmp_path: Path) -> None:
     folder = copied(crashes, "between points", tmp_path)
     stopped = read_stopped(folder)
-
     texts = dict(SessionReader(folder).texts)
     changed = texts["plan.json"].replace('"current":0.1,', '"current":0.2,', 1)
     assert changed != texts["plan.json"]
-    with pytest.raises(SessionDamaged, match="B-RES-004"):
-        frozen_plan(folder, stopped.manifest, {**texts, "plan.json": changed})
-    with pytest.raises(SessionDamaged, match="B-RES-004"):
-        frozen_plan(folder, stopped.manifest, {**texts, "plan.json": "[{}]"})
     missing = {name: text for name, text in texts.items() if not name.startswith("stations/")}
-    with pytest.raises(SessionDamaged, match="B-RES-004"):
-        frozen_plan(folder, stopped.manifest, missing)
+    for damaged in ({**texts, "plan.json": changed}, {**texts, "plan.json": "[{}]"}, missing):
+        with pytest.raises(SessionDamaged, match="B-RES-004"):
+            frozen_plan(folder, stopped.manifest, damaged)
 
 
 def test_the_frozen_plan_is_the_plan(crashes: Crashes) -> None:
@@ -134,36 +128,28 @@ def own_files(folder: Path) -> Path:
     return (folder / "tiny.yaml").rename(folder / "sequences" / "tiny.yaml")
 
 
-def run(path: Path, out: Path, watched: Watched) -> tuple[Plan, Conducted]:
-    plan = compile_sequence(path, None, {"world.calibrator_gain": "off"})
-    done = conduct(
-        plan, clock=VirtualClock(), seed=SEED, out=out, operator=SimulatedOperator(), listener=watched,
-        keep_events=("config",),
-    )  # fmt: skip
-    assert done.outcome.error is None
-    return plan, done
-
-
 def test_a_changed_file_does_not_matter_and_is_reported(tmp_path: Path) -> None:
     path = own_files(tmp_path)
+
+    def nothing(world: World, step: Step) -> None:
+        return None
 
     def change(world: World, step: Step) -> None:
         if step.kind == "soak" and step.phase == "campaign":
             path.write_text("sequence: destroyed\n")
             (tmp_path / "frames" / "ngu_a.yaml").unlink()
 
-    quiet = Watched(lambda world, step: None, worlds=[None])  # type: ignore[list-item]
-    plan, undisturbed = run(path, tmp_path / "a", quiet)
-    assert undisturbed.events == []
-    assert not any("on the disk" in text for text in quiet.messages)
-    watched = Watched(change, worlds=[None])  # type: ignore[list-item]
-    _, changed = run(path, tmp_path / "b", watched)
-    events = [fields for _, _, fields in changed.events]
-    assert events == [
+    plan = compiled(path)
+    quiet, told = (rehearsed(tmp_path / act.__name__, plan, act=act, kept=("config",)) for act in (nothing, change))
+    assert quiet.events("config") == []
+    assert not any("on the disk" in text for text in quiet.watched.messages)
+    assert told.events("config") == [
         {"file": "frames/ngu_a.yaml", "change": "gone"},
         {"file": "sequences/tiny.yaml", "change": "changed"},
     ]
-    assert "sequences/tiny.yaml is changed on the disk; the run used its own copy" in watched.messages
+    undisturbed, changed = quiet.run, told.run
+    assert undisturbed.outcome.error is changed.outcome.error is None
+    assert "sequences/tiny.yaml is changed on the disk; the run used its own copy" in told.watched.messages
     assert any(text.startswith("config at") for text in happenings(read_view(changed.folder)))
     assert changed_files(plan.files, plan.texts) == {"frames/ngu_a.yaml": "gone", "sequences/tiny.yaml": "changed"}
     the_same_but_for_the_hash(undisturbed, changed)

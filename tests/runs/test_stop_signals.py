@@ -7,25 +7,19 @@ import signal
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from test_campaign_faults import assert_safe
+from rehearsal import ROOT, Rehearsal, Watched, assert_safe, rehearsed
 
 from bench.model.clock import NS, WallClock
 from bench.plan import Plan, compile_sequence
 from bench.record import SessionReader
 from bench.record.layout import INSTRUMENT
 from bench.record.writer import OPEN_MARKER
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import Conducted, conduct
-from sim_instruments.worlds import simulation
-from sim_instruments.worlds.common.world import World
 
 pytestmark = pytest.mark.waits
 
-ROOT = Path(__file__).resolve().parents[2]
 SAFE_S = 5.0
 OFF = {"calibrator": "STBY", "switch": ":OPEN ALL", "supply": "OUTP OFF"}
 LATEST_S = 9.0  # after the first step: preparation, wiring check, soak, the first points
@@ -34,19 +28,6 @@ LATEST_S = 9.0  # after the first step: preparation, wiring check, soak, the fir
 @pytest.fixture(scope="module")
 def plan() -> Plan:
     return compile_sequence(ROOT / "sequences" / "scale_factor_wall_30s.yaml", None, {})
-
-
-@pytest.fixture
-def worlds(monkeypatch: pytest.MonkeyPatch) -> list[World]:
-    found: list[World] = []
-    plain = simulation.open_world
-
-    def open_world(*words: Any, **options: Any) -> World:
-        found.append(plain(*words, **options))
-        return found[-1]
-
-    monkeypatch.setattr(simulation, "open_world", open_world)
-    return found
 
 
 @pytest.fixture(autouse=True)
@@ -58,10 +39,11 @@ def _deaf() -> Iterator[None]:
         signal.signal(number, handler)
 
 
-class Signals:
+class Signals(Watched):
     """Listener that sends signals: (seconds after the first step, which) in order of time."""
 
     def __init__(self, due: list[tuple[float, signal.Signals]], clock: WallClock) -> None:
+        super().__init__()
         self._due, self._clock = due, clock
         self.sent_ns: list[int] = []
         self.over = threading.Event()
@@ -72,12 +54,6 @@ class Signals:
             self._began_ns = self._clock.now_ns()
             self._thread.start()
             self.step: Callable[..., None] = lambda *_: None  # type: ignore[method-assign]
-
-    def record(self, _: object) -> None:
-        return None
-
-    def message(self, _: str) -> None:
-        return None
 
     def _send(self) -> None:
         for at_s, which in self._due:
@@ -92,7 +68,7 @@ class Signals:
         self._thread.join()
 
 
-def stopped(plan: Plan, out: Path, seed: int) -> tuple[Conducted, Signals]:
+def stopped(plan: Plan, out: Path, seed: int) -> tuple[Rehearsal, Signals]:
     rng = np.random.default_rng(seed)
     due = [(float(rng.uniform(0.0, LATEST_S)), signal.Signals(int(rng.choice([signal.SIGINT, signal.SIGTERM]))))]
     if rng.random() < 0.5:
@@ -100,12 +76,9 @@ def stopped(plan: Plan, out: Path, seed: int) -> tuple[Conducted, Signals]:
     print(f"seed {seed}: {due}")
     clock = WallClock()
     signals = Signals(due, clock)
-    run = conduct(
-        plan, clock=clock, seed=seed, out=out, operator=SimulatedOperator(), listener=signals,
-        keep_events=("error", "safe", "end"),
-    )  # fmt: skip
+    done = rehearsed(out, plan, clock=clock, seed=seed, watched=signals)
     signals.join()
-    return run, signals
+    return done, signals
 
 
 def last_off(reader: SessionReader) -> dict[str, int]:
@@ -121,12 +94,13 @@ def last_off(reader: SessionReader) -> dict[str, int]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("seed", [*range(4), *(pytest.param(n, marks=pytest.mark.sweep) for n in range(4, 210))])
-def test_signals_at_random_instants(tmp_path: Path, plan: Plan, worlds: list[World], seed: int) -> None:
-    run, signals = stopped(plan, tmp_path, seed)
+def test_signals_at_random_instants(tmp_path: Path, plan: Plan, seed: int) -> None:
+    done, signals = stopped(plan, tmp_path, seed)
+    run = done.run
     assert run.outcome.error.code in ("B-RUN-010", "B-RUN-011")
     assert run.outcome.error.exit_status == 4
     assert run.outcome.unsafe == ()
-    assert_safe(worlds[-1])
+    assert_safe(done.world)
     assert not (run.folder / OPEN_MARKER).exists()
     reader = SessionReader(run.folder, strict=True)
     took_s = {role: (t_ns - signals.sent_ns[0]) / NS for role, t_ns in last_off(reader).items()}

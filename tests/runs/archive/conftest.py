@@ -8,7 +8,7 @@ from pathlib import Path
 
 import archive_sample
 import pytest
-from recorded import recorded, writable_copy
+from rehearsal import recorded, writable_copy
 
 from bench.archive.index import add
 from bench.archive.work import computed_here

@@ -4,41 +4,29 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import Any
 
 import pytest
-from crashes import Crashes, crashed_at, go_on, nobody, nobody_in
-from probe_campaign import command
-from probe_decisions import HEAD, WARM_UP, deciding_plan, sequence_file
-from rehearsal import SEED, Rehearsal, contents
+from probe_bench import NAME, AtMeter, command
+from probe_decisions import HEAD, WARM_UP, deciding_plan, events_of, sequence_file
+from rehearsal import SEED, Crashes, Rehearsal, contents, crashed_at, go_on, rehearsed
 
-from bench.model.clock import NS, VirtualClock
+from bench.model.clock import NS
 from bench.model.errors import InputError, InstrumentError
-from bench.model.events import Event, Hold, event_of
-from bench.plan import Plan
-from bench.record import SessionReader, layout
+from bench.model.events import event_of
+from bench.record import SessionReader
 from bench.run.context import RunContext
-from bench.run.control.channel import RELEASABLE
-from bench.run.control.operator import SimulatedOperator
-from bench.run.observers import Observer
-from bench.run.session import Conducted, conduct
+from bench.run.session import Conducted
 from bench.session.service import read_view
-from bench.session.view import KEPT_EVENTS, analyse_view
+from bench.session.view import analyse_view
 from bench.web.recorded.past import Past
 
-NAME = "20000101T000000Z_probes_P-1"
 LOOP, IF, CHOOSE = 4, 65, 69  # numbers of decisions in the plan
 OHM = "meter.measure_resistance: {range: 1 kohm, cycles: 10}"
-ONCE = HEAD.replace("analysis: probe_means\n", "") + f"  - {OHM}\n  - settle: 10 s\n"
+PLAIN = HEAD.replace("analysis: probe_means\n", "")
+ONCE = PLAIN + f"  - {OHM}\n  - settle: 10 s\n"
 BRANCHES = "    then: [settle: 1 h]\n"
 pytestmark = pytest.mark.usefixtures("probes")
-
-
-def events_of(folder: Path, kind: str) -> list[dict[str, Any]]:
-    messages = (message for message in SessionReader(folder).messages() if message.topic == layout.EVENT)
-    return [dict(fields) for found, fields in (message.event() for message in messages) if found == kind]
 
 
 def decided(folder: Path) -> list[tuple[int, str, float]]:
@@ -78,10 +66,7 @@ def test_the_time_of_what_is_left_out_does_not_pass(crashes: Crashes) -> None:
 
 
 def test_the_same_seed_gives_the_same_bytes(crashes: Crashes, tmp_path: Path) -> None:
-    again = conduct(
-        deciding_plan(tmp_path), clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(),
-        listener=nobody(),
-    )  # fmt: skip
+    again = rehearsed(tmp_path / "out", deciding_plan(tmp_path)).run
     assert contents(again.folder) == contents(crashes.whole)
 
 
@@ -115,15 +100,13 @@ def test_what_decided_is_not_made_up(crashes: Crashes, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("number", [9, 13, 14, 28, IF, 66, CHOOSE, 72])
-def test_a_killed_run_goes_on_with_what_was_decided(
-    crashes: Crashes, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_run_goes_on_with_what_was_decided(crashes: Crashes, number: int, tmp_path: Path) -> None:
     """Nothing is decided twice, the ways taken are those of the undisturbed run, and a replay gives the same bytes."""
     source = crashes.at(number)
     before = decided(source)
     folders = [Path(shutil.copytree(source, tmp_path / name / NAME)) for name in ("first", "second")]
     for folder in folders:
-        assert go_on(folder, nobody_in(monkeypatch)).outcome.error is None
+        assert go_on(folder).outcome.error is None
     first, second = folders
     steps = [step for step, _, _ in decided(first)]
     assert steps == sorted(set(steps))
@@ -132,11 +115,8 @@ def test_a_killed_run_goes_on_with_what_was_decided(
     assert contents(first) == contents(second)
     results = [analyse_view(read_view(folder))[0] for folder in (first, second, first)]
     assert results[0] == results[1] == results[2]
-    assert [one["conditions"] for one in results[0]["estimates"]] == conditions(crashes.whole)
-
-
-def conditions(folder: Path) -> list[dict[str, Any]]:
-    return [one["conditions"] for one in analyse_view(read_view(folder))[0]["estimates"]]
+    whole = analyse_view(read_view(crashes.whole))[0]
+    assert [one["conditions"] for one in results[0]["estimates"]] == [one["conditions"] for one in whole["estimates"]]
 
 
 def test_the_commands_go_on_and_replay_to_the_same_bytes(crashes: Crashes, tmp_path: Path) -> None:
@@ -152,49 +132,27 @@ def test_the_commands_go_on_and_replay_to_the_same_bytes(crashes: Crashes, tmp_p
 # --- nothing to decide by, and no turn left --------------------------------------------------------------------------
 
 
-class Failing:
-    """The meter reads nothing the first ``times``; a Beside of ``conduct`` that also releases what a decision holds."""
+def failing(times: int) -> AtMeter:
+    """The meter reads nothing the first ``times``; what a decision holds is released at once."""
 
-    def __init__(self, times: int) -> None:
-        self.left = times
-        self.held: list[str] = []
+    def act(context: RunContext, number: int) -> None:
+        if number <= times:
+            raise InstrumentError("B-INST-007", "overload", where="meter")
 
-    def __call__(self, context: RunContext) -> AbstractContextManager[None]:
-        meter: Any = context.instruments["meter"]
-        plain, failing = meter.measure_resistance, self
-
-        def measure(**arguments: Any) -> float:
-            failing.left -= 1
-            if failing.left >= 0:
-                raise InstrumentError("B-INST-007", "overload", where="meter")
-            return float(plain(**arguments))
-
-        class Releasing(Observer):
-            def event(self, event: Event, t_mono_ns: int) -> None:
-                if isinstance(event, Hold):
-                    failing.held.append(event.reason)
-                    assert event.by in RELEASABLE
-                    assert context.stop.holds.release(event.by)
-
-        meter.measure_resistance = measure
-        context.observers.add(Releasing())
-        return nullcontext()
+    return AtMeter(act, held_s=0.0)
 
 
-def conducted(plan: Plan, out: Path, failing: Failing) -> Conducted:
-    return conduct(
-        plan, clock=VirtualClock(), seed=SEED, out=out, operator=SimulatedOperator(), listener=nobody(),
-        beside=[failing], keep_events=KEPT_EVENTS,
-    )  # fmt: skip
+def conducted(tmp_path: Path, text: str, meter: AtMeter | None = None) -> Conducted:
+    return rehearsed(tmp_path / "out", deciding_plan(tmp_path, text), beside=[meter or failing(0)]).run
 
 
 def test_a_missing_reading_holds_until_it_is_read(tmp_path: Path) -> None:
-    failing = Failing(2)
+    meter = failing(2)
     text = ONCE + "  - if: {reading: meter.measure_resistance, above: 1 ohm}\n" + BRANCHES
-    done = conducted(deciding_plan(tmp_path, text), tmp_path / "out", failing)
+    done = conducted(tmp_path, text, meter)
     assert done.outcome.error is None
     why = "meter.measure_resistance gave no value at step 0, so nothing can be decided by it"
-    assert failing.held == [why, why]
+    assert meter.held == [why, why]
     ((step, outcome, ohm),) = decided(done.folder)
     assert (step, outcome) == (2, "then")
     assert ohm == pytest.approx(109.0, abs=1.0)
@@ -211,20 +169,20 @@ def test_a_missing_reading_holds_until_it_is_read(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_a_missing_reading_takes_what_is_declared(tmp_path: Path, decision: str, outcome: str) -> None:
-    failing = Failing(1)
-    done = conducted(deciding_plan(tmp_path, f"{ONCE}  - {decision}"), tmp_path / "out", failing)
-    assert (done.outcome.error, failing.held) == (None, [])
+    meter = failing(1)
+    done = conducted(tmp_path, f"{ONCE}  - {decision}", meter)
+    assert (done.outcome.error, meter.held) == (None, [])
     assert decided(done.folder) == [(2, outcome, None)]
     assert str(event_of("decision", events_of(done.folder, "decision")[0]).sentence).endswith(f"a value: {outcome}")
 
 
 def test_a_prompt_is_a_reading(tmp_path: Path) -> None:
     """The simulated operator answers with the middle of the limits, 2 ohm."""
-    asked = HEAD.replace("analysis: probe_means\n", "") + (
+    asked = PLAIN + (
         "  - prompt: {text: measure, value: {unit: ohm, low: 1 ohm, high: 4 ohm, quantity: isolation}}\n"
         "  - choose: isolation\n    cases: [{within: [1900 mohm, 2.1 ohm], do: [settle: 1 s]}]\n"
     )
-    done = conducted(deciding_plan(tmp_path, asked), tmp_path / "out", Failing(0))
+    done = conducted(tmp_path, asked)
     assert decided(done.folder) == [(1, "case 1", 2.0)]
 
 
@@ -236,9 +194,9 @@ def test_a_preparation_may_wait_for_a_reading(tmp_path: Path) -> None:
         "  - while: {reading: chamber.measure_air, below: 30 degC}\n    at_most: 50\n"
         "    do: [settle: 60 s, chamber.measure_air]\nsteps:\n  - settle: 100 s\n"
     )
-    plan = deciding_plan(tmp_path, HEAD.replace("analysis: probe_means\n", "").replace("steps:\n", waits))
+    plan = deciding_plan(tmp_path, PLAIN.replace("steps:\n", waits))
     assert (plan.prepare_s, plan.duration_s) == (10.0 + 50 * 60.0, 100.0)
-    done = conducted(plan, tmp_path / "out", Failing(0))
+    done = rehearsed(tmp_path / "out", plan).run
     assert (done.outcome.error, done.outcome.slip_s, done.outcome.steps_done) == (None, 0.0, len(plan.steps))
     turns = sum(outcome == "turn" for _, outcome, _ in decided(done.folder))
     assert 1 < turns < 10
@@ -260,11 +218,11 @@ def test_a_loop_without_a_turn_left_ends_the_run_safely(tmp_path: Path, rehearse
 
 
 def test_a_run_that_has_ended_so_decides_again_when_it_is_gone_on_with(
-    tmp_path: Path, rehearse: Callable[..., Rehearsal], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, rehearse: Callable[..., Rehearsal]
 ) -> None:
     """What ended the run was no decision: the last record is taken again, and its reading counts."""
     folder = rehearse(deciding_plan(tmp_path, never())).run.folder
-    again = go_on(folder, nobody_in(monkeypatch), away_s=60.0)
+    again = go_on(folder, away_s=60.0)
     assert again.outcome.error is not None
     assert again.outcome.error.code == "B-RUN-073"
     assert len(events_of(folder, "record")) == 3
@@ -273,11 +231,11 @@ def test_a_run_that_has_ended_so_decides_again_when_it_is_gone_on_with(
 @pytest.mark.parametrize("ending", ["go_on", "hold"])
 def test_a_loop_without_a_turn_left_goes_on_or_holds(tmp_path: Path, ending: str) -> None:
     """Held, it takes its last reading again, each time somebody lets it go on, until the air is warm enough."""
-    failing = Failing(0)
-    done = conducted(deciding_plan(tmp_path, never(f"\n    else: {ending}")), tmp_path / "out", failing)
+    meter = failing(0)
+    done = conducted(tmp_path, never(f"\n    else: {ending}"), meter)
     assert done.outcome.error is None
     last = decided(done.folder)[-1]
     assert last[:2] == (10, "go_on" if ending == "go_on" else "done")
     assert (last[2] >= 35.0) == (ending == "hold")
-    assert bool(failing.held) == (ending == "hold")
+    assert bool(meter.held) == (ending == "hold")
     assert [row.window.number for row in done.outcome.rows] == [1, 2]

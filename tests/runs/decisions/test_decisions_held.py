@@ -5,26 +5,21 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
-from crashes import Crashes, crashed_at, go_on, nobody, nobody_in
-from probe_campaign import AtReading
-from probe_decisions import HEAD, deciding_plan
-from rehearsal import SEED
+from probe_bench import AtMeter, at_reading
+from probe_decisions import HEAD, deciding_plan, events_of
+from rehearsal import Crashes, crashed_at, go_on, rehearsed
 
-from bench.model.clock import NS, VirtualClock
+from bench.model.clock import NS
 from bench.model.events import event_of
-from bench.plan import Plan
 from bench.record import SessionReader
 from bench.replay import replay_rows
 from bench.run.context import RunContext
 from bench.run.control.channel import OPERATOR
-from bench.run.control.operator import SimulatedOperator
 from bench.run.feed.state import RunState
-from bench.run.session import Conducted, conduct
+from bench.run.session import Conducted
 from bench.run.stop import Wish
-from bench.session.view import KEPT_EVENTS
 from instruments.thermotron_3800 import Thermotron3800
 
 RECORD = """\
@@ -60,16 +55,8 @@ HELD_S = 100.0
 pytestmark = pytest.mark.usefixtures("probes")
 
 
-def conducted(plan: Plan, out: Path, beside: AtReading) -> Conducted:
-    return conduct(
-        plan, clock=VirtualClock(), seed=SEED, out=out, operator=SimulatedOperator(), listener=nobody(),
-        beside=[beside], keep_events=KEPT_EVENTS,
-    )  # fmt: skip
-
-
-def events_of(folder: Path, kind: str) -> list[dict[str, Any]]:
-    messages = (message for message in SessionReader(folder).messages() if message.topic.endswith("event"))
-    return [dict(fields) for found, fields in (message.event() for message in messages) if found == kind]
+def conducted(tmp_path: Path, beside: AtMeter) -> Conducted:
+    return rehearsed(tmp_path / "out", deciding_plan(tmp_path, SEQUENCE), beside=[beside]).run
 
 
 def pause(context: RunContext) -> None:
@@ -91,7 +78,7 @@ def test_the_plan(tmp_path: Path) -> None:
 @pytest.mark.parametrize("act", [pause, again])
 def test_a_point_that_is_taken_again_keeps_its_decision(tmp_path: Path, act: Callable[[RunContext], None]) -> None:
     """Both records of the branch are taken again from the first step of the point, and decided is only once."""
-    done = conducted(deciding_plan(tmp_path, SEQUENCE), tmp_path / "out", AtReading(2, act, HELD_S))
+    done = conducted(tmp_path, at_reading(2, act, HELD_S))
     assert done.outcome.error is None
     assert [(one["step"], one["outcome"]) for one in events_of(done.folder, "decision")] == [(DECISION, "then")]
     assert len(events_of(done.folder, "reading")) == 2 + 2 + 2
@@ -102,7 +89,7 @@ def test_a_point_that_is_taken_again_keeps_its_decision(tmp_path: Path, act: Cal
 
 def test_time_goes_on_as_planned_behind_a_hold(tmp_path: Path) -> None:
     """The run lasts as long as the way that was taken, and the slip: not the hour of the other branch."""
-    done = conducted(deciding_plan(tmp_path, SEQUENCE), tmp_path / "out", AtReading(2, pause, HELD_S))
+    done = conducted(tmp_path, at_reading(2, pause, HELD_S))
     assert events_of(done.folder, "release")[0]["seconds"] == pytest.approx(100.0, abs=1.0)
     assert 100.0 < done.outcome.slip_s < 300.0
     last_ns = max(message.t_ns for message in SessionReader(done.folder).messages())
@@ -111,8 +98,8 @@ def test_time_goes_on_as_planned_behind_a_hold(tmp_path: Path) -> None:
 
 def test_a_point_that_is_skipped_does_not_jump_over_a_decision(tmp_path: Path) -> None:
     """Skipped in its first record; the rest of the branch is done, and the other branch is not."""
-    skip = AtReading(1, lambda context: context.stop.holds.wish(Wish("skip", "interlock air", "too warm")), HELD_S)
-    done = conducted(deciding_plan(tmp_path, SEQUENCE), tmp_path / "out", skip)
+    skip = at_reading(1, lambda context: context.stop.holds.wish(Wish("skip", "interlock air", "too warm")), HELD_S)
+    done = conducted(tmp_path, skip)
     assert done.outcome.error is None
     assert [row.window.step for row in done.outcome.rows] == [LAST]
     assert [(one["by"], one["first"], one["stop"]) for one in events_of(done.folder, "skip")] == [
@@ -127,12 +114,10 @@ def crashes(tmp_path_factory: pytest.TempPathFactory, probes: None) -> Crashes:
 
 
 @pytest.mark.parametrize("number", [4, DECISION, 6, LAST])
-def test_a_killed_point_is_taken_again_on_the_same_way(
-    crashes: Crashes, number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_killed_point_is_taken_again_on_the_same_way(crashes: Crashes, number: int, tmp_path: Path) -> None:
     """The chamber goes back to the temperature that the run had sent it to, not to that of the branch left out."""
     folder = Path(shutil.copytree(crashes.at(number), tmp_path / crashes.whole.name))
-    assert go_on(folder, nobody_in(monkeypatch)).outcome.error is None
+    assert go_on(folder).outcome.error is None
     assert [one["outcome"] for one in events_of(folder, "decision")] == ["then"]
     assert {one["target_degC"] for one in events_of(folder, "reentry")} == {40.0}
     assert [row.window.step for row in replay_rows(folder).rows] == [6, LAST]
@@ -145,7 +130,7 @@ def test_a_decision_stands_though_the_reading_is_another_now(
     folder = Path(shutil.copytree(crashes.at(LAST), tmp_path / crashes.whole.name))
     assert [one["outcome"] for one in events_of(folder, "decision")] == ["then"]
     monkeypatch.setattr(Thermotron3800, "measure_air", lambda chamber: 50.0)
-    assert go_on(folder, nobody_in(monkeypatch)).outcome.error is None
+    assert go_on(folder).outcome.error is None
     assert [one["value"] for one in events_of(folder, "reading") if one["name"] == "measure_air"][-1] == 50.0
     assert [one["outcome"] for one in events_of(folder, "decision")] == ["then"]
     assert [row.window.step for row in replay_rows(folder).rows] == [6, LAST]

@@ -4,21 +4,17 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import re
 import shutil
 import statistics
 import subprocess
 import sys
-from http.client import HTTPConnection
 from pathlib import Path
-from typing import Any
-from urllib.parse import urlencode
 
 import pytest
 from import_sample import LOG, SHORT
 from own_lab import ANALYSIS, DRIVER, NAME, SIMULATOR, copied
-from rehearsal import Inside, bench, contents
+from rehearsal import ROOT, Inside, bench, contents
+from served import ServedPage
 
 import bench as bench_module
 from bench.maths.verdict import coverage_factor
@@ -42,6 +38,10 @@ def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def lab(recorded: Path, tmp_path: Path) -> Path:
     """Return a copy of it at another path, to be changed."""
     return Path(shutil.copytree(recorded, tmp_path / "moved"))
+
+
+def sha256_of(path: Path) -> str:
+    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def one_line(done: subprocess.CompletedProcess[str], code: str) -> str:
@@ -68,9 +68,7 @@ def test_the_results_are_the_means_of_the_readings(recorded: Path) -> None:
 
 def test_the_session_says_which_code_it_is_of(recorded: Path) -> None:
     session = bench_module.load(recorded / SESSION)
-    hashes = {
-        place: hashlib.sha256((recorded / place).read_bytes()).hexdigest() for place in (ANALYSIS, DRIVER, SIMULATOR)
-    }
+    hashes = {place: sha256_of(recorded / place) for place in (ANALYSIS, DRIVER, SIMULATOR)}
     assert session.manifest["lab"] == {"name": "Example laboratory", "files": hashes}
     for place in hashes:
         assert session.texts[place] == (recorded / place).read_text()
@@ -98,27 +96,25 @@ def test_moved_it_is_verified_fitted_replayed_and_reported(lab: Path, inside: In
     assert (lab / SESSION / "report.html").read_bytes() == before
 
 
-@pytest.mark.parametrize("command", ["fit", "replay", "report"])
-def test_without_the_folder_the_results_are_refused(
-    recorded: Path, tmp_path: Path, command: str, inside: Inside
+def test_without_the_folder_the_recording_is_read_and_results_are_refused(
+    recorded: Path, tmp_path: Path, inside: Inside
 ) -> None:
-    said = one_line(inside(command, str(recorded / SESSION), cwd=tmp_path), "B-LAB-007")
-    assert "there is no lab folder here" in said
-    assert ANALYSIS in said
-
-
-def test_without_the_folder_the_recording_is_read(recorded: Path, tmp_path: Path, inside: Inside) -> None:
-    done = inside("export", str(recorded / SESSION), "--to", "csv", "--out", str(tmp_path / "tables"), cwd=tmp_path)
+    session = str(recorded / SESSION)
+    for command in ("fit", "replay", "report"):
+        said = one_line(inside(command, session, cwd=tmp_path), "B-LAB-007")
+        assert "there is no lab folder here" in said
+        assert ANALYSIS in said
+    done = inside("export", session, "--to", "csv", "--out", str(tmp_path / "tables"), cwd=tmp_path)
     assert (done.returncode, "20 rows" in done.stdout) == (0, True), done.stderr
-    done = inside("recover", str(recorded / SESSION), cwd=tmp_path)
+    done = inside("recover", session, cwd=tmp_path)
     assert (done.returncode, "B-LAB-007" in done.stdout) == (0, True)
     assert "nothing is damaged" in done.stdout
 
 
 def test_another_analysis_is_said_with_both_hashes(lab: Path, inside: Inside) -> None:
-    before = hashlib.sha256((lab / ANALYSIS).read_bytes()).hexdigest()
+    before = sha256_of(lab / ANALYSIS)
     (lab / ANALYSIS).write_text((lab / ANALYSIS).read_text() + "\n# changed\n")
-    now = hashlib.sha256((lab / ANALYSIS).read_bytes()).hexdigest()
+    now = sha256_of(lab / ANALYSIS)
     says = f"Computed by {ANALYSIS} as it is today, SHA-256 {now[:12]}; the session was recorded with {before[:12]}."
     for _ in range(2):  # computed, then kept from before
         fitted = inside("fit", SESSION, cwd=lab)
@@ -135,8 +131,7 @@ def test_another_analysis_is_said_with_both_hashes(lab: Path, inside: Inside) ->
 def test_code_in_a_session_is_never_executed(lab: Path, inside: Inside) -> None:
     """The file is gone, its text is in the session: nothing takes it from there."""
     (lab / ANALYSIS).unlink()
-    said = one_line(inside("fit", SESSION, cwd=lab), "B-LAB-007")
-    assert f"{lab} has no such file" in said
+    assert f"{lab} has no such file" in one_line(inside("fit", SESSION, cwd=lab), "B-LAB-007")
 
 
 @pytest.mark.parametrize("command", ["list", "check"])
@@ -145,8 +140,7 @@ def test_nothing_is_imported_from_the_folder(lab: Path, command: str) -> None:
         (lab / name).write_text("raise SystemExit('this was executed')\n")
     words = (command,) if command == "list" else (command, "air_mean")
     for place in (lab, lab / "stations"):
-        command_line = [sys.executable, "-m", "bench", *words]
-        done = subprocess.run(command_line, capture_output=True, text=True, check=False, cwd=place)
+        done = bench(*words, cwd=place)
         assert (done.returncode, "this was executed" in done.stderr) == (0, False), done.stderr
 
 
@@ -209,7 +203,7 @@ def test_an_analysis_that_fails_costs_no_recording(lab: Path, inside: Inside, bo
 
 def test_without_owners_it_is_loaded_by_trust(lab: Path) -> None:
     """On a system without owners of files, as Windows is (tests/support/off_posix.py)."""
-    program = Path(__file__).resolve().parents[2] / "support" / "off_posix.py"
+    program = ROOT / "tests" / "support" / "off_posix.py"
     commands = [["check", "air_mean"], ["--trust-lab", "check", "air_mean"]]
     command_line = [sys.executable, str(program), "--all", json.dumps(commands)]
     done = subprocess.run(command_line, capture_output=True, text=True, check=True, cwd=lab)
@@ -226,39 +220,9 @@ def test_the_option_of_windows_trusts_nothing_here(lab: Path) -> None:
 @pytest.mark.waits
 @pytest.mark.slow
 def test_the_page_shows_it(lab: Path, tmp_path: Path) -> None:
-    command = [sys.executable, "-m", "bench", "serve", "--port", "0"]
-    environment = {**os.environ, "XDG_CONFIG_HOME": str(tmp_path / "config"), "PYTHONUNBUFFERED": "1"}
-    with subprocess.Popen(
-        command, cwd=lab, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
-    ) as server:
-        try:
-            assert server.stdout is not None
-            said = ""
-            while "Ctrl-C" not in said and (line := server.stdout.readline()):
-                said += line
-            found = re.search(r"http://127.0.0.1:(\d+)/", said)
-            assert found is not None, said
-            page = HTTPConnection("127.0.0.1", int(found[1]), timeout=30)
-            cookie = _logged_in(page, found[0].rstrip("/"), said.partition("viewer token: ")[2].split()[0])
-            state: dict[str, Any] = json.loads(_got(page, f"/api/v1/runs/{NAME}", cookie))
-            assert state["state"] == "ended"
-            assert "Mean temperature of the air" in _got(page, f"/api/v1/runs/{NAME}/report", cookie)
-            page.close()
-        finally:
-            server.kill()
-
-
-def _logged_in(page: HTTPConnection, origin: str, token: str) -> str:
-    headers = {"Origin": origin, "Content-Type": "application/x-www-form-urlencoded"}
-    page.request("POST", "/login", urlencode({"name": "kim", "token": token}), headers)
-    reply = page.getresponse()
-    reply.read()
-    return reply.getheader("set-cookie", "").partition(";")[0]
-
-
-def _got(page: HTTPConnection, path: str, cookie: str) -> str:
-    page.request("GET", path, headers={"Cookie": cookie})
-    reply = page.getresponse()
-    text = reply.read().decode()
-    assert reply.status == 200, text
-    return text
+    page = ServedPage(lab, tmp_path / "config")
+    try:
+        assert json.loads(page.get(f"/api/v1/runs/{NAME}"))["state"] == "ended"
+        assert "Mean temperature of the air" in page.get(f"/api/v1/runs/{NAME}/report")
+    finally:
+        page.kill()

@@ -13,7 +13,7 @@ import pytest
 from kill_drill import LONGEST_S, Process, killed, resumable, safe_after_s, session_in
 from own_lab import DRIVER, copied
 from rehearsal import bench
-from served import SAFE_S, Served
+from served import SAFE_S, serving
 
 from bench.model.clock import WallClock
 from bench.model.errors import RunError
@@ -68,8 +68,7 @@ def test_killed_moved_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     lab, out = copied(tmp_path / "lab"), tmp_path / "out"
     out.mkdir()
     monkeypatch.chdir(lab)
-    served = Served(tmp_path / "served", of="t100_bench")
-    try:
+    with serving(tmp_path / "served", of="t100_bench") as served:
         words = ("--station", str(served.station), "--clock", "wall", "--out", str(out))
         short = ("--set", "dwell=6 s", "--set", "between=1 s")
         process = Process(out / "said.txt", "run", "air_mean", *words, *short)
@@ -100,8 +99,6 @@ def test_killed_moved_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         assert results["quality"]["splices"] == 1
         verified = bench("report", "--verify", str(folder), cwd=moved)
         assert (verified.returncode, "identical: " in verified.stdout) == (0, True), verified.stdout
-    finally:
-        served.close()
 
 
 def _first_record(out: Path, process: Process) -> None:

@@ -11,17 +11,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import go_on, nobody_in, watch_worlds
-from rehearsal import ROOT, SEED, Watched, contents
+from rehearsal import CLOSING, ONE_CHANNEL, SEED, SHORT_SEQUENCE, compiled, contents, go_on, rehearsed, shortened
 
 from bench.analysis import results_json
 from bench.commands.session import replay
-from bench.model.clock import VirtualClock
 from bench.model.errors import ExitStatus
-from bench.plan import Plan, Step, check_plan, compile_sequence
+from bench.plan import Plan, Step, check_plan
 from bench.record import SessionReader
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import conduct
 from bench.session.service import read_view
 from bench.session.view import analyse_view, report_html
 from bench.web.recorded.past import Past
@@ -34,25 +30,17 @@ KILLED_s = 700.0  # after the second soak has begun: its ramp is over, it is not
 
 def plan_in(folder: Path) -> Plan:
     """Return scale_factor_short cut down to one channel at two temperatures, with soaks that the lag may end."""
-    text = (ROOT / "sequences" / "scale_factor_short.yaml").read_text()
-    closing = text.index("  - for: temperature                       # closing")
     done = f"late: hold\n          done: {{residual: {RESIDUAL_degC} degC, least: {LEAST_s:g} s}}"
-    for old, new in (
+    changes = (
         ("sequence: scale_factor_short", "sequence: by_lag"),
         ("duration: 10350 s\nrecords: 105", f"duration: {2.0 * (SLOT_s + POINTS_s):g} s\nrecords: 30"),
         ("slot: 3600 s", f"slot: {SLOT_s:g} s"),
         ("ramp: 0.5 degC/min\n  slot", "ramp: 1 degC/min\n  slot"),
-        ("{numbers: [1, 2], kind: gyro", "{numbers: 1, kind: gyro"),
-        ("  - {numbers: 7, kind: accelerometer, levels: accel_levels}\n", ""),
         ("in: [23 degC, 25 degC]", "in: [26 degC, 31 degC]"),
         ("late: hold", done),
-        (text[closing : text.index("# The bench is left")], ""),
-    ):
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
-    path = folder / "by_lag.yaml"
-    path.write_text(text)
-    plan = compile_sequence(path, None, {"world.calibrator_gain": "off"})
+        *ONE_CHANNEL,
+    )
+    plan = compiled(shortened(SHORT_SEQUENCE, folder, "by_lag", *changes, cut=CLOSING))
     assert check_plan(plan) == []
     return plan
 
@@ -84,15 +72,11 @@ def ran_in(folder: Path) -> Ran:
         (session,) = (folder / "out").iterdir()
         shutil.copytree(session, folder / "killed" / session.name)
 
-    watched = Watched(watch)
     with pytest.MonkeyPatch.context() as patch:
         hurry(patch)
-        watch_worlds(patch, watched)
-        run = conduct(
-            plan, clock=VirtualClock(), seed=SEED, out=folder / "out", operator=SimulatedOperator(), listener=watched
-        )
-    assert run.outcome.error is None
-    return Ran(plan, run.folder, folder / "killed" / run.folder.name, watched.worlds[-1])
+        done = rehearsed(folder / "out", plan, act=watch)
+    assert done.run.outcome.error is None
+    return Ran(plan, done.run.folder, folder / "killed" / done.run.folder.name, done.world)
 
 
 @pytest.fixture(scope="module")
@@ -110,19 +94,15 @@ def test_the_second_soak_is_as_near_as_stated_and_what_follows_is_earlier(ran: R
     assert first["lag_s"] == pytest.approx(ran.world.thermal.unit_lag_s, rel=0.02)
     assert 0.0 < second["saved_s"] <= SLOT_s - LEAST_s
     assert second["bound_degC"] <= RESIDUAL_degC
-    ended_ns = [t_ns for _, t_ns, _ in SessionReader(ran.whole).events("thermal_lag")][1]
-    left_degC = float(ran.world.thermal.unit_degC(ended_ns)) - 31.0
+    ended_ns = [t_ns for _, t_ns, _ in SessionReader(ran.whole).events("thermal_lag")]
+    left_degC = float(ran.world.thermal.unit_degC(ended_ns[1])) - 31.0
     rows = read_view(ran.whole).rows
     print(f"{second['saved_s']:.0f} s saved; stated {second['bound_degC']:.4f} degC, true {left_degC:+.4f} degC")
     assert abs(left_degC) <= second["bound_degC"]
-    assert rows[15].window.t_start_ns == ended_ns + rows[0].window.t_start_ns - _first_ended_ns(ran)
+    assert rows[15].window.t_start_ns - ended_ns[1] == rows[0].window.t_start_ns - ended_ns[0]
     end = next(SessionReader(ran.whole).events("end"))[2]
     assert (end["slip_s"], end["overruns"], len(rows)) == (0.0, 0, 30)
     assert end["steps"] == len(ran.plan.steps)
-
-
-def _first_ended_ns(ran: Ran) -> int:
-    return next(t_ns for _, t_ns, _ in SessionReader(ran.whole).events("thermal_lag"))
 
 
 def test_its_scale_factors_are_true(ran: Ran) -> None:
@@ -151,7 +131,7 @@ def test_a_run_that_is_killed_inside_of_a_soak_goes_on_with_the_same_lag(
     for name in ("once", "twice"):
         folder = Path(shutil.copytree(ran.killed, tmp_path / name / ran.killed.name))
         assert [fields["saved_s"] for fields in lags(folder)] == [0.0]
-        done = go_on(folder, nobody_in(monkeypatch))
+        done = go_on(folder)
         assert done.outcome.error is None
         assert len(read_view(folder).rows) == 30
         found.append(contents(folder))

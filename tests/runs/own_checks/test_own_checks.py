@@ -1,4 +1,7 @@
-"""Three checks of a fictional unit in a lab folder without a line of Python: verdicts, report, certificate, history."""
+"""Three checks of a fictional unit in a lab folder without a line of Python: verdicts, report, certificate, history.
+
+And what a run promises after its decisions: no value of a way that was not taken, and what a loop waits for.
+"""
 
 from __future__ import annotations
 
@@ -168,3 +171,85 @@ def test_nothing_judged_is_said_once_before_and_after(lab: Path) -> None:
     done, folder = run("supply_test")
     assert (done.exit_code, done.output.count("not judged")) == (0, 1)
     assert {"rail_meter_voltage", "supply_current"} <= values(folder).keys()
+
+
+# --- ways that are not taken ---------------------------------------------------------------------------------------
+
+HEAD = """\
+sequence: ways
+station: unit_bench_sim
+analysis: readings
+uut: {model: SC, serial: "1"}
+steps:
+  - supply.configure: {voltage: 12 V, current_limit: 0.5 A, over_voltage: 20 V}
+  - supply.output_on
+  - settle: 5 s
+  - rail_meter.measure_voltage
+  - supply.measure_current:
+    expect: {name: current, max: 150 mA}
+  - settle: 5 s
+"""
+TAIL = "  - settle: 5 s\nfinally:\n  - supply.output_off\n"
+RAIL = "rail_meter.measure_voltage"
+WAITS = f"""\
+  - while: {{reading: {RAIL}, below: 4.9 V}}
+    at_most: 2
+    do: [settle: 5 s, {RAIL}]
+    else: go_on
+"""
+IF = f"""\
+  - if: {{reading: {RAIL}, below: 4.9 V}}
+    then:
+      - {{output_meter.measure_voltage: {{}}, expect: {{name: low_rail_output, within: [5.9 V, 6.1 V]}}}}
+      - settle: 5 s
+      - record:
+          seconds: 10 s
+          every: 5 s
+          readings: [{{input_meter.measure_voltage: {{}}, expect: {{name: low_rail_input, within: [0 V, 13 V]}}}}]
+      - prompt: {{text: Measure the fuse., value: {{unit: ohm, low: 0 ohm, high: 1 ohm, quantity: fuse,
+                                                  uncertainty: 0.01 ohm}}}}
+"""
+CHOOSE = f"""\
+  - choose: {RAIL}
+    cases:
+      - {{below: 4.9 V, do: [{{input_meter.measure_voltage: {{}}, expect: {{name: both, max: 13 V}}}}]}}
+      - below: 5.5 V
+        do:
+          - settle: 5 s
+          - {{input_meter.measure_voltage: {{}}, expect: {{name: both, max: 13 V}}}}
+    else: [{{output_meter.measure_voltage: {{}}, expect: {{name: high_rail, min: 0 V}}}}]
+"""
+
+
+def taken(steps: str, rail_V: float = 5.0) -> tuple[int, list[str], list[str], Path]:
+    """Run a sequence with these steps; returns exit status, what is missing, quantities of the results, and session."""
+    Path("sequences/ways.yaml").write_text(HEAD + steps + TAIL)
+    done, folder = run("ways", "--set", f"world.rail_V={rail_V}")
+    _, _, told = done.output.partition("MISSING: ")
+    missing = [line.strip() for line in told.splitlines()[1:] if line.startswith("  ")]
+    return done.exit_code, missing, [entry["quantity"] for entry in results_of(folder)["estimates"]], folder
+
+
+@pytest.mark.parametrize("steps", ["WAITS", "IF"])
+def test_a_loop_that_ends_and_a_branch_that_is_not_taken_promise_nothing(lab: Path, steps: str) -> None:
+    """No turn more; neither a call, nor the readings of a record, nor what a person measures."""
+    assert taken({"WAITS": WAITS, "IF": IF}[steps])[:3] == (0, [], ["rail_meter_voltage", "current"])
+
+
+def test_a_loop_that_goes_on_without_what_it_waits_for_says_so(lab: Path) -> None:
+    status, missing, names, folder = taken(WAITS, 4.2)
+    assert (status, names) == (1, ["rail_meter_voltage", "current", "rail_meter_voltage", "rail_meter_voltage"])
+    assert missing == ["rail_meter.measure_voltage is 4.20003 V after the last turn, still below 4.9 V"]
+    again = command("fit", folder)
+    assert (again.exit_code, missing[0] in again.output) == (1, True)
+
+
+def test_a_branch_that_is_taken_promises_its_values(lab: Path) -> None:
+    status, missing, names, _ = taken(IF, 4.2)
+    assert (status, missing) == (0, [])
+    assert {"low_rail_output", "low_rail_input", "fuse"} <= {*names}
+
+
+@pytest.mark.parametrize("rail", [4.2, 5.2])
+def test_a_value_of_two_branches_is_that_of_the_one_taken(lab: Path, rail: float) -> None:
+    assert taken(CHOOSE, rail)[:3] == (0, [], ["rail_meter_voltage", "current", "both"])

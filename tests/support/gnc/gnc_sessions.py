@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from recorded import recorded
+from rehearsal import recorded
 
 from bench.commands.check import checked_plan
 from bench.commands.run import view_of

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from recorded import writable_copy
+from rehearsal import writable_copy
 from shown_run import ShownRun, now_utc_s
 
 from bench.record import OPEN_MARKER

@@ -1,25 +1,34 @@
-"""A bench without a serial unit: three resistances in a chamber, read by a scanner and a meter. World, files, analysis.
+"""A bench without a serial unit: three resistances in a chamber, read by a scanner and a meter; who is at its meter.
 
-Probe 1 and 2 hang at channels 101 and 102 of the scanner, the reference at the meter; all follow the chamber's unit.
+World and analysis are a stranger's. Probe 1 and 2 hang at channels 101 and 102 of the scanner, the reference at the
+meter; all follow the chamber's unit.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
+from typing import Any
 
 import pytest
+from typer.testing import CliRunner
 
+from bench.cli import app
 from bench.model import installed as installed_module
 from bench.model import systems
+from bench.model.events import Event, Hold
 from bench.plan import Plan, compile_sequence
 from bench.plan.check.everything import check_plan
+from bench.run.context import RunContext
+from bench.run.control.channel import RELEASABLE
+from bench.run.observers import Observer
 
 STRANGERS = Path(__file__).resolve().parents[1] / "strangers"
 ANALYSIS = "probe_means"
 OHM_AT_0, OHM_PER_DEGC = 100.0, 0.39
 TEMPERATURES_DEGC = (23.0, 40.0)
+NAME = "20000101T000000Z_probes_P-1"
 
 STATION = """\
 station: probe_bench
@@ -122,3 +131,48 @@ def probe_plan(folder: Path, *changes: tuple[str, str]) -> Plan:
     plan = compile_sequence(written(folder, *changes))
     assert check_plan(plan) == []
     return plan
+
+
+def command(*words: object) -> str:
+    """Return what a command says; it must succeed."""
+    done = CliRunner().invoke(app, [str(word) for word in words], catch_exceptions=False)
+    assert done.exit_code == 0, done.output
+    return done.output
+
+
+class AtMeter:
+    """Does something to the run at calls of the meter, numbered from 1; a Beside of ``conduct``.
+
+    With ``held_s`` every hold is released after this time, by somebody who may; else what holds the run must let it go.
+    ``held`` has their reasons.
+    """
+
+    def __init__(self, act: Callable[[RunContext, int], object], held_s: float | None = None) -> None:
+        self._calls, self._act, self._held_s = 0, act, held_s
+        self.held: list[str] = []
+
+    def __call__(self, context: RunContext) -> AbstractContextManager[None]:
+        meter: Any = context.instruments["meter"]
+        plain, here = meter.measure_resistance, self
+
+        def measure(**arguments: Any) -> float:
+            here._calls += 1
+            here._act(context, here._calls)
+            return float(plain(**arguments))
+
+        class Releasing(Observer):
+            def event(self, event: Event, t_mono_ns: int) -> None:
+                if here._held_s is not None and isinstance(event, Hold):
+                    here.held.append(event.reason)
+                    assert event.by in RELEASABLE
+                    context.clock.sleep(here._held_s)
+                    assert context.stop.holds.release(event.by)
+
+        meter.measure_resistance = measure
+        context.observers.add(Releasing())
+        return nullcontext()
+
+
+def at_reading(nth: int, act: Callable[[RunContext], object], held_s: float | None = None) -> AtMeter:
+    """Do something at the nth call of the meter."""
+    return AtMeter(lambda context, number: act(context) if number == nth else None, held_s)

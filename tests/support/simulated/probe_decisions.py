@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from probe_bench import ANALYSIS, written
 
 from bench.plan import Plan, check_plan, compile_sequence
+from bench.record import SessionReader
 
 TURNS = 20
 HEAD = f"""\
@@ -73,3 +75,8 @@ def deciding_plan(folder: Path, text: str = SEQUENCE) -> Plan:
     plan = compile_sequence(sequence_file(folder, text))
     assert check_plan(plan) == []
     return plan
+
+
+def events_of(folder: Path, kind: str) -> list[dict[str, Any]]:
+    """Return the fields of all events of a kind."""
+    return [dict(fields) for _, _, fields in SessionReader(folder).events(kind)]

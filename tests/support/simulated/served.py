@@ -1,18 +1,23 @@
-"""The served bench as these tests see it: its faults, what it really does, and controllers that run on it."""
+"""What tests find served: a bench, its faults and what it really does; controllers that run on it; a page of runs."""
 
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from bench.run.bench.served_world import ask
 from bench.run.guard.diary import read_diary
 
+T = TypeVar("T")
 HERE = Path(__file__).resolve().parent
 START_S = 60.0
 SAFE_S = 5.0  # the deadline of safety
@@ -22,28 +27,44 @@ class Served:
     """``bench sim`` of the station ``of`` in a process; ``station`` is the station file that reaches it."""
 
     def __init__(self, folder: Path, *words: str, of: str = "af_rack_sim") -> None:
-        self.folder = folder
+        self.folder, self.station = folder, folder / "station.yaml"
+        self.said: list[str] = []
         command = [sys.executable, "-m", "bench", "sim", of, "--clean", "--dir", str(folder), *words]
-        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
-        assert self._process.stdout is not None
-        for line in self._process.stdout:
+        self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        assert self.process.stdout is not None
+        for line in self.process.stdout:
+            self.said.append(line.strip())
             if line.strip() == "ready":
                 break
-        self.station = folder / "station.yaml"
+        else:
+            raise AssertionError("\n".join(self.said))
 
-    def close(self) -> None:
-        self._process.send_signal(signal.SIGINT)
-        self._process.wait(START_S)
-        assert self._process.stdout is not None
-        self._process.stdout.close()
+    def close(self, number: int = signal.SIGINT) -> int:
+        """End it by a signal; return its exit status."""
+        self.process.send_signal(number)
+        status = self.process.wait(START_S)
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+        return status
 
-    def fault(self, *words: str) -> None:
-        assert "error" not in ask(self.folder / "control.sock", words)
+    def fault(self, *words: str) -> list[str]:
+        """Switch a fault; return what is on. The command ``bench sim fault`` does no more than this, and prints it."""
+        reply = ask(self.folder / "control.sock", words)
+        assert "error" not in reply, reply
+        return list(reply["lines"])
 
     def state(self) -> dict[str, Any]:
         """What the bench really does at this moment."""
         found: dict[str, Any] = ask(self.folder / "control.sock", ["state"])["state"]
         return found
+
+    def until(self, true: Callable[[dict[str, Any]], object], what: str, limit_s: float = 20.0) -> dict[str, Any]:
+        """Wait for something that the bench really does; return its state."""
+        end_s = time.monotonic() + limit_s
+        while not true(state := self.state()):
+            assert time.monotonic() < end_s, f"never came: {what}"
+            time.sleep(0.02)
+        return state
 
     def on(self) -> list[str]:
         """Roles whose stimulus or route is on."""
@@ -53,10 +74,20 @@ class Served:
             *(["switch"] if instruments["switch"]["closed"] else []),
         ]
 
-    def changed_s(self, role: str) -> float:
-        """Monotonic time of this machine when an output of a role last changed."""
+    def changed_s(self, *roles: str) -> float:
+        """Monotonic time of this machine when an output of these roles last changed."""
         found = self.state()
-        return float(found["time_s"] - found["instruments"][role]["unchanged_s"])
+        return max(float(found["time_s"] - found["instruments"][role]["unchanged_s"]) for role in roles)
+
+
+@contextmanager
+def serving(folder: Path, *words: str, of: str = "af_rack_sim") -> Iterator[Served]:
+    """Serve a bench, and end it whatever happens."""
+    served = Served(folder, *words, of=of)
+    try:
+        yield served
+    finally:
+        served.close()
 
 
 class Controller:
@@ -90,13 +121,17 @@ class Controller:
 
     def wait_for_guard(self, *words: str) -> dict[str, Any]:
         """The guard's entry that is one of ``words``."""
+        return self.until(
+            lambda: next((entry for entry in self.diary if entry["what"] in words), None), f"a note of {words}"
+        )
+
+    def until(self, found: Callable[[], T], what: str) -> T:
+        """The first true value of ``found``."""
         end_s = time.monotonic() + START_S
-        while time.monotonic() < end_s:
-            for entry in self.diary:
-                if entry["what"] in words:
-                    return entry
+        while not (value := found()):
+            assert time.monotonic() < end_s, f"{what} did not come, but: {self.diary}"
             time.sleep(0.05)
-        raise AssertionError(f"the guard noted none of {words}, but: {self.diary}")
+        return value
 
     def end(self) -> int:
         """Wait for its end; returns its status."""
@@ -110,6 +145,48 @@ class Controller:
     def kill(self) -> None:
         if self.process.poll() is None:
             os.kill(self.process.pid, signal.SIGKILL)
+        self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+class ServedPage:
+    """``bench serve`` for a viewer who has logged in; ``folder``: where it is started."""
+
+    def __init__(self, folder: Path, private: Path, *words: str) -> None:
+        environment = {**os.environ, "XDG_CONFIG_HOME": str(private), "PYTHONUNBUFFERED": "1"}
+        command = [sys.executable, "-m", "bench", "serve", "--port", "0", *words]
+        self.process = subprocess.Popen(
+            command, cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True
+        )
+        assert self.process.stdout is not None
+        said = ""
+        while "Ctrl-C" not in said and (line := self.process.stdout.readline()):
+            said += line
+        port, token = re.search(r"http://127.0.0.1:(\d+)/", said), re.search(r"viewer token: (\S+)", said)
+        assert port is not None, said
+        assert token is not None, said
+        self.port, self.origin = int(port[1]), f"http://127.0.0.1:{port[1]}"
+        form = {"Origin": self.origin, "Content-Type": "application/x-www-form-urlencoded"}
+        reply, _ = self._asked("POST", "/login", f"name=kim&token={token[1]}", form)
+        self.cookie = reply.getheader("set-cookie", "").partition(";")[0]
+
+    def get(self, path: str) -> str:
+        """Return a page."""
+        reply, text = self._asked("GET", path, None, {"Cookie": self.cookie})
+        assert reply.status == 200, text
+        return text
+
+    def _asked(self, method: str, path: str, body: str | None, head: dict[str, str]) -> tuple[HTTPResponse, str]:
+        page = HTTPConnection("127.0.0.1", self.port, timeout=30)
+        page.request(method, path, body, head)
+        reply = page.getresponse()
+        text = reply.read().decode()
+        page.close()
+        return reply, text
+
+    def kill(self) -> None:
+        self.process.kill()
         self.process.wait()
         assert self.process.stdout is not None
         self.process.stdout.close()

@@ -9,8 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import Crashes, crashed_at, go_on, nobody, nobody_in
-from rehearsal import SEED, contents, main_of
+from rehearsal import SEED, Crashes, contents, crashed_at, go_on, main_of, nobody, nobody_in
 from stop_plan import BY_NOISE, BY_SCATTER, stopping_plan
 
 from bench.maths.budget import combine_all

@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from crashes import Crashes, crashed_at, go_on, nobody, watch_worlds
-from rehearsal import SEED, Watched
+from rehearsal import SEED, Crashes, Watched, crashed_at, go_on, nobody, watch_worlds
 
 from bench.model.clock import VirtualClock
 from bench.plan import PlannedCommand, Step, compile_sequence

@@ -11,10 +11,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from crashes import go_on
 from gnc_exchanges import exchanges, material
 from one_estimate import one
-from rehearsal import SEED, Inside, Watched
+from rehearsal import SEED, Inside, Watched, go_on
 
 from bench.analysis import Analysis, GivenValue
 from bench.commands.check import checked_plan

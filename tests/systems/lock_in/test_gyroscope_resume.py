@@ -7,8 +7,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from crashes import Crashes, crashed_at, go_on, nobody, watch_worlds
-from rehearsal import SEED, Watched
+from rehearsal import SEED, Crashes, Watched, crashed_at, go_on, nobody, watch_worlds
 
 from bench.model.clock import VirtualClock
 from bench.plan import Plan, compile_sequence

@@ -6,7 +6,7 @@ import shutil
 from pathlib import Path
 
 import pytest
-from crashes import Crashes, crashed_at, go_on, nobody, watch_worlds
+from rehearsal import Crashes, crashed_at, go_on, nobody, watch_worlds
 
 from bench.plan import compile_sequence
 from bench.session.service import read_view

@@ -11,7 +11,7 @@ from typing import Any
 import fsspec
 import pytest
 from away_store import Away, NoAnswer
-from recorded import writable_copy
+from rehearsal import writable_copy
 
 from bench.archive.examination import examined, reexamined
 from bench.archive.places import Place, StorageError, brought_here, sessions_at

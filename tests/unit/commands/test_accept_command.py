@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from recorded import writable_copy
+from rehearsal import writable_copy
 
 from bench import cli
 from bench.analysis import Evidence

@@ -15,8 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from captured import captured
-from record_sample import frame
+from record_sample import captured, frame
 from record_sample import frame as frame_of
 
 from bench.commands.frame.decode import decode

@@ -8,8 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from captured import captured
-from record_sample import ROOT
+from record_sample import ROOT, captured
 from record_sample import frame as frame_of
 
 from bench.frame import LinkDecoder, parse_frame

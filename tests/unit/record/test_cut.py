@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from record_frames import FRAME_NS, MASTER, Stream, chunks_of, constant_stream, housekeeping, stream
-from record_sample import NS, frame
+from record_sample import FRAME_NS, MASTER, NS, Stream, chunks_of, constant_stream, frame, housekeeping, stream
 
 from bench.frame import LinkDecoder, parse_frame
 from bench.model.errors import InputError

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from record_frames import AF_CLOCK, FRAME_NS, constant_stream, housekeeping
-from record_sample import NS, frame
+from record_sample import AF_CLOCK, FRAME_NS, NS, constant_stream, frame, housekeeping
 from stranger_af import TRUTH_ppm, converter_session
 from stranger_gnc import (
     ACCEL_S,

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from record_frames import FRAME_NS
-from record_sample import frame
+from record_sample import FRAME_NS, frame
 from rehearsal import tiny_plan
 
 from bench.model.clock import VirtualClock

@@ -15,10 +15,10 @@ import pytest
 from jsonschema import Draft202012Validator
 from mcap.reader import make_reader
 from mcap.writer import Writer
+from record_sample import write_resumed
 from rehearsal import Inside
 from scipy import io
 from scipy.io import savemat
-from table_sample import write_resumed
 
 from bench.commands.import_log import import_log
 from bench.model.errors import InputError

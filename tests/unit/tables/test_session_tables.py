@@ -12,8 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from record_sample import NS, frame
-from table_sample import AWAY_S, FRAMES, counted, write_resumed
+from record_sample import AWAY_S, FRAMES, NS, counted, frame, write_resumed
 
 import bench
 from bench.frame import LinkDecoder

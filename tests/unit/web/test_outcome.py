@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from recorded import writable_copy
+from rehearsal import writable_copy
 
 from bench.record import OPEN_MARKER, SessionWriter
 from bench.web.now import now_of, silent_row

@@ -1,4 +1,4 @@
-"""Campaigns of the shipped form that are held up at random instants: results still true, and a replay that agrees."""
+"""Campaigns that go another way: held up at random instants, on the wall clock, without the kernel; a replay agrees."""
 
 from __future__ import annotations
 
@@ -9,25 +9,42 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rehearsal import SEED, SOAK_s, tiny_plan
+from rehearsal import ROOT, Rehearsal, SOAK_s, rehearsed, tiny_plan
+from soak_campaign import soak_plan, watchers
 
 from bench.commands.run import view_of
-from bench.model.clock import VirtualClock
-from bench.plan import Plan, compile_sequence
+from bench.frame import best, why_no_kernel
+from bench.model.clock import WallClock
+from bench.plan import Plan, check_plan, compile_sequence
 from bench.replay import replay_rows
 from bench.run.besides import besides
 from bench.run.context import RunContext
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import Conducted, conduct
+from bench.run.session import Conducted
 from bench.run.stop import Wish
 from bench.session.view import KEPT_EVENTS, analyse_view
 
-ROOT = Path(__file__).resolve().parents[2]
 COVERAGE = 5.0  # standard deviations of a difference
+SLOW = "there is no kernel today"
+WALL = """\
+sequence: wall
+station: af_bench_sim
+frame: {port_a: ngu_a, port_b: ngu_b}
+unit_commands:
+  start_stream: {code: 2, payload: "64"}
+timeline:
+  - {at: 0 s, call: {supply.configure: {voltage: 18 V, current_limit: 2 A, over_voltage: 21 V}}}
+  - {at: 1 s, call: supply.output_on}
+  - {at: 3 s, unit: {port_b: start_stream}}
+  - {at: 4 s, record: 1 s}
+  - {at: 5.2 s, record: 1 s}
+  - {at: 6.4 s, record: 1 s}
+  - {at: 7.6 s, record: 1 s}
+"""
+Moment = tuple[float, float, str]  # seconds from the start, seconds of the hold, kind
 
 
-def disturbed(plan: Plan, out: Path, moments: list[tuple[float, float, str]]) -> Conducted:
-    """Run with holds, retakes and skips: (seconds from the start, seconds of the hold, kind)."""
+def disturbed(plan: Plan, out: Path, moments: list[Moment]) -> Conducted:
+    """Run with holds, retakes and skips."""
 
     @contextmanager
     def somebody(context: RunContext) -> Iterator[None]:
@@ -52,18 +69,16 @@ def disturbed(plan: Plan, out: Path, moments: list[tuple[float, float, str]]) ->
         yield
         periodic.cancel()
 
-    return conduct(
-        plan, clock=VirtualClock(), seed=SEED, out=out, operator=SimulatedOperator(),
-        listener=Silence(),
-        keep_events=KEPT_EVENTS, beside=[*besides(plan, {}, virtual=True), somebody],
-    )  # fmt: skip
+    run = rehearsed(out, plan, beside=[*besides(plan, {}, virtual=True), somebody], kept=KEPT_EVENTS).run
+    assert run.outcome.error is None
+    check_replay(run)
+    return run
 
 
-class Silence:
-    """Watches a run and says nothing."""
-
-    def __getattr__(self, name: str) -> Any:
-        return lambda *_: None
+def check_replay(run: Conducted) -> None:
+    again = replay_rows(run.folder, strict=True)
+    assert [comparable(row) for row in again.measurement_rows] == [comparable(row) for row in run.outcome.rows]
+    assert (again.totals, again.session_sha256) == (dict(run.counts), run.session_sha256)
 
 
 def comparable(row: Any) -> tuple[object, ...]:
@@ -86,28 +101,21 @@ def named(estimate: Mapping[str, Any]) -> str:
     return f"{estimate['quantity']} {sorted(conditions.items())}"
 
 
-def check_replay(run: Conducted) -> None:
-    again = replay_rows(run.folder, strict=True)
-    assert [comparable(row) for row in again.measurement_rows] == [comparable(row) for row in run.outcome.rows]
-
-
-def random_moments(seed: int, length_s: float, count: int, kinds: list[str]) -> list[tuple[float, float, str]]:
+def random_moments(seed: int, begin_s: float, length_s: float, count: int, *kinds: str) -> list[Moment]:
     rng = np.random.default_rng(seed)
-    return [
-        (float(rng.uniform(10.0, length_s)), float(rng.uniform(0.0, 90.0)), str(rng.choice(kinds)))
+    moments = [
+        (begin_s + float(rng.uniform(10.0, length_s)), float(rng.uniform(0.0, 90.0)), str(rng.choice(kinds)))
         for _ in range(count)
     ]
+    print(f"seed {seed}: {moments}")
+    return moments
 
 
 @pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.sweep) for seed in range(2, 12))])
 def test_a_scale_factor_campaign_with_holds(tmp_path: Path, seed: int) -> None:
     plan = tiny_plan(tmp_path)
-    campaign_s = plan.prepare_s + SOAK_s
-    moments = random_moments(seed, 450.0, 6, ["hold", "retake"])
-    moments = [(campaign_s + at_s, length_s, kind) for at_s, length_s, kind in moments]
-    print(f"seed {seed}: {moments}")
+    moments = random_moments(seed, plan.prepare_s + SOAK_s, 450.0, 6, "hold", "retake")
     run = disturbed(plan, tmp_path / "held", moments)
-    assert run.outcome.error is None
     first = run.outcome.rows[0].window.number
     assert [row.window.number - first for row in run.outcome.rows] == list(range(15))
     wanted = [dict(step.conditions) for step in plan.steps if step.kind == "record" and step.phase == "campaign"]
@@ -116,7 +124,6 @@ def test_a_scale_factor_campaign_with_holds(tmp_path: Path, seed: int) -> None:
         assert row.lost == 0
     kinds = [kind for kind, _, _ in run.events]
     assert kinds.count("hold") == kinds.count("release") >= 1
-    check_replay(run)
     check_true(plan, run)
 
 
@@ -125,10 +132,8 @@ def test_nothing_trips_in_an_undisturbed_campaign_and_a_skipped_point_is_missing
 ) -> None:
     plan = tiny_plan(tmp_path)
     run = disturbed(plan, tmp_path, [(plan.prepare_s + SOAK_s + 100.0, 0.0, "skip")])
-    assert run.outcome.error is None
     assert [event for event in run.events if event[0] in ("interlock", "alarm", "hold")] == []
     assert len(run.outcome.rows) == 14
-    check_replay(run)
     assert [kind for kind, _, _ in run.events].count("skip") == 1
 
 
@@ -137,9 +142,39 @@ def test_nothing_trips_in_an_undisturbed_campaign_and_a_skipped_point_is_missing
 def test_a_bias_ramp_with_holds(tmp_path: Path, seed: int) -> None:
     """Its records follow each other through a ramp: a hold begins the record under way anew."""
     plan = compile_sequence(ROOT / "sequences" / "bias_ramp_short.yaml", None, {})
-    moments = random_moments(seed, plan.prepare_s + plan.duration_s, 4, ["hold"])
-    print(f"seed {seed}: {moments}")
-    run = disturbed(plan, tmp_path / "held", moments)
-    assert run.outcome.error is None
+    moments = random_moments(seed, 0.0, plan.prepare_s + plan.duration_s, 4, "hold")
+    check_true(plan, disturbed(plan, tmp_path / "held", moments))
+
+
+@pytest.mark.slow
+@pytest.mark.waits
+def test_a_run_under_the_wall_clock_replays_row_by_row(tmp_path: Path) -> None:
+    """Threads instead of tasks, and still what a replay finds."""
+    path = tmp_path / "wall.yaml"
+    path.write_text(WALL)
+    plan = compile_sequence(path, None, {})
+    assert check_plan(plan) == []
+    run = rehearsed(tmp_path / "out", plan, clock=WallClock(), seed=1).run
+    assert (run.outcome.error, run.outcome.unsafe) == (None, ())
+    print(f"timed waits ended {run.outcome.lateness_ms} ms late (median, 99 %, worst)")
+    assert [(row.frames, row.lost, row.bad, row.quality) for row in run.outcome.rows] == [(100, 0, 0, 0)] * 4
     check_replay(run)
-    check_true(plan, run)
+
+
+@pytest.mark.skipif(bool(why_no_kernel()), reason=why_no_kernel() or "the kernel is there")
+def test_a_session_does_not_depend_on_the_engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A run decodes with the kernel, or says once that it does not."""
+
+    def done(name: str) -> Rehearsal:
+        (tmp_path / name).mkdir()
+        plan = soak_plan(tmp_path / name)
+        return rehearsed(tmp_path / name / "out", plan, seed=5, beside=watchers(plan))
+
+    fast = done("kernel")
+    monkeypatch.setattr(best, "_loaded", lambda: (None, SLOW))
+    slow = done("numpy")
+    assert not any("kernel" in text for text in fast.watched.messages)
+    assert slow.watched.messages.count(SLOW) == 1
+    first, second = ((one.run.session_sha256, one.run.counts, repr(one.run.outcome.rows)) for one in (fast, slow))
+    assert first == second
+    assert fast.run.outcome.error is None
