@@ -120,10 +120,8 @@ def test_text_is_canonical_and_keeps_every_bit(document: dict[str, Any]) -> None
 
 def test_analysis_by_name() -> None:
     assert analysis_module("scale_factor").METHODS == ("gls", "paper", "ols")
-    with pytest.raises(FitError, match="unknown analysis 'scale_facto'") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-011: .*unknown analysis 'scale_facto'.*Next: .*scale_factor"):
         analyse(Material([], {"analysis": "scale_facto"}, {}))
-    assert caught.value.code == "B-FIT-011"
-    assert "scale_factor" in caught.value.next_step
 
 
 PROVENANCE_D = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "test"}

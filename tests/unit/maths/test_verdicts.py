@@ -231,10 +231,8 @@ def test_no_limit_no_statement() -> None:
 
 
 def test_rules_are_the_same_everywhere_and_another_is_refused() -> None:
-    with pytest.raises(FitError, match="'strict'") as caught:
+    with pytest.raises(FitError, match=r"B-FIT-041: .*'strict'.*Next: .*guard_band"):
         rule_of({"rule": "strict"})
-    assert caught.value.code == "B-FIT-041"
-    assert "guard_band" in caught.value.next_step
     assert (rule_of(None), rule_of({}), rule_of({"rule": "simple"})) == ("non_binary", "non_binary", "simple")
     assert get_args(Rule) == RULES
     assert get_args(Decision.model_fields["rule"].annotation) == RULES

@@ -56,6 +56,8 @@ def test_a_loop_is_unrolled_to_its_bound(tmp_path: Path) -> None:
     records = [step for step in plan.steps if isinstance(step, PlannedRecord)]
     assert [step.conditions["turn"] for step in records] == list(range(1, TURNS + 1))
     assert plan.duration_s == 10.0 + TURNS * 120.0
+    plan = compile_sequence(sequence_file(tmp_path), None, {"limit": "30 degC"})
+    assert decisions(plan.steps)[0].branches[0].values == (30.0,)
 
 
 def test_branches_begin_together_and_end_with_the_longest(tmp_path: Path) -> None:
@@ -98,11 +100,6 @@ def test_a_plan_is_read_back_from_its_session(tmp_path: Path) -> None:
     assert row["arguments"]["branches"][0] == {
         "outcome": "turn", "first": 5, "stop": 65, "comparison": "below", "values": [35.0],
     }  # fmt: skip
-
-
-def test_a_parameter_is_the_limit(tmp_path: Path) -> None:
-    plan = compile_sequence(sequence_file(tmp_path), None, {"limit": "30 degC"})
-    assert decisions(plan.steps)[0].branches[0].values == (30.0,)
 
 
 def test_what_a_hold_goes_back_to(tmp_path: Path) -> None:

@@ -247,9 +247,8 @@ def test_a_sequence_has_exactly_one_form(tmp_path: Path) -> None:
 
 
 def test_an_unknown_sequence_is_named_with_the_known_ones() -> None:
-    with pytest.raises(InputError, match="scale_factor_38") as caught:
+    with pytest.raises(InputError, match=r".*scale_factor_38.*Next: .*scale_factor_38h"):
         compile_sequence("scale_factor_38")
-    assert "scale_factor_38h" in caught.value.next_step
 
 
 GNC = Path(__file__).resolve().parents[3]
