@@ -122,11 +122,13 @@ def test_joints_hold_no_frame_twice() -> None:
 
 
 def test_lost_increments_are_filled_and_told() -> None:
-    ready, sound = (prepared(recording(Recording(1, loss=loss).material())) for loss in (0.04, 0.0))
+    ready, sound = (prepared(recording(Recording(1, imu_s=0.005, loss=loss).material())) for loss in (0.01, 0.0))
     assert ready.filled == np.count_nonzero(ready.imu.filled) == ready.lost_imu > 20
     assert ready.imu.t_s.size == sound.imu.t_s.size
     assert np.abs(ready.imu.t_s - sound.imu.t_s).max() < 2e-6
-    assert np.median(np.abs(ready.imu.dtheta - sound.imu.dtheta)[ready.imu.filled]) < 1e-5
+    off_rad = np.abs(ready.imu.dtheta - sound.imu.dtheta)[ready.imu.filled]
+    assert np.median(off_rad) < 1e-5
+    assert off_rad.max() < 5e-4  # a sample across the begin of the turn
 
 
 def test_without_latencies_the_stamps_tell_the_drift_only() -> None:
