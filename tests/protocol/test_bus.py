@@ -69,7 +69,12 @@ def test_every_text_is_in_the_transcript_with_clock_time() -> None:
     assert {(line[0], line[3]) for line in lines} == {("unit_of_test", 2_500_000_000)}
 
 
-def test_every_command_has_a_time_limit() -> None:
+def test_every_call_has_a_time_limit_from_the_first_on() -> None:
+    """A clear may be the first one after reopening; the resource's own limit is longer than a step may be silent."""
+    resource = ScriptedResource([(CLEAR, None)])
+    BusSession(resource, "dmm", VirtualClock(), lambda *_: None).clear()  # type: ignore[arg-type]
+    assert resource.timeout is not None
+    assert 0 < resource.timeout <= 1500
     reading = [*slow(b"READ?\n", b"+5.0E+00\n"), NO_ERROR]
     with scripted(
         "agilent_34401a", [*IDENTIFY["agilent_34401a"], (b"CONF:VOLT:DC\n", None), NO_ERROR, *reading]
@@ -95,11 +100,3 @@ def test_one_lock_per_bus_and_another_thread_waits_for_it() -> None:
     thread.join(5)
     assert not thread.is_alive()
     assert supply.test_resource.events == []
-
-
-def test_the_first_call_of_a_connection_has_a_limit_already() -> None:
-    """A clear may be the first one after reopening; the resource's own limit is longer than a step may be silent."""
-    resource = ScriptedResource([(CLEAR, None)])
-    BusSession(resource, "dmm", VirtualClock(), lambda *_: None).clear()  # type: ignore[arg-type]
-    assert resource.timeout is not None
-    assert 0 < resource.timeout <= 1500

@@ -30,7 +30,7 @@ def notes(driver: Any) -> list[str]:
 # --- questions ---------------------------------------------------------------------------------------------------
 
 
-def test_an_instrument_that_hears_no_serial_poll_is_reopened_at_once() -> None:
+def test_an_instrument_that_hears_no_poll_is_reopened_at_once_or_its_interface_cleared() -> None:
     again = Scripts([[(CLEAR, None), *START, VOLTS]])
     supply = make("hp_6632b", [*START, (QUESTION, TIMEOUT), (POLL, BUS_ERROR)], rungs={"reopen": again})
     assert supply.measure_voltage() == 10.0
@@ -38,6 +38,10 @@ def test_an_instrument_that_hears_no_serial_poll_is_reopened_at_once() -> None:
     assert supply.test_resource.events == again.leftovers() == []
     assert supply.test_clock.now_ns() == 500_000_000
     assert notes(supply)[-4:] == ["<close>", "<pause>", "<open>", "<device clear>"]
+    script = [*START, *MUTE, *DEAD_QUEUE, (CLEAR, None), VOLTS]
+    supply = make("hp_6632b", script, rungs={"interface_clear": lambda: None})
+    assert supply.measure_voltage() == 10.0
+    assert supply.test_resource.events == []
 
 
 def test_the_ladder_to_its_top(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -58,13 +62,6 @@ def test_the_ladder_to_its_top(monkeypatch: pytest.MonkeyPatch) -> None:
     assert [note for note in notes(supply) if note in ("<open>", "<interface clear>", "<close>")] == [
         "<close>", "<open>", "<close>", "<open>", "<interface clear>", "<close>", "<open>",
     ]  # fmt: skip
-
-
-def test_an_interface_clear_is_of_use_without_reopening() -> None:
-    script = [*START, *MUTE, *DEAD_QUEUE, (CLEAR, None), VOLTS]
-    supply = make("hp_6632b", script, rungs={"interface_clear": lambda: None})
-    assert supply.measure_voltage() == 10.0
-    assert supply.test_resource.events == []
 
 
 def test_a_broken_bus_is_reopened_without_another_try_and_garbage_is_no_reason() -> None:

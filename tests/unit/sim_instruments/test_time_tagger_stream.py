@@ -149,36 +149,11 @@ class ServedTagger:
         clock = self.served.world.clock
         return PendulumCnt91(resource, role="tagger", clock=clock, transcript=lambda *_: None)  # type: ignore[arg-type]
 
-    def collect(self, seconds: float, every_s: float) -> bytes:
-        clock, found = self.served.world.clock, b""
-        end_ns = clock.now_ns() + round(seconds * 1e9)
-        while clock.now_ns() < end_ns:
-            clock.sleep(every_s)
-            found += self.tagger.read_stream(1_000_000)
-        return found
-
 
 @pytest.fixture
 def rack() -> Iterator[ServedTagger]:
     with serve(wiring=station()) as served:
         yield ServedTagger(served)
-
-
-def test_600_000_edges_a_second_come_whole_through_the_sockets(rack: ServedTagger) -> None:
-    rack.tagger.configure(100e6)
-    rack.tagger.start()
-    stream = rack.collect(1.0, 0.05)
-    rack.tagger.stop()
-    while chunk := rack.tagger.read_stream(1_000_000):
-        stream += chunk
-    found = Blocks(stream)
-    assert rack.tagger.events_lost() == 0
-    assert found.counts.bad == found.counts.lost == found.counts.skipped_bytes == 0
-    np.testing.assert_array_equal(np.diff(found.counter), 1)
-    k = np.arange(len(found.ticks)) + int(np.ceil(found.ticks[0] * 10_000 / PERIOD_PS))
-    np.testing.assert_array_equal(found.ticks, rack.edges.times_ps(k) // 10_000)
-    assert len(found.ticks) > 500_000
-    assert 10 in stream  # line feeds are bytes like any other
 
 
 def test_a_reader_in_another_thread_and_commands_do_not_meet(rack: ServedTagger) -> None:

@@ -116,7 +116,7 @@ def test_ways_in_numbers_written_down() -> None:
     assert axis.angle_deg(axis.rest_ns) == 33.3
 
 
-def test_times_between_nanoseconds_are_not_rounded() -> None:
+def test_a_way_is_exact_between_nanoseconds_and_its_past_stays() -> None:
     """Phases of 1/3 s: rounded to whole nanoseconds the angle would step at each joint by 1e-7 deg."""
     axis = AxisMotion()
     axis.go_to(200.0, 100.0, 300.0, 0)
@@ -125,6 +125,13 @@ def test_times_between_nanoseconds_are_not_rounded() -> None:
     assert angle[1] - angle[0] == pytest.approx(100.0 / NS, rel=1e-4)
     assert angle[0] == pytest.approx(150.0 * (joints[0] / NS) ** 2, abs=1e-13)
     assert angle[3] == 200.0
+    axis = AxisMotion()
+    axis.go_to(1080.0, 270.0, 270.0, 0)
+    past = np.arange(0, 2 * NS, NS // 100)
+    before = axis.angle_deg(past)
+    axis.run_at(0.0, 400.0, 2 * NS)
+    assert np.array_equal(axis.angle_deg(past), before)
+    assert axis.angle_deg(axis.rest_ns) == pytest.approx(405.0 + 270.0**2 / 800.0, abs=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -160,13 +167,3 @@ def test_it_arrives_from_any_speed_and_never_exceeds_what_is_allowed(speed: floa
     rate = axis.rate_deg_s(np.linspace(NS, end_ns, 500).astype(np.int64))
     assert np.abs(rate).max() <= max(100.0, abs(speed)) + 1e-6
     assert axis.rate_deg_s(end_ns + NS) == 0.0
-
-
-def test_the_past_stays_what_it_was() -> None:
-    axis = AxisMotion()
-    axis.go_to(1080.0, 270.0, 270.0, 0)
-    past = np.arange(0, 2 * NS, NS // 100)
-    before = axis.angle_deg(past)
-    axis.run_at(0.0, 400.0, 2 * NS)
-    assert np.array_equal(axis.angle_deg(past), before)
-    assert axis.angle_deg(axis.rest_ns) == pytest.approx(405.0 + 270.0**2 / 800.0, abs=1e-9)

@@ -243,7 +243,7 @@ def test_units_seeds_and_axes_are_strangers() -> None:
     assert len(set(biases)) == 3
 
 
-def test_random_walks_by_allantools() -> None:
+def test_random_walks_by_allantools_whatever_the_rate() -> None:
     """N of the truth is what allantools finds at 1 s in the counts, rounding and slow noise included (1 % of it)."""
     options = ImuOptions(errors=False)
     unit = module(Table(), options)
@@ -255,10 +255,7 @@ def test_random_walks_by_allantools() -> None:
         assert unit.errors.gyro.white[axis] * 60.0 == pytest.approx(0.3)  # deg/rt_h
         _, found, _, _ = allantools.oadev(accel[:, axis], rate=200.0, data_type="freq", taus=[1.0])
         assert found[0] == pytest.approx(np.hypot(0.1e-3, 1e-3 / np.sqrt(12 * 200)), rel=0.08)
-
-
-def test_noise_of_a_slower_stream() -> None:
-    """A sample over 20 ms has half the noise of one over 5 ms; the random walk stays."""
+    # a sample over 20 ms has half the noise of one over 5 ms; the random walk stays
     unit = module(Table(), ImuOptions(errors=False))
     fast = unit.readings(times_ns(200.0)).gyro_deg_s
     slow = unit.readings(times_ns(200.0, rate_hz=50.0), 20_000_000).gyro_deg_s

@@ -176,7 +176,7 @@ def _quiet(runs: int) -> EgiErrors:
     return EgiErrors(_ERRORS.t_s, *np.zeros((3, m, runs, 3)))
 
 
-def test_samples_are_old_by_the_offset() -> None:
+def test_samples_are_old_by_the_offset_and_each_by_its_clock_noise() -> None:
     """100 m/s to the north: 1.37 m behind at 13.7 ms, which no whole number of samples gives; and ahead at -20 ms."""
     p, v, c = EgiRuns(_PATH, _quiet(1), _OFFSETS_S).block(500, 501)
     assert p[0, :, 0, 0] == pytest.approx(1000.0 - 100.0 * _OFFSETS_S, abs=1e-9)
@@ -185,6 +185,15 @@ def test_samples_are_old_by_the_offset() -> None:
     heading_deg = 22.5 - 4.5 * _OFFSETS_S
     assert np.degrees(np.arctan2(c[0, :, 0, 1, 0], c[0, :, 0, 0, 0])) == pytest.approx(heading_deg, abs=1e-10)
     assert np.degrees(np.arctan2(v[0, :, 0, 1], v[0, :, 0, 0])) == pytest.approx(heading_deg, abs=1e-10)
+    noise = clock_noise(4, _ERRORS.t_s.size, 3)
+    assert noise.std() == pytest.approx(1e-5, rel=0.05)
+    assert np.array_equal(clock_noise(4, _ERRORS.t_s.size, 1)[:, 0], noise[:, 0])
+    p, v, c = EgiRuns(_PATH, _quiet(3), [0.0137], noise).block(1250, 1251)
+    for run in range(3):
+        true = _PATH.state(np.array([25.0 - 0.0137 - noise[1250, run]]))
+        assert p[0, 0, run] == pytest.approx(true.p[0], abs=1e-8)
+        assert v[0, 0, run] == pytest.approx(true.v[0], abs=1e-9)
+        assert np.arctan2(c[0, 0, run, 1, 0], c[0, 0, run, 0, 0]) == pytest.approx(true.yaw[0], abs=1e-14)
 
 
 def test_errors_are_the_same_for_every_offset() -> None:
@@ -218,15 +227,3 @@ def test_blocks_do_not_depend_on_where_they_are_cut() -> None:
         pieces = [runs.block(k, k + 1)[part] for k in range(990, 1020)]
         assert np.array_equal(np.concatenate(pieces), whole[part])
     assert [part.shape for part in whole] == [(30, 4, 3, 3), (30, 4, 3, 3), (30, 4, 3, 3, 3)]
-
-
-def test_clock_noise_makes_samples_older_each_by_itself() -> None:
-    noise = clock_noise(4, _ERRORS.t_s.size, 3)
-    assert noise.std() == pytest.approx(1e-5, rel=0.05)
-    assert np.array_equal(clock_noise(4, _ERRORS.t_s.size, 1)[:, 0], noise[:, 0])
-    p, v, c = EgiRuns(_PATH, _quiet(3), [0.0137], noise).block(1250, 1251)
-    for run in range(3):
-        true = _PATH.state(np.array([25.0 - 0.0137 - noise[1250, run]]))
-        assert p[0, 0, run] == pytest.approx(true.p[0], abs=1e-8)
-        assert v[0, 0, run] == pytest.approx(true.v[0], abs=1e-9)
-        assert np.arctan2(c[0, 0, run, 1, 0], c[0, 0, run, 0, 0]) == pytest.approx(true.yaw[0], abs=1e-14)
