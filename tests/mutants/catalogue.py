@@ -355,7 +355,7 @@ MUTANTS = [
         "bench/run/watch/interlocks.py",
         "t_ns - self._beyond_ns >= self.rule.dwell_s * NS else None",
         "t_ns >= self._beyond_ns else None",
-        ["tests/unit/run/watch/test_interlock_state.py::test_it_trips_when_the_dwell_is_over_and_not_before"],
+        ["tests/unit/run/watch/test_interlocks.py::test_it_trips_when_the_dwell_is_over_and_not_before"],
     ),
     Mutant(
         "page that asks nobody for a login",
