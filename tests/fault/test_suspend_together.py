@@ -1,6 +1,6 @@
 """Row 5: controller and guard stop together, as they do on a machine that is suspended, with the calibrator on.
 
-A stop moves no clock; the boot clock of a machine that really slept is in tests/unit/run/watch/test_suspend.py.
+A stop moves no clock; for the boot clock of a machine that slept see tests/unit/run/watch/test_clock_disk_contact.py.
 """
 
 from __future__ import annotations

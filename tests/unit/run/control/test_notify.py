@@ -107,34 +107,27 @@ def on() -> str:
     return "ENERGISED: supply 18 V"
 
 
-def test_a_program_gets_the_message_and_the_end_of_the_run_waits_for_it(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("asked_for", "kinds"), [({}, ["hold", "alarm", "error", "alarm", "end"]), ({"on": ["end"]}, ["end"])]
+)
+def test_a_program_gets_what_is_asked_for_and_the_end_of_the_run_waits_for_it(
+    tmp_path: Path, asked_for: dict[str, Any], kinds: list[str]
+) -> None:
     _, context = context_of(tmp_path)
-    notify = Notify(command=catcher(tmp_path))  # type: ignore[call-arg]
+    notify = Notify(command=catcher(tmp_path), **asked_for)
     with notifications(context, notify, on):
-        context.event(HOLD)
-        context.event(Phase(name="campaign", t_start_ns=4))
-        context.event(TRIPPED)
-        context.event(replace(TRIPPED, state="released"))
-        context.event(Verdict(ok=True))
-        context.event(Verdict(ok=False))
-        context.event(END)
+        for event in (
+            HOLD, Phase(name="campaign", t_start_ns=4), TRIPPED, replace(TRIPPED, state="released"),
+            Error(code="B-RUN-021", text="silent"), Verdict(ok=True), Verdict(ok=False), END,
+        ):  # fmt: skip
+            context.event(event)
     caught = [json.loads(line) for line in (tmp_path / "caught").read_text().splitlines()]
-    assert [one["kind"] for one in caught] == ["hold", "alarm", "alarm", "end"]
-    assert caught[0] == {
-        "kind": "hold", "event": "hold", "step": "3", "by": "door", "reason": "open",
-        "bench": "ENERGISED: supply 18 V", "session": tmp_path.name,
-        "utc": "2000-01-01T00:00:00Z",
-    }  # fmt: skip
-
-
-def test_only_what_is_asked_for_is_sent(tmp_path: Path) -> None:
-    _, context = context_of(tmp_path)
-    notify = Notify(on=["end"], command=catcher(tmp_path))  # type: ignore[call-arg]
-    with notifications(context, notify, on):
-        context.event(HOLD)
-        context.event(Error(code="B-RUN-021", text="silent"))
-        context.event(END)
-    assert [json.loads(line)["kind"] for line in (tmp_path / "caught").read_text().splitlines()] == ["end"]
+    assert [one["kind"] for one in caught] == kinds
+    if not asked_for:
+        assert caught[0] == {
+            "kind": "hold", "event": "hold", "step": "3", "by": "door", "reason": "open",
+            "bench": "ENERGISED: supply 18 V", "session": tmp_path.name, "utc": "2000-01-01T00:00:00Z",
+        }  # fmt: skip
 
 
 def test_occasions() -> None:

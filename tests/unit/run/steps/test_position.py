@@ -78,33 +78,25 @@ def test_position(tmp_path: Path, done: int, records: tuple[int, ...], expected:
     assert stopped_at(plan(tmp_path), journal(done), taken(*records)) == expected
 
 
-def test_a_record_taken_back_does_not_count(tmp_path: Path) -> None:
-    events = [*taken(FIRST, SECOND), Retake(record=2, reason="x")]
-    assert stopped_at(plan(tmp_path), journal(8), events) == Position(5, 1, ())
+BOTH = taken(FIRST, SECOND)
+SKIPPED: list[Event] = [*taken(FIRST), Skip(first=5, stop=9, reason="x", by="kim")]
+RESUMED: list[Event] = [BOTH[0], event_of("end", {"error": "B-RUN-010"}), Resume(reason="x"), BOTH[1]]
 
 
-def test_skipped_steps_are_done(tmp_path: Path) -> None:
-    events = [*taken(FIRST), Skip(first=5, stop=9, reason="x", by="kim")]
-    assert stopped_at(plan(tmp_path), journal(6), events) == Position(9, 1, ())
-    assert stopped_at(plan(tmp_path), journal(11), events) == Position(9, 1, ())
-
-
-def test_a_record_that_a_run_did_not_accept_before_it_ended_is_taken_again(tmp_path: Path) -> None:
-    """No frame came: the event is written, then the run ends by itself; its journal is whole."""
-    events = [*taken(FIRST, SECOND), event_of("end", {"error": "B-RUN-021"})]
-    assert stopped_at(plan(tmp_path), journal(7), events) == Position(5, 1, (2,))
-
-
-def test_an_end_before_a_resume_says_nothing_about_the_journal(tmp_path: Path) -> None:
-    end, begun = event_of("end", {"error": "B-RUN-010"}), Resume(reason="x")
-    events = [*taken(FIRST), end, begun, event_of("record", {"number": 2, "step": SECOND})]
-    assert stopped_at(plan(tmp_path), journal(7), events) == Position(5, 1, (2,))
-
-
-@pytest.mark.parametrize(("end", "start"), [({"error": None}, 15), ({}, 9)])
-def test_only_an_end_that_says_so_was_without_an_error(tmp_path: Path, end: dict[str, Any], start: int) -> None:
-    events = [*taken(FIRST, SECOND), event_of("end", end)]
-    assert stopped_at(plan(tmp_path), journal(9), events) == Position(start, 2, ())
+@pytest.mark.parametrize(
+    ("done", "events", "expected"),
+    [
+        (8, [*BOTH, Retake(record=2, reason="x")], Position(5, 1, ())),  # a record taken back does not count
+        (6, SKIPPED, Position(9, 1, ())),  # skipped steps are done
+        (11, SKIPPED, Position(9, 1, ())),
+        (7, [*BOTH, event_of("end", {"error": "B-RUN-021"})], Position(5, 1, (2,))),  # no frame came: not accepted
+        (7, RESUMED, Position(5, 1, (2,))),  # an end before a resume says nothing about the journal
+        (9, [*BOTH, event_of("end", {"error": None})], Position(15, 2, ())),
+        (9, [*BOTH, event_of("end", {})], Position(9, 2, ())),  # it does not say that there was no error
+    ],
+)
+def test_what_was_told_of_a_run_counts(tmp_path: Path, done: int, events: list[Event], expected: Position) -> None:
+    assert stopped_at(plan(tmp_path), journal(done), events) == expected
 
 
 def two_units(folder: Path) -> Any:

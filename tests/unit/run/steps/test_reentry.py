@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -13,7 +14,7 @@ from bench.model.clock import NS
 from bench.model.drivers import driver_class
 from bench.model.errors import LinkError, RunError
 from bench.model.ports import Action, actions_of
-from bench.plan import Step
+from bench.run.context import RunContext
 from bench.run.control.channel import Control
 from bench.run.links.keeper import keep_links
 from bench.run.observers import Following
@@ -35,29 +36,32 @@ def chamber_calls(rig: Rig) -> list[tuple[str, tuple[object, ...]]]:
     return [(name, words) for _, name, words in rig.calls if name in ("chamber.set_temperature", "chamber.run")]
 
 
-def test_inside_its_band_the_unit_is_not_soaked_again_but_the_chamber_runs(tmp_path: Path) -> None:
-    rig = soaked_rig(tmp_path)
-    rig.unit_degC = lambda t_s: 20.9
-    context = rig.context()
-    rig.clock.sleep(1.0)
-    enter(context, 1)
-    assert chamber_calls(rig) == [("chamber.set_temperature", (20.0, 0.5)), ("chamber.run", ())]
-    assert rig.clock.now_ns() < 20e9
-    assert [(one["soaked"], one["target_degC"]) for one in rig.events("reentry")] == [(False, 20.0)]
+SET_AND_RUN = [("chamber.set_temperature", (20.0, 0.5)), ("chamber.run", ())]
 
 
-def test_outside_its_band_the_whole_slot_is_waited_again(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("way", "unit_degC", "calls", "soaked"),
+    [
+        (enter, 20.9, SET_AND_RUN, False),  # a run that is gone on with tells the chamber in any case
+        (enter, 18.5, SET_AND_RUN, True),
+        (come_back, 19.5, [], False),  # behind a hold nothing is sent while the unit is in its band
+        (come_back, 15.0, SET_AND_RUN, True),
+    ],
+)
+def test_outside_its_band_the_unit_is_soaked_again_for_the_whole_slot_and_inside_it_is_not(
+    tmp_path: Path, way: Callable[[RunContext, int], None], unit_degC: float, calls: list[Any], soaked: bool
+) -> None:
     rig = soaked_rig(tmp_path)
-    rig.unit_degC = lambda t_s: 18.5 if t_s < 200.0 else 20.0
+    rig.unit_degC = lambda t_s: unit_degC if not soaked or t_s < 200.0 else 20.0
     context = rig.context()
     rig.clock.sleep(1.0)
     before = context.timeline
-    enter(context, 1)
-    assert rig.clock.now_ns() >= 600e9
-    assert context.timeline is before
-    assert context.settled
-    ((event),) = rig.events("reentry")
-    assert (event["soaked"], event["unit_degC"]) == (True, 18.5)
+    way(context, 1)
+    assert chamber_calls(rig) == calls
+    (event,) = rig.events("reentry")
+    assert (event["soaked"], event["target_degC"], event["unit_degC"]) == (soaked, 20.0, pytest.approx(unit_degC))
+    assert rig.clock.now_ns() >= 600e9 if soaked else rig.clock.now_ns() < 20e9
+    assert (context.timeline is before, context.settled) == (True, True)
 
 
 def test_a_unit_that_says_nothing_is_soaked_again_and_judged(tmp_path: Path) -> None:
@@ -68,20 +72,6 @@ def test_a_unit_that_says_nothing_is_soaked_again_and_judged(tmp_path: Path) -> 
         enter(context, 1)
 
 
-def test_after_a_hold_nothing_is_sent_while_the_unit_is_in_its_band(tmp_path: Path) -> None:
-    rig = soaked_rig(tmp_path)
-    rig.unit_degC = lambda t_s: 19.5
-    context = rig.context()
-    rig.clock.sleep(1.0)
-    come_back(context, 1)
-    assert chamber_calls(rig) == []
-    rig.unit_degC = lambda t_s: 15.0 if t_s < 100.0 else 20.0
-    rig.clock.sleep(1.0)
-    come_back(context, 1)
-    assert chamber_calls(rig) == [("chamber.set_temperature", (20.0, 0.5)), ("chamber.run", ())]
-    assert [one["soaked"] for one in rig.events("reentry")] == [False, True]
-
-
 def test_before_any_soak_and_at_the_end_no_temperature_is_due(tmp_path: Path) -> None:
     rig = soaked_rig(tmp_path)
     rig.step("call", "calibrator", "output", current=0.0, phase="finally")
@@ -90,29 +80,6 @@ def test_before_any_soak_and_at_the_end_no_temperature_is_due(tmp_path: Path) ->
     enter(context, 2)
     assert chamber_calls(rig) == []
     assert rig.events("reentry") == []
-
-
-def test_a_hold_that_let_the_unit_cool_soaks_again_in_a_run(tmp_path: Path) -> None:
-    """The whole sequencer: hold in a settle, the unit cools meanwhile, the soak is done again, then the point."""
-    rig = Rig(tmp_path, "calibrator", "chamber")
-    rig.step("soak", "chamber", "soak", **SOAK)
-    first = len(rig.steps)
-    rig.step("call", "calibrator", "output", current=1.0)
-    rig.step("settle", duration_s=50.0, bus_s=0.0)
-    rig.step("record", "port_a", seconds=1.0, retry=1, max_lost=0.0, retry_step=first)
-    rig.unit_degC = lambda t_s: 17.0 if 615.0 < t_s < 800.0 else 20.0
-
-    def hold(step: Step) -> None:
-        if step.kind == "settle" and rig.clock.now_ns() < 650e9:
-            rig.stop.holds.hold("test", "a door")
-            rig.clock.every(20.0, lambda: rig.stop.holds.release("test"), observer=False)
-
-    rig.listener.on_step = hold
-    outcome = rig.run()
-    assert outcome.error is None
-    assert [one["soaked"] for one in rig.events("reentry")] == [True]
-    assert len(outcome.rows) == 1
-    assert outcome.slip_s > 600.0
 
 
 def test_a_stop_still_ends_a_soak_that_is_done_again(tmp_path: Path) -> None:
