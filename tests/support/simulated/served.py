@@ -58,7 +58,7 @@ class Served:
         found: dict[str, Any] = ask(self.folder / "control.sock", ["state"])["state"]
         return found
 
-    def until(self, true: Callable[[dict[str, Any]], object], what: str, limit_s: float = 20.0) -> dict[str, Any]:
+    def until(self, true: Callable[[dict[str, Any]], object], what: str, limit_s: float = START_S) -> dict[str, Any]:
         """Wait for something that the bench really does; return its state."""
         end_s = time.monotonic() + limit_s
         while not true(state := self.state()):
