@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from controller import FSYNC_S
-from served import SAFE_S, Controller, Served
+from served import SAFE_S, Controller, Served, until
 
 from bench.model.clock import WallClock
 from bench.model.errors import RunError
@@ -115,7 +115,7 @@ def test_a_mute_calibrator_goes_off_all_the_same(served: Served, start: Start) -
     os.kill(controller.process.pid, signal.SIGKILL)
     first = controller.wait_for_guard("instrument")
     assert (first["role"], first["safe"]) == ("calibrator", False)
-    controller.until(lambda: "switch" in {entry.get("role") for entry in controller.diary}, "the switch in the diary")
+    until(lambda: "switch" in {entry.get("role") for entry in controller.diary}, "the switch in the diary")
     assert 0 < off_after_s(served, moment_s) <= SAFE_S
     served.fault("clear")
     assert controller.wait_for_guard("safe", "unsafe")["what"] == "safe"
