@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from controller import FSYNC_S
-from served import SAFE_S, Controller, Served
+from served import SAFE_S, Controller, Served, until
 
 from bench.model.clock import WallClock
 from bench.model.errors import RunError
@@ -115,7 +115,7 @@ def test_a_mute_calibrator_goes_off_all_the_same(served: Served, start: Start) -
     os.kill(controller.process.pid, signal.SIGKILL)
     first = controller.wait_for_guard("instrument")
     assert (first["role"], first["safe"]) == ("calibrator", False)
-    controller.until(lambda: "switch" in {entry.get("role") for entry in controller.diary}, "the switch in the diary")
+    until(lambda: "switch" in {entry.get("role") for entry in controller.diary}, "the switch in the diary")
     assert 0 < off_after_s(served, moment_s) <= SAFE_S
     served.fault("clear")
     assert controller.wait_for_guard("safe", "unsafe")["what"] == "safe"
@@ -177,8 +177,8 @@ def cool_station(served: Served, tmp_path: Path) -> Path:
 
 def heat_off_after_s(served: Served) -> float:
     """Seconds from the moment the chamber's air reached 24 degC until its heat went off."""
-    reached = served.until(lambda state: state["chamber_air_degC"] >= 24.0, "the limit", 60.0)
-    off = served.until(lambda state: state["instruments"]["chamber"]["mode"] == "stopped", "no heat", 60.0)
+    reached = served.until(lambda state: state["chamber_air_degC"] >= 24.0, "the limit")
+    off = served.until(lambda state: state["instruments"]["chamber"]["mode"] == "stopped", "no heat")
     after_s = float(off["time_s"] - off["instruments"]["chamber"]["unchanged_s"] - reached["time_s"])
     print(f"heat off {after_s:.2f} s after the air reached the limit")
     return after_s

@@ -11,25 +11,15 @@ from typing import Any
 
 import pytest
 from rehearsal import ROOT, Inside
+from served import until
 
 from bench.commands.control import ask
-from bench.model.clock import WallClock
 from bench.model.errors import BenchError
 from bench.record import SessionReader
 
 pytestmark = pytest.mark.waits
 
 WAIT_S = 120.0
-CLOCK = WallClock()
-
-
-def wait_for(found: Any, what: str) -> Any:
-    """The first true value of ``found``; the limit is only there to end a test that hangs."""
-    for _ in range(round(WAIT_S / 0.1)):
-        if value := found():
-            return value
-        CLOCK.sleep(0.1)
-    raise AssertionError(f"{what} did not come")
 
 
 def status(folder: Path) -> dict[str, Any]:
@@ -63,16 +53,16 @@ def test_another_terminal_pauses_resumes_and_aborts_a_run(tmp_path: Path, inside
     log = (tmp_path / "log").open("w+")
     with log, subprocess.Popen(command, stdout=log, stderr=log, env=environment) as run:
         try:
-            folder = wait_for(lambda: next(iter(out.glob("*_SIM-1*")), None), "a session")
-            wait_for(lambda: status(folder).get("records", 0) >= 1, "a record")
+            folder = until(lambda: next(iter(out.glob("*_SIM-1*")), None), "a session", WAIT_S)
+            until(lambda: status(folder).get("records", 0) >= 1, "a record", WAIT_S)
             assert inside("pause", str(folder), "--reason", "door open").returncode == 0
-            held = wait_for(lambda: (now := status(folder)).get("state") == "holding" and now, "a hold")
+            held = until(lambda: (now := status(folder)).get("state") == "holding" and now, "a hold", WAIT_S)
             assert any("door open" in reason for reason in held["reasons"].values())
-            wait_for(lambda: caught.exists() and '"hold"' in caught.read_text(), "the news of it")
-            verdict = wait_for(lambda: "early verdict" in (tmp_path / "log").read_text(), "a verdict")
+            until(lambda: caught.exists() and '"hold"' in caught.read_text(), "the news of it", WAIT_S)
+            verdict = until(lambda: "early verdict" in (tmp_path / "log").read_text(), "a verdict", WAIT_S)
             assert verdict
             assert inside("resume", str(folder)).returncode == 0
-            wait_for(lambda: status(folder).get("records", 0) > held["records"], "another record")
+            until(lambda: status(folder).get("records", 0) > held["records"], "another record", WAIT_S)
             assert inside("abort", str(folder), "--reason", "enough").returncode == 0
             assert run.wait(WAIT_S) == 4
         finally:

@@ -6,11 +6,12 @@ import json
 import zipfile
 from pathlib import Path
 
-from rehearsal import Inside, bench
+import pytest
+from rehearsal import ROOT, Inside, bench
 
 from bench import __version__
 
-STATION = "stations/af_bench_sim.yaml"
+STATION = (ROOT / "stations" / "af_bench_sim.yaml").read_text(encoding="utf-8")
 
 
 def test_the_machine_and_a_station(tmp_path: Path) -> None:
@@ -32,35 +33,36 @@ def test_the_machine_and_a_station(tmp_path: Path) -> None:
         assert archive.read("af_bench_sim.yaml").startswith(b"#")
 
 
-def test_a_station_with_mistakes_is_an_error(tmp_path: Path, inside: Inside) -> None:
-    shipped = Path(__file__).resolve().parents[2] / STATION
-    path = tmp_path / "station.yaml"
-    path.write_text(shipped.read_text(encoding="utf-8").replace("GPIB0::4::INSTR", "nonsense"), encoding="utf-8")
-    done = inside("doctor", "--station", str(path))
-    assert done.returncode == 2
-    assert "B-PLAN-012" in done.stdout
-    assert "B-RUN-080" in done.stderr
-
-
-def test_a_real_station_without_its_visa_library_fails(tmp_path: Path, inside: Inside) -> None:
-    text = (Path(__file__).resolve().parents[2] / STATION).read_text(encoding="utf-8")
-    world = text[text.index("world:") : text.index("instruments:")]
+def real_station() -> str:
+    """Return the simulated bench as if it were real, with a VISA library that is not there."""
+    text = STATION
     changes = {
         "simulated: true": "simulated: false",
         '"@bench"': '"@ivi"',
-        world: "",
+        text[text.index("world:") : text.index("instruments:")]: "",
         "1999-": "2026-",
         "2000-": "2030-",
     }
     changes |= {f"baud: {baud}": f"baud: {baud}, url: /dev/{baud}" for baud in (921600, 115200)}
     for old, new in changes.items():
         text = text.replace(old, new)
+    return text
+
+
+@pytest.mark.parametrize(
+    ("text", "out", "err"),
+    [
+        (STATION.replace("GPIB0::4::INSTR", "nonsense"), "B-PLAN-012", "B-RUN-080"),
+        (real_station(), "", "B-RUN-002"),
+    ],
+    ids=["mistakes", "no VISA library"],
+)
+def test_a_station_that_cannot_be_used(text: str, out: str, err: str, tmp_path: Path, inside: Inside) -> None:
     path = tmp_path / "station.yaml"
     path.write_text(text, encoding="utf-8")
     done = inside("doctor", "--station", str(path))
-    assert done.returncode == 2
-    assert done.stderr.count("B-RUN-002") == 1
-    assert "@ivi" in done.stderr
+    assert (done.returncode, out in done.stdout, done.stderr.count(err)) == (2, True, 1)
+    assert err != "B-RUN-002" or "@ivi" in done.stderr
 
 
 def test_a_bundle_that_cannot_be_written(tmp_path: Path, inside: Inside) -> None:

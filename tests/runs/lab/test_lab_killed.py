@@ -6,14 +6,14 @@ import json
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from kill_drill import LONGEST_S, Process, killed, resumable, safe_after_s, session_in
 from own_lab import DRIVER, copied
 from rehearsal import bench
-from served import SAFE_S, serving
+from served import SAFE_S, serving, until
 
 from bench.model.clock import WallClock
 from bench.model.errors import RunError
@@ -103,21 +103,20 @@ def test_killed_moved_and_resumed(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
 def _first_record(out: Path, process: Process) -> None:
     """Wait until the first record is in the session: the run is in its second one, or on its way to it."""
-    end_s = process.begun_s + LONGEST_S
-    while process.ended_by(0.0) is None and time.monotonic() < end_s:
+
+    def there() -> bool:
+        assert process.ended_by(0.0) is None, process.said()
         folder = session_in(out)
-        if folder is not None and resumable(folder) and any(SessionReader(folder).events("record")):
-            return
-        time.sleep(0.2)
-    raise AssertionError(process.said())
+        return folder is not None and resumable(folder) and any(SessionReader(folder).events("record"))
+
+    until(there, process.said, LONGEST_S)
 
 
 def _safe_by_its_guard(folder: Path) -> list[str]:
     """Return the roles that the guard has confirmed safe, when its diary says that it is done."""
-    end_s = time.monotonic() + LONGEST_S
-    while time.monotonic() < end_s:
-        diary = read_diary(folder / "guard.jsonl")
-        if any(entry["what"] in ("safe", "unsafe") for entry in diary):
-            return [entry["role"] for entry in diary if entry["what"] == "instrument" and entry["safe"]]
-        time.sleep(0.1)
-    raise AssertionError("the guard did not end")
+
+    def diary() -> list[dict[str, Any]]:
+        return read_diary(folder / "guard.jsonl")
+
+    until(lambda: {"safe", "unsafe"} & {entry["what"] for entry in diary()}, "the end of the guard", LONGEST_S)
+    return [entry["role"] for entry in diary() if entry["what"] == "instrument" and entry["safe"]]

@@ -60,9 +60,14 @@ def command(*words: object) -> str:
     return done.output
 
 
-def run(folder: Path, text: str = SEQUENCE) -> Path:
+def written(folder: Path, text: str = SEQUENCE) -> Path:
     path = folder / "unit_says.yaml"
     path.write_text(text)
+    return path
+
+
+def run(folder: Path, text: str = SEQUENCE) -> Path:
+    path = written(folder, text)
     command("run", path, "--clock", "virtual", "--seed", 1, "--out", folder / "out")
     (session,) = (folder / "out").glob("*_unit_says_*")
     return session
@@ -133,8 +138,7 @@ def test_what_is_not_as_expected_fails_or_is_missing(tmp_path: Path) -> None:
 
 
 def test_a_make_up_reads_the_same(tmp_path: Path) -> None:
-    path = tmp_path / "unit_says.yaml"
-    path.write_text(SEQUENCE)
+    path = written(tmp_path)
     plan = compile_sequence(path)
     (record,) = (step for step in plan.steps if isinstance(step, PlannedRecord))
     text, _, _ = make_up_sequence(plan, [RecordState(record, None, MISSING)])
@@ -166,9 +170,7 @@ REFUSED = {
 def test_what_cannot_be_expected(name: str, tmp_path: Path) -> None:
     (old, new), code, words = REFUSED[name]
     assert old in SEQUENCE
-    path = tmp_path / "unit_says.yaml"
-    path.write_text(SEQUENCE.replace(old, new))
     with pytest.raises(InputErrors) as caught:
-        compile_sequence(path)
+        compile_sequence(written(tmp_path, SEQUENCE.replace(old, new)))
     assert f"error {code}" in str(caught.value)
     assert words in str(caught.value)

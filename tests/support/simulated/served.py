@@ -21,6 +21,18 @@ T = TypeVar("T")
 HERE = Path(__file__).resolve().parent
 START_S = 60.0
 SAFE_S = 5.0  # the deadline of safety
+LOOK_S = 0.05
+
+
+def until(
+    found: Callable[[], T], what: Callable[[], object] | str, limit_s: float = START_S, each_s: float = LOOK_S
+) -> T:
+    """Return the first true value of ``found``; the limit only ends a test that hangs, and ``what`` says for what."""
+    end_s = time.monotonic() + limit_s
+    while not (value := found()):
+        assert time.monotonic() < end_s, f"did not come: {what if isinstance(what, str) else what()}"
+        time.sleep(each_s)
+    return value
 
 
 class Served:
@@ -58,13 +70,9 @@ class Served:
         found: dict[str, Any] = ask(self.folder / "control.sock", ["state"])["state"]
         return found
 
-    def until(self, true: Callable[[dict[str, Any]], object], what: str, limit_s: float = 20.0) -> dict[str, Any]:
+    def until(self, true: Callable[[dict[str, Any]], object], what: str) -> dict[str, Any]:
         """Wait for something that the bench really does; return its state."""
-        end_s = time.monotonic() + limit_s
-        while not true(state := self.state()):
-            assert time.monotonic() < end_s, f"never came: {what}"
-            time.sleep(0.02)
-        return state
+        return until(lambda: state if true(state := self.state()) else {}, what, each_s=0.02)
 
     def on(self) -> list[str]:
         """Roles whose stimulus or route is on."""
@@ -121,17 +129,11 @@ class Controller:
 
     def wait_for_guard(self, *words: str) -> dict[str, Any]:
         """The guard's entry that is one of ``words``."""
-        return self.until(
-            lambda: next((entry for entry in self.diary if entry["what"] in words), None), f"a note of {words}"
-        )
 
-    def until(self, found: Callable[[], T], what: str) -> T:
-        """The first true value of ``found``."""
-        end_s = time.monotonic() + START_S
-        while not (value := found()):
-            assert time.monotonic() < end_s, f"{what} did not come, but: {self.diary}"
-            time.sleep(0.05)
-        return value
+        def noted() -> dict[str, Any]:
+            return next((entry for entry in self.diary if entry["what"] in words), {})
+
+        return until(noted, lambda: f"{words} in {self.diary}")
 
     def end(self) -> int:
         """Wait for its end; returns its status."""
