@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -118,11 +119,20 @@ def test_a_unit_gives_the_numbers_of_its_own_campaign(
 
 
 def test_the_list_of_all_has_every_estimate_with_its_unit(campaign: Rehearsal, finished: list[UnitFinished]) -> None:
+    """That which failed has no verdict, and says why; no report of a unit names another one."""
     whole = json.loads((campaign.run.folder / "results.json").read_text())
     assert {entry["conditions"][UNIT] for entry in whole["estimates"]} == {"SIM-1", "SIM-2", "SIM-3"}
     assert whole["uut"]["serial"] == "LOT-1"
     assert whole["provenance"]["session_sha256"] == campaign.run.session_sha256
     assert sum(len(done.finished.results["estimates"]) for done in finished if done.finished) == len(whole["estimates"])
+    failed = finished[2].finished
+    assert failed is not None
+    assert failed.results["incomplete"] is True
+    assert {entry["verdict"] for entry in failed.results["estimates"]} == {"none"}
+    pages = [(campaign.run.folder / "units" / name / "report.html").read_text() for name in ("SIM-3", "SIM-1")]
+    assert "unit SIM-3 in slot C is left out" in pages[0]
+    assert not any(serial in pages[1] for serial in ("SIM-2", "SIM-3"))
+    assert "between channels" not in pages[1]  # one channel: nothing that it could be correlated with
 
 
 def test_the_archive_refits_each_unit(campaign: Rehearsal, finished: list[UnitFinished], tmp_path: Path) -> None:
@@ -135,21 +145,6 @@ def test_the_archive_refits_each_unit(campaign: Rehearsal, finished: list[UnitFi
     assert all(row["value"] == row["released_value"] for row in rows)
     (other,) = refit(replace(task, key="0" * 64))
     assert other["code"] == OTHER_RECORDING
-
-
-def test_the_report_of_the_unit_that_failed_says_why(campaign: Rehearsal, finished: list[UnitFinished]) -> None:
-    done = finished[2]
-    assert done.finished is not None
-    assert done.finished.results["incomplete"] is True
-    assert {entry["verdict"] for entry in done.finished.results["estimates"]} == {"none"}
-    page = (campaign.run.folder / "units" / "SIM-3" / "report.html").read_text()
-    assert "unit SIM-3 in slot C is left out" in page
-    assert "its port was unplugged" in page
-    other = (campaign.run.folder / "units" / "SIM-1" / "report.html").read_text()
-    assert "SIM-3" not in other
-    assert "SIM-2" not in other
-    assert "by channel. Standard contributions" in other
-    assert "between channels" not in other  # one channel: nothing that it could be correlated with
 
 
 def test_an_export_verifies_without_the_other_units(
@@ -192,13 +187,48 @@ def test_an_export_is_the_same_whenever_it_is_made(campaign: Rehearsal, exported
     assert extract(campaign.run.folder, "SIM-1", tmp_path / "again") == SessionReader(exported).sha256
 
 
+def links_exchanged(world: World) -> None:
+    ports: Any = world.unit
+    a, b = ports._ports["a_port_b"], ports._ports["b_port_b"]
+    ports._ports.update({"a_port_b": b, "b_port_b": a})
+
+
+def cables_exchanged(world: World) -> None:
+    plain = world.wiring.switch
+    other = {column: column + 10 if column <= 10 else column - 10 for column in range(1, 21)}
+    world.wiring.switch = lambda closed, t_ns: plain(  # type: ignore[method-assign]
+        frozenset((row, other.get(column, column)) for row, column in closed), t_ns
+    )
+
+
+@pytest.mark.parametrize(
+    ("exchange", "code", "said"),
+    [
+        (links_exchanged, "B-RUN-026", "slot A answers 'NGU SIM-2 1.0', expected SIM-1; it is the unit of slot B"),
+        (cables_exchanged, "B-RUN-052", "unit SIM-1 in slot A moves channel 2 of unit SIM-2 in slot B"),
+    ],
+)
+def test_exchanged_links_and_cables_are_named(
+    tmp_path: Path, exchange: Callable[[World], None], code: str, said: str
+) -> None:
+    outcome = rehearsed(tmp_path, units_plan(tmp_path), arrange=exchange).run.outcome
+    assert outcome.error is not None
+    assert outcome.error.code == code
+    assert said in outcome.error.message
+    assert outcome.rows == []
+
+
 def test_what_is_done_for_one_unit_refuses_a_session_of_several(campaign: Rehearsal, tmp_path: Path) -> None:
-    with pytest.raises(InputError) as refused:
-        read_view(campaign.run.folder)
-    assert refused.value.code == "B-RPL-007"
-    with pytest.raises(InputError) as unknown:
-        extract(campaign.run.folder, "SIM-9", tmp_path)
-    assert unknown.value.code == "B-CLI-014"
+    """And a world of one unit takes no slots."""
+    station = {"slots": {"A": {}}}
+    for code, done in (
+        ("B-RPL-007", lambda: read_view(campaign.run.folder)),
+        ("B-CLI-014", lambda: extract(campaign.run.folder, "SIM-9", tmp_path)),
+        ("B-SIM-020", lambda: open_world("plain_unit", clock=VirtualClock(), seed=1, station=station)),
+    ):
+        with pytest.raises(InputError) as refused:
+            done()
+        assert refused.value.code == code
     seen: list[str] = []
     assert in_each_unit(campaign.run.folder, lambda home: seen.append(home.name) or len(seen)) == 3
     assert seen == ["SIM-1", "SIM-2", "SIM-3"]
@@ -251,41 +281,6 @@ def test_open_inputs_of_all_units_are_recorded_at_once_and_without_a_gap(tmp_pat
     view = read_view(tmp_path / "SIM-2")
     assert [row.window.number for row in view.rows] == list(range(1, 21))
     assert all(row.timing is not None for row in view.rows)
-
-
-def test_a_world_of_one_unit_takes_no_slots() -> None:
-    with pytest.raises(InputError) as refused:
-        open_world("plain_unit", clock=VirtualClock(), seed=1, station={"slots": {"A": {}}})
-    assert refused.value.code == "B-SIM-020"
-
-
-def test_exchanged_links_are_named(tmp_path: Path) -> None:
-    def exchange(world: World) -> None:
-        ports: Any = world.unit
-        a, b = ports._ports["a_port_b"], ports._ports["b_port_b"]
-        ports._ports.update({"a_port_b": b, "b_port_b": a})
-
-    found = rehearsed(tmp_path, units_plan(tmp_path), arrange=exchange)
-    error = found.run.outcome.error
-    assert error is not None
-    assert error.code == "B-RUN-026"
-    assert "slot A answers 'NGU SIM-2 1.0', expected SIM-1; it is the unit of slot B" in error.message
-    assert found.run.outcome.rows == []
-
-
-def test_exchanged_cables_are_named(tmp_path: Path) -> None:
-    def exchange(world: World) -> None:
-        plain = world.wiring.switch
-        other = {column: column + 10 if column <= 10 else column - 10 for column in range(1, 21)}
-        world.wiring.switch = lambda closed, t_ns: plain(  # type: ignore[method-assign]
-            frozenset((row, other.get(column, column)) for row, column in closed), t_ns
-        )
-
-    found = rehearsed(tmp_path, units_plan(tmp_path), arrange=exchange)
-    error = found.run.outcome.error
-    assert error is not None
-    assert error.code == "B-RUN-052"
-    assert "the current for unit SIM-1 in slot A moves channel 2 of unit SIM-2 in slot B" in error.message
 
 
 def test_a_unit_that_is_not_confirmed_off_ends_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

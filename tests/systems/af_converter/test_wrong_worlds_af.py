@@ -6,13 +6,14 @@ Counts are made from the physics alone (``doubt_scale_factor``); nothing of the 
 from __future__ import annotations
 
 from collections import Counter, defaultdict
+from dataclasses import dataclass
 from functools import cache
 
 import doubt_scale_factor as worlds
 import fit_simulation as sim
 import numpy as np
 import pytest
-from doubt_classes import CLASSES, DOUBTED, REFUSED, RIGHT, WRONG, Seen, Switch, is_visible, sorted_classes
+from doubt_classes import CLASSES, DOUBTED, REFUSED, RIGHT, WRONG, Seen, Switch, class_of, is_visible, sorted_classes
 from scipy import special
 
 from bench.analysis import Material, build_results, is_sound
@@ -157,3 +158,36 @@ def test_what_a_switch_hides_is_named_with_a_size() -> None:
     assert set(taken) >= {"calibrator_gain", "open_route_leakage", "generator_frequency"}
     assert "less than 5 ppm" in taken["clock_counts"].unseen
     assert all(any(figure.isdigit() for figure in assumption.effect) for assumption in taken.values())
+
+
+@dataclass(frozen=True)
+class StuckCounter(sim.World):
+    """A counter that stands at seven pulses in each of 10,000 frames, whatever the input is."""
+
+    def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
+        return counts | {"n": 70_000.0} if at.channel == worlds.WRONG else counts
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_counter_that_stands_at_seven_pulses_a_frame_is_refused(seed: int) -> None:
+    found = classes_of(sim.simulate(seed, world=StuckCounter()))
+    of_it = [entry for entry, _ in found if entry["conditions"]["channel"] == worlds.WRONG]
+    assert all(entry["quality"] == "refused" for entry in of_it)
+    others = [entry for entry, _ in found if entry["conditions"]["channel"] != worlds.WRONG]
+    assert others
+    assert all(is_sound(entry) for entry in others)
+
+
+def classes_of(campaign: sim.SimulatedCampaign) -> list[tuple[dict[str, object], str]]:
+    """Return estimates with their classes; none is confidently wrong."""
+    document = build_results("doubt", sim.analysed(campaign), {"records": len(campaign.rows)}, worlds.PROVENANCE)
+    entries = [entry for entry in document["estimates"] if entry["quantity"] in worlds.QUANTITIES]
+    found = [(entry, class_of(entry, campaign.truth(entry), None, 0.0)) for entry in entries]
+    assert found
+    assert not [entry for entry, kind in found if kind == WRONG]
+    return found
+
+
+@pytest.mark.parametrize("repeat", [None, 1])
+def test_a_calibrator_that_drifts_by_three_per_mille_leaves_no_small_interval(repeat: int | None) -> None:
+    classes_of(sim.simulate(4, repeat_channel=repeat, world=worlds.CalibratorDrift(3e-3)))

@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
-from bias_coverage import WIDTH_AT, fit_ramp, scores, truths
-from bias_simulation import K0_C, Ramp, covariance, draw, flow, heat, ramp, slack
+from bias_simulation import K0_C, Ramp, WALK_A_rth, WHITE_A_rtHz, covariance, draw, flow, heat, ramp, slack
 from scipy.optimize import least_squares
 from whitened_covariance import covariance_of
 
@@ -30,6 +30,50 @@ from bench.systems.af_converter.estimators.hysteresis.model import (
     ModelShape,
     mean_of_walk,
 )
+from bench.systems.af_converter.estimators.hysteresis.search import Bounds
+
+WIDTH_AT = 4
+
+
+def fit_ramp(
+    one: Ramp,
+    *,
+    drive: Drive | None = None,
+    lag_s: tuple[float, float] = (120.0, 5400.0),
+    shape: ModelShape | None = None,
+    level: bool = True,
+    walk_A_rth: float = WALK_A_rth,
+    contiguous: bool = True,
+) -> HysteresisFit:
+    """Joint fit of gated readings; ``walk_A_rth`` and ``contiguous`` may make a plausible mistake in the noise."""
+    noise: Any = series_covariance(
+        "gated",
+        (one.start_s + one.end_s) / 2.0,
+        one.end_s - one.start_s,
+        K0_C[one.unit.kind],
+        WHITE_A_rtHz,
+        walk_A_rth,
+        contiguous,
+    )
+    return fit_hysteresis(
+        one.bias_A,
+        Gates(one.start_s, one.end_s),
+        drive or usable_drive(one.trace_t_s, one.air_degC),
+        noise.whiten,
+        shape=shape,
+        bounds=Bounds(lag_s=lag_s),
+        level=mean_of_walk(one.start_s, one.end_s, walk_A_rth) if level else None,
+    )
+
+
+def truths(one: Ramp) -> np.ndarray:
+    """True b0 to b3, width, lag and half-width, (7,)."""
+    return np.array([*map(one.truth, range(4)), one.unit.width_A, one.unit.lag_s, one.unit.half_width_degC])
+
+
+def scores(one: Ramp, fit: HysteresisFit) -> np.ndarray:
+    """Errors over stated standard uncertainties, (7,)."""
+    return (fit.parameters - truths(one)) / np.sqrt(np.diag(fit.covariance))
 
 
 @cache
