@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 from crashes import nobody
-from rehearsal import ROOT
+from units_campaign import cut
 
 from bench.analysis import Material
 from bench.commands.run import view_of
@@ -28,12 +28,8 @@ CUTS = (
 
 
 def tiny(folder: Path) -> Plan:
-    text = (ROOT / "sequences" / "dmm_method.yaml").read_text()
-    for old, new in CUTS:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
     path = folder / "dmm_tiny.yaml"
-    path.write_text(text)
+    path.write_text(cut("dmm_method", list(CUTS)))
     return compile_sequence(path, None, {})
 
 

@@ -40,14 +40,9 @@ def times_s(campaign: sim.SimulatedCampaign) -> tuple[float, float]:
 def run(
     campaign: sim.SimulatedCampaign, readings: list[Reading], repeat_ppm: float = 0.0, declared: float | None = None
 ) -> Analysis:
-    rows = []
-    for row in campaign.rows:
-        factor = 1 + 1e-6 * repeat_ppm * row.window.conditions["repeat"]
-        sums = row.sums | {name: row.sums[name] * factor for name in ("npp", "ppp")}
-        rows.append(sim.Row(row.window, sums, row.context))
     stated = {} if declared is None else {"drift_relative": declared}
-    calibrator = campaign.standards["calibrator"] | stated
-    return analyse(Material(rows, campaign.campaign, {"calibrator": calibrator}, readings=readings))
+    standards = {"calibrator": campaign.standards["calibrator"] | stated}
+    return analyse(Material(sim.repeated_off(campaign, repeat_ppm), campaign.campaign, standards, readings=readings))
 
 
 def drifts(analysis: Analysis, kind: str) -> list[dict[str, Any]]:
