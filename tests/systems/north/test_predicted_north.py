@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from doubt_north import record_row
+from fog_material import record_row
 from numpy.typing import NDArray
 from scipy import signal, stats
 from typer.testing import CliRunner
