@@ -5,38 +5,23 @@ Counts by ``fit_simulation``, readings by ``dmm_simulation``: neither shares a l
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import dmm_simulation as dmm
 import fit_simulation as sim
 import numpy as np
 from doubt_classes import Seen, Switch
+from doubt_scale_factor import Clipped, EvenOrder, SoftSaturation, Wrong
 
 from bench.analysis import Reading, build_results
 from bench.systems.af_converter.dmm_method.analysis import analyse
 
 SYSTEM = "dmm_method"
 PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
-WRONG = 2  # the channel that is wrong, where one is
 QUANTITIES = ("dsf_n", "dsf_p", "dsf_asymmetry")
-_FULL_A = sim.KIND["accelerometer"]["full_scale_A"]
 _LEVELS_A = sim.KIND["accelerometer"]["levels_A"]
 _LENGTH_s = 9000.0 + 45 * 120.0
-
-
-@dataclass(frozen=True)
-class Wrong(sim.World):
-    """A right world; a wrong one departs from it in one method. ``size``: by how much."""
-
-    size: float = 0.0
-
-    def of_channel(self, at: sim.Place) -> bool:
-        return at.channel == WRONG
-
-    def read_A(self, value_A: float, range_A: float, at_s: float, number: int) -> float:
-        """Return what the meter shows; ``number``: of the reading among all."""
-        return value_A
 
 
 class SwappedLeads(Wrong):
@@ -45,22 +30,6 @@ class SwappedLeads(Wrong):
     def input_A(self, current_A: float, at: sim.Place) -> float:
         swapped = at.step[1] <= _LEVELS_A[round(self.size * len(_LEVELS_A)) - 1]
         return -current_A if self.of_channel(at) and swapped else current_A
-
-
-class SoftSaturation(Wrong):
-    def input_A(self, current_A: float, at: sim.Place) -> float:
-        return current_A * (1.0 - self.size * (current_A / _FULL_A) ** 4) if self.of_channel(at) else current_A
-
-
-class Clipped(Wrong):
-    def input_A(self, current_A: float, at: sim.Place) -> float:
-        most_A = 20e-3 * (1.0 - self.size)
-        return float(np.clip(current_A, -most_A, most_A)) if self.of_channel(at) else current_A
-
-
-class EvenOrder(Wrong):
-    def input_A(self, current_A: float, at: sim.Place) -> float:
-        return current_A * (1.0 + self.size * current_A / _FULL_A) if self.of_channel(at) else current_A
 
 
 class OneBadRecord(Wrong):

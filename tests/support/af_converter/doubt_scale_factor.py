@@ -25,45 +25,51 @@ _NOISE_FREE = sim.Switches(gain=False, calibrator_errors=False, noise=False, qua
 
 
 @dataclass(frozen=True)
-class _Wrong(sim.World):
-    size: float
+class Wrong(sim.World):
+    """A right world; a wrong one departs from it in one method. ``size``: by how much."""
+
+    size: float = 0.0
 
     def of_channel(self, at: sim.Place) -> bool:
         return at.channel == WRONG
 
+    def read_A(self, value_A: float, range_A: float, at_s: float, number: int) -> float:
+        """Return what a meter beside the unit shows; ``number``: of the reading among all."""
+        return value_A
 
-class SwappedLeads(_Wrong):
+
+class SwappedLeads(Wrong):
     def input_A(self, current_A: float, at: sim.Place) -> float:
         return -current_A if self.of_channel(at) and at.nominal_degC < -20.0 + 100.0 * self.size else current_A
 
 
-class SoftSaturation(_Wrong):
+class SoftSaturation(Wrong):
     def input_A(self, current_A: float, at: sim.Place) -> float:
         return current_A * (1.0 - self.size * (current_A / _FULL_A) ** 4) if self.of_channel(at) else current_A
 
 
-class Clipped(_Wrong):
+class Clipped(Wrong):
     def input_A(self, current_A: float, at: sim.Place) -> float:
         most_A = 20e-3 * (1.0 - self.size)
         return float(np.clip(current_A, -most_A, most_A)) if self.of_channel(at) else current_A
 
 
-class CalibratorStep(_Wrong):
+class CalibratorStep(Wrong):
     def gain(self, at: sim.Place) -> float:
         return self.size if at.share > 0.6 else 0.0
 
 
-class CalibratorDrift(_Wrong):
+class CalibratorDrift(Wrong):
     def gain(self, at: sim.Place) -> float:
         return self.size * (at.share - 0.5)
 
 
-class EvenOrder(_Wrong):
+class EvenOrder(Wrong):
     def input_A(self, current_A: float, at: sim.Place) -> float:
         return current_A * (1.0 + self.size * current_A / _FULL_A) if self.of_channel(at) else current_A
 
 
-class OneBadRecord(_Wrong):
+class OneBadRecord(Wrong):
     AT = (20.0, 5e-3, 1)  # temperature, level, polarity
 
     def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
@@ -76,14 +82,14 @@ class OneBadRecord(_Wrong):
         return conditions["channel"] == WRONG and at == self.AT
 
 
-class StuckBits(_Wrong):
+class StuckBits(Wrong):
     def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
         if not self.of_channel(at):
             return counts
         return counts | {name: float(counts[name] // self.size * self.size) for name in ("n", "p")}
 
 
-class DielectricTail(_Wrong):
+class DielectricTail(Wrong):
     """After a change of the range the first record lacks a part: the smallest level of each range."""
 
     def input_A(self, current_A: float, at: sim.Place) -> float:
@@ -91,7 +97,7 @@ class DielectricTail(_Wrong):
         return current_A * (1.0 - self.size) if self.of_channel(at) and first else current_A
 
 
-class OnePolarityRelay(_Wrong):
+class OnePolarityRelay(Wrong):
     """The switch leaks to the other pole: a part of the current of negative polarity is lost."""
 
     def input_A(self, current_A: float, at: sim.Place) -> float:
@@ -102,12 +108,12 @@ class OnePolarityRelay(_Wrong):
         )
 
 
-class SensorGain(_Wrong):
+class SensorGain(Wrong):
     def sensed_degC(self, unit_degC: float) -> float:
         return 20.0 + (unit_degC - 20.0) * (1.0 + self.size)
 
 
-class ClockSteps(_Wrong):
+class ClockSteps(Wrong):
     """The AF clock of the wrong channel's records is read short by a part of a thousand in one visit."""
 
     def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:

@@ -1,7 +1,8 @@
 """Count-level campaigns for the tests of the fit: exact pulse counts of a charge-balance converter at DC.
 
 Written from the physics alone: the charge of each gate is integrated and pulses are whole quanta of the running
-charge, so counts are floors of a phase. Nothing of bench.systems is used to make them.
+charge, so counts are floors of a phase. Nothing of bench.systems is used to make them; ``analysed`` is what the
+product makes of them.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from bench.analysis import Analysis, Material, analyse
 from bench.model.ports import RecordWindow
 
 F_AF0_Hz, MASTER_Hz, FG_Hz = 256e3, 1e7, 1e7
@@ -374,3 +376,30 @@ def _row(number: int, conditions: dict[str, Any], counts: dict[str, float], now_
     }
     window = Window(number, conditions, start_ns, start_ns + 100_000_000_000)
     return Row(window, sums, {"unit_temperature_degC": unit_degC})
+
+
+def analysed(
+    campaign: SimulatedCampaign, method: str = "gls", standards: dict[str, Any] | None = None, **changes: Any
+) -> Analysis:
+    """Return the analysis of a campaign; ``changes`` are of the manifest."""
+    given = campaign.standards if standards is None else standards
+    return analyse(Material(campaign.rows, campaign.campaign | changes, given), method)
+
+
+def entries_of(analysis: Analysis, *quantities: str, **conditions: Any) -> list[dict[str, Any]]:
+    """Return the estimates of some quantities where these conditions hold."""
+    wanted = conditions.items()
+    return [
+        entry for entry in analysis.estimates
+        if entry["quantity"] in quantities and wanted <= entry["conditions"].items()
+    ]  # fmt: skip
+
+
+def repeated_off(campaign: SimulatedCampaign, ppm: float) -> list[Row]:
+    """Return the rows of a campaign whose calibrator delivers more in the closing repeat."""
+    rows = []
+    for row in campaign.rows:
+        factor = 1.0 + 1e-6 * ppm * row.window.conditions["repeat"]
+        sums = row.sums | {name: row.sums[name] * factor for name in ("npp", "ppp")}
+        rows.append(Row(row.window, sums, row.context))
+    return rows

@@ -12,13 +12,11 @@ from typing import Any
 
 import numpy as np
 from doubt_classes import Seen, Switch
-from fog_material import SCALES
+from fog_material import record_row
 
 from bench.analysis import Material, Reading, build_results
 from bench.model.errors import FitError
-from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
-from bench.record import RecordRow, Samples
+from bench.record import RecordRow
 from bench.systems.north.analysis import analyse
 from bench.systems.north.sets import north_sets
 from bench.systems.north.solve import site_of, solve
@@ -294,7 +292,7 @@ def _material(seed: int, world: World, noise: float) -> Material:
         theta_deg = RATE_DEG_S * (np.arange(n) + 0.5) / FS_Hz + 90.0 * rng.integers(4)
         u_V = world.signal_V(world.heading_deg(at), theta_deg, at)
         u_V = u_V + noise * world.noise_V(at) * rng.standard_normal(n)
-        rows.append(record_row(t_s, rows, world.output_V(u_V, at), world.shown_deg(theta_deg, at), conditions))
+        rows.append(record_row(t_s, rows, world.output_V(u_V, at), world.shown_deg(theta_deg, at), conditions, FS_Hz))
         t_s += RECORD_s + 0.01
         for number, letter in ((1, "b"), (2, "a")):
             reference = np.deg2rad(theta_deg - world.pulse_deg(letter, at) - 90.0 * (at.index - 1))
@@ -311,23 +309,6 @@ def _material(seed: int, world: World, noise: float) -> Material:
 
 def _reading(t_s: float, before: list[Reading], role: str, value: Any, conditions: dict[str, Any]) -> Reading:
     return Reading(t_s, len(before) + 1, role, "measure", value, dict(conditions))
-
-
-def record_row(
-    t_s: float, before: list[RecordRow], u_V: Any, theta_deg: Any, conditions: dict[str, Any], fs_Hz: float = FS_Hz
-) -> RecordRow:
-    """One record of volt against degrees, as the analysis sees it."""
-    n = len(u_V)
-    columns = {
-        "output": np.rint(1e6 * u_V).astype(np.int64),
-        "encoder": (np.rint(theta_deg / 360.0 * 2**24).astype(np.int64) % 2**24).astype(np.uint32),
-        "temperature": np.full(n, 2500, np.int16),
-    }
-    t_ns = ((t_s + np.arange(n) / fs_Hz) * 1e9).astype(np.int64)
-    counter = np.arange(n, dtype=np.int64) + round(t_s * fs_Hz)
-    end_ns = int(t_ns[0]) + round(1e9 * n / fs_Hz)  # of the last sample, not its middle
-    window = RecordWindow(len(before) + 1, "fog", int(counter[0]), n, int(t_ns[0]), end_ns, dict(conditions))
-    return RecordRow(window, {}, n, 0, 0, Quality.GOOD, samples=Samples(columns, counter, t_ns, SCALES))
 
 
 def _truth(entry: Any, world: World) -> float:

@@ -114,19 +114,8 @@ class NorthRig:
         self.readings.append(Reading(self.t_s, len(self.readings) + 1, role, "measure", value, dict(conditions)))
 
     def _row(self, conditions: Mapping[str, Any], u_V: Any, theta_deg: Any) -> None:
-        n = len(u_V)
-        columns = {
-            "output": np.rint(1e6 * u_V).astype(np.int32),
-            "encoder": (np.rint(theta_deg / 360.0 * 2**24).astype(np.int64) % 2**24).astype(np.uint32),
-            "temperature": np.full(n, 2500, np.int16),
-        }
-        t_ns = ((self.t_s + np.arange(n) / FS_Hz) * 1e9).astype(np.int64)
-        counter = np.arange(n, dtype=np.int64) + round(self.t_s * FS_Hz)
-        number = len(self.rows) + 1
-        window = RecordWindow(number, "fog", int(counter[0]), n, int(t_ns[0]), int(t_ns[-1]), dict(conditions))
-        samples = Samples(columns, counter, t_ns, SCALES)
-        self.rows.append(RecordRow(window, {}, n, 0, 0, Quality.GOOD, samples=samples))
-        self.t_s += n / FS_Hz + 0.01
+        self.rows.append(record_row(self.t_s, self.rows, u_V, theta_deg, dict(conditions), FS_Hz))
+        self.t_s += len(u_V) / FS_Hz + 0.01
 
     def material(self, **more: Any) -> Material:
         """What the analysis sees."""
@@ -151,3 +140,20 @@ def campaign(rig: NorthRig, heads: tuple[float, ...] = (0.0, 45.0, 90.0, 180.0, 
     for repeat in range(1, repeats + 1):
         rig.set("search", field_deg, repeat=repeat, rate_deg_s=rate_deg_s, place="field")
     return rig
+
+
+def record_row(
+    t_s: float, before: list[RecordRow], u_V: Any, theta_deg: Any, conditions: dict[str, Any], fs_Hz: float
+) -> RecordRow:
+    """One record of volt against degrees, as the analysis sees it."""
+    n = len(u_V)
+    columns = {
+        "output": np.rint(1e6 * u_V).astype(np.int64),
+        "encoder": (np.rint(theta_deg / 360.0 * 2**24).astype(np.int64) % 2**24).astype(np.uint32),
+        "temperature": np.full(n, 2500, np.int16),
+    }
+    t_ns = ((t_s + np.arange(n) / fs_Hz) * 1e9).astype(np.int64)
+    counter = np.arange(n, dtype=np.int64) + round(t_s * fs_Hz)
+    end_ns = int(t_ns[0]) + round(1e9 * n / fs_Hz)  # of the last sample, not its middle
+    window = RecordWindow(len(before) + 1, "fog", int(counter[0]), n, int(t_ns[0]), end_ns, dict(conditions))
+    return RecordRow(window, {}, n, 0, 0, Quality.GOOD, samples=Samples(columns, counter, t_ns, SCALES))

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 import north_simulation as sim
 import numpy as np
-from doubt_north import record_row
+from fog_material import record_row
 from numpy.typing import NDArray
 
 from bench.maths.verdict import coverage_factor

@@ -6,6 +6,7 @@ import math
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 RIGHT, WIDE, MISSED, DOUBTED, REFUSED, WRONG = "right", "wide", "missed", "doubted", "refused", "confidently_wrong"
@@ -119,3 +120,29 @@ def worst_bias(noise_free: Seen, right: Seen) -> dict[str, float]:
 
 def _name(entry: Any) -> tuple[Any, ...]:
     return entry["quantity"], *sorted(entry["conditions"].items())
+
+
+@cache
+def right_world(worlds: Any, seed: int) -> Seen:
+    """Return what the campaign of a seed states in a right world; ``worlds``: a module of wrong ones."""
+    seen: Seen = worlds.seen(seed, None, 0.0)
+    return seen
+
+
+def classes(worlds: Any, switch: Switch, size: float, seeds: range) -> Counter[str]:
+    """Return how many estimates are in each class over all seeds."""
+    counted: Counter[str] = Counter()
+    for seed in seeds:
+        counted += sorted_classes(worlds.seen(seed, switch, size), right_world(worlds, seed))
+    print(f"{switch.name} {size:g}, seeds {seeds}: " + ", ".join(f"{counted[name]} {name}" for name in CLASSES))
+    return counted
+
+
+def is_hidden(worlds: Any, switch: Switch, size: float) -> bool:
+    """Return whether no analysis could see it: without noise it leaves nothing in residuals and repeats."""
+    return not is_visible(worlds.seen(0, switch, size, noise_free=True))
+
+
+def codes_of(seen: Seen) -> set[str]:
+    """Return the codes of all reasons against estimates."""
+    return {reason["code"] for entry in seen.entries for reason in entry["reasons"]}

@@ -5,10 +5,13 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from rehearsal import ROOT, Rehearsal
+from rehearsal import Rehearsal
+from units_campaign import cut
 
-from bench.analysis import Material, Reading, analyse
+from bench.analysis import analyse
 from bench.plan import Plan, check_plan, compile_sequence
+from bench.session.service import read_view
+from bench.session.view import material_of
 from sim_instruments.worlds.common.world import World
 
 CUTS = (
@@ -27,12 +30,8 @@ RATE_ppm_d = 20.0
 
 
 def tiny(folder: Path) -> Plan:
-    text = (ROOT / "sequences" / "scale_factor_zero_per_range.yaml").read_text()
-    for old, new in CUTS:
-        assert text.count(old) == 1, old
-        text = text.replace(old, new)
     path = folder / "tiny_zeros.yaml"
-    path.write_text(text)
+    path.write_text(cut("scale_factor_zero_per_range", list(CUTS)))
     return compile_sequence(path, None, {"world.calibrator_gain": "off"})
 
 
@@ -54,20 +53,6 @@ def test_the_whole_plan_lasts_45_hours_and_a_third() -> None:
     }
 
 
-def drifting(world: World) -> None:
-    world.options["calibrator_drift_ppm"] = RATE_ppm_d
-
-
-def material(rehearsal: Rehearsal) -> Material:
-    events = [(kind, t_ns, fields) for kind, t_ns, fields in rehearsal.run.events if kind == "reading"]
-    readings = [
-        Reading(1e-9 * t_ns, one["step"], one["role"], one["name"], one["value"], one["conditions"])
-        for _, t_ns, one in events
-    ]
-    manifest = rehearsal.run.manifest
-    return Material(rehearsal.run.outcome.rows, manifest["campaign"], manifest["standards"], readings=readings)
-
-
 @pytest.mark.validates(
     "drift of the calibrator from a check by the meter before and after",
     against="a simulated calibrator that rises by 20 ppm a day, read through the instruments",
@@ -77,10 +62,14 @@ def test_a_drifting_calibrator_is_seen_by_the_meter(
 ) -> None:
     plan = tiny(tmp_path)
     assert check_plan(plan) == []
+
+    def drifting(world: World) -> None:
+        world.options["calibrator_drift_ppm"] = RATE_ppm_d
+
     rehearsal = rehearse(plan, arrange=drifting)
     assert rehearsal.run.outcome.error is None
     assert rehearsal.run.outcome.overruns == 0
-    analysis = analyse(material(rehearsal))
+    analysis = analyse(material_of(read_view(rehearsal.run.folder)))
     found = [one for one in analysis.estimates if one["quantity"] == "calibrator_drift"]
     checks = [one for one in found if one["conditions"]["check"] == "check by the meter"]
     assert [one["conditions"]["current_A"] for one in checks] == [1e-3, 1e-2, 1e-1]

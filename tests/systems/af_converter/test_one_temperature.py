@@ -80,23 +80,12 @@ def test_uncertainties_are_those_of_the_coefficients_that_they_count() -> None:
 def run(drift_ppm: float, *, lag: bool) -> Analysis:
     """Return the analysis of a campaign whose calibrator delivers more in the repeat."""
     campaign = sim.simulate(4, sim.Switches(lag=lag), **OF_ONE)
-    rows = []
-    for row in campaign.rows:
-        factor = 1.0 + 1e-6 * drift_ppm * row.window.conditions["repeat"]
-        sums = row.sums | {name: row.sums[name] * factor for name in ("npp", "ppp")}
-        rows.append(sim.Row(row.window, sums, row.context))
-    return analyse(Material(rows, campaign.campaign, campaign.standards))
+    return analyse(Material(sim.repeated_off(campaign, drift_ppm), campaign.campaign, campaign.standards))
 
 
 def component_ppm(analysis: Analysis) -> float:
-    return max(
-        (
-            part["std_uncertainty_ppm"]
-            for part in analysis.components
-            if part["component"] == "calibrator drift over the campaign"
-        ),
-        default=0.0,
-    )
+    parts = (one for one in analysis.components if one["component"] == "calibrator drift over the campaign")
+    return max((one["std_uncertainty_ppm"] for one in parts), default=0.0)
 
 
 def test_a_steady_unit_shows_a_drift_and_it_counts() -> None:

@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rehearsal import ROOT, rehearsed
+from rehearsal import rehearsed
 from units_campaign import CUTS, OF_ONE, compiled_text, cut, single_plan, units_plan
 
 from bench.commands.check import check
 from bench.commands.requests import CheckRequest
 from bench.maths.verdict import verdict
 from bench.model.errors import FitError, InputErrors
-from bench.plan import compile_sequence
+from bench.plan import Plan
 from bench.session.one_unit import session_of_unit
 from bench.session.predicted import chance_of, predicted, predicted_lines
 from bench.session.service import read_view
@@ -67,12 +67,6 @@ def test_each_of_several_units_is_predicted_by_itself(tmp_path: Path) -> None:
         assert places(own) == pytest.approx(places(results["estimates"]), rel=TOLERANCE)
 
 
-def test_of_an_analysis_that_predicts_nothing_nothing_is_said(tmp_path: Path) -> None:
-    plan = compile_sequence(ROOT / "sequences" / "gnc_unit_test.yaml", None, {})
-    plan = replace(plan, campaign={**plan.campaign, "analysis": "noise_of_mine"})
-    assert list(predicted_lines(plan, predicted(plan))) == []
-
-
 def test_what_a_plan_does_not_determine_is_named(tmp_path: Path) -> None:
     plan = compiled_text(tmp_path, cut("scale_factor_38h", [*OF_ONE, *CUTS, (NEGATIVE, "")]), {})
     found = predicted(plan)
@@ -99,8 +93,7 @@ def test_it_is_printed_and_in_the_document(tmp_path: Path, capsys: pytest.Captur
 
 
 def test_the_chance_of_a_pass_stands_beside_the_limit(tmp_path: Path) -> None:
-    spread = ("uut:\n  model: NGU", "uut:\n  spread: {dsf_n_residual: 50 ppm, dsf_x: 1 ppm}\n  model: NGU")
-    plan = compiled_text(tmp_path, cut("scale_factor_38h", [spread]), {})
+    plan = with_spread(tmp_path, "dsf_n_residual: 50 ppm, dsf_x: 1 ppm")
     found = predicted(plan)
     entries = [entry for entry in found.estimates if entry["quantity"] == "dsf_n_residual"]
     chances = [chance_of(entry, plan.campaign) for entry in entries]
@@ -116,16 +109,19 @@ def test_the_chance_of_a_pass_stands_beside_the_limit(tmp_path: Path) -> None:
     assert "missing: dsf_x, of which a spread is declared, is no result of this plan" in lines
 
 
-@pytest.mark.parametrize("spread", ["-25 ppm", "0 ppm"])
-def test_a_spread_that_is_none_is_refused(tmp_path: Path, spread: str) -> None:
-    cuts = ("uut:\n  model: NGU", f"uut:\n  spread: {{dsf_n_residual: {spread}}}\n  model: NGU")
-    with pytest.raises(InputErrors, match="no standard deviation"):
-        compiled_text(tmp_path, cut("scale_factor_38h", [cuts]), {})
+def with_spread(folder: Path, spread: str) -> Plan:
+    """Return the campaign of 38 h with a spread of its units."""
+    words = ("uut:\n  model: NGU", f"uut:\n  spread: {{{spread}}}\n  model: NGU")
+    return compiled_text(folder, cut("scale_factor_38h", [words]), {})
 
 
-def test_a_spread_in_another_unit_is_refused(tmp_path: Path) -> None:
-    spread = ("uut:\n  model: NGU", "uut:\n  spread: {dsf_n_residual: 1 mA}\n  model: NGU")
-    plan = compiled_text(tmp_path, cut("scale_factor_38h", [spread]), {})
+def test_a_spread_that_is_none_or_in_another_unit_is_refused(tmp_path: Path) -> None:
+    for spread in ("-25 ppm", "0 ppm"):
+        with pytest.raises(InputErrors, match="no standard deviation"):
+            with_spread(tmp_path, f"dsf_n_residual: {spread}")
+    plan = with_spread(tmp_path, "dsf_n_residual: 1 mA")
     with pytest.raises(FitError, match=r"spread of dsf_n_residual is in A, and the quantity is in ppm") as refused:
         list(predicted_lines(plan, predicted(plan)))
     assert refused.value.code == "B-FIT-051"
+    foreign = replace(plan, campaign={**plan.campaign, "analysis": "noise_of_mine"})
+    assert list(predicted_lines(foreign, predicted(foreign))) == []

@@ -6,8 +6,6 @@ uncertainty is made for, and a reading has the noise of a digit, which the predi
 
 from __future__ import annotations
 
-import statistics
-import sys
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -15,7 +13,7 @@ import dmm_simulation
 import fit_simulation as sim
 import numpy as np
 import pytest
-from scipy import stats
+from spread_study import judged
 
 from bench.analysis import Planned, Reading
 from bench.plan import compile_sequence
@@ -24,7 +22,6 @@ from bench.systems.af_converter.dmm_method.analysis import determine
 from bench.systems.af_converter.dmm_method.estimates import DISPLAY_PART
 from bench.systems.af_converter.dmm_method.predicted import predicted as by_meter
 
-INSIDE = 0.999
 FIRST = 2000
 Place = tuple[str, ...]
 
@@ -78,18 +75,7 @@ def test_the_spread_of_campaigns_is_what_was_predicted(
     record_property: Callable[[str, object], None], campaigns: int
 ) -> None:
     """Each in its 99.9 % band of chi-square, the median within 3 % at 500."""
-    found = ratios(campaigns)
-    low, high = np.sqrt(stats.chi2.ppf([(1.0 - INSIDE) / 2.0, (1.0 + INSIDE) / 2.0], campaigns) / campaigns)
-    for where, ratio in found.items():
-        sys.stdout.write(f"{' '.join(where)}: {ratio:.3f}\n")
-    outside = {where: ratio for where, ratio in found.items() if not low < ratio < high}
-    median = statistics.median(found.values())
-    inside = f"{len(outside)} of {len(found)} outside {low:.3f} to {high:.3f}"
-    figure = f"{campaigns} campaigns: {inside}, median {median:.3f}"
-    record_property("obtained", figure)
-    sys.stdout.write(f"{figure}: {outside}\n")
-    assert outside == {}
-    assert median == pytest.approx(1.0, abs=0.03 * np.sqrt(500.0 / campaigns))
+    assert judged(ratios(campaigns), campaigns, record_property) == {}
 
 
 def test_the_meter_stands_on_the_range_that_was_asked_for() -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import copy
 import json
-import statistics
 import sys
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -19,7 +18,7 @@ import pytest
 from bias_simulation import MASTER_ppm
 from ramp_spread import Place, errors_of, place
 from rehearsal import ROOT
-from scipy import stats
+from spread_study import judged
 
 from bench.analysis import Planned
 from bench.plan import compile_sequence
@@ -27,7 +26,6 @@ from bench.session.predicted import planned_of, predicted, predicted_document, p
 from bench.systems.af_converter.bias_ramp.predicted import predicted as of_ramp
 from bench.systems.af_converter.constants import read_campaign
 
-INSIDE = 0.999
 FIRST = 1000
 SHOWN = {"bias", "hysteresis_width", "play_half_width", "thermal_lag", "white_noise", "random_walk"}
 SHOWN |= {f"master_clock_error_tc{order}" for order in range(4)}
@@ -64,16 +62,7 @@ def test_the_spread_of_ramps_is_what_was_predicted(
     """Each in its 99.9 % band of chi-square, the median within 3 % at 500. A walk is overstated, never understated."""
     found = ratios(campaigns)
     assert {quantity for quantity, *_ in found} >= SHOWN
-    low, high = np.sqrt(stats.chi2.ppf([(1.0 - INSIDE) / 2.0, (1.0 + INSIDE) / 2.0], campaigns) / campaigns)
-    for (quantity, kind, at), ratio in found.items():
-        sys.stdout.write(f"{quantity} {kind} {'' if at is None else at}: {ratio:.3f}\n")
-    outside = {where: ratio for where, ratio in found.items() if not low < ratio < high}
-    median = statistics.median(found.values())
-    figure = f"{campaigns} ramps: {len(outside)} of {len(found)} outside {low:.3f} to {high:.3f}, median {median:.3f}"
-    record_property("obtained", figure)
-    sys.stdout.write(f"{figure}: {outside}\n")
-    assert outside == {}
-    assert median == pytest.approx(1.0, abs=0.03 * np.sqrt(500.0 / campaigns))
+    assert judged(found, campaigns, record_property) == {}
 
 
 def as_found(plan: Planned, number: int, values: Mapping[tuple[str, float | None], float]) -> Planned:
@@ -123,20 +112,15 @@ def test_the_plan_that_an_analysis_sees() -> None:
     assert not planned("bias_ramp_25h_integrated").timed
 
 
-def test_the_unit_it_holds_for_is_said() -> None:
-    plan = compile_sequence("bias_ramp_25h", None, {})
-    found = predicted(plan)
-    lines = list(predicted_lines(plan, found))
-    assert any(line.startswith("Thermal lag: U at least 2 min to 2.8 min") for line in lines)
-    (curve, gyro, _) = (line for line in lines if line.startswith("assumed: "))
-    for text in ("gyro", "400 nA", "2 nA/degC", "20 nA", "2.5 degC", "25 min"):
-        assert text in gyro
-    assert predicted_document(plan, found)["assumed"] == found.assumed
-    assert "5e-05 ppm/degC3" in curve
-    assert found.missing == []
-
-
 def test_without_a_typical_unit_nothing_is_predicted(tmp_path: Path) -> None:
+    """The unit that a prediction holds for is said with it."""
+    plan = compile_sequence("bias_ramp_25h", None, {})
+    known = predicted(plan)
+    assert known.missing == []
+    (curve, gyro, _) = (line for line in predicted_lines(plan, known) if line.startswith("assumed: "))
+    assert all(text in gyro for text in ("gyro", "400 nA", "2 nA/degC", "20 nA", "2.5 degC", "25 min"))
+    assert "5e-05 ppm/degC3" in curve
+    assert predicted_document(plan, known)["assumed"] == known.assumed
     text = (ROOT / "sequences" / "bias_ramp_25h.yaml").read_text(encoding="utf-8")
     for name, old in (("lag", "  thermal_lag: 25 min"), ("kind", "       typical: {bias: -255 nA")):
         (line,) = (line for line in text.splitlines() if line.startswith(old))
@@ -148,35 +132,31 @@ def test_without_a_typical_unit_nothing_is_predicted(tmp_path: Path) -> None:
         assert any("uut: " in sentence and "typical" in sentence for sentence in found.missing)
 
 
-def test_half_a_ramp_names_what_it_does_not_tell() -> None:
-    plan = planned("bias_ramp_25h")
-    half = of_ramp(replace(plan, windows=plan.windows[:432]))
-    quantities = {entry["quantity"] for entry in half.estimates}
-    assert "bias" in quantities
-    assert not quantities & {"hysteresis_width", "play_half_width", "thermal_lag"}
-    assert any(sentence.startswith("branch down: no usable record") for sentence in half.missing)
+def changed(plan: Planned, **words: Any) -> Planned:
+    """Return a plan whose first channel is declared otherwise."""
+    channel = copy.deepcopy(dict(plan.campaign["channels"][0]))
+    for section, values in words.items():
+        channel[section] |= values
+    return replace(plan, campaign={**plan.campaign, "channels": [channel]})
 
 
-def test_a_unit_without_declared_walk_has_none() -> None:
+@pytest.mark.parametrize(
+    ("windows", "words", "untold"),
+    [
+        (432, {}, {"hysteresis_width", "play_half_width", "thermal_lag"}),  # half a ramp: up alone
+        (900, {"noise": {"walk_A_rth": 0.0}}, {"random_walk"}),
+        (900, {"typical": {"hysteresis_width_A": 0.0}}, {"play_half_width"}),
+    ],
+)
+def test_what_a_plan_or_a_unit_does_not_tell_is_named(windows: int, words: dict[str, Any], untold: set[str]) -> None:
     plan = planned("bias_ramp_25h")
-    campaign: dict[str, Any] = copy.deepcopy(dict(plan.campaign))
-    campaign["channels"] = campaign["channels"][:1]
-    campaign["channels"][0]["noise"]["walk_A_rth"] = 0.0
-    found = of_ramp(replace(plan, campaign=campaign))
+    found = of_ramp(changed(replace(plan, windows=plan.windows[:windows]), **words))
     quantities = {entry["quantity"] for entry in found.estimates}
-    assert quantities >= {"bias", "hysteresis_width", "white_noise"}
-    assert "random_walk" not in quantities
-    assert any(sentence.startswith("random_walk of gyro channels") for sentence in found.missing)
-
-
-def test_a_unit_without_hysteresis_has_no_half_width() -> None:
-    plan = planned("bias_ramp_25h")
-    campaign: dict[str, Any] = copy.deepcopy(dict(plan.campaign))
-    for channel in campaign["channels"]:
-        channel["typical"]["hysteresis_width_A"] = 0.0
-    found = of_ramp(replace(plan, campaign=campaign))
-    assert "play_half_width" not in {entry["quantity"] for entry in found.estimates}
-    assert len([sentence for sentence in found.missing if sentence.startswith("play_half_width of ")]) == 2
+    assert "bias" in quantities
+    assert not quantities & untold
+    named = "branch down: no usable record" if windows < 900 else f"{min(untold)} of gyro channels"
+    assert any(sentence.startswith(named) for sentence in found.missing)
+    assert ("hysteresis_width" in quantities) == (windows == 900)
 
 
 def test_coefficients_of_the_master_oscillator_are_known_as_the_sensor_lets_them() -> None:

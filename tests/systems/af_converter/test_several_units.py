@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
+import shutil
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import SEED, Rehearsal, Watched, main_of, rehearsed
+from rehearsal import ROOT, SEED, Rehearsal, Watched, compiled, main_of, rehearsed
+from scipy.stats import binom
 from units_campaign import compared, events_of, normalised, ramp_plan, single_values, units_plan
 
 from bench.archive.examination import OTHER_RECORDING
 from bench.archive.refit import RefitTask, refit
-from bench.model.clock import VirtualClock
+from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InputError, InstrumentError, OperatorStop
 from bench.model.ports import RecordWindow
 from bench.plan import UNIT, Step
@@ -23,7 +27,7 @@ from bench.run.besides import besides
 from bench.run.control.operator import SimulatedOperator
 from bench.run.resume import read_stopped, resumption
 from bench.run.session import conduct
-from bench.session.one_unit import extract
+from bench.session.one_unit import extract, serials_of, session_of_unit
 from bench.session.service import read_view
 from bench.session.units import UnitFinished, finish_units, in_each_unit
 from bench.session.view import analyse_view
@@ -118,11 +122,20 @@ def test_a_unit_gives_the_numbers_of_its_own_campaign(
 
 
 def test_the_list_of_all_has_every_estimate_with_its_unit(campaign: Rehearsal, finished: list[UnitFinished]) -> None:
+    """That which failed has no verdict, and says why; no report of a unit names another one."""
     whole = json.loads((campaign.run.folder / "results.json").read_text())
     assert {entry["conditions"][UNIT] for entry in whole["estimates"]} == {"SIM-1", "SIM-2", "SIM-3"}
     assert whole["uut"]["serial"] == "LOT-1"
     assert whole["provenance"]["session_sha256"] == campaign.run.session_sha256
     assert sum(len(done.finished.results["estimates"]) for done in finished if done.finished) == len(whole["estimates"])
+    failed = finished[2].finished
+    assert failed is not None
+    assert failed.results["incomplete"] is True
+    assert {entry["verdict"] for entry in failed.results["estimates"]} == {"none"}
+    pages = [(campaign.run.folder / "units" / name / "report.html").read_text() for name in ("SIM-3", "SIM-1")]
+    assert "unit SIM-3 in slot C is left out" in pages[0]
+    assert not any(serial in pages[1] for serial in ("SIM-2", "SIM-3"))
+    assert "between channels" not in pages[1]  # one channel: nothing that it could be correlated with
 
 
 def test_the_archive_refits_each_unit(campaign: Rehearsal, finished: list[UnitFinished], tmp_path: Path) -> None:
@@ -135,21 +148,6 @@ def test_the_archive_refits_each_unit(campaign: Rehearsal, finished: list[UnitFi
     assert all(row["value"] == row["released_value"] for row in rows)
     (other,) = refit(replace(task, key="0" * 64))
     assert other["code"] == OTHER_RECORDING
-
-
-def test_the_report_of_the_unit_that_failed_says_why(campaign: Rehearsal, finished: list[UnitFinished]) -> None:
-    done = finished[2]
-    assert done.finished is not None
-    assert done.finished.results["incomplete"] is True
-    assert {entry["verdict"] for entry in done.finished.results["estimates"]} == {"none"}
-    page = (campaign.run.folder / "units" / "SIM-3" / "report.html").read_text()
-    assert "unit SIM-3 in slot C is left out" in page
-    assert "its port was unplugged" in page
-    other = (campaign.run.folder / "units" / "SIM-1" / "report.html").read_text()
-    assert "SIM-3" not in other
-    assert "SIM-2" not in other
-    assert "by channel. Standard contributions" in other
-    assert "between channels" not in other  # one channel: nothing that it could be correlated with
 
 
 def test_an_export_verifies_without_the_other_units(
@@ -192,13 +190,48 @@ def test_an_export_is_the_same_whenever_it_is_made(campaign: Rehearsal, exported
     assert extract(campaign.run.folder, "SIM-1", tmp_path / "again") == SessionReader(exported).sha256
 
 
+def links_exchanged(world: World) -> None:
+    ports: Any = world.unit
+    a, b = ports._ports["a_port_b"], ports._ports["b_port_b"]
+    ports._ports.update({"a_port_b": b, "b_port_b": a})
+
+
+def cables_exchanged(world: World) -> None:
+    plain = world.wiring.switch
+    other = {column: column + 10 if column <= 10 else column - 10 for column in range(1, 21)}
+    world.wiring.switch = lambda closed, t_ns: plain(  # type: ignore[method-assign]
+        frozenset((row, other.get(column, column)) for row, column in closed), t_ns
+    )
+
+
+@pytest.mark.parametrize(
+    ("exchange", "code", "said"),
+    [
+        (links_exchanged, "B-RUN-026", "slot A answers 'NGU SIM-2 1.0', expected SIM-1; it is the unit of slot B"),
+        (cables_exchanged, "B-RUN-052", "unit SIM-1 in slot A moves channel 2 of unit SIM-2 in slot B"),
+    ],
+)
+def test_exchanged_links_and_cables_are_named(
+    tmp_path: Path, exchange: Callable[[World], None], code: str, said: str
+) -> None:
+    outcome = rehearsed(tmp_path, units_plan(tmp_path), arrange=exchange).run.outcome
+    assert outcome.error is not None
+    assert outcome.error.code == code
+    assert said in outcome.error.message
+    assert outcome.rows == []
+
+
 def test_what_is_done_for_one_unit_refuses_a_session_of_several(campaign: Rehearsal, tmp_path: Path) -> None:
-    with pytest.raises(InputError) as refused:
-        read_view(campaign.run.folder)
-    assert refused.value.code == "B-RPL-007"
-    with pytest.raises(InputError) as unknown:
-        extract(campaign.run.folder, "SIM-9", tmp_path)
-    assert unknown.value.code == "B-CLI-014"
+    """And a world of one unit takes no slots."""
+    station = {"slots": {"A": {}}}
+    for code, done in (
+        ("B-RPL-007", lambda: read_view(campaign.run.folder)),
+        ("B-CLI-014", lambda: extract(campaign.run.folder, "SIM-9", tmp_path)),
+        ("B-SIM-020", lambda: open_world("plain_unit", clock=VirtualClock(), seed=1, station=station)),
+    ):
+        with pytest.raises(InputError) as refused:
+            done()
+        assert refused.value.code == code
     seen: list[str] = []
     assert in_each_unit(campaign.run.folder, lambda home: seen.append(home.name) or len(seen)) == 3
     assert seen == ["SIM-1", "SIM-2", "SIM-3"]
@@ -251,41 +284,6 @@ def test_open_inputs_of_all_units_are_recorded_at_once_and_without_a_gap(tmp_pat
     view = read_view(tmp_path / "SIM-2")
     assert [row.window.number for row in view.rows] == list(range(1, 21))
     assert all(row.timing is not None for row in view.rows)
-
-
-def test_a_world_of_one_unit_takes_no_slots() -> None:
-    with pytest.raises(InputError) as refused:
-        open_world("plain_unit", clock=VirtualClock(), seed=1, station={"slots": {"A": {}}})
-    assert refused.value.code == "B-SIM-020"
-
-
-def test_exchanged_links_are_named(tmp_path: Path) -> None:
-    def exchange(world: World) -> None:
-        ports: Any = world.unit
-        a, b = ports._ports["a_port_b"], ports._ports["b_port_b"]
-        ports._ports.update({"a_port_b": b, "b_port_b": a})
-
-    found = rehearsed(tmp_path, units_plan(tmp_path), arrange=exchange)
-    error = found.run.outcome.error
-    assert error is not None
-    assert error.code == "B-RUN-026"
-    assert "slot A answers 'NGU SIM-2 1.0', expected SIM-1; it is the unit of slot B" in error.message
-    assert found.run.outcome.rows == []
-
-
-def test_exchanged_cables_are_named(tmp_path: Path) -> None:
-    def exchange(world: World) -> None:
-        plain = world.wiring.switch
-        other = {column: column + 10 if column <= 10 else column - 10 for column in range(1, 21)}
-        world.wiring.switch = lambda closed, t_ns: plain(  # type: ignore[method-assign]
-            frozenset((row, other.get(column, column)) for row, column in closed), t_ns
-        )
-
-    found = rehearsed(tmp_path, units_plan(tmp_path), arrange=exchange)
-    error = found.run.outcome.error
-    assert error is not None
-    assert error.code == "B-RUN-052"
-    assert "the current for unit SIM-1 in slot A moves channel 2 of unit SIM-2 in slot B" in error.message
 
 
 def test_a_unit_that_is_not_confirmed_off_ends_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -347,3 +345,56 @@ def test_the_gradient_of_the_slot_is_in_u_once(short: tuple[Path, Any]) -> None:
         assert after["value"] == before["value"]
     names = [str(component["component"]) for component in analysis.components]
     assert names.count("chamber's gradient and heat of neighbours") == 2  # a kind of channel each
+
+
+@pytest.mark.sweep
+def test_units_agree_with_single_campaigns_as_often_as_chance_says(tmp_path: Path) -> None:
+    """100 seeds: |E_n| <= 1 of each quantity as often as chance says of normal errors at k = 2, to 99.9 %."""
+    inside: list[list[bool]] = []
+    for seed in range(1, 101):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        run = rehearsed(folder, units_plan(folder), seed=seed).run
+        for number, serial in enumerate(serials_of(SessionReader(run.folder).manifest)):
+            with session_of_unit(run.folder, serial) as home:
+                results, _ = analyse_view(read_view(home))
+            alone = folder / serial
+            alone.mkdir()
+            several = compared(results, run.truth, serial)
+            found = normalised(several, single_values(alone, seed + number * SEED_STEP))
+            inside.append([abs(value) <= 1.0 for value in found])
+        shutil.rmtree(folder)
+    least, most = (int(binom.ppf(tail, len(inside), math.erf(math.sqrt(2.0)))) for tail in (0.0005, 0.9995))
+    counts = [sum(column) for column in zip(*inside, strict=True)]
+    print(f"within 1 of {len(inside)}: {counts}; by chance {least} to {most}")
+    assert all(least <= count <= most for count in counts)
+
+
+@pytest.mark.sweep
+def test_a_unit_unplugged_in_hour_2_of_the_whole_campaign(tmp_path: Path) -> None:
+    """The shipped campaign of four units: C is confirmed off, the others have all their records and results."""
+    began_ns: list[int] = []
+    pulled: list[int] = []
+
+    def pull(world: World, step: Step) -> None:
+        began_ns.append(world.clock.now_ns())
+        if not pulled and world.clock.now_ns() - began_ns[0] >= 7200 * NS:
+            pulled.append(step.number)
+            world.switches.switch("unplug", "c_port_a")
+
+    plan = compiled(ROOT / "sequences" / "scale_factor_units.yaml")
+    run = rehearsed(tmp_path, plan, act=pull).run
+    assert run.outcome.error is None
+    assert run.outcome.unsafe == ()
+    (out,) = events_of(run.folder, "unit_left_out")
+    assert (out["uut"], out["slot"], out["confirmed"]) == ("SIM-3", "C", ["calibrator", "switch", "supply_c"])
+    history = f"sqlite:///{tmp_path / 'history.sqlite'}"
+    finished_of = {unit.serial: unit.finished for unit in finish_units(run.folder, history)}
+    for serial in ("SIM-1", "SIM-2", "SIM-4"):
+        finished = finished_of[serial]
+        assert finished is not None
+        assert (finished.results["quality"]["records"], finished.results.get("incomplete", False)) == (765, False)
+        errors = compared(finished.results, run.truth, serial)
+        print(serial, {name: f"{error:+.1f} ppm, u {own:.1f}" for name, (error, own) in errors.items()})
+    page = (run.folder / "units" / "SIM-3" / "report.html").read_text()
+    assert "unit SIM-3 in slot C is left out" in page

@@ -9,14 +9,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import SEED, Crashes, contents, crashed_at, go_on, main_of, nobody, nobody_in
+from rehearsal import SEED, Crashes, contents, crashed_at, go_on, nobody, nobody_in
 from stop_plan import BY_NOISE, BY_SCATTER, stopping_plan
 
 from bench.maths.budget import combine_all
 from bench.model.clock import VirtualClock
 from bench.model.stopping import STAGE, UNTIL
 from bench.plan import PlannedDecision, PlannedRecord, decisions_of
-from bench.record import RecordRow, SessionReader
+from bench.record import SessionReader
 from bench.replay.parts import recorded_windows
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import conduct
@@ -39,9 +39,10 @@ def decided(folder: Path) -> dict[int, dict[str, Any]]:
     return {fields["step"]: dict(fields) for _, _, fields in SessionReader(folder).events("decision")}
 
 
-def records_in(folder: Path) -> dict[int, int]:
+def steps_of(folder: Path) -> list[int]:
+    """Return the steps of all records."""
     windows = recorded_windows(SessionReader(folder).select(frozenset({"/event"})))
-    return {item.window.number: item.window.step for item in windows}
+    return list({item.window.number: item.window.step for item in windows}.values())
 
 
 @pytest.fixture(scope="module")
@@ -63,17 +64,13 @@ def place(crashes: Crashes, name: str) -> int:
     return int(dict(zip(PLACES, numbers, strict=True))[name])
 
 
-def point_of(rows: list[RecordRow], decision: PlannedDecision) -> list[RecordRow]:
-    return [row for row in rows if row.window.step in decision.arguments["first"]]
-
-
 def test_each_decision_is_an_event_that_its_records_bear_out(crashes: Crashes) -> None:
     """What was decided is decided again from what the session holds, and the records are those that it asks for."""
     rows, events = list(read_view(crashes.whole).rows), decided(crashes.whole)
     taken = {row.window.step for row in rows}
     assert [fields["word"] for fields in events.values()] == [UNTIL] * 4
     for decision in rules(crashes):
-        first = point_of(rows, decision)
+        first = [row for row in rows if row.window.step in decision.arguments["first"]]
         more, readings = looked_at(first, decision, crashes.plan.campaign)
         event = events[decision.number]
         assert (event["readings"], event["outcome"]) == (readings, decision.outcome(more))
@@ -101,28 +98,18 @@ def test_killed_in_the_middle_of_a_point_it_goes_on_to_the_same_bytes(
     assert (rules(crashes)[1].number in before) == (name == PLACES[-1])  # before, it is in the second that is lost
     assert after.keys() == decided(crashes.whole).keys()
     assert contents(first) == contents(second)
-    steps = list(records_in(first).values())
+    steps = steps_of(first)
     assert len(set(steps)) == len(steps), "a record twice"
     assert {step for rule in rules(crashes) for step in rule.arguments["first"]} <= set(steps)
     results = [analyse_view(read_view(folder))[0] for folder in (first, second, first)]
     assert results[0] == results[1] == results[2]
 
 
-def test_the_commands_go_on_and_replay_to_the_same_numbers(
-    crashes: Crashes, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    source = crashes.at(place(crashes, "second stage"))
-    folder = Path(shutil.copytree(source, tmp_path / source.name))
-    assert main_of(monkeypatch, "resume", str(folder)) == 0
-    assert main_of(monkeypatch, "replay", str(folder)) == 0
-    assert "every number is identical" in capsys.readouterr().out
-
-
 def test_one_record_is_counted_of_all_second_stages(crashes: Crashes) -> None:
     """Before the first decision, and at the end: those that were taken, and the page says the same."""
     points = 4 * (10 + 1) + 10  # levels; zeros, open inputs and the closing repeat
     assert crashes.plan.record_count == points
-    taken = sum(step >= crashes.plan.phase("campaign")[0].number for step in records_in(crashes.whole).values())
+    taken = sum(step >= crashes.plan.phase("campaign")[0].number for step in steps_of(crashes.whole))
     records = Past().final(crashes.whole)["records"]
     assert (records["done"], records["planned"]) == (taken, taken)
     more = [fields["outcome"] for fields in decided(crashes.whole).values()]

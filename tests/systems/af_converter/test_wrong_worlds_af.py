@@ -5,49 +5,41 @@ Counts are made from the physics alone (``doubt_scale_factor``); nothing of the 
 
 from __future__ import annotations
 
-from collections import Counter, defaultdict
-from functools import cache
+from collections import defaultdict
+from dataclasses import dataclass
 
 import doubt_scale_factor as worlds
 import fit_simulation as sim
 import numpy as np
 import pytest
-from doubt_classes import CLASSES, DOUBTED, REFUSED, RIGHT, WRONG, Seen, Switch, is_visible, sorted_classes
+from doubt_classes import (
+    DOUBTED,
+    REFUSED,
+    RIGHT,
+    WRONG,
+    Switch,
+    class_of,
+    classes,
+    codes_of,
+    is_hidden,
+    right_world,
+    sorted_classes,
+)
 from scipy import special
 
-from bench.analysis import Material, build_results, is_sound
+from bench.analysis import build_results, is_sound
 from bench.model.assumptions import assumptions_of
 from bench.session.coefficients import coefficients_of_session
 from bench.systems.af_converter.estimators.pulses import count_step
-from bench.systems.af_converter.scale_factor.analysis import analyse
 
 SHORT = range(1)  # ten seeds of each, and 500 right worlds: make doubt
 SIZES = [(switch, size) for switch in worlds.SWITCHES for size in switch.sizes]
 NAMES = [f"{switch.name}-{size:g}" for switch, size in SIZES]
 
 
-@cache
-def right_world(seed: int) -> Seen:
-    return worlds.seen(seed, None, 0.0)
-
-
-def classes(switch: Switch, size: float, seeds: range) -> Counter[str]:
-    """Return how many estimates are in each class over all seeds."""
-    counted: Counter[str] = Counter()
-    for seed in seeds:
-        counted += sorted_classes(worlds.seen(seed, switch, size), right_world(seed))
-    print(f"{switch.name} {size:g}, seeds {seeds}: " + ", ".join(f"{counted[name]} {name}" for name in CLASSES))
-    return counted
-
-
-def hidden(switch: Switch, size: float) -> bool:
-    """Return whether no analysis could see it: without noise it leaves nothing in residuals and repeats."""
-    return not is_visible(worlds.seen(0, switch, size, noise_free=True))
-
-
 @pytest.mark.parametrize(("switch", "size"), SIZES, ids=NAMES)
 def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: float) -> None:
-    assert classes(switch, size, SHORT)[WRONG] == 0 or hidden(switch, size)
+    assert classes(worlds, switch, size, SHORT)[WRONG] == 0 or is_hidden(worlds, switch, size)
 
 
 @pytest.mark.parametrize(
@@ -65,15 +57,15 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: flo
 def test_what_is_wrong_is_named(name: str, size: float, left: str, codes: set[str]) -> None:
     switch = next(switch for switch in worlds.SWITCHES if switch.name == name)
     wrong = worlds.seen(1, switch, size)
-    assert sorted_classes(wrong, right_world(1))[left] >= 9
-    assert codes <= {reason["code"] for entry in wrong.entries for reason in entry["reasons"]}
+    assert sorted_classes(wrong, right_world(worlds, 1))[left] >= 9
+    assert codes <= codes_of(wrong)
 
 
 @pytest.mark.parametrize(("seed", "size"), [(8, 8.0), (6, 4096.0)])
 def test_counts_in_steps_are_named_where_chance_lets_them_fit_a_line(seed: int, size: float) -> None:
     """Of all groups of ten campaigns these lay within 5 and 2,000 U of the truth with a chi-square like any other."""
     wrong = worlds.seen(seed, Switch("stuck_bits", worlds.StuckBits, (size,)), size)
-    assert sorted_classes(wrong, right_world(seed))[WRONG] == 0
+    assert sorted_classes(wrong, right_world(worlds, seed))[WRONG] == 0
     named = [entry for entry in wrong.entries if "counts_in_steps" in {reason["code"] for reason in entry["reasons"]}]
     assert {entry["conditions"]["channel"] for entry in named} == {worlds.WRONG}
     assert len(named) == 3 * len(sim.TEMPERATURES_degC) + 6
@@ -108,17 +100,17 @@ def test_one_bad_record_is_left_out_and_named() -> None:
     """One count off by a per cent among 150 records: the results are those of the others."""
     world = worlds.OneBadRecord(1e-2)
     campaign = sim.simulate(2, sim.Switches(), world=world)
-    analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
+    analysis = sim.analysed(campaign)
     (odd,) = [row.window.number for row in campaign.rows if world.hits(row.window.conditions)]
     assert any(f"unlike all others of its group (record {odd})" in note for note in analysis.notes)
     switch = next(switch for switch in worlds.SWITCHES if switch.name == "one_bad_record")
-    counted = classes(switch, 1e-2, range(3))
+    counted = classes(worlds, switch, 1e-2, range(3))
     assert counted[WRONG] == counted[DOUBTED] == counted[REFUSED] == 0
 
 
 def test_coefficients_hold_sound_channels_alone() -> None:
     campaign = sim.simulate(7, sim.Switches(), world=worlds.SoftSaturation(1e-3))
-    analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
+    analysis = sim.analysed(campaign)
     results = build_results("session", analysis, {"records": len(campaign.rows)}, worlds.PROVENANCE)
     written = coefficients_of_session(analysis, results, campaign.campaign)
     assert written is not None
@@ -128,7 +120,7 @@ def test_coefficients_hold_sound_channels_alone() -> None:
 
 @pytest.mark.parametrize("seed", range(10))
 def test_a_right_world_is_not_doubted(seed: int) -> None:
-    seen = right_world(seed)
+    seen = right_world(worlds, seed)
     assert [entry["reasons"] for entry in seen.entries if not is_sound(entry)] == []
 
 
@@ -136,7 +128,7 @@ def test_a_right_world_is_not_doubted(seed: int) -> None:
 def test_a_drift_that_the_repeat_found_is_in_every_number_it_bears_on(drift: float) -> None:
     seen = worlds.seen(3, Switch("drift", worlds.CalibratorDrift, (drift,)), drift)
     assert sum(is_sound(entry) for entry in seen.entries) > 30
-    counted = sorted_classes(seen, right_world(3))
+    counted = sorted_classes(seen, right_world(worlds, 3))
     assert counted[WRONG] == 0
     assert counted[RIGHT] < len(seen.entries)  # wider than without a drift
 
@@ -146,8 +138,7 @@ def test_a_level_as_small_as_the_bias_is_followed(monkeypatch: pytest.MonkeyPatc
     levels_A = (5e-7, *sim.KIND["gyro"]["levels_A"])
     monkeypatch.setitem(sim.KIND["gyro"], "levels_A", levels_A)
     seen = worlds.seen(4, None, 0.0)
-    codes = {reason["code"] for entry in seen.entries for reason in entry["reasons"]}
-    assert not codes & {"swapped_leads", "stimulus_not_followed"}
+    assert not codes_of(seen) & {"swapped_leads", "stimulus_not_followed"}
 
 
 def test_what_a_switch_hides_is_named_with_a_size() -> None:
@@ -157,3 +148,36 @@ def test_what_a_switch_hides_is_named_with_a_size() -> None:
     assert set(taken) >= {"calibrator_gain", "open_route_leakage", "generator_frequency"}
     assert "less than 5 ppm" in taken["clock_counts"].unseen
     assert all(any(figure.isdigit() for figure in assumption.effect) for assumption in taken.values())
+
+
+@dataclass(frozen=True)
+class StuckCounter(sim.World):
+    """A counter that stands at seven pulses in each of 10,000 frames, whatever the input is."""
+
+    def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
+        return counts | {"n": 70_000.0} if at.channel == worlds.WRONG else counts
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_counter_that_stands_at_seven_pulses_a_frame_is_refused(seed: int) -> None:
+    found = classes_of(sim.simulate(seed, world=StuckCounter()))
+    of_it = [entry for entry, _ in found if entry["conditions"]["channel"] == worlds.WRONG]
+    assert all(entry["quality"] == "refused" for entry in of_it)
+    others = [entry for entry, _ in found if entry["conditions"]["channel"] != worlds.WRONG]
+    assert others
+    assert all(is_sound(entry) for entry in others)
+
+
+def classes_of(campaign: sim.SimulatedCampaign) -> list[tuple[dict[str, object], str]]:
+    """Return estimates with their classes; none is confidently wrong."""
+    document = build_results("doubt", sim.analysed(campaign), {"records": len(campaign.rows)}, worlds.PROVENANCE)
+    entries = [entry for entry in document["estimates"] if entry["quantity"] in worlds.QUANTITIES]
+    found = [(entry, class_of(entry, campaign.truth(entry), None, 0.0)) for entry in entries]
+    assert found
+    assert not [entry for entry, kind in found if kind == WRONG]
+    return found
+
+
+@pytest.mark.parametrize("repeat", [None, 1])
+def test_a_calibrator_that_drifts_by_three_per_mille_leaves_no_small_interval(repeat: int | None) -> None:
+    classes_of(sim.simulate(4, repeat_channel=repeat, world=worlds.CalibratorDrift(3e-3)))

@@ -5,11 +5,9 @@ Counts and readings are made from the physics alone (``doubt_dmm_method``).
 
 from __future__ import annotations
 
-from functools import cache
-
 import doubt_dmm_method as worlds
 import pytest
-from doubt_classes import DOUBTED, REFUSED, WRONG, Seen, is_visible, sorted_classes
+from doubt_classes import DOUBTED, REFUSED, WRONG, codes_of, is_hidden, right_world, sorted_classes
 
 from bench.analysis import is_sound
 from bench.model.assumptions import assumptions_of
@@ -18,21 +16,12 @@ SIZES = [(switch.name, size) for switch in worlds.SWITCHES for size in switch.si
 BY_NAME = {switch.name: switch for switch in worlds.SWITCHES}
 
 
-@cache
-def right_world(seed: int) -> Seen:
-    return worlds.seen(seed, None, 0.0)
-
-
-def codes_of(seen: Seen) -> set[str]:
-    return {reason["code"] for entry in seen.entries for reason in entry["reasons"]}
-
-
 @pytest.mark.parametrize(("name", "size"), SIZES)
 def test_nothing_that_can_be_seen_is_confidently_wrong(name: str, size: float) -> None:
     switch = BY_NAME[name]
-    visible = is_visible(worlds.seen(0, switch, size, noise_free=True))
+    visible = not is_hidden(worlds, switch, size)
     for seed in range(3):
-        counted = sorted_classes(worlds.seen(seed, switch, size), right_world(seed))
+        counted = sorted_classes(worlds.seen(seed, switch, size), right_world(worlds, seed))
         assert counted[WRONG] == 0 or not visible
         assert counted[WRONG] == 0 or switch.assumption
 
@@ -53,7 +42,7 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(name: str, size: float) -
 )
 def test_what_is_wrong_is_named(name: str, size: float, left: str, code: str) -> None:
     wrong = worlds.seen(1, BY_NAME[name], size)
-    assert sorted_classes(wrong, right_world(1))[left] >= 3
+    assert sorted_classes(wrong, right_world(worlds, 1))[left] >= 3
     assert code in codes_of(wrong)
 
 
@@ -63,14 +52,14 @@ def test_one_level_that_is_wrong_is_left_out_and_named(name: str, size: float) -
     assert any("unlike all others of its group" in note for note in analysis.notes)
     wrong = worlds.seen(0, BY_NAME[name], size)
     assert codes_of(wrong) == set()
-    for entry, before in zip(wrong.entries, right_world(0).entries, strict=True):
+    for entry, before in zip(wrong.entries, right_world(worlds, 0).entries, strict=True):
         assert abs(entry["value"] - before["value"]) < before["expanded_uncertainty"]
 
 
 def test_one_bad_reading_of_three_costs_its_weight() -> None:
     wrong = worlds.seen(0, BY_NAME["one_bad_reading"], 0.1)
     assert codes_of(wrong) == set()
-    assert sorted_classes(wrong, right_world(0))[WRONG] == 0
+    assert sorted_classes(wrong, right_world(worlds, 0))[WRONG] == 0
 
 
 def test_a_range_that_is_off_is_not_told_by_one_channel() -> None:
@@ -81,13 +70,13 @@ def test_a_range_that_is_off_is_not_told_by_one_channel() -> None:
 def test_a_range_that_moves_one_channel_alone_is_doubted_there() -> None:
     """No single level carries the line: without the gain of the range it moves by 2.4 times its uncertainty."""
     wrong = worlds.seen(3, BY_NAME["meter_range"], 1e-4)
-    assert sorted_classes(wrong, right_world(3))[WRONG] == 0
+    assert sorted_classes(wrong, right_world(worlds, 3))[WRONG] == 0
     assert codes_of(wrong) == {"lack_of_fit"}
 
 
 @pytest.mark.parametrize("seed", range(20))
 def test_a_right_world_is_not_doubted(seed: int) -> None:
-    seen = right_world(seed)
+    seen = right_world(worlds, seed)
     assert [entry["reasons"] for entry in seen.entries if not is_sound(entry)] == []
     assert not any("unlike" in note for note in worlds.analysed(seed, worlds.Wrong())[0].notes)
 

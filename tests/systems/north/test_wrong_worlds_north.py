@@ -6,12 +6,9 @@ them.
 
 from __future__ import annotations
 
-from collections import Counter
-from functools import cache
-
 import doubt_north as worlds
 import pytest
-from doubt_classes import CLASSES, DOUBTED, REFUSED, WRONG, Seen, Switch, is_visible, sorted_classes
+from doubt_classes import DOUBTED, REFUSED, WRONG, Switch, classes, codes_of, is_hidden, right_world, sorted_classes
 
 from bench.analysis import is_sound
 from bench.model.assumptions import assumptions_of
@@ -21,34 +18,15 @@ SIZES = [(switch, size) for switch in worlds.SWITCHES for size in switch.sizes]
 NAMES = [f"{switch.name}-{size:g}" for switch, size in SIZES]
 
 
-@cache
-def right_world(seed: int) -> Seen:
-    return worlds.seen(seed, None, 0.0)
-
-
 def switch_of(name: str) -> Switch:
     return next(switch for switch in worlds.SWITCHES if switch.name == name)
-
-
-def classes(switch: Switch, size: float, seeds: range) -> Counter[str]:
-    """Return how many estimates are in each class over all seeds."""
-    counted: Counter[str] = Counter()
-    for seed in seeds:
-        counted += sorted_classes(worlds.seen(seed, switch, size), right_world(seed))
-    print(f"{switch.name} {size:g}, seeds {seeds}: " + ", ".join(f"{counted[name]} {name}" for name in CLASSES))
-    return counted
-
-
-def hidden(switch: Switch, size: float) -> bool:
-    """Return whether no analysis could see it: without noise it leaves nothing in residuals and repeats."""
-    return not is_visible(worlds.seen(0, switch, size, noise_free=True))
 
 
 @pytest.mark.parametrize(("switch", "size"), [(one, one.sizes[-1]) for one in worlds.SWITCHES],
                          ids=[one.name for one in worlds.SWITCHES])  # fmt: skip
 def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: float) -> None:
     """The gross ones; every size is in the long form."""
-    assert classes(switch, size, SHORT)[WRONG] == 0 or (hidden(switch, size) and switch.assumption)
+    assert classes(worlds, switch, size, SHORT)[WRONG] == 0 or (is_hidden(worlds, switch, size) and switch.assumption)
 
 
 @pytest.mark.parametrize(
@@ -68,13 +46,13 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(switch: Switch, size: flo
 )
 def test_what_is_wrong_is_named(name: str, size: float, left: str, codes: set[str]) -> None:
     wrong = worlds.seen(1, switch_of(name), size)
-    assert sorted_classes(wrong, right_world(1))[left] >= (5 if name == "field_motor" else 2)
-    assert codes <= {reason["code"] for entry in wrong.entries for reason in entry["reasons"]}
+    assert sorted_classes(wrong, right_world(worlds, 1))[left] >= (5 if name == "field_motor" else 2)
+    assert codes <= codes_of(wrong)
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_right_world_is_not_doubted(seed: int) -> None:
-    assert [entry["reasons"] for entry in right_world(seed).entries if not is_sound(entry)] == []
+    assert [entry["reasons"] for entry in right_world(worlds, seed).entries if not is_sound(entry)] == []
 
 
 def test_every_hidden_switch_is_named_by_an_assumption() -> None:

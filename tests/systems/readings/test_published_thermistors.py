@@ -88,8 +88,3 @@ def test_errors_go_through_the_functions() -> None:
         stated.append(float(np.abs(of_y.back_slope(curve.at(at))) @ curve.std_at(at)))
     assert np.mean(read) == pytest.approx(25.0, abs=0.02)
     assert np.std(read) == pytest.approx(np.median(stated), rel=0.2)
-
-
-def test_points_that_have_no_logarithm() -> None:
-    with np.errstate(all="ignore"):
-        assert not np.isfinite(function_of("log", "V").of(np.array([0.0, -1.0]))).any()

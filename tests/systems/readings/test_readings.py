@@ -71,13 +71,10 @@ def test_a_fit_for_each_temperature_by_the_uncertainty_of_the_set_points() -> No
     assert slopes[0]["std_uncertainty"] == pytest.approx(own, rel=1e-6)
 
 
-def test_too_few_points_are_missing_and_the_rest_is_given() -> None:
-    analysis = analyse(material({(1.0, 20.0): [1.0, 1.1]}))
-    assert analysis.missing == ["gain: 1 points do not determine c0, c1"]
-    assert found(analysis, "output_repeatability")
-
-
-def test_a_value_without_a_logarithm_is_no_fit() -> None:
+def test_what_gives_no_fit_is_missing_and_the_rest_is_given() -> None:
+    few = analyse(material({(1.0, 20.0): [1.0, 1.1]}))
+    assert few.missing == ["gain: 1 points do not determine c0, c1"]
+    assert found(few, "output_repeatability")
     read = {(level, 20.0): [volt] * 2 for level, volt in ((1.0, 1.0), (2.0, 0.0), (4.0, 3.0))}
     analysis = analyse(material(read, function="log"))
     assert analysis.missing == ["gain: a value has no logarithm or no reciprocal"]

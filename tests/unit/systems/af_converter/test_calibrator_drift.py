@@ -40,22 +40,13 @@ def times_s(campaign: sim.SimulatedCampaign) -> tuple[float, float]:
 def run(
     campaign: sim.SimulatedCampaign, readings: list[Reading], repeat_ppm: float = 0.0, declared: float | None = None
 ) -> Analysis:
-    rows = []
-    for row in campaign.rows:
-        factor = 1 + 1e-6 * repeat_ppm * row.window.conditions["repeat"]
-        sums = row.sums | {name: row.sums[name] * factor for name in ("npp", "ppp")}
-        rows.append(sim.Row(row.window, sums, row.context))
-    standards: dict[str, Any] = {"calibrator": dict(campaign.standards["calibrator"])}
-    if declared is not None:
-        standards["calibrator"]["drift_relative"] = declared
-    return analyse(Material(rows, campaign.campaign, standards, readings=readings))
+    stated = {} if declared is None else {"drift_relative": declared}
+    standards = {"calibrator": campaign.standards["calibrator"] | stated}
+    return analyse(Material(sim.repeated_off(campaign, repeat_ppm), campaign.campaign, standards, readings=readings))
 
 
 def drifts(analysis: Analysis, kind: str) -> list[dict[str, Any]]:
-    return [
-        one for one in analysis.estimates
-        if one["quantity"] == "calibrator_drift" and one["conditions"]["check"] == kind
-    ]  # fmt: skip
+    return sim.entries_of(analysis, "calibrator_drift", check=kind)
 
 
 def component_ppm(analysis: Analysis) -> float:
@@ -90,18 +81,21 @@ def test_the_larger_of_declared_and_seen_counts(
     assert component_ppm(analysis) == pytest.approx(expected_ppm, abs=0.03)
 
 
-def test_a_check_on_one_side_only_is_said_to_tell_nothing(campaign: sim.SimulatedCampaign) -> None:
-    analysis = run(campaign, check(times_s(campaign)[0], 0.0))
+@pytest.mark.parametrize(
+    ("levels_ppm", "said"),
+    [
+        ((0.0, None), "on one side of the campaign only"),
+        ((-1e6, -1e6), "6 of 6 checks by the meter left out"),
+    ],
+)
+def test_a_check_that_tells_nothing_is_named(
+    campaign: sim.SimulatedCampaign, levels_ppm: tuple[float | None, ...], said: str
+) -> None:
+    """On one side only; by a meter that is not in the loop, whose zeros would be a calibrator that stood still."""
+    edges = zip(times_s(campaign), levels_ppm, strict=True)
+    analysis = run(campaign, [one for at_s, ppm in edges if ppm is not None for one in check(at_s, ppm)])
     assert drifts(analysis, "check by the meter") == []
-    assert any("on one side of the campaign only" in note for note in analysis.notes)
-
-
-def test_a_meter_that_is_not_in_the_loop_shows_no_drift_at_all(campaign: sim.SimulatedCampaign) -> None:
-    """Zero before and zero after would otherwise be a calibrator that stood still."""
-    before_s, after_s = times_s(campaign)
-    analysis = run(campaign, check(before_s, -1e6) + check(after_s, -1e6))
-    assert drifts(analysis, "check by the meter") == []
-    assert any("6 of 6 checks by the meter left out" in note for note in analysis.notes)
+    assert any(said in note for note in analysis.notes)
 
 
 def carried_on(campaign: sim.SimulatedCampaign, repeat: dict[str, Any]) -> float:

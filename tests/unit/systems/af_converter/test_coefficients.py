@@ -1,6 +1,7 @@
 """Compensation out: coefficients.json, its schema, the merge of two campaigns, and the header in a real compiler."""
 
 import copy
+import dataclasses
 import json
 import re
 import shutil
@@ -14,7 +15,7 @@ import jsonschema
 import numpy as np
 import pytest
 
-from bench.analysis import Analysis, Material, analyse, build_results, results_json
+from bench.analysis import Analysis, build_results, results_json
 from bench.model.errors import InputError
 from bench.session.coefficients import write_coefficients
 from bench.systems.af_converter.coefficients import coefficients_of, coefficients_schema, header_text, merged
@@ -32,7 +33,7 @@ def campaign() -> sim.SimulatedCampaign:
 
 @pytest.fixture(scope="module")
 def scale_factor(campaign: sim.SimulatedCampaign) -> Analysis:
-    return analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
+    return sim.analysed(campaign)
 
 
 def bias_analysis(**changes: Any) -> Analysis:
@@ -78,20 +79,19 @@ def test_scale_factor_campaign_gives_its_coefficients_and_no_bias(
 ) -> None:
     given = {(one["parameter"], one["channel"]): one for one in scale_factor.compensation}
     assert set(given) == {(name, channel) for name in ("dsf_n", "dsf_p") for channel in KINDS}
-    assert any(one["quantity"] == "bias_tc0" for one in scale_factor.estimates)
+    assert sim.entries_of(scale_factor, "bias_tc0")
+    warmth = [row.context["unit_temperature_degC"] for row in campaign.rows]
     for (name, channel), one in given.items():
-        stated = [
-            next(
-                entry["value"]
-                for entry in scale_factor.estimates
-                if entry["quantity"] == f"{name}_tc{order}" and entry["conditions"]["channel"] == channel
-            )
-            for order in range(3)
-        ]
-        assert one["coefficients"] == stated
-        warmth = [row.context["unit_temperature_degC"] for row in campaign.rows]
+        stated = [sim.entries_of(scale_factor, f"{name}_tc{order}", channel=channel)[0] for order in range(3)]
+        assert one["coefficients"] == [entry["value"] for entry in stated]
         assert min(warmth) <= one["valid_degC"][0] < -9.0
         assert 49.0 < one["valid_degC"][1] <= max(warmth)
+    wrong = dataclasses.replace(
+        scale_factor, compensation=[*scale_factor.compensation, bias_analysis().compensation[0]]
+    )
+    with pytest.raises(InputError, match="'scale_factor' is diagnostic") as caught:
+        document(wrong, campaign)
+    assert caught.value.code == "B-COEF-004"
 
 
 def test_coefficients_give_the_truth_back(campaign: sim.SimulatedCampaign, both: dict[str, Any]) -> None:
@@ -115,16 +115,6 @@ def test_document_is_valid_by_the_shipped_schema(both: dict[str, Any]) -> None:
     assert names == ["dsf_n", "dsf_n", "dsf_p", "dsf_p", "bias", "bias", "master_clock"]
 
 
-def test_a_bias_of_the_scale_factor_campaign_is_refused(
-    campaign: sim.SimulatedCampaign, scale_factor: Analysis
-) -> None:
-    wrong = copy.copy(scale_factor)
-    object.__setattr__(wrong, "compensation", [*scale_factor.compensation, bias_analysis().compensation[0]])
-    with pytest.raises(InputError, match="'scale_factor' is diagnostic") as caught:
-        document(wrong, campaign)
-    assert caught.value.code == "B-COEF-004"
-
-
 def test_sessions_that_do_not_belong_together_are_refused(
     campaign: sim.SimulatedCampaign, scale_factor: Analysis
 ) -> None:
@@ -133,20 +123,25 @@ def test_sessions_that_do_not_belong_together_are_refused(
     real = document(bias_analysis(), campaign, "bias", simulated=False)
     other = copy.deepcopy(document(bias_analysis(), campaign, "bias"))
     other["nominal"][0]["k0_C"] *= 2
-    for second, code, says in (
-        (stranger, "B-COEF-001", "NGU SIM-1 and NGU SIM-2"),
-        (other, "B-COEF-001", "nominal constants"),
-        (real, "B-COEF-003", "simulated and measured"),
-        (document(scale_factor, campaign, "again"), "B-COEF-002", "dsf_n of channel 1 comes from two sessions"),
+    clock = [one for one in bias_analysis().compensation if one["channel"] is None]
+    clocks = [document(bias_analysis(compensation=clock), campaign, name) for name in ("sf", "b")]
+    for first, second, code, says in (
+        (ours, stranger, "B-COEF-001", "NGU SIM-1 and NGU SIM-2"),
+        (ours, other, "B-COEF-001", "nominal constants"),
+        (ours, real, "B-COEF-003", "simulated and measured"),
+        (ours, document(scale_factor, campaign, "again"), "B-COEF-002", "dsf_n of channel 1 comes from two sessions"),
+        (*clocks, "B-COEF-002", "master_clock of the unit"),
     ):
         with pytest.raises(InputError, match=says) as caught:
-            merged([ours, second])
+            merged([first, second])
         assert caught.value.code == code
         assert "sf" in caught.value.where
 
 
-def test_campaigns_of_some_channels_only_are_merged(campaign: sim.SimulatedCampaign, scale_factor: Analysis) -> None:
-    """A short scale-factor campaign measures some channels, the bias campaign all of them."""
+def test_campaigns_of_some_channels_only_are_merged(
+    tmp_path: Path, campaign: sim.SimulatedCampaign, scale_factor: Analysis
+) -> None:
+    """A short scale-factor campaign measures some channels, the bias campaign all of them; one alone compiles, too."""
     ours = document(scale_factor, campaign, "sf")
     more = document(bias_analysis(), campaign, "bias")
     more["nominal"].append({"channel": 10, "kind": "accelerometer", "k0_C": 1e-7})
@@ -156,14 +151,11 @@ def test_campaigns_of_some_channels_only_are_merged(campaign: sim.SimulatedCampa
     assert both["nominal"] == merged([ours, more])["nominal"]
     tables = re.findall(r"static const \w+ COMPENSATION_(\w+)\[(\d+)\]", header_text(both))
     assert dict(tables) == {"K0_C": "11", "DSF_N_PPM": "11", "DSF_P_PPM": "11", "BIAS_A": "11"}
-
-
-def test_the_clock_of_the_unit_twice_is_refused(campaign: sim.SimulatedCampaign) -> None:
-    clock = [one for one in bias_analysis().compensation if one["channel"] is None]
-    first, second = (document(bias_analysis(compensation=clock), campaign, name) for name in ("a", "b"))
-    with pytest.raises(InputError, match="master_clock of the unit") as caught:
-        merged([first, second])
-    assert caught.value.code == "B-COEF-002"
+    (tmp_path / "coefficients.h").write_text(header_text(merged([ours])))
+    (tmp_path / "main.c").write_text('#include "coefficients.h"\nint main(void) { return 0; }\n')
+    command = [compiler(), *FLAGS, "-fsyntax-only", "main.c"]
+    built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert (built.returncode, built.stderr) == (0, "")
 
 
 @pytest.mark.parametrize(
@@ -197,20 +189,6 @@ def test_files_of_a_session(tmp_path: Path, campaign: sim.SimulatedCampaign, sca
     nothing = bias_analysis(compensation=[])
     assert write_coefficients(tmp_path / "none", nothing, results, campaign.campaign) == []
     assert not (tmp_path / "none").exists()
-
-
-def test_header_says_what_a_reader_must_know(both: dict[str, Any]) -> None:
-    both["sources"][0]["missing"] = ["channel 3 at 5 degC: no record */ #error"]
-    text = header_text(both)
-    assert "SIMULATED" in text
-    assert "#define COMPENSATION_SIMULATED 1" in text
-    assert text.count("c0ffee") == 2
-    assert "bias: correction ADDED to the reading" in text
-    assert "MISSING: channel 3 at 5 degC: no record * / #error" in text
-    assert text.isascii()
-    measured = header_text(both | {"simulated": False})
-    assert "SIMULATED:" not in measured
-    assert "#define COMPENSATION_SIMULATED 0" in measured
 
 
 PROGRAM = """
@@ -252,7 +230,14 @@ def compiler() -> str:
     against="numpy's polyval of coefficients.json",
 )
 def test_header_compiles_and_evaluates_to_the_same_numbers(tmp_path: Path, both: dict[str, Any]) -> None:
-    (tmp_path / "coefficients.h").write_text(header_text(both))
+    """Every bit of a coefficient is there, no note ends its comment, and what is simulated says so to a program."""
+    both["sources"][0]["missing"] = ["channel 3 at 5 degC: no record */ #error"]
+    text = header_text(both)
+    assert text.isascii()
+    assert "#define COMPENSATION_SIMULATED 0" in header_text(both | {"simulated": False})
+    for one in both["parameters"]:
+        assert ", ".join(repr(value) for value in one["coefficients"]) in text
+    (tmp_path / "coefficients.h").write_text(text)
     (tmp_path / "main.c").write_text(PROGRAM % {"temperatures": ", ".join(repr(at) for at in T_degC)})
     built = subprocess.run(
         [compiler(), *FLAGS, "main.c", "-o", "main"], cwd=tmp_path, capture_output=True, text=True, check=False
@@ -269,28 +254,11 @@ def test_header_compiles_and_evaluates_to_the_same_numbers(tmp_path: Path, both:
         if channel not in KINDS:
             assert (line[0], numbers) == ("-3", [0.0] * 4)
             continue
-        outside = [not low <= at <= high for low, high in (given[name, channel]["valid_degC"] for name in ("dsf_n",))]
-        assert int(line[0]) == 2 * sum(outside)
+        low, high = given["dsf_n", channel]["valid_degC"]
+        assert int(line[0]) == (0 if low <= at <= high else 2)
         assert numbers[0] == charges[channel]
         for name, number in zip(("dsf_n", "dsf_p", "bias"), numbers[1:], strict=True):
-            one = given[name, channel]
-            expected = np.polynomial.polynomial.polyval(at - 20.0, one["coefficients"])
+            expected = np.polynomial.polynomial.polyval(at - 20.0, given[name, channel]["coefficients"])
             assert number == pytest.approx(expected, rel=1e-14)
     assert clock[0] == "1"
     assert float(clock[1]) == pytest.approx(1.5 - 0.01 * 40.0, rel=1e-14)
-
-
-def test_numbers_of_the_header_keep_every_bit(both: dict[str, Any]) -> None:
-    text = header_text(both)
-    for one in both["parameters"]:
-        assert ", ".join(repr(value) for value in one["coefficients"]) in text
-
-
-def test_header_alone_compiles(tmp_path: Path, campaign: sim.SimulatedCampaign, scale_factor: Analysis) -> None:
-    """One campaign only; nothing of it used."""
-    path = tmp_path / "coefficients.h"
-    path.write_text(header_text(merged([document(scale_factor, campaign)])))
-    (tmp_path / "main.c").write_text('#include "coefficients.h"\nint main(void) { return 0; }\n')
-    command = [compiler(), *FLAGS, "-fsyntax-only", "main.c"]
-    built = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert (built.returncode, built.stderr) == (0, "")

@@ -87,10 +87,10 @@ def found() -> tuple[Analysis, sim.SimulatedCampaign]:
     return analysed(5)
 
 
-def test_all_that_is_composed_is_said_in_korean(found: tuple[Analysis, sim.SimulatedCampaign]) -> None:
-    assert english_left(found[0]) == set()
-    components = {told(one["component"], "ko") for one in found[0].components}
-    assert {"측정기의 잡음", "측정기의 영점", "측정기 범위의 이득", "합성"} <= components
+def shown(seed: int, **switches: bool) -> tuple[sim.SimulatedCampaign, Any, list[Reading]]:
+    """Return a campaign, its meter, and what that has read."""
+    campaign, drawn = simulate(seed)
+    return campaign, drawn, readings_of(campaign, drawn, **switches)
 
 
 def test_complete_and_within_its_uncertainty(found: tuple[Analysis, sim.SimulatedCampaign]) -> None:
@@ -102,6 +102,11 @@ def test_complete_and_within_its_uncertainty(found: tuple[Analysis, sim.Simulate
     assert all(one["expanded_uncertainty"] < 25.0 for one in of(analysis, *QUANTITIES))
     assert all(one["expanded_uncertainty"] < 0.3 for one in of(analysis, "dsf_asymmetry"))
     assert all(0.1 < one["reduced_chi2"] < 3.0 for one in analysis.groups)
+    assert english_left(analysis) == set()
+    components = {told(one["component"], "ko") for one in analysis.components}
+    assert {"측정기의 잡음", "측정기의 영점", "측정기 범위의 이득", "합성"} <= components
+    alone = analysed(5, both=False)[0]  # without the calibrator in the register
+    assert not [table for table in alone.tables if "calibrator method" in table.title]
 
 
 @pytest.mark.validates(
@@ -118,10 +123,6 @@ def test_agrees_with_the_calibrator_method_on_the_same_records(record_property: 
             worst = max(worst, abs(row[7]))
             assert abs(row[7]) < 1.3  # E_n of twenty standards drawn: 95 % are below 1
     record_property("obtained", f"worst E_n of 40 {worst:.2f}, limit 1.3")
-
-
-def test_without_the_calibrator_in_the_register_the_method_stands_by_itself() -> None:
-    assert not [table for table in analysed(5, both=False)[0].tables if "calibrator method" in table.title]
 
 
 def group_and_meter(seed: int, channel: int) -> tuple[Group, Any, Any, Any]:
@@ -193,17 +194,15 @@ def test_analysis_as_printed_gives_the_mean_and_says_why_not_more() -> None:
 
 def test_zero_of_the_meter_is_subtracted_where_it_was_measured() -> None:
     """Without zeros the specification stands in; it weighs a hundred times as much as what the zeros leave."""
-    campaign, drawn = simulate(3)
-    with_zeros = dmm_method.analyse(material(campaign, readings_of(campaign, drawn)))
-    without = dmm_method.analyse(material(campaign, readings_of(campaign, drawn, zeros=False)))
-    part = {
-        name: next(one for one in analysis.components if one["component"] == "zero of the meter")["std_uncertainty_ppm"]
-        for name, analysis in (("with", with_zeros), ("without", without))
-    }
-    assert part["with"] < 0.01
-    assert part["without"] > 1.0
-    assert any("zero of the meter was not measured" in note for note in without.notes)
-    assert not any("zero of the meter was not measured" in note for note in with_zeros.notes)
+    parts, told = [], []
+    for zeros in (True, False):
+        campaign, _, readings = shown(3, zeros=zeros)
+        analysis = dmm_method.analyse(material(campaign, readings))
+        parts += [one for one in analysis.components if one["component"] == "zero of the meter"][:1]
+        told.append(any("zero of the meter was not measured" in note for note in analysis.notes))
+    assert parts[0]["std_uncertainty_ppm"] < 0.01
+    assert parts[1]["std_uncertainty_ppm"] > 1.0
+    assert told == [False, True]
 
 
 def shifted(campaign: sim.SimulatedCampaign, ppm: float) -> None:
@@ -246,9 +245,9 @@ def test_leakage_of_the_switch_is_seen() -> None:
         assert abs(one["value"] - campaign.truth(one)) < 2 * one["expanded_uncertainty"]
 
 
-def test_a_record_taken_again_owns_the_readings_of_the_attempt_that_counts() -> None:
-    campaign, drawn = simulate(4)
-    readings = readings_of(campaign, drawn)
+def test_which_readings_a_record_owns() -> None:
+    """Those of the attempt that counts; readings without a value leave the others of their set."""
+    campaign, _, readings = shown(4)
     row = campaign.rows[-1]
     begin_s = 1e-9 * row.window.t_start_ns - 18.0
     failed = [
@@ -258,42 +257,39 @@ def test_a_record_taken_again_owns_the_readings_of_the_attempt_that_counts() -> 
     log = MeterLog(campaign.rows, readings + failed)  # type: ignore[arg-type]
     plain = MeterLog(campaign.rows, readings)  # type: ignore[arg-type]
     assert log.meter([row.window.number]) == plain.meter([row.window.number])
-
-
-def without_levels(readings: list[Reading]) -> list[Reading]:
-    return [one for one in readings if "zero_range_A" in one.conditions]
-
-
-def flagged(readings: list[Reading]) -> list[Reading]:
-    return [dataclasses.replace(one, value=None) if one.name == "measure_current" else one for one in readings]
+    values = [("configure_current", 1e-3), *[("measure_current", one) for one in (None, 1e-4, float("nan"), 3e-4)]]
+    (found,) = reading_sets(Reading(float(at), 0, "dmm", name, value) for at, (name, value) in enumerate(values))
+    assert (found.values_A, found.end_s) == ([1e-4, 3e-4], 4.0)
 
 
 @pytest.mark.parametrize("repeat", [0, 1])
 def test_a_unit_that_still_warms_is_named(repeat: int) -> None:
     """Points of a channel at different temperatures: the method has no coefficients to refer them to one."""
-    campaign, drawn = simulate(4)
+    campaign, _, readings = shown(4)
     for row in [row for row in campaign.rows if row.window.conditions["repeat"] == repeat][:5]:
         row.context["unit_temperature_degC"] -= 0.3
-    analysis = dmm_method.analyse(material(campaign, readings_of(campaign, drawn)))
+    analysis = dmm_method.analyse(material(campaign, readings))
     assert any("moved by up to 0.30 degC" in note for note in analysis.notes)
 
 
-@pytest.mark.parametrize("spoil", [without_levels, flagged, lambda _: []])
-def test_without_readings_beside_the_records_there_is_no_result(spoil: Callable[..., list[Reading]]) -> None:
-    campaign, drawn = simulate(4)
-    with pytest.raises(FitError, match="reading of the meter") as caught:
-        dmm_method.analyse(material(campaign, spoil(readings_of(campaign, drawn))))
-    assert caught.value.code == "B-FIT-050"
-    assert "configure_current" in caught.value.next_step
-
-
-def test_a_channel_without_readings_is_named_and_the_other_has_its_result() -> None:
-    campaign, drawn = simulate(4)
+def test_without_readings_beside_the_records_there_is_no_result() -> None:
+    """None at all, zeros alone, or without a value; where one channel has some the other is named."""
+    campaign, _, readings = shown(4)
+    zeros = [one for one in readings if "zero_range_A" in one.conditions]
+    flagged = [dataclasses.replace(one, value=None) if one.name == "measure_current" else one for one in readings]
+    for left in ([], zeros, flagged):
+        with pytest.raises(FitError, match="reading of the meter") as caught:
+            dmm_method.analyse(material(campaign, left))
+        assert caught.value.code == "B-FIT-050"
+        assert "configure_current" in caught.value.next_step
     of_first = {1e-9 * row.window.t_start_ns for row in campaign.rows if row.window.conditions["channel"] == 1}
-    kept = [one for one in readings_of(campaign, drawn) if not any(0 < begin - one.t_s < 20 for begin in of_first)]
+    kept = [one for one in readings if not any(0 < begin - one.t_s < 20 for begin in of_first)]
     analysis = dmm_method.analyse(material(campaign, kept))
     assert {one["conditions"]["channel"] for one in of(analysis, "dsf_n")} == {2}
     assert any("channel 1 at 20 degC" in one and "B-FIT-050" in one for one in analysis.missing)
+    with pytest.raises(FitError, match="unknown method") as caught:
+        dmm_method.analyse(material(campaign, readings), "printed")
+    assert caught.value.code == "B-FIT-004"
 
 
 @pytest.mark.parametrize(
@@ -314,13 +310,6 @@ def test_what_the_register_lacks_is_named(change: Callable[[dict[str, Any]], obj
     assert caught.value.code == code
 
 
-def test_unknown_method_is_named() -> None:
-    campaign, drawn = simulate(4)
-    with pytest.raises(FitError, match="unknown method") as caught:
-        dmm_method.analyse(material(campaign, readings_of(campaign, drawn)), "printed")
-    assert caught.value.code == "B-FIT-004"
-
-
 def test_the_reading_beside_a_record_is_the_current_the_meter_was_given() -> None:
     """A zero with the wrong sign would leave twice the zero, up to 8 uA here; given are the set-point and OFFSET_A."""
     campaign, drawn = simulate(3)
@@ -335,14 +324,19 @@ def test_the_reading_beside_a_record_is_the_current_the_meter_was_given() -> Non
     assert (np.abs(meter.current_A - given_A) < 5e-9 * meter.range_A).all()
 
 
+def restated(seed: int, role: str, **words: float) -> list[Material]:
+    """Return a material and the same with these words in its register."""
+    campaign, _, readings = shown(seed)
+    plain = material(campaign, readings)
+    stated = copy.deepcopy(dict(plain.standards))
+    stated[role] |= words
+    return [plain, dataclasses.replace(plain, standards=stated)]
+
+
 @pytest.mark.parametrize("method", ["joint", "as_printed"])
 def test_the_calibration_of_the_meter_itself_is_a_component(method: str) -> None:
     """30 ppm (95 %) common to all ranges: 15 ppm in every scale factor, nothing in the asymmetry."""
-    campaign, drawn = simulate(3)
-    plain = material(campaign, readings_of(campaign, drawn))
-    stated = copy.deepcopy(dict(plain.standards))
-    stated["dmm"]["traceability_relative"] = 3e-5
-    found = [dmm_method.analyse(dataclasses.replace(plain, standards=one), method) for one in (plain.standards, stated)]
+    found = [dmm_method.analyse(one, method) for one in restated(3, "dmm", traceability_relative=3e-5)]
     assert [any("relative to its own calibration" in note for note in one.notes) for one in found] == [True, False]
     for before, after in zip(*(of(one, *QUANTITIES, "dsf_asymmetry", "dsf_mean") for one in found), strict=True):
         more_ppm2 = after["std_uncertainty"] ** 2 - before["std_uncertainty"] ** 2
@@ -351,11 +345,7 @@ def test_the_calibration_of_the_meter_itself_is_a_component(method: str) -> None
 
 def test_both_standards_count_in_full_in_the_agreement() -> None:
     """By hand: the meter's method, 10 ppm of gain and 20 ppm of a stated calibration of the calibrator."""
-    campaign, drawn = simulate(3)
-    plain = material(campaign, readings_of(campaign, drawn))
-    stated = copy.deepcopy(dict(plain.standards))
-    stated["calibrator"]["traceability_relative"] = 4e-5
-    analysis = dmm_method.analyse(dataclasses.replace(plain, standards=stated))
+    analysis = dmm_method.analyse(restated(3, "calibrator", traceability_relative=4e-5)[1])
     (table,) = [one for one in analysis.tables if one.title.startswith("DMM method and")]
     by_place = {(one["conditions"]["channel"], one["quantity"]): one for one in of(analysis, *QUANTITIES)}
     for row in table.rows:
@@ -380,9 +370,3 @@ def test_a_shift_is_judged_by_the_specification_and_knows_of_the_random_walk() -
         places = [row.window.t_start_ns for row in campaign.rows if wanted.items() <= row.window.conditions.items()]
         hours = abs(places[1] - places[0]) / 3.6e12
         assert other["std_uncertainty"] == pytest.approx(1e6 * 1e-6 * np.sqrt(hours) / level_A, rel=0.05)
-
-
-def test_readings_without_a_value_leave_the_others_of_their_set() -> None:
-    values = [("configure_current", 1e-3), *[("measure_current", one) for one in (None, 1e-4, float("nan"), 3e-4)]]
-    (found,) = reading_sets(Reading(float(at), 0, "dmm", name, value) for at, (name, value) in enumerate(values))
-    assert (found.values_A, found.end_s) == ([1e-4, 3e-4], 4.0)

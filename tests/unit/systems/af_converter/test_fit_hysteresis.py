@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
-from bias_coverage import WIDTH_AT, fit_ramp, scores, truths
-from bias_simulation import K0_C, Ramp, covariance, draw, flow, heat, ramp, slack
+from bias_simulation import K0_C, Ramp, WALK_A_rth, WHITE_A_rtHz, covariance, draw, heat, ramp, slack
 from scipy.optimize import least_squares
 from whitened_covariance import covariance_of
 
 from bench.systems.af_converter.estimators.gates import Drive, series_covariance, usable_drive
 from bench.systems.af_converter.estimators.hysteresis.fit import (
     HALF_WIDTH,
-    LAG,
     HysteresisFit,
     branch_curves,
     crossed_over,
@@ -30,6 +29,50 @@ from bench.systems.af_converter.estimators.hysteresis.model import (
     ModelShape,
     mean_of_walk,
 )
+from bench.systems.af_converter.estimators.hysteresis.search import Bounds
+
+WIDTH_AT = 4
+
+
+def fit_ramp(
+    one: Ramp,
+    *,
+    drive: Drive | None = None,
+    lag_s: tuple[float, float] = (120.0, 5400.0),
+    shape: ModelShape | None = None,
+    level: bool = True,
+    walk_A_rth: float = WALK_A_rth,
+    contiguous: bool = True,
+) -> HysteresisFit:
+    """Joint fit of gated readings; ``walk_A_rth`` and ``contiguous`` may make a plausible mistake in the noise."""
+    noise: Any = series_covariance(
+        "gated",
+        (one.start_s + one.end_s) / 2.0,
+        one.end_s - one.start_s,
+        K0_C[one.unit.kind],
+        WHITE_A_rtHz,
+        walk_A_rth,
+        contiguous,
+    )
+    return fit_hysteresis(
+        one.bias_A,
+        Gates(one.start_s, one.end_s),
+        drive or usable_drive(one.trace_t_s, one.air_degC),
+        noise.whiten,
+        shape=shape,
+        bounds=Bounds(lag_s=lag_s),
+        level=mean_of_walk(one.start_s, one.end_s, walk_A_rth) if level else None,
+    )
+
+
+def truths(one: Ramp) -> np.ndarray:
+    """True b0 to b3, width, lag and half-width, (7,)."""
+    return np.array([*map(one.truth, range(4)), one.unit.width_A, one.unit.lag_s, one.unit.half_width_degC])
+
+
+def scores(one: Ramp, fit: HysteresisFit) -> np.ndarray:
+    """Errors over stated standard uncertainties, (7,)."""
+    return (fit.parameters - truths(one)) / np.sqrt(np.diag(fit.covariance))
 
 
 @cache
@@ -37,10 +80,6 @@ def fitted(seed: int, kind: str = "gyro") -> tuple[Ramp, HysteresisFit]:
     """Return a ramp and its fit, for several tests."""
     one = ramp(seed, kind)
     return one, fit_ramp(one)
-
-
-def polynomial(fit: HysteresisFit, at: float) -> float:
-    return fit.curve(at)[0]
 
 
 @pytest.mark.parametrize("kind", sorted(K0_C))
@@ -64,7 +103,7 @@ def test_truth_over_twenty_seeds(record_property: Callable[[str, object], None],
         one, fit = fitted(seed, kind)
         curve = np.array([one.truth(order) for order in range(4)])
         for at in (-10.0, 5.0, 20.0, 35.0, 50.0):
-            error = polynomial(fit, at) - np.polynomial.polynomial.polyval(at - 20.0, curve)
+            error = fit.curve(at)[0] - np.polynomial.polynomial.polyval(at - 20.0, curve)
             assert abs(error) < 4e-9, f"seed {seed}: {error * 1e9:.2f} nA at {at} degC"
         assert abs(fit.value("b1") - curve[1]) < 1e-10, f"seed {seed}"
         assert np.abs(scores(one, fit)[4:]).max() < 5.0, f"seed {seed}"
@@ -172,14 +211,6 @@ def test_without_noise_the_truth_comes_out() -> None:
         assert abs(fit.value(name) - truth) < tolerance, name
 
 
-def test_the_unit_sensor_as_drive_has_next_to_no_lag() -> None:
-    one = ramp(8)
-    fit = fit_ramp(one, drive=usable_drive(one.trace_t_s, one.sensor_degC), lag_s=(1.0, 1800.0))
-    assert fit.value(LAG) < 180.0
-    assert abs(fit.value(WIDTH) - one.unit.width_A) < 5 * fit.std(WIDTH)
-    assert not fit.lag_determined  # it is not apart from none
-
-
 def test_extra_columns_take_a_drift_out() -> None:
     one = ramp(9)
     hours = (one.start_s - one.start_s[0]) / 3600.0
@@ -194,6 +225,7 @@ def test_extra_columns_take_a_drift_out() -> None:
 
 
 def test_width_closes_at_the_ends_and_holds_the_covariance() -> None:
+    """Its uncertainty between them is that of widths and half-widths drawn from their covariance."""
     one = ramp(10)
     fit = fit_ramp(one)
     low, high = fit.loop_degC
@@ -202,7 +234,10 @@ def test_width_closes_at_the_ends_and_holds_the_covariance() -> None:
     assert width_at(fit, 20.0) == (fit.value(WIDTH), fit.std(WIDTH))
     value, std = width_at(fit, low + twice / 4)
     assert value == pytest.approx(fit.value(WIDTH) / 4)
-    assert std == pytest.approx(_propagated(fit, low + twice / 4), rel=1e-3)
+    places, scale = [fit.names.index(WIDTH), fit.names.index(HALF_WIDTH)], np.array([1e9, 1.0])
+    covariance = fit.covariance[np.ix_(places, places)] * np.outer(scale, scale)
+    drawn = np.random.default_rng(0).multivariate_normal(fit.parameters[places] * scale, covariance, 200_000)
+    assert std == pytest.approx(1e-9 * np.std(drawn[:, 0] * twice / 4 / (2 * drawn[:, 1])), rel=1e-3)
     assert width_at(fit, high - twice / 2)[0] == pytest.approx(fit.value(WIDTH) / 2)
     loop = np.concatenate((np.linspace(high, low, 4000), np.linspace(low, high, 4000), np.linspace(high, low, 4000)))
     literal = slack(loop, twice / 2)
@@ -212,18 +247,6 @@ def test_width_closes_at_the_ends_and_holds_the_covariance() -> None:
         at, loop[4000:8000], literal[4000:8000]
     )
     np.testing.assert_allclose(falling - rising, fit.value(WIDTH) / twice * expected, atol=2e-11)
-
-
-def _propagated(fit: HysteresisFit, at: float) -> float:
-    """Width and half-width moved by what their covariance says."""
-    rng = np.random.default_rng(0)
-    places = [fit.names.index(WIDTH), fit.names.index(HALF_WIDTH)]
-    drawn = rng.multivariate_normal(fit.parameters[places] * [1e9, 1], _scaled(fit, places), 200_000)
-    return float(np.std(drawn[:, 0] * (at - fit.loop_degC[0]) / (2 * drawn[:, 1]))) * 1e-9
-
-
-def _scaled(fit: HysteresisFit, places: list[int]) -> np.ndarray:
-    return fit.covariance[np.ix_(places, places)] * np.outer([1e9, 1], [1e9, 1])
 
 
 def test_windows_after_a_reversal_are_marked() -> None:
@@ -237,18 +260,7 @@ def test_windows_after_a_reversal_are_marked() -> None:
 
 def test_start_of_the_play_matters_only_without_preparation() -> None:
     one = ramp(12)
-    noise = series_covariance("gated", (one.start_s + one.end_s) / 2, 100.0, K0_C["gyro"], 2e-9, 3e-10)
-    ends = [
-        fit_hysteresis(
-            one.bias_A,
-            Gates(one.start_s, one.end_s),
-            usable_drive(one.trace_t_s, one.air_degC),
-            noise.whiten,
-            shape=ModelShape(play_start=start),
-            level=mean_of_walk(one.start_s, one.end_s, 3e-10),
-        ).parameters
-        for start in (1.0, -1.0)
-    ]
+    ends = [fit_ramp(one, shape=ModelShape(play_start=start)).parameters for start in (1.0, -1.0)]
     np.testing.assert_allclose(ends[0], ends[1], rtol=1e-4)
     after = one.trace_t_s >= one.start_s[0]
     drive = Drive(one.trace_t_s[after], one.air_degC[after])
@@ -257,18 +269,6 @@ def test_start_of_the_play_matters_only_without_preparation() -> None:
     assert first[0] == pytest.approx(0.5, abs=0.01)
     assert second[0] == pytest.approx(-0.5, abs=0.01)
     np.testing.assert_allclose(first[300:], second[300:], atol=1e-9)
-
-
-def test_rig_counts_what_flowed() -> None:
-    """The rig itself: bias, play and walk add up, and the gated readings are within a pulse of the charge."""
-    one = ramp(13)
-    run = flow(one.unit, np.random.default_rng([13, 4]))
-    assert run.bias_A.shape == heat().t_s.shape
-    windows = heat().windows
-    exact = -np.diff(one.flow.charge_C[windows]) / 100.0
-    assert np.abs(one.bias_A - exact).max() < K0_C["gyro"] / 100.0
-    lag = np.corrcoef((one.bias_A - exact)[:-1], (one.bias_A - exact)[1:])[0, 1]
-    assert -0.6 < lag < -0.3
 
 
 # --- plausible mistakes in the noise of the windows ---------------------------------------------------------------

@@ -54,13 +54,6 @@ def test_play_against_its_definition(record_property: Callable[[str, object], No
         assert apart_degC <= 1e-12
 
 
-def test_play_needs_twice_its_half_width_after_a_reversal() -> None:
-    up, down = np.arange(0.0, 20.0, 0.1), np.arange(20.0, 0.0, -0.1)
-    output = play(np.concatenate((up, down)), 2.5)
-    falling = output[up.size :]
-    assert np.count_nonzero(falling == falling[0]) == pytest.approx(50, abs=1)  # 2 r = 5 degC in steps of 0.1
-
-
 def test_mean_of_the_play_in_a_cell_is_exact() -> None:
     coarse = np.array([0.0, 3.0, 3.0, -4.0, 1.0])
     output = play(coarse, 1.0, 0.0)
@@ -145,15 +138,12 @@ def test_branches_of_known_polynomials() -> None:
     assert np.isnan(few).all()
 
 
-def test_a_drive_needs_readings() -> None:
+def test_a_drive_needs_readings_and_extra_columns_must_match() -> None:
     drive = usable_drive(np.array([3.0, 1.0, 2.0, 2.0]), np.array([5.0, 4.0, np.nan, 4.5]))
     assert drive.t_s.tolist() == [1.0, 2.0, 3.0]
     with pytest.raises(FitError, match="1 usable") as caught:
         usable_drive(np.array([1.0, 2.0]), np.array([20.0, np.nan]))
     assert caught.value.code == "B-FIT-020"
-
-
-def test_extra_columns_must_match() -> None:
     gates = Gates(np.arange(5.0), np.arange(5.0) + 1.0)
     with pytest.raises(FitError, match="5 readings and 1 names") as caught:
         HysteresisModel(gates, Drive(np.arange(9.0), np.arange(9.0)), ModelShape(20.0, 3, np.ones((4, 1)), ("t",)))
@@ -178,19 +168,12 @@ def test_a_gap_on_a_straight_stretch_is_bridged(gap_s: tuple[float, float]) -> N
     ("gap_s", "name"), [((5400.0, 9000.0), "hold to ramp"), ((42_000.0, 48_000.0), "up, hold and down")]
 )
 def test_a_gap_that_hides_a_turn_is_refused(gap_s: tuple[float, float], name: str) -> None:
+    """Not one long before what is fitted. By hand: a corner of 0.1 degC/min 1,800 s into a gap is off by 3 degC / 2."""
     with pytest.raises(FitError, match=rf"B-FIT-024.*from {gap_s[0]:.0f} s to {gap_s[1]:.0f} s") as refusal:
         require_known(ramp(gap_s), 0.0)
     assert "joint_unit_sensor" in refusal.value.next_step, name
-
-
-def test_a_gap_long_before_what_is_fitted_does_not_count() -> None:
-    require_known(ramp((5400.0, 9000.0)), 20_000.0)
+    require_known(ramp(gap_s), gap_s[1] + 11_000.0)
     with pytest.raises(FitError, match="B-FIT-024"):
-        require_known(ramp((5400.0, 9000.0)), 9100.0)
-
-
-def test_the_distance_of_one_corner_from_the_chord() -> None:
-    """Corner of 0.1 degC/min 1,800 s into a gap of 3,600 s: 3 degC / 2 by hand."""
+        require_known(ramp(gap_s), gap_s[1] + 100.0)
     drive = ramp((5400.0, 9000.0), noise_degC=0.0)
-    k = int(np.argmax(np.diff(drive.t_s)))
-    assert hidden_degC(drive, k) == pytest.approx(1.5, rel=0.02)
+    assert hidden_degC(drive, int(np.argmax(np.diff(drive.t_s)))) == pytest.approx(1.5, rel=0.02)

@@ -7,8 +7,6 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 
-from bench.analysis import Material, analyse
-from bench.model.errors import FitError
 from bench.systems.af_converter import group_fit
 from bench.systems.af_converter.estimators import readings
 from bench.systems.af_converter.estimators import scale_factor as code
@@ -111,8 +109,7 @@ def test_bias_sign_flipped(monkeypatch: pytest.MonkeyPatch) -> None:
     campaign = sim.simulate(13, sim.Switches(), {1: "gyro", 2: "accelerometer"})
 
     def worst_score() -> float:
-        found = analyse(Material(campaign.rows, campaign.campaign, campaign.standards)).estimates
-        biases = [one for one in found if one["quantity"] == "bias"]
+        biases = sim.entries_of(sim.analysed(campaign), "bias")
         assert len(biases) == 10
         return max(abs(one["value"] - campaign.truth(one)) / one["std_uncertainty"] for one in biases)
 
@@ -152,17 +149,6 @@ def test_calibrator_gain_averaged_into_the_fit(monkeypatch: pytest.MonkeyPatch) 
     )
     monkeypatch.setattr(code, "gain_effects_ppm", lambda *_: {})
     assert coverage(all_fits()) < 0.75
-
-
-def test_k_p_from_positive_rows(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Without the refusal, the bias of the zero row alone would give K_P, off by far more than any limit."""
-    rows, truth = group(15, sim.Switches())
-    positive = rows.take(rows.polarity > 0)
-    with pytest.raises(FitError, match="K_P") as caught:
-        fit_scale_factor(positive, GYRO, STANDARD)
-    assert caught.value.code == "B-FIT-005"
-    monkeypatch.setattr(code, "require_polarities", lambda *_: None)
-    assert worst_ppm(positive, truth) > 45.0
 
 
 def test_set_points_in_the_design_matrix(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -105,14 +105,14 @@ def test_the_generator_moves_the_constant_alone() -> None:
 
 
 def test_an_offset_of_the_sensor_is_within_its_component() -> None:
+    """By hand, c_k (T - d) = ...: d moves c1 by 2 c2 d and c2 by 3 c3 d."""
     windows = counted(np.random.default_rng(3))
-    off = OscillatorWindows(
-        windows.times_s, windows.gate_s, windows.fg_count, windows.unit_degC + 0.5, windows.contiguous
-    )
-    fit = fit_oscillator(off, FG_Hz, sensor_std_degC=0.5)
+    fit = fit_oscillator(replace(windows, unit_degC=windows.unit_degC + 0.5), FG_Hz, sensor_std_degC=0.5)
     for order in range(3):
         part = fit.coefficient_components_ppm(order)[SENSOR]
         assert abs(errors(fit)[order]) == pytest.approx(part, rel=0.1, abs=1e-4), order
+        expected = (order + 1) * abs(fit.coefficients_ppm[order + 1]) * 0.5
+        assert part == pytest.approx(expected, rel=1e-12), order
     missed = fit.value_ppm(50.0) - np.polynomial.polynomial.polyval(30.0, TRUTH_ppm)
     assert abs(missed) == pytest.approx(fit.components_ppm(50.0)[SENSOR], rel=0.1)
 
@@ -152,14 +152,6 @@ def test_a_degree_the_windows_do_not_determine_is_refused(mistake: str) -> None:
     with pytest.raises(FitError, match="do not determine a polynomial of degree 3") as caught:
         fit_oscillator(windows, FG_Hz)
     assert caught.value.code == "B-FIT-026"
-
-
-def test_an_error_of_the_sensor_in_the_coefficients_by_hand() -> None:
-    """c_k (T - d) = ...: d moves c1 by 2 c2 d and c2 by 3 c3 d."""
-    fit = fit_oscillator(counted(np.random.default_rng(3)), FG_Hz, sensor_std_degC=0.5)
-    for order in range(3):
-        expected = (order + 1) * abs(fit.coefficients_ppm[order + 1]) * 0.5
-        assert fit.coefficient_components_ppm(order)[SENSOR] == pytest.approx(expected, rel=1e-12), order
 
 
 def test_residuals_that_hang_together_widen_the_interval() -> None:

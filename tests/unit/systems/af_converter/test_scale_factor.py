@@ -125,11 +125,14 @@ def test_gls_agrees_with_a_numerical_search_over_every_unknown(record_property: 
 
 
 def test_uncertainty_of_the_fit_is_the_design_figure() -> None:
-    """Paper's single zero pair: 1.84 ppm for gyroscopes, 1.02 ppm for accelerometers."""
+    """Paper's single zero pair: 1.84 ppm for gyroscopes, 1.02 ppm for accelerometers; 1.22 with zeros in each range."""
     for kind, design_ppm in (("gyro", 1.84), ("accelerometer", 1.02)):
         rows, _ = one_group(2, sim.Switches(), kind)
         std_ppm = np.sqrt(np.diag(fit(rows, kind).covariance_ppm2))
         np.testing.assert_allclose(std_ppm, design_ppm, atol=0.03)
+    rows, _ = one_group(11, sim.Switches(zero_in_every_range=True))
+    assert rows.level_A.size == 20
+    assert np.sqrt(fit(rows).covariance_ppm2[0, 0]) == pytest.approx(1.22, abs=0.1)
 
 
 def test_gain_is_ten_ppm_on_both_and_cancels_in_the_asymmetry() -> None:
@@ -159,55 +162,22 @@ def test_rows_that_are_not_finite_are_dropped_and_counted() -> None:
     np.testing.assert_allclose(result.dsf_ppm, truth, atol=1e-6)
 
 
-def test_zero_rows_in_every_range_are_used() -> None:
-    switches = sim.Switches(zero_in_every_range=True)
-    rows, _ = one_group(11, switches)
-    single, _ = one_group(11, sim.Switches())
-    assert rows.level_A.size == 20
-    assert np.sqrt(fit(rows).covariance_ppm2[0, 0]) == pytest.approx(1.22, abs=0.1)  # design: 1.22 ppm
-    assert fit(rows).covariance_ppm2[0, 0] < fit(single).covariance_ppm2[0, 0]
-
-
-@pytest.mark.parametrize(("sign", "missing"), [(1, "K_P"), (-1, "K_N")])
-def test_one_polarity_only_is_refused_naming_what_is_missing(sign: int, missing: str) -> None:
+def test_what_does_not_determine_both_charges_is_refused() -> None:
+    """One polarity, also with the zero of the other one; too few rows; a zero for the methods that begin from it."""
     rows, _ = one_group(1, sim.Switches())
-    with pytest.raises(FitError, match=f"{missing} is not determined") as caught:
-        fit(rows.take(rows.polarity == sign))
-    assert caught.value.code == "B-FIT-005"
-
-
-def test_the_refusal_also_holds_when_the_other_zero_row_is_there() -> None:
-    rows, _ = one_group(1, sim.Switches())
-    with pytest.raises(FitError, match="K_P is not determined") as caught:
-        fit(rows.take((rows.polarity > 0) | (rows.level_A == 0)))
-    assert caught.value.code == "B-FIT-005"
-
-
-def test_too_few_rows_are_refused() -> None:
-    rows, _ = one_group(1, sim.Switches())
-    with pytest.raises(FitError) as caught:
-        fit(rows.take(rows.level_A == 1e-3))
-    assert caught.value.code == "B-FIT-001"
-
-
-def test_rezeroed_methods_need_their_zero_row_and_gls_does_not() -> None:
-    rows, _ = one_group(1, sim.Switches())
-    kept = rows.take(~((rows.polarity < 0) & (rows.level_A == 0)))
-    with pytest.raises(FitError, match="the -0 row") as caught:
-        fit(kept, method="paper")
-    assert caught.value.code == "B-FIT-006"
-    assert fit(kept).n == 13
-
-
-def test_unknown_method_is_refused() -> None:
-    rows, _ = one_group(1, sim.Switches())
-    with pytest.raises(FitError, match="wls") as caught:
-        fit(rows, method="wls")
-    assert caught.value.code == "B-FIT-004"
-
-
-def test_unknown_range_is_refused() -> None:
-    rows, _ = one_group(1, sim.Switches())
+    zero = (rows.polarity < 0) & (rows.level_A == 0)
+    for kept, method, code, said in (
+        (rows.polarity == 1, "gls", "B-FIT-005", "K_P is not determined"),
+        (rows.polarity == -1, "gls", "B-FIT-005", "K_N is not determined"),
+        ((rows.polarity > 0) | (rows.level_A == 0), "gls", "B-FIT-005", "K_P is not determined"),
+        (rows.level_A == 1e-3, "gls", "B-FIT-001", None),
+        (~zero, "paper", "B-FIT-006", "the -0 row"),
+        (rows.level_A >= 0, "wls", "B-FIT-004", "wls"),
+    ):
+        with pytest.raises(FitError, match=said) as caught:
+            fit(rows.take(kept), method=method)
+        assert caught.value.code == code
+    assert fit(rows.take(~zero)).n == 13
     with pytest.raises(FitError) as caught:
         fit_scale_factor(rows, CONVERTER["gyro"], {2.2e-4: STANDARD[2.2e-4]})
     assert caught.value.code == "B-FIT-003"

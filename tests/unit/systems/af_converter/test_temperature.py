@@ -7,9 +7,11 @@ from typing import Any
 import fit_simulation as sim
 import numpy as np
 import pytest
+from fit_simulation import analysed as run
+from fit_simulation import entries_of as of
 from trials import without_budgets
 
-from bench.analysis import Analysis, Material, analyse
+from bench.analysis import Analysis
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.af_converter import groups
@@ -30,18 +32,6 @@ TRIALS = pytest.mark.parametrize(
     ("trials", "margin"), [(50, 0.25), pytest.param(150, 0.15, marks=pytest.mark.sweep)], ids=["short", "long"]
 )
 SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
-
-
-def run(campaign: sim.SimulatedCampaign, **changes: Any) -> Analysis:
-    return analyse(Material(campaign.rows, campaign.campaign | changes, campaign.standards))
-
-
-def of(analysis: Analysis, quantity: str, **conditions: Any) -> list[dict[str, Any]]:
-    return [
-        one
-        for one in analysis.estimates
-        if one["quantity"] == quantity and conditions.items() <= one["conditions"].items()
-    ]
 
 
 def without_housekeeping(campaign: sim.SimulatedCampaign, lost: Callable[[sim.Row], bool]) -> sim.SimulatedCampaign:
@@ -100,16 +90,15 @@ def test_half_of_the_housekeeping_missing_moves_nothing(
 def test_interpolation_is_close_and_its_uncertainty_covers_the_error(campaign: sim.SimulatedCampaign) -> None:
     holes = without_housekeeping(campaign, lambda row: row.window.number % 5 in (2, 3, 4))
     known = unit_temperatures(holes.rows)
-    errors, stds = [], []
-    for row, hole in zip(campaign.rows, holes.rows, strict=True):
-        if not hole.context and row.window.number in known:
-            one = known[row.window.number]
-            errors.append(one.value_degC - row.context["unit_temperature_degC"])
-            stds.append(one.std_degC)
-    print(f"{len(errors)} interpolated, worst {np.max(np.abs(errors)):.4f} degC")
+    pairs = [
+        (known[row.window.number], row.context["unit_temperature_degC"])
+        for row, hole in zip(campaign.rows, holes.rows, strict=True)
+        if not hole.context and row.window.number in known
+    ]
+    errors = [abs(one.value_degC - true_degC) for one, true_degC in pairs]
+    print(f"{len(errors)} interpolated, worst {max(errors):.4f} degC")
     assert len(errors) > 80
-    assert np.max(np.abs(errors) / np.array(stds)) < 1.0
-    assert min(stds) >= 0.05
+    assert all(error < one.std_degC and one.std_degC >= 0.05 for error, (one, _) in zip(errors, pairs, strict=True))
 
 
 def test_records_of_one_gap_share_an_error_and_those_of_two_do_not(campaign: sim.SimulatedCampaign) -> None:
@@ -135,6 +124,7 @@ def test_an_interpolated_temperature_costs_certainty(campaign: sim.SimulatedCamp
 @pytest.mark.parametrize(("apart_s", "found"), [(LONGEST_REACH_s, True), (LONGEST_REACH_s + 1, False)])
 @pytest.mark.parametrize("side", [0, 2])
 def test_reach_of_the_interpolation(campaign: sim.SimulatedCampaign, apart_s: float, found: bool, side: int) -> None:
+    """In time, and neither to another link nor to another set-point."""
     starts_s = [1000.0, 1120.0, 1240.0]
     starts_s[side] = starts_s[1] + (apart_s if side else -apart_s)
     rows = [
@@ -154,17 +144,10 @@ def test_reach_of_the_interpolation(campaign: sim.SimulatedCampaign, apart_s: fl
         share = (starts_s[1] - starts_s[0]) / (starts_s[2] - starts_s[0])
         assert known[2].value_degC == pytest.approx(-10.0 + 2 * share)
         assert known[2].std_degC == pytest.approx(np.hypot(2 / np.sqrt(12), 0.05))
-
-
-def test_no_interpolation_between_links_or_set_points(campaign: sim.SimulatedCampaign) -> None:
-    first, hole, last = campaign.rows[:3]
-    hole = dataclasses.replace(hole, context={})
-    assert 2 in unit_temperatures([first, hole, last])
-    elsewhere = dataclasses.replace(last, window=dataclasses.replace(last.window, link="port_c"))
-    warmer = last.window.conditions | {"temperature_degC": 5.0}
-    other = dataclasses.replace(last, window=dataclasses.replace(last.window, conditions=warmer))
-    assert 2 not in unit_temperatures([first, hole, elsewhere])
-    assert 2 not in unit_temperatures([first, hole, other])
+    warmer = rows[2].window.conditions | {"temperature_degC": 5.0}
+    for change in ({"link": "port_c"}, {"conditions": warmer}):
+        other = dataclasses.replace(rows[2], window=dataclasses.replace(rows[2].window, **change))
+        assert 2 not in unit_temperatures([*rows[:2], other])
 
 
 def test_groups_without_temperatures_are_refused_by_name(campaign: sim.SimulatedCampaign) -> None:
@@ -178,36 +161,27 @@ def test_groups_without_temperatures_are_refused_by_name(campaign: sim.Simulated
     assert worst_score(analysis, cold, SCALE_FACTORS) < 4.0
     (clock,) = of(analysis, "clock_ratio_error", temperature_degC=-10.0)
     assert "unit_temperature_degC" not in clock["conditions"]
-
-
-def test_a_campaign_without_any_temperature_is_an_error(campaign: sim.SimulatedCampaign) -> None:
     with pytest.raises(FitError, match="without a unit temperature") as caught:
         run(without_housekeeping(campaign, lambda _: True))
-    assert caught.value.code == "B-FIT-012"
-    assert caught.value.where == "channel 1 at -10 degC"
+    assert (caught.value.code, caught.value.where) == ("B-FIT-012", "channel 1 at -10 degC")
 
 
 def test_a_chamber_that_fails_leaves_no_result_under_its_set_point(campaign: sim.SimulatedCampaign) -> None:
     """Records flagged by the cutter, and one whose interpolated temperature is off, count as not settled."""
-    rows = []
-    for row in campaign.rows:
+    for index, row in enumerate(campaign.rows):
         conditions = row.window.conditions | {"settle_band_degC": 1.0}
-        window = dataclasses.replace(row.window, conditions=conditions)
-        failed = conditions["temperature_degC"] == 50.0 and conditions["channel"] == 2
-        context = {"unit_temperature_degC": 40.0} if failed else row.context
-        if failed and row.window.number % 2:
-            rows.append(dataclasses.replace(row, window=window, context={}, quality=Quality.STALE))
-        else:
-            quality = Quality.NOT_SETTLED if failed else Quality.GOOD
-            rows.append(dataclasses.replace(row, window=window, context=context, quality=quality))
-    analysis = run(dataclasses.replace(campaign, rows=rows))
+        change: dict[str, Any] = {"window": dataclasses.replace(row.window, conditions=conditions)}
+        if conditions["temperature_degC"] == 50.0 and conditions["channel"] == 2:
+            stale = row.window.number % 2
+            change["context"] = {} if stale else {"unit_temperature_degC": 40.0}
+            change["quality"] = Quality.STALE if stale else Quality.NOT_SETTLED
+        campaign.rows[index] = dataclasses.replace(row, **change)
+    analysis = run(campaign)
     (missing,) = analysis.missing
     assert missing.startswith("channel 2 at 50 degC:")
     assert "not settled" in missing
     assert f"No result: {missing}" in analysis.notes
     assert len(of(analysis, "dsf_n")) == 9
-    assert any("15 records left out of the fits: " in note or "14 records left out of the fits: not settled" in note
-               for note in analysis.notes)  # fmt: skip
 
 
 @TRIALS
@@ -233,20 +207,6 @@ def test_sensor_of_the_unit_is_in_the_uncertainty(trials: int, margin: float) ->
     assert np.sqrt(np.mean(np.square(silent))) > 3.0
 
 
-def test_sensor_is_in_the_table_and_its_absence_in_the_notes(campaign: sim.SimulatedCampaign) -> None:
-    stated, silent = run(campaign, temperature_sensor_u95_degC=0.5), run(campaign, temperature_sensor_u95_degC=None)
-    (part,) = [
-        one for one in stated.components
-        if one["component"] == "temperature sensor of the unit" and one["kind"] == "gyro"
-    ]  # fmt: skip
-    unit, steps_degC = campaign.units[1], np.array(sim.TEMPERATURES_degC) - sim.REFERENCE_degC
-    slopes = np.abs(unit.tc1 + 2 * np.outer(steps_degC, unit.tc2))
-    assert part["std_uncertainty_ppm"] == pytest.approx(0.25 * np.max(slopes), rel=0.02)
-    assert not any(one["component"] == part["component"] for one in silent.components)
-    assert any("sensor is not stated; it is not included" in note for note in silent.notes)
-    assert not any("sensor is not stated" in note for note in stated.notes)
-
-
 def test_a_unit_that_still_warms_while_it_is_measured_is_told(campaign: sim.SimulatedCampaign) -> None:
     """The first visit of a temperature ends 0.4 degC warmer than it begins; one that has settled is not mentioned."""
     (note,) = [note for note in run(campaign).notes if note.startswith("A soak was short")]
@@ -264,7 +224,7 @@ def test_declared_drift_of_the_calibrator_is_in_the_coefficient(trials: int, mar
         campaign = sim.simulate(seed, sim.Switches(gain_drift_sigma=2e-6))
         for declared in scores if seed < MISTAKEN else [True]:
             calibrator = campaign.standards["calibrator"] | ({"drift_relative": 4e-6} if declared else {})
-            analysis = analyse(Material(campaign.rows, campaign.campaign, {"calibrator": calibrator}))
+            analysis = run(campaign, standards={"calibrator": calibrator})
             scores[declared] += scores_of(analysis, campaign, "dsf_n_tc1") + scores_of(analysis, campaign, "dsf_p_tc1")
     rms = {declared: float(np.sqrt(np.mean(np.square(values)))) for declared, values in scores.items()}
     print(rms)

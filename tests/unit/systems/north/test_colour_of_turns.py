@@ -1,8 +1,9 @@
-"""Noise of a waveform turn by turn: what one set says of itself, and all sets together."""
+"""Noise of a waveform: turn by turn, of one set and of all together; harmonics that noise alone claims."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,12 +11,12 @@ from fog_material import Gyro, NorthRig, campaign
 from scipy import stats
 
 from bench.systems.north.estimators.likelihood import LikelihoodNorth, likelihood_north
-from bench.systems.north.report import north_notes
+from bench.systems.north.report import FALSE_CLAIM, harmonic_table, north_notes
 from bench.systems.north.sets import north_sets, waveform_of
 from bench.systems.north.solution import LIKELIHOOD, Solution, accuracies
-from bench.systems.north.solve import site_of, solved
+from bench.systems.north.solve import HARMONICS, site_of, solved
 
-SEED = 41
+SEED, HARMONICS_SEED = 41, 51
 SAID = "The turns of all waveforms do not scatter as white noise would"
 
 
@@ -73,3 +74,26 @@ def test_a_set_is_widened_at_the_significance_asked_for() -> None:
     assert 20 < due.sum() < 60
     np.testing.assert_allclose(found.white_std_deg[due], (found.std_deg / np.sqrt(found.whiteness))[due])
     np.testing.assert_array_equal(found.white_std_deg[~due], found.std_deg[~due])
+
+
+def claimed(reports: int, seed: int, waveforms: int = 4, samples: int = 400) -> int:
+    """Reports that claim a harmonic; a signal of 1 V in white noise of 0.3 V and nothing else."""
+    claims, theta_deg = 0, 360.0 * 20 * (np.arange(samples) + 0.5) / samples
+    for report in range(reports):
+        rng = np.random.default_rng([seed, report])
+        u = np.sin(np.deg2rad(theta_deg + 25.0)) + 0.3 * rng.standard_normal((waveforms, samples))
+        raw = [likelihood_north(one, theta_deg, harmonics=HARMONICS) for one in u]
+        (table,) = harmonic_table(SimpleNamespace(raw=raw))  # type: ignore[arg-type]
+        claims += any(not str(row[1]).startswith("below") for row in table.rows)
+    return claims
+
+
+@pytest.mark.parametrize(
+    ("reports", "least", "most"), [(300, 0, 10), pytest.param(6000, 38, 88, marks=pytest.mark.sweep)]
+)  # fmt: skip
+def test_noise_alone_claims_a_harmonic_once_in_a_hundred_tables(reports: int, least: int, most: int) -> None:
+    found = claimed(reports, HARMONICS_SEED)
+    print(
+        f"seed {HARMONICS_SEED}: {found} of {reports} tables of noise claim a harmonic, {100 * FALSE_CLAIM:g} % are due"
+    )
+    assert least <= found <= most

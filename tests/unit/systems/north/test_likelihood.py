@@ -1,15 +1,29 @@
-"""North from raw samples: another fit, gaps, noise that is not white, table that turns either way, what is refused."""
+"""North from raw samples, its bound and its time against other fits; tilt of the axis against turned vectors."""
 
 from __future__ import annotations
+
+from collections.abc import Callable
 
 import north_simulation as sim
 import numpy as np
 import pytest
-from scipy import optimize, signal
+from scipy import optimize, signal, stats
+from scipy.spatial.transform import Rotation
 
 from bench.model.errors import FitError
-from bench.systems.north.estimators.likelihood import likelihood_north
-from bench.systems.north.estimators.phasors import heading_deg, wrapped_deg
+from bench.systems.north.estimators.likelihood import (
+    SQUARE_PENALTY,
+    likelihood_north,
+    north_bound_deg,
+    time_to_accuracy_s,
+)
+from bench.systems.north.estimators.phasors import (
+    half_width_deg,
+    heading_deg,
+    tilt_correction_deg,
+    tilt_std_deg,
+    wrapped_deg,
+)
 
 FS = 100
 T = (np.arange(20 * FS) + 0.5) / FS
@@ -115,25 +129,114 @@ def test_the_scatter_of_turns_is_seen_behind_an_encoder_that_begins_again_each_t
     assert turned.std_deg == pytest.approx(np.rad2deg(0.1 / np.sqrt(5.0)), rel=0.02)  # of six values of 0.1 each
 
 
-def test_few_turns_have_no_scatter_to_look_at() -> None:
+def test_few_turns_have_no_scatter_to_look_at_and_weak_signals_may_point_anywhere() -> None:
     found = likelihood_north(np.sin(np.deg2rad(THETA[:350])), THETA[:350])
     assert np.isnan(found.whiteness)
     assert not found.widened
-
-
-def test_weak_signals_may_point_anywhere() -> None:
     rng = np.random.default_rng(35)
-    found = likelihood_north(1e-3 * np.sin(np.deg2rad(THETA)) + rng.normal(size=(50, T.size)), THETA)
-    assert np.mean(found.half_width_deg() == 180.0) > 0.5
+    weak = likelihood_north(1e-3 * np.sin(np.deg2rad(THETA)) + rng.normal(size=(50, T.size)), THETA)
+    assert np.mean(weak.half_width_deg() == 180.0) > 0.5
 
 
-def test_angles_that_do_not_determine_north() -> None:
-    u = np.sin(np.deg2rad(THETA))
-    with pytest.raises(FitError, match=r"B-FIT-112.*too little of a turn \(separation"):
-        likelihood_north(u, np.mod(THETA, 80.0))
-    with pytest.raises(FitError, match=r"B-FIT-112.*3 good samples for 3 unknowns"):
-        likelihood_north(u[:3], THETA[:3])
-    with pytest.raises(FitError, match=r"B-FIT-112.*do not belong together"):
-        likelihood_north(u, THETA[:-1])
-    with pytest.raises(FitError, match="B-FIT-112"):
-        likelihood_north(np.full(THETA.size, np.nan), THETA)
+@pytest.mark.parametrize(
+    ("kept", "angles_deg", "said"),
+    [
+        (slice(None), np.mod(THETA, 80.0), r"too little of a turn \(separation"),
+        (slice(3), THETA[:3], "3 good samples for 3 unknowns"),
+        (slice(None), THETA[:-1], "do not belong together"),
+    ],
+)
+def test_angles_that_do_not_determine_north(kept: slice, angles_deg: np.ndarray, said: str) -> None:
+    with pytest.raises(FitError, match=f"B-FIT-112.*{said}"):
+        likelihood_north(np.sin(np.deg2rad(THETA))[kept], angles_deg)
+
+
+STEPS_deg = np.arange(0.0, 360.0, 2.0)
+
+
+def east_north(heading: float) -> np.ndarray:
+    """Level unit vector towards a heading, in east, north, up."""
+    return np.array([np.sin(np.deg2rad(heading)), np.cos(np.deg2rad(heading)), 0.0])
+
+
+def found_heading(heading: float, x_mrad: float, y_mrad: float, latitude_deg: float) -> float:
+    """Heading found on a table whose axis is tilted: every vector turned, no angle taken as small."""
+    latitude = np.deg2rad(latitude_deg)
+    earth = np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    tilt = Rotation.from_rotvec(1e-3 * (x_mrad * east_north(heading) + y_mrad * east_north(heading + 90.0)))
+    level = np.array(
+        [Rotation.from_rotvec([0, 0, np.deg2rad(theta)]).apply(east_north(heading)) for theta in STEPS_deg]
+    )
+    return float(heading_deg(likelihood_north(tilt.apply(level) @ earth, STEPS_deg).phi_deg, 1))
+
+
+@pytest.mark.validates(
+    "north is corrected for the tilt of the rotation axis, size and sign",
+    against="the Earth's rate on a sensing axis turned by scipy's rotations, headings all round, latitudes -60 to 75",
+)
+def test_tilt_against_turned_vectors(record_property: Callable[[str, object], None]) -> None:
+    rng, before, after = np.random.default_rng(41), [], []
+    for heading in np.arange(0.0, 360.0, 24.0):
+        for latitude in (-60.0, 0.0, 37.0, 75.0):
+            x, y = rng.uniform(-2.0, 2.0, 2)
+            found = found_heading(heading, x, y, latitude)
+            corrected = found + float(tilt_correction_deg(x, y, found, latitude))
+            before.append(abs(float(wrapped_deg(found - heading))))
+            after.append(abs(float(wrapped_deg(corrected - heading))) / (1.0 + np.tan(np.deg2rad(latitude)) ** 2))
+    record_property("obtained", f"up to {max(before):.3f} deg before, {max(after):.1e} (1 + tan^2) deg behind")
+    assert max(before) > 0.3
+    assert max(after) < 3e-4  # square of 2.8 mrad
+
+
+def test_one_arcminute_about_north() -> None:
+    """At 37 degrees 1 arcmin of lean to the east turns north by 0.75 arcmin; a lean to the north does nothing."""
+    arcmin_mrad = 1e3 * np.deg2rad(1.0 / 60.0)
+    assert 60.0 * (found_heading(0.0, arcmin_mrad, 0.0, 37.0)) == pytest.approx(0.7536, abs=1e-3)
+    assert float(tilt_correction_deg(arcmin_mrad, 0.0, 0.0, 37.0)) * 60.0 == pytest.approx(-0.7536, abs=1e-4)
+    assert float(tilt_correction_deg(0.0, arcmin_mrad, 0.0, 37.0)) == pytest.approx(0.0, abs=1e-12)
+    assert tilt_std_deg(arcmin_mrad, -37.0) * 60.0 == pytest.approx(0.7536, abs=1e-4)
+    ten = found_heading(40.0, 10.0, 0.0, 37.0)
+    assert abs(ten + float(tilt_correction_deg(10.0, 0.0, ten, 37.0)) - 40.0) < 0.005
+
+
+@pytest.mark.parametrize("latitude_deg", [89.5, -90.0, float("nan")])
+def test_there_is_no_north_at_a_pole(latitude_deg: float) -> None:
+    with pytest.raises(FitError, match="B-FIT-115"):
+        tilt_correction_deg(0.1, 0.1, 20.0, latitude_deg)
+
+
+def test_bound_is_the_inverse_of_the_information() -> None:
+    """Fisher's matrix of amplitude, phase and offset from differences of the model."""
+    theta, at, step = np.deg2rad(np.arange(2000) * 1.8 + 0.9), np.array([0.8, 1.1, 0.3]), 1e-6
+
+    def model(values: np.ndarray) -> np.ndarray:
+        return values[0] * np.sin(theta + values[1]) + values[2]
+
+    slopes = np.array([(model(at + step * one) - model(at - step * one)) / (2 * step) for one in np.eye(3)])
+    least = np.sqrt(np.linalg.inv(slopes @ slopes.T / 0.6**2)[1, 1])
+    assert float(north_bound_deg(0.8, 0.6, 2000)) == pytest.approx(np.rad2deg(least), rel=1e-6)
+
+
+def test_penalty_of_a_square_reference() -> None:
+    """Noise power over the square of the signal, square reference against sine, by sums over a turn."""
+    angle = 2 * np.pi * (np.arange(100_000) + 0.5) / 100_000
+    square, sine = np.sign(np.sin(angle)), np.sin(angle)
+    power = [np.mean(one**2) / np.mean(one * sine) ** 2 for one in (square, sine)]
+    assert pytest.approx(np.sqrt(power[0] / power[1]), rel=1e-6) == SQUARE_PENALTY
+    assert pytest.approx(1.1107, abs=1e-4) == SQUARE_PENALTY
+
+
+def test_time_to_reach_an_accuracy() -> None:
+    assert float(time_to_accuracy_s(0.45, 20.0, 0.1)) == pytest.approx(405.0)
+    np.testing.assert_allclose(time_to_accuracy_s([0.45, 0.9], 20.0, 0.1, factor=2.0), [1620.0, 6480.0])
+    assert float(time_to_accuracy_s(0.45, 20.0, 0.1, floor_deg=0.06)) == pytest.approx(405.0 / 0.64)
+    assert float(time_to_accuracy_s(0.45, 20.0, 0.1, factor=2.0, floor_deg=0.05)) == np.inf
+    with pytest.raises(FitError, match=r"B-FIT-114.*0 deg after 20 s"):
+        time_to_accuracy_s(0.45, 20.0, 0.0)
+
+
+def test_width_of_an_interval() -> None:
+    widths = half_width_deg(np.array([0.01, 1.0, 40.0, np.nan]), np.array([4.0, np.inf, 4.0, 4.0]))
+    np.testing.assert_allclose(widths[:2], [0.01 * stats.t.ppf(0.975, 4), 1.96], rtol=1e-3)
+    assert widths[2] == 180.0
+    assert np.isnan(widths[3])

@@ -10,7 +10,6 @@ import pytest
 from north_coverage import eight_of, rows_of, waveform_of
 
 from bench.model.clock import NS, VirtualClock
-from bench.systems.north.figures import error_figures, signal_figures
 from bench.systems.north.report import error_table, parameter_table, result_table
 from bench.systems.north.sets import NorthSet
 from bench.systems.north.solution import METHODS, Site, Solution
@@ -57,20 +56,10 @@ def test_each_kind_has_its_own_errors_and_no_mean_of_both(both: Solution) -> Non
     assert [row[2] for row in result_table(both, "least_squares", 1.0).rows] == ["TIP"] * 8 + ["TVP"] * 8
 
 
-def test_panels_stand_side_by_side_as_in_the_paper(both: Solution) -> None:
-    titles = [figure.title for figure in signal_figures(both)][:6]
-    assert [title.rpartition(", ")[2] for title in titles] == ["TIP", "TVP"] * 3
-    errors = [figure for figure in error_figures(both, "least_squares", 1.0) if figure.title.startswith("Errors, ")]
-    assert [(figure.title, figure.group) for figure in errors] == [("Errors, TIP", "errors"), ("Errors, TVP", "errors")]
-    for figure in errors:
-        assert {len(part.x) for part in figure.series if part.style == "points"} == {len(HEADS_deg)}
-
-
 def test_sets_that_name_no_parameters_are_not_divided(both: Solution) -> None:
     plain = solve([a_set("test", 30.0, 1, "", np.random.default_rng(3), 1.0)], Site(37.0, MARK_deg))
     assert parameter_table(plain) == []
     assert plain.kinds == [""]
-    assert "Earth signal" in [figure.title for figure in signal_figures(plain)]
     assert "parameters" not in result_table(plain, "likelihood", 1.0).headers
 
 
