@@ -18,7 +18,7 @@ from bench.session.coefficients import Coefficients, coefficients_of_session, me
 from bench.session.one_unit import serials_of
 from bench.session.service import analysed, read_view
 from bench.session.units import in_each_unit
-from bench.session.verification import SOFTWARE_PATH, software_of
+from bench.session.verification import SOFTWARE_PATH, is_document, software_of
 from bench.session.view import analyse_view
 
 SHOWN_DIFFERENCES = 20
@@ -75,6 +75,8 @@ def _stored_results(folder: Path) -> Mapping[str, Any]:
     path = folder / "results.json"
     try:
         stored: dict[str, Any] = json.loads(path.read_text())
+        if not is_document(stored):
+            raise ValueError("it is no document of results")
     except (OSError, ValueError) as error:
         raise InputError(
             "B-CLI-010",
