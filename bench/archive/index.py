@@ -2,96 +2,118 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import groupby
 from typing import Any
 
-from bench.archive.examination import examined, reexamined
-from bench.archive.places import Place, sessions_at
+from bench.archive.census import Finding, Kind, damaged, unreadable
+from bench.archive.diagnosis import ALTERED, COPIES, Due
+from bench.archive.examination import Examination, examined
+from bench.archive.places import list_places, released_at
+from bench.archive.recomputation import differences
 from bench.archive.work import Compute, in_parts
+from bench.model.errors import BenchError, SessionDamaged
 from bench.session.view import SOFTWARE
-from bench.store import ArchivedSession, StoreError, enter_sessions, fingerprints
+from bench.store import ArchivedSession, StoreError, enter_sessions, places_known
 
+Row = dict[str, Any]
 AT_ONCE = 20  # sessions of one transaction: what is lost when a long look is killed
+_ONE_LIST: Row = {"campaign": {}}  # a manifest without units: of one recording they are told apart by condition
 Told = Callable[[str], None]
 
 
-@dataclass(frozen=True)
-class Known:
-    """A session of the archive, to be looked at again; ``row``: as the database has it."""
-
-    row: dict[str, Any]
-
-    @property
-    def name(self) -> str:
-        """The session's own name."""
-        return str(self.row["session"])
-
-
-@dataclass
-class Looked:
-    """``sessions``: as they are now; ``unread``: places that could not be read, with why; ``unchanged``: how many."""
-
-    sessions: list[ArchivedSession] = field(default_factory=list)
-    unread: list[tuple[str, str]] = field(default_factory=list)
-    unchanged: int = 0
-
-    @property
-    def damaged(self) -> list[ArchivedSession]:
-        """Sessions that cannot be used, or are gone."""
-        return [session for session in self.sessions if session.code]
-
-
-def add(url: str, roots: Sequence[str], compute: Compute, done: Told, *, again: bool = False) -> Looked:
-    """Enter the sessions in some folders; one that has the files of the last time is not read again.
+def add(url: str, roots: Sequence[str], compute: Compute, done: Told, *, again: bool = False) -> list[Finding]:
+    """Enter the sessions in some folders; returns what each folder is. A whole one that has the files of the last
+    time is not read again.
 
     Args:   url: of the history; it is made if there is none.   roots: paths or URLs.   done: told of each session.
             again: read all.
     Raises: InputError B-ARC-002; StoreError B-STORE-001 to B-STORE-006.
     """
-    places = {place.location: place for root in roots for place in sessions_at(root)}
-    known = {} if again else _known(url)
-    changed = [place for place in places.values() if known.get(place.location) != place.fingerprint]
-    looked = Looked(unchanged=len(places) - len(changed))
-    _enter(url, looked, compute(changed, examined), done)
-    return looked
+    places = {place.location: place for root in roots for place in list_places(root)}
+    known = _known(url)
+    findings, tasks = [], []
+    for place in places.values():
+        row = known.get(place.location)
+        if isinstance(place, Finding):
+            findings.append(place)
+        elif row and not again and not row["code"] and row["fingerprint"] == place.fingerprint:
+            findings.append(Finding(place.location, Kind.UNCHANGED))
+        else:
+            due = Due(row["session_sha256"], row["bytes"]) if row else Due()
+            tasks.append(Examination(place, due, computes=row is not None and row["code"] == ALTERED))
+    return _entered(url, findings, compute(tasks, examined), done)
 
 
-def _known(url: str) -> dict[str, str]:
+def _known(url: str) -> dict[str, Row]:
     try:
-        return fingerprints(url)
+        return places_known(url)
     except StoreError as error:
         if error.code == "B-STORE-007":  # the first session begins the archive
             return {}
         raise
 
 
-def verify(url: str, rows: Iterable[dict[str, Any]], compute: Compute, done: Told) -> Looked:
-    """Read sessions of the archive again, every byte, and note what is damaged, changed or gone.
+def verify(url: str, rows: Iterable[Row], compute: Compute, done: Told) -> list[Finding]:
+    """Read sessions of the archive again, every byte, compute their results, and note what is not as it was.
 
     Raises: StoreError B-STORE-001 to B-STORE-006.
     """
-    looked = Looked()
-    _enter(url, looked, compute([Known(row) for row in rows], looked_at), done)
-    return looked
+    return _entered(url, [], compute([Examination.again(row) for row in rows], examined), done)
 
 
-def looked_at(known: Known) -> ArchivedSession:
-    """Return a known session as it is now. Raises: OSError."""
-    return reexamined(known.row)
+def _entered(
+    url: str, findings: list[Finding], outcomes: Iterable[tuple[Examination, Finding | None, str]], done: Told
+) -> list[Finding]:
+    """Enter what was read, as it is read; returns all findings by location."""
+    for some in in_parts(_read(outcomes, done), AT_ONCE):
+        enter_sessions(url, [finding.session for finding in some if finding.session], SOFTWARE)
+        findings += some
+    by_place = {finding.location: finding for finding in findings}
+    sessions = [finding.session for finding in findings if finding.session and finding.session.session_sha256]
+    differing = list(_differing(_known(url), {str(session.session_sha256) for session in sessions})) if sessions else []
+    enter_sessions(url, [finding.session for finding in differing if finding.session], SOFTWARE)
+    by_place |= {finding.location: finding for finding in differing if finding.location in by_place}
+    return [by_place[location] for location in sorted(by_place)]
 
 
-def _enter(url: str, looked: Looked, outcomes: Iterable[tuple[Any, Any, str]], done: Told) -> None:
-    for some in in_parts(_read(looked, outcomes, done), AT_ONCE):
-        enter_sessions(url, some, SOFTWARE)
-        looked.sessions += some
-
-
-def _read(looked: Looked, outcomes: Iterable[tuple[Any, Any, str]], done: Told) -> Iterator[ArchivedSession]:
-    for task, session, wrong in outcomes:
-        if session is None:
-            place = task.location if isinstance(task, Place) else str(task.row["location"])
-            looked.unread.append((place, wrong))
+def _read(outcomes: Iterable[tuple[Examination, Finding | None, str]], done: Told) -> Iterator[Finding]:
+    for task, finding, wrong in outcomes:
+        if finding is None:
+            yield unreadable(task.place.location, wrong)
         else:
             done(task.name)
-            yield session
+            yield finding
+
+
+def _differing(known: Mapping[str, Row], hashes: set[str]) -> Iterator[Finding]:
+    """Yield each copy of some recordings whose results are not those of another copy; none of them is the right one."""
+    rows = sorted((row for row in known.values() if row["session_sha256"] in hashes), key=_place_of)
+    for _, group in groupby(rows, key=lambda row: row["session_sha256"]):
+        copies = list(group)
+        if len(copies) > 1:
+            yield from _differing_of(copies)
+
+
+def _place_of(row: Row) -> tuple[str, str]:
+    return row["session_sha256"], row["location"]
+
+
+def _differing_of(copies: Sequence[Row]) -> Iterator[Finding]:
+    released = {}
+    for row in copies:
+        with suppress(OSError, BenchError):  # one that cannot be read is a finding of its own
+            released[row["location"]] = released_at(row["location"], row["session_sha256"])
+    for row in copies:
+        own = released.get(row["location"])
+        for location, other in released.items():
+            rows = differences(own, other, _ONE_LIST) if own and other else []
+            if rows and row["code"] in ("", COPIES):
+                text = f"a copy of the same recording has other results, the first {rows[0]['quantity']}: {location}"
+                step = "find out which one was released, and put its results.json into both"
+                session = ArchivedSession(
+                    row["location"], row["fingerprint"], row["bytes"], row["session"], row["session_sha256"]
+                )
+                yield damaged(session, SessionDamaged(COPIES, text, next_step=step))
+                break

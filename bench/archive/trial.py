@@ -8,8 +8,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
+from bench.archive.diagnosis import RESULTS_IN_QUESTION
 from bench.archive.journal import TrialJournal
-from bench.archive.refit import COLUMNS, RefitTask, Row, refit
+from bench.archive.recomputation import COLUMNS, Row
+from bench.archive.refit import RefitTask, refit
 from bench.archive.work import Compute, in_parts
 from bench.model.errors import InputError, RunError
 from bench.session.output import writing
@@ -95,7 +97,8 @@ def tasks_of(rows: Sequence[Row], asked: Asked) -> list[RefitTask]:
             key,
             RefitTask(
                 key, row["location"], row["session"], began, row["campaign"], row["simulated"], asked.method,
-                asked.register,
+                asked.register, row["bytes"] if row["session_sha256"] else 0,
+                f"{row['code']}: {row['fault']}" if row["code"] in RESULTS_IN_QUESTION else "",
             ),
         )  # fmt: skip
     return [tasks[key] for key in sorted(tasks)]

@@ -7,6 +7,7 @@ from itertools import islice
 from typing import Any, TypeVar
 
 from bench.analysis import Task
+from bench.model.errors import InstallationError
 
 T = TypeVar("T", bound=Task)
 R = TypeVar("R")
@@ -23,9 +24,11 @@ def computed_here(tasks: Sequence[T], run_task: Callable[[T], R]) -> Iterator[Ou
 
 
 def attempted(run_task: Callable[[T], R], task: T) -> Outcome[T, R]:
-    """Return a task with its result; storage that cannot be read now keeps it from being done and ends nothing."""
+    """Return a task with its result; storage or software that is away keeps it from being done and ends nothing."""
     try:
         return task, run_task(task), ""
+    except InstallationError as error:
+        return task, None, str(error)
     except OSError as error:
         return task, None, f"{type(error).__name__}: {error.strerror or ' '.join(str(error).split())}"
 

@@ -9,8 +9,8 @@ from bench.store.archive.sessions import (
     Unit,
     UsedStandard,
     enter_sessions,
-    fingerprints,
     list_sessions,
+    places_known,
     session_document,
 )
 from bench.store.archive.trials import StoredTrial, Trial, begin_trial, enter_trial_rows, read_trial
@@ -60,10 +60,10 @@ __all__ = [
     "enter_sessions",
     "enter_trial_rows",
     "export_history",
-    "fingerprints",
     "history_address",
     "list_calibrations",
     "list_sessions",
+    "places_known",
     "read_trial",
     "record_calibration",
     "session_document",

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 
 from bench.archive import index
-from bench.archive.index import Looked
+from bench.archive.census import Finding, Kind, counts_of, status_of
 from bench.archive.selecting import selection_of
 from bench.archive.trial import Asked, refit_sessions
 from bench.archive.work import Compute, computed_here
@@ -54,41 +54,33 @@ class Lines:
 
 
 def add(url: str, folders: Sequence[str], everything: bool, dask: str | None, as_json: bool) -> int:
-    """Enter sessions; returns 5 if one is damaged or cannot be read, else 0."""
-    looked = index.add(url, folders, compute_at(dask), Lines().session, again=everything)
-    return _tell(looked, "entered", as_json)
+    """Enter sessions; returns 5 if one is damaged, 3 if one cannot be read now, else 0."""
+    return _tell(index.add(url, folders, compute_at(dask), Lines().session, again=everything), "entered", as_json)
 
 
 def verify(url: str, select: Sequence[str], dask: str | None, as_json: bool) -> int:
-    """Read sessions of the archive again; returns 5 if one is damaged, changed, gone or cannot be read, else 0."""
+    """Read sessions of the archive again; returns 5 if one is damaged, changed or gone, 3 if one cannot be read now."""
     rows = list_sessions(url, selection_of(select))
     lines = Lines()
     lines.begin(len(rows), 0)
     return _tell(index.verify(url, rows, compute_at(dask), lines.session), "verified", as_json)
 
 
-def _tell(looked: Looked, done: str, as_json: bool) -> int:
-    damaged = [(session.location, session.code, session.fault) for session in looked.damaged]
-    total = sum(session.bytes for session in looked.sessions)
+def _tell(findings: Sequence[Finding], done: str, as_json: bool) -> int:
+    """Tell how many places there are of each kind, and of each that is not as it should be what to do."""
+    counts = counts_of(findings)
+    names = {kind: done if kind is Kind.ENTERED else kind.words for kind in Kind}
+    rows = [finding for finding in findings if finding.kind not in (Kind.ENTERED, Kind.UNCHANGED)]
+    total = sum(finding.session.bytes for finding in findings if finding.session)
     if as_json:
-        names = ("location", "code", "fault")
-        document = {
-            done: len(looked.sessions),
-            "bytes": total,
-            "unchanged": looked.unchanged,
-            "damaged": [dict(zip(names, entry, strict=True)) for entry in damaged],
-            "unread": [{"location": location, "fault": fault} for location, fault in looked.unread],
-        }
-        print_json(document, ensure_ascii=False)
+        numbers = {name.replace(" ", "_"): counts[kind] for kind, name in names.items()}
+        print_json({**numbers, "bytes": total, "rows": [row.row for row in rows]}, ensure_ascii=False)
     else:
         out = console()
-        for location, code, fault in damaged:
-            out.print(f"{code:<12} {location}: {fault}")
-        for location, fault in looked.unread:
-            out.print(f"{'not read':<12} {location}: {fault}")
-        counts = f"{len(looked.sessions)} sessions {done} ({total / 1e6:.1f} MB), {len(damaged)} damaged"
-        out.print(f"{counts}, {len(looked.unread)} not read, {looked.unchanged} unchanged")
-    return ExitStatus.SESSION_DAMAGED if damaged or looked.unread else ExitStatus.PASS
+        for row in rows:
+            out.print(f"{row.code or names[row.kind]:<12} {row.location}: {row.reason}. Next: {row.next_step}")
+        out.print(f"{total / 1e6:.1f} MB read; {', '.join(f'{counts[kind]} {name}' for kind, name in names.items())}")
+    return status_of(counts)
 
 
 def refit(url: str, request: RefitRequest) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, Select, Table, and_, delete, func, or_, select
@@ -42,8 +42,8 @@ class UsedStandard:
 class ArchivedSession:
     """One recorded session at one place; a copy elsewhere has the same ``session_sha256``.
 
-    ``code``, ``fault``: of the error that keeps it from being used, "" for a whole session; what is known of a damaged
-    one from before is kept.   ``verdict``, ``quality``: the worst of the released results.
+    ``code``, ``fault``: of the error that keeps it, or its results, from being used, "" if nothing does; what is known
+    from before is kept then, but for another recording.   ``verdict``, ``quality``: the worst of the released results.
     """
 
     location: str
@@ -66,6 +66,10 @@ class ArchivedSession:
     units: tuple[Unit, ...] = ()
     standards: tuple[UsedStandard, ...] = ()
     certificates: tuple[Issued, ...] = ()
+
+    def with_fault(self, code: str, fault: str) -> ArchivedSession:
+        """Return the session with the error that keeps it from being used."""
+        return replace(self, code=code, fault=fault)
 
     @property
     def row(self) -> Row:
@@ -102,8 +106,10 @@ def _enter(connection: Connection, session: ArchivedSession, now_ns: int) -> Non
     table, row = archived_sessions, {**session.row, "verified_utc_ns": now_ns}
     query = select(table.c.id, table.c.session_sha256).where(table.c.location == session.location)
     known = connection.execute(query).first()
-    if known is not None and session.code and known.session_sha256:
-        now = {name: row[name] for name in ("fingerprint", "bytes", "code", "fault", "verified_utc_ns")}
+    if known is not None and session.code and known.session_sha256 and session.session_sha256 in (None, known[1]):
+        now = {
+            name: row[name] for name in ("fingerprint", "code", "fault", "verified_utc_ns")
+        }  # its length is evidence
         connection.execute(table.update().where(table.c.id == known.id), now)
         return
     if known is None:
@@ -119,11 +125,15 @@ def _enter(connection: Connection, session: ArchivedSession, now_ns: int) -> Non
         enter(connection, certificate, now_ns)
 
 
-def fingerprints(url: str) -> dict[str, str]:
-    """Return the fingerprint of every place that is known. Raises: StoreError B-STORE-001 to -005, B-STORE-007."""
+def places_known(url: str) -> dict[str, Row]:
+    """Return what is known of every place: fingerprint, bytes, hash, code.
+
+    Raises: StoreError B-STORE-001 to -005, B-STORE-007.
+    """
+    names = ("location", "fingerprint", "bytes", "session", "session_sha256", "code")
     with reading(url) as connection:
-        query = select(archived_sessions.c.location, archived_sessions.c.fingerprint)
-        return {row.location: row.fingerprint for row in connection.execute(query)}
+        rows = rows_of(connection, select(*(archived_sessions.c[name] for name in names)))
+    return {row["location"]: row for row in rows}
 
 
 def list_sessions(url: str, selection: Selection) -> list[Row]:

@@ -12,7 +12,7 @@ import pytest
 from rehearsal import SEED, Rehearsal, Watched, main_of, rehearsed
 from units_campaign import compared, events_of, normalised, ramp_plan, single_values, units_plan
 
-from bench.archive.examination import OTHER_RECORDING
+from bench.archive.diagnosis import OTHER_RECORDING
 from bench.archive.refit import RefitTask, refit
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputError, InstrumentError, OperatorStop
@@ -128,7 +128,7 @@ def test_the_list_of_all_has_every_estimate_with_its_unit(campaign: Rehearsal, f
 def test_the_archive_refits_each_unit(campaign: Rehearsal, finished: list[UnitFinished], tmp_path: Path) -> None:
     """The values of each unit again as released, and not from another recording."""
     released = [entry for done in finished if done.finished for entry in done.finished.results["estimates"]]
-    task = RefitTask(campaign.run.session_sha256, str(campaign.run.folder), "units", "", "", True, None, {})
+    task = RefitTask(campaign.run.session_sha256, str(campaign.run.folder), "units", "", "", True, None, {}, 1, "")
     rows = refit(task)
     assert {row["uut_serial"] for row in rows if row["code"] == ""} == {"SIM-1", "SIM-2", "SIM-3"}
     assert len(rows) == len(released)

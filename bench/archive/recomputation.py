@@ -1,0 +1,120 @@
+"""The results that a recording gives today, beside those that were released of it."""
+
+from __future__ import annotations
+
+import json
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from bench.analysis import results_json
+from bench.archive.changes import is_changed, is_flip
+from bench.model.errors import FitError
+from bench.record import SessionReader
+from bench.session.one_unit import extract, serials_of
+from bench.session.register import Register
+from bench.session.service import analysed
+from bench.session.units import results_of_all
+from bench.store import MEASURED, documents_of_units
+
+Row = dict[str, Any]
+_NUMBERS = ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "n")
+# name, type as Parquet calls it: a row for each estimate, or one for a session that gave none
+COLUMNS = (
+    ("session", "string"), ("session_sha256", "string"), ("started_utc", "string"), ("campaign", "string"),
+    ("simulated", "bool"), ("uut_model", "string"), ("uut_serial", "string"), ("quantity", "string"),
+    ("unit", "string"), ("conditions", "string"), ("value", "double"), ("std_uncertainty", "double"),
+    ("coverage_factor", "double"), ("expanded_uncertainty", "double"), ("n", "int64"), ("verdict", "string"),
+    ("quality", "string"), ("method", "string"), ("software", "string"), ("released_value", "double"),
+    ("released_expanded_uncertainty", "double"), ("released_verdict", "string"), ("released_quality", "string"),
+    ("released_method", "string"), ("released_software", "string"), ("code", "string"), ("fault", "string"),
+)  # fmt: skip
+EMPTY: Row = {name: "" if kind == "string" else None for name, kind in COLUMNS}
+
+
+def computed_results(folder: Path, method: str | None, register: Register) -> dict[str, Any]:
+    """Return the results of a whole session, as they are read from results.json: conditions in the order of the file.
+
+    A unit of several that gives none is not in them, as when they were released.
+    Raises: SessionDamaged; FitError if no unit gives any; InputError.
+    """
+    serials = serials_of(SessionReader(folder).manifest)
+    results = _of_units(folder, serials, method, register) if serials else _of_one(folder, method, register)
+    plain: dict[str, Any] = json.loads(results_json(results))
+    return plain
+
+
+def _of_one(folder: Path, method: str | None, register: Register) -> dict[str, Any]:
+    return analysed(folder, method, strict=True, register=register)[0]
+
+
+def _of_units(folder: Path, serials: Sequence[str], method: str | None, register: Register) -> dict[str, Any]:
+    documents: dict[str, Mapping[str, Any]] = {}
+    for serial in serials:
+        with TemporaryDirectory(prefix="bench-archive-") as home:
+            extract(folder, serial, Path(home, serial))
+            try:
+                documents[serial] = _of_one(Path(home, serial), method, register)
+            except FitError:
+                if serial == serials[-1] and not documents:
+                    raise
+    return results_of_all(folder, documents)
+
+
+def differences(released: Mapping[str, Any], other: Mapping[str, Any], manifest: Mapping[str, Any]) -> list[Row]:
+    """Return the rows of released estimates that have another number, verdict or quality in other results, to 1e-9."""
+    rows = ({**EMPTY, **row} for row in rows_of(released, other, manifest))
+    return [row for row in rows if row["released_quality"] and (is_changed(row) or is_flip(row))]
+
+
+def rows_of(released: Mapping[str, Any] | None, now: Mapping[str, Any], manifest: Mapping[str, Any]) -> Iterator[Row]:
+    """Yield a row for each estimate that is released or computed now, in the order of results.json, by unit."""
+    before = {} if released is None else _units(released, manifest)
+    after = _units(now, manifest)
+    versions = {"method": str(now["method"])}
+    if released is not None:
+        versions["released_method"] = str(released["method"])
+        versions["released_software"] = str(released["provenance"]["software"])
+    for uut in dict.fromkeys((*before, *after)):
+        old, new = _by_parameter(before.get(uut, [])), _by_parameter(after.get(uut, []))
+        for parameter in dict.fromkeys((*old, *new)):
+            quantity, unit, conditions, _ = parameter
+            yield {
+                **versions,
+                "uut_model": uut[0],
+                "uut_serial": uut[1],
+                "quantity": quantity,
+                "unit": unit,
+                "conditions": conditions,
+                **_of(new.get(parameter), "", _NUMBERS),
+                **_of(old.get(parameter), "released_", ("value", "expanded_uncertainty")),
+            }
+
+
+def _units(document: Mapping[str, Any], manifest: Mapping[str, Any]) -> dict[tuple[str, str], Sequence[Any]]:
+    documents = documents_of_units(document, manifest)
+    return {(str(part["uut"]["model"]), str(part["uut"]["serial"])): part["estimates"] for part in documents}
+
+
+def _by_parameter(estimates: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, str, int], Mapping[str, Any]]:
+    """Return estimates by quantity, unit and conditions without what was measured; the number tells like ones apart."""
+    by_parameter: dict[tuple[str, str, str, int], Mapping[str, Any]] = {}
+    alike: Counter[tuple[str, str, str]] = Counter()
+    for estimate in estimates:
+        given = {name: value for name, value in estimate["conditions"].items() if name not in MEASURED}
+        conditions = json.dumps(given, sort_keys=True, ensure_ascii=False)
+        named = (str(estimate["quantity"]), str(estimate["unit"]), conditions)
+        by_parameter[(*named, alike[named])] = estimate
+        alike[named] += 1
+    return by_parameter
+
+
+def _of(estimate: Mapping[str, Any] | None, prefix: str, numbers: Sequence[str]) -> Row:
+    """Return what a row says of an estimate; "" and None where there is none."""
+    if estimate is None:
+        return {f"{prefix}verdict": "", f"{prefix}quality": ""}
+    said = {f"{prefix}{name}": estimate[name] for name in numbers}
+    quality = str(estimate.get("quality", "sound"))
+    return {**said, f"{prefix}verdict": str(estimate["verdict"]), f"{prefix}quality": quality}
