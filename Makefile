@@ -14,7 +14,7 @@ export OMP_NUM_THREADS ?= 1
 # Hundreds of processes are started by the tests: they read compiled modules, whatever the machine says.
 export PYTHONDONTWRITEBYTECODE =
 
-.PHONY: demo test manuals mutants definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site structure ways validate bench lint wheel lock
+.PHONY: demo test manuals mutants survivors definitions sweep faults doubt published coverage soak losses archive-drill deviations compare notebooks pictures situations site structure figures ways validate bench lint wheel lock
 
 demo: $(VENV)/.kernel
 	$(VENV)/bin/bench run sequences/scale_factor_38h.yaml --clock virtual --seed $(SEED) --out $(OUT) --truth
@@ -31,6 +31,12 @@ manuals: $(VENV)/.dev
 
 mutants: $(VENV)/.dev
 	$(PY) tests/mutants/run.py
+
+# Mutants of a ROOM drawn by SEED, N of them, against the tests nearest to them; rows in tests/mutants/survivors.csv.
+ROOM ?= bench/maths
+survivors: N = 20
+survivors: $(VENV)/.mutation
+	$(PY) tests/mutants/survivors.py $(ROOM) --seed $(SEED) --count $(N)
 
 definitions: $(VENV)/.dev
 	$(PY) -m pytest -n 2 --dist worksteal -rP -m sweep tests/fuzz/test_random_definitions.py
@@ -98,6 +104,10 @@ notebooks: $(VENV)/.docs
 structure:
 	$(PYTHON) tests/house/structure.py $(TREE)
 
+# Figures of weight, beside the last row of benchmarks/record.md; tests/house/test_ratchets.py holds them down.
+figures: $(VENV)/.kernel
+	$(PY) tests/house/figures.py
+
 # The files that a frame and a step pass (docs/architecture.md).
 ways: $(VENV)/.run
 	$(PY) tests/house/ways.py
@@ -131,6 +141,7 @@ lock: $(PY)
 	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra dev --output-file requirements/dev.txt pyproject.toml
 	$(COMPILE) --constraint requirements/run.txt --constraint requirements/dev.txt $(RUN) --extra docs --output-file requirements/docs.txt pyproject.toml
 	$(COMPILE) --constraint requirements/run.txt $(RUN) --extra benchmark --output-file requirements/benchmark.txt pyproject.toml
+	$(COMPILE) --constraint requirements/run.txt --constraint requirements/dev.txt $(RUN) --extra mutation --output-file requirements/mutation.txt pyproject.toml
 
 $(PY):
 	@$(PYTHON) -c 'import sys; sys.exit("Python 3.11 or later is needed, this is " + sys.version) if sys.version_info < (3, 11) else None'
@@ -166,4 +177,8 @@ $(VENV)/.docs: requirements/docs.txt $(VENV)/.dev
 
 $(VENV)/.benchmark: requirements/benchmark.txt $(VENV)/.kernel
 	$(PIP_INSTALL) --require-hashes -r requirements/benchmark.txt
+	@touch $@
+
+$(VENV)/.mutation: requirements/mutation.txt $(VENV)/.dev
+	$(PIP_INSTALL) --require-hashes -r requirements/mutation.txt
 	@touch $@

@@ -1,103 +1,26 @@
 """Run every analysis in two revisions on this machine and say what differs: ``make compare BASE=<revision>``.
 
-Each revision runs its own code, by commands only. Beside that the new one replays each session of the base. The exit
-status is 1 for a difference that ``differences.toml`` does not name.
+Each revision runs its own code: by commands, and by ``views.py`` for what no command prints. Beside that the new one
+replays each session of the base. The exit status is 1 for a difference that ``differences.toml`` does not name.
 """
 
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import resource
-import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 
-from cases import LOGS, MERGED, RUNS, STUDY, Case, checks, imports, resumptions
-from documents import Difference, compare_folders, named_differences
+from cases import LOGS, MERGED, RUNS, STUDY, Case, checks, golden_sessions, imports, plans, resumptions
+from documents import Difference, named_differences
+from revisions import HERE, ROOT, Bench, checkout, compare
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
 SIDES = ("base", "new")
 SHOWN = 8  # differences of each file
-_PACKAGES = "import bench, instruments, sim_instruments as s; print(bench.__file__, instruments.__file__, s.__file__)"
-
-
-@dataclass(frozen=True)
-class Bench:
-    """One revision: the folder of its tree, and the folder in which its commands run."""
-
-    tree: Path
-    work: Path
-
-    def environment(self) -> dict[str, str]:
-        """Return what makes the interpreter import this tree."""
-        own = {"PYTHONPATH": str(self.tree), "OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "COLUMNS": "200"}
-        return os.environ | own | {"PYTHONDONTWRITEBYTECODE": "", "PYTHONHASHSEED": "0"}
-
-    def python(self, words: Sequence[str | Path], cwd: Path) -> subprocess.CompletedProcess[str]:
-        """Run the interpreter of this process with this tree in front of everything."""
-        command = [sys.executable, *map(str, words)]
-        return subprocess.run(
-            command, cwd=cwd, env=self.environment(), capture_output=True, text=True, check=False,
-            stdin=subprocess.DEVNULL,
-        )  # fmt: skip
-
-    def check_imports(self) -> None:
-        """Print which packages run. Raises: SystemExit if they are not those of this tree."""
-        files = self.python(["-c", _PACKAGES], self.work).stdout.split()
-        print(f"{self.tree}: {' '.join(files) or 'nothing can be imported'}")
-        if len(files) != 3 or not all(Path(file).is_relative_to(self.tree) for file in files):
-            sys.exit(f"error: the packages that run are not those of {self.tree}")
-
-    def run(self, case: Case) -> None:
-        """Give the command of a case; its output and exit status stand beside its files."""
-        folder = self.work / case.name
-        done = self.python(["-m", "bench", *case.command()], folder)
-        (folder / "status.json").write_text(json.dumps({"exit": done.returncode, "stderr": done.stderr.splitlines()}))
-        name = "stdout.json" if done.stdout.startswith("{") else "stdout.txt"
-        (folder / name).write_text(done.stdout)
-
-
-@contextmanager
-def checkout(revision: str, place: Path) -> Iterator[Path]:
-    """A worktree of a revision, removed again at the end."""
-    git = ["git", "-C", str(ROOT), "worktree"]
-    subprocess.run([*git, "add", "--quiet", "--detach", str(place), revision], check=True)
-    try:
-        yield place
-    finally:
-        subprocess.run([*git, "remove", "--force", str(place)], check=True)
-
-
-def not_done(side: Bench, case: Case) -> Iterator[Difference]:
-    """Yield what says that a command failed or left no results: two equal failures compare nothing."""
-    folder = side.work / case.name
-    status = json.loads((folder / "status.json").read_text())
-    if status["exit"] not in (0, 1):
-        yield Difference(
-            f"{case.name}/status.json", "exit", side.work.name, f"{status['exit']} {status['stderr'][-1:]}"
-        )
-    if case.is_session and not list(folder.glob("out/*/results.json")):
-        yield Difference(f"{case.name}/results.json", "file", side.work.name, "no session with results")
-
-
-def replayed(new: Bench, base: Bench, case: Case) -> list[Difference]:
-    """Let the new revision replay the sessions of the base; a number that differs is a difference."""
-    differences = []
-    for results in sorted((base.work / case.name).glob("out/*/results.json")):
-        done = new.python(["-m", "bench", "replay", results.parent, "--json"], new.work)
-        if done.returncode:
-            said = " ".join(done.stderr.split())[-300:]
-            differences.append(Difference(f"{case.name}/{results.parent.name}", "replay", "identical", said))
-    return differences
 
 
 def chosen_cases(base_tree: Path, logs: Path) -> list[Case]:
@@ -105,49 +28,36 @@ def chosen_cases(base_tree: Path, logs: Path) -> list[Case]:
     imported = imports(ROOT / "docs" / "mappings", logs)
     for name in sorted(LOGS.keys() - {case.name for case in imported}):
         print(f"skipped: {name}, its log is not below {logs} (set BENCH_REAL_DATA)")
-    return [*RUNS, *imported, *resumptions(ROOT / "tests" / "golden"), MERGED, *checks(base_tree), STUDY]
-
-
-def compare(sides: Sequence[Bench], cases: Sequence[Case]) -> Iterator[tuple[Case, list[Difference]]]:
-    """Run all cases on both sides, two processes at once; yield each case with its differences."""
-    base, new = sides
-    with ThreadPoolExecutor(2) as pool:
-        replays = []
-        for case in cases:
-            for side in sides:
-                case.prepare(side.work / case.name, base.tree)
-            list(pool.map(lambda side, case=case: side.run(case), sides))
-            differences = [
-                Difference(f"{case.name}/{found.file}", found.place, found.base, found.new)
-                for found in compare_folders(base.work / case.name, new.work / case.name)
-            ]
-            differences += [failure for side in sides for failure in not_done(side, case)]
-            if case.is_session:
-                replays.append((case, differences, pool.submit(replayed, new, base, case)))
-            else:
-                yield case, differences
-            while replays and replays[0][2].done():
-                waited, found_before, replay = replays.pop(0)
-                yield waited, found_before + replay.result()
-        for waited, found_before, replay in replays:
-            yield waited, found_before + replay.result()
+    golden = ROOT / "tests" / "golden"
+    kept = [*resumptions(golden), *golden_sessions(golden)]
+    sequences = [*plans(base_tree), *checks(base_tree)]
+    return [*(run.of(base_tree) for run in RUNS), *imported, *kept, MERGED, *sequences, STUDY]
 
 
 def report(compared: Iterator[tuple[Case, list[Difference]]], base: Path) -> bool:
-    """Print a table of the cases and the first differences of each file; return whether all are explained."""
+    """Print a table of the cases and the first differences of each file, or "identical".
+
+    Returns: whether ``differences.toml`` explains all.
+    """
     names = named_differences(HERE / "differences.toml")
-    print(f"\n{'case':34} {'files':>5} {'named':>6} {'unexplained':>12}", flush=True)
+    print(f"\n{'case':40} {'files':>5} {'named':>6} {'unexplained':>12}", flush=True)
     unexplained: dict[str, list[Difference]] = {}
+    explained = 0
     for case, differences in compared:
         left = [difference for difference in differences if not any(name.covers(difference) for name in names)]
+        explained += len(differences) - len(left)
         files = sum(path.is_file() for path in (base / case.name).rglob("*"))
-        print(f"{case.name:34} {files:5} {len(differences) - len(left):6} {len(left):12}", flush=True)
+        print(f"{case.name:40} {files:5} {len(differences) - len(left):6} {len(left):12}", flush=True)
         for difference in left:
             unexplained.setdefault(difference.file, []).append(difference)
     for file, left in unexplained.items():
         print(f"\n{file}: {len(left)} differences")
         for difference in left[:SHOWN]:
             print(f"  {difference.place}: {difference.base} != {difference.new}")
+    if unexplained:
+        print(f"\ndifferent: {', '.join(unexplained)}")
+    else:
+        print("\nidentical" + (f", but for {explained} differences that are named" if explained else ""))
     return not unexplained
 
 
@@ -170,7 +80,6 @@ def main() -> int:
         same = report(compare(sides, cases), sides[0].work)
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     print(f"\n{used.ru_utime + used.ru_stime:.0f} s of CPU, {time.monotonic() - began_s:.0f} s on the clock")
-    print("no unexplained difference" if same else "there are unexplained differences")
     return 0 if same else 1
 
 

@@ -1,4 +1,4 @@
-"""What is run in both revisions: every analysis on a session as small as it allows, and every shipped sequence checked.
+"""What is run in both revisions: every analysis on a session as small as it allows, and every sequence checked.
 
 Nothing here names a module of the product: commands, sequences and mappings only.
 """
@@ -6,7 +6,8 @@ Nothing here names a module of the product: commands, sequences and mappings onl
 from __future__ import annotations
 
 import shutil
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -17,40 +18,83 @@ Cut = tuple[str, str]
 class Case:
     """One command, given in an empty folder of its own on both sides.
 
-    ``sequence``: shipped sequence that is shortened by ``cuts`` (old, new) and written beside, else "".
+    ``files``: texts that are written beside, by name, for example a sequence that is cut short.
     ``copied``: folder that is there when the command begins.   ``is_session``: it leaves one that can be replayed.
+    ``example``: the command is given in a copy of this folder below ``examples``, each side in a copy of its own.
+    ``is_of_plans``: the words are sequences, whose plans are written; no command prints these.
     """
 
     name: str
     words: tuple[str, ...]
-    sequence: str = ""
-    cuts: tuple[Cut, ...] = ()
+    files: Mapping[str, str] = field(default_factory=dict)
     copied: Path | None = None
-    settings: dict[str, str] = field(default_factory=dict)
+    settings: Mapping[str, str] = field(default_factory=dict)
     is_session: bool = True
+    example: str = ""
+    is_of_plans: bool = False
 
-    def prepare(self, folder: Path, base: Path) -> None:
-        """Make the folder and what the command needs in it. Raises: ValueError for a cut that no longer fits."""
+    def prepare(self, folder: Path, tree: Path) -> Path:
+        """Make the folder and what the command needs in it; return the folder in which it is to be given."""
         folder.mkdir(parents=True)
         if self.copied is not None:
             shutil.copytree(self.copied, folder / "out" / self.copied.name)
-        if self.sequence:
-            text = (base / "sequences" / f"{self.sequence}.yaml").read_text(encoding="utf-8")
-            for old, new in self.cuts:
-                if old not in text:
-                    raise ValueError(f"{self.name}: {self.sequence}.yaml holds no {old!r}")
-                text = text.replace(old, new)
-            (folder / f"{self.sequence}.yaml").write_text(text, encoding="utf-8")
+        for name, text in self.files.items():
+            (folder / name).write_text(text, encoding="utf-8")
+        if not self.example:
+            return folder
+        place = folder.parent / "examples" / self.example  # beside the case: its files are no output
+        if not place.exists():
+            shutil.copytree(tree / "examples" / self.example, place)
+            _install(place)
+        return place
 
     def command(self) -> list[str]:
         """Return the words behind ``bench``."""
         return [*self.words, *(word for item in self.settings.items() for word in ("--set", "=".join(item)))]
 
 
-def _run(name: str, sequence: str, *, cuts: Sequence[Cut] = (), settings: dict[str, str] | None = None) -> Case:
-    file = f"{sequence}.yaml" if cuts else sequence
-    words = ("run", file, "--clock", "virtual", "--seed", "1", "--out", "out", "--truth")
-    return Case(name, words, sequence if cuts else "", tuple(cuts), settings=settings or {})
+def _install(place: Path) -> None:
+    """Write the metadata by which a distribution in a folder is found, if it is one."""
+    if not (place / "pyproject.toml").is_file():
+        return
+    project = tomllib.loads((place / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    folder = place / f"{project['name'].replace('-', '_')}-{project['version']}.dist-info"
+    folder.mkdir()
+    head = f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: {project['version']}\n"
+    (folder / "METADATA").write_text(head, encoding="utf-8")
+    groups = (
+        "\n".join([f"[{group}]", *(f"{name} = {target}" for name, target in points.items())])
+        for group, points in project["entry-points"].items()
+    )
+    (folder / "entry_points.txt").write_text("\n".join(groups) + "\n", encoding="utf-8")
+
+
+@dataclass(frozen=True)
+class ShortRun:
+    """A shipped sequence, shortened by ``cuts`` (old text, new text) and by ``settings``."""
+
+    name: str
+    sequence: str
+    cuts: tuple[Cut, ...] = ()
+    settings: Mapping[str, str] = field(default_factory=dict)
+
+    def of(self, tree: Path) -> Case:
+        """Return the case that runs the sequence of a tree. Raises: ValueError for a cut that no longer fits."""
+        file = f"{self.sequence}.yaml" if self.cuts else self.sequence
+        words = ("run", file, "--clock", "virtual", "--seed", "1", "--out", "out", "--truth")
+        return Case(self.name, words, {file: self._text(tree)} if self.cuts else {}, settings=self.settings)
+
+    def _text(self, tree: Path) -> str:
+        text = (tree / "sequences" / f"{self.sequence}.yaml").read_text(encoding="utf-8")
+        for old, new in self.cuts:
+            if old not in text:
+                raise ValueError(f"{self.name}: {self.sequence}.yaml holds no {old!r}")
+            text = text.replace(old, new)
+        return text
+
+
+def _run(name: str, sequence: str, *, cuts: Sequence[Cut] = (), settings: dict[str, str] | None = None) -> ShortRun:
+    return ShortRun(name, sequence, tuple(cuts), settings or {})
 
 
 SHORT_SCALE_FACTOR = [("10350 s", "9450 s"), ("records: 105", "records: 75"), ("[1, 2], kind", "1, kind")]
@@ -136,9 +180,41 @@ def resumptions(golden: Path) -> list[Case]:
     ]
 
 
-def checks(base: Path) -> list[Case]:
-    """Return a check of each sequence that the base ships."""
+def golden_sessions(golden: Path) -> list[Case]:
+    """Return two cases for each golden session: it is analysed, and a copy of it gets a report."""
     return [
-        Case(f"check_{path.stem}", ("check", path.stem, "--json"), is_session=False)
-        for path in sorted((base / "sequences").glob("*.yaml"))
+        Case(f"{words[0]}_{folder.parent.name}_{folder.name.partition('_')[2]}",
+             (words[0], f"out/{folder.name}", *words[1:]), copied=folder, is_session=False)
+        for folder in sorted(golden.glob("sessions/*/*"))
+        if folder.is_dir()
+        for words in (("fit", "--json"), ("report",))
+    ]  # fmt: skip
+
+
+def checks(tree: Path) -> list[Case]:
+    """Return a check of each sequence that a tree ships, and of each of its examples."""
+    return [
+        Case(f"check_{Path(name).stem}", ("check", name, "--json"), is_session=False, example=example)
+        for example, names in sequences(tree).items()
+        for name in names
     ]
+
+
+def plans(tree: Path) -> list[Case]:
+    """Return a case for the plans of all sequences that a tree ships, and one for those of each example."""
+    return [
+        Case(f"plans_{example or 'shipped'}", tuple(names), is_session=False, example=example, is_of_plans=True)
+        for example, names in sequences(tree).items()
+    ]
+
+
+def sequences(tree: Path) -> dict[str, list[str]]:
+    """Return all sequences of a tree by the example to which they belong, "" for those that are shipped.
+
+    The shipped ones by their names, those of an example by their paths in its folder.
+    """
+    shipped = {"": [path.stem for path in sorted((tree / "sequences").glob("*.yaml"))]}
+    examples: dict[str, list[str]] = {}
+    for path in sorted(tree.glob("examples/*/sequences/*.yaml")):
+        examples.setdefault(path.parents[1].name, []).append(f"sequences/{path.name}")
+    return shipped | examples

@@ -1,7 +1,11 @@
-"""Two folders of files, compared by their formats: sessions message by message, JSON field by field, texts by line."""
+"""Two folders of files, compared by their formats.
+
+Sessions message by message, JSON field by field, pages by what a reader sees, other texts by line.
+"""
 
 from __future__ import annotations
 
+import difflib
 import json
 import re
 import sqlite3
@@ -11,11 +15,13 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from html.parser import HTMLParser
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 from mcap.stream_reader import StreamReader
+from views import UNAVAILABLE
 
 ABSENT = "(absent)"
 _SEALED = struct.Struct("<IQQ")  # in front of each payload: CRC, running number, time
@@ -62,7 +68,20 @@ def compare_folders(base: Path, new: Path) -> Iterator[Difference]:
             yield Difference(name, "file", *("there" if name in files else ABSENT for files in names))
         elif (base / name).read_bytes() != (new / name).read_bytes():
             first, second = (_document(folder / name, mark) for folder, mark in zip(folders, marks, strict=True))
-            yield from (Difference(name, *found) for found in _differences(first, second))
+            if not (_is_unavailable(first) or _is_unavailable(second)):  # that is told of each side
+                yield from (Difference(name, *found) for found in _differences(first, second))
+
+
+def unavailable_views(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield each file below a folder that its revision could not write, and why."""
+    for path in sorted([*folder.rglob("live_state.json"), *folder.rglob("*.plan.json")]):
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if _is_unavailable(document):
+            yield str(path.relative_to(folder)), document[UNAVAILABLE]
+
+
+def _is_unavailable(document: Any) -> bool:
+    return isinstance(document, dict) and document.keys() == {UNAVAILABLE}
 
 
 def _session_marks(folder: Path) -> dict[str, str]:
@@ -86,7 +105,30 @@ def _document(path: Path, marks: Mapping[str, str]) -> Any:
         text = content.decode("utf-8")
     except UnicodeDecodeError:
         return {"bytes": content.hex()}
-    return json.loads(text) if path.suffix == ".json" else _lines(text, marks)
+    if path.suffix == ".json":
+        return json.loads(text)
+    return _lines("\n".join(_Text(text).parts) if path.suffix == ".html" else text, marks)
+
+
+class _Text(HTMLParser):
+    """What a reader sees of a page, a piece for each stretch of text; its figures are drawn from numbers."""
+
+    def __init__(self, page: str) -> None:
+        super().__init__()
+        self.parts: list[str] = []
+        self._hidden = 0
+        self.feed(page)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: object) -> None:
+        self._hidden += tag in ("script", "style")
+
+    def handle_endtag(self, tag: str) -> None:
+        self._hidden -= tag in ("script", "style")
+
+    def handle_data(self, data: str) -> None:
+        if not self._hidden and (text := " ".join(data.split())):
+            self.parts.append(text)
 
 
 def _tables(path: Path) -> dict[str, Any]:
@@ -97,11 +139,11 @@ def _tables(path: Path) -> dict[str, Any]:
         return {name: [dict(row) for row in connection.execute(f'select * from "{name}"')] for name in names}
 
 
-def _lines(text: str, marks: Mapping[str, str]) -> dict[str, str]:
+def _lines(text: str, marks: Mapping[str, str]) -> tuple[str, ...]:
     for value, word in marks.items():
         text = text.replace(value, word)
     text = _DISTRIBUTION.sub("", _REVISION.sub("<revision>", text))
-    return {f"line {number}": line for number, line in enumerate(text.splitlines(), 1)}
+    return tuple(text.splitlines())
 
 
 def _messages(path: Path) -> dict[str, Any]:
@@ -136,10 +178,20 @@ def _differences(base: Any, new: Any, place: str = "") -> Iterator[tuple[str, st
     elif isinstance(base, list) and isinstance(new, list):
         for index, (first, second) in enumerate(zip_longest(base, new, fillvalue=ABSENT)):
             yield from _differences(first, second, f"{place}[{index}]")
+    elif isinstance(base, tuple) and isinstance(new, tuple):
+        yield from _line_differences(base, new)
     elif type(base) is not type(new) or repr(base) != repr(new):
         yield place, _short(base), _short(new)
 
 
+def _line_differences(base: tuple[str, ...], new: tuple[str, ...]) -> Iterator[tuple[str, str, str]]:
+    """Yield the lines that are not alike, by their numbers in the base; a line that comes new moves no other one."""
+    for tag, a, b, c, d in difflib.SequenceMatcher(None, base, new, autojunk=False).get_opcodes():
+        if tag != "equal":
+            for index, (first, second) in enumerate(zip_longest(base[a:b], new[c:d], fillvalue=ABSENT)):
+                yield f"line {a + 1 + index}", _short(first), _short(second)
+
+
 def _short(value: Any) -> str:
-    text = repr(value)
+    text = value if value is ABSENT else repr(value)
     return text if len(text) <= 100 else f"{text[:97]}..."

@@ -77,7 +77,7 @@ def test_the_minimal_install_has_at_most_thirty_packages() -> None:
 def test_all_has_every_extra_of_a_bench() -> None:
     extras = PROJECT["optional-dependencies"]
     [everything] = map(Requirement, extras["all"])
-    assert everything.extras == set(extras) - {"all", "dev", "docs", "peers", "benchmark"}
+    assert everything.extras == set(extras) - {"all", "dev", "docs", "peers", "benchmark", "mutation"}
 
 
 def test_every_package_of_an_extra_is_named_with_it() -> None:

@@ -23,6 +23,10 @@ GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 SESSIONS = sorted(path.parent for path in GOLDEN.glob("sessions/*/*/session.0001.mcap"))
 STOPPED = sorted(path.parent for path in GOLDEN.glob("stopped/*/*/session.0001.mcap"))
 ANALYSES = {"scale_factor", "gnc_unit_test", "fog_north", "rlg_lock_in", "time_sync"}
+ANALYSES |= {
+    "temperature_ramp", "imu_six_position", "imu_multi_position", "imu_strapdown", "bias_log", "magnetometer_log",
+    "north_log", "rlg_count_log", "stream_offset", "radar_image",
+}  # fmt: skip
 MOST_BYTES = 300_000
 REL_TOL = 1e-9
 LEFT_OUT = {"provenance", "notes", "schema"}  # they name the software and may say more than they did
@@ -59,7 +63,7 @@ def differences(stored: Any, now: Any, path: str = "") -> list[str]:
     return [] if same else [f"{path}: {stored!r} != {now!r}"]
 
 
-def test_each_system_has_one() -> None:
+def test_each_system_and_each_small_log_has_one() -> None:
     assert {stored_in(folder)["campaign"] for folder in SESSIONS} >= ANALYSES
     assert STOPPED
 

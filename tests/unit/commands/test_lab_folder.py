@@ -7,7 +7,6 @@ import os
 from pathlib import Path
 
 import pytest
-import yaml
 from typer.testing import CliRunner
 
 from bench.cli import app
@@ -16,6 +15,7 @@ from bench.model.errors import InputError
 from bench.model.lab import lab_here
 from bench.model.lab_code import CODE
 from bench.model.shipped import find_beside, find_shipped, replaced_by_lab, shipped_folder
+from bench.report import load_laboratory
 
 FLAGS = ("--name", "Our laboratory", "--model", "NGU-2", "--serial", "17")
 
@@ -42,7 +42,7 @@ def test_a_new_folder_can_be_used_at_once(lab: Path) -> None:
     assert (found.folder, found.name) == (lab.resolve(), "Our laboratory")
     assert "First check of NGU-2" in bench("check", "first_check")
     assert "golden frames are right" in bench("frame", "check", "my_unit")
-    assert yaml.safe_load((lab / "laboratory.yaml").read_text())["item"]["name"] == "NGU-2"
+    assert load_laboratory(lab / "laboratory.yaml").item.name == "NGU-2"  # as bench certificate reads it
     assert {path.name for path in (lab / "schemas").iterdir()} >= {"sequence.schema.json", "frame.schema.json"}
     for path in lab.rglob("*.yaml"):
         assert "@" not in path.read_text().replace('"@bench"', "").replace("@example.org", "")

@@ -14,7 +14,7 @@ from bench.plan.plan import steps_sha256
 from bench.record import SessionReader
 
 GOLDEN = Path(__file__).resolve().parents[2] / "golden"
-SESSIONS = sorted(path.parent for path in GOLDEN.glob("*/*/*/session.0001.mcap"))
+SESSIONS = sorted(path.parent for path in GOLDEN.glob("*/*/20000101T*/session.0001.mcap"))  # runs, not logs
 
 
 @pytest.mark.parametrize("folder", SESSIONS, ids=lambda folder: folder.name)

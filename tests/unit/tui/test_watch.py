@@ -144,7 +144,7 @@ def test_how_a_session_ended(tmp_path: Path) -> None:
 
 def test_a_golden_session_ended_well(tmp_path: Path) -> None:
     golden = Path(__file__).resolve().parents[2] / "golden" / "sessions"
-    folder = next(golden.glob("*/*/session.0001.mcap")).parent
+    folder = next(golden.glob("*/*_golden_GOLDEN/session.0001.mcap")).parent
     shutil.copytree(folder, tmp_path / "s")
     assert ending(tmp_path / "s") == {**GOOD, "unconfirmed": []}
 

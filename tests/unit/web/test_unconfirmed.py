@@ -17,7 +17,8 @@ from bench.model.events import event_of
 from bench.record import OPEN_MARKER, SessionWriter
 from bench.run.feed.outputs import bench_in_words
 from bench.run.feed.state import RunState
-from bench.run.guard import last_words
+from bench.run.guard.diary import DIARY
+from bench.run.guard.last_words import guard_lines
 from bench.tui.look import Look, catalogue
 from bench.tui.page import page_of
 from bench.tui.watch import Seen
@@ -60,9 +61,8 @@ def living() -> RunState:
     return run
 
 
-def held(folder: Path, confirmed: bool, patch: pytest.MonkeyPatch) -> Met:
+def held(folder: Path, confirmed: bool) -> Met:
     """Its calibrator was off a moment ago, and does not answer any more when it is told to go off."""
-    del patch
     run = living()
     run.on_event(event_of("hold", {"step": 3, "by": "operator", "reason": "door (kim)"}), NOW_S - 20.0)
     unsafe = {"what": "stimulus", "step": 3, "role": "calibrator", "code": "B-INST-001", "text": "mute"}
@@ -72,9 +72,8 @@ def held(folder: Path, confirmed: bool, patch: pytest.MonkeyPatch) -> Met:
     return Met(run.document(NOW_S), folder)
 
 
-def ended(folder: Path, confirmed: bool, patch: pytest.MonkeyPatch) -> Met:
+def ended(folder: Path, confirmed: bool) -> Met:
     """Everything answered that it is off just before its end, at which the calibrator was not confirmed safe."""
-    del patch
     run = living()
     with_seal = SessionWriter.create(folder / NAME, {"session": NAME}, {}, t_mono_ns=0)
     for kind, fields in (("safe", {"failures": [] if confirmed else [MUTE]}), ("end", {**END, "error": None})):
@@ -85,14 +84,15 @@ def ended(folder: Path, confirmed: bool, patch: pytest.MonkeyPatch) -> Met:
     return Met({**run.document(NOW_S), "run": NAME, "session": final["session"]}, folder / NAME)
 
 
-def killed(**word: Any) -> Callable[[Path, bool, pytest.MonkeyPatch], Met]:
-    """Its guard has this to say of it, until it has confirmed everything."""
+def killed(*entries: Mapping[str, Any]) -> Callable[[Path, bool], Met]:
+    """Its guard has acted and has this in its diary, or that everything is confirmed."""
 
-    def met(folder: Path, confirmed: bool, patch: pytest.MonkeyPatch) -> Met:
-        safe = {"safe": True, "unsafe": {}, "by": ""} if confirmed else word
-        patch.setattr(last_words, "guard_word", lambda _: {"reason": "no heartbeat for 2 s", "utc": UTC, **safe})
+    def met(folder: Path, confirmed: bool) -> Met:
         SessionWriter.create(folder / NAME, {"session": NAME}, {}, t_mono_ns=0).close("done")
         (folder / NAME / OPEN_MARKER).touch()
+        diary = [{"what": "act", "text": "no heartbeat for 2 s"}, *([{"what": "safe"}] if confirmed else entries)]
+        lines = [json.dumps({"utc": UTC, **entry}) + "\n" for entry in diary]
+        (folder / NAME / DIARY).write_text("".join(lines))
         row = silent_row(folder / NAME)
         state = {
             "run": NAME,
@@ -107,11 +107,13 @@ def killed(**word: Any) -> Callable[[Path, bool, pytest.MonkeyPatch], Met]:
 SITUATIONS = {
     "in a hold": held,
     "ended": ended,
-    "its guard is trying": killed(safe=False, unsafe={"calibrator": "unreachable"}),
-    "its guard names roles only": killed(safe=False, unsafe=["calibrator"]),
-    "its guard says nothing yet": killed(safe=None, unsafe=[]),
-    "its guard has named some": killed(safe=None, unsafe={"calibrator": "commanded"}),
-    "taken over": killed(safe=True, unsafe={}, by="bench run 4711"),
+    "its guard is trying": killed({"what": "unsafe", "instruments": {"calibrator": "unreachable"}}),
+    "its guard names roles only": killed({"what": "unsafe", "instruments": ["calibrator"]}),
+    "its guard says nothing yet": killed(),
+    "its guard has named some": killed(
+        {"what": "instrument", "role": "calibrator", "safe": False, "state": "commanded"}
+    ),
+    "taken over": killed({"what": "safe"}, {"what": "taken over", "by": "bench run 4711"}),
 }
 
 
@@ -164,7 +166,7 @@ def in_message(met: Met) -> str:
 
 def for_who_looks_next(met: Met) -> str:
     """``bench resume``, ``bench top`` and the terminal of a run that its guard ended."""
-    (line,) = last_words.guard_lines(met.folder)
+    (line,) = guard_lines(met.folder)
     return line.replace("Confirmed: every instrument is off, or on hold", "OUTPUTS OFF")
 
 
@@ -182,21 +184,18 @@ CASES = {(situation, name): view for situation in SITUATIONS for name, view in V
 
 
 @pytest.mark.parametrize(("situation", "view"), CASES, ids=[" - ".join(case) for case in CASES])
-def test_it_is_not_confirmed_until_it_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, situation: str, view: str
-) -> None:
-    said = CASES[situation, view](SITUATIONS[situation](tmp_path / "a", False, monkeypatch))
+def test_it_is_not_confirmed_until_it_is(tmp_path: Path, situation: str, view: str) -> None:
+    said = CASES[situation, view](SITUATIONS[situation](tmp_path / "a", False))
     assert "NOT confirm" in said
     assert "OUTPUTS OFF" not in said
-    said = CASES[situation, view](SITUATIONS[situation](tmp_path / "b", True, monkeypatch))
+    said = CASES[situation, view](SITUATIONS[situation](tmp_path / "b", True))
     assert "NOT confirm" not in said
     assert "OUTPUTS OFF" in said
 
 
 def test_the_fault_of_an_instrument_lasts_until_its_reply_confirms_it(tmp_path: Path) -> None:
-    patch = pytest.MonkeyPatch()
     for confirmed in (False, True):
-        state = held(tmp_path, confirmed, patch).state
+        state = held(tmp_path, confirmed).state
         faults = [alarm for alarm in state["alarms"] if alarm["severity"] == "fault"]
         assert [alarm["active"] for alarm in faults] == [not confirmed]
         assert state["bench"]["unconfirmed"] == ({} if confirmed else {"calibrator": "B-INST-001"})

@@ -1,0 +1,40 @@
+"""How survivors are counted: which tests are near, what is not mutated, the interval of a rate."""
+
+from __future__ import annotations
+
+import pytest
+from survivors import Mutant, annotations, mutants_of, nearest, wilson
+
+
+def test_tests_of_the_module_come_first_then_those_of_the_room() -> None:
+    tests = {
+        "tests/runs/test_c.py": "from bench.maths import budget\n",
+        "tests/unit/maths/test_b.py": "from bench.maths.budget import combined\n",
+        "tests/unit/systems/test_a.py": "from bench.maths.allan import deviation\n",
+        "tests/unit/run/test_d.py": "from bench.run import stop\n",
+    }
+    mutant = Mutant("bench/maths/allan.py", 3, "core/AddNot", 0)
+    assert nearest(mutant, "bench/maths", tests) == [
+        "tests/unit/systems/test_a.py", "tests/unit/maths/test_b.py", "tests/runs/test_c.py",
+    ]  # fmt: skip
+    assert nearest(Mutant("bench/maths/budget.py", 1, "", 0), "bench/maths", tests)[0] == "tests/runs/test_c.py"
+
+
+def test_annotations_are_found() -> None:
+    assert sorted(annotations("def f(x: int | None) -> int: ...\n")) == [((1, 9), (1, 19)), ((1, 24), (1, 27))]
+
+
+def test_places_are_mutated_once_each_and_annotations_never() -> None:
+    pytest.importorskip("cosmic_ray", reason="needs the extra mutation")
+    text = "def f(x: int | None) -> int:\n    return x + 1\n"
+    places = mutants_of("f.py", text)
+    assert {mutant.line for mutants in places.values() for mutant in mutants} == {2}
+    changed = {mutant.text(text) for mutants in places.values() for mutant in mutants}
+    assert text.replace("+", "-") in changed
+    assert text.replace("1", "2") in changed
+
+
+def test_the_interval_of_a_rate() -> None:
+    assert wilson(0, 0) == (0.0, 1.0)
+    assert wilson(4, 20) == pytest.approx((0.0807, 0.4160), abs=1e-4)  # Brown, Cai, DasGupta 2001, equation (4)
+    assert wilson(0, 20)[0] == 0.0
