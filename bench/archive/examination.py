@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from bench.analysis import DOUBTFUL, REFUSED
-from bench.archive.census import Finding, Kind, damaged
-from bench.archive.diagnosis import ALTERED, GONE, Due, diagnosed, other_recording, unforeseen
+from bench.archive.diagnosis import Recording, as_fault, diagnosed
 from bench.archive.issued import issued_of, standards_of
-from bench.archive.places import Place, brought_here
-from bench.archive.recomputation import computed_results, differences
+from bench.archive.places import Finding, Kind, brought_here
+from bench.archive.refit import computed_results, differences
 from bench.maths.verdict import worst
-from bench.model.errors import BenchError, InputError, InstallationError, SessionDamaged
+from bench.model.errors import InputError, InstallationError, SessionDamaged
 from bench.record import SessionReader
 from bench.report import CERTIFICATE_FILE, SPECIMEN_FILE
 from bench.session.released import began_utc_ns
@@ -24,26 +24,20 @@ from bench.store import ArchivedSession, Issued, Unit, documents_of_units
 
 @dataclass(frozen=True)
 class Examination:
-    """A place to be read; ``due``: what the index has of it.
+    """A place to be read; ``session_sha256`` and ``bytes``: of its recording as archived, None and 0 if it never was.
 
-    ``computes``: the results too, and compares them.   ``verifies``: another recording is not entered in its place.
+    ``verifies``: its results are computed too, and another recording is not entered in its place.
     """
 
-    place: Place
-    due: Due
-    computes: bool = False
+    location: str
+    session_sha256: str | None = None
+    bytes: int = 0
     verifies: bool = False
 
     @property
     def name(self) -> str:
         """The folder's own name, which a person reads while it is looked at."""
-        return self.place.name
-
-    @classmethod
-    def again(cls, row: Mapping[str, Any]) -> Examination:
-        """Return what reads a session of the archive again, given its row."""
-        place = Place(row["location"], row["bytes"], row["fingerprint"])
-        return cls(place, Due(row["session_sha256"], row["bytes"]), computes=True, verifies=True)
+        return self.location.rstrip("/").rpartition("/")[2]
 
 
 def examined(task: Examination) -> Finding:
@@ -51,56 +45,55 @@ def examined(task: Examination) -> Finding:
 
     Raises: OSError if it cannot be read now, InstallationError if its analysis is not here: both say nothing of it.
     """
-    place = task.place
-    known = ArchivedSession(place.location, place.fingerprint, place.bytes, place.name)
+    known = ArchivedSession(task.location, "", 0, task.name)
     try:
-        with brought_here(place.location) as (folder, now):
-            known = replace(known, fingerprint=now.fingerprint, bytes=now.bytes)
-            return _read(folder, known, task)
-    except FileNotFoundError:
-        gone = "bring it back, or add the place where it is now"
-        return damaged(known, SessionDamaged(GONE, "there is no session any more", next_step=gone))
+        with brought_here(task.location) as (folder, place):
+            known = replace(known, fingerprint=place.fingerprint, bytes=place.bytes)
+            recording = diagnosed(folder, task.session_sha256, place.bytes < task.bytes)
+            if recording.fault is not None and recording.kind is not Kind.DAMAGED:
+                fault = recording.fault
+                return Finding(task.location, recording.kind, fault.code, fault.message, fault.next_step)
+            for more in _read(folder, known, recording, task):
+                known = more
     except (OSError, InstallationError):
         raise
-    except BenchError as error:
-        return damaged(known, error)
-    except Exception as error:  # of a session that nobody foresaw; it ends no other
-        return damaged(known, unforeseen(error))
+    except Exception as error:  # of a session that nobody foresaw, too; it ends no other
+        fault = as_fault(error)
+        known = replace(known, code=fault.code, fault=fault.message)
+        return Finding(task.location, Kind.DAMAGED, fault.code, fault.message, fault.next_step, known)
+    return Finding(task.location, Kind.ENTERED, session=known)
 
 
-def _read(folder: Path, known: ArchivedSession, task: Examination) -> Finding:
-    """Return what a session that lies here is; of a damaged one too what could be read."""
-    recording = diagnosed(folder, known.bytes, task.due, known.location)
-    fault, sha256, due = recording.fault, recording.sha256, task.due.session_sha256
-    if fault is not None and recording.kind is not Kind.DAMAGED:
-        return Finding(known.location, recording.kind, fault.code, fault.message, fault.next_step)
-    try:
-        reader = SessionReader(folder)
+def _read(folder: Path, known: ArchivedSession, recording: Recording, task: Examination) -> Iterator[ArchivedSession]:
+    """Yield what is known of a session, each time more: what was read before an error stays known."""
+    reader = SessionReader(folder)
+    with suppress(SessionDamaged):  # the manifest too
         known = _described(known, reader)
-    except SessionDamaged as error:
-        return damaged(known, fault or error)
-    if fault is None and task.verifies and due not in (None, sha256):
-        fault = other_recording(str(due), sha256)
-    if fault is None:
-        known, fault = replace(known, session_sha256=sha256), recording.results_fault
-        if recording.results is not None:
-            known = _released(known, recording.results, reader.manifest, folder)
-            fault = _altered(folder, recording.results, reader.manifest) if task.computes else None
-    return Finding(known.location, Kind.ENTERED, session=known) if fault is None else damaged(known, fault)
+        yield known
+    recording.check_archived(task.session_sha256 if task.verifies else None)
+    manifest, results = reader.manifest, recording.results
+    known = replace(known, session_sha256=recording.sha256)
+    yield known
+    if recording.results_fault is not None:
+        raise recording.results_fault
+    if results is not None:
+        yield _released(known, results, manifest, folder)
+        if task.verifies:
+            _check_results(folder, results, manifest)
 
 
-def _altered(folder: Path, results: Mapping[str, Any], manifest: Mapping[str, Any]) -> BenchError | None:
-    """Return the error of results that the recording does not give, computed again with their method."""
+def _check_results(folder: Path, results: Mapping[str, Any], manifest: Mapping[str, Any]) -> None:
+    """Refuse results that the recording does not give, computed with their method. Raises: SessionDamaged B-ARC-008."""
     rows = differences(results, computed_results(folder, str(results["method"]), {}), manifest)
-    if not rows:
-        return None
-    written, first = str(results["provenance"]["software"]), rows[0]
-    text = f"{len(rows)} of its results are not what the recording gives: {first['quantity']} {first['conditions']} "
-    text += f"{first['released_value']}, computed {first['value']} {first['unit']}"
-    step = "look for the results.json that was released"
-    if written != SOFTWARE:
-        step += f"; it was written by {written}, this is {SOFTWARE}: 'bench archive verify' of that release decides"
-    return SessionDamaged(ALTERED, text, next_step=step)
+    if rows:
+        written, first = str(results["provenance"]["software"]), rows[0]
+        raise SessionDamaged(
+            "B-ARC-008",
+            f"{len(rows)} of its results are not what the recording gives: {first['quantity']} {first['conditions']} "
+            f"{first['released_value']}, computed {first['value']} {first['unit']}",
+            next_step=f"look for the results.json that was released; it was written by {written}, this is {SOFTWARE}: "
+            "if that is another release, its 'bench archive verify' decides",
+        )
 
 
 def _described(known: ArchivedSession, reader: SessionReader) -> ArchivedSession:

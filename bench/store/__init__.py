@@ -1,16 +1,16 @@
 """The calibration history, an SQL database of results, reports and approvals."""
 
 from bench.store.adjustments import state_calibration
-from bench.store.archive.certificates import Issued, certificate_document, enter_certificate
+from bench.store.archive.certificates import Issued, UsedStandard, certificate_document, enter_certificate
 from bench.store.archive.dependents import Dependents, dependents
 from bench.store.archive.sessions import (
     ArchivedSession,
     Selection,
     Unit,
-    UsedStandard,
     enter_sessions,
     list_sessions,
     places_known,
+    selection_of,
     session_document,
 )
 from bench.store.archive.trials import StoredTrial, Trial, begin_trial, enter_trial_rows, read_trial
@@ -66,6 +66,7 @@ __all__ = [
     "places_known",
     "read_trial",
     "record_calibration",
+    "selection_of",
     "session_document",
     "show_calibration",
     "started_utc_ns",

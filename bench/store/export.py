@@ -27,6 +27,7 @@ COLUMNS = (
     ("verdict", "string"), ("channel", "int64"), ("temperature_degC", "double"), ("unit_temperature_degC", "double"),
     ("conditions", "string"), ("low", "double"), ("high", "double"),
 )  # fmt: skip
+_HEAD = ("session", "session_sha256", "campaign", "uut_model", "uut_serial", "simulated")
 _CONDITIONS = ("channel", "temperature_degC", "unit_temperature_degC")
 
 
@@ -45,16 +46,14 @@ def export_history(url: str, filters: Filters, path: Path) -> int:
 def _rows(connection: Connection, filters: Filters) -> Iterator[dict[str, Any]]:
     for calibration in connection.execute(selected(connection, filters)).mappings().all():
         revisions = (
-            select(report_revisions.c.number, report_revisions.c.result_set_id, result_sets.c.method)
-            .add_columns(report_revisions.c.software)
+            select(report_revisions, result_sets.c.method)
             .join(result_sets, result_sets.c.id == report_revisions.c.result_set_id)
             .where(report_revisions.c.calibration_id == calibration["id"])
             .order_by(report_revisions.c.number)
         )
         for revision in connection.execute(revisions).mappings().all():
             head = {
-                **{name: calibration[name] for name in ("session", "session_sha256", "campaign", "uut_model")},
-                **{name: calibration[name] for name in ("uut_serial", "simulated")},
+                **{name: calibration[name] for name in _HEAD},
                 "started_utc": utc_text(calibration["started_utc_ns"]),
                 "revision": revision["number"],
                 "newest": revision["number"] == calibration["revision"],

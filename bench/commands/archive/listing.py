@@ -12,7 +12,6 @@ from bench.archive.changes import changes_of
 from bench.archive.evidence import evidence_of
 from bench.archive.journal import HEAD
 from bench.archive.page import FOLDER, changes_html
-from bench.archive.selecting import selection_of
 from bench.commands.archive import tables
 from bench.commands.console import console, print_sorted_json, say
 from bench.model.errors import ExitStatus
@@ -25,6 +24,7 @@ from bench.store import (
     dependents,
     list_sessions,
     read_trial,
+    selection_of,
     session_document,
     write_rows,
 )
@@ -94,7 +94,7 @@ def changes(url: str, trial: str, html: Path | None, language: str, as_json: boo
     if as_json:
         print_sorted_json(report.as_json())
     else:
-        tables.print_changes(console(), report)
+        tables.print_changes(console(), report, language)
         if html is not None:
             say(f"wrote    {html}")
     return ExitStatus.PASS

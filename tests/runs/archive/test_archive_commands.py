@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import archive_sample
 import fsspec
 import pyarrow.parquet
 import pytest
+from archive_mess import CUT, END_CUT, alter, gone, of_results
 from away_store import Away
 from rehearsal import Inside
 
@@ -120,6 +122,53 @@ def test_verify_names_what_is_damaged_changed_or_gone(say: Say, archive: Path) -
     rows = document(say("list", "--select", "standard=CAL-b", "--json"))["sessions"]  # still known by its standards
     assert rows[0]["code"] == "B-ARC-003"
     assert rows[0]["session_sha256"]
+
+
+def test_an_altered_number_is_found_and_stays_known(say: Say, archive: Path) -> None:
+    """The recording decides: of two copies that differ it names the one whose results it does not give."""
+    session = archive / SMALL[0].name
+    original = (session / "results.json").read_bytes()
+    of_results(lambda document: document["provenance"].update(software="inertial-bench 0.0.1"))(session)
+    assert say("add", str(session))[0] == ExitStatus.PASS
+    shutil.copytree(session, archive / "copy")
+    assert say("add", str(archive / "copy"))[0] == ExitStatus.PASS
+    assert say("verify", "--select", "uut=U-1")[0] == ExitStatus.PASS  # other software is no damage by itself
+    of_results(alter)(session)
+    assert say("add", str(session))[0] == ExitStatus.PASS
+    status, text, _ = say("verify", "--select", "uut=U-1")
+    assert (status, text.count("B-ARC-008")) == (ExitStatus.SESSION_DAMAGED, 1)
+    assert f"B-ARC-008    {session}: 1 of its results" in text
+    assert "inertial-bench 0.0.1" in text
+    assert "B-ARC-008" in say("add", str(session))[1]
+    (session / "results.json").write_bytes(original)
+    assert say("add", str(session))[0] == ExitStatus.PASS
+
+
+def test_what_was_archived_and_is_shorter_says_so_everywhere(say: Say, archive: Path, tmp_path: Path) -> None:
+    """Where the index knows the recording, a cut of its last bytes is no damage of its summary."""
+    session = archive / SMALL[0].name
+    gone("results.json")(session)
+    assert say("add", str(session))[0] == ExitStatus.PASS
+    for cut in (END_CUT, CUT):
+        cut(session)
+        for command in (("add", str(session)), ("verify", "--select", "until=2000-02-02")) * 2:
+            assert "B-ARC-004" in (text := say(*command)[1])
+            assert "shorter than what was archived" in text or command[0] == "add"
+    assert "B-ARC-004" in say("refit", "--select", "until=2000-02-02", "--to", str(tmp_path / "trial"))[1]
+
+
+def test_a_store_behind_a_closed_port_is_away(say: Say) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    status, text, _ = say("add", f"ftp://127.0.0.1:{port}/lab")
+    assert (status, "B-ARC-007    ftp://127.0.0.1" in text) == (ExitStatus.SAFE_AFTER_FAULT, True)
+    assert "Connection refused" in text
+
+
+def test_results_without_provenance_are_an_input_error_of_replay(archive: Path, inside: Inside) -> None:
+    of_results(lambda document: document.update(provenance=""))(archive / SMALL[0].name)
+    done = inside("replay", str(archive / SMALL[0].name))
+    assert (done.returncode, "error B-FIT-010" in done.stderr) == (ExitStatus.BAD_INPUT, True)
 
 
 def test_a_wrong_certificate_is_recalled_and_no_other(say: Say, archive: Path, inside: Inside, tmp_path: Path) -> None:

@@ -12,7 +12,6 @@ import pytest
 from rehearsal import SEED, Rehearsal, Watched, main_of, rehearsed
 from units_campaign import compared, events_of, normalised, ramp_plan, single_values, units_plan
 
-from bench.archive.diagnosis import OTHER_RECORDING
 from bench.archive.refit import RefitTask, refit
 from bench.model.clock import VirtualClock
 from bench.model.errors import InputError, InstrumentError, OperatorStop
@@ -128,13 +127,14 @@ def test_the_list_of_all_has_every_estimate_with_its_unit(campaign: Rehearsal, f
 def test_the_archive_refits_each_unit(campaign: Rehearsal, finished: list[UnitFinished], tmp_path: Path) -> None:
     """The values of each unit again as released, and not from another recording."""
     released = [entry for done in finished if done.finished for entry in done.finished.results["estimates"]]
-    task = RefitTask(campaign.run.session_sha256, str(campaign.run.folder), "units", "", "", True, None, {}, 1, "")
+    head = {"session": "units", "session_sha256": campaign.run.session_sha256}
+    task = RefitTask(str(campaign.run.folder), head, None, {}, 1)
     rows = refit(task)
     assert {row["uut_serial"] for row in rows if row["code"] == ""} == {"SIM-1", "SIM-2", "SIM-3"}
     assert len(rows) == len(released)
     assert all(row["value"] == row["released_value"] for row in rows)
-    (other,) = refit(replace(task, key="0" * 64))
-    assert other["code"] == OTHER_RECORDING
+    (other,) = refit(replace(task, head={**head, "session_sha256": "0" * 64}))
+    assert other["code"] == "B-ARC-004"
 
 
 def test_the_report_of_the_unit_that_failed_says_why(campaign: Rehearsal, finished: list[UnitFinished]) -> None:

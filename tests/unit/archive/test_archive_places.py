@@ -13,10 +13,8 @@ import pytest
 from away_store import Away, NoAnswer
 from recorded import writable_copy
 
-from bench.archive.census import Finding, Kind
-from bench.archive.diagnosis import Due
 from bench.archive.examination import Examination, examined
-from bench.archive.places import Place, StorageError, brought_here, list_places
+from bench.archive.places import Finding, Kind, Place, StorageError, brought_here, list_places
 from bench.archive.work import attempted
 from bench.model.errors import ExitStatus, InputError
 from bench.record import SessionReader
@@ -45,13 +43,17 @@ def sessions_at(url: str) -> list[Place]:
 
 
 def looked_at(place: Place) -> Finding:
-    return examined(Examination(place, Due()))
+    return examined(Examination(place.location))
 
 
 def session_at(place: Place) -> ArchivedSession:
     session = looked_at(place).session
     assert session is not None
     return session
+
+
+def name_of(place: Place) -> str:
+    return Path(place.location).name
 
 
 def only(folder: Path) -> Place:
@@ -61,14 +63,14 @@ def only(folder: Path) -> Place:
 
 def test_sessions_of_a_store_are_those_of_the_folder(memory: str) -> None:
     here, there = sessions_at(str(GOLDEN)), sessions_at(memory)
-    assert [place.name for place in here] == sorted(path.name for path in GOLDEN.iterdir())
-    assert [place.name for place in there] == [place.name for place in here]
+    assert [name_of(place) for place in here] == sorted(path.name for path in GOLDEN.iterdir())
+    assert [name_of(place) for place in there] == [name_of(place) for place in here]
     assert [place.bytes for place in there] == [place.bytes for place in here]
     assert there[0].location == f"memory://lab/2000/{here[0].name}".replace("memory://", "memory:///")
 
 
 def test_a_session_of_a_store_is_copied_here_and_gone_afterwards(memory: str) -> None:
-    place = next(place for place in sessions_at(memory) if place.name == AF.name)
+    place = next(place for place in sessions_at(memory) if name_of(place) == AF.name)
     with brought_here(place.location) as (folder, now):
         assert now == place
         assert SessionReader(folder, strict=True).sha256 == SessionReader(AF).sha256
@@ -98,7 +100,7 @@ def away(memory: str, monkeypatch: pytest.MonkeyPatch) -> Callable[[str], None]:
 
 
 def test_a_store_that_raises_errors_of_its_own_is_one_that_cannot_be_read_now(away: Callable[[str], None]) -> None:
-    place = next(place for place in sessions_at("away://lab") if place.name == AF.name)
+    place = next(place for place in sessions_at("away://lab") if name_of(place) == AF.name)
     for call in ("ls", "get_file"):
         away(call)
         with pytest.raises(StorageError, match="NoAnswer: could not connect to the endpoint"):
@@ -117,7 +119,7 @@ def test_a_store_that_raises_errors_of_its_own_is_one_that_cannot_be_read_now(aw
 def test_a_store_that_cannot_be_reached_at_all_is_not_an_archived_session_that_is_damaged(
     away: Callable[[str], None], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    place = next(place for place in sessions_at("away://lab") if place.name == AF.name)
+    place = next(place for place in sessions_at("away://lab") if name_of(place) == AF.name)
     for error in (NoAnswer("no route"), OSError("no route")):
 
         def unreachable(url: str, error: Exception = error) -> Any:
@@ -132,7 +134,7 @@ def test_a_store_that_cannot_be_reached_at_all_is_not_an_archived_session_that_i
 
 
 def test_an_error_of_whoever_reads_a_session_is_no_error_of_the_storage(memory: str) -> None:
-    place = next(place for place in sessions_at(memory) if place.name == AF.name)
+    place = next(place for place in sessions_at(memory) if name_of(place) == AF.name)
     with pytest.raises(NoAnswer), brought_here(place.location):
         raise NoAnswer
 
@@ -188,10 +190,11 @@ def test_one_without_results_is_whole(session: Path) -> None:
 def test_gone_or_another_recording(session: Path, tmp_path: Path) -> None:
     place = only(session)
     known = session_at(place)
+    again = Examination(known.location, known.session_sha256, known.bytes, verifies=True)
     for name in ("session.0001.mcap", "results.json"):
         shutil.copy(RLG / name, session / name)
-    finding = examined(Examination.again(known.row))
+    finding = examined(again)
     assert (finding.code, finding.session and finding.session.session_sha256) == ("B-ARC-004", None)
     assert str(known.session_sha256)[:12] in finding.reason
     shutil.rmtree(session)
-    assert examined(Examination.again(known.row)).code == looked_at(place).code == "B-ARC-003"
+    assert examined(again).code == looked_at(place).code == "B-ARC-003"

@@ -74,7 +74,7 @@ def issued(number: int, **changes: object) -> Issued:
         session_sha256=f"{number:064x}", results_sha256="r", report_sha256=None, uut_model="NGU",
         uut_serial=f"U-{number % 100}", customer="A. Customer", issued="2026-01-01", specimen=False, replaces=None,
         software="bench 1", method="gls",
-        standards=(("calibrator", "5720A", f"CAL-{number % 10}", f"C-{number % 10}-0"),),
+        standards=(UsedStandard("calibrator", "5720A", f"CAL-{number % 10}", f"C-{number % 10}-0"),),
     )  # fmt: skip
     return replace(made, **changes)  # type: ignore[arg-type]
 
