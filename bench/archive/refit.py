@@ -21,19 +21,20 @@ from bench.session.register import Register
 from bench.session.service import analysed
 from bench.session.units import results_of_all
 from bench.session.view import SOFTWARE
-from bench.store import MEASURED, documents_of_units
+from bench.store import MEASURED, columns_of, documents_of_units
 
 Row = dict[str, Any]
 _NUMBERS = ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "n")
-# name, type as Parquet calls it: a row for each estimate, or one for a session that gave none
-COLUMNS = (
-    ("session", "string"), ("session_sha256", "string"), ("started_utc", "string"), ("campaign", "string"),
-    ("simulated", "bool"), ("uut_model", "string"), ("uut_serial", "string"), ("quantity", "string"),
-    ("unit", "string"), ("conditions", "string"), ("value", "double"), ("std_uncertainty", "double"),
-    ("coverage_factor", "double"), ("expanded_uncertainty", "double"), ("n", "int64"), ("verdict", "string"),
-    ("quality", "string"), ("method", "string"), ("software", "string"), ("released_value", "double"),
-    ("released_expanded_uncertainty", "double"), ("released_verdict", "string"), ("released_quality", "string"),
-    ("released_method", "string"), ("released_software", "string"), ("code", "string"), ("fault", "string"),
+# a row for each estimate, or one for a session that gave none
+COLUMNS = columns_of(
+    (
+        "session", "session_sha256", "started_utc", "campaign", "simulated", "uut_model", "uut_serial", "quantity",
+        "unit", "conditions", "value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "n", "verdict",
+        "quality", "method", "software", "released_value", "released_expanded_uncertainty", "released_verdict",
+        "released_quality", "released_method", "released_software", "code", "fault",
+    ),
+    simulated="bool", value="double", std_uncertainty="double", coverage_factor="double",
+    expanded_uncertainty="double", n="int64", released_value="double", released_expanded_uncertainty="double",
 )  # fmt: skip
 _EMPTY: Row = {name: "" if kind == "string" else None for name, kind in COLUMNS}
 

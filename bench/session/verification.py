@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeGuard
+from typing import Any
 
 from bench.analysis import Analysis, results_json
 from bench.model.errors import InputError
@@ -73,7 +73,7 @@ def check_results(verification: Verification, folder: Path, results: Mapping[str
     except ValueError as error:
         verification.add(RESULTS, f"cannot be read as JSON: {error}")
         return None
-    if not is_document(stored):
+    if not isinstance(stored, dict) or not isinstance(stored.get(PROVENANCE, {}), dict):
         verification.add(RESULTS, "is not a document of results")
         return None
     differences = compare(stored, json.loads(now))
@@ -187,11 +187,6 @@ def check_coefficients(
             verification.add(name, "this session gives no coefficients")
         elif content != text.encode():
             verification.add(name, "is not what the session gives")
-
-
-def is_document(stored: object) -> TypeGuard[Mapping[str, Any]]:
-    """Return whether something that was read can be asked for its provenance."""
-    return isinstance(stored, dict) and isinstance(stored.get(PROVENANCE, {}), dict)
 
 
 def software_of(results: Mapping[str, Any]) -> str:

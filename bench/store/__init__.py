@@ -22,7 +22,7 @@ from bench.store.errors import StoreError
 from bench.store.export import export_history
 from bench.store.reading import Shown, list_calibrations, show_calibration, units_of, utc_text
 from bench.store.recording import Recorded, approve, record_calibration
-from bench.store.rows import check_form, write_rows
+from bench.store.rows import check_form, columns_of, write_rows
 from bench.store.selection import Filters
 from bench.store.series import YEAR_S, conditions_text
 
@@ -49,6 +49,7 @@ __all__ = [
     "begin_trial",
     "certificate_document",
     "check_form",
+    "columns_of",
     "compare_pair",
     "compare_unit",
     "conditions_text",

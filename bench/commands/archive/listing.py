@@ -21,6 +21,7 @@ from bench.store import (
     Selection,
     certificate_document,
     check_form,
+    columns_of,
     dependents,
     list_sessions,
     read_trial,
@@ -29,12 +30,13 @@ from bench.store import (
     write_rows,
 )
 
-COLUMNS = (
-    ("session", "string"), ("session_sha256", "string"), ("location", "string"), ("started_utc", "string"),
-    ("campaign", "string"), ("station", "string"), ("units", "string"), ("standards", "string"), ("simulated", "bool"),
-    ("verdict", "string"), ("quality", "string"), ("method", "string"), ("software", "string"),
-    ("plan_sha256", "string"), ("frame_sha256", "string"), ("bytes", "int64"), ("code", "string"), ("fault", "string"),
-    ("verified_utc", "string"),
+COLUMNS = columns_of(
+    (
+        "session", "session_sha256", "location", "started_utc", "campaign", "station", "units", "standards",
+        "simulated", "verdict", "quality", "method", "software", "plan_sha256", "frame_sha256", "bytes", "code",
+        "fault", "verified_utc",
+    ),
+    simulated="bool", bytes="int64",
 )  # fmt: skip
 
 

@@ -20,19 +20,20 @@ _WHOLE = {"session", "sha-256", "campaign", "number", "verdict", "state"}
 def print_sessions(out: Console, rows: Sequence[Row]) -> None:
     """One line per session."""
     heads = ("session", "sha-256", "unit", "campaign", "verdict", "state", "in")
-    table = headed_table(f"{len(rows)} sessions", heads, whole=_WHOLE)
-    for row in rows:
-        state = row["code"] or row["quality"] or "no results"
-        table.add_row(
-            row["session"],
-            (row["session_sha256"] or "-")[:8],
-            ", ".join(f"{unit['model']} {unit['serial']}" for unit in row["units"]) or "-",
-            row["campaign"] or "-",
-            verdict_words(row["verdict"]),
-            f"{state} (SIMULATED)" if row["simulated"] else state,
-            row["location"].rstrip("/").rpartition("/")[0],
-        )
-    out.print(table)
+    out.print(headed_table(f"{len(rows)} sessions", heads, map(_session, rows), whole=_WHOLE))
+
+
+def _session(row: Row) -> tuple[str, ...]:
+    state = row["code"] or row["quality"] or "no results"
+    return (
+        row["session"],
+        (row["session_sha256"] or "-")[:8],
+        ", ".join(f"{unit['model']} {unit['serial']}" for unit in row["units"]) or "-",
+        row["campaign"] or "-",
+        verdict_words(row["verdict"]),
+        f"{state} (SIMULATED)" if row["simulated"] else state,
+        row["location"].rstrip("/").rpartition("/")[0],
+    )
 
 
 def print_certificates(out: Console, rows: Sequence[Row]) -> None:
