@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.archive.places import Kind
+from bench.archive.places import Kind, reason_of
 from bench.model.errors import BenchError, SessionDamaged
 from bench.model.events import End, Resume, event_of
 from bench.model.segments import OPEN_MARKER
@@ -95,5 +95,4 @@ def as_fault(error: Exception) -> BenchError:
     """Return whatever a session or its analysis provoked as an error of that session, which ends no other."""
     if isinstance(error, BenchError):
         return error
-    text = f"{type(error).__name__}: {' '.join(str(error).split())}"
-    return BenchError("B-INT-001", text, next_step="report this with the session")
+    return BenchError("B-INT-001", reason_of(error), next_step="report this with the session")

@@ -14,8 +14,8 @@ from bench.store import (
     Filters,
     StoreError,
     compare_unit,
-    session_document,
     show_calibration,
+    utc_text,
 )
 
 Row = Mapping[str, Any]
@@ -55,7 +55,7 @@ def _evidence(url: str, rows: Sequence[Row], number: str, entry: Mapping[str, An
     since = next((row for row in used if _role(row, model, serial, number)), None)
     if since is None:
         return Evidence(model, serial, number, "", why=NO_CHECK)
-    since_ns, since_utc = since["started_utc_ns"], _utc(since)
+    since_ns, since_utc = since["started_utc_ns"], utc_text(since["started_utc_ns"])
     why = NO_CHECK
     charts: dict[str, dict[str, bool]] = {}
     for row in reversed([row for row in used if row["started_utc_ns"] < since_ns and not row["code"]]):
@@ -66,13 +66,9 @@ def _evidence(url: str, rows: Sequence[Row], number: str, entry: Mapping[str, An
                 charts[name] = _in_control(url, name, calibration, _role(row, model, serial), since_ns)
             inside = charts[name].get(calibration)
             if inside:
-                return Evidence(model, serial, number, since_utc, row["session"], _utc(row), name)
+                return Evidence(model, serial, number, since_utc, row["session"], utc_text(row["started_utc_ns"]), name)
             why = TOO_FEW if inside is None else OUT_OF_CONTROL
     return Evidence(model, serial, number, since_utc, why=why)
-
-
-def _utc(row: Row) -> str:
-    return str(session_document(dict(row))["started_utc"])
 
 
 def _role(row: Row, model: str, serial: str, certificate: str | None = None) -> str:

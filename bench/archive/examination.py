@@ -34,18 +34,13 @@ class Examination:
     bytes: int = 0
     verifies: bool = False
 
-    @property
-    def name(self) -> str:
-        """The folder's own name, which a person reads while it is looked at."""
-        return self.location.rstrip("/").rpartition("/")[2]
-
 
 def examined(task: Examination) -> Finding:
     """Read a session whole; returns what it is, and what the index is to know of it.
 
     Raises: OSError if it cannot be read now, InstallationError if its analysis is not here: both say nothing of it.
     """
-    known = ArchivedSession(task.location, "", 0, task.name)
+    known = ArchivedSession(task.location, "", 0, Path(task.location).name)
     try:
         with brought_here(task.location) as (folder, place):
             known = replace(known, fingerprint=place.fingerprint, bytes=place.bytes)

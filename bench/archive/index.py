@@ -26,7 +26,12 @@ def add(url: str, roots: Sequence[str], compute: Compute, done: Told, *, again: 
     Raises: InputError B-ARC-002; StoreError B-STORE-001 to B-STORE-006.
     """
     places = {place.location: place for root in roots for place in list_places(root)}
-    known = _known(url)
+    known: dict[str, Row] = {}
+    try:
+        known = places_known(url)
+    except StoreError as error:
+        if error.code != "B-STORE-007":  # the first session begins the archive
+            raise
     findings, tasks = [], []
     for place in places.values():
         row = known.get(place.location)
@@ -46,15 +51,6 @@ def add(url: str, roots: Sequence[str], compute: Compute, done: Told, *, again: 
 def _again(row: Row, *, verifies: bool = False) -> Examination:
     sha256 = row["session_sha256"]
     return Examination(row["location"], sha256, row["bytes"] if sha256 else 0, verifies)
-
-
-def _known(url: str) -> dict[str, Row]:
-    try:
-        return places_known(url)
-    except StoreError as error:
-        if error.code == "B-STORE-007":  # the first session begins the archive
-            return {}
-        raise
 
 
 def verify(url: str, rows: Iterable[Row], compute: Compute, done: Told) -> list[Finding]:
@@ -78,5 +74,5 @@ def _read(outcomes: Iterable[Outcome], done: Told) -> Iterator[Finding]:
         if finding is None:
             yield unreadable(task.location, wrong)
         else:
-            done(task.name)
+            done(task.location)
             yield finding

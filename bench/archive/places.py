@@ -174,7 +174,7 @@ def _at_storage() -> Iterator[None]:
     except (OSError, BenchError):
         raise
     except Exception as error:
-        raise StorageError(f"{type(error).__name__}: {' '.join(str(error).split())}") from error
+        raise StorageError(reason_of(error)) from error
 
 
 def _opened(url: str) -> tuple[Any, str]:
@@ -199,9 +199,9 @@ def _no_folder(url: str, reason: str) -> InputError:
     )
 
 
-def reason_of(error: OSError) -> str:
-    """Return in one line what storage says."""
-    return f"{type(error).__name__}: {error.strerror or ' '.join(str(error).split())}"
+def reason_of(error: Exception) -> str:
+    """Return in one line what a package or the system says."""
+    return f"{type(error).__name__}: {getattr(error, 'strerror', None) or ' '.join(str(error).split())}"
 
 
 def _entries(storage: Any, path: str) -> Entries:

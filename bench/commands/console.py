@@ -87,11 +87,10 @@ def headed_table(
 class TaskLines:
     """A line on standard error for each task that is done; the time left is that of those done since it began."""
 
-    def __init__(self, clock: Clock | None = None) -> None:
+    def __init__(self, total: int = 0, clock: Clock | None = None) -> None:
         self._clock = clock or WallClock()
         self._out = console(stderr=True)
-        self._total = self._count = self._before = 0
-        self._began_ns = self._clock.now_ns()
+        self.begin(total, 0)
 
     def begin(self, total: int, done: int) -> None:
         """Tell how many of how many tasks are done already."""

@@ -50,8 +50,7 @@ def _module_of(name: str) -> str:
 
 def _computed(chosen: Study, tasks: Sequence[Task], where: str | None) -> list[Any]:
     """Return the result of each task, in the order of the tasks, wherever they ran."""
-    lines = TaskLines()
-    lines.begin(len(tasks), 0)
+    lines = TaskLines(len(tasks))
     if where is not None:
         from bench.commands.cluster import run_on_cluster
 

@@ -34,9 +34,7 @@ def add(url: str, folders: Sequence[str], everything: bool, dask: str | None, as
 def verify(url: str, select: Sequence[str], dask: str | None, as_json: bool) -> int:
     """Read sessions of the archive again; returns 5 if one is damaged, changed or gone, 3 if one cannot be read now."""
     rows = list_sessions(url, selection_of(select))
-    lines = TaskLines()
-    lines.begin(len(rows), 0)
-    return _tell(index.verify(url, rows, compute_at(dask), lines.done), "verified", as_json)
+    return _tell(index.verify(url, rows, compute_at(dask), TaskLines(len(rows)).done), "verified", as_json)
 
 
 def _tell(findings: Sequence[Finding], done: str, as_json: bool) -> int:

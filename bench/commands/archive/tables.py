@@ -38,18 +38,16 @@ def _session(row: Row) -> tuple[str, ...]:
 
 def print_certificates(out: Console, rows: Sequence[Row]) -> None:
     """One line per certificate."""
-    table = headed_table(
-        f"{len(rows)} certificates", ("number", "unit", "customer", "session", "issued", "state"), whole=_WHOLE
-    )
-    for row in rows:
-        state = ["specimen"] if row["specimen"] else []
-        state += [f"replaced by {number}" for number in row["replaced_by"]]
-        table.add_row(
-            row["number"], f"{row['uut_model']} {row['uut_serial']}", row["customer"], row["session"],
-            row["issued"] or "-", ", ".join(state) or "valid",
-        )  # fmt: skip
+    heads = ("number", "unit", "customer", "session", "issued", "state")
     if rows:
-        out.print(table)
+        out.print(headed_table(f"{len(rows)} certificates", heads, map(_certificate, rows), whole=_WHOLE))
+
+
+def _certificate(row: Row) -> tuple[str, ...]:
+    state = ["specimen"] if row["specimen"] else []
+    state += [f"replaced by {number}" for number in row["replaced_by"]]
+    uut, issued = f"{row['uut_model']} {row['uut_serial']}", row["issued"] or "-"
+    return row["number"], uut, row["customer"], row["session"], issued, ", ".join(state) or "valid"
 
 
 def print_changes(out: Console, report: Changes, language: str) -> None:

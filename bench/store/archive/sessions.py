@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields
 from datetime import UTC, date, datetime, time, timedelta
 from typing import Any
 
-from sqlalchemy import Column, ColumnElement, Connection, Select, Table, and_, delete, or_, select, true
+from sqlalchemy import Column, ColumnElement, Connection, Select, Table, and_, delete, or_, select
 
 from bench.model.clock import NS, Clock, WallClock
 from bench.model.errors import InputError
@@ -143,13 +143,11 @@ def _enter(connection: Connection, session: ArchivedSession, now_ns: int) -> Non
         }  # its length is evidence
         connection.execute(table.update().where(table.c.id == known.id), now)
         return
-    if known is None:
-        number = add_row(connection, table, row)
-    else:
-        number = int(known.id)
-        connection.execute(table.update().where(table.c.id == number), row)
+    if known is not None:
         for part in (archived_units, archived_standards):
-            connection.execute(delete(part).where(part.c.archived_id == number))
+            connection.execute(delete(part).where(part.c.archived_id == known.id))
+        connection.execute(delete(table).where(table.c.id == known.id))
+    number = add_row(connection, table, row)
     add_rows(connection, archived_units, map(vars, session.units), archived_id=number)
     add_rows(connection, archived_standards, map(vars, session.standards), archived_id=number)
     for certificate in session.certificates:
@@ -173,7 +171,7 @@ def list_sessions(url: str, selection: Selection) -> list[Row]:
     Raises: StoreError B-STORE-009 for a word that names nothing, B-STORE-001 to B-STORE-005, B-STORE-007.
     """
     with reading(url) as connection:
-        rows = archived(connection, _wanted(selection))
+        rows = archived(connection, *_wanted(selection))
         if not rows:
             _require(connection, selection)
     return rows
@@ -197,14 +195,14 @@ def _parts(connection: Connection, table: Table, these: Select[Any]) -> dict[int
     return parts
 
 
-def _wanted(selection: Selection) -> ColumnElement[bool]:
+def _wanted(selection: Selection) -> list[ColumnElement[bool]]:
     began_ns = archived_sessions.c.started_utc_ns
     rules = [_rule(word, value) for word in _WORDS if (value := getattr(selection, word)) is not None]
     if selection.since_utc_ns is not None:
         rules.append(began_ns >= selection.since_utc_ns)
     if selection.until_utc_ns is not None:
         rules.append(began_ns < selection.until_utc_ns)
-    return and_(true(), *rules)
+    return rules
 
 
 def _rule(word: str, value: str) -> ColumnElement[bool]:
