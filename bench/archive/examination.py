@@ -3,58 +3,101 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from bench.analysis import DOUBTFUL, REFUSED
+from bench.archive.diagnosis import Recording, as_fault, diagnosed
 from bench.archive.issued import issued_of, standards_of
-from bench.archive.places import Place, brought_here
+from bench.archive.places import Finding, Kind, brought_here
+from bench.archive.refit import computed_results, differences
 from bench.maths.verdict import worst
-from bench.model.errors import BenchError, InputError
+from bench.model.errors import InputError, InstallationError, SessionDamaged
 from bench.record import SessionReader
 from bench.report import CERTIFICATE_FILE, SPECIMEN_FILE
-from bench.session.released import began_utc_ns, check_same_recording, released_results
-from bench.store import ArchivedSession, Issued, StoreError, Unit, documents_of_units
+from bench.session.released import began_utc_ns
+from bench.session.view import SOFTWARE
+from bench.store import ArchivedSession, Issued, Unit, documents_of_units
 
-GONE, OTHER_RECORDING = "B-ARC-003", "B-ARC-004"
 
+@dataclass(frozen=True)
+class Examination:
+    """A place to be read; ``session_sha256`` and ``bytes``: of its recording as archived, None and 0 if it never was.
 
-def examined(place: Place) -> ArchivedSession:
-    """Read a session whole; what keeps it from being used stands in ``code`` and ``fault``.
-
-    Raises: OSError if it cannot be read now: that says nothing of the session.
+    ``verifies``: its results are computed too, and another recording is not entered in its place.
     """
-    known = ArchivedSession(place.location, place.fingerprint, place.bytes, place.name)
+
+    location: str
+    session_sha256: str | None = None
+    bytes: int = 0
+    verifies: bool = False
+
+
+def examined(task: Examination) -> Finding:
+    """Read a session whole; returns what it is, and what the index is to know of it.
+
+    Raises: OSError if it cannot be read now, InstallationError if its analysis is not here: both say nothing of it.
+    """
+    known = ArchivedSession(task.location, "", 0, Path(task.location).name)
     try:
-        with brought_here(place.location) as (folder, now):
-            for more in _read(folder, replace(known, fingerprint=now.fingerprint, bytes=now.bytes)):
+        with brought_here(task.location) as (folder, place):
+            known = replace(known, fingerprint=place.fingerprint, bytes=place.bytes)
+            recording = diagnosed(folder, task.session_sha256, place.bytes < task.bytes)
+            if recording.fault is not None and recording.kind is not Kind.DAMAGED:
+                fault = recording.fault
+                return Finding(task.location, recording.kind, fault.code, fault.message, fault.next_step)
+            for more in _read(folder, known, recording, task):
                 known = more
-    except FileNotFoundError:
-        return replace(known, code=GONE, fault="there is no session any more")
-    except BenchError as error:
-        return replace(known, session_sha256=None, code=error.code, fault=error.message)
-    return known
+    except (OSError, InstallationError):
+        raise
+    except Exception as error:  # of a session that nobody foresaw, too; it ends no other
+        fault = as_fault(error)
+        known = replace(known, code=fault.code, fault=fault.message)
+        return Finding(task.location, Kind.DAMAGED, fault.code, fault.message, fault.next_step, known)
+    return Finding(task.location, Kind.ENTERED, session=known)
 
 
-def reexamined(archived: Mapping[str, Any]) -> ArchivedSession:
-    """Read a session that is known; one that is whole, but another recording, is told by its code. Raises: OSError."""
-    place = Place(archived["location"], archived["bytes"], archived["fingerprint"])
-    seen, due = examined(place), archived["session_sha256"]
-    if seen.code or due in (None, seen.session_sha256):
-        return seen
-    fault = f"is not the recording that was archived ({str(due)[:12]}, this is {str(seen.session_sha256)[:12]})"
-    return replace(seen, session_sha256=None, code=OTHER_RECORDING, fault=fault)
-
-
-def _read(folder: Path, known: ArchivedSession) -> Iterator[ArchivedSession]:
+def _read(folder: Path, known: ArchivedSession, recording: Recording, task: Examination) -> Iterator[ArchivedSession]:
     """Yield what is known of a session, each time more: what was read before an error stays known."""
-    reader = SessionReader(folder, strict=True)
+    reader = SessionReader(folder)
+    with suppress(SessionDamaged):  # the manifest too
+        known = _described(known, reader)
+        yield known
+    recording.check_archived(task.session_sha256 if task.verifies else None)
+    manifest, results = reader.manifest, recording.results
+    known = replace(known, session_sha256=recording.sha256)
+    yield known
+    if recording.results_fault is not None:
+        raise recording.results_fault
+    if results is not None:
+        yield _released(known, results, manifest, folder)
+        if task.verifies:
+            _check_results(folder, results, manifest)
+
+
+def _check_results(folder: Path, results: Mapping[str, Any], manifest: Mapping[str, Any]) -> None:
+    """Refuse results that the recording does not give, computed with their method. Raises: SessionDamaged B-ARC-008."""
+    rows = differences(results, computed_results(folder, str(results["method"]), {}), manifest)
+    if rows:
+        written, first = str(results["provenance"]["software"]), rows[0]
+        raise SessionDamaged(
+            "B-ARC-008",
+            f"{len(rows)} of its results are not what the recording gives: {first['quantity']} {first['conditions']} "
+            f"{first['released_value']}, computed {first['value']} {first['unit']}",
+            next_step=f"look for the results.json that was released; it was written by {written}, this is {SOFTWARE}: "
+            "if that is another release, its 'bench archive verify' decides",
+        )
+
+
+def _described(known: ArchivedSession, reader: SessionReader) -> ArchivedSession:
+    """Return a session with what its manifest says. Raises: SessionDamaged B-REC-012, B-REC-014."""
     manifest = reader.manifest
     session = str(manifest.get("session", known.session))
     campaign = manifest.get("campaign", {})
     uut = campaign.get("uut", {})
-    known = replace(
+    return replace(
         known,
         session=session,
         campaign=str(campaign.get("analysis", "none")),
@@ -66,16 +109,6 @@ def _read(folder: Path, known: ArchivedSession) -> Iterator[ArchivedSession]:
         units=(Unit(str(uut.get("model", "")), str(uut.get("serial", ""))),),
         standards=standards_of(manifest),
     )
-    yield known
-    sha256 = reader.sha256
-    if reader.unfinished:
-        raise StoreError("B-STORE-013", "the run did not finish", where=known.location)
-    known = replace(known, session_sha256=sha256)
-    results = released_results(folder)
-    if results is not None:
-        check_same_recording(results, sha256, known.location)
-        known = _released(known, results, manifest, folder)
-    yield known
 
 
 def _released(

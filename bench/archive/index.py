@@ -3,95 +3,76 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
-from bench.archive.examination import examined, reexamined
-from bench.archive.places import Place, sessions_at
-from bench.archive.work import Compute, in_parts
+from bench.archive.examination import Examination, examined
+from bench.archive.places import Finding, Kind, list_places, unreadable
+from bench.archive.work import Compute, Outcome, in_parts
 from bench.session.view import SOFTWARE
-from bench.store import ArchivedSession, StoreError, enter_sessions, fingerprints
+from bench.store import StoreError, enter_sessions, places_known
 
+Row = dict[str, Any]
 AT_ONCE = 20  # sessions of one transaction: what is lost when a long look is killed
 Told = Callable[[str], None]
 
 
-@dataclass(frozen=True)
-class Known:
-    """A session of the archive, to be looked at again; ``row``: as the database has it."""
+def add(url: str, roots: Sequence[str], compute: Compute, done: Told, *, again: bool = False) -> list[Finding]:
+    """Enter the sessions in some folders; returns what each folder is.
 
-    row: dict[str, Any]
-
-    @property
-    def name(self) -> str:
-        """The session's own name."""
-        return str(self.row["session"])
-
-
-@dataclass
-class Looked:
-    """``sessions``: as they are now; ``unread``: places that could not be read, with why; ``unchanged``: how many."""
-
-    sessions: list[ArchivedSession] = field(default_factory=list)
-    unread: list[tuple[str, str]] = field(default_factory=list)
-    unchanged: int = 0
-
-    @property
-    def damaged(self) -> list[ArchivedSession]:
-        """Sessions that cannot be used, or are gone."""
-        return [session for session in self.sessions if session.code]
-
-
-def add(url: str, roots: Sequence[str], compute: Compute, done: Told, *, again: bool = False) -> Looked:
-    """Enter the sessions in some folders; one that has the files of the last time is not read again.
+    One that has the files of the last time is not read again: it is what it was.
 
     Args:   url: of the history; it is made if there is none.   roots: paths or URLs.   done: told of each session.
             again: read all.
     Raises: InputError B-ARC-002; StoreError B-STORE-001 to B-STORE-006.
     """
-    places = {place.location: place for root in roots for place in sessions_at(root)}
-    known = {} if again else _known(url)
-    changed = [place for place in places.values() if known.get(place.location) != place.fingerprint]
-    looked = Looked(unchanged=len(places) - len(changed))
-    _enter(url, looked, compute(changed, examined), done)
-    return looked
-
-
-def _known(url: str) -> dict[str, str]:
+    places = {place.location: place for root in roots for place in list_places(root)}
+    known: dict[str, Row] = {}
     try:
-        return fingerprints(url)
+        known = places_known(url)
     except StoreError as error:
-        if error.code == "B-STORE-007":  # the first session begins the archive
-            return {}
-        raise
+        if error.code != "B-STORE-007":  # the first session begins the archive
+            raise
+    findings, tasks = [], []
+    for place in places.values():
+        row = known.get(place.location)
+        if isinstance(place, Finding):
+            findings.append(place)
+        elif row is None:
+            tasks.append(Examination(place.location))
+        elif again or row["fingerprint"] != place.fingerprint:
+            tasks.append(_again(row))
+        else:
+            kind = Kind.DAMAGED if row["code"] else Kind.UNCHANGED
+            step = "mend it or copy it again; 'bench archive verify' reads it again"
+            findings.append(Finding(place.location, kind, row["code"], row["fault"], step))
+    return _entered(url, findings, compute(tasks, examined), done)
 
 
-def verify(url: str, rows: Iterable[dict[str, Any]], compute: Compute, done: Told) -> Looked:
-    """Read sessions of the archive again, every byte, and note what is damaged, changed or gone.
+def _again(row: Row, *, verifies: bool = False) -> Examination:
+    sha256 = row["session_sha256"]
+    return Examination(row["location"], sha256, row["bytes"] if sha256 else 0, verifies)
+
+
+def verify(url: str, rows: Iterable[Row], compute: Compute, done: Told) -> list[Finding]:
+    """Read sessions of the archive again, every byte, compute their results, and note what is not as it was.
 
     Raises: StoreError B-STORE-001 to B-STORE-006.
     """
-    looked = Looked()
-    _enter(url, looked, compute([Known(row) for row in rows], looked_at), done)
-    return looked
+    return _entered(url, [], compute([_again(row, verifies=True) for row in rows], examined), done)
 
 
-def looked_at(known: Known) -> ArchivedSession:
-    """Return a known session as it is now. Raises: OSError."""
-    return reexamined(known.row)
+def _entered(url: str, findings: list[Finding], outcomes: Iterable[Outcome], done: Told) -> list[Finding]:
+    """Enter what was read, as it is read; returns all findings by location."""
+    for some in in_parts(_read(outcomes, done), AT_ONCE):
+        enter_sessions(url, [finding.session for finding in some if finding.session], SOFTWARE)
+        findings += some
+    return sorted(findings, key=lambda finding: finding.location)
 
 
-def _enter(url: str, looked: Looked, outcomes: Iterable[tuple[Any, Any, str]], done: Told) -> None:
-    for some in in_parts(_read(looked, outcomes, done), AT_ONCE):
-        enter_sessions(url, some, SOFTWARE)
-        looked.sessions += some
-
-
-def _read(looked: Looked, outcomes: Iterable[tuple[Any, Any, str]], done: Told) -> Iterator[ArchivedSession]:
-    for task, session, wrong in outcomes:
-        if session is None:
-            place = task.location if isinstance(task, Place) else str(task.row["location"])
-            looked.unread.append((place, wrong))
+def _read(outcomes: Iterable[Outcome], done: Told) -> Iterator[Finding]:
+    for task, finding, wrong in outcomes:
+        if finding is None:
+            yield unreadable(task.location, wrong)
         else:
-            done(task.name)
-            yield session
+            done(task.location)
+            yield finding

@@ -37,7 +37,7 @@ def issued_of(certificate: bytes, results: Mapping[str, Any], standards: tuple[U
         replaces=said.replaces,
         software=str(results["provenance"]["software"]),
         method=str(results["method"]),
-        standards=tuple((used.role, used.model, used.serial, used.certificate) for used in standards),
+        standards=standards,
     )
 
 

@@ -19,27 +19,35 @@ Row = tuple[str, ...]
 def changes_html(report: Changes, language: str = ENGLISH) -> str:
     """Return the page, in a language of ``texts/``."""
     words = Texts(FOLDER, language)
+    title, subtitle, verdict = head_of(report, words)
+    color = "bad" if report.certificates or report.flips else "none"
+    sections = sections_of(report, words)
+    return page(title, subtitle, sections, words_of(language), verdict=(color, verdict), simulated=report.simulated)
+
+
+def head_of(report: Changes, words: Texts) -> tuple[str, str, str]:
+    """Return title, subtitle and verdict."""
+    return (
+        words("title", sessions=report.sessions),
+        words("subtitle", trial=report.trial, started=report.started_utc, software=report.software),
+        words("verdict", certificates=len(report.certificates), flips=len(report.flips)),
+    )
+
+
+def sections_of(report: Changes, words: Texts) -> list[Section]:
+    """Return what the page and the terminal say, in chapters."""
     sections = [
-        Section("question", words("section.question"), (words("decided"),), (_question(report, words),)),
+        _question(report, words),
         _certificates(report, words),
         _standards(report, words),
         _flips(report, words),
         _quantities(report, words),
         _failures(report, words),
     ]
-    counts = {"certificates": len(report.certificates), "flips": len(report.flips)}
-    return page(
-        words("title", sessions=report.sessions),
-        words("subtitle", trial=report.trial, started=report.started_utc, software=report.software),
-        [section for section in sections if section],
-        words_of(language),
-        verdict=("bad" if any(counts.values()) else "none", words("verdict", **counts)),
-        simulated=report.simulated,
-    )
+    return [section for section in sections if section]
 
 
-def _question(report: Changes, words: Texts) -> Table:
-    heads = tuple(words(key) for key in ("name", "released", "now"))
+def _question(report: Changes, words: Texts) -> Section:
     selection = ", ".join(f"{name} {value}" for name, value in report.selection.items())
     rows = [
         (words("software"), ", ".join(report.released_software) or "–", report.software),
@@ -51,7 +59,7 @@ def _question(report: Changes, words: Texts) -> Table:
         (words("register", standard=f"{entry['model']} {entry['serial']}"), recorded, str(entry["certificate"]))
         for recorded, entry in report.register.items()
     ]
-    return Table(words("table.question"), heads, tuple(rows), prose=True)
+    return _section(words, "question", (words("decided"),), ("name", "released", "now"), rows, prose=True)
 
 
 def _certificates(report: Changes, words: Texts) -> Section:
@@ -65,8 +73,7 @@ def _certificates(report: Changes, words: Texts) -> Section:
         for entry in report.certificates
     ]  # fmt: skip
     said = words("said.certificates" if rows else "said.no_certificates")
-    tables = _tables(words, "certificates", heads, rows, stub=3)
-    return Section("certificates", words("section.certificates"), (said,), tables)
+    return _section(words, "certificates", (said,), heads, rows, stub=3)
 
 
 def _state(entry: Concerned, words: Texts) -> str:
@@ -86,7 +93,7 @@ def _standards(report: Changes, words: Texts) -> Section:
         for entry in report.standards
     ]  # fmt: skip
     said = (words("said.standards"),) if rows else ()
-    return Section("standards", words("section.standards"), said, _tables(words, "standards", heads, rows, prose=True))
+    return _section(words, "standards", said, heads, rows, prose=True)
 
 
 def _flips(report: Changes, words: Texts) -> Section:
@@ -102,7 +109,7 @@ def _flips(report: Changes, words: Texts) -> Section:
         for flip in report.flips
     ]  # fmt: skip
     said = () if rows else (words("said.no_flips"),)
-    return Section("flips", words("section.flips"), said, _tables(words, "flips", heads, rows, stub=4))
+    return _section(words, "flips", said, heads, rows, stub=4)
 
 
 def _quantities(report: Changes, words: Texts) -> Section:
@@ -117,28 +124,31 @@ def _quantities(report: Changes, words: Texts) -> Section:
         for entry in changed
     ]  # fmt: skip
     said = words("said.quantities", same=len(report.quantities) - len(changed), all=len(report.quantities))
-    return Section(
-        "quantities", words("section.quantities"), (said,), _tables(words, "quantities", heads, rows, stub=2)
-    )
+    return _section(words, "quantities", (said,), heads, rows, stub=2)
 
 
 def _failures(report: Changes, words: Texts) -> Section:
     rows = [(entry["session"], entry["code"], entry["fault"]) for entry in report.failures]
-    tables = _tables(words, "failures", ("session", "code", "why"), rows, prose=True)
-    return Section("failures", words("section.failures"), (), tables)
+    return _section(words, "failures", (), ("session", "code", "why"), rows, prose=True)
 
 
-def _tables(
-    words: Texts, name: str, heads: Iterable[str], rows: Sequence[Row], *, stub: int = 1, prose: bool = False
-) -> tuple[Table, ...]:
-    """Return a table with its caption, none without rows; of many rows the first."""
-    if not rows:
-        return ()
+def _section(
+    words: Texts,
+    name: str,
+    said: tuple[str, ...],
+    heads: Iterable[str],
+    rows: Sequence[Row],
+    *,
+    stub: int = 1,
+    prose: bool = False,
+) -> Section:
+    """Return a chapter with a table, none without rows; of many rows the first."""
     caption = words(f"table.{name}")
     if len(rows) > _MOST_ROWS:
         caption = words("table.cut", caption=caption, shown=_MOST_ROWS, all=len(rows))
     named = tuple(words.all.get(head, head) for head in heads)
-    return (Table(caption, named, tuple(rows[:_MOST_ROWS]), stub=stub, prose=prose),)
+    table = Table(caption, named, tuple(rows[:_MOST_ROWS]), stub=stub, prose=prose)
+    return Section(name, words(f"section.{name}"), said, (table,) if rows else ())
 
 
 def _signed(value: float | None) -> str:

@@ -11,51 +11,56 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from bench.analysis import results_json
-from bench.archive.examination import GONE, OTHER_RECORDING
+from bench.archive.changes import is_changed, is_flip
+from bench.archive.diagnosis import as_fault, diagnosed
 from bench.archive.places import brought_here
-from bench.model.errors import BenchError, FitError, InputError, SessionDamaged
+from bench.model.errors import FitError
 from bench.record import SessionReader
 from bench.session.one_unit import extract, serials_of
 from bench.session.register import Register
-from bench.session.released import released_results
 from bench.session.service import analysed
 from bench.session.units import results_of_all
 from bench.session.view import SOFTWARE
-from bench.store import MEASURED, documents_of_units
+from bench.store import MEASURED, columns_of, documents_of_units
 
 Row = dict[str, Any]
-UNFORESEEN = "B-INT-001"
 _NUMBERS = ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "n")
-# name, type as Parquet calls it: a row for each estimate, or one for a session that gave none
-COLUMNS = (
-    ("session", "string"), ("session_sha256", "string"), ("started_utc", "string"), ("campaign", "string"),
-    ("simulated", "bool"), ("uut_model", "string"), ("uut_serial", "string"), ("quantity", "string"),
-    ("unit", "string"), ("conditions", "string"), ("value", "double"), ("std_uncertainty", "double"),
-    ("coverage_factor", "double"), ("expanded_uncertainty", "double"), ("n", "int64"), ("verdict", "string"),
-    ("quality", "string"), ("method", "string"), ("software", "string"), ("released_value", "double"),
-    ("released_expanded_uncertainty", "double"), ("released_verdict", "string"), ("released_quality", "string"),
-    ("released_method", "string"), ("released_software", "string"), ("code", "string"), ("fault", "string"),
+# a row for each estimate, or one for a session that gave none
+COLUMNS = columns_of(
+    (
+        "session", "session_sha256", "started_utc", "campaign", "simulated", "uut_model", "uut_serial", "quantity",
+        "unit", "conditions", "value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "n", "verdict",
+        "quality", "method", "software", "released_value", "released_expanded_uncertainty", "released_verdict",
+        "released_quality", "released_method", "released_software", "code", "fault",
+    ),
+    simulated="bool", value="double", std_uncertainty="double", coverage_factor="double",
+    expanded_uncertainty="double", n="int64", released_value="double", released_expanded_uncertainty="double",
 )  # fmt: skip
 _EMPTY: Row = {name: "" if kind == "string" else None for name, kind in COLUMNS}
 
 
 @dataclass(frozen=True)
 class RefitTask:
-    """A session to be computed again; ``key``: its SHA-256, or its location if it was never read whole."""
+    """A session to be computed again; ``head``: what all its rows say of it.
 
-    key: str
+    ``bytes``: that were archived, 0 if it was never whole.
+    """
+
     location: str
-    session: str
-    started_utc: str
-    campaign: str
-    simulated: bool
+    head: Row
     method: str | None
     register: Register
+    bytes: int
+
+    @property
+    def key(self) -> str:
+        """The SHA-256 of the session, or its location if it was never read whole."""
+        return str(self.head["session_sha256"])
 
     @property
     def name(self) -> str:
         """Name that a person reads while it runs."""
-        return self.session
+        return str(self.head["session"])
 
 
 def refit(task: RefitTask) -> list[Row]:
@@ -64,70 +69,61 @@ def refit(task: RefitTask) -> list[Row]:
     The files of the session are read only, and lie on this machine while it is computed.
     Raises: OSError if it cannot be brought here now: that says nothing of the session.
     """
-    head = {
-        "session": task.session,
-        "session_sha256": task.key,
-        "started_utc": task.started_utc,
-        "campaign": task.campaign,
-        "simulated": task.simulated,
-        "software": SOFTWARE,
-    }
     try:
-        with brought_here(task.location) as (folder, _):
-            rows = _attempted(task, folder) or [{}]
-    except FileNotFoundError:
-        rows = [{"code": GONE, "fault": "there is no session any more"}]
-    except InputError as error:
-        rows = [{"code": error.code, "fault": error.message}]
-    return [{**_EMPTY, **head, **row} for row in rows]
-
-
-def _attempted(task: RefitTask, folder: Path) -> list[Row]:
-    try:
-        return list(_computed(task, folder))
-    except BenchError as error:
-        return [{"code": error.code, "fault": error.message}]
+        with brought_here(task.location) as (folder, place):
+            rows = _computed(task, folder, place.bytes < task.bytes) or [{}]
     except OSError:
         raise
     except Exception as error:  # a fault of an analysis is the row of this session, and ends no other
-        return [{"code": UNFORESEEN, "fault": f"{type(error).__name__}: {' '.join(str(error).split())}"}]
+        fault = as_fault(error)
+        rows = [{"code": fault.code, "fault": fault.message}]
+    return [{**_EMPTY, **task.head, "software": SOFTWARE, **row} for row in rows]
 
 
-def _computed(task: RefitTask, folder: Path) -> Iterator[Row]:
-    manifest = SessionReader(folder).manifest
-    serials = serials_of(manifest)
-    results = _of_units(task, folder, serials) if serials else _of_one(task, folder)
-    _check_recording(results["provenance"]["session_sha256"], task)
-    now = json.loads(results_json(results))  # as the released ones are read: conditions in the order of the file
-    return rows_of(released_results(folder), now, manifest)
+def _computed(task: RefitTask, folder: Path, is_shorter: bool) -> list[Row]:
+    """Return the rows of a session; one that is not what was archived is told as add and verify tell it."""
+    archived = task.key if task.bytes else None
+    recording = diagnosed(folder, archived, is_shorter)
+    recording.check_archived(archived)
+    wrong = recording.results_fault
+    fault = "" if wrong is None else f"{wrong.code}: {wrong.message}"
+    now = computed_results(folder, task.method, task.register)
+    return [{**row, "fault": fault} for row in rows_of(recording.results, now, SessionReader(folder).manifest)]
 
 
-def _check_recording(sha256: str, task: RefitTask) -> None:
-    if sha256 != task.key:
-        text = f"is not the recording that was archived ({sha256[:12]})"
-        raise SessionDamaged(OTHER_RECORDING, text, where=task.location)
+def computed_results(folder: Path, method: str | None, register: Register) -> dict[str, Any]:
+    """Return the results of a whole session, as they are read from results.json: conditions in the order of the file.
 
-
-def _of_one(task: RefitTask, folder: Path) -> dict[str, Any]:
-    return analysed(folder, task.method, strict=True, register=task.register)[0]
-
-
-def _of_units(task: RefitTask, folder: Path, serials: Sequence[str]) -> dict[str, Any]:
-    """Return results of a session that several units share; a unit that gives none is not in them, as when released.
-
-    Raises: SessionDamaged; FitError if no unit gives any.
+    A unit of several that gives none is not in them, as when they were released.
+    Raises: SessionDamaged; FitError if no unit gives any; InputError.
     """
-    _check_recording(SessionReader(folder, strict=True).sha256, task)
+    serials = serials_of(SessionReader(folder).manifest)
+    results = _of_units(folder, serials, method, register) if serials else _of_one(folder, method, register)
+    plain: dict[str, Any] = json.loads(results_json(results))
+    return plain
+
+
+def _of_one(folder: Path, method: str | None, register: Register) -> dict[str, Any]:
+    return analysed(folder, method, strict=True, register=register)[0]
+
+
+def _of_units(folder: Path, serials: Sequence[str], method: str | None, register: Register) -> dict[str, Any]:
     documents: dict[str, Mapping[str, Any]] = {}
     for serial in serials:
         with TemporaryDirectory(prefix="bench-archive-") as home:
             extract(folder, serial, Path(home, serial))
             try:
-                documents[serial] = _of_one(task, Path(home, serial))
+                documents[serial] = _of_one(Path(home, serial), method, register)
             except FitError:
                 if serial == serials[-1] and not documents:
                     raise
     return results_of_all(folder, documents)
+
+
+def differences(released: Mapping[str, Any], other: Mapping[str, Any], manifest: Mapping[str, Any]) -> list[Row]:
+    """Return the rows of released estimates that have another number, verdict or quality in other results, to 1e-9."""
+    rows = ({**_EMPTY, **row} for row in rows_of(released, other, manifest))
+    return [row for row in rows if row["released_quality"] and (is_changed(row) or is_flip(row))]
 
 
 def rows_of(released: Mapping[str, Any] | None, now: Mapping[str, Any], manifest: Mapping[str, Any]) -> Iterator[Row]:

@@ -47,7 +47,7 @@ class Progress(Protocol):
     """A listener that is told how many sessions there are, of them how many are done, then of each that is."""
 
     def begin(self, total: int, done: int) -> None: ...
-    def session(self, name: str) -> None: ...
+    def done(self, name: str) -> None: ...
 
 
 def refit_sessions(
@@ -77,7 +77,7 @@ def refit_sessions(
             unread.append((task.location, wrong))
         else:
             journal.add(task.key, computed)
-            progress.session(task.name)
+            progress.done(task.name)
     if unread:
         raise _not_all(unread, len(tasks))
     with writing(path):
@@ -89,15 +89,12 @@ def tasks_of(rows: Sequence[Row], asked: Asked) -> list[RefitTask]:
     """Return a task for each recording, by its hash; of copies the first whole one is read."""
     tasks: dict[str, RefitTask] = {}
     for row in sorted(rows, key=lambda row: (row["code"] != "", row["location"])):
-        key = row["session_sha256"] or row["location"]
-        began = session_document(row)["started_utc"]
-        tasks.setdefault(
-            key,
-            RefitTask(
-                key, row["location"], row["session"], began, row["campaign"], row["simulated"], asked.method,
-                asked.register,
-            ),
-        )  # fmt: skip
+        sha256 = row["session_sha256"]
+        told = session_document(row)
+        head = {name: told[name] for name in ("session", "started_utc", "campaign", "simulated")}
+        head["session_sha256"] = key = sha256 or row["location"]
+        size = row["bytes"] if sha256 else 0
+        tasks.setdefault(key, RefitTask(row["location"], head, asked.method, asked.register, size))
     return [tasks[key] for key in sorted(tasks)]
 
 

@@ -14,8 +14,9 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from importlib import import_module
 from importlib.metadata import version
-from typing import Any, Protocol
+from typing import Any
 
 from bench import __version__
 from bench.analysis import Task
@@ -34,32 +35,27 @@ _LOCAL, _ADDRESS = re.compile(r"local:(\d{1,4})"), re.compile(r"(tcp|tls)://[^\s
 _HELP = "use tcp://host:port of a scheduler that runs, or local:N for N processes on this machine"
 
 
-class Listener(Protocol):
-    """A listener that is told what is done."""
-
-    def done(self, task: Task, result: Any) -> Any: ...
-    def said(self, text: str) -> None: ...
-
-
-def run_on_cluster(where: str, tasks: Sequence[Task], run_task: Callable[[Any], Any], listener: Listener) -> list[Any]:
+def run_on_cluster(
+    where: str, tasks: Sequence[Task], run_task: Callable[[Any], Any], done: Callable[[str], object]
+) -> list[Any]:
     """Return results of the tasks, in their order.
 
-    Args:    where: ``tcp://host:port`` or ``local:N``.
+    Args:    where: ``tcp://host:port`` or ``local:N``.   done: told the name of each task, in any order.
     Raises:  InputError B-STUDY-003 for any other place, B-STUDY-004 without Dask, B-STUDY-005 if the scheduler or a
              worker does not answer, B-STUDY-006 if a worker has other software or more threads; RunError B-STUDY-007
              if a task fails there, or is lost with its workers more often than Dask allows.
     """
-    results: dict[int, Any] = {}
-    wrong: dict[int, str] = {}
-    for number, result, text in _completed(where, tasks, run_task):
-        listener.done(tasks[number], None)
-        results[number] = result
-        if text:
-            wrong[number] = text
-    if wrong:
-        first = min(wrong)
-        raise failed(tasks[first], wrong[first])
-    return [results[number] for number in range(len(tasks))]
+    outcomes = {}
+    for task, result, wrong in completed_on_cluster(where, tasks, run_task):
+        done(task.name)
+        outcomes[id(task)] = result, wrong
+    results = []
+    for task in tasks:
+        result, wrong = outcomes[id(task)]
+        if wrong:
+            raise failed(task, wrong)
+        results.append(result)
+    return results
 
 
 def completed_on_cluster(
@@ -69,34 +65,22 @@ def completed_on_cluster(
 
     Raises: as ``run_on_cluster``, but for a task that fails.
     """
-    for number, result, wrong in _completed(where, tasks, run_task):
-        yield tasks[number], result, wrong
-
-
-def _completed(where: str, tasks: Sequence[Task], run_task: Callable[[Any], Any]) -> Iterator[tuple[int, Any, str]]:
-    """Yield number, result and error of each task as it is done."""
     if not _LOCAL.fullmatch(where) and not _ADDRESS.fullmatch(where):
         raise InputError("B-STUDY-003", f"{where!r} is no place to compute at", where="--dask", next_step=_HELP)
     try:
-        import distributed
+        distributed: Any = import_module("distributed")
     except ModuleNotFoundError as error:
         text = f"--dask needs the package {error.name}, which is not installed"
         step = f"install inertial-bench[{EXTRA}], or leave --dask out"
         raise InputError("B-STUDY-004", text, where="--dask", next_step=step) from error
     with _connected(distributed, where) as client:
         _check(where, client)
-        yield from _as_done(distributed, client, tasks, run_task)
-
-
-def _as_done(
-    distributed: Any, client: Any, tasks: Sequence[Task], run_task: Callable[[Any], Any]
-) -> Iterator[tuple[int, Any, str]]:
-    futures = [client.submit(run_there, run_task, task, pure=False) for task in tasks]
-    numbers = {future.key: number for number, future in enumerate(futures)}
-    left = distributed.as_completed(futures)
-    del futures  # a result is let go once it was handed on
-    for future in left:
-        yield numbers[future.key], *outcome_of(future)
+        futures = {client.submit(run_there, run_task, task, pure=False): task for task in tasks}
+        by_key = {future.key: task for future, task in futures.items()}
+        left = distributed.as_completed(futures)
+        del futures  # a result is let go once it was handed on
+        for future in left:
+            yield by_key[future.key], *outcome_of(future)
 
 
 @contextmanager

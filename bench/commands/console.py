@@ -14,7 +14,9 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from bench.model.clock import NS, Clock, WallClock
 from bench.model.errors import ExitStatus
+from bench.model.units import hours
 
 PLAIN_COLUMNS = 110
 
@@ -80,6 +82,30 @@ def headed_table(
     for row in rows:
         table.add_row(*row)
     return table
+
+
+class TaskLines:
+    """A line on standard error for each task that is done; the time left is that of those done since it began."""
+
+    def __init__(self, total: int = 0, clock: Clock | None = None) -> None:
+        self._clock = clock or WallClock()
+        self._out = console(stderr=True)
+        self.begin(total, 0)
+
+    def begin(self, total: int, done: int) -> None:
+        """Tell how many of how many tasks are done already."""
+        self._total, self._count, self._before, self._began_ns = total, done, done, self._clock.now_ns()
+        if done:
+            self._out.print(f"{done}/{total}  done before")
+
+    def done(self, name: str) -> None:
+        """Tell of one more."""
+        self._count += 1
+        spent_s = (self._clock.now_ns() - self._began_ns) / NS
+        left = self._total - self._count
+        eta = f"  {hours(spent_s * left / (self._count - self._before))} left" if left > 0 else ""
+        of = f"/{self._total}" if self._total else ""
+        self._out.print(f"{self._count}{of}  {name}{eta}")
 
 
 def plain_table(title: str) -> Table:

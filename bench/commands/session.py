@@ -16,6 +16,7 @@ from bench.record import SessionReader
 from bench.replay import ABSENT, Difference, compare
 from bench.session.coefficients import Coefficients, coefficients_of_session, merged_coefficients
 from bench.session.one_unit import serials_of
+from bench.session.released import no_results, released_results
 from bench.session.service import analysed, read_view
 from bench.session.units import in_each_unit
 from bench.session.verification import SOFTWARE_PATH, software_of
@@ -72,16 +73,9 @@ def _why(stored: Mapping[str, Any], results: Mapping[str, Any]) -> str:
 
 
 def _stored_results(folder: Path) -> Mapping[str, Any]:
-    path = folder / "results.json"
-    try:
-        stored: dict[str, Any] = json.loads(path.read_text())
-    except (OSError, ValueError) as error:
-        raise InputError(
-            "B-CLI-010",
-            f"cannot be read ({error}), so there is nothing to compare with",
-            where=path,
-            next_step="'bench fit' prints the results of the session",
-        ) from error
+    stored = released_results(folder)
+    if stored is None:
+        raise no_results(folder)
     return stored
 
 

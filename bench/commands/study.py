@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from bench.analysis import Study, Task
-from bench.commands.console import console, warn
+from bench.commands.console import TaskLines, console, warn
 from bench.commands.requests import StudyRequest
 from bench.maths.verdict import passed
 from bench.model.errors import ExitStatus, InputError
@@ -50,29 +50,16 @@ def _module_of(name: str) -> str:
 
 def _computed(chosen: Study, tasks: Sequence[Task], where: str | None) -> list[Any]:
     """Return the result of each task, in the order of the tasks, wherever they ran."""
-    progress = Progress(len(tasks))
-    if where is None:
-        return [progress.done(task, chosen.run_task(task)) for task in tasks]
-    from bench.commands.cluster import run_on_cluster
+    lines = TaskLines(len(tasks))
+    if where is not None:
+        from bench.commands.cluster import run_on_cluster
 
-    return run_on_cluster(where, tasks, chosen.run_task, progress)
-
-
-class Progress:
-    """A line on standard error for each task that is done."""
-
-    def __init__(self, total: int) -> None:
-        self._total, self._count, self._out = total, 0, console(stderr=True)
-
-    def done(self, task: Task, result: Any) -> Any:
-        """Tell it; returns the result."""
-        self._count += 1
-        self._out.print(f"{self._count}/{self._total}  {task.name}")
-        return result
-
-    def said(self, text: str) -> None:
-        """Any other line."""
-        self._out.print(text)
+        return run_on_cluster(where, tasks, chosen.run_task, lines.done)
+    results = []
+    for task in tasks:
+        results.append(chosen.run_task(task))
+        lines.done(task.name)
+    return results
 
 
 def _written(request: StudyRequest, chosen: Study, options: Any, results: Sequence[Any]) -> int:

@@ -32,6 +32,7 @@ from bench.report import (
     session_of,
 )
 from bench.session.one_unit import serials_of
+from bench.session.released import no_results
 from bench.session.service import read_view
 from bench.session.units import in_each_unit
 from bench.session.verification import (
@@ -95,12 +96,7 @@ def _computed(verification: Verification, folder: Path, view: SessionView) -> No
     results, analysis = analyse_view(view)
     stored = check_results(verification, folder, results)
     if stored is None and not verification.changes:
-        raise InputError(
-            "B-CLI-010",
-            "is not there, so there is nothing to compare with",
-            where=folder / RESULTS,
-            next_step="'bench fit' prints the results of the session",
-        )
+        raise no_results(folder)
     check_reports(verification, folder, Pages(view, results, analysis, stored or {}, laboratory_of(folder)))
     check_coefficients(verification, folder, view, results, analysis)
     check_certificates(verification, folder, view.manifest, results)

@@ -73,7 +73,7 @@ def check_results(verification: Verification, folder: Path, results: Mapping[str
     except ValueError as error:
         verification.add(RESULTS, f"cannot be read as JSON: {error}")
         return None
-    if not isinstance(stored, dict):
+    if not isinstance(stored, dict) or not isinstance(stored.get(PROVENANCE, {}), dict):
         verification.add(RESULTS, "is not a document of results")
         return None
     differences = compare(stored, json.loads(now))

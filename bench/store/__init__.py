@@ -1,16 +1,16 @@
 """The calibration history, an SQL database of results, reports and approvals."""
 
 from bench.store.adjustments import state_calibration
-from bench.store.archive.certificates import Issued, certificate_document, enter_certificate
+from bench.store.archive.certificates import Issued, UsedStandard, certificate_document, enter_certificate
 from bench.store.archive.dependents import Dependents, dependents
 from bench.store.archive.sessions import (
     ArchivedSession,
     Selection,
     Unit,
-    UsedStandard,
     enter_sessions,
-    fingerprints,
     list_sessions,
+    places_known,
+    selection_of,
     session_document,
 )
 from bench.store.archive.trials import StoredTrial, Trial, begin_trial, enter_trial_rows, read_trial
@@ -22,7 +22,7 @@ from bench.store.errors import StoreError
 from bench.store.export import export_history
 from bench.store.reading import Shown, list_calibrations, show_calibration, units_of, utc_text
 from bench.store.recording import Recorded, approve, record_calibration
-from bench.store.rows import check_form, write_rows
+from bench.store.rows import check_form, columns_of, write_rows
 from bench.store.selection import Filters
 from bench.store.series import YEAR_S, conditions_text
 
@@ -49,6 +49,7 @@ __all__ = [
     "begin_trial",
     "certificate_document",
     "check_form",
+    "columns_of",
     "compare_pair",
     "compare_unit",
     "conditions_text",
@@ -60,12 +61,13 @@ __all__ = [
     "enter_sessions",
     "enter_trial_rows",
     "export_history",
-    "fingerprints",
     "history_address",
     "list_calibrations",
     "list_sessions",
+    "places_known",
     "read_trial",
     "record_calibration",
+    "selection_of",
     "session_document",
     "show_calibration",
     "started_utc_ns",

@@ -13,20 +13,22 @@ from sqlalchemy import Connection, select
 from bench.analysis import limits_of
 from bench.store.database import reading
 from bench.store.reading import stored_estimates, utc_text
-from bench.store.rows import check_form, write_rows
+from bench.store.rows import check_form, columns_of, write_rows
 from bench.store.selection import Filters, selected
 from bench.store.tables import report_revisions, result_sets
 
-# name, type as Parquet calls it
-COLUMNS = (
-    ("session", "string"), ("session_sha256", "string"), ("started_utc", "string"), ("campaign", "string"),
-    ("uut_model", "string"), ("uut_serial", "string"), ("simulated", "bool"), ("revision", "int64"),
-    ("newest", "bool"), ("method", "string"), ("software", "string"), ("quantity", "string"), ("unit", "string"),
-    ("value", "double"), ("std_uncertainty", "double"), ("coverage_factor", "double"),
-    ("expanded_uncertainty", "double"), ("n", "int64"), ("dropped", "int64"), ("limit", "double"),
-    ("verdict", "string"), ("channel", "int64"), ("temperature_degC", "double"), ("unit_temperature_degC", "double"),
-    ("conditions", "string"), ("low", "double"), ("high", "double"),
+COLUMNS = columns_of(
+    (
+        "session", "session_sha256", "started_utc", "campaign", "uut_model", "uut_serial", "simulated", "revision",
+        "newest", "method", "software", "quantity", "unit", "value", "std_uncertainty", "coverage_factor",
+        "expanded_uncertainty", "n", "dropped", "limit", "verdict", "channel", "temperature_degC",
+        "unit_temperature_degC", "conditions", "low", "high",
+    ),
+    simulated="bool", revision="int64", newest="bool", value="double", std_uncertainty="double",
+    coverage_factor="double", expanded_uncertainty="double", n="int64", dropped="int64", limit="double",
+    channel="int64", temperature_degC="double", unit_temperature_degC="double", low="double", high="double",
 )  # fmt: skip
+_HEAD = ("session", "session_sha256", "campaign", "uut_model", "uut_serial", "simulated")
 _CONDITIONS = ("channel", "temperature_degC", "unit_temperature_degC")
 
 
@@ -45,16 +47,14 @@ def export_history(url: str, filters: Filters, path: Path) -> int:
 def _rows(connection: Connection, filters: Filters) -> Iterator[dict[str, Any]]:
     for calibration in connection.execute(selected(connection, filters)).mappings().all():
         revisions = (
-            select(report_revisions.c.number, report_revisions.c.result_set_id, result_sets.c.method)
-            .add_columns(report_revisions.c.software)
+            select(report_revisions, result_sets.c.method)
             .join(result_sets, result_sets.c.id == report_revisions.c.result_set_id)
             .where(report_revisions.c.calibration_id == calibration["id"])
             .order_by(report_revisions.c.number)
         )
         for revision in connection.execute(revisions).mappings().all():
             head = {
-                **{name: calibration[name] for name in ("session", "session_sha256", "campaign", "uut_model")},
-                **{name: calibration[name] for name in ("uut_serial", "simulated")},
+                **{name: calibration[name] for name in _HEAD},
                 "started_utc": utc_text(calibration["started_utc_ns"]),
                 "revision": revision["number"],
                 "newest": revision["number"] == calibration["revision"],

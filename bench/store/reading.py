@@ -30,6 +30,10 @@ from bench.store.tables import (
 )
 
 Row = dict[str, Any]
+_LISTED = (
+    "session", "session_sha256", "campaign", "uut_model", "uut_serial", "simulated", "method", "software", "estimates",
+    "revision",
+)  # fmt: skip
 
 
 def utc_text(utc_ns: int) -> str:
@@ -52,8 +56,7 @@ def list_calibrations(url: str, filters: Filters) -> list[Row]:
     return [
         {
             "started_utc": utc_text(row["started_utc_ns"]),
-            **{name: row[name] for name in ("session", "session_sha256", "campaign", "uut_model", "uut_serial")},
-            **{name: row[name] for name in ("simulated", "method", "software", "estimates", "revision")},
+            **{name: row[name] for name in _LISTED},
             **{quality: unsound[row["result_set_id"], quality] for quality in (DOUBTFUL, REFUSED)},
             "state": stated.get(row["id"], {}).get("state"),
             "verdict": worst(verdicts.get(row["result_set_id"], ())),

@@ -16,6 +16,11 @@ FORMATS = (".csv", ".parquet")
 _BATCH = 50_000
 
 
+def columns_of(names: Iterable[str], **kinds: str) -> Columns:
+    """Return columns by name, with the type of those that are no text."""
+    return tuple((name, kinds.get(name, "string")) for name in names)
+
+
 def check_form(path: Path) -> None:
     """Refuse a file that cannot be. Raises: StoreError B-STORE-012: another suffix, or Parquet is not installed."""
     if path.suffix not in FORMATS:

@@ -25,6 +25,7 @@ class Filters:
     uut: str | None = None  # serial number, or "model serial"
     campaign: str | None = None
     quantity: str | None = None
+    until_utc_ns: int | None = None  # not among them
 
 
 def latest_revisions() -> Select[Any]:
@@ -71,6 +72,8 @@ def selected(connection: Connection, filters: Filters) -> Select[Any]:
             .where(parameters.c.quantity == filters.quantity)
         )
         query = query.where(result_sets.c.id.in_(has))
+    if filters.until_utc_ns is not None:
+        query = query.where(calibrations.c.started_utc_ns < filters.until_utc_ns)
     return query
 
 

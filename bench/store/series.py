@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -91,7 +91,7 @@ def read_series(url: str, filters: Filters) -> Series:
     """
     with reading(url) as connection:
         uut = find_unit(connection, filters.uut)
-        whole = Filters(" ".join(uut), filters.campaign, filters.quantity)
+        whole = replace(filters, uut=" ".join(uut))
         rows = rows_of(connection, selected(connection, whole))
         notes = []
         if any(row["simulated"] for row in rows) and not all(row["simulated"] for row in rows):

@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 
 from bench.archive import index
-from bench.archive.index import Looked
-from bench.archive.selecting import selection_of
+from bench.archive.places import Finding, Kind
 from bench.archive.trial import Asked, refit_sessions
 from bench.archive.work import Compute, computed_here
-from bench.commands.console import console, print_json
+from bench.commands.console import TaskLines, console, print_json
 from bench.commands.requests import RefitRequest
-from bench.model.clock import NS, Clock, WallClock
 from bench.model.errors import ExitStatus
-from bench.model.units import hours
 from bench.session.register import load_register
-from bench.store import list_sessions
+from bench.store import list_sessions, selection_of
 
 
 def compute_at(dask: str | None) -> Compute:
@@ -28,67 +26,40 @@ def compute_at(dask: str | None) -> Compute:
     return partial(completed_on_cluster, dask)
 
 
-class Lines:
-    """Counts the sessions that are done; the time left is that of those done since it began."""
-
-    def __init__(self, clock: Clock | None = None) -> None:
-        self._clock = clock or WallClock()
-        self._out = console(stderr=True)
-        self._total = self._done = self._before = 0
-        self._began_ns = self._clock.now_ns()
-
-    def begin(self, total: int, done: int) -> None:
-        """Tell how many of how many sessions are done already."""
-        self._total, self._done, self._before, self._began_ns = total, done, done, self._clock.now_ns()
-        if done:
-            self._out.print(f"{done}/{total}  done before")
-
-    def session(self, name: str) -> None:
-        """Tell of one more session."""
-        self._done += 1
-        spent_s = (self._clock.now_ns() - self._began_ns) / NS
-        left = self._total - self._done
-        eta = f"  {hours(spent_s * left / (self._done - self._before))} left" if left > 0 else ""
-        of = f"/{self._total}" if self._total else ""
-        self._out.print(f"{self._done}{of}  {name}{eta}")
-
-
 def add(url: str, folders: Sequence[str], everything: bool, dask: str | None, as_json: bool) -> int:
-    """Enter sessions; returns 5 if one is damaged or cannot be read, else 0."""
-    looked = index.add(url, folders, compute_at(dask), Lines().session, again=everything)
-    return _tell(looked, "entered", as_json)
+    """Enter sessions; returns 5 if one is damaged, 3 if one cannot be read now, else 0."""
+    return _tell(index.add(url, folders, compute_at(dask), TaskLines().done, again=everything), "entered", as_json)
 
 
 def verify(url: str, select: Sequence[str], dask: str | None, as_json: bool) -> int:
-    """Read sessions of the archive again; returns 5 if one is damaged, changed, gone or cannot be read, else 0."""
+    """Read sessions of the archive again; returns 5 if one is damaged, changed or gone, 3 if one cannot be read now."""
     rows = list_sessions(url, selection_of(select))
-    lines = Lines()
-    lines.begin(len(rows), 0)
-    return _tell(index.verify(url, rows, compute_at(dask), lines.session), "verified", as_json)
+    return _tell(index.verify(url, rows, compute_at(dask), TaskLines(len(rows)).done), "verified", as_json)
 
 
-def _tell(looked: Looked, done: str, as_json: bool) -> int:
-    damaged = [(session.location, session.code, session.fault) for session in looked.damaged]
-    total = sum(session.bytes for session in looked.sessions)
+def _tell(findings: Sequence[Finding], done: str, as_json: bool) -> int:
+    """Tell how many places there are of each kind, and of each that is not as it should be what to do."""
+    counts = Counter(finding.kind for finding in findings)
+    names = {kind: done if kind is Kind.ENTERED else str(kind) for kind in Kind}
+    rows = [finding for finding in findings if finding.kind not in (Kind.ENTERED, Kind.UNCHANGED)]
+    total = sum(finding.session.bytes for finding in findings if finding.session)
     if as_json:
-        names = ("location", "code", "fault")
-        document = {
-            done: len(looked.sessions),
-            "bytes": total,
-            "unchanged": looked.unchanged,
-            "damaged": [dict(zip(names, entry, strict=True)) for entry in damaged],
-            "unread": [{"location": location, "fault": fault} for location, fault in looked.unread],
-        }
-        print_json(document, ensure_ascii=False)
+        numbers = {name: counts[kind] for kind, name in names.items()}
+        documents = [{name: value for name, value in vars(row).items() if name != "session"} for row in rows]
+        print_json({**numbers, "bytes": total, "rows": documents}, ensure_ascii=False)
     else:
         out = console()
-        for location, code, fault in damaged:
-            out.print(f"{code:<12} {location}: {fault}")
-        for location, fault in looked.unread:
-            out.print(f"{'not read':<12} {location}: {fault}")
-        counts = f"{len(looked.sessions)} sessions {done} ({total / 1e6:.1f} MB), {len(damaged)} damaged"
-        out.print(f"{counts}, {len(looked.unread)} not read, {looked.unchanged} unchanged")
-    return ExitStatus.SESSION_DAMAGED if damaged or looked.unread else ExitStatus.PASS
+        for row in rows:
+            out.print(f"{row.code or _words(row.kind):<12} {row.location}: {row.reason}. Next: {row.next_step}")
+        said = ", ".join(f"{counts[kind]} {_words(name)}" for kind, name in names.items())
+        out.print(f"{total / 1e6:.1f} MB read; {said}")
+    if counts[Kind.DAMAGED]:  # is certain, and counts before what can be read another time
+        return ExitStatus.SESSION_DAMAGED
+    return ExitStatus.SAFE_AFTER_FAULT if counts[Kind.UNREADABLE] else ExitStatus.PASS
+
+
+def _words(name: str) -> str:
+    return name.replace("_", " ")
 
 
 def refit(url: str, request: RefitRequest) -> int:
@@ -97,7 +68,7 @@ def refit(url: str, request: RefitRequest) -> int:
     select = request.select or []
     rows = list_sessions(url, selection_of(select))
     asked = Asked(request.method, register, dict(word.split("=", 1) for word in select))
-    done = refit_sessions(url, rows, asked, request.to, compute_at(request.dask), Lines())
+    done = refit_sessions(url, rows, asked, request.to, compute_at(request.dask), TaskLines())
     out = console()
     for code, count in done.failed.items():
         out.print(f"{code:<12} {count} sessions gave no results")

@@ -12,7 +12,6 @@ from bench.archive.changes import changes_of
 from bench.archive.evidence import evidence_of
 from bench.archive.journal import HEAD
 from bench.archive.page import FOLDER, changes_html
-from bench.archive.selecting import selection_of
 from bench.commands.archive import tables
 from bench.commands.console import console, print_sorted_json, say
 from bench.model.errors import ExitStatus
@@ -22,19 +21,22 @@ from bench.store import (
     Selection,
     certificate_document,
     check_form,
+    columns_of,
     dependents,
     list_sessions,
     read_trial,
+    selection_of,
     session_document,
     write_rows,
 )
 
-COLUMNS = (
-    ("session", "string"), ("session_sha256", "string"), ("location", "string"), ("started_utc", "string"),
-    ("campaign", "string"), ("station", "string"), ("units", "string"), ("standards", "string"), ("simulated", "bool"),
-    ("verdict", "string"), ("quality", "string"), ("method", "string"), ("software", "string"),
-    ("plan_sha256", "string"), ("frame_sha256", "string"), ("bytes", "int64"), ("code", "string"), ("fault", "string"),
-    ("verified_utc", "string"),
+COLUMNS = columns_of(
+    (
+        "session", "session_sha256", "location", "started_utc", "campaign", "station", "units", "standards",
+        "simulated", "verdict", "quality", "method", "software", "plan_sha256", "frame_sha256", "bytes", "code",
+        "fault", "verified_utc",
+    ),
+    simulated="bool", bytes="int64",
 )  # fmt: skip
 
 
@@ -94,7 +96,7 @@ def changes(url: str, trial: str, html: Path | None, language: str, as_json: boo
     if as_json:
         print_sorted_json(report.as_json())
     else:
-        tables.print_changes(console(), report)
+        tables.print_changes(console(), report, language)
         if html is not None:
             say(f"wrote    {html}")
     return ExitStatus.PASS

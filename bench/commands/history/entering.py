@@ -8,12 +8,11 @@ from typing import Any
 
 from bench.commands.console import print_json, say, warn
 from bench.commands.requests import Place
-from bench.model.errors import BenchError, ExitStatus, InputError
+from bench.model.errors import BenchError, ExitStatus
 from bench.record import SessionReader
 from bench.report import Laboratory, laboratory_of
 from bench.session.released import began_utc_ns, check_same_recording, released_results
-from bench.session.service import read_view
-from bench.session.view import analyse_view
+from bench.session.service import analysed
 from bench.store import Recorded, StoreError, digest_of_file, record_calibration
 
 NO_ANALYSIS = "none"
@@ -85,10 +84,7 @@ def _computed(reader: SessionReader) -> Mapping[str, Any]:
             where=reader.folder,
             next_step="'bench fit' prints what its records give; only complete campaigns enter the history",
         )
-    view = read_view(reader.folder, strict=True)
-    if not view.has_analysis:
-        raise InputError("B-CLI-008", "the sequence of this session asks for no analysis", where=reader.folder)
-    return analyse_view(view)[0]
+    return analysed(reader.folder, None, strict=True)[0]
 
 
 def _adjustment(laboratory: Laboratory) -> tuple[str, str, str] | None:

@@ -15,8 +15,18 @@ Row = dict[str, Any]
 
 
 @dataclass(frozen=True)
+class UsedStandard:
+    """A standard of a session, with the certificate that it had."""
+
+    role: str
+    model: str
+    serial: str
+    certificate: str
+
+
+@dataclass(frozen=True)
 class Issued:
-    """A certificate; ``standards``: role, model, serial number and certificate of each.
+    """A certificate, with the standards of its session.
 
     ``replaces``: number of the certificate that it stands for; ``issued``: day, "" if it does not say.
     """
@@ -35,7 +45,7 @@ class Issued:
     replaces: str | None
     software: str
     method: str
-    standards: tuple[tuple[str, str, str, str], ...] = ()
+    standards: tuple[UsedStandard, ...] = ()
 
 
 def enter_certificate(url: str, issued: Issued, clock: Clock | None = None) -> None:
@@ -56,9 +66,7 @@ def enter(connection: Connection, issued: Issued, now_ns: int) -> None:
         return
     row = {name: value for name, value in vars(issued).items() if name != "standards"}
     number = add_row(connection, certificates, {**row, "entered_utc_ns": now_ns})
-    names = ("role", "model", "serial", "certificate")
-    rows = [dict(zip(names, line, strict=True)) for line in issued.standards]
-    add_rows(connection, certified_standards, rows, certificate_id=number)
+    add_rows(connection, certified_standards, map(vars, issued.standards), certificate_id=number)
 
 
 def certificates_of(connection: Connection, rule: ColumnElement[bool]) -> list[Row]:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, or_, select
+from sqlalchemy import ColumnElement, or_, select
 
 from bench.store.archive.certificates import certificates_of
 from bench.store.archive.sessions import archived, called, has
@@ -16,14 +15,12 @@ from bench.store.tables import archived_sessions, archived_standards, archived_u
 
 Row = dict[str, Any]
 _LEAST_HASH = 6
-_AT_ONCE = 10_000  # every database takes as many values in one statement
 
 
 @dataclass(frozen=True)
 class Dependents:
     """``kinds``: what the word is (unit, standard, ...); the sessions and certificates that depend on it."""
 
-    word: str
     kinds: tuple[str, ...]
     sessions: list[Row]
     certificates: list[Row]
@@ -35,16 +32,18 @@ def dependents(url: str, word: str) -> Dependents:
     Raises: StoreError B-STORE-009 if it names nothing, B-STORE-001 to B-STORE-005, B-STORE-007.
     """
     with reading(url) as connection:
-        found = {kind: rows for kind, rule in _meanings(word).items() if (rows := archived(connection, rule))}
+        meanings = _meanings(word)
+        found = {kind: rows for kind, rule in meanings.items() if (rows := archived(connection, rule))}
         sessions = {row["id"]: row for rows in found.values() for row in rows}
-        issued = _certificates(connection, word, [row["session_sha256"] for row in sessions.values()])
+        these = select(archived_sessions.c.session_sha256).where(or_(*meanings.values()))
+        issued = certificates_of(connection, or_(_names(word), certificates.c.session_sha256.in_(these)))
         if any(row["number"] == word for row in issued):
             found["certificate"] = []
         if not sessions and not issued:
             known = select(archived_units.c.serial).union(select(archived_standards.c.certificate))
             raise unknown("word", word, sorted(connection.execute(known).scalars().all()))
     order = sorted(sessions.values(), key=lambda row: (row["started_utc_ns"] or 0, row["session"], row["location"]))
-    return Dependents(word, tuple(found), order, issued)
+    return Dependents(tuple(found), order, issued)
 
 
 def _meanings(word: str) -> dict[str, ColumnElement[bool]]:
@@ -63,26 +62,16 @@ def _meanings(word: str) -> dict[str, ColumnElement[bool]]:
     return meanings
 
 
-def _certificates(connection: Connection, word: str, hashes: Sequence[str | None]) -> list[Row]:
-    """Return certificates of these sessions, and those that name the word themselves."""
+def _names(word: str) -> ColumnElement[bool]:
+    """Return the rule that a certificate names a word itself."""
     standards = certified_standards
     of_standards = select(standards.c.certificate_id).where(
         or_(called(standards, word), standards.c.certificate == word)
     )
-    named = or_(
+    return or_(
         certificates.c.number == word,
-        called_unit(word),
+        certificates.c.uut_serial == word,
+        certificates.c.uut_model + " " + certificates.c.uut_serial == word,
         certificates.c.software == word,
         certificates.c.id.in_(of_standards),
     )
-    rows = {row["id"]: row for row in certificates_of(connection, named)}
-    known = [sha256 for sha256 in hashes if sha256]
-    for start in range(0, len(known), _AT_ONCE):
-        some = certificates.c.session_sha256.in_(known[start : start + _AT_ONCE])
-        rows |= {row["id"]: row for row in certificates_of(connection, some)}
-    return sorted(rows.values(), key=lambda row: (row["number"], row["id"]))
-
-
-def called_unit(word: str) -> ColumnElement[bool]:
-    """Return the rule that a certificate is of a unit with this serial number, or model and serial number."""
-    return or_(certificates.c.uut_serial == word, certificates.c.uut_model + " " + certificates.c.uut_serial == word)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
+from datetime import UTC, date, datetime, time, timedelta
 from typing import Any
 
-from sqlalchemy import ColumnElement, Connection, Select, Table, and_, delete, func, or_, select
+from sqlalchemy import Column, ColumnElement, Connection, Select, Table, and_, delete, or_, select
 
-from bench.model.clock import Clock, WallClock
-from bench.store.archive.certificates import Issued, enter
+from bench.model.clock import NS, Clock, WallClock
+from bench.model.errors import InputError
+from bench.store.archive.certificates import Issued, UsedStandard, enter
 from bench.store.database import add_row, add_rows, reading, rows_of, writing
 from bench.store.reading import utc_text
 from bench.store.selection import unknown, values_of
@@ -17,6 +19,15 @@ from bench.store.tables import archived_sessions, archived_standards, archived_u
 
 Row = dict[str, Any]
 _OF_PARTS = ("units", "standards", "certificates")
+_WORDS: dict[str, Column[str]] = {  # of --select, beside the days
+    "uut": archived_units.c.serial,
+    "campaign": archived_sessions.c.campaign,
+    "station": archived_sessions.c.station,
+    "verdict": archived_sessions.c.verdict,
+    "standard": archived_standards.c.serial,
+    "certificate": archived_standards.c.certificate,
+}
+_DAYS = ("since", "until")
 
 
 @dataclass(frozen=True)
@@ -29,21 +40,11 @@ class Unit:
 
 
 @dataclass(frozen=True)
-class UsedStandard:
-    """A standard of a session, with the certificate that it had."""
-
-    role: str
-    model: str
-    serial: str
-    certificate: str
-
-
-@dataclass(frozen=True)
 class ArchivedSession:
     """One recorded session at one place; a copy elsewhere has the same ``session_sha256``.
 
-    ``code``, ``fault``: of the error that keeps it from being used, "" for a whole session; what is known of a damaged
-    one from before is kept.   ``verdict``, ``quality``: the worst of the released results.
+    ``code``, ``fault``: of the error that keeps it, or its results, from being used, "" if nothing does; what is known
+    from before is kept then, but for another recording.   ``verdict``, ``quality``: the worst of the released results.
     """
 
     location: str
@@ -87,6 +88,40 @@ class Selection:
     certificate: str | None = None  # of a standard
 
 
+def selection_of(words: Sequence[str]) -> Selection:
+    """Return the selection that ``NAME=VALUE`` words stand for; the day ``until`` is among them.
+
+    Raises: InputError B-ARC-001 for another name, one that is said twice, or no day.
+    """
+    said: dict[str, str] = {}
+    for word in words:
+        name, is_pair, value = word.partition("=")
+        if not is_pair or not value or name in said or name not in (*_WORDS, *_DAYS):
+            raise InputError(
+                "B-ARC-001",
+                f"{word!r} selects nothing",
+                where="--select",
+                next_step=f"write NAME=VALUE, each name once: {', '.join((*_WORDS, *_DAYS))}",
+            )
+        said[name] = value
+    days = {f"{name}_utc_ns": _begin_ns(name, said.pop(name)) for name in _DAYS if name in said}
+    return Selection(**said, **days)  # type: ignore[arg-type]  # the names are looked at above
+
+
+def _begin_ns(name: str, text: str) -> int:
+    """Return when a day begins, or ends for ``until``; UTC, nanoseconds."""
+    try:
+        day = date.fromisoformat(text) + timedelta(days=name == "until")
+        return int(datetime.combine(day, time(), UTC).timestamp()) * NS
+    except (ValueError, OverflowError) as error:
+        raise InputError(
+            "B-ARC-001",
+            f"{text!r} is no day",
+            where=f"--select {name}",
+            next_step="write YYYY-MM-DD",
+        ) from error
+
+
 def enter_sessions(url: str, sessions: Sequence[ArchivedSession], software: str, clock: Clock | None = None) -> None:
     """Write what was read of sessions, all of it or nothing; what stands there of the same places is replaced.
 
@@ -102,28 +137,32 @@ def _enter(connection: Connection, session: ArchivedSession, now_ns: int) -> Non
     table, row = archived_sessions, {**session.row, "verified_utc_ns": now_ns}
     query = select(table.c.id, table.c.session_sha256).where(table.c.location == session.location)
     known = connection.execute(query).first()
-    if known is not None and session.code and known.session_sha256:
-        now = {name: row[name] for name in ("fingerprint", "bytes", "code", "fault", "verified_utc_ns")}
+    if known is not None and session.code and known.session_sha256 and session.session_sha256 in (None, known[1]):
+        now = {
+            name: row[name] for name in ("fingerprint", "code", "fault", "verified_utc_ns")
+        }  # its length is evidence
         connection.execute(table.update().where(table.c.id == known.id), now)
         return
-    if known is None:
-        number = add_row(connection, table, row)
-    else:
-        number = int(known.id)
-        connection.execute(table.update().where(table.c.id == number), row)
+    if known is not None:
         for part in (archived_units, archived_standards):
-            connection.execute(delete(part).where(part.c.archived_id == number))
+            connection.execute(delete(part).where(part.c.archived_id == known.id))
+        connection.execute(delete(table).where(table.c.id == known.id))
+    number = add_row(connection, table, row)
     add_rows(connection, archived_units, map(vars, session.units), archived_id=number)
     add_rows(connection, archived_standards, map(vars, session.standards), archived_id=number)
     for certificate in session.certificates:
         enter(connection, certificate, now_ns)
 
 
-def fingerprints(url: str) -> dict[str, str]:
-    """Return the fingerprint of every place that is known. Raises: StoreError B-STORE-001 to -005, B-STORE-007."""
+def places_known(url: str) -> dict[str, Row]:
+    """Return what is known of every place: fingerprint, bytes, hash, code and fault.
+
+    Raises: StoreError B-STORE-001 to -005, B-STORE-007.
+    """
+    names = ("location", "fingerprint", "bytes", "session_sha256", "code", "fault")
     with reading(url) as connection:
-        query = select(archived_sessions.c.location, archived_sessions.c.fingerprint)
-        return {row.location: row.fingerprint for row in connection.execute(query)}
+        rows = rows_of(connection, select(*(archived_sessions.c[name] for name in names)))
+    return {row["location"]: row for row in rows}
 
 
 def list_sessions(url: str, selection: Selection) -> list[Row]:
@@ -132,7 +171,7 @@ def list_sessions(url: str, selection: Selection) -> list[Row]:
     Raises: StoreError B-STORE-009 for a word that names nothing, B-STORE-001 to B-STORE-005, B-STORE-007.
     """
     with reading(url) as connection:
-        rows = archived(connection, _wanted(selection))
+        rows = archived(connection, *_wanted(selection))
         if not rows:
             _require(connection, selection)
     return rows
@@ -156,21 +195,22 @@ def _parts(connection: Connection, table: Table, these: Select[Any]) -> dict[int
     return parts
 
 
-def _wanted(selection: Selection) -> ColumnElement[bool]:
-    columns = archived_sessions.c
-    plain = ((name, getattr(selection, name)) for name in ("campaign", "station", "verdict"))
-    rules = [columns[name] == value for name, value in plain if value is not None]
+def _wanted(selection: Selection) -> list[ColumnElement[bool]]:
+    began_ns = archived_sessions.c.started_utc_ns
+    rules = [_rule(word, value) for word in _WORDS if (value := getattr(selection, word)) is not None]
     if selection.since_utc_ns is not None:
-        rules.append(columns.started_utc_ns >= selection.since_utc_ns)
+        rules.append(began_ns >= selection.since_utc_ns)
     if selection.until_utc_ns is not None:
-        rules.append(columns.started_utc_ns < selection.until_utc_ns)
-    if selection.uut is not None:
-        rules.append(has(archived_units, called(archived_units, selection.uut)))
-    if selection.standard is not None:
-        rules.append(has(archived_standards, called(archived_standards, selection.standard)))
-    if selection.certificate is not None:
-        rules.append(has(archived_standards, archived_standards.c.certificate == selection.certificate))
-    return and_(columns.id == columns.id, *rules)
+        rules.append(began_ns < selection.until_utc_ns)
+    return rules
+
+
+def _rule(word: str, value: str) -> ColumnElement[bool]:
+    """Return the rule that a session is, or has, what a word of ``--select`` names."""
+    column = _WORDS[word]
+    if column.table is archived_sessions:
+        return column == value
+    return has(column.table, called(column.table, value) if column.name == "serial" else column == value)
 
 
 def has(table: Table, rule: ColumnElement[bool]) -> ColumnElement[bool]:
@@ -186,25 +226,10 @@ def called(table: Table, name: str) -> ColumnElement[bool]:
 
 def _require(connection: Connection, selection: Selection) -> None:
     """Raise StoreError B-STORE-009 for the first word of a selection that nothing in the archive has."""
-    columns = archived_sessions.c
-    asked: list[tuple[str, str | None, ColumnElement[str], ColumnElement[bool] | None]] = [
-        ("unit", selection.uut, archived_units.c.serial, called(archived_units, selection.uut or "")),
-        ("campaign", selection.campaign, columns.campaign, None),
-        ("station", selection.station, columns.station, None),
-        ("verdict", selection.verdict, columns.verdict, None),
-        (
-            "standard",
-            selection.standard,
-            archived_standards.c.serial,
-            called(archived_standards, selection.standard or ""),
-        ),
-        ("certificate", selection.certificate, archived_standards.c.certificate, None),
-    ]
-    for kind, name, column, rule in asked:
-        if name is None:
-            continue
-        if not connection.execute(select(func.count()).where(column == name if rule is None else rule)).scalar_one():
-            raise unknown(kind, name, values_of(connection, column))
+    for word, column in _WORDS.items():
+        name = getattr(selection, word)
+        if name is not None and not archived(connection, _rule(word, name)):
+            raise unknown("unit" if word == "uut" else word, name, values_of(connection, column))
 
 
 def session_document(row: Row) -> Row:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
+import socket
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import archive_sample
 import fsspec
 import pyarrow.parquet
 import pytest
+from archive_mess import CUT, END_CUT, alter, gone, of_results
 from away_store import Away
 from rehearsal import Inside
 
@@ -24,6 +26,10 @@ ROOT = Path(__file__).resolve().parents[3]
 GOLDEN = ROOT / "tests" / "golden" / "sessions" / "0.1.0"
 LABORATORY = str(ROOT / "docs" / "laboratory.yaml")
 SMALL = archive_sample.small()
+_COUNTS = (
+    "{megabytes} MB read; {entered} entered, {unchanged} unchanged, {damaged} damaged, 0 unreadable, 0 unfinished, "
+    "0 stopped, 1 no recording, 0 link"
+)
 Say = Callable[..., tuple[int, str, str]]
 
 
@@ -50,16 +56,15 @@ def document(said: tuple[int, str, str]) -> Any:
 
 def test_what_has_not_changed_is_passed_over(say: Say, archive: Path) -> None:
     status, text, _ = say("add", str(archive))
-    assert (status, text) == (0, "0 sessions entered (0.0 MB), 0 damaged, 0 not read, 11 unchanged\n")
+    assert (status, text.splitlines()[-1]) == (0, _COUNTS.format(megabytes="0.0", entered=0, unchanged=11, damaged=0))
     folder = archive / SMALL[0].name
     segment = folder / "session.0001.mcap"
     segment.write_bytes(segment.read_bytes()[:-3000])
     status, text, complaint = say("add", str(archive), str(GOLDEN))
     assert status == ExitStatus.SESSION_DAMAGED
-    assert f"B-REC-011    {folder}" in text
+    assert f"B-ARC-004    {folder}: shorter than what was archived" in text
     golden = len(list(GOLDEN.iterdir()))
-    assert f"{golden + 1} sessions entered" in text
-    assert "1 damaged, 0 not read, 10 unchanged" in text
+    assert f"{golden} entered, 10 unchanged, 1 damaged" in text
     assert len(complaint.splitlines()) == golden + 1
     rows = document(say("list", "--json"))["sessions"]
     assert len(rows) == 11 + golden
@@ -89,18 +94,18 @@ def test_a_store_that_is_away_for_a_while_is_told_for_each_session_and_says_noth
     with monkeypatch.context() as down:
         down.setattr(Away, "fails", "ls")
         status, text, _ = say("verify")
-        assert status == ExitStatus.SESSION_DAMAGED
-        assert text.count("not read") == count + 1
-        assert f"0 damaged, {count} not read" in text
+        assert status == ExitStatus.SAFE_AFTER_FAULT
+        assert text.count("B-ARC-007") == count
+        assert f"0 damaged, {count} unreadable" in text
         assert "NoAnswer: could not connect to the endpoint" in text
         status, _, complaint = say(*refit)
         assert status == ExitStatus.SAFE_AFTER_FAULT
         assert "error B-ARC-007" in complaint
-        down.setattr(Away, "fails", "find")
-        status, _, complaint = say("add", "away://lab")
-        assert (status, "error B-ARC-002: away://lab: cannot be listed: NoAnswer" in complaint) == (2, True)
+        status, text, _ = say("add", "away://lab", str(GOLDEN))
+        assert (status, "B-ARC-007    away://lab: StorageError: NoAnswer" in text) == (3, True)
+        assert f"{count} entered, 0 unchanged, 0 damaged, 1 unreadable" in text  # those of the other place
     assert say(*refit)[0] == 0
-    assert [row["code"] for row in document(say("list", "--json"))["sessions"]] == [""] * count
+    assert {row["code"] for row in document(say("list", "--json"))["sessions"]} == {""}
     fsspec.filesystem("memory").rm("/lab", recursive=True)
 
 
@@ -112,11 +117,58 @@ def test_verify_names_what_is_damaged_changed_or_gone(say: Say, archive: Path) -
         shutil.copy(archive / SMALL[0].name / name, changed / name)
     status, text, _ = say("verify", "--select", "since=2001-01-01", "--json")
     assert status == ExitStatus.SESSION_DAMAGED
-    said = {(entry["location"], entry["code"]) for entry in json.loads(text)["damaged"]}
+    said = {(entry["location"], entry["code"]) for entry in json.loads(text)["rows"]}
     assert said == {(str(gone), "B-ARC-003"), (str(changed), "B-ARC-004")}
     rows = document(say("list", "--select", "standard=CAL-b", "--json"))["sessions"]  # still known by its standards
     assert rows[0]["code"] == "B-ARC-003"
     assert rows[0]["session_sha256"]
+
+
+def test_an_altered_number_is_found_and_stays_known(say: Say, archive: Path) -> None:
+    """The recording decides: of two copies that differ it names the one whose results it does not give."""
+    session = archive / SMALL[0].name
+    original = (session / "results.json").read_bytes()
+    of_results(lambda document: document["provenance"].update(software="inertial-bench 0.0.1"))(session)
+    assert say("add", str(session))[0] == ExitStatus.PASS
+    shutil.copytree(session, archive / "copy")
+    assert say("add", str(archive / "copy"))[0] == ExitStatus.PASS
+    assert say("verify", "--select", "uut=U-1")[0] == ExitStatus.PASS  # other software is no damage by itself
+    of_results(alter)(session)
+    assert say("add", str(session))[0] == ExitStatus.PASS
+    status, text, _ = say("verify", "--select", "uut=U-1")
+    assert (status, text.count("B-ARC-008")) == (ExitStatus.SESSION_DAMAGED, 1)
+    assert f"B-ARC-008    {session}: 1 of its results" in text
+    assert "inertial-bench 0.0.1" in text
+    assert "B-ARC-008" in say("add", str(session))[1]
+    (session / "results.json").write_bytes(original)
+    assert say("add", str(session))[0] == ExitStatus.PASS
+
+
+def test_what_was_archived_and_is_shorter_says_so_everywhere(say: Say, archive: Path, tmp_path: Path) -> None:
+    """Where the index knows the recording, a cut of its last bytes is no damage of its summary."""
+    session = archive / SMALL[0].name
+    gone("results.json")(session)
+    assert say("add", str(session))[0] == ExitStatus.PASS
+    for cut in (END_CUT, CUT):
+        cut(session)
+        for command in (("add", str(session)), ("verify", "--select", "until=2000-02-02")) * 2:
+            assert "B-ARC-004" in (text := say(*command)[1])
+            assert "shorter than what was archived" in text or command[0] == "add"
+    assert "B-ARC-004" in say("refit", "--select", "until=2000-02-02", "--to", str(tmp_path / "trial"))[1]
+
+
+def test_a_store_behind_a_closed_port_is_away(say: Say) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    status, text, _ = say("add", f"ftp://127.0.0.1:{port}/lab")
+    assert (status, "B-ARC-007    ftp://127.0.0.1" in text) == (ExitStatus.SAFE_AFTER_FAULT, True)
+    assert "Connection refused" in text
+
+
+def test_results_without_provenance_are_an_input_error_of_replay(archive: Path, inside: Inside) -> None:
+    of_results(lambda document: document.update(provenance=""))(archive / SMALL[0].name)
+    done = inside("replay", str(archive / SMALL[0].name))
+    assert (done.returncode, "error B-FIT-010" in done.stderr) == (ExitStatus.BAD_INPUT, True)
 
 
 def test_a_wrong_certificate_is_recalled_and_no_other(say: Say, archive: Path, inside: Inside, tmp_path: Path) -> None:

@@ -2,27 +2,18 @@
 
 from __future__ import annotations
 
-import multiprocessing
-import os
-import resource
-import signal
 import sqlite3
-import subprocess
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import distributed
 import pytest
 
-from bench.archive.journal import JOURNAL
 from bench.archive.trial import OUTCOME, Asked, Refitted, refit_sessions
 from bench.archive.work import Compute, computed_here
-from bench.commands.cluster import completed_on_cluster
-from bench.model.errors import ExitStatus, InputError, RunError
+from bench.model.errors import InputError, RunError
 from bench.store import Selection, list_sessions, read_trial
 
 ASKED = Asked(None, {}, {})
@@ -38,7 +29,7 @@ class Silent:
     def begin(self, total: int, done: int) -> None:
         return None
 
-    def session(self, name: str) -> None:
+    def done(self, name: str) -> None:
         self._count += 1
         if self._count == 1:
             self._act()
@@ -92,23 +83,6 @@ def unreachable(tasks: Sequence[Any], run_task: Callable[[Any], Any]) -> Iterato
     yield from ()
 
 
-def die() -> None:
-    os.kill(os.getpid(), signal.SIGKILL)
-
-
-def test_killed_after_a_session_it_goes_on_with_the_others(archive: Path, tmp_path: Path, whole: bytes) -> None:
-    process = multiprocessing.get_context("fork").Process(
-        target=refit, args=(archive, tmp_path / "t", computed_here, die)
-    )
-    process.start()
-    process.join()
-    assert process.exitcode == -signal.SIGKILL
-    done = refit(archive, tmp_path / "t")
-    assert done.before == 1
-    assert (tmp_path / "t" / OUTCOME).read_bytes() == whole
-    assert len(rows_in(archive)) == done.rows
-
-
 def test_storage_that_fails_for_a_while_is_no_result(archive: Path, tmp_path: Path, whole: bytes) -> None:
     """B-ARC-007: the session is not done, the others are; the same command does the rest."""
     tried: list[str] = []
@@ -131,26 +105,6 @@ def test_storage_that_fails_for_a_while_is_no_result(archive: Path, tmp_path: Pa
     assert (tmp_path / "t" / OUTCOME).read_bytes() == whole
 
 
-def test_a_full_disk_ends_it_and_room_lets_it_go_on(archive: Path, tmp_path: Path, whole: bytes) -> None:
-    """The command as a process that may not write more than a part of the journal: the second session does not fit."""
-    words = ["archive", "refit", "--select", "since=2000-09-01", "--to", str(tmp_path / "t")]
-    environment = {**os.environ, "BENCH_HISTORY": f"sqlite:///{archive / 'history.sqlite'}"}
-
-    def limited() -> None:
-        signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (12_000, 12_000))
-
-    command = [sys.executable, "-m", "bench", *words]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False, preexec_fn=limited)
-    assert done.returncode == ExitStatus.BAD_INPUT
-    assert "B-CLI-007" in done.stderr or "B-STORE-006" in done.stderr  # whichever file is refused first
-    assert "Traceback" not in done.stderr
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    assert (tmp_path / "t" / OUTCOME).read_bytes() == whole
-    assert len(rows_in(archive)) == FEW * 10
-
-
 def test_another_refit_needs_another_folder(archive: Path, tmp_path: Path) -> None:
     refit(archive, tmp_path / "t")
     url = f"sqlite:///{archive / 'history.sqlite'}"
@@ -166,17 +120,3 @@ def test_copies_are_one_session_and_the_whole_one_is_read(archive: Path, tmp_pat
     done = refit_sessions(url, [*damaged, *rows], ASKED, tmp_path / "t", computed_here, Silent())
     assert done.trial.sessions == FEW
     assert (tmp_path / "t" / OUTCOME).read_bytes() == whole
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
-def test_two_workers_give_the_same_bytes_even_if_one_dies(archive: Path, tmp_path: Path, whole: bytes) -> None:
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None, memory_limit=0
-    ) as cluster:
-        victim = cluster.workers[0].pid
-        there = partial(completed_on_cluster, cluster.scheduler_address)
-        done = refit(archive, tmp_path / "t", there, lambda: os.kill(victim, signal.SIGKILL))
-    assert (tmp_path / "t" / OUTCOME).read_bytes() == whole
-    assert len(rows_in(archive)) == done.rows
-    assert (tmp_path / "t" / JOURNAL).read_text().count("\n") == FEW

@@ -16,7 +16,6 @@ from rehearsal import ROOT, SEED, Rehearsal, Watched, compiled, main_of, rehears
 from scipy.stats import binom
 from units_campaign import compared, events_of, normalised, ramp_plan, single_values, units_plan
 
-from bench.archive.examination import OTHER_RECORDING
 from bench.archive.refit import RefitTask, refit
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InputError, InstrumentError, OperatorStop
@@ -141,13 +140,14 @@ def test_the_list_of_all_has_every_estimate_with_its_unit(campaign: Rehearsal, f
 def test_the_archive_refits_each_unit(campaign: Rehearsal, finished: list[UnitFinished], tmp_path: Path) -> None:
     """The values of each unit again as released, and not from another recording."""
     released = [entry for done in finished if done.finished for entry in done.finished.results["estimates"]]
-    task = RefitTask(campaign.run.session_sha256, str(campaign.run.folder), "units", "", "", True, None, {})
+    head = {"session": "units", "session_sha256": campaign.run.session_sha256}
+    task = RefitTask(str(campaign.run.folder), head, None, {}, 1)
     rows = refit(task)
     assert {row["uut_serial"] for row in rows if row["code"] == ""} == {"SIM-1", "SIM-2", "SIM-3"}
     assert len(rows) == len(released)
     assert all(row["value"] == row["released_value"] for row in rows)
-    (other,) = refit(replace(task, key="0" * 64))
-    assert other["code"] == OTHER_RECORDING
+    (other,) = refit(replace(task, head={**head, "session_sha256": "0" * 64}))
+    assert other["code"] == "B-ARC-004"
 
 
 def test_an_export_verifies_without_the_other_units(

@@ -94,6 +94,9 @@ def test_one_difference_of_counts_says_nothing_of_steps() -> None:
     step, chance = count_step(np.array([0.0, 1.0, 1600.0, 3199.0, 4798.0]))
     assert step == 1599
     assert chance < 1e-6
+    levels = np.array([0.0, 1.0, 1600.0, 3199.0, 4798.0])  # what is left of a campaign after a fault: steps of 1 mA
+    assert count_step(levels, 1599.3) == (1, 1.0)
+    assert count_step(16.0 * np.arange(1.0, 9.0), 1599.3)[0] == 16
 
 
 def test_one_bad_record_is_left_out_and_named() -> None:

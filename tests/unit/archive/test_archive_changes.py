@@ -9,9 +9,8 @@ import pytest
 from bench.archive.changes import change_in_u, changes_of, is_changed, is_flip
 from bench.archive.page import changes_html
 from bench.archive.refit import rows_of
-from bench.archive.selecting import selection_of
 from bench.model.errors import InputError
-from bench.store import StoredTrial, Trial
+from bench.store import StoredTrial, Trial, selection_of
 
 NS = 10**9
 

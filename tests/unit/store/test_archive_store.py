@@ -26,9 +26,9 @@ from bench.store import (
     enter_certificate,
     enter_sessions,
     enter_trial_rows,
-    fingerprints,
     list_calibrations,
     list_sessions,
+    places_known,
     read_trial,
     record_calibration,
 )
@@ -74,7 +74,7 @@ def issued(number: int, **changes: object) -> Issued:
         session_sha256=f"{number:064x}", results_sha256="r", report_sha256=None, uut_model="NGU",
         uut_serial=f"U-{number % 100}", customer="A. Customer", issued="2026-01-01", specimen=False, replaces=None,
         software="bench 1", method="gls",
-        standards=(("calibrator", "5720A", f"CAL-{number % 10}", f"C-{number % 10}-0"),),
+        standards=(UsedStandard("calibrator", "5720A", f"CAL-{number % 10}", f"C-{number % 10}-0"),),
     )  # fmt: skip
     return replace(made, **changes)  # type: ignore[arg-type]
 
@@ -84,7 +84,9 @@ def test_what_is_entered_is_found_by_every_filter(backend: str, tmp_path: Path) 
     url = new_history(backend, tmp_path)
     made = [session(number) for number in range(40)]
     enter_sessions(url, made, "test", CLOCK)
-    assert fingerprints(url) == {each.location: each.fingerprint for each in made}
+    assert {place: row["fingerprint"] for place, row in places_known(url).items()} == {
+        each.location: each.fingerprint for each in made
+    }
     for selection, rule in (
         (Selection(uut="U-7"), lambda n: n % 100 == 7),
         (Selection(uut="CS CS-3"), lambda n: n % 10 == 3),
@@ -112,7 +114,7 @@ def test_the_same_place_again_replaces_and_damage_keeps_what_is_known(backend: s
         url, [ArchivedSession("/archive/000001", "bad", 5, "x", code="B-REC-011", fault="torn")], "test", CLOCK
     )
     (row,) = list_sessions(url, Selection())
-    assert (row["code"], row["fault"], row["fingerprint"], row["bytes"]) == ("B-REC-011", "torn", "bad", 5)
+    assert (row["code"], row["fault"], row["fingerprint"], row["bytes"]) == ("B-REC-011", "torn", "bad", 1000)
     assert (row["session"], row["method"], row["session_sha256"]) == ("s000001", "ols", f"{1:064x}")
     assert len(row["units"]) == 2
     enter_sessions(url, [session(1)], "test", CLOCK)  # mended
@@ -184,7 +186,7 @@ def test_a_history_of_version_3_gets_the_tables(backend: str, tmp_path: Path, mo
         for table in reversed(ARCHIVE):
             table.drop(connection)
         connection.exec_driver_sql("UPDATE history SET version = 3")
-    assert fingerprints(url) == {}
+    assert places_known(url) == {}
     assert len(list_calibrations(url, Filters())) == 1
     with opened.reading(url) as connection:
         assert connection.execute(select(certificates)).all() == []

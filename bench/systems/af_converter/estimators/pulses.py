@@ -129,10 +129,14 @@ def _pulses(name: str, sums: Sequence[Mapping[str, Any]], timing: Sequence[Mappi
     return Pulses(count, **columns)
 
 
-def count_step(counts: Floats) -> tuple[int, float]:
+def count_step(counts: Floats, apart: float = np.inf) -> tuple[int, float]:
     """Return the largest step of which counts are multiples, apart from a remainder that all share.
 
+    Where points are missing, the few counts that are left may go in steps of the levels of the stimulus: that is no
+    step of the counter.
+
     Args:    counts: of gates that differ, (m,); zeros and counts that occur twice say nothing.
+             apart: pulses between neighbouring levels.
     Returns: the step, 1 for single pulses, and the probability of one as large by chance.
     Source:  d whole numbers are all multiples of k with probability k^-d; sum over all k from the step on.
     """
@@ -140,4 +144,6 @@ def count_step(counts: Floats) -> tuple[int, float]:
     if differences.size < 2:  # one alone is a multiple of itself
         return 1, 1.0
     step = int(np.gcd.reduce(differences))
+    if 2 * step > apart:
+        return 1, 1.0
     return step, 1.0 if step == 1 else min(1.0, float(special.zeta(differences.size, step)))

@@ -264,7 +264,8 @@ def _whole_counts(visit: GroupFit) -> Evidence:
     A step of g moves each reading by as much of a pulse as chance does by one: standard deviation g / sqrt(12).
     """
     fit, rows = visit.fit, visit.group.closed
-    step, probability = count_step(np.concatenate([rows.n_count, rows.p_count]))
+    counts, levels_A = np.concatenate([rows.n_count, rows.p_count]), np.unique([0.0, *rows.level_A])
+    step, probability = count_step(counts, counts.max() * np.diff(levels_A).min() / levels_A[-1])
     contrast = np.array([1.0, -1.0])
     std_ppm = np.sqrt([*np.diag(fit.covariance_ppm2), contrast @ fit.covariance_ppm2 @ contrast])
     of_one_ppm = fit.parts_ppm[QUANTISATION] * np.sqrt(6.0 / 12.0)
