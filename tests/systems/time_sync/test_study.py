@@ -43,7 +43,7 @@ def test_workers_give_the_same_bytes_even_if_one_dies() -> None:
     """On this machine, and by the address of a cluster that runs; there one of two workers is killed on the way."""
     alone = [pickle.dumps(run_task(task)) for task in TASKS]
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=None, memory_limit=0
+        n_workers=2, threads_per_worker=1, processes=True, host="127.0.0.1", dashboard_address=":0", memory_limit=0
     ) as cluster:
         victim = cluster.workers[0].pid
         listener = Listener(victim)
