@@ -12,9 +12,7 @@ import pytest
 import typer
 from doc_blocks import ROOT
 
-from bench import api
 from bench.cli import app
-from bench.plan import json_schemas, mapping_schema
 
 SITE = ROOT / "docs" / "site"
 
@@ -47,22 +45,6 @@ def test_every_command_and_option_has_a_line(site: Path) -> None:
     for name, command in found.items():
         options = [word for param in command.params for word in param.opts if word.startswith("--")]
         assert [word for word in options if word != "--help" and word not in sections[name]] == [], name
-
-
-@pytest.mark.parametrize("kind", ["sequence", "station", "frame", "mapping"])
-def test_every_key_has_a_row(site: Path, kind: str) -> None:
-    page = (site / "docs" / "reference" / f"{kind}.md").read_text(encoding="utf-8")
-    schema = {**json_schemas(), "mapping": mapping_schema()}[kind]
-    sections = {part.partition("\n")[0]: part for part in page.split("\n## ")[1:]}
-    for name, model in {"The file": schema, **schema["$defs"]}.items():
-        assert [key for key in model.get("properties", {}) if f"\n| `{key}` |" not in sections[name]] == [], name
-
-
-def test_every_name_of_the_interface_is_there(site: Path) -> None:
-    page = (site / "docs" / "reference" / "api.md").read_text(encoding="utf-8")
-    assert [name for name in api.__all__ if f"\n## bench.{name}\n" not in page] == []
-    members = [name for name, member in vars(api.Session).items() if not name.startswith("_") and member.__doc__]
-    assert [name for name in members if f"\n### session.{name}\n" not in page] == []
 
 
 def test_the_menu_has_every_page_once(site: Path) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import ast
 import gc
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from functools import cache
 
 import pytest
@@ -29,7 +29,6 @@ from tree import (
 from bench.model.errors import ExitStatus
 
 MOST_LINES_FILE = 500
-MOST_LINES_FUNCTION = 40
 EVERY_FILE = python_files(*PACKAGES, "tests")
 CLOCK = TOP / "bench" / "model" / "clock.py"
 WATCHES = {"time", "sched"}
@@ -61,64 +60,6 @@ def _without_collector() -> Iterator[None]:
 def test_files_are_small() -> None:
     lines = {name_of(path): len(text_of(path).splitlines()) for path in EVERY_FILE}
     assert {name: count for name, count in lines.items() if count > MOST_LINES_FILE} == {}
-
-
-def test_functions_are_small() -> None:
-    too_long = {
-        f"{name_of(path)}:{node.lineno} {node.name}": lines
-        for path in EVERY_FILE
-        for node in _functions(tree_of(path).body)
-        if (lines := _lines(node)) > MOST_LINES_FUNCTION
-    }
-    assert too_long == {}
-
-
-def _functions(statements: Iterable[ast.AST]) -> Iterator[ast.FunctionDef | ast.AsyncFunctionDef]:
-    """Yield the functions among statements, and those inside of statements."""
-    for statement in statements:
-        if isinstance(statement, ast.FunctionDef | ast.AsyncFunctionDef):
-            yield statement
-        for block in ("body", "orelse", "finalbody", "handlers", "cases"):
-            if isinstance(inside := getattr(statement, block, None), list):
-                yield from _functions(inside)
-
-
-def _lines(function: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    """Return lines from ``def`` to the end, without the docstring: a long explanation is no long function."""
-    total = (function.end_lineno or function.lineno) - function.lineno + 1
-    first = function.body[0]
-    if ast.get_docstring(function) is not None:
-        total -= (first.end_lineno or first.lineno) - first.lineno + 1
-    return total
-
-
-def test_init_files_only_hand_names_on() -> None:
-    wrong = [
-        f"{name_of(path)}:{node.lineno}"
-        for path in python_files(*PACKAGES)
-        if path.name == "__init__.py"
-        for node in tree_of(path).body
-        if not _hands_on(node)
-    ]
-    assert wrong == []
-
-
-def _hands_on(node: ast.stmt) -> bool:
-    """Return whether it is a docstring, an import, a dunder constant, or what imports later (PEP 562)."""
-    docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
-    public = isinstance(node, ast.Assign) and ast.unparse(node.targets[0]).startswith("__")
-    later = isinstance(node, ast.FunctionDef) and node.name in {"__getattr__", "__dir__"}
-    return docstring or public or later or isinstance(node, ast.Import | ast.ImportFrom)
-
-
-def test_the_measure_finds_a_long_function() -> None:
-    body = "\n".join(f"    x = {n}" for n in range(MOST_LINES_FUNCTION))
-    function = ast.parse(f'def f():\n    """One.\n\n    Two.\n    """\n{body}').body[0]
-    assert isinstance(function, ast.FunctionDef)
-    assert _lines(function) == MOST_LINES_FUNCTION + 1
-    hidden = "try: pass\nexcept E:\n if x: pass\n else:\n  def f():\n   match x:\n    case 1:\n     def g(): pass"
-    assert [found.name for found in _functions(ast.parse(hidden).body)] == ["f", "g"]
-    assert not _hands_on(function)
 
 
 # --- time and chance ---------------------------------------------------------------------------------------------

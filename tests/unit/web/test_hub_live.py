@@ -4,28 +4,23 @@ from __future__ import annotations
 
 import asyncio
 import json
-import logging
 import socket
 import struct
 from collections.abc import Iterator
-from contextlib import asynccontextmanager, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 from feed_stand_in import NAMES, T0, FeedStandIn
 from record_sample import write_sample
-from starlette.websockets import WebSocketDisconnect
 from web_rig import RUN, Page, served
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
 from bench.model.clock import WallClock
-from bench.model.errors import InputError
 from bench.record import OPEN_MARKER
-from bench.web import socket as served_socket
 from bench.web.live import LiveRun
 from bench.web.security.tokens import OPERATOR, VIEWER
 
@@ -277,59 +272,3 @@ def test_whoever_logs_out_while_a_page_opens_sees_nothing(page: Page, feed: Feed
 
     page.app.state.hub.watching = slow
     assert page.close_code(page.cookie(VIEWER), RUN, page.origin) == 4401
-
-
-class Gone:
-    """A socket whose other end is closed at the first message; ``error`` is what sending says then."""
-
-    def __init__(self, hub: Any, error: Exception) -> None:
-        self.app = SimpleNamespace(state=SimpleNamespace(hub=hub))
-        self.scope, self.query_params = {"user": SimpleNamespace(role="viewer")}, {"run": "one"}
-        self._error = error
-        self.sent = 0
-
-    async def accept(self) -> None:
-        return None
-
-    async def send_text(self, message: str) -> None:
-        self.sent += 1
-        raise self._error
-
-    send_bytes = send_text
-
-    async def receive_text(self) -> str:
-        await asyncio.Event().wait()
-        return ""
-
-    async def close(self, code: int, reason: str) -> None:
-        await self.send_text(reason)
-
-
-class Hub:
-    """One run with a snapshot; or ``error`` instead."""
-
-    def __init__(self, error: Exception | None = None) -> None:
-        self._error = error
-
-    @asynccontextmanager
-    async def watching(self, run: str, viewer: Any) -> Any:
-        if self._error is not None:
-            raise self._error
-        viewer.ask_snapshot()
-        yield SimpleNamespace(room=SimpleNamespace(snapshot=lambda viewer: ["state"]))
-
-
-CLOSED = "Unexpected ASGI message 'websocket.send', after sending 'websocket.close' or response already completed"
-ERRORS = [WebSocketDisconnect(1006), RuntimeError(CLOSED)]
-
-
-@pytest.mark.parametrize("error", ERRORS, ids=["disconnected", "closed already"])
-@pytest.mark.parametrize("hub", [Hub(), Hub(InputError("B-WEB-013", "there is no such run"))], ids=["run", "none"])
-def test_a_page_that_goes_away_while_it_is_sent_to(
-    hub: Hub, error: Exception, caplog: pytest.LogCaptureFixture
-) -> None:
-    page = Gone(hub, error)
-    with caplog.at_level(logging.DEBUG):
-        asyncio.run(asyncio.wait_for(served_socket.socket(page), 10.0))  # type: ignore[arg-type]
-    assert page.sent == 1
-    assert [record for record in caplog.records if record.exc_info] == []
