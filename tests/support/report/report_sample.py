@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,20 +20,6 @@ LEVELS_A = {
     "accelerometer": (5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 2e-2),
 }
 _SLOT_s, _POINT_s = 9000.0, 120.0
-
-
-@dataclass(frozen=True)
-class SampleWindow:
-    conditions: Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class SampleRow:
-    window: SampleWindow
-    frames: int = 10_000
-    lost: int = 0
-    bad: int = 0
-    quality: Quality = Quality.GOOD
 
 
 @dataclass(frozen=True)
@@ -67,19 +53,9 @@ def sample_steps(temperatures: tuple[float, ...] = TEMPERATURES_degC) -> tuple[S
 
 
 def estimate(quantity: str, unit: str, value: float, expanded: float, **conditions: Any) -> dict[str, Any]:
-    return {
-        "quantity": quantity,
-        "unit": unit,
-        "value": value,
-        "std_uncertainty": expanded / 1.96,
-        "coverage_factor": 1.96,
-        "expanded_uncertainty": expanded,
-        "conditions": conditions,
-        "n": 14,
-        "dropped": 0,
-        "limit": None,
-        "verdict": "none",
-    }
+    found = {"quantity": quantity, "unit": unit, "value": value, "conditions": conditions, "n": 14, "dropped": 0}
+    stated = {"std_uncertainty": expanded / 1.96, "coverage_factor": 1.96, "expanded_uncertainty": expanded}
+    return {**found, **stated, "limit": None, "verdict": "none"}
 
 
 def sample_estimates(rng: np.random.Generator) -> list[dict[str, Any]]:
@@ -104,27 +80,16 @@ def sample_estimates(rng: np.random.Generator) -> list[dict[str, Any]]:
 
 
 def sample_results(simulated: bool = True) -> dict[str, Any]:
+    hashes = {"plan_sha256": "ab" * 32, "frame_sha256": "cd" * 32, "session_sha256": "ef" * 32}
+    frames = {"frames": 15_048_000, "frames_bad": 3, "frames_lost": 2}
     return {
         "schema": 1,
         "session": "20000101T000000Z_scale_factor_38h_SIM-1",
         "campaign": "scale_factor",
         "uut": {"model": "NGU", "serial": "SIM-1"},
         "estimates": sample_estimates(np.random.default_rng(7)),
-        "quality": {
-            "records": 765,
-            "frames": 15_048_000,
-            "frames_bad": 3,
-            "frames_lost": 2,
-            "splices": 0,
-            "retaken": 1,
-        },
-        "provenance": {
-            "simulated": simulated,
-            "plan_sha256": "ab" * 32,
-            "frame_sha256": "cd" * 32,
-            "session_sha256": "ef" * 32,
-            "software": "inertial-bench 0.1.0",
-        },
+        "quality": {"records": 765, **frames, "splices": 0, "retaken": 1},
+        "provenance": {"simulated": simulated, **hashes, "software": "inertial-bench 0.1.0"},
     }
 
 
@@ -158,25 +123,16 @@ def sample_room() -> Surrounding:
 
 
 def sample_manifest() -> dict[str, Any]:
+    kinds = {"gyro": (0.299, 83.0, "deg/s"), "accelerometer": (0.0242, 20.2, "g")}
+    keys = ("full_scale_A", "sensor_full_scale", "sensor_unit")
     channels = [
-        {
-            "number": number,
-            "kind": kind_of(number),
-            "full_scale_A": 0.299 if number <= 6 else 0.0242,
-            "sensor_full_scale": 83.0 if number <= 6 else 20.2,
-            "sensor_unit": "deg/s" if number <= 6 else "g",
-        }
+        {"number": number, "kind": kind_of(number), **dict(zip(keys, kinds[kind_of(number)], strict=True))}
         for number in range(1, 11)
     ]
-    standard = {
-        "driver": "fluke_5720a",
-        "model": "5720A",
-        "serial": "SIM-5720",
-        "certificate": "SIM-0001",
-        "calibrated": "1999-11-01",
-        "due": "2000-11-01",
-        "corrections": [{"range_A": 2.2e-4, "gain": 0.0, "offset_A": 0.0}],
-    }
+    certificate = {"certificate": "SIM-0001", "calibrated": "1999-11-01", "due": "2000-11-01"}
+    corrections = [{"range_A": 2.2e-4, "gain": 0.0, "offset_A": 0.0}]
+    standard = {"driver": "fluke_5720a", "model": "5720A", "serial": "SIM-5720", **certificate}
+    standard |= {"corrections": corrections}
     return {
         "title": "AF-converter scale factor, 5 temperatures x 10 channels x 15 steps",
         "campaign": {"reference_temperature_degC": 20.0, "channels": channels},
@@ -187,8 +143,10 @@ def sample_manifest() -> dict[str, Any]:
 
 
 def sample_model(simulated: bool = True) -> ReportModel:
-    rows = [SampleRow(SampleWindow({"channel": 1}))] * 764
-    rows.append(SampleRow(SampleWindow({"channel": 1}), 9_990, 10, 2, Quality.LOST | Quality.RETAKEN))
+    window = SimpleNamespace(conditions={"channel": 1})
+    rows = [SimpleNamespace(window=window, frames=10_000, lost=0, bad=0, quality=Quality.GOOD)] * 764
+    flags = Quality.LOST | Quality.RETAKEN
+    rows.append(SimpleNamespace(window=window, frames=9_990, lost=10, bad=2, quality=flags))
     return report_model(
         sample_results(simulated),
         rows,
