@@ -1,4 +1,4 @@
-"""Nothing comes alone: a driver has its simulator and protocol test, a frame its golden, a fit its source."""
+"""Nothing comes alone: a driver has its simulator and protocol test, a frame its golden, a mutant its tests."""
 
 from __future__ import annotations
 
@@ -11,11 +11,6 @@ import pytest
 from tree import TOP, files_that_say, name_of, nodes_of, python_files, text_of
 
 FRAMES = sorted((TOP / "frames").glob("*.yaml"))
-FITS = [
-    path
-    for path in python_files("bench/maths", "bench/systems")
-    if {"maths", "estimators"} & set(path.parts) and "def " in text_of(path)
-]
 
 
 def is_driver(path: Path) -> bool:
@@ -34,10 +29,6 @@ def test_driver_has_simulator_and_protocol_test() -> None:
 def test_frame_has_a_golden() -> None:
     without = [path for path in FRAMES for word in ("golden", "expect") if not re.search(rf"\b{word}:", text_of(path))]
     assert without == []
-
-
-def test_fit_names_its_source() -> None:
-    assert [name_of(path) for path in FITS if not re.search(r"^\s*Sources?:", text_of(path), re.MULTILINE)] == []
 
 
 @pytest.mark.parametrize("room", ["maths", "replay", "report", "analysis", "session", "systems", "record", "store"])

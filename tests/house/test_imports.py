@@ -92,11 +92,6 @@ def test_a_room_that_no_floor_names_is_refused() -> None:
 # --- circles and models ------------------------------------------------------------------------------------------
 
 
-def test_the_graph_knows_imports_in_functions_and_for_types() -> None:
-    assert "bench.commands.run" in arrows()["bench.cli"]
-    assert "bench.plan.expand" in arrows()["bench.plan.readings"]
-
-
 def test_there_is_no_circle() -> None:
     assert circles(arrows()) == []
 

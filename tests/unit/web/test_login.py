@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import stat
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,18 +27,6 @@ from bench.web.security.tokens import (
 )
 
 KIM = Login("kim", OPERATOR, "0123456789abcdef")
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with served(tmp_path_factory.mktemp("page")) as found:
-        yield found
-
-
-@pytest.fixture
-def page(server: Page) -> Page:
-    server.forget()
-    return server
 
 
 def cookies_of(folder: Path, clock: VirtualClock, port: int = 8321, secure: bool = False) -> Cookies:

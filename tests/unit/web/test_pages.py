@@ -6,7 +6,6 @@ import asyncio
 import json
 import re
 from collections.abc import Callable
-from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -31,24 +30,6 @@ def test_every_text_that_is_asked_for_is_there() -> None:
     asked = set(re.findall(r"\bt\([\"']([^\"'$]+)[\"']", everything))
     asked |= set(re.findall(r"\"(trouble\.[a-z-]+)\"", everything))
     assert asked - set(ENGLISH) == set()
-
-
-class _Elements(HTMLParser):
-    def __init__(self) -> None:
-        super().__init__()
-        self.found: list[tuple[str, dict[str, str | None]]] = []
-        self.inside: list[str] = []
-
-    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
-        self.found.append((tag, dict(attrs)))
-        self.inside.append(tag)
-
-    def handle_data(self, data: str) -> None:
-        if self.inside and self.inside[-1] == "script":
-            assert not data.strip(), "an inline script"
-
-    def handle_endtag(self, tag: str) -> None:
-        self.inside.append("")
 
 
 class Client:
@@ -80,29 +61,6 @@ def client() -> Client:
     app = Starlette(routes=routes)
     app.state.hub = SimpleNamespace(outline=outline, work=work)
     return Client(app)
-
-
-@pytest.mark.parametrize("path", ["/", "/fleet", "/runs/20260101T000000Z_x_7"])
-def test_a_page_has_no_inline_script_and_every_file_it_names(client: Client, path: str) -> None:
-    reply = client.get(path)
-    parser = _Elements()
-    parser.feed(reply.text)
-    named = [attrs.get("src") or attrs.get("href") or "" for tag, attrs in parser.found if tag in ("script", "link")]
-    own = [name.removeprefix("/static/") for name in named if name.startswith("/static/")]
-    assert {name for name in own if not (HERE / "static" / name).is_file()} == set()
-    assert {name for name in named if not name.startswith(("/static/", "/bokeh/bokeh.min.js", "/api/v1/"))} == set()
-    assert not [attrs for _, attrs in parser.found if any(name.startswith("on") for name in attrs)]
-    ids = [attrs["id"] for _, attrs in parser.found if "id" in attrs]
-    assert len(ids) == len(set(ids))
-    assert ("html", {"lang": "en"}) in parser.found
-
-
-def test_every_element_that_a_script_looks_for_is_on_its_page(client: Client) -> None:
-    for path, first in (("/", "start.js"), ("/fleet", "fleet.js"), ("/runs/x", "page.js")):
-        html = client.get(path).text
-        scripts = "".join(SCRIPTS[module] for module in pages._modules(first))
-        wanted = set(re.findall(r'byId\("([a-z-]+)"\)(?!\?)', scripts))
-        assert {name for name in wanted if f'id="{name}"' not in html} == set(), path
 
 
 def test_every_script_is_part_of_a_page() -> None:

@@ -204,12 +204,6 @@ def test_an_address_is_written_as_browsers_write_it() -> None:
     assert written(None, secure=True) == frozenset()
 
 
-@pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with served(tmp_path_factory.mktemp("page")) as found:
-        yield found
-
-
 def whole(page: Page) -> bytes:
     return f"GET / HTTP/1.1\r\nHost: 127.0.0.1:{page.port}\r\n\r\n".encode()
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from web_rig import RUN, Answer, Page, served
+from web_rig import RUN, Answer, Page
 
 from bench.model.clock import VirtualClock, WallClock
 from bench.run.control.local_socket import ControlServer, socket_path
@@ -33,18 +33,6 @@ class Run:
         self.asked.append(request)
         self.go.wait(10)
         return self.reply
-
-
-@pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Page]:
-    with served(tmp_path_factory.mktemp("page")) as found:
-        yield found
-
-
-@pytest.fixture
-def page(server: Page) -> Page:
-    server.forget()
-    return server
 
 
 @pytest.fixture
