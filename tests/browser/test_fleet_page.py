@@ -29,9 +29,9 @@ pytestmark = pytest.mark.waits
 LIMIT_S = 5.0
 CLOCK = WallClock()
 RUN = "20260301T000000Z_real_7"
-STATES = """() => Object.fromEntries([...document.querySelectorAll("#benches tbody tr")].map(
+STATES = """() => Object.fromEntries([...document.querySelectorAll("#benches tbody tr[data-key]")].map(
   (row) => [row.dataset.key, row.querySelector(".fleet-state").dataset.state]))"""
-ROWS = """() => [...document.querySelectorAll("#benches tbody tr")].map(
+ROWS = """() => [...document.querySelectorAll("#benches tbody tr[data-key]")].map(
   (row) => [row.dataset.key, row.className.match(/need-(\\w+)/)[1]])"""
 
 
