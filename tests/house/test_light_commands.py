@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
 import os
 import subprocess
 import sys
 
 import pytest
+from scipy import special
 
 from bench import cli
+from bench.maths.verdict import coverage_factor
 
 LOOK = """
 import contextlib, io, json, sys
@@ -47,6 +50,12 @@ def test_the_history_loads_no_fit_and_no_drawing() -> None:
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
     assert "bench" in done.stdout.split()
     assert not set(done.stdout.split()) & {"scipy", "matplotlib"}
+
+
+def test_the_normal_coverage_factor_is_known_without_scipy_to_the_last_bit() -> None:
+    assert coverage_factor() == float(special.ndtri(0.975)) == 1.959963984540054
+    assert coverage_factor(math.inf, 0.99) == float(special.ndtri(0.995))
+    assert round(coverage_factor(10.0), 2) == 2.23  # JCGM 100:2008 table G.2
 
 
 def test_a_check_loads_declarations_and_no_analysis() -> None:

@@ -16,7 +16,7 @@ from starlette.applications import Starlette
 from starlette.routing import Route
 
 import bench.web
-from bench.web import figures, pages, runs
+from bench.web import pages, runs
 
 HERE = Path(bench.web.__file__).parent
 ENGLISH = json.loads((HERE / "texts" / "en.json").read_text(encoding="utf-8"))
@@ -89,20 +89,3 @@ def test_figures_have_no_code_and_leave_no_reading_out(client: Client) -> None:
         assert plot["attributes"]["lod_threshold"] is None
     names = re.findall(r'"name": "(curve-\d+)"', json.dumps(made["graphs"][0]))
     assert names == [f"curve-{index}" for index in range(10)]
-
-
-def contrast(*colours: str) -> float:
-    """Contrast ratio of two colours. Source: WCAG 2.2, relative luminance and contrast ratio."""
-    shares = [[int(colour[index : index + 2], 16) / 255 for index in (1, 3, 5)] for colour in colours]
-    linear = [[part / 12.92 if part <= 0.04045 else ((part + 0.055) / 1.055) ** 2.4 for part in one] for one in shares]
-    dark, bright = sorted(0.2126 * red + 0.7152 * green + 0.0722 * blue for red, green, blue in linear)
-    return (bright + 0.05) / (dark + 0.05)
-
-
-@pytest.mark.parametrize("theme", ["dark", "light"])
-def test_curves_that_no_checker_of_pages_sees_stand_out_from_their_card(theme: str) -> None:
-    """WCAG 2.2, success criterion 1.4.11; #777 on white is published with it."""
-    assert contrast("#777777", "#ffffff") == pytest.approx(4.48, abs=0.005)
-    palette = figures.PALETTES[theme]
-    assert min(contrast(hue, palette.card) for hue in (*palette.hues, palette.now)) >= 3.0
-    assert len({(look["hue"], tuple(look["dash"])) for look in figures.looks()}) >= 10
