@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -12,7 +13,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 from matplotlib.figure import Figure as Drawing
-from report_boxes import axis_labels, collisions, flaws, outside, text_boxes
+from report_boxes import axis_labels, collisions, flaws, outside, recorded_figures, text_boxes
 from report_sample import estimate, sample_model, sample_results, small_model
 
 from bench.analysis import Figure, Material, Table, series
@@ -278,6 +279,20 @@ def test_a_coefficient_without_constant_shows_the_value_at_its_reference_tempera
     table = coefficient_table(replace(model, results={**model.results, "estimates": estimates}), words_of("en"))
     assert table is not None
     assert table.rows == (("1", "Bias / nA", "436.57 ± 0.10", "2.10 ± 0.10"),)
+
+
+def test_panels_of_a_group_stand_apart_and_inside_their_picture(monkeypatch: pytest.MonkeyPatch) -> None:
+    figures = recorded_figures(monkeypatch)
+    degC = np.linspace(-10.0, 50.0, 30)
+    axes = "lagged temperature, degC", "bias, nA"
+    drawn = [
+        Figure(f"channel {power}", "", *axes, [series("up", degC, 10.0**power * np.sin(degC))], group="bias")
+        for power in range(-2, 4)  # three rows of panels, numbers of every size
+    ]
+    assert len(analysis_pictures(drawn)) == len(figures) == 1
+    assert flaws(figures[0]) == []
+    boxes = [panel.get_position() for panel in figures[0].axes]
+    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
 
 
 def test_the_check_of_figures_sees_a_collision_a_cut_and_turned_texts() -> None:
