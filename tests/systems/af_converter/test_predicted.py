@@ -123,5 +123,9 @@ def test_a_spread_that_is_none_or_in_another_unit_is_refused(tmp_path: Path) -> 
     with pytest.raises(FitError, match=r"spread of dsf_n_residual is in A, and the quantity is in ppm") as refused:
         list(predicted_lines(plan, predicted(plan)))
     assert refused.value.code == "B-FIT-051"
+
+
+def test_of_an_analysis_that_predicts_nothing_nothing_is_said(tmp_path: Path) -> None:
+    plan = single_plan(tmp_path)
     foreign = replace(plan, campaign={**plan.campaign, "analysis": "noise_of_mine"})
     assert list(predicted_lines(foreign, predicted(foreign))) == []
