@@ -14,7 +14,6 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from importlib import import_module
 from importlib.metadata import version
 from typing import Any
 
@@ -68,16 +67,17 @@ def completed_on_cluster(
     if not _LOCAL.fullmatch(where) and not _ADDRESS.fullmatch(where):
         raise InputError("B-STUDY-003", f"{where!r} is no place to compute at", where="--dask", next_step=_HELP)
     try:
-        distributed: Any = import_module("distributed")
+        import distributed
     except ModuleNotFoundError as error:
         text = f"--dask needs the package {error.name}, which is not installed"
         step = f"install inertial-bench[{EXTRA}], or leave --dask out"
         raise InputError("B-STUDY-004", text, where="--dask", next_step=step) from error
-    with _connected(distributed, where) as client:
+    dask: Any = distributed  # it has no types
+    with _connected(dask, where) as client:
         _check(where, client)
         futures = {client.submit(run_there, run_task, task, pure=False): task for task in tasks}
         by_key = {future.key: task for future, task in futures.items()}
-        left = distributed.as_completed(futures)
+        left = dask.as_completed(futures)
         del futures  # a result is let go once it was handed on
         for future in left:
             yield by_key[future.key], *outcome_of(future)

@@ -15,7 +15,7 @@ CEILINGS = {
     "tokens a line": 10.56,
     "files": 876,
     "dict[str, Any]": 513,
-    "lines of tests": 116_484,
+    "lines of tests": 116_489,
     "words of docs": 170_174,
 }
 CEILINGS_OF_WAYS = {

@@ -62,7 +62,12 @@ def _linked(name: str) -> Spoil:
 
 
 def _only(*names: str) -> Spoil:
-    return lambda folder: [path.unlink() for path in folder.iterdir() if path.name not in names]
+    def spoil(folder: Path) -> None:
+        for path in folder.iterdir():
+            if path.name not in names:
+                path.unlink()
+
+    return spoil
 
 
 def _opened(folder: Path) -> None:

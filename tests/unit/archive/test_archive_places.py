@@ -66,7 +66,7 @@ def test_sessions_of_a_store_are_those_of_the_folder(memory: str) -> None:
     assert [name_of(place) for place in here] == sorted(path.name for path in GOLDEN.iterdir())
     assert [name_of(place) for place in there] == [name_of(place) for place in here]
     assert [place.bytes for place in there] == [place.bytes for place in here]
-    assert there[0].location == f"memory://lab/2000/{here[0].name}".replace("memory://", "memory:///")
+    assert there[0].location == f"memory://lab/2000/{name_of(here[0])}".replace("memory://", "memory:///")
 
 
 def test_a_session_of_a_store_is_copied_here_and_gone_afterwards(memory: str) -> None:
