@@ -32,7 +32,6 @@ from bench.report import (
     session_of,
 )
 from bench.session.one_unit import serials_of
-from bench.session.released import no_results
 from bench.session.service import read_view
 from bench.session.units import in_each_unit
 from bench.session.verification import (
@@ -43,6 +42,7 @@ from bench.session.verification import (
     check_coefficients,
     check_reports,
     check_results,
+    no_results,
 )
 from bench.session.view import SessionView, analyse_view
 

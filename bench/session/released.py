@@ -34,16 +34,6 @@ def released_results(folder: Path) -> Mapping[str, Any] | None:
     return results
 
 
-def no_results(folder: Path) -> InputError:
-    """Return the error of a session without results.json where they are to be compared."""
-    return InputError(
-        "B-CLI-010",
-        "is not there, so there is nothing to compare with",
-        where=folder / "results.json",
-        next_step="'bench fit' prints the results of the session",
-    )
-
-
 def check_same_recording(results: Mapping[str, Any], session_sha256: str, where: str) -> None:
     """Refuse results that were computed from another recording. Raises: StoreError B-STORE-013."""
     computed_from = results["provenance"]["session_sha256"]

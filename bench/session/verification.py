@@ -24,6 +24,16 @@ SMALLEST = 1e-300  # of two zeros that differ in their sign
 NAMED = 20  # differences of one file that are named; all are counted
 
 
+def no_results(folder: Path) -> InputError:
+    """Return the error of a session without results.json where they are to be compared."""
+    return InputError(
+        "B-CLI-010",
+        "is not there, so there is nothing to compare with",
+        where=folder / RESULTS,
+        next_step="'bench fit' prints the results of the session",
+    )
+
+
 @dataclass(frozen=True)
 class Change:
     """One thing that is not what the session gives: in which file, and what."""
