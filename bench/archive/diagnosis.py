@@ -12,8 +12,8 @@ from bench.model.errors import BenchError, SessionDamaged
 from bench.model.events import End, Resume, event_of
 from bench.model.segments import OPEN_MARKER
 from bench.record import SessionReader
-from bench.session.released import check_same_recording, released_results
-from bench.session.verification import RESULTS
+from bench.session.released import check_same_recording
+from bench.session.verification import RESULTS, released_results
 from bench.store import StoreError
 
 _OTHER = "B-ARC-004"

@@ -16,10 +16,9 @@ from bench.record import SessionReader
 from bench.replay import ABSENT, Difference, compare
 from bench.session.coefficients import Coefficients, coefficients_of_session, merged_coefficients
 from bench.session.one_unit import serials_of
-from bench.session.released import released_results
 from bench.session.service import analysed, read_view
 from bench.session.units import in_each_unit
-from bench.session.verification import SOFTWARE_PATH, no_results, software_of
+from bench.session.verification import SOFTWARE_PATH, no_results, released_results, software_of
 from bench.session.view import analyse_view
 
 SHOWN_DIFFERENCES = 20

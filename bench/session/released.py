@@ -1,37 +1,14 @@
-"""What a session says of its own release: the results in its folder, of this recording, and when it began."""
+"""What the history asks of a session: results of this recording, and when it began."""
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
-from bench.analysis import validate_results
-from bench.model.errors import InputError
 from bench.record import SessionReader
 from bench.store import StoreError, started_utc_ns
 
 _CLOCK = frozenset({"/clock"})
-
-
-def released_results(folder: Path) -> Mapping[str, Any] | None:
-    """Return results.json of a session, None without one. Raises: InputError B-FIT-010 if it is not in its form."""
-    path = folder / "results.json"
-    try:
-        document: Any = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError) as error:
-        raise InputError(
-            "B-FIT-010",
-            f"cannot be read ({error})",
-            where=str(path),
-            next_step="remove it to have the results computed again",
-        ) from error
-    validate_results(document, str(path))
-    results: Mapping[str, Any] = document
-    return results
 
 
 def check_same_recording(results: Mapping[str, Any], session_sha256: str, where: str) -> None:

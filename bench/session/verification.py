@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import Analysis, results_json
+from bench.analysis import Analysis, results_json, validate_results
 from bench.model.errors import InputError
 from bench.model.extras import missing_extra
 from bench.replay import Difference, compare
@@ -22,6 +22,25 @@ RESULTS, REPORT, PAPER = "results.json", "report.html", "report.pdf"
 PROVENANCE = "provenance"
 SMALLEST = 1e-300  # of two zeros that differ in their sign
 NAMED = 20  # differences of one file that are named; all are counted
+
+
+def released_results(folder: Path) -> Mapping[str, Any] | None:
+    """Return results.json of a session, None without one. Raises: InputError B-FIT-010 if it is not in its form."""
+    path = folder / RESULTS
+    try:
+        document: Any = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise InputError(
+            "B-FIT-010",
+            f"cannot be read ({error})",
+            where=str(path),
+            next_step="remove it to have the results computed again",
+        ) from error
+    validate_results(document, str(path))
+    results: Mapping[str, Any] = document
+    return results
 
 
 def no_results(folder: Path) -> InputError:

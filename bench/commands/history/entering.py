@@ -11,8 +11,9 @@ from bench.commands.requests import Place
 from bench.model.errors import BenchError, ExitStatus
 from bench.record import SessionReader
 from bench.report import Laboratory, laboratory_of
-from bench.session.released import began_utc_ns, check_same_recording, released_results
+from bench.session.released import began_utc_ns, check_same_recording
 from bench.session.service import analysed
+from bench.session.verification import released_results
 from bench.store import Recorded, StoreError, digest_of_file, record_calibration
 
 NO_ANALYSIS = "none"
