@@ -11,6 +11,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
+from numpy.linalg import LinAlgError
+
 from bench.analysis.doubt import Evidence
 from bench.analysis.estimates import Estimates
 from bench.analysis.expected import judged_values
@@ -100,12 +102,20 @@ def analyse(material: Material, method: str | None = None) -> Analysis:
     """Run the analysis the campaign names, with its default method (the first it declares) unless told otherwise.
 
     What the sequence expects of the values it names is judged beside it.
-    Raises: FitError, B-LAB-008 where an analysis of a lab folder fails.
+    Raises: FitError, B-FIT-143 where equations have no solution, B-LAB-008 where an analysis of a lab folder fails.
     """
     declared = declared_analysis(str(material.campaign.get("analysis", "")))
     module, chosen = analysis_module(declared.name), method or declared.methods[0]
     if own_code("analyses", declared.name) is None:
-        return with_expected(module.analyse(material, chosen), material)
+        try:
+            return with_expected(module.analyse(material, chosen), material)
+        except LinAlgError as error:  # of any estimator: data that no check of its own foresaw
+            raise FitError(
+                "B-FIT-143",
+                f"the equations of the fit have no solution ({error}): the records do not hold what is to be found",
+                where=declared.name,
+                next_step="look for a jump, a constant column or a gap ('bench export'), and leave it out",
+            ) from error
     return with_expected(_by_lab(declared.name, module, material, chosen), material)
 
 

@@ -124,6 +124,16 @@ def test_analysis_by_name() -> None:
         analyse(Material([], {"analysis": "scale_facto"}, {}))
 
 
+def test_equations_without_a_solution_are_an_error_of_the_records(monkeypatch: pytest.MonkeyPatch) -> None:
+    def singular(material: Material, method: str) -> Any:
+        return np.linalg.inv(np.zeros((2, 2)))
+
+    monkeypatch.setattr(analysis_module("scale_factor"), "analyse", singular)
+    with pytest.raises(FitError, match=r"B-FIT-143: scale_factor: .*no solution.*Next: ") as caught:
+        analyse(Material([], {"analysis": "scale_factor"}, {}))
+    assert caught.value.exit_status == 2
+
+
 PROVENANCE_D = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "test"}
 PLACE = {"channel": 1, "temperature_degC": 20.0}
 
