@@ -13,6 +13,7 @@ import os
 import select
 import signal
 import threading
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
@@ -142,23 +143,26 @@ class _Lines:
     def __init__(self, descriptor: int) -> None:
         self._descriptor = descriptor
         self._rest = b""
+        self._whole: deque[bytes] = deque()
         self.ended = False
 
     def first(self) -> bytes:
         """Return the first line, however long it takes. Raises: EOFError."""
-        while not self.ended:
+        while self._whole or not self.ended:
             for line in self.next(None):
                 return line
         raise EOFError("the controller ended before it gave a brief")
 
     def next(self, limit_s: float | None) -> Iterator[bytes]:
         """Yield whole lines that are there after ``limit_s`` at the latest."""
-        readable, _, _ = select.select([self._descriptor], [], [], limit_s)
-        if readable:
+        # a reader that takes one line leaves the others: a goodbye may come with the brief
+        if not self._whole and select.select([self._descriptor], [], [], limit_s)[0]:
             chunk = os.read(self._descriptor, _READ_BYTES)
             self.ended = self.ended or not chunk
             *lines, self._rest = (self._rest + chunk).split(b"\n")
-            yield from lines
+            self._whole.extend(lines)
+        while self._whole:
+            yield self._whole.popleft()
 
 
 class OwnReading:

@@ -32,6 +32,7 @@ from bench.run.guard.guarding import brief_of, station_lock
 from bench.run.guard.health import LINKS, SEQUENCER, Health
 from bench.run.guard.last_words import guard_lines, last_words, terminal_of, write_to_terminal
 from bench.run.guard.notice import notice_command
+from bench.run.guard.process import _Lines as ReadLines
 from bench.run.guard.process import _watch
 from bench.run.guard.start import GuardProcess
 from bench.run.guard.take_over import TAKE_OVER, ask_to_let_go
@@ -285,6 +286,21 @@ def test_a_bench_without_a_stimulus_has_no_drill() -> None:
     station = load_station(find_shipped("stations", "af_bench_sim"))
     with pytest.raises(InputError, match="B-RUN-095"):
         source_of(station, dict.fromkeys(station.safe_order, Instrument))
+
+
+def test_a_goodbye_that_comes_with_the_brief_is_heard() -> None:
+    read, write = os.pipe()
+    os.write(write, b"brief\ngoodbye\nhalf")
+    lines = ReadLines(read)
+    assert lines.first() == b"brief"
+    assert list(lines.next(0.0)) == [b"goodbye"]
+    os.write(write, b" a line\n")
+    assert list(lines.next(0.0)) == [b"half a line"]
+    os.close(write)
+    assert (list(lines.next(0.0)), lines.ended) == ([], True)
+    with pytest.raises(EOFError):
+        lines.first()
+    os.close(read)
 
 
 class _Lines:
