@@ -120,10 +120,16 @@ class WaitingOperator:
         if self._terminal is not None:
             with self._terminal_may_go():
                 self._terminal.ask(asked.question)
-        if self._terminal is None or asked.question.arms:  # a hold is not foreseen: nobody may sit there by now
+        if asked.question.arms:  # a hold is not foreseen: nobody may sit there by now
             context.event(PromptAlarm(**_fields(asked)))
         if self._terminal is None:
-            context.message(_how(context, asked.question))
+            self._ask_others(context, asked)
+
+    def _ask_others(self, context: RunContext, asked: _Open) -> None:
+        """Tell whoever else can answer that a question waits, where no terminal does or not any more."""
+        if not asked.question.arms:
+            context.event(PromptAlarm(**_fields(asked)))
+        context.message(_how(context, asked.question))
 
     def _wait(self, context: RunContext, asked: _Open) -> Answer:
         while asked.answer is None:
@@ -134,9 +140,11 @@ class WaitingOperator:
                     "B-RUN-070", f"no answer for more than {asked.question.limit_s:g} s: {asked.question.text}",
                     where="prompt", next_step="'bench resume SESSION' at the bench",
                 )  # fmt: skip
-            line = self._typed(context)
+            seated, line = self._terminal is not None, self._typed(context)
             if line is not None:
                 self._take_typed(asked, line)
+            if seated and self._terminal is None and asked.answer is None:
+                self._ask_others(context, asked)
         if self._terminal is not None and asked.answer.by != asked.question.confirm:
             with self._terminal_may_go():
                 self._terminal.tell(f"answered by {asked.answer.by}")

@@ -176,12 +176,12 @@ def test_a_terminal_that_has_gone_leaves_it_to_the_others(tmp_path: Path, before
     gone = Typist(OSError(5, "hung up"))
     if before:  # the question
         gone.ask = lambda question: gone.line(0.0)  # type: ignore[assignment,return-value,method-assign]
-    rig, _, operator = waiting(tmp_path, gone)
+    rig, context, operator = waiting(tmp_path, gone)
     operator.reachable = True
     rig.at(3.0, lambda: operator.propose("1", None, "kim", BENCH))
     assert operator.ask(DOOR) == Answer("kim")
-    if before:
-        assert len(rig.events("alarm")) == 1  # told to the others instead
+    assert len(rig.events("alarm")) == 1  # told to the others instead, before it was asked or while it waits
+    assert f"bench answer {context.folder}" in rig.listener.messages[0]
 
 
 def test_the_end_of_a_terminal_is_not_its_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
