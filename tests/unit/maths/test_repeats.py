@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from bench.maths.repeats import odd_one, trend
+from bench.maths.tests import odd_one, trend
 
 # Grubbs, Technometrics 11 (1969), table 1: two-sided 5 %, (x - mean) / s.
 GRUBBS_5 = {5: 1.715, 8: 2.126, 10: 2.290, 15: 2.549, 20: 2.709}
