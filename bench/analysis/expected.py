@@ -16,7 +16,7 @@ from bench.analysis.material import Material
 from bench.analysis.numbers import limits_text, number, significant, value_and_uncertainty
 from bench.analysis.values import Value, absent, conditions_text, placed, values_of
 from bench.analysis.wording import say
-from bench.maths.repeats import odd_one, trend
+from bench.maths.tests import odd_one, trend
 
 SPAN = "span"
 _HEADERS = ("quantity", "conditions", "mean", "unit", "n", "scatter", "u_scatter", "u_specification", "expected")

@@ -11,12 +11,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, special
+from scipy import linalg
 from scipy.optimize import brentq
 
 from bench.maths.arrays import Flags, Floats, Integers
 from bench.maths.control.run_lengths import normal_scores
 from bench.maths.drift import NO_STANDARD
+from bench.maths.tests import of_many, t_both
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 
@@ -129,7 +130,7 @@ def odd_one_of_first_phase(readings: Readings, scatter: Scatter) -> tuple[int, f
         square = np.nan_to_num((rows.T @ (rows @ phase.value)) ** 2 / alone)
         quotient = np.sqrt(square * (freedom - 1) / np.maximum(freedom - square, 1e-12))
     worst = int(quotient.argmax())
-    return worst, min(1.0, 2.0 * scatter.count * float(special.stdtr(freedom - 1, -quotient[worst])))
+    return worst, of_many(t_both(float(quotient[worst]), freedom - 1), scatter.count)
 
 
 def predictions(readings: Readings, scatter: Scatter) -> Predictions:

@@ -15,6 +15,7 @@ import numpy as np
 from scipy import special
 
 from bench.maths.arrays import Floats
+from bench.maths.tests import SMALLEST
 
 EWMA_WEIGHT = 0.2  # of the newest score
 CUSUM_REFERENCE = 0.5  # half the shift, in standard deviations, that a CUSUM is quickest for
@@ -55,7 +56,7 @@ def normal_scores(quotient: Floats, dof: Floats) -> Floats:
     """
     known = np.isinf(dof)
     tail = np.where(known, special.ndtr(-np.abs(quotient)), special.stdtr(np.where(known, 1.0, dof), -np.abs(quotient)))
-    return np.asarray(np.sign(quotient) * np.minimum(-special.ndtri(np.maximum(tail, 1e-300)), _FARTHEST))
+    return np.asarray(np.sign(quotient) * np.minimum(-special.ndtri(np.maximum(tail, SMALLEST)), _FARTHEST))
 
 
 def ewma_run_length(limit: float, scores: Scores, weight: float = EWMA_WEIGHT) -> float:

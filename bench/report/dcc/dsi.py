@@ -3,6 +3,7 @@
 Source: D-SI 2.1.0 (SI_Format.xsd and its list of units). Neither ppm nor per cent is among its units: such values
 are given in ``\\one`` with the power of ten in the number. A difference of temperatures is given in kelvin, exactly the
 same number; ``\\degreecelsius`` is for temperatures only, because a reader may add 273.15 to what is in that unit.
+Standard gravity (9.80665 m/s2, 3rd CGPM, 1901) and the gauss (1e-4 T) are no units of it either; both are exact in SI.
 """
 
 from __future__ import annotations
@@ -10,16 +11,19 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 
 from bench.model.errors import InputError
 
 CELSIUS = r"\degreecelsius"
 ONE = r"\one"
-_POWERS = {"ppm": -6, "ppb": -9, "%": -2, "1": 0}
+_POWERS = {"ppm": -6, "ppb": -9, "%": -2, "1": 0, "gauss": -4}
+_GRAVITY = Decimal("9.80665")
+_IN_SI: dict[str, dict[str, int]] = {"ppm": {}, "ppb": {}, "%": {}, "1": {}, "g": {"m": 1, "s": -2}, "gauss": {"T": 1}}
 _NAMES = {
     "A": "ampere", "V": "volt", "ohm": "ohm", "W": "watt", "F": "farad", "C": "coulomb", "Hz": "hertz", "s": "second",
     "min": "minute", "h": "hour", "degC": "kelvin", "K": "kelvin", "deg": "degree",
-    "arcmin": "arcminute", "arcsec": "arcsecond", "m": "metre",
+    "arcmin": "arcminute", "arcsec": "arcsecond", "m": "metre", "T": "tesla",
 }  # fmt: skip
 _PREFIXES = {"p": "pico", "n": "nano", "u": "micro", "m": "milli", "k": "kilo", "M": "mega", "G": "giga"}
 _PREFIXED = ("A", "V", "ohm", "W", "F", "C", "Hz", "s")
@@ -29,10 +33,20 @@ _CONDITIONS = {"hours": "h", "channel": "1", "repeat": "1", "order": "1"}
 
 @dataclass(frozen=True)
 class SiUnit:
-    """A unit in D-SI and the power of ten that a number in the bench's own unit takes with it."""
+    """A unit in D-SI, and the power of ten and the factor that a number in the bench's own unit takes with it."""
 
     token: str
     power: int = 0
+    factor: Decimal = Decimal(1)
+
+    @property
+    def moved(self) -> str:
+        """What a number is multiplied by, in words; "" for 1."""
+        times = [str(self.factor)] * (self.factor != 1) + [f"1e{self.power}"] * (self.power != 0)
+        return " times ".join(times)
+
+
+PLAIN = SiUnit(ONE)
 
 
 def si_unit(text: str) -> SiUnit:
@@ -40,20 +54,23 @@ def si_unit(text: str) -> SiUnit:
 
     Raises: InputError B-DCC-007 for a unit without one.
     """
-    tokens, power, at = "", 0.0, 0
-    while at < len(text):
-        match = _PART.match(text, at)
+    units: dict[str, float] = {}
+    power, gravities, at, written = 0.0, 0.0, 0, re.sub(r"sqrt\((\w+)\)", r"\1^0.5", text)
+    while at < len(written):
+        match = _PART.match(written, at)
         if match is None or (at > 0) != bool(match[1]):
             raise _unknown(text)
         exponent = float(match[3] or 1) * (-1 if match[1] == "/" else 1)
-        if match[2] in _POWERS:
-            power += _POWERS[match[2]] * exponent
-        else:
-            tokens += _token(match[2], text) + ("" if exponent == 1 else f"\\tothe{{{exponent:g}}}")
+        prefix, unit = (match[2][0], match[2][1:]) if match[2][1:] in ("g", "gauss") else ("", match[2])
+        power += ({"": 0, "m": -3, "u": -6}.get(prefix, math.nan) + _POWERS.get(unit, 0)) * exponent
+        gravities += exponent * (unit == "g")
+        for name, count in _IN_SI.get(unit, {unit: 1}).items():
+            units[name] = units.get(name, 0.0) + count * exponent
         at = match.end()
-    if at == 0 or power != int(power):
+    if at == 0 or not power.is_integer() or gravities not in (0.0, 1.0):
         raise _unknown(text)
-    return SiUnit(tokens or ONE, int(power))
+    tokens = [_token(name, text) + ("" if part == 1 else f"\\tothe{{{part:g}}}") for name, part in units.items()]
+    return SiUnit("".join(tokens) or ONE, int(power), _GRAVITY ** int(gravities))
 
 
 def estimate_unit(quantity: str, unit: str) -> SiUnit:
@@ -72,15 +89,18 @@ def condition_unit(name: str) -> SiUnit | None:
         return None
 
 
-def si_number(value: float, power: int = 0) -> str:
-    """Return every digit of a number, times ten to a power, exactly: the digits stay, the exponent moves.
+def si_number(value: float, unit: SiUnit = PLAIN) -> str:
+    """Return every digit of a number in a unit of D-SI, exactly: for a power of ten only the exponent moves.
 
     Raises: ValueError if the number is not finite.
     """
     if not math.isfinite(value):
         raise ValueError(f"{value} is not a number")
-    mantissa, _, exponent = (str(value) if isinstance(value, int) else repr(float(value))).partition("e")
-    moved = int(exponent or 0) + power
+    text = str(value) if isinstance(value, int) else repr(float(value))
+    if unit.factor != 1:
+        text = str(Decimal(text) * unit.factor).lower()
+    mantissa, _, exponent = text.partition("e")
+    moved = int(exponent or 0) + unit.power
     return f"{mantissa}e{moved}" if moved else mantissa
 
 

@@ -15,13 +15,12 @@ from typing import Any
 from bench.analysis import limits_of
 from bench.maths.verdict import coverage_factor
 from bench.report.dcc.calibration import TEXTS, Calibration
-from bench.report.dcc.dsi import ONE, SiUnit, condition_unit, estimate_unit, si_number
+from bench.report.dcc.dsi import PLAIN, SiUnit, condition_unit, estimate_unit, si_number
 from bench.report.dcc.elements import Element, dcc, leaf, number_list, si, words
 
 PROBABILITY = "0.95"
 Estimate = Mapping[str, Any]
 _SAME_K = 1e-3
-_PLAIN = SiUnit(ONE)
 _LEAST_K = 1.0  # D-SI has no smaller coverage factor
 STATUS = {
     "pass": "pass", "fail": "fail", "conditional_pass": "conditionalPass", "conditional_fail": "conditionalFail",
@@ -110,8 +109,8 @@ def _result(calibration: Calibration, table: Table, refs: str) -> Element:
 
 
 def _description(table: Table, unit: SiUnit) -> str:
-    key = "result.moved" if unit.power else "result.same"
-    return TEXTS(key, quantity=table.quantity, unit=table.unit, power=unit.power, count=len(table.estimates))
+    key = "result.moved" if unit.moved else "result.same"
+    return TEXTS(key, quantity=table.quantity, unit=table.unit, factor=unit.moved, count=len(table.estimates))
 
 
 def _columns(table: Table, unit: SiUnit) -> list[Element]:
@@ -128,7 +127,7 @@ def _columns(table: Table, unit: SiUnit) -> list[Element]:
 def _condition(table: Table, name: str) -> Element:
     unit = condition_unit(name)
     assert unit is not None
-    values = [si_number(estimate["conditions"][name], unit.power) for estimate in table.estimates]
+    values = [si_number(estimate["conditions"][name], unit) for estimate in table.estimates]
     return dcc(
         "quantity", words("name", name), number_list(values, unit.token), refType=f"bench_{camel('condition_' + name)}"
     )
@@ -151,14 +150,14 @@ def _values(table: Table, unit: SiUnit) -> Element:
     rows = table.estimates
     uncertainty = si(
         "expandedUncXMLList",
-        si("uncertaintyXMLList", text=_numbers(rows, "expanded_uncertainty", unit.power)),
+        si("uncertaintyXMLList", text=_numbers(rows, "expanded_uncertainty", unit)),
         si("coverageFactorXMLList", text=_numbers(rows, "coverage_factor")),
         si("coverageProbabilityXMLList", text=PROBABILITY),
         *_distribution(rows[0]),
     )
     values = si(
         "realListXMLList",
-        si("valueXMLList", text=_numbers(rows, "value", unit.power)),
+        si("valueXMLList", text=_numbers(rows, "value", unit)),
         si("unitXMLList", text=unit.token),
         uncertainty,
     )
@@ -166,13 +165,13 @@ def _values(table: Table, unit: SiUnit) -> Element:
     return dcc("quantity", name, values, conformity(rows, unit), refType=f"basic_measuredValue bench_{table.quantity}")
 
 
-def _numbers(rows: Sequence[Estimate], name: str, power: int = 0) -> str:
-    return " ".join(si_number(estimate[name], power) for estimate in rows)
+def _numbers(rows: Sequence[Estimate], name: str, unit: SiUnit = PLAIN) -> str:
+    return " ".join(si_number(estimate[name], unit) for estimate in rows)
 
 
-def _numbered(key: str, ref_type: str, values: Sequence[float], unit: SiUnit = _PLAIN) -> Element:
+def _numbered(key: str, ref_type: str, values: Sequence[float], unit: SiUnit = PLAIN) -> Element:
     """Return a column of numbers, one a row, named by a text of the catalogue."""
-    listed = number_list([si_number(value, unit.power) for value in values], unit.token)
+    listed = number_list([si_number(value, unit) for value in values], unit.token)
     return dcc("quantity", words("name", TEXTS(key)), listed, refType=ref_type)
 
 

@@ -20,6 +20,7 @@ import numpy as np
 
 from bench.analysis import Evidence
 from bench.maths.arrays import Flags, Floats
+from bench.maths.tests import chi2_tail
 from bench.model.errors import FitError
 from bench.systems.af_converter.assumptions import CLOCK_STEADY
 from bench.systems.af_converter.constants import Campaign, Standards
@@ -160,9 +161,7 @@ def clock_spread(group: Group, campaign: Campaign) -> float:
 
 def probability_of(fit: ScaleFactor) -> float:
     """Return the probability of a chi-square at least as large; 1 where it says nothing."""
-    from scipy import special  # a prediction needs none, and a sequence is checked in less time than this loads
-
-    return float(special.chdtrc(fit.dof, fit.chi2)) if np.isfinite(fit.chi2) and fit.dof else 1.0
+    return chi2_tail(fit.chi2, fit.dof) if np.isfinite(fit.chi2) else 1.0
 
 
 def _is_possible(fit: ScaleFactor) -> bool:

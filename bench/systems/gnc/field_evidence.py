@@ -17,9 +17,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Document, Estimates, Evidence, Exchange, Floats, Material, estimate
+from bench.maths.tests import of_many, t_both
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import BenchError
 from bench.systems.gnc.estimators.magnetometer.ellipse import EllipseFit, PlaneParameters
@@ -34,7 +34,6 @@ SPHERE = ("mag_hard_iron", "mag_soft_iron")
 _FIELD_gauss = (0.15, 0.8)  # of the Earth 0.22 to 0.67 at the ground, and a scale that is off
 _LARGEST_IRON = 5.0  # fields
 _LARGEST_DISTORTION = 0.3  # of an axis: soft iron and differences of scale
-_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 _ROUNDING = 1e-18  # variance, gauss^2
 ROLL, SET, RETURNED = "roll", "set_magnetometer", "returned"
 _LEAST = 3  # angles that leave something over beside the direction of the field
@@ -65,7 +64,7 @@ def surface_evidence(
             "field_wanders",
             longer,
             wander.together,
-            max(wander.probability, _SMALLEST),
+            wander.probability,
             math.inf if wander.is_endless else 0.0,
             quantities,
             about,
@@ -132,15 +131,13 @@ def section_evidence(plane: EllipseFit, sphere: EllipsoidFit, turn: Floats, abou
     score = np.abs(apart) / np.sqrt(np.maximum(variance + np.diag(there.covariance)[:4], _ROUNDING))
     score = np.nan_to_num(score, nan=np.inf)  # a plane beside the ellipsoid
     dof = np.minimum(plane.parameters.dof, there.dof)[:4]
-    probability = float(min(1.0, 2.0 * score.size * special.stdtr(dof, -score).min()))
+    probability = of_many(float(t_both(score, dof).min()), score.size)
     least = np.minimum(variance, np.diag(there.covariance)[:4])
     move = float(
         np.nan_to_num(np.abs(apart) / (coverage_factor() * np.sqrt(np.maximum(least, _ROUNDING))), nan=np.inf).max()
     )
     text = say("evidence.section", score=float(score.max()), move=move)
-    return Evidence(
-        "turn_against_attitudes", text, float(score.max()), max(probability, _SMALLEST), move, (*PLANE, *SPHERE), about
-    )
+    return Evidence("turn_against_attitudes", text, float(score.max()), probability, move, (*PLANE, *SPHERE), about)
 
 
 @dataclass(frozen=True)

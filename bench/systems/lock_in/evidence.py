@@ -18,10 +18,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import LEAST_MOVE, Evidence, Floats
 from bench.maths.allan_terms import TERMS
+from bench.maths.tests import chi2_both, f_tail
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import GLOBAL, RAW, SINGLE
@@ -54,7 +54,6 @@ _TIMES, _SWINGS, _PHASES = 4, 4, 8  # groups of turnarounds
 _FIRST_ORDER = 0.1  # of the largest jump squared: of the rate, relative, and of the phase, rad
 _TAIL = 60  # degrees of freedom of an F-test: variances are no normal variables, so a chi-squared is too short
 _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the fits cost nothing in a right world
-_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 
 
 def implausible(laser: LaserResult) -> Iterator[Evidence]:
@@ -131,7 +130,7 @@ def _constants(laser: LaserResult) -> Iterator[Evidence]:
             moves = _beyond_first_order(laser, seen)
             sentence = say(f"evidence.lock_in_by_{name}", name=laser.name, figure=seen.figure)
             yield Evidence(
-                f"lock_in_by_{name}", sentence, seen.figure, max(seen.probability, _SMALLEST), _in_U(laser, moves),
+                f"lock_in_by_{name}", sentence, seen.figure, seen.probability, _in_U(laser, moves),
                 CONSTANTS, place,
             )  # fmt: skip
         probability, factor = runs(fit)
@@ -140,7 +139,7 @@ def _constants(laser: LaserResult) -> Iterator[Evidence]:
             "lock_in_in_runs",
             sentence,
             factor,
-            max(probability, _SMALLEST),
+            probability,
             abs(factor - 1.0),
             CONSTANTS,
             _place(laser),
@@ -204,7 +203,7 @@ def _output(laser: LaserResult, method: str, walk: RandomWalk) -> Iterator[Evide
 
 def _misfit(laser: LaserResult, method: str, walk: RandomWalk, of_it: str) -> Iterator[Evidence]:
     """Yield whether more noise than random walk and quantisation is there: all five terms are the rival."""
-    probability = float(special.fdtrc(walk.dof, _TAIL, walk.chi2 / max(walk.dof, 1)))
+    probability = f_tail(walk.chi2 / max(walk.dof, 1), walk.dof, _TAIL)
     move = 0.0
     if probability < _LOOKED_AT:
         move = _move(laser, walk, laser.found.increments[method], TERMS)
@@ -230,7 +229,7 @@ def _of_walk(
     laser: LaserResult, method: str, code: str, sentence: str, figure: float, probability: float, move: float
 ) -> Iterator[Evidence]:
     """Yield a check of one output; what casts doubt on the walk before compensation does so on every ratio to it."""
-    place, chance = _place(laser), max(probability, _SMALLEST)
+    place, chance = _place(laser), probability
     yield Evidence(code, sentence, figure, chance, move, WALKS, place | {"method": method})
     if method == RAW:
         yield Evidence(code, sentence, figure, chance, move, RATIOS, place)
@@ -244,7 +243,7 @@ def _against_theory(laser: LaserResult) -> Iterator[Evidence]:
     theory = math.hypot(expected, behind.n_deg_rth)
     dof = walk_dof(walk)
     square = dof * (walk.n_deg_rth / theory) ** 2
-    probability = min(1.0, 2.0 * float(min(special.chdtr(dof, square), special.chdtrc(dof, square))))
+    probability = chi2_both(square, dof)
     sentence = say("evidence.walk_unlike_lock_in", name=laser.name, ratio=walk.n_deg_rth / theory)
     yield from _of_walk(
         laser, RAW, "walk_unlike_lock_in", sentence, walk.n_deg_rth / theory, probability,

@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Table, with_uncertainty
+from bench.maths.tests import chi2_tail
 from bench.maths.verdict import coverage_factor
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW
 from bench.systems.lock_in.estimators.steadiness import bias_alignment_error_deg
@@ -256,7 +256,7 @@ def _moved(laser: LaserResult) -> str:
         )
         for key, value, std in blocks:
             chi2 = float(np.sum(((value - np.average(value, weights=std**-2.0)) / std) ** 2))
-            if value.size > 1 and special.chdtrc(value.size - 1, chi2) < _PROBABILITY:
+            if value.size > 1 and chi2_tail(chi2, value.size - 1) < _PROBABILITY:
                 moved.append(say(key))
     return say.listed(dict.fromkeys(moved), "list.and")
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Document, Estimates, estimate, stated_limits
+from bench.maths.tests import chi2_tail
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.lock_in.compensation import COMPENSATORS, GLOBAL, RAW, Compensated, compensated
@@ -82,7 +82,7 @@ def size_dof(value: float, std: float) -> float:
 
 def misfit(walk: RandomWalk) -> float:
     """By how much the Allan deviation is off random walk and quantisation, in their uncertainties; 1 if it is not."""
-    if special.chdtrc(walk.dof, walk.chi2) > _PROBABILITY:
+    if chi2_tail(walk.chi2, walk.dof) > _PROBABILITY:
         return 1.0
     return max(1.0, math.sqrt(walk.chi2 / walk.dof))
 

@@ -6,15 +6,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Floats
 from bench.maths.arrays import Integers
+from bench.maths.tests import f_tail, t_both
 from bench.systems.north.estimators.phasors import wrapped_deg
 from bench.systems.north.sets import TEST
 from bench.systems.north.solution import LIKELIHOOD, Solution
 
-_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 LEAST_deg = 1e-3  # steps of level and lock-ins
 
 
@@ -91,12 +90,10 @@ def errors_of(solution: Solution, method: str) -> Errors | None:
 def f_test(squares: float, dof: int, variance: float, of_dof: float) -> tuple[float, float]:
     """Return a mean square over a variance that is known with ``of_dof``, and the chance of more in a right world."""
     ratio = squares / dof / variance if variance > 0.0 else 0.0
-    chance = special.fdtrc(dof, of_dof, ratio) if math.isfinite(of_dof) else special.chdtrc(dof, ratio * dof)
-    return ratio, max(float(chance), _SMALLEST)
+    return ratio, f_tail(ratio, dof, of_dof)
 
 
 def t_test(value: float, std: float, dof: float) -> tuple[float, float]:
     """Return a value over its standard uncertainty, and the chance of more on either side."""
     score = abs(value) / std if std > 0.0 else 0.0
-    chance = 2.0 * special.stdtr(dof, -score) if math.isfinite(dof) else math.erfc(score / math.sqrt(2.0))
-    return score, max(float(chance), _SMALLEST)
+    return score, t_both(score, dof)

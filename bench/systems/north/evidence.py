@@ -22,9 +22,9 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Estimates, Evidence, Floats
+from bench.maths.tests import best_step, f_tail, of_many
 from bench.systems.north.errors_at_known import Errors, LEAST_deg, errors_of, f_test, t_test
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
 from bench.systems.north.estimators.phasors import wrapped_deg
@@ -69,14 +69,14 @@ def _noise(pairs: Pairs) -> Iterator[Evidence]:
         rest = float(np.average(variance[~own], weights=dof[~own]))
         here = float(np.average(variance[own], weights=dof[own]))
         if rest > 0.0:
-            chance = float(special.fdtrc(dof[own].sum(), dof[~own].sum(), here / rest))
+            chance = f_tail(here / rest, dof[own].sum(), dof[~own].sum())
             pooled = math.sqrt(here / float(np.average(variance, weights=dof)))
             worst = min(worst, (chance, pooled, place))
     chance, pooled, (item, place_name, head_deg, parameters) = worst
     sentence = say("evidence.noise_changes", item=item_name(item), head=head_deg, ratio=pooled)
     about = {"item": item, "head_deg": head_deg} | ({"place": place_name} if place_name else {})
     about |= {"parameters": parameters} if parameters else {}
-    probability = min(1.0, max(chance * len(places), 1e-300))
+    probability = of_many(chance, len(places))
     yield Evidence("noise_changes", sentence, pooled, probability, pooled - 1.0, _OF_NOISE, about)
 
 
@@ -159,18 +159,6 @@ def _gain(errors: Errors, columns: Floats) -> tuple[float, float, int]:
     values, _, rank, _ = np.linalg.lstsq(centred * root[:, None], left * root, rcond=1e-9)
     fitted_deg = centred @ values
     return float(np.sum(errors.weights * fitted_deg**2)), float(np.ptp(fitted_deg)), int(rank)
-
-
-def best_step(value: Floats, weights: Floats) -> tuple[float, float, int]:
-    """Return the step in a series that takes most off chi-square, what it takes off, and its first index behind."""
-    whole = np.cumsum(weights)
-    before = whole[:-1]
-    behind = whole[-1] - before
-    sums = np.cumsum(weights * value)
-    steps = (sums[-1] - sums[:-1]) / behind - sums[:-1] / before
-    gains = steps**2 * before * behind / whole[-1]
-    where = int(np.argmax(gains))
-    return float(steps[where]), float(gains[where]), where + 1
 
 
 def evidence(solution: Solution, entries: Estimates) -> list[Evidence]:
@@ -273,7 +261,7 @@ def _methods_step(apart_deg: Floats, start_deg: float) -> Evidence:
     step_deg, gain, where = best_step(apart_deg, np.ones(apart_deg.size))
     dof = apart_deg.size - 2.0
     rest = max(0.0, float(np.var(apart_deg)) * apart_deg.size - gain) / dof + start_deg**2
-    probability = float(special.fdtrc(1.0, dof, gain / rest)) * (apart_deg.size - 1)
+    probability = of_many(f_tail(gain / rest, 1, dof), apart_deg.size - 1)
     sentence = say(
         "evidence.methods_step",
         first=where + 1,
@@ -282,8 +270,4 @@ def _methods_step(apart_deg: Floats, start_deg: float) -> Evidence:
         step=step_deg,
         other=LIKELIHOOD,
     )
-    return Evidence("methods_step", sentence, abs(step_deg), _chance(probability), abs(step_deg))
-
-
-def _chance(probability: float) -> float:
-    return min(1.0, max(probability, 1e-300))
+    return Evidence("methods_step", sentence, abs(step_deg), probability, abs(step_deg))

@@ -21,10 +21,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Document, Floats, Material, Reading, flag_problem
 from bench.maths.arrays import Flags, Integers
+from bench.maths.tests import f_tail, of_many
 from bench.model.errors import FitError
 from bench.model.quality import Quality
 from bench.systems.north.estimators.likelihood import LikelihoodNorth
@@ -335,7 +335,7 @@ def _unlike(sets: Sequence[NorthSet]) -> None:
     rest_V2 = float(np.sum(left_V**2)) / (count - 1)
     if abs(worst_V) <= _LEAST_SHARE * size_V or not rest_V2 > 0.0:
         return
-    chance = float(special.fdtrc(1.0, count - 1.0, worst_V**2 / rest_V2)) * count
+    chance = of_many(f_tail(worst_V**2 / rest_V2, 1, count - 1), count)
     own = good[int(which)]
     if chance < _ODD and Counter((each.item, each.sense) for each in good)[own.item, own.sense] > 1:
         own.faults.append(

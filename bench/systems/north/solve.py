@@ -8,10 +8,10 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Document, Floats
 from bench.maths.arrays import Flags
+from bench.maths.tests import chi2_both, f_tail
 from bench.model.errors import FitError
 from bench.systems.north.estimators.eight_samples import (
     IndexCalibration,
@@ -197,7 +197,7 @@ def _of_turns(raw: Sequence[LikelihoodNorth]) -> tuple[float, float] | None:
         return None
     dof = float(sum(int(waveform.turns) - 1 for waveform in judged))
     ratio = sum(float(waveform.whiteness) * (int(waveform.turns) - 1) for waveform in judged) / dof
-    if min(special.chdtr(dof, ratio * dof), special.chdtrc(dof, ratio * dof)) > _FALSE_ALARM / 2.0:
+    if chi2_both(ratio * dof, dof) > _FALSE_ALARM:
         return None
     return math.sqrt(ratio), dof / len(judged)
 
@@ -278,7 +278,7 @@ def _across(solution: Solution, apparent: dict[str, Found]) -> dict[str, Found]:
         return apparent
     noise_deg2 = float(np.nansum(across_deg**2)) / (sets - fitted)
     ratio = float(np.nanmean(rest_deg2)) / noise_deg2 if noise_deg2 > 0.0 else 0.0
-    solution.unsteady = bool(special.fdtrc(3.0 * sets, float(sets - fitted), ratio) < _FALSE_ALARM)
+    solution.unsteady = f_tail(ratio, 3 * sets, sets - fitted) < _FALSE_ALARM
     if not solution.unsteady:
         return apparent
     each_deg = np.where(np.isfinite(across_deg), math.sqrt(noise_deg2), math.nan)
@@ -322,7 +322,7 @@ def _widened(solution: Solution, method: str) -> Azimuths:
     if count < _LEAST or not due_deg2 > 0.0:
         return azimuths
     square_deg2 = solution.rms_deg(method) ** 2
-    if special.fdtrc(float(count), azimuths.dof, square_deg2 / due_deg2) > _FALSE_ALARM:
+    if f_tail(square_deg2 / due_deg2, count, azimuths.dof) > _FALSE_ALARM:
         return azimuths
     if method == QUADRANT:
         noise_deg = math.sqrt(square_deg2 - azimuths.common_deg**2)

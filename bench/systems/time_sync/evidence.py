@@ -14,10 +14,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special, stats
+from scipy import stats
 
 from bench.analysis import Evidence
 from bench.maths.arrays import Floats
+from bench.maths.tests import SMALLEST, of_many, t_both
 from bench.maths.verdict import coverage_factor
 from bench.systems.time_sync.estimates import SyncResult
 from bench.systems.time_sync.estimators.differences import Differences, Guess, Noise, Solved, differences
@@ -33,7 +34,6 @@ OF_FILTER = (*OFFSETS, "accel_bias", "gyro_bias", "image_shift")
 OF_STAMPS = ("time_offset_from_stamps", "time_offset_drift", "clock_rate", "receive_jitter")
 _PLAUSIBLE_s = 4.0 * OFFSET_STD_s  # of what is left for the filter: more is not what it was told to look for
 _PARTS = 8  # of a recording, in which the delays of a port must be alike
-_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 DRIFTS = "offset_drifts"
 
 
@@ -128,11 +128,11 @@ def _misfit(result: SyncResult, seen: Held) -> Evidence:
     ratio = fit.chi2 / fit.dof
     move = max(_move(result, seen.offset_s(fit.offset_s)), math.sqrt(ratio) - 1.0)
     sentence = say("evidence.misfit", chi2=ratio)
-    return Evidence("misfit", sentence, ratio, max(fit.probability, _SMALLEST), move, OF_FILTER)
+    return Evidence("misfit", sentence, ratio, fit.probability, move, OF_FILTER)
 
 
 def _rival(result: SyncResult, seen: Held, rival: Rival) -> Iterator[Evidence]:
-    offset_s, probability = seen.offset_s(rival.offset_s), max(rival.probability, _SMALLEST)
+    offset_s, probability = seen.offset_s(rival.offset_s), rival.probability
     sentence = say("evidence.rival", what=say(f"rival.{rival.name}"), offset=1e3 * offset_s)
     move = max(_move(result, offset_s), abs(rival.offset_s - seen.fit.offset_s) / _smallest(result))
     yield Evidence(rival.name, sentence, 1e3 * offset_s, probability, move, OF_FILTER)
@@ -158,7 +158,7 @@ def _against_stamps(result: SyncResult) -> Iterator[Evidence]:
             continue
         apart_s, std_s = offset.offset_s - clocks.offset_s, math.hypot(offset.std_s, clocks.difference.std_s)
         sentence = say("evidence.stamps", apart=1e3 * apart_s, due=1e3 * coverage_factor() * std_s)
-        probability = max(2.0 * float(special.ndtr(-abs(apart_s) / std_s)), _SMALLEST)
+        probability = t_both(apart_s / std_s)
         interval_s = coverage_factor() * offset.std_s
         yield Evidence("stamps_disagree", sentence, 1e3 * apart_s, probability, abs(apart_s) / interval_s, OFFSETS,
                        {"method": name})  # fmt: skip
@@ -197,7 +197,7 @@ def _halves(port: PortClock, stream: Stream, at_s: Floats) -> tuple[float, float
     apart_s = abs(late.least_s(meet_s) - early.least_s(meet_s))
     by_level = apart_s / math.hypot(late.std_s(meet_s), early.std_s(meet_s))
     by_rate = abs(late.rate - early.rate) / math.hypot(late.rate_std, early.rate_std)
-    return apart_s, min(1.0, max(4.0 * float(special.ndtr(-max(by_level, by_rate))), _SMALLEST))
+    return apart_s, of_many(t_both(max(by_level, by_rate)), 2)
 
 
 def _spread(port: PortClock) -> tuple[float, float]:
@@ -207,4 +207,4 @@ def _spread(port: PortClock) -> tuple[float, float]:
     """
     parts = np.array_split(port.above_s, _PARTS)
     least_s = [float(part.min()) for part in parts]
-    return max(least_s) - min(least_s), max(float(stats.kruskal(*parts).pvalue), _SMALLEST)
+    return max(least_s) - min(least_s), max(float(stats.kruskal(*parts).pvalue), SMALLEST)

@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import (
     Analysis,
@@ -22,6 +21,7 @@ from bench.analysis import (
     value_and_uncertainty,
 )
 from bench.maths.arrays import Floats
+from bench.maths.tests import t_both
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.units import with_prefix
@@ -100,7 +100,7 @@ def _evidence(found: CommonMotion) -> list[Evidence]:
     step_s = float(found.halves_s[1] - found.halves_s[0])
     std_s = math.hypot(*found.halves_std_s.tolist())
     score = abs(step_s) / max(std_s, np.finfo(float).tiny)
-    probability = 2.0 * float(special.stdtr(found.dof, -score))
+    probability = t_both(score, found.dof)
     move = 0.5 * abs(step_s) / max(coverage_factor(found.dof) * found.std_s, np.finfo(float).tiny)
     text = say("evidence.changes", step=1e3 * step_s, score=score)
     return [*seen, Evidence("offset_changes", text, score, probability, move, ("time_offset",))]

@@ -13,8 +13,8 @@ from scipy import optimize, signal, stats
 
 from bench.maths.budget import independent_count
 from bench.maths.monte_carlo import Distribution, check_interval, numerical_tolerance, propagate, shortest_interval
-from bench.maths.repeats import odd_one, trend
 from bench.maths.stein import needed, widening
+from bench.maths.tests import odd_one, trend
 from bench.maths.variances import of_variances
 from bench.maths.verdict import coverage_factor
 

@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Analysis, Figure, Material
+from bench.maths.tests import chi2_tail
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.estimates import (
     DSF_STD,
@@ -223,6 +223,6 @@ def _undetermined(channel: ChannelFit) -> list[str]:
 
 def _chi_square(channel: ChannelFit) -> list[str]:
     fit = channel.fit
-    if special.chdtrc(fit.dof, fit.chi2) >= _CHI2_PROBABILITY:
+    if chi2_tail(fit.chi2, fit.dof) >= _CHI2_PROBABILITY:
         return []
     return [say("ramp.chi2", channel=channel.readings.channel.number, chi2=fit.reduced_chi2)]

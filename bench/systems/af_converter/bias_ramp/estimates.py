@@ -19,6 +19,7 @@ import numpy as np
 from scipy import special
 
 from bench.analysis import LEAST_MOVE, Document, Estimate, Estimates, Evidence, Floats, estimate
+from bench.maths.tests import chi2_tail
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.bias_ramp.fit import ChannelFit
 from bench.systems.af_converter.coefficients import compensation_entry
@@ -38,7 +39,6 @@ _OPEN_degC = 1.0  # nearer to an end the loop closes by itself, whatever the cha
 _REACH_degC = 0.6  # how far beyond the ends of the loop a polynomial may be read
 CHECKS = 5  # of a channel: the misfit and four rivals
 _BLOCKS = 12  # of an influence
-_SMALLEST = 1e-300
 _LAGS_s = (30.0, 21_600.0)
 _nA = 1e9
 
@@ -261,11 +261,11 @@ def moves(channel: ChannelFit, shift: Mapping[str, float]) -> dict[str, float]:
 def _misfit(channel: ChannelFit, base: rivals.Base) -> Evidence:
     """Return whether the residuals are larger than declared, and how far one stretch of time carries the result."""
     fit = channel.fit
-    probability = float(special.chdtrc(fit.dof, fit.chi2))
+    probability = chi2_tail(fit.chi2, fit.dof)
     worst = _carried(channel, base)
     sentence = say("evidence.misfit", channel=channel.readings.channel.number, chi2=fit.reduced_chi2)
     return Evidence(
-        "lack_of_fit", sentence, fit.reduced_chi2, max(probability, _SMALLEST), max(worst.values()),
+        "lack_of_fit", sentence, fit.reduced_chi2, probability, max(worst.values()),
         _bearing(worst, everything=True), _about(channel),
     )  # fmt: skip
 
@@ -305,5 +305,5 @@ def _rival(channel: ChannelFit, outcome: rivals.Outcome) -> Evidence:
     )
     return Evidence(
         code, sentence, outcome.gain,
-        max(outcome.probability, _SMALLEST), max(moved.values()), _bearing(moved), _about(channel),
+        outcome.probability, max(moved.values()), _bearing(moved), _about(channel),
     )  # fmt: skip

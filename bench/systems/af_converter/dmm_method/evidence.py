@@ -19,10 +19,10 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Estimates, Evidence, Material, Table, covariance_by_standards
 from bench.maths.arrays import Flags, Floats
+from bench.maths.tests import chi2_tail, of_many, t_both
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import CALIBRATOR, Campaign, Standards, common_errors, read_standards
@@ -41,7 +41,6 @@ _LIKELY = 1e-3  # of that of the others, if one level alone is wrong
 _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the refits cost nothing in a right world
 _ANY_GAIN = 1e-2  # relative, of a range of which nothing is known
 _GAINED = 6.6  # of chi-square with one more unknown: once in a hundred
-_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 _HEADS = ("channel", "quantity", "degC", "dmm", "calibrator", "difference", "U", "E_n")
 
 
@@ -82,7 +81,7 @@ def without_odd_level(
 
 def probability_of(fit: DmmScaleFactor) -> float:
     """Return the probability of a chi-square at least as large; 1 where it says nothing."""
-    return float(special.chdtrc(fit.dof, fit.chi2)) if math.isfinite(fit.chi2) and fit.dof else 1.0
+    return chi2_tail(fit.chi2, fit.dof) if math.isfinite(fit.chi2) else 1.0
 
 
 def _values_ppm(fit: DmmScaleFactor) -> Floats:
@@ -105,9 +104,7 @@ def _straight(fitted: DmmFit, campaign: Campaign, register: Register, method: st
     where = place_name(fitted.group.place)
     sentence = say("evidence.meter_not_straight", place=where, chi2=reduced, without=without, move=move)
     figure = reduced if math.isfinite(reduced) else None
-    return Evidence(
-        "lack_of_fit", sentence, figure, max(probability, _SMALLEST), move, ALL_QUANTITIES, about(fitted.group)
-    )
+    return Evidence("lack_of_fit", sentence, figure, probability, move, ALL_QUANTITIES, about(fitted.group))
 
 
 def _carried(fitted: DmmFit, campaign: Campaign, register: Register) -> tuple[str, float]:
@@ -147,11 +144,9 @@ def _range_off(fits: Sequence[DmmFit], campaign: Campaign, register: Register) -
         gained, moves = zip(*(_without_gain(fitted, range_A, campaign, register) for fitted in fits), strict=True)
         several = sum(gain > _GAINED for gain in gained) > 1
         # the gain of a range is the same in all channels: their gains of chi-square are not independent
-        probability = min(1.0, len(fits) * float(special.chdtrc(1, max(gained)))) if several else 1.0
+        probability = of_many(chi2_tail(max(gained), 1), len(fits)) if several else 1.0
         sentence = say("evidence.meter_range_off", range=1e3 * range_A, move=max(moves))
-        yield Evidence(
-            "meter_range_off", sentence, 1e3 * range_A, max(probability, _SMALLEST), max(moves), ALL_QUANTITIES
-        )
+        yield Evidence("meter_range_off", sentence, 1e3 * range_A, probability, max(moves), ALL_QUANTITIES)
 
 
 def _same(one_A: float, other_A: float) -> bool:
@@ -188,7 +183,7 @@ def _taken_again(fits: Sequence[DmmFit], repeats: Sequence[Group], entries: Esti
         weights = 2.0 / pairs[:, 1] ** 2
         shift_ppm, std_ppm = float(np.average(pairs[:, 0], weights=weights)), float(np.sum(weights) ** -0.5)
         sentence = say("evidence.not_repeated", place=place_name(fitted.group.place), shift=shift_ppm)
-        probability = max(2.0 * float(special.ndtr(-abs(shift_ppm) / std_ppm)), _SMALLEST)
+        probability = t_both(shift_ppm / std_ppm)
         for quantities, moved_ppm in (
             (("dsf_n", "dsf_p", "dsf_mean"), abs(shift_ppm)),
             (("dsf_asymmetry",), abs(shift_ppm) * _between_polarities(fitted.group, again)),

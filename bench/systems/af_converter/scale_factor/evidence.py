@@ -24,10 +24,10 @@ from dataclasses import dataclass
 from itertools import chain
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Estimates, Evidence, Material
 from bench.maths.arrays import Floats
+from bench.maths.tests import chi2_tail, of_many, t_both
 from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.constants import CALIBRATOR, Campaign, Standards, expired
 from bench.systems.af_converter.estimators.pulses import count_step
@@ -50,7 +50,6 @@ COEFFICIENTS = {quantity: (f"{quantity}_tc1", f"{quantity}_tc2") for quantity in
 _HOUR_S = 3600.0
 _AGREED = 1e-3  # counters that scatter by chance no more often have steps of their own
 _LEAST_SHARE = 1e-3  # of a step that the polynomial does not take in
-_SMALLEST = 1e-300  # a chance that is lost in the arithmetic is still one
 _MEAN = np.array([-0.5, -0.5])  # a calibrator that delivers more makes both counters count more
 _LOOKED_AT = 1e-3  # far above the level of any campaign, so that the refits cost nothing in a right world
 
@@ -104,7 +103,7 @@ def common_step(fitted: Fitted, entries: Estimates) -> list[Evidence]:
     if not found:
         return []
     at_s, step_ppm, chance = min(found, key=lambda each: each[2])
-    probability = min(1.0, max(chance * len(found), _SMALLEST))
+    probability = of_many(chance, len(found))
     hours = (at_s - times_s.min(initial=at_s)) / _HOUR_S
     of_values = max((abs(step_ppm) / U_ppm for U_ppm in _stated(entries, QUANTITIES)), default=0.0)
     of_slopes = max((entry.move(at_s, step_ppm, entries) for entry in series), default=0.0)
@@ -161,9 +160,9 @@ def _judged(series: list[_Series], at_s: float) -> tuple[float, float]:
         return 0.0, 1.0
     values, variances = (np.array(column) for column in zip(*map(_mean_step, of_channel.values()), strict=True))
     mean = float(values.mean())
-    if special.chdtrc(values.size - 1, float(np.sum((values - mean) ** 2 / variances))) > _AGREED:
-        return mean, float(2.0 * special.ndtr(-abs(mean) * values.size / float(np.sqrt(np.sum(variances)))))
-    return mean, float(2.0 * special.stdtr(values.size - 1, -abs(mean) * values.size**0.5 / values.std(ddof=1)))
+    if chi2_tail(float(np.sum((values - mean) ** 2 / variances)), values.size - 1) > _AGREED:
+        return mean, t_both(mean * values.size / float(np.sqrt(np.sum(variances))))
+    return mean, t_both(mean * values.size**0.5 / float(values.std(ddof=1)), values.size - 1)
 
 
 def _mean_step(counters: list[tuple[_Series, Floats]]) -> tuple[float, float]:
@@ -204,7 +203,7 @@ def _judged_pairs(pairs: Sequence[Pair], fitted: Fitted, entries: Estimates) -> 
     weighted = np.linalg.solve(covariance, time_s)
     left = change - time_s * (weighted @ change) / (weighted @ time_s)
     chi2 = float(left @ np.linalg.solve(covariance, left))
-    probability = max(float(special.chdtrc(len(pairs) - 1, chi2)), _SMALLEST)
+    probability = chi2_tail(chi2, len(pairs) - 1)
     worst_ppm = float(np.abs(left).max())
     move = worst_ppm * _worst_move(fitted, entries)
     sentence = say("evidence.unsteady_drift", place=place_name(start.group.place), left=worst_ppm, move=move)
@@ -253,9 +252,7 @@ def _straight(visit: GroupFit, fitted: Fitted, campaign: Campaign, standards: St
     level_A, move = _carried(visit, fitted, campaign, standards, method) if probability < _LOOKED_AT else (0.0, 0.0)
     place = place_name(visit.group.place)
     sentence = say("evidence.not_straight", place=place, chi2=fit.reduced_chi2, level=1e3 * level_A, move=move)
-    return Evidence(
-        "lack_of_fit", sentence, fit.reduced_chi2, max(probability, _SMALLEST), move, SCALE_FACTORS, _about(visit)
-    )
+    return Evidence("lack_of_fit", sentence, fit.reduced_chi2, probability, move, SCALE_FACTORS, _about(visit))
 
 
 def _whole_counts(visit: GroupFit) -> Evidence:

@@ -36,7 +36,6 @@ from bench.systems.af_converter.wording import say
 
 _SHARES = (1e-4, 0.003, 0.01, 0.03, 0.1, 0.3, 0.6, 0.9)  # of the white part in the variance
 _TIMES = 13  # correlation times, from a third of a step to the whole record
-_SMALLEST = 1e-300
 _LOOKED_AT = 1e-2  # above the level of any log, so that a right one is seldom looked at twice
 _POLISHED = 2
 _SMOOTH = 5  # readings of the drive on either side
@@ -188,6 +187,6 @@ def _seen(reading: str, outcome: rivals.Outcome, moves: Moves, would_be: str) ->
     sentence = say("evidence.log_rival", name=name, reading=reading, gain=outcome.gain, would_be=would_be)
     enough = tuple(name for name, move in moves.items() if move > LEAST_MOVE)
     return Evidence(
-        code, sentence, outcome.gain, max(outcome.probability, _SMALLEST),
+        code, sentence, outcome.gain, outcome.probability,
         max(moves.values()), enough or tuple(moves), {"reading": reading},
     )  # fmt: skip

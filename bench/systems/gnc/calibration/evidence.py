@@ -11,9 +11,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Evidence
+from bench.maths.tests import SMALLEST, chi2_tail, f_tail, of_many, t_both
 from bench.maths.verdict import coverage_factor
 from bench.systems.gnc.calibration.report import Calibration
 from bench.systems.gnc.estimators.sample_checks import FROZEN
@@ -24,7 +24,6 @@ from bench.systems.gnc.wording import channel_name, say
 
 _PLAUSIBLE = 0.1  # scale-factor error and coupling
 _NOISE_DOF = 15.0  # of noise inside of and between the records, at least
-_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 _UNITS = {"accel": "g", "gyro": "deg/s"}
 
 
@@ -89,9 +88,7 @@ def _lack_of_fit(prefix: str, fit: TriadFit, stability: float, *, second: bool =
         return []
     ratio = fit.chi2 / fit.residual_dof
     wander = float(np.sum(fit.residual**2)) / stability**2
-    probability = max(
-        float(special.fdtrc(fit.residual_dof, _NOISE_DOF, ratio)), float(special.chdtrc(fit.residual_dof, wander))
-    )
+    probability = max(f_tail(ratio, fit.residual_dof, _NOISE_DOF), chi2_tail(wander, fit.residual_dof))
     triad = say(f"triad.{prefix}")
     text = say(
         "evidence.equations",
@@ -101,15 +98,15 @@ def _lack_of_fit(prefix: str, fit: TriadFit, stability: float, *, second: bool =
         stability=stability,
     )
     quantities = _of_both_sets(prefix) if second else (*_of(prefix), f"{prefix}_scale_repeatability")
-    return [Evidence("lack_of_fit", text, ratio, max(probability, _SMALLEST), math.inf, quantities)]
+    return [Evidence("lack_of_fit", text, ratio, probability, math.inf, quantities)]
 
 
 def _repeats(prefix: str, fit: TriadFit, check: TriadFit) -> Evidence:
     """Return whether the second set, after compensation by the first, shows scale factors of one and no coupling."""
     left = check.matrix - np.eye(3)
-    score = np.abs(left) / np.sqrt(np.maximum(check.matrix_std**2 + fit.matrix_std**2, _SMALLEST))
-    probability = 2.0 * score.size * float(special.stdtr(min(fit.dof, check.dof), -score.max()))
-    move = float(np.max(np.abs(left) / np.maximum(coverage_factor() * fit.matrix_std, _SMALLEST)))
+    score = np.abs(left) / np.sqrt(np.maximum(check.matrix_std**2 + fit.matrix_std**2, SMALLEST))
+    probability = of_many(t_both(float(score.max()), min(fit.dof, check.dof)), score.size)
+    move = float(np.max(np.abs(left) / np.maximum(coverage_factor() * fit.matrix_std, SMALLEST)))
     row, column = np.unravel_index(int(np.argmax(score)), score.shape)
     text = say(
         "evidence.sets",
@@ -119,8 +116,7 @@ def _repeats(prefix: str, fit: TriadFit, check: TriadFit) -> Evidence:
         apart=float(1e6 * left[row, column]),
         score=float(score.max()),
     )
-    bounded = min(1.0, max(probability, _SMALLEST))
-    return Evidence("sets_differ", text, float(score.max()), bounded, move, _of(prefix))
+    return Evidence("sets_differ", text, float(score.max()), probability, move, _of(prefix))
 
 
 def _stands_still(checked: Sequence[CheckedRow]) -> list[Evidence]:

@@ -23,6 +23,7 @@ import numpy as np
 
 from bench.maths.arrays import Floats
 from bench.maths.least_squares import solve
+from bench.maths.tests import chi2_tail
 
 AXES = ("x", "y", "z")
 _IMPROBABLE = 1e-3
@@ -106,9 +107,8 @@ def improbable(chi2: float, dof: int, below: float = _IMPROBABLE) -> bool:
 
     Source: JCGM 100:2008 annex G.
     """
-    from scipy import special
 
-    return dof > 0 and float(special.chdtrc(dof, chi2)) < below
+    return dof > 0 and chi2_tail(chi2, dof) < below
 
 
 def propagate_inputs(function: Callable[[Floats], Floats], at: Floats, covariance: Floats) -> Floats:

@@ -13,9 +13,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
 
 from bench.analysis import Document, Estimate, Evidence, Floats, Material
+from bench.maths.tests import SMALLEST, f_tail, of_many, t_both
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.systems.gnc.estimators.multi_position import NormFit
@@ -26,7 +26,6 @@ from bench.systems.gnc.wording import channel_name, quantity_word, say
 
 MOTION_ERRORS = ("level_error", "velocity_error")
 _PLAUSIBLE = 0.1  # of an axis's own sensitivity, from the two others
-_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 
 
 @dataclass(frozen=True)
@@ -139,7 +138,7 @@ def wide_sizes(entries: Sequence[Estimate]) -> list[Evidence]:
 def own_axes(prefix: str, fit: TriadFit) -> list[Evidence]:
     """Return a refusal where a sensor does not answer mainly to its own axis; sensors may count in any unit."""
     own = fit.sensitivity.diagonal()
-    cross = np.abs(fit.sensitivity - np.diag(own)) / np.maximum(np.abs(own), _SMALLEST)[:, None]
+    cross = np.abs(fit.sensitivity - np.diag(own)) / np.maximum(np.abs(own), SMALLEST)[:, None]
     worst = float(cross.max())
     if worst <= _PLAUSIBLE and bool(np.all(own > 0.0)):
         return []
@@ -167,7 +166,7 @@ def of_rests(fit: NormFit, mean: Floats, time_s: Floats) -> list[Evidence]:
     jacobian = fit.jacobian(mean)
     by_axis = jacobian[:, 6:]  # change of the length with the zero of each sensor
     height = (mean - fit.zero) * fit.matrix.diagonal() / fit.gravity
-    since = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), _SMALLEST)
+    since = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), SMALLEST)
     rivals = (
         ("zeros_drift", by_axis * since[:, None]),
         ("sensors_bend", by_axis * height**3),
@@ -186,12 +185,12 @@ def _rival(code: str, fit: NormFit, jacobian: Floats, columns: Floats) -> Eviden
     solution = np.linalg.lstsq(both / scale, fit.residual, rcond=None)[0]
     left = float(np.sum((fit.residual - (both / scale) @ solution) ** 2))
     gained = max(float(np.sum(fit.residual**2)) - left, 0.0)
-    ratio = gained / columns.shape[1] / max(left / dof, _SMALLEST)
-    probability = float(special.fdtrc(columns.shape[1], dof, ratio))
+    ratio = gained / columns.shape[1] / max(left / dof, SMALLEST)
+    probability = f_tail(ratio, columns.shape[1], dof)
     move = float(np.max(np.abs(solution[:9] / scale[:9]) / _expanded(fit)))
     remains = math.sqrt(left / len(fit.residual))
     text = say("evidence.rival", what=say(f"rival.{code}"), rms=fit.residual_rms, left=remains, move=move)
-    return Evidence(code, text, ratio, max(probability, _SMALLEST), move)
+    return Evidence(code, text, ratio, probability, move)
 
 
 def _odd_rest(fit: NormFit, jacobian: Floats) -> Evidence | None:
@@ -200,18 +199,18 @@ def _odd_rest(fit: NormFit, jacobian: Floats) -> Evidence | None:
     if dof < 1:
         return None
     base = np.linalg.qr(jacobian / np.linalg.norm(jacobian, axis=0))[0]
-    free = np.maximum(1.0 - np.sum(base**2, axis=1), _SMALLEST)
+    free = np.maximum(1.0 - np.sum(base**2, axis=1), SMALLEST)
     total = float(np.sum(fit.residual**2))
-    without = np.maximum((total - fit.residual**2 / free) / dof, _SMALLEST)
+    without = np.maximum((total - fit.residual**2 / free) / dof, SMALLEST)
     score = np.abs(fit.residual) / np.sqrt(without * free)
     worst = int(np.argmax(score))
-    probability = min(1.0, 2.0 * count * float(special.stdtr(dof, -score[worst])))
+    probability = of_many(t_both(float(score[worst]), dof), count)
     step = np.linalg.pinv(jacobian)[:, worst] * fit.residual[worst] / free[worst]
     move = float(np.max(np.abs(step) / _expanded(fit)))
     off, times = float(fit.residual[worst]), float(score[worst])
     text = say("evidence.odd_rest", rest=worst + 1, count=count, off=off, times=times, move=move)
-    return Evidence("odd_rest", text, float(score[worst]), max(probability, _SMALLEST), move)
+    return Evidence("odd_rest", text, float(score[worst]), probability, move)
 
 
 def _expanded(fit: NormFit) -> Floats:
-    return coverage_factor(fit.dof) * np.maximum(np.sqrt(fit.covariance.diagonal()), _SMALLEST)
+    return coverage_factor(fit.dof) * np.maximum(np.sqrt(fit.covariance.diagonal()), SMALLEST)

@@ -18,11 +18,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft, special
+from scipy import fft
 
 from bench.maths.allan import AllanDeviation
 from bench.maths.allan_terms import fit_noise_terms
 from bench.maths.arrays import Flags, Floats, Integers
+from bench.maths.tests import chi2_tail, f_tail, of_many
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants
 from bench.systems.lock_in.estimators.random_walk import TERMS, EARTH_RATE_deg_h
 
@@ -62,7 +63,7 @@ def wander(increment: Floats) -> Unsteady:
     slow, band = wave[1 : 1 + _SLOWEST], wave[1 + _SLOWEST : max(wave.size // _BAND, 5 * _SLOWEST)]
     ratio = float(np.mean(slow**2) / np.mean(band**2))
     wave[1 + _SLOWEST :] = 0.0
-    return Unsteady(float(special.fdtrc(_SLOWEST, band.size, ratio)), ratio, _without(increment, known, wave))
+    return Unsteady(f_tail(ratio, _SLOWEST, band.size), ratio, _without(increment, known, wave))
 
 
 def line(increment: Floats, ticks: float = 0.0) -> Unsteady:
@@ -82,13 +83,13 @@ def line(increment: Floats, ticks: float = 0.0) -> Unsteady:
     at = np.arange(power.size)
     low, high = np.maximum(at - _ROUND // 2, 0), np.minimum(at + _ROUND // 2 + 1, power.size)
     near = (total[high] - total[low] - power) / (high - low - 1)
-    odds = special.fdtrc(2, 2 * (high - low - 1), power / near)
+    odds = f_tail(power / near, 2, 2 * (high - low - 1))
     odds[_beats(ticks, power.size)] = 1.0
     strongest = int(np.argmin(odds))
     kept = slice(max(2 * strongest - 1, 1), 2 * strongest + 5)  # a frequency between two leaks into both
     only = np.zeros_like(wave)
     only[kept] = wave[kept]
-    probability = min(1.0, float(odds[strongest]) * power.size)
+    probability = of_many(float(odds[strongest]), power.size)
     return Unsteady(probability, float(power[strongest] / near[strongest]), _without(increment, known, only))
 
 
@@ -103,8 +104,8 @@ def change(increment: Floats) -> tuple[float, float]:
         sums = half[: half.size // _PERIODS * _PERIODS].reshape(-1, _PERIODS).sum(axis=1)
         halves.append(np.diff(sums)[::2])  # a rate that changes slowly is in none of them
     ratio = float(np.mean(halves[1] ** 2) / np.mean(halves[0] ** 2))
-    tails = special.fdtrc(halves[1].size, halves[0].size, ratio), special.fdtr(halves[1].size, halves[0].size, ratio)
-    return min(1.0, 2.0 * float(min(tails))), float(np.sqrt(ratio))
+    tails = f_tail(ratio, halves[1].size, halves[0].size), f_tail(1.0 / ratio, halves[0].size, halves[1].size)
+    return of_many(min(tails), 2), float(np.sqrt(ratio))
 
 
 def enough(increment: Floats) -> bool:
@@ -172,7 +173,7 @@ def constancy(fit: GlobalConstants, group: Integers) -> Constancy:
     chi2, dof = float(np.einsum("gp,gpq,gq->", off, precision, off)), 2 * (count - 1)
     turned = (fit.kappa_rad_s + (change[:, 0] + 1j * change[:, 1]) * np.exp(-1j * fit.beta_rad)) / fit.kappa_rad_s
     return Constancy(
-        float(special.fdtrc(dof, int(size.min()), chi2 / dof)),
+        f_tail(chi2 / dof, dof, int(size.min())),
         chi2 / dof,
         float(np.average(np.abs(turned), weights=size)) - 1.0,
         float(np.average(np.angle(turned), weights=size)),
@@ -192,7 +193,7 @@ def runs(fit: GlobalConstants) -> tuple[float, float]:
     z = np.array([product.sum(axis=0) / np.sqrt(np.square(product).sum(axis=0)) for product in products])
     shared = np.array([product.sum(axis=0) for product in products]) / np.square(score).sum(axis=0)
     factor = np.sqrt(np.maximum(1.0 + 2.0 * shared.sum(axis=0), 0.0))
-    return float(special.chdtrc(z.size, float(np.square(z).sum()))), float(factor.max())
+    return chi2_tail(float(np.square(z).sum()), z.size), float(factor.max())
 
 
 def parts_of(values: Floats, count: int) -> Integers:

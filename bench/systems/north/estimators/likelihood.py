@@ -21,9 +21,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy import special
 
 from bench.maths.arrays import Flags, Floats, Integers
+from bench.maths.tests import f_tail
 from bench.model.errors import FitError
 from bench.systems.north.estimators.phasors import Complex, angle_deg, half_width_deg
 
@@ -207,7 +207,7 @@ def _fit(
     std = noise * float(np.sqrt(across @ turning.inverse[:2, :2] @ across))
     seen = noise if declared_V is None else 0.0  # a noise that is declared is white
     ratio, turns = _whiteness(residual, turning.columns[:, :2] @ across, turning.turn, seen)
-    widened = bool(turns >= FEWEST_TURNS and special.fdtrc(turns - 1, dof, ratio) < significance)
+    widened = turns >= FEWEST_TURNS and f_tail(ratio, turns - 1, dof) < significance
     if widened:
         std, dof = std * float(np.sqrt(ratio)), float(turns - 1)
     harmonics = np.asarray(values[3:].reshape(-1, 2) @ np.array([1.0, 1.0j]))

@@ -10,10 +10,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
 
 from bench.maths.arrays import Floats
 from bench.maths.least_squares import solve
+from bench.maths.tests import f_tail, of_many
 from bench.model.errors import FitError
 
 _TURNS = 3  # the slope at the points enters their weights; it settles at once
@@ -170,9 +170,9 @@ def _lack_of_fit(x: Points, y: Points, powers: Sequence[int], slope: Floats) -> 
     if variance == 0.0:
         return math.nan
     less = squares - _squares(x.mean, y.mean, y.n, _one_more(powers))
-    whole = float(special.fdtrc(free, pure, squares / free / variance))
-    power = float(special.fdtrc(1, pure, max(less, 0.0) / variance))
-    return min(1.0, 2.0 * min(whole, power))
+    whole = f_tail(squares / free / variance, free, pure)
+    power = f_tail(max(less, 0.0) / variance, 1, pure)
+    return of_many(min(whole, power), 2)
 
 
 def _rival(x: Points, y: Points, powers: Sequence[int], weights: Floats, fitted: Floats, expanded: Floats) -> float:

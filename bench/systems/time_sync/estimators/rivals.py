@@ -9,9 +9,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import linalg, special
+from scipy import linalg
 
 from bench.maths.arrays import Floats
+from bench.maths.tests import chi2_tail, f_tail, of_many
 from bench.systems.time_sync.estimators.differences import STATES, Differences
 
 _INDEPENDENT = 1e-3  # of a column that the unknowns of the filter do not take in
@@ -43,7 +44,7 @@ class OneMotion:
     @property
     def probability(self) -> float:
         """Of residuals at least as large."""
-        return float(special.chdtrc(self.dof, self.chi2))
+        return chi2_tail(self.chi2, self.dof)
 
 
 def one_motion(found: Differences, prior_std: Floats, prior: Floats) -> OneMotion:
@@ -86,7 +87,7 @@ def _stepped(found: Differences, work: _Work, white: object, offset_s: float) ->
         column = np.concatenate((white(later), np.zeros((7, 1))))  # type: ignore[operator]
         steps.append(work.rival("offset_steps", column, offset_s))
     best = min(steps, key=lambda step: step.probability)
-    return Rival(best.name, best.offset_s, min(1.0, best.probability * len(steps)), best.size)
+    return Rival(best.name, best.offset_s, of_many(best.probability, len(steps)), best.size)
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ class _Work:
         size = Vt[seen].T @ (along / S[seen])
         gained, count = float(along @ along), int(seen.sum())
         left = (self.chi2 - gained) / (self.dof - count)
-        by_size = float(special.chdtrc(count, gained))
-        by_ratio = float(special.fdtrc(count, self.dof - count, gained / count / left))
+        by_size = chi2_tail(gained, count)
+        by_ratio = f_tail(gained / count / left, count, self.dof - count)
         moved_s = float((taken @ size)[-1] * self.last)
         return Rival(name, offset_s - moved_s, max(by_size, by_ratio), size / np.where(length > 0.0, length, 1.0))

@@ -26,6 +26,7 @@ from scipy import special
 
 from bench.analysis import FALSE_DOUBT, Document, Estimates, Floats, Planned, Trace
 from bench.design import LEAST_POWER, Given, Key, Power, SequenceText, reached
+from bench.maths.tests import SMALLEST
 from bench.model.errors import InputError
 from bench.model.units import format_quantity, parse_quantity
 from bench.plan import CHAMBER, Plan
@@ -47,7 +48,6 @@ PARAMETERS = {  # of the fit, and how many of its unit are one of the estimate's
     "thermal_lag": (LAG, 60.0),
 }
 _NOT_MISSED = 1e3  # noncentrality: seen by any check
-_SMALLEST = 1e-300
 _RANK = 1e-9
 _DAY_h, _HOURS = 24.0, 12  # half a day later the same rhythm begins with the other sign
 _BELIEVED = 1.5  # expanded uncertainties off, from which on a sound result counts as wrong
@@ -95,7 +95,7 @@ class Rivals:
                 moves[self._base.names.index(WIDTH)] -= 1.0  # the width of a unit is that of all its play operators
             seen = np.sum(effect.left**2, axis=0)
             for quantity in PARAMETERS:
-                size = 1.0 / np.maximum(self._in_U(moves, quantity), _SMALLEST)
+                size = 1.0 / np.maximum(self._in_U(moves, quantity), SMALLEST)
                 power = self._seen(rival, float(np.min(seen * size**2)))
                 yield Power(f"{rival.name} ({self._channel.readings.channel.kind})", quantity, power)
 

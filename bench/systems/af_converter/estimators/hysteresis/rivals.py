@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import special
 
 from bench.maths.arrays import Floats
+from bench.maths.tests import chi2_tail, f_tail, of_many
 from bench.systems.af_converter.estimators.hysteresis.model import WIDTH
 from bench.systems.af_converter.estimators.hysteresis.search import Place, Problem, derivatives
 
@@ -262,18 +262,18 @@ def _outcome(rival: Rival, base: Base, states: Sequence[_State], best: float) ->
         found.append((float(costs[at]), index, at, int(added[at])))
     cost, index, at, added_columns = min(found)
     state, gain = states[index], max(best - cost, 0.0)
-    chance = _chance(gain, added_columns, state) * len(rival.candidates)
+    chance = of_many(_chance(gain, added_columns, state), len(rival.candidates))
     shift = _shift(rival.candidates[at], base, state.noise, several=rival.name == PLAYS)
-    return Outcome(rival.name, rival.places[at], gain, min(chance, 1.0), shift)
+    return Outcome(rival.name, rival.places[at], gain, chance, shift)
 
 
 def _chance(gain: float, added: int, state: _State) -> float:
     if not added:
         return 1.0
     if state.noise.known:
-        return float(special.chdtrc(added, gain))
+        return chi2_tail(gain, added)
     rest = state.dof - added
-    return float(special.fdtrc(added, rest, float(np.expm1(gain / state.dof)) * rest / added))
+    return f_tail(float(np.expm1(gain / state.dof)) * rest / added, added, rest)
 
 
 def _shift(candidate: Floats, base: Base, noise: Noise, *, several: bool) -> dict[str, float]:

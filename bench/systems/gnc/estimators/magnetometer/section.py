@@ -21,9 +21,9 @@ from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
 import numpy as np
-from scipy import special
 
 from bench.maths.arrays import Floats
+from bench.maths.tests import SMALLEST, f_tail, of_many, t_both
 from bench.maths.verdict import coverage_factor
 from bench.systems.gnc.estimators.magnetometer.ellipse import PlaneParameters, parameters_of
 from bench.systems.gnc.estimators.magnetometer.quadric import Quadric
@@ -33,7 +33,6 @@ _STEP = 1e-6
 _TRIANGLE = np.triu_indices(3)
 _ORDERS = (3, 4)
 _APART = 0.03  # part of a column that the quadric and the others must leave of it
-_SMALLEST = 1e-300  # a probability that is lost in the arithmetic is still one
 
 
 def section_of(quadric: Quadric, turn: Floats) -> PlaneParameters:
@@ -115,14 +114,12 @@ def misshape(quadric: Quadric, points: Floats, begins: Sequence[int] = ()) -> Mi
     bent = uncertainty(np.column_stack((basis, left)), rest, begins)
     if bent.chosen is None:
         ratio = float(seen @ seen) / rank / bent.noise**2
-        probability = float(special.fdtrc(rank, count - size - rank, ratio))
+        probability = f_tail(ratio, rank, count - size - rank)
     else:
         slope = np.eye(size + rank)[size:]
-        score = np.abs(seen) / np.sqrt(np.maximum(np.diag(bent.covariance)[size:], _SMALLEST))
-        probability = float(min(1.0, 2.0 * rank * special.stdtr(bent.dof(slope), -score).min()))
-    return Misshape(
-        max(probability, _SMALLEST), float(np.sqrt(seen @ seen / count)), float(np.abs(shift / expanded).max())
-    )
+        score = np.abs(seen) / np.sqrt(np.maximum(np.diag(bent.covariance)[size:], SMALLEST))
+        probability = of_many(float(t_both(score, bent.dof(slope)).min()), rank)
+    return Misshape(probability, float(np.sqrt(seen @ seen / count)), float(np.abs(shift / expanded).max()))
 
 
 def _bends(directions: Floats) -> Floats:

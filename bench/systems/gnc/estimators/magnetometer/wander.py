@@ -29,9 +29,9 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import special
 
 from bench.maths.arrays import Flags, Floats
+from bench.maths.tests import chi2_tail, of_many
 
 FEWEST_BLOCKS = 7
 _LEVELS = 5  # lengths of block, each twice the one before
@@ -103,10 +103,10 @@ class _Blocks:
         total = squares.sum(axis=0)
         cubes = float(np.einsum("gij,gji->", squares, self.share))
         variance = 2.0 * (float(np.trace(total)) - 2.0 * cubes + float(np.sum(total**2)))
-        of_all = special.chdtrc(2.0 * self.expected**2 / variance, self.scatter * 2.0 * self.expected**2 / variance)
+        of_all = chi2_tail(self.scatter * 2.0 * self.expected**2 / variance, 2.0 * self.expected**2 / variance)
         dof = self.dof(np.eye(self.pull.shape[1]))
-        of_one = special.chdtrc(dof, np.diag(self.covariance) * dof).min() * dof.size
-        return float(min(2.0 * min(of_all, of_one), 1.0))
+        of_one = of_many(float(chi2_tail(np.diag(self.covariance) * dof, dof).min()), dof.size)
+        return of_many(min(of_all, of_one), 2)
 
     def together(self) -> float:
         """Return by how many standard deviations neighbours pull together."""
