@@ -38,6 +38,7 @@ class Namespace:
         self._name, self._net = f"loss{os.getpid()}", f"10.{192 + high}.{low}"
         self._cables = {"lost": (f"la{os.getpid()}", 1), "rest": (f"lb{os.getpid()}", 5)}
         self.hosts = {which: f"{self._net}.{last}" for which, (_, last) in self._cables.items()}
+        _remove_those_of_the_dead()
         _ip("netns", "add", self._name)
         try:
             _ip("-n", self._name, "link", "set", "lo", "up")
@@ -64,6 +65,14 @@ class Namespace:
         for cable, _ in self._cables.values():
             subprocess.run(["ip", "link", "del", cable], capture_output=True, check=False)
         subprocess.run(["ip", "netns", "del", self._name], capture_output=True, check=False)
+
+
+def _remove_those_of_the_dead() -> None:
+    """Remove the networks of drills that were killed: another process number may come to the same addresses."""
+    listed = subprocess.run(["ip", "netns", "list"], capture_output=True, text=True, check=True).stdout
+    for number in re.findall(r"^loss(\d+)\b", listed, re.MULTILINE):
+        if not Path(f"/proc/{number}").exists():
+            subprocess.run(["ip", "netns", "del", f"loss{number}"], capture_output=True, check=False)
 
 
 def _ip(*words: str) -> None:

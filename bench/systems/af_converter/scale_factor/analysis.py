@@ -5,26 +5,41 @@ Source: AF-converter paper section 3; docs/decisions/0004-scale-factor-equations
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import TYPE_CHECKING, Any
 
-from bench.analysis import Analysis, Material
+import numpy as np
+
+from bench.analysis import LEAST_MOVE, Analysis, Material, Table, worded_table
+from bench.maths.arrays import Flags
+from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.coefficients import scale_factor_compensation
-from bench.systems.af_converter.constants import Campaign
+from bench.systems.af_converter.constants import Campaign, Standards
+from bench.systems.af_converter.estimators.readings import Readings
 from bench.systems.af_converter.estimators.scale_factor import METHODS as FIT_METHODS
+from bench.systems.af_converter.estimators.scale_factor import ScaleFactor
 from bench.systems.af_converter.group_fit import (
+    QUANTITIES,
     Fitted,
     GroupFit,
+    UNKNOWN_SLOPE_ppm_degC,
     conditions_of,
     missing_groups,
+    refit,
 )
+from bench.systems.af_converter.groups import Group, LONGEST_REACH_s, place_name
 from bench.systems.af_converter.scale_factor.budgets import budget_tables, components
 from bench.systems.af_converter.scale_factor.estimates import determine
 from bench.systems.af_converter.scale_factor.evidence import evidence
-from bench.systems.af_converter.scale_factor.notes import notes, zero_gain_notes, zero_gain_table
-from bench.systems.af_converter.wording import say
+from bench.systems.af_converter.wording import kind_name, say
+
+if TYPE_CHECKING:
+    from bench.record import RecordRow
 
 METHODS: tuple[str, ...] = FIT_METHODS
+
+_FEWEST = 5  # records that tell a change of temperature
 
 
 def analyse(material: Material, method: str = "gls") -> Analysis:
@@ -102,3 +117,136 @@ def residuals(groups: Iterable[GroupFit], campaign: Campaign) -> list[dict[str, 
                 }
             )
     return entries
+
+
+def notes(fitted: Fitted, campaign: Campaign, standards: Standards, rows: Sequence[RecordRow]) -> list[str]:
+    """All notes but those on missing groups: records left out, and what the uncertainties do not hold."""
+    notes = list(standards.notes) + _extrapolation(fitted, campaign)
+    notes += _records(fitted, rows) + _temperature(fitted, campaign) + _short_soak(fitted)
+    notes.append(say("note.bias_is_diagnostic"))
+    return notes
+
+
+def _extrapolation(fitted: Fitted, campaign: Campaign) -> list[str]:
+    notes: list[str] = []
+    for kind in dict.fromkeys(campaign.channel(visit.group.channel).kind for visit in fitted.groups):
+        members = [visit.group for visit in fitted.groups if campaign.channel(visit.group.channel).kind == kind]
+        share = min(
+            float(group.closed.level_A.max()) / campaign.channel(group.channel).full_scale_A for group in members
+        )
+        if share < 0.999:
+            notes.append(say("note.extrapolated", kind=kind_name(kind), share=100 * share))
+    return notes
+
+
+def _records(fitted: Fitted, rows: Sequence[RecordRow]) -> list[str]:
+    notes: list[str] = []
+    groups = [visit.group for visit in fitted.groups] + [group for group, _ in fitted.refused]
+    left_out: Counter[str] = Counter()
+    for group in groups:
+        left_out.update(group.left_out)
+    notes += [say("note.left_out", count=count, reason=reason) for reason, count in sorted(left_out.items())]
+    interpolated = sum(
+        int(np.count_nonzero(readings.temperature_std_degC))
+        for group in groups
+        for readings in (group.closed, group.opened)
+    )
+    if interpolated:
+        notes.append(say("note.interpolated", count=interpolated, reach=LONGEST_REACH_s / 60))
+    without_fg = sum(int(row.sums.get("fg_count", 0)) == 0 for row in rows)
+    if without_fg:
+        notes.append(say("note.without_generator", count=without_fg))
+    for visit in fitted.groups:
+        if visit.group.open_planned and visit.bias is None:
+            notes.append(say("note.no_bias", place=place_name(visit.group.place)))
+    return notes
+
+
+def _temperature(fitted: Fitted, campaign: Campaign) -> list[str]:
+    notes: list[str] = []
+    known = [key for key in fitted.polynomials if key[0] in QUANTITIES]
+    if campaign.temperature_sensor_u95_degC is None:
+        notes.append(say("note.sensor_not_stated"))
+    elif known:
+        notes.append(say("note.sensor_gain"))
+    if not known:
+        notes.append(say("note.one_temperature", slope=UNKNOWN_SLOPE_ppm_degC))
+    elif any(len(fitted.visits(key[1])) <= fitted.polynomials[key].coefficients.size for key in known):
+        notes.append(say("note.no_verdict"))
+    return notes
+
+
+def _short_soak(fitted: Fitted) -> list[str]:
+    """Say where the unit was still warming up: its converter may lag behind the sensor by what changes in a visit.
+
+    Of a temperature coefficient the part counts that is beyond its own uncertainty.
+    """
+    worst = LEAST_MOVE
+    notes: list[str] = []
+    for visit in fitted.groups:
+        change_degC, at_degC = _warming_degC(visit.group), visit.group.unit_temperature_degC
+        for index, quantity in enumerate(QUANTITIES):
+            polynomial = fitted.polynomials.get((quantity, visit.group.channel))
+            if polynomial is None:
+                continue
+            least = abs(polynomial.slope(at_degC)) - coverage_factor() * polynomial.slope_std(at_degC)
+            moved_ppm = max(least, 0.0) * abs(change_degC)
+            share = moved_ppm / (coverage_factor() * float(np.sqrt(visit.fit.covariance_ppm2[index, index])))
+            if share > worst:
+                worst = share
+                place = place_name(visit.group.place)
+                notes = [say("note.short_soak", change=change_degC, place=place, moved=moved_ppm, share=share)]
+    return notes
+
+
+def _warming_degC(group: Group) -> float:
+    """Return the change of the unit's temperature over a visit, by a straight line through its records."""
+    time_s = np.concatenate([group.closed.time_s, group.opened.time_s])
+    if time_s.size < _FEWEST or np.ptp(time_s) <= 0.0:
+        return 0.0
+    warmth_degC = np.concatenate([group.closed.unit_temperature_degC, group.opened.unit_temperature_degC])
+    return float(np.polyfit((time_s - time_s.mean()) / np.ptp(time_s), warmth_degC, 1)[0])
+
+
+def zero_gain_table(fitted: Fitted, campaign: Campaign, standards: Standards, method: str) -> list[Table]:
+    """Standard uncertainty of the fit per kind, before the calibrator's gain is added: with all zeros, with one pair.
+
+    Empty for a campaign with zeros in one range, and for methods that subtract zeros instead of weighting them.
+    """
+    pairs: dict[str, list[tuple[float, float]]] = {}
+    for visit in fitted.groups:
+        kept = one_zero_pair(visit.group.closed)
+        if method != "gls" or visit.group.repeat or kept.all():
+            continue
+        alone = refit(visit, kept, fitted, campaign, standards, method)
+        if alone is not None:
+            kind = campaign.channel(visit.group.channel).kind
+            pairs.setdefault(kind, []).append((_largest_ppm(visit.fit), _largest_ppm(alone)))
+    rows = [[kind_name(kind), *(float(np.sqrt(np.mean(np.square(side)))) for side in zip(*differences, strict=True))]
+            for kind, differences in pairs.items()]  # fmt: skip
+    if not rows:
+        return []
+    headers = [say(f"zeros.{head}") for head in ("kind", "every", "pair")]
+    return [worded_table(say, "zeros", headers, rows)]
+
+
+def zero_gain_notes(tables: list[Table]) -> list[str]:
+    """Return the table in a sentence."""
+    said = [
+        say("zeros.said", kind=kind, every=every, pair=pair) for table in tables for kind, every, pair in table.rows
+    ]
+    together = said[0] if said else ""
+    for more in said[1:]:
+        together = say("list", first=together, rest=more)
+    return [say("note.zeros", said=together)] if said else []
+
+
+def one_zero_pair(rows: Readings) -> Flags:
+    """Mask (m,) that leaves out the zeros of all ranges but the lowest that has any."""
+    zeros = rows.level_A == 0
+    lowest_A = rows.range_A[zeros].min(initial=np.inf)
+    return np.asarray(~zeros | (rows.range_A == lowest_A))
+
+
+def _largest_ppm(fit: ScaleFactor) -> float:
+    return float(np.sqrt(np.diag(fit.covariance_ppm2).max()))

@@ -12,7 +12,7 @@ from bench.analysis import Analysis
 from bench.systems.af_converter.constants import read_campaign, read_standards
 from bench.systems.af_converter.estimators.scale_factor import fit_scale_factor
 from bench.systems.af_converter.groups import campaign_rows, group_rows
-from bench.systems.af_converter.scale_factor.notes import one_zero_pair
+from bench.systems.af_converter.scale_factor.analysis import one_zero_pair
 
 TITLE = "Zeros in every range of the calibrator"
 
