@@ -11,12 +11,13 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 996_558,
+    "tokens": 996_867,
     "tokens a line": 10.56,
-    "files": 876,
+    "files": 875,
     "dict[str, Any]": 513,
-    "lines of tests": 116_489,
-    "words of docs": 170_174,
+    "lines of tests": 103_609,
+    "tests of several deep modules": 168,
+    "words of docs": 158_140,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 81,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from recorded import writable_copy
+from rehearsal import writable_copy
 
 from bench.record import SessionReader, SessionWriter
 
