@@ -73,7 +73,7 @@ def _probability(value: Any) -> Any:
 
 @dataclass(frozen=True)
 class Oddness:
-    """What readings do against their noise: the ``size`` in their unit and its ``probability`` by chance."""
+    """How odd readings are: the ``size`` of it in their unit, and the ``probability`` of as much by chance."""
 
     size: float
     probability: float

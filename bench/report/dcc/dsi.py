@@ -41,7 +41,7 @@ class SiUnit:
 
     @property
     def moved(self) -> str:
-        """What a number is multiplied by, in words; "" for 1."""
+        """Return what a number is multiplied by, in words; "" for 1."""
         times = [str(self.factor)] * (self.factor != 1) + [f"1e{self.power}"] * (self.power != 0)
         return " times ".join(times)
 
