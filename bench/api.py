@@ -13,6 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bench.analysis import estimates_of
 from bench.model.errors import BenchError
 from bench.tables import Session, table_of_estimates, to_xarray, watch
 
@@ -49,7 +50,7 @@ class Fit:
     @cached_property
     def estimates(self) -> DataFrame:
         """Return the estimates as ``Session.estimates``. Raises: InputError B-TAB-001 if pandas is missing."""
-        return table_of_estimates(self.results["estimates"])
+        return table_of_estimates(estimates_of(self.results))
 
 
 def load(path: str | Path) -> Session:

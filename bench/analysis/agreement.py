@@ -10,9 +10,8 @@ import math
 from collections import Counter
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TypeVar
 
-from bench.analysis.form import Document
+from bench.analysis.estimates import Estimate
 from bench.record import UNIT_TEMPERATURE
 
 NOTED = 0.10  # of the predicted U: what differs by less is not worth a sentence
@@ -21,22 +20,20 @@ MEASURED = (UNIT_TEMPERATURE, "hours")  # conditions that a run measures: a pred
 _MOST = 0.5  # of the growth of a variance: who brings more is named
 _LEAST_SHARE = 1e-6  # of the variance achieved; below it nothing has grown
 
-Entry = Document
-E = TypeVar("E", bound=Entry)
 Name = tuple[str, str, int]
 
 
-def by_foreseen_name(entries: Iterable[E]) -> dict[Name, E]:
+def by_foreseen_name(entries: Iterable[Estimate]) -> dict[Name, Estimate]:
     """Return estimates by what names them before the run as after it, in their order.
 
     It is the quantity, the conditions but measured ones, and which of several it is that these do not tell apart, such
     as repeats of one channel: analyses state those in the order of time.
     """
-    named: dict[Name, E] = {}
+    named: dict[Name, Estimate] = {}
     seen: Counter[tuple[str, str]] = Counter()
     for entry in entries:
-        conditions = {name: value for name, value in entry["conditions"].items() if name not in MEASURED}
-        own = str(entry["quantity"]), json.dumps(conditions, sort_keys=True, default=str)
+        conditions = {name: value for name, value in entry.conditions.items() if name not in MEASURED}
+        own = entry.quantity, json.dumps(conditions, sort_keys=True, default=str)
         seen[own] += 1
         named[*own, seen[own]] = entry
     return named
@@ -49,15 +46,15 @@ class Agreement:
     ``grown``: label of the error that brings most of what the variance has grown by; "" where none is known to.
     """
 
-    predicted: Entry
-    achieved: Entry
+    predicted: Estimate
+    achieved: Estimate
     ratio: float
     grown: str
 
     @property
     def is_noted(self) -> bool:
         """Return whether the two differ by more than ``NOTED``, and by more than the achieved one is uncertain by."""
-        low, high = _ordinary_ratios(self.achieved.get("dof", math.inf))
+        low, high = _ordinary_ratios(self.achieved.dof or math.inf)
         return not low <= self.ratio <= high
 
 
@@ -77,21 +74,21 @@ def _ordinary_ratios(dof: float) -> tuple[float, float]:
     return min(low, 1.0 - NOTED), max(high, 1.0 + NOTED)
 
 
-def agreements(predicted: Iterable[Entry], achieved: Iterable[Entry]) -> list[Agreement]:
+def agreements(predicted: Iterable[Estimate], achieved: Iterable[Estimate]) -> list[Agreement]:
     """Return the estimates that have an expanded uncertainty in both, in the order in which they were predicted."""
     found = by_foreseen_name(achieved)
     pairs = ((entry, found.get(name)) for name, entry in by_foreseen_name(predicted).items())
     return [
-        Agreement(before, after, after["expanded_uncertainty"] / before["expanded_uncertainty"], _grown(before, after))
+        Agreement(before, after, after.expanded_uncertainty / before.expanded_uncertainty, _grown(before, after))
         for before, after in pairs
-        if after and before["expanded_uncertainty"] and after["expanded_uncertainty"]
+        if after and before.expanded_uncertainty and after.expanded_uncertainty
     ]
 
 
-def _grown(before: Entry, after: Entry) -> str:
+def _grown(before: Estimate, after: Estimate) -> str:
     """Return the label of the common error whose variance has grown by most of what the whole variance has."""
-    growth = after["std_uncertainty"] ** 2 - before["std_uncertainty"] ** 2
-    if growth <= _LEAST_SHARE * after["std_uncertainty"] ** 2:
+    growth = after.std_uncertainty**2 - before.std_uncertainty**2
+    if growth <= _LEAST_SHARE * after.std_uncertainty**2:
         return ""
     known = _parts(before)
     grown = {label: part**2 - known.get(label, 0.0) ** 2 for label, part in _parts(after).items()}
@@ -99,9 +96,8 @@ def _grown(before: Entry, after: Entry) -> str:
     return label if label and grown[label] > _MOST * growth else ""
 
 
-def _parts(entry: Entry) -> dict[str, float]:
-    common = entry.get("common") or {}
-    return {label: part for parts in common.values() for label, part in parts.items()}
+def _parts(entry: Estimate) -> dict[str, float]:
+    return {} if entry.common is None else entry.common.standards | entry.common.campaign
 
 
 def expected_at_end(so_far: float, predicted_so_far: float, predicted: float) -> float:

@@ -10,6 +10,7 @@ from pydantic import BaseModel, Field
 
 from bench.analysis.analysis import Analysis
 from bench.analysis.doubt import DOUBTFUL, base_quantity, is_sound
+from bench.analysis.estimates import Estimate, estimates_of
 from bench.analysis.form import Closed, Document, check_form
 from bench.maths.verdict import Verdict, worst
 from bench.model.errors import InputError
@@ -44,7 +45,7 @@ def source_of(analysis: Analysis, results: Document) -> dict[str, Any]:
         "method": analysis.method,
         "session_sha256": results["provenance"]["session_sha256"],
         "software": results["provenance"]["software"],
-        "worst_verdict": worst(estimate["verdict"] for estimate in results["estimates"]),
+        "worst_verdict": worst(entry.verdict for entry in estimates_of(results)),
         "missing": list(analysis.missing),
         **({"accepted": accepted} if accepted else {}),
     }
@@ -55,10 +56,11 @@ def sound_compensation(analysis: Analysis, results: Document) -> Analysis:
 
     A parameter goes with the estimates of its name under its conditions; where nothing has its name, with all.
     """
-    unsound = [entry for entry in results["estimates"] if not is_sound(entry) and "acceptance" not in entry]
+    entries = estimates_of(results)
+    unsound = [entry for entry in entries if not is_sound(entry) and entry.acceptance is None]
     if not unsound:
         return analysis
-    named = {base_quantity(entry["quantity"]) for entry in results["estimates"]}
+    named = {base_quantity(entry.quantity) for entry in entries}
     kept, missing = [], list(analysis.missing)
     for parameter in analysis.compensation:
         against = [entry for entry in unsound if _goes_with(parameter, entry, named)]
@@ -69,30 +71,30 @@ def sound_compensation(analysis: Analysis, results: Document) -> Analysis:
     return replace(analysis, compensation=kept, missing=missing)
 
 
-def _goes_with(parameter: Document, entry: Document, named: Collection[str]) -> bool:
+def _goes_with(parameter: Document, entry: Estimate, named: Collection[str]) -> bool:
     """Return whether a coefficient rests on an estimate; a section of several holds all of its kind and method."""
     if "parameter" not in parameter:
         about = {"kind": parameter["section"], "method": parameter.get("method")}
-        return all(entry["conditions"].get(key, value) == value for key, value in about.items())
+        return all(entry.conditions.get(key, value) == value for key, value in about.items())
     name = parameter["parameter"]
-    same = entry["conditions"].items()
+    same = entry.conditions.items()
     return name not in named or (
-        base_quantity(entry["quantity"]) == name and all(parameter.get(key, value) == value for key, value in same)
+        base_quantity(entry.quantity) == name and all(parameter.get(key, value) == value for key, value in same)
     )
 
 
 def _accepted(analysis: Analysis, results: Document) -> list[str]:
     """Return a sentence for each coefficient that rests on a doubtful value somebody released."""
-    released = [entry for entry in results["estimates"] if "acceptance" in entry]
-    named = {base_quantity(entry["quantity"]) for entry in results["estimates"]}
+    entries = estimates_of(results)
+    released = [entry for entry in entries if entry.acceptance is not None]
+    named = {base_quantity(entry.quantity) for entry in entries}
     said = []
     for parameter in analysis.compensation:
         entry = next((entry for entry in released if _goes_with(parameter, entry, named)), None)
-        if entry is not None:
-            who = entry["acceptance"]
+        if entry is not None and (released_by := entry.acceptance) is not None:
             said.append(
-                f"{_of(parameter)}{_name(parameter)} is {DOUBTFUL} ({entry['reasons'][0]['sentence']}); "
-                f"its value without an uncertainty was accepted by {who['by']}: {who['reason']}"
+                f"{_of(parameter)}{_name(parameter)} is {DOUBTFUL} ({entry.reasons[0].sentence}); "
+                f"its value without an uncertainty was accepted by {released_by.by}: {released_by.reason}"
             )
     return said
 
@@ -105,9 +107,9 @@ def _name(parameter: Document) -> str:
     return str(parameter["parameter"] if "parameter" in parameter else parameter["section"])
 
 
-def _refusal(parameter: Document, entry: Document) -> str:
+def _refusal(parameter: Document, entry: Estimate) -> str:
     what = f"{_of(parameter)}no coefficients of {_name(parameter)}"
-    return f"{what}, {entry['quality']}: {entry['reasons'][0]['sentence']}"
+    return f"{what}, {entry.quality}: {entry.reasons[0].sentence}"
 
 
 def same_unit(documents: Sequence[Document], next_step: str) -> None:

@@ -12,10 +12,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import asdict, dataclass, field
-from typing import Any
+from dataclasses import dataclass, field
 
-from bench.analysis.estimates import Estimate
+from bench.analysis.estimates import Estimate, EvidenceInterval, Reason
 from bench.analysis.form import Document
 from bench.analysis.numbers import with_uncertainty
 from bench.analysis.wording import say
@@ -25,15 +24,6 @@ SOUND, DOUBTFUL, REFUSED = "sound", "doubtful", "refused"
 FALSE_DOUBT = 0.002  # of right campaigns, over all their checks together
 LEAST_MOVE = 0.3  # of the expanded uncertainty of the fit
 CERTAIN = 0.0  # probability that a value beyond what is plausible comes from a right world
-
-
-@dataclass(frozen=True)
-class EvidenceInterval:
-    """Where a value may lie by all that is known, in the unit of the estimate; never an expanded uncertainty."""
-
-    low: float
-    high: float
-    basis: str
 
 
 @dataclass(frozen=True)
@@ -62,15 +52,15 @@ class Evidence:
         A condition that the estimate does not have cannot keep it apart: what holds for a channel takes in every
         temperature of it.
         """
-        name = entry["quantity"]
+        name = entry.quantity
         named = not self.quantities or name in self.quantities or base_quantity(name) in self.quantities
-        of_it = entry["conditions"]
+        of_it = entry.conditions
         return named and all(of_it.get(name, value) == value for name, value in self.conditions.items())
 
     @property
-    def reason(self) -> dict[str, Any]:
-        """The check as a reason of results.json."""
-        return {"code": self.code, "sentence": self.sentence, "figure": self.figure}
+    def reason(self) -> Reason:
+        """The check as the reason of a doubt."""
+        return Reason.model_construct(code=self.code, sentence=self.sentence, figure=self.figure)
 
 
 _ENDINGS = ("_tc0", "_tc1", "_tc2", "_tc3", "_residual", "_change", "_drift")
@@ -101,19 +91,19 @@ def weigh(evidence: Iterable[Evidence]) -> Weighed:
     return Weighed(against, [seen for seen in odd if seen.move <= LEAST_MOVE])
 
 
-def stated(entry: Estimate, against: Sequence[Evidence]) -> dict[str, Any]:
-    """Return an estimate as results.json states it: what the checks against it leave, and why.
+def stated(entry: Estimate, against: Sequence[Evidence]) -> Estimate:
+    """Return what the checks against an estimate leave of it, and why.
 
     A doubtful estimate keeps its value and has no uncertainty and no verdict; a refused one has no value either.
     """
     heard = [check for check in against if check.bears_on(entry)]
     if not heard:
-        return {**entry, "quality": SOUND, "reasons": []}
+        return entry.model_copy(update={"quality": SOUND, "reasons": []})
     refused = any(check.refuses for check in heard)
     intervals = [check.interval for check in heard if check.interval is not None]
-    document = {
-        **entry,
-        "value": None if refused else entry["value"],
+    given = {
+        **{name: getattr(entry, name) for name in entry.model_fields_set - {"common"}},
+        "value": None if refused else entry.value,
         "std_uncertainty": None,
         "coverage_factor": None,
         "expanded_uncertainty": None,
@@ -123,39 +113,38 @@ def stated(entry: Estimate, against: Sequence[Evidence]) -> dict[str, Any]:
         "quality": REFUSED if refused else DOUBTFUL,
         "reasons": [check.reason for check in heard],
     }
-    document.pop("common", None)
     if intervals and not refused:
-        document["evidence_interval"] = asdict(intervals[0])
-    return document
+        given["evidence_interval"] = intervals[0]
+    return Estimate.model_construct(**given)
 
 
-def is_sound(entry: Document) -> bool:
-    """Return whether nothing casts doubt on an entry of results.json; documents of schema 1 know no doubt."""
-    return bool(entry.get("quality", SOUND) == SOUND)
+def is_sound(entry: Estimate) -> bool:
+    """Return whether nothing casts doubt on an estimate."""
+    return entry.quality == SOUND
 
 
-def stated_value(entry: Document, scale: float = 1.0) -> str:
-    """Return value and expanded uncertainty of an entry of results.json times ``scale``, or what is left of them."""
-    value, expanded = entry["value"], entry.get("expanded_uncertainty")
+def stated_value(entry: Estimate, scale: float = 1.0) -> str:
+    """Return value and expanded uncertainty of an estimate times ``scale``, or what is left of them."""
+    value, expanded = entry.value, entry.expanded_uncertainty
     if value is None:
         return say("stated.refused")
     text = with_uncertainty(value * scale, None if expanded is None else expanded * scale)
     if is_sound(entry):
         return text
-    return say("stated.accepted" if "acceptance" in entry else "stated.doubtful", value=text)
+    return say("stated.accepted" if entry.acceptance else "stated.doubtful", value=text)
 
 
-def doubt_lines(entries: Iterable[Document]) -> list[str]:
+def doubt_lines(entries: Iterable[Estimate]) -> list[str]:
     """Return what is wrong in a line for each kind of reason, the worst first: its sentence with the largest figure, at
     how many places more, and how many estimates it takes in. Empty for sound estimates.
     """
     by_kind: dict[tuple[str, str], dict[str, float]] = {}
     taken_in: Counter[tuple[str, str]] = Counter()
     for entry in entries:
-        for reason in entry.get("reasons", ()):
-            kind = (str(entry["quality"]), str(reason["code"]))
+        for reason in entry.reasons:
+            kind = (entry.quality, reason.code)
             taken_in[kind] += 1
-            by_kind.setdefault(kind, {})[reason["sentence"]] = abs(reason["figure"] or 0.0)
+            by_kind.setdefault(kind, {})[reason.sentence] = abs(reason.figure or 0.0)
     lines: list[str] = []
     for quality, code in sorted(by_kind, key=lambda kind: kind[0] != REFUSED):
         sentences = by_kind[quality, code]

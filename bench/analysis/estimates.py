@@ -1,13 +1,15 @@
-"""Estimates in the form of results.json, and the limits that a sequence states for them."""
+"""Estimates, from the fit to results.json and every page, and the limits that a sequence states for them."""
 
 from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
-from typing import Any, NotRequired, TypedDict
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from bench.analysis.form import Document
+from pydantic import Field, TypeAdapter, ValidationError, model_validator
+
+from bench.analysis.form import Closed, Document, wrong_form
 from bench.maths.verdict import NON_BINARY, Limit, Verdict, bounds, checked_rule, coverage_factor, decide
 from bench.model import declaration
 from bench.model.errors import FitError
@@ -17,49 +19,114 @@ _LEAST_COMMON = 1e-4  # of the standard uncertainty; what is below is 1e-8 of th
 UNIT = "unit"  # condition: serial number of the unit under test, where a session has several
 
 
-class Limits(TypedDict):
-    """The lowest and the highest value that is allowed, None where there is no limit on that side."""
+if TYPE_CHECKING:  # a sound estimate has its numbers, and a quantity its conditions: who computes need not ask
+    Number: TypeAlias = float | Any
+    Plain: TypeAlias = Any
+else:
+    Number = float | None
+    Plain = str | bool | int | float | None
+_Count = Annotated[int, Field(ge=0)]
+_Code = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+
+
+class Reason(Closed):
+    """Why an estimate is not sound: a stable code, a sentence, and the figure that led to it."""
+
+    code: _Code
+    sentence: str
+    figure: float | None
+
+
+class EvidenceInterval(Closed):
+    """Where the value may lie by all that is known, in the unit of the estimate; no expanded uncertainty."""
+
+    low: float
+    high: float
+    basis: str
+
+
+class Limits(Closed):
+    """The lowest and the highest value that is allowed; null where there is no limit on that side."""
 
     low: float | None
     high: float | None
 
+    @model_validator(mode="after")
+    def _in_order(self) -> Limits:
+        if self.low is None and self.high is None:
+            raise ValueError("neither a lowest nor a highest value")
+        if self.low is not None and self.high is not None and self.low > self.high:
+            raise ValueError(f"low {self.low} is above high {self.high}")
+        return self
 
-class Common(TypedDict):
-    """What an estimate shares with others: signed contribution, standard, in its own unit, by the label of an error.
 
-    ``standards``: errors of standards, the same wherever the label stands, also in the results of another unit;
-    ``campaign``: errors that the estimates of one session share.
+class Acceptance(Closed):
+    """Who released the value of a doubtful estimate, and why; the value alone."""
+
+    by: str
+    reason: str
+
+
+class Common(Closed):
+    """What an estimate shares with others: signed standard contributions in its unit, by the label of an error."""
+
+    standards: dict[str, float] = Field(description="errors of standards: the same in every document with the label")
+    campaign: dict[str, float] = Field(description="errors that the estimates of this document share")
+
+
+class Estimate(Closed):
+    """One quantity with its uncertainty, the conditions it holds for and the verdict.
+
+    Doubtful: no uncertainty, no statement of conformity. Refused: no value either.
     """
 
-    standards: dict[str, float]
-    campaign: dict[str, float]
-
-
-class Estimate(TypedDict):
-    """One quantity as an analysis found it, if its model is right; the conditions it holds for, and the verdict.
-
-    ``limit`` stands for -limit to limit; ``limits`` in its place where there is one side only or they are not alike.
-    ``dof`` is left out where it is infinite. What the checks leave of it stands in results.json.
-    """
-
-    quantity: str
+    quantity: _Code
     unit: str
-    value: float
-    std_uncertainty: float
-    coverage_factor: float
-    expanded_uncertainty: float
-    conditions: dict[str, Any]
-    n: int
-    dropped: int
-    limit: float | None
+    value: Number
+    std_uncertainty: Annotated[Number, Field(ge=0)]
+    coverage_factor: Annotated[Number, Field(gt=0)]
+    expanded_uncertainty: Annotated[Number, Field(ge=0)]
+    conditions: dict[str, Plain]
+    n: _Count
+    dropped: _Count
+    limit: float | None = Field(description="stands for -limit to limit")
+    limits: Limits | None = Field(
+        None, description="where there is one side only or both are not alike; limit is null then"
+    )
     verdict: Verdict
-    conformance_probability: float | None
-    limits: NotRequired[Limits]
-    dof: NotRequired[float]
-    common: NotRequired[Common]
+    conformance_probability: Annotated[float, Field(ge=0, le=1)] | None = Field(
+        None, description="that the true value is within the limit; absent in documents of version 0.1"
+    )
+    dof: Annotated[float, Field(gt=0)] | None = Field(None, description="effective; absent = infinite")
+    common: Common | None = Field(None, description="part of std_uncertainty that other estimates share, if stated")
+    quality: Literal["sound", "doubtful", "refused"] = Field("sound", description="absent in documents of schema 1")
+    reasons: list[Reason] = Field([], description="empty for a sound estimate")
+    evidence_interval: EvidenceInterval | None = None
+    acceptance: Acceptance | None = None
+
+    @model_validator(mode="after")
+    def _as_the_quality_says(self) -> Estimate:
+        if (self.quality == "sound") != (self.expanded_uncertainty is not None):
+            raise ValueError(f"{self.quality} with an expanded uncertainty of {self.expanded_uncertainty}")
+        if (self.quality == "refused") != (self.value is None):
+            raise ValueError(f"{self.quality} with the value {self.value}")
+        if (self.quality == "sound") != (not self.reasons):
+            raise ValueError(f"{self.quality} with {len(self.reasons)} reasons")
+        if self.acceptance is not None and self.quality != "doubtful":
+            raise ValueError(f"{self.quality} with an acceptance")
+        if self.limit is not None and self.limits is not None:
+            raise ValueError(f"limit {self.limit} and limits")
+        return self
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The entry of results.json: what was given, so that an old entry keeps its form."""
+        return self.model_dump(exclude_unset=True)
 
 
 Estimates = list[Estimate]
+_FORM = TypeAdapter(Estimates)
+FIT_AGAIN = "fit the session again with 'bench fit'; do not edit results by hand"
 
 
 def estimate(
@@ -75,7 +142,7 @@ def estimate(
     dof: float = math.inf,
     factor: float | None = None,
 ) -> Estimate:
-    """Return one entry of the flat list of results.json: 95 % interval, verdict against ``limit``.
+    """Return what an analysis found, sound if its model is right: 95 % interval, verdict against ``limit``.
 
     ``limit``: a number for -limit to limit, or both ends, infinite on an open side.
     ``dof``: effective degrees of freedom; infinite (and then not written) where the covariance is known beforehand and
@@ -85,7 +152,7 @@ def estimate(
     factor = coverage_factor(dof) if factor is None else factor
     if isinstance(limit, tuple) and limit[0] == -limit[1] and math.isfinite(limit[1]):
         limit = limit[1]
-    entry: Estimate = {
+    given: dict[str, Any] = {
         "quantity": quantity,
         "unit": unit,
         "value": float(value),
@@ -96,35 +163,51 @@ def estimate(
         "n": int(n),
         "dropped": int(dropped),
         "limit": None if isinstance(limit, tuple) else limit,
-        "verdict": "none",
-        "conformance_probability": None,
     }
     if isinstance(limit, tuple):
         low, high = (end if math.isfinite(end) else None for end in limit)
-        entry["limits"] = {"low": low, "high": high}
+        given["limits"] = Limits.model_construct(low=low, high=high)
     if math.isfinite(dof):
-        entry["dof"] = float(dof)
-    return judged(entry, NON_BINARY)
+        given["dof"] = float(dof)
+    # not checked here: what a fit leaves without a number is refused, or found when the document is made
+    return judged(Estimate.model_construct(**given), NON_BINARY)
+
+
+def estimates_of(results: Document) -> Estimates:
+    """Return the estimates of a document results.json. Raises: InputError B-FIT-010 naming the first wrong field."""
+    try:
+        return _FORM.validate_python(results.get("estimates", []))
+    except ValidationError as error:
+        raise wrong_form(error, "B-FIT-010", str(results.get("session", "results.json")), FIT_AGAIN) from error
+
+
+def documents(entries: Iterable[Estimate]) -> list[dict[str, Any]]:
+    """Return entries of results.json."""
+    return [entry.document for entry in entries]
 
 
 def sharing(entry: Estimate, common: Common) -> Estimate:
     """Return an entry that says which part of its uncertainty other estimates share; what is negligible is left out."""
-    least = _LEAST_COMMON * entry["std_uncertainty"]
+    least = _LEAST_COMMON * entry.std_uncertainty
     standards, campaign = (
         {label: float(part) for label, part in sorted(parts.items()) if abs(part) > least}
-        for parts in (common["standards"], common["campaign"])
+        for parts in (common.standards, common.campaign)
     )
-    return {**entry, "common": {"standards": standards, "campaign": campaign}} if standards or campaign else entry
+    if not (standards or campaign):
+        return entry
+    return entry.model_copy(update={"common": Common(standards=standards, campaign=campaign)})
 
 
-def covariance_by_standards(first: Document, second: Document) -> float:
-    """Return the covariance of two entries of results.json by the standards that both were measured with.
+def covariance_by_standards(first: Common | None, second: Common | None) -> float:
+    """Return the covariance of two estimates by the standards that both were measured with.
 
-    In the product of their units; 0 where an entry does not say what it has in common with others.
+    In the product of their units; 0 where an estimate does not say what it has in common with others.
     Source: JCGM 100:2008 equation (F.2).
     """
-    here, there = ((entry.get("common") or {}).get("standards", {}) for entry in (first, second))
-    return math.fsum(here[label] * there[label] for label in here.keys() & there.keys())
+    if first is None or second is None:
+        return 0.0
+    labels = first.standards.keys() & second.standards.keys()
+    return math.fsum(first.standards[label] * second.standards[label] for label in labels)
 
 
 def rule_of(decision: Document | None) -> str:
@@ -140,18 +223,23 @@ def judged(entry: Estimate, rule: str) -> Estimate:
 
     Raises: FitError B-FIT-041 for an unknown rule.
     """
-    dof = entry.get("dof", math.inf)
-    decision = decide(entry["value"], entry["std_uncertainty"], limits_of(entry), rule, dof)
-    return {**entry, "verdict": decision.verdict, "conformance_probability": decision.conformance_probability}
+    dof = math.inf if entry.dof is None else entry.dof
+    decision = decide(entry.value, entry.std_uncertainty, limits_of(entry), rule, dof)
+    return entry.model_copy(
+        update={"verdict": decision.verdict, "conformance_probability": decision.conformance_probability}
+    )
 
 
-def limits_of(entry: Document) -> tuple[float, float] | None:
-    """Return lowest and highest value that an entry of results.json may have, infinite on an open side; else None."""
-    limits = entry.get("limits")
+def limits_of(entry: Estimate) -> tuple[float, float] | None:
+    """Return lowest and highest value that an estimate may have, infinite on an open side; None without a limit."""
+    return limit_range(entry.limit, entry.limits)
+
+
+def limit_range(limit: float | None, limits: Limits | None) -> tuple[float, float] | None:
+    """Return both ends of the limits of an estimate: of ``limits`` where they are stated, else of ``limit``."""
     if limits is None:
-        limit = entry.get("limit")
         return None if limit is None else bounds(float(limit))
-    low, high = limits["low"], limits["high"]
+    low, high = limits.low, limits.high
     return -math.inf if low is None else low, math.inf if high is None else high
 
 

@@ -23,10 +23,15 @@ def check_form(form: type[BaseModel], document: object, code: str, where: str, n
     try:
         form.model_validate(document)
     except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        message = f"{place}: {first['msg'][:1].lower()}{first['msg'][1:]} (found {str(first['input'])[:60]})"
-        raise InputError(code, message, where=where, next_step=next_step) from error
+        raise wrong_form(error, code, where, next_step) from error
+
+
+def wrong_form(error: ValidationError, code: str, where: str, next_step: str) -> InputError:
+    """Return the error of a document that has not its form, which names the first wrong field."""
+    first = error.errors(include_url=False)[0]
+    place = ".".join(str(part) for part in first["loc"])
+    message = f"{place}: {first['msg'][:1].lower()}{first['msg'][1:]} (found {str(first['input'])[:60]})"
+    return InputError(code, message, where=where, next_step=next_step)
 
 
 def schema_of(form: type[BaseModel]) -> dict[str, Any]:

@@ -7,37 +7,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
-from pydantic import ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field
 
 from bench.analysis.acceptance import Accepted, with_acceptances
 from bench.analysis.analysis import Analysis
 from bench.analysis.doubt import stated, weigh
-from bench.analysis.estimates import judged, rule_of
+from bench.analysis.estimates import FIT_AGAIN, Estimate, Estimates, documents, judged, rule_of
 from bench.analysis.form import Closed, Document, check_form, schema_of
 from bench.analysis.wording import say
-from bench.maths.verdict import Rule, Verdict
+from bench.maths.verdict import Rule
 from bench.model.assumptions import Assumption
 
 SCHEMA = 2
 INCOMPLETE = say("incomplete")
 _Count = Annotated[int, Field(ge=0)]
-_Plain = str | bool | int | float | None
-
-
-class Reason(Closed):
-    """Why an estimate is not sound: a stable code, a sentence, and the figure that led to it."""
-
-    code: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    sentence: str
-    figure: float | None
-
-
-class EvidenceInterval(Closed):
-    """Where the value may lie by all that is known, in the unit of the estimate; no expanded uncertainty."""
-
-    low: float
-    high: float
-    basis: str
 
 
 class TakenForGranted(Closed):
@@ -49,80 +32,6 @@ class TakenForGranted(Closed):
     effect: str
     shown_by: str = Field(description="measurement that would show it")
     quantities: list[str] = Field(description="empty for every estimate")
-
-
-class Limits(Closed):
-    """The lowest and the highest value that is allowed; null where there is no limit on that side."""
-
-    low: float | None
-    high: float | None
-
-    @model_validator(mode="after")
-    def _in_order(self) -> Limits:
-        if self.low is None and self.high is None:
-            raise ValueError("neither a lowest nor a highest value")
-        if self.low is not None and self.high is not None and self.low > self.high:
-            raise ValueError(f"low {self.low} is above high {self.high}")
-        return self
-
-
-class Acceptance(Closed):
-    """Who released the value of a doubtful estimate, and why; the value alone."""
-
-    by: str
-    reason: str
-
-
-class Common(Closed):
-    """What an estimate shares with others: signed standard contributions in its unit, by the label of an error."""
-
-    standards: dict[str, float] = Field(description="errors of standards: the same in every document with the label")
-    campaign: dict[str, float] = Field(description="errors that the estimates of this document share")
-
-
-class Estimate(Closed):
-    """One quantity with its uncertainty, the conditions it holds for and the verdict.
-
-    Doubtful: no uncertainty, no statement of conformity. Refused: no value either.
-    """
-
-    quantity: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
-    unit: str
-    value: float | None
-    std_uncertainty: Annotated[float, Field(ge=0)] | None
-    coverage_factor: Annotated[float, Field(gt=0)] | None
-    expanded_uncertainty: Annotated[float, Field(ge=0)] | None
-    conditions: dict[str, _Plain]
-    n: _Count
-    dropped: _Count
-    limit: float | None = Field(description="stands for -limit to limit")
-    limits: Limits | None = Field(
-        None, description="where there is one side only or both are not alike; limit is null then"
-    )
-    verdict: Verdict
-    conformance_probability: Annotated[float, Field(ge=0, le=1)] | None = Field(
-        None, description="that the true value is within the limit; absent in documents of version 0.1"
-    )
-    dof: Annotated[float, Field(gt=0)] | None = Field(None, description="effective; absent = infinite")
-    common: Common | None = Field(None, description="part of std_uncertainty that other estimates share, if stated")
-    quality: Literal["sound", "doubtful", "refused"] = Field("sound", description="absent in documents of schema 1")
-    reasons: list[Reason] = Field([], description="empty for a sound estimate")
-    evidence_interval: EvidenceInterval | None = None
-    acceptance: Acceptance | None = None
-
-    @model_validator(mode="after")
-    def _as_the_quality_says(self) -> Estimate:
-        if (self.quality == "sound") != (self.expanded_uncertainty is not None):
-            raise ValueError(f"{self.quality} with an expanded uncertainty of {self.expanded_uncertainty}")
-        if (self.quality == "refused") != (self.value is None):
-            raise ValueError(f"{self.quality} with the value {self.value}")
-        if (self.quality == "sound") != (not self.reasons):
-            raise ValueError(f"{self.quality} with {len(self.reasons)} reasons")
-        if self.acceptance is not None and self.quality != "doubtful":
-            raise ValueError(f"{self.quality} with an acceptance")
-        if self.limit is not None and self.limits is not None:
-            raise ValueError(f"limit {self.limit} and limits")
-        return self
 
 
 class Quality(Closed):
@@ -222,7 +131,7 @@ def build_results(
         "method": analysis.method,
         "uut": dict(analysis.uut),
         "decision_rule": rule,
-        "estimates": [_unjudged(entry) for entry in entries] if incomplete else entries,
+        "estimates": documents(map(_unjudged, entries) if incomplete else entries),
         "quality": {name: int(counts.get(name, 0)) for name in Quality.model_fields},
         "provenance": dict(provenance),
         "assumptions": [{**asdict(taken), "quantities": list(taken.quantities)} for taken in assumptions],
@@ -236,21 +145,20 @@ def build_results(
     return document
 
 
-def stated_estimates(analysis: Analysis, rule: str) -> list[dict[str, Any]]:
-    """Return the estimates as results.json states them. Raises: FitError B-FIT-041 for an unknown rule."""
+def stated_estimates(analysis: Analysis, rule: str) -> Estimates:
+    """Return what the checks leave of the estimates. Raises: FitError B-FIT-041 for an unknown rule."""
     against = weigh(analysis.evidence).against
     return [stated(judged(entry, rule), against) for entry in analysis.estimates]
 
 
-def _unjudged(estimate: Document) -> dict[str, Any]:
+def _unjudged(entry: Estimate) -> Estimate:
     """Return an estimate of a run that has not ended: what is still to come may change it."""
-    return {**estimate, "verdict": "none", "conformance_probability": None}
+    return entry.model_copy(update={"verdict": "none", "conformance_probability": None})
 
 
 def validate_results(document: object, where: str = "results.json") -> None:
     """Check a document against the form of results.json. Raises InputError B-FIT-010 naming the first wrong field."""
-    next_step = "fit the session again with 'bench fit'; do not edit results by hand"
-    check_form(Results, document, "B-FIT-010", where, next_step)
+    check_form(Results, document, "B-FIT-010", where, FIT_AGAIN)
 
 
 def results_json(document: Document) -> str:

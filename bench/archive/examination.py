@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import DOUBTFUL, REFUSED
+from bench.analysis import DOUBTFUL, REFUSED, estimates_of
 from bench.archive.diagnosis import Recording, as_fault, diagnosed
 from bench.archive.issued import issued_of, standards_of
 from bench.archive.places import Finding, Kind, brought_here
@@ -114,14 +114,14 @@ def _described(known: ArchivedSession, reader: SessionReader) -> ArchivedSession
 def _released(
     known: ArchivedSession, results: Mapping[str, Any], manifest: Mapping[str, Any], folder: Path
 ) -> ArchivedSession:
-    qualities = {str(estimate.get("quality", "sound")) for estimate in results["estimates"]}
+    qualities = {str(estimate.quality) for estimate in estimates_of(results)}
     checked = (manifest.get("campaign", {}).get("check_standard") or {}).get("serial")
     units = [document["uut"] for document in documents_of_units(results, manifest)]
     return replace(
         known,
         software=str(results["provenance"]["software"]),
         method=str(results["method"]),
-        verdict=worst(str(estimate["verdict"]) for estimate in results["estimates"]),
+        verdict=worst(str(estimate.verdict) for estimate in estimates_of(results)),
         quality=next((quality for quality in (REFUSED, DOUBTFUL) if quality in qualities), "sound"),
         units=tuple(Unit(str(uut["model"]), str(uut["serial"]), uut["serial"] == checked) for uut in units),
         certificates=tuple(_certificates(folder, known, results)),

@@ -10,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from bench.analysis import results_json
+from bench.analysis import Estimate, Estimates, estimates_of, results_json
 from bench.archive.changes import is_changed, is_flip
 from bench.archive.diagnosis import as_fault, diagnosed
 from bench.archive.places import brought_here
@@ -150,28 +150,27 @@ def rows_of(released: Mapping[str, Any] | None, now: Mapping[str, Any], manifest
             }
 
 
-def _units(document: Mapping[str, Any], manifest: Mapping[str, Any]) -> dict[tuple[str, str], Sequence[Any]]:
+def _units(document: Mapping[str, Any], manifest: Mapping[str, Any]) -> dict[tuple[str, str], Estimates]:
     documents = documents_of_units(document, manifest)
-    return {(str(part["uut"]["model"]), str(part["uut"]["serial"])): part["estimates"] for part in documents}
+    return {(str(part["uut"]["model"]), str(part["uut"]["serial"])): estimates_of(part) for part in documents}
 
 
-def _by_parameter(estimates: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str, str, int], Mapping[str, Any]]:
+def _by_parameter(estimates: Estimates) -> dict[tuple[str, str, str, int], Estimate]:
     """Return estimates by quantity, unit and conditions without what was measured; the number tells like ones apart."""
-    by_parameter: dict[tuple[str, str, str, int], Mapping[str, Any]] = {}
+    by_parameter: dict[tuple[str, str, str, int], Estimate] = {}
     alike: Counter[tuple[str, str, str]] = Counter()
     for estimate in estimates:
-        given = {name: value for name, value in estimate["conditions"].items() if name not in MEASURED}
+        given = {name: value for name, value in estimate.conditions.items() if name not in MEASURED}
         conditions = json.dumps(given, sort_keys=True, ensure_ascii=False)
-        named = (str(estimate["quantity"]), str(estimate["unit"]), conditions)
+        named = (estimate.quantity, estimate.unit, conditions)
         by_parameter[(*named, alike[named])] = estimate
         alike[named] += 1
     return by_parameter
 
 
-def _of(estimate: Mapping[str, Any] | None, prefix: str, numbers: Sequence[str]) -> Row:
+def _of(estimate: Estimate | None, prefix: str, numbers: Sequence[str]) -> Row:
     """Return what a row says of an estimate; "" and None where there is none."""
     if estimate is None:
         return {f"{prefix}verdict": "", f"{prefix}quality": ""}
-    said = {f"{prefix}{name}": estimate[name] for name in numbers}
-    quality = str(estimate.get("quality", "sound"))
-    return {**said, f"{prefix}verdict": str(estimate["verdict"]), f"{prefix}quality": quality}
+    said = {f"{prefix}{name}": getattr(estimate, name) for name in numbers}
+    return {**said, f"{prefix}verdict": estimate.verdict, f"{prefix}quality": estimate.quality}

@@ -13,6 +13,7 @@ from typing import Any
 
 from bench.analysis import (
     doubt_lines,
+    estimates_of,
     is_sound,
     outlived,
     outlived_text,
@@ -171,7 +172,7 @@ def _stored(folder: Path) -> tuple[dict[str, Any], dict[str, str]]:
             next_step="certify a session whose run ended with results",
         ) from error
     validate_results(document, str(path))
-    if document["estimates"] and not any(is_sound(estimate) for estimate in document["estimates"]):
+    if estimates_of(document) and not any(is_sound(estimate) for estimate in estimates_of(document)):
         raise InputError(
             "B-DCC-015",
             f"no estimate is sound: {doubt_lines(document['estimates'])[0]}",
@@ -238,7 +239,7 @@ def _refuse_below_capability(laboratory: Laboratory, stored: Mapping[str, Any], 
     """Refuse to state, under an accreditation, less uncertainty than the laboratory is accredited for."""
     if laboratory.accreditation is None:
         return
-    wrong = below_capability(laboratory.accreditation, str(stored["campaign"]), stored["estimates"])
+    wrong = below_capability(laboratory.accreditation, str(stored["campaign"]), estimates_of(stored))
     if wrong:
         raise InputError(
             "B-DCC-017",

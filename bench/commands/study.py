@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import Study, Task
+from bench.analysis import Study, Task, estimates_of
 from bench.commands.console import TaskLines, console, warn
 from bench.commands.requests import StudyRequest
 from bench.maths.verdict import passed
@@ -78,17 +78,17 @@ def _written(request: StudyRequest, chosen: Study, options: Any, results: Sequen
         sys.stdout.write(text)
     else:
         _tell(document, [path for path, _ in written])
-    well = passed(estimate["verdict"] for estimate in document["estimates"])
+    well = passed(estimate.verdict for estimate in estimates_of(document))
     return ExitStatus.PASS if well else ExitStatus.VERDICT_FAIL
 
 
 def _tell(document: dict[str, Any], written: Sequence[Path]) -> None:
     out = console()
-    judged = [estimate for estimate in document["estimates"] if estimate["verdict"] != "none"]
-    failed = [estimate for estimate in judged if not passed([estimate["verdict"]])]
+    judged = [estimate for estimate in estimates_of(document) if estimate.verdict != "none"]
+    failed = [estimate for estimate in judged if not passed([estimate.verdict])]
     out.print(f"{len(judged) - len(failed)} tolerances kept, {len(failed)} not, {document['runs']} runs of each case")
     for estimate in failed:
-        where = ", ".join(f"{name} {value}" for name, value in estimate["conditions"].items())
-        out.print(f"fail       {estimate['quantity']} = {estimate['value']:.5g} {estimate['unit']}  ({where})")
+        where = ", ".join(f"{name} {value}" for name, value in estimate.conditions.items())
+        out.print(f"fail       {estimate.quantity} = {estimate.value:.5g} {estimate.unit}  ({where})")
     for path in written:
         out.print(f"wrote      {path}")

@@ -18,7 +18,7 @@ from rich.table import Table as TerminalTable
 from rich.text import Text
 
 from bench import analysis
-from bench.analysis import Analysis, doubt_lines, limits_of, stated_value
+from bench.analysis import Analysis, Estimate, doubt_lines, estimates_of, limits_of, stated_value
 from bench.commands.console import plain_table, warn
 from bench.maths.verdict import WORST_FIRST, passed, verdict_words, worst
 from bench.model.errors import ExitStatus, FitError
@@ -42,7 +42,6 @@ _MOST_LINES = 24
 _SMALL_A = 1e-3
 _AMPERE = re.compile(r"A(?![A-Za-z])")
 _CURVATURES = ("_tc2", "_tc3")
-Estimate = Mapping[str, Any]
 
 
 def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) -> None:
@@ -55,19 +54,19 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
     simulated = " (SIMULATED, not a calibration)" if results["provenance"]["simulated"] else ""
     uut = f"{results['uut']['model']} {results['uut']['serial']}"
     title = f"{results['campaign']} of {uut}{simulated}, method {analysis.method}"
-    rows = _rows(results["estimates"])
+    rows = _rows(estimates_of(results))
     lead = [table for table in analysis.tables if table.lead]
-    _print_doubt(out, results["estimates"])
+    _print_doubt(out, estimates_of(results))
     if rows:
         _print_scale_factors(out, title, rows)
     elif lead:
         out.print(title, highlight=False)
         _print_lead_tables(out, lead)
-        _print_verdicts(out, results["estimates"])
+        _print_verdicts(out, estimates_of(results))
     else:
-        print_summary(out, title, results["estimates"], _reference_degC(results["estimates"]))
-        if any(limits_of(estimate) is not None for estimate in results["estimates"]):
-            _print_verdicts(out, results["estimates"])
+        print_summary(out, title, estimates_of(results), _reference_degC(estimates_of(results)))
+        if any(limits_of(estimate) is not None for estimate in estimates_of(results)):
+            _print_verdicts(out, estimates_of(results))
     if not lead or rows:
         _print_not_judged(out, results)
     _print_missing(out, analysis.missing)
@@ -127,19 +126,19 @@ def print_units(outcomes: Sequence[UnitFinished], out: Console) -> int:
 
 def verdict_status(results: Mapping[str, Any], missing: Sequence[str]) -> int:
     """Return 1 if a verdict fails or is indeterminate or a result that the records promise is missing, else 0."""
-    well = passed(estimate["verdict"] for estimate in results["estimates"])
+    well = passed(estimate.verdict for estimate in estimates_of(results))
     return ExitStatus.PASS if well and not missing else ExitStatus.VERDICT_FAIL
 
 
 def _print_verdicts(out: Console, estimates: Sequence[Estimate]) -> None:
-    counts = Counter(estimate["verdict"] for estimate in estimates if estimate["verdict"] != "none")
+    counts = Counter[str](estimate.verdict for estimate in estimates if estimate.verdict != "none")
     shown = ", ".join(f"{counts[name]} {verdict_words(name)}" for name in WORST_FIRST if counts[name])
     judged = f"verdicts: {shown}; " if shown else "not judged; "
     out.print(f"{judged}{len(estimates)} values with their uncertainties in results.json", highlight=False)
 
 
 def _print_not_judged(out: Console, results: Mapping[str, Any]) -> None:
-    if all(limits_of(estimate) is None for estimate in results["estimates"]) and not results.get("incomplete"):
+    if all(limits_of(estimate) is None for estimate in estimates_of(results)) and not results.get("incomplete"):
         out.print("not judged: no estimate of this campaign has a limit", highlight=False)
 
 
@@ -159,7 +158,7 @@ def _print_scale_factors(out: Console, title: str, rows: Sequence[tuple[str, ...
 
 
 def _reference_degC(estimates: Sequence[Estimate]) -> float | None:
-    temperatures = (estimate["conditions"].get("reference_temperature_degC") for estimate in estimates)
+    temperatures = (estimate.conditions.get("reference_temperature_degC") for estimate in estimates)
     return next((value for value in temperatures if value is not None), None)
 
 
@@ -174,13 +173,13 @@ def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
     groups: dict[tuple[int, float], dict[str, Estimate]] = {}
     verdicts: dict[tuple[int, float], set[str]] = {}
     for estimate in estimates:
-        conditions = estimate["conditions"]
+        conditions = estimate.conditions
         if conditions.get("channel") is None or conditions.get("temperature_degC") is None:
             continue
         place = conditions["channel"], conditions["temperature_degC"]
-        verdicts.setdefault(place, set()).add(estimate["verdict"])
-        if estimate["quantity"] in _SCALE_FACTORS:
-            groups.setdefault(place, {})[estimate["quantity"]] = estimate
+        verdicts.setdefault(place, set()).add(estimate.verdict)
+        if estimate.quantity in _SCALE_FACTORS:
+            groups.setdefault(place, {})[estimate.quantity] = estimate
     return [
         (*_row(*place, group), _worst(verdicts[place]))
         for place, group in groups.items()
@@ -190,14 +189,14 @@ def _rows(estimates: Sequence[Estimate]) -> list[tuple[str, ...]]:
 
 def _row(channel: int, temperature_degC: float, group: Mapping[str, Estimate]) -> tuple[str, ...]:
     known = group["dsf_n"]
-    measured_degC = known["conditions"].get("unit_temperature_degC")
+    measured_degC = known.conditions.get("unit_temperature_degC")
     return (
         str(channel),
-        str(known["conditions"]["kind"]),
+        str(known.conditions["kind"]),
         f"{temperature_degC:g}",
         "-" if measured_degC is None else f"{measured_degC:.2f}",
-        *(_number(group[name]["value"], form) for name, form in _SCALE_FACTORS.items()),
-        _number(_largest(group[name]["expanded_uncertainty"] for name in ("dsf_n", "dsf_p")), ".1f"),
+        *(_number(group[name].value, form) for name, form in _SCALE_FACTORS.items()),
+        _number(_largest(group[name].expanded_uncertainty for name in ("dsf_n", "dsf_p")), ".1f"),
     )
 
 
@@ -259,21 +258,21 @@ def print_summary(out: Console, title: str, estimates: Sequence[Estimate], refer
     by_quantity: dict[str, dict[Any, Estimate]] = {}
     whole: list[Estimate] = []
     for estimate in estimates:
-        conditions = estimate["conditions"]
+        conditions = estimate.conditions
         elsewhere = conditions.get("temperature_degC", reference_degC) != reference_degC
-        if elsewhere or estimate["quantity"].endswith(_CURVATURES):
+        if elsewhere or estimate.quantity.endswith(_CURVATURES):
             continue
         if "channel" not in conditions:
             whole.append(estimate)
         elif "repeat" not in conditions:
-            by_quantity.setdefault(estimate["quantity"], {}).setdefault(conditions["channel"], estimate)
+            by_quantity.setdefault(estimate.quantity, {}).setdefault(conditions["channel"], estimate)
     if by_quantity:
         out.print(_by_channel(by_quantity))
     for estimate in whole[:_MOST_LINES]:
-        judged = [] if limits_of(estimate) is None else [verdict_words(estimate["verdict"])]
-        where = ", ".join(f"{name} {value}" for name, value in estimate["conditions"].items())
+        judged = [] if limits_of(estimate) is None else [verdict_words(estimate.verdict)]
+        where = ", ".join(f"{name} {value}" for name, value in estimate.conditions.items())
         told = "  ".join(part for part in (where, *judged) if part)
-        out.print(f"{estimate['quantity']:<28} {_value(estimate)} {_unit(estimate)}  {told}".rstrip())
+        out.print(f"{estimate.quantity:<28} {_value(estimate)} {_unit(estimate)}  {told}".rstrip())
     if len(whole) > _MOST_LINES:
         out.print(f"... and {len(whole) - _MOST_LINES} more in results.json")
 
@@ -288,14 +287,16 @@ def _by_channel(by_quantity: Mapping[str, Mapping[Any, Estimate]]) -> TerminalTa
     table.add_column("verdict")
     for channel in sorted({channel for by_channel in by_quantity.values() for channel in by_channel}):
         row = [_value(by_quantity[name][channel]) if channel in by_quantity[name] else "-" for name in shown]
-        verdicts = {by_channel[channel]["verdict"] for by_channel in by_quantity.values() if channel in by_channel}
+        verdicts: set[str] = {
+            by_channel[channel].verdict for by_channel in by_quantity.values() if channel in by_channel
+        }
         table.add_row(str(channel), *row, _worst(verdicts))
     return table
 
 
 def _scale(estimate: Estimate) -> float:
     """Return currents of a converter read best in nanoampere; that of a supply does not."""
-    return 1e9 if _AMPERE.match(estimate["unit"]) and abs(estimate["value"] or 0.0) < _SMALL_A else 1.0
+    return 1e9 if _AMPERE.match(estimate.unit) and abs(estimate.value or 0.0) < _SMALL_A else 1.0
 
 
 def _value(estimate: Estimate) -> str:
@@ -303,4 +304,4 @@ def _value(estimate: Estimate) -> str:
 
 
 def _unit(estimate: Estimate) -> str:
-    return ("n" if _scale(estimate) != 1.0 else "") + str(estimate["unit"])
+    return ("n" if _scale(estimate) != 1.0 else "") + str(estimate.unit)

@@ -79,30 +79,30 @@ def reached(estimates: Estimates) -> dict[Key, float]:
     """Return the largest expanded uncertainty of each quantity and kind, all of it and its random part."""
     known: dict[Key, float] = {}
     for entry in _first_visits(estimates):
-        kind = str(entry["conditions"].get("kind", ""))
-        for part, U in (("", entry["expanded_uncertainty"]), (RANDOM, random_U(entry))):
-            key = Key(entry["quantity"], part, kind)
+        kind = str(entry.conditions.get("kind", ""))
+        for part, U in (("", entry.expanded_uncertainty), (RANDOM, random_U(entry))):
+            key = Key(entry.quantity, part, kind)
             known[key] = max(known.get(key, 0.0), U)
     return known
 
 
 def _first_visits(estimates: Estimates) -> list[Estimate]:
     """Return the estimates without those of repeats, of which no target is."""
-    return [entry for entry in estimates if "repeat" not in entry["conditions"]]
+    return [entry for entry in estimates if "repeat" not in entry.conditions]
 
 
 def random_U(entry: Estimate) -> float:
     """Return the expanded uncertainty (95 %) of an estimate without what it shares with others, by its own factor."""
-    common = entry.get("common")
-    parts = [] if common is None else [*common["standards"].values(), *common["campaign"].values()]
-    own = entry["std_uncertainty"] ** 2 - math.fsum(part**2 for part in parts)
-    return entry["coverage_factor"] * math.sqrt(max(own, 0.0))
+    common = entry.common
+    parts = [] if common is None else [*common.standards.values(), *common.campaign.values()]
+    own = entry.std_uncertainty**2 - math.fsum(part**2 for part in parts)
+    return entry.coverage_factor * math.sqrt(max(own, 0.0))
 
 
 def read_target(text: str, estimates: Estimates) -> Target:
     """Read ``dsf_n=22ppm`` or ``dsf_n.random=0.6ppm``. Raises: InputError B-DES-001."""
     match = _TARGET.fullmatch(text)
-    units = {entry["quantity"]: entry["unit"] for entry in _first_visits(estimates)}
+    units = {entry.quantity: entry.unit for entry in _first_visits(estimates)}
     quantity, part, number, unit = match.groups() if match else ("", "", "0", "")
     if quantity not in units:
         message = f"{text!r} is no target of this campaign" if match else f"{text!r} is not QUANTITY=U"
@@ -135,13 +135,13 @@ def refuse_below_floor(targets: Iterable[Target], estimates: Estimates) -> None:
     The floor is what the errors of the standards alone leave; ``estimates``: of all given levels.
     """
     for target in targets:
-        entries = [entry for entry in estimates if entry["quantity"] == target.key.quantity]
+        entries = [entry for entry in estimates if entry.quantity == target.key.quantity]
         for entry in [] if target.key.part else entries:
-            common = entry.get("common")
-            parts = common["standards"] if common is not None else {}
+            common = entry.common
+            parts = common.standards if common is not None else {}
             floor = coverage_factor() * math.sqrt(math.fsum(part**2 for part in parts.values()))
             if floor > target.U:
-                raise _below(target, floor, parts, entry["unit"])
+                raise _below(target, floor, parts, entry.unit)
 
 
 def _below(target: Target, floor: float, parts: Mapping[str, float], unit: str) -> InputError:

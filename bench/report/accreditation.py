@@ -8,14 +8,13 @@ Source: ILAC-P14:09/2020 (reported uncertainties against the CMC); ILAC-P8 (use 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
-from bench.analysis import is_sound, number, unit_text
+from bench.analysis import Estimate, is_sound, number, unit_text
 from bench.model.units import read_quantity
 from bench.report.laboratory import Accreditation, Capability
 
-Row = Mapping[str, Any]
+Row = Estimate
 _EQUAL = 1.0 - 1e-9  # a U that is the CMC itself, computed another way
 
 
@@ -28,7 +27,7 @@ def not_covered(accreditation: Accreditation, method: str, rows: Iterable[Row]) 
     for row in rows:
         reason = _reason(accreditation.scope, method, row)
         if reason:
-            by_quantity.setdefault(str(row["quantity"]), []).append(reason)
+            by_quantity.setdefault(str(row.quantity), []).append(reason)
     return {
         quantity: reasons[0] + (f", and {len(reasons) - 1} more of it" if len(reasons) > 1 else "")
         for quantity, reasons in by_quantity.items()
@@ -43,28 +42,28 @@ def below_capability(accreditation: Accreditation, method: str, rows: Iterable[R
 
 def _reason(scope: Sequence[Capability], method: str, row: Row) -> str:
     if not is_sound(row):
-        return f"is {row['quality']}"
+        return f"is {row.quality}"
     lines = _matching(scope, method, row)
     if not lines:
-        return f"{number(row['value'])} {unit_text(row['unit'])} by {method} is outside the scope"
-    expanded = row.get("expanded_uncertainty") or 0.0
-    least = min(line.cmc[0] for line in lines) / _factor(row["unit"])
+        return f"{number(row.value)} {unit_text(row.unit)} by {method} is outside the scope"
+    expanded = row.expanded_uncertainty or 0.0
+    least = min(line.cmc[0] for line in lines) / _factor(row.unit)
     if expanded >= least * _EQUAL:
         return ""
-    unit = unit_text(row["unit"])
+    unit = unit_text(row.unit)
     return f"U = {number(float(f'{expanded:.3g}'))} {unit} is below the CMC of {number(float(f'{least:.6g}'))} {unit}"
 
 
 def _matching(scope: Sequence[Capability], method: str, row: Row) -> list[Capability]:
     """Return the lines of the scope that a result falls under; none if its unit is not one that a scope can state."""
-    unit = read_quantity(f"1 {row['unit']}")
-    if unit is None or row.get("value") is None:
+    unit = read_quantity(f"1 {row.unit}")
+    if unit is None or row.value is None:
         return []
-    value = float(row["value"]) * unit[0]
+    value = float(row.value) * unit[0]
     return [
         line
         for line in scope
-        if (line.quantity, line.method, line.cmc[1]) == (row["quantity"], method, unit[1])
+        if (line.quantity, line.method, line.cmc[1]) == (row.quantity, method, unit[1])
         and line.range[0][0] <= value <= line.range[1][0]
     ]
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from bench.analysis import NOTED, ORDINARY, Agreement, agreements, number, significant, unit_text
 from bench.model.texts import Texts, told
-from bench.report.estimate_tables import readable, span, two_places
+from bench.report.estimate_tables import prefixed, span, two_places
 from bench.report.model import ReportModel
 from bench.report.tables import Table
 
@@ -19,10 +19,10 @@ def agreement_parts(model: ReportModel, words: Texts) -> tuple[tuple[str, ...], 
     """Return the sentences and the table; none where nothing was predicted."""
     by_quantity: dict[str, list[Agreement]] = {}
     for agreement in agreements(model.predicted, model.rows):
-        by_quantity.setdefault(agreement.predicted["quantity"], []).append(agreement)
+        by_quantity.setdefault(agreement.predicted.quantity, []).append(agreement)
     if not by_quantity:
         return (), None
-    planned = [entry["quantity"] for entry in model.predicted]
+    planned = [entry.quantity for entry in model.predicted]
     rows = tuple(_row(model, words, group, planned.count(quantity)) for quantity, group in by_quantity.items())
     caption = words("agreement.table", per_cent=number(100.0 * NOTED), ordinary=number(100.0 * ORDINARY))
     table = Table(caption, tuple(map(words, _HEADERS)), rows, stub=2)
@@ -31,11 +31,11 @@ def agreement_parts(model: ReportModel, words: Texts) -> tuple[tuple[str, ...], 
 
 def _row(model: ReportModel, words: Texts, group: Sequence[Agreement], planned: int) -> tuple[str, ...]:
     before, after = (
-        [float(entry["expanded_uncertainty"]) for entry in entries]
+        [float(entry.expanded_uncertainty) for entry in entries]
         for entries in ([pair.predicted for pair in group], [pair.achieved for pair in group])
     )
-    quantity, unit = group[0].predicted["quantity"], group[0].predicted["unit"]
-    scale, shown = readable([{"unit": unit, "value": U} for U in (*before, *after)])
+    quantity, unit = group[0].predicted.quantity, group[0].predicted.unit
+    scale, shown = prefixed(unit, [*before, *after])
     count = str(planned) if len(group) == planned else words("agreement.count", known=len(group), planned=planned)
     spans = (span(words, [scale * U for U in values], significant) for values in (before, after))
     ratio = span(words, [pair.ratio for pair in group], two_places)

@@ -8,7 +8,7 @@ from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from bench.analysis import Figure, Table
+from bench.analysis import Estimate, Figure, Table
 from bench.model.quality import Quality
 from bench.plan import Step
 from bench.report.model import (
@@ -42,7 +42,7 @@ def report_model(
     notes: Iterable[str] = (),
     run: RunStory | None = None,
     main: Sequence[str] = (),
-    predicted: Sequence[Mapping[str, Any]] = (),
+    predicted: Sequence[Estimate] = (),
 ) -> ReportModel:
     """Gather what a report shows; nothing is fitted here and nothing is read from disk.
 

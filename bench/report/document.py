@@ -14,7 +14,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import Chapter
+from bench.analysis import Chapter, estimates_of
 from bench.maths.verdict import meaning_of, passed, worst
 from bench.model.errors import InputError
 from bench.model.texts import ENGLISH, Texts, told
@@ -141,7 +141,7 @@ def study_html(document: Mapping[str, Any], chapters: Sequence[Chapter], softwar
 
 
 def _verdict(document: Mapping[str, Any], words: Texts) -> tuple[str, str]:
-    verdicts = [estimate["verdict"] for estimate in document["estimates"] if estimate["verdict"] != "none"]
+    verdicts = [estimate.verdict for estimate in estimates_of(document) if estimate.verdict != "none"]
     failed = sum(not passed([verdict]) for verdict in verdicts)
     return meaning_of(worst(verdicts)).look, words("study.verdict", kept=len(verdicts) - failed, failed=failed)
 

@@ -6,12 +6,12 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
 
-from bench.analysis import cell, decimals_for, is_sound, number, significant, stated_value, unit_text
+from bench.analysis import Estimate, cell, decimals_for, is_sound, number, significant, stated_value, unit_text
 from bench.model.texts import Texts, told
 from bench.model.titles import condition_title, value_title
 from bench.model.units import read_quantity
@@ -30,26 +30,27 @@ _WITHIN = {"A": (-9, 0), "s": (-12, 0), "m": (-12, 0)}  # powers in use: microse
 _LAST_UNIT = re.compile(r"(.+)_(degC_min|deg_s|[A-Za-z]+)$")
 _MOST_ACROSS = 3  # units side by side that a page has room for
 _CAPTIONS = {"unit": "others.by_unit", "column": "others.by_axis", "axis": "others.by_axis"}
-Row = Mapping[str, Any]
+Row = Estimate
+Channel = Mapping[str, Any]  # of the campaign
 
 
 def scale_factor_tables(model: ReportModel, words: Texts) -> list[Table]:
     """Return one table per kind of sensor: errors in ppm, and at full scale in nA and in the sensor's unit."""
     by_number = {entry["number"]: entry for entry in model.campaign.get("channels", ())}
-    kinds = dict.fromkeys(row["conditions"].get("kind", "") for row in model.estimates("dsf_n"))
+    kinds = dict.fromkeys(row.conditions.get("kind", "") for row in model.estimates("dsf_n"))
     return [table for kind in kinds if (table := _scale_factor_table(model, words, str(kind), by_number)).rows]
 
 
-def _scale_factor_table(model: ReportModel, words: Texts, kind: str, by_number: Mapping[int, Row]) -> Table:
+def _scale_factor_table(model: ReportModel, words: Texts, kind: str, by_number: Mapping[int, Channel]) -> Table:
     entries: dict[tuple[Any, Any], dict[str, Row]] = {}
     for quantity in _SCALE_FACTOR:
         for row in model.estimates(quantity):
-            conditions = row["conditions"]
+            conditions = row.conditions
             if conditions.get("kind", "") == kind:
                 key = (conditions["channel"], conditions.get("temperature_degC"))
                 entries.setdefault(key, {})[quantity] = row
     sensor_unit = next((c["sensor_unit"] for c in by_number.values() if c.get("kind") == kind), "")
-    scale, ampere = readable(_currents(entries, by_number))
+    scale, ampere = prefixed("A", _currents(entries, by_number))
     rows = tuple(
         _scale_factor_row(key, entry, by_number.get(key[0], {}), scale) for key, entry in sorted(entries.items())
     )
@@ -63,17 +64,19 @@ def _scale_factor_table(model: ReportModel, words: Texts, kind: str, by_number: 
     return Table(caption, (*headers, *sensor, words("scale_factor.rows")), rows, stub=2)
 
 
-def _currents(entries: Mapping[Any, Mapping[str, Row]], by_number: Mapping[int, Row]) -> list[Row]:
+def _currents(entries: Mapping[Any, Mapping[str, Row]], by_number: Mapping[int, Channel]) -> list[float]:
     """Return the errors at full scale, ampere, as far as they are known."""
     pairs = [
         (row, by_number.get(number, {}).get("full_scale_A")) for (number, _), entry in entries.items()
         for name, row in entry.items() if name in _SCALE_FACTOR[:2]
     ]  # fmt: skip
-    known = [1e-6 * row["value"] * full_A for row, full_A in pairs if row["value"] is not None and full_A]
-    return [{"unit": "A", "value": value} for value in known or [1e-9]]
+    known = [1e-6 * row.value * full_A for row, full_A in pairs if row.value is not None and full_A]
+    return known or [1e-9]
 
 
-def _scale_factor_row(key: tuple[Any, Any], entry: Mapping[str, Row], channel: Row, scale: float) -> tuple[str, ...]:
+def _scale_factor_row(
+    key: tuple[Any, Any], entry: Mapping[str, Row], channel: Channel, scale: float
+) -> tuple[str, ...]:
     first = next(iter(entry.values()))
     ppm = [value_text(entry.get(name)) for name in _SCALE_FACTOR]
     at_full_scale = [_at_full_scale(entry.get(name), channel.get("full_scale_A"), scale) for name in _SCALE_FACTOR[:2]]
@@ -81,8 +84,8 @@ def _scale_factor_row(key: tuple[Any, Any], entry: Mapping[str, Row], channel: R
         at_full_scale += [
             _at_full_scale(entry.get(name), channel.get("sensor_full_scale"), 1.0) for name in _SCALE_FACTOR[:2]
         ]
-    used = f"{first.get('n', '–')}" + (f" (−{first['dropped']})" if first.get("dropped") else "")
-    measured = first["conditions"].get("unit_temperature_degC")
+    used = str(first.n) + (f" (−{first.dropped})" if first.dropped else "")
+    measured = first.conditions.get("unit_temperature_degC")
     return (str(key[0]), number(key[1], 1), number(measured, 2), *ppm, *at_full_scale, used)
 
 
@@ -90,16 +93,16 @@ def _at_full_scale(row: Row | None, full_scale: float | None, factor: float) -> 
     if row is None or full_scale is None or not is_sound(row):
         return "–"
     scale = 1e-6 * full_scale * factor
-    return number(row["value"] * scale, decimals_for((row.get("expanded_uncertainty") or 0.0) * scale))
+    return number(row.value * scale, decimals_for((row.expanded_uncertainty or 0.0) * scale))
 
 
 def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
     """Return temperature coefficients, one row per channel and quantity, about the reference temperature."""
     entries: dict[tuple[str, str], dict[str, Row]] = {}
     for row in model.rows:
-        quantity, _, order = row["quantity"].rpartition("_")
+        quantity, _, order = row.quantity.rpartition("_")
         if order in _COEFFICIENTS:
-            entries.setdefault((str(row["conditions"].get("channel", "–")), quantity), {})[order] = row
+            entries.setdefault((str(row.conditions.get("channel", "–")), quantity), {})[order] = row
     _add_reference_values(model, entries)
     if not entries:
         return None
@@ -109,7 +112,7 @@ def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
         scale, unit = readable(list(entry.values()))
         values = (value_text(entry.get(order), scale) for order in orders)
         lines.append((channel, f"{model.title_of(quantity, words.language)} / {unit.partition('/')[0]}", *values))
-    conditions = next(iter(next(iter(entries.values())).values()))["conditions"]
+    conditions = next(iter(next(iter(entries.values())).values())).conditions
     reference = conditions.get("reference_temperature_degC", model.campaign.get("reference_temperature_degC"))
     at = words("coefficients.at", degC=cell(reference))
     heads = {order: at if order == "tc0" else words(f"coefficients.{order}") for order in _COEFFICIENTS}
@@ -121,10 +124,10 @@ def coefficient_table(model: ReportModel, words: Texts) -> Table | None:
 def _add_reference_values(model: ReportModel, entries: dict[tuple[str, str], dict[str, Row]]) -> None:
     """Add the value of a quantity at its reference temperature where the fit gives no constant."""
     for row in model.rows:
-        conditions = row["conditions"]
-        entry = entries.get((str(conditions.get("channel", "–")), row["quantity"]))
+        conditions = row.conditions
+        entry = entries.get((str(conditions.get("channel", "–")), row.quantity))
         if entry and "tc0" not in entry:
-            reference = next(iter(entry.values()))["conditions"].get("reference_temperature_degC")
+            reference = next(iter(entry.values())).conditions.get("reference_temperature_degC")
             if reference is not None and conditions.get("temperature_degC") == reference:
                 entry["tc0"] = row
 
@@ -141,16 +144,14 @@ def pivot_tables(model: ReportModel, words: Texts, *, residuals: bool = False) -
     """
     tables = []
     chosen = [
-        row
-        for row in _further(model)
-        if _pivots(row) and (row["quantity"].rpartition("_")[2] == _RESIDUAL) == residuals
+        row for row in _further(model) if _pivots(row) and (row.quantity.rpartition("_")[2] == _RESIDUAL) == residuals
     ]
     for title, rows in _by_title(model, words, chosen):
         scale, unit = readable(rows)
-        temperatures = sorted({row["conditions"]["temperature_degC"] for row in rows})
+        temperatures = sorted({row.conditions["temperature_degC"] for row in rows})
         cells: dict[Any, dict[Any, str]] = {}
         for row in rows:
-            where = row["conditions"]
+            where = row.conditions
             cells.setdefault(where["channel"], {})[where["temperature_degC"]] = value_text(row, scale)
         body = tuple((str(key), *(line.get(t, "–") for t in temperatures)) for key, line in sorted(cells.items()))
         caption = words("others.pivot", quantity=title, unit=unit_text(unit))
@@ -162,12 +163,12 @@ def _by_title(model: ReportModel, words: Texts, rows: Sequence[Row]) -> list[tup
     """Return rows by quantity; where a further condition tells several apart, such as the polarity, by that too."""
     values: dict[tuple[str, str], set[str]] = {}
     for row in rows:
-        for name, value in row["conditions"].items():
+        for name, value in row.conditions.items():
             if name not in _COMMON:
-                values.setdefault((row["quantity"], name), set()).add(str(value))
+                values.setdefault((row.quantity, name), set()).add(str(value))
     titled: dict[str, list[Row]] = {}
     for row in rows:
-        quantity, conditions = row["quantity"], row["conditions"]
+        quantity, conditions = row.quantity, row.conditions
         apart = {name: value for name, value in conditions.items() if len(values.get((quantity, name), ())) > 1}
         parts = (model.title_of(quantity, words.language), conditions_text(words, apart))
         titled.setdefault(", ".join(filter(None, parts)), []).append(row)
@@ -178,23 +179,27 @@ def _further(model: ReportModel) -> list[Row]:
     return [
         row
         for row in model.rows
-        if row["quantity"] not in _SCALE_FACTOR and row["quantity"].rpartition("_")[2] not in _COEFFICIENTS
+        if row.quantity not in _SCALE_FACTOR and row.quantity.rpartition("_")[2] not in _COEFFICIENTS
     ]
 
 
 def _pivots(row: Row) -> bool:
     """Return True for a quantity known once by channel and set temperature."""
-    return row["conditions"].keys() >= _PIVOT and "repeat" not in row["conditions"]
+    return row.conditions.keys() >= _PIVOT and "repeat" not in row.conditions
 
 
 def readable(rows: Sequence[Row]) -> tuple[float, str]:
+    """Return factor and unit for printing values of one quantity with their uncertainties."""
+    return prefixed(rows[0].unit, [size or 0.0 for row in rows for size in (row.value, row.expanded_uncertainty)])
+
+
+def prefixed(unit: str, values: Iterable[float]) -> tuple[float, str]:
     """Return factor and unit for printing, with the prefix that leaves one to three digits before the point.
 
     Currents are in nanoampere at least, times and lengths in seconds and metres at most.
     """
-    unit = str(rows[0]["unit"])
     match = _PREFIXED.match(unit)
-    largest = max(max(abs(row["value"] or 0.0), row.get("expanded_uncertainty") or 0.0) for row in rows)
+    largest = max(map(abs, values))
     if match is None or not 0.0 < largest < math.inf:
         return 1.0, unit
     least, most = _WITHIN.get(match[1], (-12, 9))
@@ -208,7 +213,7 @@ def channel_table(model: ReportModel, words: Texts) -> Table | None:
     if not chosen:
         return None
     by_title = {
-        title: {row["conditions"]["channel"]: row for row in rows} for title, rows in _by_title(model, words, chosen)
+        title: {row.conditions["channel"]: row for row in rows} for title, rows in _by_title(model, words, chosen)
     }
     scales = {title: readable(list(rows.values())) for title, rows in by_title.items()}
     channels = sorted({channel for rows in by_title.values() for channel in rows})
@@ -221,20 +226,20 @@ def channel_table(model: ReportModel, words: Texts) -> Table | None:
 
 
 def _once_per_channel(row: Row) -> bool:
-    conditions = row["conditions"]
+    conditions = row.conditions
     return "channel" in conditions and not {"temperature_degC", "repeat"} & conditions.keys()
 
 
 def other_table(model: ReportModel, words: Texts) -> Table | None:
     """Return every estimate that has no table of its own; conditions that all of them share stand in the caption."""
     chosen = [row for row in without_channel(model) if pivot_of(row) is None]
-    alike, rows = alike_of([row["conditions"] for row in chosen]), []
+    alike, rows = alike_of([row.conditions for row in chosen]), []
     for row in chosen:
         scale, unit = readable([row])
-        apart = {name: value for name, value in row["conditions"].items() if name not in alike}
+        apart = {name: value for name, value in row.conditions.items() if name not in alike}
         where = conditions_text(words, apart, model.analysis)
-        title = model.title_of(row["quantity"], words.language)
-        stated = "–" if row["value"] is None else unit_text(unit)  # of nothing no unit is stated
+        title = model.title_of(row.quantity, words.language)
+        stated = "–" if row.value is None else unit_text(unit)  # of nothing no unit is stated
         rows.append((title, where or "–", value_text(row, scale), stated))
     headers = map(words, ("column.quantity", "column.conditions", "column.value_expanded", "column.unit"))
     shared = words("others.alike", conditions=conditions_text(words, alike, model.analysis)) if alike else ""
@@ -248,10 +253,10 @@ def without_channel(model: ReportModel) -> list[Row]:
 
 def pivot_of(row: Row) -> str | None:
     """Return the condition that is set across: the unit, the column of a matrix, an axis; None if there is none."""
-    return next((name for name in PIVOTS if name in row["conditions"]), None)
+    return next((name for name in PIVOTS if name in row.conditions), None)
 
 
-def conditions_text(words: Texts, conditions: Row, campaign: str = "") -> str:
+def conditions_text(words: Texts, conditions: Mapping[str, Any], campaign: str = "") -> str:
     """Return conditions in words: ``channel 1, gyro, set temperature −10 °C``; ``campaign``: whose system has words."""
     parts = []
     for name, value in conditions.items():
@@ -268,7 +273,7 @@ def _condition(words: Texts, name: str, value: Any, campaign: str) -> str:
     label, unit = _label_and_unit(words, name, campaign)
     if not unit or not isinstance(value, int | float) or isinstance(value, bool):
         return f"{label} {condition_value(words, name, value, campaign)}"
-    scale, shown = readable([{"unit": unit, "value": value}])
+    scale, shown = prefixed(unit, [value])
     return f"{label} {number(scale * value) if unit != 'degC' else number(round(value, 2))}\u00a0{unit_text(shown)}"
 
 
@@ -285,7 +290,7 @@ def condition_scale(words: Texts, name: str, values: Sequence[Any], campaign: st
     """Return factor and unit for printing all values of a condition: hertz in megahertz; 1 and "" for words."""
     unit = _label_and_unit(words, name, campaign)[1]
     known = bool(unit) and all(isinstance(value, int | float) for value in values)
-    return readable([{"unit": unit, "value": max(values, key=abs)}]) if known else (1.0, unit)
+    return prefixed(unit, values) if known else (1.0, unit)
 
 
 def condition_head(words: Texts, name: str, campaign: str, unit: str = "") -> str:
@@ -307,16 +312,16 @@ def coverage_table(model: ReportModel, words: Texts) -> Table | None:
     """Return what is stated for each quantity: how many values, their standard and expanded uncertainties, and k."""
     by_quantity: dict[str, list[Row]] = {}
     for row in model.rows:
-        by_quantity.setdefault(row["quantity"], []).append(row)
+        by_quantity.setdefault(row.quantity, []).append(row)
     rows = []
     for quantity, group in by_quantity.items():
-        if not any(row.get("expanded_uncertainty") for row in group):
+        if not any(row.expanded_uncertainty for row in group):
             continue  # a count, or what nobody stated an uncertainty of
         scale, unit = readable(group)
         spans = (
-            span(words, [scale * row["std_uncertainty"] for row in group if row.get("std_uncertainty")], significant),
-            span(words, [row["coverage_factor"] for row in group if row.get("coverage_factor")], two_places),
-            span(words, [scale * row["expanded_uncertainty"] for row in group if row.get("expanded_uncertainty")],
+            span(words, [scale * row.std_uncertainty for row in group if row.std_uncertainty], significant),
+            span(words, [row.coverage_factor for row in group if row.coverage_factor], two_places),
+            span(words, [scale * row.expanded_uncertainty for row in group if row.expanded_uncertainty],
                   significant),
         )  # fmt: skip
         title = model.title_of(quantity, words.language)
@@ -378,8 +383,8 @@ def _tables(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row])
 def _table(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row], names: Sequence[str]) -> Table:
     lines: dict[tuple[str, str], list[Row]] = {}
     for row in rows:
-        rest = {name: value for name, value in row["conditions"].items() if name != pivot_of(row)}
-        lines.setdefault((row["quantity"], conditions_text(words, rest, model.analysis)), []).append(row)
+        rest = {name: value for name, value in row.conditions.items() if name != pivot_of(row)}
+        lines.setdefault((row.quantity, conditions_text(words, rest, model.analysis)), []).append(row)
     body = []
     for (quantity, where), group in lines.items():
         scale, unit = readable(group)
@@ -393,4 +398,4 @@ def _table(model: ReportModel, words: Texts, caption: str, rows: Sequence[Row], 
 
 
 def _across(row: Row) -> str:
-    return str(row["conditions"][str(pivot_of(row))])
+    return str(row.conditions[str(pivot_of(row))])

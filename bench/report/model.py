@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
 
-from bench.analysis import Figure, Floats, Table, unit_text
+from bench.analysis import Estimate, Figure, Floats, Table, estimates_of, unit_text
 from bench.model.texts import ENGLISH
 from bench.model.titles import quantity_title, sequence_title
 from bench.plan import Step
@@ -187,7 +188,7 @@ class ReportModel:
     started_utc: str = ""
     run: RunStory = field(default_factory=RunStory)
     main: tuple[str, ...] = ()
-    predicted: tuple[Mapping[str, Any], ...] = ()
+    predicted: tuple[Estimate, ...] = ()
 
     @property
     def simulated(self) -> bool:
@@ -204,11 +205,10 @@ class ReportModel:
         """Name of the analysis, "" if the results do not say it."""
         return str(self.results.get("campaign", ""))
 
-    @property
-    def rows(self) -> Sequence[Mapping[str, Any]]:
+    @cached_property
+    def rows(self) -> Sequence[Estimate]:
         """All estimates, in the order of results.json."""
-        found: Sequence[Mapping[str, Any]] = self.results.get("estimates", ())
-        return found
+        return estimates_of(self.results)
 
     def subject(self, language: str = ENGLISH) -> str:
         """Return the title of the campaign, that of a shipped sequence in a language."""
@@ -219,6 +219,6 @@ class ReportModel:
         """Return the name of a quantity for people."""
         return quantity_title(self.analysis, quantity, language)
 
-    def estimates(self, quantity: str) -> list[Mapping[str, Any]]:
+    def estimates(self, quantity: str) -> list[Estimate]:
         """Return the estimates of one quantity, in the order of results.json."""
-        return [row for row in self.rows if row["quantity"] == quantity]
+        return [row for row in self.rows if row.quantity == quantity]

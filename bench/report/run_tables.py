@@ -14,7 +14,7 @@ import numpy as np
 from bench.analysis import Floats, cell, number, unit_text
 from bench.model.texts import Texts
 from bench.model.titles import campaign_title
-from bench.report.estimate_tables import readable
+from bench.report.estimate_tables import prefixed
 from bench.report.model import ReportModel
 from bench.report.tables import Table, documents_table, pairs_table, place_of, rank, role_of
 
@@ -28,7 +28,6 @@ def summary_table(model: ReportModel, words: Texts) -> Table | None:
     """Return the campaign at a glance."""
     results, quality = model.results, model.results.get("quality", {})
     uut = results.get("uut", {})
-    estimates = results.get("estimates", ())
     lines = {
         "session": results.get("session", ""),
         "campaign": campaign_title(str(results.get("campaign", "")), words.language),
@@ -39,7 +38,7 @@ def summary_table(model: ReportModel, words: Texts) -> Table | None:
         "frames": quality.get("frames", model.counts.frames),
         "lost": quality.get("frames_lost", model.counts.lost),
         "bad": quality.get("frames_bad", model.counts.bad),
-        "dropped": max((int(row.get("dropped") or 0) for row in estimates), default=0),
+        "dropped": max((row.dropped for row in model.rows), default=0),
     }
     for name in _not_counted(model):
         lines.pop(name)
@@ -143,7 +142,7 @@ def _amount(value: Any, unit: str | None) -> str:
     if shown == "s" and abs(value) >= _HOUR_s:
         scale, shown = 1.0 / _HOUR_s, "h"
     elif abs(value) >= _LARGE:
-        scale, shown = readable([{"unit": shown, "value": value}])
+        scale, shown = prefixed(shown, [value])
     scaled = scale * value
     text = number(scaled, 0) if float(scaled).is_integer() else number(scaled)
     return f"{text}\u00a0{unit_text(shown)}".rstrip("\u00a0")

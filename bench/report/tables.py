@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from bench import analysis
-from bench.analysis import cell, header, number, unit_text
+from bench.analysis import Estimate, cell, header, number, unit_text
 from bench.model.texts import ENGLISH, Texts, told
 
 _COLUMNS = (
@@ -200,9 +200,9 @@ def alike_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
     return {name: value for name, value in first.items() if all(row.get(name) == value for row in rows)}
 
 
-def brief(row: Mapping[str, Any]) -> Mapping[str, Any]:
+def brief(row: Estimate) -> Estimate:
     """Return an estimate, with 4 digits of its value if it has no uncertainty; whole digits are kept."""
-    value = row["value"]
-    if row.get("expanded_uncertainty") or not isinstance(value, float) or abs(value) >= 1000.0:
+    value = row.value
+    if row.expanded_uncertainty or not isinstance(value, float) or abs(value) >= 1000.0:
         return row
-    return {**row, "value": float(f"{value:.4g}")}
+    return row.model_copy(update={"value": float(f"{value:.4g}")})

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
-from bench.analysis import doubt_lines, is_sound, limits_of, limits_text, number, unit_text, use_of
+from bench.analysis import Estimate, doubt_lines, is_sound, limits_of, limits_text, number, unit_text, use_of
 from bench.maths.verdict import meaning_of, worst
 from bench.model.systems import is_size
 from bench.model.texts import Texts, told
@@ -26,7 +26,7 @@ _NO_CHANNEL = "–"
 def verdict_counts(model: ReportModel) -> Counter[str]:
     """Return how many estimates carry each verdict other than none."""
     rows = model.rows
-    return Counter(str(row["verdict"]) for row in rows if row.get("verdict", "none") != "none")
+    return Counter(str(row.verdict) for row in rows if row.verdict != "none")
 
 
 def overall_verdict(model: ReportModel, words: Texts) -> tuple[str, str]:
@@ -69,10 +69,10 @@ def assumption_table(model: ReportModel, words: Texts) -> Table | None:
 def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     """Return verdicts, one row per quantity and channel: the estimate nearest to its limit; None without verdicts."""
     analysis = model.analysis
-    judged: dict[tuple[str, Any], list[Mapping[str, Any]]] = {}
+    judged: dict[tuple[str, Any], list[Estimate]] = {}
     for row in model.rows:
-        if limits_of(row) is not None and row.get("verdict", "none") != "none":
-            judged.setdefault((row["quantity"], row["conditions"].get("channel", _NO_CHANNEL)), []).append(row)
+        if limits_of(row) is not None and row.verdict != "none":
+            judged.setdefault((row.quantity, row.conditions.get("channel", _NO_CHANNEL)), []).append(row)
     rows = tuple(
         (model.title_of(quantity, words.language), *_row(words, channel, group, size=is_size(analysis, quantity)))
         for (quantity, channel), group in judged.items()
@@ -90,26 +90,26 @@ def verdict_table(model: ReportModel, words: Texts) -> Table | None:
     return Table(caption, headers, cells, stub=2 if channels else 1)
 
 
-def _use(row: Mapping[str, Any]) -> float:
+def _use(row: Estimate) -> float:
     """Return how much of its limits a value with its interval uses."""
     limits = limits_of(row)
     if limits is None or not is_sound(row):
         return -math.inf
-    return use_of(float(row["value"]), limits, float(row["expanded_uncertainty"]))
+    return use_of(float(row.value), limits, float(row.expanded_uncertainty))
 
 
-def _row(words: Texts, channel: Any, group: Sequence[Mapping[str, Any]], *, size: bool) -> tuple[str, ...]:
-    worst = max(group, key=lambda row: (_use(row), abs(row["value"] or 0.0)))
+def _row(words: Texts, channel: Any, group: Sequence[Estimate], *, size: bool) -> tuple[str, ...]:
+    worst = max(group, key=lambda row: (_use(row), abs(row.value or 0.0)))
     scale, unit = readable([worst])
-    counted = Counter(str(row["verdict"]) for row in group)
-    probability = worst.get("conformance_probability")
+    counted = Counter(str(row.verdict) for row in group)
+    probability = worst.conformance_probability
     return (
         str(channel),
         str(len(group)),
         value_text(worst, scale),
         limits_text(limits_of(worst), scale, words.all["coverage.span"], size=size),
         unit_text(unit),
-        "–" if probability is None or not worst["expanded_uncertainty"] else percent(probability),
+        "–" if probability is None or not worst.expanded_uncertainty else percent(probability),
         ", ".join(_counted(words, name, count) for name, count in sorted(counted.items())),
     )
 

@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import Acceptances, Accepted, acceptable, check_form, results_json
+from bench.analysis import Acceptances, Accepted, acceptable, check_form, estimates_of, results_json
 from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.session.output import write_file
@@ -55,17 +55,17 @@ def new_acceptances(
     utc = datetime.fromtimestamp(utc_ns // NS, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
     return [
         Accepted(
-            quantity=entry["quantity"],
-            conditions=entry["conditions"],
+            quantity=entry.quantity,
+            conditions=entry.conditions,
             method=results["method"],
-            value=entry["value"],
-            reasons=sorted({told["code"] for told in entry["reasons"]}),
+            value=entry.value,
+            reasons=sorted({told.code for told in entry.reasons}),
             by=by,
             reason=reason,
             utc=utc,
         )
         for text in named
-        for entry in acceptable(results["estimates"], text)
+        for entry in acceptable(estimates_of(results), text)
     ]
 
 

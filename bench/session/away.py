@@ -47,7 +47,7 @@ def doubted(analysis: Analysis, others: Sequence[Analysis | None], splices: Sequ
     evidence = [
         Evidence(
             "unknown_time_away", sentence, move if math.isfinite(move) else None, 0.0, move,
-            (entry["quantity"],), entry["conditions"],
+            (entry.quantity,), entry.conditions,
         )
         for entry, move in moves
         if move > LEAST_MOVE
@@ -58,9 +58,9 @@ def doubted(analysis: Analysis, others: Sequence[Analysis | None], splices: Sequ
 
 def _moves(analysis: Analysis, others: Sequence[Analysis | None]) -> Iterator[list[float]]:
     """Yield, for each other analysis, how far each estimate is from it in expanded uncertainties."""
-    names = [entry["quantity"] for entry in analysis.estimates]
+    names = [entry.quantity for entry in analysis.estimates]
     for other in others:
-        if other is None or names != [entry["quantity"] for entry in other.estimates]:
+        if other is None or names != [entry.quantity for entry in other.estimates]:
             yield [math.inf] * len(names)
             continue
         before, after = (weigh(one.evidence).against for one in (analysis, other))
@@ -71,8 +71,8 @@ def _move(entry: Estimate, other: Estimate, before: Sequence[Evidence], after: S
     """Return the larger change of value and expanded uncertainty; infinite where only the other one is doubted."""
     if any(check.bears_on(other) for check in after) and not any(check.bears_on(entry) for check in before):
         return math.inf
-    apart = [_apart(entry[name], other[name]) for name in ("value", "expanded_uncertainty")]
-    expanded = entry["expanded_uncertainty"]
+    apart = [_apart(getattr(entry, name), getattr(other, name)) for name in ("value", "expanded_uncertainty")]
+    expanded = entry.expanded_uncertainty
     return max(math.inf if part and not expanded > 0.0 else part / expanded if part else 0.0 for part in apart)
 
 

@@ -65,7 +65,7 @@ def predicted_of(session: Recorded, method: str) -> Estimates:
     return [] if plan is None else predicted(plan, _begin_utc_s(session)).estimates
 
 
-def expectations(session: Recorded, known: Mapping[Name, Mapping[str, Any]]) -> dict[Name, Expected]:
+def expectations(session: Recorded, known: Mapping[Name, Estimate]) -> dict[Name, Expected]:
     """Return what each estimate will come to, by its name, for a session that is still being recorded.
 
     Args: known: estimates of the records so far, as they are stated, by their names.
@@ -80,7 +80,7 @@ def expectations(session: Recorded, known: Mapping[Name, Mapping[str, Any]]) -> 
     return {
         name: Expected(entry, _at_end_U(known.get(name), so_far.get(name), entry))
         for name, entry in by_foreseen_name(whole).items()
-        if key_of_value(entry["quantity"], entry["conditions"]) not in not_due
+        if key_of_value(entry.quantity, entry.conditions) not in not_due
     }
 
 
@@ -94,14 +94,14 @@ def _begin_utc_s(session: Recorded) -> float | None:
     return (session.utc_offset_ns + session.events[0][0]) / NS
 
 
-def _at_end_U(known: Mapping[str, Any] | None, so_far: Estimate | None, whole: Estimate) -> float | None:
+def _at_end_U(known: Estimate | None, so_far: Estimate | None, whole: Estimate) -> float | None:
     """Return the expanded uncertainty at the end: as predicted for what the records so far do not determine."""
-    known_U = known and known["expanded_uncertainty"]
+    known_U = None if known is None else known.expanded_uncertainty
     if known is not None and known_U is None:
         return None  # it is doubtful: nobody knows what it will come to
-    if not known_U or so_far is None or not so_far["expanded_uncertainty"]:
-        return whole["expanded_uncertainty"]
-    return expected_at_end(known_U, so_far["expanded_uncertainty"], whole["expanded_uncertainty"])
+    if not known_U or so_far is None or not so_far.expanded_uncertainty:
+        return whole.expanded_uncertainty
+    return expected_at_end(known_U, so_far.expanded_uncertainty, whole.expanded_uncertainty)
 
 
 def _plan_of(session: Recorded) -> Plan | None:

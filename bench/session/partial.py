@@ -9,11 +9,19 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import by_foreseen_name, doubt_lines, is_sound, results_json, rule_of, stated_estimates
+from bench.analysis import (
+    Estimate,
+    Estimates,
+    by_foreseen_name,
+    doubt_lines,
+    is_sound,
+    results_json,
+    rule_of,
+    stated_estimates,
+)
 from bench.model.errors import BenchError
 from bench.model.posix import give_way
 from bench.model.systems import analysis_declaration
@@ -44,7 +52,7 @@ def partial(folder: Path) -> dict[str, Any]:
     document: dict[str, Any] = {"records": len(view.rows), "rows": []}
     if not view.has_analysis:
         return {**document, "why": "this sequence asks for no analysis"}
-    entries: list[dict[str, Any]] = []
+    entries: Estimates = []
     try:
         entries = stated_estimates(analysis_of(view), rule_of(view.manifest["campaign"].get("decision")))
         document["doubt"] = doubt_lines(entries)
@@ -54,10 +62,10 @@ def partial(folder: Path) -> dict[str, Any]:
     return {**document, "rows": rows} if rows else {"why": "no estimate is determined yet", **document}
 
 
-def _rows(view: SessionView, entries: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+def _rows(view: SessionView, entries: Estimates) -> list[dict[str, Any]]:
     analysis = str(view.manifest["campaign"]["analysis"])
     named = by_foreseen_name(entries)
-    determined = {name: entry for name, entry in named.items() if _is_number(entry["value"]) or not is_sound(entry)}
+    determined = {name: entry for name, entry in named.items() if _is_number(entry.value) or not is_sound(entry)}
     expected = expectations(view, determined)
     rows = [_row(determined.get(name), expected.get(name), analysis) for name in {**expected, **determined}]
     declared = analysis_declaration(analysis)
@@ -65,14 +73,16 @@ def _rows(view: SessionView, entries: Sequence[Mapping[str, Any]]) -> list[dict[
     return [row for row in rows if row["quantity"] in main] or rows
 
 
-def _row(estimate: Mapping[str, Any] | None, expected: Expected | None, analysis: str) -> dict[str, Any]:
+def _row(entry: Estimate | None, expected: Expected | None, analysis: str) -> dict[str, Any]:
     """Return what is measured of the conditions changes with each record; what is left names the estimate."""
-    if estimate is None:
+    if entry is None:
         assert expected is not None
-        estimate = {**expected.predicted, **NOT_YET}
-    row = {key: estimate.get(key) for key in KEYS}
+        document = expected.predicted.document | NOT_YET
+    else:
+        document = entry.document
+    row = {key: document.get(key) for key in KEYS}
     if expected is not None:
-        row["predicted_uncertainty"] = expected.predicted["expanded_uncertainty"]
+        row["predicted_uncertainty"] = expected.predicted.expanded_uncertainty
         row["expected_uncertainty"] = expected.at_end_U
     conditions = {key: value for key, value in dict(row["conditions"] or {}).items() if key != UNIT_TEMPERATURE}
     return {**row, "conditions": conditions, "titles": quantity_titles(analysis, str(row["quantity"]))}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
-from typing import Any, cast
+from typing import Any
 
 from bench.analysis import (
     Common,
@@ -64,7 +64,7 @@ def _with_values(own: Prediction, planned: Planned) -> Prediction:
     values = [
         entry
         for entry in judged_values(material).estimates
-        if entry["std_uncertainty"] > 0.0 and key_of_value(entry["quantity"], entry["conditions"]) not in left_out
+        if entry.std_uncertainty > 0.0 and key_of_value(entry.quantity, entry.conditions) not in left_out
     ]
     why = dict.fromkeys(f"{value.quantity}: {value.unstated}" for value in unstated)
     return replace(own, estimates=[*own.estimates, *values], missing=[*own.missing, *missing, *why])
@@ -73,7 +73,7 @@ def _with_values(own: Prediction, planned: Planned) -> Prediction:
 def _of_all(parts: Mapping[str, Prediction]) -> Prediction:
     """Return the predictions of all units as one."""
     estimates = [
-        Estimate(**{**entry, "conditions": {UNIT: serial, **entry["conditions"]}})
+        entry.model_copy(update={"conditions": {UNIT: serial, **entry.conditions}})
         for serial, part in parts.items()
         for entry in part.estimates
     ]
@@ -94,9 +94,9 @@ def components_of(entry: Estimate) -> dict[str, float]:
 
     ``OWN`` is what it shares with no other estimate; the squares of all add up to that of its standard uncertainty.
     """
-    common = entry.get("common", Common(standards={}, campaign={}))
-    parts = {name: abs(part) for name, part in (*common["standards"].items(), *common["campaign"].items())}
-    own = entry["std_uncertainty"] ** 2 - math.fsum(part**2 for part in parts.values())
+    common = entry.common or Common(standards={}, campaign={})
+    parts = {name: abs(part) for name, part in (*common.standards.items(), *common.campaign.items())}
+    own = entry.std_uncertainty**2 - math.fsum(part**2 for part in parts.values())
     return dict(sorted({OWN: math.sqrt(max(own, 0.0)), **parts}.items(), key=lambda part: -part[1]))
 
 
@@ -105,26 +105,26 @@ def chance_of(entry: Estimate, campaign: Mapping[str, Any]) -> float | None:
 
     Raises: FitError B-FIT-051 if the spread has a unit of another kind than the quantity.
     """
-    spread, limits = campaign.get("spread", {}).get(entry["quantity"]), limits_of(entry)
+    spread, limits = campaign.get("spread", {}).get(entry.quantity), limits_of(entry)
     if spread is None or limits is None or not all(map(math.isfinite, limits)):
         return None
-    factor = read_quantity(f"1 {entry['unit']}")
+    factor = read_quantity(f"1 {entry.unit}")
     if factor is None or factor[1] != spread["unit"]:
         raise FitError(
             "B-FIT-051",
-            f"the spread of {entry['quantity']} is in {spread['unit']}, and the quantity is in {entry['unit']}",
+            f"the spread of {entry.quantity} is in {spread['unit']}, and the quantity is in {entry.unit}",
             where="uut: spread",
-            next_step=f"state it in {entry['unit']}",
+            next_step=f"state it in {entry.unit}",
         )
     rule = rule_of(campaign.get("decision"))
-    return chance_of_pass(spread["value"] / factor[0], entry["std_uncertainty"], limits, rule)
+    return chance_of_pass(spread["value"] / factor[0], entry.std_uncertainty, limits, rule)
 
 
 def predicted_document(plan: Plan, prediction: Prediction) -> dict[str, Any]:
     """Return a prediction for JSON: uncertainties and limits; no value and no verdict, since nothing was measured."""
     told = [
         {
-            **{key: cast("dict[str, Any]", entry)[key] for key in _TOLD},
+            **{key: getattr(entry, key) for key in _TOLD},
             "components": components_of(entry),
             "chance_of_pass": chance_of(entry, plan.campaign),
         }
@@ -143,10 +143,10 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
     analysis = str(plan.campaign["analysis"])
     by_quantity: dict[str, list[Estimate]] = {}
     for entry in prediction.estimates:
-        by_quantity.setdefault(entry["quantity"], []).append(entry)
+        by_quantity.setdefault(entry.quantity, []).append(entry)
     for quantity, entries in by_quantity.items():
-        unit, limit = entries[0]["unit"].removeprefix("1"), entries[0]["limit"]
-        known = sorted({_two_digits(U) for entry in entries if (U := entry["expanded_uncertainty"]) is not None})
+        unit, limit = entries[0].unit.removeprefix("1"), entries[0].limit
+        known = sorted({_two_digits(U) for entry in entries if (U := entry.expanded_uncertainty) is not None})
         ends = (
             [format_quantity(U, unit).rstrip() for U in dict.fromkeys((known[0], known[-1]))]
             if known
@@ -172,9 +172,9 @@ def predicted_lines(plan: Plan, prediction: Prediction) -> Iterator[str]:
 
 def _most(entries: list[Estimate]) -> str:
     """Return what brings most to the largest uncertainty, and how much of its variance, if others share it."""
-    widest = max(entries, key=lambda entry: entry["std_uncertainty"])
+    widest = max(entries, key=lambda entry: entry.std_uncertainty)
     name, part = next(iter(components_of(widest).items()))
-    share = (part / widest["std_uncertainty"]) ** 2 if widest["std_uncertainty"] else 0.0
+    share = (part / widest.std_uncertainty) ** 2 if widest.std_uncertainty else 0.0
     return f", {100.0 * share:.0f} % of its variance by {name}" if name != OWN else ""
 
 

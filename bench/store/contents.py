@@ -14,10 +14,11 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import is_sound, of_check_standard, of_serial, without_check_standard
+from bench.analysis import Estimate, estimates_of, is_sound, of_check_standard, of_serial, without_check_standard
 from bench.model.clock import NS
 from bench.model.systems import analysis_declaration
 from bench.store.errors import StoreError
+from bench.store.tables import COLUMNS
 
 Row = dict[str, Any]
 
@@ -26,10 +27,7 @@ MEASURED = ("unit_temperature_degC",)
 # Table 1 of the AF-converter paper is a stability specification: it limits how far these may move.
 _CHANGES = {"dsf_n": "stability_limit_ppm", "dsf_p": "stability_limit_ppm"}
 _LAST_NS = 2**63
-_STORED = (
-    "quantity", "unit", "conditions", "value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "n",
-    "dropped", "limit", "verdict",
-)  # fmt: skip
+_STORED = {"quantity", "unit", "conditions", "limit", *COLUMNS}
 _PPM = 1e6
 _GENERATOR_LIMIT = 3e-6  # rectangular; where the register states nothing (AF-converter paper, section 4.1)
 
@@ -108,14 +106,15 @@ def _contents(document: Mapping[str, Any], manifest: Mapping[str, Any], started_
         "plan_sha256": str(provenance["plan_sha256"]),
         "frame_sha256": str(provenance["frame_sha256"]),
     }
-    limits, numbered = _change_limits(manifest), list(enumerate(document["estimates"]))
+    limits, entries = _change_limits(manifest), estimates_of(document)
+    numbered = list(enumerate(entries))
     result_set = {
         "results_sha256": digest(canonical(document)),
         "method": str(document["method"]),
         "software": str(provenance["software"]),
         "decision_rule": _text_or_none(document.get("decision_rule")),
         "notes": canonical(list(document["notes"])),
-        "estimates": len(document["estimates"]),
+        "estimates": len(entries),
     }
     return Contents(
         calibration=calibration,
@@ -123,7 +122,7 @@ def _contents(document: Mapping[str, Any], manifest: Mapping[str, Any], started_
         shared=shared_components(manifest.get("standards", {}), str(document["campaign"])),
         result_set=result_set,
         quality=[{"name": name, "count": int(count)} for name, count in sorted(document["quality"].items())],
-        parameters=[parameter_row(estimate) for estimate in document["estimates"]],
+        parameters=[parameter_row(entry.quantity, entry.unit, entry.conditions) for entry in entries],
         estimates=[_estimate(number, entry, limits) for number, entry in numbered if is_sound(entry)],
         doubts=[_doubt(number, entry) for number, entry in numbered if not is_sound(entry)],
     )
@@ -139,35 +138,29 @@ def _standard(role: str, entry: Mapping[str, Any]) -> Row:
     return {"role": role, **texts, "traceability_relative": None if traceability is None else float(traceability)}
 
 
-def parameter_row(estimate: Mapping[str, Any]) -> Row:
+def parameter_row(quantity: str, unit: str, conditions: Mapping[str, Any]) -> Row:
     """Return the parameter that an estimate is a value of, with its hash; what was measured does not belong to it."""
-    conditions = {name: value for name, value in estimate["conditions"].items() if name not in MEASURED}
-    row = {"quantity": str(estimate["quantity"]), "unit": str(estimate["unit"]), "conditions": canonical(conditions)}
+    given = {name: value for name, value in conditions.items() if name not in MEASURED}
+    row = {"quantity": quantity, "unit": unit, "conditions": canonical(given)}
     return {**row, "sha256": digest(canonical(row))}
 
 
-def _estimate(position: int, estimate: Mapping[str, Any], limits: Mapping[tuple[str, Any], float]) -> Row:
-    measured = {name: estimate["conditions"][name] for name in MEASURED if name in estimate["conditions"]}
-    further = {name: value for name, value in estimate.items() if name not in _STORED}
-    limit = estimate["limit"]
+def _estimate(position: int, entry: Estimate, limits: Mapping[tuple[str, Any], float]) -> Row:
+    measured = {name: entry.conditions[name] for name in MEASURED if name in entry.conditions}
+    document = entry.document
+    further = {name: value for name, value in document.items() if name not in _STORED}
     return {
         "position": position,
-        **{
-            name: float(estimate[name])
-            for name in ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty")
-        },
-        "n": int(estimate["n"]),
-        "dropped": int(estimate["dropped"]),
-        "limit_value": None if limit is None else float(limit),
-        "verdict": str(estimate["verdict"]),
-        "change_limit": limits.get((estimate["quantity"], estimate["conditions"].get("channel"))),
+        **{name: document[name] for name in COLUMNS},
+        "limit_value": entry.limit,
+        "change_limit": limits.get((entry.quantity, entry.conditions.get("channel"))),
         "measured": canonical(measured) if measured else None,
         "further": canonical(further) if further else None,
     }
 
 
-def _doubt(position: int, entry: Mapping[str, Any]) -> Row:
-    return {"position": position, "verdict": str(entry["verdict"]), "document": canonical(entry)}
+def _doubt(position: int, entry: Estimate) -> Row:
+    return {"position": position, "verdict": entry.verdict, "document": canonical(entry.document)}
 
 
 def _change_limits(manifest: Mapping[str, Any]) -> dict[tuple[str, Any], float]:
@@ -190,7 +183,7 @@ def documents_of_units(document: Mapping[str, Any], manifest: Mapping[str, Any])
     checked, document = of_check_standard(document, campaign), without_check_standard(document, campaign)
     further = [] if checked is None else [checked]
     estimates = document["estimates"]
-    serials = dict.fromkeys(estimate["conditions"].get("unit") for estimate in estimates)
+    serials = dict.fromkeys(estimate.conditions.get("unit") for estimate in estimates)
     if not serials or not all(isinstance(serial, str) for serial in serials):
         return [document, *further]
     return [*(_of(document, str(serial)) for serial in serials), *further]
@@ -198,9 +191,9 @@ def documents_of_units(document: Mapping[str, Any], manifest: Mapping[str, Any])
 
 def _of(document: Mapping[str, Any], serial: str) -> Mapping[str, Any]:
     estimates = [
-        {**estimate, "conditions": {name: value for name, value in estimate["conditions"].items() if name != "unit"}}
+        {**estimate, "conditions": {name: value for name, value in estimate.conditions.items() if name != "unit"}}
         for estimate in document["estimates"]
-        if estimate["conditions"]["unit"] == serial
+        if estimate.conditions["unit"] == serial
     ]
     return of_serial(document, serial, estimates)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 from sqlalchemy import Connection, select
 
-from bench.analysis import limits_of
+from bench.analysis import Estimate, limits_of
 from bench.store.database import reading
 from bench.store.reading import stored_estimates, utc_text
 from bench.store.rows import check_form, columns_of, write_rows
@@ -62,13 +62,13 @@ def _rows(connection: Connection, filters: Filters) -> Iterator[dict[str, Any]]:
                 "software": revision["software"],
             }
             for estimate in stored_estimates(connection, revision["result_set_id"]):
-                if filters.quantity in (None, estimate["quantity"]):
+                if filters.quantity in (None, estimate.quantity):
                     yield {**head, **_estimate(estimate)}
 
 
-def _estimate(estimate: dict[str, Any]) -> dict[str, Any]:
-    conditions = estimate["conditions"]
+def _estimate(estimate: Estimate) -> dict[str, Any]:
+    conditions = estimate.conditions
     text = json.dumps(conditions, sort_keys=True, ensure_ascii=False)
     ends = limits_of(estimate) or (-math.inf, math.inf)
     limits = {name: end if math.isfinite(end) else None for name, end in zip(("low", "high"), ends, strict=True)}
-    return {**estimate, **{name: conditions.get(name) for name in _CONDITIONS}, "conditions": text, **limits}
+    return {**estimate.document, **{name: conditions.get(name) for name in _CONDITIONS}, "conditions": text, **limits}

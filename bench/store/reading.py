@@ -11,13 +11,14 @@ from typing import Any
 
 from sqlalchemy import Connection, Table, select
 
-from bench.analysis import DOUBTFUL, REFUSED
+from bench.analysis import DOUBTFUL, REFUSED, Estimates, documents, estimates_of
 from bench.maths.verdict import worst
 from bench.model.clock import NS
 from bench.store.adjustments import states_of
 from bench.store.database import reading, rows_of
 from bench.store.selection import Filters, find_calibration, selected, units
 from bench.store.tables import (
+    COLUMNS,
     approvals,
     doubts,
     estimates,
@@ -107,13 +108,14 @@ class Shown:
     standards: list[Row]
     shared: list[Row]
     quality: dict[str, int]
-    estimates: list[Row]  # of the newest revision, as in results.json
+    estimates: Estimates  # of the newest revision, as in results.json
     notes: list[str]
     adjustment: Row | None  # state "as_found" or "as_left", what was adjusted and who says so
 
     def as_json(self) -> Row:
         """Return one JSON document."""
-        return {**self.calibration, **{name: value for name, value in vars(self).items() if name != "calibration"}}
+        further = {name: value for name, value in vars(self).items() if name != "calibration"}
+        return {**self.calibration, **further, "estimates": documents(self.estimates)}
 
 
 def show_calibration(url: str, name: str) -> Shown:
@@ -145,8 +147,8 @@ def _adjustment(stated: Row | None) -> Row | None:
     return {**{name: stated[name] for name in names}, "stated_utc": utc_text(stated["stated_utc_ns"])}
 
 
-def stored_estimates(connection: Connection, result_set: int) -> list[Row]:
-    """Return estimates in the form and order of results.json, every number as it was."""
+def stored_estimates(connection: Connection, result_set: int) -> Estimates:
+    """Return estimates in the order of results.json, every number as it was."""
     query = (
         select(estimates, parameters.c.quantity, parameters.c.unit, parameters.c.conditions)
         .join(parameters, parameters.c.id == estimates.c.parameter_id)
@@ -156,15 +158,12 @@ def stored_estimates(connection: Connection, result_set: int) -> list[Row]:
     by_position = {row["position"]: _estimate(dict(row)) for row in connection.execute(query).mappings()}
     unsound = select(doubts.c.position, doubts.c.document).where(doubts.c.result_set_id == result_set)
     by_position |= {row.position: json.loads(row.document) for row in connection.execute(unsound)}
-    return [by_position[position] for position in sorted(by_position)]
+    return estimates_of({"estimates": [by_position[position] for position in sorted(by_position)]})
 
 
 def _estimate(row: Row) -> Row:
-    numbers = ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "n", "dropped", "verdict")
     return {
-        "quantity": row["quantity"],
-        "unit": row["unit"],
-        **{name: row[name] for name in numbers},
+        **{name: row[name] for name in ("quantity", "unit", *COLUMNS)},
         "conditions": {**json.loads(row["conditions"]), **json.loads(row["measured"] or "{}")},
         "limit": row["limit_value"],
         **json.loads(row["further"] or "{}"),

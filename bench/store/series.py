@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sqlalchemy import Connection, Select, select
 
-from bench.analysis import covariance_by_standards, limits_of
+from bench.analysis import Common, Limits, covariance_by_standards, limit_range
 from bench.maths.drift import NO_STANDARD
 from bench.model.clock import NS
 from bench.store.adjustments import levels_of
@@ -138,14 +138,20 @@ def _covariance(connection: Connection, rows: list[dict[str, Any]], wanted: Sequ
     for row in rows:
         query = select(*columns).join(parameters, parameters.c.id == estimates.c.parameter_id)
         found = connection.execute(query.where(estimates.c.result_set_id == row["result_set_id"]))
-        said.append({tuple(entry[:3]): json.loads(entry.further or "{}") for entry in found})
+        said.append({tuple(entry[:3]): _common(entry.further) for entry in found})
     covariance = np.full(len(wanted), np.nan)
     for number, parameter in enumerate(wanted):
         key = parameter.quantity, parameter.unit, canonical(parameter.conditions)
-        here, there = (of_one.get(key, {}) for of_one in said)
-        if here.get("common") and there.get("common"):
+        here, there = (of_one.get(key) for of_one in said)
+        if here and there:
             covariance[number] = covariance_by_standards(here, there)
     return covariance
+
+
+def _common(further: str | None) -> Common | None:
+    """Return what an estimate shares with others, as it was stored; None if it does not say."""
+    stated = json.loads(further or "{}").get("common")
+    return Common(**stated) if stated else None
 
 
 def _series(
@@ -229,7 +235,8 @@ def _limits(
         for number, limit, further, of_change in connection.execute(query):
             column = column_of.get((campaign, number))
             if column is not None:
-                stated = limits_of({"limit": limit, **json.loads(further or "{}")})
+                ends = json.loads(further or "{}").get("limits")
+                stated = limit_range(limit, None if ends is None else Limits(**ends))
                 low[column], high[column] = (-np.inf, np.inf) if stated is None else stated
                 change[column] = np.nan if of_change is None else of_change
     return low, high, change

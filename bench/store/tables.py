@@ -116,6 +116,11 @@ parameters = Table(
     Column("sha256", Text, nullable=False, unique=True),
 )
 
+# of an estimate, as results.json names them
+NUMBERS = ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty")
+COUNTS = ("n", "dropped")
+COLUMNS = (*NUMBERS, *COUNTS, "verdict")
+
 estimates = Table(
     "estimates",
     METADATA,
@@ -125,8 +130,8 @@ estimates = Table(
         "position",  # in results.json
     ),
     _key("parameter_id", "parameters.id"),
-    *_filled(Double, "value", "std_uncertainty", "coverage_factor", "expanded_uncertainty"),
-    *_filled(Integer, "n", "dropped"),
+    *_filled(Double, *NUMBERS),
+    *_filled(Integer, *COUNTS),
     Column("limit_value", Double),
     *_filled(Text, "verdict"),
     Column("change_limit", Double),  # stability limit: how far the value may be from that of the calibration before

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from bench.analysis import Estimate
 from bench.tables.library import pandas
 
 if TYPE_CHECKING:
@@ -72,7 +73,7 @@ def spread(rows: Sequence[Mapping[str, Any]], taken: Iterable[str], prefix: str 
     return {f"{prefix}{name}" if name in taken else name: [row.get(name) for row in rows] for name in names}
 
 
-def table_of_estimates(estimates: Sequence[Mapping[str, Any]]) -> DataFrame:
+def table_of_estimates(estimates: Sequence[Estimate]) -> DataFrame:
     """Return the estimates of a document results.json, a row each; conditions are columns.
 
     Each row has its own ``unit``, which holds for value, uncertainties and limits: ``limit`` for -limit to limit, else
@@ -80,12 +81,12 @@ def table_of_estimates(estimates: Sequence[Mapping[str, Any]]) -> DataFrame:
     """
     columns: dict[str, list[Any]] = {}
     for name in ("quantity", "unit", *_NUMBERS, "n", "dropped", "verdict"):
-        columns[name] = [estimate.get(name) for estimate in estimates]
+        columns[name] = [getattr(estimate, name) for estimate in estimates]
     for name, side in (("lower_limit", "low"), ("upper_limit", "high")):
-        columns[name] = [(estimate.get("limits") or {}).get(side) for estimate in estimates]
-    columns["quality"] = [estimate.get("quality", "sound") for estimate in estimates]
-    columns["reasons"] = ["; ".join(str(reason["sentence"]) for reason in row.get("reasons", ())) for row in estimates]
-    columns |= spread([estimate["conditions"] for estimate in estimates], columns)
+        columns[name] = [getattr(estimate.limits, side, None) for estimate in estimates]
+    columns["quality"] = [estimate.quality for estimate in estimates]
+    columns["reasons"] = ["; ".join(reason.sentence for reason in row.reasons) for row in estimates]
+    columns |= spread([estimate.conditions for estimate in estimates], columns)
     shown = {name: typed(values) for name, values in columns.items()}
     shown |= {name: shown[name].astype("float64") for name in (*_NUMBERS, "lower_limit", "upper_limit")}
     return table(shown, {name: unit_of(name) for name in columns})

@@ -8,7 +8,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bench.analysis import validate_results
+from bench.analysis import estimates_of, validate_results
 from bench.frame import FrameDefinition
 from bench.model.errors import InputError
 from bench.model.segments import session_segments
@@ -96,7 +96,7 @@ class Session:
 
         Raises: InputError B-TAB-006 if there are no results, B-FIT-010 if they are not in their form.
         """
-        return self._named(table_of_estimates(self.results["estimates"]))
+        return self._named(table_of_estimates(estimates_of(self.results)))
 
     @cached_property
     def results(self) -> Mapping[str, Any]:

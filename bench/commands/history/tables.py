@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound, limits_of, limits_text
+from bench.analysis import DOUBTFUL, REFUSED, Estimate, doubt_lines, is_sound, limits_of, limits_text
 from bench.commands.console import headed_table
 from bench.maths.verdict import verdict_words
 from bench.store import LEAST_FOR_CONTROL, Comparison, Due, Shown, conditions_text
@@ -93,15 +93,15 @@ def print_shown(out: Console, shown: Shown) -> None:
             out.print(f"    approved by {approval['by']}, {approval['approved_utc']}: {approval['statement']}")
     for line in doubt_lines(shown.estimates):
         out.print(f"  {line}", markup=False, highlight=False)
-    if all(estimate["verdict"] == "none" for estimate in shown.estimates):
+    if all(estimate.verdict == "none" for estimate in shown.estimates):
         out.print("  not judged: no estimate has a limit")
     table = rows_table("Estimates", ("quantity", "conditions", "value", "U 95 %", "unit", "n", "limit", "verdict"))
     for estimate in shown.estimates:
         table.add_row(
-            estimate["quantity"], conditions_text(estimate["conditions"]), _number(estimate["value"], ".6g"),
-            _number(estimate["expanded_uncertainty"], ".3g") if is_sound(estimate) else _quality(estimate),
-            estimate["unit"], str(estimate["n"]), limits_text(limits_of(estimate)),
-            verdict_words(estimate["verdict"]),
+            estimate.quantity, conditions_text(estimate.conditions), _number(estimate.value, ".6g"),
+            _number(estimate.expanded_uncertainty, ".3g") if is_sound(estimate) else _quality(estimate),
+            estimate.unit, str(estimate.n), limits_text(limits_of(estimate)),
+            verdict_words(estimate.verdict),
         )  # fmt: skip
     out.print(table)
 
@@ -191,8 +191,8 @@ def _doubts(row: Row) -> str:
     return ", ".join(counts) or "-"
 
 
-def _quality(estimate: Row) -> str:
-    return "accepted" if "acceptance" in estimate else str(estimate["quality"])
+def _quality(estimate: Estimate) -> str:
+    return "accepted" if estimate.acceptance else estimate.quality
 
 
 def _mark(simulated: bool) -> str:

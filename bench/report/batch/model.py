@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, NamedTuple
 
-from bench.analysis import is_sound, limits_of, use_of
+from bench.analysis import Estimate, estimates_of, is_sound, limits_of, use_of
 from bench.maths.verdict import INDETERMINATE, clopper_pearson, is_refused, worst
 
 _OF_ONE_UNIT = ("unit", "unit_temperature_degC")  # conditions that differ from unit to unit
@@ -93,9 +93,9 @@ class Batch:
         whole = Unit(str(results["uut"]["model"]), str(results["uut"]["serial"]))
         counts: dict[Unit, Counter[str]] = {}
         unsound: Counter[Unit] = Counter()
-        for estimate in results["estimates"]:
-            unit = Unit(whole.model, str(estimate["conditions"].get("unit", whole.serial)))
-            counts.setdefault(unit, Counter())[estimate["verdict"]] += 1
+        for estimate in estimates_of(results):
+            unit = Unit(whole.model, str(estimate.conditions.get("unit", whole.serial)))
+            counts.setdefault(unit, Counter())[estimate.verdict] += 1
             unsound[unit] += not is_sound(estimate)
             self._keep(results["campaign"], unit, session, estimate)
         incomplete = bool(results.get("incomplete"))
@@ -110,13 +110,13 @@ class Batch:
         if results["provenance"]["simulated"]:
             self.simulated.append(session)
 
-    def _keep(self, campaign: str, unit: Unit, session: str, estimate: Mapping[str, Any]) -> None:
-        where = {name: value for name, value in estimate["conditions"].items() if name not in _OF_ONE_UNIT}
-        quantity = Quantity(campaign, estimate["quantity"], estimate["unit"], json.dumps(where, sort_keys=True))
+    def _keep(self, campaign: str, unit: Unit, session: str, estimate: Estimate) -> None:
+        where = {name: value for name, value in estimate.conditions.items() if name not in _OF_ONE_UNIT}
+        quantity = Quantity(campaign, estimate.quantity, estimate.unit, json.dumps(where, sort_keys=True))
         if not is_sound(estimate):
             return
-        chance, expanded = estimate.get("conformance_probability"), estimate["expanded_uncertainty"]
-        member = Member(unit, session, estimate["value"], expanded, limits_of(estimate), estimate["verdict"], chance)
+        chance, expanded = estimate.conformance_probability, estimate.expanded_uncertainty
+        member = Member(unit, session, estimate.value, expanded, limits_of(estimate), estimate.verdict, chance)
         self.values.setdefault(quantity, []).append(member)
 
     @property

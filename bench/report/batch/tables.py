@@ -8,7 +8,7 @@ from bench.model.systems import is_size
 from bench.model.texts import Texts
 from bench.model.titles import campaign_title, quantity_title
 from bench.report.batch.model import Batch, Member, Quantity, Spread, Unit, Yield
-from bench.report.estimate_tables import conditions_text, readable
+from bench.report.estimate_tables import conditions_text, prefixed
 from bench.report.tables import Table
 from bench.report.verdict_tables import percent
 
@@ -86,7 +86,7 @@ def spread_tables(batch: Batch, words: Texts) -> list[Table]:
 
 
 def _spread_row(spread: Spread, words: Texts) -> tuple[str, ...]:
-    scale, unit = readable([{"unit": spread.quantity.unit, "value": member.value} for member in spread.members])
+    scale, unit = prefixed(spread.quantity.unit, [member.value for member in spread.members])
     places = decimals_for(scale * (spread.std or spread.least.expanded))
     worst = spread.worst
     return (
@@ -130,7 +130,7 @@ def worst_table(batch: Batch, words: Texts) -> Table | None:
 
 
 def _worst_row(quantity: Quantity, member: Member, words: Texts) -> tuple[str, ...]:
-    scale, unit = readable([{"unit": quantity.unit, "value": member.value}])
+    scale, unit = prefixed(quantity.unit, [member.value])
     return (
         unit_name(member.unit),
         quantity_title(quantity.campaign, quantity.name, words.language),

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from datetime import date
 from typing import Any
 
+from bench.analysis import estimates_of
 from bench.model.texts import ENGLISH, Texts
 from bench.model.titles import campaign_title
 from bench.report.dcc.calibration import FOLDER, ITEM_ID, TEXTS, Calibration, Span
@@ -126,8 +127,8 @@ def _surroundings(calibration: Calibration) -> list[Element]:
 
 def _set_points(document: Mapping[str, Any]) -> list[float]:
     """Return the temperatures that estimates are given for, degC, ascending."""
-    temperatures = {estimate["conditions"].get("temperature_degC") for estimate in document["estimates"]}
-    return sorted(float(temperature) for temperature in temperatures if isinstance(temperature, (int, float)))
+    temperatures = {estimate.conditions.get("temperature_degC") for estimate in estimates_of(document)}
+    return sorted(float(temperature) for temperature in temperatures if isinstance(temperature, int | float))
 
 
 def _temperature(name: str, span: Span, ref_type: str) -> Element:

@@ -8,18 +8,17 @@ Statements of conformity stand beside the values they judge, with the limits and
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.analysis import limits_of
+from bench.analysis import Estimate, estimates_of, limits_of
 from bench.maths.verdict import coverage_factor
 from bench.report.dcc.calibration import TEXTS, Calibration
 from bench.report.dcc.dsi import PLAIN, SiUnit, condition_unit, estimate_unit, si_number
 from bench.report.dcc.elements import Element, dcc, leaf, number_list, si, words
 
 PROBABILITY = "0.95"
-Estimate = Mapping[str, Any]
 _SAME_K = 1e-3
 _LEAST_K = 1.0  # D-SI has no smaller coverage factor
 STATUS = {
@@ -44,7 +43,7 @@ class Table:
 
 def left_out(estimate: Estimate) -> bool:
     """Return True for an estimate without value or uncertainty, or with a coverage factor that D-SI cannot hold."""
-    needed = [estimate.get(name) for name in ("value", "expanded_uncertainty", "coverage_factor")]
+    needed = [getattr(estimate, name) for name in ("value", "expanded_uncertainty", "coverage_factor")]
     return None in needed or float(needed[2] or 0.0) < _LEAST_K
 
 
@@ -62,13 +61,13 @@ def tables_of(estimates: Sequence[Estimate]) -> list[Table]:
 
 def _key(estimate: Estimate) -> tuple[Any, ...]:
     """Return the key of a table: quantity, unit, conditions by sort, limits on which sides, whether dof are finite."""
-    conditions = estimate["conditions"]
+    conditions = estimate.conditions
     numeric = tuple(name for name, value in conditions.items() if _is_number(name, value))
     others = {name: _text(value) for name, value in conditions.items() if name not in numeric}
     texts = tuple(name for name, value in others.items() if _is_word(value))
     common = tuple((name, value) for name, value in others.items() if name not in texts)
-    sides, finite = _sides(estimate), estimate.get("dof") is not None
-    return (estimate["quantity"], estimate["unit"], numeric, texts, common, sides, finite)
+    sides, finite = _sides(estimate), estimate.dof is not None
+    return (estimate.quantity, estimate.unit, numeric, texts, common, sides, finite)
 
 
 def _sides(estimate: Estimate) -> tuple[bool, bool]:
@@ -92,7 +91,7 @@ def _text(value: Any) -> str:
 def results(calibration: Calibration, ref_ids: Sequence[str]) -> Element:
     """Return the element results; ``ref_ids``: methods, software and equipment that every result was made with."""
     refs = " ".join(ref_ids)
-    tables = tables_of(calibration.results["estimates"])
+    tables = tables_of(estimates_of(calibration.results))
     return dcc("results", *(_result(calibration, table, refs) for table in tables))
 
 
@@ -116,18 +115,18 @@ def _description(table: Table, unit: SiUnit) -> str:
 def _columns(table: Table, unit: SiUnit) -> list[Element]:
     rows = table.estimates
     columns = [_condition(table, name) for name in table.numeric]
-    columns += [_words(name, [_text(estimate["conditions"][name]) for estimate in rows]) for name in table.texts]
+    columns += [_words(name, [_text(estimate.conditions[name]) for estimate in rows]) for name in table.texts]
     columns += [dcc("quantity", words("name", name), words("noQuantity", text)) for name, text in table.common]
     columns.append(_values(table, unit))
-    counted = ("n", "dropped") if rows[0].get("dof") is None else ("n", "dropped", "dof")
-    columns += [_numbered(f"column.{name}", f"bench_{name}", [row[name] for row in rows]) for name in counted]
+    counted = ("n", "dropped") if rows[0].dof is None else ("n", "dropped", "dof")
+    columns += [_numbered(f"column.{name}", f"bench_{name}", [getattr(row, name) for row in rows]) for name in counted]
     return columns
 
 
 def _condition(table: Table, name: str) -> Element:
     unit = condition_unit(name)
     assert unit is not None
-    values = [si_number(estimate["conditions"][name], unit) for estimate in table.estimates]
+    values = [si_number(estimate.conditions[name], unit) for estimate in table.estimates]
     return dcc(
         "quantity", words("name", name), number_list(values, unit.token), refType=f"bench_{camel('condition_' + name)}"
     )
@@ -138,10 +137,10 @@ def _words(name: str, values: Sequence[str]) -> Element:
     return dcc("quantity", words("name", name), listed, refType=f"bench_{camel('condition_' + name)}")
 
 
-def _distribution(row: Mapping[str, Any]) -> list[Element]:
+def _distribution(row: Estimate) -> list[Element]:
     """Return the law that the coverage factor is by: none for a value with a law of its own, such as a ratio."""
-    dof = row.get("dof")
-    if dof is not None and not math.isclose(row["coverage_factor"], coverage_factor(dof), rel_tol=_SAME_K):
+    dof = row.dof
+    if dof is not None and not math.isclose(row.coverage_factor, coverage_factor(dof), rel_tol=_SAME_K):
         return []
     return [si("distributionXMLList", text="normal" if dof is None else "student-t")]
 
@@ -166,7 +165,7 @@ def _values(table: Table, unit: SiUnit) -> Element:
 
 
 def _numbers(rows: Sequence[Estimate], name: str, unit: SiUnit = PLAIN) -> str:
-    return " ".join(si_number(estimate[name], unit) for estimate in rows)
+    return " ".join(si_number(getattr(estimate, name), unit) for estimate in rows)
 
 
 def _numbered(key: str, ref_type: str, values: Sequence[float], unit: SiUnit = PLAIN) -> Element:
@@ -192,12 +191,12 @@ def camel(name: str) -> str:
     return first + "".join(part[:1].upper() + part[1:] for part in rest)
 
 
-def is_judged(estimate: Mapping[str, Any]) -> bool:
+def is_judged(estimate: Estimate) -> bool:
     """Return True for an estimate with a limit and a verdict."""
-    return limits_of(estimate) is not None and estimate["verdict"] in STATUS
+    return limits_of(estimate) is not None and estimate.verdict in STATUS
 
 
-def conformity(rows: Sequence[Mapping[str, Any]], unit: SiUnit) -> Element | None:
+def conformity(rows: Sequence[Estimate], unit: SiUnit) -> Element | None:
     """Return the element measurementMetaData of judged values, alike on both sides; None without limit or verdict."""
     if not all(is_judged(estimate) for estimate in rows):
         return None
@@ -207,14 +206,14 @@ def conformity(rows: Sequence[Mapping[str, Any]], unit: SiUnit) -> Element | Non
         for name, limits in sides
         if all(map(math.isfinite, limits))
     ]
-    inside = [estimate.get("conformance_probability") for estimate in rows]
+    inside = [estimate.conformance_probability for estimate in rows]
     if None not in inside:
         chances = [float(value or 0.0) for value in inside]
         quantities.append(_numbered("conformity.probability", "bench_conformanceProbability", chances))
     judged = dcc(
         "metaData",
         words("declaration", TEXTS("conformity.declaration")),
-        leaf("conformityXMLList", " ".join(STATUS[estimate["verdict"]] for estimate in rows)),
+        leaf("conformityXMLList", " ".join(STATUS[estimate.verdict] for estimate in rows)),
         dcc("data", *quantities),
         refType="basic_conformity",
     )

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from bench.analysis import cell, decimals_for, is_sound, number, unit_text, with_uncertainty
+from bench.analysis import Estimate, cell, decimals_for, is_sound, number, unit_text, with_uncertainty
 from bench.maths.verdict import worst
 from bench.model.texts import Texts
 from bench.model.titles import quantity_title
@@ -24,7 +24,7 @@ _TEMPERATURE = "temperature_degC"
 _ACROSS = (_TEMPERATURE, "axis", "column", "unit")
 MEASURED = "unit_temperature_degC"
 NOT_SOUND = "†"
-Row = Mapping[str, Any]
+Row = Estimate
 Key = tuple[Any, ...]
 
 
@@ -76,14 +76,14 @@ def main_rows(model: ReportModel) -> list[Row]:
     """
     found = model.rows
     method = model.results.get("method")
-    named = any(row["conditions"].get("method") == method for row in found)  # else a way of the analysis, not of one
-    entries = [row for row in found if not named or row["conditions"].get("method", method) == method]
+    named = any(row.conditions.get("method") == method for row in found)  # else a way of the analysis, not of one
+    entries = [row for row in found if not named or row.conditions.get("method", method) == method]
     declared = [row for name in model.main for row in _of_quantity(entries, name) or _of_quantity(found, name)]
-    return declared or [row for row in entries if row.get("expanded_uncertainty") or not is_sound(row)]
+    return declared or [row for row in entries if row.expanded_uncertainty or not is_sound(row)]
 
 
 def _of_quantity(rows: Sequence[Row], name: str) -> list[Row]:
-    return [row for row in rows if row["quantity"] == name]
+    return [row for row in rows if row.quantity == name]
 
 
 @dataclass(frozen=True)
@@ -99,7 +99,7 @@ def shown_results(model: ReportModel, words: Texts) -> Shown:
     """Return tables of the main results, and what a reader must know of them."""
     by_quantity: dict[str, list[Row]] = {}
     for row in main_rows(model):
-        by_quantity.setdefault(str(row["quantity"]), []).append(row)
+        by_quantity.setdefault(str(row.quantity), []).append(row)
     analysis = model.analysis
     grids = [
         _grid(analysis, quantity_title(analysis, name, words.language), rows) for name, rows in by_quantity.items()
@@ -127,23 +127,21 @@ def _notes(words: Texts, shown: Sequence[Row], cut: bool) -> Iterator[str]:
 def _grid(campaign: str, title: str, rows: Sequence[Row]) -> _Grid:
     shapes: dict[frozenset[str], list[Row]] = {}
     for row in rows:
-        shapes.setdefault(frozenset(row["conditions"]), []).append(row)
-    chosen = max(shapes.values(), key=lambda group: (_TEMPERATURE in group[0]["conditions"], len(group)))
-    names = [name for name in chosen[0]["conditions"] if name != MEASURED]
-    varying = [name for name in names if len({_plain(row["conditions"][name]) for row in chosen}) > 1]
+        shapes.setdefault(frozenset(row.conditions), []).append(row)
+    chosen = max(shapes.values(), key=lambda group: (_TEMPERATURE in group[0].conditions, len(group)))
+    names = [name for name in chosen[0].conditions if name != MEASURED]
+    varying = [name for name in names if len({_plain(row.conditions[name]) for row in chosen}) > 1]
     if "channel" in varying and "kind" in varying:
         varying.remove("kind")
     across = next((name for name in _ACROSS if name in varying), _TEMPERATURE if _TEMPERATURE in names else None)
     down = tuple(name for name in varying if name != across)
     scale, unit = readable(chosen)
-    stated = unit != "1" and any(row["value"] is not None for row in chosen)
+    stated = unit != "1" and any(row.value is not None for row in chosen)
     heading = title + (f" / {unit_text(unit)}" if stated else "")
-    return _Grid(
-        campaign, heading, scale, down, across, {_place(row["conditions"], down, across): row for row in chosen}
-    )
+    return _Grid(campaign, heading, scale, down, across, {_place(row.conditions, down, across): row for row in chosen})
 
 
-def _place(conditions: Row, down: Sequence[str], across: str | None) -> tuple[Key, Any]:
+def _place(conditions: Mapping[str, Any], down: Sequence[str], across: str | None) -> tuple[Key, Any]:
     key = tuple(_plain(conditions[name]) for name in down)
     if down == ("channel",):
         key += (conditions.get("kind", ""),)
@@ -199,7 +197,7 @@ def _shown(grids: Sequence[_Grid]) -> list[Row]:
 def _list(grids: Sequence[_Grid], words: Texts) -> Block:
     """Return quantities down, each with its values, k and, where one is judged, the verdict."""
     columns = grids[0].columns
-    judged = any(row["verdict"] != "none" for grid in grids for row in grid.rows.values())
+    judged = any(row.verdict != "none" for grid in grids for row in grid.rows.values())
     head = words("first.results.value")
     at = " °C" if grids[0].across == _TEMPERATURE else ""
     values = [head if value is None else _across(words, grids[0], value) + at for value in columns]
@@ -225,7 +223,7 @@ def _table(grids: Sequence[_Grid], words: Texts, text: Any) -> Block:
     if text is _short:
         foot += _below(words, grids, below)
     foot.append(("k", *map(_factors, below)))
-    if any(row["verdict"] != "none" for rows in below for row in rows):
+    if any(row.verdict != "none" for rows in below for row in rows):
         foot.append((words("first.results.verdict"), *(_verdict(words, rows) for rows in below)))
     groups = (("", 1), *((grid.heading, len(grid.columns)) for grid in grids))
     more = words("first.results.more", shown=MOST_ROWS, all=len(keys)) if len(keys) > MOST_ROWS else ""
@@ -238,11 +236,11 @@ def _table(grids: Sequence[_Grid], words: Texts, text: Any) -> Block:
 
 def _below(words: Texts, grids: Sequence[_Grid], below: Sequence[Sequence[Row]]) -> list[tuple[str, ...]]:
     """Return the largest U of each column, for each kind of channel where there are several."""
-    kinds = dict.fromkeys(row["conditions"].get("kind", "") for rows in below for row in rows)
+    kinds = dict.fromkeys(row.conditions.get("kind", "") for rows in below for row in rows)
     scales = [grid.scale for grid in grids for _ in grid.columns]
     lines = []
     for kind in kinds:
-        of_kind = [[row for row in rows if row["conditions"].get("kind", "") == kind] for rows in below]
+        of_kind = [[row for row in rows if row.conditions.get("kind", "") == kind] for rows in below]
         head = words("first.results.U") if len(kinds) == 1 else words("first.results.U_of", kind=kind_of(words, kind))
         lines.append((head, *map(_largest, of_kind, scales)))
     return lines
@@ -259,28 +257,28 @@ def _width_pt(block: Block) -> float:
 
 
 def _full(row: Row | None, scale: float) -> str:
-    if row is None or row["value"] is None:
+    if row is None or row.value is None:
         return "–" if row is None else NOT_SOUND
-    expanded = row.get("expanded_uncertainty")
-    text = with_uncertainty(row["value"] * scale, None if expanded is None else expanded * scale)
+    expanded = row.expanded_uncertainty
+    text = with_uncertainty(row.value * scale, None if expanded is None else expanded * scale)
     return text if is_sound(row) else f"{text} {NOT_SOUND}"
 
 
 def _short(row: Row | None, scale: float) -> str:
-    if row is None or row["value"] is None:
+    if row is None or row.value is None:
         return "–" if row is None else NOT_SOUND
-    expanded = row.get("expanded_uncertainty") or 0.0
-    text = number(row["value"] * scale, decimals_for(expanded * scale) if expanded else None)
+    expanded = row.expanded_uncertainty or 0.0
+    text = number(row.value * scale, decimals_for(expanded * scale) if expanded else None)
     return text if is_sound(row) else f"{text} {NOT_SOUND}"
 
 
 def _largest(rows: Sequence[Row], scale: float) -> str:
-    known = [row["expanded_uncertainty"] * scale for row in rows if row.get("expanded_uncertainty")]
+    known = [row.expanded_uncertainty * scale for row in rows if row.expanded_uncertainty]
     return number(max(known), decimals_for(max(known))) if known else "–"
 
 
 def _factors(rows: Sequence[Row]) -> str:
-    known = sorted(row["coverage_factor"] for row in rows if row.get("expanded_uncertainty"))
+    known = sorted(row.coverage_factor for row in rows if row.expanded_uncertainty)
     if not known:
         return "–"
     low, high = f"{known[0]:.2f}", f"{known[-1]:.2f}"
@@ -288,7 +286,7 @@ def _factors(rows: Sequence[Row]) -> str:
 
 
 def _verdict(words: Texts, rows: Sequence[Row]) -> str:
-    found = worst(row["verdict"] for row in rows)
+    found = worst(row.verdict for row in rows)
     return "–" if found == "none" else words(f"verdict.{found}")
 
 

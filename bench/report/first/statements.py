@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import is_sound, limits_of, limits_text, number, unit_text, use_of, with_uncertainty
+from bench.analysis import Estimate, is_sound, limits_of, limits_text, number, unit_text, use_of, with_uncertainty
 from bench.maths.verdict import NON_BINARY, meaning_of
 from bench.model.systems import analysis_declaration, is_size
 from bench.model.texts import Texts
@@ -22,7 +22,7 @@ from bench.report.tables import named, role_of
 from bench.report.verdict_tables import percent
 
 _MOST_STANDARDS = 12
-Row = Mapping[str, Any]
+Row = Estimate
 Statement = tuple[str, str]
 
 
@@ -44,11 +44,7 @@ def statements(
 
 
 def _judged(model: ReportModel) -> list[Row]:
-    return [
-        row
-        for row in model.rows
-        if limits_of(row) is not None and row.get("verdict", "none") != "none" and is_sound(row)
-    ]
+    return [row for row in model.rows if limits_of(row) is not None and row.verdict != "none" and is_sound(row)]
 
 
 def _nearest(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
@@ -57,23 +53,23 @@ def _nearest(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
     limits = limits_of(row)
     assert limits is not None
     scale, unit = readable([row])
-    expanded = row.get("expanded_uncertainty") or 0.0
-    left = min(row["value"] - limits[0], limits[1] - row["value"]) - expanded
-    probability = row.get("conformance_probability")
+    expanded = row.expanded_uncertainty or 0.0
+    left = min(row.value - limits[0], limits[1] - row.value) - expanded
+    probability = row.conformance_probability
     campaign = model.analysis
-    where = conditions_text(words, {key: of for key, of in row["conditions"].items() if key != MEASURED}, campaign)
+    where = conditions_text(words, {key: of for key, of in row.conditions.items() if key != MEASURED}, campaign)
     suffix = "" if unit == "1" else f" {unit_text(unit)}"
     return words(
         "first.nearest.text" if expanded else "first.nearest.plain",
-        quantity=quantity_title(campaign, row["quantity"], words.language) + (f" ({where})" if where else ""),
-        value=with_uncertainty(row["value"] * scale, expanded * scale) + suffix,
-        k=f"{row['coverage_factor']:.2f}",
-        limits=limits_text(limits, scale, words.all["coverage.span"], size=is_size(campaign, row["quantity"])) + suffix,
+        quantity=quantity_title(campaign, row.quantity, words.language) + (f" ({where})" if where else ""),
+        value=with_uncertainty(row.value * scale, expanded * scale) + suffix,
+        k=f"{row.coverage_factor:.2f}",
+        limits=limits_text(limits, scale, words.all["coverage.span"], size=is_size(campaign, row.quantity)) + suffix,
         room=words(
             "first.nearest.beyond" if left < 0.0 else "first.nearest.left", size=_rounded(left * scale) + suffix
         ),
         inside="–" if probability is None else percent(probability),
-        verdict=words(f"verdict.{row['verdict']}"),
+        verdict=words(f"verdict.{row.verdict}"),
     )
 
 
@@ -84,7 +80,7 @@ def _rounded(size: float) -> str:
 def _use(row: Row) -> float:
     limits = limits_of(row)
     assert limits is not None
-    return use_of(float(row["value"]), limits, float(row.get("expanded_uncertainty") or 0.0))
+    return use_of(float(row.value), limits, float(row.expanded_uncertainty or 0.0))
 
 
 def decision(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
@@ -99,11 +95,11 @@ def decision(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
     said = [words(f"first.rule.{model.results.get('decision_rule') or NON_BINARY}", origin=origin)]
     if not judged:
         return " ".join([*said, words("first.rule.unsound")])
-    with_U = [row for row in judged if row.get("expanded_uncertainty")]
-    accepted = [row for row in with_U if meaning_of(row["verdict"]).accepts]
-    refused = [row for row in with_U if not meaning_of(row["verdict"]).accepts]
+    with_U = [row for row in judged if row.expanded_uncertainty]
+    accepted = [row for row in with_U if meaning_of(row.verdict).accepts]
+    refused = [row for row in with_U if not meaning_of(row.verdict).accepts]
     for name, rows in (("accepted", accepted), ("refused", refused)):
-        risks = [_risk(row) for row in rows if row.get("conformance_probability") is not None]
+        risks = [_risk(row) for row in rows if row.conformance_probability is not None]
         if risks:
             said.append(words(f"first.rule.{name}", count=len(risks), risk=_risk_text(max(risks))))
     if len(with_U) < len(judged):
@@ -112,8 +108,8 @@ def decision(model: ReportModel, judged: Sequence[Row], words: Texts) -> str:
 
 
 def _risk(row: Row) -> float:
-    inside = float(row["conformance_probability"])
-    return 1.0 - inside if meaning_of(row["verdict"]).accepts else inside
+    inside = row.conformance_probability or 0.0
+    return 1.0 - inside if meaning_of(row.verdict).accepts else inside
 
 
 def _risk_text(risk: float) -> str:
@@ -181,7 +177,7 @@ def _traceability(model: ReportModel, laboratory: Laboratory | None, words: Text
     return " ".join([*said, words("first.traceability.standards", listed=text)])
 
 
-def _standard(words: Texts, role: str, entry: Row) -> str:
+def _standard(words: Texts, role: str, entry: Mapping[str, Any]) -> str:
     by = entry.get("laboratory")
     return words(
         "first.traceability.by" if by else "first.traceability.standard",

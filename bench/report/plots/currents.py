@@ -35,10 +35,10 @@ def level_errors(model: ReportModel) -> list[tuple[Residual, float]]:
     the scale-factor fit the residual of a negative current counts the other way.
     """
     fitted = {
-        (quantity, row["conditions"]["channel"], row["conditions"].get("temperature_degC")): float(row["value"])
+        (quantity, row.conditions["channel"], row.conditions.get("temperature_degC")): float(row.value)
         for quantity in ("dsf_n", "dsf_p")
         for row in model.estimates(quantity)
-        if "repeat" not in row["conditions"] and "channel" in row["conditions"] and row["value"] is not None
+        if "repeat" not in row.conditions and "channel" in row.conditions and row.value is not None
     }
     errors = []
     for residual in _residuals(model):

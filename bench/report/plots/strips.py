@@ -16,7 +16,7 @@ from bench.model.systems import is_size
 from bench.model.texts import Texts
 from bench.model.titles import quantity_title
 from bench.report.batch.model import Batch, Spread
-from bench.report.estimate_tables import readable
+from bench.report.estimate_tables import prefixed
 from bench.report.model import Picture
 from bench.report.plots.style import BLUE, GREY, INK, VERMILION, drawing, inline_svg, panels_of
 from bench.report.tables import label
@@ -72,7 +72,7 @@ def _drawn(groups: Sequence[Sequence[Spread]], name: str, words: Texts) -> str:
 
 def _draw(axes: Axes, group: Sequence[Spread], words: Texts) -> None:
     members = [member for spread in group for member in spread.members]
-    scale, unit = readable([{"unit": group[0].quantity.unit, "value": member.value} for member in members])
+    scale, unit = prefixed(group[0].quantity.unit, [member.value for member in members])
     strips = _strips(group, scale, words)
     stated = {spread.limits for spread in group}
     limits = next(iter(stated)) if len(stated) == 1 else None

@@ -6,7 +6,7 @@ import io
 import math
 import re
 import warnings
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Literal
 
@@ -16,6 +16,7 @@ from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 from matplotlib.font_manager import fontManager
 
+from bench.analysis import Estimate
 from bench.report.fonts import families, in_first_font, korean_files
 
 # Five hues of Okabe-Ito and Tol with a contrast of at least 3:1 on white; markers carry the same meaning.
@@ -147,7 +148,7 @@ def legend_of(figure: Figure, panels: Iterable[Axes], columns: int = 5, least: i
         figure.legend(list(handles.values()), names, loc=place, ncols=min(columns, len(names)))
 
 
-def channels_of(rows: Iterable[Mapping[str, Any]]) -> list[tuple[Any, str]]:
+def channels_of(rows: Iterable[Estimate]) -> list[tuple[Any, str]]:
     """Return number and kind of every channel in some estimates, by number."""
-    kinds = {row["conditions"]["channel"]: row["conditions"].get("kind", "") for row in rows}
+    kinds = {row.conditions["channel"]: row.conditions.get("kind", "") for row in rows}
     return sorted(kinds.items())

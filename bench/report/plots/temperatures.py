@@ -10,7 +10,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from bench.analysis import is_sound
+from bench.analysis import Estimate, is_sound
 from bench.model.texts import Texts
 from bench.report.estimate_tables import readable
 from bench.report.model import Picture, ReportModel
@@ -30,7 +30,7 @@ from bench.report.tables import channel_title, place_of
 _APART = 0.008  # of the span of temperatures, to each side
 _LEAST_SPAN_degC = 1.0  # a campaign at one temperature differs by hundredths between its records
 _LEAST_AIR_SPAN_degC = 2.0  # of the axis of the laboratory
-Row = Mapping[str, Any]
+Row = Estimate
 
 
 @dataclass(frozen=True)
@@ -72,19 +72,19 @@ def _picture(model: ReportModel, words: Texts, name: str, series: Sequence[_Seri
     channels = channels_of(everything)
     if not channels:
         return None
-    warmth = [unit_temperature_degC(row["conditions"]) for row in everything]
+    warmth = [unit_temperature_degC(row.conditions) for row in everything]
     span_degC = max(warmth) - min(warmth)
     if span_degC < _LEAST_SPAN_degC:
         return None
     middle_degC = (max(warmth) + min(warmth)) / 2.0
     scale, unit = readable(everything)
     with drawing():
-        doubted = {row["conditions"]["channel"] for row in everything if not is_sound(row)}
+        doubted = {row.conditions["channel"] for row in everything if not is_sound(row)}
         titles = [_title(words, channel, channel[0] in doubted) for channel in channels]
         figure, panels = panels_of(titles, legend_rows=int(len(series) > 1))
         for (number, _), axes in zip(channels, panels, strict=True):
             for curve in series:
-                chosen = [row for row in rows[curve.quantity] if row["conditions"]["channel"] == number]
+                chosen = [row for row in rows[curve.quantity] if row.conditions["channel"] == number]
                 _error_bars(axes, chosen, curve, words, curve.side * _APART * span_degC, scale)
             axes.set_xlim(middle_degC - 0.55 * span_degC, middle_degC + 0.55 * span_degC)
             axes.set_ylabel(words(f"{name}.axis", unit=unit))
@@ -102,15 +102,13 @@ def _title(words: Texts, channel: tuple[Any, Any], doubted: bool) -> str:
 
 def _at_temperatures(rows: Sequence[Row]) -> list[Row]:
     """Return estimates that belong to a channel and a temperature, repeats and refused ones left out."""
-    return [
-        row for row in rows if {"channel", "temperature_degC"} <= row["conditions"].keys() and row["value"] is not None
-    ]
+    return [row for row in rows if {"channel", "temperature_degC"} <= row.conditions.keys() and row.value is not None]
 
 
 def _error_bars(axes: Axes, rows: Sequence[Row], curve: _Series, words: Texts, shift_degC: float, scale: float) -> None:
-    temperature = [unit_temperature_degC(row["conditions"]) + shift_degC for row in rows]
-    value = [scale * row["value"] for row in rows]
-    expanded = [scale * (row["expanded_uncertainty"] or 0.0) for row in rows]
+    temperature = [unit_temperature_degC(row.conditions) + shift_degC for row in rows]
+    value = [scale * row.value for row in rows]
+    expanded = [scale * (row.expanded_uncertainty or 0.0) for row in rows]
     axes.errorbar(
         temperature, value, expanded, fmt=curve.drawn, label=words(f"series.{curve.quantity}"), color=curve.colour,
         linewidth=0.7, capsize=2.0,

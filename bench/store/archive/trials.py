@@ -76,7 +76,8 @@ def _enter(connection: Connection, trial: int, rows: list[Row]) -> None:
     these = (trial_rows.c.trial_id == trial, trial_rows.c.session_sha256 == sha256)
     connection.execute(delete(trial_rows).where(*these))
     wanted = [
-        parameter_row({**row, "conditions": json.loads(row["conditions"])}) if row["quantity"] else None for row in rows
+        parameter_row(row["quantity"], row["unit"], json.loads(row["conditions"])) if row["quantity"] else None
+        for row in rows
     ]
     known = parameter_keys(connection, [row for row in wanted if row is not None])
     entries = [

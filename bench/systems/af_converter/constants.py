@@ -301,7 +301,7 @@ def common_errors(standards: Register, role: str, parts: Mapping[str, float], ca
             of_standards[f"{entry.get('model', '')} {entry['serial']} {entry['certificate']}: {label}".strip()] = part
         else:
             of_campaign[f"{role}: {label}"] = part
-    return {"standards": of_standards, "campaign": of_campaign}
+    return Common(standards=of_standards, campaign=of_campaign)
 
 
 def expired(material: Material, role: str, ranges_A: Collection[float], quantities: Collection[str]) -> list[Evidence]:

@@ -89,14 +89,14 @@ def residual_check(analysis: Analysis, limit: float) -> Check:
 def drift_check(analysis: Analysis, limit: float) -> Check:
     """Return the largest drift between a first visit and its repeat, in its own standard uncertainty."""
     drifts = [
-        (abs(entry["value"]) / entry["std_uncertainty"], entry)
+        (abs(entry.value) / entry.std_uncertainty, entry)
         for entry in analysis.estimates
-        if str(entry["quantity"]).endswith("_drift") and entry["std_uncertainty"]
+        if str(entry.quantity).endswith("_drift") and entry.std_uncertainty
     ]
     if not drifts:
         return Check("drift", None, None, limit, "no channel was visited again yet")
     worst, entry = max(drifts, key=lambda pair: pair[0])
-    return Check("drift", worst <= limit, worst, limit, f"{entry['quantity']} is {entry['value']:.3g} {entry['unit']}")
+    return Check("drift", worst <= limit, worst, limit, f"{entry.quantity} is {entry.value:.3g} {entry.unit}")
 
 
 def _neighbours(

@@ -14,7 +14,6 @@ import numpy as np
 
 from bench.analysis import (
     Analysis,
-    Document,
     Estimates,
     Figure,
     Material,
@@ -261,7 +260,7 @@ def _about(first: SampledRow, second: SampledRow) -> str | None:
     return AXES[int(np.argmax(cosines))]
 
 
-def _tables(estimates: Sequence[Document]) -> list[Table]:
+def _tables(estimates: Estimates) -> list[Table]:
     """Bias of each axis, and table 2 of the paper for all axes (it prints X only): value and expanded uncertainty."""
     factors = {"gyro_bias": 1.0, "accel_bias": 1e3} | dict.fromkeys(_ROWS, 1.0)
     rows = [
@@ -275,10 +274,10 @@ def _tables(estimates: Sequence[Document]) -> list[Table]:
     ]
 
 
-def _cell(estimates: Sequence[Document], quantity: str, axis: str, factor: float) -> str:
+def _cell(estimates: Estimates, quantity: str, axis: str, factor: float) -> str:
     for entry in estimates:
-        if entry["quantity"] == quantity and entry["conditions"].get("axis") == axis:
-            value, wide = factor * entry["value"], factor * entry["expanded_uncertainty"]
+        if entry.quantity == quantity and entry.conditions.get("axis") == axis:
+            value, wide = factor * entry.value, factor * entry.expanded_uncertainty
             places = max(0, min(9, 1 - int(np.floor(np.log10(wide))))) if wide > 0 else 4
             return f"{value:.{places}f} ± {wide:.{places}f}"
     return say("verdict.not_tested")

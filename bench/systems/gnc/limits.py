@@ -129,7 +129,7 @@ def table_3(estimates: Estimates, campaign: Document) -> Table:
     """
     limits, rule = limits_of(campaign), rule_of(campaign.get("decision"))
     rows = [
-        _row(promised, [entry for entry in estimates if entry["quantity"] in promised.quantities], limits, rule)
+        _row(promised, [entry for entry in estimates if entry.quantity in promised.quantities], limits, rule)
         for promised in ROWS
     ]
     headers = say.heads("table3", "parameter", "unit", "measured", "limit", "of", "verdict")
@@ -143,15 +143,15 @@ def _row(row: Row, entries: Estimates, limits: Limits, rule: str) -> list[Any]:
     if not entries:
         return [row.text, unit, "–", limit, "–", NOT_TESTED]
     worst = min(
-        (judged(entry, rule) for entry in entries), key=lambda entry: (_ORDER.index(entry["verdict"]), -_use(entry))
+        (judged(entry, rule) for entry in entries), key=lambda entry: (_ORDER.index(entry.verdict), -_use(entry))
     )
-    verdict = NOT_TESTED if worst["verdict"] == "none" else say(f"verdict.{worst['verdict']}")
-    place = " ".join(str(value) for name, value in worst["conditions"].items() if name != "kind")
-    measured = with_uncertainty(worst["value"], worst["expanded_uncertainty"])
+    verdict = NOT_TESTED if worst.verdict == "none" else say(f"verdict.{worst.verdict}")
+    place = " ".join(str(value) for name, value in worst.conditions.items() if name != "kind")
+    measured = with_uncertainty(worst.value, worst.expanded_uncertainty)
     return [row.text, unit, measured, limit, place or "–", verdict]
 
 
 def _use(entry: Estimate) -> float:
     """Return how much of its limits a value with its interval uses, as the table of the verdicts has it."""
     limits = analysis.limits_of(entry)
-    return abs(entry["value"]) if limits is None else use_of(entry["value"], limits, entry["expanded_uncertainty"])
+    return abs(entry.value) if limits is None else use_of(entry.value, limits, entry.expanded_uncertainty)

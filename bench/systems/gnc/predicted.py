@@ -297,7 +297,7 @@ def of_unit_test(planned: Planned) -> Prediction:
         for item, answers in items.items():
             found = _timer(answers, limits) if item == "timer" else _imu(answers, limits, noise)
             estimates += values_of_item(ItemResult(item, found, len(answers)), {UNIT: unit})
-    return Prediction([entry for entry in estimates if entry["std_uncertainty"] > 0.0], list(dict.fromkeys(missing)))
+    return Prediction([entry for entry in estimates if entry.std_uncertainty > 0.0], list(dict.fromkeys(missing)))
 
 
 def _timer(answers: list[Answer], limits: Limits) -> Findings:

@@ -64,7 +64,7 @@ def analysis_of(
 ) -> Analysis:
     """Return estimates, evidence, tables and figures of lasers; ``missing``: what has no result already."""
     estimates = [entry for laser in results for entry in record_estimates(laser, requirement, method)]
-    told = [entry["conditions"] for entry in estimates if entry["quantity"] == "angle_random_walk"]
+    told = [entry.conditions for entry in estimates if entry.quantity == "angle_random_walk"]
     no_walk = say("missing.no_walk")
     missing = missing + [
         say("missing.method", name=laser.name, method=label(method), why=laser.missing.get(method, no_walk))

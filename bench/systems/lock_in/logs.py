@@ -118,9 +118,9 @@ def _alignment(terms: NoiseTerms, laser: Document | None, n: int) -> Estimates:
 def _table(entries: Estimates) -> Table:
     rows = [
         [
-            say(f"term.{entry['quantity']}"),
-            entry["unit"],
-            with_uncertainty(entry["value"], entry["expanded_uncertainty"]),
+            say(f"term.{entry.quantity}"),
+            entry.unit,
+            with_uncertainty(entry.value, entry.expanded_uncertainty),
         ]
         for entry in entries
     ]

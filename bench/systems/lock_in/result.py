@@ -340,7 +340,7 @@ def _of_method(
         time_ratio = squared(ratio)
         for name, size in (("random_walk_ratio", ratio), ("alignment_time_ratio", time_ratio)):
             entries.append(estimate(name, "1", size.value, size.std, place, dof=size.dof, **counted))
-    return [entry for entry in entries if math.isfinite(entry["value"]) and math.isfinite(entry["std_uncertainty"])]
+    return [entry for entry in entries if math.isfinite(entry.value) and math.isfinite(entry.std_uncertainty)]
 
 
 def alignment_s(walk: RandomWalk, requirement: Requirement) -> Measured:

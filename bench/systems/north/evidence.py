@@ -179,9 +179,9 @@ def _widths_deg(entries: Estimates) -> dict[str, float]:
     """Return the smallest expanded uncertainty of an azimuth by each method that states one, degrees."""
     widths: dict[str, float] = {}
     for entry in entries:
-        if entry["quantity"] == "azimuth":
-            method = str(entry["conditions"]["method"])
-            widths[method] = min(widths.get(method, math.inf), float(entry["expanded_uncertainty"]))
+        if entry.quantity == "azimuth":
+            method = str(entry.conditions["method"])
+            widths[method] = min(widths.get(method, math.inf), float(entry.expanded_uncertainty))
     return widths
 
 

@@ -119,10 +119,10 @@ def _analysis(
 ) -> Analysis:
     rows: list[list[Any]] = []
     for entry in entries:
-        value, expanded = entry["value"], entry["expanded_uncertainty"]
-        factor, unit = with_prefix(max(abs(value), expanded), entry["unit"])
+        value, expanded = entry.value, entry.expanded_uncertainty
+        factor, unit = with_prefix(max(abs(value), expanded), entry.unit)
         cells = value_and_uncertainty(factor * value, factor * expanded)
-        rows.append([say(f"quantity.{entry['quantity']}"), unit, *cells])
+        rows.append([say(f"quantity.{entry.quantity}"), unit, *cells])
     headers = say.heads("", "quantity", "unit", "value", "expanded")
     return Analysis(
         campaign="north_log",

@@ -76,7 +76,7 @@ def predicted(planned: Planned) -> Prediction:
     estimates = [
         entry
         for entry in north_estimates(solution, METHODS[0], expected, limit_deg)
-        if not (varying and (entry["quantity"] in _OF_CONSTANT or entry["conditions"].get("source") == "waveform"))
+        if not (varying and (entry.quantity in _OF_CONSTANT or entry.conditions.get("source") == "waveform"))
     ]
     left = [method for method in METHODS if method not in {each.method for each in expected}]
     missing = [*solution.missing, *(say("predicted.branch", method=method_name(method)) for method in left)]

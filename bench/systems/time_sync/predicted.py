@@ -52,8 +52,8 @@ def predicted(planned: Planned) -> Prediction:
     estimates = [
         entry
         for entry in sync_estimates(result)
-        if entry["std_uncertainty"] > 0.0
-        and not (entry["quantity"] == "time_offset" and entry["conditions"]["method"] in unseen)
+        if entry.std_uncertainty > 0.0
+        and not (entry.quantity == "time_offset" and entry.conditions["method"] in unseen)
     ]
     missing += [] if "stamps" in planned.campaign else [say("predicted.no_stamps")]
     return Prediction(estimates, missing)

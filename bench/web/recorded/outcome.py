@@ -6,14 +6,15 @@ results of this one. Only the end is read; 'bench recover' and 'bench report --v
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import doubt_lines
+from bench.analysis import doubt_lines, estimates_of, is_sound
 from bench.maths.verdict import INDETERMINATE, WORST_FIRST, passed, worst
-from bench.model.errors import BenchError
+from bench.model.errors import BenchError, InputError
 from bench.model.events import End, Error, Safe, event_of
 from bench.model.segments import SEGMENT_NAME
 from bench.record import OPEN_MARKER, Message, SegmentChunks, layout
@@ -78,12 +79,12 @@ def _at_the_end(folder: Path, ended: _Ending, results: Mapping[str, Any]) -> Ses
 
 
 def _judged(results: Mapping[str, Any], off: bool | None) -> SessionOutcome:
-    estimates: Sequence[Mapping[str, Any]] = results.get("estimates") or ()
-    verdicts: dict[str, int] = {}
-    for estimate in estimates:
-        verdict = str(estimate.get("verdict"))
-        verdicts[verdict] = verdicts.get(verdict, 0) + 1
-    unsound = sum(estimate.get("quality", "sound") != "sound" for estimate in estimates)
+    try:
+        estimates = estimates_of(results)
+    except InputError as error:
+        return SessionOutcome("damaged", error.message, off=off)
+    verdicts = Counter[str](entry.verdict for entry in estimates)
+    unsound = sum(not is_sound(entry) for entry in estimates)
     verdict = worst(verdicts)
     word = DOUBTFUL if unsound and passed([verdict]) else _WORDS.get(verdict, NOT_JUDGED)
     return SessionOutcome(word, "; ".join(doubt_lines(estimates))[:300], verdicts, unsound, off)

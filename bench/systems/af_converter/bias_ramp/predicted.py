@@ -129,13 +129,13 @@ def _clock(planned: Planned, records: RampRecords, constants: Campaign, at_degC:
     if curve_ppm is not None:
         clock = replace(clock, coefficients_ppm=np.array([0.0, *curve_ppm]))
     known = master_clock_estimates(clock, at_degC, records.dropped)
-    return [entry for entry in known if curve_ppm is not None or entry["quantity"] not in _OF_THE_CURVE]
+    return [entry for entry in known if curve_ppm is not None or entry.quantity not in _OF_THE_CURVE]
 
 
 def _undetermined(fits: Mapping[str, ChannelFit], entries: Estimates) -> Iterator[str]:
     """Yield a sentence on each quantity of a kind that the ramp does not tell."""
     for kind, channel in fits.items():
-        told = {entry["quantity"] for entry in entries if entry["conditions"].get("kind") == kind}
+        told = {entry.quantity for entry in entries if entry.conditions.get("kind") == kind}
         expected = _OF_BOTH_BRANCHES + _NOISE if channel.there_and_back else _NOISE
         for quantity in expected:
             if quantity not in told:

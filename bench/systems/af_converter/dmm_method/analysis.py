@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from bench.analysis import Analysis, Document, Estimates, Material, Table, worded_table
+from bench.analysis import Analysis, Estimate, Estimates, Material, Table, worded_table
 from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.af_converter.constants import METER, Campaign, expired, read_campaign, read_ranges, untraced
@@ -145,9 +145,7 @@ def _quality(fitted: DmmFit, campaign: Campaign) -> dict[str, Any]:
     )
 
 
-def notes(
-    fits: Sequence[DmmFit], groups: Sequence[Group], estimates: Sequence[Document], campaign: Campaign
-) -> list[str]:
+def notes(fits: Sequence[DmmFit], groups: Sequence[Group], estimates: Estimates, campaign: Campaign) -> list[str]:
     """Return all notes but those on missing groups."""
     sentences = _refusal(fits) + [_assumption(name, estimates) for name in _TESTS]
     left_out: Counter[str] = Counter()
@@ -193,13 +191,13 @@ def _refusal(fits: Sequence[DmmFit]) -> list[str]:
     ]
 
 
-def _assumption(quantity: str, estimates: Sequence[Document]) -> str:
-    tested = [estimate for estimate in estimates if estimate["quantity"] == quantity]
+def _assumption(quantity: str, estimates: Estimates) -> str:
+    tested = [estimate for estimate in estimates if estimate.quantity == quantity]
     what = say(f"meter.by.{quantity}")
     if not tested:
         return say("meter.not_tested", what=what)
-    seen = [estimate for estimate in tested if abs(estimate["value"]) > estimate["expanded_uncertainty"]]
-    largest = max(tested, key=lambda estimate: abs(estimate["value"]))
+    seen = [estimate for estimate in tested if abs(estimate.value) > estimate.expanded_uncertainty]
+    largest = max(tested, key=lambda estimate: abs(estimate.value))
     (value, expanded), unit = _shown(largest)
     verdict = say("meter.by_chance") if _chance(len(seen), len(tested)) else say("meter.beyond_chance")
     return say(
@@ -208,9 +206,9 @@ def _assumption(quantity: str, estimates: Sequence[Document]) -> str:
     )  # fmt: skip
 
 
-def _shown(estimate: Document) -> tuple[tuple[float, float], str]:
-    scale, unit = (1e9, "nA") if estimate["unit"] == "A" else (1.0, str(estimate["unit"]))
-    return (scale * estimate["value"], scale * estimate["expanded_uncertainty"]), unit
+def _shown(estimate: Estimate) -> tuple[tuple[float, float], str]:
+    scale, unit = (1e9, "nA") if estimate.unit == "A" else (1.0, str(estimate.unit))
+    return (scale * estimate.value, scale * estimate.expanded_uncertainty), unit
 
 
 def _chance(outside: int, tested: int) -> bool:

@@ -171,12 +171,12 @@ def _taken_again(fits: Sequence[DmmFit], repeats: Sequence[Group], entries: Esti
         fitted = first.get(again.place[:2])
         levels: dict[float, list[tuple[float, float]]] = {}
         for entry in entries:
-            at = entry["conditions"]
+            at = entry.conditions
             if (
-                entry["quantity"] == "repeat_shift"
+                entry.quantity == "repeat_shift"
                 and (at["channel"], at["temperature_degC"], at["repeat"]) == again.place
             ):
-                levels.setdefault(at["current_A"], []).append((entry["value"], entry["std_uncertainty"]))
+                levels.setdefault(at["current_A"], []).append((entry.value, entry.std_uncertainty))
         pairs = np.array([np.mean(both, axis=0) for both in levels.values() if len(both) == 2]).reshape(-1, 2)
         if fitted is None or not len(pairs):
             continue
@@ -248,8 +248,7 @@ def difference_std_ppm(
     by_counts = other.operator_ppm[index][usable] @ of_counts @ fitted.fit.operators_ppm[name][usable]
     parts = {label: float(effect_ppm[index]) for label, effect_ppm in other.standard_ppm.items()}
     by_standards = covariance_by_standards(
-        {"common": common_errors(standards.register, CALIBRATOR, parts, {})},
-        {"common": shared_by_standards(fitted, name, standards.register)},
+        common_errors(standards.register, CALIBRATOR, parts, {}), shared_by_standards(fitted, name, standards.register)
     )
     of_calibrator = math.fsum(part**2 for part in parts.values()) + standards.drift_ppm**2
     variance = fitted.fit.std_ppm[name] ** 2 + float(other.noise_ppm2[index, index]) + of_calibrator

@@ -93,9 +93,9 @@ def _by_meter(checks: Sequence[ReadingSet], begin_s: float, end_s: float) -> Cal
     if not entries:
         return CalibratorDrift(notes=[say("drift.one_side")] if checks else [])
     widest = max(entries, key=_bound_ppm)
-    where, U_ppm = widest["conditions"], widest["expanded_uncertainty"]
+    where, U_ppm = widest.conditions, widest.expanded_uncertainty
     level_mA = 1e3 * where["current_A"]
-    note = say("drift.by_meter", hours=where["hours"], value=widest["value"], U=U_ppm, level=level_mA)
+    note = say("drift.by_meter", hours=where["hours"], value=widest.value, U=U_ppm, level=level_mA)
     return CalibratorDrift(_bound_ppm(widest), METER_CHECK, entries, [note])
 
 
@@ -104,7 +104,7 @@ def _level(check: ReadingSet) -> float:
 
 
 def _bound_ppm(entry: Estimate) -> float:
-    return float(abs(entry["value"]) + entry["expanded_uncertainty"])
+    return float(abs(entry.value) + entry.expanded_uncertainty)
 
 
 def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> CalibratorDrift:
@@ -131,11 +131,11 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
         entry = estimate("calibrator_drift", "ppm", float(mean @ change), std_ppm, conditions, n=again.fit.n)
         entries.append(entry)
         scale = max(1.0, campaign_s / between_s) if between_s > 0 else 1.0
-        seen = abs(entry["value"]) > entry["expanded_uncertainty"]
+        seen = abs(entry.value) > entry.expanded_uncertainty
         bound_ppm = _bound_ppm(entry) * scale
         seen_ppm += [bound_ppm] * seen
         if fitted.knows_slopes(again.group.channel):
-            left = entry["expanded_uncertainty"] * scale, bound_ppm
+            left = entry.expanded_uncertainty * scale, bound_ppm
             left_ppm[again.group.channel] = min(left, left_ppm.get(again.group.channel, left))
         elif not seen:
             notes.append(_untold_note(entry, _warmer_degC(start, again)))
@@ -146,7 +146,7 @@ def _by_repeat(pairs: Sequence[Pair], fitted: Fitted, campaign_s: float) -> Cali
 
 
 def _changed(entry: Estimate) -> str:
-    where, change = entry["conditions"], with_uncertainty(entry["value"], entry["expanded_uncertainty"])
+    where, change = entry.conditions, with_uncertainty(entry.value, entry.expanded_uncertainty)
     return say("drift.repeat", channel=where["channel"], change=change, hours=where["hours"])
 
 
@@ -154,7 +154,7 @@ def _repeat_note(entry: Estimate, scale: float, campaign_s: float, seen: bool) -
     what, hours = _changed(entry), campaign_s / _HOUR_S
     if seen:
         return say("drift.seen", what=what, hours=hours)
-    return say("drift.unseen", what=what, unseen=scale * entry["expanded_uncertainty"], hours=hours)
+    return say("drift.unseen", what=what, unseen=scale * entry.expanded_uncertainty, hours=hours)
 
 
 def _untold_note(entry: Estimate, warmer_degC: float) -> str:
@@ -163,13 +163,13 @@ def _untold_note(entry: Estimate, warmer_degC: float) -> str:
 
 def _compared(by_meter: CalibratorDrift, by_repeat: CalibratorDrift) -> list[str]:
     """Return whether the closing repeat shows more than the meter did: then it is the unit that changed."""
-    hours = by_meter.estimates[0]["conditions"]["hours"]
-    mean_ppm = float(np.mean([entry["value"] for entry in by_meter.estimates]))
+    hours = by_meter.estimates[0].conditions["hours"]
+    mean_ppm = float(np.mean([entry.value for entry in by_meter.estimates]))
     notes: list[str] = []
     for entry in by_repeat.estimates:
-        rest_ppm = entry["value"] - mean_ppm * entry["conditions"]["hours"] / hours
-        if abs(rest_ppm) > entry["expanded_uncertainty"]:
-            notes.append(say("drift.of_unit", channel=entry["conditions"]["channel"], rest=rest_ppm))
+        rest_ppm = entry.value - mean_ppm * entry.conditions["hours"] / hours
+        if abs(rest_ppm) > entry.expanded_uncertainty:
+            notes.append(say("drift.of_unit", channel=entry.conditions["channel"], rest=rest_ppm))
     return notes
 
 

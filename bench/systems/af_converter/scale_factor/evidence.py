@@ -123,9 +123,9 @@ def common_step(fitted: Fitted, entries: Estimates) -> list[Evidence]:
 def _stated(entries: Estimates, quantities: Collection[str], channel: int | None = None) -> list[float]:
     """Return the expanded uncertainties of some estimates, in their order."""
     return [
-        entry["expanded_uncertainty"]
+        entry.expanded_uncertainty
         for entry in entries
-        if entry["quantity"] in quantities and channel in (None, entry["conditions"].get("channel"))
+        if entry.quantity in quantities and channel in (None, entry.conditions.get("channel"))
     ]
 
 
@@ -212,9 +212,7 @@ def _judged_pairs(pairs: Sequence[Pair], fitted: Fitted, entries: Estimates) -> 
 
 def _worst_move(fitted: Fitted, entries: Estimates) -> float:
     """Return by how much of its expanded uncertainty a step of 1 ppm at the worst time moves a coefficient."""
-    stated = {
-        (entry["quantity"], entry["conditions"].get("channel")): entry["expanded_uncertainty"] for entry in entries
-    }
+    stated = {(entry.quantity, entry.conditions.get("channel")): entry.expanded_uncertainty for entry in entries}
     moves = [0.0]
     for (quantity, channel), polynomial in fitted.polynomials.items():
         if quantity in COEFFICIENTS:

@@ -40,8 +40,8 @@ def predicted(planned: Planned) -> Prediction:
 
 def _is_untold(entry: Estimate, fitted: Fitted) -> bool:
     """Return whether an estimate is a change between visits that warming could be."""
-    channel = entry["conditions"].get("channel")  # a check by the meter has none
-    return entry["quantity"].endswith("_drift") and channel is not None and not fitted.knows_slopes(channel)
+    channel = entry.conditions.get("channel")  # a check by the meter has none
+    return entry.quantity.endswith("_drift") and channel is not None and not fitted.knows_slopes(channel)
 
 
 def _assumed(fitted: Fitted) -> list[str]:

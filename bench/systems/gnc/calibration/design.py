@@ -206,11 +206,11 @@ class Calibrations:
     def _unjudged(self, candidate: Candidate, length_s: float) -> list[str]:
         """Return what the second set would know too badly for its limit."""
         return [
-            f"{entry['quantity']} is known to {entry['expanded_uncertainty']:.2g}, more than a tenth of its limit"
+            f"{entry.quantity} is known to {entry.expanded_uncertainty:.2g}, more than a tenth of its limit"
             for entry in self.estimates(candidate, length_s)
-            if entry["quantity"] in _REPEATED
-            and entry["limit"] is not None
-            and entry["expanded_uncertainty"] > _USE_OF_LIMIT * entry["limit"]
+            if entry.quantity in _REPEATED
+            and entry.limit is not None
+            and entry.expanded_uncertainty > _USE_OF_LIMIT * entry.limit
         ]
 
     def _unseen(self, candidate: Candidate, length_s: float) -> list[str]:

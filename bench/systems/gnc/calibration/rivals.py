@@ -84,15 +84,15 @@ def _fitted_with(rival: Rival, rows: Sequence[SampledRow], base: Calibration, ca
 
 def _moves(known: Estimates, wrong: Estimates, rival: Rival) -> Iterator[tuple[str, float]]:
     """Yield each quantity and how far its values move at most, in their expanded uncertainties."""
-    of_kind = [entry for entry in known if entry["conditions"]["kind"] == rival.kind]
+    of_kind = [entry for entry in known if entry.conditions["kind"] == rival.kind]
     prefix = SENSORS[rival.kind]
     for name in rival.costs:
         yield (
             f"{prefix}_{name}",
             max(
-                abs(moved["value"] - entry["value"]) / entry["expanded_uncertainty"]
+                abs(moved.value - entry.value) / entry.expanded_uncertainty
                 for entry, moved in zip(of_kind, wrong, strict=True)
-                if entry["quantity"] == f"{prefix}_{name}"
+                if entry.quantity == f"{prefix}_{name}"
             ),
         )
 

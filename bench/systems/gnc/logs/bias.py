@@ -210,13 +210,13 @@ def _notes(sensors: Sequence[Resting], stamps: SampleStamps) -> list[str]:
 
 
 def _table(sensors: Sequence[Resting], entries: Estimates) -> Table:
-    names = list(dict.fromkeys((entry["quantity"], entry["unit"]) for entry in entries))
+    names = list(dict.fromkeys((entry.quantity, entry.unit) for entry in entries))
     rows: list[list[Any]] = []
     for sensor in sensors:
         own = {
-            (entry["quantity"], entry["unit"]): with_uncertainty(entry["value"], entry["expanded_uncertainty"])
+            (entry.quantity, entry.unit): with_uncertainty(entry.value, entry.expanded_uncertainty)
             for entry in entries
-            if sensor.place.items() <= entry["conditions"].items()
+            if sensor.place.items() <= entry.conditions.items()
         }
         scatter = f"{np.nanstd(sensor.samples, ddof=1):.4g} {sensor.unit}"
         rows.append([sensor.name, scatter, *(own.get(name, "–") for name in names)])

@@ -121,15 +121,15 @@ def wide_sizes(entries: Sequence[Estimate]) -> list[Evidence]:
     """
     found = []
     for entry in entries:
-        name, value, wide = entry["quantity"], entry["value"], entry["expanded_uncertainty"]
+        name, value, wide = entry.quantity, entry.value, entry.expanded_uncertainty
         if name in MOTION_ERRORS and wide > value:
             text = say(
                 "evidence.few_motions",
                 quantity=quantity_word(name),
-                motions=entry["n"],
+                motions=entry.n,
                 value=value,
                 wide=wide,
-                unit=entry["unit"],
+                unit=entry.unit,
             )
             found.append(Evidence("too_few_motions", text, wide / value if value else None, 0.0, quantities=(name,)))
     return found

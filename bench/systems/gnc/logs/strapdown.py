@@ -172,7 +172,7 @@ def notes_of(result: Found) -> list[str]:
 
 
 def _class_note(result: Found) -> str:
-    names = [str(rate["conditions"]["sensor_class"]) for rate in _rates(result)]
+    names = [str(rate.conditions["sensor_class"]) for rate in _rates(result)]
     if not names:
         return say("drift.no_class")
     return say("drift.class", worst=_class_name(worst_class(names)), classes=say.listed([*map(_class_name, names)]))
@@ -225,13 +225,11 @@ def _rms_text(drift: RestDrift, value: float) -> str:
 def _class_table(rates: Estimates) -> Table:
     rows = []
     for rate in rates:
-        bounds = [
-            number(float(f"{getattr(sensor_class, _CLASS_OF[rate['quantity']]):.3g}")) for sensor_class in CLASSES
-        ]
-        shown = with_uncertainty(rate["value"], rate["expanded_uncertainty"])
+        bounds = [number(float(f"{getattr(sensor_class, _CLASS_OF[rate.quantity]):.3g}")) for sensor_class in CLASSES]
+        shown = with_uncertainty(rate.value, rate.expanded_uncertainty)
         rows.append(
-            [quantity_word(rate["quantity"]), rate["unit"], shown,
-             _class_name(str(rate["conditions"]["sensor_class"])), *bounds]
+            [quantity_word(rate.quantity), rate.unit, shown,
+             _class_name(str(rate.conditions["sensor_class"])), *bounds]
         )  # fmt: skip
     reach = [say("class.up_to", name=_class_name(sensor_class.name)) for sensor_class in CLASSES]
     headers = [*say.heads("class", "figure", "unit", "found", "class"), *reach]

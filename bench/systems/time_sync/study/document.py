@@ -9,7 +9,7 @@ import json
 from collections.abc import Sequence
 from typing import Any
 
-from bench.analysis import Chapter, Document, Table
+from bench.analysis import Chapter, Document, Estimate, Table, documents, estimates_of
 from bench.systems.time_sync.study.errors import error_estimates, recovery_estimates
 from bench.systems.time_sync.study.figures import (
     error_figures,
@@ -143,7 +143,7 @@ def study_document(options: StudyOptions, results: Results, software: str) -> di
         *image_estimates(results, offsets_ms),
     ]
     if not options.judged:
-        estimates = [entry if entry["conditions"]["filter"] == ERRORLESS else unjudged(entry) for entry in estimates]
+        estimates = [entry if entry.conditions["filter"] == ERRORLESS else unjudged(entry) for entry in estimates]
     return {
         "schema": 1,
         "study": NAME,
@@ -153,7 +153,7 @@ def study_document(options: StudyOptions, results: Results, software: str) -> di
         "quick": options.quick,
         "decision_rule": "simple",
         "noise": {name: dict(zip(("m", "m/s", "deg"), sigmas, strict=True)) for name, sigmas in SIGMA_R.items()},
-        "estimates": estimates,
+        "estimates": documents(estimates),
         "cuts": [_cut(cut) for cut in _all_cuts(results)],
         "notes": [*([] if options.judged else [QUICK]), *NOTES],
         "provenance": {"simulated": True, "software": software},
@@ -184,10 +184,10 @@ def _cut(cut: Cut) -> dict[str, Any]:
 
 def study_chapters(options: StudyOptions, document: Document, results: Results) -> list[Chapter]:
     """Return the chapters in the order of the page."""
-    offsets_ms, estimates = options.offsets_ms, Estimates(document["estimates"])
+    offsets_ms, estimates = options.offsets_ms, Estimates(estimates_of(document))
     uncompensated = [image_table(estimates, offsets_ms), paired_table(estimates, offsets_ms)]
     return [
-        Chapter("tolerances", [], [tolerance_table(document["estimates"])], document["notes"]),
+        Chapter("tolerances", [], [tolerance_table(estimates_of(document))], document["notes"]),
         Chapter(
             "errors",
             error_figures(results, offsets_ms),
@@ -207,20 +207,20 @@ def study_chapters(options: StudyOptions, document: Document, results: Results) 
     ]
 
 
-def tolerance_table(estimates: Sequence[Document]) -> Table:
+def tolerance_table(estimates: Sequence[Estimate]) -> Table:
     """Return everything that is judged, what failed first."""
-    judged = [estimate for estimate in estimates if estimate["verdict"] != "none"]
+    judged = [estimate for estimate in estimates if estimate.verdict != "none"]
     rows = [
         (
-            estimate["quantity"].replace("_", " "),
-            _where(estimate["conditions"]),
+            estimate.quantity.replace("_", " "),
+            _where(estimate.conditions),
             said(estimate),
-            estimate["unit"],
-            _end(estimate["conditions"].get("at_least")),
-            _end(estimate["conditions"].get("at_most")),
-            estimate["verdict"],
+            estimate.unit,
+            _end(estimate.conditions.get("at_least")),
+            _end(estimate.conditions.get("at_most")),
+            estimate.verdict,
         )
-        for estimate in sorted(judged, key=lambda estimate: estimate["verdict"] != "fail")
+        for estimate in sorted(judged, key=lambda estimate: estimate.verdict != "fail")
     ]
     heads = ("quantity", "case", "value", "unit", "at least", "at most", "verdict")
     caption = "The value is judged; its standard uncertainty is that of the number of runs"

@@ -323,8 +323,8 @@ def measured(
     entry = estimate(quantity, unit, value, std, {**conditions, **given}, n=n)
     if given:
         inside = math.isfinite(value) and given.get("at_least", -math.inf) <= value <= given.get("at_most", math.inf)
-        entry["limit"] = given.get("at_most", given.get("at_least"))
-        entry["verdict"] = "pass" if inside else "fail"
+        limit = given.get("at_most", given.get("at_least"))
+        return entry.model_copy(update={"limit": limit, "verdict": "pass" if inside else "fail"})
     return entry
 
 
@@ -335,4 +335,4 @@ def rms_std(rms: float, runs: int) -> float:
 
 def unjudged(entry: Estimate) -> Estimate:
     """Return the same without a verdict: the tolerance was stated for more runs than there are."""
-    return {**entry, "limit": None, "verdict": "none"}
+    return entry.model_copy(update={"limit": None, "verdict": "none"})

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from bench.analysis import Document, Table, number, with_uncertainty
+from bench.analysis import Estimate, Table, number, with_uncertainty
 from bench.systems.time_sync.study.errors import over_time, unaugmented
 from bench.systems.time_sync.study.study import (
     AUGMENTED,
@@ -24,7 +24,7 @@ from bench.systems.time_sync.study.study import (
     YAW_deg,
 )
 
-Row = Document
+Row = Estimate
 _DASH = "–"
 
 
@@ -39,7 +39,7 @@ class Estimates:
         return [
             estimate
             for estimate in self._estimates
-            if estimate["quantity"] == quantity and conditions.items() <= estimate["conditions"].items()
+            if estimate.quantity == quantity and conditions.items() <= estimate.conditions.items()
         ]
 
     def value(self, quantity: str, **conditions: Any) -> str:
@@ -51,9 +51,9 @@ class Estimates:
 def said(estimate: Row) -> str:
     """Return a value, to the digits its uncertainty supports."""
     return (
-        with_uncertainty(estimate["value"], estimate["std_uncertainty"])
-        if estimate["std_uncertainty"]
-        else plain(estimate["value"])
+        with_uncertainty(estimate.value, estimate.std_uncertainty)
+        if estimate.std_uncertainty
+        else plain(estimate.value)
     )
 
 
@@ -146,7 +146,7 @@ def recovered_table(estimates: Estimates) -> Table:
     for offset_ms in RECOVERED_ms:
         for manoeuvre in ("turn", "acceleration", "linear"):
             for rms in estimates.all("offset_error_rms", manoeuvre=manoeuvre, offset_ms=offset_ms, noise=BASE):
-                at_s = rms["conditions"]["at_s"]
+                at_s = rms.conditions["at_s"]
                 where = {"manoeuvre": manoeuvre, "offset_ms": offset_ms, "at_s": at_s}
                 mean, nees = (estimates.value(name, **where) for name in ("offset_error_mean", "offset_nees"))
                 rows.append((f"{offset_ms:g}", manoeuvre, f"{at_s:.0f}", mean, said(rms), nees))
@@ -207,7 +207,7 @@ def _by_filter(offsets_ms: Sequence[float], cells: Callable[[dict[str, Any]], Se
 
 def _value_only(estimates: Estimates, quantity: str, **place: Any) -> str:
     results = estimates.all(quantity, **place)
-    return plain(results[0]["value"]) if results else _DASH
+    return plain(results[0].value) if results else _DASH
 
 
 def paired_table(estimates: Estimates, offsets_ms: Sequence[float]) -> Table:

@@ -148,9 +148,9 @@ def _power(added: int, chance: float, noncentrality: float) -> float:
 def _at_reference(entries: Estimates, quantity: str, channel: ChannelFit) -> float:
     """Return U of a quantity of a channel at the reference temperature, infinite if the ramp does not tell it."""
     number, at_degC = channel.readings.channel.number, channel.fit.reference_degC
-    conditions = [(entry, entry["conditions"]) for entry in entries if entry["quantity"] == quantity]
+    conditions = [(entry, entry.conditions) for entry in entries if entry.quantity == quantity]
     found = [
-        entry["expanded_uncertainty"]
+        entry.expanded_uncertainty
         for entry, of_entry in conditions
         if of_entry["channel"] == number and of_entry.get("temperature_degC", at_degC) == at_degC
     ]
@@ -319,7 +319,7 @@ class Ramps:
         """Return rates, windows and holds in words, and U of the noise, for which no target stands by itself."""
         up, down = (f"{rate / 100.0:g}" for rate in candidate.rates)
         holds = ", ".join(f"{hold * length_s / 60.0:.0f}" for hold in candidate.holds)
-        units = {entry["quantity"]: entry["unit"] for entry in self.estimates(candidate, length_s)}
+        units = {entry.quantity: entry.unit for entry in self.estimates(candidate, length_s)}
         noise = {
             f"U {key.quantity}, {kind_name(key.kind)}": format_quantity(float(f"{U:.2g}"), units[key.quantity])
             for key, U in reached(self.estimates(candidate, length_s)).items()

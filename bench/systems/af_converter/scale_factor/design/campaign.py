@@ -207,9 +207,9 @@ class Campaigns:
         estimates = self.estimates(usual, _COARSE_s * math.ceil(length_s / _COARSE_s))
         known, at_s = reached(estimates), self._stops_at_s(candidate, length_s)
         resolved_ppm = max(
-            entry["std_uncertainty"]
+            entry.std_uncertainty
             for entry in estimates
-            if entry["quantity"] == "calibrator_drift" and entry["conditions"]["channel"] in candidate.again[1]
+            if entry.quantity == "calibrator_drift" and entry.conditions["channel"] in candidate.again[1]
         )
         bounds = {key: _NEARLY * known[key] for key in known if key[:2] in self.wanted and "_tc" not in key.quantity}
         for group in self._template.groups:

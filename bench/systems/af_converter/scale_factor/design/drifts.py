@@ -118,7 +118,7 @@ def drift_powers(
     """
     share = (np.array(at_s) - at_s[0]) / (at_s[-1] - at_s[0])
     steps = [np.asarray(np.arange(len(stops)) > last, float) for last in range(len(stops) - 1)]
-    stds_ppm = [entry["std_uncertainty"] for entry in estimates if entry["quantity"] == "calibrator_drift"]
+    stds_ppm = [entry.std_uncertainty for entry in estimates if entry.quantity == "calibrator_drift"]
     resolved = [(_first(stops, number), number, std) for (number, _), std in zip(again, stds_ppm, strict=True)]
     powers = []
     for name, patterns in (("steady drift of the calibrator", [share]), ("one step of the calibrator", steps)):
@@ -162,7 +162,7 @@ def _size_ppm(
     warmth = np.array([stops[number].temperature_degC for number in visits]) - reference_degC
     operator = np.linalg.pinv(np.vander(warmth, 3, increasing=True))
     move = abs(float(operator[int(quantity[-1])] @ pattern[visits]))
-    U = min(entry["expanded_uncertainty"] for entry in estimates if entry["quantity"] == quantity)
+    U = min(entry.expanded_uncertainty for entry in estimates if entry.quantity == quantity)
     return U / move if move > 1e-12 else np.inf
 
 
