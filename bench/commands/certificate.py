@@ -172,10 +172,11 @@ def _stored(folder: Path) -> tuple[dict[str, Any], dict[str, str]]:
             next_step="certify a session whose run ended with results",
         ) from error
     validate_results(document, str(path))
-    if estimates_of(document) and not any(is_sound(estimate) for estimate in estimates_of(document)):
+    entries = estimates_of(document)
+    if entries and not any(map(is_sound, entries)):
         raise InputError(
             "B-DCC-015",
-            f"no estimate is sound: {doubt_lines(document['estimates'])[0]}",
+            f"no estimate is sound: {doubt_lines(entries)[0]}",
             where=path,
             next_step="correct what is named and measure again; what is accepted by a person is not certified either",
         )

@@ -54,21 +54,22 @@ def print_results(out: Console, results: Mapping[str, Any], analysis: Analysis) 
     simulated = " (SIMULATED, not a calibration)" if results["provenance"]["simulated"] else ""
     uut = f"{results['uut']['model']} {results['uut']['serial']}"
     title = f"{results['campaign']} of {uut}{simulated}, method {analysis.method}"
-    rows = _rows(estimates_of(results))
+    entries = estimates_of(results)
+    rows = _rows(entries)
     lead = [table for table in analysis.tables if table.lead]
-    _print_doubt(out, estimates_of(results))
+    _print_doubt(out, entries)
     if rows:
         _print_scale_factors(out, title, rows)
     elif lead:
         out.print(title, highlight=False)
         _print_lead_tables(out, lead)
-        _print_verdicts(out, estimates_of(results))
+        _print_verdicts(out, entries)
     else:
-        print_summary(out, title, estimates_of(results), _reference_degC(estimates_of(results)))
-        if any(limits_of(estimate) is not None for estimate in estimates_of(results)):
-            _print_verdicts(out, estimates_of(results))
-    if not lead or rows:
-        _print_not_judged(out, results)
+        print_summary(out, title, entries, _reference_degC(entries))
+        if any(limits_of(estimate) is not None for estimate in entries):
+            _print_verdicts(out, entries)
+    if (not lead or rows) and not results.get("incomplete") and all(limits_of(entry) is None for entry in entries):
+        out.print("not judged: no estimate of this campaign has a limit", highlight=False)
     _print_missing(out, analysis.missing)
     quality = results["quality"]
     if not quality["records"] and not quality["frames"]:
@@ -135,11 +136,6 @@ def _print_verdicts(out: Console, estimates: Sequence[Estimate]) -> None:
     shown = ", ".join(f"{counts[name]} {verdict_words(name)}" for name in WORST_FIRST if counts[name])
     judged = f"verdicts: {shown}; " if shown else "not judged; "
     out.print(f"{judged}{len(estimates)} values with their uncertainties in results.json", highlight=False)
-
-
-def _print_not_judged(out: Console, results: Mapping[str, Any]) -> None:
-    if all(limits_of(estimate) is None for estimate in estimates_of(results)) and not results.get("incomplete"):
-        out.print("not judged: no estimate of this campaign has a limit", highlight=False)
 
 
 def _print_doubt(out: Console, estimates: Sequence[Estimate]) -> None:

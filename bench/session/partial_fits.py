@@ -9,8 +9,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from bench.analysis import doubt_lines
+from bench.analysis import doubt_lines, estimates_of
 from bench.model.clock import NS, Clock, pause
+from bench.model.errors import InputError
 from bench.model.posix import spent_by_children_s
 from bench.model.processes import PARTIAL_RESULTS, own_process
 from bench.model.titles import quantity_titles
@@ -105,18 +106,22 @@ def joined(before: Estimates | None, answer: dict[str, Any], t_utc_s: float) -> 
 
 
 def finished_estimates(results: dict[str, Any], t_utc_s: float) -> Estimates | None:
-    """Return estimates of a finished session from its results.json; None if it has none."""
-    records, entries = int((results.get("quality") or {}).get("records") or 0), results.get("estimates") or ()
+    """Return estimates of a finished session from its results.json; None if it has none in their form."""
+    try:
+        entries = estimates_of(results)
+    except InputError:  # its outcome says so
+        return None
+    records = int((results.get("quality") or {}).get("records") or 0)
     analysis = str(results.get("campaign"))
     rows = [
-        {**{key: estimate[key] for key in _SHOWN if key in estimate},
-         "titles": quantity_titles(analysis, str(estimate.get("quantity"))),
-         "conditions": {
-             key: value for key, value in (estimate.get("conditions") or {}).items() if key != UNIT_TEMPERATURE
-         },
-         "history": [[records, *(estimate.get(key) for key in ("value", "std_uncertainty", "expanded_uncertainty"))]]}
-        for estimate in entries
-    ]  # fmt: skip
+        {
+            **{key: value for key, value in entry.document.items() if key in _SHOWN},
+            "titles": quantity_titles(analysis, entry.quantity),
+            "conditions": {key: value for key, value in entry.conditions.items() if key != UNIT_TEMPERATURE},
+            "history": [[records, entry.value, entry.std_uncertainty, entry.expanded_uncertainty]],
+        }
+        for entry in entries
+    ]
     if not rows:
         return None
     return {"t_utc_s": t_utc_s, "records": records, "rows": rows, "doubt": doubt_lines(entries), "final": True}

@@ -183,7 +183,7 @@ def documents_of_units(document: Mapping[str, Any], manifest: Mapping[str, Any])
     checked, document = of_check_standard(document, campaign), without_check_standard(document, campaign)
     further = [] if checked is None else [checked]
     estimates = document["estimates"]
-    serials = dict.fromkeys(estimate.conditions.get("unit") for estimate in estimates)
+    serials = dict.fromkeys(entry["conditions"].get("unit") for entry in estimates)
     if not serials or not all(isinstance(serial, str) for serial in serials):
         return [document, *further]
     return [*(_of(document, str(serial)) for serial in serials), *further]
@@ -191,9 +191,9 @@ def documents_of_units(document: Mapping[str, Any], manifest: Mapping[str, Any])
 
 def _of(document: Mapping[str, Any], serial: str) -> Mapping[str, Any]:
     estimates = [
-        {**estimate, "conditions": {name: value for name, value in estimate.conditions.items() if name != "unit"}}
-        for estimate in document["estimates"]
-        if estimate.conditions["unit"] == serial
+        {**entry, "conditions": {name: value for name, value in entry["conditions"].items() if name != "unit"}}
+        for entry in document["estimates"]
+        if entry["conditions"]["unit"] == serial
     ]
     return of_serial(document, serial, estimates)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 
 from bench import __version__
-from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, estimates_of, is_sound
+from bench.analysis import DOUBTFUL, REFUSED, doubt_lines, is_sound
 from bench.maths.verdict import WORST_FIRST
 from bench.report.accreditation import not_covered
 from bench.report.dcc.calibration import ITEM_ID, TEXTS, Calibration
@@ -193,7 +193,7 @@ def _accreditation(calibration: Calibration) -> list[Element]:
     own = calibration.laboratory.accreditation
     if own is None or calibration.specimen:
         return []
-    sound = [estimate for estimate in estimates_of(calibration.results) if is_sound(estimate)]
+    sound = [estimate for estimate in calibration.estimates if is_sound(estimate)]
     sound = [estimate for estimate in sound if not left_out(estimate)]
     outside = not_covered(own, str(calibration.results["campaign"]), sound)
     covered = sorted({str(estimate.quantity) for estimate in sound} - set(outside))
@@ -210,13 +210,13 @@ def _overdue(calibration: Calibration) -> list[Element]:
 
 
 def _conformity(calibration: Calibration) -> list[Element]:
-    counted = Counter(estimate.verdict for estimate in estimates_of(calibration.results) if estimate.verdict in STATUS)
+    counted = Counter(estimate.verdict for estimate in calibration.estimates if estimate.verdict in STATUS)
     if not counted:
         return [_statement(TEXTS("statement.not_judged"), "bench_decisionRule")]
     rule = str(calibration.results.get("decision_rule") or "non_binary")
     worst = next(verdict for verdict in WORST_FIRST if counted[verdict])
     tally = ", ".join(f"{counted[verdict]} {STATUS[verdict]}" for verdict in WORST_FIRST if counted[verdict])
-    whole = all(is_sound(estimate) for estimate in estimates_of(calibration.results))
+    whole = all(is_sound(estimate) for estimate in calibration.estimates)
     judged = TEXTS("statement.judged" if whole else "statement.judged_part", count=sum(counted.values()), tally=tally)
     return [
         _statement(TEXTS(f"rule.{rule}"), "bench_decisionRule", norm="JCGM 106:2012", reference="ILAC-G8:09/2019"),
@@ -225,7 +225,7 @@ def _conformity(calibration: Calibration) -> list[Element]:
 
 
 def _not_reported(calibration: Calibration) -> list[Element]:
-    sound = [estimate for estimate in estimates_of(calibration.results) if is_sound(estimate)]
+    sound = [estimate for estimate in calibration.estimates if is_sound(estimate)]
     names = Counter(estimate.quantity for estimate in sound if left_out(estimate))
     listed = ", ".join(f"{count} {name}" for name, count in sorted(names.items()))
     statements = [_statement(TEXTS("statement.left_out", listed=listed), "bench_leftOut")] if names else []
@@ -234,7 +234,7 @@ def _not_reported(calibration: Calibration) -> list[Element]:
 
 def _not_sound(calibration: Calibration) -> list[Element]:
     """Return how many estimates are left out as doubtful or refused, and why; accepted values stay out too."""
-    estimates = estimates_of(calibration.results)
+    estimates = calibration.estimates
     why = doubt_lines(estimates)
     counted = Counter(str(estimate.quality) for estimate in estimates if not is_sound(estimate))
     counts = ", ".join(f"{counted[name]} {name}" for name in (REFUSED, DOUBTFUL) if counted[name])

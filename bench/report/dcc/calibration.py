@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import date
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from bench.analysis import Estimates, estimates_of
 from bench.model.texts import Texts
 from bench.report.laboratory import Laboratory
 
@@ -44,6 +46,11 @@ class Calibration:
     specimen: bool = False
     chamber: Span | None = None
     unit: Span | None = None
+
+    @cached_property
+    def estimates(self) -> Estimates:
+        """The estimates of the results."""
+        return estimates_of(self.results)
 
     @property
     def simulated(self) -> bool:

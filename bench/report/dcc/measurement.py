@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from datetime import date
 from typing import Any
 
-from bench.analysis import estimates_of
+from bench.analysis import Estimates
 from bench.model.texts import ENGLISH, Texts
 from bench.model.titles import campaign_title
 from bench.report.dcc.calibration import FOLDER, ITEM_ID, TEXTS, Calibration, Span
@@ -119,15 +119,15 @@ def _surroundings(calibration: Calibration) -> list[Element]:
     for name, span in (("chamber", calibration.chamber), ("unit", calibration.unit)):
         if span is not None:
             made.append(_temperature(name, span, f"bench_{name}Temperature"))
-    if set_points := _set_points(calibration.results):
+    if set_points := _set_points(calibration.estimates):
         quantity = dcc("quantity", number_list([si_number(set_point) for set_point in set_points], CELSIUS))
         made.append(_condition("set_points", "bench_setPoints", quantity))
     return made
 
 
-def _set_points(document: Mapping[str, Any]) -> list[float]:
+def _set_points(estimates: Estimates) -> list[float]:
     """Return the temperatures that estimates are given for, degC, ascending."""
-    temperatures = {estimate.conditions.get("temperature_degC") for estimate in estimates_of(document)}
+    temperatures = {estimate.conditions.get("temperature_degC") for estimate in estimates}
     return sorted(float(temperature) for temperature in temperatures if isinstance(temperature, int | float))
 
 

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from bench.analysis import Estimate, estimates_of, limits_of
+from bench.analysis import Estimate, limits_of
 from bench.maths.verdict import coverage_factor
 from bench.report.dcc.calibration import TEXTS, Calibration
 from bench.report.dcc.dsi import PLAIN, SiUnit, condition_unit, estimate_unit, si_number
@@ -91,7 +91,7 @@ def _text(value: Any) -> str:
 def results(calibration: Calibration, ref_ids: Sequence[str]) -> Element:
     """Return the element results; ``ref_ids``: methods, software and equipment that every result was made with."""
     refs = " ".join(ref_ids)
-    tables = tables_of(estimates_of(calibration.results))
+    tables = tables_of(calibration.estimates)
     return dcc("results", *(_result(calibration, table, refs) for table in tables))
 
 
