@@ -83,7 +83,7 @@ def _judged(results: Mapping[str, Any], off: bool | None) -> SessionOutcome:
         estimates = estimates_of(results)
     except InputError as error:
         return SessionOutcome("damaged", error.message, off=off)
-    verdicts = Counter[str](entry.verdict for entry in estimates)
+    verdicts = dict[str, int](Counter(entry.verdict for entry in estimates))
     unsound = sum(not is_sound(entry) for entry in estimates)
     verdict = worst(verdicts)
     word = DOUBTFUL if unsound and passed([verdict]) else _WORDS.get(verdict, NOT_JUDGED)
