@@ -17,8 +17,8 @@ from bench.analysis import Document, count_problem
 from bench.model.errors import FitError
 from bench.model.stopping import STAGE, STAGE_INDEX
 from bench.record import UNIT_TEMPERATURE, is_off_target
-from bench.systems.af_converter.estimators.points import joined
 from bench.systems.af_converter.estimators.readings import Readings
+from bench.systems.af_converter.point import joined
 from bench.systems.af_converter.wording import say
 
 if TYPE_CHECKING:

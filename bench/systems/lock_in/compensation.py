@@ -15,7 +15,6 @@ import numpy as np
 from bench.analysis import Floats
 from bench.maths.arrays import Flags, Integers
 from bench.model.errors import FitError
-from bench.systems.lock_in.estimators.edges import edge_levels
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants, global_constants
 from bench.systems.lock_in.estimators.random_walk import (
     CycleIncrements,
@@ -24,7 +23,7 @@ from bench.systems.lock_in.estimators.random_walk import (
     odd_steps,
 )
 from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
-from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, turnarounds
+from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, edge_levels, turnarounds
 from bench.systems.lock_in.records import Events, Stretch
 from bench.systems.lock_in.wording import say
 

@@ -22,9 +22,8 @@ from bench.maths.allan import (
 from bench.maths.allan_terms import allan_variance_of, fit_noise_terms
 from bench.maths.arrays import Floats, Integers
 from bench.model.errors import FitError
-from bench.systems.lock_in.estimators.edges import EdgeLevels
 from bench.systems.lock_in.estimators.single_turnarounds import solve_rows
-from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, half_period_ticks
+from bench.systems.lock_in.estimators.turnarounds import EdgeLevels, Jumps, Turnarounds, half_period_ticks
 
 _ROUND = 4  # edges on each side of the pick-off's
 _PLACES = 16  # of the pick-off between two edges

@@ -15,7 +15,6 @@ from laser_edges import simulated_edges
 from numpy.typing import NDArray
 from rlg_second_opinion import Beat, Gyro, simulate
 
-from bench.systems.lock_in.estimators.edges import EdgeLevels, edge_levels
 from bench.systems.lock_in.estimators.global_constants import GlobalConstants, global_constants
 from bench.systems.lock_in.estimators.random_walk import (
     RandomWalk,
@@ -25,7 +24,7 @@ from bench.systems.lock_in.estimators.random_walk import (
     random_walk,
 )
 from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
-from bench.systems.lock_in.estimators.turnarounds import Jumps, Turnarounds, turnarounds
+from bench.systems.lock_in.estimators.turnarounds import EdgeLevels, Jumps, Turnarounds, edge_levels, turnarounds
 from sim_instruments.worlds.lock_in.core import BEAT, RingLaser, quantum_deg_rt_h
 
 SLOW_HZ, FAST_HZ = 20e6, 100e6

@@ -14,11 +14,10 @@ from rlg_rig import as_row, block_bytes
 from rlg_second_opinion import Gyro, simulate, ticks
 
 from bench.model.errors import FitError
-from bench.systems.lock_in.estimators.edges import EdgeLevels, edge_levels
 from bench.systems.lock_in.estimators.global_constants import global_constants
 from bench.systems.lock_in.estimators.random_walk import cycle_increments, net_angle
 from bench.systems.lock_in.estimators.single_turnarounds import dither_shape, fresnel, parabolas
-from bench.systems.lock_in.estimators.turnarounds import Turnarounds, turnarounds
+from bench.systems.lock_in.estimators.turnarounds import EdgeLevels, Turnarounds, edge_levels, turnarounds
 from bench.systems.lock_in.records import record_events
 
 CLOCK_HZ, PER_BLOCK = 100_000_000, 1_000_000

@@ -15,7 +15,7 @@ from bench.maths.tests import best_step
 from bench.model.errors import FitError
 from bench.systems.north.analysis import analyse
 from bench.systems.north.assumptions import assumptions
-from bench.systems.north.errors_at_known import f_test, t_test
+from bench.systems.north.evidence import f_test, t_test
 
 SEED = 1811
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "x 1"}
