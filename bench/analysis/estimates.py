@@ -94,10 +94,10 @@ class Estimate(Closed):
         None, description="where there is one side only or both are not alike; limit is null then"
     )
     verdict: Verdict
-    conformance_probability: Annotated[float, Field(ge=0, le=1)] | None = Field(
+    conformance_probability: Annotated[float | None, Field(ge=0, le=1)] = Field(
         None, description="that the true value is within the limit; absent in documents of version 0.1"
     )
-    dof: Annotated[float, Field(gt=0)] | None = Field(None, description="effective; absent = infinite")
+    dof: Annotated[float | None, Field(gt=0)] = Field(None, description="effective; absent = infinite")
     common: Common | None = Field(None, description="part of std_uncertainty that other estimates share, if stated")
     quality: Literal["sound", "doubtful", "refused"] = Field("sound", description="absent in documents of schema 1")
     reasons: list[Reason] = Field([], description="empty for a sound estimate")

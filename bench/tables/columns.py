@@ -6,7 +6,7 @@ Every table has the index ``time`` (UTC), where its rows have a time, and ``attr
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 TIME, T_MONO = "time", "t_mono_ns"
 UNITS = "units"
 CONDITION = "condition_"
-_NUMBERS = ("value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "dof", "limit",
-            "conformance_probability")  # fmt: skip
+_PARTS = ("conditions", "limits", "common", "reasons", "evidence_interval", "acceptance")  # of several values each
+_PLAIN = [name for name in Estimate.model_fields if name not in _PARTS]
+_NUMBERS = [name for name in _PLAIN if float in get_args(Estimate.model_fields[name].annotation)]
 _UNITS = (
     "ns", "s", "min", "A", "V", "m", "Hz", "Pa", "degC", "ppm", "nA", "mrad", "deg", "deg/s", "deg/h", "g", "gauss",
     "m/s", "m/s2",
@@ -80,11 +81,10 @@ def table_of_estimates(estimates: Sequence[Estimate]) -> DataFrame:
     ``lower_limit`` and ``upper_limit``. Documents of schema 1 have no ``quality`` but sound estimates.
     """
     columns: dict[str, list[Any]] = {}
-    for name in ("quantity", "unit", *_NUMBERS, "n", "dropped", "verdict"):
+    for name in _PLAIN:
         columns[name] = [getattr(estimate, name) for estimate in estimates]
     for name, side in (("lower_limit", "low"), ("upper_limit", "high")):
         columns[name] = [getattr(estimate.limits, side, None) for estimate in estimates]
-    columns["quality"] = [estimate.quality for estimate in estimates]
     columns["reasons"] = ["; ".join(reason.sentence for reason in row.reasons) for row in estimates]
     columns |= spread([estimate.conditions for estimate in estimates], columns)
     shown = {name: typed(values) for name, values in columns.items()}
