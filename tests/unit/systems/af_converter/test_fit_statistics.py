@@ -160,19 +160,3 @@ def test_stated_intervals_cover_and_scores_have_unit_size(
         record_property("obtained", f"{kind} {quantity} {100 * share:.1f} %")
     assert share == pytest.approx(0.95, abs=table_2.margin)
     assert rms == pytest.approx(1.0, abs=10 / 3 * table_2.margin)
-
-
-@pytest.mark.parametrize("kind", ["gyro", "accelerometer"])
-def test_scores_of_the_fit_alone(table_2: Table2, kind: str) -> None:
-    """Error left after the true gain is taken out, over the standard uncertainty of the fit without the gain."""
-    rms = float(np.sqrt(np.mean([np.square(left_ppm / std_ppm) for left_ppm, std_ppm in table_2.left_ppm[kind]])))
-    sys.stdout.write(f"{kind}: score rms of the fit {rms:.3f}\n")
-    assert 0.9 <= rms <= 1.1
-
-
-@pytest.mark.parametrize(("kind", "limit_ppm"), [("gyro", 8.0), ("accelerometer", 5.0)])
-def test_gain_error_off(table_2: Table2, kind: str, limit_ppm: float) -> None:
-    """No |DSF error| beyond 8 ppm gyro, 5 ppm accelerometer, but for the gain."""
-    worst = max(float(np.max(np.abs(left_ppm))) for left_ppm, _ in table_2.left_ppm[kind])
-    sys.stdout.write(f"{kind}: gain off, worst {worst:.2f} ppm\n")
-    assert worst < limit_ppm

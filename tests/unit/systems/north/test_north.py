@@ -8,6 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
+from stated_estimates import entries_of as of
+from stated_estimates import table_of
 
 from bench.analysis import build_results
 from bench.model.errors import FitError
@@ -20,19 +22,6 @@ SEED = 702
 CARDINAL = tuple((azimuth - AZIMUTH_DEG) % 360.0 for azimuth in (0.0, 90.0, 180.0, 270.0))
 NOISY = Gyro(noise_V=np.sqrt(0.5))
 PROVENANCE = {"simulated": True, "plan_sha256": "a", "frame_sha256": "b", "session_sha256": "c", "software": "x 1"}
-
-
-def of(analysis, quantity: str, **conditions):
-    return [
-        one
-        for one in analysis.estimates
-        if one["quantity"] == quantity and conditions.items() <= one["conditions"].items()
-    ]
-
-
-def table(analysis, title: str):
-    (found,) = (one for one in analysis.tables if one.title == title)
-    return found
 
 
 def solved(rig: NorthRig, **more):
@@ -72,12 +61,12 @@ def test_the_level_is_what_takes_the_tilt_out() -> None:
 def test_the_literal_formulas_are_half_a_turn_off_on_half_of_the_circle() -> None:
     heads = tuple(float(head) for head in range(5, 365, 30))
     analysis = analyse(campaign(NorthRig(SEED), heads, 1).material())
-    (literal,) = (row for row in table(analysis, "Methods").rows if row[0] == "literal")
+    (literal,) = (row for row in table_of(analysis, "Methods").rows if row[0] == "literal")
     assert literal[6] == 6
     assert abs(float(literal[3].replace("−", "-"))) < 0.1
     assert not of(analysis, "azimuth", method="literal")
     assert of(analysis, "azimuth_rms_error", method="literal")[0]["value"] == pytest.approx(180.0 / np.sqrt(2), abs=0.1)
-    (failed,) = (row for row in table(analysis, "Failures of the literal formulas").rows if "half a turn" in row[0])
+    (failed,) = (row for row in table_of(analysis, "Failures of the literal formulas").rows if "half a turn" in row[0])
     assert failed[1] >= 6
     assert any("literal: 6 of 12 tests are more than 90 deg off" in note for note in analysis.notes)
     (figure,) = (one for one in analysis.figures if one.title == "Error of the literal formulas")
@@ -332,6 +321,6 @@ def test_an_amplitude_that_drifts_moves_north_little_and_is_told() -> None:
 
 
 def test_harmonics_are_named_with_what_a_square_reference_makes_of_them() -> None:
-    rows = table(analyse(campaign(NorthRig(SEED, Gyro(harmonics={3: 0.01})), (0.0,), 1).material()),
+    rows = table_of(analyse(campaign(NorthRig(SEED, Gyro(harmonics={3: 0.01})), (0.0,), 1).material()),
                  "Harmonics of the waveform").rows  # fmt: skip
     assert rows[1] == [3, "1.000", "0.191"]  # design figure: 1 % of the third harmonic
