@@ -133,7 +133,7 @@ def meter_truth(campaign: sim.SimulatedCampaign, entry: dict[str, Any]) -> float
         return 0.0
     if quantity == "dsf_mean":
         return float(campaign.units[where["channel"]].dsf(where["unit_temperature_degC"]).mean())
-    return campaign.meter_truth(entry)
+    return campaign.truth(entry)
 
 
 def metered_plan(campaign: sim.SimulatedCampaign, readings: list[Reading]) -> Planned:

@@ -59,15 +59,6 @@ def test_the_same_as_a_non_linear_fit_of_amplitude_and_phase() -> None:
     assert not found.widened
 
 
-@pytest.mark.parametrize("sense", [1, -1])
-def test_against_the_encoder_the_sense_does_not_matter(sense: int) -> None:
-    heading = np.arange(0.0, 360.0, 15.0)
-    theta = np.mod(sense * THETA, 360.0)
-    u = np.cos(np.deg2rad(heading[:, None] - theta))
-    found = heading_deg(likelihood_north(u, theta).phi_deg, 1)
-    assert np.abs(wrapped_deg(found - heading)).max() < 1e-9
-
-
 def test_missing_samples_are_left_out_and_counted() -> None:
     rng = np.random.default_rng(32)
     u = np.sin(np.deg2rad(THETA + 77.0)) + 0.1 * rng.normal(size=(2, T.size))
