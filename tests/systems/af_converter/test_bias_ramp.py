@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rehearsal import ROOT, SEED, Inside, Rehearsal, Watched, bench
+from rehearsal import ROOT, Rehearsal, Watched
 
 from bench.model.clock import NS, WallClock
 from bench.model.events import Environment
@@ -139,22 +139,6 @@ def same(first: RecordRow, second: RecordRow) -> None:
         assert {k: v.tolist() for k, v in one.items()} == {k: v.tolist() for k, v in other.items()}
 
 
-def test_the_seed_decides_every_byte(tmp_path: Path, inside: Inside) -> None:
-    """In this process and in one of its own; another seed changes the frames, the truth and what follows of them."""
-    tiny_plan(tmp_path)
-    found = []
-    for name, run, seed in (("here", inside, SEED), ("there", bench, SEED), ("other", inside, SEED + 1)):
-        done = run("run", str(tmp_path / "tiny.yaml"), "--seed", str(seed), "--out", str(tmp_path / name), "--truth")
-        assert done.returncode == 0, done.stderr
-        files = [path for path in (tmp_path / name).rglob("*") if path.is_file() and path.suffix != ".sqlite"]
-        found.append({str(path.relative_to(tmp_path / name)): path.read_bytes() for path in files})
-    first, second, other = found
-    assert first.keys() == second.keys() == other.keys()
-    assert {name for name in first if first[name] != second[name]} == set()
-    alike = {Path(name).name for name in first if first[name] == other[name]}
-    assert alike == {"trend.json"}, "names of signals"
-
-
 @pytest.mark.parametrize("faults", [False, True])
 def test_a_replay_gives_the_rows_of_the_run(tmp_path: Path, rehearse, faults: bool) -> None:  # type: ignore[no-untyped-def]
     """Also with dropped and damaged frames: windows stay on the counter grid, no frame counts twice."""
@@ -190,19 +174,6 @@ def test_the_integrated_mode_gives_windows_of_one_frame(tmp_path: Path, rehearse
         if row.frames:
             assert int(row.sums["master_count"]) == 10**9
             assert row.context["unit_temperature_degC"] == pytest.approx(23.5, abs=0.7)
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize("name", ["bias_ramp_25h", "bias_ramp_25h_integrated"])
-def test_900_windows_of_25_hours_and_none_lost(tmp_path: Path, rehearse, name: str) -> None:  # type: ignore[no-untyped-def]
-    done: Rehearsal = rehearse(compile_sequence(name))
-    assert done.run.outcome.error is None
-    rows = list(done.run.outcome.rows)
-    assert len(rows) == 900
-    assert {(row.lost, int(row.quality)) for row in rows} == {(0, 0)}
-    assert contiguous(row.window for row in rows)
-    assert (rows[-1].window.t_end_ns - rows[0].window.t_start_ns) / NS == pytest.approx(90_000.0, abs=2.0)
-    assert (done.run.counts["frames_bad"], done.run.counts["frames_lost"]) == (0, 0)
 
 
 WALL = """\
