@@ -139,41 +139,17 @@ def same(first: RecordRow, second: RecordRow) -> None:
         assert {k: v.tolist() for k, v in one.items()} == {k: v.tolist() for k, v in other.items()}
 
 
-@pytest.mark.parametrize("faults", [False, True])
-def test_a_replay_gives_the_rows_of_the_run(tmp_path: Path, rehearse, faults: bool) -> None:  # type: ignore[no-untyped-def]
-    """Also with dropped and damaged frames: windows stay on the counter grid, no frame counts twice."""
-
-    def arrange(world) -> None:  # type: ignore[no-untyped-def]
-        if faults:
-            link = world.faults.link("port_a")
-            link.drop_rate, link.bit_error_rate, link.duplicate_rate = 2e-3, 1e-6, 1e-4
-
-    rows = ran_and_replayed(rehearse(tiny_plan(tmp_path), arrange))
-    assert [row.window.first_counter for row in rows] == [rows[0].window.first_counter + 2000 * k for k in range(20)]
-    lost = sum(row.lost for row in rows)
-    print(f"{lost} frames lost, {sum(row.bad for row in rows)} bad")
-    assert (lost > 20) == faults
-    assert [bool(row.timing) for row in rows] == [row.lost == 0 for row in rows]
-
-
-@pytest.mark.parametrize("faults", [False, True])
-def test_the_integrated_mode_gives_windows_of_one_frame(tmp_path: Path, rehearse, faults: bool) -> None:  # type: ignore[no-untyped-def]
-    """Frame 2 is the first; a frame that is damaged is lost and costs no other window."""
-
-    def arrange(world) -> None:  # type: ignore[no-untyped-def]
-        world.faults.link("port_a").bit_error_rate = 2e-4 if faults else 0.0
-
-    rows = ran_and_replayed(rehearse(tiny_plan(tmp_path, "bias_ramp_25h_integrated", INTEGRATED), arrange))
-    assert [(row.window.first_counter, row.window.frames) for row in rows] == [(k, 1) for k in range(2, 17)]
-    lost = [row.window.number for row in rows if row.frames == 0]
-    print(f"lost windows: {lost}")
-    assert bool(lost) == faults
-    for row in rows:
-        assert row.timing == {}
-        assert bool(row.quality) == (row.frames == 0)
-        if row.frames:
-            assert int(row.sums["master_count"]) == 10**9
-            assert row.context["unit_temperature_degC"] == pytest.approx(23.5, abs=0.7)
+@pytest.mark.sweep
+@pytest.mark.parametrize("name", ["bias_ramp_25h", "bias_ramp_25h_integrated"])
+def test_900_windows_of_25_hours_and_none_lost(tmp_path: Path, rehearse, name: str) -> None:  # type: ignore[no-untyped-def]
+    done: Rehearsal = rehearse(compile_sequence(name))
+    assert done.run.outcome.error is None
+    rows = list(done.run.outcome.rows)
+    assert len(rows) == 900
+    assert {(row.lost, int(row.quality)) for row in rows} == {(0, 0)}
+    assert contiguous(row.window for row in rows)
+    assert (rows[-1].window.t_end_ns - rows[0].window.t_start_ns) / NS == pytest.approx(90_000.0, abs=2.0)
+    assert (done.run.counts["frames_bad"], done.run.counts["frames_lost"]) == (0, 0)
 
 
 WALL = """\

@@ -7,9 +7,10 @@ from collections.abc import Callable
 import north_simulation as sim
 import numpy as np
 import pytest
+from fog_signal import FogParameters, eight_samples
 
 from bench.systems.north.estimators.eight_samples import calibrate_index, eight_sample_north
-from bench.systems.north.estimators.likelihood import likelihood_north, north_bound_deg
+from bench.systems.north.estimators.likelihood import SQUARE_PENALTY, likelihood_north, north_bound_deg
 from bench.systems.north.estimators.phasors import wrapped_deg
 
 QUICK_Hz = 200
@@ -53,6 +54,16 @@ def test_errors_against_the_bound() -> None:
 )
 def test_errors_against_the_bound_4000_runs(record_property: Record) -> None:
     record_property("obtained", check_ratios(sim.errors_deg("constant", 4000, seed=12)))
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize(("reference", "ratio"), [("square", SQUARE_PENALTY), ("sine", 1.0)])
+def test_simulated_instruments_against_the_bound_4000_runs(reference: str, ratio: float) -> None:
+    phi_deg = -180.0 + 0.09 * np.arange(4000)
+    eight = eight_samples(FogParameters(phi_e_deg=phi_deg), 1000.0, 5.0, np.random.default_rng(13), reference)
+    found = sim.rms(wrapped_deg(eight_sample_north(*eight).phi_deg - phi_deg)) / BOUND_deg
+    print(f"{reference}: {found:.3f} of the bound")
+    assert found == pytest.approx(ratio, abs=0.06)
 
 
 def check_varying(errors: dict[str, np.ndarray]) -> str:
