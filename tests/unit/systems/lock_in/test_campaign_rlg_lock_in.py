@@ -99,22 +99,6 @@ def test_nothing_is_said_twice_and_figures_can_be_drawn(whole: Any) -> None:
     assert english_left(whole) == set()
 
 
-def test_the_beat_is_read_from_levels_and_never_from_conditions(rows: list[Any], alone: Any) -> None:
-    """The same edges: the answer does not depend on what a person noted beside the path."""
-    other = analyse(material(noted(rows[3], clock_Hz=1, item="other", note="beta 12 deg")))
-    assert [entry["value"] for entry in alone.estimates] == [entry["value"] for entry in other.estimates]
-
-
-def test_gaps_are_not_bridged(rows: list[Any], alone: Any) -> None:
-    """Two blocks lost: three stretches, and the random walk does not notice."""
-    broken = analyse(material(without(rows[3], 150, 300)))
-    (held,) = broken.tables[4].rows
-    assert held[7:10] == [3, 2, 0]
-    for method in ("raw", *COMPENSATORS):
-        before, after = (one(found, "angle_random_walk", method=method) for found in (alone, broken))
-        assert after["value"] == pytest.approx(before["value"], abs=4.0 * before["std_uncertainty"])
-
-
 def test_harm_is_said_aloud() -> None:
     """Backscatter phase 20 deg: parabolas make it worse, and the first note and the lead table say so."""
     analysis = of_28_cm(SECONDS, SEED + 1, SLOW_HZ, beta_deg=20.0)
