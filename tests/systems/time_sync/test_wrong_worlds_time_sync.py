@@ -5,11 +5,9 @@ Increments, solutions and stamps are made from the physics alone (``doubt_time_s
 
 from __future__ import annotations
 
-from functools import cache
-
 import doubt_time_sync as worlds
 import pytest
-from doubt_classes import DOUBTED, REFUSED, WRONG, Seen, sorted_classes
+from doubt_classes import DOUBTED, REFUSED, WRONG, codes_of, right_world, sorted_classes
 
 from bench.analysis import is_sound
 from bench.model.assumptions import Assumption, assumptions_of
@@ -34,19 +32,10 @@ GROSS = {
 BY_NAME = {switch.name: switch for switch in worlds.SWITCHES}
 
 
-@cache
-def right_world(seed: int) -> Seen:
-    return worlds.seen(seed, None, 0.0)
-
-
-def codes_of(seen: Seen) -> set[str]:
-    return {reason["code"] for entry in seen.entries for reason in entry["reasons"]}
-
-
 @pytest.mark.parametrize("name", GROSS)
 def test_what_is_grossly_wrong_is_doubted_and_named(name: str) -> None:
     wrong = worlds.seen(0, BY_NAME[name], BY_NAME[name].sizes[-1])
-    counted = sorted_classes(wrong, right_world(0))
+    counted = sorted_classes(wrong, right_world(worlds, 0))
     assert counted[WRONG] == 0
     assert counted[DOUBTED] + counted[REFUSED] >= 3
     assert GROSS[name] <= codes_of(wrong)
@@ -58,7 +47,7 @@ def test_a_scale_of_the_accelerometers_is_named_where_it_moves_the_offset() -> N
 
 def test_an_offset_beyond_what_was_looked_for_is_refused() -> None:
     wrong = worlds.seen(0, BY_NAME["solutions_older_than_tags"], 0.2)
-    assert sorted_classes(wrong, right_world(0))[REFUSED] == 2
+    assert sorted_classes(wrong, right_world(worlds, 0))[REFUSED] == 2
     assert "implausible_offset" in codes_of(wrong)
 
 
@@ -72,13 +61,13 @@ def test_one_bad_reading_is_left_out_and_named(name: str, note: str) -> None:
     assert any(note in sentence for sentence in analysis.notes)
     wrong = worlds.seen(0, BY_NAME[name], size)
     assert codes_of(wrong) == set()
-    for entry, before in zip(wrong.entries, right_world(0).entries, strict=True):
+    for entry, before in zip(wrong.entries, right_world(worlds, 0).entries, strict=True):
         assert abs(entry["value"] - before["value"]) < 0.1 * before["expanded_uncertainty"]
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_right_world_is_not_doubted_and_nothing_is_left_out(seed: int) -> None:
-    seen = right_world(seed)
+    seen = right_world(worlds, seed)
     assert [entry["reasons"] for entry in seen.entries if not is_sound(entry)] == []
     assert all(entry["dropped"] == 0 for entry in seen.entries)
 
