@@ -5,6 +5,7 @@ Motions are closed forms of the planned calls, written here; the fits see rows a
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
@@ -28,9 +29,10 @@ from bench.systems.gnc.calibration import analysis as calibration
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.gnc import imu_errors
 from sim_instruments.worlds.gnc.imu import ACCEL_LSB_G, GYRO_LSB_DEG_S, GncImu
-from sim_instruments.worlds.gnc.magnetometer import EarthField, field_gauss
+from sim_instruments.worlds.gnc.truth import estimates
 
 SITE = Site()
+KINDS = {"accel": "accelerometer", "gyro": "gyro"}
 
 
 @dataclass(frozen=True)
@@ -133,34 +135,22 @@ def material_of(plan: Plan, module: Module) -> Material:
     return Material(rows=module.rows, campaign=plan.campaign, standards={})
 
 
+def truth_of(module: Module, taken: list[Taken]) -> dict[Key, float]:
+    """True values of some records, as the simulator states them."""
+    windows = [row.window for row, one in zip(module.rows, module.taken, strict=True) if one in taken]
+    return {key_of(entry): float(entry["value"]) for entry in estimates({"": module.imu}, windows)}
+
+
 def calibration_truth(module: Module) -> dict[Key, float]:
     """True values of a calibration: sensors and biases over the records of each first set."""
-    truth: dict[Key, float] = {}
-    for prefix, kind, item, errors in (
-        ("accel", "accelerometer", "position", module.imu.errors.accel),
-        ("gyro", "gyro", "rotation", module.imu.errors.gyro),
-    ):
-        first, _ = _sets(module.taken, item)
-        sensitivity = errors.sensitivity_at(module.degC(first))[0]
-        matrix = np.linalg.inv(sensitivity)
-        for row, column in np.ndindex(3, 3):
-            place = {"kind": kind, "row": "xyz"[row], "column": "xyz"[column]}
-            truth[campaign_key(f"{prefix}_matrix", place)] = matrix[row, column]
-            if row != column:
-                truth[campaign_key(f"{prefix}_cross_coupling", place)] = sensitivity[row, column]
-        for axis in range(3):
-            place = {"kind": kind, "axis": "xyz"[axis]}
-            others = [one for one in first if one.conditions.get("axis") != "xyz"[axis]]
-            bias = module.mean_bias("accel_bias_g" if prefix == "accel" else "gyro_bias_deg_s", others)[axis]
-            truth[campaign_key(f"{prefix}_bias", place)] = -bias if prefix == "accel" else 3600.0 * bias
-            truth[campaign_key(f"{prefix}_scale_error", place)] = 1e6 * (sensitivity[axis, axis] - 1.0)
-            truth[campaign_key(f"{prefix}_scale_repeatability", place)] = 0.0
-    return truth
+    truth = truth_of(module, [one for item in ("position", "rotation") for one in _sets(module.taken, item)[0]])
+    places = [(prefix, {"kind": kind, "axis": axis}) for prefix, kind in KINDS.items() for axis in "xyz"]
+    return truth | {campaign_key(f"{prefix}_scale_repeatability", place): 0.0 for prefix, place in places}
 
 
-def left_by(module: Module, estimates: Estimates) -> dict[Key, float]:
+def left_by(module: Module, found_estimates: Estimates) -> dict[Key, float]:
     """True coupling that a calibration leaves: K S at the temperature of the check."""
-    found = {key_of(entry): entry["value"] for entry in estimates}
+    found = {key_of(entry): entry["value"] for entry in found_estimates}
     left: dict[Key, float] = {}
     for prefix, kind, item, errors in (
         ("accel", "accelerometer", "position", module.imu.errors.accel),
@@ -250,28 +240,17 @@ def _together(time_s: float, begin_s: tuple[float, ...], length_s: tuple[float, 
 
 def magnetometer_truth(module: Module) -> dict[Key, float]:
     """True ellipse of the turn about z by both methods, and the ellipsoid that keeps volumes."""
-    (turn,) = [one for one in module.taken if one.conditions["item"] == "magnetometer"]
-    begin_ns = np.array([round(turn.begin_s * NS)])
-    field = field_gauss(turn.table.motion, turn.table.table, SITE, EarthField(), None, begin_ns, turn.table.mounting)[0]
-    sensor = module.imu.magnetometer
-    plane = sensor.in_plane(float(np.hypot(*field[:2])), float(field[2]))
+    turns = [one for one in module.taken if one.conditions["item"] == "magnetometer"]
     truth: dict[Key, float] = {}
-    for method in ("ellipse", "extremes"):
-        kind = {"kind": "magnetometer", "method": method}
-        for axis in range(2):
-            truth[campaign_key("mag_offset", kind | {"axis": "xyz"[axis]})] = float(plane.offset_gauss[axis])
-        truth[campaign_key("mag_gain", kind)] = plane.gain
-        truth[campaign_key("mag_angle", kind)] = plane.angle_deg
-        truth[campaign_key("mag_radius", kind)] = plane.radius_gauss
+    for (quantity, place), value in truth_of(module, turns).items():
+        methods = ("ellipsoid",) if quantity == "mag_hard_iron" else ("ellipse", "extremes")
+        truth |= {campaign_key(quantity, json.loads(place) | {"method": method}): value for method in methods}
     kind = {"kind": "magnetometer", "method": "ellipsoid"}
-    inverse = np.linalg.inv(sensor.matrix)
+    inverse = np.linalg.inv(module.imu.magnetometer.matrix)
     soft = np.real(sqrtm(inverse.T @ inverse)) / np.linalg.det(inverse) ** (1 / 3)
-    for row in range(3):
-        truth[campaign_key("mag_hard_iron", kind | {"axis": "xyz"[row]})] = float(sensor.offset_gauss[row])
-        for column in range(row + 1):
-            truth[campaign_key("mag_soft_iron", kind | {"row": "xyz"[row], "column": "xyz"[column]})] = soft[
-                row, column
-            ]
+    for row, column in ((row, column) for row in range(3) for column in range(row + 1)):
+        place = kind | {"row": "xyz"[row], "column": "xyz"[column]}
+        truth[campaign_key("mag_soft_iron", place)] = float(soft[row, column])
     return truth
 
 
