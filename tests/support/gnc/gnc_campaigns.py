@@ -248,7 +248,7 @@ def magnetometer_truth(module: Module) -> dict[Key, float]:
     kind = {"kind": "magnetometer", "method": "ellipsoid"}
     inverse = np.linalg.inv(module.imu.magnetometer.matrix)
     soft = np.real(sqrtm(inverse.T @ inverse)) / np.linalg.det(inverse) ** (1 / 3)
-    for row, column in ((row, column) for row in range(3) for column in range(row + 1)):
+    for row, column in zip(*np.tril_indices(3), strict=True):
         place = kind | {"row": "xyz"[row], "column": "xyz"[column]}
         truth[campaign_key("mag_soft_iron", place)] = float(soft[row, column])
     return truth
