@@ -90,13 +90,6 @@ def test_a_right_world_is_not_doubted(seed: int) -> None:
     assert [entry["reasons"] for entry in right_world(worlds, seed).entries if not is_sound(entry)] == []
 
 
-@pytest.mark.parametrize("seed", range(1, 6))
-def test_no_walk_of_a_lock_in_that_fades_is_sound(seed: int) -> None:
-    """Not even where chance makes both halves of the record scatter alike."""
-    wrong = wrong_world("lock_in_fades", 0.7, seed)
-    assert [entry["quantity"] for entry in wrong.entries if is_sound(entry)] == []
-
-
 def test_a_lock_in_that_is_followed_makes_the_walk_before_another_one_all_the_same() -> None:
     """Two blocks of constants follow what fades in 8 s; the jumps before compensation fade with it."""
     laser = worlds._result(worlds.simulated(0, switch_of("lock_in_fades").world(0.3, seconds=8.0)))
@@ -112,16 +105,6 @@ def test_a_phase_that_turns_changes_what_its_compensators_leave_and_not_the_walk
     assert {GLOBAL, "dither_shape"} <= found
     assert "raw" not in found
     assert "walk_with_lock_in" not in {check.code for check in seen.noted}
-
-
-def test_a_comparator_beside_zero_adds_nothing_to_the_walk() -> None:
-    """Of 6 records: the count would be off by 0.05 rad in a pattern that goes with the phase, a fifth of the walk."""
-    wrong = [wrong_world("comparator_offset", 0.5, seed) for seed in range(6)]
-    pairs = [pair for seen in wrong for pair in zip(seen.entries, seen.truths, strict=True)]
-    off = [entry["value"] / truth - 1.0 for entry, truth in pairs
-           if entry["quantity"] == "angle_random_walk" and entry["conditions"]["method"] == GLOBAL]  # fmt: skip
-    assert len(off) == len(wrong)
-    assert abs(np.mean(off)) < 0.12  # three standard uncertainties of 10 % over the root of 6
 
 
 def test_a_turn_that_the_count_lost_and_a_block_that_came_twice_are_left_out() -> None:

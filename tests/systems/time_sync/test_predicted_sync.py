@@ -18,7 +18,7 @@ from sync_flights import wandering_egi
 
 from bench.analysis import Planned, Prediction
 from bench.plan import Plan, compile_sequence
-from bench.session.predicted import planned_of, predicted, predicted_lines
+from bench.session.predicted import planned_of, predicted
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, EgiSpread, FilterSetup, ImuSamples
 from bench.systems.time_sync.limits import latency_of
@@ -248,15 +248,6 @@ def test_a_motion_that_does_not_show_the_offset_is_named_with_one_that_would(nam
     unseen = [sentence for sentence in found(name).missing if "does not show it" in sentence]
     assert len(unseen) == 2  # by both filters
     assert all("Plan a turn or an acceleration" in sentence for sentence in unseen)
-
-
-def test_a_motion_that_shows_it_is_predicted_and_printed() -> None:
-    lines = list(predicted_lines(plan_of("turn"), found("turn")))
-    assert any(line.startswith("Time offset: U at least ") for line in lines)
-    assert [line for line in lines if "does not show it" in line] == []
-    stamps = [entry for entry in found("turn").estimates if entry["quantity"] == "time_offset_from_stamps"]
-    (std_s,) = [entry["std_uncertainty"] for entry in stamps]
-    assert np.sqrt(2.0) * 1e-3 < std_s < 1.01 * np.sqrt(2.0) * 1e-3  # of both latencies, and little more
 
 
 @pytest.mark.parametrize(("section", "entry"), [("inertial", ""), ("egi", ""), ("egi", "position_m")])
