@@ -13,17 +13,15 @@ from typing import Any
 
 import numpy as np
 from gnc_sensor_bench import Table, at, trapezoid
-from imu_material import SCALES
+from imu_material import record_of
 from rehearsal import ROOT
 from scipy.linalg import sqrtm
 from spread_study import Key, Study, key_of
 
 from bench.analysis import CONTINUES, Analysis, Estimates, Material
 from bench.model.clock import NS
-from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
 from bench.plan import Plan, PlannedCall, PlannedRecord, compile_sequence
-from bench.record import RecordRow, Samples
+from bench.record import RecordRow
 from bench.session.predicted import predicted
 from bench.systems.gnc.calibration import analysis as calibration
 from sim_instruments.worlds.common.attitude import Site
@@ -124,10 +122,7 @@ def campaign(
             "gyro": counts.gyro, "accel": counts.accel, "mag": counts.mag, "temperature": counts.temperature,
             "tick": (t_ns // 1000 % (1 << 32)).astype(np.uint32),
         }  # fmt: skip
-        counter = round(one.begin_s * rate_Hz) + np.arange(count, dtype=np.int64)
-        window = RecordWindow(number, "rs422", int(counter[0]), count, int(t_ns[0]), int(t_ns[-1]), one.conditions)
-        samples = Samples(columns, counter, t_ns, SCALES)
-        module.rows.append(RecordRow(window, {}, count, 0, 0, Quality.GOOD, samples=samples))
+        module.rows.append(record_of(number, round(one.begin_s * rate_Hz), t_ns, columns, one.conditions))
     return module
 
 

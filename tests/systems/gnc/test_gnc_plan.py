@@ -70,18 +70,6 @@ def test_the_written_plan_is_what_was_found_and_reaches_the_targets(tmp_path: Pa
         assert found().found[key] == pytest.approx(after[key], rel=1e-6), key
 
 
-def test_all_positions_and_turns_are_written_twice(tmp_path: Path) -> None:
-    path = tmp_path / "shorter.yaml"
-    path.write_text(found().text("shorter"), encoding="utf-8")
-    records = [step.conditions for step in compile_sequence(path, None, {}).steps if step.kind == "record"]
-    for up in ("+x", "-x", "+y", "-y", "+z", "-z"):
-        assert sum(each.get("up") == up for each in records) == 2, up
-    turn_deg = 360.0 * found().design.candidate.turns
-    for axis, sign in ((axis, sign) for axis in "xyz" for sign in (1.0, -1.0)):
-        turns = [each for each in records if each.get("axis") == axis and each["turn_deg"] == sign * turn_deg]
-        assert len(turns) == 2 * 2, axis  # each in two parts
-
-
 def test_bounds_are_bounds() -> None:
     for candidate, length_s in (problem().today, (found().design.candidate, 60.0)):
         known = reached(problem().estimates(candidate, length_s))
