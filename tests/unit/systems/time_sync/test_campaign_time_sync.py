@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from one_estimate import every, one
+from one_estimate import every, one, value
 from spoken import english_left
 from sync_physics import DRIFT, IMU_CLOCK, STRAIGHT, OFFSET_s, Path, Recording, on_the_ellipsoid, part
 
@@ -71,7 +71,7 @@ def test_sound_recording_gives_the_offset_to_a_tenth_of_a_millisecond(offset_s: 
     found = analysed(noise=False, offset_s=offset_s, imu_s=0.005, egi_s=0.02)
     for method in METHODS:
         limit_s = 5e-5 if method == "augmented_tight" and offset_s > 0.1 else 1e-4
-        assert one(found, "time_offset", method=method)["value"] == pytest.approx(offset_s, abs=limit_s)
+        assert value(found, "time_offset", method=method) == pytest.approx(offset_s, abs=limit_s)
 
 
 def test_clocks_of_any_epoch() -> None:
@@ -81,7 +81,7 @@ def test_clocks_of_any_epoch() -> None:
     near = one(analysed(), "time_offset", method="augmented_tight")
     far = one(found, "time_offset", method="augmented_tight")
     assert far["value"] - day_s == pytest.approx(near["value"], abs=1e-4)
-    assert one(found, "time_offset_from_stamps")["value"] == pytest.approx(day_s + OFFSET_s, abs=2e-4)
+    assert value(found, "time_offset_from_stamps") == pytest.approx(day_s + OFFSET_s, abs=2e-4)
     assert any("began" in note for note in found.notes)
 
 
@@ -94,7 +94,7 @@ def test_straight_flight_and_rest_are_no_result() -> None:
             entry = one(found, "time_offset", method=method)
             assert entry["conditions"]["observable"] is False
             assert entry["std_uncertainty"] >= 0.03
-            assert one(found, "observability", method=method, of="variance of the offset")["value"] > 0.5
+            assert value(found, "observability", method=method, of="variance of the offset") > 0.5
             assert stated(entry, against)["value"] is None
             assert [reason["code"] for reason in stated(entry, against)["reasons"]] == ["not_observable"]
         assert one(found, "time_offset_uncertainty", method=METHODS[0])["verdict"] == "fail"
