@@ -193,10 +193,21 @@ def outside(ratio: dict[Any, float], count: float) -> dict[Any, float]:
     return {own: value for own, value in ratio.items() if not low <= value <= high}
 
 
-def test_predicted_is_the_spread_of_flights() -> None:
-    ratio = ratios("turn", 5.0, 10.0, 1, 40)
-    assert outside(ratio, 40) == {}
-    assert np.median(list(ratio.values())) == pytest.approx(1.0, abs=0.15)
+@pytest.mark.parametrize(
+    ("name", "times_s", "blocks", "runs", "within"),
+    [
+        ("turn", (5.0, 10.0), 1, 40, 0.15),
+        pytest.param("turn", (WHOLE_s, WHOLE_s), 2, 250, 0.03, marks=pytest.mark.sweep),
+        pytest.param("acceleration", (WHOLE_s, WHOLE_s), 2, 250, 0.03, marks=pytest.mark.sweep),
+    ],
+)
+def test_predicted_is_the_spread_of_flights(
+    name: str, times_s: tuple[float, float], blocks: int, runs: int, within: float
+) -> None:
+    """``times_s``: straight on, before and after, and in the manoeuvre."""
+    ratio = ratios(name, *times_s, blocks, runs)
+    assert outside(ratio, blocks * runs) == {}
+    assert np.median(list(ratio.values())) == pytest.approx(1.0, abs=within)
 
 
 def test_clocks_by_stamps_scatter_as_predicted() -> None:
@@ -232,14 +243,6 @@ def test_scatter_of_stamps_that_is_not_declared_is_asked_for() -> None:
     known = predict(replace(planned, campaign=without))
     assert not {"clock_rate", "receive_jitter", "time_offset_drift"} & {entry["quantity"] for entry in known.estimates}
     assert [sentence for sentence in known.missing if "stamps: {jitter: " in sentence] == known.missing
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize("name", ["turn", "acceleration"])
-def test_predicted_is_the_spread_of_500_flights(name: str) -> None:
-    ratio = ratios(name, WHOLE_s, WHOLE_s, 2, 250)
-    assert outside(ratio, 500) == {}
-    assert np.median(list(ratio.values())) == pytest.approx(1.0, abs=0.03)
 
 
 @pytest.mark.parametrize("name", ["linear", "stationary"])
