@@ -9,6 +9,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -46,6 +47,17 @@ class Taken:
 def plan_of(sequence: str, rate_Hz: float = 200.0, **settings: str) -> Plan:
     """A shipped sequence, its samples at another rate."""
     return at_rate(compile_sequence(ROOT / "sequences" / f"{sequence}.yaml", None, settings), rate_Hz)
+
+
+def rewritten(tmp_path: Path, name: str, *cuts: tuple[str, str], **settings: str) -> Plan:
+    """A shipped sequence with other words in it."""
+    text = (ROOT / "sequences" / f"{name}.yaml").read_text(encoding="utf-8")
+    for old, new in cuts:
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / f"{name}.yaml"
+    path.write_text(text, encoding="utf-8")
+    return compile_sequence(path, None, settings)
 
 
 def at_rate(plan: Plan, rate_Hz: float = 200.0) -> Plan:

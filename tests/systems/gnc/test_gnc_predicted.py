@@ -24,20 +24,20 @@ from gnc_campaigns import (
     magnetometer_truth,
     plan_of,
     records_of,
+    rewritten,
     study,
 )
 from gnc_exchanges import FRAME, exchange
 from gnc_exchanges import material as material_of_tests
 from gnc_sensor_bench import Table, at
 from one_estimate import every, value
-from rehearsal import ROOT
 from spread_study import Key, Study, key_of
 
 from bench.analysis import Analysis, Estimates, Exchange, Material, Planned, Prediction
 from bench.frame import load_frame
 from bench.model.clock import NS
 from bench.model.errors import FitError
-from bench.plan import Plan, PlannedCommand, compile_sequence
+from bench.plan import Plan, PlannedCommand
 from bench.session.planned import planned_of
 from bench.session.predicted import predicted
 from bench.systems.gnc import bias, magnetometer
@@ -227,17 +227,6 @@ def test_a_request_of_another_form_is_named() -> None:
 
 
 NOISE = "gyro_random_walk: 0.3 deg/sqrt(h), "
-
-
-def rewritten(tmp_path: Path, name: str, *cuts: tuple[str, str], **settings: str) -> Plan:
-    """A shipped sequence with other words in it."""
-    text = (ROOT / "sequences" / f"{name}.yaml").read_text(encoding="utf-8")
-    for old, new in cuts:
-        assert old in text
-        text = text.replace(old, new)
-    path = tmp_path / f"{name}.yaml"
-    path.write_text(text, encoding="utf-8")
-    return compile_sequence(path, None, settings)
 
 
 def stds_of(prediction: Prediction, quantity: str, **conditions: str) -> list[float]:
