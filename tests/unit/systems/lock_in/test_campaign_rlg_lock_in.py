@@ -89,6 +89,17 @@ def test_nothing_is_said_twice_and_figures_can_be_drawn(whole: Any) -> None:
     assert english_left(whole) == set()
 
 
+def test_gaps_are_not_bridged(rows: list[Any]) -> None:
+    """Two blocks lost: three stretches, which is said, and the random walk does not notice."""
+    alone, broken = (analyse(material(row)) for row in (rows[3], without(rows[3], 150, 300)))
+    (held,) = broken.tables[4].rows
+    assert held[7:10] == [3, 2, 0]
+    assert len(broken.notes) == len(alone.notes) + 1
+    for method in ("raw", *COMPENSATORS):
+        before, after = (one(found, "angle_random_walk", method=method) for found in (alone, broken))
+        assert after["value"] == pytest.approx(before["value"], abs=4.0 * before["std_uncertainty"])
+
+
 def test_harm_is_said_aloud() -> None:
     """Backscatter phase 20 deg: parabolas make it worse, and the first note and the lead table say so."""
     analysis = analyse(material(row_of(0.28, SLOW_HZ, beta_deg=20.0)))
