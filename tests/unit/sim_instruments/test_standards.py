@@ -1,4 +1,4 @@
-"""The simulated meters at their terminals: current in the loop, resistances, ranges, accuracy, channels, errors."""
+"""Simulated standards at their terminals: errors of calibrator and meters, resistances, ranges, channels."""
 
 from __future__ import annotations
 
@@ -183,3 +183,79 @@ def test_a_voltage_hangs_where_the_world_connects_it(bench: Bench) -> None:
     bench.world.terminals.connect(source, "logger", 104)
     assert float(bench.ask("rail_dmm", "CONF:VOLT:DC", "READ?")) == pytest.approx(1.25, abs=1e-3)
     assert float(bench.ask("logger", "ROUT:SCAN (@104)", "READ?")) == pytest.approx(1.25, abs=1e-3)
+
+
+# --- the calibrator --------------------------------------------------------------------------------------------------
+
+
+def settled_A(bench: Bench, current: str, row: int = 1, channel: int = 1) -> float:
+    """Current in the channel without the leakage of the route."""
+    bench.send("calibrator", "STBY")
+    bench.send("switch", ":OPEN ALL", f":CLOS (@1!{row}!{channel})")
+    bench.send("calibrator", f"OUT {current} A, 0 HZ", "OPER")
+    bench.clock.sleep(10.0)
+    return bench.unit.inputs[channel] - bench.world.wiring.leakage_A[row - 1, channel - 1]
+
+
+@pytest.mark.parametrize(
+    ("offset_A", "scale", "bits", "current_A"), [(5e-4, 1.0, 256, 1.5e-3), (0.0, 1.01, 512, 1.01e-3)]
+)
+def test_an_offset_or_a_scale_factor_is_told_by_the_status_alone(
+    bench: Bench, offset_A: float, scale: float, bits: int, current_A: float
+) -> None:
+    calibrator = bench.world.instruments["calibrator"]
+    calibrator.offset_A, calibrator.scale = offset_A, scale
+    assert settled_A(bench, "1.0E-03") == pytest.approx(current_A, rel=1e-4)
+    assert int(bench.ask("calibrator", "ISR?")) == 4097 | bits
+    assert bench.ask("calibrator", "OUT?") == "1.0000000E-03,A,0.00E+00"
+    assert settled_A(bench, "0") == pytest.approx(offset_A, abs=1e-7)
+    bench.send("calibrator", "*RST")
+    assert bench.ask("calibrator", "ISR?") == "4096"
+    assert settled_A(bench, "1.0E-03") == pytest.approx(1e-3, rel=1e-4)
+
+
+def test_errors_are_common_to_polarity_channel_and_time() -> None:
+    with open_bench(seed=4) as bench:
+        first_A = settled_A(bench, "1.0E-02")
+        assert first_A != 1e-2
+        assert settled_A(bench, "1.0E-02", row=2) == pytest.approx(-first_A, abs=1e-17)
+        bench.clock.sleep(36_000.0)
+        assert settled_A(bench, "1.0E-02", channel=9) == pytest.approx(first_A, abs=1e-17)
+
+
+def test_zero_shows_the_offset_of_its_range() -> None:
+    with open_bench(seed=4) as bench:
+        low_A = settled_A(bench, "0")
+        settled_A(bench, "1.0E-01")
+        bench.send("calibrator", "RANGELCK ON")
+        high_A = settled_A(bench, "0")
+        assert 0 < abs(low_A) < 5 * 3e-9
+        assert 5 * 3e-9 < abs(high_A) < 5 * 3.5e-7
+
+
+def test_gain_and_floor_can_be_switched_off() -> None:
+    with open_bench(seed=4, options={"calibrator_gain": "off"}) as bench:
+        assert abs(settled_A(bench, "2.0E-01") - 0.2) < 5 * 0.7e-6
+    with open_bench(seed=4, options={"calibrator_floor": "off"}) as bench:
+        gain = settled_A(bench, "2.0E-01") / 0.2 - 1
+        assert settled_A(bench, "3.0E-05") / 3e-5 - 1 == pytest.approx(gain, abs=1e-9)
+        assert 0 < abs(gain) < 50e-6
+    with open_bench(seed=4, options={"calibrator_gain": "off", "calibrator_floor": "off"}) as bench:
+        assert settled_A(bench, "2.0E-01") == pytest.approx(0.2, abs=1e-16)
+
+
+def test_errors_of_seeds_0_to_299_have_the_spread_of_table_2() -> None:
+    gains, zeros, levels = [], [], []
+    for seed in range(300):
+        with open_bench(seed=seed) as bench:
+            calibrator = bench.world.instruments["calibrator"]
+            gains.append(calibrator.gain)
+            bench.send("calibrator", "OUT 0 A, 0 HZ")
+            zeros.append(calibrator.true_current_A())
+            bench.send("calibrator", "OUT 1.0E-04 A, 0 HZ")
+            levels.append(calibrator.true_current_A() - 1e-4 * (1 + calibrator.gain) - zeros[-1])
+    assert np.std(gains) == pytest.approx(10e-6, rel=0.15)
+    assert np.std(zeros) == pytest.approx(3e-9, rel=0.15)
+    assert np.std(levels) == pytest.approx(3e-9, rel=0.15)
+    assert abs(np.corrcoef(zeros, levels)[0, 1]) < 0.2
+    assert abs(np.corrcoef(gains, zeros)[0, 1]) < 0.2
