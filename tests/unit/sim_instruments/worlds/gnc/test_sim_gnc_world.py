@@ -12,7 +12,6 @@ import pytest
 from gnc_judge import ITEMS, failed_items
 from gnc_rig import DMM, STREAM, SUPPLY, frames_in, open_host
 
-from bench.model.ports import RecordWindow
 from sim_instruments.worlds.gnc.magnetometer import Correction
 from sim_instruments.worlds.gnc.options import FAULTS
 from sim_instruments.worlds.gnc.processor import SECTOR, SIZE, Memories, ModuleDraws, Operation, Region, pattern_of
@@ -84,14 +83,6 @@ def test_the_table_disturbs_the_magnetometer_but_a_non_magnetic_one_does_not():
     assert np.abs(np.subtract(read["bench"], read["turntable"])).max() > 200
 
 
-def test_a_dip_switch_may_be_written_as_a_whole_number_of_any_kind():
-    with open_host(on=False) as host:
-        for value in (3, "3", 3.0, np.int64(3)):
-            host.world.operate("dip_switch", 0)
-            host.world.operate("dip_switch", value)
-            assert host.world.dip_switch == 3
-
-
 def test_supply_and_meter_see_the_module():
     with open_host(on=False) as host:
         supply, meter = host.instrument(SUPPLY), host.instrument(DMM)
@@ -109,23 +100,6 @@ def test_supply_and_meter_see_the_module():
         host.clock.sleep(2)
         assert host.exchange(0x01) is None
         assert float(supply.query("MEAS:CURR?")) == pytest.approx(0.0, abs=2e-3)
-
-
-def test_truth_is_told_by_unit():
-    with open_host() as host:
-        host.world.operate("unit", "GNC-02")
-        windows = [
-            RecordWindow(1, "rs422", 0, 200, 10**9, 2 * 10**9, {"item": "position", "unit": unit, "up": "+x"})
-            for unit in ("GNC-01", "GNC-02")
-        ]
-        found = host.world.truth(windows)
-    values = {
-        (e["conditions"]["unit"], e["value"])
-        for e in found
-        if e["quantity"] == "accel_matrix" and (e["conditions"]["row"], e["conditions"]["column"]) == ("x", "x")
-    }
-    assert len(values) == 2
-    assert len({unit for unit, _ in values}) == 2
 
 
 @pytest.mark.parametrize("roll_deg", [-179.0, -90.0, -30.0, 0.0, 45.0, 120.0])
@@ -188,14 +162,6 @@ def test_a_module_without_faults_passes_and_takes_its_time(modules):
         assert 8.0 <= duration_s <= 9.0, (seed, duration_s)  # the rest up to 10 s is left to boot and controller
 
 
-def test_a_module_passes_again_and_again():
-    with open_host(9, on=False) as host:
-        assert failed_items(host)[0] == set()
-        host.instrument(SUPPLY).write("OUTP OFF")
-        host.board.module.memories.erases.update(dict.fromkeys(host.board.module.memories.erases, 0))
-        assert failed_items(host)[0] == set()
-
-
 WORDS = SECTOR // 4
 
 
@@ -219,17 +185,6 @@ def test_patterns_reach_the_end_of_a_memory():
         assert memory.do(region, operation, 2, SIZE[region] - 4, 4).checked == 1
 
 
-@pytest.mark.parametrize("region", [Region.SPI_FLASH, Region.INTERNAL_FLASH])
-def test_flash_is_not_blank_until_it_is_erased_and_holds_what_is_programmed(region):
-    memory = memories()
-    assert memory.do(region, Operation.BLANK_CHECK, 0, 0, SECTOR).wrong > 0.99 * WORDS
-    memory.do(region, Operation.ERASE, 0, 0, SECTOR)
-    assert memory.do(region, Operation.BLANK_CHECK, 0, 0, SECTOR).wrong == 0
-    assert memory.do(region, Operation.BLANK_CHECK, 0, SECTOR, 4).wrong == 1, "only what was erased is blank"
-    assert prepared(memory, region).wrong == 0
-    assert memory.erases[region] == 2
-
-
 def test_flash_is_programmed_to_zeros_and_erased_by_sectors():
     memory = memories()
     prepared(memory, Region.SPI_FLASH, pattern=0)
@@ -240,54 +195,3 @@ def test_flash_is_programmed_to_zeros_and_erased_by_sectors():
     memory.do(Region.SPI_FLASH, Operation.ERASE, 0, SECTOR - 4, 8)
     assert memory.do(Region.SPI_FLASH, Operation.BLANK_CHECK, 0, 0, 2 * SECTOR).wrong == 0
     assert memory.do(Region.SPI_FLASH, Operation.BLANK_CHECK, 0, 2 * SECTOR, 4).wrong == 1
-
-
-@pytest.mark.parametrize(
-    ("fault", "region", "length", "wrong"),
-    [
-        ("ram_stuck_bit", Region.RAM, SIZE[Region.RAM], ({0}, {1}, {1})),  # where the pattern has a zero
-        ("ram_coupled_bits", Region.RAM, SECTOR, ({0}, {0}, {1, 2})),  # found by addresses only
-        ("sdram_address_short", Region.SDRAM, SECTOR, ({0}, {0}, range(SECTOR // 8, WORDS + 1))),
-        ("sdram_address_short", Region.SDRAM, SIZE[Region.SDRAM], ({0}, {0}, range(SIZE[Region.SDRAM] // 8, 2**30))),
-        ("sdram_data_open", Region.SDRAM, SECTOR, (range(WORDS + 1), {WORDS}, range(WORDS + 1))),  # it reads one
-    ],
-)
-def test_each_fault_of_a_memory_is_found_by_its_patterns(fault, region, length, wrong):
-    memory = memories(fault)
-    found = [memory.do(region, Operation.WRITE_READ, pattern, 0, length) for pattern in (0, 1, 2)]
-    assert all(one.wrong in due for one, due in zip(found, wrong, strict=True))
-    if fault == "ram_stuck_bit":
-        assert found[1].received == found[1].expected | 1 << 30
-        assert found[1].address == found[2].address < SECTOR
-    elif fault == "sdram_address_short":
-        assert found[2].expected ^ found[2].received in (1 << 9, 1 << 13, 1 << 9 | 1 << 13)
-    elif fault == "sdram_data_open":
-        assert found[1].received == 0xAAAAAAAA | 1 << 22
-
-
-def test_a_weak_cell_is_not_blank_and_lost_bits_are_not_verified():
-    weak, lost = memories("flash_weak_cell"), memories("flash_lost_bits")
-    for memory, blank_wrong, verify_wrong in ((weak, 1, 0), (lost, 0, 1)):
-        memory.do(Region.SPI_FLASH, Operation.ERASE, 0, 0, SECTOR)
-        assert memory.do(Region.SPI_FLASH, Operation.BLANK_CHECK, 0, 0, SECTOR).wrong == blank_wrong
-        memory.do(Region.SPI_FLASH, Operation.PROGRAM, 2, 0, SECTOR)
-        assert memory.do(Region.SPI_FLASH, Operation.VERIFY, 2, 0, SECTOR).wrong == verify_wrong
-
-
-def test_what_lies_elsewhere_is_not_touched_by_a_fault():
-    memory = memories("flash_weak_cell", "internal_flash_worn", "flash_lost_bits")
-    for region in (Region.SPI_FLASH, Region.INTERNAL_FLASH):
-        memory.do(region, Operation.ERASE, 0, SECTOR, SECTOR)
-        memory.do(region, Operation.PROGRAM, 2, SECTOR, SECTOR)
-        assert memory.do(region, Operation.VERIFY, 2, SECTOR, SECTOR).wrong == 0
-
-
-def test_places_follow_from_seed_and_serial():
-    places = {
-        memories("ram_stuck_bit", seed=seed, serial=serial).do(Region.RAM, Operation.WRITE_READ, 1, 0, SECTOR).address
-        for seed in (1, 2, 3)
-        for serial in ("A", "B")
-    }
-    assert len(places) >= 5
-    again = memories("ram_stuck_bit", seed=3, serial="B").do(Region.RAM, Operation.WRITE_READ, 1, 0, SECTOR).address
-    assert again in places
