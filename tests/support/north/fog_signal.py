@@ -64,11 +64,6 @@ class FogParameters:
         return float(np.hypot(self.random_walk_V, self.vibration_V))
 
 
-def sample_sigma_V(density_V_rtHz: float, fs_Hz: float) -> float:
-    """Standard deviation of one sample of white noise of a one-sided density, band-limited to fs/2: volt."""
-    return float(density_V_rtHz * np.sqrt(fs_Hz / 2.0))
-
-
 def density_V_rtHz(sample_V: float, fs_Hz: float) -> float:
     """One-sided density of white noise whose samples have this standard deviation: V/sqrt(Hz)."""
     return float(sample_V / np.sqrt(fs_Hz / 2.0))
