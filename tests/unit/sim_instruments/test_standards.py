@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from sim_bench import Bench, open_bench
@@ -11,7 +13,6 @@ from sim_instruments.bus.ohms import RANGES_OHM
 from sim_instruments.hp_3458a import ACCURACY, Hp3458A
 from sim_instruments.worlds.common.terminals import Source
 
-SEEDS = range(150)
 DAY_S = 86_400.0
 
 
@@ -23,20 +24,55 @@ def configured(bench: Bench, range_A: float) -> Hp3458A:
     return meter
 
 
-@pytest.mark.parametrize("range_A", [1e-4, 1e-1])
-def test_errors_of_a_range_are_as_large_as_its_specification(range_A: float) -> None:
-    """Gain and zero of 150 meters: half of the 95 % figures, within 20 % (3.5 standard deviations)."""
-    gains, zeros = [], []
-    for seed in SEEDS:
-        with open_bench(seed=seed) as bench:
+class Drawn(NamedTuple):
+    """Errors of the instruments of one seed: of the meter's ranges, of ohms at 100 ohm, of the calibrator."""
+
+    amperes: dict[float, tuple[float, float]]  # by range: zero and gain
+    ohms: tuple[float, float]
+    calibrator: tuple[float, float, float]  # gain, zero and error of a level in A
+
+
+def drawn(seed: int) -> Drawn:
+    with open_bench(seed=seed) as bench:
+        amperes = {}
+        for range_A in (1e-4, 1e-1):
             meter = configured(bench, range_A)
-            zeros.append(meter.error_A(0.0) / range_A)
-            gains.append((meter.error_A(range_A) + meter.error_A(-range_A)) / range_A / 2 - zeros[-1])
-            assert abs(gains[-1]) < 1e-12  # gain and linearity are odd in the current
-            gains[-1] = (meter.error_A(range_A) - meter.error_A(-range_A)) / range_A / 2
-    relative, floor = ACCURACY[range_A]
-    assert np.std(zeros) == pytest.approx(floor / 2, rel=0.2)
-    assert np.std(gains) == pytest.approx(np.hypot(relative, floor) / 2, rel=0.2)
+            zero, *ends = (meter.error_A(current_A) / range_A for current_A in (0.0, range_A, -range_A))
+            assert abs(sum(ends) / 2 - zero) < 1e-12  # gain and linearity are odd in the current
+            amperes[range_A] = (zero, (ends[0] - ends[1]) / 2)
+        ohms = bench.world.instruments["rail_dmm"]._ohmmeter  # type: ignore[attr-defined]
+        zero, full = (ohms.error_ohm(1e2, value_ohm) / 1e2 for value_ohm in (0.0, 1e2))
+        calibrator, currents = bench.world.instruments["calibrator"], []
+        for level in ("0", "1.0E-04"):
+            bench.send("calibrator", f"OUT {level} A, 0 HZ")
+            currents.append(calibrator.true_current_A())
+        level_A = currents[1] - 1e-4 * (1 + calibrator.gain) - currents[0]
+        return Drawn(amperes, (zero, full - zero), (calibrator.gain, currents[0], level_A))
+
+
+@pytest.fixture(scope="module")
+def population() -> list[Drawn]:
+    return [drawn(seed) for seed in range(300)]
+
+
+def test_errors_of_meters_are_as_large_as_their_specifications(population: list[Drawn]) -> None:
+    """Gain and zero of 300 meters: half of the 95 % figures, within 20 % (5 standard deviations)."""
+    for range_A, (relative, floor) in ((range_A, ACCURACY[range_A]) for range_A in (1e-4, 1e-1)):
+        zeros, gains = zip(*(one.amperes[range_A] for one in population), strict=True)
+        assert np.std(zeros) == pytest.approx(floor / 2, rel=0.2)
+        assert np.std(gains) == pytest.approx(np.hypot(relative, floor) / 2, rel=0.2)
+    zeros, gains = zip(*(one.ohms for one in population), strict=True)
+    of_reading, of_range = OHMS_ACCURACY[1e2]
+    assert np.std(zeros) == pytest.approx(of_range / 2, rel=0.2)
+    assert np.std(gains) == pytest.approx(of_reading / 2, rel=0.2)
+
+
+def test_errors_of_calibrators_have_the_spread_of_table_2(population: list[Drawn]) -> None:
+    gains, zeros, levels = np.array([one.calibrator for one in population]).T
+    for errors, spread in ((gains, 10e-6), (zeros, 3e-9), (levels, 3e-9)):
+        assert np.std(errors) == pytest.approx(spread, rel=0.15)
+    assert abs(np.corrcoef(zeros, levels)[0, 1]) < 0.2
+    assert abs(np.corrcoef(gains, zeros)[0, 1]) < 0.2
 
 
 def test_ranges_have_errors_of_their_own_that_stay_until_switched_off() -> None:
@@ -93,19 +129,6 @@ def test_leads_do_not_cancel_with_two_wires(bench: Bench, role: str, configure: 
     wired(bench, 138.5055)
     read_ohm = float(bench.ask(role, configure, "READ?"))
     assert 138.5055 + 2 * LEAD_OHM - 0.05 < read_ohm < 138.5055 + 2 * LEAD_OHM + 8.0
-
-
-def test_errors_of_a_range_of_ohms_are_as_large_as_its_specification() -> None:
-    """Gain and zero of 150 meters: half of the 95 % figures, within 20 % (3.5 standard deviations)."""
-    zeros, gains = [], []
-    for seed in range(150):
-        with open_bench(seed=seed) as bench:
-            ohmmeter = bench.world.instruments["rail_dmm"]._ohmmeter  # type: ignore[attr-defined]
-            zeros.append(ohmmeter.error_ohm(1e2, 0.0) / 1e2)
-            gains.append((ohmmeter.error_ohm(1e2, 1e2) - ohmmeter.error_ohm(1e2, 0.0)) / 1e2)
-    of_reading, of_range = OHMS_ACCURACY[1e2]
-    assert np.std(zeros) == pytest.approx(of_range / 2, rel=0.2)
-    assert np.std(gains) == pytest.approx(of_reading / 2, rel=0.2)
 
 
 def test_a_longer_integration_has_less_noise_and_takes_longer() -> None:
@@ -242,20 +265,3 @@ def test_gain_and_floor_can_be_switched_off() -> None:
         assert 0 < abs(gain) < 50e-6
     with open_bench(seed=4, options={"calibrator_gain": "off", "calibrator_floor": "off"}) as bench:
         assert settled_A(bench, "2.0E-01") == pytest.approx(0.2, abs=1e-16)
-
-
-def test_errors_of_seeds_0_to_299_have_the_spread_of_table_2() -> None:
-    gains, zeros, levels = [], [], []
-    for seed in range(300):
-        with open_bench(seed=seed) as bench:
-            calibrator = bench.world.instruments["calibrator"]
-            gains.append(calibrator.gain)
-            bench.send("calibrator", "OUT 0 A, 0 HZ")
-            zeros.append(calibrator.true_current_A())
-            bench.send("calibrator", "OUT 1.0E-04 A, 0 HZ")
-            levels.append(calibrator.true_current_A() - 1e-4 * (1 + calibrator.gain) - zeros[-1])
-    assert np.std(gains) == pytest.approx(10e-6, rel=0.15)
-    assert np.std(zeros) == pytest.approx(3e-9, rel=0.15)
-    assert np.std(levels) == pytest.approx(3e-9, rel=0.15)
-    assert abs(np.corrcoef(zeros, levels)[0, 1]) < 0.2
-    assert abs(np.corrcoef(gains, zeros)[0, 1]) < 0.2
