@@ -295,23 +295,6 @@ def test_stamps_are_whole_ticks_of_its_own_clock(clock_Hz: int, error_ppm: float
         assert set(np.diff(found.tick).tolist()) == {clock_Hz // 100}
 
 
-def test_600_000_edges_a_second_for_seconds_without_a_loss() -> None:
-    with tagger_bench() as bench:
-        bench.stream()
-        stream = bench.collect(4.0)
-        found = Blocks(stream)
-        assert bench.tagger.events_lost() == 0
-        first = int(found.ticks[0]) * 10_000 // PERIOD_PS
-        first += int(found.ticks[0]) * 10_000 > first * PERIOD_PS
-        k = np.arange(first, first + len(found.ticks))
-        assert found.ticks[0] * 10_000 <= k[0] * PERIOD_PS < (found.ticks[0] + 1) * 10_000
-        np.testing.assert_array_equal(found.ticks, bench.edges.times_ps(k) // 10_000)
-        np.testing.assert_array_equal(found.words & 7, bench.edges.flags(k))
-        np.testing.assert_array_equal(np.diff(found.counter), 1)
-        assert len(found.ticks) > 4 * 599_000
-        assert found.counts.bad == found.counts.lost == found.counts.skipped_bytes == 0
-
-
 def test_a_reader_who_pauses_a_second_loses_nothing_and_one_who_pauses_ten_is_told() -> None:
     with tagger_bench() as bench:
         bench.stream()
