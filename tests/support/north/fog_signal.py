@@ -64,11 +64,6 @@ class FogParameters:
         return float(np.hypot(self.random_walk_V, self.vibration_V))
 
 
-def density_V_rtHz(sample_V: float, fs_Hz: float) -> float:
-    """One-sided density of white noise whose samples have this standard deviation: V/sqrt(Hz)."""
-    return float(sample_V / np.sqrt(fs_Hz / 2.0))
-
-
 def mid_samples_s(fs_Hz: float, seconds: float) -> Float:
     """Mid-sample grid, (n + 1/2)/fs: no sample falls on an edge of a square reference if fs/f0 is a multiple of 4."""
     return np.asarray((np.arange(round(fs_Hz * seconds)) + 0.5) / fs_Hz)

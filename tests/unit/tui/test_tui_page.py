@@ -9,7 +9,7 @@ import pytest
 from top_sample import ALARM, NOW_S, PROMPT, SEEN_AND_OVER, START_S, FakeFeed, Gone, SetClock, document
 
 from bench.model.texts import Texts
-from bench.tui.look import ASCII, UNICODE, Glyphs, Look, catalogue, glyphs_for
+from bench.tui.look import ASCII, UNICODE, Glyphs, Look, catalogue
 from bench.tui.page import page_of
 from bench.tui.tables import planned_degC
 from bench.tui.watch import Seen, Trend, Watch
@@ -107,38 +107,6 @@ def test_text_of_a_run_cannot_steer_the_terminal() -> None:
     assert "[bold]e[/bold] ..." in text
     assert "校正" in text
     assert "校正" not in "\n".join(lines(seen(**STATES["strange"]), ASCII))
-
-
-def test_local_time_on_demand(monkeypatch: pytest.MonkeyPatch) -> None:
-    import time
-
-    monkeypatch.setenv("TZ", "KST-9")
-    time.tzset()
-    try:
-        assert "2026-11-18 21:06:40+09:00" in "\n".join(lines(seen(), local=True))
-        assert "2026-11-18 12:06:40Z" in "\n".join(lines(seen()))
-    finally:
-        monkeypatch.undo()
-        time.tzset()
-
-
-@pytest.mark.parametrize(
-    ("environment", "encoding", "unicode"),
-    [
-        ({"LANG": "en_GB.UTF-8", "TERM": "xterm-256color"}, "utf-8", True),
-        ({"LC_ALL": "C.UTF-8", "TERM": "screen"}, "utf-8", True),
-        ({"LANG": "ko_KR.utf8", "TERM": "xterm"}, "UTF-8", True),
-        ({"LC_ALL": "C", "LANG": "en_GB.UTF-8", "TERM": "xterm"}, "utf-8", False),
-        ({"LC_CTYPE": "C.UTF-8", "TERM": "xterm"}, "utf-8", False),  # as Python itself sets it in the locale C
-        ({"LANG": "de_DE.ISO-8859-1", "TERM": "xterm"}, "iso-8859-1", False),
-        ({"LANG": "en_GB.UTF-8", "TERM": "xterm"}, "ascii", False),
-        ({"LANG": "en_GB.UTF-8", "TERM": "linux"}, "utf-8", False),
-        ({"LANG": "en_GB.UTF-8"}, "utf-8", False),
-        ({}, "", False),
-    ],
-)
-def test_shapes_only_where_the_terminal_knows_them(environment: dict[str, str], encoding: str, unicode: bool) -> None:
-    assert (glyphs_for(environment, encoding) is UNICODE) is unicode
 
 
 def test_planned_temperature_between_the_corners() -> None:
