@@ -1,22 +1,18 @@
-"""The simulated time tagger: its blocks byte by byte, the driver's stream, served too, restarts, faults of the bus."""
+"""The simulated time tagger: its blocks byte by byte, the stream of the driver, restarts, faults of the bus."""
 
 from __future__ import annotations
 
 import struct
-import threading
-from collections.abc import Iterator
 from fractions import Fraction
 
 import numpy as np
 import pytest
 from crccheck.crc import Crc32
 from scripted import refused
-from sim_served import Served, serve
-from tagger_bench import PERIOD_PS, Blocks, Edges, TaggerBench, station, tagger_bench, wire
+from tagger_bench import PERIOD_PS, Blocks, TaggerBench, tagger_bench
 
 from bench.model.clock import NS
 from bench.model.errors import InstrumentError
-from instruments.pendulum_cnt_91 import PendulumCnt91
 from sim_instruments.bus.time_tag_blocks import MEMORY_BLOCKS, MOST_EVENTS, TagBlocks
 
 SLOW_PS = 33_333_331  # 30,000 edges/s
@@ -120,73 +116,6 @@ def test_damaged_blocks_are_left_to_the_checksum(replies: int) -> None:
         np.testing.assert_array_equal(found.words & 7, bench.edges.flags(numbers(bench, found)))
         assert 0 < found.counts.lost < 60
         assert found.counter[-1] > 300
-
-
-def test_power_that_was_gone_leaves_a_silent_stream_until_it_is_started_again() -> None:
-    with tagger_bench(period_ps=SLOW_PS) as bench:
-        bench.stream()
-        bench.collect(0.5)
-        bench.device.reset()
-        for _ in range(3):
-            bench.clock.sleep(0.5)
-            assert bench.tagger.read_stream(10**7) == b""
-        with refused("B-INST-011", "reads back"):
-            bench.tagger.start()
-        bench.stream()
-        assert len(Blocks(bench.collect(0.5)).counter) >= 50
-
-
-class ServedTagger:
-    """Served bench, its edges and a driver on it."""
-
-    def __init__(self, served: Served) -> None:
-        self.served = served
-        self.edges = Edges(PERIOD_PS, served.world.clock.now_ns())
-        wire(served.world, self.edges)
-        self.tagger = self.driver(served.open("tagger"))
-
-    def driver(self, resource: object) -> PendulumCnt91:
-        clock = self.served.world.clock
-        return PendulumCnt91(resource, role="tagger", clock=clock, transcript=lambda *_: None)  # type: ignore[arg-type]
-
-
-@pytest.fixture
-def rack() -> Iterator[ServedTagger]:
-    with serve(wiring=station()) as served:
-        yield ServedTagger(served)
-
-
-def test_a_reader_in_another_thread_and_commands_do_not_meet(rack: ServedTagger) -> None:
-    """Stop and start again and again while another thread reads: no block is lost, no reply taken for another."""
-    chunks: list[bytes] = []
-    over, failed = threading.Event(), list[Exception]()
-
-    def read() -> None:
-        try:
-            while not over.wait(0.005):
-                chunks.append(rack.tagger.read_stream(1_000_000))
-        except Exception as error:
-            failed.append(error)
-
-    rack.tagger.configure(100e6)
-    reader = threading.Thread(target=read)
-    reader.start()
-    for clock_Hz in (100e6, 20e6) * 5:
-        rack.tagger.configure(clock_Hz)
-        rack.tagger.start()
-        for _ in range(5):
-            assert rack.tagger.measuring()
-            assert rack.tagger.events_lost() == 0
-    rack.tagger.stop()
-    over.set()
-    reader.join()
-    while chunk := rack.tagger.read_stream(1_000_000):
-        chunks.append(chunk)
-    assert failed == []
-    found = Blocks(b"".join(chunks))
-    assert found.counts.bad == found.counts.lost == found.counts.skipped_bytes == 0
-    np.testing.assert_array_equal(np.diff(found.counter), 1)
-    assert np.count_nonzero(np.diff(found.clock_Hz)) == 9
 
 
 def written(counter: int, tick: int, clock_Hz: int, dropped: int, events: str) -> bytes:
