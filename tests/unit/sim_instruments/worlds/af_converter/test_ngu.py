@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import serial
-from ngu_rig import BYTE_NS, PORTS, decoded, gate_frames, powered_unit, send_command, steady, warm
 
 from bench.frame import load_frame
 from bench.model.clock import NS, VirtualClock, to_ns
@@ -16,7 +15,43 @@ from sim_instruments.worlds.af_converter.constants import KINDS
 from sim_instruments.worlds.af_converter.ngu import Ngu
 from sim_instruments.worlds.af_converter.world import AfWorld
 
-# --- what the counts say ---------------------------------------------------------------------------------------------
+PORTS = ("port_a", "port_b")
+BYTE_NS = 10 * NS / 115_200
+
+
+def warm(t_ns):
+    """Unit temperature of these tests: 15 degC, rising 0.6 degC/min."""
+    return 15.0 + 0.01 * np.asarray(t_ns) / NS
+
+
+def steady(t_ns):
+    return np.full(len(t_ns), 31.0)
+
+
+def powered_unit(seed=1, thermal=steady, options=None, clock=None, faults=None):
+    clock = clock or VirtualClock()
+    unit = Ngu(clock, seed, thermal, options)
+    for name in PORTS:
+        unit.connect(name, 115_200, faults)
+    unit.set_power(True, clock.now_ns())
+    unit.set_fg(1e7, clock.now_ns())
+    return clock, unit
+
+
+def decoded(sent, name):
+    decoder = load_frame(find_shipped("frames", name)).decoder()
+    batches = [decoder.feed(sent), decoder.finish()]
+    assert decoder.counts.bad == 0
+    return {message: batch for message, batch in batches[0].messages.items() if len(batch)}
+
+
+def gate_frames(sent):
+    return decoded(sent, "ngu_a")["frame"]
+
+
+def send_command(unit, command, payload=b""):
+    definition = load_frame(find_shipped("frames", "ngu_b"))
+    unit.write("port_b", definition.encode_one({"command": command, "payload": payload}, "command"))
 
 
 @pytest.mark.parametrize(
