@@ -20,6 +20,22 @@ def test_tests_of_the_module_come_first_then_those_of_the_room() -> None:
     assert nearest(Mutant("bench/maths/budget.py", 1, "", 0), "bench/maths", tests)[0] == "tests/runs/test_c.py"
 
 
+def test_tests_that_name_a_driver_come_first_then_those_beside_drivers_and_simulators() -> None:
+    tests = {
+        "tests/protocol/test_exchanges.py": 'ROWS = ["hp_3458a"]\n',
+        "tests/unit/instruments/test_bus.py": "",
+        "tests/unit/sim_instruments/test_meter.py": "",
+        "tests/unit/sim_instruments/worlds/gnc/test_board.py": "from sim_instruments.worlds.gnc import board\n",
+        "tests/unit/run/test_d.py": "from bench.run import stop\n",
+    }
+    for room in ("instruments", "sim_instruments"):
+        order = nearest(Mutant(f"{room}/hp_3458a.py", 3, "core/AddNot", 0), room, tests)
+        assert order == [name for name in tests if "/run/" not in name]
+    room = "sim_instruments/worlds/gnc"
+    order = nearest(Mutant(f"{room}/board.py", 1, "", 0), room, tests)
+    assert order == ["tests/unit/sim_instruments/worlds/gnc/test_board.py"]
+
+
 def test_annotations_are_found() -> None:
     assert sorted(annotations("def f(x: int | None) -> int: ...\n")) == [((1, 9), (1, 19)), ((1, 24), (1, 27))]
 
