@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import json
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
+from waiting import until
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import RunError
@@ -54,10 +54,13 @@ class Run:
 
     def heard(self, what: Callable[[list[Any]], bool]) -> list[Any]:
         """Wait until the guard has heard something; return its messages behind the brief."""
-        end_s = time.monotonic() + LONGEST_S
-        while not what(messages := [json.loads(line) for line in self.log.read_bytes().splitlines()][1:]):
-            assert time.monotonic() < end_s, messages
-            time.sleep(0.01)
+        messages: list[Any] = []
+
+        def has_come() -> bool:
+            messages[:] = [json.loads(line) for line in self.log.read_bytes().splitlines()][1:]
+            return what(messages)
+
+        until(has_come, lambda: messages, LONGEST_S, each_s=0.01)
         return messages
 
     def beats(self, until_s: float) -> None:
