@@ -8,7 +8,6 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import suppress
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,18 +17,17 @@ from sim_bench import ADDRESSES, DRIVERS, open_bench
 from bench.model.clock import NS, VirtualClock
 from bench.model.events import Event
 from bench.model.ports import Instrument
-from bench.model.posix import user_name
 from bench.run.bench.opener import open_instrument
 from bench.run.guard import act as act_module
 from bench.run.guard import lock as lock_module
 from bench.run.guard import process
-from bench.run.guard.act import FIRST_TOLD_S, NOTE_S, PAUSE_S, act
+from bench.run.guard.act import act
 from bench.run.guard.decision import Action, Address, Brief
-from bench.run.guard.diary import DIARY, Diary, guard_word, read_diary
+from bench.run.guard.diary import DIARY, Diary, read_diary
 from bench.run.guard.guarding import GuardTask
 from bench.run.guard.health import CHAMBER_AIR, Health
 from bench.run.guard.lock import BenchLock, bus_keys
-from bench.run.guard.take_over import TAKE_OVER, ask_to_let_go
+from bench.run.guard.take_over import ask_to_let_go
 from bench.run.stop import StopSwitch
 
 ROLES = ("calibrator", "switch", "chamber")
@@ -162,6 +160,7 @@ def guarded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Guarded
     locks.mkdir()
     folder.mkdir()
     monkeypatch.setattr(lock_module, "lock_folder", lambda: locks)
+    monkeypatch.setattr(act_module, "TURN_S", 30.0)  # of real time, which a busy machine takes; nobody hangs here
     with open_bench(clock=SharedClock()) as bench:
         made = Guarded(bench, folder)
 
@@ -217,57 +216,6 @@ def test_a_network_instrument_gets_no_device_clear(guarded: Guarded, monkeypatch
     assert guarded.sent == []
     act_module._clear(calibrator, ADDRESSES["calibrator"])
     assert [text for _, text, _ in guarded.sent] == ["<device clear>"]
-
-
-def test_a_mute_one_costs_the_others_half_a_second_and_is_confirmed_twice(guarded: Guarded) -> None:
-    back_s = 21.0
-    guarded.world.switches.switch("mute", "calibrator")
-    guarded.later(back_s, guarded.world.switches.clear)
-    assert guarded.acts()
-    assert guarded.on() == NOTHING_ON
-    assert 0.5 <= guarded.after_s("switch", ":OPEN ALL") <= 0.5 + AT_ONCE_S
-    first, *more = guarded.entries("instrument", role="calibrator", safe=False, state="commanded")
-    assert "within 0.5 s" in first["text"]
-    assert [entry["text"] for entry in more] == ["answered, and is asked once more"]
-    (last,) = guarded.entries("instrument", role="calibrator", safe=True)
-    answered_s = more[-1]["t_s"]
-    assert back_s <= answered_s <= back_s + PAUSE_S + 6.0
-    assert 3.0 <= last["t_s"] - answered_s <= 3.0 + PAUSE_S
-    assert sum(text == "STBY" for role, text, _ in guarded.sent if role == "calibrator") >= 2
-    word = guard_word(guarded.folder)
-    assert word is not None
-    assert (word["safe"], word["unsafe"]) == (True, {})
-    told = [json.loads(message)["unsafe"] for _, message in guarded.told]
-    assert "calibrator" in told[0]
-    assert told[1:] == [{}]
-    assert FIRST_TOLD_S <= guarded.told[0][0] <= FIRST_TOLD_S + 10.0
-
-
-def test_people_are_told_again_and_again_until_somebody_takes_the_bench_over(
-    guarded: Guarded, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    again_s, end_s = 60.0, 160.0
-    monkeypatch.setattr(act_module, "TOLD_S", again_s)
-    monkeypatch.setattr(act_module, "LONG_S", 40.0)
-    monkeypatch.setattr(act_module, "LOOK_S", 1.0)
-    guarded.world.switches.switch("identity", "calibrator", "FLUKE,5500E,1,1")
-    guarded.later(end_s, lambda: ask_to_let_go({"folder": str(guarded.folder)}))
-    assert not guarded.acts()
-    at_s = [at for at, _ in guarded.told]
-    assert FIRST_TOLD_S <= at_s[0] <= FIRST_TOLD_S + 10.0
-    assert at_s[1:3] == pytest.approx([at_s[0] + again_s, at_s[0] + 2 * again_s], abs=5.0)
-    assert end_s <= at_s[3] <= end_s + 5.0
-    assert len(at_s) == 4
-    assert guarded.entries("taken over", by=user_name())
-    assert guarded.entries("unsafe")[-1]["instruments"] == {"calibrator": "commanded"}
-    at_s = [entry["t_s"] for entry in guarded.entries("instrument", role="calibrator", safe=False)]
-    gaps_s = [later - sooner for sooner, later in pairwise(at_s)]
-    assert all(
-        NOTE_S <= gap_s <= NOTE_S + PAUSE_S for gap_s, begun_s in zip(gaps_s, at_s, strict=False) if begun_s < 35.0
-    )
-    assert all(gap_s >= 40.0 for gap_s, begun_s in zip(gaps_s, at_s, strict=False) if begun_s > 40.0)  # known for long
-    assert not (guarded.folder / TAKE_OVER).exists()
-    assert guarded.on()["switch"] == 0
 
 
 def test_a_request_of_before_sends_no_guard_home(guarded: Guarded) -> None:

@@ -17,14 +17,16 @@ import pytest
 
 from bench.model.clock import NS, VirtualClock, WallClock
 from bench.model.errors import ExitStatus, InputError, RunError
-from bench.model.ports import Instrument
+from bench.model.ports import Effect, action
+from bench.model.posix import user_name
 from bench.model.shipped import find_shipped
 from bench.plan import load_station
 from bench.plan.language.notices import Notify
 from bench.run.bench.drill import drill, latest_drill
 from bench.run.bench.drill_controller import source_of
 from bench.run.guard import last_words as last_words_module
-from bench.run.guard.decision import Address, Brief, Watched
+from bench.run.guard.act import act
+from bench.run.guard.decision import Action, Address, Brief, Watched
 from bench.run.guard.diary import Diary, guard_word, read_diary
 from bench.run.guard.guarding import brief_of, station_lock
 from bench.run.guard.health import LINKS, SEQUENCER, Health
@@ -33,6 +35,7 @@ from bench.run.guard.notice import notice_command
 from bench.run.guard.process import _Lines as ReadLines
 from bench.run.guard.process import _watch
 from bench.run.guard.start import GuardProcess
+from bench.run.guard.take_over import TAKE_OVER, ask_to_let_go
 from bench.run.stop import StopSwitch
 
 BRIEF = Brief(
@@ -77,6 +80,105 @@ def test_a_folder_that_is_gone_keeps_no_diary_and_stops_nothing(tmp_path: Path) 
     diary = Diary(tmp_path / "gone" / "guard.jsonl", WallClock())
     diary.note("act")
     diary.close(5.0)
+
+
+class Instrument:
+    """Notes what it is asked for; fails as often as it is told to."""
+
+    def __init__(self, role: str, calls: list[str], failures: int = 0) -> None:
+        self._role, self._calls, self._failures = role, calls, failures
+
+    def make_safe(self) -> None:
+        self._note("make_safe")
+
+    def _note(self, what: str) -> None:
+        self._calls.append(f"{self._role}.{what}")
+        self._failures -= 1
+        if self._failures >= 0:
+            raise RunError("B-TEST-000", "mute")
+
+
+class Chamber(Instrument):
+    @action(effect=Effect.THERMAL)
+    def stop(self) -> None:
+        self._note("stop")
+
+
+class Ended:
+    """A controller that has left."""
+
+    def end(self, limit_s: float) -> bool:
+        return True
+
+
+class SwiftClock(WallClock):
+    """Never waits long."""
+
+    def sleep_until_ns(self, t_mono_ns: int) -> None:
+        super().sleep_until_ns(min(t_mono_ns, self.now_ns() + 1_000_000))
+
+
+def acted(tmp_path: Path, action_: Action, failures: int) -> tuple[list[str], bool, list[dict[str, Any]]]:
+    calls: list[str] = []
+    made = {"calibrator": Instrument("calibrator", calls, failures), "chamber": Chamber("chamber", calls)}
+    addresses = (
+        Address("calibrator", "fluke_5720a", "TCPIP0::127.0.0.1::nobody1::INSTR"),
+        Address("chamber", "thermotron_3800", "TCPIP0::127.0.0.1::nobody2::INSTR"),
+    )
+    notify = (sys.executable, "-c", "import sys; sys.stdin.read()")
+    brief = replace(BRIEF, instruments=addresses, notify=notify, diary=str(tmp_path / "guard.jsonl"))
+    clock = SwiftClock()
+    diary = Diary(tmp_path / "guard.jsonl", clock)
+    controller: Any = Ended()
+    safe = act(action_, brief, controller, lambda address: made[address.role], clock, diary)  # type: ignore[arg-type]
+    diary.close(5.0)
+    return calls, safe, read_diary(tmp_path / "guard.jsonl")
+
+
+def test_the_stimulus_goes_off_first_and_what_failed_is_confirmed_twice(tmp_path: Path) -> None:
+    calls, safe, diary = acted(tmp_path, Action("gone", "it died"), failures=2)
+    assert calls[0] == "calibrator.make_safe"
+    assert sorted(calls[1:]) == ["calibrator.make_safe"] * 3 + ["chamber.make_safe"]  # an answer, and one that counts
+    assert safe
+    kinds = [entry["what"] for entry in diary]
+    assert kinds[:3] == ["act", "controller", "lock"]
+    assert kinds[-2:] == ["safe", "notify"]
+    states = [entry["state"] for entry in diary if entry.get("role") == "calibrator"]
+    assert states == ["commanded", "commanded", "confirmed off"]  # failed, answered once, answered for good
+
+
+def test_a_guard_goes_on_until_somebody_takes_the_bench_over(tmp_path: Path) -> None:
+    """Nothing ever answers; the person is named in the diary, and people were told before and at the end."""
+    timer = threading.Timer(0.5, lambda: ask_to_let_go({"folder": str(tmp_path)}))
+    timer.start()
+    calls, safe, diary = acted(tmp_path, Action("gone", "it died"), failures=10**9)
+    timer.join()
+    assert not safe
+    assert len(calls) > 10
+    *_, last, told = diary
+    assert (last["what"], last["by"], told["what"]) == ("taken over", user_name(), "notify")
+    word = guard_word(tmp_path)
+    assert (word["safe"], word["unsafe"], word["by"]) == (False, {"calibrator": "commanded"}, user_name())
+    assert not (tmp_path / TAKE_OVER).exists()
+
+
+@pytest.mark.parametrize(
+    ("action_", "calls", "kinds"),
+    [
+        (
+            Action("left", "it left", left=("chamber",)),
+            ["chamber.make_safe"],
+            ["act", "lock", "instrument", "safe", "notify"],  # and nobody is ended
+        ),
+        (Action("limit", "too hot", heat_off=True), ["chamber.stop", "calibrator.make_safe"], None),
+    ],
+)
+def test_only_what_was_left_is_made_safe_and_heat_goes_off_first_when_it_is_too_hot(
+    tmp_path: Path, action_: Action, calls: list[str], kinds: list[str] | None
+) -> None:
+    done, safe, diary = acted(tmp_path, action_, failures=0)
+    assert (done, safe) == (calls, True)
+    assert kinds in (None, [entry["what"] for entry in diary])
 
 
 def test_a_controller_is_ended_even_if_it_is_stopped(tmp_path: Path) -> None:
