@@ -210,8 +210,6 @@ def codes(path: Path, overrides: dict[str, str] | None = None) -> list[str]:
     ("old", "new", "code"),
     [
         ("settle: 20 s", "settle: 20 V", "B-YAML-012"),
-        ("levels: [1 mA]", "levels: [1 mV]", "B-PLAN-022"),
-        ("port_b: ngu_b", "port_b: ngu_c", "B-PLAN-045"),
         ("title: a sample", "titel: a sample", "B-YAML-010"),
         ("  temperature_sensor_uncertainty: 0.1 degC\n", "", "B-PLAN-026"),
     ],
