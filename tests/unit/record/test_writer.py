@@ -140,18 +140,6 @@ def test_segments_rotate_on_the_hour_and_stay_untouched(long_session: Path) -> N
         assert (min(times), max(times)) == (first * NS, number * 3600 * NS)
 
 
-def test_a_finished_segment_is_never_touched_again(tmp_path: Path) -> None:
-    writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0)
-    writer.raw("port_a", "rx", 3600 * NS, b"one")
-    writer.tick(3600 * NS)
-    before = (tmp_path / "session.0001.mcap").read_bytes()
-    writer.raw("port_a", "rx", 3601 * NS, b"two")
-    writer.tick(3601 * NS)
-    writer.sync()
-    writer.close("done")
-    assert (tmp_path / "session.0001.mcap").read_bytes() == before
-
-
 def test_every_second_is_in_the_file_at_its_tick(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0)
     for second in range(1, 6):
