@@ -192,24 +192,6 @@ def test_the_oldest_make_room(cache: Path, monkeypatch: pytest.MonkeyPatch) -> N
     assert sorted(path.name for path in cache.iterdir()) == ["2.shown", "3.shown"]
 
 
-def test_a_report_in_another_language_stands_beside_the_one_that_is_verified(
-    session: Path, inside: Inside, cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    english = (session / "report.html").read_bytes()
-    assert inside("report", str(session), "--lang", "ko").returncode == 0
-    page = (session / "report.ko.html").read_bytes()
-    assert (session / "report.html").read_bytes() == english
-    assert '<html lang="ko">' in page.decode()
-    monkeypatch.setattr("bench.report.document.sections_of", None)
-    (session / "report.ko.html").unlink()
-    assert FROM_CACHE in inside("report", str(session), "--lang", "ko").stdout
-    assert (session / "report.ko.html").read_bytes() == page
-    refused = inside("report", str(session), "--lang", "kr")
-    assert refused.returncode == inside("top", "--lang", "kr").returncode == 2
-    assert "B-TXT-001" in refused.stderr
-    assert "use one of: en, ko" in refused.stderr
-
-
 FOLDER = Path("sessions/S")
 
 
