@@ -69,24 +69,6 @@ def test_every_type_and_byte_order() -> None:
     assert definition.encode_one(columns) == frame
 
 
-def test_arrays_of_odd_widths_bits_scale_and_offset() -> None:
-    fields = (
-        "{name: value, type: u24, count: 3}, {name: low, type: i24, count: 2, endian: little}, "
-        '{name: flags, type: u16, bits: {one: 0, many: "4-15"}}, '
-        "{name: level, type: u16, scale: 0.5, offset: -40, unit: degC}"
-    )
-    wire = bytes.fromhex("000001 000002 ffffff ffffff 000080 abc1 0064")
-    text = sample(fields, "[value, end]", wire.hex(), expect="{value: [1, 2, 16777215], level: 10}")
-    frame = b"\xa5\x5a" + wire + bytes([Crc8Smbus.calc(wire)])
-    for engine in ("kernel", "numpy", "reference"):
-        batch = parse_frame(text, "sample.yaml").decoder(engine).feed(frame).messages["frame"]  # type: ignore[arg-type]
-        assert batch.raw("value").tolist() == [[1, 2, 0xFFFFFF]]
-        assert batch.raw("low").tolist() == [[-1, -0x800000]]
-        assert (batch.raw("flags.one")[0], batch.raw("flags.many")[0]) == (1, 0xABC)
-        assert batch.scaled("level").tolist() == [10.0]
-        assert batch.scaled("flags.many").tolist() == [2748.0]
-
-
 def test_crc_by_parameters_stored_little_over_a_part() -> None:
     body = bytes.fromhex("0102 0304")
     stored = Crc16Modbus.calc(body[:2]).to_bytes(2, "little").hex()
@@ -158,7 +140,6 @@ REFUSALS = {
     "rest of numbers B-FRAME-002": sample("{name: value, type: u16, count: rest}"),
     "bits of a float B-FRAME-002": sample("{name: value, type: f32, bits: {a: 1}}", body="40e00000"),
     "scale zero B-FRAME-002": sample("{name: value, type: u16, scale: 0}"),
-    "two rests B-FRAME-002": messages_text("count: rest}]", "count: rest}, {name: x, type: bytes, count: rest}]"),
     "array counter B-FRAME-003": sample("{name: value, type: u8, count: 2, role: counter}"),
     "wide counter B-FRAME-003": sample("{name: value, type: u64, role: counter}", body="0000000000000007"),
     "bit 16 of u16 B-FRAME-004": sample("{name: value, type: u16, bits: {a: 16}}"),
@@ -170,7 +151,6 @@ REFUSALS = {
     "type field in array B-FRAME-006": messages_text("{name: kind, type: u8}", "{name: kind, type: u8, count: 1}"),
     "rest without length B-FRAME-006": messages_text("length: {field: size, plus: 0, max: 40}\n", ""),
     "longer than max B-FRAME-006": messages_text("max: 40", "max: 4"),
-    "longer than any frame B-FRAME-006": sample("{name: value, type: u64, count: 60000}"),
     "messages without type B-FRAME-007": messages_text("type: {field: kind}\n", ""),
     "type value twice B-FRAME-007": messages_text("value: 2,", "value: 1,"),
     "type value too big B-FRAME-007": messages_text("value: 2,", "value: 256,"),
@@ -191,17 +171,10 @@ REFUSALS = {
     "golden of another message B-FRAME-011": messages_text(with_crc8("06020009"), with_crc8("06010009")),
     "other value B-FRAME-012": sample(expect="{value: 8}"),
     "expect text B-FRAME-012": sample(expect="{value: seven}"),
-    "one count of a billion B-FRAME-012": sample(
-        "{name: value, type: u32}", body="3b9aca00", expect="{value: 1000000001}"
-    ),
-    "a whole number too exact B-FRAME-012": sample(expect="{value: 7.0000001}"),
     "scaled value by half a step B-FRAME-012": sample(
         "{name: value, type: u32, scale: 0.0001}", body="3b9aca00", expect="{value: 100000.0001}"
     ),
-    "double B-FRAME-012": sample("{name: value, type: f64}", body="3ff0000000000000", expect="{value: 1.0000001}"),
     "float B-FRAME-012": sample("{name: value, type: f32}", body="3f800000", expect="{value: 1.00001}"),
-    "truth for a number B-FRAME-012": sample(body="0001", expect="{value: true}"),
-    "hex of other bytes B-FRAME-012": sample("{name: value, type: bytes, count: 2}", expect='{value: "0008"}'),
     "number for bytes B-FRAME-012": sample("{name: value, type: bytes, count: 2}"),
     "constant differs in golden B-FRAME-012": sample(
         "{name: value, type: u16}, {name: c, type: u8, constant: 5}", body="000706"

@@ -218,14 +218,6 @@ def test_counters_do_not_depend_on_the_moments_of_flushing(seed: int) -> None:
     assert live.counts.lost > 0
 
 
-def test_an_empty_flush_keeps_the_shape_of_a_batch() -> None:
-    batch = LinkDecoder(frame("ngu_a")).flush().messages["frame"]
-    assert len(batch) == 0
-    assert batch.counter is not None
-    assert batch.t_ns is not None
-    assert (batch.counter.shape, batch.t_ns.shape, batch.raw("npp").shape) == ((0,), (0,), (0, 10))
-
-
 SHARED = """frame: shared
 endian: little
 sync: [0xA5]
@@ -263,7 +255,6 @@ def test_a_counter_shared_by_all_messages() -> None:
 GNC = load_frame(Path(__file__).resolve().parents[3] / "frames" / "gnc_422.yaml")
 MS = 1_000_000
 ENGINES = ("kernel", "numpy", "reference")  # without numba the first one is the second
-LONGEST = 1036
 Chunks = list[tuple[int, bytes]]
 
 
@@ -384,16 +375,6 @@ def test_a_frame_inside_the_claimed_length_of_a_damaged_one_is_found(engine: str
     assert batch.messages["answer"].raw("sequence").tolist() == [2, 3]
     assert batch.messages["stream"].raw("counter").tolist() == [0]
     assert link.counts.bad == 1
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_polls_once_a_second_lose_no_frame(engine: str) -> None:
-    stream = b"".join(sample(n) for n in range(1000))
-    size = LONGEST + 17
-    chunks = [(n * 1000 * MS, stream[at : at + size]) for n, at in enumerate(range(0, len(stream), size))]
-    found = decoded(engine, chunks, {*range(0, len(chunks), 3)})
-    assert found["stream", "counter"] == list(range(1000))
-    assert (found["counts"].bad, found["counts"].skipped_bytes, found["counts"].lost) == (0, 0, 0)
 
 
 def test_without_the_key_a_decoder_waits() -> None:
