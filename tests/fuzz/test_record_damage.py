@@ -81,13 +81,9 @@ def check(session: Path, folder: Path, flips: int, fits: int, seed: int, capsys:
         print(f"seed {seed}: {flips} flips noticed, at most {lost_most} of {len(whole)} messages lost, {fits} fitted")
 
 
-def test_flipped_bits(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    check(session, tmp_path / "s", 30, 2, SEED, capsys)
-
-
-@pytest.mark.sweep
-def test_flipped_bits_3000(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    check(session, tmp_path / "s", 3000, 300, SEED + 1, capsys)
+@pytest.mark.parametrize("flips", [30, pytest.param(3000, marks=pytest.mark.sweep)])
+def test_flipped_bits(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], flips: int) -> None:
+    check(session, tmp_path / "s", flips, 2 if flips == 30 else 300, SEED + (flips > 30), capsys)
 
 
 @pytest.mark.parametrize("at", [0, 3, 40, 200, 2000])
@@ -171,13 +167,9 @@ def check_random(folder: Path, rounds: int, seed: int) -> None:
         recover_session(folder / "bad")
 
 
-def test_random_damage(tmp_path: Path) -> None:
-    check_random(tmp_path, 400, SEED)
-
-
-@pytest.mark.sweep
-def test_random_damage_sweep(tmp_path: Path) -> None:
-    check_random(tmp_path, 20_000, SEED + 1)
+@pytest.mark.parametrize("rounds", [400, pytest.param(20_000, marks=pytest.mark.sweep)])
+def test_random_damage(tmp_path: Path, rounds: int) -> None:
+    check_random(tmp_path, rounds, SEED + (rounds > 400))
 
 
 def test_every_flipped_bit_is_noticed(tmp_path: Path) -> None:

@@ -14,8 +14,8 @@ from bench.model.errors import InputErrors
 from bench.model.ports import Parameter
 from bench.plan import Findings, Plan, PlannedPrompt, check_plan, compile_sequence, plan_json, steps_of
 from bench.plan.check.actions import ActionCheck
-from bench.run.control.asking import _judged
-from bench.run.control.operator import Question
+from bench.run.control.asking import Refused, _judged
+from bench.run.control.operator import Question, limits_of
 from instruments.values import check_argument
 
 SEQUENCE = """\
@@ -199,15 +199,6 @@ def test_what_cannot_be_is_refused(tmp_path: Path, text: str) -> None:
 ASKED = "value: {unit: ohm, high: 0.5 ohm}"
 
 
-def prompt_of(folder: Path, value: str) -> PlannedPrompt:
-    plan = compile_sequence(make_bench(folder, changed(ASKED, f"value: {value}")))
-    return next(step for step in plan.steps if isinstance(step, PlannedPrompt))
-
-
-def question_of(step: PlannedPrompt) -> Question:
-    return Question(step.text, step.confirm, step.unit, step.low, step.high)
-
-
 @pytest.mark.parametrize(
     ("unit", "written", "base", "high"),
     [
@@ -223,11 +214,21 @@ def question_of(step: PlannedPrompt) -> Question:
     ],
 )
 def test_every_kind_of_unit(tmp_path: Path, unit: str, written: str, base: str, high: float) -> None:
-    step = prompt_of(tmp_path, f"{{unit: {unit}, high: {written}}}")
+    step = shown_prompt(tmp_path, f"{{text: earth, {ASKED.replace('ohm, high: 0.5 ohm', f'{unit}, high: {written}')}}}")
     assert step.unit == base
     assert step.high == pytest.approx(high, rel=1e-15)
-    answer = _judged(question_of(step), written, "somebody")
-    assert answer.value == step.high
+
+
+def test_a_ratio_is_asked_for_in_percent(tmp_path: Path) -> None:
+    """Humidity of the room, for example: 45 % is 0.45 in session and results."""
+    step = shown_prompt(tmp_path, '{text: x, value: {unit: "%", low: 20 %, high: 60 %, quantity: humidity}}')
+    question = Question(step.text, step.confirm, step.unit, step.low, step.high)
+    assert (step.low, step.high, limits_of(question)) == (0.2, 0.6, "20 % to 60 %")
+    assert _judged(question, "45 %", "somebody").value == 0.45
+    with pytest.raises(Refused, match="70 % is outside the limits"):
+        _judged(question, "70 %", "somebody")
+    with pytest.raises(Refused, match="a value in % is due"):
+        _judged(question, "", "somebody")
 
 
 @pytest.mark.parametrize(
