@@ -61,21 +61,6 @@ def test_counts_and_csv_of_a_capture_longer_than_a_block(tmp_path: Path, monkeyp
     assert (table[98]["status.mode"], table[98]["status.calibrating"]) == ("1", "0")
 
 
-def test_one_csv_per_message_in_physical_units(tmp_path: Path) -> None:
-    definition = frame("ngu_b")
-    capture = tmp_path / "port_b.bin"
-    capture.write_bytes(golden("ngu_b.housekeeping") + golden("ngu_b.answer"))
-    for engine in ("numpy", "reference"):
-        written = tabulated(definition, capture, tmp_path / "b.csv", engine)
-        assert [path.name for path in written] == ["b.housekeeping.csv", "b.answer.csv", "b.command.csv"]
-        with written[0].open(newline="", encoding="utf-8") as stream:
-            (row,) = csv.DictReader(stream)
-        assert float(row["unit_temperature_1 [degC]"]) == pytest.approx(-10.23, abs=1e-12)
-        assert float(row["supply_voltage [V]"]) == pytest.approx(28.012, abs=1e-12)
-        assert b"NGU SIM-1".hex() in written[1].read_text(encoding="utf-8")
-        assert len(written[2].read_text(encoding="utf-8").splitlines()) == 1
-
-
 @pytest.mark.parametrize("name", ["ngu_a", "ngu_b", "vn100_binary"])
 def test_parquet_has_the_columns_and_values_of_the_csv(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -233,13 +218,6 @@ def test_the_cause_is_told_with_value_and_limit(frame: bytes, cause: str, words:
     (kind,) = found.bad
     assert (kind.cause, kind.number, kind.offset) == (cause, 2, len(SETS))
     assert words in kind.text
-
-
-def test_a_candidate_that_began_in_the_block_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("bench.frame.capture._BLOCK_BYTES", 7)
-    wrong = SETS[:-1] + b"\0"
-    found = counted(DEFINITION, (SETS * 9 + wrong) * 5)
-    assert [(kind.cause, kind.number, kind.offset) for kind in found.bad] == [("check", 5, 9 * len(SETS))]
 
 
 def test_no_more_than_a_thousand_are_looked_at() -> None:

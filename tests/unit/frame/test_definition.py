@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import struct
 
-import numpy as np
 import pytest
 from crccheck.crc import Crc8Smbus, Crc16Modbus, Crc16Xmodem, Crc32
 
 from bench.frame import FrameDefinition, LinkDecoder, pace_of, parse_frame, why_no_kernel
 from bench.model.errors import InputError, InputErrors
 
-HEAD = "frame: sample\nendian: big\nsync: [0xA5, 0x5A]\n"
+HEAD = "frame: sample\nendian: big\n"
 
 
 def sample(
@@ -20,6 +19,7 @@ def sample(
     """A small frame file with CRC-8/SMBUS over the body, whose golden frame is right unless a key overrides it."""
     golden = "a55a" + body + f"{Crc8Smbus.calc(bytes.fromhex(body)):02x}"
     text = {
+        "sync": "[0xA5, 0x5A]",
         "fields": f"[{fields}]",
         "crc": f"{{name: crc-8/smbus, over: {over}}}",
         "golden": f'"{golden}"',
@@ -180,6 +180,22 @@ REFUSALS = {
         "{name: value, type: u16}, {name: c, type: u8, constant: 5}", body="000706"
     ),
     "expect unknown B-FRAME-013": sample(expect="{value: 7, valve: 1}"),
+    "no check with a place B-FRAME-008": sample(crc="{name: none, over: [value, end]}"),
+    "check without a place B-FRAME-008": sample(crc="{name: crc-8/smbus}"),
+    "check in a field too small B-FRAME-008": sample(
+        "{name: value, type: u16}, {name: n, type: u8}",
+        body="000700",
+        crc="{name: sum-16, field: n, over: [value, end]}",
+    ),
+    "check in an array B-FRAME-008": sample(
+        "{name: value, type: u16}, {name: n, type: u8, count: 2}",
+        body="00070000",
+        crc="{name: sum-16, field: n, over: [value, end]}",
+    ),
+    "neither sync nor length B-FRAME-006": sample(sync="[]"),
+    "others without a type B-FRAME-007": sample(other="true"),
+    "length in no bits B-FRAME-006": sample(length="{field: value.high, plus: 0, max: 9}"),
+    "golden without trailer B-FRAME-011": sample(trailer="[0x0D]"),
 }
 
 
@@ -251,29 +267,6 @@ def typed(kind: int, counter: int, body: bytes) -> bytes:
     return frame + struct.pack(">H", Crc16Xmodem.calc(frame))
 
 
-def typed_definition() -> FrameDefinition:
-    short, long = typed(1, 5, struct.pack("<H", 7)), typed(15, 0, struct.pack("<IHI", 1, 0, 3))
-    return parse_frame(TYPED.replace("GOLDEN1", short.hex()).replace("GOLDEN2", long.hex()), "typed.yaml")
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_messages_by_bits_with_counters_of_their_own_and_others_apart(engine: str) -> None:
-    definition = typed_definition()
-    stream = b"".join(
-        typed(1, number, struct.pack("<H", number)) + typed(9, 77, bytes(10)) + typed(15, 2 * number % 256, bytes(10))
-        for number in range(200)
-    )
-    link = LinkDecoder(definition, engine)  # type: ignore[arg-type]
-    link.push(0, stream + typed(1, 200, b"xy")[:-1] + b"!")
-    messages = link.finish().messages
-    assert [len(batch) for batch in messages.values()] == [200, 200]
-    assert (link.counts.other, link.counts.bad, link.counts.lost) == (200, 1, 199)
-    assert link.counts.skipped_bytes == 8
-    assert messages["long"].counter is not None
-    assert np.array_equal(messages["long"].counter, 2 * np.arange(200))
-    assert definition.encode_one({"counter": 5, "n": 7}, "short") == typed(1, 5, b"\x07\x00")
-
-
 def test_a_length_that_the_field_cannot_say() -> None:
     text = """
 frame: words
@@ -287,54 +280,6 @@ crc: {name: sum-8, over: [words, end]}
     with pytest.raises(InputError, match=r"B-FRAME-021: .*multiple of 2"):
         definition.encode_one({"body": b"a"})
     assert definition.encode_one({"body": b"ab"}) == b"\x01\x02ab" + bytes([(2 + 97 + 98) & 255])
-
-
-def test_packets_without_sync_bytes_and_without_check() -> None:
-    text = """
-frame: packets
-endian: big
-sync: []
-fields: [{name: length, type: u8}, {name: body, type: bytes, count: rest}]
-length: {field: length, plus: 1, max: 20}
-crc: {name: none}
-"""
-    definition = with_golden(text, b"\x03abc", 'body: "61 62 63"')
-    assert "without a check" in definition.why_no_kernel
-    link = LinkDecoder(definition)
-    for number, chunk in enumerate((b"\x03ab", b"c\x00\x01x\xff\x02", b"yz\x05ab")):
-        link.push(number, chunk)
-    batch = link.finish().messages["frame"]
-    assert batch.raw("body").tolist() == [b"abc", b"", b"x", b"yz"]
-    assert batch.t_ns is not None
-    assert batch.t_ns.tolist() == [1, 1, 1, 2]
-    assert (link.counts.bad, link.counts.skipped_bytes) == (3, 4)
-
-
-SOUND = {
-    "endian": "big",
-    "sync": "[0x01]",
-    "fields": "[{name: a, type: u8, bits: {low: '0-3'}}, {name: n, type: u8}]",
-    "crc": "{name: sum-8, over: [a, end]}",
-    "golden": '"01 02 03 05"',
-    "expect": "{a: 2}",
-}
-
-
-def sound(**changed: str) -> str:
-    return "frame: f\n" + "".join(f"{key}: {value}\n" for key, value in (SOUND | changed).items())
-
-
-TWO_BYTES = "[{name: a, type: u8}, {name: n, type: u8, count: 2}]"
-REFUSALS |= {
-    "no check with a place B-FRAME-008": sound(crc="{name: none, over: [a, end]}"),
-    "check without a place B-FRAME-008": sound(crc="{name: sum-8}"),
-    "check in a field too small B-FRAME-008": sound(crc="{name: sum-16, field: n, over: [a, end]}"),
-    "check in an array B-FRAME-008": sound(fields=TWO_BYTES, crc="{name: sum-16, field: n, over: [a, end]}"),
-    "neither sync nor length B-FRAME-006": sound(sync="[]"),
-    "others without a type B-FRAME-007": sound(other="true"),
-    "length in no bits B-FRAME-006": sound(length="{field: a.high, plus: 0, max: 9}"),
-    "golden without trailer B-FRAME-011": sound(trailer="[0x0D]"),
-}
 
 
 @pytest.mark.parametrize("case", REFUSALS)

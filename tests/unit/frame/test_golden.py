@@ -291,14 +291,6 @@ def test_fields_are_what_was_packed(name: str) -> None:
             np.testing.assert_allclose(batch.scaled(field)[0], due, rtol=1e-14, err_msg=field)
 
 
-@pytest.mark.parametrize("name", ["ngu_a", "ngu_a_100s", "vn100_binary"])
-def test_vectorised_encoder_gives_the_golden_bytes(name: str) -> None:
-    columns = decode(name, INDEPENDENT[name]).columns()
-    repeated = {field: np.repeat(values, 100, axis=0) for field, values in columns.items()}
-    rows = frame_of(name).encode(repeated, 100)
-    assert {row.tobytes() for row in rows} == {INDEPENDENT[name]}
-
-
 def test_encoder_of_single_frames_gives_the_golden_bytes() -> None:
     definition = frame_of("ngu_b")
     assert definition.encode_one({"command": 2, "payload": b"\x64"}, "command") == INDEPENDENT["ngu_b.command"]

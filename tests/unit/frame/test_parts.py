@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from crccheck.crc import Crc16Xmodem
 from record_sample import frame as frame_of
 
 from bench.frame import Engine, FrameDefinition, Tables, decode_capture, parse_frame
@@ -248,22 +249,13 @@ def nmea(body: bytes) -> bytes:
     return b"$" + body + b"*%02X\r\n" % reduce(xor, body)
 
 
-def xmodem(text: bytes) -> int:
-    value = 0
-    for byte in text:
-        value ^= byte << 8
-        for _ in range(8):
-            value = (value << 1 ^ 0x1021 if value & 0x8000 else value << 1) & 0xFFFF
-    return value
-
-
 def line_of(changes: dict[str, Any]) -> FrameDefinition:
     return parse_frame(json.dumps({**right(), **changes}), "lines.yaml")
 
 
 def right() -> dict[str, Any]:
     body = "#IMU,7,00F1;1.5,-2e-3,-40"
-    return {**SPEC, "golden": f"{body}*{xmodem(body.encode()):04X}"}
+    return {**SPEC, "golden": f"{body}*{Crc16Xmodem.calc(body.encode()):04X}"}
 
 
 def test_sentences_of_the_receiver_description() -> None:
@@ -316,7 +308,7 @@ def test_chunks_make_no_difference() -> None:
         if sync != [0x23]:
             body = "#IMU,7,00F1;1.5,-2e-3,-40"[len(sync) :]
             fields = [{"name": "address", "type": "bytes", "count": 4}, *SPEC["fields"][1:]]
-            golden = bytes(sync).decode() + body + f"*{xmodem(bytes(sync) + body.encode()):04X}"
+            golden = bytes(sync).decode() + body + f"*{Crc16Xmodem.calc(bytes(sync) + body.encode()):04X}"
             spec |= {"fields": fields}
         definition = line_of({**spec, "golden": golden})
         pieces = [golden.encode() + b"\r\n", golden.encode() + b"\n", b"#", b"#I", b"\r", b"\n", b"x" * 120, b"\x80,"]
@@ -369,7 +361,7 @@ def test_what_cannot_stand_in_a_line(name: str, value: object) -> None:
         ({"fields": [{"name": "a", "type": "bytes", "count": "rest"}]}, "B-FRAME-002", "no 'rest'"),
         ({"golden": "IMU,7*00"}, "B-FRAME-011", "does not begin with '#'"),
         ({"golden": "#IMU,7*00"}, "B-FRAME-011", "stands '00'"),
-        ({"golden": f"#IMU,7*{xmodem(b'#IMU,7'):04X}"}, "B-FRAME-011", "has 2 values, 'frame' has 6"),
+        ({"golden": f"#IMU,7*{Crc16Xmodem.calc(b'#IMU,7'):04X}"}, "B-FRAME-011", "has 2 values, 'frame' has 6"),
         ({"type": {"field": "sequence"}}, "B-FRAME-006", "the type of a line"),
     ],
 )

@@ -357,15 +357,6 @@ def test_budgets_are_those_of_gtc() -> None:
     np.testing.assert_allclose(found.correlation, expected, rtol=1e-12, atol=1e-14)
 
 
-def test_one_component_alone_keeps_its_degrees_of_freedom() -> None:
-    """Table G.2: 10 degrees of freedom, k = 2.23; as a tenth of the variance they hardly count any more."""
-    alone = combined([Component("noise", 1.0, dof=10, evaluation="A")])
-    assert (alone.dof, round(alone.coverage_factor, 2)) == (pytest.approx(10.0), 2.23)
-    within = combined([Component("noise", 1.0, dof=10, evaluation="A"), Component("gain", 3.0)])
-    assert within.dof == pytest.approx(10.0 * 10.0**2, rel=1e-9)
-    assert within.coverage_factor == pytest.approx(1.962, abs=0.001)
-
-
 def test_nothing_uncertain() -> None:
     budget = combined([Component("not stated", 0.0, "ppm")])
     assert (budget.std_uncertainty, budget.dof, budget.expanded_uncertainty) == (0.0, math.inf, 0.0)

@@ -132,11 +132,6 @@ def test_installed_folder_goes_before_a_neighbour_of_the_package(package: Path) 
     assert shipped_names("frames") == ["ngu_a"]
 
 
-@pytest.mark.parametrize("name", ["ngu_a", "ngu_a.yaml"])
-def test_by_name(package: Path, name: str) -> None:
-    assert find_shipped("frames", name) == package / "ngu_a.yaml"
-
-
 def test_path_goes_before_name(package: Path) -> None:
     Path("ngu_a.yaml").write_text("frame: mine\n")
     assert find_shipped("frames", "ngu_a.yaml").read_text() == "frame: mine\n"

@@ -67,11 +67,6 @@ def test_a_mistake_in_the_sequence(tmp_path: Path, old: str, new: str, codes: st
     assert on_line in text.split("\n")[int(error.where.split(":")[-2]) - 1] + "\n", error
 
 
-def test_the_sample_is_right_as_it_is(tmp_path: Path) -> None:
-    assert mistakes(make_bench(tmp_path)) == []
-    assert mistakes(make_bench(tmp_path, FLAT)) == []
-
-
 def test_a_level_over_the_full_scale_of_its_channel_b_plan_073(tmp_path: Path) -> None:
     text = changed("point: {current: 0 A", "point: {current: 2 mA", changed("full_scale: 299 mA", "full_scale: 1 mA"))
     found = {error.code: error for error in mistakes(make_bench(tmp_path, text))}
@@ -359,11 +354,3 @@ def test_an_instrument_with_the_driver_of_another_b_plan_050(tmp_path: Path, rig
     [error] = [error for error in found if error.code == "B-PLAN-050"]
     assert f"{role} ({wrong.removeprefix('driver: ')}) has none of the actions that are called: " in error.message
     assert line_of(error, tmp_path) == (STATION_FILE, f"    {wrong}")
-
-
-def test_a_limit_of_the_station_is_named_with_its_line_b_plan_055(tmp_path: Path) -> None:
-    found = mistakes(make_bench(tmp_path, SEQUENCE, ("current: [0 A, 220 mA]", "current: [0 A, 0.5 mA]")))
-    [error] = [error for error in found if error.code == "B-PLAN-055"]
-    place = re.search(rf"station af_bench_sim \({STATION_FILE}:(\d+)\)", error.message)
-    assert place is not None
-    assert "0.5 mA]" in (tmp_path / "stations" / STATION_FILE).read_text().splitlines()[int(place[1]) - 1]

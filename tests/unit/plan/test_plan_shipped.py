@@ -187,16 +187,6 @@ def test_values_that_are_set_reach_plan_world_and_hash() -> None:
     assert compile_sequence("scale_factor_short", overrides={"serial": "0042"}).campaign["uut"]["serial"] == "0042"
 
 
-def test_the_flat_form_waits_between_its_times() -> None:
-    plan = shipped("timeline_example")
-    acts = {step.at_s: step for step in plan.phase("campaign") if step.kind != "settle"}
-    assert [(at_s, acts[at_s].kind) for at_s in (10.0, 12.0, 17.0, 40.0, 140.0)] == [
-        (10.0, "unit"), (12.0, "send"), (17.0, "call"), (40.0, "record"), (140.0, "verify"),
-    ]  # fmt: skip
-    assert acts[40.0].conditions["label"] == "ch3_plus_1ma"
-    assert plan.duration_s == 142.0
-
-
 def test_summary_names_time_disk_and_hazards(campaign: Plan) -> None:
     summary = summarise(campaign)
     assert (summary.duration_s, summary.finally_s) == (136_800.0, 3600.0)

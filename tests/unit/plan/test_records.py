@@ -146,15 +146,6 @@ def test_what_follows_raw_text_is_not_believed_b_plan_076(tmp_path: Path) -> Non
     assert "nobody knows the current of calibrator" in errors[0].message
 
 
-def test_a_record_carries_the_band_of_its_soak() -> None:
-    plan = compile_sequence("scale_factor_short", overrides={"within": "0.4 degC"})
-    bands = {
-        phase: {s.conditions.get("settle_band_degC") for s in plan.phase(phase) if s.kind == "record"}
-        for phase in ("prepare", "campaign")
-    }
-    assert bands == {"prepare": {None}, "campaign": {0.4}}
-
-
 def test_the_act_of_a_person_or_readings_may_stand_between_records(tmp_path: Path) -> None:
     """Not on this bench, where nobody can do it; that is then the only mistake."""
     source = make_bench(tmp_path, RAMP.replace(CALL, CALL + "  - prompt: {text: Go., sets: {speed: 1 m/s}}\n"))

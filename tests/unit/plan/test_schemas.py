@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from import_sample import RAMP, SHORT
 from jsonschema import Draft202012Validator
-from plan_sample import FLAT, SEQUENCE, changed, make_bench, mistakes
+from plan_sample import changed, make_bench, mistakes
 from pydantic import RootModel
 from trend_sample import FRAMES, ROOT
 
@@ -47,11 +47,6 @@ def test_each_is_a_schema_and_plain_json(kind: str) -> None:
 @pytest.mark.parametrize(("kind", "path"), FILES, ids=lambda value: getattr(value, "stem", value))
 def test_shipped_files_are_valid(kind: str, path: Path) -> None:
     assert errors(kind, load_yaml(path, RootModel[Any]).model.root) == []
-
-
-@pytest.mark.parametrize("text", [SEQUENCE, FLAT])
-def test_samples_are_valid(text: str) -> None:
-    assert errors("sequence", parse_yaml(text, "s", RootModel[Any]).model.root) == []
 
 
 @pytest.mark.parametrize(

@@ -95,12 +95,6 @@ def test_the_shipped_station(station: Station) -> None:
     assert station.ranges_A("nobody") == ()
 
 
-def test_options_left_to_the_world_are_absent_until_they_are_set(station: Station) -> None:
-    assert "master_error_ppm" not in station.world_options
-    assert station.with_options({"master_error_ppm": "-50"}).world_options["master_error_ppm"] == "-50"
-    assert "master_error_ppm" not in station.world_options
-
-
 def probe(due: str = "2000-11-01", r0: str = "100.0123 ohm") -> tuple[str, str]:
     return LINKS, PROBE.format(due=due, r0=r0) + LINKS
 

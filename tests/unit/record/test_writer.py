@@ -103,14 +103,6 @@ def test_manifest_and_texts_stand_before_everything_else(tmp_path: Path) -> None
     assert reader.texts == TEXTS
 
 
-def test_same_input_same_bytes_and_another_one_differs(tmp_path: Path) -> None:
-    write_sample(tmp_path / "one")
-    write_sample(tmp_path / "another-2")
-    write_sample(tmp_path / "other", seed=2)
-    assert digest(tmp_path / "one") == digest(tmp_path / "another-2")
-    assert digest(tmp_path / "one") != digest(tmp_path / "other")
-
-
 def test_seconds_that_are_written_together_are_the_same_bytes(tmp_path: Path) -> None:
     for name, stride in (("each", 1), ("together", 7)):
         writer = SessionWriter.create(tmp_path / name, MANIFEST, TEXTS, t_mono_ns=0)

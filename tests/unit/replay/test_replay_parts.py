@@ -18,7 +18,7 @@ from bench.model.errors import InputError, SessionDamaged
 from bench.model.events import Record, event_of
 from bench.model.ports import RecordWindow
 from bench.model.quality import Quality
-from bench.record import RecordRow, SessionReader, SessionWriter
+from bench.record import RecordRow, SessionWriter
 from bench.replay import compare, moved_rows, replay_rows
 from bench.replay.parts import Part, RecordedWindow, intervals_ns, recorded_windows, splices_of, time_shifts_ns
 from bench.run.control.operator import SimulatedOperator
@@ -212,14 +212,6 @@ def test_a_link_or_a_frame_file_that_is_missing_is_damage(tmp_path: Path) -> Non
     SessionWriter.create(tmp_path / "other", MANIFEST, {}, t_mono_ns=0).close("done")
     with pytest.raises(SessionDamaged, match="B-RPL-002"):
         replay_rows(tmp_path / "other")
-
-
-def test_reading_leaves_the_session_as_it_is(tmp_path: Path) -> None:
-    SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0).close("done")
-    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    replay_rows(tmp_path)
-    assert not SessionReader(tmp_path, strict=True).damage
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
 
 
 RESULTS: dict[str, Any] = {

@@ -66,18 +66,6 @@ def test_the_same_session_is_computed_once(session: Path, inside: Inside, monkey
     assert first.returncode == again.returncode == again_json.returncode == 0
 
 
-def test_a_report_after_a_fit_is_the_one_drawn_at_once(session: Path, inside: Inside, cache: Path) -> None:
-    inside("report", str(session))
-    page = (session / "report.html").read_bytes()
-    inside("fit", str(session), "--fresh")
-    next(cache.glob("*.sections")).unlink()
-    for _ in range(2):  # drawn, then as it was drawn
-        (session / "report.html").unlink()
-        assert FROM_CACHE in inside("report", str(session)).stdout
-        assert (session / "report.html").read_bytes() == page
-    assert {path.suffix for path in cache.iterdir()} == {".shown", ".model", ".sections"}
-
-
 def test_the_end_of_a_run_keeps_what_it_computed(tmp_path: Path, inside: Inside, cache: Path) -> None:
     record_golden(tmp_path / "out")
     session = next(path.parent for path in (tmp_path / "out").glob("*/results.json"))
@@ -89,15 +77,6 @@ def test_the_end_of_a_run_keeps_what_it_computed(tmp_path: Path, inside: Inside,
     assert results_json(shown.results) == results_json(again.shown.results) == results
     assert shown.remarks == again.shown.remarks
     assert again.report.html().encode() == page
-
-
-def test_fresh_computes_again_and_keeps_that(session: Path, inside: Inside, cache: Path) -> None:
-    inside("report", str(session))
-    for path in cache.iterdir():
-        path.write_bytes(b"")
-    assert FROM_CACHE not in inside("fit", str(session), "--fresh").stdout
-    assert kept(session)
-    assert FROM_CACHE not in inside("report", str(session), "--fresh").stdout
 
 
 def test_another_method_is_another_result(session: Path) -> None:

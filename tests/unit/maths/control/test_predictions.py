@@ -232,16 +232,6 @@ def test_the_scatter_of_units_does_not_hold_the_error_of_a_certificate() -> None
     assert np.mean(found) == pytest.approx(UNIT_OWN**2, rel=0.1)
 
 
-def test_units_without_a_standard_have_a_scatter_all_the_same() -> None:
-    alone = [
-        Readings(*list(vars(unit).values())[:4], np.full(9, NO_STANDARD), unit.level)
-        for unit in units(np.random.default_rng(SEED))
-    ]
-    known = population(alone, 0)
-    assert known.freedom == 8 * 7
-    assert known.variance > UNIT_OWN**2
-
-
 def test_a_certificate_that_no_unit_met_beside_another_is_not_judged() -> None:
     """Units that come back to the same bench each time, in its first year: anything may be."""
     rng = np.random.default_rng(SEED)
