@@ -185,21 +185,16 @@ def test_counters_do_not_depend_on_the_moments_of_flushing(seed: int) -> None:
         counter, t_ns = counter + 100, t_ns + int(generator.normal(1e9, 5e6))
         chunks.append((t_ns, frames(definition, true).tobytes()))
     live, replay = LinkDecoder(definition), LinkDecoder(definition)
-    counters: list[int] = []
-    suspects: list[bool] = []
+    batches = []
     for t_ns, chunk in chunks:
         live.push(t_ns, chunk)
         replay.push(t_ns, chunk)
         if generator.random() < 0.5:
-            batch = live.flush().messages["frame"]
-            counters += batch.counter.tolist()  # type: ignore[union-attr]
-            suspects += batch.suspect.tolist()
-    batch = live.flush().messages["frame"]
-    counters += batch.counter.tolist()  # type: ignore[union-attr]
-    suspects += batch.suspect.tolist()
+            batches.append(live.flush().messages["frame"])
+    batches.append(live.flush().messages["frame"])
     whole = replay.flush().messages["frame"]
-    assert whole.counter.tolist() == counters  # type: ignore[union-attr]
-    assert whole.suspect.tolist() == suspects
+    assert whole.counter.tolist() == [value for batch in batches for value in batch.counter]  # type: ignore[union-attr]
+    assert whole.suspect.tolist() == [mark for batch in batches for mark in batch.suspect]
     assert replay.counts == live.counts
     assert live.counts.suspect > 0
     assert live.counts.lost > 0
