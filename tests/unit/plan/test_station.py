@@ -12,7 +12,6 @@ from bench.model.errors import InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.yamlio import parse_yaml
 from bench.plan import Plan, Station, compile_sequence, load_station, summarise, unwatched
-from bench.plan.check.stations import canonical_address
 from bench.plan.served import served_station
 from bench.plan.station import StationFile
 from sim_instruments.fluke_5720a import CURRENT_RANGES
@@ -164,22 +163,6 @@ def test_the_driver_and_the_simulator_have_the_same_ladder() -> None:
 
     assert driver_ladder_A("fluke_5720a") == tuple(one.full_scale_A for one in CURRENT_RANGES)
     assert driver_ladder_A("keithley_7002") == ()
-
-
-@pytest.mark.parametrize(
-    ("written", "full"),
-    [
-        ("GPIB::4", "GPIB0::4::INSTR"),
-        ("gpib0::04::0::instr", "GPIB0::4::INSTR"),
-        ("TCPIP::10.0.0.2::INSTR", "TCPIP0::10.0.0.2::INSTR"),
-        ("TCPIP0::host::5025::SOCKET", "TCPIP0::HOST::5025::SOCKET"),
-        ("ASRL/dev/ttyUSB0::INSTR", "ASRL/dev/ttyUSB0::INSTR"),
-        ("GPIB0::INSTR", None),
-        ("GPIB0::4::::INSTR", None),
-    ],
-)
-def test_one_address_in_several_spellings(written: str, full: str | None) -> None:
-    assert canonical_address(written) == full
 
 
 @pytest.mark.parametrize(

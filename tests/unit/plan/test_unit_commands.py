@@ -16,7 +16,6 @@ from bench.plan import Findings, Plan, PlannedPrompt, check_plan, compile_sequen
 from bench.plan.check.actions import ActionCheck
 from bench.run.control.asking import Refused, _judged
 from bench.run.control.operator import Question, limits_of
-from instruments.values import check_argument
 
 SEQUENCE = """\
 sequence: sample
@@ -263,15 +262,3 @@ def test_what_counts_as_a_pure_number(value: Any, dimension: str, right: bool) -
     check, findings = checker()
     assert check._sort_is_right(STEP, COUNT, value, dimension) is right
     assert [one.code for one in findings.sorted()] == ([] if right else ["B-PLAN-052"])
-
-
-def test_its_limits_are_checked_by_the_plan_and_by_the_driver() -> None:
-    check, findings = checker()
-    entry: Any = SimpleNamespace(driver="maker_model", limits={})
-    check._limits(STEP, COUNT, 3.0, entry)
-    assert not findings.sorted()
-    check._limits(STEP, COUNT, 7.0, entry)
-    assert "count 7 is outside 1 to 5 of driver maker_model" in str(findings.sorted()[0])
-    assert check_argument(COUNT, 3) == 3.0
-    with pytest.raises(ValueError, match=r"above 5\.0"):
-        check_argument(COUNT, 7)
