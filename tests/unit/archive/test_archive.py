@@ -239,9 +239,8 @@ def test_a_line_that_was_being_written_is_written_again(tmp_path: Path, cut: int
 
 def test_a_folder_of_another_refit_b_arc_006(tmp_path: Path) -> None:
     filled(tmp_path, "a")
-    with pytest.raises(InputError, match="is of another refit") as caught:
+    with pytest.raises(InputError, match=r"B-ARC-006: .*is of another refit"):
         TrialJournal(tmp_path, {"name": "f" * 16})
-    assert caught.value.code == "B-ARC-006"
     (tmp_path / HEAD).write_text("{")
     with pytest.raises(InputError, match="is no head of a refit"):
         TrialJournal(tmp_path, NAME)

@@ -134,9 +134,8 @@ def test_the_same_as_another_package(record_property: Callable[[str, object], No
     ("rate", "count"), [(np.array([1.0]), "1 good samples of 1"), (np.array([1.0, np.nan] * 4), "4 good samples of 8")]
 )
 def test_a_record_without_a_difference_is_refused(rate: np.ndarray, count: str) -> None:
-    with pytest.raises(FitError, match=count) as caught:
+    with pytest.raises(FitError, match=f"B-FIT-031: .*{count}"):
         allan_deviation(rate, 1.0)
-    assert caught.value.code == "B-FIT-031"
 
 
 # --- confidence ------------------------------------------------------------------------------------------------------
@@ -322,9 +321,8 @@ def test_a_beat_that_no_term_describes_is_told_by_chi_squared() -> None:
                                                      (400, True, "modified Allan deviation")])  # fmt: skip
 def test_what_cannot_be_fitted_is_refused(n: int, modified: bool, text: str) -> None:
     curve = allan_deviation(np.random.default_rng(57).normal(size=n), 1.0, modified=modified)
-    with pytest.raises(FitError, match=text) as caught:
+    with pytest.raises(FitError, match=f"B-FIT-030: .*{text}"):
         fit_noise_terms(curve)
-    assert caught.value.code == "B-FIT-030"
 
 
 def test_a_record_without_noise_is_refused() -> None:

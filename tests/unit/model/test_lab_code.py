@@ -190,9 +190,8 @@ def test_an_analysis_is_what_it_declares(lab: Path, old: str, new: str, says: st
     text = (lab / ANALYSIS).read_text()
     assert old in text
     (lab / ANALYSIS).write_text(text.replace(old, new, 1))
-    with pytest.raises(InstallationError, match=says) as caught:
+    with pytest.raises(InstallationError, match=f"B-LAB-006: .*{says}"):
         analysis_declaration("air_mean")
-    assert caught.value.code == "B-LAB-006"
 
 
 def test_names_that_are_none_are_not_looked_for(lab: Path) -> None:

@@ -208,9 +208,8 @@ def test_exports_that_are_not_possible(tmp_path: Path, monkeypatch: pytest.Monke
     assert record(url) == ""
     monkeypatch.setattr("bench.store.rows.find_spec", lambda name: None)
     for name, said in (("x.parquet", r"inertial-bench\[parquet\]"), ("x.xlsx", "neither .csv nor .parquet")):
-        with pytest.raises(StoreError, match=said) as caught:
+        with pytest.raises(StoreError, match=f"B-STORE-012: .*{said}"):
             export_history(url, Filters(), tmp_path / name)
-        assert caught.value.code == "B-STORE-012"
         assert not (tmp_path / name).exists()
 
 

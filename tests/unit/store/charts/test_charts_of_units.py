@@ -119,9 +119,8 @@ def test_what_is_no_first_phase(url: str) -> None:
         ((None, date(2015, 1, 1)), 100.0, " ", "r", "nobody"),
     )
     for days, run_length, by, reason, said in wrong:
-        with pytest.raises(StoreError, match=said) as caught:
+        with pytest.raises(StoreError, match=f"B-STORE-041: .*{said}"):
             freeze(url, ("unit", "A1"), days, run_length, by, reason)
-        assert caught.value.code == "B-STORE-041"
     with pytest.raises(StoreError, match="B-STORE-009"):
         freeze(url, ("station", "bench_7"), (None, date(2015, 1, 1)), 100.0, "A", "r")
 
