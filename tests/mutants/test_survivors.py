@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pytest
+<<<<<<< HEAD
 from survivors import Mutant, annotations, mutants_of, nearest, wilson
 
 
@@ -38,6 +39,9 @@ def test_tests_that_name_a_driver_come_first_then_those_beside_drivers_and_simul
 
 def test_annotations_are_found() -> None:
     assert sorted(annotations("def f(x: int | None) -> int: ...\n")) == [((1, 9), (1, 19)), ((1, 24), (1, 27))]
+=======
+from survivors import mutants_of, wilson
+>>>>>>> t-core
 
 
 def test_places_are_mutated_once_each_and_annotations_never() -> None:
