@@ -3,22 +3,7 @@
 from __future__ import annotations
 
 import pytest
-<<<<<<< HEAD
-from survivors import Mutant, annotations, mutants_of, nearest, wilson
-
-
-def test_tests_of_the_module_come_first_then_those_of_the_room() -> None:
-    tests = {
-        "tests/runs/test_c.py": "from bench.maths import budget\n",
-        "tests/unit/maths/test_b.py": "from bench.maths.budget import combined\n",
-        "tests/unit/systems/test_a.py": "from bench.maths.allan import deviation\n",
-        "tests/unit/run/test_d.py": "from bench.run import stop\n",
-    }
-    mutant = Mutant("bench/maths/allan.py", 3, "core/AddNot", 0)
-    assert nearest(mutant, "bench/maths", tests) == [
-        "tests/unit/systems/test_a.py", "tests/unit/maths/test_b.py", "tests/runs/test_c.py",
-    ]  # fmt: skip
-    assert nearest(Mutant("bench/maths/budget.py", 1, "", 0), "bench/maths", tests)[0] == "tests/runs/test_c.py"
+from survivors import Mutant, mutants_of, nearest, wilson
 
 
 def test_tests_that_name_a_driver_come_first_then_those_beside_drivers_and_simulators() -> None:
@@ -35,13 +20,6 @@ def test_tests_that_name_a_driver_come_first_then_those_beside_drivers_and_simul
     room = "sim_instruments/worlds/gnc"
     order = nearest(Mutant(f"{room}/board.py", 1, "", 0), room, tests)
     assert order == ["tests/unit/sim_instruments/worlds/gnc/test_board.py"]
-
-
-def test_annotations_are_found() -> None:
-    assert sorted(annotations("def f(x: int | None) -> int: ...\n")) == [((1, 9), (1, 19)), ((1, 24), (1, 27))]
-=======
-from survivors import mutants_of, wilson
->>>>>>> t-core
 
 
 def test_places_are_mutated_once_each_and_annotations_never() -> None:
