@@ -30,7 +30,7 @@ from rehearsal import (
     recorded,
     rehearsed,
 )
-from two_ends import TwoEnds, arrange, give_way
+from two_ends import TwoEnds, arrange
 
 from bench.model.folders import cache_folder
 
@@ -41,8 +41,7 @@ settings.load_profile("any machine")  # how fast inputs are drawn says something
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Give way to tests that wait, if this process computes; share no cache with the user."""
-    give_way(config)
+    """Share no cache with the user."""
     os.environ.pop("SSH_CONNECTION", None)  # who develops through ssh is at the bench here
     if not hasattr(config, "workerinput"):
         config.add_cleanup(_own_cache().cleanup)

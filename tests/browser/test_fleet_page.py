@@ -17,7 +17,7 @@ from playwright.sync_api import Browser, Page, expect
 from shown_run import ShownRun
 from situations import LIVING, state_of
 from test_axe import DESK, PHONE, nothing_is_wrong
-from test_reach import fits_and_can_be_touched, well_led
+from test_reach import well_led
 from test_situations import picture
 
 from bench.model.clock import WallClock
@@ -199,5 +199,4 @@ def test_everybody_reads_and_reaches_it(browser: Browser, few: PageServer, scree
         picture(visitor.page, screenshots / "fleet_few.png")
     with visiting(browser, few, "viewer", has_touch=True, viewport=PHONE) as visitor:
         open_few(visitor.page, few)
-        fits_and_can_be_touched(visitor.page)
         picture(visitor.page, screenshots / "fleet_few_phone.png")

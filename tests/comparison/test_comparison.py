@@ -7,9 +7,8 @@ from pathlib import Path
 
 import pytest
 from cases import RUNS, Case, checks, golden_sessions, plans
-from documents import compare_folders, named_differences, unavailable_views
+from documents import compare_folders, named_differences
 from revisions import HERE, ROOT, Bench, compare
-from views import write
 
 GOLDEN_FIT = "fit_0.1.0_golden_GOLDEN"
 FEW = {"gnc_unit_test", GOLDEN_FIT, "check_timeline_example", "check_resistance_thermometer", "plans_own_checks"}
@@ -76,15 +75,3 @@ def test_a_document_is_compared_by_its_fields(folders: tuple[Path, Path]) -> Non
     assert told(base, new) == [
         ("live_state.json", "log[1]", "2", "3"), ("more.txt", "file", "(absent)", "there"),
     ]  # fmt: skip
-
-
-def test_code_that_has_moved_is_told_and_nothing_else_of_its_file(folders: tuple[Path, Path]) -> None:
-    def moved() -> None:
-        raise ImportError("cannot import name 'Past'")
-
-    base, new = folders
-    (base / "live_state.json").write_text('{"state": "done"}')
-    write(new / "live_state.json", moved)
-    assert told(base, new) == []
-    assert list(unavailable_views(base)) == []
-    assert list(unavailable_views(new)) == [("live_state.json", "ImportError: cannot import name 'Past'")]

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-from doubt_blocks import Bias, Block, all_worlds, done_block, module_of
+from doubt_blocks import Block, all_worlds, done_block, module_of
 from doubt_classes import Seen, worst_bias
-from doubt_page import BELOW, PAGE, faults_of, with_tables
+from doubt_page import faults_of
 
 WRONG = Block("north", "magnet", 0.1, 0, 9, "0123abc", 25.0, 11.6, 3.2, 7, 0, 1, 0, 0, 2, 0, 1.5)
 RIGHT = Block("north", "", 0.0, 0, 499, "0123abc", 0.0, 0.0, 0.0, 490, 0, 10, 0, 0, 0, 5, 60.0)
@@ -30,16 +30,6 @@ def test_right_worlds_are_doubted_once_in_a_hundred_at_most() -> None:
     assert faults_of([replace(RIGHT, last=249, campaigns=2), replace(RIGHT, first=250, campaigns=4)], {}) == [
         "north: 6 of 500 right campaigns are doubted"
     ]
-
-
-def test_the_tables_are_of_the_rows() -> None:
-    page = with_tables(
-        f"Head.\n{BELOW}\nold", [WRONG, RIGHT], [Bias("north", "magnet", 0.1, "0123abc", "azimuth", 3.2)]
-    )
-    assert "old" not in page
-    assert "| magnet | 0.1 | 25 | 11.6 | 3.2 | 7 | 0 | 1 | 0 | 0 | 2 | azimuth |" in page
-    assert "| *right worlds* | | | | | 490 | 0 | 10 | 0 | 0 | 0 | 5 of 500 campaigns doubted |" in page
-    assert BELOW in PAGE.read_text(encoding="utf-8")
 
 
 def test_a_bias_is_in_the_uncertainty_of_the_right_world() -> None:

@@ -16,7 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from controller import FSYNC_S
-from served import SAFE_S, Controller, Served, until
+from served import SAFE_S, Controller, Served
+from waiting import until
 
 from bench.model.clock import WallClock
 from bench.model.errors import RunError
@@ -156,8 +157,7 @@ def test_two_fsyncs_that_are_late_hold_the_run_and_do_not_end_it(served: Served,
     is_on(served, controller)
     moment_s = time.monotonic()
     assert "an fsync is not over after 5 s" in controller.wait_for("holding at step")
-    while served.on() and time.monotonic() < moment_s + 2 * FSYNC_S:
-        time.sleep(0.05)
+    until(lambda: not served.on(), "outputs that are off", 2 * FSYNC_S)
     assert off_after_s(served, moment_s) <= LATE_S + 2.0
     assert controller.end() == 0, controller.heard
     assert [entry["what"] for entry in controller.diary] == ["ready", "dismissed"]

@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 from kill_drill import LONGEST_S, RECORDS, SEQUENCE, Process, after_some_records, session_in
 from served import SAFE_S, Served
+from waiting import until
 
 from bench.commands.session import replay
 from bench.model.clock import NS
@@ -29,8 +30,7 @@ AHEAD_S = 0.5  # the guard goes on before its controller, and must not take it f
 
 def stopped_together(served: Served, process: Process, guard: int) -> tuple[float, float]:
     """Stop both while the calibrator is on, and let both go on; returns when the controller stopped and went on, s."""
-    while served.on() != ["calibrator", "switch"]:
-        time.sleep(0.02)
+    until(lambda: served.on() == ["calibrator", "switch"], "a stimulus that is on", each_s=0.02)
     stopped_s = time.monotonic()
     for pid in (guard, process.pid):
         os.kill(pid, signal.SIGSTOP)
@@ -54,9 +54,7 @@ def test_the_stimulus_goes_off_and_the_point_is_taken_again(served: Served, out:
         assert folder is not None
         guard = next(fields["pid"] for _, _, fields in SessionReader(folder).events("guard"))
         stopped_s, awake_s = stopped_together(served, process, guard)
-        while served.on():
-            assert time.monotonic() < awake_s + SAFE_S
-            time.sleep(0.02)
+        until(lambda: not served.on(), "outputs that are off", awake_s + SAFE_S - time.monotonic(), each_s=0.02)
         off_s = served.changed_s("calibrator") - awake_s
         print(f"off {off_s:.2f} s after both went on")
         assert 0.0 < off_s <= SAFE_S

@@ -81,13 +81,9 @@ def check(session: Path, folder: Path, flips: int, fits: int, seed: int, capsys:
         print(f"seed {seed}: {flips} flips noticed, at most {lost_most} of {len(whole)} messages lost, {fits} fitted")
 
 
-def test_flipped_bits(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    check(session, tmp_path / "s", 30, 2, SEED, capsys)
-
-
-@pytest.mark.sweep
-def test_flipped_bits_3000(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    check(session, tmp_path / "s", 3000, 300, SEED + 1, capsys)
+@pytest.mark.parametrize("flips", [30, pytest.param(3000, marks=pytest.mark.sweep)])
+def test_flipped_bits(session: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], flips: int) -> None:
+    check(session, tmp_path / "s", flips, 2 if flips == 30 else 300, SEED + (flips > 30), capsys)
 
 
 @pytest.mark.parametrize("at", [0, 3, 40, 200, 2000])
@@ -100,19 +96,6 @@ def test_a_flip_in_the_head_costs_neither_manifest_nor_plan(session: Path, tmp_p
     assert damaged.damage
     assert damaged.manifest == whole.manifest
     assert damaged.texts == whole.texts
-
-
-def test_a_damaged_channel_record_renames_nothing(session: Path, tmp_path: Path) -> None:
-    """Every byte of the chunk that holds the channel records of manifest and texts, one bit of each in turn."""
-    content = (session / NAME).read_bytes()
-    rng = np.random.default_rng(SEED)
-    whole, chunk = good(session), chunks(content)
-    for at in rng.permutation(np.arange(120, 700))[:80].tolist():
-        flipped = bytearray(content)
-        flipped[at] ^= 1 << int(rng.integers(0, 8))
-        (tmp_path / NAME).write_bytes(flipped)
-        lost = {chunk[message.sequence] for message in set(whole) - set(good(tmp_path))}
-        assert len(lost) <= 1, f"seed {SEED}, byte {at}"
 
 
 def test_every_bit_of_every_record_head(tmp_path: Path) -> None:
@@ -184,13 +167,9 @@ def check_random(folder: Path, rounds: int, seed: int) -> None:
         recover_session(folder / "bad")
 
 
-def test_random_damage(tmp_path: Path) -> None:
-    check_random(tmp_path, 400, SEED)
-
-
-@pytest.mark.sweep
-def test_random_damage_sweep(tmp_path: Path) -> None:
-    check_random(tmp_path, 20_000, SEED + 1)
+@pytest.mark.parametrize("rounds", [400, pytest.param(20_000, marks=pytest.mark.sweep)])
+def test_random_damage(tmp_path: Path, rounds: int) -> None:
+    check_random(tmp_path, rounds, SEED + (rounds > 400))
 
 
 def test_every_flipped_bit_is_noticed(tmp_path: Path) -> None:
@@ -201,12 +180,14 @@ def test_every_flipped_bit_is_noticed(tmp_path: Path) -> None:
     path = tmp_path / "s" / NAME
     content = path.read_bytes()
     silent = []
+    chunk = chunks(content)
     for at in range(len(content)):
         flipped = bytearray(content)
         flipped[at] ^= 1 << int(rng.integers(0, 8))
         path.write_bytes(flipped)
         got, reader = read(tmp_path / "s")
         assert set(got) <= set(whole)
+        assert len({chunk[message.sequence] for message in set(whole) - set(got)}) <= 1, f"seed {SEED}, byte {at}"
         if not reader.damage and not reader.unfinished:
             silent.append(at)
     assert silent == [], f"seed {SEED}, of {len(content)} bytes"

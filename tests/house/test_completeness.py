@@ -22,8 +22,9 @@ DRIVERS = [path for path in python_files("instruments") if path.parent.name == "
 
 
 def test_driver_has_simulator_and_protocol_test() -> None:
-    due = [f"{place}{path.name}" for path in DRIVERS for place in ("sim_instruments/", "tests/protocol/test_")]
-    assert [name for name in due if not (TOP / name).is_file()] == []
+    assert [path.name for path in DRIVERS if not (TOP / "sim_instruments" / path.name).is_file()] == []
+    rows = "".join(text_of(path) for path in (TOP / "tests" / "protocol").glob("test_*.py"))
+    assert [path.stem for path in DRIVERS if f'NAME = "{path.stem}"' not in rows] == []
 
 
 def test_frame_has_a_golden() -> None:

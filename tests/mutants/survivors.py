@@ -100,15 +100,25 @@ def drawn(room: Path, count: int, seed: int) -> list[Mutant]:
     return [rng.choice(mutants) for mutants in rng.sample(places, min(count, len(places)))]
 
 
+def beside(room: str) -> tuple[str, ...]:
+    """Return the folders of the tests of a room; those of drivers and of their simulators see both."""
+    if room in ("instruments", "sim_instruments"):
+        return ("tests/unit/instruments/", "tests/unit/sim_instruments/", "tests/protocol/")
+    return (f"tests/unit/{room.removeprefix('bench/')}/",)
+
+
 def nearest(mutant: Mutant, room: str, tests: dict[str, str]) -> list[str]:
-    """Return the files among ``tests`` (name: text) that import the module of a mutant, then those of its room."""
+    """Return the files among ``tests`` (name: text) of the module of a mutant, then those of its room.
+
+    A test of a module imports it or names the driver that it holds.
+    """
     module = mutant.file.removesuffix(".py").removesuffix("/__init__").replace("/", ".")
     package, _, name = module.rpartition(".")
-    own = re.compile(rf"\b{re.escape(module)}\b|from {re.escape(package)} import [^\n]*\b{name}\b")
-    beside = f"tests/unit/{room.partition('/')[2]}/"
+    driver = rf'|"{re.escape(name)}"' if package in ("instruments", "sim_instruments") else ""
+    own = re.compile(rf"\b{re.escape(module)}\b|from {re.escape(package)} import [^\n]*\b{name}\b{driver}")
     any_of_room = re.compile(rf"\b{re.escape(room.replace('/', '.'))}\b")
     ranks = {
-        test: 0 if own.search(text) else 1 if test.startswith(beside) else 2 if any_of_room.search(text) else 3
+        test: 0 if own.search(text) else 1 if test.startswith(beside(room)) else 2 if any_of_room.search(text) else 3
         for test, text in sorted(tests.items())
     }
     return sorted((test for test, rank in ranks.items() if rank < 3), key=lambda test: ranks[test])
@@ -152,8 +162,8 @@ class Copy:
             if not {"browser", "mutants"} & set(path.parts)
         )
         texts = {path.relative_to(self.folder).as_posix(): path.read_text(encoding="utf-8") for path in paths}
-        stem, beside = room.replace("/", "."), f"tests/unit/{room.partition('/')[2]}/"
-        return {name: text for name, text in texts.items() if stem in text or name.startswith(beside)}
+        stem = room.replace("/", ".")
+        return {name: text for name, text in texts.items() if stem in text or name.startswith(beside(room))}
 
     def chosen(self, tests: Sequence[str]) -> list[str]:
         """Return the first of these files that together stay in the budget; at half of it no more are looked at."""

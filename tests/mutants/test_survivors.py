@@ -3,25 +3,23 @@
 from __future__ import annotations
 
 import pytest
-from survivors import Mutant, annotations, mutants_of, nearest, wilson
+from survivors import Mutant, mutants_of, nearest, wilson
 
 
-def test_tests_of_the_module_come_first_then_those_of_the_room() -> None:
+def test_tests_that_name_a_driver_come_first_then_those_beside_drivers_and_simulators() -> None:
     tests = {
-        "tests/runs/test_c.py": "from bench.maths import budget\n",
-        "tests/unit/maths/test_b.py": "from bench.maths.budget import combined\n",
-        "tests/unit/systems/test_a.py": "from bench.maths.allan import deviation\n",
+        "tests/protocol/test_exchanges.py": 'ROWS = ["hp_3458a"]\n',
+        "tests/unit/instruments/test_bus.py": "",
+        "tests/unit/sim_instruments/test_meter.py": "",
+        "tests/unit/sim_instruments/worlds/gnc/test_board.py": "from sim_instruments.worlds.gnc import board\n",
         "tests/unit/run/test_d.py": "from bench.run import stop\n",
     }
-    mutant = Mutant("bench/maths/allan.py", 3, "core/AddNot", 0)
-    assert nearest(mutant, "bench/maths", tests) == [
-        "tests/unit/systems/test_a.py", "tests/unit/maths/test_b.py", "tests/runs/test_c.py",
-    ]  # fmt: skip
-    assert nearest(Mutant("bench/maths/budget.py", 1, "", 0), "bench/maths", tests)[0] == "tests/runs/test_c.py"
-
-
-def test_annotations_are_found() -> None:
-    assert sorted(annotations("def f(x: int | None) -> int: ...\n")) == [((1, 9), (1, 19)), ((1, 24), (1, 27))]
+    for room in ("instruments", "sim_instruments"):
+        order = nearest(Mutant(f"{room}/hp_3458a.py", 3, "core/AddNot", 0), room, tests)
+        assert order == [name for name in tests if "/run/" not in name]
+    room = "sim_instruments/worlds/gnc"
+    order = nearest(Mutant(f"{room}/board.py", 1, "", 0), room, tests)
+    assert order == ["tests/unit/sim_instruments/worlds/gnc/test_board.py"]
 
 
 def test_places_are_mutated_once_each_and_annotations_never() -> None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
-from known_drivers import IDENTIFY, NO_ERROR, after
+from exchanges import Call, Row, does, exchange, gives, refuses, row
+from known_drivers import IDENTIFY, NO_ERROR
 from pyvisa.constants import StatusCode
 from pyvisa.errors import VisaIOError
 from scripted import BUS_ERROR, CLEAR, POLL, SILENT, TIMEOUT, Scripts, make, refused, scripted
@@ -109,149 +110,92 @@ def test_nothing_is_asked_while_an_old_reply_may_still_come() -> None:
 
 # --- commands in doubt -------------------------------------------------------------------------------------------
 
-CONFIGURE = {"voltage": 15.0, "current_limit": 1.5, "over_voltage": 18.0}
-REST = [
-    *after(b"CURR:PROT:STAT ON\n"), *after(b"OUTP:PROT:DEL 0.08\n"),
-    *after(b"VOLT:PROT 1.8E+01\n"), *after(b"VOLT 1.5E+01\n"),
-    (b"CURR?\n", b"1.5\n"), (b"VOLT:PROT?\n", b"18.0\n"), (b"VOLT?\n", b"15.0\n"),
+CURR = "CURR 1.5E+00"
+REST = "CURR:PROT:STAT ON! | OUTP:PROT:DEL 0.08! | VOLT:PROT 1.8E+01! | VOLT 1.5E+01! | "
+REST += "CURR? -> 1.5 | VOLT:PROT? -> 18.0 | VOLT? -> 15.0"
+NO_QUEUE = "SYST:ERR? -> <timeout> | <silent>"
+CONFIGURE = (15.0, 1.5, 18.0)
+DONE = does("configure", *CONFIGURE)
+
+
+def not_done(code: str, match: str) -> Call:
+    return refuses(code, match, "configure", *CONFIGURE)
+
+
+@pytest.mark.parametrize(
+    ("script", "seen", "call", "note"),
+    [
+        (f"{CURR} | {NO_QUEUE} | CURR? -> 1.5 | {REST}", None, DONE, "<CURR 1.5E+00 took effect: 1.5 reads back>"),
+        (f"<timeout> | <silent> | CURR? -> 0.7 | {CURR}! | CURR? -> 1.5 | {REST}", 0.7, DONE,
+         "<CURR 1.5E+00 is sent again: it had no effect>"),
+        (f"{CURR} | {NO_QUEUE} | CURR? -> 0.7 | {CURR} | {NO_QUEUE} | CURR? -> 0.7", 0.7,
+         not_done("B-INST-011", r"0\.7 reads back"), ""),  # it is not sent a third time
+        *[(f"{CURR} | {NO_QUEUE} | CURR? -> 0.7", seen, not_done("B-INST-011", r"0\.7 reads back"), "")
+          for seen in (None, 0.2)],  # neither what was nor what is wanted
+        (f'{CURR} | {NO_QUEUE} | CURR? -> 0.7 | {CURR} | SYST:ERR? -> -222,"Data out of range" | <ok>', 0.7,
+         not_done("B-INST-005", "-222"), ""),
+        (f"{CURR} | {NO_QUEUE} | CURR? -> <timeout> | <silent> | {NO_QUEUE}", None,
+         not_done("B-INST-001", "SYST:ERR"), ""),
+    ],
+)  # fmt: skip
+def test_a_command_in_doubt_is_read_back_and_sent_again_once_if_it_had_no_effect(
+    script: str, seen: float | None, call: Call, note: str
+) -> None:
+    with scripted("hp_6632b", exchange("hp_6632b", f"<start> | {script}")) as supply:
+        supply.seen["CURR?"] = seen
+        call.on(supply)
+        assert not note or note in notes(supply)
+
+
+SET = does("identify"), does("__setattr__", "programmed_A", 0.01)
+OPERATE = "<start> | <ok> | OUT? -> 1.0E-02,A,0 | ISR? -> 4096 | <timeout> | <silent> | "
+TRIP = 'ISR? -> 4096 | FAULT? -> 501 | <ok> | EXPLAIN? 501 -> "Compliance" | STBY'
+DEAD = "ISR? -> <timeout> | <silent> | FAULT? -> <timeout> | <silent> | STBY"
+CLOSE = f"<start> | :OPEN ALL! | :CLOS:STAT? -> (@) | :CLOS (@1!1!3) | {NO_QUEUE} | "
+CLOSED = ":CLOS:STAT? -> (@1!1!3)"
+RUN = "IDEN? -> Thermotron 8800 1.0 | <ok> | RUNM -> <timeout> | <silent> | "
+SET_UP = "PRESET NORM! | INBUF ON! | END ALWAYS! | DCI 1.0E-01! | NPLC 100! | NDIG 8! | AZERO ON! | TRIG HOLD!"
+LOST = f"{SET_UP.partition('NPLC')[0]}NPLC 100 | ERRSTR? -> <timeout> | <silent>"
+ROWS = [
+    row("fluke_5720a", "OPER that took effect", f"{OPERATE}ISR? -> 1 | ISR? -> 4097 | <ok>", *SET, does("operate")),
+    row("fluke_5720a", "OPER from standby without a fault",
+        f"{OPERATE}ISR? -> 4096 | <ok> | OPER | ISR? -> 1 | ISR? -> 4097 | <ok>", *SET, does("operate")),
+    row("fluke_5720a", "OPER of one that tripped", f"{OPERATE}{TRIP}",
+        *SET, refuses("B-INST-013", "Compliance", "operate")),
+    row("fluke_5720a", "OPER of one that is dead", f"{OPERATE}{DEAD}", *SET, refuses("B-INST-001", "OPER", "operate")),
+    row("fluke_5720a", "standby is sent again until it reads back",
+        "<start> | <timeout> | <silent> | ISR? -> 4097 | STBY! | ISR? -> 4096", does("standby")),
+    row("keithley_7002", "a relay that closed", f"{CLOSE}{CLOSED} | {CLOSED}", does("route", 3, 1)),
+    row("keithley_7002", "a relay that did not", f"{CLOSE}:CLOS:STAT? -> (@) | :CLOS (@1!1!3)! | {CLOSED} | {CLOSED}",
+        does("route", 3, 1)),
+    row("keithley_7002", "another relay", f"{CLOSE}:CLOS:STAT? -> (@1!1!4)",
+        refuses("B-INST-011", "1!1!4", "route", 3, 1)),
+    row("thermotron_3800", "a chamber that runs", f"{RUN}MODE? -> 16 | MODE? -> 16", does("run"), dialect="8800"),
+    row("thermotron_3800", "a chamber that does not", f"{RUN}MODE? -> 2 | RUNM -> 0 | <ok> | MODE? -> 16 | MODE? -> 16",
+        does("run"), dialect="8800"),
+    row("hp_3458a", "the set-up of a meter begins again from its preset",
+        f"<start> | {LOST} | {SET_UP} | RANGE? -> 1.0E-01", gives(0.1, "configure_current", 0.1)),
 ]  # fmt: skip
-SET, SILENT_QUEUE = (b"CURR 1.5E+00\n", None), [(b"SYST:ERR?\n", TIMEOUT), *SILENT]
 
 
-def test_a_command_in_doubt_that_took_effect_is_not_sent_again() -> None:
-    with scripted("hp_6632b", [*START, SET, *SILENT_QUEUE, (b"CURR?\n", b"1.5\n"), *REST]) as supply:
-        supply.configure(**CONFIGURE)
-        assert "<CURR 1.5E+00 took effect: 1.5 reads back>" in notes(supply)
-
-
-def test_a_command_without_effect_is_sent_again_once_and_not_a_third_time() -> None:
-    before = (b"CURR?\n", b"0.7\n")
-    script = [*START, (TIMEOUT, None), *SILENT, before, SET, NO_ERROR, (b"CURR?\n", b"1.5\n"), *REST]
-    with scripted("hp_6632b", script) as supply:
-        supply.seen["CURR?"] = 0.7
-        supply.configure(**CONFIGURE)
-        assert "<CURR 1.5E+00 is sent again: it had no effect>" in notes(supply)
-    before = (b"CURR?\n", b"0.7\n")
-    script = [*START, SET, *SILENT_QUEUE, before, SET, *SILENT_QUEUE, before]
-    with scripted("hp_6632b", script) as supply:
-        supply.seen["CURR?"] = 0.7
-        with refused("B-INST-011", r"0\.7 reads back"):
-            supply.configure(**CONFIGURE)
-
-
-@pytest.mark.parametrize("known", [None, 0.2])
-def test_a_state_that_is_neither_is_an_error(known: float | None) -> None:
-    with scripted("hp_6632b", [*START, SET, *SILENT_QUEUE, (b"CURR?\n", b"0.7\n")]) as supply:
-        supply.seen["CURR?"] = known
-        with refused("B-INST-011", r"0\.7 reads back"):
-            supply.configure(**CONFIGURE)
-
-
-def test_a_refusal_or_a_silence_at_the_second_sending_is_the_error() -> None:
-    refusal = [(b"SYST:ERR?\n", b'-222,"Data out of range"\n'), NO_ERROR]
-    with scripted("hp_6632b", [*START, SET, *SILENT_QUEUE, (b"CURR?\n", b"0.7\n"), SET, *refusal]) as supply:
-        supply.seen["CURR?"] = 0.7
-        with refused("B-INST-005", "-222"):
-            supply.configure(**CONFIGURE)
-    unread = [(b"CURR?\n", TIMEOUT), *SILENT, *DEAD_QUEUE]
-    in_doubt = pytest.raises(InstrumentError, match="SYST:ERR")
-    with scripted("hp_6632b", [*START, SET, *SILENT_QUEUE, *unread]) as supply, in_doubt as caught:
-        supply.configure(**CONFIGURE)
-    assert caught.value.code == "B-INST-001"
-
-
-NO_FAULT, ON, SETTLED = (b"FAULT?\n", b"0\n"), (b"ISR?\n", b"1\n"), (b"ISR?\n", b"4097\n")
-STANDBY, OUT_IS_10_MA = (b"ISR?\n", b"4096\n"), (b"OUT?\n", b"1.0E-02,A,0\n")
-READY = [*IDENTIFY["fluke_5720a"], NO_FAULT, OUT_IS_10_MA, STANDBY]
-
-
-def operated(script: list[Any]) -> Any:
-    calibrator = make("fluke_5720a", [*READY, (TIMEOUT, None), *SILENT, *script])
-    calibrator.identify()
-    calibrator.programmed_A = 0.01
-    try:
-        calibrator.operate()
-    finally:
-        assert calibrator.test_resource.events == []
-    return calibrator
-
-
-def test_oper_in_doubt_is_sent_again_only_from_standby_without_a_fault() -> None:
-    operated([ON, SETTLED, NO_FAULT])
-    operated([STANDBY, NO_FAULT, (b"OPER\n", None), ON, SETTLED, NO_FAULT])
-    trip = [STANDBY, (b"FAULT?\n", b"501\n"), NO_FAULT, (b"EXPLAIN? 501\n", b'"Compliance"\n')]
-    with refused("B-INST-013", "Compliance"):
-        operated([*trip, (b"STBY\n", None)])
-    dead = [(b"ISR?\n", TIMEOUT), *SILENT, (b"FAULT?\n", TIMEOUT), *SILENT]
-    with refused("B-INST-001", "OPER"):
-        operated([*dead, (b"STBY\n", None)])
-
-
-CLOSE, NONE_CLOSED, CLOSED = (
-    (b":CLOS (@1!1!3)\n", None),
-    (b":CLOS:STAT?\n", b"(@)\n"),
-    (b":CLOS:STAT?\n", b"(@1!1!3)\n"),
-)
-OPENED = [*IDENTIFY["keithley_7002"], *after(b":OPEN ALL\n"), NONE_CLOSED]
-
-
-@pytest.mark.parametrize("looks", [[CLOSED], [NONE_CLOSED, CLOSE, NO_ERROR, CLOSED]])
-def test_a_relay_in_doubt_is_looked_at(looks: list[Any]) -> None:
-    with scripted("keithley_7002", [*OPENED, CLOSE, *SILENT_QUEUE, *looks, CLOSED]) as switch:
-        switch.route(3, 1)
-
-
-def test_a_relay_in_doubt_that_is_another_one_is_an_error() -> None:
-    script = [*OPENED, CLOSE, *SILENT_QUEUE, (b":CLOS:STAT?\n", b"(@1!1!4)\n")]
-    other = pytest.raises(InstrumentError, match="1!1!4")
-    with scripted("keithley_7002", script) as switch, other as caught:
-        switch.route(3, 1)
-    assert caught.value.code == "B-INST-011"
-
-
-def test_standby_in_doubt_is_sent_again_until_it_reads_back() -> None:
-    script = [*IDENTIFY["fluke_5720a"], (TIMEOUT, None), *SILENT, SETTLED, (b"STBY\n", None), NO_FAULT, STANDBY]
-    with scripted("fluke_5720a", script) as calibrator:
-        calibrator.standby()
-
-
-NO_ALARM, RUNS = (b"ALRM1?\n", b"0\n"), (b"MODE?\n", b"16\n")
-
-
-@pytest.mark.parametrize("looks", [[RUNS], [(b"MODE?\n", b"2\n"), (b"RUNM\n", b"0\n"), NO_ALARM, RUNS]])
-def test_a_chamber_operation_in_doubt_is_looked_at(looks: list[Any]) -> None:
-    start = [(b"IDEN?\n", b"Thermotron 8800 1.0\n"), NO_ALARM]
-    script = [*start, (b"RUNM\n", TIMEOUT), *SILENT, *looks, RUNS]
-    with scripted("thermotron_3800", script, dialect="8800") as chamber:
-        chamber.run()
-
-
-def test_the_set_up_of_a_meter_in_doubt_begins_again_from_its_preset() -> None:
-    ok = (b"ERRSTR?\n", b'0,"NO ERROR"\r\n')
-    commands = [
-        b"PRESET NORM", b"INBUF ON", b"END ALWAYS", b"DCI 1.0E-01", b"NPLC 100", b"NDIG 8", b"AZERO ON", b"TRIG HOLD",
-    ]  # fmt: skip
-    whole = [pair for command in commands for pair in after(command + b"\n", ok)]
-    lost = [(b"NPLC 100\n", None), (b"ERRSTR?\n", TIMEOUT), *SILENT]
-    script = [*IDENTIFY["hp_3458a"], *whole[:8], *lost, *whole, (b"RANGE?\n", b"1.0E-01\r\n")]
-    with scripted("hp_3458a", script) as meter:
-        assert meter.configure_current(0.1) == 0.1
+@pytest.mark.parametrize("case", ROWS, ids=lambda case: case.claim)
+def test_what_is_in_doubt_is_looked_at(case: Row) -> None:
+    case.play()
 
 
 # --- in a hurry --------------------------------------------------------------------------------------------------
 
 
 def test_in_a_hurry_the_first_silence_is_told_and_afterwards_the_session_gets_into_step() -> None:
-    script = [*IDENTIFY["fluke_5720a"], (b"STBY\n", None), (b"FAULT?\n", TIMEOUT), (b"STBY\n", None)]
-    with scripted("fluke_5720a", script) as calibrator:
+    script = "<start> | STBY | FAULT? -> <timeout> | STBY"
+    with scripted("fluke_5720a", exchange("fluke_5720a", script)) as calibrator:
         calibrator.identify()
         calibrator.test_resource.timeouts_ms.clear()
         with calibrator.quick(0.4), refused("B-INST-001"):
             calibrator.make_safe()
         assert set(calibrator.test_resource.timeouts_ms) == {400}
-    hurried = [(b"STBY\n", None), (b"FAULT?\n", TIMEOUT), (b"STBY\n", None)]
-    later = [(b"STBY\n", None), (CLEAR, None), NO_FAULT, STANDBY]
-    with scripted("fluke_5720a", [*IDENTIFY["fluke_5720a"], *hurried, *later]) as calibrator:
+    script = "<start> | STBY | FAULT? -> <timeout> | STBY | STBY | <clear> | <ok> | ISR? -> 4096"
+    with scripted("fluke_5720a", exchange("fluke_5720a", script)) as calibrator:
         with calibrator.quick(0.4), pytest.raises(InstrumentError):
             calibrator.make_safe()
         calibrator.make_safe()

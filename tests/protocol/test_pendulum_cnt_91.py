@@ -5,16 +5,15 @@ import zlib
 from typing import Any
 
 import pytest
-from known_drivers import IDENTIFY, NO_ERROR, after
+from exchanges import Row, does, exchange, gives, refuses, row
 from scripted import BUS_ERROR, CLEAR, TIMEOUT, ScriptedResource, make, refused, scripted
 
 from bench.model.errors import InputError
 
 NAME = "pendulum_cnt_91"
-START = IDENTIFY[NAME]
-IDLE = (b"STAT:OPER:COND?\n", b"0\n")
-RUNNING = (b"STAT:OPER:COND?\n", b"16\n")
-STOP = [*after(b"ABOR\n"), IDLE]
+IDLE, RUNNING = "STAT:OPER:COND? -> 0", "STAT:OPER:COND? -> 16"
+STOP = f"ABOR! | {IDLE}"
+LOST = exchange(NAME, "STR:LOST? -> <bus error>")
 ASK = b"STR:DATA? 240320\n"
 
 # one block, with line feeds (0a) inside, as they may be in any
@@ -33,35 +32,60 @@ BLOCK = bytes.fromhex(
 BLOCK += zlib.crc32(BLOCK[4:]).to_bytes(4, "little")
 
 
-def read_back(clock: bytes, level: bytes = b"+0.00000000E+00") -> list[tuple[bytes, bytes]]:
+def read_back(clock: str, level: str = "+0.00000000E+00") -> str:
     """Clock, then coupling and level of both inputs."""
-    inputs = [
-        pair
-        for name in (b"INP", b"INP2")
-        for pair in ((name + b":COUP?\n", b"DC\n"), (name + b":LEV?\n", level + b"\n"))
-    ]
-    return [(b"STR:CLOC?\n", clock + b"\n"), *inputs]
+    inputs = " | ".join(f"{name}:COUP? -> DC | {name}:LEV? -> {level}" for name in ("INP", "INP2"))
+    return f"STR:CLOC? -> {clock} | {inputs}"
 
 
-def configuring(level: bytes = b"0.0E+00", clock: bytes = b"1.0E+08") -> list[tuple[bytes, bytes | None]]:
+def configuring(level: str = "0.0E+00", clock: str = "1.0E+08") -> str:
     """Configure, up to the read-back."""
-    inputs = [
-        pair
-        for name in (b"INP", b"INP2")
-        for setting in (b"COUP DC", b"SLOP POS", b"IMP 1E6", b"ATT 1", b"FILT OFF", b"LEV:AUTO OFF", b"LEV " + level)
-        for pair in after(name + b":" + setting + b"\n")
-    ]
-    return [*START, *STOP, *after(b"INIT:CONT OFF\n"), *inputs, *after(b"STR:CLOC " + clock + b"\n")]
+    settings = ("COUP DC", "SLOP POS", "IMP 1E6", "ATT 1", "FILT OFF", "LEV:AUTO OFF", f"LEV {level}")
+    inputs = " | ".join(f"{name}:{setting}!" for name in ("INP", "INP2") for setting in settings)
+    return f"<start> | {STOP} | INIT:CONT OFF! | {inputs} | STR:CLOC {clock}!"
 
 
-CONFIGURED = [*configuring(), *read_back(b"100000000")]
-STARTED = [
-    *CONFIGURED, *STOP, *read_back(b"100000000"), *after(b"STR:CLE\n"), *after(b"INIT\n"), RUNNING,
+BACK = read_back("100000000")
+CONFIGURED = f"{configuring()} | {BACK}"
+STARTED = f"{CONFIGURED} | {STOP} | {BACK} | STR:CLE! | INIT! | {RUNNING}"
+CONFIGURE = does("configure", 100e6)
+OTHERS = ["50000000", "AC", "+1.0E-02", "AC", "-1.0E-02"]  # what may read back in place of each
+
+
+def instead(number: int) -> str:
+    """The read-back up to this question, with another reply."""
+    questions = BACK.split(" | ")[: number + 1]
+    return " | ".join([*questions[:-1], f"{questions[-1].partition(' -> ')[0]} -> {OTHERS[number]}"])
+
+
+ROWS = [
+    row(NAME, "the threshold goes to both inputs",
+        f"{configuring('-1.25E-01', '2.0E+07')} | {read_back('20000000', '-1.25000000E-01')}",
+        does("configure", 20e6, -0.125), leaves={"configured": (20e6, -0.125)}),
+    row(NAME, "nothing is asked before the start", "", gives(b"", "read_stream", 1_000_000)),
+    row(NAME, "no other clock is sent", "", refuses("B-INST-008", "10, 20, 50, 100 MHz", "configure", 30e6)),
+    row(NAME, "a counter that knows no stream is refused",
+        f'{configuring().removesuffix("!")} | SYST:ERR? -> -113,"Undefined header" | <ok>',
+        refuses("B-INST-005", "-113 Undefined header", "configure", 100e6),
+        refuses("B-INST-010", "configure it first", "start")),
+    *[row(NAME, f"setting {number} reads back different", f"{configuring()} | {instead(number)}",
+          refuses("B-INST-011", "", "configure", 100e6)) for number in range(5)],
+    row(NAME, "a start without effect is told", f"{STARTED.removesuffix(RUNNING)}{IDLE}", CONFIGURE,
+        refuses("B-INST-011", "does not measure", "start")),
+    row(NAME, "a stop without effect is told", f"<start> | ABOR! | {RUNNING} | ABOR! | {RUNNING}",
+        refuses("B-INST-011", "still measures", "stop"), refuses("B-INST-009", "still measures", "make_safe")),
+    row(NAME, "a second start keeps what was not read", f"{STARTED} | {STOP} | {BACK} | INIT! | {RUNNING}",
+        CONFIGURE, does("start"), does("start")),
 ]  # fmt: skip
 
 
+@pytest.mark.parametrize("case", ROWS, ids=lambda case: case.claim)
+def test_an_exchange(case: Row) -> None:
+    case.play()
+
+
 def started(pairs: Any, **options: Any) -> Any:
-    driver = make(NAME, [*STARTED, *pairs], **options)
+    driver = make(NAME, [*exchange(NAME, STARTED), *pairs], **options)
     driver.configure(100e6)
     driver.start()
     return driver
@@ -73,7 +97,8 @@ def block(content: bytes) -> bytes:
 
 
 def test_a_stream_from_configuration_to_its_end() -> None:
-    driver = started([(ASK, block(2 * BLOCK)), (b"STR:LOST?\n", b"7\n"), *STOP, (ASK, block(BLOCK)), (ASK, b"#10\n")])
+    lost = exchange(NAME, f"STR:LOST? -> 7 | {STOP}")
+    driver = started([(ASK, block(2 * BLOCK)), *lost, (ASK, block(BLOCK)), (ASK, b"#10\n")])
     assert driver.read_stream(1_000_000) == 2 * BLOCK
     assert driver.events_lost() == 7
     driver.stop()
@@ -91,59 +116,6 @@ def test_a_reading_blocks_for_no_longer_and_its_bytes_are_not_in_the_transcript(
     driver = started([(ASK, block(BLOCK))])
     driver.read_stream(1_000_000)
     assert [line[1:3] for line in driver.test_log.lines[-2:]] == [("tx", "STR:DATA? 240320"), ("rx", "<44 bytes>")]
-
-
-def test_threshold_goes_to_both_inputs() -> None:
-    script = [*configuring(b"-1.25E-01", b"2.0E+07"), *read_back(b"20000000", b"-1.25000000E-01")]
-    with scripted(NAME, script) as driver:
-        driver.configure(20e6, -0.125)
-        assert driver.configured == (20e6, -0.125)
-
-
-def test_nothing_is_asked_before_the_start_and_no_other_clock_is_sent() -> None:
-    with scripted(NAME, []) as driver:
-        assert driver.read_stream(1_000_000) == b""
-    with scripted(NAME, []) as driver, refused("B-INST-008", "10, 20, 50, 100 MHz"):
-        driver.configure(30e6)
-
-
-def test_a_counter_that_knows_no_stream_is_refused() -> None:
-    errors = [(b"SYST:ERR?\n", b'-113,"Undefined header"\n'), NO_ERROR]
-    script = [*configuring()[:-1], *errors]
-    with scripted(NAME, script) as driver:
-        with refused("B-INST-005", "-113 Undefined header"):
-            driver.configure(100e6)
-        with refused("B-INST-010", "configure it first"):
-            driver.start()
-
-
-@pytest.mark.parametrize("wrong", range(5))
-def test_a_setting_that_reads_back_different(wrong: int) -> None:
-    replies = [b"50000000\n", b"AC\n", b"+1.0E-02\n", b"AC\n", b"-1.0E-02\n"]
-    found = read_back(b"100000000")[: wrong + 1]
-    found[-1] = (found[-1][0], replies[wrong])
-    with scripted(NAME, [*configuring(), *found]) as driver, refused("B-INST-011"):
-        driver.configure(100e6)
-
-
-def test_a_start_or_a_stop_without_effect_is_told() -> None:
-    script = [*STARTED[:-1], IDLE]
-    with scripted(NAME, script) as driver:
-        driver.configure(100e6)
-        with refused("B-INST-011", "does not measure"):
-            driver.start()
-    with scripted(NAME, [*START, *after(b"ABOR\n"), RUNNING, *after(b"ABOR\n"), RUNNING]) as driver:
-        with refused("B-INST-011", "still measures"):
-            driver.stop()
-        with refused("B-INST-009", "still measures"):
-            driver.make_safe()
-
-
-def test_a_second_start_keeps_what_was_not_read() -> None:
-    again = [*STOP, *read_back(b"100000000"), *after(b"INIT\n"), RUNNING]
-    driver = started(again)
-    driver.start()
-    assert driver.test_resource.events == []
 
 
 def test_a_full_memory_is_read_in_batches_each_in_parts() -> None:
@@ -177,26 +149,25 @@ def test_a_reading_begins_no_other_batch_after_a_tenth_of_a_second() -> None:
     assert driver.read_stream(1_000_000) == b""
 
 
-@pytest.mark.parametrize("came", [4, 5, 20, 47])
-def test_what_came_before_a_time_out_is_handed_on(came: int) -> None:
-    """The header has 4 bytes."""
-    driver = started([(ASK, [block(BLOCK)[:came], TIMEOUT]), (CLEAR, None), (ASK, block(BLOCK))])
-    if came == 4:
+WHOLE = block(BLOCK)
+
+
+@pytest.mark.parametrize(
+    ("part", "came"),
+    [*[([WHOLE[:length], TIMEOUT], length - 4) for length in (4, 5, 20, 47)], (WHOLE[:30], 26)],  # 4 bytes of header
+)
+def test_what_came_before_the_end_of_a_block_is_handed_on(part: Any, came: int) -> None:
+    """Whether the bus falls silent or says that it is the end; then the instrument is cleared."""
+    driver = started([(ASK, part), (CLEAR, None), (ASK, WHOLE)])
+    if came == 0:
         with refused("B-INST-001", "no answer to 'STR:DATA"):
             driver.read_stream(1_000_000)
     else:
-        assert driver.read_stream(1_000_000) == BLOCK[: came - 4]
-        assert driver.test_log.lines[-1][2] == f"<{came - 4} of 44 bytes>"
-    assert driver.read_stream(1_000_000) == b""  # meanwhile the instrument is cleared
-    assert driver.read_stream(1_000_000) == BLOCK
-    assert driver.test_resource.events == []
-
-
-def test_a_block_that_ends_early_is_handed_on() -> None:
-    driver = started([(ASK, block(BLOCK)[:30]), (CLEAR, None), (ASK, block(BLOCK))])
-    assert driver.read_stream(1_000_000) == BLOCK[:26]
+        assert driver.read_stream(1_000_000) == BLOCK[:came]
+        assert driver.test_log.lines[-1][2] == f"<{came} of 44 bytes>"
     assert driver.read_stream(1_000_000) == b""
     assert driver.read_stream(1_000_000) == BLOCK
+    assert driver.test_resource.events == []
 
 
 @pytest.mark.parametrize(
@@ -239,39 +210,34 @@ def test_a_reading_gives_nothing_inside_another_conversation_and_waits_for_no_th
     assert found == [b""]
 
 
-def test_after_a_reopening_the_stream_must_still_run_on_this_tagger() -> None:
+REOPENED = f"<clear> | <start> | {BACK} | {IDLE}"
+ANOTHER = "<clear> | *IDN? -> PENDULUM, CNT-91, 7654321, V1.01 28 Jun 2004"
+
+
+@pytest.mark.parametrize(
+    ("answers", "code", "why"),
+    [
+        ("<clear> | <start> | STR:CLOC? -> 10000000", "B-INST-011", r"STR:CLOC\?' reads back"),
+        (REOPENED, "B-INST-011", "does not measure"),
+        (ANOTHER, "B-INST-016", "1234567"),
+    ],
+)
+def test_after_a_reopening_the_stream_must_still_run_on_this_tagger(answers: str, code: str, why: str) -> None:
     """The instrument was off for a moment: it answers, set as after power-on."""
-    new = ScriptedResource([(CLEAR, None), *START, *read_back(b"10000000")[:1]])
-    question = (b"STR:LOST?\n", BUS_ERROR)
-    driver = started([question], rungs={"reopen": lambda: new})
-    with refused("B-INST-011", r"STR:CLOC\?' reads back"):
+    new = ScriptedResource(exchange(NAME, answers))
+    driver = started(LOST, rungs={"reopen": lambda: new})
+    with refused(code, why):
         driver.events_lost()
     assert new.events == []
-    new = ScriptedResource([(CLEAR, None), *START, *read_back(b"100000000"), IDLE])
-    driver = started([(b"STR:LOST?\n", BUS_ERROR)], rungs={"reopen": lambda: new})
-    with refused("B-INST-011", "does not measure"):
-        driver.events_lost()
-    new = ScriptedResource([(CLEAR, None), (b"*IDN?\n", b"PENDULUM, CNT-91, 7654321, V1.01 28 Jun 2004\n")])
-    driver = started([(b"STR:LOST?\n", BUS_ERROR)], rungs={"reopen": lambda: new})
-    with refused("B-INST-016"):
-        driver.events_lost()
-    assert driver.read_stream(1_000_000) == b""
-    assert driver.configured is None
+    if code == "B-INST-016":
+        assert (driver.read_stream(1_000_000), driver.configured) == (b"", None)
 
 
 def test_a_mute_tagger_is_told_to_stop_all_the_same() -> None:
-    script = [*START, (b"ABOR\n", None), (b"SYST:ERR?\n", TIMEOUT), (b"ABOR\n", None)]
-    with scripted(NAME, script) as driver:
+    with scripted(NAME, exchange(NAME, "<start> | ABOR | SYST:ERR? -> <timeout> | ABOR")) as driver:
         driver.identify()
         with driver.quick(0.5), refused("B-INST-001"):
             driver.make_safe()
-
-
-@pytest.mark.parametrize("value", [1001.0, "1", True, float("nan")])
-def test_an_impossible_clock_error_is_refused(value: object) -> None:
-    with pytest.raises(InputError, match="clock_error_ppm") as caught:
-        make(NAME, [], clock_error_ppm=value)
-    assert caught.value.code == "B-INST-020"
 
 
 @pytest.mark.parametrize("address", ["TCPIP0::10.0.0.1::5025::SOCKET", "ASRL1::INSTR"])

@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 from rehearsal import GOLDEN_SEQUENCE, ROOT, Inside, main_of, shortened, writable_copy
-from served import until
+from waiting import until
 
 import bench.commands.run as run_command
 import bench.session.finish as finish_command

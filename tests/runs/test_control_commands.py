@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 from rehearsal import ROOT, Inside
-from served import until
+from waiting import until
 
 from bench.commands.control import ask
 from bench.model.errors import BenchError

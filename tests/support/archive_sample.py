@@ -15,6 +15,8 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime, time, timedelta
 from pathlib import Path
 
+from run_rig import Listener
+
 from bench.analysis import results_json
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock
@@ -68,7 +70,7 @@ def _record(campaign: Campaign, out: Path, seed: int) -> None:
     plan = _plan(out, campaign.bench, campaign.serial, campaign.day.year)
     began_ns = int(datetime.combine(campaign.day, time(), UTC).timestamp()) * NS
     done = conduct(
-        plan, clock=VirtualClock(began_ns), seed=seed, out=out, operator=SimulatedOperator(), listener=_Silent(),
+        plan, clock=VirtualClock(began_ns), seed=seed, out=out, operator=SimulatedOperator(), listener=Listener(),
         keep_events=KEPT_EVENTS,
     )  # fmt: skip
     assert done.outcome.error is None
@@ -128,16 +130,3 @@ def concerned(campaigns: Sequence[Campaign]) -> set[str]:
 def sha256_of(folder: Path) -> str:
     """Return the hash of a session, by its results."""
     return str(json.loads((folder / "results.json").read_text())["provenance"]["session_sha256"])
-
-
-class _Silent:
-    """A listener to whom nothing matters."""
-
-    def step(self, *_: object) -> None:
-        return None
-
-    def record(self, *_: object) -> None:
-        return None
-
-    def message(self, *_: object) -> None:
-        return None

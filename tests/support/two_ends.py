@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
 from typing import Any
 
@@ -10,19 +9,10 @@ import pytest
 from xdist.scheduler import LoadScopeScheduling
 from xdist.workermanage import WorkerController
 
-NICENESS = 5  # of what computes: a deadline of a test that waits is judged beside it
-
 
 def computes(worker: str) -> bool:
     """Return whether a worker (gw0, gw1, ...) begins with the tests that compute: every second one does."""
     return int(worker.removeprefix("gw")) % 2 == 1
-
-
-def give_way(config: pytest.Config) -> None:
-    """Lower the priority of this process if it is a worker that computes."""
-    worker = getattr(config, "workerinput", {}).get("workerid", "gw0")
-    if computes(worker):
-        os.nice(NICENESS)
 
 
 def arrange(items: list[pytest.Item]) -> None:

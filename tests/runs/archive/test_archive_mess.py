@@ -26,6 +26,7 @@ import pytest
 from archive_mess import ALTERED, COMPUTED, KINDS, LOCKED, SHORT, WRONG
 from fsspec.implementations.local import LocalFileSystem
 from rehearsal import Inside
+from waiting import until
 
 from bench.archive.index import add
 from bench.archive.journal import JOURNAL
@@ -156,11 +157,9 @@ class Refit:
 
     def started(self, *options: str) -> subprocess.Popen[str]:
         """Start it, and wait until some sessions are done."""
-        process, began_ns = self.start(*options), CLOCK.now_ns()
-        while len(self.sessions()) < self._mess.at:
-            assert process.poll() is None, process.communicate()
-            assert (CLOCK.now_ns() - began_ns) / NS < LONGEST_S
-            CLOCK.sleep(0.02)
+        process = self.start(*options)
+        until(lambda: process.poll() is not None or len(self.sessions()) >= self._mess.at, limit_s=LONGEST_S)
+        assert process.poll() is None, process.communicate()
         return process
 
 
@@ -225,8 +224,7 @@ def cluster(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes], list[s
     place.unlink(missing_ok=True)
     words = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", "0"]
     scheduler = subprocess.Popen([*words, "--no-dashboard", "--scheduler-file", str(place)], **quiet)
-    while not place.exists():
-        CLOCK.sleep(0.1)
+    until(place.exists, "the scheduler's address", LONGEST_S)
     address = json.loads(place.read_text())["address"]
     words = [sys.executable, "-m", "distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard"]
     workers = [subprocess.Popen([*words, "--no-nanny", "--local-directory", str(folder)], **quiet) for _ in range(2)]
@@ -245,8 +243,7 @@ def test_a_worker_and_then_the_scheduler_killed(refit: Refit, whole: Refit, tmp_
         process = refit.started("--dask", address)
         workers[0].kill()
         left = len(refit.sessions())
-        while len(refit.sessions()) == left and process.poll() is None:  # the other worker does one more
-            CLOCK.sleep(0.02)
+        until(lambda: len(refit.sessions()) != left or process.poll() is not None)  # the other worker does one more
         scheduler.kill()
         killed_ns = CLOCK.now_ns()
         _, said = process.communicate(timeout=LONGEST_S)

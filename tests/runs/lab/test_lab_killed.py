@@ -13,7 +13,8 @@ import pytest
 from kill_drill import LONGEST_S, Process, killed, resumable, safe_after_s, session_in
 from own_lab import DRIVER, copied
 from rehearsal import bench
-from served import SAFE_S, serving, until
+from served import SAFE_S, serving
+from waiting import until
 
 from bench.model.clock import WallClock
 from bench.model.errors import RunError

@@ -162,17 +162,14 @@ def ramp(seed: int, kind: str = "gyro", unit: Unit | None = None, *, noise: bool
     )
 
 
-def covariance(kind: str, *, walk: bool = True, telescoping: bool = True, quantised: bool = True) -> np.ndarray:
-    """Covariance of the 900 gated readings, dense, from the physics; a switch makes a plausible mistake."""
+def covariance(kind: str) -> np.ndarray:
+    """Covariance of the 900 gated readings, dense, from the physics."""
     m = 900
-    quantum = (K0_C[kind] / GATE_s) ** 2 / 6.0 * quantised
+    quantum = (K0_C[kind] / GATE_s) ** 2 / 6.0
     found = np.eye(m) * (quantum + WHITE_A_rtHz**2 / (2.0 * GATE_s))
-    if telescoping:
-        found -= 0.5 * quantum * (np.eye(m, k=1) + np.eye(m, k=-1))
-    if walk:
-        middle = (np.arange(m) + 0.5) * GATE_s
-        found += WALK_A_rth**2 / 3600.0 * (np.minimum.outer(middle, middle) - np.eye(m) * GATE_s / 6.0)
-    return found
+    found -= 0.5 * quantum * (np.eye(m, k=1) + np.eye(m, k=-1))
+    middle = (np.arange(m) + 0.5) * GATE_s
+    return found + WALK_A_rth**2 / 3600.0 * (np.minimum.outer(middle, middle) - np.eye(m) * GATE_s / 6.0)
 
 
 @dataclass(frozen=True)

@@ -90,7 +90,3 @@ def analysed(
 ) -> tuple[Analysis, sim.SimulatedCampaign]:
     campaign, drawn = simulate(seed, **meter)
     return dmm_method.analyse(material(campaign, readings_of(campaign, drawn), both), method), campaign
-
-
-def of(analysis: Analysis, *quantities: str) -> list[dict[str, Any]]:
-    return [one for one in analysis.estimates if one["quantity"] in quantities]

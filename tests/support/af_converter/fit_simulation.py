@@ -277,6 +277,40 @@ def schedule(kind: str, switches: Switches) -> list[Step]:
     return steps + [("closed", level, sign, smallest_range(level)) for level in levels for sign in (1, -1)]
 
 
+@dataclass(frozen=True)
+class Point:
+    """One record of a campaign: where it is, when its input is set and for how long it records, how it is labelled.
+
+    ``arrived_s``: when its temperature was set.   ``lead_s``: from its input to the record.
+    """
+
+    place: Place
+    at_s: float
+    arrived_s: float
+    conditions: dict[str, Any]
+    lead_s: float = 20.0
+    seconds: float = 100.0
+
+
+def points_of(
+    kinds: dict[int, str], temperatures: tuple[float, ...], repeat_channel: int | None, switches: Switches
+) -> list[Point]:
+    """Return the records of the 38-hour plan in its order."""
+    visits = [(t, number, 0) for t in temperatures for number in kinds]
+    visits += [] if repeat_channel is None else [(temperatures[-1], repeat_channel, 1)]
+    length_s = len(temperatures) * 9000.0 + len(visits) * 15 * 120.0
+    points: list[Point] = []
+    now_s, arrived_s, slot = 0.0, 0.0, None
+    for nominal, number, repeat in visits:
+        if slot != nominal:
+            slot, now_s, arrived_s = nominal, now_s + 9000.0, now_s + 9000.0
+        for step in schedule(kinds[number], switches):
+            at = Place(now_s / length_s, number, nominal, repeat, step)
+            points.append(Point(at, now_s, arrived_s, _conditions(kinds[number], at)))
+            now_s += 120.0
+    return points
+
+
 def simulate(
     seed: int,
     switches: Switches = Switches(),
@@ -286,36 +320,35 @@ def simulate(
     world: World | None = None,
 ) -> SimulatedCampaign:
     """One campaign in the order of the 38-hour plan, seeded."""
-    world = world or World()
     kinds = kinds or {1: "gyro", 2: "accelerometer"}
+    return simulate_points(seed, points_of(kinds, temperatures, repeat_channel, switches), kinds, switches, world)
+
+
+def simulate_points(
+    seed: int, points: list[Point], kinds: dict[int, str], switches: Switches, world: World | None
+) -> SimulatedCampaign:
+    """One campaign of these records, seeded."""
+    world = world or World()
     rng = np.random.default_rng(seed)
     bench = _Bench(rng, switches)
     units = {number: _unit(rng, kind, switches) for number, kind in kinds.items()}
     leak = rng.uniform(-1e-10, 1e-10, 2) * bench.on
-    visits = [(t, number, 0) for t in temperatures for number in kinds]
-    visits += [] if repeat_channel is None else [(temperatures[-1], repeat_channel, 1)]
     walk = _Walk(rng, switches.noise)
     sensor_degC = rng.normal(0, switches.sensor_sigma_degC) if switches.sensor_sigma_degC else 0.0
     drift = rng.normal(0, switches.gain_drift_sigma) if switches.gain_drift_sigma else 0.0
-    length_s = len(temperatures) * 9000.0 + len(visits) * 15 * 120.0
     rows: list[Row] = []
     biases_A: dict[tuple[int, float], float] = {}
-    now_s, slot = 0.0, None
-    for nominal, number, repeat in visits:
-        if slot != nominal:
-            slot, now_s, arrived_s = nominal, now_s + 9000.0, now_s + 9000.0
-        for step in schedule(kinds[number], switches):
-            unit_degC = nominal - (0.43 * float(np.exp(-(now_s - arrived_s) / 1500.0)) if switches.lag else 0.0)
-            bias_A = units[number].bias(unit_degC) + walk.at(now_s, number)
-            biases_A.setdefault((number, nominal), bias_A)
-            at = Place(now_s / length_s, number, nominal, repeat, step)
-            bench.drift = drift * (now_s / length_s - 0.5) + world.gain(at)
-            net_A = world.input_A(bench.input_A(step, leak), at) - bias_A
-            net_A += rng.normal(0, switches.white_A_rtHz / np.sqrt(200.0)) if switches.noise else 0.0
-            counts = world.counted(bench.counts(net_A, units[number], unit_degC, 100.0), at)
-            conditions = _conditions(kinds[number], at)
-            rows.append(_row(len(rows) + 1, conditions, counts, now_s, world.sensed_degC(unit_degC + sensor_degC)))
-            now_s += 120.0
+    for point in points:
+        at, unit = point.place, units[point.place.channel]
+        left = 0.43 * float(np.exp(-(point.at_s - point.arrived_s) / 1500.0)) if switches.lag else 0.0
+        unit_degC = at.nominal_degC - left
+        bias_A = unit.bias(unit_degC) + walk.at(point.at_s, at.channel)
+        biases_A.setdefault((at.channel, at.nominal_degC), bias_A)
+        bench.drift = drift * (at.share - 0.5) + world.gain(at)
+        net_A = world.input_A(bench.input_A(at.step, leak), at) - bias_A
+        net_A += rng.normal(0, switches.white_A_rtHz / np.sqrt(2.0 * point.seconds)) if switches.noise else 0.0
+        counts = world.counted(bench.counts(net_A, unit, unit_degC, point.seconds), at)
+        rows.append(_row(len(rows) + 1, point, counts, world.sensed_degC(unit_degC + sensor_degC)))
     errors = bench.gain, bench.af_error, bench.master_error
     return SimulatedCampaign(rows, units, *errors, *manifest(kinds), biases_A, drift)
 
@@ -363,18 +396,18 @@ def _conditions(kind: str, at: Place) -> dict[str, Any]:
     }
 
 
-def _row(number: int, conditions: dict[str, Any], counts: dict[str, float], now_s: float, unit_degC: float) -> Row:
+def _row(number: int, point: Point, counts: dict[str, float], unit_degC: float) -> Row:
     npp, ppp = np.zeros(10), np.zeros(10)
-    npp[conditions["channel"] - 1], ppp[conditions["channel"] - 1] = counts["n"], counts["p"]
-    start_ns = int((now_s + 20.0) * 1e9)
+    npp[point.place.channel - 1], ppp[point.place.channel - 1] = counts["n"], counts["p"]
+    start_ns = round((point.at_s + point.lead_s) * 1e9)
     sums = {
         "npp": npp,
         "ppp": ppp,
         "af_clock": np.float64(counts["af"]),
         "fg_count": np.float64(counts["fg"]),
-        "master_count": np.int64(100 * MASTER_Hz),
+        "master_count": np.int64(round(point.seconds * MASTER_Hz)),
     }
-    window = Window(number, conditions, start_ns, start_ns + 100_000_000_000)
+    window = Window(number, point.conditions, start_ns, start_ns + round(point.seconds * 1e9))
     return Row(window, sums, {"unit_temperature_degC": unit_degC})
 
 
@@ -384,15 +417,6 @@ def analysed(
     """Return the analysis of a campaign; ``changes`` are of the manifest."""
     given = campaign.standards if standards is None else standards
     return analyse(Material(campaign.rows, campaign.campaign | changes, given), method)
-
-
-def entries_of(analysis: Analysis, *quantities: str, **conditions: Any) -> list[dict[str, Any]]:
-    """Return the estimates of some quantities where these conditions hold."""
-    wanted = conditions.items()
-    return [
-        entry for entry in analysis.estimates
-        if entry["quantity"] in quantities and wanted <= entry["conditions"].items()
-    ]  # fmt: skip
 
 
 def repeated_off(campaign: SimulatedCampaign, ppm: float) -> list[Row]:

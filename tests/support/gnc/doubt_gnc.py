@@ -18,9 +18,7 @@ from scipy import linalg
 
 from bench.analysis import Material, build_results
 from bench.model.errors import FitError
-from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
-from bench.record import RecordRow, Samples
+from bench.record import RecordRow
 from bench.systems.gnc.calibration.analysis import analyse as analyse_calibration
 from bench.systems.gnc.magnetometer import analyse as analyse_magnetometer
 
@@ -271,12 +269,9 @@ class Bench:
             scales[name] = (step, *imu.SCALES[name][1:])
             columns[name] = np.rint(seen / step).astype(np.int64)
         columns["tick"] = ((np.arange(n) * 5000 + round(self.t_s * 1e6)) % (1 << 32)).astype(np.uint32)
-        counter = round(self.t_s * RATE_Hz) + np.arange(n, dtype=np.int64)
         t_ns = ((self.t_s + np.arange(n) / RATE_Hz) * 1e9).astype(np.int64)
-        span = int(counter[0]), n, int(t_ns[0]), int(t_ns[-1])
-        window = RecordWindow(len(self.rows) + 1, "rs422", *span, dict(about))
-        samples = Samples(columns, counter, t_ns, scales)
-        self.rows.append(RecordRow(window, {}, n, 0, 0, Quality.GOOD, samples=samples))
+        row = imu.record_of(len(self.rows) + 1, round(self.t_s * RATE_Hz), t_ns, columns, about, scales)
+        self.rows.append(row)
         self.stated.append((kind, stated))
         self.t_s += n / RATE_Hz + 5.0
 

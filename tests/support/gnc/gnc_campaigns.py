@@ -5,32 +5,33 @@ Motions are closed forms of the planned calls, written here; the fits see rows a
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from gnc_sensor_bench import Table, at, trapezoid
-from imu_material import SCALES
+from imu_material import record_of
 from rehearsal import ROOT
 from scipy.linalg import sqrtm
 from spread_study import Key, Study, key_of
 
 from bench.analysis import CONTINUES, Analysis, Estimates, Material
 from bench.model.clock import NS
-from bench.model.ports import RecordWindow
-from bench.model.quality import Quality
 from bench.plan import Plan, PlannedCall, PlannedRecord, compile_sequence
-from bench.record import RecordRow, Samples
+from bench.record import RecordRow
 from bench.session.predicted import predicted
 from bench.systems.gnc.calibration import analysis as calibration
 from sim_instruments.worlds.common.attitude import Site
 from sim_instruments.worlds.gnc import imu_errors
 from sim_instruments.worlds.gnc.imu import ACCEL_LSB_G, GYRO_LSB_DEG_S, GncImu
-from sim_instruments.worlds.gnc.magnetometer import EarthField, field_gauss
+from sim_instruments.worlds.gnc.truth import estimates
 
 SITE = Site()
+KINDS = {"accel": "accelerometer", "gyro": "gyro"}
 
 
 @dataclass(frozen=True)
@@ -46,6 +47,17 @@ class Taken:
 def plan_of(sequence: str, rate_Hz: float = 200.0, **settings: str) -> Plan:
     """A shipped sequence, its samples at another rate."""
     return at_rate(compile_sequence(ROOT / "sequences" / f"{sequence}.yaml", None, settings), rate_Hz)
+
+
+def rewritten(tmp_path: Path, name: str, *cuts: tuple[str, str], **settings: str) -> Plan:
+    """A shipped sequence with other words in it."""
+    text = (ROOT / "sequences" / f"{name}.yaml").read_text(encoding="utf-8")
+    for old, new in cuts:
+        assert old in text
+        text = text.replace(old, new)
+    path = tmp_path / f"{name}.yaml"
+    path.write_text(text, encoding="utf-8")
+    return compile_sequence(path, None, settings)
 
 
 def at_rate(plan: Plan, rate_Hz: float = 200.0) -> Plan:
@@ -122,10 +134,7 @@ def campaign(
             "gyro": counts.gyro, "accel": counts.accel, "mag": counts.mag, "temperature": counts.temperature,
             "tick": (t_ns // 1000 % (1 << 32)).astype(np.uint32),
         }  # fmt: skip
-        counter = round(one.begin_s * rate_Hz) + np.arange(count, dtype=np.int64)
-        window = RecordWindow(number, "rs422", int(counter[0]), count, int(t_ns[0]), int(t_ns[-1]), one.conditions)
-        samples = Samples(columns, counter, t_ns, SCALES)
-        module.rows.append(RecordRow(window, {}, count, 0, 0, Quality.GOOD, samples=samples))
+        module.rows.append(record_of(number, round(one.begin_s * rate_Hz), t_ns, columns, one.conditions))
     return module
 
 
@@ -133,34 +142,22 @@ def material_of(plan: Plan, module: Module) -> Material:
     return Material(rows=module.rows, campaign=plan.campaign, standards={})
 
 
+def truth_of(module: Module, taken: list[Taken]) -> dict[Key, float]:
+    """True values of some records, as the simulator states them."""
+    windows = [row.window for row, one in zip(module.rows, module.taken, strict=True) if one in taken]
+    return {key_of(entry): float(entry["value"]) for entry in estimates({"": module.imu}, windows)}
+
+
 def calibration_truth(module: Module) -> dict[Key, float]:
     """True values of a calibration: sensors and biases over the records of each first set."""
-    truth: dict[Key, float] = {}
-    for prefix, kind, item, errors in (
-        ("accel", "accelerometer", "position", module.imu.errors.accel),
-        ("gyro", "gyro", "rotation", module.imu.errors.gyro),
-    ):
-        first, _ = _sets(module.taken, item)
-        sensitivity = errors.sensitivity_at(module.degC(first))[0]
-        matrix = np.linalg.inv(sensitivity)
-        for row, column in np.ndindex(3, 3):
-            place = {"kind": kind, "row": "xyz"[row], "column": "xyz"[column]}
-            truth[campaign_key(f"{prefix}_matrix", place)] = matrix[row, column]
-            if row != column:
-                truth[campaign_key(f"{prefix}_cross_coupling", place)] = sensitivity[row, column]
-        for axis in range(3):
-            place = {"kind": kind, "axis": "xyz"[axis]}
-            others = [one for one in first if one.conditions.get("axis") != "xyz"[axis]]
-            bias = module.mean_bias("accel_bias_g" if prefix == "accel" else "gyro_bias_deg_s", others)[axis]
-            truth[campaign_key(f"{prefix}_bias", place)] = -bias if prefix == "accel" else 3600.0 * bias
-            truth[campaign_key(f"{prefix}_scale_error", place)] = 1e6 * (sensitivity[axis, axis] - 1.0)
-            truth[campaign_key(f"{prefix}_scale_repeatability", place)] = 0.0
-    return truth
+    truth = truth_of(module, [one for item in ("position", "rotation") for one in _sets(module.taken, item)[0]])
+    places = [(prefix, {"kind": kind, "axis": axis}) for prefix, kind in KINDS.items() for axis in "xyz"]
+    return truth | {campaign_key(f"{prefix}_scale_repeatability", place): 0.0 for prefix, place in places}
 
 
-def left_by(module: Module, estimates: Estimates) -> dict[Key, float]:
+def left_by(module: Module, found_estimates: Estimates) -> dict[Key, float]:
     """True coupling that a calibration leaves: K S at the temperature of the check."""
-    found = {key_of(entry): entry["value"] for entry in estimates}
+    found = {key_of(entry): entry["value"] for entry in found_estimates}
     left: dict[Key, float] = {}
     for prefix, kind, item, errors in (
         ("accel", "accelerometer", "position", module.imu.errors.accel),
@@ -250,28 +247,17 @@ def _together(time_s: float, begin_s: tuple[float, ...], length_s: tuple[float, 
 
 def magnetometer_truth(module: Module) -> dict[Key, float]:
     """True ellipse of the turn about z by both methods, and the ellipsoid that keeps volumes."""
-    (turn,) = [one for one in module.taken if one.conditions["item"] == "magnetometer"]
-    begin_ns = np.array([round(turn.begin_s * NS)])
-    field = field_gauss(turn.table.motion, turn.table.table, SITE, EarthField(), None, begin_ns, turn.table.mounting)[0]
-    sensor = module.imu.magnetometer
-    plane = sensor.in_plane(float(np.hypot(*field[:2])), float(field[2]))
+    turns = [one for one in module.taken if one.conditions["item"] == "magnetometer"]
     truth: dict[Key, float] = {}
-    for method in ("ellipse", "extremes"):
-        kind = {"kind": "magnetometer", "method": method}
-        for axis in range(2):
-            truth[campaign_key("mag_offset", kind | {"axis": "xyz"[axis]})] = float(plane.offset_gauss[axis])
-        truth[campaign_key("mag_gain", kind)] = plane.gain
-        truth[campaign_key("mag_angle", kind)] = plane.angle_deg
-        truth[campaign_key("mag_radius", kind)] = plane.radius_gauss
+    for (quantity, place), value in truth_of(module, turns).items():
+        methods = ("ellipsoid",) if quantity == "mag_hard_iron" else ("ellipse", "extremes")
+        truth |= {campaign_key(quantity, json.loads(place) | {"method": method}): value for method in methods}
     kind = {"kind": "magnetometer", "method": "ellipsoid"}
-    inverse = np.linalg.inv(sensor.matrix)
+    inverse = np.linalg.inv(module.imu.magnetometer.matrix)
     soft = np.real(sqrtm(inverse.T @ inverse)) / np.linalg.det(inverse) ** (1 / 3)
-    for row in range(3):
-        truth[campaign_key("mag_hard_iron", kind | {"axis": "xyz"[row]})] = float(sensor.offset_gauss[row])
-        for column in range(row + 1):
-            truth[campaign_key("mag_soft_iron", kind | {"row": "xyz"[row], "column": "xyz"[column]})] = soft[
-                row, column
-            ]
+    for row, column in zip(*np.tril_indices(3), strict=True):
+        place = kind | {"row": "xyz"[row], "column": "xyz"[column]}
+        truth[campaign_key("mag_soft_iron", place)] = float(soft[row, column])
     return truth
 
 

@@ -10,14 +10,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rehearsal import recorded
+from rehearsal import recorded, rehearsed
 
 from bench.commands.check import checked_plan
 from bench.commands.run import view_of
-from bench.model.clock import VirtualClock
-from bench.plan import Step
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import conduct
 from bench.session.view import KEPT_EVENTS, analyse_view
 
 SHORT = ("position=60 s", "check_position=20 s", "warm_up=5 min")
@@ -26,17 +22,6 @@ TURN_s = 21.3  # rotations of the recorded units, as shipped
 RECORDED = {"gnc_magnetometer": ()}  # settings, by sequence; those of a calibration without
 _SESSION = "session.pickle"
 Key = tuple[Any, ...]
-
-
-class _Silent:
-    def step(self, step: Step, at_s: float) -> None:
-        return None
-
-    def record(self, row: object) -> None:
-        return None
-
-    def message(self, text: str) -> None:
-        return None
 
 
 @dataclass(frozen=True)
@@ -78,11 +63,7 @@ class Session:
 def run_session(out: Path, sequence: str, number: int, *settings: str) -> Session:
     """One simulated unit; the number makes its serial number and the seed."""
     plan = checked_plan(sequence, None, [f"serial=U-{number:02}", *settings])
-    folder = out / f"{Path(sequence).stem}-{number}"
-    done = conduct(
-        plan, clock=VirtualClock(), seed=100 + number, out=folder, operator=SimulatedOperator(), listener=_Silent(),
-        keep_events=KEPT_EVENTS,
-    )  # fmt: skip
+    done = rehearsed(out / f"{Path(sequence).stem}-{number}", plan, seed=100 + number, kept=KEPT_EVENTS).run
     assert done.outcome.error is None, done.outcome.error
     results, analysis = analyse_view(view_of(plan, done))
     found = {_key(one["quantity"], one["conditions"]): one for one in results["estimates"]}

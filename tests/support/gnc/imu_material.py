@@ -131,11 +131,8 @@ class Rig:
             "temperature": np.full(n, 2500, np.int16), "tick": tick.astype(np.uint32),
         }  # fmt: skip
         t_ns = ((self.t_s + np.arange(n) / self.rate_Hz) * 1e9).astype(np.int64)
-        counter = self.counter + np.arange(n, dtype=np.int64)
         about = {"mounting": mounting, "outer_deg": pose[0], "middle_deg": pose[1], "inner_deg": pose[2], **conditions}
-        window = RecordWindow(len(self.rows) + 1, "rs422", int(counter[0]), n, int(t_ns[0]), int(t_ns[-1]), about)
-        samples = Samples(columns, counter, t_ns, SCALES)
-        self.rows.append(RecordRow(window, {}, n, 0, 0, Quality.GOOD, samples=samples))
+        self.rows.append(record_of(len(self.rows) + 1, self.counter, t_ns, columns, about))
         self.t_s += n / self.rate_Hz + 5.0
         self.counter += n + 1000
 
@@ -144,6 +141,17 @@ class Rig:
         campaign = {"analysis": analysis, "uut": {"model": "GNC", "serial": "GNC-07"}, "site": SITE, "imu": IMU}
         fields = {name: more.pop(name) for name in ("exchanges", "layouts") if name in more}
         return Material(rows=self.rows, campaign=campaign | more, standards={}, **fields)
+
+
+def record_of(
+    number: int, first: int, t_ns: Any, columns: Mapping[str, Any], about: Mapping[str, Any],
+    scales: Mapping[str, tuple[float, float, str]] = SCALES,
+) -> RecordRow:  # fmt: skip
+    """A record without gaps; ``first``: its first counter, ``t_ns``: times of its samples, ``about``: conditions."""
+    n = len(t_ns)
+    window = RecordWindow(number, "rs422", first, n, int(t_ns[0]), int(t_ns[-1]), dict(about))
+    samples = Samples(dict(columns), first + np.arange(n, dtype=np.int64), t_ns, dict(scales))
+    return RecordRow(window, {}, n, 0, 0, Quality.GOOD, samples=samples)
 
 
 def earth_rate() -> Any:

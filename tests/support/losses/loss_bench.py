@@ -17,6 +17,7 @@ from typing import Any
 from block_rows import ROOT
 from loss_proxy import Proxies
 from loss_schedule import ALL, Kind, Loss
+from waiting import until
 
 from bench.model.errors import BenchError
 from bench.run.bench.served_world import ask
@@ -180,14 +181,14 @@ class LossyBench:
         with log.open("wb") as stream:
             command = [sys.executable, "-m", "bench", *words]
             self._sim = subprocess.Popen(command, stdout=stream, stderr=stream, stdin=subprocess.DEVNULL, cwd=ROOT)
-        end_s = time.monotonic() + START_S
-        while "ready" not in log.read_text().split("\n"):
-            if self._sim.poll() is not None or time.monotonic() > end_s:
-                raise AssertionError(f"no simulated bench: {log.read_text()[-600:]}")
-            time.sleep(0.1)
+        until(lambda: self._has_begun(log), lambda: f"a simulated bench: {log.read_text()[-600:]}", START_S)
         found = _HISLIP.findall((self.folder / "station.yaml").read_text())
         self._numbers = {role: int(number) for role, number, _ in found}
         return int(found[0][2])
+
+    def _has_begun(self, log: Path) -> bool:
+        assert self._sim.poll() is None, log.read_text()[-600:]
+        return "ready" in log.read_text().split("\n")
 
     def _kill(self) -> None:
         if self._sim is not None:

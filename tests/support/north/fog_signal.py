@@ -64,16 +64,6 @@ class FogParameters:
         return float(np.hypot(self.random_walk_V, self.vibration_V))
 
 
-def sample_sigma_V(density_V_rtHz: float, fs_Hz: float) -> float:
-    """Standard deviation of one sample of white noise of a one-sided density, band-limited to fs/2: volt."""
-    return float(density_V_rtHz * np.sqrt(fs_Hz / 2.0))
-
-
-def density_V_rtHz(sample_V: float, fs_Hz: float) -> float:
-    """One-sided density of white noise whose samples have this standard deviation: V/sqrt(Hz)."""
-    return float(sample_V / np.sqrt(fs_Hz / 2.0))
-
-
 def mid_samples_s(fs_Hz: float, seconds: float) -> Float:
     """Mid-sample grid, (n + 1/2)/fs: no sample falls on an edge of a square reference if fs/f0 is a multiple of 4."""
     return np.asarray((np.arange(round(fs_Hz * seconds)) + 0.5) / fs_Hz)

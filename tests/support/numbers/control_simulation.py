@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
-from bench.maths.control.limits import KINDS, Limits, chart, limits_for
+from bench.maths.control.limits import KINDS, Limits, limits_for
 from bench.maths.control.predictions import Readings, first_phase, predictions
-from bench.maths.control.run_lengths import CUSUM_REFERENCE, EWMA_WEIGHT, ewma_std, normal_scores
+from bench.maths.control.run_lengths import CUSUM_REFERENCE, EWMA_WEIGHT, ewma_std
 
 OWN, SHARED, DRIFT, FIRST = 2.0, 10.0, 12.0, 12
 
@@ -55,44 +55,3 @@ def run_lengths_of_histories(
         for kind, count in signals_begun_again(scores, limits_for(declared / len(KINDS), 1, scatter.dof)).items():
             counts[kind] += count
     return {kind: histories * points / max(count, 1) for kind, count in counts.items()}
-
-
-def run_length_of_family(
-    seed: int, units: int, points: int, declared: float, series: int, dof: int, correlation: float
-) -> float:
-    """Points to the first signal of any of 3 ``series`` charts of a unit, whose scores are correlated; by the rate."""
-    rng, limits = np.random.default_rng(seed), limits_for(declared, series, dof)
-    common, own = math.sqrt(correlation), math.sqrt(1.0 - correlation)
-    signals = 0
-    for _ in range(units):
-        shape = (dof + points, series)
-        noise = common * rng.normal(size=(shape[0], 1)) + own * rng.normal(size=shape)
-        ratio = np.sqrt(np.mean(noise[:dof] ** 2, axis=0))
-        scores = normal_scores(noise[dof:] / ratio, np.full((points, series), float(dof)))
-        signals += _families(scores, limits)
-    return units * points / max(signals, 1)
-
-
-def _families(scores: np.ndarray, limits: Limits) -> int:
-    """Signals of all charts of a unit together, all of them beginning again behind each."""
-    signals, begun = 0, 0
-    while begun < scores.shape[0]:
-        firsts = [chart(column, limits).signals[:1] for column in scores[begun:].T]
-        points = [found[0].point for found in firsts if found]
-        if not points:
-            break
-        signals, begun = signals + 1, begun + min(points) + 1
-    return signals
-
-
-def delays(seed: int, histories: int, step: float, declared: float, per_certificate: int, at: int) -> list[float]:
-    """Calibrations from a step on, the first at place ``at``, until a chart signals; 30 where none does."""
-    rng, found = np.random.default_rng(seed), []
-    for _ in range(histories):
-        readings = history(rng, at + 30, per_certificate, step, at)
-        scatter = first_phase(readings, FIRST)
-        limits = limits_for(declared, 1, scatter.dof)
-        signals = chart(predictions(readings, scatter).score[FIRST:], limits).signals
-        after = [signal.point - (at - FIRST) + 1 for signal in signals if signal.point >= at - FIRST]
-        found.append(float(min(after, default=30)))
-    return found

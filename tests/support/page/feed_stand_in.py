@@ -2,33 +2,29 @@
 
 from __future__ import annotations
 
-import json
 import socket
-import socketserver
-import threading
 from contextlib import suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
+from shown_run import first_state as shown_state
+from shown_run import packed, serve
 
 NAMES = tuple(f"port_a.npp[{index + 1}]" for index in range(20))
 T0 = 946_684_800.0
 
 
 def first_state(names: tuple[str, ...] = NAMES) -> dict[str, Any]:
-    """A state document with every key."""
-    return {
-        "proto": 1, "run": "r", "boot_id": "0123456789abcdef", "title": "t", "sequence": "s", "station": "b",
-        "uut": {"model": "NGU", "serial": "1"}, "simulated": True, "clock": "wall", "source": "live",
-        "state": "running", "outcome": None, "t_utc_s": T0, "started_utc_s": T0,
-        "step": {"number": 1, "of": 9, "phase": "campaign", "kind": "soak",
-        "what": "soak", "conditions": {"channel": 1},
-                 "where": "s.yaml:3:1", "since_utc_s": T0, "until_utc_s": T0 + 60},
-        "wait": None, "progress": 0.1, "eta": None, "holds": {}, "prompt": None,
+    """A state document with every key, of a run that begins."""
+    soak = {"number": 1, "of": 9, "phase": "campaign", "kind": "soak", "what": "soak", "conditions": {"channel": 1}}
+    return shown_state("r") | {
+        "title": "t", "sequence": "s", "station": "b", "uut": {"model": "NGU", "serial": "1"}, "t_utc_s": T0,
+        "started_utc_s": T0, "step": {**soak, "where": "s.yaml:3:1", "since_utc_s": T0, "until_utc_s": T0 + 60},
+        "wait": None, "progress": 0.1, "eta": None,
         "records": {"done": 3, "planned": 9, "retaken": 0, "flagged": 0, "last": []},
-        "links": {"port_a": {"state": "open", "frames": 10}}, "instruments": {}, "alarms": [],
+        "links": {"port_a": {"state": "open", "frames": 10}}, "instruments": {},
         "log": [{"t_utc_s": T0, "kind": "phase", "text": "campaign"}] * 50,
         "signals": [{"name": name, "unit": "1", "decimals": 0} for name in names], "graphs": [],
         "timetable": {"t_utc_s": [T0, T0 + 60], "temperature_degC": [23.0, 50.0]},
@@ -43,50 +39,29 @@ class FeedStandIn:
         self.made = 0  # points so far
         self.asked: list[dict[str, Any]] = []
         self._open: list[socket.socket] = []
-        stand_in = self
-
-        class Handler(socketserver.StreamRequestHandler):
-            def handle(self) -> None:
-                stand_in._open.append(self.request)
-                for line in self.rfile:
-                    request = json.loads(line)
-                    stand_in.asked.append(request)
-                    self.wfile.write(stand_in.reply(request))
-
-        class Server(socketserver.ThreadingUnixStreamServer):
-            daemon_threads = True
-            block_on_close = False
-
         self._place = TemporaryDirectory()  # the folders of tests are too deep for the path of a socket
         self.pointer = folder / "live.path"
         self.path = Path(self._place.name) / "live.sock"
         self.pointer.write_text(str(self.path))
-        self._server = Server(str(self.path), Handler)
-        self._thread = threading.Thread(target=self._server.serve_forever, args=(0.01,), daemon=True)
-        self._thread.start()
+        self._server = serve(self.path, self.reply, self._open.append)
 
     def reply(self, request: dict[str, Any]) -> bytes:
+        self.asked.append(request)
         since = request["since"] if request["since"] <= self.made else 0
         first = max(since, self.made - 600)
         count = np.arange(first, self.made)
-        columns = np.arange(len(self.state["signals"]))
-        low = (count[:, None] + columns[None, :]).astype("<f4")
-        points = (T0 + count / 10).astype("<f8").tobytes() + np.stack([low, low + 1], axis=-1).tobytes()
-        header = {
-            "proto": 1, "boot_id": self.state["boot_id"], "seq": self.made, "first": first, "n": len(count),
-            "signals": len(columns),
-        }  # fmt: skip
+        low = (count[:, None] + np.arange(len(self.state["signals"]))[None, :]).astype("<f4")
+        header = {"boot_id": self.state["boot_id"], "seq": self.made, "first": first}
         if request.get("state"):
             header["state"] = self.state
-        text = json.dumps(header).encode()
-        return len(text).to_bytes(4, "little") + len(points).to_bytes(4, "little") + text + points
+        return packed(header, T0 + count / 10, low, low + 1)
 
     def close(self) -> None:
         """Nobody answers any more; whoever is connected is answered by nobody either."""
-        if self._thread.is_alive():
+        if self._server is not None:
             self._server.shutdown()
             self._server.server_close()
-            self._thread.join()
+            self._server = None
             self._cut()
             self.pointer.unlink()
             self._place.cleanup()

@@ -70,6 +70,35 @@ def first_state(run: str) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def serve(path: Path, answer: Callable[[dict[str, Any]], bytes], meet: Callable[[Any], object]) -> Any:
+    """Answer requests on a Unix socket, one a line; ``meet`` is told of each connection."""
+
+    class Handler(socketserver.StreamRequestHandler):
+        def handle(self) -> None:
+            meet(self.request)
+            with suppress(ConnectionError):  # a server that was killed
+                for line in self.rfile:
+                    if told := answer(json.loads(line)):
+                        self.wfile.write(told)
+                    else:
+                        return
+
+    class Server(socketserver.ThreadingUnixStreamServer):
+        daemon_threads = True
+        block_on_close = False
+
+    server = Server(str(path), Handler)
+    threading.Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
+    return server
+
+
+def packed(header: dict[str, Any], t_utc_s: Any, low: Any, high: Any) -> bytes:
+    """An answer of the feed as docs/live-protocol.md has it."""
+    points = t_utc_s.astype("<f8").tobytes() + np.stack([low, high], axis=-1).astype("<f4").tobytes()
+    text = json.dumps({"proto": 1, "n": len(t_utc_s), "signals": low.shape[1], **header}).encode()
+    return len(text).to_bytes(4, "little") + len(points).to_bytes(4, "little") + text + points
+
+
 class ShownRun:
     """Serves the feed and the control socket of a session's folder. ``asked``: commands it was given."""
 
@@ -114,41 +143,20 @@ class ShownRun:
             block["t"], block["span"] = start_s + numbers, np.stack([low, high], axis=-1)
             (folder / f"port_a.{level_s:03d}s").write_bytes(block.tobytes())
 
-    def _serve(self, what: str, answer: Callable[[dict[str, Any]], bytes]) -> socketserver.BaseServer:
-        run = self
-
-        class Handler(socketserver.StreamRequestHandler):
-            def handle(self) -> None:
-                with suppress(ConnectionError):  # a server that was killed
-                    for line in self.rfile:
-                        if run.closed:
-                            return
-                        self.wfile.write(answer(json.loads(line)))
-
-        class Server(socketserver.ThreadingUnixStreamServer):
-            daemon_threads = True
-            block_on_close = False
-
+    def _serve(self, what: str, answer: Callable[[dict[str, Any]], bytes]) -> Any:
         path = Path(self._place.name) / f"{what}.sock"
         (self.folder / f"{what}.path").write_text(str(path))
-        server = Server(str(path), Handler)
-        threading.Thread(target=server.serve_forever, args=(0.02,), daemon=True).start()
-        return server
+        return serve(path, lambda request: b"" if self.closed else answer(request), lambda _: None)
 
     def _feed(self, request: dict[str, Any]) -> bytes:
         made = int((self.now_utc_s() - self._began_utc_s) * 10)
         since = request["since"] if request["since"] <= made else 0
         first = max(since, made - self.point_rows)
         numbers = np.arange(first, made)
-        low, high = self.values(numbers)
-        points = (self._began_utc_s + numbers / 10).astype("<f8").tobytes()
-        points += np.stack([low, high], axis=-1).astype("<f4").tobytes()
-        header: dict[str, Any] = {"proto": 1, "boot_id": self.state["boot_id"], "seq": made, "first": first,
-                                  "n": len(numbers), "signals": low.shape[1]}  # fmt: skip
+        header: dict[str, Any] = {"boot_id": self.state["boot_id"], "seq": made, "first": first}
         if request.get("state"):
             header["state"] = {**self.state, "t_utc_s": self.now_utc_s()}
-        text = json.dumps(header).encode()
-        return len(text).to_bytes(4, "little") + len(points).to_bytes(4, "little") + text + points
+        return packed(header, self._began_utc_s + numbers / 10, *self.values(numbers))
 
     def values(self, numbers: np.ndarray[Any, Any]) -> tuple[Any, Any]:
         """Least and greatest values by point and signal: ten sines, 28 V, temperatures; a gap in channel 2."""

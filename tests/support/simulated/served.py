@@ -7,32 +7,20 @@ import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from http.client import HTTPConnection, HTTPResponse
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
+
+from waiting import until
 
 from bench.run.bench.served_world import ask
 from bench.run.guard.diary import read_diary
 
-T = TypeVar("T")
 HERE = Path(__file__).resolve().parent
 START_S = 60.0
 SAFE_S = 5.0  # the deadline of safety
-LOOK_S = 0.05
-
-
-def until(
-    found: Callable[[], T], what: Callable[[], object] | str, limit_s: float = START_S, each_s: float = LOOK_S
-) -> T:
-    """Return the first true value of ``found``; the limit only ends a test that hangs, and ``what`` says for what."""
-    end_s = time.monotonic() + limit_s
-    while not (value := found()):
-        assert time.monotonic() < end_s, f"did not come: {what if isinstance(what, str) else what()}"
-        time.sleep(each_s)
-    return value
 
 
 class Served:

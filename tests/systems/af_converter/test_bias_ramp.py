@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from rehearsal import ROOT, SEED, Inside, Rehearsal, Watched, bench
+from rehearsal import ROOT, Rehearsal, Watched
 
 from bench.model.clock import NS, WallClock
 from bench.model.events import Environment
@@ -137,59 +137,6 @@ def same(first: RecordRow, second: RecordRow) -> None:
     assert dict(first.context) == dict(second.context)
     for one, other in ((first.sums, second.sums), (first.timing, second.timing)):
         assert {k: v.tolist() for k, v in one.items()} == {k: v.tolist() for k, v in other.items()}
-
-
-def test_the_seed_decides_every_byte(tmp_path: Path, inside: Inside) -> None:
-    """In this process and in one of its own; another seed changes the frames, the truth and what follows of them."""
-    tiny_plan(tmp_path)
-    found = []
-    for name, run, seed in (("here", inside, SEED), ("there", bench, SEED), ("other", inside, SEED + 1)):
-        done = run("run", str(tmp_path / "tiny.yaml"), "--seed", str(seed), "--out", str(tmp_path / name), "--truth")
-        assert done.returncode == 0, done.stderr
-        files = [path for path in (tmp_path / name).rglob("*") if path.is_file() and path.suffix != ".sqlite"]
-        found.append({str(path.relative_to(tmp_path / name)): path.read_bytes() for path in files})
-    first, second, other = found
-    assert first.keys() == second.keys() == other.keys()
-    assert {name for name in first if first[name] != second[name]} == set()
-    alike = {Path(name).name for name in first if first[name] == other[name]}
-    assert alike == {"trend.json"}, "names of signals"
-
-
-@pytest.mark.parametrize("faults", [False, True])
-def test_a_replay_gives_the_rows_of_the_run(tmp_path: Path, rehearse, faults: bool) -> None:  # type: ignore[no-untyped-def]
-    """Also with dropped and damaged frames: windows stay on the counter grid, no frame counts twice."""
-
-    def arrange(world) -> None:  # type: ignore[no-untyped-def]
-        if faults:
-            link = world.faults.link("port_a")
-            link.drop_rate, link.bit_error_rate, link.duplicate_rate = 2e-3, 1e-6, 1e-4
-
-    rows = ran_and_replayed(rehearse(tiny_plan(tmp_path), arrange))
-    assert [row.window.first_counter for row in rows] == [rows[0].window.first_counter + 2000 * k for k in range(20)]
-    lost = sum(row.lost for row in rows)
-    print(f"{lost} frames lost, {sum(row.bad for row in rows)} bad")
-    assert (lost > 20) == faults
-    assert [bool(row.timing) for row in rows] == [row.lost == 0 for row in rows]
-
-
-@pytest.mark.parametrize("faults", [False, True])
-def test_the_integrated_mode_gives_windows_of_one_frame(tmp_path: Path, rehearse, faults: bool) -> None:  # type: ignore[no-untyped-def]
-    """Frame 2 is the first; a frame that is damaged is lost and costs no other window."""
-
-    def arrange(world) -> None:  # type: ignore[no-untyped-def]
-        world.faults.link("port_a").bit_error_rate = 2e-4 if faults else 0.0
-
-    rows = ran_and_replayed(rehearse(tiny_plan(tmp_path, "bias_ramp_25h_integrated", INTEGRATED), arrange))
-    assert [(row.window.first_counter, row.window.frames) for row in rows] == [(k, 1) for k in range(2, 17)]
-    lost = [row.window.number for row in rows if row.frames == 0]
-    print(f"lost windows: {lost}")
-    assert bool(lost) == faults
-    for row in rows:
-        assert row.timing == {}
-        assert bool(row.quality) == (row.frames == 0)
-        if row.frames:
-            assert int(row.sums["master_count"]) == 10**9
-            assert row.context["unit_temperature_degC"] == pytest.approx(23.5, abs=0.7)
 
 
 @pytest.mark.sweep

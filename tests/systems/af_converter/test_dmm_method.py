@@ -1,58 +1,49 @@
-"""The DMM method on the simulated bench: its own sequence, shortened to two channels, through instruments and links."""
+"""The DMM method and the zeros in every range on the simulated bench: both sequences, shortened to two channels."""
 
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rehearsal import nobody
+from rehearsal import Rehearsal, rehearsed
 from units_campaign import cut
 
-from bench.analysis import Material
+from bench.analysis import Material, analyse
 from bench.commands.run import view_of
-from bench.model.clock import VirtualClock
 from bench.plan import Plan, check_plan, compile_sequence
-from bench.run.control.operator import SimulatedOperator
-from bench.run.session import conduct
 from bench.session.predicted import predicted
+from bench.session.service import read_view
 from bench.session.view import KEPT_EVENTS, material_of
 from bench.systems.af_converter.dmm_method import analysis as dmm_method
+from sim_instruments.worlds.common.world import World
 
 SEED = 1
 CUTS = (
-    ("sequence: dmm_method", "sequence: dmm_tiny"),
+    ("sequence: dmm_method", "sequence: tiny"),
     ("duration: 32050 s\nrecords: 170", "duration: 13690 s\nrecords: 34"),
     ("numbers: 1-6, kind: gyro", "numbers: 1, kind: gyro"),
     ("numbers: 7-10, kind", "numbers: 7, kind"),
 )
 
 
-def tiny(folder: Path) -> Plan:
-    path = folder / "dmm_tiny.yaml"
-    path.write_text(cut("dmm_method", list(CUTS)))
-    return compile_sequence(path, None, {})
+def tiny(folder: Path, name: str = "dmm_method", cuts: tuple[tuple[str, str], ...] = CUTS) -> Plan:
+    """Return a shipped sequence cut down, without mistakes."""
+    path = folder / "tiny.yaml"
+    path.write_text(cut(name, list(cuts)))
+    plan = compile_sequence(path, None, {})
+    assert check_plan(plan) == []
+    return plan
 
 
 @pytest.fixture(scope="module")
 def session(tmp_path_factory: pytest.TempPathFactory) -> tuple[Material, list[dict[str, Any]]]:
     folder = tmp_path_factory.mktemp("dmm")
     plan = tiny(folder)
-    assert check_plan(plan) == []
-    done = conduct(
-        plan, clock=VirtualClock(), seed=SEED, out=folder, operator=SimulatedOperator(), listener=nobody(),
-        keep_events=KEPT_EVENTS,
-    )  # fmt: skip
+    done = rehearsed(folder, plan, seed=SEED, kept=KEPT_EVENTS).run
     assert done.outcome.error is None
     assert (done.outcome.overruns, done.outcome.slip_s, len(done.outcome.rows)) == (0, 0.0, 34)
     return material_of(view_of(plan, done)), list(done.truth or ())
-
-
-def test_the_whole_sequence_compiles_to_what_it_says() -> None:
-    plan = compile_sequence("dmm_method", None, {})
-    assert check_plan(plan) == []
-    campaign = plan.phase("campaign")
-    assert campaign[-1].at_s + campaign[-1].duration_s == 32_050.0
-    assert plan.record_count == 170
 
 
 @pytest.mark.slow
@@ -92,3 +83,49 @@ def test_what_is_predicted_is_what_the_campaign_states(
     ratios = [before[where] / stated for where, stated in after.items()]
     sys.stdout.write(f"predicted over stated: {min(ratios):.4f} to {max(ratios):.4f}\n")
     assert before == pytest.approx(after, rel=0.01)
+
+
+ZERO_CUTS = (
+    ("sequence: scale_factor_zero_per_range", "sequence: tiny"),
+    ("duration: 163200 s\nrecords: 985", "duration: 5190 s\nrecords: 53"),
+    ("dwell: 100 s", "dwell: 10 s"),
+    ("slot: 9000 s", "slot: 3600 s"),
+    ("in: [-10 degC, 5 degC, 20 degC, 35 degC, 50 degC]", "in: [25 degC]"),
+    ("in: [50 degC]", "in: [25 degC]"),
+    ("numbers: 1-6, kind: gyro", "numbers: 1, kind: gyro"),
+    ("numbers: 7-10, kind", "numbers: 7, kind"),
+    ("in: {channels: 1-6}", "in: {channels: 1}"),
+    ("in: {channels: 7-10}", "in: {channels: 7}"),
+)
+RATE_ppm_d = 20.0
+
+
+@pytest.mark.validates(
+    "drift of the calibrator from a check by the meter before and after",
+    against="a simulated calibrator that rises by 20 ppm a day, read through the instruments",
+)
+def test_a_drifting_calibrator_is_seen_by_the_meter(
+    record_property: Callable[[str, object], None], tmp_path: Path, rehearse: Callable[..., Rehearsal]
+) -> None:
+    plan = tiny(tmp_path, "scale_factor_zero_per_range", ZERO_CUTS)
+
+    def drifting(world: World) -> None:
+        world.options["calibrator_drift_ppm"] = RATE_ppm_d
+
+    rehearsal = rehearse(plan, arrange=drifting)
+    assert rehearsal.run.outcome.error is None
+    assert rehearsal.run.outcome.overruns == 0
+    analysis = analyse(material_of(read_view(rehearsal.run.folder)))
+    found = [one for one in analysis.estimates if one["quantity"] == "calibrator_drift"]
+    checks = [one for one in found if one["conditions"]["check"] == "check by the meter"]
+    assert [one["conditions"]["current_A"] for one in checks] == [1e-3, 1e-2, 1e-1]
+    for one in checks:
+        expected_ppm = RATE_ppm_d * one["conditions"]["hours"] / 24.0
+        sys.stdout.write(f"{one['value']:.3f} +- {one['expanded_uncertainty']:.3f} ppm, drawn {expected_ppm:.3f} ppm\n")
+        record_property("obtained", f"{one['value']:.3f} of {expected_ppm:.3f} ppm")
+        assert expected_ppm > 2.0
+        assert one["value"] == pytest.approx(expected_ppm, abs=0.05)
+    component = {one["std_uncertainty_ppm"] for one in analysis.components if "drift" in one["component"]}
+    assert component == {max(abs(one["value"]) + one["expanded_uncertainty"] for one in checks) / 2}
+    assert any("Zeros in every range" in note for note in analysis.notes)
+    assert analysis.missing == []

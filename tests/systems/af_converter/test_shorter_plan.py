@@ -15,92 +15,54 @@ from typing import Any
 
 import doubt_scale_factor as wrong
 import fit_simulation as sim
-import numpy as np
 import pytest
 from doubt_classes import Seen, sorted_classes
+from rehearsal import ROOT
 from scipy import stats
 from trials import without_budgets
 
 from bench.analysis import Analysis, Material, build_results
 from bench.cli import main
-from bench.design import default_targets, reached
+from bench.commands.planning import plan as command
+from bench.commands.requests import PlanRequest
+from bench.design import Design, Key, Target, default_targets, reached
 from bench.design.shortest import misses
-from bench.model.clock import NS
 from bench.model.errors import InputError
 from bench.plan import Plan, PlannedRecord, PlannedSoak, check_plan, compile_sequence
-from bench.session.designed import Asked, problem_of, proposed
+from bench.session.designed import Asked, Proposal, problem_of, proposed
 from bench.session.predicted import predicted
 from bench.systems.af_converter.scale_factor.analysis import analyse
 from bench.systems.af_converter.scale_factor.design.campaign import Campaigns, Candidate
 from bench.systems.af_converter.scale_factor.design.template import template_of
 
-SEQUENCES = Path(__file__).resolve().parents[3] / "sequences"
-_UNIT_LAG_s, _LEFT_degC = 1500.0, 0.43  # what is left of a soak when its slot ends
+SEQUENCES = ROOT / "sequences"
 
 
-def planned_records(name: str, channels: tuple[int, ...] = (1, 7)) -> list[tuple[PlannedRecord, float]]:
+@cache
+def planned_points(name: str, channels: tuple[int, ...] = (1, 7)) -> list[sim.Point]:
     """Return the measuring records of some channels of a shipped sequence, each with the end of the soak before it."""
-    plan = compile_sequence(SEQUENCES / f"{name}.yaml", None, {})
     records, arrived_s = [], 0.0
-    for step in plan.phase("campaign"):
+    for step in plan_of(name).phase("campaign"):
         if isinstance(step, PlannedSoak):
             arrived_s = step.at_s + step.duration_s
         elif isinstance(step, PlannedRecord) and step.conditions["channel"] in channels:
             records.append((step, arrived_s))
-    return records
-
-
-def simulate_plan(
-    seed: int,
-    records: list[tuple[PlannedRecord, float]],
-    world: sim.World | None = None,
-) -> sim.SimulatedCampaign:
-    """Return one campaign of the planned records, seeded."""
-    world, switches, rng = world or sim.World(), sim.Switches(), np.random.default_rng(seed)
-    bench = sim._Bench(rng, switches)
-    kinds = {step.conditions["channel"]: step.conditions["kind"] for step, _ in records}
-    units = {channel: sim._unit(rng, kind, switches) for channel, kind in kinds.items()}
-    leak = rng.uniform(-1e-10, 1e-10, 2) * bench.on
-    walk = sim._Walk(rng, switches.noise)
-    rows: list[sim.Row] = []
-    biases_A: dict[tuple[int, float], float] = {}
     length_s = records[-1][0].at_s + records[-1][0].seconds
-    for step, arrived_s in records:
-        at = place_of(step, length_s)
-        left = _LEFT_degC * float(np.exp(-(step.at_s - arrived_s) / _UNIT_LAG_s))
-        unit_degC, unit = at.nominal_degC - left, units[at.channel]
-        bias_A = unit.bias(unit_degC) + walk.at(step.at_s, at.channel)
-        biases_A.setdefault((at.channel, at.nominal_degC), bias_A)
-        bench.drift = world.gain(at)
-        net_A = world.input_A(bench.input_A(at.step, leak), at) - bias_A
-        net_A += rng.normal(0, switches.white_A_rtHz / np.sqrt(2.0 * step.seconds))
-        counts = world.counted(bench.counts(net_A, unit, unit_degC, step.seconds), at)
-        rows.append(row_of(len(rows) + 1, step, at, counts, world.sensed_degC(unit_degC)))
-    campaign, standards = sim.manifest(kinds)
-    clocks = bench.af_error, bench.master_error
-    return sim.SimulatedCampaign(rows, units, bench.gain, *clocks, campaign, standards, biases_A, drift=0.0)
+    return [point_of(step, arrived_s, length_s) for step, arrived_s in records]
 
 
-def place_of(step: PlannedRecord, length_s: float) -> sim.Place:
-    """Return where a campaign of this length is in a record."""
+def point_of(step: PlannedRecord, arrived_s: float, length_s: float) -> sim.Point:
+    """Return a record of a campaign of this length."""
     given: Any = step.conditions
     what = given["route"], abs(given["current_A"] or 0.0), given["polarity"], given["range_A"]
-    return sim.Place(step.at_s / length_s, given["channel"], given["temperature_degC"], given["repeat"], what)
+    place = sim.Place(step.at_s / length_s, given["channel"], given["temperature_degC"], given["repeat"], what)
+    return sim.Point(place, step.at_s, arrived_s, dict(given), 0.0, step.seconds)
 
 
-def row_of(number: int, step: PlannedRecord, at: sim.Place, counts: dict[str, float], unit_degC: float) -> sim.Row:
-    npp, ppp = np.zeros(10), np.zeros(10)
-    npp[at.channel - 1], ppp[at.channel - 1] = counts["n"], counts["p"]
-    begin_ns = round(step.at_s * NS)
-    sums = {
-        "npp": npp,
-        "ppp": ppp,
-        "af_clock": np.float64(counts["af"]),
-        "fg_count": np.float64(counts["fg"]),
-        "master_count": np.int64(round(step.seconds * sim.MASTER_Hz)),
-    }
-    window = sim.Window(number, dict(step.conditions), begin_ns, begin_ns + round(step.seconds * NS))
-    return sim.Row(window, sums, {"unit_temperature_degC": unit_degC})
+def simulate_plan(seed: int, points: list[sim.Point], world: sim.World | None = None) -> sim.SimulatedCampaign:
+    """Return one campaign of the planned records, seeded."""
+    kinds = {point.place.channel: point.conditions["kind"] for point in points}
+    return sim.simulate_points(seed, points, kinds, sim.Switches(), world)
 
 
 GIVEN, SHORTER = "scale_factor_38h", "scale_factor_26h"
@@ -182,10 +144,10 @@ def test_no_record_is_so_long_that_a_channel_gets_warmer() -> None:
 )
 def test_stated_intervals_hold_the_truth(record_property: Any) -> None:
     """Seeds 0 to 99. The values of a campaign share errors, so that it counts once for each quantity and kind."""
-    records = planned_records(SHORTER)
+    points = planned_points(SHORTER)
     inside: dict[tuple[str, str], list[bool]] = {}
     for seed in range(CAMPAIGNS):
-        campaign = simulate_plan(seed, records)
+        campaign = simulate_plan(seed, points)
         first: set[tuple[str, str]] = set()
         for entry in judged_entries(analysed(campaign).estimates):
             place = (entry["quantity"], entry["conditions"].get("kind", ""))
@@ -211,9 +173,9 @@ def judged_entries(estimates: Any) -> list[Any]:
     return [one for one in estimates if one["quantity"] in wrong.QUANTITIES and "repeat" not in one["conditions"]]
 
 
-def seen(records: Any, seed: int, world: Any) -> Seen:
+def seen(points: list[sim.Point], seed: int, world: Any) -> Seen:
     """Return what a campaign states in a world, and its truth."""
-    campaign = simulate_plan(seed, records, world=world)
+    campaign = simulate_plan(seed, points, world=world)
     document = build_results("doubt", analysed(campaign), {"records": len(campaign.rows)}, wrong.PROVENANCE)
     entries = judged_entries(document["estimates"])
     return Seen(entries, [campaign.truth(entry) for entry in entries], 0.0, 1, wrong._promised(campaign))
@@ -222,7 +184,7 @@ def seen(records: Any, seed: int, world: Any) -> Seen:
 @pytest.mark.parametrize(("world", "told"), [(wrong.CalibratorStep(1e-5), True), (wrong.CalibratorDrift(1e-5), False)])
 def test_a_step_of_the_calibrator_is_told_from_a_steady_drift(world: Any, told: bool) -> None:
     """Of 10 ppm, seed 0: the visits in the middle and at the end lie on a line, or they do not."""
-    analysis = analysed(simulate_plan(0, planned_records(SHORTER), world=world))
+    analysis = analysed(simulate_plan(0, planned_points(SHORTER), world=world))
     (heard,) = (seen for seen in analysis.evidence if seen.code == "unsteady_drift")
     print(heard.sentence, heard.probability)
     assert (heard.probability < 1e-9) == told
@@ -253,11 +215,11 @@ def test_no_wrong_world_is_believed_that_the_given_plan_tells(monkeypatch: pytes
     for size in switch.sizes:
         counted = {}
         for name in (GIVEN, SHORTER):
-            records = planned_records(name)
-            levels_A = [step.conditions["current_A"] for step, _ in records if step.conditions["channel"] == 7]
+            points = planned_points(name)
+            levels_A = [point.conditions["current_A"] for point in points if point.place.channel == 7]
             first = switch.name == "first_of_a_range"
             world = FirstOfRange(size, [level for level in levels_A if level]) if first else switch.world(size)
-            pairs = ((seen(records, seed, world), seen(records, seed, None)) for seed in (0, 1))
+            pairs = ((seen(points, seed, world), seen(points, seed, None)) for seed in (0, 1))
             counted[name] = sum((sorted_classes(*pair) for pair in pairs), Counter())
         print(f"{switch.name} {size:g}: {dict(counted[GIVEN])} before, {dict(counted[SHORTER])} now")
         before, now = (counted[name]["confidently_wrong"] for name in (GIVEN, SHORTER))
@@ -296,3 +258,152 @@ def test_targets_that_no_plan_reaches_and_plans_of_another_form_are_refused(tmp_
     with pytest.raises(InputError) as error:
         other.written(*shipped(), "shorter", [])
     assert error.value.code == "B-DES-005"
+
+
+DECLARED = ("duration: 38 h\n", "records: 765\n")
+
+
+def given_text() -> str:
+    text = (SEQUENCES / f"{GIVEN}.yaml").read_text(encoding="utf-8")
+    for line in DECLARED:
+        assert line in text
+        text = text.replace(line, "")
+    return text
+
+
+def proposal_from(path: Path) -> Proposal:
+    """Return the shipped shorter plan as if the search had found it in place of a given sequence."""
+    plan = compile_sequence(path, None, {})
+    problem: Any = problem_of(plan, LAG_s)
+    template = template_of(compile_sequence(SEQUENCES / f"{SHORTER}.yaml", None, {}))
+    candidate = Candidate(tuple(template.levels_A), template.stops, template.again, by_lag=True)
+    design = Design(candidate, template.dwell_s, problem.duration_s(candidate, template.dwell_s))
+    known = reached(problem.estimates(*problem.today))
+    found = reached(problem.estimates(candidate, design.length_s))
+    return Proposal(plan, problem, default_targets(problem.wanted, known), design, known, found)
+
+
+@cache
+def shipped_proposal() -> Proposal:
+    return proposal_from(SEQUENCES / f"{GIVEN}.yaml")
+
+
+def spelt(tmp_path: Path, *changes: tuple[str, str]) -> Path:
+    """Return the given sequence, which declares no duration, in other words."""
+    text = given_text()
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    path = tmp_path / f"{GIVEN}.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def written(found: Proposal, folder: Path) -> Plan:
+    path = folder / "shorter.yaml"
+    path.write_text(found.text("shorter"), encoding="utf-8")
+    plan = compile_sequence(path, None, {})
+    assert check_plan(plan) == []
+    return plan
+
+
+DONE = "          done: {residual: 0.2 degC, least: 100 min}\n          late: hold\n"
+
+
+@pytest.mark.parametrize(
+    ("changes", "least_s"),
+    [
+        ([('slot: "{slot}"', "slot: '{slot}'")], 5400.0),
+        ([("  slot: 9000 s\n", ""), ('slot: "{slot}"', "slot:   '9000 s'")], 5400.0),
+        ([("  slot: 9000 s\n", ""), ('slot: "{slot}"', "slot: 9000 s  # by hand")], 5400.0),
+        ([("          late: hold\n", DONE)], 6000.0),
+    ],
+    ids=["other quotes", "a value", "a comment", "a least time of a soak"],
+)
+def test_each_soak_has_its_slot_however_the_given_one_is_spelt(
+    tmp_path: Path, changes: list[tuple[str, str]], least_s: float
+) -> None:
+    plan = written(proposal_from(spelt(tmp_path, *changes)), tmp_path)
+    slots_s = [step.slot_s for step in plan.phase("campaign") if isinstance(step, PlannedSoak)]
+    assert slots_s == [least_s, 6000.0, 6000.0, 6000.0, 8280.0, 10200.0]
+    if least_s == 5400.0:
+        assert plan.duration_s == pytest.approx(shipped_proposal().design.duration_s, abs=1e-6)
+
+
+def test_what_the_slots_rest_on_stands_in_table_and_file(tmp_path: Path) -> None:
+    """The chamber begins where ``finally`` leaves it, else at 23 degC; what is written has no margin for the lag."""
+    last = "  - soak: {temperature: 25 degC, ramp: 0.5 degC/min, slot: 600 s, late: skip,\n"
+    last += "           stable: {within: 2 degC, for: 1 min, sensor: air}}\n"
+    left = ("  - function_generator.output_off\n\n", f"{last}  - function_generator.output_off\n\n")
+    for found, degC in ((shipped_proposal(), 23), (proposal_from(spelt(tmp_path, left)), 25)):
+        rests = f"for a lag of 27 min and no more, the chamber at {degC} degC before the first"
+        assert any(rests in line for line in found.lines())
+        assert f"  # The soak to a temperature, with slots {rests}.\n" in found.text("shorter")
+
+
+def test_what_was_asked_stands_beside_the_factor_that_a_time_leaves() -> None:
+    within = replace(shipped_proposal(), targets=[Target(Key("dsf_n", "", ""), 25.0)])
+    assert next(within.target_lines()).startswith("dsf_n: 25 asked, ")
+    within = replace(within, design=replace(within.design, factor=0.8687))
+    assert next(within.target_lines()).startswith("dsf_n: 25 asked times 0.87, ")
+    document = within.document()
+    assert (document["factor"], document["targets"][0]["U"]) == (0.8687, 25.0)
+
+
+def test_what_stands_on_one_line_is_refused(tmp_path: Path) -> None:
+    """Parameters, or the points."""
+    flow = "parameters: {serial: SIM-1, dwell: 100 s, settle: 20 s, ramp: 0.5 degC/min, slot: 9000 s, "
+    text = given_text()
+    begin, end = text.index("parameters:"), text.index("tables:")
+    for change in (
+        (text[begin:end], f"{flow}within: 1 degC, stable_for: 10 min}}\n\n"),
+        ("        do:\n          - all_points\n", "        do: [all_points]\n"),
+    ):
+        with pytest.raises(InputError) as error:
+            proposal_from(spelt(tmp_path, change)).text("shorter")
+        assert error.value.code == "B-DES-005"
+
+
+@pytest.mark.parametrize(
+    ("changed", "word"),
+    [
+        (
+            {"design": replace(shipped_proposal().design, duration_s=shipped_proposal().design.duration_s - 60.0)},
+            "duration",
+        ),
+        ({"found": {key: 0.99 * U for key, U in shipped_proposal().found.items()}}, "dsf_n.random"),
+        ({}, ""),
+    ],
+)
+def test_what_would_not_be_what_was_found_is_not_written(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, changed: dict[str, Any], word: str
+) -> None:
+    """Nor beside a figure that cannot be drawn; what is as it was found is written as it was checked."""
+    out = tmp_path / "shorter.yaml"
+    monkeypatch.setattr(command, "proposed", lambda *_: replace(shipped_proposal(), **changed))
+    monkeypatch.setattr(command, "curve", lambda *_: [(1.0, 25.9), (2.0, 19.2)])
+    plot = None if word else tmp_path / "none" / "figure.svg"
+    with pytest.raises(InputError) as error:
+        command.plan(request(out, plot=plot))
+    assert error.value.code == ("B-DES-007" if word else "B-CLI-007")
+    assert word in error.value.message
+    assert list(tmp_path.iterdir()) == []
+    if not word:
+        assert command.plan(request(out)) == 0
+        assert out.read_text(encoding="utf-8") == shipped_proposal().text("shorter")
+        assert list(tmp_path.iterdir()) == [out]
+
+
+def request(out: Path, sequence: str | Path = GIVEN, plot: Path | None = None) -> PlanRequest:
+    return PlanRequest(str(sequence), lag="27 min", out=out, plot=plot, json=True)
+
+
+def test_the_given_sequence_is_never_replaced(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    path = spelt(tmp_path, (f"sequence: {GIVEN}", "sequence: own")).rename(tmp_path / "own.yaml")
+    before = path.read_bytes()
+    monkeypatch.setattr(command, "proposed", lambda *_: shipped_proposal())
+    with pytest.raises(InputError) as error:
+        command.plan(request(Path("own.yaml"), path))
+    assert error.value.code == "B-DES-001"
+    assert path.read_bytes() == before

@@ -1,7 +1,7 @@
 """imu_coefficients.h, compiled, applied to the counts of simulated sessions: what comes out is what the table did.
 
 Expectations come from the angles of the table by scipy's rotations, the length of the sidereal day and the site of the
-simulated bench; nothing of bench.systems takes part in them.
+simulated bench; no computation of bench.systems takes part in them.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from gnc_sessions import recorded_unit
+from imu_fit_simulation import EARTH_DEG_S, body_to_local, local_rate_deg_s
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -22,14 +23,11 @@ from bench.analysis import joined
 from bench.cli import app
 from bench.record import RecordRow
 from bench.session.service import read_view
+from bench.systems.gnc.estimators.earth_rate import Pose
 
 Keep = Callable[[str, object], None]
 LATITUDE_deg, AZIMUTH_deg, GRAVITY_g = 34.2, 90.0, 9.7969 / 9.80665  # of the simulated bench
-EARTH_DEG_S = 360.0 / 86_164.0905
 DECLINATION_deg = -4.0
-# v_table = M v_body: the body axis that is named lies along the inner axis, the other two follow cyclically
-MOUNTINGS = {"x": [[1, 0, 0], [0, 1, 0], [0, 0, 1]], "y": [[0, 1, 0], [0, 0, 1], [1, 0, 0]],
-             "z": [[0, 0, 1], [1, 0, 0], [0, 1, 0]]}  # fmt: skip
 PROGRAM = """
 #include <stdio.h>
 #include "imu_coefficients.h"
@@ -50,14 +48,8 @@ int main(void)
 def to_local(row: RecordRow) -> Rotation:
     """Body to East, North, Up at the begin of a record."""
     at = row.window.conditions
-    outer, middle, inner = (float(at[f"{axis}_deg"]) for axis in ("outer", "middle", "inner"))
-    turns = Rotation.from_euler("ZYX", [90.0 - AZIMUTH_deg + outer, middle, inner], degrees=True)
-    return turns * Rotation.from_matrix(MOUNTINGS[str(at["mounting"])])
-
-
-def earth_deg_s() -> np.ndarray:
-    latitude = np.radians(LATITUDE_deg)
-    return EARTH_DEG_S * np.array([0.0, np.cos(latitude), np.sin(latitude)])
+    angles = (float(at[f"{axis}_deg"]) for axis in ("outer", "middle", "inner"))
+    return body_to_local(Pose(*angles, str(at["mounting"])), AZIMUTH_deg)
 
 
 @pytest.fixture(scope="module")
@@ -115,7 +107,7 @@ def test_forces_and_rates_at_rest(sessions, record_property: Keep) -> None:
         seconds = len(row.samples) / 200.0
         mean = compensated(program, row).mean(axis=0)
         body = to_local(row).inv()
-        force_g, rate_deg_s = body.apply([0.0, 0.0, GRAVITY_g]), body.apply(earth_deg_s())
+        force_g, rate_deg_s = body.apply([0.0, 0.0, GRAVITY_g]), body.apply(local_rate_deg_s(LATITUDE_deg))
         accelerometer, gyro = sections["accelerometer"], sections["gyro"]
         own_g = np.hypot(np.linalg.norm(accelerometer["matrix_std"], axis=1), accelerometer["bias_std"])
         off_g = (mean[3:6] - force_g) / np.hypot(own_g, 1.2e-4 / seconds**0.5)
@@ -137,7 +129,7 @@ def test_the_whole_turn_comes_out_about_the_axis_it_was_made(sessions) -> None:
         turned = compensated(program, row)[:, :3].sum(axis=0) / 200.0
         axis = np.eye(3)["xyz".index(str(row.window.conditions["axis"]))]
         along = to_local(row).apply(axis)
-        assert along == pytest.approx(earth_deg_s() / EARTH_DEG_S, abs=1e-9)
+        assert along == pytest.approx(local_rate_deg_s(LATITUDE_deg) / EARTH_DEG_S, abs=1e-9)
         due = axis * (float(row.window.conditions["turn_deg"]) + EARTH_DEG_S * seconds)
         noise_deg = 0.3 / 60.0 * seconds**0.5
         own_deg = np.hypot(np.asarray(gyro["matrix_std"]) @ np.abs(due), np.asarray(gyro["bias_std"]) * seconds)

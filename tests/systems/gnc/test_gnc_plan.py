@@ -9,38 +9,22 @@ from typing import Any
 
 import numpy as np
 import pytest
-from rehearsal import ROOT
+from gnc_campaigns import rewritten
 from scipy import stats
-from shorter_calibration import SHORTEST
+from shorter_calibration import GIVEN, SHORTEST, given
 
 from bench.design import reached
 from bench.design.shortest import misses
 from bench.model.errors import InputError
-from bench.plan import Plan, check_plan, compile_sequence
+from bench.plan import check_plan, compile_sequence
 from bench.session.designed import Asked, Proposal, problem_of, proposed
 from bench.session.predicted import predicted
 from bench.systems.gnc.calibration.design import Calibrations
 
-GIVEN = "gnc_imu_calibration"
-
-
-@cache
-def plan_of(name: str) -> Plan:
-    return compile_sequence(ROOT / "sequences" / f"{name}.yaml", None, {})
-
-
-def changed(tmp_path: Path, old: str, new: str) -> Plan:
-    """Return the given sequence with other words in it."""
-    text = (ROOT / "sequences" / f"{GIVEN}.yaml").read_text(encoding="utf-8")
-    assert old in text
-    path = tmp_path / f"{GIVEN}.yaml"
-    path.write_text(text.replace(old, new), encoding="utf-8")
-    return compile_sequence(path, None, {})
-
 
 @cache
 def found() -> Proposal:
-    return proposed(plan_of(GIVEN), Asked([], None, None))
+    return proposed(given(), Asked([], None, None))
 
 
 def problem() -> Calibrations:
@@ -57,29 +41,17 @@ def test_the_written_plan_is_what_was_found_and_reaches_the_targets(tmp_path: Pa
     path.write_text(found().text("shorter"), encoding="utf-8")
     plan = compile_sequence(path, None, {})
     assert check_plan(plan) == []
-    design, given = found().design, plan_of(GIVEN)
+    design, before = found().design, given()
     assert (design.candidate, design.length_s) == SHORTEST
-    record_property("obtained", f"{plan.duration_s:.0f} s in place of {given.duration_s:.0f} s")
+    record_property("obtained", f"{plan.duration_s:.0f} s in place of {before.duration_s:.0f} s")
     assert plan.duration_s == pytest.approx(design.duration_s, abs=1e-6)
-    assert plan.duration_s < 0.95 * given.duration_s
-    known, after = (reached(predicted(each).estimates) for each in (given, plan))
+    assert plan.duration_s < 0.95 * before.duration_s
+    known, after = (reached(predicted(each).estimates) for each in (before, plan))
     assert len(found().targets) == 6
     assert all(pytest.approx(known[target.key], rel=1.1e-3) == target.U for target in found().targets)
     assert misses(found().targets, after) == []
     for key in after:
         assert found().found[key] == pytest.approx(after[key], rel=1e-6), key
-
-
-def test_all_positions_and_turns_are_written_twice(tmp_path: Path) -> None:
-    path = tmp_path / "shorter.yaml"
-    path.write_text(found().text("shorter"), encoding="utf-8")
-    records = [step.conditions for step in compile_sequence(path, None, {}).steps if step.kind == "record"]
-    for up in ("+x", "-x", "+y", "-y", "+z", "-z"):
-        assert sum(each.get("up") == up for each in records) == 2, up
-    turn_deg = 360.0 * found().design.candidate.turns
-    for axis, sign in ((axis, sign) for axis in "xyz" for sign in (1.0, -1.0)):
-        turns = [each for each in records if each.get("axis") == axis and each["turn_deg"] == sign * turn_deg]
-        assert len(turns) == 2 * 2, axis  # each in two parts
 
 
 def test_bounds_are_bounds() -> None:
@@ -120,7 +92,7 @@ def test_more_turns_hide_by_how_much_one_ends_off_its_angle() -> None:
 
 def test_a_repeat_that_cannot_be_judged_is_named(tmp_path: Path) -> None:
     """A limit of 100 ppm on the coupling leaves 10 ppm for the second set."""
-    plan = changed(tmp_path, "accel_cross_coupling: 1000 ppm", "accel_cross_coupling: 100 ppm")
+    plan = rewritten(tmp_path, GIVEN, ("accel_cross_coupling: 1000 ppm", "accel_cross_coupling: 100 ppm"))
     strict = problem_of(plan, None)
     assert any("accel_coupling_compensated" in sentence for sentence in strict.broken(*strict.today))
 
@@ -132,7 +104,7 @@ def test_the_power_against_a_square_of_the_acceleration_is_that_of_its_formula(t
     the noncentrality 3 * 4 / 3 * 9 * U^2 / s^2 = 6 * 1.96^2.
     """
     slow = "accelerometer_wandering: [{size: 6 ug, over: 10 s}, {size: 6 ug, over: 100 s}, {size: 6 ug, over: 1000 s}],"
-    white = problem_of(changed(tmp_path, slow, ""), None)
+    white = problem_of(rewritten(tmp_path, GIVEN, (slow, "")), None)
     powers = {(each.rival, each.quantity): each.power for each in white.powers(*white.today)}
     due = float(stats.ncx2.sf(stats.chi2.isf(1e-3, 6), 6, 6.0 * 1.96**2))
     obtained = powers["square of the acceleration", "accel_bias"]
@@ -150,6 +122,6 @@ def test_what_rates_of_one_size_cannot_show_is_not_said_to_be_seen() -> None:
 
 def test_a_calibration_without_a_second_set_is_refused(tmp_path: Path) -> None:
     second = '  - positions: {time: "{check_position}"}  # the second set checks what the first one gave\n'
-    plan = changed(tmp_path, second, "")
+    plan = rewritten(tmp_path, GIVEN, (second, ""))
     with pytest.raises(InputError, match=r"B-DES-004.*\+x 1 times"):
         problem_of(plan, None)

@@ -1,40 +1,21 @@
-"""Units of Table 3 class through whole sessions of calibration and of the magnetometer against the simulated truth.
+"""Units of Table 3 class through whole sessions of calibration against the simulated truth.
 
 The figures of 50 units are in docs/gnc-module.md.
 """
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from gnc_sessions import Session, TURN_s, calibration_settings, recorded_unit, run_session, share_covered
 from rehearsal import ROOT
-from scipy.linalg import sqrtm
 
 MATRICES = tuple(f"{kind}_{what}" for kind in ("accel", "gyro") for what in ("scale_error", "cross_coupling"))
 COVERED = (*MATRICES, "accel_bias", "gyro_bias", "accel_matrix", "gyro_matrix")
 CROSS = ~np.eye(3, dtype=bool)
-Sessions = Callable[[str, int, float], list[Session]]
-AXES = "xyz"
-
-
-@pytest.fixture(scope="module")
-def sessions(tmp_path_factory: pytest.TempPathFactory) -> Sessions:
-    """Return a function that gives units, with rotations recorded over some time; it runs nothing twice."""
-
-    @functools.cache
-    def start(sequence: str, units: int, length_s: float) -> list[Session]:
-        if (units, length_s) == (1, TURN_s):
-            return [recorded_unit(tmp_path_factory, sequence)[1]]
-        out, settings = tmp_path_factory.mktemp("units"), calibration_settings(length_s)
-        return [run_session(out, sequence, number, *settings) for number in range(units)]
-
-    return start
 
 
 def off_ppm(session: Session, kind: str) -> np.ndarray:
@@ -61,8 +42,10 @@ def bias_over_theory(found: list[Session], length_s: float) -> np.ndarray:
         pytest.param(50, 25.0, marks=pytest.mark.sweep),
     ],
 )
-def test_units_against_the_truth(sessions: Sessions, units: int, length_s: float) -> None:
-    found = sessions("gnc_imu_calibration", units, length_s)
+def test_units_against_the_truth(tmp_path_factory: pytest.TempPathFactory, units: int, length_s: float) -> None:
+    _, first = recorded_unit(tmp_path_factory, "gnc_imu_calibration")
+    out, settings = tmp_path_factory.mktemp("units"), calibration_settings(length_s)
+    found = [first] if units == 1 else [run_session(out, "gnc_imu_calibration", n, *settings) for n in range(units)]
     assert all(one.missing == [] for one in found)
     for kind in ("accel", "gyro"):
         ppm = np.array([off_ppm(one, kind) for one in found])
@@ -115,53 +98,3 @@ def test_what_a_tilt_of_1_arcmin_costs(tmp_path: Path) -> None:
         assert 100.0 < rms < 350.0
         assert covered > 85.0
         assert np.abs(ppm[:, ~CROSS]).max() < 50.0
-
-
-@pytest.mark.parametrize("units", [pytest.param(1, marks=pytest.mark.slow), pytest.param(10, marks=pytest.mark.sweep)])
-def test_a_vertical_table_gives_the_same_bias(sessions: Sessions, units: int) -> None:
-    vertical = sessions("gnc_imu_calibration_vertical", units, TURN_s)
-    along = sessions("gnc_imu_calibration", units, TURN_s)
-    assert np.abs(bias_over_theory(vertical, TURN_s)).max() < 4.5
-    assert max(np.abs(off_ppm(one, "gyro")).max() for one in vertical) < 50.0
-    difference, wide = [], []
-    for one, other in zip(vertical, along, strict=True):
-        difference.append(one.by_axis("gyro_bias", "gyro") - other.by_axis("gyro_bias", "gyro"))
-        wide.append(np.hypot(one.errors("gyro_bias")[:, 1], other.errors("gyro_bias")[:, 1]))
-    off = np.abs(np.array(difference)) / np.array(wide)
-    print(f"vertical against Earth-axis mount: {100 * np.mean(off <= 1):.0f} % within, worst {off.max():.2f} U")
-    assert np.mean(off <= 1.0) > 0.8
-    assert off.max() < 2.25
-
-
-@pytest.mark.parametrize("units", [pytest.param(1, marks=pytest.mark.slow), pytest.param(50, marks=pytest.mark.sweep)])
-def test_the_magnetometer_by_its_ellipse(tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, units: int) -> None:
-    off_deg = []
-    _, first = recorded_unit(tmp_path_factory, "gnc_magnetometer")
-    for one in (first, *(run_session(tmp_path, "gnc_magnetometer", number) for number in range(1, units))):
-        (angle,) = (e["value"] for k, e in one.found.items() if k[0] == "mag_angle" and ("method", "ellipse") in k)
-        off_deg.append(angle - next(value for key, value in one.truth.items() if key[0] == "mag_angle"))
-    print(f"ellipse angle: {1e3 * np.std(off_deg):.2f} mdeg rms, worst {1e3 * np.abs(off_deg).max():.2f} mdeg")
-    assert np.abs(off_deg).max() < 0.005
-
-
-def test_the_ellipsoid_is_the_sensor_that_was_simulated(tmp_path_factory: pytest.TempPathFactory) -> None:
-    """B = K (v - b): hard iron b, and the symmetric root of K^T K, scaled so that it keeps volumes."""
-    _, unit = recorded_unit(tmp_path_factory, "gnc_magnetometer")
-    matrix = unit.matrix("mag_matrix", true=True)
-    due = np.real(sqrtm(matrix.T @ matrix)) / np.linalg.det(matrix) ** (1 / 3)
-    offset = unit.by_axis("mag_hard_iron", "magnetometer", true=True)
-    scores = []
-    for (quantity, *conditions), found in unit.found.items():
-        place = {name: AXES.index(axis) for name, axis in conditions if name in ("row", "column", "axis")}
-        if quantity == "mag_soft_iron":
-            most, true = 2e-4, due[place["row"], place["column"]]
-        elif quantity == "mag_hard_iron":
-            most, true = 5e-5, offset[place["axis"]]
-        else:
-            continue
-        assert found["std_uncertainty"] < most
-        scores.append((found["value"] - true) / found["std_uncertainty"])
-    assert len(scores) == 9
-    print("soft and hard iron, in standard uncertainties:", np.round(scores, 2))
-    assert np.abs(scores).max() < 4.0
-    assert np.sqrt(np.mean(np.square(scores))) < 2.0

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from gnc_exchanges import exchanges, material
-from one_estimate import one
+from one_estimate import one, value
 from rehearsal import SEED, Inside, Watched, go_on
 
 from bench.analysis import Analysis, GivenValue
@@ -120,7 +120,7 @@ def test_a_unit_that_is_too_wide_fails_and_the_batch_goes_on(tmp_path: Path) -> 
     done, analysis = run_units(tmp_path, Gauge({"GNC-01: width": 0.027}))
     assert done.outcome.error is None
     assert verdicts_of(analysis) == {"GNC-01": "FAIL", "GNC-02": "PASS"}
-    assert one(analysis, "width", unit="GNC-01")["value"] == 0.027
+    assert value(analysis, "width", unit="GNC-01") == 0.027
     beyond = [one(analysis, "width_beyond_limits", unit=unit) for unit in ("GNC-01", "GNC-02")]
     assert beyond[0]["value"] == pytest.approx(0.001)
     assert [entry["verdict"] for entry in beyond] == ["fail", "pass"]

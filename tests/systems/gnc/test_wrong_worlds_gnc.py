@@ -9,38 +9,19 @@ from functools import cache
 
 import doubt_gnc as gnc
 import pytest
-from doubt_classes import DOUBTED, REFUSED, WRONG, Seen, is_visible, sorted_classes
+from doubt_classes import DOUBTED, REFUSED, WRONG, Seen, codes_of, is_hidden, right_world, sorted_classes
 
 from bench.analysis import build_results, is_sound
 from bench.model.assumptions import assumptions_of
 from bench.session.coefficients import coefficients_of_session
 from bench.systems.gnc.calibration.analysis import analyse
 
-SIZES = {f"{switch.name}-{size:g}": (switch, size) for switch in gnc.SWITCHES for size in switch.sizes}
 SWITCHES = {switch.name: switch for switch in gnc.SWITCHES}
-
-
-@cache
-def right_world(seed: int) -> Seen:
-    return gnc.seen(seed, None, 0.0)
 
 
 @cache
 def wrong_world(name: str, size: float) -> Seen:
     return gnc.seen(1, SWITCHES[name], size)
-
-
-def codes(seen: Seen) -> set[str]:
-    return {reason["code"] for entry in seen.entries for reason in entry["reasons"]}
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize("name", SIZES)
-def test_nothing_that_can_be_seen_is_confidently_wrong(name: str) -> None:
-    switch, size = SIZES[name]
-    for seed in range(3):
-        counted = sorted_classes(gnc.seen(seed, switch, size), right_world(seed))
-        assert counted[WRONG] == 0 or not is_visible(gnc.seen(0, switch, size, noise_free=True))
 
 
 @pytest.mark.parametrize(
@@ -58,36 +39,28 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(name: str) -> None:
 )
 def test_what_is_wrong_is_named(name: str, size: float, left: str, least: int, code: str) -> None:
     wrong = wrong_world(name, size)
-    counted = sorted_classes(wrong, right_world(1))
+    counted = sorted_classes(wrong, right_world(gnc, 1))
     assert counted[WRONG] == 0
     assert counted[left] >= least - 21 * (name == "one_turn_short")
-    assert code in codes(wrong)
+    assert code in codes_of(wrong)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_one_turn_in_a_field_that_wanders_has_the_noise_of_all_attitudes(seed: int) -> None:
     """By its own readings alone it would take the wandering for an offset in four of these six."""
-    assert sorted_classes(gnc.seen(seed, SWITCHES["field_wanders"], 1e-4), right_world(seed))[WRONG] == 0
+    assert sorted_classes(gnc.seen(seed, SWITCHES["field_wanders"], 1e-4), right_world(gnc, seed))[WRONG] == 0
 
 
 @pytest.mark.parametrize(("name", "size"), [("bad_samples", 30.0), ("bad_reading", 0.7)])
 def test_one_bad_sample_costs_nothing(name: str, size: float) -> None:
-    counted = sorted_classes(wrong_world(name, size), right_world(1))
+    counted = sorted_classes(wrong_world(name, size), right_world(gnc, 1))
     assert counted[WRONG] == counted[DOUBTED] == counted[REFUSED] == 0
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_right_world_is_not_doubted(seed: int) -> None:
-    assert [entry["reasons"] for entry in right_world(seed).entries if not is_sound(entry)] == []
-    assert len(right_world(seed).entries) == right_world(seed).promised
-
-
-@pytest.mark.sweep
-def test_right_worlds_are_doubted_once_in_five_hundred() -> None:
-    """Designed for 0.2 % of campaigns, so five of 500 are as many as chance brings (0.4 %)."""
-    doubted = [seed for seed in range(500) if not all(map(is_sound, gnc.seen(seed, None, 0.0).entries))]
-    print(f"seeds 0 to 499: doubted {doubted}")
-    assert len(doubted) <= 5
+    assert [entry["reasons"] for entry in right_world(gnc, seed).entries if not is_sound(entry)] == []
+    assert len(right_world(gnc, seed).entries) == right_world(gnc, seed).promised
 
 
 def test_coefficients_hold_sound_sections_alone() -> None:
@@ -119,4 +92,4 @@ def test_what_no_data_can_show_is_named() -> None:
 def test_what_is_hidden_leaves_no_trace() -> None:
     for name in ("gravity_wrong", "mounted_askew", "table_turns_more"):
         switch = SWITCHES[name]
-        assert not is_visible(gnc.seen(0, switch, switch.sizes[1], noise_free=True))
+        assert is_hidden(gnc, switch, switch.sizes[1])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -10,8 +11,10 @@ import pytest
 from scipy import stats
 
 from bench.analysis import Analysis, Material, Reading
+from bench.maths.arrays import Floats
 from bench.model.errors import FitError
 from bench.systems.readings.analysis import analyse
+from bench.systems.readings.estimators.polynomial import Curve, Points, fit_polynomial, function_of
 
 LINE = {"reads": "measure_voltage", "unit": "V", "relative": 0.0, "floor": 1e-3}
 
@@ -97,3 +100,153 @@ def test_nothing_read_is_refused() -> None:
     with pytest.raises(FitError, match="no reading of the session has a value") as caught:
         analyse(material({}))
     assert caught.value.code == "B-FIT-160"
+
+
+def points(
+    mean: np.ndarray, std: float | np.ndarray = 0.0, *, gain: float = 0.0, floor: float = 0.0, n: int = 5
+) -> Points:
+    every = np.ones_like(mean)
+    scatter = std * np.sqrt(n) * every
+    return Points(mean, std * every, scatter, gain * mean, floor * every, n * every)
+
+
+def test_without_errors_of_x_it_is_numpys_polyfit() -> None:
+    x, y = np.linspace(-2.0, 9.0, 9), np.array([3.1, 2.0, 1.7, 1.2, 2.4, 3.3, 5.9, 8.2, 12.4])
+    curve = fit_polynomial(points(x), points(y, 0.05), (0, 1, 2))
+    assert curve.coefficients[::-1] == pytest.approx(np.polyfit(x, y, 2), rel=1e-9)
+    _, covariance = np.polyfit(x, y, 2, cov=True)
+    assert curve.covariance[::-1, ::-1] == pytest.approx(covariance, rel=1e-6)  # its chi-square is above 1
+
+
+@pytest.mark.validates("line through points with errors on both axes", against="Pearson's data with York's weights")
+def test_errors_of_x_against_york(record_property: Callable[[str, object], None]) -> None:
+    """Weights follow the slope from turn to turn here, and the slope follows the weights in York's exact solution."""
+    x = np.array([0.0, 0.9, 1.8, 2.6, 3.3, 4.4, 5.2, 6.1, 6.5, 7.4])
+    y = np.array([5.9, 5.4, 4.4, 4.6, 3.5, 3.7, 2.8, 2.8, 2.4, 1.5])
+    x_weight = np.array([1000.0, 1000.0, 500.0, 800.0, 200.0, 80.0, 60.0, 20.0, 1.8, 1.0])
+    y_weight = np.array([1.0, 1.8, 4.0, 8.0, 20.0, 20.0, 70.0, 70.0, 100.0, 500.0])
+    curve = fit_polynomial(points(x, x_weight**-0.5), points(y, y_weight**-0.5), (0, 1))
+    off = (curve.coefficients - [5.47991022, -0.480533407]) / [0.29497, 0.05798]
+    record_property("obtained", f"{np.max(np.abs(off)):.2g} standard uncertainties off")
+    assert np.max(np.abs(off)) < 0.4
+
+
+def test_errors_of_the_instruments_reach_the_coefficients() -> None:
+    """One gain of the meter is one relative error of both coefficients; more points do not make it smaller."""
+    x = np.linspace(1.0, 10.0, 40)
+    curve = fit_polynomial(points(x), points(2.0 + 3.0 * x, 1e-9, gain=1e-4), (0, 1))
+    assert np.sqrt(np.diag(curve.covariance)) == pytest.approx([2e-4, 3e-4], rel=1e-3)
+
+
+def test_intervals_cover_the_truth() -> None:
+    """Coverage of 95 % intervals, 400 campaigns: gain and offset of both meters drawn, five readings of each level."""
+    rng = np.random.default_rng(7)
+    levels, inside = np.linspace(1.0, 9.0, 7), np.zeros(2)
+    for _ in range(400):
+        gains, offsets = 1.0 + rng.normal(0.0, 2e-5, 2), rng.normal(0.0, 2e-4, 2)
+        read = [
+            np.mean(offset + gain * true + rng.normal(0.0, 1e-4, (5, 7)), axis=0)
+            for gain, offset, true in zip(gains, offsets, (levels, 0.1 + 0.5 * levels), strict=True)
+        ]
+        x, y = (points(mean, 1e-4 / np.sqrt(5), gain=2e-5, floor=2e-4) for mean in read)
+        curve = fit_polynomial(x, y, (0, 1))
+        inside += np.abs(curve.coefficients - [0.1, 0.5]) <= 1.96 * np.sqrt(np.diag(curve.covariance))
+    assert (inside / 400 >= 0.93).all()  # more than 95 %: the floor counts twice, because nobody says which it is
+
+
+def test_lack_of_fit_is_rare_in_right_worlds_and_sure_in_wrong_ones() -> None:
+    rng = np.random.default_rng(3)
+    x, chances = np.linspace(0.0, 1.0, 8), []
+    for _ in range(500):
+        readings = 1.0 + 2.0 * x + rng.normal(0.0, 1e-3, (5, 8))
+        chances.append(_curve(x, readings).lack)
+    assert np.mean(np.array(chances) < 0.05) < 0.08
+    bent = _curve(x, 1.0 + 2.0 * x + 0.02 * x**2 + rng.normal(0.0, 1e-3, (5, 8)))
+    assert bent.lack < 1e-6
+    assert bent.rival > 0.3
+
+
+def _curve(x: np.ndarray, readings: np.ndarray) -> Curve:
+    scatter = readings.std(axis=0, ddof=1)
+    y = Points(readings.mean(axis=0), scatter / np.sqrt(5), scatter, 0.0 * x, 0.0 * x, np.full(8, 5.0))
+    return fit_polynomial(points(x), y, (0, 1))
+
+
+# Campbell Scientific, 109SS temperature probe, instruction manual, table C-1: BetaTHERM 10K3MCD1, ohm.
+BETATHERM_DEGC = np.arange(-40.0, 1.0, 5.0)
+BETATHERM_OHM = np.array(
+    [336103.2, 242430.2, 176804.8, 130307.6, 97006.9, 72911.1, 55303.9, 42316.7, 32650.9],
+)  # fmt: skip
+BETATHERM = [1.129241e-3, 2.341077e-4, 8.775468e-8]  # 1/T = A + B ln R + C (ln R)^3
+
+# Geokon, 8002-4-1 instruction manual, table 16: U.S. Sensor 103JL1A, ohm; with A to D of 1, ln R, (ln R)^3, (ln R)^5.
+US_SENSOR_DEGC = np.arange(-30.0, 101.0, 10.0)
+US_SENSOR_OHM = np.array(
+    [176974, 97081, 55329, 32650, 19901, 12493, 8057, 5326, 3602, 2488, 1752, 1255, 915.5, 678.6],
+)  # fmt: skip
+US_SENSOR = [1.12766979300187e-3, 2.34444184128213e-4, 8.47692130592308e-8, 1.17512193579615e-11]
+
+
+def _exact(mean: Floats, std: float) -> Points:
+    every = np.ones_like(mean)
+    return Points(mean, std * every, np.nan * every, 0.0 * mean, 0.0 * mean, every)
+
+
+def fitted(ohm: Floats, degC: Floats, powers: tuple[int, ...]) -> Curve:
+    of_x, of_y = function_of("log", "ohm"), function_of("reciprocal", "degC")
+    return fit_polynomial(of_x.points(_exact(ohm, 1e-9)), of_y.points(_exact(degC, 1e-3)), powers)
+
+
+def degC_at(curve: Curve, ohm: Floats) -> Floats:
+    return function_of("reciprocal", "degC").back(curve.at(np.log(ohm)))
+
+
+@pytest.mark.validates("Steinhart-Hart coefficients of a thermistor", against="BetaTHERM's table and coefficients")
+def test_betatherm(record_property: Callable[[str, object], None]) -> None:
+    """The maker's coefficients are for more than this table, and 2.4 mK off at its cold end."""
+    curve = fitted(BETATHERM_OHM, BETATHERM_DEGC, (0, 1, 3))
+    off = np.max(np.abs(curve.coefficients / BETATHERM - 1.0))
+    published_degC = 1.0 / (np.log(BETATHERM_OHM)[:, None] ** [0, 1, 3] @ BETATHERM) - 273.15
+    apart = np.max(np.abs(degC_at(curve, BETATHERM_OHM) - published_degC))
+    record_property("obtained", f"coefficients within {1e2 * off:.2f} %, curves within {1e3 * apart:.1f} mK")
+    assert off < 1e-3
+    assert apart < 3e-3
+    assert degC_at(curve, BETATHERM_OHM) == pytest.approx(BETATHERM_DEGC, abs=1e-5)
+
+
+@pytest.mark.validates("four powers of the logarithm of a thermistor", against="U.S. Sensor's table and coefficients")
+def test_us_sensor(record_property: Callable[[str, object], None]) -> None:
+    """The digits of the published table alone leave up to 30 mK."""
+    curve = fitted(US_SENSOR_OHM, US_SENSOR_DEGC, (0, 1, 3, 5))
+    between = np.sqrt(US_SENSOR_OHM[:-1] * US_SENSOR_OHM[1:])
+    published_degC = 1.0 / (np.log(between)[:, None] ** [0, 1, 3, 5] @ US_SENSOR) - 273.15
+    off = np.max(np.abs(degC_at(curve, between) - published_degC))
+    record_property("obtained", f"{1e3 * off:.1f} mK off between the points")
+    assert off < 0.03
+    assert degC_at(curve, US_SENSOR_OHM) == pytest.approx(US_SENSOR_DEGC, abs=0.03)
+
+
+def test_what_a_power_less_leaves_is_seen() -> None:
+    """Two powers, the equation with B alone, are off by some tenths of a degree over this range."""
+    curve = fitted(US_SENSOR_OHM, US_SENSOR_DEGC, (0, 1))
+    assert 0.3 < np.max(np.abs(degC_at(curve, US_SENSOR_OHM) - US_SENSOR_DEGC)) < 3.0
+    assert curve.rival > 1.0
+
+
+def test_errors_go_through_the_functions() -> None:
+    """Drawn errors of resistance and temperature scatter the value that is read back as its uncertainty says."""
+    rng = np.random.default_rng(5)
+    of_x, of_y = function_of("log", "ohm"), function_of("reciprocal", "degC")
+    every = np.ones_like(US_SENSOR_DEGC)
+    read, stated = [], []
+    for _ in range(300):
+        ohm = US_SENSOR_OHM * (1.0 + rng.normal(0.0, 1e-3, every.size))
+        degC = US_SENSOR_DEGC + rng.normal(0.0, 0.05, every.size)
+        x = Points(ohm, 1e-3 * US_SENSOR_OHM, np.nan * every, 0.0 * every, 0.0 * every, every)
+        y = Points(degC, 0.05 * every, np.nan * every, 0.0 * every, 0.0 * every, every)
+        curve = fit_polynomial(of_x.points(x), of_y.points(y), (0, 1, 3))
+        at = np.log([10_000.0])
+        read.append(float(of_y.back(curve.at(at))[0]))
+        stated.append(float(np.abs(of_y.back_slope(curve.at(at))) @ curve.std_at(at)))
+    assert np.mean(read) == pytest.approx(25.0, abs=0.02)
+    assert np.std(read) == pytest.approx(np.median(stated), rel=0.2)

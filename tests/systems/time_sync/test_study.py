@@ -95,13 +95,3 @@ def test_every_tolerance_is_kept(tmp_path: Path, seed: int) -> None:
     document = json.loads((tmp_path / "study.json").read_text("utf-8"))
     assert sum(one["verdict"] == "pass" for one in document["estimates"]) >= 110
     assert StudyOptions(seed=seed).judged
-
-
-@pytest.mark.sweep
-@pytest.mark.filterwarnings("ignore::ResourceWarning")
-def test_a_cluster_writes_the_same_files(tmp_path: Path) -> None:
-    """A quick study, alone and in two processes: study.json and report.html byte for byte."""
-    study(request(tmp_path / "alone"))
-    study(request(tmp_path / "two", dask="local:2"))
-    for name in ("study.json", "report.html"):
-        assert (tmp_path / "alone" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()

@@ -42,7 +42,7 @@ from bench.analysis import (
     without_check_standard,
 )
 from bench.analysis.doubt import FALSE_DOUBT, LEAST_MOVE, base_quantity, stated, weigh
-from bench.model.assumptions import Assumption, assumptions_of
+from bench.model.assumptions import assumptions_of
 from bench.model.errors import FitError, InputError
 from bench.store.contents import contents_of
 
@@ -56,19 +56,6 @@ def document() -> dict[str, Any]:
     campaign = sim.simulate(30, sim.Switches(), repeat_channel=1)
     analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
     return build_results("session", analysis, {"records": 165, "frames": 1_650_000, "flagged": 2}, PROVENANCE)
-
-
-def test_document_has_the_form_of_the_contract(document: dict[str, Any]) -> None:
-    assert document["schema"] == 2
-    assert document["campaign"] == "scale_factor"
-    assert document["uut"] == {"model": "NGU", "serial": "SIM-1"}
-    assert set(document["estimates"][0]) == {
-        "quantity", "unit", "value", "std_uncertainty", "coverage_factor", "expanded_uncertainty", "conditions", "n",
-        "dropped", "limit", "verdict", "conformance_probability", "quality", "reasons", "common",
-    }  # fmt: skip
-    assert document["quality"] == {
-        "records": 165, "frames": 1_650_000, "frames_bad": 0, "frames_lost": 0, "splices": 0, "retaken": 0,
-    }  # fmt: skip
 
 
 def test_shipped_schema_is_the_one_of_the_declarations_and_accepts_the_document(document: dict[str, Any]) -> None:
@@ -247,34 +234,6 @@ def test_a_document_that_claims_what_its_quality_denies_is_refused(quality: str,
         validate_results(document)
 
 
-def test_a_document_before_doubt_is_still_read() -> None:
-    document = {name: value for name, value in results().items() if name not in ("kept", "missing")}
-    document["schema"] = 1
-    for one in document["estimates"]:
-        del one["quality"], one["reasons"]
-    validate_results(document)
-    assert all(is_sound(one) for one in document["estimates"])
-
-
-PROVENANCE_A = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "test"}
-GAIN = Assumption("calibrator_gain", "The gain is right.", "Any size.", "One to one.", "A check standard.", ("dsf_n",))
-
-
-def test_results_name_what_the_campaign_takes_for_granted() -> None:
-    analysis = Analysis("test", "gls", {"model": "U", "serial": "1"}, [estimate("dsf_n", "ppm", 1.0, 0.1, {}, n=1)])
-    document = build_results("s", analysis, {}, PROVENANCE_A, assumptions=[GAIN])
-    assert document["assumptions"] == [
-        {
-            "code": "calibrator_gain",
-            "taken_for_granted": "The gain is right.",
-            "unseen": "Any size.",
-            "effect": "One to one.",
-            "shown_by": "A check standard.",
-            "quantities": ["dsf_n"],
-        }
-    ]
-
-
 def test_a_campaign_that_only_records_takes_nothing_for_granted() -> None:
     assert assumptions_of({}) == assumptions_of({"analysis": "none"}) == []
 
@@ -335,9 +294,6 @@ def test_it_stands_on_a_channel_that_is_measured_b_plan_099(tmp_path: Path, chan
     assert [one.code for one in plan_sample.mistakes(path)] == found
 
 
-SEED, DRAWS = 20, 20_000
-
-
 def foreseen(U: float | None, *, grown: dict[str, float] | None = None, **conditions: Any) -> dict[str, Any]:
     common = {"common": {"standards": {"gain": 3.0}, "campaign": grown}} if grown is not None else {}
     return {"quantity": "dsf_n", "conditions": conditions, "expanded_uncertainty": U,
@@ -372,28 +328,6 @@ def test_what_is_not_known_on_both_sides_is_left_out() -> None:
     assert pair.predicted["conditions"] == {"channel": 4}
     assert pair.is_noted, "less than the least is as odd as more"
     assert agreements([foreseen(1.0)], [foreseen(1.0 + 0.99 * NOTED)])[0].is_noted is False
-
-
-def noted_share(dof: int, factor: float) -> float:
-    """Return how many of uncertainties by the scatter of ``dof`` + 1 readings are noted, their noise ``factor`` times
-    the predicted one.
-    """
-    print(f"seed {SEED}")
-    readings = np.random.default_rng(SEED).normal(0.0, factor, (DRAWS, dof + 1))
-    achieved = [foreseen(float(U)) | {"dof": float(dof)} for U in readings.std(axis=1, ddof=1)]
-    return float(np.mean([agreements([foreseen(1.0)], [after])[0].is_noted for after in achieved]))
-
-
-@pytest.mark.parametrize("dof", [2, 5, 20])
-def test_scatter_of_few_degrees_of_freedom_is_no_note(dof: int) -> None:
-    share = noted_share(dof, 1.0)
-    low, high = stats.binom.ppf([1e-4, 1.0 - 1e-4], DRAWS, 1.0 - ORDINARY) / DRAWS
-    assert low <= share <= high, "the interval is that of the stated probability, not a wider one"
-
-
-@pytest.mark.parametrize(("dof", "factor"), [(5, 4.0), (20, 2.0), (200, 1.5), (200, 0.7)])
-def test_a_discrepancy_beyond_scatter_is_a_note(dof: int, factor: float) -> None:
-    assert noted_share(dof, factor) > 0.9
 
 
 @pytest.mark.parametrize("dof", [5.0, 30.0, 1e5, math.inf])

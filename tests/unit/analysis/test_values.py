@@ -124,25 +124,12 @@ def test_a_drift_and_an_odd_reading_cast_doubt_where_they_move_the_mean() -> Non
     assert results(material(list(spike), expected={}))[0]["quality"] == "sound"
 
 
-def test_readings_that_repeat_cast_no_doubt_by_chance() -> None:
-    rng = np.random.default_rng(4)
-    worlds = [results(material(list(rng.normal(5.0, 1e-3, 12)), expected={}))[0]["quality"] for _ in range(300)]
-    assert worlds.count("doubtful") <= 3  # 0.2 % of campaigns
-
-
 def test_span_and_one_sided_limits() -> None:
     mean, span = results(material([5.0, 5.001, 5.0005], expected={"high": 5.1, "span": 2e-3}))
     assert (mean["limits"], mean["verdict"]) == ({"low": None, "high": 5.1}, "pass")
     assert (span["quantity"], span["verdict"]) == ("rail_span", "pass")
     assert span["value"] == pytest.approx(1e-3)
     assert results(material([5.0, 5.003], expected={"span": 2e-3}))[1]["verdict"] == "fail"
-
-
-def test_the_decision_rule_of_the_campaign_counts() -> None:
-    near = material([5.09995] * 3, expected={"low": 4.9, "high": 5.1})
-    assert [results(near, rule)[0]["verdict"] for rule in ("simple", "guard_band", "non_binary")] == [
-        "pass", "fail", "conditional_pass"
-    ]  # fmt: skip
 
 
 def test_what_was_not_read_is_missing_and_a_step_done_again_counts_once() -> None:
@@ -166,11 +153,9 @@ getcontext().prec = 60  # doubles as they are, rounded once
     [
         (412.312, 19.94, "412 ± 20"),
         (-0.0312, 0.00061, "−0.03120 ± 0.00061"),
-        (-1234567.8, 230.0, "−1\u202f234\u202f570 ± 230"),
         (100.0, 0.996, "100.0 ± 1.0"),
         (-0.0002, 0.012, "0.000 ± 0.012"),
         (412.312, None, "412.312"),
-        (1.5, 0.0, "1.5"),
         (572803.0, 453627.0, "(5.7 ± 4.5)·10⁵"),
         (9e-8, 1e-7, "(0.9 ± 1.0)·10⁻⁷"),
         (18.4, 1e-15, "18.4"),
@@ -219,7 +204,6 @@ def _rounded(number: Decimal, place: Decimal) -> Decimal:
         (header, "std_uncertainty_ppm", "std uncertainty / ppm"),
         (header, "temperature_degC", "temperature / °C"),
         (header, "channel", "channel"),
-        (header, "s", "s"),
         (cell, True, "yes"),
         (cell, [1, 2.5], "1, 2.5"),
         (cell, {"range_A": 0.22, "gain": 1e-6}, "range / A 0.22, gain 1·10⁻⁶"),
@@ -297,7 +281,6 @@ def test_a_method_that_an_analysis_does_not_have() -> None:
         ("no number", None, "V", None),
         ("V=abc", r"V=(\w+)", "V", None),
         ("OVER", r"V=(\d+)", "V", None),
-        ("5 V", r"(", "V", None),
         ("5 V", None, "of nothing", None),
     ],
 )

@@ -76,14 +76,6 @@ def test_what_shares_nothing_is_random_in_full() -> None:
     assert known[Key("gain", "random", "")] == known[Key("gain", "", "")] == pytest.approx(2.228, abs=5e-4)
 
 
-def test_a_quantity_that_only_repeats_tell_is_no_target() -> None:
-    drift = estimate("dsf_n_drift", "ppm", 0.0, 1.0, {"kind": "gyro", "channel": 1, "repeat": 1}, n=1)
-    with pytest.raises(InputError) as error:
-        read_target("dsf_n_drift=5ppm", [scale_factor(22.0, 10.0), drift])
-    assert error.value.code == "B-DES-001"
-    assert error.value.next_step.endswith("of: dsf_n")
-
-
 @pytest.mark.parametrize(
     "words", ["dsf_n", "dsf_n=", "dsf_n=-1ppm", "dsf_n=22 mA", "bias=1", "dsf_n=nan", "=3", "dsf_n=22", "dsf_n=0ppm"]
 )

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import struct
 
-import numpy as np
 import pytest
 from crccheck.crc import Crc8Smbus, Crc16Modbus, Crc16Xmodem, Crc32
 
 from bench.frame import FrameDefinition, LinkDecoder, pace_of, parse_frame, why_no_kernel
 from bench.model.errors import InputError, InputErrors
 
-HEAD = "frame: sample\nendian: big\nsync: [0xA5, 0x5A]\n"
+HEAD = "frame: sample\nendian: big\n"
 
 
 def sample(
@@ -20,6 +19,7 @@ def sample(
     """A small frame file with CRC-8/SMBUS over the body, whose golden frame is right unless a key overrides it."""
     golden = "a55a" + body + f"{Crc8Smbus.calc(bytes.fromhex(body)):02x}"
     text = {
+        "sync": "[0xA5, 0x5A]",
         "fields": f"[{fields}]",
         "crc": f"{{name: crc-8/smbus, over: {over}}}",
         "golden": f'"{golden}"',
@@ -67,24 +67,6 @@ def test_every_type_and_byte_order() -> None:
     columns = {name: column[:1] for name, column in batch.columns().items()}
     assert definition.encode(columns, 1).tobytes() == frame
     assert definition.encode_one(columns) == frame
-
-
-def test_arrays_of_odd_widths_bits_scale_and_offset() -> None:
-    fields = (
-        "{name: value, type: u24, count: 3}, {name: low, type: i24, count: 2, endian: little}, "
-        '{name: flags, type: u16, bits: {one: 0, many: "4-15"}}, '
-        "{name: level, type: u16, scale: 0.5, offset: -40, unit: degC}"
-    )
-    wire = bytes.fromhex("000001 000002 ffffff ffffff 000080 abc1 0064")
-    text = sample(fields, "[value, end]", wire.hex(), expect="{value: [1, 2, 16777215], level: 10}")
-    frame = b"\xa5\x5a" + wire + bytes([Crc8Smbus.calc(wire)])
-    for engine in ("kernel", "numpy", "reference"):
-        batch = parse_frame(text, "sample.yaml").decoder(engine).feed(frame).messages["frame"]  # type: ignore[arg-type]
-        assert batch.raw("value").tolist() == [[1, 2, 0xFFFFFF]]
-        assert batch.raw("low").tolist() == [[-1, -0x800000]]
-        assert (batch.raw("flags.one")[0], batch.raw("flags.many")[0]) == (1, 0xABC)
-        assert batch.scaled("level").tolist() == [10.0]
-        assert batch.scaled("flags.many").tolist() == [2748.0]
 
 
 def test_crc_by_parameters_stored_little_over_a_part() -> None:
@@ -158,7 +140,6 @@ REFUSALS = {
     "rest of numbers B-FRAME-002": sample("{name: value, type: u16, count: rest}"),
     "bits of a float B-FRAME-002": sample("{name: value, type: f32, bits: {a: 1}}", body="40e00000"),
     "scale zero B-FRAME-002": sample("{name: value, type: u16, scale: 0}"),
-    "two rests B-FRAME-002": messages_text("count: rest}]", "count: rest}, {name: x, type: bytes, count: rest}]"),
     "array counter B-FRAME-003": sample("{name: value, type: u8, count: 2, role: counter}"),
     "wide counter B-FRAME-003": sample("{name: value, type: u64, role: counter}", body="0000000000000007"),
     "bit 16 of u16 B-FRAME-004": sample("{name: value, type: u16, bits: {a: 16}}"),
@@ -170,7 +151,6 @@ REFUSALS = {
     "type field in array B-FRAME-006": messages_text("{name: kind, type: u8}", "{name: kind, type: u8, count: 1}"),
     "rest without length B-FRAME-006": messages_text("length: {field: size, plus: 0, max: 40}\n", ""),
     "longer than max B-FRAME-006": messages_text("max: 40", "max: 4"),
-    "longer than any frame B-FRAME-006": sample("{name: value, type: u64, count: 60000}"),
     "messages without type B-FRAME-007": messages_text("type: {field: kind}\n", ""),
     "type value twice B-FRAME-007": messages_text("value: 2,", "value: 1,"),
     "type value too big B-FRAME-007": messages_text("value: 2,", "value: 256,"),
@@ -191,22 +171,31 @@ REFUSALS = {
     "golden of another message B-FRAME-011": messages_text(with_crc8("06020009"), with_crc8("06010009")),
     "other value B-FRAME-012": sample(expect="{value: 8}"),
     "expect text B-FRAME-012": sample(expect="{value: seven}"),
-    "one count of a billion B-FRAME-012": sample(
-        "{name: value, type: u32}", body="3b9aca00", expect="{value: 1000000001}"
-    ),
-    "a whole number too exact B-FRAME-012": sample(expect="{value: 7.0000001}"),
     "scaled value by half a step B-FRAME-012": sample(
         "{name: value, type: u32, scale: 0.0001}", body="3b9aca00", expect="{value: 100000.0001}"
     ),
-    "double B-FRAME-012": sample("{name: value, type: f64}", body="3ff0000000000000", expect="{value: 1.0000001}"),
     "float B-FRAME-012": sample("{name: value, type: f32}", body="3f800000", expect="{value: 1.00001}"),
-    "truth for a number B-FRAME-012": sample(body="0001", expect="{value: true}"),
-    "hex of other bytes B-FRAME-012": sample("{name: value, type: bytes, count: 2}", expect='{value: "0008"}'),
     "number for bytes B-FRAME-012": sample("{name: value, type: bytes, count: 2}"),
     "constant differs in golden B-FRAME-012": sample(
         "{name: value, type: u16}, {name: c, type: u8, constant: 5}", body="000706"
     ),
     "expect unknown B-FRAME-013": sample(expect="{value: 7, valve: 1}"),
+    "no check with a place B-FRAME-008": sample(crc="{name: none, over: [value, end]}"),
+    "check without a place B-FRAME-008": sample(crc="{name: crc-8/smbus}"),
+    "check in a field too small B-FRAME-008": sample(
+        "{name: value, type: u16}, {name: n, type: u8}",
+        body="000700",
+        crc="{name: sum-16, field: n, over: [value, end]}",
+    ),
+    "check in an array B-FRAME-008": sample(
+        "{name: value, type: u16}, {name: n, type: u8, count: 2}",
+        body="00070000",
+        crc="{name: sum-16, field: n, over: [value, end]}",
+    ),
+    "neither sync nor length B-FRAME-006": sample(sync="[]"),
+    "others without a type B-FRAME-007": sample(other="true"),
+    "length in no bits B-FRAME-006": sample(length="{field: value.high, plus: 0, max: 9}"),
+    "golden without trailer B-FRAME-011": sample(trailer="[0x0D]"),
 }
 
 
@@ -278,29 +267,6 @@ def typed(kind: int, counter: int, body: bytes) -> bytes:
     return frame + struct.pack(">H", Crc16Xmodem.calc(frame))
 
 
-def typed_definition() -> FrameDefinition:
-    short, long = typed(1, 5, struct.pack("<H", 7)), typed(15, 0, struct.pack("<IHI", 1, 0, 3))
-    return parse_frame(TYPED.replace("GOLDEN1", short.hex()).replace("GOLDEN2", long.hex()), "typed.yaml")
-
-
-@pytest.mark.parametrize("engine", ENGINES)
-def test_messages_by_bits_with_counters_of_their_own_and_others_apart(engine: str) -> None:
-    definition = typed_definition()
-    stream = b"".join(
-        typed(1, number, struct.pack("<H", number)) + typed(9, 77, bytes(10)) + typed(15, 2 * number % 256, bytes(10))
-        for number in range(200)
-    )
-    link = LinkDecoder(definition, engine)  # type: ignore[arg-type]
-    link.push(0, stream + typed(1, 200, b"xy")[:-1] + b"!")
-    messages = link.finish().messages
-    assert [len(batch) for batch in messages.values()] == [200, 200]
-    assert (link.counts.other, link.counts.bad, link.counts.lost) == (200, 1, 199)
-    assert link.counts.skipped_bytes == 8
-    assert messages["long"].counter is not None
-    assert np.array_equal(messages["long"].counter, 2 * np.arange(200))
-    assert definition.encode_one({"counter": 5, "n": 7}, "short") == typed(1, 5, b"\x07\x00")
-
-
 def test_a_length_that_the_field_cannot_say() -> None:
     text = """
 frame: words
@@ -314,54 +280,6 @@ crc: {name: sum-8, over: [words, end]}
     with pytest.raises(InputError, match=r"B-FRAME-021: .*multiple of 2"):
         definition.encode_one({"body": b"a"})
     assert definition.encode_one({"body": b"ab"}) == b"\x01\x02ab" + bytes([(2 + 97 + 98) & 255])
-
-
-def test_packets_without_sync_bytes_and_without_check() -> None:
-    text = """
-frame: packets
-endian: big
-sync: []
-fields: [{name: length, type: u8}, {name: body, type: bytes, count: rest}]
-length: {field: length, plus: 1, max: 20}
-crc: {name: none}
-"""
-    definition = with_golden(text, b"\x03abc", 'body: "61 62 63"')
-    assert "without a check" in definition.why_no_kernel
-    link = LinkDecoder(definition)
-    for number, chunk in enumerate((b"\x03ab", b"c\x00\x01x\xff\x02", b"yz\x05ab")):
-        link.push(number, chunk)
-    batch = link.finish().messages["frame"]
-    assert batch.raw("body").tolist() == [b"abc", b"", b"x", b"yz"]
-    assert batch.t_ns is not None
-    assert batch.t_ns.tolist() == [1, 1, 1, 2]
-    assert (link.counts.bad, link.counts.skipped_bytes) == (3, 4)
-
-
-SOUND = {
-    "endian": "big",
-    "sync": "[0x01]",
-    "fields": "[{name: a, type: u8, bits: {low: '0-3'}}, {name: n, type: u8}]",
-    "crc": "{name: sum-8, over: [a, end]}",
-    "golden": '"01 02 03 05"',
-    "expect": "{a: 2}",
-}
-
-
-def sound(**changed: str) -> str:
-    return "frame: f\n" + "".join(f"{key}: {value}\n" for key, value in (SOUND | changed).items())
-
-
-TWO_BYTES = "[{name: a, type: u8}, {name: n, type: u8, count: 2}]"
-REFUSALS |= {
-    "no check with a place B-FRAME-008": sound(crc="{name: none, over: [a, end]}"),
-    "check without a place B-FRAME-008": sound(crc="{name: sum-8}"),
-    "check in a field too small B-FRAME-008": sound(crc="{name: sum-16, field: n, over: [a, end]}"),
-    "check in an array B-FRAME-008": sound(fields=TWO_BYTES, crc="{name: sum-16, field: n, over: [a, end]}"),
-    "neither sync nor length B-FRAME-006": sound(sync="[]"),
-    "others without a type B-FRAME-007": sound(other="true"),
-    "length in no bits B-FRAME-006": sound(length="{field: a.high, plus: 0, max: 9}"),
-    "golden without trailer B-FRAME-011": sound(trailer="[0x0D]"),
-}
 
 
 @pytest.mark.parametrize("case", REFUSALS)

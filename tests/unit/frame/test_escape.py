@@ -124,25 +124,6 @@ def test_frames_of_a_link(kind: str) -> None:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_chunks_do_not_matter(kind: str) -> None:
-    definition = definition_of(kind)
-    rng = np.random.default_rng(22)
-    parts = [on_the_wire(kind, content(number, rng.bytes(20))) for number in range(60)]
-    for place in rng.integers(0, 60, 20):
-        parts[place] = rng.bytes(30) + parts[place][: int(rng.integers(1, 20))] + bytes([0x10, 0x02] * 3) + parts[place]
-    stream = b"".join(parts)
-    whole = definition.decoder()
-    due = whole.feed(stream).messages["frame"].offset.tolist() + whole.finish().messages["frame"].offset.tolist()
-    assert len(due) >= 40
-    for size in (1, 7, 64):
-        cut = definition.decoder()
-        found = [cut.feed(stream[at : at + size]) for at in range(0, len(stream), size)]
-        found.append(cut.finish())
-        assert [offset for batch in found for offset in batch.messages["frame"].offset.tolist()] == due
-        assert cut.counts == whole.counts
-
-
-@pytest.mark.parametrize("kind", KINDS)
 def test_a_packet_without_an_end_does_not_grow_for_ever(kind: str) -> None:
     definition = definition_of(kind)
     decoder = definition.decoder()

@@ -15,7 +15,6 @@ from record_sample import frame
 
 from bench.frame import FrameDefinition, LinkBatch, LinkDecoder, load_frame, parse_frame
 from bench.frame.counter import CounterUnwrapper, Unwrapped
-from bench.model.errors import InputErrors
 
 WRAP = 65536
 SECOND = 1_000_000_000
@@ -26,18 +25,6 @@ def feed(
 ) -> Unwrapped:
     values = np.asarray(raw, np.int64) % WRAP
     return unwrapper.feed(values, None if stamps is None else np.asarray(stamps, np.int64))
-
-
-def test_a_plain_stream_over_several_wraps_in_uneven_batches() -> None:
-    unwrapper = CounterUnwrapper(WRAP, None)
-    true = np.arange(65000, 65000 + 200_000)
-    at = 0
-    for size in (1, 99_999, 3, 30_000, 69_997):
-        result = feed(unwrapper, true[at : at + size])
-        assert result.counter.tolist() == true[at : at + size].tolist()
-        assert (result.lost, result.duplicate, result.suspect.any()) == (0, 0, False)
-        at += size
-    assert at == len(true)
 
 
 @pytest.mark.parametrize(
@@ -198,32 +185,19 @@ def test_counters_do_not_depend_on_the_moments_of_flushing(seed: int) -> None:
         counter, t_ns = counter + 100, t_ns + int(generator.normal(1e9, 5e6))
         chunks.append((t_ns, frames(definition, true).tobytes()))
     live, replay = LinkDecoder(definition), LinkDecoder(definition)
-    counters: list[int] = []
-    suspects: list[bool] = []
+    batches = []
     for t_ns, chunk in chunks:
         live.push(t_ns, chunk)
         replay.push(t_ns, chunk)
         if generator.random() < 0.5:
-            batch = live.flush().messages["frame"]
-            counters += batch.counter.tolist()  # type: ignore[union-attr]
-            suspects += batch.suspect.tolist()
-    batch = live.flush().messages["frame"]
-    counters += batch.counter.tolist()  # type: ignore[union-attr]
-    suspects += batch.suspect.tolist()
+            batches.append(live.flush().messages["frame"])
+    batches.append(live.flush().messages["frame"])
     whole = replay.flush().messages["frame"]
-    assert whole.counter.tolist() == counters  # type: ignore[union-attr]
-    assert whole.suspect.tolist() == suspects
+    assert whole.counter.tolist() == [value for batch in batches for value in batch.counter]  # type: ignore[union-attr]
+    assert whole.suspect.tolist() == [mark for batch in batches for mark in batch.suspect]
     assert replay.counts == live.counts
     assert live.counts.suspect > 0
     assert live.counts.lost > 0
-
-
-def test_an_empty_flush_keeps_the_shape_of_a_batch() -> None:
-    batch = LinkDecoder(frame("ngu_a")).flush().messages["frame"]
-    assert len(batch) == 0
-    assert batch.counter is not None
-    assert batch.t_ns is not None
-    assert (batch.counter.shape, batch.t_ns.shape, batch.raw("npp").shape) == ((0,), (0,), (0, 10))
 
 
 SHARED = """frame: shared
@@ -263,7 +237,6 @@ def test_a_counter_shared_by_all_messages() -> None:
 GNC = load_frame(Path(__file__).resolve().parents[3] / "frames" / "gnc_422.yaml")
 MS = 1_000_000
 ENGINES = ("kernel", "numpy", "reference")  # without numba the first one is the second
-LONGEST = 1036
 Chunks = list[tuple[int, bytes]]
 
 
@@ -386,27 +359,11 @@ def test_a_frame_inside_the_claimed_length_of_a_damaged_one_is_found(engine: str
     assert link.counts.bad == 1
 
 
-@pytest.mark.parametrize("engine", ENGINES)
-def test_polls_once_a_second_lose_no_frame(engine: str) -> None:
-    stream = b"".join(sample(n) for n in range(1000))
-    size = LONGEST + 17
-    chunks = [(n * 1000 * MS, stream[at : at + size]) for n, at in enumerate(range(0, len(stream), size))]
-    found = decoded(engine, chunks, {*range(0, len(chunks), 3)})
-    assert found["stream", "counter"] == list(range(1000))
-    assert (found["counts"].bad, found["counts"].skipped_bytes, found["counts"].lost) == (0, 0, 0)
-
-
 def test_without_the_key_a_decoder_waits() -> None:
     patient = LinkDecoder(parse_frame(GNC.text.replace("silence: 50 ms\n", ""), "patient.yaml"))
     patient.push(0, false_length(900))
     patient.push(3600_000 * MS, answer(2))
     assert not len(patient.flush().messages["answer"])
-
-
-@pytest.mark.parametrize("silence", ["50", "0 ms", "2 min", "50 mV"])
-def test_a_silence_is_a_time(silence: str) -> None:
-    with pytest.raises(InputErrors, match="silence"):
-        parse_frame(GNC.text.replace("silence: 50 ms", f"silence: {silence}"), "sample.yaml")
 
 
 PIECES = st.one_of(

@@ -20,10 +20,10 @@ from record_sample import ROOT, frame
 from bench.frame import FrameDefinition, LinkDecoder, Message, MessageBatch, best, parse_frame, why_no_kernel
 from bench.frame.best import kernel, kernel_path, load_kernel
 from bench.frame.catalogue import CATALOGUE, CrcModel
-from bench.frame.crc import CHECKSUMS, Check, Crc
+from bench.frame.crc import Check, Crc
 from bench.frame.encode import encode_rows
 from bench.frame.kernel import variant
-from bench.frame.kernel.arrays import FOLDED_FROM, FOLDED_WORDS, arrays_of, holds, knows
+from bench.frame.kernel.arrays import FOLDED_FROM, FOLDED_WORDS, arrays_of, holds
 from bench.frame.kernel_encoder import KernelEncoder
 from bench.frame.layout import Field, Layout
 from bench.model.errors import InputError
@@ -151,16 +151,6 @@ def test_any_parameters(width: int, parameters: tuple[int, int, int], turns: tup
     assert sealed(crc, rows) == sealed(crc, rows, folded=False) == crc.of_rows(rows).tolist()
     if poly & 1:
         assert sealed(crc, rows) == [crccheck.crc.Crc(width, poly, init, *turns, xorout).calc(message)]
-
-
-@NEEDS_KERNEL
-@pytest.mark.parametrize("name", [name for name, check in CHECKSUMS.items() if knows(check)])
-def test_checks_that_are_no_crc(name: str) -> None:
-    generator = np.random.default_rng(SEED)
-    for length in (1, 2, 9, 255, 290):
-        rows = generator.integers(0, 256, (3, length), dtype=np.uint8)
-        rows[0] = 255
-        assert sealed(CHECKSUMS[name], rows) == [CHECKSUMS[name].of(row.tobytes()) for row in rows]
 
 
 def columns_of(definition: FrameDefinition, message: Message, count: int) -> dict[str, Any]:

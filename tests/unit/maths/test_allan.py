@@ -134,9 +134,8 @@ def test_the_same_as_another_package(record_property: Callable[[str, object], No
     ("rate", "count"), [(np.array([1.0]), "1 good samples of 1"), (np.array([1.0, np.nan] * 4), "4 good samples of 8")]
 )
 def test_a_record_without_a_difference_is_refused(rate: np.ndarray, count: str) -> None:
-    with pytest.raises(FitError, match=count) as caught:
+    with pytest.raises(FitError, match=f"B-FIT-031: .*{count}"):
         allan_deviation(rate, 1.0)
-    assert caught.value.code == "B-FIT-031"
 
 
 # --- confidence ------------------------------------------------------------------------------------------------------
@@ -177,21 +176,6 @@ def test_degrees_of_freedom_against_another_implementation(exponent: int, modifi
         assert found == pytest.approx(expected, rel=max(within, 0.03 if modified else 0.0))
 
 
-def test_degrees_of_freedom_by_hand() -> None:
-    """Neighbouring differences of single white rates correlate by -1/2, of a random walk's means by 1/4."""
-    for exponent, correlation in ((0, 0.5), (-2, 0.25)):
-        expected = 99**2 / (99 + 2 * 98 * correlation**2)
-        assert degrees_of_freedom(1, 99, exponent) == pytest.approx(expected, rel=1e-9)
-        assert degrees_of_freedom(1, 99, exponent, modified=True) == pytest.approx(expected, rel=1e-9)
-
-
-@pytest.mark.parametrize("exponent", [2, 1, 0, -1, -2])
-def test_long_averages_keep_their_digits(exponent: int) -> None:
-    """Ten thousand samples per average give what a hundred give, because only the ratio counts."""
-    long, short = (degrees_of_freedom(m, 18 * m, exponent, modified=True) for m in (10_000, 100))
-    assert long == pytest.approx(short, rel=0.03)
-
-
 @pytest.mark.parametrize("exponent", [2, 0, -1, -2])
 def test_intervals_cover_and_the_noise_is_recognised(exponent: int) -> None:
     """300 records of known noise, seed 44. Measured with 2,000: 94 to 97 %, but 91 % at 64 for white noise."""
@@ -206,25 +190,6 @@ def test_intervals_cover_and_the_noise_is_recognised(exponent: int) -> None:
     assert recognised > 0.55
     nearest = np.mean([np.abs(curve.exponents - exponent) <= 1 for curve in curves])
     assert nearest > 0.98
-
-
-@pytest.mark.parametrize(
-    "terms",
-    [{"quantisation_noise": 10.0, "white_noise": 1.0}, {"quantisation_noise": 30.0, "random_walk": 0.02}],
-    ids=["into random walk", "into rate random walk"],
-)
-def test_intervals_of_few_averages_know_that_noise_goes_on_otherwise(terms: dict[str, float]) -> None:
-    """100 records that begin with quantisation, seed 5. With the power law of shorter times 43 to 74 % were inside."""
-    rng, factors = np.random.default_rng(5), [1, 2, 4, 8, 16, 32, 64, 128, 204, 256, 341]
-    curves = [allan_deviation(record(rng, 1024, 1.0, **terms), 1.0, factors=factors) for _ in range(100)]
-    few = 1024 // curves[0].factors < 30
-    truth = np.sqrt(sum(size**2 * allan_variance_of(name, curves[0].tau_s) for name, size in terms.items()))
-    inside = np.mean([(curve.low < truth) & (truth < curve.high) for curve in curves], axis=0)[few]
-    print(f"{terms}: {inside}")
-    assert inside.min() >= 0.88
-
-
-TRUTH = {"quantisation_noise": 3e-8, "white_noise": 3e-9, "bias_instability": 0.3e-9, "random_walk": 1e-11}
 
 
 @pytest.mark.parametrize("name", TERMS)
@@ -280,21 +245,6 @@ def test_no_averaging_time_of_a_single_sample() -> None:
         expected_deviation({"white_noise": 1.0}, 1, 10.0)
 
 
-def test_covariance_is_that_of_many_records() -> None:
-    """2,000 records with four kinds of noise and a ramp, seed 52; each entry within 5 of its own deviations."""
-    rng = np.random.default_rng(52)
-    truth = {**TRUTH, "rate_ramp": 5e-14}
-    factors = np.array([1, 2, 8, 40])
-    curves = [allan_deviation(record(rng, 256, 10.0, **truth), 10.0, factors=factors.tolist()) for _ in range(2000)]
-    seen = np.cov(np.array([curve.deviation**2 for curve in curves]).T)
-    squares = {name: value**2 for name, value in truth.items()}
-    expected = variance_covariance(factors, curves[0].differences, 10.0).matrix(squares)
-    own = expected.diagonal()
-    spread = np.sqrt((np.outer(own, own) + expected**2) / 2000) * 1.5  # variances are not quite normal
-    print(np.round(seen / expected, 2))
-    assert (np.abs(seen - expected) < 5 * spread).all()
-
-
 @pytest.mark.validates(
     "the five noise terms of IEEE Std 952, 95 % intervals",
     against="60 simulated records each of three mixtures of known noise",
@@ -343,16 +293,6 @@ def test_contiguous_counts_show_their_quantisation() -> None:
     assert 2e-9 / np.sqrt(2) < found["white_noise"].upper_limit < 3e-8
 
 
-def test_a_single_noise_is_all_there_is() -> None:
-    rng = np.random.default_rng(55)
-    fits = [fit_noise_terms(allan_deviation(record(rng, 900, 100.0, white_noise=1.0), 100.0)) for _ in range(40)]
-    assert all(fit["white_noise"].significant for fit in fits)
-    others = [fit[name].significant for fit in fits for name in TERMS if name != "white_noise"]
-    print(f"terms found that are not there: {np.mean(others):.3f}")
-    assert np.mean(others) < 0.08
-    np.testing.assert_allclose(np.mean([fit["white_noise"].coefficient for fit in fits]), 1.0, rtol=0.05)
-
-
 def test_fewer_terms_can_be_asked_for() -> None:
     curve = allan_deviation(np.random.default_rng(56).normal(size=400), 1.0)
     fit = fit_noise_terms(curve, ("white_noise",))
@@ -381,9 +321,8 @@ def test_a_beat_that_no_term_describes_is_told_by_chi_squared() -> None:
                                                      (400, True, "modified Allan deviation")])  # fmt: skip
 def test_what_cannot_be_fitted_is_refused(n: int, modified: bool, text: str) -> None:
     curve = allan_deviation(np.random.default_rng(57).normal(size=n), 1.0, modified=modified)
-    with pytest.raises(FitError, match=text) as caught:
+    with pytest.raises(FitError, match=f"B-FIT-030: .*{text}"):
         fit_noise_terms(curve)
-    assert caught.value.code == "B-FIT-030"
 
 
 def test_a_record_without_noise_is_refused() -> None:

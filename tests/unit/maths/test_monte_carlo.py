@@ -1,4 +1,4 @@
-"""Propagation against published examples and drawn numbers; variances, repeats and correlated readings likewise."""
+"""Propagation against published examples and drawn numbers; variances, repeats, correlations, tail probabilities."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import optimize, signal, stats
+from scipy import signal, stats
 
 from bench.maths.budget import independent_count
 from bench.maths.monte_carlo import Distribution, check_interval, numerical_tolerance, propagate, shortest_interval
 from bench.maths.stein import needed, widening
-from bench.maths.tests import odd_one, trend
+from bench.maths.tests import SMALLEST, chi2_both, chi2_tail, f_tail, odd_one, of_many, t_both, trend
 from bench.maths.variances import of_variances
 from bench.maths.verdict import coverage_factor
 
@@ -129,18 +129,6 @@ def smallest_length(values: np.ndarray) -> tuple[float, float]:
     held = int(0.95 * ordered.size + 0.5)
     first = int(np.argmin(ordered[held:] - ordered[:-held]))
     return float(ordered[first]), float(ordered[first + held])
-
-
-def test_interval_of_a_skewed_distribution_is_hardly_longer_than_the_shortest() -> None:
-    """Gamma of shape 3, 2,000,000 draws with seed 9: its density is equal at both ends of the shortest interval."""
-    values = np.random.default_rng(9).gamma(3.0, size=2_000_000)
-    low, high = shortest_interval(values)
-    exact = optimize.minimize_scalar(
-        lambda p: stats.gamma(3).ppf(p + 0.95) - stats.gamma(3).ppf(p), bounds=(0.0, 0.0499), method="bounded"
-    )
-    print(f"[{low:.4f}, {high:.4f}], length {high - low:.4f}, exact {exact.fun:.4f}")
-    assert high - low == pytest.approx(exact.fun, rel=2e-3)
-    assert low == pytest.approx(stats.gamma(3).ppf(exact.x), abs=0.03)
 
 
 @pytest.mark.parametrize(
@@ -305,3 +293,34 @@ def test_it_is_the_least_number_whose_interval_is_no_wider(target: float) -> Non
 
 def test_readings_without_scatter_need_no_more() -> None:
     assert needed([1.0] * 12, 1e-9) == 12
+
+
+@pytest.mark.parametrize(
+    ("probability", "due"),
+    [  # NIST/SEMATECH e-Handbook of Statistical Methods, sections 1.3.6.7.1 to 1.3.6.7.4
+        (chi2_tail(3.841, 1), 0.05),
+        (chi2_tail(18.307, 10), 0.05),
+        (chi2_both(20.483, 10), 0.05),
+        (chi2_both(3.247, 10), 0.05),
+        (f_tail(4.965, 1, 10), 0.05),
+        (f_tail(10.044, 1, 10), 0.01),
+        (f_tail(18.307 / 10, 10, math.inf), 0.05),
+        (t_both(2.228, 10), 0.05),
+        (t_both(-2.228, 10), 0.05),
+        (t_both(1.95996), 0.05),
+    ],
+)
+def test_critical_values_of_the_tables(probability: float, due: float) -> None:
+    assert probability == pytest.approx(due, rel=1e-3)
+
+
+def test_a_probability_is_never_a_certainty_and_never_above_one() -> None:
+    assert chi2_tail(1e6, 3) == f_tail(1e300, 900, 900) == t_both(1e6) == SMALLEST
+    assert chi2_tail(0.0, 0) == chi2_tail(5.0, 0) == 1.0
+    assert of_many(0.3, 4) == 1.0
+    assert of_many(0.1, 4) == pytest.approx(0.4)
+
+
+def test_arrays_are_judged_element_by_element() -> None:
+    assert np.allclose(t_both(np.array([1.95996, 2.228]), np.array([math.inf, 10.0])), 0.05, rtol=1e-3)
+    assert np.allclose(f_tail(np.array([4.965, 1.8307]), np.array([1, 10]), np.array([10, math.inf])), 0.05, rtol=1e-3)

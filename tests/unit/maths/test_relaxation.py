@@ -7,11 +7,10 @@ import math
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from scipy import stats
 from scipy.optimize import curve_fit
 from scipy.signal import lfilter
 
-from bench.maths.relaxation import Lag, Relaxation, _tail, relaxation_of, window_of
+from bench.maths.relaxation import Lag, Relaxation, relaxation_of, window_of
 from bench.model.clock import NS
 from bench.run.steps.soak import MOST_CHANCE, Stability
 
@@ -158,11 +157,6 @@ def test_what_is_called_stable_is_seldom_contradicted(exponent: float) -> None:
     assert sum(ours) <= MOST_CHANCE * len(ours)
     assert sum(ours) <= 1.2 * sum(chances) + 3.0
     assert sum(readings) > MOST_CHANCE * len(readings)
-
-
-@pytest.mark.parametrize("t", [-2.0, 0.0, 0.3, 1.5, 6.0])
-def test_the_tail_is_that_of_student(t: float) -> None:
-    assert _tail(t, 1.0) == pytest.approx(stats.t.sf(t, 8), abs=1e-12)
 
 
 def test_a_drift_towards_the_edge_is_not_stable() -> None:

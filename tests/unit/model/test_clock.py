@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import ast
 import errno
 import os
-import re
 import socket
 import sys
 import threading
@@ -151,33 +149,6 @@ def test_turns_that_were_passed_are_not_taken_again() -> None:
 
 TOP = Path(__file__).resolve().parents[3]
 ALONE = TOP / "bench" / "model" / "posix.py"
-MODULES = {"fcntl", "termios", "pwd", "grp", "resource", "pty", "tty", "syslog"}
-NAMES = re.compile(
-    r"\bos\.(?:fork|get(?:e?[ug]id)|nice|pread|pwrite|O_(?:CLOEXEC|NOFOLLOW|NONBLOCK|DIRECTORY|BINARY))\b|\bAF_UNIX\b"
-    r"|\bopen_unix_connection\b"
-)
-
-
-def test_no_other_module_loads_or_names_what_is_posix() -> None:
-    found = []
-    for path in sorted(
-        path for room in ("bench", "instruments", "sim_instruments") for path in (TOP / room).rglob("*.py")
-    ):
-        if path == ALONE:
-            continue
-        text = path.read_text(encoding="utf-8")
-        found += [f"{path.name}: {name}" for name in NAMES.findall(text)]
-        if any(name in text for name in MODULES):
-            for node in ast.walk(ast.parse(text)):
-                names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-                names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-                found += [f"{path.name}: {name}" for name in names if name.partition(".")[0] in MODULES]
-    assert found == []
-
-
-def test_this_system_lacks_nothing() -> None:
-    assert posix.lacking() == ()
-    posix.require("anything")
 
 
 def test_what_needs_posix_is_refused_with_what_is_missing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 import hashlib
-import json
 import os
-import shutil
-import subprocess
 import sys
-import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 from own_lab import ANALYSIS, DRIVER, SIMULATOR, copied
@@ -98,13 +93,27 @@ def test_the_sticky_bit_protects_above_the_lab_and_not_in_it(lab: Path) -> None:
     lab.parent.chmod(0o700)
 
 
-@pytest.mark.parametrize("place", [DRIVER, "instruments", "."])
+@pytest.mark.parametrize("place", [DRIVER, "instruments", ".", ".."])
 def test_what_belongs_to_somebody_else_is_refused(lab: Path, place: str, monkeypatch: pytest.MonkeyPatch) -> None:
     if os.geteuid() == 0:
         os.chown(lab / place, OTHER, -1)
     else:  # who may give nothing away is somebody else
         monkeypatch.setattr(os, "geteuid", lambda: OTHER)
     assert "neither to you nor to root" in refused("B-LAB-004").message
+
+
+@pytest.mark.skipif(not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can give files away")
+@pytest.mark.parametrize(("owner", "is_loaded"), [(OTHER, True), (0, True), (OTHER + 1, False)])
+def test_a_user_loads_what_is_of_that_user_or_of_root(
+    lab: Path, owner: int, is_loaded: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for path in (lab, *lab.rglob("*")):
+        os.chown(path, owner, -1, follow_symlinks=False)
+    monkeypatch.setattr(os, "geteuid", lambda: OTHER)
+    if is_loaded:
+        assert driver_class("example_t100").__name__ == "ExampleT100"
+    else:
+        assert refused("B-LAB-004").where == str(lab)
 
 
 def test_links_are_refused(lab: Path) -> None:
@@ -147,11 +156,8 @@ def test_an_installed_name_is_never_replaced(lab: Path, place: str, use: Callabl
     ("text", "line", "says"),
     [
         ("x = 1\ny = (\n", 2, "SyntaxError: '(' was never closed"),
-        ("x = 1\n\nprint(nosuch)\n", 3, "NameError: name 'nosuch' is not defined"),
         ("from . import beside\n", 1, "ImportError: attempted relative import with no known parent package"),
-        ("import beside\n", 1, "ModuleNotFoundError: No module named 'beside'"),
         ("import json\njson.loads('')\n", 2, "JSONDecodeError: Expecting value"),
-        ("raise SystemExit(3)\n", 1, "SystemExit: 3"),
         ("x = '\0'\n", None, "source code string cannot contain null bytes"),
     ],
 )
@@ -175,7 +181,6 @@ def test_a_driver_is_named_by_its_file(lab: Path) -> None:
     [
         ('"air_mean", __name__', '"another", __name__', "holds no DECLARATION with the name 'air_mean'"),
         ('"readings"', '"logs"', "is made of imported logs"),
-        ("__name__", '"bench.systems.north"', "holds no DECLARATION"),
         ("DECLARATION =", "DECLARED =", "holds no DECLARATION"),
         ("__name__, METHODS,", '__name__, ("other",),', "METHODS are not the methods"),
         ("def analyse", "def analyze", "has no function 'analyse'"),
@@ -185,9 +190,8 @@ def test_an_analysis_is_what_it_declares(lab: Path, old: str, new: str, says: st
     text = (lab / ANALYSIS).read_text()
     assert old in text
     (lab / ANALYSIS).write_text(text.replace(old, new, 1))
-    with pytest.raises(InstallationError, match=says) as caught:
+    with pytest.raises(InstallationError, match=f"B-LAB-006: .*{says}"):
         analysis_declaration("air_mean")
-    assert caught.value.code == "B-LAB-006"
 
 
 def test_names_that_are_none_are_not_looked_for(lab: Path) -> None:
@@ -222,89 +226,3 @@ def test_code_that_a_session_did_not_begin_with_is_refused(lab: Path) -> None:
 @pytest.mark.parametrize("lab_of_manifest", [None, 3, [], {"name": "x"}, {"files": [1]}])
 def test_a_manifest_without_code_of_a_lab_asks_for_none(lab_of_manifest: object) -> None:
     assert lab_code.recorded_code({"lab": lab_of_manifest})[0] == {}
-
-
-AS_USER = pytest.mark.skipif(
-    not hasattr(os, "geteuid") or os.geteuid() != 0, reason="only root can become another user"
-)
-PROGRAM = Path(__file__).resolve().parents[2] / "support" / "lab_as_user.py"
-USER, OTHER_USER, ROOT = 4242, 4343, 0
-NAME = Path(DRIVER).stem
-LOADED = ("ExampleT100", "")
-
-
-def owned(lab: Path, user: int) -> None:
-    for path in (lab, *lab.rglob("*")):
-        os.chown(path, user, user, follow_symlinks=False)
-
-
-class Wrong(NamedTuple):
-    """What is done to a place of a lab: another owner, another mode, a link to what somebody else owns."""
-
-    place: str = "."
-    owner: int | None = None
-    mode: int | None = None
-    is_link: bool = False
-
-    def arrange(self, lab: Path) -> Path:
-        """Do it; returns the path of the place."""
-        path = Path(os.path.normpath(lab / self.place))
-        if self.is_link:
-            outside = shutil.move(path, lab.parent / "outside.py")
-            os.chown(outside, OTHER_USER, OTHER_USER)
-            path.symlink_to(outside)
-            os.lchown(path, USER, USER)
-        elif self.place == "." and self.owner is not None:
-            owned(lab, self.owner)
-        elif self.owner is not None:
-            os.chown(path, self.owner, self.owner)
-        if self.mode is not None:
-            path.chmod(self.mode)
-        return path
-
-
-ACCEPTED = {"of the user": Wrong(), "of root": Wrong(owner=ROOT), "below a sticky folder": Wrong("..", mode=0o1777)}
-REFUSED = {
-    "file of another": Wrong(DRIVER, OTHER_USER),
-    "folder of another": Wrong("instruments", OTHER_USER),
-    "lab of another": Wrong(".", OTHER_USER),
-    "parent of everybody": Wrong("..", mode=0o777),
-    "parent of a group": Wrong("..", mode=0o775),
-    "parent of another": Wrong("..", OTHER_USER),
-    "file of everybody": Wrong(DRIVER, mode=0o666),
-    "link to the file of another": Wrong(DRIVER, is_link=True),
-    "link to the folder of another": Wrong("instruments", is_link=True),
-}
-
-
-@pytest.fixture(scope="module")
-def answers() -> Iterator[dict[str, tuple[str, str, str]]]:
-    """Return what the user got in each lab, and which place was made wrong; one child process asks for all."""
-    with tempfile.TemporaryDirectory() as top:  # folders of pytest are closed to everybody else
-        Path(top).chmod(0o755)
-        cases: dict[str, tuple[Path, str, str]] = {}
-        for number, (name, wrong) in enumerate((ACCEPTED | REFUSED).items()):
-            lab = copied(Path(top) / str(number) / "lab")
-            lab.parent.chmod(0o755)
-            owned(lab.parent, USER)
-            cases[name] = (lab, NAME, str(wrong.arrange(lab)))
-        shipped = copied(Path(top) / "shipped" / "lab")
-        shutil.copy(shipped / DRIVER, shipped / "instruments" / "hp_3458a.py")
-        owned(shipped.parent, USER)
-        cases["shipped"] = (shipped, "hp_3458a", str(shipped / "instruments" / "hp_3458a.py"))
-        asked = json.dumps([(str(lab), driver) for lab, driver, _ in cases.values()])
-        command = [sys.executable, str(PROGRAM), str(USER), str(Path(top) / "first"), asked]
-        done = subprocess.run(command, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, done.stderr
-        got = json.loads(done.stdout)
-        yield {name: (*said, wrong) for (name, (_, _, wrong)), said in zip(cases.items(), got, strict=True)}
-
-
-@AS_USER
-@pytest.mark.parametrize("name", [*ACCEPTED, *REFUSED, "shipped"])
-def test_only_what_user_or_root_have_written_is_loaded(answers: dict[str, tuple[str, str, str]], name: str) -> None:
-    code, where, wrong = answers[name]
-    if name in ACCEPTED:
-        assert (code, where) == LOADED
-    else:
-        assert (code, where) == ("B-LAB-005" if name == "shipped" else "B-LAB-004", wrong)

@@ -132,11 +132,6 @@ def test_installed_folder_goes_before_a_neighbour_of_the_package(package: Path) 
     assert shipped_names("frames") == ["ngu_a"]
 
 
-@pytest.mark.parametrize("name", ["ngu_a", "ngu_a.yaml"])
-def test_by_name(package: Path, name: str) -> None:
-    assert find_shipped("frames", name) == package / "ngu_a.yaml"
-
-
 def test_path_goes_before_name(package: Path) -> None:
     Path("ngu_a.yaml").write_text("frame: mine\n")
     assert find_shipped("frames", "ngu_a.yaml").read_text() == "frame: mine\n"
@@ -156,10 +151,8 @@ def test_nothing_of_that_name(package: Path, name: str) -> None:
     ("kind", "name", "what", "taken"),
     [
         ("sequences", "vn100_binary", "this is a frame, and a sequence is due", "bench decode vn100_binary FILE"),
-        ("sequences", str(TOP / "frames" / "ngu_a.yaml"), "this is a frame", "frames/ngu_a.yaml FILE"),
         ("sequences", "af_bench_sim", "this is a station, and a sequence is due", "--station af_bench_sim of"),
         ("sequences", str(TOP / "docs" / "mappings" / "tckit_1v_ramp.yaml"), "this is a mapping", "bench import"),
-        ("frames", "timeline_example", "this is a sequence, and a frame is due", "bench run timeline_example"),
         ("stations", "ngu_a", "this is a frame, and a station is due", "a sequence names it under 'frame'"),
     ],
 )
@@ -168,9 +161,3 @@ def test_another_kind_of_file_is_named_with_who_takes_it(kind: shipped.Kind, nam
         find_shipped(kind, name)
     assert (caught.value.code, caught.value.exit_status) == ("B-SHIP-002", ExitStatus.BAD_INPUT)
     assert taken in caught.value.next_step
-
-
-def test_every_shipped_file_is_of_its_kind() -> None:
-    for kind in shipped.KINDS:
-        for name in shipped_names(kind):
-            assert find_shipped(kind, shipped_folder(kind) / f"{name}.yaml").stem == name

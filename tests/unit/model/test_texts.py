@@ -14,9 +14,8 @@ import pytest
 
 import bench
 from bench.model.errors import InputError
-from bench.model.systems import analyses
 from bench.model.texts import ENGLISH, Said, Sayings, Texts, check_language, languages, told
-from bench.model.titles import campaign_title, quantity_title, sequence_title
+from bench.model.titles import quantity_title, sequence_title
 
 
 @dataclass(frozen=True)
@@ -88,9 +87,7 @@ def test_a_sentence_survives_being_kept_copied_or_left_alone(package: Path) -> N
 
 TOP = Path(__file__).resolve().parents[3]
 GOLDEN = sorted((TOP / "tests" / "golden" / "sessions").glob("*/*/results.json"))
-SYSTEMS = TOP / "bench" / "systems"
 HANGUL = re.compile("[가-힣]")
-MADE = re.compile(r"\b(?:estimate|Measured)\(\s*\"([a-z0-9_]+)\"", re.MULTILINE)
 
 
 @pytest.mark.parametrize(
@@ -107,12 +104,6 @@ MADE = re.compile(r"\b(?:estimate|Measured)\(\s*\"([a-z0-9_]+)\"", re.MULTILINE)
 )
 def test_a_quantity_has_the_name_that_the_field_gives_it(analysis: str, quantity: str, title: str) -> None:
     assert quantity_title(analysis, quantity) == title
-
-
-@pytest.mark.parametrize("analysis", sorted(analyses()))
-def test_every_shipped_analysis_has_a_title_in_both_languages(analysis: str) -> None:
-    assert campaign_title(analysis)[0].isupper()
-    assert HANGUL.search(campaign_title(analysis, "ko"))
 
 
 @pytest.mark.parametrize("path", sorted((TOP / "sequences").glob("*.yaml")), ids=lambda path: path.stem)
@@ -133,19 +124,6 @@ def test_every_quantity_of_a_recorded_campaign_has_a_title(path: Path) -> None:
         title = quantity_title(results["campaign"], quantity)
         assert title[0].isupper() or results["campaign"] == "temperature_ramp", quantity  # columns keep their names
         assert "_" not in title
-
-
-@pytest.mark.parametrize("system", sorted(path.parent.name for path in SYSTEMS.glob("*/texts")))
-def test_every_quantity_that_a_system_names_in_full_has_a_title(system: str) -> None:
-    analysis = next(name for name, (_, declared, _) in analyses().items() if declared.name == system)
-    sources = [path.read_text("utf-8") for path in (SYSTEMS / system).rglob("*.py")]
-    lacking = {
-        quantity
-        for source in sources
-        for quantity in MADE.findall(source)
-        if not quantity_title(analysis, quantity)[0].isupper()
-    }
-    assert not lacking
 
 
 ROOT = Path(bench.__file__).parent
@@ -189,10 +167,6 @@ def left_over(text: str) -> set[str]:
     return {word.strip(".-") for word in WORD.findall(CODE.sub(" ", text))} - SAME
 
 
-def test_the_catalogues_are_those_that_people_read() -> None:
-    assert {"report", "tui", "web"} <= set(FOLDERS)
-
-
 def test_the_methods_that_a_report_describes_are_described_in_korean() -> None:
     english, korean = texts("report/dcc", ENGLISH), texts("report/dcc", KOREAN)
     assert korean.keys() == {key for key in english if key.startswith("method.") and key.endswith(".description")} - {
@@ -210,10 +184,3 @@ def test_korean_has_every_text_with_the_same_fields_and_nothing_left_in_english(
     left = {key: words for key, text in korean.items() if key != "language.name" and (words := left_over(text))}
     assert left == {}
     assert {key: text for key, text in korean.items() if PARTICLE.search(EITHER.sub("}", text))} == {}
-
-
-def test_what_is_left_over_is_found() -> None:
-    assert left_over("채널 {channel}, 값 Value 'bench run' dsf_n 1.5 ppm.") == {"Value"}
-    assert fields("{value:.2f} of {n}") == {("value", ".2f"), ("n", "")}
-    assert PARTICLE.search("{name}은 없습니다")
-    assert not PARTICLE.search(EITHER.sub("}", "{name}은(는) 없습니다, {time}까지"))

@@ -128,7 +128,6 @@ def if_(test: str) -> str:
             "B-PLAN-110 8 nothing before this step reads chamber.measure_ai; did",
         ),
         (READ + if_("measure_air, above: 24 V"), "B-PLAN-111 8 chamber.measure_air is read in degC; 24 V cannot be"),
-        (READ + if_("measure_air, above: 24"), "B-PLAN-111 8 chamber.measure_air is read in degC; 24 cannot be"),
         (
             READ + if_("measure_air, within: [30 degC, 20 degC]"),
             "B-PLAN-111 8 no reading is within 30 degC and 20 degC",
@@ -137,7 +136,6 @@ def if_(test: str) -> str:
         (READ + WHILE.replace("LIMIT", ""), "at_most"),
         (READ + if_("measure_air"), "none found"),
         (READ + if_("measure_air, above: 1 V, below: 2 V"), "above and below"),
-        (READ + "  - choose: chamber.measure_air\n    cases: []\n", "cases"),
         (READ + f"finally:\n{if_('measure_air, above: 24 degC')}", "B-PLAN-037 9 a decide step"),
     ],
 )

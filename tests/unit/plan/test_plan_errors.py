@@ -19,7 +19,6 @@ from bench.model.ports import Effect, action
 from bench.plan import compile_sequence
 from bench.plan.expand import MAX_STEPS
 
-ROUTE = '      - switch.route: {channel: "{channel}", polarity: "{polarity}"}\n'
 # what is changed, into what, the codes, none of them an echo, and a text that stands on the line of the first
 CASES = [
     ("numbers: 1-2", "numbers: 2-1", "B-PLAN-020", "numbers: 2-1"),
@@ -31,22 +30,18 @@ CASES = [
     ("levels: [1 mA]", "levels: [300 mA]", "B-PLAN-024 B-PLAN-055", "300 mA"),
     ("serial: SIM-1", "serial: ../SIM-1", "B-PLAN-025", "serial: ../SIM-1"),
     ('seconds: "{dwell}"', 'seconds: "{dwel}"', "B-PLAN-030", "{dwel}"),
-    ("slot: 570 s", 'slot: "{dwel}"', "B-PLAN-030", "{dwel}"),
     ('"{temperature}", ramp', '"{temperatur}", ramp', "B-PLAN-030", "{temperatur}"),
     ("dwell: 10 s", "dwell: 10 V", "B-PLAN-031", 'seconds: "{dwell}"'),
     ("high: 0.5 ohm", "high: 0.5 V", "B-PLAN-031 B-PLAN-044", "high: 0.5 V"),
     ('in: "{temperatures}"', "in: temperature", "B-PLAN-032", "in: temperature"),
     ("- point: {current: 0 A, polarity: +}", "- pont: {current: 0 A, polarity: +}", "B-PLAN-033", "pont"),
     ("- point: {current: 0 A, polarity: +}", "- point: {current: 0 A}", "B-PLAN-033", "- point: {current: 0 A}"),
-    ("- point: {current: 0 A, polarity: +}", "- point: {current: 0 A, polarity: +, x: 1}", "B-PLAN-033", "x: 1"),
     ("      - verify:", "      - point: {current: 0 A, polarity: +}\n      - verify:", "B-PLAN-034", "- point: {curr"),
     ("finally:\n", "finally:\n  - settle: 1 s\n", "B-PLAN-037", "settle: 1 s"),
     ("procedures:\n", "procedures:\n  spare: {do: [calibrator.standby]}\n", "B-PLAN-038", "spare"),
     ("unit: {port_b:", "unit: {port_a:", "B-PLAN-039", "unit: {port_a:"),
     ("- switch.open_all", "- swich.open_all", "B-PLAN-040", "swich"),
     ("unit: {port_b:", "unit: {port_c:", "B-PLAN-041", "port_c"),
-    ("dwell: 10 s", "dwell: 10.005 s", "B-PLAN-042", 'seconds: "{dwell}"'),
-    ("for: 5 min", "for: 15 min", "B-PLAN-043", "for: 15 min"),
     (", high: 0.5 ohm", "", "B-PLAN-044", "unit: ohm"),
     ("port_b: ngu_b", "port_b: ngu_c", "B-PLAN-045", "ngu_c"),
     ("port_b: ngu_b}", "port_b: ngu_b, port_c: ngu_b}", "B-PLAN-046", "port_c"),
@@ -54,19 +49,12 @@ CASES = [
     ("records: 3", "records: 4", "B-PLAN-047", "records: 4"),
     ("{port_b: start_stream}", "{port_b: start_steam}", "B-PLAN-049", "start_steam}"),
     ("- calibrator.operate\n", "- calibrator.operat\n", "B-PLAN-050", "calibrator.operat\n"),
-    ("- switch.route", "- switch.rout", "B-PLAN-050", "switch.rout:"),
     ("soak: {temp", "soak: {chamber: supply, temp", "B-PLAN-050", "chamber: supply"),
     ("range: lowest", "rang: lowest", "B-PLAN-051", "calibrator.output"),
     (', polarity: "{polarity}"}\n', "}\n", "B-PLAN-051", "switch.route"),
     ('polarity: "{polarity}"}', "polarity: 2}", "B-PLAN-052", "switch.route"),
-    ("range: lowest_that_holds", "range: highest", "B-PLAN-052", "calibrator.output"),
     ("verify: calibrator.operating", "verify: calibrator.operate", "B-PLAN-054", "verify"),
-    ("temperatures: [20 degC]", "temperatures: [61 degC]", "B-PLAN-055", "- soak"),
-    ("{current: 0 A, polarity: +}", "{current: -1 mA, polarity: +}", "B-PLAN-055", "calibrator.output"),
-    ("settle: 20 s", "settle: 5 s", "B-PLAN-060 B-PLAN-047", "settle: 5 s"),
     ("      - settle: 20 s\n", "", "B-PLAN-061 B-PLAN-047", "- record"),
-    ("      - calibrator.standby\n      - switch", "      - switch", "B-PLAN-070", "switch.route"),
-    (ROUTE, "", "B-PLAN-072 B-PLAN-076", "calibrator.operate"),
 ]  # fmt: skip
 
 
@@ -77,11 +65,6 @@ def test_a_mistake_in_the_sequence(tmp_path: Path, old: str, new: str, codes: st
     assert sorted(found) == sorted(codes.split())
     error = found[codes.partition(" ")[0]]
     assert on_line in text.split("\n")[int(error.where.split(":")[-2]) - 1] + "\n", error
-
-
-def test_the_sample_is_right_as_it_is(tmp_path: Path) -> None:
-    assert mistakes(make_bench(tmp_path)) == []
-    assert mistakes(make_bench(tmp_path, FLAT)) == []
 
 
 def test_a_level_over_the_full_scale_of_its_channel_b_plan_073(tmp_path: Path) -> None:
@@ -111,19 +94,6 @@ def test_a_station_by_the_path_of_its_file(tmp_path: Path) -> None:
     assert (found.code, found.where) == ("B-PLAN-045", f"{tmp_path}/sequences/sample.yaml:3:1")
     (found,) = mistakes(make_bench(tmp_path, changed("station: af_bench_sim", "station: ../frames/ngu_a.yaml")))
     assert (found.code, found.message) == ("B-PLAN-045", "this is a frame, and a station is due")
-
-
-def test_a_unit_that_is_none_is_guessed(tmp_path: Path) -> None:
-    (found,) = mistakes(make_bench(tmp_path, changed("settle: 5 s", "settle: 5 S")))
-    assert "did you mean '5 s'?" in found.message
-
-
-def test_symbols_in_a_sequence_and_in_set_are_the_same_plan(tmp_path: Path) -> None:
-    plain = compile_sequence(make_bench(tmp_path), None, {"dwell": "10 s", "temperatures": "20 degC"})
-    text = changed("ohm, high: 0.5 ohm", "ohm, high: 0.5 Ω")
-    text = changed("ramp: 0.5 degC/min", "ramp: 0.5 °C/min", changed("k0: 1.25 uC", "k0: 1.25 µC", text))
-    plan = compile_sequence(make_bench(tmp_path, text), None, {"dwell": "10 s", "temperatures": "20 °C"})
-    assert plan.sha256 == plain.sha256
 
 
 def test_all_mistakes_are_listed_at_once_in_order(tmp_path: Path) -> None:
@@ -168,9 +138,7 @@ def test_no_range_of_the_standard_holds_the_level_b_plan_031(tmp_path: Path) -> 
         ({"dwel": "1 s"}, "B-PLAN-003", "did you mean 'dwell'?"),
         ({"world.calibrator_gian": "off"}, "B-PLAN-004", "did you mean 'calibrator_gain'?"),
         ({"dwell": "1 V"}, "B-PLAN-005", "a quantity in s is due"),
-        ({"dwell": "1e999 s"}, "B-PLAN-005", "a quantity in s is due"),
         ({"turns": "x"}, "B-PLAN-005", "'x' cannot replace 2: a whole number is due"),
-        ({"turns": "1.5"}, "B-PLAN-005", "a whole number is due"),
         ({"share": "nan"}, "B-PLAN-005", "a number is due"),
     ],
 )
@@ -246,11 +214,6 @@ def test_a_sequence_has_exactly_one_form(tmp_path: Path) -> None:
         assert mistakes(make_bench(tmp_path, text))[0].message.startswith("a sequence has either 'steps'")
 
 
-def test_an_unknown_sequence_is_named_with_the_known_ones() -> None:
-    with pytest.raises(InputError, match=r".*scale_factor_38.*Next: .*scale_factor_38h"):
-        compile_sequence("scale_factor_38")
-
-
 GNC = Path(__file__).resolve().parents[3]
 
 
@@ -259,9 +222,7 @@ GNC = Path(__file__).resolve().parents[3]
     [
         ("limits: {rate: [", "limits: {rat: [", "B-PLAN-095", "no action of turntable (acutrol_3000) takes 'rat'"),
         ("rate: [-360 deg/s, 360 deg/s]", "rate: [-360 deg, 360 deg]", "B-PLAN-095", "is no quantity in deg"),
-        ("rate: [-360 deg/s, 360 deg/s]", "rate: [-360, 360]", "B-YAML-012", "rate: -360 has no unit"),
         ("faults: null", "faults: GNC-02=nosuch", "B-PLAN-015", "nosuch"),
-        ("faults: null", "faults: GNC-02", "B-PLAN-015", "'GNC-02'"),
         ("tilt_arcmin: null", "tilt_arcmin: 500", "B-PLAN-015", "tilt_arcmin is '500'"),
         ("tilt_arcmin: null", "tilt_arcmin: 5", "", ""),
     ],
@@ -393,24 +354,3 @@ def test_an_instrument_with_the_driver_of_another_b_plan_050(tmp_path: Path, rig
     [error] = [error for error in found if error.code == "B-PLAN-050"]
     assert f"{role} ({wrong.removeprefix('driver: ')}) has none of the actions that are called: " in error.message
     assert line_of(error, tmp_path) == (STATION_FILE, f"    {wrong}")
-
-
-def test_a_role_that_the_station_names_otherwise_b_plan_040(tmp_path: Path) -> None:
-    found = mistakes(make_bench(tmp_path, SEQUENCE, ("  switch:  ", "  relays:  ")))
-    errors = [error for error in found if error.code == "B-PLAN-040"]
-    assert errors
-    line = next(
-        number
-        for number, text in enumerate((tmp_path / "stations" / STATION_FILE).read_text().splitlines(), 1)
-        if text == "instruments:"
-    )
-    assert all(f"({STATION_FILE}:{line})" in error.message for error in errors)
-    assert len({error.where for error in errors}) == len(errors)
-
-
-def test_a_limit_of_the_station_is_named_with_its_line_b_plan_055(tmp_path: Path) -> None:
-    found = mistakes(make_bench(tmp_path, SEQUENCE, ("current: [0 A, 220 mA]", "current: [0 A, 0.5 mA]")))
-    [error] = [error for error in found if error.code == "B-PLAN-055"]
-    place = re.search(rf"station af_bench_sim \({STATION_FILE}:(\d+)\)", error.message)
-    assert place is not None
-    assert "0.5 mA]" in (tmp_path / "stations" / STATION_FILE).read_text().splitlines()[int(place[1]) - 1]

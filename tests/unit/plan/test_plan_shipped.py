@@ -161,30 +161,6 @@ def test_steps_are_numbered_by_time_and_the_chamber_is_back_before_it_is_stopped
     assert all(step.where.startswith("scale_factor_38h.yaml:") for step in campaign.steps)
 
 
-def test_constants_for_the_analysis(campaign: Plan) -> None:
-    assert campaign.campaign["af_clock_Hz"] == 256_000.0
-    assert campaign.campaign["master_Hz"] == campaign.campaign["fg_Hz"] == 1e7
-    assert campaign.campaign["reference_temperature_degC"] == 20.0
-    assert campaign.campaign["rate_Hz"] == 100.0
-    channels = campaign.campaign["channels"]
-    assert [c["number"] for c in channels] == list(range(1, 11))
-    assert [c["kind"] for c in channels] == ["gyro"] * 6 + ["accelerometer"] * 4
-    assert channels[0] == {
-        "number": 1, "kind": "gyro", "k0_C": 1.25e-6, "full_scale_A": 0.299, "sensor_full_scale": 83.0,
-        "sensor_unit": "deg/s", "levels_A": list(GYRO_A), "stability_limit_ppm": 100.0,
-        "noise": {"white_A_rtHz": 2e-9, "walk_A_rth": 3e-10},
-    }  # fmt: skip
-    assert campaign.campaign["temperature_sensor_u95_degC"] == 0.1
-    assert (channels[9]["k0_C"], channels[9]["sensor_unit"], channels[9]["levels_A"]) == (
-        1e-7,
-        "g",
-        list(ACCELEROMETER_A),
-    )
-    assert sorted(campaign.texts) == [
-        "frames/ngu_a.yaml", "frames/ngu_b.yaml", "sequences/scale_factor_38h.yaml", "stations/af_bench_sim.yaml",
-    ]  # fmt: skip
-
-
 def test_every_shipped_sequence_is_named() -> None:
     assert sorted(PLANS) == SHIPPED
 
@@ -209,16 +185,6 @@ def test_values_that_are_set_reach_plan_world_and_hash() -> None:
     assert "master_error_ppm" not in options
     assert shipped("scale_factor_short").campaign["uut"] == {"model": "NGU", "serial": "SIM-1"}
     assert compile_sequence("scale_factor_short", overrides={"serial": "0042"}).campaign["uut"]["serial"] == "0042"
-
-
-def test_the_flat_form_waits_between_its_times() -> None:
-    plan = shipped("timeline_example")
-    acts = {step.at_s: step for step in plan.phase("campaign") if step.kind != "settle"}
-    assert [(at_s, acts[at_s].kind) for at_s in (10.0, 12.0, 17.0, 40.0, 140.0)] == [
-        (10.0, "unit"), (12.0, "send"), (17.0, "call"), (40.0, "record"), (140.0, "verify"),
-    ]  # fmt: skip
-    assert acts[40.0].conditions["label"] == "ch3_plus_1ma"
-    assert plan.duration_s == 142.0
 
 
 def test_summary_names_time_disk_and_hazards(campaign: Plan) -> None:

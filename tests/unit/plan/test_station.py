@@ -12,7 +12,6 @@ from bench.model.errors import InputErrors
 from bench.model.shipped import find_shipped
 from bench.model.yamlio import parse_yaml
 from bench.plan import Plan, Station, compile_sequence, load_station, summarise, unwatched
-from bench.plan.check.stations import canonical_address
 from bench.plan.served import served_station
 from bench.plan.station import StationFile
 from sim_instruments.fluke_5720a import CURRENT_RANGES
@@ -38,9 +37,7 @@ MISTAKES = [
     ("driver: hp_3458a", "driver: hp_3459a", "B-PLAN-011"),  # no shipped sequence uses it
     ("options: {slot: 1}", "options: {slit: 1}", "B-INST-020"),
     ("options: {slot: 1}", "options: {slot: 11}", "B-INST-020"),
-    ('options: {dialect: "3800"}', "options: {dialect: 3800}", "B-INST-020"),
     ("  port_b: {frame", "  port_b: {frame: ngu_b, baud: 115200}\n  supply: {frame", "B-PLAN-013"),
-    ("driver: fluke_5720a", "driver: fluke_5721a", "B-PLAN-011"),
     ('due: "2000-11-01"\n      uncertainty', 'due: "2000-01-01"\n      uncertainty', ""),
     ('due: "2000-11-01"\n      uncertainty', 'due: "1999-12-31"\n      uncertainty', "B-PLAN-063"),
     ('calibrated: "1999-11-01"', 'calibrated: "2000-02-01"', "B-PLAN-063"),
@@ -58,15 +55,12 @@ MISTAKES = [
     (f"floor: 7 nA{TRACED}", "floor: 7 nA, specification: absolute, common_with: one resistor}", ""),
     (f"floor: 7 nA{TRACED}", "floor: 7 nA, common_with: one resistor}", "B-YAML-012"),
     ("      corrections:", "      traceability: 3 ppm\n      corrections:", "B-YAML-012"),
-    ("resource: GPIB0::4::INSTR\n    safe_order: 1", "resource: GPIB0::4::INSTR", "B-YAML-011"),
     ("limits: {current: [0 A, 220 mA]}", "limits: {current: [220 mA, 0 A]}", "B-YAML-012"),
     ("limits: {current: [0 A, 220 mA]}", "limits: {current: [0 A, 220 mV]}", "B-YAML-012"),
     ('calibrated: "1999-11-01"', 'calibrated: "2000-12-01"', "B-YAML-012"),
     ("simulated: true", "simulated: false", "B-YAML-012"),
     (ABORT, ABORT.replace("65 degC,", "65 degC, release_high: 66 degC,"), "B-PLAN-081"),
     ("links:", "guard: {limits: {chamber_air: 50 degC}}\nlinks:", "B-YAML-012"),
-    ("relative: 20 ppm, floor: 7 nA", "relative: -20 ppm, floor: 7 nA", "B-YAML-012"),
-    ("driver: fluke_5720a", "driver: os.path", "B-YAML-013"),
 ]  # fmt: skip
 
 
@@ -98,12 +92,6 @@ def test_the_shipped_station(station: Station) -> None:
     assert all(c["gain"] == c["offset_A"] == 0.0 for c in calibrator["corrections"])
     assert station.ranges_A("calibrator") == tuple(table_2)
     assert station.ranges_A("nobody") == ()
-
-
-def test_options_left_to_the_world_are_absent_until_they_are_set(station: Station) -> None:
-    assert "master_error_ppm" not in station.world_options
-    assert station.with_options({"master_error_ppm": "-50"}).world_options["master_error_ppm"] == "-50"
-    assert "master_error_ppm" not in station.world_options
 
 
 def probe(due: str = "2000-11-01", r0: str = "100.0123 ohm") -> tuple[str, str]:
@@ -178,30 +166,11 @@ def test_the_driver_and_the_simulator_have_the_same_ladder() -> None:
 
 
 @pytest.mark.parametrize(
-    ("written", "full"),
-    [
-        ("GPIB::4", "GPIB0::4::INSTR"),
-        ("gpib0::04::0::instr", "GPIB0::4::INSTR"),
-        ("TCPIP::10.0.0.2::INSTR", "TCPIP0::10.0.0.2::INSTR"),
-        ("TCPIP0::host::5025::SOCKET", "TCPIP0::HOST::5025::SOCKET"),
-        ("ASRL/dev/ttyUSB0::INSTR", "ASRL/dev/ttyUSB0::INSTR"),
-        ("GPIB0::INSTR", None),
-        ("GPIB0::4::::INSTR", None),
-    ],
-)
-def test_one_address_in_several_spellings(written: str, full: str | None) -> None:
-    assert canonical_address(written) == full
-
-
-@pytest.mark.parametrize(
     ("overrides", "code"),
     [
         ({"world.noise": "maybe"}, "B-PLAN-015"),
-        ({"world.noise": "1"}, "B-PLAN-015"),
-        ({"world.master_error_ppm": "off"}, "B-PLAN-015"),
         ({"world.master_error_ppm": "nan"}, "B-PLAN-015"),
         ({"world.master_error_ppm": "-50"}, ""),
-        ({"world.calibrator_gain": "off"}, ""),
     ],
 )
 def test_values_of_world_options(tmp_path: Path, overrides: dict[str, str], code: str) -> None:
@@ -291,10 +260,6 @@ def test_interlocks_do_not_change_the_hash_of_the_steps(tmp_path: Path) -> None:
         (f"{AIR.replace('101', '9')}}}", "B-PLAN-080", "[101, 102, 103]"),
         ("  a: {signal: supply_current, high: 3 V, action: warn}", "B-PLAN-082", "'3 V'"),
         ("  a: {signal: rate_step, high: 5 Hz, action: retake}", "B-PLAN-083", "too late"),
-        ("  a: {signal: supply_current, high: 3 A, action: stop}", "B-YAML-013", "hold"),
-        ("  a: {signal: supply_current, high: 3, action: hold}", "B-YAML-013", "high"),
-        ("  a: {signal: supply_current, high: 3 A, action: hold, dwell: 10}", "B-YAML-012", "no unit"),
-        ("  a: {signal: supply_current, high: 3 A, action: hold, delay: 10 s}", "B-YAML-010", "delay"),
     ],
 )
 def test_a_wrong_interlock_is_told_with_its_place(tmp_path: Path, section: str, code: str, words: str) -> None:

@@ -231,15 +231,6 @@ def damage_middle(session: Path) -> None:
     path.write_bytes(content)
 
 
-def test_a_whole_session(tmp_path: Path) -> None:
-    write_sample(tmp_path / "s")
-    found = recover_session(tmp_path / "s")
-    assert (found.damaged, found.lost, found.unfinished, found.has_manifest) == (False, 0, (), True)
-    assert found.counts["/link/port_a/rx"] == 20
-    assert found.span_s == 20.0
-    assert "nothing is damaged" in found.lines()
-
-
 def test_a_crashed_run(tmp_path: Path) -> None:
     writer = SessionWriter.create(tmp_path, MANIFEST, TEXTS, t_mono_ns=0)
     journal = Journal(tmp_path)

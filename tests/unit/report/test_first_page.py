@@ -13,9 +13,7 @@ import yaml
 from pydantic import ValidationError
 from report_sample import estimate, sample_model
 
-from bench.report import Report
 from bench.report.accreditation import below_capability, not_covered
-from bench.report.assemble import started_utc
 from bench.report.document import png_pages
 from bench.report.first import FirstPage, days_of, first_page
 from bench.report.laboratory import Accreditation, Capability, Laboratory
@@ -196,22 +194,6 @@ def test_the_days_are_of_the_name_of_the_session(model: ReportModel) -> None:
 def test_entries_that_may_not_be_are_refused(wrong: dict[str, Any], said: str) -> None:
     with pytest.raises(ValidationError, match=said):
         laboratory(**wrong)
-
-
-def test_a_log_without_a_date_states_none_and_no_sequence(model: ReportModel) -> None:
-    name = "19700101T000000Z_log_unknown"
-    log = replace(model, started_utc=started_utc(name), origin={"sequence": "my_map", "clock": "log"})
-    shown = on(first_page(log, None, WORDS))
-    assert shown["Calibrated (UTC)"] == "unknown"
-    assert "by the mapping my_map" in shown["Method"]
-    assert "Records taken again" not in shown["Method"]
-    assert "by the mapping: " in shown["Decision rule"]
-    assert "sequence" not in shown["Decision rule"] + shown["Validity"]
-    assert "The log" in shown["Validity"]
-    tables = next(section.tables for section in Report(log).sections if section.name == "provenance")
-    pairs = {row[0]: row[1] for table in tables for row in table.rows}
-    assert pairs["mapping"] == "my_map"
-    assert pairs.keys().isdisjoint({"sequence", "clock", "SHA-256 of the plan", "SHA-256 of the frame definition"})
 
 
 # --- under an accreditation -------------------------------------------------------------------------------------

@@ -23,8 +23,8 @@ from bench.report import Report
 from bench.report.document import document_files, png_pages
 from bench.report.fonts import folders
 from bench.report.model import ReportModel
-from bench.report.sheet import ROOM_pt, SIZES_pt, legible, missing, sheets, width_pt
-from bench.report.tables import Table, words_of
+from bench.report.sheet import missing, width_pt
+from bench.report.tables import words_of
 
 DPI = 60.0
 STREAM = re.compile(rb"stream\r?\n(.*?)\r?\nendstream", re.DOTALL)
@@ -125,30 +125,6 @@ def test_page_and_paper_have_the_same_sections(report: Report) -> None:
     assert len(pictures) == len(set(pictures)) == page.count("<svg ")
 
 
-def test_a_character_without_a_glyph_is_written_as_its_code(no_korean_font: None) -> None:
-    assert missing("−°µ±∞²³√·…–—\u202f\u2060\u200b\n") == set()
-    assert missing("A한") == {"한"}
-    assert legible("한 A \U00020000") == "[U+D55C] A [U+20000]"
-
-
-def letters(pdf: bytes) -> set[str]:
-    """Return the characters that the tables of a PDF name, by which a reader copies and searches its text."""
-    found = set()
-    for stream in unpacked(pdf):
-        for part in re.findall(r"beginbfchar(.*?)endbfchar", stream.decode("latin-1"), re.DOTALL):
-            for code in re.findall(r"<[0-9A-Fa-f]+>\s*<([0-9A-Fa-f]+)>", part):
-                found |= set(bytes.fromhex(code).decode("utf-16-be"))
-    return found
-
-
-def test_korean_paper_has_the_letters_and_the_font() -> None:
-    report = Report(sample_model(), "ko")
-    pdf = report.pdf()
-    assert b"NanumGothic" in pdf
-    wanted = set("".join(section.title for section in report.sections))
-    assert wanted & set(map(chr, range(0xAC00, 0xD7A4))) <= letters(pdf)
-
-
 @pytest.mark.parametrize(
     ("place", "file", "bold", "text"),
     [
@@ -177,14 +153,3 @@ def test_without_the_font_paper_is_refused_and_the_page_is_written(no_korean_fon
         report.pdf()
     assert caught.value.code == "B-TXT-002"
     assert "inertial-bench[ko]" in caught.value.next_step
-
-
-def test_a_table_too_wide_goes_in_parts_that_name_their_rows() -> None:
-    headers = ("channel", *(f"quantity{column:02d} / nA" for column in range(30)))
-    rows = tuple((str(row), *(f"{row}{column:02d}.5 ± 0.1" for column in range(30))) for row in range(3))
-    parts = sheets(Table("c", headers, rows), ROOM_pt)
-    assert len(parts) > 1
-    assert all(sum(one.widths_pt) <= ROOM_pt and one.size_pt == SIZES_pt[-1] for one in parts)
-    assert all(one.table.headers[0] == "channel" for one in parts)
-    shown = [cell.replace("\u00a0", " ") for one in parts for cell in one.table.rows[2][1:]]
-    assert shown == list(rows[2][1:])

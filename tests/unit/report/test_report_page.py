@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -12,8 +11,6 @@ from typing import Any
 import fit_simulation as sim
 import numpy as np
 import pytest
-from matplotlib.figure import Figure as Drawing
-from report_boxes import axis_labels, collisions, flaws, outside, recorded_figures, text_boxes
 from report_sample import estimate, sample_model, sample_results, small_model
 
 from bench.analysis import Figure, Material, Table, series
@@ -21,7 +18,6 @@ from bench.report import Report, report_model
 from bench.report.estimate_tables import coefficient_table
 from bench.report.model import ReportModel
 from bench.report.plots.currents import level_errors
-from bench.report.plots.graphs import analysis_pictures
 from bench.report.tables import words_of
 from bench.report.verdict_tables import verdict_counts
 from bench.systems.af_converter.scale_factor.analysis import analyse
@@ -237,19 +233,6 @@ def test_a_level_with_fewer_pulses_has_more_current_per_pulse(method: str) -> No
         assert errors[sign * LEVEL_A] - np.mean(others) == pytest.approx(1e6 * FEWER, rel=0.1)
 
 
-@pytest.mark.parametrize("values", [(0.91, 1.02), (0.97, 0.99), (1.1, 8.0), (3.0, 25.0)])
-def test_a_logarithmic_axis_has_several_numbers_however_short_it_is(values: tuple[float, float]) -> None:
-    """A variance that stays between 0.91 and 1.02 once had the single number 1 beside it."""
-    parts = [series("variance", [0.0, 1.0], values)]
-    (picture,) = analysis_pictures([Figure("f", "", "time, s", "variance, 1", parts, y_log=True)])
-    drawn = re.findall(r"<text[^>]*>([^<]*)</text>", picture.svg)
-    along = ["0.0", "0.2", "0.4", "0.6", "0.8", "1.0"]
-    beside = [text for text in drawn[len(along) :] if re.fullmatch(r"[0-9.]+", text)]
-    assert drawn[: len(along)] == along
-    assert len(beside) >= 3
-    assert all(values[0] / 1.1 < float(text) < values[1] * 1.1 for text in beside)
-
-
 def test_figures_and_tables_of_an_analysis_are_in_the_page() -> None:
     table = Table("Budget", "Channel 1.", ["component", "u / ppm"], [["gain", 10.0], ["E_n", -0.0151768]])
     drawn = Figure("Bias of channel 1", "", "T / °C", "bias / nA", [series("up", [0.0, 1.0], [1.0, 2.0])])
@@ -279,34 +262,3 @@ def test_a_coefficient_without_constant_shows_the_value_at_its_reference_tempera
     table = coefficient_table(replace(model, results={**model.results, "estimates": estimates}), words_of("en"))
     assert table is not None
     assert table.rows == (("1", "Bias / nA", "436.57 ± 0.10", "2.10 ± 0.10"),)
-
-
-def test_panels_of_a_group_stand_apart_and_inside_their_picture(monkeypatch: pytest.MonkeyPatch) -> None:
-    figures = recorded_figures(monkeypatch)
-    degC = np.linspace(-10.0, 50.0, 30)
-    axes = "lagged temperature, degC", "bias, nA"
-    drawn = [
-        Figure(f"channel {power}", "", *axes, [series("up", degC, 10.0**power * np.sin(degC))], group="bias")
-        for power in range(-2, 4)  # three rows of panels, numbers of every size
-    ]
-    assert len(analysis_pictures(drawn)) == len(figures) == 1
-    assert flaws(figures[0]) == []
-    boxes = [panel.get_position() for panel in figures[0].axes]
-    assert not any(one.overlaps(other) for one, other in itertools.combinations(boxes, 2))
-
-
-def test_the_check_of_figures_sees_a_collision_a_cut_and_turned_texts() -> None:
-    """tests/runs/test_report_campaigns.py holds the figures of whole campaigns against it."""
-    figure = Drawing(figsize=(4.0, 3.0))
-    figure.text(0.5, 0.5, "one word")
-    figure.text(0.52, 0.5, "another")
-    figure.text(0.99, 0.1, "cut off")
-    for index in range(8):  # steep neighbours: the boxes around them overlap, they themselves do not
-        figure.text(0.1 + 0.045 * index, 0.8, "−0.0003", rotation=60, size=7.0)
-    boxes = text_boxes(figure)
-    assert collisions(boxes) == [("one word", "another")]
-    assert outside(figure, boxes) == ["cut off"]
-    axes = figure.subplots()
-    axes.set_xlabel("Current")
-    assert "no unit in 'Current'" in flaws(figure)
-    assert axis_labels(figure) == ["Current", ""]

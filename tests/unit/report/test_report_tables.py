@@ -5,23 +5,21 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
-import numpy as np
 import pytest
 from report_sample import estimate, small_model
 
 from bench import analysis
 from bench.model.systems import is_size
-from bench.report import Report, RunStory, TemperatureTrace
+from bench.report import Report
 from bench.report.agreement_tables import agreement_parts
 from bench.report.estimate_tables import channel_table, coverage_table, other_table, pivot_tables, value_text
 from bench.report.first import first_page
 from bench.report.first.results import main_rows
-from bench.report.first.statements import environment
 from bench.report.model import ReportModel
 from bench.report.run_tables import prompt_table, summary_table
 from bench.report.sections import sections_of
 from bench.report.tables import words_of
-from bench.report.verdict_tables import doubt_paragraphs, overall_verdict, verdict_table
+from bench.report.verdict_tables import verdict_table
 from bench.session.view import SessionView, model_of
 from bench.systems.af_converter.wording import say
 
@@ -82,16 +80,6 @@ def test_the_unit_that_failed_stands_for_its_item_where_nothing_may_be_wrong() -
     assert row["worst: value ± U"] == "2"
     assert row["conformance"] == "–"  # no uncertainty, no probability
     assert row["verdicts"] == "2 fail, 1 pass"
-
-
-@pytest.mark.parametrize("words", [ENGLISH, KOREAN])
-def test_a_unit_that_was_left_out_is_told_from_a_run_that_has_not_ended(words: Any) -> None:
-    for left_out, key in ((False, "incomplete"), (True, "left_out")):
-        told = model(run=RunStory(left_out=left_out))
-        told = replace(told, results={**told.results, "incomplete": True})
-        assert overall_verdict(told, words) == ("none", words(f"verdicts.{key}"))
-        assert doubt_paragraphs(told, words) == (words(f"doubt.{key}"),)
-    assert doubt_paragraphs(model(run=RunStory(left_out=True)), words) == ()
 
 
 def test_the_first_page_says_that_a_run_has_not_ended_and_that_its_recording_is_damaged() -> None:
@@ -162,13 +150,6 @@ def test_values_that_a_further_condition_tells_apart_all_stand_in_the_tables() -
     by_channel = channel_table(model(*rows), ENGLISH)
     assert by_channel is not None
     assert by_channel.rows == (("1", "6.0 ± 1.0", "4.0 ± 1.0"), ("2", "11.0 ± 1.0", "9.0 ± 1.0"))
-
-
-def test_one_temperature_is_no_span() -> None:
-    trace = TemperatureTrace(t_s=np.zeros(2), air_degC=np.array([22.9, 22.91]), unit_degC=np.array([23.1, 23.4]))
-    said = environment(model(trace=trace), None, ENGLISH)
-    assert "22.9 °C" in said
-    assert "23.1 to 23.4 °C" in said
 
 
 # --- what is not there -------------------------------------------------------------------------------------------

@@ -66,18 +66,6 @@ def test_the_same_session_is_computed_once(session: Path, inside: Inside, monkey
     assert first.returncode == again.returncode == again_json.returncode == 0
 
 
-def test_a_report_after_a_fit_is_the_one_drawn_at_once(session: Path, inside: Inside, cache: Path) -> None:
-    inside("report", str(session))
-    page = (session / "report.html").read_bytes()
-    inside("fit", str(session), "--fresh")
-    next(cache.glob("*.sections")).unlink()
-    for _ in range(2):  # drawn, then as it was drawn
-        (session / "report.html").unlink()
-        assert FROM_CACHE in inside("report", str(session)).stdout
-        assert (session / "report.html").read_bytes() == page
-    assert {path.suffix for path in cache.iterdir()} == {".shown", ".model", ".sections"}
-
-
 def test_the_end_of_a_run_keeps_what_it_computed(tmp_path: Path, inside: Inside, cache: Path) -> None:
     record_golden(tmp_path / "out")
     session = next(path.parent for path in (tmp_path / "out").glob("*/results.json"))
@@ -89,15 +77,6 @@ def test_the_end_of_a_run_keeps_what_it_computed(tmp_path: Path, inside: Inside,
     assert results_json(shown.results) == results_json(again.shown.results) == results
     assert shown.remarks == again.shown.remarks
     assert again.report.html().encode() == page
-
-
-def test_fresh_computes_again_and_keeps_that(session: Path, inside: Inside, cache: Path) -> None:
-    inside("report", str(session))
-    for path in cache.iterdir():
-        path.write_bytes(b"")
-    assert FROM_CACHE not in inside("fit", str(session), "--fresh").stdout
-    assert kept(session)
-    assert FROM_CACHE not in inside("report", str(session), "--fresh").stdout
 
 
 def test_another_method_is_another_result(session: Path) -> None:
@@ -190,24 +169,6 @@ def test_the_oldest_make_room(cache: Path, monkeypatch: pytest.MonkeyPatch) -> N
         Shelf(f"{number}").put("shown", bytes(1000))
         os.utime(cache / f"{number}.shown", (number, number))
     assert sorted(path.name for path in cache.iterdir()) == ["2.shown", "3.shown"]
-
-
-def test_a_report_in_another_language_stands_beside_the_one_that_is_verified(
-    session: Path, inside: Inside, cache: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    english = (session / "report.html").read_bytes()
-    assert inside("report", str(session), "--lang", "ko").returncode == 0
-    page = (session / "report.ko.html").read_bytes()
-    assert (session / "report.html").read_bytes() == english
-    assert '<html lang="ko">' in page.decode()
-    monkeypatch.setattr("bench.report.document.sections_of", None)
-    (session / "report.ko.html").unlink()
-    assert FROM_CACHE in inside("report", str(session), "--lang", "ko").stdout
-    assert (session / "report.ko.html").read_bytes() == page
-    refused = inside("report", str(session), "--lang", "kr")
-    assert refused.returncode == inside("top", "--lang", "kr").returncode == 2
-    assert "B-TXT-001" in refused.stderr
-    assert "use one of: en, ko" in refused.stderr
 
 
 FOLDER = Path("sessions/S")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -14,12 +13,10 @@ from bench.model.clock import NS
 from bench.model.events import Event, Phase, event_of
 from bench.model.shipped import find_shipped
 from bench.session.happenings import (
-    KINDS,
     alarms_raised,
     commands_given,
     happening_tables,
     happenings,
-    hashes_of,
     length_s,
     surroundings,
 )
@@ -58,12 +55,6 @@ def test_each_kind_is_a_sentence_at_the_time_since_the_run_began(kind: str) -> N
     assert line.startswith(f"{kind} at 1:01:01: ")
     assert words in line
     assert "[" not in line
-
-
-@pytest.mark.parametrize("kind", sorted(set(EVENTS) & set(KINDS)))
-def test_fields_of_another_version_are_shown_as_they_are(kind: str) -> None:
-    (line,) = happenings(ran((kind, BOOT_S, {"state": "strange", "new": 1.23456})))
-    assert line == f"{kind} at 0:00:00: state strange, new 1.235"
 
 
 def test_the_table_of_the_report_is_in_order_of_time() -> None:
@@ -122,9 +113,3 @@ def test_the_station_says_which_channel_is_the_room() -> None:
     assert room.degC.tolist() == pytest.approx([23.0, 23.15])
     unknown = surroundings(view, {"stations/other.yaml": "no: station\n"}, 0)
     assert [one.laboratory for one in unknown] == [False, False]
-
-
-def test_hashes_are_of_the_yaml_texts() -> None:
-    text = "sequence: x # µ\n"
-    found = hashes_of({"sequences/x.yaml": text, "plan.json": "{}"})
-    assert found == {"sequences/x.yaml": hashlib.sha256(text.encode("utf-8")).hexdigest()}

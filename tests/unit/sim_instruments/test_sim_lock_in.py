@@ -219,17 +219,6 @@ def test_driver_and_simulator_give_the_paper_s_equations(make: Callable[..., Nor
     assert found["overload"] is False
 
 
-def test_a_signal_with_noise_overloads_the_input_without_a_divider(make: Callable[..., NorthBench]) -> None:
-    for divider, expected in ((1, True), (10, False)):
-        bench = make(Turning(SINE, noise_V=0.7), divider=divider)
-        bench.driver["direct"].configure(0.3, 24, 1.0, "on")
-        bench.clock.sleep(10.0)
-        bench.driver["direct"].measure()
-        bench.clock.sleep(5.0)
-        found = bench.driver["direct"].measure()
-        assert (found["overload"], found["unlocked"]) == (expected, False)
-
-
 @pytest.mark.parametrize("fault", ["garbled", "late"])
 def test_a_reply_that_goes_wrong_leaves_the_set_up_right(make: Callable[..., NorthBench], fault: str) -> None:
     """Whichever reply of a set-up is damaged or comes late: the settings are as wanted at the end."""

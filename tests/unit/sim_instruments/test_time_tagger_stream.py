@@ -1,23 +1,164 @@
-"""The simulated time tagger: its blocks byte by byte, the driver's stream, served too, restarts, faults of the bus."""
+"""The simulated time tagger: its blocks byte by byte, the stream of the driver, restarts, faults of the bus."""
 
 from __future__ import annotations
 
 import struct
-import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from fractions import Fraction
+from typing import Any
+from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+import pyvisa
 from crccheck.crc import Crc32
+from numpy.typing import NDArray
+from pyvisa.resources import MessageBasedResource
 from scripted import refused
-from sim_served import Served, serve
-from tagger_bench import PERIOD_PS, Blocks, Edges, TaggerBench, station, tagger_bench, wire
 
-from bench.model.clock import NS
+from bench.frame import LinkDecoder, MessageBatch, load_frame
+from bench.model.clock import NS, Clock, VirtualClock
 from bench.model.errors import InstrumentError
+from bench.model.shipped import find_shipped
 from instruments.pendulum_cnt_91 import PendulumCnt91
 from sim_instruments.bus.time_tag_blocks import MEMORY_BLOCKS, MOST_EVENTS, TagBlocks
+from sim_instruments.worlds.common.world import World
+from sim_instruments.worlds.simulation import open_world
+
+ADDRESS = "TCPIP0::192.168.1.91::INSTR"
+PERIOD_PS = 1_666_667  # 599,999.9 edges/s: 6,000 in a block at most
+PICK_OFF = 500  # one edge in so many is the pick-off's
+
+Int64 = NDArray[np.int64]
+
+
+class Edges:
+    """Edge k comes k periods after the epoch; its levels and channel follow from k."""
+
+    def __init__(self, period_ps: int, epoch_ns: int) -> None:
+        self.period_ps, self.edges_epoch_ns = period_ps, epoch_ns
+        self.asked_ns: list[int] = []
+        self._next = 0
+
+    def times_ps(self, k: Int64) -> Int64:
+        return k * self.period_ps
+
+    def flags(self, k: Int64) -> Int64:
+        """Bits 0 to 2 as the wire has them."""
+        return k % 2 + 2 * (k // 2 % 2) + 4 * (k % PICK_OFF == 0)
+
+    def edges_until(self, t_ns: int) -> tuple[Any, ...]:
+        k = np.arange(self._next, self._before(t_ns))
+        self._next = max(self._next, self._before(t_ns))
+        self.asked_ns.append(t_ns)
+        columns = (k % PICK_OFF == 0, k % 2, k // 2 % 2)
+        return (self.times_ps(k), *(column.astype(np.uint8) for column in columns))
+
+    def skip_edges(self, t_ns: int) -> None:
+        self._next = self._before(t_ns)
+
+    def _before(self, t_ns: int) -> int:
+        """Index of the first edge at this time or later."""
+        return -(-(t_ns - self.edges_epoch_ns) * 1000 // self.period_ps)
+
+
+def wire(world: World, edges: Edges) -> None:
+    """Lead the edges to the tagger's inputs."""
+    for name in ("edges_until", "skip_edges", "edges_epoch_ns"):
+        setattr(world, name, getattr(edges, name))
+
+
+def station(options: Mapping[str, Any] | None = None, address: str = ADDRESS) -> dict[str, Any]:
+    """A bench with nothing but the tagger."""
+    entry = {"driver": "pendulum_cnt_91", "resource": address, "options": dict(options or {})}
+    return {"instruments": {"tagger": entry}, "links": {}}
+
+
+class TaggerBench:
+    """World, edges, driver; ``transcript`` has the lines of the driver."""
+
+    def __init__(self, options: Mapping[str, Any], period_ps: int, clock: Clock | None = None) -> None:
+        self.clock: Any = clock or VirtualClock()
+        self.world = open_world(
+            "af_converter",
+            clock=self.clock,
+            seed=91,
+            station=station(options),
+            unit_factory=lambda *_: MagicMock(),
+        )
+        self.edges = Edges(period_ps, self.clock.now_ns())
+        wire(self.world, self.edges)
+        self.visa = pyvisa.ResourceManager(self.world.visa_library)
+        self.transcript: list[tuple[str, str, str, int]] = []
+        self.tagger = self.driver(options)
+        self.device: Any = self.world.instruments["tagger"]
+        self.faults = self.world.faults.instrument("tagger")
+
+    def driver(self, options: Mapping[str, Any] | None = None) -> PendulumCnt91:
+        """Another driver of the same instrument."""
+        resource = self.visa.open_resource(ADDRESS, resource_pyclass=MessageBasedResource)
+        assert isinstance(resource, MessageBasedResource)
+        return PendulumCnt91(
+            resource,
+            role="tagger",
+            clock=self.clock,
+            transcript=lambda *line: self.transcript.append(line),
+            options=dict(options or {}),
+        )
+
+    def stream(self, clock_Hz: float = 100e6) -> None:
+        """Configure and start."""
+        self.tagger.configure(clock_Hz)
+        self.tagger.start()
+
+    def collect(self, seconds: float, every_s: float = 1.0) -> bytes:
+        """What the reader gets who comes that often."""
+        found = b""
+        end_ns = self.clock.now_ns() + round(seconds * 1e9)
+        while self.clock.now_ns() < end_ns:
+            self.clock.sleep(every_s)
+            found += self.tagger.read_stream(10_000_000)
+        return found
+
+    def close(self) -> None:
+        self.visa.close()
+        self.world.close()
+
+
+@contextmanager
+def tagger_bench(period_ps: int = PERIOD_PS, **options: Any) -> Iterator[TaggerBench]:
+    """An open bench under the virtual clock."""
+    bench = TaggerBench(options, period_ps)
+    try:
+        yield bench
+    finally:
+        bench.close()
+
+
+class Blocks:
+    """Decoded blocks of a stream, with what the decoder counted."""
+
+    def __init__(self, stream: bytes) -> None:
+        decoder = LinkDecoder(load_frame(find_shipped("frames", "time_tags")))
+        decoder.push(0, stream)
+        batch = decoder.flush()
+        self.counts = decoder.counts
+        found: MessageBatch = batch.messages["frame"]
+        self.counter = found.raw("counter").astype(np.int64)
+        self.tick = found.raw("tick").astype(np.int64)
+        self.clock_Hz = found.raw("clock").astype(np.int64)
+        self.dropped = found.raw("dropped").astype(np.int64)
+        self.edges = found.raw("edges").astype(np.int64)
+        words = [np.frombuffer(events, "<u4") for events in found.raw("events")]
+        assert [len(one) for one in words] == self.edges.tolist()
+        self.words = np.concatenate([np.empty(0, "<u4"), *words]).astype(np.int64)
+
+    @property
+    def ticks(self) -> Int64:
+        """Of every event, of the tagger's clock."""
+        return np.repeat(self.tick, self.edges) + (self.words >> 3)
+
 
 SLOW_PS = 33_333_331  # 30,000 edges/s
 
@@ -120,73 +261,6 @@ def test_damaged_blocks_are_left_to_the_checksum(replies: int) -> None:
         np.testing.assert_array_equal(found.words & 7, bench.edges.flags(numbers(bench, found)))
         assert 0 < found.counts.lost < 60
         assert found.counter[-1] > 300
-
-
-def test_power_that_was_gone_leaves_a_silent_stream_until_it_is_started_again() -> None:
-    with tagger_bench(period_ps=SLOW_PS) as bench:
-        bench.stream()
-        bench.collect(0.5)
-        bench.device.reset()
-        for _ in range(3):
-            bench.clock.sleep(0.5)
-            assert bench.tagger.read_stream(10**7) == b""
-        with refused("B-INST-011", "reads back"):
-            bench.tagger.start()
-        bench.stream()
-        assert len(Blocks(bench.collect(0.5)).counter) >= 50
-
-
-class ServedTagger:
-    """Served bench, its edges and a driver on it."""
-
-    def __init__(self, served: Served) -> None:
-        self.served = served
-        self.edges = Edges(PERIOD_PS, served.world.clock.now_ns())
-        wire(served.world, self.edges)
-        self.tagger = self.driver(served.open("tagger"))
-
-    def driver(self, resource: object) -> PendulumCnt91:
-        clock = self.served.world.clock
-        return PendulumCnt91(resource, role="tagger", clock=clock, transcript=lambda *_: None)  # type: ignore[arg-type]
-
-
-@pytest.fixture
-def rack() -> Iterator[ServedTagger]:
-    with serve(wiring=station()) as served:
-        yield ServedTagger(served)
-
-
-def test_a_reader_in_another_thread_and_commands_do_not_meet(rack: ServedTagger) -> None:
-    """Stop and start again and again while another thread reads: no block is lost, no reply taken for another."""
-    chunks: list[bytes] = []
-    over, failed = threading.Event(), list[Exception]()
-
-    def read() -> None:
-        try:
-            while not over.wait(0.005):
-                chunks.append(rack.tagger.read_stream(1_000_000))
-        except Exception as error:
-            failed.append(error)
-
-    rack.tagger.configure(100e6)
-    reader = threading.Thread(target=read)
-    reader.start()
-    for clock_Hz in (100e6, 20e6) * 5:
-        rack.tagger.configure(clock_Hz)
-        rack.tagger.start()
-        for _ in range(5):
-            assert rack.tagger.measuring()
-            assert rack.tagger.events_lost() == 0
-    rack.tagger.stop()
-    over.set()
-    reader.join()
-    while chunk := rack.tagger.read_stream(1_000_000):
-        chunks.append(chunk)
-    assert failed == []
-    found = Blocks(b"".join(chunks))
-    assert found.counts.bad == found.counts.lost == found.counts.skipped_bytes == 0
-    np.testing.assert_array_equal(np.diff(found.counter), 1)
-    assert np.count_nonzero(np.diff(found.clock_Hz)) == 9
 
 
 def written(counter: int, tick: int, clock_Hz: int, dropped: int, events: str) -> bytes:
@@ -293,23 +367,6 @@ def test_stamps_are_whole_ticks_of_its_own_clock(clock_Hz: int, error_ppm: float
         np.testing.assert_array_equal(found.words & 7, bench.edges.flags(np.arange(first, first + len(found.ticks))))
         assert set(found.clock_Hz.tolist()) == {clock_Hz}
         assert set(np.diff(found.tick).tolist()) == {clock_Hz // 100}
-
-
-def test_600_000_edges_a_second_for_seconds_without_a_loss() -> None:
-    with tagger_bench() as bench:
-        bench.stream()
-        stream = bench.collect(4.0)
-        found = Blocks(stream)
-        assert bench.tagger.events_lost() == 0
-        first = int(found.ticks[0]) * 10_000 // PERIOD_PS
-        first += int(found.ticks[0]) * 10_000 > first * PERIOD_PS
-        k = np.arange(first, first + len(found.ticks))
-        assert found.ticks[0] * 10_000 <= k[0] * PERIOD_PS < (found.ticks[0] + 1) * 10_000
-        np.testing.assert_array_equal(found.ticks, bench.edges.times_ps(k) // 10_000)
-        np.testing.assert_array_equal(found.words & 7, bench.edges.flags(k))
-        np.testing.assert_array_equal(np.diff(found.counter), 1)
-        assert len(found.ticks) > 4 * 599_000
-        assert found.counts.bad == found.counts.lost == found.counts.skipped_bytes == 0
 
 
 def test_a_reader_who_pauses_a_second_loses_nothing_and_one_who_pauses_ten_is_told() -> None:

@@ -226,13 +226,6 @@ def test_the_session_of_several_units_is_named_with_the_choices(imported: str) -
             show_calibration(imported, name)
 
 
-def test_the_same_session_changes_nothing_and_other_results_are_a_revision_of_that_unit(imported: str) -> None:
-    assert record_calibration(imported, batch(), manifest(), "r").outcome == "unchanged"
-    again = record_calibration(imported, batch(wrong=1.0), manifest(), None)
-    assert (again.outcome, again.revision) == ("revised", 2)
-    assert [row["revision"] for row in list_calibrations(imported, Filters())] == [1, 2]
-
-
 def test_a_unit_is_compared_over_the_batches_it_was_in(imported: str) -> None:
     later = batch("20270401T080000Z_gnc_unit_test_BATCH-7", "cd" * 32, wrong=0.0)
     record_calibration(imported, later, manifest(), "r")

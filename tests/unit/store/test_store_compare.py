@@ -31,23 +31,6 @@ def write(url: str, documents: Documents) -> Documents:
     return documents
 
 
-def test_drift_is_found_again_within_its_interval(url: str) -> None:
-    write(url, store_sample.calibrations(24, 60.0, SEED))
-    comparison = compare_unit(url, Filters())
-    assert len(comparison.parameters) == 200
-    wanted = {"dsf_n": 12.0, "dsf_p": 12.0, "dsf_asymmetry": 0.0, "bias": 1e-9}
-    scores: dict[str, list[float]] = {name: [] for name in wanted}
-    for one in comparison.parameters:
-        assert one.line is not None
-        assert one.value.size == 24
-        name = one.parameter.quantity
-        scores[name].append((one.line.rate - wanted[name]) / np.sqrt(one.line.covariance[1, 1]))
-    print(f"seed {SEED}: largest scores { ({name: round(max(map(abs, found)), 2) for name, found in scores.items()}) }")
-    independent = np.array(scores["dsf_asymmetry"] + scores["bias"])
-    assert abs(independent.std() - 1.0) < 0.2
-    assert max(abs(score) for found in scores.values() for score in found) < 5.0
-
-
 def test_arrays_are_what_was_written(url: str) -> None:
     documents = write(url, store_sample.calibrations(5, 200.0, SEED))
     comparison = compare_unit(url, Filters("A1", "scale_factor", "dsf_p"))

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import multiprocessing
-import os
 import signal
 import sqlite3
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -182,17 +180,6 @@ def test_tables_of_another_version(backend: str, tmp_path: Path, monkeypatch: py
     assert record(url) == read(url) == "B-STORE-005"  # written by a later release
 
 
-@pytest.mark.skipif(os.geteuid() == 0 and sys.platform == "linux", reason="root may write everywhere")
-def test_a_file_that_cannot_be_written(tmp_path: Path) -> None:
-    path = tmp_path / "history.sqlite"
-    assert record(f"sqlite:///{path}") == ""
-    path.chmod(0o444)
-    tmp_path.chmod(0o555)
-    assert record(f"sqlite:///{path}") == "B-STORE-006"
-    assert read(f"sqlite:///{path}") == ""
-    tmp_path.chmod(0o755)
-
-
 def test_a_history_that_is_read_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """As on a full or write-protected disk, which also stops root."""
     monkeypatch.chdir(tmp_path)
@@ -221,9 +208,8 @@ def test_exports_that_are_not_possible(tmp_path: Path, monkeypatch: pytest.Monke
     assert record(url) == ""
     monkeypatch.setattr("bench.store.rows.find_spec", lambda name: None)
     for name, said in (("x.parquet", r"inertial-bench\[parquet\]"), ("x.xlsx", "neither .csv nor .parquet")):
-        with pytest.raises(StoreError, match=said) as caught:
+        with pytest.raises(StoreError, match=f"B-STORE-012: .*{said}"):
             export_history(url, Filters(), tmp_path / name)
-        assert caught.value.code == "B-STORE-012"
         assert not (tmp_path / name).exists()
 
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-import xarray as xr
 from record_sample import AWAY_S, FRAMES, NS, counted, frame, write_resumed
 
 import bench
@@ -325,28 +324,6 @@ def test_a_dataset_has_the_numbers_and_units_of_its_table(tables: dict[str, pd.D
         assert dataset["time"].attrs["standard_name"] == "time"
     else:
         assert dataset.sizes == {"row": len(table)}
-
-
-@pytest.mark.parametrize("name", [name for name in NAMES if name != "none"])
-def test_netcdf_holds_it(tables: dict[str, pd.DataFrame], name: str, tmp_path: Path) -> None:
-    """What xarray writes by its netCDF encoder is what it reads; scipy's netCDF 3 has no 64-bit integers."""
-    dataset = bench.to_xarray(tables[name])
-    written = dataset.map(lambda values: values.astype(float) if values.dtype.kind in "iu" else values, keep_attrs=True)
-    written.to_netcdf(tmp_path / "table.nc", engine="scipy")
-    with xr.open_dataset(tmp_path / "table.nc", engine="scipy") as read:
-        for variable in map(str, dataset.variables):
-            assert read[variable].attrs.get("units") == dataset[variable].attrs.get("units")
-            if dataset[variable].dtype.kind in "fiuM":
-                np.testing.assert_array_equal(read[variable].values, dataset[variable].values)
-
-
-def test_a_part_of_a_table_is_enough(golden: Path) -> None:
-    records = Session(golden).records
-    part = bench.to_xarray(records.loc[records["channel"] == 7, ["current_A", "sum_npp_7"]])
-    assert part.sizes == {"time": int((records["channel"] == 7).sum())}
-    assert part["current_A"].attrs["units"] == "A"
-    assert set(part.data_vars) == {"current_A", "sum_npp_7"}
-    assert bench.to_xarray(records.groupby("channel").first()).sizes == {"row": 2}
 
 
 def test_names_that_would_be_alike_are_told_apart() -> None:

@@ -103,31 +103,3 @@ def test_leaving_changes_nothing(key: str) -> None:
     show(bench, act)
     assert bench.app.return_code == 0
     assert not bench.app.is_running
-
-
-def test_everything_can_be_scrolled_to_and_the_head_stays() -> None:
-    async def act(pilot: Pilot[None], bench: Bench) -> None:
-        first = bench.screen()
-        assert "LOG" not in first
-        await pilot.press("end")
-        await pilot.pause()
-        last = bench.screen()
-        assert "LOG" in last
-        assert "RUNNING" in last[0]
-        of = last[-1].split()[-1]
-        assert last[-1].split()[-3].endswith(f"-{of}")
-        await pilot.press("home", "down")
-        await pilot.pause()
-        assert bench.screen()[1] == first[2]
-
-    show(Bench(), act)
-
-
-def test_uncertainties_of_the_results_so_far() -> None:
-    async def act(pilot: Pilot[None], bench: Bench) -> None:
-        text = "\n".join(await until(pilot, bench, "RESULTS SO FAR"))
-        assert "after 412 records" in text
-        assert "Scale-factor error N  1 of 2  U so far 22 ppm  at the end 22 ppm  predicted 22 ppm" in text
-        assert "Bias  1 of 1  U so far 10 nA  at the end 10 nA  predicted 10 nA" in text
-
-    show(Bench(), act, "wide")

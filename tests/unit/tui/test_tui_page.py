@@ -2,19 +2,16 @@
 
 from __future__ import annotations
 
-import unicodedata
 from pathlib import Path
 from typing import Any
 
 import pytest
-from rich.cells import cell_len
 from top_sample import ALARM, NOW_S, PROMPT, SEEN_AND_OVER, START_S, FakeFeed, Gone, SetClock, document
 
 from bench.model.texts import Texts
-from bench.tui.folding import cut, folded, joined
-from bench.tui.look import ASCII, UNICODE, Glyphs, Look, catalogue, duration, glyphs_for
+from bench.tui.look import ASCII, UNICODE, Glyphs, Look, catalogue
 from bench.tui.page import page_of
-from bench.tui.tables import axis, planned_degC, plot
+from bench.tui.tables import planned_degC
 from bench.tui.watch import Seen, Trend, Watch
 
 TEXTS = catalogue()
@@ -49,20 +46,6 @@ def lines(
 ) -> list[str]:
     page = page_of(what, Look(texts, glyphs, width, local))
     return [line.plain for line in (*page.head, *page.body)]
-
-
-@pytest.mark.parametrize("glyphs", [ASCII, UNICODE], ids=["ascii", "unicode"])
-@pytest.mark.parametrize("width", [40, 80])
-@pytest.mark.parametrize("state", STATES)
-def test_every_line_fits_and_holds_nothing_of_ambiguous_width(state: str, width: int, glyphs: Glyphs) -> None:
-    shown = seen(**STATES[state])
-    for lost in (False, True):
-        shown.lost = lost
-        for line in lines(shown, glyphs, width):
-            assert cell_len(line) <= width, line
-            assert line.isprintable(), line
-            assert not [one for one in line if unicodedata.east_asian_width(one) == "A"], line
-            assert glyphs.braille or line.isascii(), line
 
 
 URGENT = {"holds": HOLDS, "prompt": PROMPT, "alarms": [ALARM, SEEN_AND_OVER]}
@@ -124,63 +107,6 @@ def test_text_of_a_run_cannot_steer_the_terminal() -> None:
     assert "[bold]e[/bold] ..." in text
     assert "校正" in text
     assert "校正" not in "\n".join(lines(seen(**STATES["strange"]), ASCII))
-
-
-def test_local_time_on_demand(monkeypatch: pytest.MonkeyPatch) -> None:
-    import time
-
-    monkeypatch.setenv("TZ", "KST-9")
-    time.tzset()
-    try:
-        assert "2026-11-18 21:06:40+09:00" in "\n".join(lines(seen(), local=True))
-        assert "2026-11-18 12:06:40Z" in "\n".join(lines(seen()))
-    finally:
-        monkeypatch.undo()
-        time.tzset()
-
-
-@pytest.mark.parametrize(
-    ("environment", "encoding", "unicode"),
-    [
-        ({"LANG": "en_GB.UTF-8", "TERM": "xterm-256color"}, "utf-8", True),
-        ({"LC_ALL": "C.UTF-8", "TERM": "screen"}, "utf-8", True),
-        ({"LANG": "ko_KR.utf8", "TERM": "xterm"}, "UTF-8", True),
-        ({"LC_ALL": "C", "LANG": "en_GB.UTF-8", "TERM": "xterm"}, "utf-8", False),
-        ({"LC_CTYPE": "C.UTF-8", "TERM": "xterm"}, "utf-8", False),  # as Python itself sets it in the locale C
-        ({"LANG": "de_DE.ISO-8859-1", "TERM": "xterm"}, "iso-8859-1", False),
-        ({"LANG": "en_GB.UTF-8", "TERM": "xterm"}, "ascii", False),
-        ({"LANG": "en_GB.UTF-8", "TERM": "linux"}, "utf-8", False),
-        ({"LANG": "en_GB.UTF-8"}, "utf-8", False),
-        ({}, "", False),
-    ],
-)
-def test_shapes_only_where_the_terminal_knows_them(environment: dict[str, str], encoding: str, unicode: bool) -> None:
-    assert (glyphs_for(environment, encoding) is UNICODE) is unicode
-
-
-def test_folding() -> None:
-    assert [one.plain for one in folded("aa bb cc", 5)] == ["aa bb", "  cc"]
-    assert [one.plain for one in folded("abcdefgh", 5)] == ["abc", "  def", "  gh"]
-    assert [one.plain for one in joined(["a b", "", "c d", "e"], 8)] == ["a b  c d", "  e"]
-    assert folded("", 5) == []
-    assert cut("abcdef", 4) == "abc~"
-    assert cut("校正校正", 5) == "校正~"
-
-
-def test_durations() -> None:
-    given = [0.04, 9.96, 59.4, 60.0, 3599.6, 3600.0, 90_061.0, -3.0, None]
-    assert [duration(one) for one in given] == [
-        "0.0 s", "10.0 s", "59 s", "1:00", "60:00", "1:00:00", "25:01:01", "0.0 s", "-",
-    ]  # fmt: skip
-
-
-def test_a_plot_is_drawn_between_least_and_greatest() -> None:
-    rising = [(float(value), float(value)) for value in range(4)]
-    assert plot(rising, 4, braille=False) == ["   *", "  * ", " *  ", "*   "]
-    assert plot(rising, 1, braille=True) == ["\u2860\u280a"]
-    assert plot([(0.0, 3.0), None], 4, braille=False) == ["* "] * 4
-    assert plot([None], 1, braille=True) == [" "]
-    assert axis([(20.0, 20.1), None]) == pytest.approx((19.8, 20.3))
 
 
 def test_planned_temperature_between_the_corners() -> None:

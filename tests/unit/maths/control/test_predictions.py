@@ -13,7 +13,6 @@ from control_simulation import (
     OWN,
     SHARED,
     history,
-    run_length_of_family,
     run_lengths_of_histories,
     signals_begun_again,
 )
@@ -79,39 +78,12 @@ def test_the_first_phase_is_chi_square_of_its_own_scatter() -> None:
     assert scatter.count == FIRST
 
 
-def test_without_certificates_it_is_the_residual_variance_of_the_line() -> None:
-    readings = history(np.random.default_rng(SEED), FIRST, FIRST)
-    alone = Readings(
-        readings.t, readings.value, readings.std, 0.0 * readings.t, np.full(FIRST, NO_STANDARD), readings.level
-    )
-    scatter = first_phase(alone, FIRST)
-    left = np.polyfit(alone.t, alone.value, 1, full=True)[1][0]
-    assert scatter.variance == pytest.approx(left / (FIRST - 2), rel=1e-6)
-    assert scatter.variance_std == pytest.approx(scatter.variance * math.sqrt(2.0 / (FIRST - 2)), rel=1e-6)
-    assert scatter.dof == pytest.approx(FIRST - 2, rel=5e-3)
-    assert predictions(alone, scatter).dof[-1] == pytest.approx(FIRST - 2, rel=5e-3)
-
-
 def test_a_later_calibration_changes_nothing_before_it() -> None:
     readings = history(np.random.default_rng(SEED), 24, 5)
     scatter = first_phase(readings, FIRST)
     whole, part = predictions(readings, scatter), predictions(readings.of(slice(17)), scatter)
     np.testing.assert_allclose(whole.score[:17], part.score, rtol=1e-9)
     assert first_phase(readings.of(slice(17)), FIRST) == scatter
-
-
-def test_a_new_certificate_and_a_less_certain_calibration_are_less_of_a_surprise() -> None:
-    readings = history(np.random.default_rng(SEED), 13, 12)
-    scatter = first_phase(readings, FIRST)
-    same = Readings(readings.t, readings.value, readings.std, readings.shared, 0 * readings.standard, readings.level)
-    assert predictions(readings, scatter).std[12] > SHARED
-    assert predictions(same, scatter).std[12] < 2.0 * OWN
-    readings = history(np.random.default_rng(SEED), 14, 20)
-    scatter = first_phase(readings, FIRST)
-    std = readings.std.copy()
-    std[13] = math.hypot(std[13], 30.0)
-    wide = predictions(Readings(readings.t, readings.value, std, *list(vars(readings).values())[3:]), scatter)
-    assert wide.std[13] == pytest.approx(math.hypot(predictions(readings, scatter).std[13], 30.0), rel=1e-3)
 
 
 def test_an_adjustment_begins_a_level_and_keeps_the_drift() -> None:
@@ -260,37 +232,6 @@ def test_the_scatter_of_units_does_not_hold_the_error_of_a_certificate() -> None
     assert np.mean(found) == pytest.approx(UNIT_OWN**2, rel=0.1)
 
 
-def test_scores_are_standard_normal_while_certificates_hold_what_they_state() -> None:
-    stated = np.full(CERTIFICATES, STATED)
-    scores = np.array([certificate_steps(units(np.random.default_rng(seed)), stated, 5.0).score for seed in range(100)])
-    assert np.isnan(scores[:, 0]).all()
-    known = scores[:, 3:]  # before that some histories leave too little
-    print(f"means {known.mean(axis=0)}, standard deviations {known.std(axis=0)}")
-    assert np.abs(known.mean(axis=0)).max() < 4.0 / 100**0.5
-    assert np.abs(known.std(axis=0) - 1.0).max() < 0.25
-
-
-def test_one_wrong_certificate_is_found_and_the_next_one_is_not_blamed() -> None:
-    stated = np.full(CERTIFICATES, STATED)
-    beyond = np.zeros(CERTIFICATES)
-    for seed in range(40):
-        steps = certificate_steps(units(np.random.default_rng(seed), 60.0), stated, 3.5)
-        beyond += np.abs(np.nan_to_num(steps.score)) > 3.5
-    print(f"of 40 histories beyond 3.5: {beyond}")
-    assert beyond[4] >= 34
-    assert beyond[[0, 1, 2, 3, 5]].sum() <= 1
-
-
-def test_units_without_a_standard_have_a_scatter_all_the_same() -> None:
-    alone = [
-        Readings(*list(vars(unit).values())[:4], np.full(9, NO_STANDARD), unit.level)
-        for unit in units(np.random.default_rng(SEED))
-    ]
-    known = population(alone, 0)
-    assert known.freedom == 8 * 7
-    assert known.variance > UNIT_OWN**2
-
-
 def test_a_certificate_that_no_unit_met_beside_another_is_not_judged() -> None:
     """Units that come back to the same bench each time, in its first year: anything may be."""
     rng = np.random.default_rng(SEED)
@@ -429,11 +370,3 @@ def test_a_hundred_thousand_points_in_control(per_certificate: int) -> None:
     print(f"seed 1: points for each false signal, declared 200: {found}")
     for length in found.values():
         assert length > 0.85 * 200.0  # 500 signals, most of them of the units whose first phase was too quiet
-
-
-@pytest.mark.sweep
-@pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
-def test_all_charts_of_a_unit_together(correlation: float) -> None:
-    found = run_length_of_family(3, 300, 100, 50.0, 10, 10, correlation)
-    print(f"30 charts with correlation {correlation}: {found:.0f} points, declared 50")
-    assert found > 50.0

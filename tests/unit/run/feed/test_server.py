@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 import pytest
 from run_rig import HoldRig
+from waiting import until
 
 from bench.model.clock import WallClock
 from bench.model.errors import ExitStatus
@@ -72,14 +73,6 @@ def reply_of(client: socket.socket) -> tuple[dict[str, Any], bytes]:
     """By the words of docs/live-protocol.md."""
     header, points = struct.unpack("<II", exactly(client, 8))
     return json.loads(exactly(client, header)), exactly(client, points)
-
-
-def until(found: Callable[[], bool]) -> None:
-    for _ in range(round(WAIT_S / 0.02)):
-        if found():
-            return
-        CLOCK.sleep(0.02)
-    raise AssertionError("it did not come")
 
 
 def test_a_reply_byte_by_byte(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from run_rig import Listener
 
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import InputError
@@ -106,10 +107,11 @@ timeline:
 """
 
 
-class Bench:
+class Bench(Listener):
     """A run of SEQUENCE whose world is watched each ``look_s`` of virtual time."""
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch, look_s: float) -> None:
+        super().__init__()
         self.folder, self.clock = folder, VirtualClock()
         self.world: World | None = None
         self.reached_s = self.stopped_s = self.off_s = 0.0
@@ -135,12 +137,6 @@ class Bench:
     def step(self, step: Step, at_s: float) -> None:
         if step.number == self.fault_at:
             self.world.switches.switch("chamber_runaway", "", 2.0)
-
-    def record(self, row: object) -> None:
-        return None
-
-    def message(self, text: str) -> None:
-        return None
 
     def run(self, fault_at: int = -1) -> Conducted:
         self.fault_at = fault_at

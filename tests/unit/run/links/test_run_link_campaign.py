@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from run_rig import Listener
 
 from bench.frame import load_frame
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import ExitStatus
 from bench.model.shipped import find_shipped
-from bench.plan import Plan, Step, check_plan, compile_sequence
+from bench.plan import Plan, check_plan, compile_sequence
 from bench.replay import replay_rows
 from bench.run.control.operator import SimulatedOperator
 from bench.run.session import Conducted, conduct
@@ -65,15 +66,6 @@ class Watched:
         while self.plan and now_s >= self.plan[0][0]:
             self.plan.pop(0)[1](self.worlds[-1])
 
-    def step(self, step: Step, at_s: float) -> None:
-        return None
-
-    def record(self, row: object) -> None:
-        return None
-
-    def message(self, text: str) -> None:
-        return None
-
 
 @dataclass
 class Ran:
@@ -99,8 +91,8 @@ def watch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Plan, li
         watched, plain = Watched(happens), simulation.open_world
         monkeypatch.setattr(simulation, "open_world", lambda *a, **k: watched.begin(plain(*a, **k)))
         done = conduct(
-            plan, clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(), listener=watched,
-            keep_events=KINDS,
+            plan, clock=VirtualClock(), seed=SEED, out=tmp_path / "out", operator=SimulatedOperator(),
+            listener=Listener(), keep_events=KINDS,
         )  # fmt: skip
         return Ran(done)
 

@@ -149,12 +149,6 @@ def test_a_restarted_unit_counts_anew(unit: Bench) -> None:
     assert counters[1] < 200  # 0.3 s without supply and 1 s of boot
 
 
-def test_a_unit_without_supply_is_not_restarted_into_life(bench: Bench) -> None:
-    bench.world.switches.switch("unit_restart")
-    bench.clock.sleep(5.0)
-    assert bench.unit.power == []
-
-
 def test_a_mute_instrument_still_answers_a_poll_and_one_that_hangs_does_not(bench: Bench) -> None:
     switch, dmm = bench.world.switches.switch, bench["dmm"]
     switch("mute", "dmm")
@@ -339,42 +333,6 @@ def test_link_faults_have_their_rates_and_are_each_links_own() -> None:
     faults.silent = True
     assert faults.active
     assert not faults.copies(0, 100).any()
-
-
-def test_late_reply_is_read_by_the_next_query_unless_cleared() -> None:
-    for clear in (False, True):
-        with open_bench() as bench:
-            faults = bench.world.faults.instrument("supply")
-            faults.late_s, faults.late_replies = 3.0, 1
-            with pytest.raises(VisaIOError):
-                bench.ask("supply", "*IDN?")
-            if clear:
-                bench["supply"].clear()
-            bench["supply"].timeout = 5000
-            assert bench.ask("supply", "VOLT?").startswith("0.0" if clear else "HEWLETT-PACKARD")
-
-
-def test_garbled_replies_are_seeded_and_counted() -> None:
-    replies = []
-    for _ in range(2):
-        with open_bench(seed=3) as bench:
-            bench.world.faults.instrument("supply").garbled_replies = 2
-            replies.append([bench.ask("supply", "VOLT?") for _ in range(3)])
-    assert replies[0] == replies[1]
-    assert "#" in replies[0][0]
-    assert "#" in replies[0][1]
-    assert replies[0][2] == "0.00000E+00"
-
-
-def test_calibrator_trips_at_the_given_time(bench: Bench) -> None:
-    bench.send("switch", ":CLOS (@1!1!1)")
-    bench.send("calibrator", "OUT 1.0E-03 A, 0 HZ", "OPER")
-    trip_calibrator(bench.world, 100 * NS)
-    bench.clock.sleep_until_ns(99 * NS)
-    assert bench.ask("calibrator", "ISR?") == "4097"
-    bench.clock.sleep_until_ns(101 * NS)
-    assert bench.ask("calibrator", "ISR?") == "4096"
-    assert bench.unit.history[-1] == (100 * NS, 1, bench.world.wiring.leakage_A[0, 0])
 
 
 def test_coming_trip_bounds_the_quiet_time(bench: Bench) -> None:

@@ -274,13 +274,6 @@ def test_commands_of_a_client_that_died_while_shut_out_are_not_carried_out(serve
     assert one.sync.hear()[3] == b"0.00000E+00\n"
 
 
-def test_last_command_before_a_client_goes_is_carried_out(served: Served) -> None:
-    for number in range(50):
-        with client(served) as one:
-            one.send(b"VOLT %d" % (number % 20), FIRST)
-        _wait_for(lambda number=number: served.world.instruments["supply"].voltage_V == number % 20)
-
-
 def _wait_for(reached: Callable[[], bool]) -> None:
     wait = WallClock()
     for _ in range(1000):

@@ -75,18 +75,6 @@ def test_a_step_is_signalled_with_date_and_size(url: str) -> None:
     assert abs(said["size"] - 40.0 * OWN_ppm) < said["size_expanded_uncertainty"] < 25.0
 
 
-def test_later_calibrations_move_neither_limits_nor_points(url: str) -> None:
-    history = stepped(0.0)
-    charts_sample.written(url, history[:16])
-    before = chart_unit(url, Filters())
-    charts_sample.written(url, history[16:])
-    after = chart_unit(url, Filters())
-    for early, late in zip(before.series, after.series, strict=True):
-        assert early.limits == late.limits
-        np.testing.assert_allclose(late.score[2:16], early.score[2:], rtol=1e-7)
-        assert late.score.size == 22
-
-
 def test_an_adjustment_is_no_signal_and_its_calibrations_say_so(any_url: str) -> None:
     ordered = charts_sample.written(any_url, stepped(40.0 * OWN_ppm))
     found, left = (ordered[place][0]["session"] for place in (16, 17))
@@ -131,9 +119,8 @@ def test_what_is_no_first_phase(url: str) -> None:
         ((None, date(2015, 1, 1)), 100.0, " ", "r", "nobody"),
     )
     for days, run_length, by, reason, said in wrong:
-        with pytest.raises(StoreError, match=said) as caught:
+        with pytest.raises(StoreError, match=f"B-STORE-041: .*{said}"):
             freeze(url, ("unit", "A1"), days, run_length, by, reason)
-        assert caught.value.code == "B-STORE-041"
     with pytest.raises(StoreError, match="B-STORE-009"):
         freeze(url, ("station", "bench_7"), (None, date(2015, 1, 1)), 100.0, "A", "r")
 
@@ -266,17 +253,6 @@ def test_a_bench_that_is_off_is_found_by_all_units_on_it(url: str) -> None:
     assert good_history.shown[0].signals[0][0].statistic < 0.0  # two benches alone do not tell which of them is off
 
 
-def test_benches_in_control_scatter_as_their_first_phase_did(good_history: str) -> None:
-    """The scores themselves are counted in tests/unit/maths/control: here is one history of 95 of them."""
-    subjects = [chart_station(good_history, name, Filters()) for name in ("bench_1", "bench_2")]
-    scores = [series.score[series.first :] for subject in subjects for series in subject.series]
-    assert [series.parameter.quantity for series in subjects[0].series] == ["bias", "dsf_n", "dsf_p"]
-    assert abs(np.concatenate(scores).mean()) < 0.5
-    assert 0.7 < np.concatenate(scores).std() < 1.5
-    with pytest.raises(StoreError, match="B-STORE-009"):
-        chart_station(good_history, "bench_3", Filters())
-
-
 def test_a_bench_with_few_calibrations_has_no_chart_unless_its_first_phase_is_stated(url: str) -> None:
     charts_sample.written(url, charts_sample.unit("A1", 30.0 * np.arange(20), SEED, np.zeros(2)))
     subject = chart_station(url, "bench_1", Filters())
@@ -351,15 +327,3 @@ def test_the_rate_of_two_levels_is_that_of_the_pooled_slopes() -> None:
     factor = math.hypot(0.1, line.between_std)
     assert line.rate_std == pytest.approx(factor / math.sqrt(squares), rel=1e-6)
     assert line.dof == 7
-
-
-def test_intervals_across_an_adjustment_hold_the_rate() -> None:
-    """500 histories of 12 calibrations, adjusted once by an unknown amount, with twice the stated scatter."""
-    rng, inside = np.random.default_rng(SEED), 0
-    t, level, std = np.arange(12.0), (np.arange(12) >= 5).astype(np.int64), np.ones(12)
-    for _ in range(500):
-        value = 12.0 * t + rng.normal(0.0, 300.0) * level + rng.normal(0.0, 2.0, 12)
-        line = fit_drift_line(t, value, std, np.zeros(12), np.full(12, NO_STANDARD), level)
-        inside += abs(line.rate - 12.0) <= line.rate_expanded
-    print(f"seed {SEED}: {inside} of 500")
-    assert 458 <= inside <= 488

@@ -6,6 +6,7 @@ from typing import Any
 
 import fit_simulation as sim
 import pytest
+from stated_estimates import entries_of
 
 from bench.analysis import Analysis, Material, Reading, analyse
 
@@ -46,7 +47,7 @@ def run(
 
 
 def drifts(analysis: Analysis, kind: str) -> list[dict[str, Any]]:
-    return sim.entries_of(analysis, "calibrator_drift", check=kind)
+    return entries_of(analysis, "calibrator_drift", check=kind)
 
 
 def component_ppm(analysis: Analysis) -> float:

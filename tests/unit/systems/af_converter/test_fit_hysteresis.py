@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from bias_simulation import K0_C, Ramp, WALK_A_rth, WHITE_A_rtHz, covariance, draw, heat, ramp, slack
 from scipy.optimize import least_squares
-from whitened_covariance import covariance_of
 
 from bench.systems.af_converter.estimators.gates import Drive, series_covariance, usable_drive
 from bench.systems.af_converter.estimators.hysteresis.fit import (
@@ -80,14 +79,6 @@ def fitted(seed: int, kind: str = "gyro") -> tuple[Ramp, HysteresisFit]:
     """Return a ramp and its fit, for several tests."""
     one = ramp(seed, kind)
     return one, fit_ramp(one)
-
-
-@pytest.mark.parametrize("kind", sorted(K0_C))
-def test_covariance_of_the_gates_is_that_of_the_physics(kind: str) -> None:
-    times_s = np.arange(900) * 100.0 + 50.0
-    noise = series_covariance("gated", times_s, 100.0, K0_C[kind], 2e-9, 3e-10)
-    dense = covariance(kind)
-    assert np.abs(covariance_of(noise) - dense).max() < 1e-10 * dense.max()
 
 
 @pytest.mark.validates(

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 import pytest
 from import_sample import RAMP, HOLD_s, LAG_s, RAMP_s, programme, ramp_rows
 from import_sample import lagging as lagging_by
+from scipy import stats
+from scipy.signal import lfilter
 from spoken import english_left
 
-from bench.analysis import Analysis, Material
+from bench.analysis import Analysis, Material, build_results, is_sound
 from bench.model.errors import FitError
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
+from bench.systems.af_converter.estimators.correlated_noise import fit_noise, whitening
 from bench.systems.af_converter.estimators.drift_ramp import block_means, drift_columns, fit_drift, fit_ramp_hysteresis
 from bench.systems.af_converter.estimators.gates import usable_drive
 from bench.systems.af_converter.estimators.hysteresis.fit import HALF_WIDTH, LAG
@@ -109,7 +112,7 @@ def test_overloaded_rows_are_left_out_and_counted(lagging: Analysis) -> None:
 def looping(seed: int, lag_s: float, half_width_degC: float) -> Material:
     """A log of a unit that lags, with a play of 1 ppm to each side."""
     rows = ramp_rows(seed, lag_s=lag_s)
-    slack = slack_of(rows["t_s"], lagging_by(rows["t_s"], lag_s), half_width_degC)
+    slack = slack_of(lagging_by(rows["t_s"], lag_s), half_width_degC)
     rows["dmm"] = rows["dmm"] * (1.0 + 1e-6 * slack)
     return material(rows)
 
@@ -132,9 +135,9 @@ def test_lag_and_loop_together(half_width_degC: float) -> None:
         assert abs(obtained - truth) < 2.0 * expanded, quantity
 
 
-def slack_of(t_s: np.ndarray, temperature: np.ndarray, half_width: float) -> np.ndarray:
+def slack_of(temperature: np.ndarray, half_width: float) -> np.ndarray:
     """(P - T) / r of a play by its definition, 2 from the rising to the falling branch."""
-    piston, found = float(temperature[0]), np.empty_like(t_s)
+    piston, found = float(temperature[0]), np.empty_like(temperature)
     for index, at in enumerate(temperature.tolist()):
         piston = min(max(piston, at - half_width), at + half_width)
         found[index] = (piston - at) / half_width
@@ -242,3 +245,213 @@ def test_a_triangle_has_no_hold_and_a_record_that_stands_still_is_one() -> None:
     assert [one.kind for one in find_segments(T_s, triangle, 600.0)] == ["up", "down"]
     found = find_segments(T_s, 23.0 + np.random.default_rng(4).normal(0.0, 0.01, T_s.size))
     assert [(one.kind, one.start_s, one.end_s) for one in found] == [("hold", 0.0, T_s[-1])]
+
+
+PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "test"}
+FROZEN_h = 10.0
+Log = dict[str, np.ndarray]
+
+
+def log(seed: int, *, lag_s: float = LAG_s, ppm: np.ndarray | float = 0.0) -> Log:
+    """A log with noisy sensors; ``ppm`` is added to its reading."""
+    rows = ramp_rows(seed, lag_s=lag_s)
+    rng = np.random.default_rng(seed + 1000)
+    for sensor in ("s1", "s2"):
+        rows[sensor] = rows[sensor] + rng.normal(0.0, 0.01, rows["t_s"].size)
+    rows["dmm"] = rows["dmm"] * (1.0 + 1e-6 * ppm)
+    return rows
+
+
+def analysed(rows: Log, method: str = "joint") -> tuple[Analysis, dict[str, Any]]:
+    analysis = analyse(material(rows), method)
+    return analysis, build_results("session", analysis, {}, PROVENANCE)
+
+
+def reasons(results: dict[str, Any], quantity: str) -> dict[str, str]:
+    """Return sentences by code against the one estimate of a quantity."""
+    (entry,) = [one for one in results["estimates"] if one["quantity"] == quantity]
+    return {reason["code"]: reason["sentence"] for reason in entry["reasons"]}
+
+
+def unsound(results: dict[str, Any]) -> list[Any]:
+    return [one["reasons"] for one in results["estimates"] if not is_sound(one)]
+
+
+def loop(temperature: np.ndarray, half_width: float) -> np.ndarray:
+    """One from the rising branch to the falling one."""
+    return slack_of(temperature, half_width) / 2.0
+
+
+def alike(seed: int, noise_s: float) -> np.ndarray:
+    """Noise of 0.3 ppm, one value a minute, that is alike for a time."""
+    kept = float(np.exp(-60.0 / noise_s))
+    steps = np.random.default_rng(seed).normal(0.0, 0.3, 960)
+    return lfilter([np.sqrt(1.0 - kept**2)], [1.0, -kept], steps)
+
+
+def test_hysteresis_of_three_plays_is_doubted() -> None:
+    felt = lagging_by(log(0)["t_s"], LAG_s)
+    _, results = analysed(log(0, ppm=20.0 / 3.0 * sum(loop(felt, half) for half in (0.3, 1.0, 2.5))))
+    assert len(reasons(results, "hysteresis_width")["rival_second_thermal_lag"]) <= 200
+
+
+def test_a_step_midway_is_doubted_in_every_number_that_it_moves() -> None:
+    t_s = log(1)["t_s"]
+    _, results = analysed(log(1, ppm=2.0 * (t_s > 0.55 * t_s[-1])))
+    for quantity in ("thermal_lag", "drift_rate", "meter_tc1"):
+        assert "A step at 8.8 h" in reasons(results, quantity)["rival_step"]
+
+
+@pytest.mark.parametrize("world", ["a bend at 30 degC", "a width that grows with the temperature"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_misfit_that_the_noise_would_take_is_doubted(seed: int, world: str) -> None:
+    """The bend beside noise that is alike for 100 min."""
+    felt = lagging_by(log(seed)["t_s"], LAG_s)
+    bend = 3.0 * np.maximum(0.0, felt - 30.0) + alike(seed, 6000.0)
+    _, results = analysed(log(seed, ppm=bend if "bend" in world else 0.5 * (felt - 28.0) * loop(felt, 1.0)))
+    assert len(reasons(results, "up_minus_down_after_drift")["rival_finer_temperature"]) <= 200
+
+
+@pytest.mark.parametrize("noise_s", [0.0, 6000.0])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_right_log_is_not_doubted(seed: int, noise_s: float) -> None:
+    """With white noise alone, and with 0.3 ppm that are alike for 100 min beside it."""
+    slow = alike(seed, noise_s) if noise_s else 0.0
+    assert unsound(analysed(log(seed, ppm=slow))[1]) == []
+
+
+def test_a_first_row_of_junk_and_a_sensor_that_errs_once_are_named_and_left_out() -> None:
+    usual = analysed(log(3), "drift")[1]["estimates"]
+    rows = log(3)
+    rows["dmm"][0], rows["s2"][500], rows["s1"][-1] = 18.0, 85.0, -40.0
+    analysis, results = analysed(rows, "drift")
+    assert {(one["n"], one["dropped"]) for one in results["estimates"] if one["n"] > 900} == {(957, 3)}
+    assert any("3 of the rows: 0.000 h, 8.333 h, 15.983 h" in note for note in analysis.notes)
+    assert unsound(results) == []
+    for one, before in zip(results["estimates"], usual, strict=True):
+        assert abs(one["value"] - before["value"]) < 0.5 * before["expanded_uncertainty"]
+
+
+def test_a_row_that_came_twice_counts_once() -> None:
+    rows = {name: np.insert(values, 200, values[200]) for name, values in log(3).items()}
+    assert {one["dropped"] for one in analysed(rows, "drift")[0].estimates} == {1}
+
+
+@pytest.mark.parametrize("sensors", [("s1",), ("s1", "s2")])
+def test_a_sensor_that_froze_is_doubted(sensors: tuple[str, ...]) -> None:
+    rows = log(4)
+    late = rows["t_s"] > FROZEN_h * 3600.0
+    for name in sensors:
+        rows[name][late] = rows[name][late][0]
+    _, results = analysed(rows, "drift")
+    assert not any(is_sound(one) for one in results["estimates"])
+    said = {reason["sentence"] for one in results["estimates"] for reason in one["reasons"]}
+    for name in sensors:
+        place = f"{NAMES[name]} stands still for 5.97 h from 10.02 h on"
+        assert len([sentence for sentence in said if sentence.startswith(place)]) == 1
+
+
+def test_a_coarse_sensor_may_stand_still_in_a_hold() -> None:
+    rows = log(4)
+    for name in ("s1", "s2"):
+        rows[name] = np.round(rows[name], 1)
+    assert unsound(analysed(rows, "drift")[1]) == []
+
+
+def test_gaps_are_named() -> None:
+    rows = log(5)
+    kept = np.ones(rows["t_s"].size, dtype=bool)
+    for first, length in ((100, 9), (300, 5), (500, 20), (700, 7)):
+        kept[first : first + length] = False
+    analysis, results = analysed({name: values[kept] for name, values in rows.items()}, "drift")
+    assert any("4 gaps" in note and "the longest, 21.0 min, begins at 8.32 h" in note for note in analysis.notes)
+    assert unsound(results) == []
+
+
+M, STEP_s = 150, 600.0
+BLOCKS_s = np.arange(M) * STEP_s
+
+
+def dense(t_s: np.ndarray, white: float, slow: float, time_s: float) -> np.ndarray:
+    return white * np.eye(t_s.size) + slow * np.exp(-np.abs(t_s[:, None] - t_s) / time_s)
+
+
+@pytest.mark.validates(
+    "whitening of exponentially correlated noise",
+    against="numpy's Cholesky factor of the dense matrix",
+)
+def test_whitening_equals_the_cholesky_factor_of_the_matrix(record_property: Callable[[str, object], None]) -> None:
+    rng = np.random.default_rng(1)
+    t_s = np.sort(rng.uniform(0.0, 1e5, 120))
+    columns = rng.normal(size=(120, 4))
+    factor = np.linalg.cholesky(dense(t_s, 0.5, 2.0, 3000.0))
+    filtered = whitening(t_s, (0.5, 2.0, 3000.0))
+    found = filtered.of(columns)
+    record_property("obtained", f"{np.abs(found - np.linalg.solve(factor, columns)).max():.0e}, limit 1e-12")
+    np.testing.assert_allclose(found, np.linalg.solve(factor, columns), atol=1e-12)
+    assert filtered.log_volume == pytest.approx(float(np.sum(np.log(np.diag(factor)))), rel=1e-12)
+    np.testing.assert_allclose(filtered.of(columns[:, 0]), found[:, 0], atol=1e-13)
+
+
+def test_white_noise_is_found_white() -> None:
+    rng = np.random.default_rng(2)
+    design = np.vander(np.linspace(-1, 1, M), 3)
+    noise = fit_noise(BLOCKS_s, rng.normal(0.0, 2.0, M), design)
+    weights = np.full(M, 1.0 / M)
+    variance, dof = noise.variance_of(weights, BLOCKS_s)
+    assert variance == pytest.approx(4.0 / M, rel=0.5)
+    assert noise.white + noise.slow == pytest.approx(4.0, rel=0.3)
+    assert dof > 10
+
+
+def test_size_and_duration_of_slow_noise() -> None:
+    rng = np.random.default_rng(3)
+    t_s = np.arange(200) * STEP_s
+    factor = np.linalg.cholesky(dense(t_s, 0.2, 1.0, 6000.0))
+    found = [fit_noise(t_s, factor @ rng.normal(size=200), np.ones((200, 1))) for _ in range(8)]
+    assert float(np.median([one.slow for one in found])) == pytest.approx(1.0, rel=0.3)
+    assert float(np.median([one.time_s for one in found])) == pytest.approx(6000.0, rel=0.4)
+    assert float(np.median([one.white for one in found])) == pytest.approx(0.2, rel=0.4)
+
+
+def test_variance_of_a_sum_is_that_of_the_matrix() -> None:
+    rng = np.random.default_rng(4)
+    noise = fit_noise(BLOCKS_s, rng.normal(size=M).cumsum(), np.ones((M, 1)))
+    weights = rng.normal(size=M)
+    matrix = dense(BLOCKS_s, noise.white, noise.slow, noise.time_s)
+    assert noise.variance_of(weights, BLOCKS_s)[0] == pytest.approx(weights @ matrix @ weights, rel=1e-12)
+
+
+def coverage(time_s: float, trials: int, seed: int) -> tuple[float, float]:
+    """Share of 95 % intervals of the up/down term that hold its true value 0: stated, and for independent rows."""
+    rng = np.random.default_rng(seed)
+    factor = np.linalg.cholesky(dense(BLOCKS_s, 0.1, 1.0, time_s) if time_s else np.eye(M))
+    branch = np.repeat([0.0, 0.5, 0.0, -0.5, 0.0], M // 5)
+    temperature = 20.0 + 15.0 * np.interp(np.arange(M), M * np.array([0.2, 0.4, 0.6, 0.8]), [0.0, 1.0, 1.0, 0.0])
+    blocks = block_means(BLOCKS_s, M)
+    held = naive = 0
+    for _ in range(trials):
+        fit = fit_drift(blocks, temperature, factor @ rng.normal(size=M), branch, 25.0)
+        value, std, dof = fit.estimate("up minus down")
+        held += abs(value) <= stats.t.ppf(0.975, dof) * std
+        sigma = float(np.sqrt(fit.residual @ fit.residual / (M - 7)))
+        naive += abs(value) <= 1.96 * sigma * float(np.linalg.norm(fit.operator[4]))
+    return held / trials, naive / trials
+
+
+@pytest.mark.validates(
+    "95 % intervals of up minus down in an imported ramp",
+    against="24 simulated ramps each with noise alike for 0 s, 6,000 s and 30,000 s",
+)
+@pytest.mark.parametrize(
+    ("trials", "seed", "least", "most"), [(24, 5, 0.8, 1.0), pytest.param(500, 6, 0.92, 0.985, marks=pytest.mark.sweep)]
+)
+@pytest.mark.parametrize("time_s", [0.0, 6000.0, 30000.0])
+def test_intervals_hold_the_truth_and_those_of_independent_rows_do_not(
+    record_property: Callable[[str, object], None], time_s: float, trials: int, seed: int, least: float, most: float
+) -> None:
+    held, naive = coverage(time_s, trials, seed)
+    print(f"time {time_s} s, seed {seed}, {trials} fits: stated {held:.3f}, independent rows {naive:.3f}")
+    record_property("obtained", f"{time_s:.0f} s: {100 * held:.0f} %, as independent rows {100 * naive:.0f} %")
+    assert least <= held <= most
+    assert (naive < 0.7) == (time_s > 0)

@@ -11,6 +11,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 from scipy import special
+from stated_estimates import entries_of
 
 from bench.analysis import Analysis, Material, analyse, build_results, covariance_by_standards, validate_results
 from bench.systems.af_converter.dmm_method import analysis as dmm_method
@@ -48,7 +49,7 @@ def plain(campaign: sim.SimulatedCampaign) -> Analysis:
 
 
 def stds(analysis: Analysis, quantity: str) -> np.ndarray:
-    return np.array([entry["std_uncertainty"] for entry in sim.entries_of(analysis, quantity)])
+    return np.array([entry["std_uncertainty"] for entry in entries_of(analysis, quantity)])
 
 
 @pytest.mark.validates(

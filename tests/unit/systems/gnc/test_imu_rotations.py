@@ -145,28 +145,23 @@ def coverage(count: int, tilt_deg: float) -> tuple[np.ndarray, float]:
     return 100.0 * np.mean(inside, axis=0), float(np.std(cross_ppm))
 
 
-@pytest.mark.parametrize("tilt_deg", [0.0, 1.0 / 60.0])
-def test_intervals_cover_in_short(tilt_deg: float) -> None:
-    """60 units, 720 intervals: 95 +- 4 % of all of them."""
-    assert abs(coverage(60, tilt_deg)[0].mean() - 95.0) <= 4.0
-
-
-@pytest.mark.sweep
 @pytest.mark.validates(
     "gyroscope triad: 95 % intervals of the twelve parameters, 500 units",
     against="the simulated truth, without tilt on a vertical table, and with 1 arcmin of tilt of each axis of turn",
 )
 @pytest.mark.parametrize("tilt_deg", [0.0, 1.0 / 60.0])
-def test_intervals_cover(record_property: Keep, tilt_deg: float) -> None:
-    share, cross_ppm = coverage(500, tilt_deg)
+@pytest.mark.parametrize("units", [60, pytest.param(500, marks=pytest.mark.sweep)])
+def test_intervals_cover(record_property: Keep, tilt_deg: float, units: int) -> None:
+    """Of 60 units 95 +- 4 % of all 720 intervals."""
+    share, cross_ppm = coverage(units, tilt_deg)
     record_property(
         "obtained", f"tilt {60 * tilt_deg:g}': {share.min():.1f} to {share.max():.1f} %, all {share.mean():.1f} %"
     )
     if tilt_deg:
         record_property("obtained", f"cross coupling then off by {cross_ppm:.0f} ppm rms")
         assert 200.0 < cross_ppm < 400.0
-    assert np.all(np.abs(share - 95.0) <= 4.0)
-    assert abs(share.mean() - 95.0) <= 1.5
+    assert units == 60 or np.all(np.abs(share - 95.0) <= 4.0)
+    assert abs(share.mean() - 95.0) <= (4.0 if units == 60 else 1.5)
 
 
 def test_turns_that_are_not_exact_are_in_the_interval_if_declared() -> None:
@@ -299,22 +294,6 @@ def restless() -> list[RotationRecord]:
 def test_records_that_do_not_serve_are_refused(records: Callable[[], list[RotationRecord]], said: str) -> None:
     with pytest.raises(FitError, match=said):
         fit_rotations(records(), SITE if records is crooked else None)
-
-
-def test_a_bias_that_wanders_from_record_to_record_is_in_the_interval() -> None:
-    """By 5 deg/h, about the white noise of one record: what slow noise, or a unit that was switched off, leaves."""
-    inside, wide = [], []
-    for seed in range(60):
-        rng = np.random.default_rng([43, seed])
-        steady = rotations(unit_of(seed), rng, "earth_axis")
-        records = [replace(record, rate=record.rate + rng.normal(0.0, 5.0 / 3600.0, 3)) for record in steady]
-        fit = fit_rotations(records, SITE, STEP)
-        off = errors(fit, unit_of(seed))
-        inside.append(np.abs(off) <= coverage_factor(fit.triad.dof) * np.sqrt(fit.triad.covariance.diagonal()))
-        wide.append(float(np.mean(fit.triad.bias_std)) * 3600.0)
-    assert 100.0 * np.mean(np.array(inside)[:, 9:]) > 91.0
-    assert 100.0 * np.mean(inside) == pytest.approx(95.0, abs=3.0)
-    assert np.mean(wide) == pytest.approx(np.hypot(0.3 * 60.0 / np.sqrt(4 * 16.3), 5.0 / 2.0), rel=0.25)
 
 
 def test_an_uncertain_clock_is_in_every_scale_factor_and_in_no_ratio_of_two() -> None:

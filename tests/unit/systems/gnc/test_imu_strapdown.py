@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from imported_logs import estimates_of, imported, table
 from one_estimate import every, one, value
 from scipy.spatial.transform import Rotation
 from spoken import english_left
@@ -21,7 +20,7 @@ from test_imu_logs import log
 
 from bench.analysis import Material, with_uncertainty
 from bench.analysis.doubt import weigh
-from bench.model.errors import ExitStatus, FitError
+from bench.model.errors import FitError
 from bench.systems.gnc.estimators import rest_drift
 from bench.systems.gnc.estimators.between_rests import drift_between_rests, turn_scale
 from bench.systems.gnc.estimators.clocks import sample_stamps
@@ -345,20 +344,6 @@ def test_what_a_log_does_not_tell_is_missing_or_refused() -> None:
     same = turned_log()
     same.series["t_s"][:] = 1.0
     assert code(same) == "B-GNC-006"
-
-
-def test_a_doubtful_result_ends_with_status_1(tmp_path: Path) -> None:
-    """A log of one hand turn, whose error between rests has an interval of nine times its size."""
-    accel, gyro = noisy(*poses([("x", 90.0)], 9.0)[:2])
-    rows = np.column_stack((np.arange(len(accel)) / RATE, np.degrees(gyro), accel))
-    roles = ("gyro", "deg/s"), ("accelerometer", "m/s2")
-    mapping = ["mapping: turn", "uut: {model: M, serial: S-3}", "analysis: imu_strapdown", "site: {gravity: 9.81 m/s2}"]
-    mapping += ["columns:", "  t: {role: time, format: elapsed, unit: s, start: 2024-01-01T00:00:00Z}"]
-    mapping += [f"  {role[0]}{axis}: {{role: {role}, axis: {axis}, unit: {u}}}" for role, u in roles for axis in "xyz"]
-    log = table("t,gx,gy,gz,ax,ay,az", rows)
-    found = estimates_of(imported(tmp_path, "\n".join(mapping), log, ExitStatus.VERDICT_FAIL))
-    assert one(found, "level_error")["quality"] == "doubtful"
-    assert one(found, "angle_random_walk")["quality"] == "sound"
 
 
 # What makers say of the sensors: VN-100 industrial, angle random walk 0.0035 deg/s/sqrt(Hz) = 0.21 deg/sqrt(h); the

@@ -7,7 +7,6 @@ from __future__ import annotations
 import csv
 from collections.abc import Callable
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import allantools
@@ -32,7 +31,6 @@ from bench.systems.gnc.estimators.triad import TriadFit
 from bench.systems.gnc.limits import table_3
 from bench.systems.gnc.logs import bias
 from bench.systems.gnc.logs.log import of_rests, own_axes, stuck_sensors
-from bench.systems.gnc.rows import check_table
 
 Array = NDArray[np.float64]
 SEED, G = 607, 9.80665
@@ -112,16 +110,6 @@ def test_the_specification_and_the_verdicts_show_the_same_worst_value() -> None:
     assert verdicts is not None
     (judged,) = [line for line in verdicts.rows if "repeatability" in line[0]]
     assert row[2] in judged
-
-
-@pytest.mark.parametrize(("bound", "clock"), [(0.0165, "–"), (907945e-6, "–"), (float("nan"), "–"), (20e-6, "27 ± 20")])
-def test_a_clock_that_a_record_cannot_tell_is_no_number(bound: float, clock: str) -> None:
-    """0 +- 16500 ppm is what delays of the link make of a minute; jitter in steps of the time stamps."""
-    ticks = SimpleNamespace(worst_jitter_s=2.3e-13, clock_error=27e-6, clock_bound=bound)
-    checks = SimpleNamespace(ticks=ticks, samples=12_000, missing=0, findings=[])
-    table = check_table([SimpleNamespace(row=SimpleNamespace(number=7, item="position"), checks=checks)])  # type: ignore[list-item]
-    row = dict(zip(table.headers, table.rows[0], strict=True))
-    assert (row["largest jitter, us"], row["unit's clock, ppm"]) == ("0", clock)
 
 
 def test_windows_without_gaps_and_a_short_hour_give_no_result() -> None:

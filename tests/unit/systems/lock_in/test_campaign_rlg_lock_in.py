@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from laser_edges import simulated_edges
+from doubt_lock_in import simulated, wrong
+from laser_physics import World
 from one_estimate import every, one, value
-from rlg_rig import SITE, as_row, laser, material, row_of, without
+from rlg_rig import SITE, as_row, material, without
 from scipy import stats
 from spoken import english_left
 
-from bench.analysis import Analysis
 from bench.maths.verdict import coverage_factor
 from bench.model.errors import FitError
 from bench.model.quality import Quality
@@ -39,33 +39,24 @@ NOTHING = np.empty(0)
 JUDGED = "global_constants"
 
 
-@pytest.fixture(scope="module")
-def edges() -> dict[float, Any]:
-    rng = np.random.default_rng(SEED)
-    return {path_m: simulated_edges(laser(path_m), SECONDS, rng) for path_m in (0.15, 0.28)}
+def row_of(path_m: float, clock_Hz: int, number: int = 1, of: type[World] = World, **about: Any) -> Any:
+    """A record of a laser that is as good as the one of 28 cm; ``of``: what is not so in its world."""
+    wider = (0.28 / path_m) ** 2
+    asked = {"lock_in_deg_s": 0.05 * wider, "quantum_deg_rth": 1.15e-4 * wider, "beta_deg": 90.0, "seconds": SECONDS}
+    world = of(path_m=path_m, clock_Hz=clock_Hz, **asked | about)
+    (row,) = simulated(SEED + number, world).material.rows
+    return replace(row, window=replace(row.window, number=number))
 
 
 @pytest.fixture(scope="module")
-def rows(edges: dict[float, Any]) -> list[Any]:
-    places = [(path_m, clock_Hz) for path_m in edges for clock_Hz in (SLOW_HZ, FAST_HZ)]
-    return [row_of(edges[path_m], clock_Hz, k + 1, path_length_m=path_m) for k, (path_m, clock_Hz) in enumerate(places)]
+def rows() -> list[Any]:
+    places = [(path_m, clock_Hz) for path_m in (0.15, 0.28) for clock_Hz in (SLOW_HZ, FAST_HZ)]
+    return [row_of(*place, number) for number, place in enumerate(places, 1)]
 
 
 @pytest.fixture(scope="module")
 def whole(rows: list[Any]) -> Any:
     return analyse(material(*rows, limits=LIMIT))
-
-
-@pytest.fixture(scope="module")
-def alone(rows: list[Any]) -> Any:
-    """Of the record of 28 cm with the fast clock."""
-    return analyse(material(rows[3]))
-
-
-def of_28_cm(seconds: float, seed: int, clock_Hz: int = FAST_HZ, **other: Any) -> Analysis:
-    """What the analysis says of a laser that is simulated for it."""
-    edges = simulated_edges(laser(0.28, **other), seconds, np.random.default_rng(seed))
-    return analyse(material(row_of(edges, clock_Hz, path_length_m=0.28)))
 
 
 def noted(row: Any, **conditions: Any) -> Any:
@@ -75,8 +66,7 @@ def noted(row: Any, **conditions: Any) -> Any:
 
 def test_uncertainty_of_large_lock_in_counts_what_the_fit_neglects() -> None:
     """Jumps of 0.14 rad: the lock-in rate is off by 0.2 %, ten times what the scatter of the turnarounds says."""
-    edges = simulated_edges(laser(0.15, lock_in_deg_s=0.35), 1.6, np.random.default_rng(7))
-    rate = one(analyse(material(row_of(edges, FAST_HZ, path_length_m=0.15))), "lock_in_rate")
+    rate = one(analyse(material(row_of(0.15, FAST_HZ, lock_in_deg_s=0.35, seconds=1.6))), "lock_in_rate")
     assert abs(rate["value"] - 0.35) < 2.5 * rate["std_uncertainty"]
     assert rate["std_uncertainty"] < 0.005 * 0.35
 
@@ -99,17 +89,12 @@ def test_nothing_is_said_twice_and_figures_can_be_drawn(whole: Any) -> None:
     assert english_left(whole) == set()
 
 
-def test_the_beat_is_read_from_levels_and_never_from_conditions(rows: list[Any], alone: Any) -> None:
-    """The same edges: the answer does not depend on what a person noted beside the path."""
-    other = analyse(material(noted(rows[3], clock_Hz=1, item="other", note="beta 12 deg")))
-    assert [entry["value"] for entry in alone.estimates] == [entry["value"] for entry in other.estimates]
-
-
-def test_gaps_are_not_bridged(rows: list[Any], alone: Any) -> None:
-    """Two blocks lost: three stretches, and the random walk does not notice."""
-    broken = analyse(material(without(rows[3], 150, 300)))
+def test_gaps_are_not_bridged(rows: list[Any]) -> None:
+    """Two blocks lost: three stretches, which is said, and the random walk does not notice."""
+    alone, broken = (analyse(material(row)) for row in (rows[3], without(rows[3], 150, 300)))
     (held,) = broken.tables[4].rows
     assert held[7:10] == [3, 2, 0]
+    assert len(broken.notes) == len(alone.notes) + 1
     for method in ("raw", *COMPENSATORS):
         before, after = (one(found, "angle_random_walk", method=method) for found in (alone, broken))
         assert after["value"] == pytest.approx(before["value"], abs=4.0 * before["std_uncertainty"])
@@ -117,7 +102,7 @@ def test_gaps_are_not_bridged(rows: list[Any], alone: Any) -> None:
 
 def test_harm_is_said_aloud() -> None:
     """Backscatter phase 20 deg: parabolas make it worse, and the first note and the lead table say so."""
-    analysis = of_28_cm(SECONDS, SEED + 1, SLOW_HZ, beta_deg=20.0)
+    analysis = analyse(material(row_of(0.28, SLOW_HZ, beta_deg=20.0)))
     assert value(analysis, "random_walk_ratio", method="parabolas") > 1.3
     assert "parabolas, 4 a side makes the gyroscope WORSE" in analysis.notes[0]
     assert "WORSE" in analysis.tables[0].rows[0][-1]
@@ -127,21 +112,27 @@ def test_harm_is_said_aloud() -> None:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "seconds", "clock_Hz", "said"),
+    ("parts", "seconds", "clock_Hz", "said"),
     [
         ({"second_harmonic": 0.2}, 1.6, FAST_HZ, "not of one constant size and phase"),
-        ({"dither_noise": 0.0}, 1.2, SLOW_HZ, "dynamic lock-in"),
-        ({"dither_deg_s": 10.0}, 2.4, FAST_HZ, "turnarounds could be compensated"),  # 16 crossings a side in 1 of 13
+        ({"scatter": lambda w, rng, count: np.zeros(count)}, 1.2, SLOW_HZ, "dynamic lock-in"),
+        # 10 deg/s: 16 crossings a side in 1 of 13
+        (
+            {"scatter": lambda w, rng, count: 0.1 * (1.0 + World.scatter(w, rng, count)) - 1.0},
+            2.4,
+            FAST_HZ,
+            "turnarounds could be compensated",
+        ),
     ],
 )
 def test_what_the_model_does_not_have_is_told(
-    whole: Any, wrong: dict[str, float], seconds: float, clock_Hz: int, said: str
+    whole: Any, parts: dict[str, Any], seconds: float, clock_Hz: int, said: str
 ) -> None:
-    analysis = of_28_cm(seconds, SEED + 2, clock_Hz, **wrong)
+    analysis = analyse(material(row_of(0.28, clock_Hz, of=wrong(**parts), seconds=seconds)))
     sentences, of_right = ([*each.notes, *(check.sentence for check in each.evidence)] for each in (analysis, whole))
     assert any(said in sentence for sentence in sentences)
     assert not any(said in sentence for sentence in of_right)
-    if "second_harmonic" in wrong:
+    if "second_harmonic" in parts:
         assert float(analysis.tables[2].rows[0][-1]) > 5.0
 
 
@@ -193,19 +184,17 @@ def test_requirements_and_those_that_are_none() -> None:
         laser_results.requirement_of({"site": {"azimuth_deg": 20.0}})
 
 
-def test_a_session_without_lasers_or_dither_wrong_lengths_and_methods(rows: list[Any], edges: dict[float, Any]) -> None:
+def test_a_session_without_lasers_or_dither_wrong_lengths_and_methods(rows: list[Any]) -> None:
     with pytest.raises(FitError, match=r"B-RLG-001.*path_length_m"):
         laser_records(material())
-    for wrong in ("28 cm", 0.0, True):
+    for length in ("28 cm", 0.0, True):
         with pytest.raises(FitError, match="B-RLG-006"):
-            laser_records(material(noted(rows[0], path_length_m=wrong)))
+            laser_records(material(noted(rows[0], path_length_m=length)))
     with pytest.raises(FitError, match="B-FIT-004"):
         analyse(material(rows[0]), "truth")
-    still = edges[0.28]
-    names = ("t_s", "channel", "level", "cosine", "count")
-    alone = replace(still, **{name: getattr(still, name)[still.channel == 0] for name in names})
+    blind = wrong(told=lambda w, words, rng: [events[:, events[1] == 0] for events in words])
     with pytest.raises(FitError, match=r"B-RLG-007.*pick-off"):
-        analyse(material(row_of(alone, FAST_HZ, path_length_m=0.28)))
+        analyse(material(row_of(0.28, FAST_HZ, of=blind)))
 
 
 def walk(n: float, std: float, *, upper: float = np.nan, chi2: float = 5.0, q: float = 1e-6) -> RandomWalk:

@@ -80,18 +80,6 @@ def test_rate_and_phase_are_true_without_noise(beta_deg: float) -> None:
     assert found.backscatter_deg.value == pytest.approx(beta_deg, abs=2e-3)
 
 
-@pytest.mark.parametrize(("path_m", "clock_Hz", "beta_deg"), [(0.15, 100_000_000, 0.0), (0.28, 20_000_000, 90.0)])
-def test_the_fit_states_what_was_expected(path_m: float, clock_Hz: int, beta_deg: float) -> None:
-    world = world_of(path_m, clock_Hz, beta_deg)
-    (stated,) = result_of(8, world, quiet=False).found.constants
-    expected = expecting.expected_constants(nominal(world), round(world.seconds / world.half_s))
-    assert stated.kappa_std_rad_s == pytest.approx(expected.kappa_std_rad_s, rel=0.08)
-    assert stated.beta_std_rad == pytest.approx(expected.beta_std_rad, rel=0.08)
-    jump = nominal(world).jump_squared / 2.0
-    assert np.mean(expected.jumps.dpsi_rad**2) == pytest.approx(jump, rel=1e-3)
-    assert np.nanmean(stated.jumps.dpsi_rad**2) == pytest.approx(jump, rel=0.06)
-
-
 def errors_of(first_seed: int, world: World, records: int) -> tuple[np.ndarray, np.ndarray]:
     """Errors of rate and phase and their stated standard uncertainties, (n, 2) each."""
     errors, stated = [], []
@@ -177,13 +165,3 @@ def turning(laser: expecting.NominalLaser, time_s: Any, phase_rad: Any) -> Turna
     return Turnarounds(
         1.0 / laser.tick_s, laser.omega_rad_s, 0.0, sign, every, every, ~every, none, none, time_s, phase_rad, {}
     )
-
-
-def test_a_phase_of_90_degrees_is_the_best_for_the_shape_of_the_dither() -> None:
-    """The ripple is zero at the crossings there, and largest at 0 degrees."""
-    walks = [
-        expecting.expected_output(replace(LASER, beta_rad=np.radians(beta_deg)), SINGLE["dither_shape"]).walk_rad_rt_s
-        for beta_deg in (0.0, 40.0, 90.0, -90.0)
-    ]
-    assert walks[:3] == sorted(walks[:3], reverse=True)
-    assert walks[2] == pytest.approx(walks[3], rel=0.02)

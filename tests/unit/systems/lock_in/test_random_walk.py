@@ -203,13 +203,6 @@ def test_what_is_odd_is_found_and_taken_off(added: Any, check: Any) -> None:
     assert abs(left - scatter[0]) < 0.35 * abs(scatter[1] - scatter[0])
 
 
-def test_a_walk_that_grows() -> None:
-    grown = outputs(2) * np.where(TIME > 400, 3.0, 1.0)
-    probability, ratio = change(grown)
-    assert probability < 1e-9
-    assert 2.4 < ratio < 3.6
-
-
 def test_constants_that_change_from_group_to_group() -> None:
     late = TIME >= 400
     seen = constancy(constants(3, 0.5 * late), TIME * 4 // PERIODS)

@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from rlg_rig import as_row, block_bytes
-from rlg_second_opinion import Gyro, simulate, ticks
 
 from bench.model.errors import FitError
 from bench.systems.lock_in.estimators.global_constants import global_constants
@@ -171,14 +170,6 @@ def test_a_pair_that_changed_places_is_marked_and_nothing_else() -> None:
     assert np.flatnonzero(found.suspect).tolist() == [11, 12]
     assert found.breaks.size == 0
     assert np.array_equal(found.level, level[order])
-
-
-@pytest.mark.parametrize("noise_rad", [0.0, 0.05])
-def test_levels_of_a_simulated_beat(noise_rad: float) -> None:
-    beat = simulate(Gyro(path_m=0.15, beat_noise_rad=noise_rad), 0.2, seed=4)
-    found = edge_levels(ticks(beat.time_s, 100e6), beat.rising, beat.cosine)
-    assert np.unique(found.level - beat.level).size == 1
-    assert found.breaks.size == 0
 
 
 @pytest.mark.parametrize("tick", [[3], [5, 4, 6]])

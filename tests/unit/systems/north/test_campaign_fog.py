@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
 from scipy import stats
-from spoken import english_left
+from stated_estimates import entries_of as of
+from stated_estimates import table_of
 
 from bench.analysis import Analysis, Series, with_uncertainty
 from bench.model.errors import FitError
 from bench.model.quality import Quality
-from bench.model.texts import told
 from bench.systems.north.analysis import AZIMUTH_ERROR, analyse, north_estimates
 from bench.systems.north.declaration import DECLARATION
 from bench.systems.north.sets import NorthSet, north_sets
@@ -30,16 +30,6 @@ ERROR_SEED = 703
 @pytest.fixture(scope="module")
 def clockwise() -> Analysis:
     return analyse(campaign(NorthRig(SEED, GYRO), (0.0, 90.0), 2, -360.0).material())
-
-
-def of(analysis: Analysis, quantity: str, **conditions: Any) -> list[dict[str, Any]]:
-    wanted = conditions.items()
-    return [one for one in analysis.estimates if one["quantity"] == quantity and wanted <= one["conditions"].items()]
-
-
-def table(analysis: Analysis, title: str) -> list[list[Any]]:
-    (found,) = (one for one in analysis.tables if one.title == title)
-    return found.rows
 
 
 def drawn(analysis: Analysis, title: str) -> dict[str, Series]:
@@ -130,7 +120,9 @@ def test_calibration_of_a_table_that_turns_clockwise(clockwise: Analysis) -> Non
         assert place["value"] == pytest.approx(placement_deg, abs=4.0 * place["std_uncertainty"])
         (scale,) = of(clockwise, "scale", source=role)
         assert scale["value"] == pytest.approx(gain, abs=4.0 * scale["std_uncertainty"])
-        (row,) = (one for one in table(clockwise, "Calibration of the index") if one[1].lower().startswith(letter))
+        (row,) = (
+            one for one in table_of(clockwise, "Calibration of the index").rows if one[1].lower().startswith(letter)
+        )
         factor = stats.t.ppf(0.975, place["dof"])
         assert row[2] == with_uncertainty(place["value"], factor * place["std_uncertainty"])
         volts_rms, std = scale["value"] / np.sqrt(2.0), scale["std_uncertainty"] / np.sqrt(2.0)
@@ -162,18 +154,13 @@ def test_nothing_is_claimed_of_harmonics_that_noise_explains(clockwise: Analysis
     """One table in a hundred: a gamma distribution with as many sets, four orders; 4 sigma^2/n in the mean."""
     sets = of(clockwise, "noise")[0]["n"] // SAMPLES
     limit = 100.0 * np.sqrt(4.0 * 0.2**2 / SAMPLES * stats.gamma.ppf(0.99**0.25, sets) / sets)
-    below = [row for row in table(clockwise, "Harmonics of the waveform") if row[1].startswith("below ")]
+    below = [row for row in table_of(clockwise, "Harmonics of the waveform").rows if row[1].startswith("below ")]
     assert len(below) == 4
     for _, part, error in below:
         assert float(part.removeprefix("below ")) == pytest.approx(limit, rel=0.05)
         assert error == "–"
-    (literal,) = (row for row in table(clockwise, "Methods") if row[0] == "literal")
+    (literal,) = (row for row in table_of(clockwise, "Methods").rows if row[0] == "literal")
     assert literal[-1] == "never"
-
-
-def test_all_that_is_composed_is_said_in_korean(clockwise: Analysis) -> None:
-    assert english_left(clockwise) == set()
-    assert told(clockwise.tables[0].title, "ko") == "진북"
 
 
 def test_readings_lie_on_the_curves_that_are_drawn_through_them(clockwise: Analysis) -> None:
@@ -253,7 +240,7 @@ def test_tilt_about_the_axis_of_the_bench() -> None:
     rig = NorthRig(SEED, Gyro(tilt_mrad=(0.0, 1.0)))
     rig.level(item="test", head_deg=90.0)
     rig.set("test", AZIMUTH_DEG + 90.0, head_deg=90.0)
-    (row,) = table(analyse(rig.material(), "likelihood"), "Tilt")
+    (row,) = table_of(analyse(rig.material(), "likelihood"), "Tilt").rows
     due_deg = np.rad2deg(1e-3) * np.cos(np.deg2rad(20.0)) * np.tan(np.deg2rad(LATITUDE_DEG))
     assert row[2:4] == ["0.000", "1.000"]
     assert float(row[4]) == pytest.approx(due_deg, abs=1e-4)

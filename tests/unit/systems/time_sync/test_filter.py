@@ -1,10 +1,9 @@
-"""The filter of the time offset on short flights: what it finds, and that what would break it is found; tags off the
-grid, lost samples of both links, nothing to see, nothing to use.
+"""The filter of the time offset on short flights: what it finds; tags off the grid, lost samples of both links,
+nothing to see, nothing to use.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,11 +12,9 @@ from numpy.typing import NDArray
 from sync_flights import BASE, END_S, LEVEL_UNTIL_S, TURN_UNTIL_S, Flight, flight, setup
 
 from bench.model.errors import FitError
-from bench.systems.time_sync.estimators.kalman import filter as sync_filter
-from bench.systems.time_sync.estimators.kalman import innovation as sync_innovation
 from bench.systems.time_sync.estimators.kalman.filter import run_filter
 from bench.systems.time_sync.estimators.kalman.innovation import nis_summary
-from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, FilterRun, FilterSetup, ImuSamples
+from bench.systems.time_sync.estimators.kalman.setup import LOOSE, TIGHT, FilterRun, ImuSamples
 from bench.systems.time_sync.estimators.kalman.stream import filled_noise
 from sim_instruments.worlds.time_sync.flight.egi import EgiRuns
 from sim_instruments.worlds.time_sync.flight.imu import imu_runs
@@ -38,93 +35,22 @@ def rms(x: Array) -> Array:
     return np.asarray(np.sqrt(np.mean(x**2, axis=-1)))
 
 
-def judge(run: FilterRun, offsets_s: tuple[float, ...] = OFFSETS_S) -> None:
-    """What holds for a sound filter on EGI errors as an EGI has them, with R = BASE."""
-    true = np.array(offsets_s)[:, None]
-    errors = run.offset_s - true
-    level = errors[at(run, LEVEL_UNTIL_S - 0.1)]
-    assert np.all(rms(level) >= 0.9 * np.abs(true[:, 0])), f"level flight cannot tell the offset: {level}"
-    end = errors[-1]
-    assert np.all(np.abs(end.mean(axis=-1)) < 0.5e-3), f"mean offset off by {1e3 * end.mean(axis=-1)} ms"
-    assert np.all(rms(end) < 1e-3), f"offset scatters by {1e3 * rms(end)} ms"
-    assert np.all(nis_summary(run, SETTLED_S).ratio[:, 0] < 0.03), "EGI errors change slowly, innovations are small"
-
-
-def run_sound(trip: Flight, changes: FilterSetup | None = None) -> FilterRun:
-    return run_filter(trip.imu, trip.egi(OFFSETS_S), changes or setup(3, BASE, keep_every=5))
-
-
 @pytest.fixture(scope="module")
 def sound() -> FilterRun:
-    return run_sound(flight(6))
+    return run_filter(flight(6).imu, flight(6).egi(OFFSETS_S), setup(3, BASE, keep_every=5))
 
 
 def test_late_early_and_fractional_offsets_are_found_with_their_sign(sound: FilterRun) -> None:
-    judge(sound)
+    """EGI errors as an EGI has them, R = BASE."""
+    true, level = np.array(OFFSETS_S)[:, None], at(sound, LEVEL_UNTIL_S - 0.1)
+    errors = sound.offset_s - true
+    assert np.all(rms(errors[level]) >= 0.9 * np.abs(true[:, 0]))  # level flight cannot tell the offset
+    assert np.all(np.abs(errors[-1].mean(axis=-1)) < 0.5e-3)
+    assert np.all(rms(errors[-1]) < 1e-3)
+    assert np.all(nis_summary(sound, SETTLED_S).ratio[:, 0] < 0.03)  # EGI errors change slowly, innovations are small
     assert np.all(sound.sigma[-1, :, 15] < 0.3e-3)
-    assert np.all(sound.sigma[at(sound, LEVEL_UNTIL_S - 0.1), :, 15] > 0.9 * 0.03)
+    assert np.all(sound.sigma[level, :, 15] > 0.9 * 0.03)
     assert np.all(sound.offset_s[-1].std(axis=-1) > 1e-6)  # lanes are not copies of each other
-
-
-def signs_of_rows(patch: pytest.MonkeyPatch, signs: Array | float) -> None:
-    """The offset's column of H with other signs of position, velocity and attitude."""
-    rows = sync_filter.measurement_rows
-    patch.setattr(sync_filter, "measurement_rows", lambda F, age_s, motion: rows(F, age_s, signs * motion))
-
-
-def predicted(of: Callable[[Array, Array], Array]) -> Callable[[pytest.MonkeyPatch], None]:
-    """The prediction is for another time than that of the tag less the estimate."""
-    return lambda patch: patch.setattr(sync_innovation, "predicted_at", of)
-
-
-def both_flipped(patch: pytest.MonkeyPatch) -> None:
-    """Column and shift: a filter in itself sound of which only the sign of the offset is wrong."""
-    signs_of_rows(patch, -1.0)
-    predicted(lambda t_s, offset_s: t_s + offset_s)(patch)
-
-
-def truth_at_the_begin(patch: pytest.MonkeyPatch) -> None:
-    """The state begins at the true position and the filter knows it to a metre."""
-    begin = sync_filter._Filter.begin
-
-    def leaking(work: sync_filter._Filter, sample: sync_innovation.EgiSample) -> None:
-        late_s = np.array(OFFSETS_S)[:, None]
-        begin(work, sample._replace(p=sample.p + late_s * sample.v))
-
-    patch.setattr(sync_filter._Filter, "begin", leaking)
-
-
-MUTATIONS = {
-    "flipped column": lambda patch: signs_of_rows(patch, -1.0),
-    "attitude row flipped": lambda patch: signs_of_rows(patch, np.repeat([1.0, 1.0, -1.0], 3)),
-    "the estimate is not used": predicted(lambda t_s, offset_s: t_s - 0.0 * offset_s),
-    "whole intervals of the IMU": predicted(lambda t_s, offset_s: t_s - np.round(offset_s / 0.005) * 0.005),
-    "truth": predicted(lambda t_s, offset_s: t_s - np.array(OFFSETS_S)[:, None] + 0.0 * offset_s),
-}
-
-
-@pytest.mark.parametrize("name", MUTATIONS)
-def test_a_broken_filter_is_found(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    MUTATIONS[name](monkeypatch)
-    with pytest.raises(AssertionError):
-        judge(run_sound(flight(6)))
-
-
-def test_both_signs_wrong_shows_in_the_sign_of_the_offset_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    both_flipped(monkeypatch)
-    run = run_sound(flight(6))
-    with pytest.raises(AssertionError, match="mean offset off"):
-        judge(run)
-    assert run.offset_s[-1].mean(axis=-1) == pytest.approx(-np.array(OFFSETS_S), abs=0.5e-3)
-    assert np.all(nis_summary(run, SETTLED_S).ratio[:, 0] < 0.03)  # nothing else looks wrong
-
-
-def test_truth_leaking_into_the_begin_and_white_errors_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(AssertionError, match="change slowly"):
-        judge(run_sound(flight(6).white()))
-    truth_at_the_begin(monkeypatch)
-    with pytest.raises(AssertionError, match="level flight cannot tell"):
-        judge(run_sound(flight(6), replace(setup(3, BASE, keep_every=5), position_sigma_m=1.0)))
 
 
 def test_without_the_state_the_errors_lag_by_the_offset() -> None:
@@ -285,15 +211,13 @@ def test_one_lane_without_its_sample_takes_it_from_its_group_only() -> None:
     assert whole_run.nis_count[:, 0].sum() - run.nis_count[:, 0].sum() == 20 * 3 * 4  # samples, lanes, blocks
 
 
-def test_what_does_not_move_tells_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_does_not_move_tells_nothing() -> None:
     """One lane at rest with a tight attitude: noise of the gyros must not pass for motion."""
     path = FlightPath(((0.0, 0.0, 0.0),), speed_m_s=0.0)
     still = replace(flight(1), path=path, unit=imu_runs(path, END_S, 1, 7))
     run = run_filter(still.imu, still.egi((0.02,)), setup(1, TIGHT))
     assert run.sigma[-1, 0, 15] > 0.97 * 0.03
     assert abs(run.offset_s[-1, 0, 0] - 0.02) > 0.9 * 0.02
-    monkeypatch.setattr(sync_innovation, "_seen", lambda motions, noise: 1.0)
-    assert run_filter(still.imu, still.egi((0.02,)), setup(1, TIGHT)).sigma[-1, 0, 15] < 0.95 * 0.03
 
 
 @pytest.mark.parametrize("what", ["apart", "nan", "at the end"])

@@ -69,16 +69,6 @@ def test_intervals_cover_rate_and_offset(kinds: dict[str, Any]) -> None:
     assert np.abs(z).max() < 4.0
 
 
-def test_polled_stamps_tell_more_than_their_step() -> None:
-    found, true_s = fitted(1)
-    assert found.grid_s == pytest.approx(1e-3)
-    assert found.std_s(found.at_s) < 1e-4
-    assert found.rate_std < 1.5e-6
-    assert found.delay_s == pytest.approx(true_s, abs=1e-4)
-    assert found.jitter_s == pytest.approx(3e-4, rel=0.15)
-    assert found.tag_noise_s == pytest.approx(1e-5, rel=0.1)
-
-
 def test_fine_stamps_tell_as_much_as_the_least_delays_let_them() -> None:
     for seed in range(3):
         found, true_s = fitted(seed, poll_ns=0)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import serial
-from ngu_rig import BYTE_NS, PORTS, decoded, gate_frames, powered_unit, send_command, steady, warm
 
 from bench.frame import load_frame
 from bench.model.clock import NS, VirtualClock, to_ns
@@ -16,7 +15,43 @@ from sim_instruments.worlds.af_converter.constants import KINDS
 from sim_instruments.worlds.af_converter.ngu import Ngu
 from sim_instruments.worlds.af_converter.world import AfWorld
 
-# --- what the counts say ---------------------------------------------------------------------------------------------
+PORTS = ("port_a", "port_b")
+BYTE_NS = 10 * NS / 115_200
+
+
+def warm(t_ns):
+    """Unit temperature of these tests: 15 degC, rising 0.6 degC/min."""
+    return 15.0 + 0.01 * np.asarray(t_ns) / NS
+
+
+def steady(t_ns):
+    return np.full(len(t_ns), 31.0)
+
+
+def powered_unit(seed=1, thermal=steady, options=None, clock=None, faults=None):
+    clock = clock or VirtualClock()
+    unit = Ngu(clock, seed, thermal, options)
+    for name in PORTS:
+        unit.connect(name, 115_200, faults)
+    unit.set_power(True, clock.now_ns())
+    unit.set_fg(1e7, clock.now_ns())
+    return clock, unit
+
+
+def decoded(sent, name):
+    decoder = load_frame(find_shipped("frames", name)).decoder()
+    batches = [decoder.feed(sent), decoder.finish()]
+    assert decoder.counts.bad == 0
+    return {message: batch for message, batch in batches[0].messages.items() if len(batch)}
+
+
+def gate_frames(sent):
+    return decoded(sent, "ngu_a")["frame"]
+
+
+def send_command(unit, command, payload=b""):
+    definition = load_frame(find_shipped("frames", "ngu_b"))
+    unit.write("port_b", definition.encode_one({"command": command, "payload": payload}, "command"))
 
 
 @pytest.mark.parametrize(
@@ -253,20 +288,6 @@ def test_line_speed_is_the_one_the_port_was_opened_with(world):
         assert 57 < port.in_waiting < 57 + 20
 
 
-def test_commands_are_answered_on_port_b(world):
-    definition = load_frame(find_shipped("frames", "ngu_b"))
-    with serial.serial_for_url(world.url + "port_b", baudrate=115_200, timeout=0) as port:
-        world.clock.sleep(2)
-        port.reset_input_buffer()
-        request = definition.encode_one({"command": 1, "payload": b""}, "command")
-        assert port.write(request) == len(request)
-        port.flush()
-        assert port.out_waiting == 0
-        world.clock.sleep(0.05)
-        answer = definition.decoder().feed(port.read(1000)).messages["answer"]
-        assert answer.raw("payload")[0] == b"NGU SIM-1 1.0"
-
-
 @pytest.mark.parametrize("place", ["port_c", "", "port_a/x"])
 def test_a_port_that_does_not_exist_is_refused(world, place):
     with pytest.raises(LinkError) as caught:
@@ -337,34 +358,6 @@ def test_the_bytes_depend_on_the_seed_and_not_on_who_reads_when():
     assert len(decoded(far_ahead["port_a"], "ngu_a_100s")["frame"]) == 1
     assert far_ahead == step_by_step
     assert _scenario(9, 1.0, observer=True, trips=()) != _scenario(10, 1.0, observer=True, trips=())
-
-
-class _RealTime:
-    """A clock that is moved from outside: the unit cannot know until when nothing changes."""
-
-    virtual = False
-    t_ns = 0
-
-    def now_ns(self):
-        return self.t_ns
-
-
-def test_the_bytes_are_the_same_in_real_time():
-    sent = []
-    for clock in (VirtualClock(), _RealTime()):
-        _, unit = powered_unit(3, clock=clock)
-        parts = []
-        for tick in range(1, 61):
-            if clock.virtual:
-                clock.sleep_until_ns(tick * NS // 10)
-            else:
-                clock.t_ns = tick * NS // 10
-            if tick == 33:
-                unit.set_input(1, 1e-3, clock.now_ns())
-            parts.append(unit.read("port_a", 10**6))
-        sent.append(b"".join(parts))
-    assert len(sent[0]) > 490 * 57
-    assert sent[0] == sent[1]
 
 
 def test_a_fault_and_a_trip_change_nothing_that_was_read():

@@ -14,7 +14,6 @@ from bench.model.ports import RecordWindow
 from sim_instruments.seeds import generator
 from sim_instruments.worlds.af_converter.block import BlockFactory
 from sim_instruments.worlds.af_converter.constants import CHANNELS, WALK_A_RTH
-from sim_instruments.worlds.af_converter.ngu import Ngu
 from sim_instruments.worlds.af_converter.truth import estimates
 from sim_instruments.worlds.af_converter.unit_constants import BiasWalk, NguTruth
 from sim_instruments.worlds.common.thermal import Thermal, follow, play_after
@@ -157,26 +156,6 @@ def test_ten_seconds_at_once_are_ten_seconds_of_small_steps() -> None:
             offset = thermal.play_offset_degC(t_ns, truth.half_width_degC[number - 1])
             mean_A = truth.bias_A(number, unit_degC, t_ns / NS, offset).mean()
             assert abs(block.bias_A[number - 1] - mean_A) < 5e-12
-
-
-@pytest.mark.parametrize("pause_s", [0.7, 37.0, 400.0])
-def test_bytes_do_not_depend_on_when_they_are_read(pause_s: float) -> None:
-    """Chamber commands on the way; the unit works ahead through every pause."""
-
-    def sent(pause_s: float) -> bytes:
-        clock, thermal = VirtualClock(), Thermal()
-        unit = Ngu(clock, 9, thermal.unit)
-        unit.connect("port_a", 921_600)
-        unit.set_power(True, clock.now_ns())
-        found = bytearray()
-        for target_degC, until_s in ((35.0, 400), (10.0, 800), (35.0, 1200)):
-            thermal.ramp(target_degC, 20.0, clock.now_ns())
-            while clock.now_ns() < until_s * NS:
-                clock.sleep_until_ns(min(clock.now_ns() + round(pause_s * NS), until_s * NS))
-                found += unit.read("port_a", 10**8)
-        return bytes(found)
-
-    assert sent(pause_s) == sent(5.0)
 
 
 # --- the truth list --------------------------------------------------------------------------------------------------

@@ -158,18 +158,6 @@ def test_power_on_brings_another_bias() -> None:
     assert quiet.gyro_bias_deg_s(stamps).std(axis=0).max() < 1e-8  # what is left of the warm-up
 
 
-def test_an_hour_of_ten_second_means() -> None:
-    """Each axis against 19 ARW and the slow noise; the counts are rounded, the accelerometers all but white."""
-    unit = GncImu(11, "GNC-01", ImuOptions(imu_class="table_2"))
-    unit.power.on(0)
-    counts = unit.sample(times_ns(3600.0, first_s=900.0))
-    means = counts.gyro.reshape(360, 2000, 3).mean(axis=1) * 0.005 * 3600
-    expected = np.sqrt(unit.errors.gyro.white**2 / 10 * 3600**2 + 0.85 * 2.0**2)
-    assert means.std(axis=0, ddof=1) == pytest.approx(expected, rel=0.2)
-    accel_mg = counts.accel.reshape(360, 2000, 3).mean(axis=1)
-    assert accel_mg.std(axis=0, ddof=1) == pytest.approx(np.full(3, 0.034), rel=0.2)
-
-
 def test_white_noise_is_normal_white_and_apart() -> None:
     drawn = WhiteNoise(3, "test", 10).at(STAMPS)
     n = STAMPS.size
@@ -232,15 +220,6 @@ def test_samples_do_not_depend_on_the_calls(seed: int) -> None:
         joined = np.concatenate([getattr(drawn[place], name) for place in range(len(pieces))])
         assert np.array_equal(joined, getattr(whole, name)), name
     assert unit.sample(stamps[:0]).gyro.shape == (0, 3)
-
-
-def test_units_seeds_and_axes_are_strangers() -> None:
-    stamps = times_ns(50.0)
-    units = [GncImu(1, "GNC-01"), GncImu(1, "GNC-02"), GncImu(2, "GNC-01")]
-    columns = np.concatenate([np.hstack((c.gyro, c.accel, c.mag)) for c in (u.sample(stamps) for u in units)], axis=1)
-    assert np.abs(np.corrcoef(columns.T) - np.eye(27)).max() < 5.5 / np.sqrt(stamps.size)
-    biases = [tuple(unit.errors.gyro.bias) for unit in units]
-    assert len(set(biases)) == 3
 
 
 def test_random_walks_by_allantools_whatever_the_rate() -> None:
@@ -440,15 +419,6 @@ def test_the_sum_of_the_samples_is_the_turn(turn_deg: float, start_s: float) -> 
     assert read.gyro_deg_s[:, 0].sum() * 0.005 == pytest.approx(turn_deg, rel=1e-9)
     slow = module(table, IDEAL).readings(times_ns(15.3, rate_hz=10.0), 100_000_000)
     assert slow.gyro_deg_s[:, 0].sum() * 0.1 == pytest.approx(turn_deg, rel=1e-9)
-
-
-def test_a_long_interval_is_no_coarser_inside() -> None:
-    """Samples of 100 ms are the means of twenty of 5 ms, all axes moving."""
-    table = wild("y")
-    fine = module(table).readings(times_ns(3.0))
-    coarse = module(table).readings(times_ns(3.0, rate_hz=10.0), 100_000_000)
-    assert coarse.gyro_deg_s == pytest.approx(fine.gyro_deg_s.reshape(30, 20, 3).mean(axis=1), abs=1e-9)
-    assert coarse.accel_g == pytest.approx(fine.accel_g.reshape(30, 20, 3).mean(axis=1), abs=1e-12)
 
 
 def test_lever_arm() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -166,17 +165,6 @@ def test_flip_and_random_walks() -> None:
     found = estimates({"": noisy}, [window(1, 180, item="bias")])
     assert bias(found, "angle_random_walk") == pytest.approx(noisy.errors.gyro.white * 60)
     assert bias(found, "velocity_random_walk") == pytest.approx([0.1, 0.1, 0.1])
-
-
-def test_the_page_names_every_quantity() -> None:
-    page = (Path(__file__).parents[5] / "docs" / "gnc-simulation.md").read_text(encoding="utf-8")
-    unit = GncImu(8, "GNC-01")
-    items = ("position", "rotation", "bias", "flip", "stability", "magnetometer")
-    windows = [window(100, 200, item=item, mounting="z") for item in items]
-    windows += [window(k * 100, k * 100 + 50, item="repeatability", repeat_index=k) for k in (3, 4)]
-    quantities = {one["quantity"] for one in estimates({"": unit}, windows)}
-    assert len(quantities) == 21
-    assert [name for name in quantities if f"`{name}`" not in page] == []
 
 
 class Errors(NamedTuple):

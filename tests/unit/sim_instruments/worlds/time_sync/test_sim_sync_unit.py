@@ -4,12 +4,9 @@ import numpy as np
 import pytest
 from sync_rig import BAUDS, LAYOUTS, QUIET, Rig, flying, frames, turning
 
-from bench.frame import load_frame
 from bench.model.clock import NS
-from bench.model.shipped import find_shipped
 
 RATES_HZ = {"egi": 50, "imu": 200, "radar": 1000}
-FRAMES = {"egi": "egi_50", "imu": "imu_200", "radar": "sar_pulse"}
 
 
 def length(name):
@@ -121,62 +118,7 @@ def test_nothing_depends_on_when_one_looks():
         assert seen[0][name] == seen[1][name] == seen[2][name], name
 
 
-def test_bytes_come_at_the_same_time_whether_frames_were_made_ahead_or_not():
-    seen = []
-    for ahead in (True, False):
-        rig = flying(seed=5, speed=250.0, jitter_s=0.004)
-        rig.world.operate("radar", "on")
-        rig.read()
-        if ahead:
-            rig.poll()
-            rig.clock.sleep(0.5)
-        for _ in range(0 if ahead else 500):
-            rig.clock.sleep(0.001)
-            rig.read()
-        seen.append(rig.received)
-    assert seen[0] == seen[1]
-    assert len(seen[0]["imu"]) > 50
-
-
-@pytest.mark.parametrize("name", list(BAUDS))
-def test_each_port_decodes_by_its_shipped_definition(name):
-    rig = flying(speed=250.0)
-    rig.world.operate("radar", "on")
-    rig.clock.sleep(2.0)
-    received = rig.bytes_of(name)
-    definition = load_frame(find_shipped("frames", FRAMES[name]))
-    decoder = definition.decoder()
-    batch = decoder.feed(received)
-    assert decoder.counts.bad == decoder.counts.skipped_bytes == 0
-    rows, found = frames(name, received), batch.messages["frame"]
-    assert len(found) == len(rows)
-    np.testing.assert_array_equal(found.raw("tick"), rows[:, 1])
-    assert not found.raw("status").any()
-
-
 # --- faults of the lines -------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", list(BAUDS))
-def test_frames_are_dropped_and_damaged_on_each_port(name):
-    rig = flying(speed=250.0, listen=(name, "imu" if name != "imu" else "egi"))
-    rig.world.operate("radar", "on")
-    rig.clock.sleep(0.5)
-    rig.read()
-    rig.received[name].clear()
-    bits = 8 * length(name)
-    rig.world.switches.switch("drop", name, 0.01)
-    rig.world.switches.switch("bit_errors", name, 0.01 / bits)
-    rig.clock.sleep({"egi": 40.0, "imu": 10.0, "radar": 2.0}[name])
-    decoder = load_frame(find_shipped("frames", FRAMES[name])).decoder()
-    found = decoder.feed(rig.bytes_of(name)).messages["frame"]
-    counter = found.raw("counter").astype(np.int64)
-    sent = counter[-1] - counter[0] + 1
-    missing = sent - len(found)
-    assert 0.008 * sent < missing < 0.035 * sent, (missing, sent)
-    assert 0 < decoder.counts.bad < missing
-    other = "imu" if name != "imu" else "egi"
-    assert np.diff(rig.rows(other)[:, 0]).max() == 1
 
 
 # --- clocks, by what is seen ---------------------------------------------------------------------------------------

@@ -1,6 +1,8 @@
-"""The simulated meters at their terminals: current in the loop, resistances, ranges, accuracy, channels, errors."""
+"""Simulated standards at their terminals: errors of calibrator and meters, resistances, ranges, channels."""
 
 from __future__ import annotations
+
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -11,7 +13,6 @@ from sim_instruments.bus.ohms import RANGES_OHM
 from sim_instruments.hp_3458a import ACCURACY, Hp3458A
 from sim_instruments.worlds.common.terminals import Source
 
-SEEDS = range(150)
 DAY_S = 86_400.0
 
 
@@ -23,20 +24,55 @@ def configured(bench: Bench, range_A: float) -> Hp3458A:
     return meter
 
 
-@pytest.mark.parametrize("range_A", [1e-4, 1e-1])
-def test_errors_of_a_range_are_as_large_as_its_specification(range_A: float) -> None:
-    """Gain and zero of 150 meters: half of the 95 % figures, within 20 % (3.5 standard deviations)."""
-    gains, zeros = [], []
-    for seed in SEEDS:
-        with open_bench(seed=seed) as bench:
+class Drawn(NamedTuple):
+    """Errors of the instruments of one seed: of the meter's ranges, of ohms at 100 ohm, of the calibrator."""
+
+    amperes: dict[float, tuple[float, float]]  # by range: zero and gain
+    ohms: tuple[float, float]
+    calibrator: tuple[float, float, float]  # gain, zero and error of a level in A
+
+
+def drawn(seed: int) -> Drawn:
+    with open_bench(seed=seed) as bench:
+        amperes = {}
+        for range_A in (1e-4, 1e-1):
             meter = configured(bench, range_A)
-            zeros.append(meter.error_A(0.0) / range_A)
-            gains.append((meter.error_A(range_A) + meter.error_A(-range_A)) / range_A / 2 - zeros[-1])
-            assert abs(gains[-1]) < 1e-12  # gain and linearity are odd in the current
-            gains[-1] = (meter.error_A(range_A) - meter.error_A(-range_A)) / range_A / 2
-    relative, floor = ACCURACY[range_A]
-    assert np.std(zeros) == pytest.approx(floor / 2, rel=0.2)
-    assert np.std(gains) == pytest.approx(np.hypot(relative, floor) / 2, rel=0.2)
+            zero, *ends = (meter.error_A(current_A) / range_A for current_A in (0.0, range_A, -range_A))
+            assert abs(sum(ends) / 2 - zero) < 1e-12  # gain and linearity are odd in the current
+            amperes[range_A] = (zero, (ends[0] - ends[1]) / 2)
+        ohms = bench.world.instruments["rail_dmm"]._ohmmeter  # type: ignore[attr-defined]
+        zero, full = (ohms.error_ohm(1e2, value_ohm) / 1e2 for value_ohm in (0.0, 1e2))
+        calibrator, currents = bench.world.instruments["calibrator"], []
+        for level in ("0", "1.0E-04"):
+            bench.send("calibrator", f"OUT {level} A, 0 HZ")
+            currents.append(calibrator.true_current_A())
+        level_A = currents[1] - 1e-4 * (1 + calibrator.gain) - currents[0]
+        return Drawn(amperes, (zero, full - zero), (calibrator.gain, currents[0], level_A))
+
+
+@pytest.fixture(scope="module")
+def population() -> list[Drawn]:
+    return [drawn(seed) for seed in range(300)]
+
+
+def test_errors_of_meters_are_as_large_as_their_specifications(population: list[Drawn]) -> None:
+    """Gain and zero of 300 meters: half of the 95 % figures, within 20 % (5 standard deviations)."""
+    for range_A, (relative, floor) in ((range_A, ACCURACY[range_A]) for range_A in (1e-4, 1e-1)):
+        zeros, gains = zip(*(one.amperes[range_A] for one in population), strict=True)
+        assert np.std(zeros) == pytest.approx(floor / 2, rel=0.2)
+        assert np.std(gains) == pytest.approx(np.hypot(relative, floor) / 2, rel=0.2)
+    zeros, gains = zip(*(one.ohms for one in population), strict=True)
+    of_reading, of_range = OHMS_ACCURACY[1e2]
+    assert np.std(zeros) == pytest.approx(of_range / 2, rel=0.2)
+    assert np.std(gains) == pytest.approx(of_reading / 2, rel=0.2)
+
+
+def test_errors_of_calibrators_have_the_spread_of_table_2(population: list[Drawn]) -> None:
+    gains, zeros, levels = np.array([one.calibrator for one in population]).T
+    for errors, spread in ((gains, 10e-6), (zeros, 3e-9), (levels, 3e-9)):
+        assert np.std(errors) == pytest.approx(spread, rel=0.15)
+    assert abs(np.corrcoef(zeros, levels)[0, 1]) < 0.2
+    assert abs(np.corrcoef(gains, zeros)[0, 1]) < 0.2
 
 
 def test_ranges_have_errors_of_their_own_that_stay_until_switched_off() -> None:
@@ -93,19 +129,6 @@ def test_leads_do_not_cancel_with_two_wires(bench: Bench, role: str, configure: 
     wired(bench, 138.5055)
     read_ohm = float(bench.ask(role, configure, "READ?"))
     assert 138.5055 + 2 * LEAD_OHM - 0.05 < read_ohm < 138.5055 + 2 * LEAD_OHM + 8.0
-
-
-def test_errors_of_a_range_of_ohms_are_as_large_as_its_specification() -> None:
-    """Gain and zero of 150 meters: half of the 95 % figures, within 20 % (3.5 standard deviations)."""
-    zeros, gains = [], []
-    for seed in range(150):
-        with open_bench(seed=seed) as bench:
-            ohmmeter = bench.world.instruments["rail_dmm"]._ohmmeter  # type: ignore[attr-defined]
-            zeros.append(ohmmeter.error_ohm(1e2, 0.0) / 1e2)
-            gains.append((ohmmeter.error_ohm(1e2, 1e2) - ohmmeter.error_ohm(1e2, 0.0)) / 1e2)
-    of_reading, of_range = OHMS_ACCURACY[1e2]
-    assert np.std(zeros) == pytest.approx(of_range / 2, rel=0.2)
-    assert np.std(gains) == pytest.approx(of_reading / 2, rel=0.2)
 
 
 def test_a_longer_integration_has_less_noise_and_takes_longer() -> None:
@@ -183,3 +206,62 @@ def test_a_voltage_hangs_where_the_world_connects_it(bench: Bench) -> None:
     bench.world.terminals.connect(source, "logger", 104)
     assert float(bench.ask("rail_dmm", "CONF:VOLT:DC", "READ?")) == pytest.approx(1.25, abs=1e-3)
     assert float(bench.ask("logger", "ROUT:SCAN (@104)", "READ?")) == pytest.approx(1.25, abs=1e-3)
+
+
+# --- the calibrator --------------------------------------------------------------------------------------------------
+
+
+def settled_A(bench: Bench, current: str, row: int = 1, channel: int = 1) -> float:
+    """Current in the channel without the leakage of the route."""
+    bench.send("calibrator", "STBY")
+    bench.send("switch", ":OPEN ALL", f":CLOS (@1!{row}!{channel})")
+    bench.send("calibrator", f"OUT {current} A, 0 HZ", "OPER")
+    bench.clock.sleep(10.0)
+    return bench.unit.inputs[channel] - bench.world.wiring.leakage_A[row - 1, channel - 1]
+
+
+@pytest.mark.parametrize(
+    ("offset_A", "scale", "bits", "current_A"), [(5e-4, 1.0, 256, 1.5e-3), (0.0, 1.01, 512, 1.01e-3)]
+)
+def test_an_offset_or_a_scale_factor_is_told_by_the_status_alone(
+    bench: Bench, offset_A: float, scale: float, bits: int, current_A: float
+) -> None:
+    calibrator = bench.world.instruments["calibrator"]
+    calibrator.offset_A, calibrator.scale = offset_A, scale
+    assert settled_A(bench, "1.0E-03") == pytest.approx(current_A, rel=1e-4)
+    assert int(bench.ask("calibrator", "ISR?")) == 4097 | bits
+    assert bench.ask("calibrator", "OUT?") == "1.0000000E-03,A,0.00E+00"
+    assert settled_A(bench, "0") == pytest.approx(offset_A, abs=1e-7)
+    bench.send("calibrator", "*RST")
+    assert bench.ask("calibrator", "ISR?") == "4096"
+    assert settled_A(bench, "1.0E-03") == pytest.approx(1e-3, rel=1e-4)
+
+
+def test_errors_are_common_to_polarity_channel_and_time() -> None:
+    with open_bench(seed=4) as bench:
+        first_A = settled_A(bench, "1.0E-02")
+        assert first_A != 1e-2
+        assert settled_A(bench, "1.0E-02", row=2) == pytest.approx(-first_A, abs=1e-17)
+        bench.clock.sleep(36_000.0)
+        assert settled_A(bench, "1.0E-02", channel=9) == pytest.approx(first_A, abs=1e-17)
+
+
+def test_zero_shows_the_offset_of_its_range() -> None:
+    with open_bench(seed=4) as bench:
+        low_A = settled_A(bench, "0")
+        settled_A(bench, "1.0E-01")
+        bench.send("calibrator", "RANGELCK ON")
+        high_A = settled_A(bench, "0")
+        assert 0 < abs(low_A) < 5 * 3e-9
+        assert 5 * 3e-9 < abs(high_A) < 5 * 3.5e-7
+
+
+def test_gain_and_floor_can_be_switched_off() -> None:
+    with open_bench(seed=4, options={"calibrator_gain": "off"}) as bench:
+        assert abs(settled_A(bench, "2.0E-01") - 0.2) < 5 * 0.7e-6
+    with open_bench(seed=4, options={"calibrator_floor": "off"}) as bench:
+        gain = settled_A(bench, "2.0E-01") / 0.2 - 1
+        assert settled_A(bench, "3.0E-05") / 3e-5 - 1 == pytest.approx(gain, abs=1e-9)
+        assert 0 < abs(gain) < 50e-6
+    with open_bench(seed=4, options={"calibrator_gain": "off", "calibrator_floor": "off"}) as bench:
+        assert settled_A(bench, "2.0E-01") == pytest.approx(0.2, abs=1e-16)
