@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Iterator, Sequence
@@ -19,6 +20,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 VIEWS = HERE / "views.py"
 _PACKAGES = "import bench, instruments, sim_instruments as s; print(bench.__file__, instruments.__file__, s.__file__)"
+_LEFT = re.compile(r"\s*\d+:\d\d:\d\d left$")  # of a study: how long this machine will need
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,8 @@ class Bench:
             done = self.python([VIEWS, "plans", folder, *case.words], place)
         else:
             done = self.python(["-m", "bench", *case.command()], place)
-        (folder / "status.json").write_text(json.dumps({"exit": done.returncode, "stderr": done.stderr.splitlines()}))
+        lines = [_LEFT.sub("", line) for line in done.stderr.splitlines()]
+        (folder / "status.json").write_text(json.dumps({"exit": done.returncode, "stderr": lines}))
         name = "stdout.json" if done.stdout.startswith("{") else "stdout.txt"
         (folder / name).write_text(done.stdout)
         if sessions := sorted({path.parent for path in folder.glob("out/*/session.*.mcap")}):

@@ -15,9 +15,9 @@ CEILINGS = {
     "tokens a line": 10.56,
     "files": 875,
     "dict[str, Any]": 513,
-    "lines of tests": 103_609,
-    "tests of several deep modules": 168,
-    "words of docs": 158_140,
+    "lines of tests": 99_059,
+    "tests of several deep modules": 160,
+    "words of docs": 158_131,
 }
 CEILINGS_OF_WAYS = {
     "files of a frame": 81,

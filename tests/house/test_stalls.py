@@ -24,7 +24,7 @@ def stop_the_meter(seconds):
 def place(tmp_path):
     return tmp_path
 
-@pytest.mark.limit(0.3)
+@pytest.mark.limit(1.0)
 def test_of_a_limit(place):
     runs = Path("runs.txt")
     first = not runs.exists()
@@ -36,7 +36,7 @@ def test_of_a_limit(place):
 """
 
 
-@pytest.mark.parametrize(("stall_s", "runs", "said"), [(0.6, 2, "test_of_a_limit: repeated"), (0.0, 1, "1 failed")])
+@pytest.mark.parametrize(("stall_s", "runs", "said"), [(1.5, 2, "test_of_a_limit: repeated"), (0.0, 1, "1 failed")])
 def test_only_a_stall_above_the_limit_repeats_a_test(tmp_path: Path, stall_s: float, runs: int, said: str) -> None:
     (tmp_path / "test_it.py").write_text(TEST.replace("SECONDS", str(stall_s)))
     (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = limit\n")
@@ -57,5 +57,5 @@ def test_only_a_stall_above_the_limit_repeats_a_test(tmp_path: Path, stall_s: fl
 
 def test_a_stall_is_told_once() -> None:
     with stalls.meter() as meter:
-        assert meter.longest_s() < 60.0
-        assert meter.longest_s() < 60.0
+        assert meter.late_s() < 60.0
+        assert meter.late_s() < 60.0
