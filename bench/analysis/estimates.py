@@ -7,7 +7,14 @@ import math
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, Literal, TypeAlias
 
-from pydantic import Field, TypeAdapter, ValidationError, model_validator
+from pydantic import (
+    Field,
+    TypeAdapter,
+    ValidationError,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
 from bench.analysis.form import Closed, Document, wrong_form
 from bench.maths.verdict import NON_BINARY, Limit, Verdict, bounds, checked_rule, coverage_factor, decide
@@ -29,11 +36,20 @@ _Count = Annotated[int, Field(ge=0)]
 _Code = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
 
 
+def _as_given(value: Any, check: ValidatorFunctionWrapHandler) -> Any:
+    """Return a value that was checked as it was given: a sentence that knows its translations stays one."""
+    check(value)
+    return value
+
+
+_Sentence = Annotated[str, WrapValidator(_as_given)]
+
+
 class Reason(Closed):
     """Why an estimate is not sound: a stable code, a sentence, and the figure that led to it."""
 
     code: _Code
-    sentence: str
+    sentence: _Sentence
     figure: float | None
 
 
@@ -42,7 +58,7 @@ class EvidenceInterval(Closed):
 
     low: float
     high: float
-    basis: str
+    basis: _Sentence
 
 
 class Limits(Closed):
@@ -86,7 +102,7 @@ class Estimate(Closed):
     std_uncertainty: Annotated[Number, Field(ge=0)]
     coverage_factor: Annotated[Number, Field(gt=0)]
     expanded_uncertainty: Annotated[Number, Field(ge=0)]
-    conditions: dict[str, Plain]
+    conditions: Annotated[dict[str, Plain], WrapValidator(_as_given)]
     n: _Count
     dropped: _Count
     limit: float | None = Field(description="stands for -limit to limit")

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from bench import __version__
+from bench.analysis import Closed
 from bench.model.errors import InputError, InstallationError
 from bench.model.folders import cache_folder
 from bench.model.installed import OWN, offers
@@ -99,7 +100,7 @@ def _installed() -> Iterator[str]:
 
 
 class _Reader(pickle.Unpickler):
-    """Makes plain values, arrays and the dataclasses of results: a file of somebody else's can do nothing here."""
+    """Makes plain values, arrays, dataclasses and estimates of results: a file of somebody else's can do nothing here."""
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) in _ARRAYS:
@@ -108,7 +109,8 @@ class _Reader(pickle.Unpickler):
             return super().find_class(module, name)
         if module.startswith(_OURS) and name.isidentifier():
             found = super().find_class(module, name)
-            if isinstance(found, type) and is_dataclass(found) and found.__module__ == module:
+            of_results = is_dataclass(found) or (isinstance(found, type) and issubclass(found, Closed))
+            if isinstance(found, type) and of_results and found.__module__ == module:
                 return found
         raise pickle.UnpicklingError(f"{module}.{name} is no result")
 

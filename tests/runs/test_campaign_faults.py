@@ -31,8 +31,8 @@ def worst_u(rehearsal: Rehearsal) -> float:
     """Largest difference of a scale-factor error from the truth, in its stated standard uncertainty (11 to 12 ppm)."""
     true = {one["quantity"]: one["value"] for one in rehearsal.run.truth if one["quantity"] in ("dsf_n", "dsf_p")}
     errors = {
-        one["quantity"]: abs(one["value"] - true[one["quantity"]]) / one["std_uncertainty"]
-        for one in estimates_of(rehearsal) if one["quantity"] in true
+        one.quantity: abs(one.value - true[one.quantity]) / one.std_uncertainty
+        for one in estimates_of(rehearsal) if one.quantity in true
     }  # fmt: skip
     assert set(errors) == {"dsf_n", "dsf_p"}
     print(f"seed {SEED}: errors {errors} u")
@@ -188,7 +188,7 @@ def test_one_frame_in_a_hundred_lost_during_part_of_the_campaign(tmp_path: Path,
     flagged = [row.window.number for row in outcome.rows if row.quality & Quality.LOST]
     assert flagged == [6 + 2, 7 + 2, 8 + 2]  # two wiring records come first
     assert found.run.counts["frames_lost"] >= sum(row.lost for row in outcome.rows) > 0
-    assert {one["dropped"] for one in estimates_of(found) if one["quantity"] == "dsf_n"} == {3}
+    assert {one.dropped for one in estimates_of(found) if one.quantity == "dsf_n"} == {3}
     assert worst_u(found) < 1.0
 
 

@@ -10,9 +10,7 @@ def every(found: Any, quantity: str, **conditions: Any) -> list[dict[str, Any]]:
     """Return all estimates of a quantity with these conditions; ``found``: estimates or what has them."""
     estimates: Iterable[Any] = found["estimates"] if isinstance(found, Mapping) else getattr(found, "estimates", found)
     return [
-        entry
-        for entry in estimates
-        if entry["quantity"] == quantity and conditions.items() <= entry["conditions"].items()
+        entry for entry in estimates if entry.quantity == quantity and conditions.items() <= entry.conditions.items()
     ]
 
 
@@ -24,4 +22,4 @@ def one(found: Any, quantity: str, **conditions: Any) -> dict[str, Any]:
 
 def value(found: Any, quantity: str, **conditions: Any) -> float:
     """Return the value of the only estimate of a quantity with these conditions."""
-    return float(one(found, quantity, **conditions)["value"])
+    return float(one(found, quantity, **conditions).value)

@@ -107,8 +107,8 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     chi2 = sum(group["reduced_chi2"] * group["dof"] for group in analysis.groups)
     dof = sum(group["dof"] for group in analysis.groups)
     for entry in analysis.estimates:
-        if entry["quantity"] == "repeat_shift":
-            chi2, dof = chi2 + (entry["value"] / entry["std_uncertainty"]) ** 2, dof + 1
+        if entry.quantity == "repeat_shift":
+            chi2, dof = chi2 + (entry.value / entry.std_uncertainty) ** 2, dof + 1
     return Seen(wanted, [campaign.truth(entry) for entry in wanted], chi2, dof, 3 * len(campaign.units))
 
 

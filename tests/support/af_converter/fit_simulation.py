@@ -137,8 +137,8 @@ class SimulatedCampaign:
 
     def truth(self, estimate: dict[str, Any]) -> float:
         """True value of an estimate in its unit, at the temperature the estimate itself names."""
-        conditions = estimate["conditions"]
-        quantity = estimate["quantity"]
+        conditions = estimate.conditions
+        quantity = estimate.quantity
         if quantity == "master_clock_error":
             return 1e6 * self.master_error
         if quantity == "clock_ratio_error":

@@ -33,8 +33,8 @@ WHITE_A_rts, WALK_A_rth = 2e-9 / np.sqrt(2.0), 3e-10  # two-sided
 
 
 def place(entry: Mapping[str, Any]) -> Place:
-    conditions = entry["conditions"]
-    return entry["quantity"], conditions.get("kind", ""), conditions.get("temperature_degC")
+    conditions = entry.conditions
+    return entry.quantity, conditions.get("kind", ""), conditions.get("temperature_degC")
 
 
 def errors_of(seed: int, kinds: Mapping[str, Typical], lag_s: float) -> dict[Place, float]:
@@ -49,14 +49,14 @@ def stated_errors(seed: int, kinds: Mapping[str, Typical], lag_s: float) -> dict
     for fit, one in zip(fits, ramps, strict=True):
         pairs += [(entry, _truth(entry, fit, one, constants)) for entry in channel_estimates(fit, constants, 0)]
     for entry in noise_estimates(channel_noise(fits, records)):
-        pairs.append((entry, {"white_noise": WHITE_A_rts, "random_walk": WALK_A_rth}.get(entry["quantity"], 0.0)))
+        pairs.append((entry, {"white_noise": WHITE_A_rts, "random_walk": WALK_A_rth}.get(entry.quantity, 0.0)))
     clock = fit_master_clock(records, constants, {})
     for entry in master_clock_estimates(clock, (-10.0, 20.0, 50.0), 0):
-        at = entry["conditions"].get("temperature_degC", 20.0)
-        order = int(entry["quantity"][-1]) if "_tc" in entry["quantity"] else None
+        at = entry.conditions.get("temperature_degC", 20.0)
+        order = int(entry.quantity[-1]) if "_tc" in entry.quantity else None
         true_ppm = np.polynomial.polynomial.polyval(at - 20.0, MASTER_ppm) if order is None else MASTER_ppm[order]
         pairs.append((entry, float(true_ppm)))
-    return {place(entry): (entry["value"] - truth, entry["expanded_uncertainty"]) for entry, truth in pairs}
+    return {place(entry): (entry.value - truth, entry.expanded_uncertainty) for entry, truth in pairs}
 
 
 def _fitted(
@@ -96,14 +96,14 @@ def _off_nominal(row: Any, generator: float, sensor_degC: float, rng: np.random.
 
 
 def _truth(entry: Mapping[str, Any], fit: ChannelFit, one: Ramp, constants: Campaign) -> float:
-    quantity, at = entry["quantity"], entry["conditions"].get("temperature_degC")
+    quantity, at = entry.quantity, entry.conditions.get("temperature_degC")
     if quantity == "bias":
         curve = (one.unit.polynomial[0] + one.mean_walk_A, *one.unit.polynomial[1:])
         return float(np.polynomial.polynomial.polyval(at - 20.0, curve))
     if quantity.startswith("bias_tc"):
         return one.unit.polynomial[int(quantity[-1])]
     if quantity == "bias_residual":
-        return entry["value"] - _residual_error(fit, one, constants)
+        return entry.value - _residual_error(fit, one, constants)
     lag_min = one.unit.lag_s / 60.0
     return {"hysteresis_width": one.unit.width_A, "play_half_width": one.unit.half_width_degC, "thermal_lag": lag_min}[
         quantity

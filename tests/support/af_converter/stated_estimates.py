@@ -12,7 +12,7 @@ def entries_of(analysis: Analysis, *quantities: str, **conditions: Any) -> list[
     wanted = conditions.items()
     return [
         entry for entry in analysis.estimates
-        if entry["quantity"] in quantities and wanted <= entry["conditions"].items()
+        if entry.quantity in quantities and wanted <= entry.conditions.items()
     ]  # fmt: skip
 
 
@@ -24,12 +24,12 @@ def entry_of(analysis: Analysis, quantity: str, **conditions: Any) -> dict[str, 
 
 def score(entry: dict[str, Any], truth: float) -> float:
     """Return the error of an estimate in its standard uncertainty."""
-    return float((entry["value"] - truth) / entry["std_uncertainty"])
+    return float((entry.value - truth) / entry.std_uncertainty)
 
 
 def holds(entry: dict[str, Any], truth: float) -> bool:
     """Return whether the interval of an estimate holds the truth."""
-    return bool(abs(entry["value"] - truth) <= entry["expanded_uncertainty"])
+    return bool(abs(entry.value - truth) <= entry.expanded_uncertainty)
 
 
 def table_of(analysis: Analysis, title: str) -> Table:

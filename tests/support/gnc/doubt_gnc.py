@@ -311,7 +311,7 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
             analysis = analyse(bench.material(name, kinds))
         except FitError:
             continue  # refused: promised and not there
-        fitted |= {place_of(entry): entry["value"] for entry in analysis.estimates}
+        fitted |= {place_of(entry): entry.value for entry in analysis.estimates}
         document = build_results("doubt", analysis, {"records": len(bench.rows)}, PROVENANCE)
         entries += [entry for entry in document["estimates"] if entry["quantity"] in quantities]
     chi2, dof = trace(bench, fitted)
@@ -321,8 +321,8 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
 
 def place_of(entry: Any) -> tuple[Any, ...]:
     """Return what tells an estimate from the others."""
-    about = entry["conditions"]
-    return entry["quantity"], about.get("method"), *(about[name] for name in ("row", "column", "axis") if name in about)
+    about = entry.conditions
+    return entry.quantity, about.get("method"), *(about[name] for name in ("row", "column", "axis") if name in about)
 
 
 def truth(unit: imu.Unit, entry: Any) -> float:

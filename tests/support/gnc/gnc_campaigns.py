@@ -17,7 +17,7 @@ from gnc_sensor_bench import Table, at, trapezoid
 from imu_material import record_of
 from rehearsal import ROOT
 from scipy.linalg import sqrtm
-from spread_study import Key, Study, key_of
+from spread_study import Key, Study, key_of, name_of
 
 from bench.analysis import CONTINUES, Analysis, Estimates, Material
 from bench.model.clock import NS
@@ -145,7 +145,10 @@ def material_of(plan: Plan, module: Module) -> Material:
 def truth_of(module: Module, taken: list[Taken]) -> dict[Key, float]:
     """True values of some records, as the simulator states them."""
     windows = [row.window for row, one in zip(module.rows, module.taken, strict=True) if one in taken]
-    return {key_of(entry): float(entry["value"]) for entry in estimates({"": module.imu}, windows)}
+    return {
+        name_of(entry["quantity"], entry["conditions"]): float(entry["value"])
+        for entry in estimates({"": module.imu}, windows)
+    }
 
 
 def calibration_truth(module: Module) -> dict[Key, float]:
@@ -157,7 +160,7 @@ def calibration_truth(module: Module) -> dict[Key, float]:
 
 def left_by(module: Module, found_estimates: Estimates) -> dict[Key, float]:
     """True coupling that a calibration leaves: K S at the temperature of the check."""
-    found = {key_of(entry): entry["value"] for entry in found_estimates}
+    found = {key_of(entry): entry.value for entry in found_estimates}
     left: dict[Key, float] = {}
     for prefix, kind, item, errors in (
         ("accel", "accelerometer", "position", module.imu.errors.accel),
@@ -187,7 +190,7 @@ def _sets(taken: list[Taken], item: str) -> tuple[list[Taken], list[Taken]]:
 
 
 def campaign_key(quantity: str, conditions: dict[str, Any]) -> Key:
-    return key_of({"quantity": quantity, "conditions": conditions})
+    return name_of(quantity, conditions)
 
 
 def bias_truth(module: Module) -> dict[Key, float]:

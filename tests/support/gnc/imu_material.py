@@ -175,7 +175,7 @@ def values(estimates: Sequence[Mapping[str, Any]], quantity: str, *names: str) -
     """Values of a quantity by its conditions: (3,) by axis, or (3, 3) by row and column (0 where there is none)."""
     found = np.zeros((3, 3) if names else 3)
     for one in estimates:
-        if one["quantity"] == quantity:
-            place = tuple("xyz".index(one["conditions"][name]) for name in names or ("axis",))
-            found[place if names else place[0]] = one["value"]
+        if one.quantity == quantity:
+            place = tuple("xyz".index(one.conditions[name]) for name in names or ("axis",))
+            found[place if names else place[0]] = one.value
     return found

@@ -259,14 +259,14 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
 
 
 def _by_a_sound_formula(entry: Any) -> bool:
-    return bool(entry["conditions"].get("method") not in ("literal", "quadrant"))
+    return bool(entry.conditions.get("method") not in ("literal", "quadrant"))
 
 
 @cache
 def _promised() -> int:
     """How many estimates a campaign promises: those of a right one."""
     analysis = analyse(_material(0, World(), 1.0))
-    return sum(entry["quantity"] in JUDGED and _by_a_sound_formula(entry) for entry in analysis.estimates)
+    return sum(entry.quantity in JUDGED and _by_a_sound_formula(entry) for entry in analysis.estimates)
 
 
 def places() -> list[Place]:
@@ -340,9 +340,9 @@ def _bare(world: type[World], size: float) -> dict[tuple[str, float, str], float
     """What each method indicates without noise, by item, head and method."""
     analysis = analyse(_material(0, world(size), 0.0))
     return {
-        (entry["conditions"]["item"], entry["conditions"]["head_deg"], entry["conditions"]["method"]): entry["value"]
+        (entry.conditions["item"], entry.conditions["head_deg"], entry.conditions["method"]): entry.value
         for entry in analysis.estimates
-        if entry["quantity"] == "azimuth"
+        if entry.quantity == "azimuth"
     }
 
 

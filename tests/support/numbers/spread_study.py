@@ -10,15 +10,20 @@ from typing import Any
 import numpy as np
 from scipy import stats
 
-from bench.analysis import Estimates, Prediction
+from bench.analysis import Estimate, Estimates, Prediction
 
 Key = tuple[str, str]
 PROBABILITY = 0.999
 
 
-def key_of(entry: Mapping[str, Any]) -> Key:
+def key_of(entry: Estimate) -> Key:
     """Name of an estimate: its quantity and where it holds."""
-    return entry["quantity"], json.dumps(entry["conditions"], sort_keys=True)
+    return name_of(entry.quantity, entry.conditions)
+
+
+def name_of(quantity: str, conditions: Mapping[str, Any]) -> Key:
+    """Return the name of the estimate of a quantity under some conditions."""
+    return quantity, json.dumps(conditions, sort_keys=True)
 
 
 @dataclass
@@ -35,14 +40,14 @@ class Study:
 
     def add(self, estimates: Estimates, truth: Mapping[Key, float]) -> None:
         """Take a campaign in; each estimate with a truth must be predicted."""
-        predicted = {key_of(entry): entry["std_uncertainty"] for entry in self.prediction.estimates}
+        predicted = {key_of(entry): entry.std_uncertainty for entry in self.prediction.estimates}
         for entry in estimates:
             key = key_of(entry)
             if key in truth:
-                error = entry["value"] - truth[key]
+                error = entry.value - truth[key]
                 self.scores.setdefault(key, []).append(error / predicted[key])
-                self.held.setdefault(key, []).append(abs(error) <= entry["expanded_uncertainty"])
-                self.stated.setdefault(key, []).append(entry["std_uncertainty"] / predicted[key])
+                self.held.setdefault(key, []).append(abs(error) <= entry.expanded_uncertainty)
+                self.stated.setdefault(key, []).append(entry.std_uncertainty / predicted[key])
 
     def ratios(self) -> dict[Key, float]:
         """Spread about the truth over the predicted uncertainty."""

@@ -58,6 +58,18 @@ def estimate(quantity: str, unit: str, value: float, expanded: float, **conditio
     return {**found, **stated, "limit": None, "verdict": "none"}
 
 
+def unsound(entry: dict[str, Any], quality: str = "doubtful") -> dict[str, Any]:
+    """Return an entry as a check leaves it that speaks against it."""
+    numbers = (
+        "std_uncertainty",
+        "coverage_factor",
+        "expanded_uncertainty",
+        *(["value"] if quality == "refused" else []),
+    )
+    reason = {"code": "odd", "sentence": "It is odd.", "figure": None}
+    return {**entry, **dict.fromkeys(numbers), "quality": quality, "reasons": [reason], "verdict": "indeterminate"}
+
+
 def sample_estimates(rng: np.random.Generator) -> list[dict[str, Any]]:
     rows = []
     for channel in range(1, 11):

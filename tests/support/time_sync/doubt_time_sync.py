@@ -116,8 +116,8 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     (fit,) = analysis.groups
     chi2, dof = fit["reduced_chi2"] * fit["dof"], fit["dof"]
     for entry in analysis.estimates:
-        if entry["quantity"] == "stamps_difference":
-            chi2, dof = chi2 + (entry["value"] / entry["std_uncertainty"]) ** 2, dof + 1
+        if entry.quantity == "stamps_difference":
+            chi2, dof = chi2 + (entry.value / entry.std_uncertainty) ** 2, dof + 1
     return Seen(wanted, [truth_of(entry) for entry in wanted], chi2, dof, 6)
 
 

@@ -52,20 +52,20 @@ def test_agrees_with_truth_and_with_the_calibrator_method(session: tuple[Materia
     given, truth = session
     analysis = dmm_method.analyse(given)
     true = {(one["quantity"], one["conditions"].get("channel")): one["value"] for one in truth}
-    judged = [one for one in analysis.estimates if one["quantity"].startswith("dsf_") and "mean" not in one["quantity"]]
+    judged = [one for one in analysis.estimates if one.quantity.startswith("dsf_") and "mean" not in one.quantity]
     assert len(judged) == 6
     for one in judged:
-        error = one["value"] - true[one["quantity"], one["conditions"]["channel"]]
-        sys.stdout.write(f"{one['conditions']['channel']} {one['quantity']}: error {error:.2f} ppm\n")
-        assert abs(error) < 1.3 * one["expanded_uncertainty"]
-        assert (one["n"], one["dropped"]) == (14, 0)
+        error = one.value - true[one.quantity, one.conditions["channel"]]
+        sys.stdout.write(f"{one.conditions['channel']} {one.quantity}: error {error:.2f} ppm\n")
+        assert abs(error) < 1.3 * one.expanded_uncertainty
+        assert (one.n, one.dropped) == (14, 0)
     tables = {table.title: table.rows for table in analysis.tables}
     (agreement,) = (rows for title, rows in tables.items() if "calibrator method" in title)
     assert all(abs(row[7]) < 1.0 for row in agreement)
     assert [row[0] for row in tables["Zeros of the meter"]] == pytest.approx([0.1, 1.0, 10.0, 100.0, 1000.0])
     assert analysis.missing == []
-    assert [one["verdict"] for one in analysis.estimates if one["quantity"] == "repeat_shift"] == ["pass"] * 4
-    assert len([one for one in analysis.estimates if one["quantity"] == "switch_leakage"]) == 4
+    assert [one.verdict for one in analysis.estimates if one.quantity == "repeat_shift"] == ["pass"] * 4
+    assert len([one for one in analysis.estimates if one.quantity == "switch_leakage"]) == 4
     assert len([note for note in analysis.notes if "no more than chance" in note]) == 2
 
 
@@ -75,8 +75,8 @@ def test_what_is_predicted_is_what_the_campaign_states(
     def by_place(estimates: list[Any]) -> dict[tuple[Any, ...], float]:
         found = {}
         for entry in estimates:
-            where = (pair for pair in entry["conditions"].items() if pair[0] != "unit_temperature_degC")
-            found[entry["quantity"], *where] = entry["std_uncertainty"]
+            where = (pair for pair in entry.conditions.items() if pair[0] != "unit_temperature_degC")
+            found[entry.quantity, *where] = entry.std_uncertainty
         return found
 
     before, after = by_place(predicted(tiny(tmp_path)).estimates), by_place(dmm_method.analyse(session[0]).estimates)
@@ -116,16 +116,16 @@ def test_a_drifting_calibrator_is_seen_by_the_meter(
     assert rehearsal.run.outcome.error is None
     assert rehearsal.run.outcome.overruns == 0
     analysis = analyse(material_of(read_view(rehearsal.run.folder)))
-    found = [one for one in analysis.estimates if one["quantity"] == "calibrator_drift"]
-    checks = [one for one in found if one["conditions"]["check"] == "check by the meter"]
-    assert [one["conditions"]["current_A"] for one in checks] == [1e-3, 1e-2, 1e-1]
+    found = [one for one in analysis.estimates if one.quantity == "calibrator_drift"]
+    checks = [one for one in found if one.conditions["check"] == "check by the meter"]
+    assert [one.conditions["current_A"] for one in checks] == [1e-3, 1e-2, 1e-1]
     for one in checks:
-        expected_ppm = RATE_ppm_d * one["conditions"]["hours"] / 24.0
-        sys.stdout.write(f"{one['value']:.3f} +- {one['expanded_uncertainty']:.3f} ppm, drawn {expected_ppm:.3f} ppm\n")
-        record_property("obtained", f"{one['value']:.3f} of {expected_ppm:.3f} ppm")
+        expected_ppm = RATE_ppm_d * one.conditions["hours"] / 24.0
+        sys.stdout.write(f"{one.value:.3f} +- {one.expanded_uncertainty:.3f} ppm, drawn {expected_ppm:.3f} ppm\n")
+        record_property("obtained", f"{one.value:.3f} of {expected_ppm:.3f} ppm")
         assert expected_ppm > 2.0
-        assert one["value"] == pytest.approx(expected_ppm, abs=0.05)
+        assert one.value == pytest.approx(expected_ppm, abs=0.05)
     component = {one["std_uncertainty_ppm"] for one in analysis.components if "drift" in one["component"]}
-    assert component == {max(abs(one["value"]) + one["expanded_uncertainty"] for one in checks) / 2}
+    assert component == {max(abs(one.value) + one.expanded_uncertainty for one in checks) / 2}
     assert any("Zeros in every range" in note for note in analysis.notes)
     assert analysis.missing == []

@@ -42,15 +42,15 @@ def scores_of(slope_ppm_degC: float) -> dict[str, list[float]]:
     for seed in range(CAMPAIGNS):
         campaign = sim.simulate(seed, sim.Switches(tc1_sigma_ppm_degC=slope_ppm_degC), **OF_ONE)
         for entry in determine(material_of(campaign), "gls").estimates:
-            quantity = entry["quantity"]
+            quantity = entry.quantity
             if quantity.startswith("dsf") or quantity in CHANGES:
                 truth = 0.0 if quantity in CHANGES else campaign.truth(entry)
-                scores.setdefault(quantity, []).append((entry["value"] - truth) / entry["std_uncertainty"])
+                scores.setdefault(quantity, []).append((entry.value - truth) / entry.std_uncertainty)
     return scores
 
 
 def drifts(estimates: Estimates) -> dict[str, Any]:
-    return {entry["quantity"]: entry for entry in estimates if entry["quantity"] in CHANGES}
+    return {entry.quantity: entry for entry in estimates if entry.quantity in CHANGES}
 
 
 @pytest.mark.validates(
@@ -91,15 +91,15 @@ def component_ppm(analysis: Analysis) -> float:
 def test_a_steady_unit_shows_a_drift_and_it_counts() -> None:
     found = run(4.0, lag=False)
     drift = drifts(found.estimates)["calibrator_drift"]
-    assert drift["value"] == pytest.approx(4.0, abs=drift["expanded_uncertainty"])
-    assert drift["expanded_uncertainty"] < 1.0
+    assert drift.value == pytest.approx(4.0, abs=drift.expanded_uncertainty)
+    assert drift.expanded_uncertainty < 1.0
     assert component_ppm(found) > 2.0
     assert any("this is the drift of the calibrator in the budget" in note for note in found.notes)
 
 
 def test_what_warming_can_explain_bounds_no_drift_and_says_so() -> None:
     found = run(4.0, lag=True)
-    assert drifts(found.estimates)["calibrator_drift"]["expanded_uncertainty"] > 20.0
+    assert drifts(found.estimates)["calibrator_drift"].expanded_uncertainty > 20.0
     assert component_ppm(found) == 0.0
     (note,) = [note for note in found.notes if "cannot be told apart" in note]
     assert "temperature differed by +0.24 degC" in note
@@ -111,7 +111,7 @@ def test_the_prediction_names_what_warming_may_be() -> None:
     campaign = sim.simulate(4, **OF_ONE)
     found = predicted(planned(campaign))
     assert drifts(found.estimates) == {}
-    assert {"dsf_n", "dsf_asymmetry", "bias"} <= {entry["quantity"] for entry in found.estimates}
+    assert {"dsf_n", "dsf_asymmetry", "bias"} <= {entry.quantity for entry in found.estimates}
     assert found.missing == [say("predicted.untold", place="channel 1 at 20 degC, repeat 1", step=1.0)]
     assert found.assumed == [say("predicted.steady", step=1.0)]
     several = predicted(planned(sim.simulate(4, temperatures=(5.0, 20.0), repeat_channel=1)))

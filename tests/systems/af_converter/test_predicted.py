@@ -35,11 +35,11 @@ def places(estimates: list[Any]) -> dict[tuple[str, str], float]:
     Without what changed between the visits: how warm the unit is in each of them, no plan knows.
     """
     found = {}
-    for entry in (entry for entry in estimates if not entry["quantity"].endswith("_drift")):
-        where = {key: value for key, value in entry["conditions"].items() if key not in LEFT_OUT}
-        parts = entry.get("common", {}).get("campaign", {}).values()
-        own = entry["std_uncertainty"] ** 2 - sum(part**2 for part in parts)
-        found[entry["quantity"], json.dumps(where, sort_keys=True)] = math.sqrt(own)
+    for entry in (entry for entry in estimates if not entry.quantity.endswith("_drift")):
+        where = {key: value for key, value in entry.conditions.items() if key not in LEFT_OUT}
+        parts = [] if entry.common is None else entry.common.campaign.values()
+        own = entry.std_uncertainty**2 - sum(part**2 for part in parts)
+        found[entry.quantity, json.dumps(where, sort_keys=True)] = math.sqrt(own)
     return found
 
 
@@ -63,7 +63,7 @@ def test_each_of_several_units_is_predicted_by_itself(tmp_path: Path) -> None:
     for unit in plan.units:
         with session_of_unit(folder, unit.serial) as home:
             results, _ = analyse_view(read_view(home))
-        own = [entry for entry in found.estimates if entry["conditions"]["unit"] == unit.serial]
+        own = [entry for entry in found.estimates if entry.conditions["unit"] == unit.serial]
         assert places(own) == pytest.approx(places(results["estimates"]), rel=TOLERANCE)
 
 
@@ -95,14 +95,14 @@ def test_it_is_printed_and_in_the_document(tmp_path: Path, capsys: pytest.Captur
 def test_the_chance_of_a_pass_stands_beside_the_limit(tmp_path: Path) -> None:
     plan = with_spread(tmp_path, "dsf_n_residual: 50 ppm, dsf_x: 1 ppm")
     found = predicted(plan)
-    entries = [entry for entry in found.estimates if entry["quantity"] == "dsf_n_residual"]
+    entries = [entry for entry in found.estimates if entry.quantity == "dsf_n_residual"]
     chances = [chance_of(entry, plan.campaign) for entry in entries]
     random = np.random.default_rng(1)  # seed 1
     for entry, chance in zip(entries, chances, strict=True):
-        measured = random.normal(random.normal(0.0, 50.0, 20_000), entry["std_uncertainty"])
-        passed = [verdict(value, entry["expanded_uncertainty"], entry["limit"]) == "pass" for value in measured]
+        measured = random.normal(random.normal(0.0, 50.0, 20_000), entry.std_uncertainty)
+        passed = [verdict(value, entry.expanded_uncertainty, entry.limit) == "pass" for value in measured]
         assert chance == pytest.approx(np.mean(passed), abs=4.0 * 0.5 / math.sqrt(20_000))
-    others = [entry for entry in found.estimates if entry["quantity"] == "dsf_n"]
+    others = [entry for entry in found.estimates if entry.quantity == "dsf_n"]
     assert {chance_of(entry, plan.campaign) for entry in others} == {None}
     lines = list(predicted_lines(plan, found))
     assert any(line.endswith(f"{100 * min(filter(None, chances)):.3g} % of units pass (50 values)") for line in lines)

@@ -67,28 +67,28 @@ def campaigns_of(seed: int) -> tuple[sim.SimulatedCampaign, sim.SimulatedCampaig
 
 
 def scale_place(entry: Any) -> Place:
-    where = entry["conditions"]
-    return entry["quantity"], str(where.get("kind", "")), str(where.get("temperature_degC", ""))
+    where = entry.conditions
+    return entry.quantity, str(where.get("kind", "")), str(where.get("temperature_degC", ""))
 
 
 def scale_truth(campaign: sim.SimulatedCampaign, entry: Any) -> float:
     """Return the true value of an estimate; a calibrator that delivers more looks like a smaller charge per pulse."""
-    if not entry["quantity"].endswith("_drift"):
+    if not entry.quantity.endswith("_drift"):
         return campaign.truth(entry)
     drift_ppm = 1e6 * campaign.drift * BETWEEN_s / FEW_s
-    return drift_ppm if entry["quantity"] == "calibrator_drift" else -drift_ppm
+    return drift_ppm if entry.quantity == "calibrator_drift" else -drift_ppm
 
 
 def is_counted(entry: Any, few: bool) -> bool:
     """Return whether an estimate is taken from the campaign of few temperatures, or from the other one."""
-    of_few = entry["quantity"].endswith("_drift") or "clock" in entry["quantity"]
-    return not entry["quantity"].endswith("_residual") and of_few is few
+    of_few = entry.quantity.endswith("_drift") or "clock" in entry.quantity
+    return not entry.quantity.endswith("_residual") and of_few is few
 
 
 def scale_ratios(count: int) -> dict[Place, float]:
     """Return RMS error over predicted standard uncertainty of each estimate over campaigns of seeds from 0 on."""
     expected = {
-        scale_place(entry): entry["std_uncertainty"]
+        scale_place(entry): entry.std_uncertainty
         for few, campaign in enumerate(campaigns_of(0))
         for entry in of_scale_factor(Planned(campaign.windows, campaign.campaign, campaign.standards)).estimates
         if is_counted(entry, bool(few))
@@ -100,7 +100,7 @@ def scale_ratios(count: int) -> dict[Place, float]:
             for entry in known.estimates:
                 if is_counted(entry, bool(few)):
                     place = scale_place(entry)
-                    scores[place].append((entry["value"] - scale_truth(campaign, entry)) / expected[place])
+                    scores[place].append((entry.value - scale_truth(campaign, entry)) / expected[place])
     assert {len(each) for each in scores.values()} == {count}
     return rms(scores)
 
@@ -123,8 +123,8 @@ FIRST_METERED = 2000
 
 
 def meter_place(entry: Mapping[str, Any]) -> Place:
-    where = entry["conditions"]
-    return (entry["quantity"], *(str(where.get(key, "")) for key in ("kind", "current_A", "polarity")))
+    where = entry.conditions
+    return (entry.quantity, *(str(where.get(key, "")) for key in ("kind", "current_A", "polarity")))
 
 
 def meter_truth(campaign: sim.SimulatedCampaign, entry: dict[str, Any]) -> float:
@@ -154,9 +154,9 @@ def meter_ratios(campaigns: int) -> dict[Place, float]:
         readings = dmm_simulation.readings_of(campaign, meter)
         if not expected:
             plan = metered_plan(campaign, readings)
-            expected = {meter_place(entry): entry["std_uncertainty"] for entry in by_meter(plan).estimates}
+            expected = {meter_place(entry): entry.std_uncertainty for entry in by_meter(plan).estimates}
         for entry in determine_by_meter(dmm_simulation.material(campaign, readings, both=False), "joint").estimates:
-            found.setdefault(meter_place(entry), []).append(entry["value"] - meter_truth(campaign, dict(entry)))
+            found.setdefault(meter_place(entry), []).append(entry.value - meter_truth(campaign, entry.document))
     assert found.keys() == expected.keys()
     return {where: float(np.sqrt(np.mean(np.square(errors)))) / expected[where] for where, errors in found.items()}
 
@@ -178,7 +178,7 @@ def test_the_meter_stands_on_the_range_that_was_asked_for() -> None:
     assert found.missing == []
     by_quantity: dict[str, list[float]] = {}
     for entry in found.estimates:
-        by_quantity.setdefault(entry["quantity"], []).append(entry["std_uncertainty"])
+        by_quantity.setdefault(entry.quantity, []).append(entry.std_uncertainty)
     assert {name: len(values) for name, values in by_quantity.items()} == {
         "dsf_n": 10, "dsf_p": 10, "dsf_asymmetry": 10, "dsf_mean": 10, "bias": 10, "switch_leakage": 20,
         "repeat_shift": 20,
@@ -191,7 +191,7 @@ def test_without_readings_of_the_meter_nothing_is_determined() -> None:
     plan = planned_of(compile_sequence("dmm_method", None, {}))
     kept = [reading for reading in plan.readings if reading.role != "dmm" or reading.conditions.get("channel") == 1]
     found = by_meter(Planned(plan.windows, plan.campaign, plan.standards, readings=kept))
-    assert {entry["conditions"]["channel"] for entry in found.estimates} == {1}
+    assert {entry.conditions["channel"] for entry in found.estimates} == {1}
     assert len([sentence for sentence in found.missing if "B-FIT-050" in sentence]) == 9
 
 
@@ -208,7 +208,7 @@ def ramp_ratios(campaigns: int) -> dict[Place, float]:
     """Root mean square of estimate minus truth over the predicted standard uncertainty, over campaigns of 25 hours."""
     plan = ramp_plan("bias_ramp_25h")
     plan = replace(plan, campaign={**plan.campaign, "master_curve_ppm": MASTER_ppm[1:]})
-    expected = {place(entry): entry["std_uncertainty"] for entry in of_ramp(plan).estimates}
+    expected = {place(entry): entry.std_uncertainty for entry in of_ramp(plan).estimates}
     constants = read_campaign(plan.campaign)
     kinds = {channel.kind: channel.typical for channel in constants.channels if channel.typical is not None}
     found: dict[Place, list[float]] = {}
@@ -254,13 +254,13 @@ def test_what_is_predicted_is_what_the_ramp_states(ramp: Path, number: int) -> N
     of_channel = {place(entry)[::2]: entry for entry in results if entry["conditions"].get("channel") == number}
     plan = ramp_plan("bias_ramp_short")
     found = of_ramp(as_found(plan, number, {where: entry["value"] for where, entry in of_channel.items()})).estimates
-    shown = {place(entry)[::2]: entry for entry in found if entry["conditions"].get("channel") == number}
+    shown = {place(entry)[::2]: entry for entry in found if entry.conditions.get("channel") == number}
     assert shown.keys() == of_channel.keys()
-    ratio = {where: entry["std_uncertainty"] / of_channel[where]["std_uncertainty"] for where, entry in shown.items()}
+    ratio = {where: entry.std_uncertainty / of_channel[where].std_uncertainty for where, entry in shown.items()}
     sys.stdout.write(f"channel {number}: {ratio}\n")
     assert ratio.pop(("white_noise", None)) > 0.99  # the rest of the ramp had no instability; beforehand it may have
     assert list(ratio.values()) == pytest.approx([1.0] * len(ratio), abs=0.06)
-    assert all(entry["limit"] == of_channel[where]["limit"] for where, entry in shown.items())
+    assert all(entry.limit == of_channel[where].limit for where, entry in shown.items())
 
 
 def test_the_plan_that_an_analysis_sees() -> None:
@@ -294,7 +294,7 @@ def test_without_a_typical_unit_nothing_is_predicted(tmp_path: Path) -> None:
         path = tmp_path / f"{name}.yaml"
         path.write_text(text.replace(f"{line}\n", "    }\n" if name == "kind" else ""), encoding="utf-8")
         found = predicted(compile_sequence(str(path), None, {}))
-        kinds = {entry["conditions"].get("kind") for entry in found.estimates} - {None}
+        kinds = {entry.conditions.get("kind") for entry in found.estimates} - {None}
         assert kinds == (set() if name == "lag" else {"gyro"})
         assert any("uut: " in sentence and "typical" in sentence for sentence in found.missing)
 
@@ -318,7 +318,7 @@ def with_channel(plan: Planned, **words: Any) -> Planned:
 def test_what_a_plan_or_a_unit_does_not_tell_is_named(windows: int, words: dict[str, Any], untold: set[str]) -> None:
     plan = ramp_plan("bias_ramp_25h")
     found = of_ramp(with_channel(replace(plan, windows=plan.windows[:windows]), **words))
-    quantities = {entry["quantity"] for entry in found.estimates}
+    quantities = {entry.quantity for entry in found.estimates}
     assert "bias" in quantities
     assert not quantities & untold
     named = "branch down: no usable record" if windows < 900 else f"{min(untold)} of gyro channels"
@@ -330,11 +330,11 @@ def test_coefficients_of_the_master_oscillator_are_known_as_the_sensor_lets_them
     """By hand: a sensor that is off by 0.05 degC moves what lies on a cubic by its next derivative."""
     plan = ramp_plan("bias_ramp_25h")
     curve = {**plan.campaign, "master_curve_ppm": (0.0, 0.01, 1e-3)}
-    std = {name: entry["std_uncertainty"] for entry in of_ramp(replace(plan, campaign=curve)).estimates
-           if (name := entry["quantity"]).startswith("master_clock_error_tc")}  # fmt: skip
+    std = {name: entry.std_uncertainty for entry in of_ramp(replace(plan, campaign=curve)).estimates
+           if (name := entry.quantity).startswith("master_clock_error_tc")}  # fmt: skip
     assert std["master_clock_error_tc1"] == pytest.approx(2.0 * 0.01 * 0.05, rel=1e-3)
     assert std["master_clock_error_tc2"] == pytest.approx(3.0 * 1e-3 * 0.05, rel=1e-3)
     without = {name: value for name, value in plan.campaign.items() if name != "master_curve_ppm"}
     unknown = of_ramp(replace(plan, campaign=without))
-    assert not [entry for entry in unknown.estimates if entry["quantity"] in std.keys() - {"master_clock_error_tc0"}]
+    assert not [entry for entry in unknown.estimates if entry.quantity in std.keys() - {"master_clock_error_tc0"}]
     assert [sentence for sentence in unknown.missing if "declare 'master_curve'" in sentence] != []

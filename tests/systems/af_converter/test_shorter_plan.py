@@ -150,11 +150,11 @@ def test_stated_intervals_hold_the_truth(record_property: Any) -> None:
         campaign = simulate_plan(seed, points)
         first: set[tuple[str, str]] = set()
         for entry in judged_entries(analysed(campaign).estimates):
-            place = (entry["quantity"], entry["conditions"].get("kind", ""))
+            place = (entry.quantity, entry.conditions.get("kind", ""))
             if place not in first:
                 first.add(place)
-                error = abs(entry["value"] - campaign.truth(entry))
-                inside.setdefault(place, []).append(error <= entry["expanded_uncertainty"])
+                error = abs(entry.value - campaign.truth(entry))
+                inside.setdefault(place, []).append(error <= entry.expanded_uncertainty)
     low, high = stats.binom.interval(0.999, CAMPAIGNS, 0.95)
     counts = {place: sum(held) for place, held in inside.items()}
     print(f"of {CAMPAIGNS} campaigns, {low:g} to {high:g} are due: {counts}")
@@ -170,7 +170,7 @@ def analysed(campaign: sim.SimulatedCampaign) -> Analysis:
 
 
 def judged_entries(estimates: Any) -> list[Any]:
-    return [one for one in estimates if one["quantity"] in wrong.QUANTITIES and "repeat" not in one["conditions"]]
+    return [one for one in estimates if one.quantity in wrong.QUANTITIES and "repeat" not in one.conditions]
 
 
 def seen(points: list[sim.Point], seed: int, world: Any) -> Seen:

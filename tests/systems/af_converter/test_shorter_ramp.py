@@ -22,7 +22,7 @@ from ramp_spread import Place, place, stated_errors
 from rehearsal import ROOT
 from scipy import stats
 
-from bench.analysis import FALSE_DOUBT, is_sound
+from bench.analysis import FALSE_DOUBT
 from bench.design import LEAST_POWER, default_targets, designed, reached
 from bench.design.shortest import misses
 from bench.maths.verdict import coverage_factor
@@ -111,7 +111,7 @@ def stated(ramps: int) -> dict[Place, np.ndarray]:
 @RAMPS
 def test_the_shorter_ramp_is_as_good_as_predicted(record_property: Record, ramps: int) -> None:
     """Each ratio in its 99.9 % band of chi-square."""
-    expected = {place(entry): entry["std_uncertainty"] for entry in predicted(written()).estimates}
+    expected = {place(entry): entry.std_uncertainty for entry in predicted(written()).estimates}
     low, high = np.sqrt(stats.chi2.ppf([0.0005, 0.9995], ramps) / ramps)
     ratios = {
         where: float(np.sqrt(np.mean(errors[:, 0] ** 2))) / expected[where] for where, errors in stated(ramps).items()
@@ -168,7 +168,7 @@ def test_a_daily_rhythm_that_puts_a_result_off_is_told(candidate: Candidate, siz
     with simulated_as(written(candidate)):
         ramps = [wrong.seen(seed, rhythm, size) for seed in range(7)]
         off = worst_bias(wrong.seen(0, rhythm, size, noise_free=True), wrong.seen(0, None, 0.0))["bias_tc1"]
-    told = [not all(map(is_sound, ramp.entries)) for ramp in ramps]
+    told = [any(entry["quality"] != "sound" for entry in ramp.entries) for ramp in ramps]
     power = problem().rhythm_powers(candidate, 100.0)["gyro", 10]
     print(
         f"{off:.2f} U off; power {power:.2f} where ten channels share the chance of a false doubt; of one told: {told}"

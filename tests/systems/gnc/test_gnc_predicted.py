@@ -31,7 +31,7 @@ from gnc_exchanges import FRAME, exchange
 from gnc_exchanges import material as material_of_tests
 from gnc_sensor_bench import Table, at
 from one_estimate import every, value
-from spread_study import Key, Study, key_of
+from spread_study import Key, Study, name_of
 
 from bench.analysis import Analysis, Estimates, Exchange, Material, Planned, Prediction
 from bench.frame import load_frame
@@ -147,11 +147,13 @@ def unit_test_study(plan: Plan, first_seed: int, units: int) -> Study:
                 received, true = answer(step, rng, seed)
                 sent, place = bytes(step.payload), dict(step.conditions)
                 exchanges.append(exchange(step.name, sent, received, len(exchanges), conditions=place))
-                truth |= {key_of({"quantity": name, "conditions": {"unit": place["unit"]} | at}): value
+                truth |= {name_of(name, {"unit": place["unit"]} | at): value
                           for name, at, value in true}  # fmt: skip
         estimates = unit_test.analyse(material_of_tests(exchanges, imu=plan.campaign["imu"])).estimates
-        for entry in estimates:
-            entry["value"] = abs(entry["value"]) if entry["quantity"] == "timer_interval_error" else entry["value"]
+        estimates = [
+            entry.model_copy(update={"value": abs(entry.value)}) if entry.quantity == "timer_interval_error" else entry
+            for entry in estimates
+        ]
         found.add(estimates, truth)
     return found
 
@@ -221,7 +223,7 @@ def test_a_request_of_another_form_is_named() -> None:
     planned = planned_of(plan_of("gnc_unit_test", units="GNC-01"))
     cut = [replace(one, sent=one.sent[:-1]) if one.name == "timer" else one for one in planned.exchanges]
     found = of_unit_test(replace(planned, exchanges=cut))
-    assert {entry["quantity"] for entry in found.estimates} == {"imu_rate", "imu_acceleration"}
+    assert {entry.quantity for entry in found.estimates} == {"imu_rate", "imu_acceleration"}
     (sentence,) = found.missing
     assert sentence.startswith("timer: not predicted, as a request of ")
 
@@ -230,7 +232,7 @@ NOISE = "gyro_random_walk: 0.3 deg/sqrt(h), "
 
 
 def stds_of(prediction: Prediction, quantity: str, **conditions: str) -> list[float]:
-    return [entry["std_uncertainty"] for entry in every(prediction, quantity, **conditions)]
+    return [entry.std_uncertainty for entry in every(prediction, quantity, **conditions)]
 
 
 def test_a_calibration_follows_the_formulas_of_white_noise(tmp_path: Path) -> None:

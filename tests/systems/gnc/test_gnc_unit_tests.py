@@ -122,11 +122,11 @@ def test_a_unit_that_is_too_wide_fails_and_the_batch_goes_on(tmp_path: Path) -> 
     assert verdicts_of(analysis) == {"GNC-01": "FAIL", "GNC-02": "PASS"}
     assert value(analysis, "width", unit="GNC-01") == 0.027
     beyond = [one(analysis, "width_beyond_limits", unit=unit) for unit in ("GNC-01", "GNC-02")]
-    assert beyond[0]["value"] == pytest.approx(0.001)
-    assert [entry["verdict"] for entry in beyond] == ["fail", "pass"]
+    assert beyond[0].value == pytest.approx(0.001)
+    assert [entry.verdict for entry in beyond] == ["fail", "pass"]
     (size, *_) = next(table.rows for table in analysis.tables if table.title.startswith("Table 3"))
     assert size[4:] == ["GNC-01", "FAIL"]
-    assert one(analysis, "cpu_wrong", unit="GNC-01")["verdict"] == "pass"
+    assert one(analysis, "cpu_wrong", unit="GNC-01").verdict == "pass"
     prompts = (fields for _, _, fields in SessionReader(done.folder).events("prompt"))
     (prompt,) = [fields for fields in prompts if "GNC-01: width" in fields["text"]]
     assert (prompt["quantity"], prompt["conditions"]["unit"]) == ("width", "GNC-01")
@@ -154,7 +154,7 @@ def test_each_check_is_judged_by_its_limits(check: GivenValue, fails: bool) -> N
     analysis = analyse(replace(material(exchanges()), given=[check]))
     assert analysis.tables[0].rows[0][-1] == ("FAIL" if fails else "PASS")
     wrong = one(analysis, "static_wrong")
-    assert (wrong["value"], wrong["verdict"]) == ((1.0, "fail") if fails else (0.0, "pass"))
+    assert (wrong.value, wrong.verdict) == ((1.0, "fail") if fails else (0.0, "pass"))
 
 
 def test_a_unit_without_the_checks_of_the_others_does_not_pass() -> None:

@@ -45,13 +45,13 @@ def known(truth: dict[Any, float | None]) -> dict[Any, float]:
 def study(first_seed: int, records: int) -> Study:
     """Records of seeds that follow each other."""
     found = Study(predicted(planned(declared_laser=LASER)))
-    of_single = [entry for entry in found.prediction.estimates if entry["conditions"].get("method") in SINGLE]
-    expected = {key_of(entry): entry["value"] for entry in of_single if entry["quantity"] != "quantisation_noise"}
+    of_single = [entry for entry in found.prediction.estimates if entry.conditions.get("method") in SINGLE]
+    expected = {key_of(entry): entry.value for entry in of_single if entry.quantity != "quantisation_noise"}
     for seed in range(first_seed, first_seed + records):
         campaign = simulated(seed, WORLD)
         of_these = {key_of(entry) for entry in found.prediction.estimates}
         estimates = [entry for entry in analyse(campaign.material).estimates if key_of(entry) in of_these]
-        truth = {key_of(entry): campaign.truths.get((entry["quantity"], entry["conditions"].get("method", "")))
+        truth = {key_of(entry): campaign.truths.get((entry.quantity, entry.conditions.get("method", "")))
                  for entry in estimates}  # fmt: skip
         found.add(estimates, {key: value for key, value in (expected | known(truth)).items() if key in truth})
     print(f"seeds {first_seed} to {first_seed + records - 1}")
@@ -78,29 +78,29 @@ def test_records_scatter_as_predicted() -> None:
 
 def test_the_quantisation_is_that_of_the_records() -> None:
     due_arcsec = 3600.0 * expected_quantisation_deg(100.0, 1e-8, 15e-9)
-    found = [entry["value"] for entry in analyse(simulated(8100, WORLD).material).estimates
-             if entry["quantity"] == "quantisation_noise" and "global" in entry["conditions"]["method"]]  # fmt: skip
+    found = [entry.value for entry in analyse(simulated(8100, WORLD).material).estimates
+             if entry.quantity == "quantisation_noise" and "global" in entry.conditions["method"]]  # fmt: skip
     assert found == [pytest.approx(due_arcsec, rel=0.1)]
 
 
 def test_the_shipped_lasers_are_predicted() -> None:
     plan = compile_sequence(ROOT / "sequences" / "rlg_lock_in.yaml", None, {})
     found = predicted_of_plan(plan)
-    walks = {(entry["conditions"]["path_length_m"], entry["conditions"]["clock_Hz"], entry["conditions"]["method"]):
-             entry for entry in found.estimates if entry["quantity"] == "angle_random_walk"}  # fmt: skip
+    walks = {(entry.conditions["path_length_m"], entry.conditions["clock_Hz"], entry.conditions["method"]):
+             entry for entry in found.estimates if entry.quantity == "angle_random_walk"}  # fmt: skip
     assert len(walks) == 6 * (2 + len(SINGLE))
     for path_m in (0.15, 0.28, 0.34):
         gain = np.pi * path_m / (2.0 * 632.8e-9)
         due = 0.05 * (0.28 / path_m) ** 2 / np.sqrt(gain * np.radians(100.0)) * 60.0  # equation (6)
         raw = walks[path_m, 1e8, "raw"]
-        assert raw["value"] == pytest.approx(np.hypot(due, 1.15e-4 * (0.28 / path_m) ** 2), rel=1e-9)
-        assert 0.01 < raw["std_uncertainty"] / raw["value"] < 0.04  # docs/ring-laser.md: 1.5 % where Q is known
+        assert raw.value == pytest.approx(np.hypot(due, 1.15e-4 * (0.28 / path_m) ** 2), rel=1e-9)
+        assert 0.01 < raw.std_uncertainty / raw.value < 0.04  # docs/ring-laser.md: 1.5 % where Q is known
     (sentence,) = found.missing
     assert "comparators: not predicted" in sentence
-    constants = [entry for entry in found.estimates if entry["quantity"] in ("lock_in_rate", "backscatter_phase")]
+    constants = [entry for entry in found.estimates if entry.quantity in ("lock_in_rate", "backscatter_phase")]
     for entry in constants:
-        declared = 90.0 if entry["unit"] == "deg" else 0.05 * (0.28 / entry["conditions"]["path_length_m"]) ** 2
-        assert entry["value"] == pytest.approx(declared, rel=1e-6)
+        declared = 90.0 if entry.unit == "deg" else 0.05 * (0.28 / entry.conditions["path_length_m"]) ** 2
+        assert entry.value == pytest.approx(declared, rel=1e-6)
     assert len(constants) == 12
 
 
@@ -120,8 +120,8 @@ def test_ratios_are_those_of_integrated_lasers(phase_deg: float, clock_Hz: float
     of_28_cm = {"path_length_m": 0.28, "clock_Hz": clock_Hz, "backscatter_phase_deg": phase_deg}
     conditions = {**window.conditions, **of_28_cm}
     found = predicted(replace(planned(declared_laser=LASER), windows=[replace(window, conditions=conditions)]))
-    ratios = {entry["conditions"]["method"]: entry["value"] for entry in found.estimates
-              if entry["quantity"] == "random_walk_ratio"}  # fmt: skip
+    ratios = {entry.conditions["method"]: entry.value for entry in found.estimates
+              if entry.quantity == "random_walk_ratio"}  # fmt: skip
     assert [ratios[method] for method in SINGLE] == pytest.approx(left, rel=0.16)
 
 
@@ -136,9 +136,9 @@ def test_what_is_not_declared_or_too_short_is_named_b_rlg_010(tmp_path: Any) -> 
     window = planned().windows[0]
     conditions = {name: value for name, value in window.conditions.items() if name != "backscatter_phase_deg"}
     silent = predicted(replace(planned(declared_laser=LASER), windows=[replace(window, conditions=conditions)]))
-    assert "lock_in_rate" not in {entry["quantity"] for entry in silent.estimates}
+    assert "lock_in_rate" not in {entry.quantity for entry in silent.estimates}
     assert all("'backscatter_phase'" in sentence for sentence in silent.missing[:2])
-    assert {entry["conditions"]["method"] for entry in silent.estimates} == {RAW, GLOBAL}
+    assert {entry.conditions["method"] for entry in silent.estimates} == {RAW, GLOBAL}
     with pytest.raises(FitError, match="B-RLG-010"):
         predicted(planned())
     found = predicted_of_plan(compile_sequence(ROOT / "sequences" / "rlg_lock_in.yaml", None, {"record_time": "0.3 s"}))

@@ -145,17 +145,17 @@ def thinned(name: str) -> Planned:
 
 
 def key(entry: Any) -> tuple[str, str]:
-    return entry["quantity"], json.dumps(entry["conditions"], sort_keys=True)
+    return entry.quantity, json.dumps(entry.conditions, sort_keys=True)
 
 
 def true_value(entry: Any, nominal: Any, truth: dict[str, float]) -> float:
     """True value of an estimate of one campaign; of amplitude, noise, bound and time that of the nominal gyroscope."""
-    about = entry["conditions"]
-    if entry["quantity"] == "azimuth":
+    about = entry.conditions
+    if entry.quantity == "azimuth":
         return truth[about["place"]] + float(about["head_deg"])
-    if entry["quantity"] == "index_placement":
+    if entry.quantity == "index_placement":
         return truth["lock_in_1" if about["index"] == "b" else "lock_in_2"]
-    return 0.0 if entry["quantity"] == "azimuth_error" else float(nominal["value"])
+    return 0.0 if entry.quantity == "azimuth_error" else float(nominal.value)
 
 
 @cache
@@ -173,13 +173,13 @@ def ratios(name: str, count: int, seed: int) -> dict[tuple[str, str], float]:
     errors: dict[tuple[str, str], list[float]] = {own: [] for own in nominal}
     for entries, truth, alarms in analysed(name, count, seed):
         for entry in entries:
-            if key(entry) in nominal and not (entry["quantity"] == TIME and entry["conditions"]["method"] in alarms):
-                off = entry["value"] - true_value(entry, nominal[key(entry)], truth)
-                errors[key(entry)].append((off + 180.0) % 360.0 - 180.0 if entry["quantity"] == "azimuth" else off)
+            if key(entry) in nominal and not (entry.quantity == TIME and entry.conditions["method"] in alarms):
+                off = entry.value - true_value(entry, nominal[key(entry)], truth)
+                errors[key(entry)].append((off + 180.0) % 360.0 - 180.0 if entry.quantity == "azimuth" else off)
     found = {}
     for own, each in errors.items():
         off = np.array(each) - (np.mean(each) if own[0] in WITHOUT_TRUTH else 0.0)
-        found[own] = float(np.sqrt(np.mean(off**2)) / nominal[own]["std_uncertainty"])
+        found[own] = float(np.sqrt(np.mean(off**2)) / nominal[own].std_uncertainty)
     print(f"{name}, {count} campaigns, seed {seed}, median {np.median(list(found.values())):.3f}")
     print("\n".join(f"{ratio:.3f} {own[0]} {own[1]}" for own, ratio in found.items()))
     return found
@@ -200,12 +200,12 @@ def test_predicted_is_the_spread_of_campaigns() -> None:
 
 def test_what_is_stated_is_what_was_predicted() -> None:
     """The error of three calibrations, taken for noise, made azimuths by the lock-ins 3.4 % more uncertain."""
-    nominal = {key(entry): entry["std_uncertainty"] for entry in predict(thinned("fog_north")).estimates}
+    nominal = {key(entry): entry.std_uncertainty for entry in predict(thinned("fog_north")).estimates}
     stated = [
-        entry["std_uncertainty"] / nominal[key(entry)]
+        entry.std_uncertainty / nominal[key(entry)]
         for entries, *_ in analysed("fog_north", 30, SEED)
         for entry in entries
-        if entry["quantity"] == "azimuth" and entry["conditions"]["method"] == "least_squares"
+        if entry.quantity == "azimuth" and entry.conditions["method"] == "least_squares"
     ]
     print(f"stated over predicted {np.sqrt(np.mean(np.square(stated))):.3f}")
     assert np.sqrt(np.mean(np.square(stated))) == pytest.approx(1.0, abs=0.025)
@@ -286,7 +286,7 @@ def test_without_a_calibration_the_plan_says_so() -> None:
     readings = [reading for reading in planned.readings if reading.conditions.get("item") != "calibration"]
     found = predict(replace(planned, windows=windows, readings=readings))
     assert any(sentence.startswith("calibration at a known azimuth: none") for sentence in found.missing)
-    assert "index_placement" not in {entry["quantity"] for entry in found.estimates}
+    assert "index_placement" not in {entry.quantity for entry in found.estimates}
 
 
 def test_lines_name_the_bound() -> None:
@@ -313,6 +313,6 @@ def test_noise_behind_a_lock_in(poles: int, bandwidth: float) -> None:
 def test_what_an_amplitude_that_varies_changes_is_named() -> None:
     found = predict(thinned("fog_north_parameters"))
     assert any(sentence.startswith("Where parameters vary (TVP)") for sentence in found.missing)
-    named = {(entry["quantity"], entry["conditions"].get("source")) for entry in found.estimates}
+    named = {(entry.quantity, entry.conditions.get("source")) for entry in found.estimates}
     assert named == {("azimuth", None), ("azimuth_error", None), ("index_placement", None), ("scale", "lock_in_1"),
                      ("scale", "lock_in_2")}  # fmt: skip

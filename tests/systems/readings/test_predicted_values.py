@@ -55,7 +55,7 @@ def study(plan: Plan, campaigns: int) -> Study:
                  for k, one in enumerate(planned.readings)]  # fmt: skip
         material = Material((), planned.campaign, planned.standards, readings=drawn, utc_offset_s=BEGIN_UTC_s)
         estimates = [*judged_values(material).estimates, *analyse(material).estimates]
-        truth = {key_of(entry): SCATTER_V if "repeat" in entry["quantity"] else true_V for entry in estimates}
+        truth = {key_of(entry): SCATTER_V if "repeat" in entry.quantity else true_V for entry in estimates}
         found.add(estimates, truth)
     print(f"seeds {FIRST} to {FIRST + campaigns - 1}", *found.lines(), sep="\n")
     return found
@@ -79,7 +79,7 @@ def test_a_value_is_known_as_its_meter_and_its_scatter_say(tmp_path: Path) -> No
     """By hand: half of the specification, and the scatter over the root of six readings; of twelve for its own size."""
     found = predicted(rail(tmp_path), BEGIN_UTC_s)
     free = 2.0 * ROUNDS - 2.0
-    std = {json.dumps(entry["conditions"]): entry["std_uncertainty"] for entry in found.estimates}
+    std = {json.dumps(entry.conditions): entry.std_uncertainty for entry in found.estimates}
     due_V = np.hypot((STATED["relative"] * 5.0 + STATED["floor"]) / 2.0, SCATTER_V / np.sqrt(ROUNDS))
     assert std == {
         '{"load": 1}': pytest.approx(due_V, rel=1e-9),
@@ -98,9 +98,9 @@ def test_of_an_instrument_without_specification_no_interval_is_promised(tmp_path
                           "measure_resistance, range: 10 ohm, relative: 35 ppm, floor: 50 uohm", 1)  # fmt: skip
     station.write_text(before + meter + other)
     without = compile_sequence(tmp_path / "sequences/sample.yaml")
-    assert "rail" in {entry["quantity"] for entry in predicted(known, BEGIN_UTC_s).estimates}
+    assert "rail" in {entry.quantity for entry in predicted(known, BEGIN_UTC_s).estimates}
     found = predicted(without, BEGIN_UTC_s)
-    assert {entry["quantity"] for entry in found.estimates} == {"rail_repeatability"}
+    assert {entry.quantity for entry in found.estimates} == {"rail_repeatability"}
     assert found.missing
     assert all("no specification of rail_meter.measure_voltage" in sentence for sentence in found.missing)
 

@@ -141,10 +141,10 @@ def ratios(name: str, straight_s: float, manoeuvre_s: float, blocks: int, runs: 
     errors = [errors_of_flights(planned, path, end_s, runs, SEED + block) for block in range(blocks)]
     ratio = {}
     for entry in found(name, straight_s).estimates:
-        own = entry["quantity"], entry["conditions"].get("method"), entry["conditions"].get("axis")
+        own = entry.quantity, entry.conditions.get("method"), entry.conditions.get("axis")
         if own in errors[0]:
             seen = np.concatenate([each[own] for each in errors])
-            ratio[own] = float(np.sqrt(np.mean(seen**2)) / entry["std_uncertainty"])
+            ratio[own] = float(np.sqrt(np.mean(seen**2)) / entry.std_uncertainty)
     print(f"{name}, {blocks} x {runs} flights, seeds {SEED} on, median {np.median(list(ratio.values())):.3f}")
     print("\n".join(f"{value:.3f} {own}" for own, value in ratio.items()))
     return ratio
@@ -175,9 +175,9 @@ def ratios_by_stamps(straight_s: float, span_s: float, runs: int) -> dict[Any, f
 def std_of(quantity: str, straight_s: float, **where: str) -> float:
     """The predicted one of a turn."""
     (std,) = [
-        entry["std_uncertainty"]
+        entry.std_uncertainty
         for entry in found("turn", straight_s).estimates
-        if entry["quantity"] == quantity and where.items() <= entry["conditions"].items()
+        if entry.quantity == quantity and where.items() <= entry.conditions.items()
     ]
     return std
 
@@ -233,7 +233,7 @@ def test_clocks_of_500_pairs_scatter_as_predicted() -> None:
 
 def test_results_and_predictions_are_of_the_same_epoch() -> None:
     """The results count time from the first frame, 10 s before the middle of 20 s."""
-    epochs = {entry["conditions"]["at_s"] for entry in found("turn").estimates if "at_s" in entry["conditions"]}
+    epochs = {entry.conditions["at_s"] for entry in found("turn").estimates if "at_s" in entry.conditions}
     assert epochs == {10.0}
 
 
@@ -241,13 +241,13 @@ def test_scatter_of_stamps_that_is_not_declared_is_asked_for() -> None:
     planned = planned_of(plan_of("turn"))
     without = {name: value for name, value in planned.campaign.items() if name != "stamps"}
     known = predict(replace(planned, campaign=without))
-    assert not {"clock_rate", "receive_jitter", "time_offset_drift"} & {entry["quantity"] for entry in known.estimates}
+    assert not {"clock_rate", "receive_jitter", "time_offset_drift"} & {entry.quantity for entry in known.estimates}
     assert [sentence for sentence in known.missing if "stamps: {jitter: " in sentence] == known.missing
 
 
 @pytest.mark.parametrize("name", ["linear", "stationary"])
 def test_a_motion_that_does_not_show_the_offset_is_named_with_one_that_would(name: str) -> None:
-    assert [entry for entry in found(name).estimates if entry["quantity"] == "time_offset"] == []
+    assert [entry for entry in found(name).estimates if entry.quantity == "time_offset"] == []
     unseen = [sentence for sentence in found(name).missing if "does not show it" in sentence]
     assert len(unseen) == 2  # by both filters
     assert all("Plan a turn or an acceleration" in sentence for sentence in unseen)

@@ -12,6 +12,7 @@ from typing import Any
 import distributed
 import pytest
 
+from bench.analysis import estimate
 from bench.commands import study as study_command
 from bench.commands.cluster import run_on_cluster
 from bench.commands.requests import StudyRequest
@@ -84,7 +85,8 @@ def test_files_and_exit_status(
 
 
 def _judged(verdict: str) -> dict[str, Any]:
-    return {"quantity": "shift", "unit": "m", "value": 2.0, "conditions": {"offset_ms": 20.0}, "verdict": verdict}
+    entry = estimate("shift", "m", 2.0, 0.1, {"offset_ms": 20.0}, n=2)
+    return entry.document | {"verdict": verdict}
 
 
 @pytest.mark.sweep

@@ -28,7 +28,7 @@ METHODS = ("augmented_loose", "augmented_tight")
 
 def offsets(found: Any) -> dict[str, dict[str, Any]]:
     """The time offset by every method."""
-    return {entry["conditions"]["method"]: entry for entry in every(found, "time_offset")}
+    return {entry.conditions["method"]: entry for entry in every(found, "time_offset")}
 
 
 def of_session(folder: Path) -> dict[str, dict[str, Any]]:
@@ -68,8 +68,8 @@ def sound(undisturbed: Rehearsal) -> dict[str, dict[str, Any]]:
 def test_a_session_gives_the_offset_of_the_world(undisturbed: Rehearsal, sound: dict[str, dict[str, Any]]) -> None:
     truth = value(undisturbed.run.truth, "time_offset", at="middle")
     for entry in sound.values():
-        assert entry["conditions"]["at_s"] == 8.0  # middle of 16 s; a history compares by it
-        assert abs(entry["value"] - truth) < 3.0 * entry["std_uncertainty"]
+        assert entry.conditions["at_s"] == 8.0  # middle of 16 s; a history compares by it
+        assert abs(entry.value - truth) < 3.0 * entry.std_uncertainty
 
 
 @pytest.mark.sweep
@@ -96,8 +96,8 @@ def test_a_bad_link_changes_less_than_the_interval(sound: dict[str, dict[str, An
 
     bad = of_session(short_turn(tmp_path, spoil).run.folder)
     for method in METHODS:
-        assert bad[method]["dropped"] > sound[method]["dropped"] == 0
-        assert abs(bad[method]["value"] - sound[method]["value"]) < sound[method]["expanded_uncertainty"]
+        assert bad[method].dropped > sound[method].dropped == 0
+        assert abs(bad[method].value - sound[method].value) < sound[method].expanded_uncertainty
 
 
 @pytest.mark.slow

@@ -20,6 +20,8 @@ from bench.analysis import (
     NOTED,
     ORDINARY,
     Analysis,
+    Common,
+    Estimate,
     Evidence,
     EvidenceInterval,
     Material,
@@ -31,6 +33,7 @@ from bench.analysis import (
     compensation_of_unit,
     doubt_lines,
     estimate,
+    estimates_of,
     expected_at_end,
     is_sound,
     of_check_standard,
@@ -166,20 +169,23 @@ def test_a_coefficient_belongs_to_its_quantity(name: str) -> None:
 
 
 def test_a_doubtful_estimate_keeps_its_value_and_claims_nothing() -> None:
-    document = stated(doubted(), [seen(0.0, interval=EvidenceInterval(390.0, 420.0, "leaving out one level"))])
+    entry = stated(
+        doubted(), [seen(0.0, interval=EvidenceInterval(low=390.0, high=420.0, basis="leaving out one level"))]
+    )
+    document = entry.document
     assert document["value"] == 400.0
     for name in ("std_uncertainty", "coverage_factor", "expanded_uncertainty", "dof", "conformance_probability"):
         assert document[name] is None
     assert (document["verdict"], document["quality"]) == ("indeterminate", "doubtful")
     assert document["reasons"] == [{"code": "lack_of_fit", "sentence": seen(0.0).sentence, "figure": 3.0}]
     assert document["evidence_interval"] == {"low": 390.0, "high": 420.0, "basis": "leaving out one level"}
-    assert stated_value(document) == "400 (doubtful)"
-    assert not is_sound(document)
+    assert stated_value(entry) == "400 (doubtful)"
+    assert not is_sound(entry)
 
 
 def test_a_refused_estimate_has_no_value() -> None:
     document = stated(doubted(), [seen(0.0), seen(0.0, refuses=True)])
-    assert (document["value"], document["quality"], len(document["reasons"])) == (None, "refused", 2)
+    assert (document.value, document.quality, len(document.reasons)) == (None, "refused", 2)
     assert stated_value(document) == "refused"
 
 
@@ -201,17 +207,17 @@ def test_results_state_what_the_evidence_leaves() -> None:
     assert [one["verdict"] for one in document["estimates"]] == ["indeterminate", "pass", "indeterminate"]
     assert document["kept"] == [2]
     assert document["missing"] == ["channel 1: no coefficients of dsf_n, doubtful: The levels do not lie on a line."]
-    assert doubt_lines(document["estimates"]) == [
+    assert doubt_lines(estimates_of(document)) == [
         "DOUBTFUL, 2 estimates: The levels do not lie on a line. [lack_of_fit]"
     ]
 
 
 def test_what_is_only_noted_stands_in_the_notes() -> None:
     document = results(seen(0.0, move=0.1))
-    assert all(is_sound(one) for one in document["estimates"])
+    assert all(is_sound(one) for one in estimates_of(document))
     assert document["notes"] == [seen(0.0).sentence]
     assert document["kept"] == [1, 2]
-    assert doubt_lines(document["estimates"]) == []
+    assert doubt_lines(estimates_of(document)) == []
 
 
 @pytest.mark.parametrize(
@@ -294,16 +300,18 @@ def test_it_stands_on_a_channel_that_is_measured_b_plan_099(tmp_path: Path, chan
     assert [one.code for one in plan_sample.mistakes(path)] == found
 
 
-def foreseen(U: float | None, *, grown: dict[str, float] | None = None, **conditions: Any) -> dict[str, Any]:
-    common = {"common": {"standards": {"gain": 3.0}, "campaign": grown}} if grown is not None else {}
-    return {"quantity": "dsf_n", "conditions": conditions, "expanded_uncertainty": U,
-            "std_uncertainty": None if U is None else U / 2.0, **common}  # fmt: skip
+def foreseen(
+    U: float | None, *, grown: dict[str, float] | None = None, quantity: str = "dsf_n", **conditions: Any
+) -> Estimate:
+    entry = estimate(quantity, "ppm", 0.0, 1.0 if U is None else U / 2.0, conditions, n=1, factor=2.0)
+    more = {} if grown is None else {"common": Common(standards={"gain": 3.0}, campaign=grown)}
+    return entry.model_copy(update=more if U is not None else {"std_uncertainty": None, "expanded_uncertainty": None})
 
 
 def test_estimates_are_held_against_their_own_predictions() -> None:
     planned = foreseen(1.0, channel=1, temperature_degC=50.0, unit_temperature_degC=50.0, hours=38.0)
     measured = foreseen(1.0, channel=1, temperature_degC=50.0, unit_temperature_degC=49.61, hours=38.002)
-    others = [foreseen(1.0, channel=2, temperature_degC=50.0), {**planned, "quantity": "dsf_p"}]
+    others = [foreseen(1.0, channel=2, temperature_degC=50.0), planned.model_copy(update={"quantity": "dsf_p"})]
     assert list(by_foreseen_name([planned])) == list(by_foreseen_name([measured]))
     assert len(by_foreseen_name([planned, *others])) == 3
     before = [foreseen(1.0, channel=7, hours=8.0), foreseen(2.0, channel=7, hours=22.0)]
@@ -325,7 +333,7 @@ def test_what_is_not_known_on_both_sides_is_left_out() -> None:
     before = [foreseen(2.0, channel=1), foreseen(2.0, channel=2), foreseen(0.0, channel=3), foreseen(2.0, channel=4)]
     after = [foreseen(None, channel=1), foreseen(1.0, channel=3), foreseen(1.0, channel=4), foreseen(1.0, channel=5)]
     (pair,) = agreements(before, after)
-    assert pair.predicted["conditions"] == {"channel": 4}
+    assert pair.predicted.conditions == {"channel": 4}
     assert pair.is_noted, "less than the least is as odd as more"
     assert agreements([foreseen(1.0)], [foreseen(1.0 + 0.99 * NOTED)])[0].is_noted is False
 
@@ -336,7 +344,7 @@ def test_the_bounds_are_those_of_chi_square_and_never_nearer_than_ten_per_cent(d
     low, high = np.sqrt(stats.chi2.ppf(both, dof) / dof) if dof < 1e5 else (1.0 - NOTED, 1.0 + NOTED)
     stated = {} if math.isinf(dof) else {"dof": dof}
     for ratio, noted in ((low - 1e-6, True), (low + 1e-6, False), (high - 1e-6, False), (high + 1e-6, True)):
-        assert agreements([foreseen(1.0)], [foreseen(ratio) | stated])[0].is_noted is noted
+        assert agreements([foreseen(1.0)], [foreseen(ratio).model_copy(update=stated)])[0].is_noted is noted
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 3.0])

@@ -350,7 +350,7 @@ def results(*estimates: tuple[str, int, float], method: str = "gls") -> dict[str
     entries = [
         {
             "quantity": quantity, "unit": "ppm", "value": value, "std_uncertainty": 1.0, "coverage_factor": 2.0,
-            "expanded_uncertainty": 2.0, "n": 3, "verdict": "none", "quality": "sound",
+            "expanded_uncertainty": 2.0, "n": 3, "dropped": 0, "limit": None, "verdict": "none", "quality": "sound",
             "conditions": {"channel": channel, "unit_temperature_degC": 23.0 + value},
         }
         for quantity, channel, value in estimates

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bench.analysis import estimate, sharing
+from bench.analysis import Common, estimate, sharing
 from bench.design import (
     Key,
     SequenceText,
@@ -46,7 +46,7 @@ def test_a_soak_ends_when_the_unit_was_in_the_band_long_enough(step_degC: float)
 def scale_factor(U_ppm: float, gain_ppm: float, kind: str = "gyro") -> Any:
     """Return an estimate with a random part of 0.3 ppm beside the gain of a standard."""
     entry = estimate("dsf_n", "ppm", 400.0, U_ppm / 1.959963984540054, {"kind": kind, "channel": 1}, n=1)
-    return sharing(entry, {"standards": {"gain": gain_ppm}, "campaign": {}})
+    return sharing(entry, Common(standards={"gain": gain_ppm}, campaign={}))
 
 
 def test_targets_are_read_and_held_against_the_largest_uncertainty() -> None:

@@ -41,20 +41,20 @@ def run(campaign: sim.SimulatedCampaign, **changes: Any) -> Analysis:
 
 
 def of(analysis: Analysis, *quantities: str) -> list[dict[str, Any]]:
-    return [one for one in analysis.estimates if one["quantity"] in quantities]
+    return [one for one in analysis.estimates if one.quantity in quantities]
 
 
 def test_residual_is_what_an_independent_parabola_leaves_over() -> None:
     """Nearly equal weights: numpy's own polynomial through the same five values leaves nearly the same."""
     analysis = run(sim.simulate(SEED, sim.Switches(cubic_ppm_degC3=0.01)))
     for quantity in ("dsf_n", "dsf_p"):
-        values = [one for one in of(analysis, quantity) if one["conditions"]["channel"] == 2]
-        warmth = np.array([one["conditions"]["unit_temperature_degC"] for one in values]) - 20.0
-        dsf_ppm = np.array([one["value"] for one in values])
+        values = [one for one in of(analysis, quantity) if one.conditions["channel"] == 2]
+        warmth = np.array([one.conditions["unit_temperature_degC"] for one in values]) - 20.0
+        dsf_ppm = np.array([one.value for one in values])
         left_ppm = dsf_ppm - np.polynomial.polynomial.polyval(
             warmth, np.polynomial.polynomial.polyfit(warmth, dsf_ppm, 2)
         )
-        found = [one["value"] for one in of(analysis, f"{quantity}_residual") if one["conditions"]["channel"] == 2]
+        found = [one.value for one in of(analysis, f"{quantity}_residual") if one.conditions["channel"] == 2]
         assert np.max(np.abs(left_ppm)) > 30.0
         np.testing.assert_allclose(found, left_ppm, atol=0.2)
 
@@ -65,9 +65,9 @@ def test_residual_is_what_an_independent_parabola_leaves_over() -> None:
 def test_what_compensation_leaves_over_is_judged(cubic: float, verdict: str) -> None:
     """The parabola through a cubic at five temperatures 15 degC apart leaves 2.4 * 15^3 = 8100 degC3 of it."""
     found = of(run(sim.simulate(SEED, sim.Switches(cubic_ppm_degC3=cubic), {1: "gyro"})), *RESIDUALS)
-    worst = max(found, key=lambda one: abs(one["value"]))
-    assert abs(worst["value"]) == pytest.approx(8100 * cubic, abs=3.0)
-    assert worst["verdict"] == verdict
+    worst = max(found, key=lambda one: abs(one.value))
+    assert abs(worst.value) == pytest.approx(8100 * cubic, abs=3.0)
+    assert worst.verdict == verdict
 
 
 def test_zener_diode() -> None:
@@ -179,16 +179,16 @@ def test_few_degrees_of_freedom_make_a_wider_guard_band() -> None:
     assert decide(76.0, 10.0, 100.0, "guard_band").verdict == "pass"
     assert decide(76.0, 10.0, 100.0, "guard_band", dof=5).verdict == "fail"
     entry = estimate("dsf_n_residual", "ppm", 76.0, 10.0, {}, n=6, limit=100.0, dof=5)
-    assert (entry["dof"], entry["verdict"]) == (5.0, "conditional_pass")
-    assert entry["coverage_factor"] == pytest.approx(2.57, abs=0.002)
+    assert (entry.dof, entry.verdict) == (5.0, "conditional_pass")
+    assert entry.coverage_factor == pytest.approx(2.57, abs=0.002)
     expected = stats.t(5).cdf(2.4) - stats.t(5).cdf(-17.6)
-    assert judged(entry, "simple")["conformance_probability"] == pytest.approx(expected, abs=1e-12)
+    assert judged(entry, "simple").conformance_probability == pytest.approx(expected, abs=1e-12)
 
 
 def test_no_limit_no_statement() -> None:
     none = decide(5.0, 1.0, None)
     assert (none.verdict, none.conformance_probability, none.specific_risk) == ("none", None, None)
-    assert estimate("bias", "A", 1.0, 1.0, {}, n=1)["conformance_probability"] is None
+    assert estimate("bias", "A", 1.0, 1.0, {}, n=1).conformance_probability is None
 
 
 def test_rules_are_the_same_everywhere_and_another_is_refused() -> None:

@@ -142,10 +142,10 @@ def test_a_strangers_session_is_replayed_and_fitted(tmp_path: Path, variant: str
         assert row.context["unit_temperature_degC"] == pytest.approx(20.035, abs=1e-9)
     analysis = analyse(Material(done.rows, done.manifest["campaign"], done.manifest["standards"]))
     for estimate in analysis.estimates:
-        if estimate["quantity"] in DSF:
-            error_ppm = estimate["value"] - 1e6 * DSF[estimate["quantity"]]
-            assert abs(error_ppm) < estimate["expanded_uncertainty"]
-    assert {estimate["quantity"] for estimate in analysis.estimates} >= set(DSF)
+        if estimate.quantity in DSF:
+            error_ppm = estimate.value - 1e6 * DSF[estimate.quantity]
+            assert abs(error_ppm) < estimate.expanded_uncertainty
+    assert {estimate.quantity for estimate in analysis.estimates} >= set(DSF)
 
 
 def test_the_hash_of_a_session_without_a_chain_covers_its_data(tmp_path: Path) -> None:

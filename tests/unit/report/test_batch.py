@@ -63,12 +63,12 @@ def test_a_pass_does_not_outweigh_a_session_without_a_result() -> None:
 
 
 def test_a_conditional_fail_is_no_pass_and_an_estimate_without_a_limit_is_not_judged() -> None:
-    near = {**coupling(GOOD), "verdict": "conditional_fail"}
+    near = {**coupling(GOOD).document, "verdict": "conditional_fail"}
     document = results("s1", "A", [coupling(GOOD)])
     document["estimates"] = [near]
     free = estimate("gyro_bias", "deg/h", 3.0, 1.0, {"axis": "x"}, n=6)
     barely = results("s4", "D", [coupling(GOOD)])
-    barely["estimates"] = [{**coupling(GOOD), "verdict": verdict} for verdict in ("pass", "conditional_pass")]
+    barely["estimates"] = [{**coupling(GOOD).document, "verdict": verdict} for verdict in ("pass", "conditional_pass")]
     found = batch_of(document, results("s2", "B", [free]), results("s3", "C", []), barely)
     assert outcomes(found) == {"A": "conditional_fail", "B": "not_judged", "C": "no_result", "D": "conditional_pass"}
     assert (found.yield_of().passed, found.yield_of().failed, found.yield_of().without) == (1, 1, 2)

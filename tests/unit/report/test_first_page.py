@@ -11,8 +11,9 @@ from typing import Any
 import pytest
 import yaml
 from pydantic import ValidationError
-from report_sample import estimate, sample_model
+from report_sample import estimate, sample_model, unsound
 
+from bench.analysis import Estimate, estimates_of
 from bench.report.accreditation import below_capability, not_covered
 from bench.report.document import png_pages
 from bench.report.first import FirstPage, days_of, first_page
@@ -205,8 +206,9 @@ CAPABLE = [
 OWN = Accreditation.model_validate({"body": "Example Body", "number": "EX-0000", "scope": CAPABLE})
 
 
-def stated(quantity: str, unit: str, value: float, expanded: float, **more: Any) -> dict[str, Any]:
-    return estimate(quantity, unit, value, expanded, channel=1) | more
+def stated(quantity: str, unit: str, value: float, expanded: float, quality: str = "sound") -> Estimate:
+    entry = estimate(quantity, unit, value, expanded, channel=1)
+    return estimates_of({"estimates": [entry if quality == "sound" else unsound(entry, quality)]})[0]
 
 
 @pytest.mark.parametrize(
@@ -226,9 +228,9 @@ def stated(quantity: str, unit: str, value: float, expanded: float, **more: Any)
         (stated("dsf_n", "ppm", 12.0, 30.0, quality="doubtful"), "scale_factor", "is doubtful"),
     ],
 )
-def test_each_condition_alone_keeps_a_result_out(found: dict[str, Any], method: str, reason: str) -> None:
+def test_each_condition_alone_keeps_a_result_out(found: Estimate, method: str, reason: str) -> None:
     said = not_covered(OWN, method, [found])
-    assert said == ({found["quantity"]: reason} if reason else {})
+    assert said == ({found.quantity: reason} if reason else {})
 
 
 def test_reasons_of_one_quantity_are_counted() -> None:

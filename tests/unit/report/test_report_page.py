@@ -120,9 +120,9 @@ def test_table_shows_ppm_microampere_and_the_unit_of_the_sensor(model: ReportMod
     row = next(row for row in outline.rows if row[:2] == ["1", "−10.0"])
     headers = next(row for row in outline.rows if row[:2] == ["channel", "set / °C"])
     shown = {name: value.replace("−", "-").replace("\u202f", "") for name, value in zip(headers, row, strict=True)}
-    assert shown["N / ppm"] == f"{estimate['value']:.0f} ± 20"
-    assert float(shown["N / µA"]) == pytest.approx(estimate["value"] * 1e-6 * 0.299e6, abs=0.06)
-    assert float(shown["N / deg/s"]) == pytest.approx(estimate["value"] * 1e-6 * 83.0, abs=6e-5)
+    assert shown["N / ppm"] == f"{estimate.value:.0f} ± 20"
+    assert float(shown["N / µA"]) == pytest.approx(estimate.value * 1e-6 * 0.299e6, abs=0.06)
+    assert float(shown["N / deg/s"]) == pytest.approx(estimate.value * 1e-6 * 83.0, abs=6e-5)
     assert shown["rows"] == "14"
     accelerometer = [row for row in outline.rows if row[:2] == ["channel", "set / °C"]][1]
     assert "N / g" in accelerometer

@@ -6,9 +6,10 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from report_sample import estimate, small_model
+from report_sample import estimate, small_model, unsound
 
 from bench import analysis
+from bench.analysis import documents, estimates_of
 from bench.model.systems import is_size
 from bench.report import Report
 from bench.report.agreement_tables import agreement_parts
@@ -35,7 +36,7 @@ def model(*estimates: dict[str, Any], campaign: str = "scale_factor", **more: An
 def offset(quantity: str, value: float | None, expanded: float = 0.0, **more: Any) -> dict[str, Any]:
     unit = "ppm" if quantity == "time_offset_drift" else "s"
     found = estimate(quantity, unit, 0.0, expanded, method="augmented_loose")
-    return found | {"value": value, "quality": "sound" if value is not None else "refused", **more}
+    return (unsound(found, "refused") if value is None else found | {"value": value}) | more
 
 
 def wrong(item: str, count: float, unit: str) -> dict[str, Any]:
@@ -113,9 +114,9 @@ def test_an_answer_is_an_amount(value: float, unit: str, bounds: dict[str, float
 
 
 def test_a_value_without_uncertainty_has_four_digits_and_whole_numbers_all() -> None:
-    bare = estimate("observability", "1", 0.000388125, 0.1)
+    (bare,) = estimates_of({"estimates": [estimate("observability", "1", 0.000388125, 0.0)]})
     for value, shown in ((0.000388125, "0.0003881"), (521.454, "521.5"), (12345.0, "12345")):
-        assert value_text(bare | {"value": value, "expanded_uncertainty": None}) == shown
+        assert value_text(bare.model_copy(update={"value": value})) == shown
 
 
 def test_a_refused_value_has_no_unit() -> None:
@@ -131,7 +132,7 @@ def test_a_main_quantity_that_only_another_method_gives_is_shown() -> None:
     chosen = offset("time_offset", 6.6e-3, 7.5e-3)
     told = model(tight, drift, chosen, campaign="time_sync", main=("time_offset", "time_offset_drift"))
     told = replace(told, results={**told.results, "method": "augmented_loose"})
-    assert main_rows(told) == [chosen, drift]
+    assert documents(main_rows(told)) == [chosen, drift]
 
 
 def test_values_that_a_further_condition_tells_apart_all_stand_in_the_tables() -> None:
@@ -213,14 +214,15 @@ def test_what_is_odd_and_moves_nothing_is_a_note_of_the_report_as_of_the_results
 def stated(quantity: str, U: float | None, channel: int, sensor: float = 0.0, unit: str = "ppm") -> dict[str, Any]:
     common = {"common": {"standards": {}, "campaign": {SENSOR: sensor}}} if sensor else {}
     found = estimate(quantity, unit, 1.0, U or 0.0, channel=channel)
-    std = None if U is None else U / 2.0
-    return found | {"std_uncertainty": std, "coverage_factor": 2.0, "expanded_uncertainty": U, **common}
+    if U is None:
+        return unsound(found)
+    return found | {"std_uncertainty": U / 2.0, "coverage_factor": 2.0, **common}
 
 
-PREDICTED = (
+PREDICTED = estimates_of({"estimates": [
     stated("dsf_n", 20.0, 1), stated("dsf_n", 22.0, 2), stated("dsf_n", 22.0, 3), stated("dsf_asymmetry", 0.6, 1),
     stated("bias", 8e-9, 1, unit="A"), stated("dsf_n_tc1", 0.1, 1),
-)  # fmt: skip
+]})  # fmt: skip
 ACHIEVED = (
     stated("dsf_n", 20.2, 1), stated("dsf_n", 22.0, 2), stated("dsf_n", None, 3), stated("dsf_asymmetry", 1.0, 1, 0.4),
     stated("bias", 1.2e-8, 1, unit="A"), stated("dsf_n_tc1", 0.08, 1),
@@ -228,7 +230,7 @@ ACHIEVED = (
 
 
 def test_what_is_not_as_predicted_is_named_with_the_error_that_explains_it() -> None:
-    said, table = agreement_parts(model(*ACHIEVED, predicted=PREDICTED), ENGLISH)
+    said, table = agreement_parts(model(*ACHIEVED, predicted=tuple(PREDICTED)), ENGLISH)
     assert table is not None
     assert table.rows[0] == ("Scale-factor error N", "ppm", "2 of 3", "20 to 22", "20 to 22", "1.00 to 1.01")
     assert table.rows[2] == ("Bias", "nA", "1", "8.0", "12", "1.50")
@@ -241,6 +243,6 @@ def test_what_is_not_as_predicted_is_named_with_the_error_that_explains_it() -> 
 def test_without_a_prediction_there_is_no_such_chapter() -> None:
     assert agreement_parts(model(*ACHIEVED), ENGLISH) == ((), None)
     assert "agreement" not in {section.name for section in sections_of(model(*ACHIEVED), ENGLISH)}
-    chapters = sections_of(model(*ACHIEVED, predicted=PREDICTED), ENGLISH)
+    chapters = sections_of(model(*ACHIEVED, predicted=tuple(PREDICTED)), ENGLISH)
     (chapter,) = [section for section in chapters if section.name == "agreement"]
     assert (chapter.annex, len(chapter.paragraphs)) == ("A", 3)

@@ -102,11 +102,11 @@ def test_the_run_begins_when_its_first_event_says(view: SessionView, monkeypatch
 def test_before_the_first_record_and_after_the_last_the_end_is_known(view: SessionView) -> None:
     found = expectations(replace(view, rows=()), {})
     assert len(found) == len(predicted_of(view, "gls"))
-    assert all(expected.at_end_U == expected.predicted["expanded_uncertainty"] for expected in found.values())
+    assert all(expected.at_end_U == expected.predicted.expanded_uncertainty for expected in found.values())
     entries = by_foreseen_name(stated(view))
     found = expectations(view, entries)
     for name, entry in entries.items():
-        assert found[name].at_end_U == pytest.approx(entry["expanded_uncertainty"], rel=1e-12)
+        assert found[name].at_end_U == pytest.approx(entry.expanded_uncertainty, rel=1e-12)
 
 
 def test_after_the_first_temperature_the_end_is_nearer_than_what_is_known_so_far(view: SessionView) -> None:
@@ -116,21 +116,21 @@ def test_after_the_first_temperature_the_end_is_nearer_than_what_is_known_so_far
     told_at_the_end = {name: pair.grown for pair in pairs for name in by_foreseen_name([pair.predicted])}
     ratios = {}
     for name, entry in end.items():
-        ratios[name] = entry["expanded_uncertainty"] / found[name].at_end_U
+        ratios[name] = entry.expanded_uncertainty / found[name].at_end_U
         if not 0.999 < ratios[name] < CLOSE:
             assert told_at_the_end[name] in (SENSOR, DRIFT, STEADY), "nothing else could not be known"
     near = [ratio for ratio in ratios.values() if ratio < CLOSE]
     print(f"within {CLOSE}: {len(near)} of {len(found)}; the others up to {max(ratios.values()):.2f}")
     assert len(near) > 20
     dsf_n = next(name for name in so_far if name[0] == "dsf_n")
-    assert found[dsf_n].at_end_U > 1.05 * so_far[dsf_n]["expanded_uncertainty"], (
+    assert found[dsf_n].at_end_U > 1.05 * so_far[dsf_n].expanded_uncertainty, (
         "the drift until the closing repeat is not in it yet"
     )
 
 
 def test_what_is_doubtful_has_no_expected_uncertainty(view: SessionView) -> None:
     entries = stated(view)
-    entries[0] = {**entries[0], "expanded_uncertainty": None}  # type: ignore[typeddict-item]
+    entries[0] = entries[0].model_copy(update={"expanded_uncertainty": None})
     named = by_foreseen_name(entries)
     doubtful, sound = list(named)[:2]
     found = expectations(view, named)
@@ -149,9 +149,9 @@ def short_session(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_finished_session_gives_its_main_estimates(short_session: Path) -> None:
     found = command.partial(short_session)
     full = {
-        (one["quantity"], one["conditions"]["channel"], one["conditions"]["temperature_degC"]): one["value"]
+        (one.quantity, one.conditions["channel"], one.conditions["temperature_degC"]): one.value
         for one in analyse(material_of(read_view(short_session))).estimates
-        if one["quantity"] in MAIN
+        if one.quantity in MAIN
     }
     assert found["records"] > 0
     assert {row["quantity"] for row in found["rows"]} >= {"dsf_n", "dsf_p"}
@@ -176,7 +176,7 @@ def test_a_session_that_has_just_begun_says_what_is_expected_and_why_nothing_is_
     said = json.loads(capsys.readouterr().out)
     assert said["why"] != ""
     whole = predicted(short_plan()).estimates
-    assert len(said["rows"]) == len([entry for entry in whole if entry["quantity"] in MAIN])
+    assert len(said["rows"]) == len([entry for entry in whole if entry.quantity in MAIN])
     for row in said["rows"]:
         assert (row["value"], row["expanded_uncertainty"], row["quality"]) == (None, None, None)
         assert row["expected_uncertainty"] == row["predicted_uncertainty"] > 0.0

@@ -12,6 +12,7 @@ import store_sample
 from sqlalchemy import func, select
 from store_database import BACKENDS, new_history
 
+from bench.analysis import documents
 from bench.model.clock import VirtualClock
 from bench.store import (
     Filters,
@@ -54,9 +55,9 @@ def test_every_number_comes_back_bit_by_bit(url: str) -> None:
         estimate |= {"value": value, "std_uncertainty": abs(value), "conformance_probability": 0.975, "limit": 100.0}
     record_calibration(url, document, manifest, "r")
     shown = show_calibration(url, document["session"])
-    assert shown.estimates == document["estimates"]
+    assert documents(shown.estimates) == document["estimates"]
     for stored, value in zip(shown.estimates, AWKWARD, strict=True):
-        assert stored["value"].hex() == value.hex()
+        assert stored.value.hex() == value.hex()
     assert shown.quality == document["quality"]
     assert shown.notes == document["notes"]
     assert shown.calibration["simulated"] is False
@@ -83,7 +84,7 @@ def test_other_results_and_other_reports_are_revisions_and_the_old_ones_stay(url
     record_calibration(url, other, manifest, "r2", reason="customer asked")
     assert record_calibration(url, document, manifest, "r2").revision == 4  # back to the first numbers
     shown = show_calibration(url, document["session"])
-    assert shown.estimates == document["estimates"]
+    assert documents(shown.estimates) == document["estimates"]
     assert [one["report_sha256"] for one in shown.revisions] == ["r1", "r2", "r2", "r2"]
     assert [one["method"] for one in shown.revisions] == ["gls", "gls", "paper", "gls"]
     reasons = [one["reason"] for one in shown.revisions]
@@ -214,7 +215,7 @@ def test_each_unit_is_a_calibration_under_its_own_serial_number(imported: str) -
         (f"{SESSION}:GNC-02", "GNC-02"),
     ]
     shown = show_calibration(imported, f"{SESSION}:GNC-02")
-    assert [(one["quantity"], one["conditions"], one["value"]) for one in shown.estimates] == [
+    assert [(one.quantity, one.conditions, one.value) for one in shown.estimates] == [
         ("memory_wrong", {"source": "5 V"}, 2.0),
         ("ad_volts", {"source": "5 V"}, 7.0),
     ]

@@ -16,6 +16,7 @@ from sqlalchemy import Connection, func, select
 from store_database import BACKENDS, new_history
 from store_writer import every_document, write
 
+from bench.analysis import documents
 from bench.model.errors import ExitStatus
 from bench.session.history import chosen_url
 from bench.store import (
@@ -258,7 +259,7 @@ def sessions_in(url: str) -> int:
     for row in rows:
         wanted, report = known[row["session_sha256"], row["method"]]
         shown = show_calibration(url, row["session_sha256"])
-        assert shown.estimates == wanted
+        assert documents(shown.estimates) == wanted
         assert shown.revisions[-1]["report_sha256"] == report
         assert len(shown.standards) == 1
         assert len(shown.shared) == 2

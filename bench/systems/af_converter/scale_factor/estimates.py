@@ -15,7 +15,17 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from bench.analysis import Estimates, Material, count_problem, estimate, sharing
+from bench.analysis import (
+    Common,
+    Document,
+    Estimate,
+    Estimates,
+    Material,
+    count_problem,
+    covariance_by_standards,
+    estimate,
+    sharing,
+)
 from bench.maths.arrays import Floats
 from bench.maths.budget import effective_dof
 from bench.systems.af_converter.coefficients import UNITS
@@ -177,6 +187,39 @@ def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards)
     return entries
 
 
+def change_estimates(estimates: Iterable[Estimate], campaign: Campaign) -> Estimates:
+    """Change against a previous calibration, judged against the stability limit (paper table 1).
+
+    What both calibrations took from the same standards, as their estimates say, is left out of its uncertainty.
+    """
+    earlier = {
+        _place(entry.get("quantity"), entry.get("conditions", {})): entry
+        for entry in campaign.previous
+        if entry.get("quantity") in QUANTITIES
+    }
+    entries = []
+    for now in estimates:
+        then = earlier.get(_place(now.quantity, now.conditions))
+        if now.quantity not in QUANTITIES or then is None:
+            continue
+        limit = campaign.channel(now.conditions["channel"]).stability_limit_ppm
+        shared = then.get("common")
+        shared_ppm2 = covariance_by_standards(now.common, Common(**shared) if shared else None)
+        stds_ppm = now.std_uncertainty, float(then["std_uncertainty"])
+        own_ppm2 = [max(std_ppm**2 - shared_ppm2, 0.0) for std_ppm in stds_ppm]
+        std_ppm = math.sqrt(math.fsum(own_ppm2))
+        dofs = now.dof or math.inf, then.get("dof", math.inf)
+        dof = effective_dof(std_ppm**2, zip(own_ppm2, dofs, strict=True))
+        change_ppm = now.value - then["value"]
+        name = f"{now.quantity}_change"
+        entries.append(estimate(name, "ppm", change_ppm, std_ppm, now.conditions, n=now.n, limit=limit, dof=dof))
+    return entries
+
+
+def _place(quantity: Any, conditions: Document) -> tuple[Any, ...]:
+    return quantity, conditions.get("channel"), conditions.get("temperature_degC")
+
+
 def clock_estimates(rows: Iterable[RecordRow], campaign: Campaign, standards: Standards) -> Estimates:
     """clock_ratio_error (r - 1) and master_clock_error at every temperature, from all good records taken there.
 
@@ -306,4 +349,5 @@ def determine(material: Material, method: str) -> Determined:
     entries += coefficient_estimates(fitted, constants, standards)
     entries += clock_estimates(rows, constants, standards)
     entries += drift_estimates(again, fitted, constants) + drift.estimates
+    entries += change_estimates(entries, constants)
     return Determined(constants, standards, rows, fitted, drift, entries)

@@ -12,6 +12,7 @@ import charts_sample
 import numpy as np
 import pytest
 from charts_sample import Documents
+from report_sample import unsound
 from sqlalchemy import create_engine
 from store_database import BACKENDS, new_history
 from store_sample import OWN_ppm
@@ -127,7 +128,8 @@ def test_what_is_no_first_phase(url: str) -> None:
 
 def test_doubtful_estimates_and_simulated_calibrations_never_enter(url: str) -> None:
     history = stepped(0.0)
-    history[15][0]["estimates"][0] |= {"value": 1e6, "quality": "doubtful", "reasons": [], "verdict": "indeterminate"}
+    entry = history[15][0]["estimates"][0]
+    entry |= unsound(entry) | {"value": 1e6}
     simulated = [copy.deepcopy(entry) for entry in history[:3]]
     for document, _ in simulated:
         document["provenance"] |= {"simulated": True, "session_sha256": document["provenance"]["session_sha256"][::-1]}

@@ -51,9 +51,9 @@ def test_budgets_have_the_totals_of_the_results(method: str) -> None:
     analysis = analyse(Material(campaign.rows, section, register), method)
     groups, constants, standards = fitted(campaign, method)
     stated = {
-        (one["quantity"], one["conditions"]["channel"], one["conditions"]["temperature_degC"]): one
+        (one.quantity, one.conditions["channel"], one.conditions["temperature_degC"]): one
         for one in analysis.estimates
-        if one["quantity"] in ("dsf_n", "dsf_p")
+        if one.quantity in ("dsf_n", "dsf_p")
     }
     assert len(stated) == 20
     for index, quantity in enumerate(("dsf_n", "dsf_p")):
@@ -61,9 +61,9 @@ def test_budgets_have_the_totals_of_the_results(method: str) -> None:
             parts = components_of(one, index, groups, constants, standards)
             budget = combine_all({"": parts}).budgets[""]
             entry = stated[quantity, one.group.channel, one.group.temperature_degC]
-            assert budget.std_uncertainty == pytest.approx(entry["std_uncertainty"], rel=1e-12)
-            assert budget.coverage_factor == entry["coverage_factor"]
-            assert budget.expanded_uncertainty == pytest.approx(entry["expanded_uncertainty"], rel=1e-12)
+            assert budget.std_uncertainty == pytest.approx(entry.std_uncertainty, rel=1e-12)
+            assert budget.coverage_factor == entry.coverage_factor
+            assert budget.expanded_uncertainty == pytest.approx(entry.expanded_uncertainty, rel=1e-12)
 
 
 @pytest.mark.parametrize("degrees", [3.0, 8.0])
@@ -78,14 +78,14 @@ def test_degrees_of_freedom_of_the_certificate_reach_every_total(degrees: float)
     groups, constants, standards = fitted(campaign, "gls", (section, register))
     budget = combine_all({"": components_of(groups.groups[0], 0, groups, constants, standards)}).budgets[""]
     entry, before = next(pair for pair in zip(analysis.estimates, plain.estimates, strict=True))
-    assert entry["quantity"] == "dsf_n"
-    assert entry["std_uncertainty"] == before["std_uncertainty"]
-    assert "dof" not in before
-    assert entry["dof"] == pytest.approx(budget.dof, rel=1e-9)
-    by_hand = entry["std_uncertainty"] ** 4 / ((10.0**4 + 5.0**4) / degrees)
-    assert entry["dof"] == pytest.approx(by_hand, rel=0.02)  # the offsets of the ranges bring the rest
-    assert entry["coverage_factor"] == pytest.approx(special.stdtrit(entry["dof"], 0.975))
-    finite = {one["quantity"]: one["dof"] for one in analysis.estimates if "dof" in one}
+    assert entry.quantity == "dsf_n"
+    assert entry.std_uncertainty == before.std_uncertainty
+    assert before.dof is None
+    assert entry.dof == pytest.approx(budget.dof, rel=1e-9)
+    by_hand = entry.std_uncertainty**4 / ((10.0**4 + 5.0**4) / degrees)
+    assert entry.dof == pytest.approx(by_hand, rel=0.02)  # the offsets of the ranges bring the rest
+    assert entry.coverage_factor == pytest.approx(special.stdtrit(entry.dof, 0.975))
+    finite = {one.quantity: one.dof for one in analysis.estimates if one.dof is not None}
     assert finite.pop("master_clock_error") == pytest.approx(4.0, rel=1e-2)
     assert finite.keys() == {
         *("dsf_n", "dsf_p", "dsf_asymmetry", "dsf_n_residual", "dsf_p_residual"),
@@ -215,5 +215,5 @@ def test_tables_of_a_campaign_with_a_closing_repeat_have_its_totals(temperatures
     for quantity in ("dsf_n", "dsf_p"):
         (table,) = [one for one in analysis.tables if one.title == f"Uncertainty of {quantity} by channel"]
         stated = entries_of(analysis, quantity, temperature_degC=20.0)
-        shown = {str(one["conditions"]["channel"]): f"{one['expanded_uncertainty']:.2g}" for one in stated}
+        shown = {str(one.conditions["channel"]): f"{one.expanded_uncertainty:.2g}" for one in stated}
         assert {row[0]: row[-1] for row in table.rows} == shown

@@ -60,17 +60,17 @@ def test_two_ppm_are_seen_by_the_meter_and_become_the_component(campaign: sim.Si
     before_s, after_s = times_s(campaign)
     analysis = run(campaign, check(before_s, 0.0) + check(after_s, 2.0))
     found = drifts(analysis, "check by the meter")
-    assert [one["conditions"]["current_A"] for one in found] == [1e-3, 1e-2, 1e-1]
+    assert [one.conditions["current_A"] for one in found] == [1e-3, 1e-2, 1e-1]
     for one in found:
-        sys.stdout.write(f"{one['value']:.4f} +- {one['expanded_uncertainty']:.4f} ppm\n")
-        assert one["value"] == pytest.approx(2.0, abs=1e-6)
-        assert one["expanded_uncertainty"] < 0.05
-        assert one["n"] == 6
+        sys.stdout.write(f"{one.value:.4f} +- {one.expanded_uncertainty:.4f} ppm\n")
+        assert one.value == pytest.approx(2.0, abs=1e-6)
+        assert one.expanded_uncertainty < 0.05
+        assert one.n == 6
     assert component_ppm(analysis) == pytest.approx(1.0, abs=0.03)
     assert any("Drift of the calibrator by the meter" in note and "+2.00 ppm" in note for note in analysis.notes)
     assert not any("stated without it" in note for note in analysis.notes)
-    tc1 = next(one for one in analysis.estimates if one["quantity"] == "dsf_n_tc1")
-    assert tc1["std_uncertainty"] == pytest.approx(1.0 / 60.0, rel=0.15)
+    tc1 = next(one for one in analysis.estimates if one.quantity == "dsf_n_tc1")
+    assert tc1.std_uncertainty == pytest.approx(1.0 / 60.0, rel=0.15)
 
 
 @pytest.mark.parametrize(("declared", "expected_ppm"), [(1e-6, 1.0), (10e-6, 5.0)])
@@ -102,15 +102,15 @@ def test_a_check_that_tells_nothing_is_named(
 def carried_on(campaign: sim.SimulatedCampaign, repeat: dict[str, Any]) -> float:
     """Length of the campaign over the hours between a visit and its repeat."""
     begin_s, end_s = (edge + side for edge, side in zip(times_s(campaign), (100.0, -100.0), strict=True))
-    return float((end_s - begin_s) / 3600.0 / repeat["conditions"]["hours"])
+    return float((end_s - begin_s) / 3600.0 / repeat.conditions["hours"])
 
 
 def test_closing_repeat_that_shows_nothing_bounds_the_whole_campaign(campaign: sim.SimulatedCampaign) -> None:
     analysis = run(campaign, [])
     (one,) = drifts(analysis, "closing repeat")
-    assert abs(one["value"]) < one["expanded_uncertainty"] < 1.5
-    assert one["conditions"]["hours"] == pytest.approx(1.0, abs=0.01)  # two channels of 15 points here
-    bound_ppm = carried_on(campaign, one) * (abs(one["value"]) + one["expanded_uncertainty"])
+    assert abs(one.value) < one.expanded_uncertainty < 1.5
+    assert one.conditions["hours"] == pytest.approx(1.0, abs=0.01)  # two channels of 15 points here
+    bound_ppm = carried_on(campaign, one) * (abs(one.value) + one.expanded_uncertainty)
     assert component_ppm(analysis) == pytest.approx(bound_ppm / 2)
     assert any("none is seen. A steady drift of less than" in note for note in analysis.notes)
 
@@ -126,9 +126,9 @@ def test_closing_repeat_that_shows_a_change_is_carried_on_to_the_whole_campaign(
     """A calibrator 3 ppm up: 3 ppm more pulses of both kinds, a scale-factor error 3 ppm lower."""
     analysis = run(campaign, [], repeat_ppm=3.0)
     (one,) = drifts(analysis, "closing repeat")
-    record_property("obtained", f"{one['value']:.3f} +- {one['expanded_uncertainty']:.3f} ppm")
-    assert one["value"] == pytest.approx(3.0, abs=3 * one["std_uncertainty"])
-    bound_ppm = carried_on(campaign, one) * (one["value"] + one["expanded_uncertainty"])
+    record_property("obtained", f"{one.value:.3f} +- {one.expanded_uncertainty:.3f} ppm")
+    assert one.value == pytest.approx(3.0, abs=3 * one.std_uncertainty)
+    bound_ppm = carried_on(campaign, one) * (one.value + one.expanded_uncertainty)
     assert component_ppm(analysis) == pytest.approx(bound_ppm / 2, rel=1e-6)
 
 
@@ -141,8 +141,8 @@ def test_visits_are_compared_by_the_points_that_both_hold() -> None:
                 and row.window.conditions["range_A"] > 1e-3)
     ]  # fmt: skip
     (one,) = drifts(run(campaign, []), "closing repeat")
-    assert one["n"] == 14
-    assert one["expanded_uncertainty"] < 1.0
+    assert one.n == 14
+    assert one.expanded_uncertainty < 1.0
 
 
 def test_a_unit_that_changed_is_told_from_a_calibrator_that_did(campaign: sim.SimulatedCampaign) -> None:

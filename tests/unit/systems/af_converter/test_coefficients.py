@@ -84,7 +84,7 @@ def test_scale_factor_campaign_gives_its_coefficients_and_no_bias(
     warmth = [row.context["unit_temperature_degC"] for row in campaign.rows]
     for (name, channel), one in given.items():
         stated = [entries_of(scale_factor, f"{name}_tc{order}", channel=channel)[0] for order in range(3)]
-        assert one["coefficients"] == [entry["value"] for entry in stated]
+        assert one["coefficients"] == [entry.value for entry in stated]
         assert min(warmth) <= one["valid_degC"][0] < -9.0
         assert 49.0 < one["valid_degC"][1] <= max(warmth)
     wrong = dataclasses.replace(

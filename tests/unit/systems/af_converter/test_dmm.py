@@ -50,7 +50,7 @@ def misses(seeds: range, **meter: bool) -> dict[str, list[bool]]:
     for seed in seeds:
         analysis, campaign = analysed(seed, both=False, **meter)
         for one in of(analysis, "dsf_n", "dsf_asymmetry"):
-            key = f"{one['conditions']['kind']} {one['quantity']}"
+            key = f"{one.conditions['kind']} {one.quantity}"
             found.setdefault(key, []).append(not holds(one, campaign.truth(one)))
     return found
 
@@ -160,13 +160,13 @@ def test_printed_equations_are_refused_with_the_rank(
 
 def test_analysis_as_printed_gives_the_mean_and_says_why_not_more() -> None:
     analysis, campaign = analysed(5, "as_printed")
-    assert {one["quantity"] for one in of(analysis, "dsf_n", "dsf_p", "dsf_asymmetry", "dsf_mean")} == {"dsf_mean"}
+    assert {one.quantity for one in of(analysis, "dsf_n", "dsf_p", "dsf_asymmetry", "dsf_mean")} == {"dsf_mean"}
     assert "K_N and K_P are refused" in analysis.notes[0]
     assert "rank 1 of 2" in analysis.notes[0]
     assert analysis.missing == []
     for one in of(analysis, "dsf_mean"):
-        truth = campaign.units[one["conditions"]["channel"]].dsf(one["conditions"]["unit_temperature_degC"]).mean()
-        assert abs(one["value"] - truth) < 1.5 * one["expanded_uncertainty"]
+        truth = campaign.units[one.conditions["channel"]].dsf(one.conditions["unit_temperature_degC"]).mean()
+        assert abs(one.value - truth) < 1.5 * one.expanded_uncertainty
 
 
 def test_zero_of_the_meter_is_subtracted_where_it_was_measured() -> None:
@@ -195,11 +195,11 @@ def test_a_shift_between_repeated_points_is_seen_and_judged(ppm: float, verdict:
     campaign, drawn = simulate(8)
     shifted(campaign, ppm)
     analysis = dmm_method.analyse(material(campaign, readings_of(campaign, drawn)))
-    top = [one for one in of(analysis, "repeat_shift") if one["conditions"]["current_A"] >= 10e-3]
+    top = [one for one in of(analysis, "repeat_shift") if one.conditions["current_A"] >= 10e-3]
     assert len(top) == 6
-    assert {one["verdict"] for one in top} == {verdict}
+    assert {one.verdict for one in top} == {verdict}
     for one in top:
-        assert one["value"] == pytest.approx(ppm, abs=4 * one["std_uncertainty"] + 0.02)
+        assert one.value == pytest.approx(ppm, abs=4 * one.std_uncertainty + 0.02)
     said = next(note for note in analysis.notes if "repeat_shift" in note)
     assert ("no more than chance" in said) == (ppm == 0)
 
@@ -214,12 +214,12 @@ def test_leakage_of_the_switch_is_seen() -> None:
             name = "npp" if row.sums["npp"][1] else "ppp"
             row.sums[name][1] += more if name == "npp" else -more
     analysis = dmm_method.analyse(material(campaign, readings_of(campaign, drawn)))
-    leakage = [one for one in of(analysis, "switch_leakage") if one["conditions"]["channel"] == 2]
-    assert [one["conditions"]["polarity"] for one in leakage] == [1, -1]
-    assert all(one["value"] == pytest.approx(30e-9, abs=4 * one["std_uncertainty"]) for one in leakage)
+    leakage = [one for one in of(analysis, "switch_leakage") if one.conditions["channel"] == 2]
+    assert [one.conditions["polarity"] for one in leakage] == [1, -1]
+    assert all(one.value == pytest.approx(30e-9, abs=4 * one.std_uncertainty) for one in leakage)
     assert any("switch_leakage" in note and "more than chance explains" in note for note in analysis.notes)
     for one in of(analysis, "dsf_asymmetry"):  # and it does not reach the scale factors
-        assert abs(one["value"] - campaign.truth(one)) < 2 * one["expanded_uncertainty"]
+        assert abs(one.value - campaign.truth(one)) < 2 * one.expanded_uncertainty
 
 
 def test_which_readings_a_record_owns() -> None:
@@ -262,7 +262,7 @@ def test_without_readings_beside_the_records_there_is_no_result() -> None:
     of_first = {1e-9 * row.window.t_start_ns for row in campaign.rows if row.window.conditions["channel"] == 1}
     kept = [one for one in readings if not any(0 < begin - one.t_s < 20 for begin in of_first)]
     analysis = dmm_method.analyse(material(campaign, kept))
-    assert {one["conditions"]["channel"] for one in of(analysis, "dsf_n")} == {2}
+    assert {one.conditions["channel"] for one in of(analysis, "dsf_n")} == {2}
     assert any("channel 1 at 20 degC" in one and "B-FIT-050" in one for one in analysis.missing)
     with pytest.raises(FitError, match="unknown method") as caught:
         dmm_method.analyse(material(campaign, readings), "printed")
@@ -316,17 +316,17 @@ def test_the_calibration_of_the_meter_itself_is_a_component(method: str) -> None
     found = [dmm_method.analyse(one, method) for one in restated(3, "dmm", traceability_relative=3e-5)]
     assert [any("relative to its own calibration" in note for note in one.notes) for one in found] == [True, False]
     for before, after in zip(*(of(one, *QUANTITIES, "dsf_asymmetry", "dsf_mean") for one in found), strict=True):
-        more_ppm2 = after["std_uncertainty"] ** 2 - before["std_uncertainty"] ** 2
-        assert more_ppm2 == pytest.approx(0.0 if before["quantity"] == "dsf_asymmetry" else 225.0, rel=1e-2, abs=1e-3)
+        more_ppm2 = after.std_uncertainty**2 - before.std_uncertainty**2
+        assert more_ppm2 == pytest.approx(0.0 if before.quantity == "dsf_asymmetry" else 225.0, rel=1e-2, abs=1e-3)
 
 
 def test_both_standards_count_in_full_in_the_agreement() -> None:
     """By hand: the meter's method, 10 ppm of gain and 20 ppm of a stated calibration of the calibrator."""
     analysis = dmm_method.analyse(restated(3, "calibrator", traceability_relative=4e-5)[1])
     (table,) = [one for one in analysis.tables if one.title.startswith("DMM method and")]
-    by_place = {(one["conditions"]["channel"], one["quantity"]): one for one in of(analysis, *QUANTITIES)}
+    by_place = {(one.conditions["channel"], one.quantity): one for one in of(analysis, *QUANTITIES)}
     for row in table.rows:
-        own_ppm = by_place[row[0], row[1]]["std_uncertainty"]
+        own_ppm = by_place[row[0], row[1]].std_uncertainty
         assert row[6] == pytest.approx(1.96 * np.sqrt(own_ppm**2 + 10.0**2 + 20.0**2), rel=0.02)
 
 
@@ -340,10 +340,10 @@ def test_a_shift_is_judged_by_the_specification_and_knows_of_the_random_walk() -
     for one, other in zip(
         steady, of(dmm_method.analyse(dataclasses.replace(plain, campaign=walking)), "repeat_shift"), strict=True
     ):
-        level_A, polarity = one["conditions"]["current_A"], one["conditions"]["polarity"]
+        level_A, polarity = one.conditions["current_A"], one.conditions["polarity"]
         relative, floor = SPECIFICATION[meter_range(level_A)]
-        assert one["limit"] == pytest.approx(1e6 * (relative + floor * meter_range(level_A) / level_A))
+        assert one.limit == pytest.approx(1e6 * (relative + floor * meter_range(level_A) / level_A))
         wanted = {"channel": 1, "current_A": level_A, "polarity": polarity}
         places = [row.window.t_start_ns for row in campaign.rows if wanted.items() <= row.window.conditions.items()]
         hours = abs(places[1] - places[0]) / 3.6e12
-        assert other["std_uncertainty"] == pytest.approx(1e6 * 1e-6 * np.sqrt(hours) / level_A, rel=0.05)
+        assert other.std_uncertainty == pytest.approx(1e6 * 1e-6 * np.sqrt(hours) / level_A, rel=0.05)

@@ -59,8 +59,8 @@ def test_bias_and_its_coefficients(analysis: Analysis, ramps: dict[int, Ramp]) -
             entry = entry_of(analysis, "bias", channel=number, temperature_degC=at)
             truth = float(np.polynomial.polynomial.polyval(at - 20.0, np.array(curve) * (1 + one.unit.dsf)))
             assert abs(score(entry, truth)) < 4, (number, at)
-            assert abs(entry["value"] - truth) < 4e-9
-            assert entry["unit"] == "A"
+            assert abs(entry.value - truth) < 4e-9
+            assert entry.unit == "A"
         for order in (1, 2, 3):
             entry = entry_of(analysis, f"bias_tc{order}", channel=number, reference_temperature_degC=20.0)
             assert abs(score(entry, one.unit.polynomial[order])) < 4, (number, order)
@@ -71,7 +71,7 @@ def test_hysteresis_and_lag(analysis: Analysis, ramps: dict[int, Ramp]) -> None:
         width = entry_of(analysis, "hysteresis_width", channel=number, reference_temperature_degC=20.0)
         assert abs(score(width, one.unit.width_A)) < 4
         at = entry_of(analysis, "hysteresis_width", channel=number, temperature_degC=35.0)
-        assert at["value"] == pytest.approx(width["value"], rel=1e-6)
+        assert at.value == pytest.approx(width.value, rel=1e-6)
         assert abs(score(entry_of(analysis, "thermal_lag", channel=number), 25.0)) < 4
         assert not of(analysis, "hysteresis_width", channel=number, temperature_degC=-10.0)  # closes there by itself
     for number in (1, 7):
@@ -80,27 +80,27 @@ def test_hysteresis_and_lag(analysis: Analysis, ramps: dict[int, Ramp]) -> None:
     assert any("Channel 2: no play half-width" in note for note in analysis.notes)
     assert not analysis.missing
     left = entry_of(analysis, "bias_residual", channel=1)
-    assert (left["limit"], left["verdict"]) == (2.4e-8, "pass")
-    assert abs(left["value"]) == pytest.approx(abs(ramps[1].unit.width_A) / 2, abs=2.5e-9)  # half the loop is left
+    assert (left.limit, left.verdict) == (2.4e-8, "pass")
+    assert abs(left.value) == pytest.approx(abs(ramps[1].unit.width_A) / 2, abs=2.5e-9)  # half the loop is left
 
 
 def test_master_oscillator(analysis: Analysis) -> None:
     for at in (-10.0, 20.0, 50.0):
         entry = entry_of(analysis, "master_clock_error", temperature_degC=at)
         truth = float(np.polynomial.polynomial.polyval(at - 20.0, MASTER_ppm))
-        assert abs(entry["value"] - truth) < 0.02
-        assert entry["std_uncertainty"] == pytest.approx(3.0 / np.sqrt(3.0), rel=0.01)
+        assert abs(entry.value - truth) < 0.02
+        assert entry.std_uncertainty == pytest.approx(3.0 / np.sqrt(3.0), rel=0.01)
     assert abs(score(entry_of(analysis, "master_clock_error_tc3"), MASTER_ppm[3])) < 4
-    assert entry_of(analysis, "master_clock_error_tc2")["unit"] == "ppm/degC2"
+    assert entry_of(analysis, "master_clock_error_tc2").unit == "ppm/degC2"
 
 
 def test_noise_of_the_bias(analysis: Analysis) -> None:
     for number in (1, 2, 7):
         white = entry_of(analysis, "white_noise", channel=number)
-        assert white["value"] == pytest.approx(2e-9 / np.sqrt(2), rel=0.25)
-        assert white["unit"] == "A*s^0.5"
+        assert white.value == pytest.approx(2e-9 / np.sqrt(2), rel=0.25)
+        assert white.unit == "A*s^0.5"
         for walk in of(analysis, "random_walk", channel=number):
-            assert walk["value"] == pytest.approx(3e-10, rel=0.5)
+            assert walk.value == pytest.approx(3e-10, rel=0.5)
 
 
 @pytest.mark.validates(
@@ -133,7 +133,7 @@ def test_parts_of_the_uncertainty(analysis: Analysis, ramps: dict[int, Ramp]) ->
         assert parts["temperature sensor of the unit"] == pytest.approx(expected_nA, rel=0.1)
         left = entry_of(analysis, "bias_residual", channel=number)
         white_A = 2e-9 / np.sqrt(2.0 * 3600.0)  # over an hour
-        assert left["std_uncertainty"] == pytest.approx(white_A, rel=0.05)
+        assert left.std_uncertainty == pytest.approx(white_A, rel=0.05)
 
 
 def test_budgets_give_the_stated_uncertainty_and_the_sensor_joins_the_channels(
@@ -141,16 +141,16 @@ def test_budgets_give_the_stated_uncertainty_and_the_sensor_joins_the_channels(
 ) -> None:
     """U of the budget is that of results.json; correlation by hand: product of the sensor's parts over both u."""
     budgets = [one for one in analysis.tables if one.title.startswith("Uncertainty budget of the bias at 20")]
-    assert len(budgets) == len({one["conditions"].get("kind", "gyro") for one in analysis.estimates})
+    assert len(budgets) == len({one.conditions.get("kind", "gyro") for one in analysis.estimates})
     for table in budgets:
         number = int(table.title.split("channel ")[1].split(" ")[0])
         stated = entry_of(analysis, "bias", channel=number, temperature_degC=20.0)
-        assert with_uncertainty(stated["value"] * 1e9, stated["expanded_uncertainty"] * 1e9) in table.caption
+        assert with_uncertainty(stated.value * 1e9, stated.expanded_uncertainty * 1e9) in table.caption
     matrix = next(one for one in analysis.tables if one.title.startswith("Correlation of the bias"))
     names = matrix.headers[1:]
     sensor_nA = {str(n): 1e9 * 0.05 * one.unit.polynomial[1] for n, one in ramps.items()}
     u_nA = {
-        name: 1e9 * entry_of(analysis, "bias", channel=int(name), temperature_degC=20.0)["std_uncertainty"]
+        name: 1e9 * entry_of(analysis, "bias", channel=int(name), temperature_degC=20.0).std_uncertainty
         for name in names
     }
     expected = sensor_nA[names[0]] * sensor_nA[names[1]] / (u_nA[names[0]] * u_nA[names[1]])
@@ -187,7 +187,7 @@ def test_documents_are_valid(analysis: Analysis, ramps: dict[int, Ramp]) -> None
     validate_coefficients(document, "s", Coefficients)
     bias = next(one for one in document["parameters"] if one["parameter"] == "bias" and one["channel"] == 1)
     entry = entry_of(analysis, "bias", channel=1, temperature_degC=35.0)
-    assert np.polynomial.polynomial.polyval(15.0, bias["coefficients"]) == pytest.approx(entry["value"], rel=1e-12)
+    assert np.polynomial.polynomial.polyval(15.0, bias["coefficients"]) == pytest.approx(entry.value, rel=1e-12)
     assert {one["parameter"] for one in document["parameters"]} == {"bias", "master_clock"}
     groups = {one.group for one in analysis.figures}
     assert {"bias over temperature", "residuals of the joint fit", "hysteresis width"} <= groups
@@ -219,7 +219,7 @@ def test_flagged_windows_are_left_out_and_lost_frames_cost_the_resolution_of_the
     found[400] = replace(found[400], sums=sums, timing={}, frames=9995, lost=5)
     result = bias_ramp.analyse(material(one, found))
     entry = entry_of(result, "bias", temperature_degC=20.0)
-    assert (entry["n"], entry["dropped"]) == (897, 3)
+    assert (entry.n, entry.dropped) == (897, 3)
     assert any("reciprocal 896, gated 1." in note for note in result.notes)
     assert_bias_and_width(result, one[1])
 
@@ -230,7 +230,7 @@ def test_half_a_ramp_has_a_bias_but_no_hysteresis(ramps: dict[int, Ramp]) -> Non
     assert any(line.startswith("branch down: no usable record; hysteresis width") for line in result.missing)
     assert not of(result, "hysteresis_width") + of(result, "play_half_width") + of(result, "thermal_lag")
     half, whole = (entry_of(x, "bias_tc1", channel=1) for x in (result, bias_ramp.analyse(material(one))))
-    assert half["std_uncertainty"] > 1.2 * whole["std_uncertainty"]
+    assert half.std_uncertainty > 1.2 * whole.std_uncertainty
     assert abs(score(half, one[1].unit.polynomial[1])) < 4
 
 
@@ -292,21 +292,21 @@ def test_estimates_stand_at_the_reference_and_in_steps_from_it(
     usual = material({1: ramps[1]})
     campaign_there = {**usual.campaign, "reference_temperature_degC": reference_degC}
     result = bias_ramp.analyse(replace(usual, campaign=campaign_there))
-    assert [one["conditions"]["temperature_degC"] for one in of(result, "bias")] == at_degC
+    assert [one.conditions["temperature_degC"] for one in of(result, "bias")] == at_degC
     for one in of(result, "bias"):
-        x = one["conditions"]["temperature_degC"] - 20.0
+        x = one.conditions["temperature_degC"] - 20.0
         truth = sum(ramps[1].truth(k) * (1 + ramps[1].unit.dsf) * x**k for k in range(4))
         assert abs(score(one, float(truth))) < 4
     (paste,) = [one for one in result.compensation if one["parameter"] == "bias"]
     assert paste["reference_temperature_degC"] == reference_degC
-    assert entry_of(result, "bias_tc1")["value"] == paste["coefficients"][1]
+    assert entry_of(result, "bias_tc1").value == paste["coefficients"][1]
 
 
 def test_the_stated_uncertainty_of_the_generator_counts_without_a_calibrator(ramps: dict[int, Ramp]) -> None:
     stated = {"function_generator": {"uncertainty": [{"relative": 2e-5}], "traceability_relative": 1.5e-5}}
     result = bias_ramp.analyse(replace(material({1: ramps[1]}), standards=stated))
     entry = entry_of(result, "master_clock_error", temperature_degC=20.0)
-    assert entry["std_uncertainty"] == pytest.approx(12.5, rel=1e-3)  # ppm: 10 and 7.5
+    assert entry.std_uncertainty == pytest.approx(12.5, rel=1e-3)  # ppm: 10 and 7.5
 
 
 def test_what_is_missing_and_what_is_refused(ramps: dict[int, Ramp]) -> None:

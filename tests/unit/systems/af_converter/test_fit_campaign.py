@@ -13,7 +13,7 @@ from fit_simulation import analysed as run
 from stated_estimates import entries_of
 from stated_estimates import entries_of as of
 
-from bench.analysis import Analysis, Evidence
+from bench.analysis import Analysis, Evidence, documents
 from bench.analysis.doubt import weigh
 from bench.model.errors import FitError
 from bench.model.quality import Quality
@@ -34,17 +34,15 @@ def test_every_channel_and_temperature_has_its_estimates(campaign: sim.Simulated
     """Each at the measured temperature of the unit; the parts of the budget give its total."""
     analysis = run(campaign)
     for quantity in ("dsf_n", "dsf_p", "dsf_asymmetry", "bias"):
-        places = [
-            (one["conditions"]["channel"], one["conditions"]["temperature_degC"]) for one in of(analysis, quantity)
-        ]
+        places = [(one.conditions["channel"], one.conditions["temperature_degC"]) for one in of(analysis, quantity)]
         assert places == [(channel, at) for at in sim.TEMPERATURES_degC for channel in (1, 2)]
-    assert [one["n"] for one in of(analysis, "dsf_n")] == [14] * 10
-    assert {one["verdict"] for one in analysis.estimates if "_residual" not in one["quantity"]} == {"none"}
+    assert [one.n for one in of(analysis, "dsf_n")] == [14] * 10
+    assert {one.verdict for one in analysis.estimates if "_residual" not in one.quantity} == {"none"}
     assert analysis.missing == []
     assert len(analysis.residuals) == 14 * 11
     assert all(abs(one["residual_A"]) < 5 * one["std_ppm"] * 1e-6 * abs(one["current_A"]) or not one["current_A"]
                for one in analysis.residuals)  # fmt: skip
-    first = of(analysis, "dsf_n", channel=1, temperature_degC=-10.0)[0]["conditions"]
+    first = of(analysis, "dsf_n", channel=1, temperature_degC=-10.0)[0].conditions
     expected = np.mean([row.context["unit_temperature_degC"] for row in campaign.rows[:15]])
     assert first["unit_temperature_degC"] == pytest.approx(expected, abs=1e-9)
     assert abs(first["unit_temperature_degC"] + 10.0) > 0.2
@@ -61,7 +59,7 @@ def test_rows_of_a_warming_unit_are_referred_to_one_temperature() -> None:
     found = sim.simulate(SEED, ideal)
     analysis = run(found)
     for one in of(analysis, "dsf_asymmetry") + of(analysis, "dsf_n"):
-        assert one["value"] == pytest.approx(found.truth(one), abs=0.03)
+        assert one.value == pytest.approx(found.truth(one), abs=0.03)
     for group in analysis.groups:
         assert group["reduced_chi2"] < 0.05
 
@@ -71,14 +69,14 @@ def test_clock_estimates_recover_the_clock_errors(campaign: sim.SimulatedCampaig
     analysis = run(campaign)
     ratio = (1 + campaign.master_error) / (1 + campaign.af_error) - 1
     for one in of(analysis, "clock_ratio_error"):
-        assert one["value"] == pytest.approx(1e6 * ratio, abs=5 * one["std_uncertainty"])
+        assert one.value == pytest.approx(1e6 * ratio, abs=5 * one.std_uncertainty)
     for one in of(analysis, "master_clock_error"):
-        assert one["value"] == pytest.approx(1e6 * campaign.master_error, abs=1e-3)
-        assert one["std_uncertainty"] == pytest.approx(3 / np.sqrt(3), abs=0.001)
+        assert one.value == pytest.approx(1e6 * campaign.master_error, abs=1e-3)
+        assert one.std_uncertainty == pytest.approx(3 / np.sqrt(3), abs=0.001)
     assert len(of(analysis, "clock_ratio_error")) == len(of(analysis, "master_clock_error")) == 5
     generator = {"function_generator": {"uncertainty": [{"range_A": 0, "relative": 1e-6}]}}
     stated = of(run(campaign, standards=campaign.standards | generator), "master_clock_error")
-    assert stated[0]["std_uncertainty"] == pytest.approx(0.5, abs=1e-3)
+    assert stated[0].std_uncertainty == pytest.approx(0.5, abs=1e-3)
     for row in campaign.rows:
         row.sums["fg_count"] = 0
     off = run(campaign)
@@ -90,15 +88,15 @@ def test_closing_repeat_gives_the_drift_and_stays_out_of_the_coefficients(campai
     analysis = run(campaign)
     for quantity in ("dsf_n_drift", "dsf_p_drift"):
         (drift,) = of(analysis, quantity, channel=1, temperature_degC=50.0)
-        assert abs(drift["value"]) < 4 * drift["std_uncertainty"]
-        assert drift["std_uncertainty"] < 1.0
+        assert abs(drift.value) < 4 * drift.std_uncertainty
+        assert drift.std_uncertainty < 1.0
     assert len(of(analysis, "dsf_n", channel=1, temperature_degC=50.0)) == 1
-    assert {one["n"] for one in of(analysis, "dsf_n_tc1")} == {5}
+    assert {one.n for one in of(analysis, "dsf_n_tc1")} == {5}
     for row in campaign.rows:
         if row.window.conditions["repeat"]:
             row.sums["npp"] = row.sums["npp"] * (1 - 30e-6)
     (drift,) = of(run(campaign), "dsf_n_drift")
-    assert drift["value"] == pytest.approx(30.0, abs=4 * drift["std_uncertainty"])
+    assert drift.value == pytest.approx(30.0, abs=4 * drift.std_uncertainty)
 
 
 @pytest.mark.parametrize("flag", [Quality.SPLICE, Quality.OVER_RANGE, Quality.TRIPPED, Quality.SUSPECT])
@@ -107,8 +105,8 @@ def test_flagged_records_are_left_out_and_counted(campaign: sim.SimulatedCampaig
     wrong = campaign.rows[12]
     campaign.rows[12] = dataclasses.replace(wrong, quality=flag, sums=wrong.sums | {"npp": wrong.sums["npp"] * 2})
     first = of(run(campaign), "dsf_n", channel=1, temperature_degC=-10.0)[0]
-    assert (first["n"], first["dropped"]) == (13, 1)
-    assert first["value"] == pytest.approx(of(clean, "dsf_n")[0]["value"], abs=6.0)
+    assert (first.n, first.dropped) == (13, 1)
+    assert first.value == pytest.approx(of(clean, "dsf_n")[0].value, abs=6.0)
 
 
 @pytest.mark.parametrize(("lost", "used"), [(10, True), (11, False)])
@@ -122,9 +120,9 @@ def test_a_record_with_a_few_lost_frames_counts_for_less(
     campaign.rows[7] = dataclasses.replace(row, quality=Quality.LOST, lost=lost, frames=10_000 - lost, sums=sums)
     analysis = run(campaign)
     before, after = of(clean, "dsf_n")[0], of(analysis, "dsf_n")[0]
-    assert (after["n"], after["dropped"]) == ((14, 0) if used else (13, 1))
-    assert after["std_uncertainty"] > before["std_uncertainty"]
-    assert after["value"] == pytest.approx(before["value"], abs=4.0)
+    assert (after.n, after.dropped) == ((14, 0) if used else (13, 1))
+    assert after.std_uncertainty > before.std_uncertainty
+    assert after.value == pytest.approx(before.value, abs=4.0)
     std_ppm = [one["std_ppm"] for one in analysis.residuals if one["number"] == 8]
     assert std_ppm == ([pytest.approx(np.sqrt(11 * 5.103**2 + 2 * 3.5**2), rel=0.01)] if used else [])
 
@@ -171,17 +169,17 @@ def test_what_a_campaign_promises_and_has_no_record_of_is_missing(campaign: sim.
 
 def test_change_against_a_previous_calibration_is_judged(campaign: sim.SimulatedCampaign) -> None:
     now = run(campaign)
-    previous = copy.deepcopy(of(now, "dsf_n") + of(now, "dsf_p"))
+    previous = documents(of(now, "dsf_n") + of(now, "dsf_p"))
     previous[0]["value"] -= 60.0  # within 100 - U
     previous[2]["value"] += 90.0  # inside the limit, not by U
     previous[4]["value"] += 500.0
     judged = run(campaign, previous=previous)
-    verdicts = [one["verdict"] for one in of(judged, "dsf_n_change")]
+    verdicts = [one.verdict for one in of(judged, "dsf_n_change")]
     assert verdicts == ["pass", "pass", "conditional_pass", "pass", "fail", *["pass"] * 5]
-    assert of(judged, "dsf_n_change")[0]["limit"] == 100.0
-    assert of(judged, "dsf_n_change")[1]["limit"] == 200.0
+    assert of(judged, "dsf_n_change")[0].limit == 100.0
+    assert of(judged, "dsf_n_change")[1].limit == 200.0
     for one, then in zip(of(judged, "dsf_n_change"), previous, strict=False):
-        assert one["std_uncertainty"] == pytest.approx(np.sqrt(2.0) * then["std_uncertainty"])  # both in full
+        assert one.std_uncertainty == pytest.approx(np.sqrt(2.0) * then["std_uncertainty"])  # both in full
 
 
 def lack_of_fit(analysis: Analysis) -> list[Evidence]:
@@ -192,7 +190,7 @@ def lack_of_fit(analysis: Analysis) -> list[Evidence]:
 
 def test_one_temperature_gives_no_coefficients() -> None:
     analysis = run(sim.simulate(SEED, sim.Switches(), temperatures=(20.0,)))
-    assert not [one for one in analysis.estimates if "_tc" in one["quantity"]]
+    assert not [one for one in analysis.estimates if "_tc" in one.quantity]
     assert any(note.startswith("One temperature only") for note in analysis.notes)
     assert "common_step" not in {seen.code for seen in analysis.evidence}  # nothing tells a step in time
 
@@ -310,7 +308,7 @@ def test_zeros_determine_the_offset_of_their_range(record_property: Callable[[st
                 grows = "npp" if conditions["polarity"] > 0 else "ppp"
                 row.sums[grows][0] += more
         found = entries_of(sim.analysed(campaign), "dsf_n", "dsf_p")
-        return max(abs(one["value"] - campaign.truth(one)) for one in found)
+        return max(abs(one.value - campaign.truth(one)) for one in found)
 
     alone, every = worst_ppm(False), worst_ppm(True)
     sys.stdout.write(

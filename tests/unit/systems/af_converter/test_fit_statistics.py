@@ -52,15 +52,15 @@ def table_2(request: pytest.FixtureRequest) -> Table2:
             analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
         fresh = set()
         for one in analysis.estimates:
-            if "channel" not in one["conditions"] or one["quantity"].endswith("_residual"):
+            if "channel" not in one.conditions or one.quantity.endswith("_residual"):
                 continue
-            key = (one["conditions"]["kind"], one["quantity"])
+            key = (one.conditions["kind"], one.quantity)
             into = scores.setdefault(key, Scores())
             if key not in fresh:
                 into.error.append([])
                 fresh.add(key)
             truth = campaign.truth(one)
-            into.error[-1].append(one["value"] - truth)
+            into.error[-1].append(one.value - truth)
             into.inside.append(holds(one, truth))
             into.score.append(score(one, truth))
         for group in analysis.groups:

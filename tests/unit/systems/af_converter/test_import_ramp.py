@@ -13,7 +13,7 @@ from scipy import stats
 from scipy.signal import lfilter
 from spoken import english_left
 
-from bench.analysis import Analysis, Material, build_results, is_sound
+from bench.analysis import Analysis, Material, build_results
 from bench.model.errors import FitError
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
@@ -43,8 +43,8 @@ def without(*roles: str) -> dict[str, Any]:
 
 
 def value(analysis: Analysis, quantity: str) -> tuple[float, float]:
-    (one,) = [entry for entry in analysis.estimates if entry["quantity"] == quantity]
-    return one["value"], one["expanded_uncertainty"]
+    (one,) = [entry for entry in analysis.estimates if entry.quantity == quantity]
+    return one.value, one.expanded_uncertainty
 
 
 @pytest.fixture(scope="module")
@@ -88,9 +88,9 @@ def test_a_step_and_a_drift_are_told_apart() -> None:
     assert value(found, "meter_tc1")[0] == pytest.approx(0.6, abs=0.01)
     assert value(found, "meter_tc2")[0] == pytest.approx(0.01, abs=0.002)
     assert value(found, "meter_tc3")[0] == pytest.approx(-1e-3, abs=3e-4)
-    naive = [one for one in found.estimates if one["quantity"] == "up_minus_down"]
-    assert [one["conditions"]["temperature_degC"] for one in naive] == [float(at) for at in range(21, 35)]
-    assert not any(one["quantity"] in ("hysteresis_width", "thermal_lag") for one in found.estimates)
+    naive = [one for one in found.estimates if one.quantity == "up_minus_down"]
+    assert [one.conditions["temperature_degC"] for one in naive] == [float(at) for at in range(21, 35)]
+    assert not any(one.quantity in ("hysteresis_width", "thermal_lag") for one in found.estimates)
 
 
 def test_a_lag_is_found_and_leaves_no_hysteresis_though_the_branches_differ(lagging: Analysis) -> None:
@@ -104,7 +104,7 @@ def test_a_lag_is_found_and_leaves_no_hysteresis_though_the_branches_differ(lagg
 
 
 def test_overloaded_rows_are_left_out_and_counted(lagging: Analysis) -> None:
-    assert {(one["n"], one["dropped"]) for one in lagging.estimates} == {(957, 3)}
+    assert {(one.n, one.dropped) for one in lagging.estimates} == {(957, 3)}
     assert lagging.notes[0].startswith("3 of 960 rows are left out")
     assert english_left(lagging) == set()
 
@@ -120,7 +120,7 @@ def looping(seed: int, lag_s: float, half_width_degC: float) -> Material:
 def test_a_lag_longer_than_a_ramp_can_show_leaves_no_width() -> None:
     """Held at a tenth of the record the lag would be 29 min short, and the width and half-width off with it."""
     found = analyse(looping(5, 9000.0, 1.0))
-    assert not [one for one in found.estimates if one["quantity"] in ("hysteresis_width", "thermal_lag")]
+    assert not [one for one in found.estimates if one.quantity in ("hysteresis_width", "thermal_lag")]
     (said,) = found.missing
     assert said.startswith("meter: no hysteresis width")
     assert f"No result: {said}." in found.notes
@@ -186,7 +186,7 @@ def test_without_set_point_and_reference_the_reading_is_taken_as_it_is() -> None
     found = analyse(given, "drift")
     after, _ = value(found, "up_minus_down_after_drift")
     assert after == pytest.approx(-2e-6, abs=0.5e-6)
-    assert {one["unit"] for one in found.estimates} == {"V", "V/h", "V/h2", "V/degC", "V/degC2", "V/degC3"}
+    assert {one.unit for one in found.estimates} == {"V", "V/h", "V/h2", "V/degC", "V/degC2", "V/degC3"}
     assert any("maps no set-point" in note for note in found.notes)
 
 
@@ -274,7 +274,7 @@ def reasons(results: dict[str, Any], quantity: str) -> dict[str, str]:
 
 
 def unsound(results: dict[str, Any]) -> list[Any]:
-    return [one["reasons"] for one in results["estimates"] if not is_sound(one)]
+    return [one["reasons"] for one in results["estimates"] if one["quality"] != "sound"]
 
 
 def loop(temperature: np.ndarray, half_width: float) -> np.ndarray:
@@ -334,7 +334,7 @@ def test_a_first_row_of_junk_and_a_sensor_that_errs_once_are_named_and_left_out(
 
 def test_a_row_that_came_twice_counts_once() -> None:
     rows = {name: np.insert(values, 200, values[200]) for name, values in log(3).items()}
-    assert {one["dropped"] for one in analysed(rows, "drift")[0].estimates} == {1}
+    assert {one.dropped for one in analysed(rows, "drift")[0].estimates} == {1}
 
 
 @pytest.mark.parametrize("sensors", [("s1",), ("s1", "s2")])
@@ -344,7 +344,7 @@ def test_a_sensor_that_froze_is_doubted(sensors: tuple[str, ...]) -> None:
     for name in sensors:
         rows[name][late] = rows[name][late][0]
     _, results = analysed(rows, "drift")
-    assert not any(is_sound(one) for one in results["estimates"])
+    assert not any(one["quality"] == "sound" for one in results["estimates"])
     said = {reason["sentence"] for one in results["estimates"] for reason in one["reasons"]}
     for name in sensors:
         place = f"{NAMES[name]} stands still for 5.97 h from 10.02 h on"

@@ -251,7 +251,7 @@ def test_bias_sign_flipped(monkeypatch: pytest.MonkeyPatch) -> None:
     def worst_score() -> float:
         biases = entries_of(sim.analysed(campaign), "bias")
         assert len(biases) == 10
-        return max(abs(one["value"] - campaign.truth(one)) / one["std_uncertainty"] for one in biases)
+        return max(abs(one.value - campaign.truth(one)) / one.std_uncertainty for one in biases)
 
     assert worst_score() < 4.0
     right: Callable[..., Bias] = group_fit.open_input_bias

@@ -13,7 +13,15 @@ import pytest
 from scipy import special
 from stated_estimates import entries_of
 
-from bench.analysis import Analysis, Material, analyse, build_results, covariance_by_standards, validate_results
+from bench.analysis import (
+    Analysis,
+    Material,
+    analyse,
+    build_results,
+    covariance_by_standards,
+    documents,
+    validate_results,
+)
 from bench.systems.af_converter.dmm_method import analysis as dmm_method
 from bench.systems.af_converter.scale_factor.analysis import analyse as scale_factor
 
@@ -49,7 +57,7 @@ def plain(campaign: sim.SimulatedCampaign) -> Analysis:
 
 
 def stds(analysis: Analysis, quantity: str) -> np.ndarray:
-    return np.array([entry["std_uncertainty"] for entry in entries_of(analysis, quantity)])
+    return np.array([entry.std_uncertainty for entry in entries_of(analysis, quantity)])
 
 
 @pytest.mark.validates(
@@ -66,7 +74,7 @@ def test_the_certificate_comes_on_top_of_a_relative_specification(
         np.testing.assert_allclose(more_ppm, std_ppm, rtol=2e-3)
     for quantity in ("dsf_asymmetry", "dsf_n_tc1", "dsf_p_tc2"):
         np.testing.assert_allclose(stds(found, quantity), stds(plain, quantity), rtol=0.05)
-    assert [entry["value"] for entry in found.estimates] == [entry["value"] for entry in plain.estimates]
+    assert [entry.value for entry in found.estimates] == [entry.value for entry in plain.estimates]
     absolute = run(campaign, register(campaign, specification="absolute"))  # it holds the certificate already
     assert absolute.estimates == plain.estimates
     notes = [any("relative to its own calibration" in note for note in one.notes) for one in (plain, found, absolute)]
@@ -84,8 +92,8 @@ def test_ranges_without_a_common_calibration_add_less(campaign: sim.SimulatedCam
 def test_degrees_of_freedom_of_the_certificate(campaign: sim.SimulatedCampaign) -> None:
     """By hand: 10 ppm of 5 degrees in the combined uncertainty (Welch and Satterthwaite), and Student's t."""
     entry = run(campaign, traced(campaign, 20e-6, dof=5.0)).estimates[0]
-    assert entry["dof"] == pytest.approx(entry["std_uncertainty"] ** 4 / (10.0**4 / 5.0), rel=1e-2)
-    assert entry["coverage_factor"] == pytest.approx(special.stdtrit(entry["dof"], 0.975))
+    assert entry.dof == pytest.approx(entry.std_uncertainty**4 / (10.0**4 / 5.0), rel=1e-2)
+    assert entry.coverage_factor == pytest.approx(special.stdtrit(entry.dof, 0.975))
 
 
 @pytest.mark.validates(
@@ -110,11 +118,11 @@ def test_a_label_says_by_how_much_its_error_moves_a_result(
         # zero rows have the offset of their range too: as in the model, both change sign with the switch
         line.update(correction if line["range_A"] in ranges else {})
     pairs = zip(run(campaign, standards).estimates, run(campaign, moved).estimates, strict=True)
-    held = [(one, other) for one, other in pairs if one["quantity"] in ("dsf_n", "dsf_p", "dsf_asymmetry", "dsf_n_tc0")]
+    held = [(one, other) for one, other in pairs if one.quantity in ("dsf_n", "dsf_p", "dsf_asymmetry", "dsf_n_tc0")]
     assert len(held) == 32
     for one, other in held:
-        part = one["common"]["standards"].get(label, 0.0)
-        assert other["value"] - one["value"] == pytest.approx(part, rel=2e-3, abs=1e-4)
+        part = one.common.standards.get(label, 0.0)
+        assert other.value - one.value == pytest.approx(part, rel=2e-3, abs=1e-4)
 
 
 def test_what_an_estimate_shares_is_a_part_of_its_uncertainty(campaign: sim.SimulatedCampaign) -> None:
@@ -131,21 +139,22 @@ def test_what_an_estimate_shares_is_a_part_of_its_uncertainty(campaign: sim.Simu
 
 def test_a_standard_nobody_can_name_is_shared_within_the_campaign_only(campaign: sim.SimulatedCampaign) -> None:
     unknown = register(campaign, {"certificate": ""}, specification="relative", certificate_U=8e-6)
-    common = run(campaign, unknown).estimates[0]["common"]
-    assert common["standards"] == {}
-    assert "calibrator: gain" in common["campaign"]
+    common = run(campaign, unknown).estimates[0].common
+    assert common.standards == {}
+    assert "calibrator: gain" in common.campaign
 
 
 def test_a_change_leaves_out_what_both_calibrations_share(campaign: sim.SimulatedCampaign) -> None:
     """Against itself, as an earlier calibration with the same calibrator, and as one that does not say."""
     earlier = run(campaign, traced(campaign)).estimates
-    silent = [{key: value for key, value in entry.items() if key != "common"} for entry in earlier]
+    said = documents(earlier)
+    silent = [{key: value for key, value in entry.items() if key != "common"} for entry in said]
     of = {
         name: stds(run(campaign, traced(campaign), previous=previous), "dsf_n_change")
-        for name, previous in (("said", earlier), ("silent", silent))
+        for name, previous in (("said", said), ("silent", silent))
     }
     np.testing.assert_allclose(of["silent"], stds(run(campaign, traced(campaign)), "dsf_n") * np.sqrt(2.0))
-    shared = [covariance_by_standards(entry, entry) for entry in earlier if entry["quantity"] == "dsf_n"]
+    shared = [covariance_by_standards(entry.common, entry.common) for entry in earlier if entry.quantity == "dsf_n"]
     np.testing.assert_allclose(of["said"] ** 2, of["silent"] ** 2 - 2.0 * np.array(shared))
     assert (of["said"] < 0.2 * of["silent"]).all()
 

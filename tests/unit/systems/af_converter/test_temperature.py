@@ -51,7 +51,7 @@ def worst_score(analysis: Analysis, campaign: sim.SimulatedCampaign, quantities:
 def scores_of(analysis: Analysis, campaign: sim.SimulatedCampaign, quantity: str, **conditions: Any) -> list[float]:
     """Errors over stated standard uncertainties."""
     found = of(analysis, quantity, **conditions)
-    return [(one["value"] - campaign.truth(one)) / one["std_uncertainty"] for one in found]
+    return [(one.value - campaign.truth(one)) / one.std_uncertainty for one in found]
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def test_half_of_the_housekeeping_missing_moves_nothing(
         "records without housekeeping: their unit temperature is interpolated" in note for note in analysis.notes
     )
     first = of(analysis, "dsf_n", channel=1, temperature_degC=-10.0)[0]
-    assert (first["n"], first["dropped"]) == (14, 0)
+    assert (first.n, first.dropped) == (14, 0)
 
     def set_point(rows: Any) -> dict[int, UnitTemperature]:
         return {
@@ -160,7 +160,7 @@ def test_groups_without_temperatures_are_refused_by_name(campaign: sim.Simulated
     assert of(analysis, "dsf_n", temperature_degC=-10.0) == []
     assert worst_score(analysis, cold, SCALE_FACTORS) < 4.0
     (clock,) = of(analysis, "clock_ratio_error", temperature_degC=-10.0)
-    assert "unit_temperature_degC" not in clock["conditions"]
+    assert "unit_temperature_degC" not in clock.conditions
     with pytest.raises(FitError, match="without a unit temperature") as caught:
         run(without_housekeeping(campaign, lambda _: True))
     assert (caught.value.code, caught.value.where) == ("B-FIT-012", "channel 1 at -10 degC")

@@ -69,7 +69,7 @@ def test_the_ellipse_finds_the_parameters_and_the_extremes_are_told_beside(found
     assert offset == pytest.approx([0.05, -0.03], abs=2e-5)
     assert value(found, "mag_gain", method="ellipse") == pytest.approx(1.04, abs=2e-4)
     assert value(found, "mag_angle", method="ellipse") == pytest.approx(1.5, abs=0.02)
-    stds = (one(found, "mag_angle", method=method)["std_uncertainty"] for method in ("extremes", "ellipse"))
+    stds = (one(found, "mag_angle", method=method).std_uncertainty for method in ("extremes", "ellipse"))
     assert next(stds) > 20.0 * next(stds)
     assert found.missing == []
     assert any("no gap between phases" in note for note in found.notes)
@@ -79,18 +79,18 @@ def test_the_ellipse_finds_the_parameters_and_the_extremes_are_told_beside(found
 
 
 def test_roll_is_right_after_compensation_and_only_then(found: Analysis) -> None:
-    returned = [entry["value"] for entry in every(found, "mag_roll_error", method="returned")]
+    returned = [entry.value for entry in every(found, "mag_roll_error", method="returned")]
     assert len(returned) == 8
     assert max(map(abs, returned)) > 4.0
     compensated = every(found, "mag_roll_error", method="ellipse")
-    assert max(abs(entry["value"]) for entry in compensated) < 0.05
-    assert {entry["verdict"] for entry in compensated} == {"pass"}
-    assert {entry["verdict"] for entry in every(found, "mag_roll_error", method="extremes")} == {"none"}
+    assert max(abs(entry.value) for entry in compensated) < 0.05
+    assert {entry.verdict for entry in compensated} == {"pass"}
+    assert {entry.verdict for entry in every(found, "mag_roll_error", method="extremes")} == {"none"}
     single_deg = np.rad2deg(5e-4 / FIELD_gauss)  # noise of one reading; a step of the output makes a tenth of it
     less_mean_deg = single_deg * np.sqrt(7.0 / 8.0)
-    assert [entry["std_uncertainty"] for entry in compensated] == pytest.approx([less_mean_deg] * 8, rel=0.05)
+    assert [entry.std_uncertainty for entry in compensated] == pytest.approx([less_mean_deg] * 8, rel=0.05)
     unlimited = analyse(spun(table="non_magnetic").material("magnetometer", exchanges=rolls(), layouts=LAYOUTS))
-    assert {entry["verdict"] for entry in unlimited.estimates} == {"none"}  # no specification states a limit of it
+    assert {entry.verdict for entry in unlimited.estimates} == {"none"}  # no specification states a limit of it
 
 
 def test_the_correction_in_force_is_undone() -> None:
@@ -102,7 +102,7 @@ def test_the_correction_in_force_is_undone() -> None:
         moved.append(replace(answer, received=struct.pack("<4h", roll, x - offset[0], y - offset[1], z)))
     for exchanges in (plain, moved):
         analysis = analyse(spun().material("magnetometer", exchanges=exchanges, layouts=LAYOUTS))
-        errors.append([entry["value"] for entry in every(analysis, "mag_roll_error", method="ellipse")])
+        errors.append([entry.value for entry in every(analysis, "mag_roll_error", method="ellipse")])
     np.testing.assert_allclose(errors[0], errors[1], atol=1e-9)
 
 
@@ -152,8 +152,8 @@ def test_a_saturated_record_is_not_used() -> None:
     analysis = analyse(rig.material("magnetometer"))
     assert any(text.startswith("record 3 (attitudes): magnetometer z: 400 samples") for text in analysis.missing)
     iron = every(analysis, "mag_hard_iron")
-    np.testing.assert_allclose([entry["value"] for entry in iron], hard_gauss, atol=5e-5)
-    assert {entry["n"] for entry in iron} == {12_000}
+    np.testing.assert_allclose([entry.value for entry in iron], hard_gauss, atol=5e-5)
+    assert {entry.n for entry in iron} == {12_000}
     rig = spun(table="non_magnetic")
     attitudes(rig, hard_gauss, cap=True)  # which leaves a direction open
     analysis = analyse(rig.material("magnetometer"))
@@ -200,14 +200,14 @@ def test_the_iron_that_readings_were_distorted_by_is_found() -> None:
         analysis = magnetometer.analyse(material(factor * sphere(), unit))
         assert english_left(analysis) == set()
         for entry, true in zip(every(analysis, "mag_hard_iron"), HARD, strict=True):
-            assert entry["value"] == pytest.approx(factor * true, abs=1.5 * entry["expanded_uncertainty"])
+            assert entry.value == pytest.approx(factor * true, abs=1.5 * entry.expanded_uncertainty)
         soft = every(analysis, "mag_soft_iron")
         for entry in soft:
-            true = shape["xyz".index(entry["conditions"]["row"]), "xyz".index(entry["conditions"]["column"])]
-            assert entry["value"] == pytest.approx(true, abs=1.5 * entry["expanded_uncertainty"])
+            true = shape["xyz".index(entry.conditions["row"]), "xyz".index(entry.conditions["column"])]
+            assert entry.value == pytest.approx(true, abs=1.5 * entry.expanded_uncertainty)
         assert len(soft) == 6
         assert weigh(analysis.evidence).against == []
-        assert {entry["unit"] for entry in analysis.estimates} == {unit, "1"}
+        assert {entry.unit for entry in analysis.estimates} == {unit, "1"}
     doubts = weigh(magnetometer.analyse(material(10.0 * sphere())).evidence).against
     assert "implausible_field" in {check.code for check in doubts}  # of gauss, not of counts
 
@@ -217,7 +217,7 @@ def test_a_turn_about_z_gives_its_ellipse() -> None:
     assert english_left(analysis) == set()
     assert analysis.method == "turn_about_z"
     for entry, true in zip(every(analysis, "mag_offset"), HARD[:2], strict=True):
-        assert entry["value"] == pytest.approx(true, abs=1.5 * entry["expanded_uncertainty"])
+        assert entry.value == pytest.approx(true, abs=1.5 * entry.expanded_uncertainty)
     assert any("no hard and soft iron" in note for note in analysis.notes)
 
 

@@ -37,13 +37,13 @@ def test_coupling_is_judged_after_compensation_by_the_second_set(twice: Analysis
     rows = {row[0]: row[-1] for row in twice.tables[2].rows}
     for kind, name in (("accel", "accelerometer"), ("gyro", "gyro")):
         raw, left = every(twice, f"{kind}_cross_coupling"), every(twice, f"{kind}_coupling_compensated")
-        assert {entry["verdict"] for entry in raw} == {"none"}
-        assert max(abs(entry["value"]) for entry in raw) > 1e-3
-        assert [entry["verdict"] for entry in left] == ["pass"] * 6
-        assert max(abs(entry["value"]) for entry in left) < 1e-4
+        assert {entry.verdict for entry in raw} == {"none"}
+        assert max(abs(entry.value) for entry in raw) > 1e-3
+        assert [entry.verdict for entry in left] == ["pass"] * 6
+        assert max(abs(entry.value) for entry in left) < 1e-4
         again = every(twice, f"{kind}_scale_repeatability")
         assert len(again) == 3
-        assert all(abs(entry["value"]) < 2.0 * entry["expanded_uncertainty"] < 1e-3 for entry in again)
+        assert all(abs(entry.value) < 2.0 * entry.expanded_uncertainty < 1e-3 for entry in again)
         for what in ("coupling after compensation", "scale-factor repeatability, 1 sigma"):
             assert rows[f"{name}: {what}"] == "PASS"
     assert list(rows.values()).count("PASS") == 4
@@ -58,12 +58,12 @@ def test_what_changes_between_the_sets_is_told_by_its_size_and_place() -> None:
     change = np.array([[0.002, 0.0, 0.0], [0.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
     rig.unit = replace(rig.unit, gyro_S=rig.unit.gyro_S * (1.0 + change))
     changed = every(analysed(calibration(rig, rest_s=10.0)), "gyro_scale_repeatability")
-    assert changed[0]["value"] == pytest.approx(-2e-3 / 2.0**0.5, rel=0.05)
-    assert [entry["verdict"] for entry in changed] == ["fail", "pass", "pass"]
+    assert changed[0].value == pytest.approx(-2e-3 / 2.0**0.5, rel=0.05)
+    assert [entry.verdict for entry in changed] == ["fail", "pass", "pass"]
     rig = short()
     rig.unit = replace(rig.unit, gyro_S=rig.unit.gyro_S + 1.5 * np.roll(change, 1, axis=1))
     left = every(analysed(calibration(rig, rest_s=10.0)), "gyro_coupling_compensated")
-    verdicts = {(entry["conditions"]["row"], entry["conditions"]["column"]): entry["verdict"] for entry in left}
+    verdicts = {(entry.conditions["row"], entry.conditions["column"]): entry.verdict for entry in left}
     assert verdicts == dict.fromkeys(verdicts, "pass") | {("x", "y"): "fail"}
 
 
@@ -108,10 +108,10 @@ def test_a_unit_that_was_switched_off_between_the_records_is_noticed() -> None:
         assert any(f"switched off between the {name}" in note for note in analysis.notes)
     for kind, S in (("accel", Unit().accel_S), ("gyro", Unit().gyro_S)):
         for entry in every(analysis, f"{kind}_matrix"):
-            row, column = ("xyz".index(entry["conditions"][name]) for name in ("row", "column"))
-            assert abs(entry["value"] - np.linalg.inv(S)[row, column]) < 1.5 * entry["expanded_uncertainty"], entry
+            row, column = ("xyz".index(entry.conditions[name]) for name in ("row", "column"))
+            assert abs(entry.value - np.linalg.inv(S)[row, column]) < 1.5 * entry.expanded_uncertainty, entry
     assert (
-        min(entry["expanded_uncertainty"] for entry in every(analysis, "gyro_bias")) > 0.25 * 3600 * 0.02
+        min(entry.expanded_uncertainty for entry in every(analysis, "gyro_bias")) > 0.25 * 3600 * 0.02
     )  # it is that of neither power-on
 
 
@@ -132,7 +132,7 @@ def test_a_stated_tilt_is_in_the_couplings_and_hardly_in_the_scale_factors() -> 
     for kind in ("accel", "gyro"):
         for quantity, least, most in (("cross_coupling", 150e-6, 350e-6), ("scale_error", 0.0, 20.0)):
             pairs = zip(*(every(each, f"{kind}_{quantity}") for each in (tilted, plain)), strict=True)
-            extra = [(one["std_uncertainty"] ** 2 - other["std_uncertainty"] ** 2) ** 0.5 for one, other in pairs]
+            extra = [(one.std_uncertainty**2 - other.std_uncertainty**2) ** 0.5 for one, other in pairs]
             assert all(least <= abs(each) <= most for each in extra)
 
 

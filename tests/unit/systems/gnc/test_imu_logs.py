@@ -99,7 +99,7 @@ def test_a_missing_turn_costs_the_gyros_and_is_named() -> None:
     analysis = imu_six_position.analyse(material)
     assert "position +x up: no stretch" in analysis.missing
     assert any(one.startswith("gyros: ") for one in analysis.missing)
-    assert not any(one["quantity"] == "gyro_matrix" for one in analysis.estimates)
+    assert not any(one.quantity == "gyro_matrix" for one in analysis.estimates)
 
 
 def test_logs_that_do_not_serve() -> None:
@@ -131,9 +131,9 @@ def test_many_poses_are_found_again() -> None:
     assert analysis.tables[1].rows[0][0] == 36
     fit = fit_multi_position(static_intervals(accel, 100.0, initial_s=30.0).means(accel), 9.8)
     for quantity, stds in (("accel_sensitivity", fit.counts_per_unit_std), ("accel_zero", fit.zero_std)):
-        found = [one for one in analysis.estimates if one["quantity"] == quantity]
-        assert [one["std_uncertainty"] for one in found] == pytest.approx(stds)
-        assert {one["dof"] for one in found} == {27.0}  # 36 poses less nine parameters
+        found = [one for one in analysis.estimates if one.quantity == quantity]
+        assert [one.std_uncertainty for one in found] == pytest.approx(stds)
+        assert {one.dof for one in found} == {27.0}  # 36 poses less nine parameters
 
 
 @pytest.fixture(scope="module")

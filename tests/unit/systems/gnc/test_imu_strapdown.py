@@ -256,7 +256,7 @@ def test_a_turned_log_gives_drift_class_and_errors_between_rests() -> None:
     assert value(analysis, "level_error") < 0.1
     assert value(analysis, "velocity_error") < 0.1
     assert value(analysis, "turn_scale") == pytest.approx(1.0, abs=0.01)
-    drift = one(analysis, "gyro_drift")["conditions"]
+    drift = one(analysis, "gyro_drift").conditions
     assert drift["sensor_class"] in rest_drift.NAMES
     assert drift["horizon_s"] == 3.0  # no rest is longer than twice 10 s
     for words in ("of such horizons", "of the class industrial"):  # 0.24 deg/sqrt(h)
@@ -265,13 +265,13 @@ def test_a_turned_log_gives_drift_class_and_errors_between_rests() -> None:
 
 def test_a_long_rest_gives_every_horizon_and_nothing_between() -> None:
     analysis = imu_strapdown.analyse(turned_log([], 200.0))
-    horizons = [entry["conditions"]["horizon_s"] for entry in every(analysis, "rest_drift_horizontal")]
+    horizons = [entry.conditions["horizon_s"] for entry in every(analysis, "rest_drift_horizontal")]
     assert horizons == [3.0, 10.0, 30.0, 60.0]
     assert analysis.missing == []
     (table,) = (table for table in analysis.tables if table.title == "Class of the sensors")
     drift = one(analysis, "gyro_drift")
     (shown,) = (row[2] for row in table.rows if row[0] == "gyro drift")
-    assert shown == with_uncertainty(drift["value"], drift["expanded_uncertainty"])
+    assert shown == with_uncertainty(drift.value, drift.expanded_uncertainty)
     assert every(analysis, "level_error") == every(analysis, "turn_scale") == []
 
 
@@ -279,7 +279,7 @@ def test_a_single_turn_says_nothing_of_the_errors_between_rests() -> None:
     """With one degree of freedom an interval of 95 % is nine times the value: t / sqrt(2) for t = 12.706."""
     analysis = imu_strapdown.analyse(turned_log([("x", 90.0)]))
     entry = one(analysis, "level_error")
-    assert entry["expanded_uncertainty"] / entry["value"] == pytest.approx(12.706 / np.sqrt(2.0), rel=1e-4)
+    assert entry.expanded_uncertainty / entry.value == pytest.approx(12.706 / np.sqrt(2.0), rel=1e-4)
     doubts = {check.quantities: check.code for check in weigh(analysis.evidence).against}
     assert doubts == {("level_error",): "too_few_motions", ("velocity_error",): "too_few_motions"}
     assert weigh(imu_strapdown.analyse(turned_log()).evidence).against == []
@@ -311,8 +311,8 @@ def test_nothing_is_integrated_across_a_gap() -> None:
         material.series[name] = np.delete(column, slice(begin, begin + 40))  # type: ignore[index]
     analysis = imu_strapdown.analyse(material)
     entry = one(analysis, "level_error")
-    assert entry["n"] == len(TURNS) - 1
-    assert entry["value"] < 0.1
+    assert entry.n == len(TURNS) - 1
+    assert entry.value < 0.1
     assert any("40 samples are missing in 1 gaps" in note for note in analysis.notes)
 
 

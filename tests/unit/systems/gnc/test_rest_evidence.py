@@ -70,18 +70,18 @@ def test_the_flip_gives_the_bias_of_the_axes_it_reverses(whole) -> None:
 def test_stability_is_that_of_360_means_and_not_of_samples(whole) -> None:
     """White noise of 0.3 deg/sqrt(h) makes 0.3 * 60 / sqrt(10 s) deg/h; 0.1 mg/sqrt(Hz) makes 0.032 mg."""
     gyro = every(whole, "gyro_bias_stability")
-    assert [entry["n"] for entry in gyro] == [360] * 3
+    assert [entry.n for entry in gyro] == [360] * 3
     for entry in gyro:
-        assert entry["value"] == pytest.approx(18.0 / 10.0**0.5, rel=0.2)
-        assert (entry["limit"], entry["verdict"]) == (pytest.approx(10.0), "pass")
-        assert 0.02 < entry["std_uncertainty"] / entry["value"] < 0.06
+        assert entry.value == pytest.approx(18.0 / 10.0**0.5, rel=0.2)
+        assert (entry.limit, entry.verdict) == (pytest.approx(10.0), "pass")
+        assert 0.02 < entry.std_uncertainty / entry.value < 0.06
     accel = values(whole.estimates, "accel_bias_stability")
     np.testing.assert_allclose(accel, 0.1 / 10.0**0.5, rtol=0.2)
 
 
 def test_repeatability_is_reported_and_never_judged(whole) -> None:
     found = [entry for kind in ("gyro", "accel") for entry in every(whole, f"{kind}_bias_repeatability")]
-    assert [entry["verdict"] for entry in found] == ["none"] * 6
+    assert [entry.verdict for entry in found] == ["none"] * 6
     gyro = values(whole.estimates, "gyro_bias_repeatability")
     assert np.all((gyro > 0.1) & (gyro < 18.0 / 600.0**0.5 * 2.5))
 
@@ -246,7 +246,7 @@ def noise(seconds: float = 1200.0, walk: float = 0.0) -> tuple[Array, Array]:
 
 def found(analysis: Analysis, quantity: str) -> tuple[float, float, str]:
     entry = one(analysis, quantity)
-    return entry["value"], entry["expanded_uncertainty"], entry["unit"]
+    return entry.value, entry.expanded_uncertainty, entry.unit
 
 
 def test_white_noise_is_the_angle_random_walk_it_was_made_of() -> None:

@@ -21,7 +21,7 @@ from bench.systems.gnc.unit_test.units import ITEMS
 
 def verdicts(found: list[Exchange], **more: Any) -> dict[str, str]:
     """Verdict of each item by its estimate of wrong results."""
-    entries = ((one["quantity"], one["verdict"]) for one in analyse(material(found, **more)).estimates)
+    entries = ((one.quantity, one.verdict) for one in analyse(material(found, **more)).estimates)
     return {name.removesuffix("_wrong"): verdict for name, verdict in entries if name.endswith("_wrong")}
 
 
@@ -35,7 +35,7 @@ def test_a_sound_unit_passes_everything() -> None:
     assert failed(exchanges()) == set()
     assert analysis.missing == []
     assert english_left(analysis) == set()
-    assert {one["verdict"] for one in analysis.estimates} == {"pass", "none"}
+    assert {one.verdict for one in analysis.estimates} == {"pass", "none"}
     assert analysis.tables[0].rows[0][-1] == "PASS"
 
 
@@ -160,7 +160,7 @@ def test_the_floating_channel_is_reported_and_never_judged() -> None:
     found = changed("ad", answered(ad(5, c5=-9000), 4))
     assert failed(found) == set()
     assert any("floating channel: -9.000 V (reported, not judged)" in note for note in analyse(material(found)).notes)
-    assert not any(one["conditions"].get("source") == "floating" for one in analyse(material(found)).estimates)
+    assert not any(one.conditions.get("source") == "floating" for one in analyse(material(found)).estimates)
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,7 @@ def test_several_units_are_told_apart_and_one_failing_loop_fails_the_item() -> N
         exchange(name, sent, text, 200 + k, conditions={"unit": "B-2"}) for k, text in enumerate([received, spoiled])
     ]
     analysis = analyse(material(first + second + again, supply(unit="A-1") + supply(unit="B-2")))
-    wrong = {(one["conditions"]["unit"], one["quantity"]): (one["value"], one["n"]) for one in analysis.estimates}
+    wrong = {(one.conditions["unit"], one.quantity): (one.value, one.n) for one in analysis.estimates}
     assert wrong["A-1", "cpu_wrong"] == (0.0, 1)
     assert wrong["B-2", "cpu_wrong"] == (1.0, 3)
     assert [row[-1] for row in analysis.tables[0].rows] == ["PASS", "FAIL"]
@@ -198,7 +198,7 @@ def test_times_are_those_of_the_bench_clock_with_utc_beside_them() -> None:
     assert summary["begin_s"] == 100.0
     assert summary["elapsed_s"] == pytest.approx(0.1 * last + 0.01)
     assert summary["begin_utc"] == "2000-01-01T00:01:40.000Z"
-    assert next(one["value"] for one in analysis.estimates if one["quantity"] == "test_time") == summary["elapsed_s"]
+    assert next(one.value for one in analysis.estimates if one.quantity == "test_time") == summary["elapsed_s"]
     assert "start    100.000 s  2000-01-01T00:01:40.000Z" in analysis.attachments["GNC-01/cpu/log.txt"]
 
 

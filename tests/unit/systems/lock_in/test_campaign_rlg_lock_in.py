@@ -67,20 +67,20 @@ def noted(row: Any, **conditions: Any) -> Any:
 def test_uncertainty_of_large_lock_in_counts_what_the_fit_neglects() -> None:
     """Jumps of 0.14 rad: the lock-in rate is off by 0.2 %, ten times what the scatter of the turnarounds says."""
     rate = one(analyse(material(row_of(0.15, FAST_HZ, lock_in_deg_s=0.35, seconds=1.6))), "lock_in_rate")
-    assert abs(rate["value"] - 0.35) < 2.5 * rate["std_uncertainty"]
-    assert rate["std_uncertainty"] < 0.005 * 0.35
+    assert abs(rate.value - 0.35) < 2.5 * rate.std_uncertainty
+    assert rate.std_uncertainty < 0.005 * 0.35
 
 
 def test_only_the_method_asked_for_is_judged(whole: Any, rows: list[Any]) -> None:
-    judged = {entry["conditions"]["method"] for entry in whole.estimates if entry["verdict"] != "none"}
+    judged = {entry.conditions["method"] for entry in whole.estimates if entry.verdict != "none"}
     assert judged == {JUDGED}
-    assert {entry["verdict"] for entry in whole.estimates if entry["limit"] is not None} == {"pass"}
+    assert {entry.verdict for entry in whole.estimates if entry.limit is not None} == {"pass"}
     other = analyse(material(rows[1], limits=LIMIT), "parabolas")  # 15 cm: 4,000 s before compensation
-    assert [entry["verdict"] for entry in other.estimates if entry["limit"] is not None] == ["fail"]
+    assert [entry.verdict for entry in other.estimates if entry.limit is not None] == ["fail"]
 
 
 def test_nothing_is_said_twice_and_figures_can_be_drawn(whole: Any) -> None:
-    places = [(entry["quantity"], json.dumps(entry["conditions"], sort_keys=True)) for entry in whole.estimates]
+    places = [(entry.quantity, json.dumps(entry.conditions, sort_keys=True)) for entry in whole.estimates]
     assert len(places) == len(set(places))
     assert all(len(series.x) < 2000 for figure in whole.figures for series in figure.series)
     assert all(np.isfinite(series.y).all() for figure in whole.figures for series in figure.series)
@@ -97,7 +97,7 @@ def test_gaps_are_not_bridged(rows: list[Any]) -> None:
     assert len(broken.notes) == len(alone.notes) + 1
     for method in ("raw", *COMPENSATORS):
         before, after = (one(found, "angle_random_walk", method=method) for found in (alone, broken))
-        assert after["value"] == pytest.approx(before["value"], abs=4.0 * before["std_uncertainty"])
+        assert after.value == pytest.approx(before.value, abs=4.0 * before.std_uncertainty)
 
 
 def test_harm_is_said_aloud() -> None:
@@ -165,7 +165,7 @@ def test_flagged_records_are_not_used(rows: list[Any]) -> None:
     tripped = replace(rows[1], quality=Quality.TRIPPED)
     analysis = analyse(material(tripped, replace(rows[3], quality=Quality.LOST)))
     assert "record 2: flagged TRIPPED" in analysis.missing
-    assert {entry["conditions"].get("path_length_m") for entry in analysis.estimates} == {0.28}
+    assert {entry.conditions.get("path_length_m") for entry in analysis.estimates} == {0.28}
     with pytest.raises(FitError, match=r"B-RLG-008.*TRIPPED"):
         analyse(material(tripped))
     with pytest.raises(FitError, match="B-RLG-001"):
@@ -233,9 +233,9 @@ def test_the_alignment_error_by_bias_is_a_value_or_a_limit(shown: bool, text: st
     requirement = laser_results.Requirement(360.0 / 6400.0, None, 37.0)
     (table,) = (one for one in tables([laser], requirement, JUDGED) if one.title == "Alignment time")
     assert table.rows[0][-1] == text
-    found = [one for one in laser_results.record_estimates(laser, requirement, JUDGED) if "bias" in one["quantity"]]
-    assert [one["quantity"] for one in found] == ["bias_instability", "bias_alignment_error"] * 2 * shown
-    assert all(one["value"] == pytest.approx(0.08348, rel=1e-3) for one in found[1::2])
+    found = [one for one in laser_results.record_estimates(laser, requirement, JUDGED) if "bias" in one.quantity]
+    assert [one.quantity for one in found] == ["bias_instability", "bias_alignment_error"] * 2 * shown
+    assert all(one.value == pytest.approx(0.08348, rel=1e-3) for one in found[1::2])
 
 
 def test_ratio_of_two_walks() -> None:
@@ -325,21 +325,21 @@ def test_estimates_of_one_record() -> None:
     found = estimates_of(result(BOTH))
     per_s = 3e-3 / 60.0 / (7.2921151e-5 * np.cos(np.deg2rad(37.0)) * 0.05625)  # earth rate in rad/s
     time, shorter = one(found, "alignment_time", method="raw"), one(found, "alignment_time_ratio", method=JUDGED)
-    assert time["value"] == pytest.approx(per_s**2, rel=1e-5)
-    assert time["std_uncertainty"] == pytest.approx(2.0 * 0.03 * time["value"], rel=2e-3)
+    assert time.value == pytest.approx(per_s**2, rel=1e-5)
+    assert time.std_uncertainty == pytest.approx(2.0 * 0.03 * time.value, rel=2e-3)
     assert value(found, "quantisation_noise", method="raw") == pytest.approx(3600.0 * 1e-6)
-    assert shorter["value"] == pytest.approx(0.04)
-    assert shorter["std_uncertainty"] == pytest.approx(2.0 * 0.04 * np.hypot(0.05, 0.03), rel=5e-3)
+    assert shorter.value == pytest.approx(0.04)
+    assert shorter.std_uncertainty == pytest.approx(2.0 * 0.04 * np.hypot(0.05, 0.03), rel=5e-3)
     assert every(found, "random_walk_ratio", method="raw") == []
-    limited = [(entry["quantity"], entry["conditions"]["method"]) for entry in found if entry["limit"] is not None]
+    limited = [(entry.quantity, entry.conditions["method"]) for entry in found if entry.limit is not None]
     assert limited == [("alignment_time", JUDGED)]
     walk_behind = one(found, "angle_random_walk", method=JUDGED)
-    assert (walk_behind["n"], walk_behind["dropped"]) == (990, 10)
-    assert one(found, "angle_random_walk", method="raw")["dof"] == pytest.approx(555.6, rel=2e-3)
-    assert time["dof"] == pytest.approx(138.9, rel=2e-3)
+    assert (walk_behind.n, walk_behind.dropped) == (990, 10)
+    assert one(found, "angle_random_walk", method="raw").dof == pytest.approx(555.6, rel=2e-3)
+    assert time.dof == pytest.approx(138.9, rel=2e-3)
     ratio = one(found, "random_walk_ratio", method=JUDGED)
-    assert ratio["dof"] == pytest.approx(0.5 / (0.05**2 + 0.03**2))
-    assert shorter["dof"] == pytest.approx(0.125 / (0.05**2 + 0.03**2), rel=0.02)
+    assert ratio.dof == pytest.approx(0.5 / (0.05**2 + 0.03**2))
+    assert shorter.dof == pytest.approx(0.125 / (0.05**2 + 0.03**2), rel=0.02)
     assert laser_results.size_dof(0.0, 1.0) == 4.0
     lead, alignment, *_ = tables([result(BOTH)], laser_results.Requirement(0.1125, None, 37.0), JUDGED)
     cells = dict(zip(lead.headers, lead.rows[0], strict=True))
@@ -355,12 +355,12 @@ def test_the_exponent_of_each_clock() -> None:
         for clock_Hz, size, power in ((20e6, 3e-4, 2.0), (100e6, 1e-4, 2.5))
         for path_m in (0.15, 0.28, 0.34)
     ]
-    found = {one["conditions"]["clock_Hz"]: one for one in laser_results.exponent_estimates(results, JUDGED)}
+    found = {one.conditions["clock_Hz"]: one for one in laser_results.exponent_estimates(results, JUDGED)}
     x = np.log([0.15, 0.28, 0.34])
     for clock_Hz, due in ((20e6, -2.0), (100e6, -2.5)):
-        assert found[clock_Hz]["value"] == pytest.approx(due)
-        assert found[clock_Hz]["std_uncertainty"] == pytest.approx(0.02 / np.sqrt(((x - x.mean()) ** 2).sum()))
-        assert found[clock_Hz]["conditions"]["method"] == "raw"
+        assert found[clock_Hz].value == pytest.approx(due)
+        assert found[clock_Hz].std_uncertainty == pytest.approx(0.02 / np.sqrt(((x - x.mean()) ** 2).sum()))
+        assert found[clock_Hz].conditions["method"] == "raw"
 
 
 def test_figures_1_2_and_12_by_hand() -> None:

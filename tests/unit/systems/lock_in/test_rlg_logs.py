@@ -61,13 +61,13 @@ def material(series: dict[str, Array]) -> Material:
 def test_lock_in_and_random_walks_are_those_it_was_made_of() -> None:
     series, truths = edges(2.0)
     analysis = edge_log.analyse(material(series))
-    found = {(entry["quantity"], entry["conditions"].get("method", "")): entry for entry in analysis.estimates}
+    found = {(entry.quantity, entry.conditions.get("method", "")): entry for entry in analysis.estimates}
     compared = [key for key in found if key in truths and key[0] in ("lock_in_rate", "backscatter_phase")]
     compared += [("angle_random_walk", method) for method in ("raw", "global_constants")]
     assert len(compared) == 4
     for key in compared:
-        assert found[key]["value"] == pytest.approx(truths[key], abs=1.5 * found[key]["expanded_uncertainty"]), key
-    assert found["angle_random_walk", "raw"]["conditions"]["clock_Hz"] == 20e6  # of the steps between stamps
+        assert found[key].value == pytest.approx(truths[key], abs=1.5 * found[key].expanded_uncertainty), key
+    assert found["angle_random_walk", "raw"].conditions["clock_Hz"] == 20e6  # of the steps between stamps
     assert analysis.missing == []
 
 

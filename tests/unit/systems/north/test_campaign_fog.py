@@ -107,7 +107,7 @@ def test_no_time_is_stated_where_the_calibration_may_be_too_little() -> None:
     assert accuracy[0].time_s == pytest.approx(5.0 * 0.1**2 / ((0.5 / 1.96) ** 2 - 0.2**2))
     assert accuracy[0].time_within_s == np.inf
     found.raw = ()
-    stated = {entry["quantity"] for entry in north_estimates(found, METHODS[0], accuracy, 0.5)}
+    stated = {entry.quantity for entry in north_estimates(found, METHODS[0], accuracy, 0.5)}
     assert "azimuth_rms_error" in stated
     assert "time_to_accuracy" not in stated
 
@@ -117,42 +117,42 @@ def test_calibration_of_a_table_that_turns_clockwise(clockwise: Analysis) -> Non
         ("a", "lock_in_2", 4.0, 0.9, -20.0), ("b", "lock_in_1", -7.0, 1.1, 10.0),
     ):  # fmt: skip
         (place,) = of(clockwise, "index_placement", index=letter, rotation="clockwise")
-        assert place["value"] == pytest.approx(placement_deg, abs=4.0 * place["std_uncertainty"])
+        assert place.value == pytest.approx(placement_deg, abs=4.0 * place.std_uncertainty)
         (scale,) = of(clockwise, "scale", source=role)
-        assert scale["value"] == pytest.approx(gain, abs=4.0 * scale["std_uncertainty"])
+        assert scale.value == pytest.approx(gain, abs=4.0 * scale.std_uncertainty)
         (row,) = (
             one for one in table_of(clockwise, "Calibration of the index").rows if one[1].lower().startswith(letter)
         )
-        factor = stats.t.ppf(0.975, place["dof"])
-        assert row[2] == with_uncertainty(place["value"], factor * place["std_uncertainty"])
-        volts_rms, std = scale["value"] / np.sqrt(2.0), scale["std_uncertainty"] / np.sqrt(2.0)
+        factor = stats.t.ppf(0.975, place.dof)
+        assert row[2] == with_uncertainty(place.value, factor * place.std_uncertainty)
+        volts_rms, std = scale.value / np.sqrt(2.0), scale.std_uncertainty / np.sqrt(2.0)
         assert row[3] == with_uncertainty(volts_rms, factor * std)
         assert float(row[4].replace("−", "-")) == pytest.approx(
             offset_mV, abs=4.0
         )  # of the lock-in, whichever way it turns
-    stds = [of(clockwise, "index_placement", index=letter)[0]["std_uncertainty"] for letter in "ab"]
+    stds = [of(clockwise, "index_placement", index=letter)[0].std_uncertainty for letter in "ab"]
     assert stds[0] / stds[1] == pytest.approx(1.1 / 0.9, rel=0.05)
 
 
 def test_noise_amplitude_and_time_know_how_well_they_are_known(clockwise: Analysis) -> None:
     used = 6 * SAMPLES  # two calibrations, four tests, and the searches
     (noise,), (scale,) = of(clockwise, "noise"), of(clockwise, "scale", source="waveform")
-    assert noise["n"] >= used
-    assert noise["value"] == pytest.approx(0.2, abs=4.0 * noise["std_uncertainty"])
-    assert noise["std_uncertainty"] == pytest.approx(0.2 / np.sqrt(2.0 * noise["n"]), rel=0.01)
-    assert scale["std_uncertainty"] == pytest.approx(0.2 * np.sqrt(2.0 / scale["n"]), rel=0.01)
+    assert noise.n >= used
+    assert noise.value == pytest.approx(0.2, abs=4.0 * noise.std_uncertainty)
+    assert noise.std_uncertainty == pytest.approx(0.2 / np.sqrt(2.0 * noise.n), rel=0.01)
+    assert scale.std_uncertainty == pytest.approx(0.2 * np.sqrt(2.0 / scale.n), rel=0.01)
     (time,) = of(clockwise, "time_to_accuracy", method="likelihood")
-    assert time["n"] == 4
-    due = np.sqrt(2.0 / noise["n"] + 4.0 * (scale["std_uncertainty"] / scale["value"]) ** 2)  # noise over amplitude
-    assert time["std_uncertainty"] == pytest.approx(time["value"] * due, rel=0.02)
+    assert time.n == 4
+    due = np.sqrt(2.0 / noise.n + 4.0 * (scale.std_uncertainty / scale.value) ** 2)  # noise over amplitude
+    assert time.std_uncertainty == pytest.approx(time.value * due, rel=0.02)
     dof = 2.0 / due**2  # of a variance
-    ends = dof / (1.0 + np.array([1.0, -1.0]) * time["expanded_uncertainty"] / time["value"])
+    ends = dof / (1.0 + np.array([1.0, -1.0]) * time.expanded_uncertainty / time.value)
     assert np.diff(stats.chi2.cdf(ends, dof))[0] == pytest.approx(0.95, abs=3e-3)
 
 
 def test_nothing_is_claimed_of_harmonics_that_noise_explains(clockwise: Analysis) -> None:
     """One table in a hundred: a gamma distribution with as many sets, four orders; 4 sigma^2/n in the mean."""
-    sets = of(clockwise, "noise")[0]["n"] // SAMPLES
+    sets = of(clockwise, "noise")[0].n // SAMPLES
     limit = 100.0 * np.sqrt(4.0 * 0.2**2 / SAMPLES * stats.gamma.ppf(0.99**0.25, sets) / sets)
     below = [row for row in table_of(clockwise, "Harmonics of the waveform").rows if row[1].startswith("below ")]
     assert len(below) == 4
@@ -173,7 +173,7 @@ def test_readings_lie_on_the_curves_that_are_drawn_through_them(clockwise: Analy
     assert np.abs(curve_V - parts["mean of 5 deg"].y).max() < 0.06
     parts = drawn(clockwise, "Residual of the waveform")
     mean_mV, reach_mV = np.array(parts["mean of 5 deg"].y), np.array(parts["95 % of the noise"].high)
-    samples = of(clockwise, "noise")[0]["n"]
+    samples = of(clockwise, "noise")[0].n
     np.testing.assert_allclose(reach_mV, 1e3 * 1.96 * 0.2 / np.sqrt(samples / 72), rtol=0.1)
     assert np.mean(np.abs(mean_mV) < reach_mV) > 0.8
     parts = drawn(clockwise, "Phasors")
@@ -185,13 +185,13 @@ def test_readings_lie_on_the_curves_that_are_drawn_through_them(clockwise: Analy
 
 def test_errors_over_time_and_their_lines(clockwise: Analysis) -> None:
     parts = drawn(clockwise, "Errors over time")
-    bound_deg = of(clockwise, "azimuth_bound")[0]["value"]
+    bound_deg = of(clockwise, "azimuth_bound")[0].value
     x, y = np.array(parts["bound"].x), np.array(parts["bound"].y)
     np.testing.assert_allclose(y, bound_deg * np.sqrt(20.0 / x), rtol=1e-3)
     np.testing.assert_allclose(parts["limit / 1.96"].y, 0.5 / 1.96)
     assert parts["least squares"].x == pytest.approx([20.0, 40.0], rel=1e-3)
     assert parts["least squares"].y[0] != parts["least squares"].y[1]
-    means_deg = [one["value"] for one in of(clockwise, "azimuth_error")]
+    means_deg = [one.value for one in of(clockwise, "azimuth_error")]
     assert parts["least squares"].y[1] == pytest.approx(np.sqrt(np.mean(np.square(means_deg))), rel=1e-6)
     band = drawn(clockwise, "Errors")["95 % at the bound"]
     assert band.high[0] == pytest.approx(1.96 * bound_deg, rel=1e-6)
@@ -201,7 +201,7 @@ def test_repeats_are_counted_and_those_that_fell_out() -> None:
     rig = campaign(NorthRig(SEED, Gyro(noise_V=0.05)), (0.0,), 2)
     rig.set("test", AZIMUTH_DEG, repeat=3, overload=True)
     (found,) = of(analyse(rig.material()), "azimuth_error")
-    assert (found["n"], found["dropped"]) == (2, 1)
+    assert (found.n, found.dropped) == (2, 1)
 
 
 @pytest.mark.parametrize(
@@ -295,7 +295,7 @@ def test_what_cannot_be_analysed_is_refused(rig: NorthRig) -> None:
 def test_lock_ins_without_samples_and_samples_without_lock_ins(rig: NorthRig) -> None:
     with_samples, rig.rows = rig.rows, [replace(row, samples=None) for row in rig.rows]
     analysis = analyse(rig.material())
-    assert [one["value"] for one in of(analysis, "azimuth_error")] == [pytest.approx(0.0, abs=1e-3)]
+    assert [one.value for one in of(analysis, "azimuth_error")] == [pytest.approx(0.0, abs=1e-3)]
     assert not {"Earth signal", "Residual of the waveform", "Errors over time"} <= {
         one.title for one in analysis.figures
     }

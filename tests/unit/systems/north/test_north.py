@@ -51,7 +51,7 @@ def test_without_noise_every_azimuth_is_found_whichever_way_the_table_turns(rate
         assert np.nanmax(np.abs(errors_deg)) < 1e-3
         (search,) = (one for one in found.means(method) if one.item == "search")
         assert search.azimuth_deg % 360.0 == pytest.approx(213.4, abs=1e-3)
-    placement = {one["conditions"]["index"]: one["value"] for one in of(analyse(rig.material()), "index_placement")}
+    placement = {one.conditions["index"]: one.value for one in of(analyse(rig.material()), "index_placement")}
     assert placement == {"a": pytest.approx(0.4, abs=1e-3), "b": pytest.approx(-0.7, abs=1e-3)}
 
 
@@ -72,7 +72,7 @@ def test_the_literal_formulas_are_half_a_turn_off_on_half_of_the_circle() -> Non
     assert literal[6] == 6
     assert abs(float(literal[3].replace("−", "-"))) < 0.1
     assert not of(analysis, "azimuth", method="literal")
-    assert of(analysis, "azimuth_rms_error", method="literal")[0]["value"] == pytest.approx(180.0 / np.sqrt(2), abs=0.1)
+    assert of(analysis, "azimuth_rms_error", method="literal")[0].value == pytest.approx(180.0 / np.sqrt(2), abs=0.1)
     (failed,) = (row for row in table_of(analysis, "Failures of the literal formulas").rows if "half a turn" in row[0])
     assert failed[1] >= 6
     assert any("literal: 6 of 12 tests are more than 90 deg off" in note for note in analysis.notes)
@@ -90,27 +90,27 @@ def test_results_with_noise_have_the_form_of_the_contract(noisy) -> None:
     assert noisy.missing == []
     errors = of(noisy, "azimuth_error")
     assert len(errors) == 5
-    assert {one["limit"] for one in errors} == {0.5}
-    assert max(abs(one["value"]) / one["std_uncertainty"] for one in errors) < 3.5
-    assert 0.2 < errors[0]["std_uncertainty"] < 0.5
-    found_by = {one["conditions"]["method"] for one in of(noisy, "azimuth", item="search")}
+    assert {one.limit for one in errors} == {0.5}
+    assert max(abs(one.value) / one.std_uncertainty for one in errors) < 3.5
+    assert 0.2 < errors[0].std_uncertainty < 0.5
+    found_by = {one.conditions["method"] for one in of(noisy, "azimuth", item="search")}
     assert found_by == set(METHODS) - {"literal"}  # its interval is every direction
-    assert of(noisy, "scale", source="waveform")[0]["value"] == pytest.approx(1.0, abs=0.01)
-    assert of(noisy, "scale", source="lock_in_1")[0]["value"] == pytest.approx(1.0, abs=0.03)
-    assert of(noisy, "noise")[0]["value"] == pytest.approx(np.sqrt(0.5), rel=0.01)
+    assert of(noisy, "scale", source="waveform")[0].value == pytest.approx(1.0, abs=0.01)
+    assert of(noisy, "scale", source="lock_in_1")[0].value == pytest.approx(1.0, abs=0.03)
+    assert of(noisy, "noise")[0].value == pytest.approx(np.sqrt(0.5), rel=0.01)
     bound_deg = np.rad2deg(np.sqrt(2.0 * 0.5 / 20_000))  # design figure 0.405 deg: 20 s at 1 kHz
-    assert of(noisy, "azimuth_bound")[0]["value"] == pytest.approx(bound_deg, rel=0.01)
+    assert of(noisy, "azimuth_bound")[0].value == pytest.approx(bound_deg, rel=0.01)
 
 
 def test_the_method_chosen_is_the_one_that_is_judged() -> None:
     rig = campaign(NorthRig(SEED, NOISY), (0.0, 90.0), 1)
     for method in METHODS:
         errors = of(analyse(rig.material(), method), "azimuth_error")
-        assert {one["conditions"]["method"] for one in errors} == {method}
-        assert all(one["verdict"] != "none" for one in errors)
+        assert {one.conditions["method"] for one in errors} == {method}
+        assert all(one.verdict != "none" for one in errors)
     wide = analyse(rig.material(limits={"azimuth_error": {"value": 240.0, "unit": "arcmin"}}), "likelihood")
-    assert {one["limit"] for one in of(wide, "azimuth_error")} == {4.0}
-    assert {one["verdict"] for one in of(wide, "azimuth_error")} == {"pass"}
+    assert {one.limit for one in of(wide, "azimuth_error")} == {4.0}
+    assert {one.verdict for one in of(wide, "azimuth_error")} == {"pass"}
 
 
 def test_an_azimuth_that_is_stated_wrong_fails() -> None:
@@ -118,7 +118,7 @@ def test_an_azimuth_that_is_stated_wrong_fails() -> None:
     rig.set("calibration", AZIMUTH_DEG)
     for repeat in (1, 2):
         rig.set("test", AZIMUTH_DEG + 91.0, head_deg=90.0, repeat=repeat)  # the head stands a degree off
-    assert [one["verdict"] for one in of(analyse(rig.material()), "azimuth_error")] == ["fail"]
+    assert [one.verdict for one in of(analyse(rig.material()), "azimuth_error")] == ["fail"]
 
 
 @pytest.mark.parametrize(
@@ -137,7 +137,7 @@ def test_a_flag_excludes_its_set_and_is_told(wrong: dict[str, object], said: str
     (sentence,) = analysis.missing
     assert said in sentence
     assert sentence.startswith("test at head 45 deg, repeat 1")
-    assert [one["conditions"]["head_deg"] for one in of(analysis, "azimuth_error")] == [0.0, 90.0]
+    assert [one.conditions["head_deg"] for one in of(analysis, "azimuth_error")] == [0.0, 90.0]
     assert any(said in note for note in analysis.notes)
     assert len(of(analyse(rig.material(), "likelihood"), "azimuth_error")) == 3  # the waveform is sound
 
@@ -215,7 +215,7 @@ def test_pulses_are_taken_to_stand_where_they_should_without_a_calibration_of_th
         rig.set("calibration", AZIMUTH_DEG, rate_deg_s=360.0)
     rig.set("test", AZIMUTH_DEG, rate_deg_s=-360.0 if calibrated else 360.0)
     analysis = analyse(rig.material())
-    assert of(analysis, "azimuth_error")[0]["value"] == pytest.approx(-0.5, abs=1e-3)
+    assert of(analysis, "azimuth_error")[0].value == pytest.approx(-0.5, abs=1e-3)
     if calibrated:
         assert any("No calibration for a table that turns clockwise" in note for note in analysis.notes)
     else:
@@ -254,14 +254,14 @@ def test_placement_knows_the_swing_and_the_mark_and_the_bound_its_amplitude() ->
     analysis = analyse(campaign(NorthRig(SEED, Gyro(swing_deg=0.05, noise_V=0.01)), (0.0,), 1).material(site=site))
     due_deg = np.sqrt(0.3**2 + 0.04**2 + 0.05**2 / 2.0)
     placements = of(analysis, "index_placement")
-    assert [one["std_uncertainty"] for one in placements] == pytest.approx([due_deg] * 2, rel=0.01)
+    assert [one.std_uncertainty for one in placements] == pytest.approx([due_deg] * 2, rel=0.01)
     (bound,) = of(analyse(campaign(NorthRig(SEED, NOISY), (0.0,), 1).material()), "azimuth_bound")
     # Monte Carlo: relative scatter of noise / amplitude, each of 20,000 samples at noise = amplitude / sqrt 2
     rng = np.random.default_rng(SEED)
     sizes = rng.normal(1.0, np.sqrt(1.0 / 20_000), 4000)
     noises = np.sqrt(rng.chisquare(20_000, 4000) / 20_000)
-    due = float(np.std(noises / sizes)) / np.sqrt(bound["n"] / 20_000)
-    assert bound["std_uncertainty"] / bound["value"] == pytest.approx(due, rel=0.05)
+    due = float(np.std(noises / sizes)) / np.sqrt(bound.n / 20_000)
+    assert bound.std_uncertainty / bound.value == pytest.approx(due, rel=0.05)
 
 
 def test_the_rms_error_shares_the_error_of_the_calibration() -> None:
@@ -300,7 +300,7 @@ def test_what_no_uncertainty_can_know_is_said(doubt: str, said: str) -> None:
 def test_pulses_exchanged_cost_the_eight_samples_and_not_the_waveform() -> None:
     rig = campaign(NorthRig(SEED, Gyro(placement_deg=(0.0, 180.0), noise_V=0.01)), (0.0,), 1)
     analysis = analyse(rig.material(), "likelihood")
-    assert of(analysis, "azimuth_error")[0]["value"] == pytest.approx(0.0, abs=0.05)
+    assert of(analysis, "azimuth_error")[0].value == pytest.approx(0.0, abs=0.05)
     assert "B-FIT-111" in analysis.missing[0]
     assert of(analysis, "azimuth", method="least_squares") == []
     with pytest.raises(FitError, match="B-FIT-111") as caught:
@@ -319,11 +319,11 @@ def test_an_amplitude_that_drifts_moves_north_little_and_is_told() -> None:
         one = rig.readings[k]
         rig.readings[k] = replace(one, value=one.value | {"x_V": one.value["x_V"] * shares[place // 2]})
     analysis = analyse(rig.material())
-    assert max(abs(one["value"]) for one in of(analysis, "azimuth_error")) < 0.2
+    assert max(abs(one.value) for one in of(analysis, "azimuth_error")) < 0.2
     assert any("The amplitude changes between index positions" in note for note in analysis.notes)
     (scale,) = of(analysis, "scale", source="waveform")
-    assert abs(scale["value"] - 1.0) < scale["expanded_uncertainty"]
-    assert scale["std_uncertainty"] > 0.03
+    assert abs(scale.value - 1.0) < scale.expanded_uncertainty
+    assert scale.std_uncertainty > 0.03
     assert not any("The amplitude changes" in note for note in analyse(steady.material()).notes)
 
 

@@ -105,10 +105,8 @@ def test_one_bad_reading_costs_its_set_and_is_named_as_a_lock_in_that_stands_sti
     bad = analyse(material_of(worlds.OneBadReading(0.1)))
     (sentence,) = bad.missing
     assert "test at head 90 deg, repeat 1: lock_in_1 reads" in sentence
-    (entry,) = (
-        one for one in bad.estimates if one["quantity"] == "azimuth_error" and one["conditions"]["head_deg"] == 90.0
-    )
-    assert (entry["n"], entry["dropped"]) == (1, 1)
+    (entry,) = (one for one in bad.estimates if one.quantity == "azimuth_error" and one.conditions["head_deg"] == 90.0)
+    assert (entry.n, entry.dropped) == (1, 1)
     assert analyse(material_of(worlds.OneBadReading(1e-3))).missing == []
     rig = campaign(NorthRig(SEED, Gyro(noise_V=0.01)), (0.0, 90.0), 1)
     stuck = [k for k, one in enumerate(rig.readings) if one.role == "lock_in_2"][4:8]
@@ -122,7 +120,7 @@ def test_one_far_sample_is_left_out_and_named_without_a_loss() -> None:
     spiked, right = (analyse(material_of(worlds.Spike(size))) for size in (100.0, 0.0))
     assert any("1 of 3000 samples are unlike all others" in note for note in spiked.notes)
     assert spiked.missing == []
-    values = [[one["value"] for one in each.estimates if one["quantity"] == "azimuth"] for each in (spiked, right)]
+    values = [[one.value for one in each.estimates if one.quantity == "azimuth"] for each in (spiked, right)]
     np.testing.assert_allclose(*values, atol=0.02)
 
 
@@ -133,7 +131,7 @@ def test_one_far_sample_is_left_out_and_named_without_a_loss() -> None:
 def test_a_waveform_that_stands_still_or_is_pinned_is_left_out(world: worlds.World, said: str) -> None:
     analysis = analyse(material_of(world))
     assert any(said in sentence for sentence in analysis.missing)
-    assert not any(one["conditions"].get("source") == "waveform" for one in analysis.estimates)
+    assert not any(one.conditions.get("source") == "waveform" for one in analysis.estimates)
 
 
 def test_probabilities_are_those_of_the_tables() -> None:

@@ -43,21 +43,21 @@ def test_offset_clocks_and_verdicts() -> None:
     against = weigh(found.evidence).against
     for method, row in zip(METHODS, found.tables[0].rows, strict=False):
         entry = one(found, "time_offset", method=method)
-        assert abs(entry["value"] - OFFSET_s) < 3.0 * entry["std_uncertainty"]
-        assert entry["std_uncertainty"] < 2e-3
-        assert entry["conditions"]["observable"] is True
-        assert stated(entry, against)["quality"] == "sound"
-        assert row[1] == with_uncertainty(1e3 * entry["value"], 1e3 * entry["expanded_uncertainty"])
+        assert abs(entry.value - OFFSET_s) < 3.0 * entry.std_uncertainty
+        assert entry.std_uncertainty < 2e-3
+        assert entry.conditions["observable"] is True
+        assert stated(entry, against).quality == "sound"
+        assert row[1] == with_uncertainty(1e3 * entry.value, 1e3 * entry.expanded_uncertainty)
     stamps, drift = one(found, "time_offset_from_stamps"), one(found, "time_offset_drift")
-    assert stamps["value"] == pytest.approx(OFFSET_s, abs=2e-4)  # latencies are as stated
-    assert stamps["std_uncertainty"] == pytest.approx(np.sqrt(2.0) * 1e-3, rel=0.02)
-    assert drift["value"] == pytest.approx(1e6 * DRIFT, abs=3.0 * drift["std_uncertainty"])
-    assert drift["std_uncertainty"] < 10.0
+    assert stamps.value == pytest.approx(OFFSET_s, abs=2e-4)  # latencies are as stated
+    assert stamps.std_uncertainty == pytest.approx(np.sqrt(2.0) * 1e-3, rel=0.02)
+    assert drift.value == pytest.approx(1e6 * DRIFT, abs=3.0 * drift.std_uncertainty)
+    assert drift.std_uncertainty < 10.0
     rate = one(found, "clock_rate", link="imu")
-    assert rate["value"] == pytest.approx(1e6 * IMU_CLOCK, abs=3.0 * rate["std_uncertainty"])
-    assert one(found, "stamps_difference")["verdict"] == "pass"
-    assert one(found, "time_offset_uncertainty", method=METHODS[0])["limit"] == 2e-3
-    assert one(found, "time_offset_uncertainty", method=METHODS[1])["verdict"] == "none"
+    assert rate.value == pytest.approx(1e6 * IMU_CLOCK, abs=3.0 * rate.std_uncertainty)
+    assert one(found, "stamps_difference").verdict == "pass"
+    assert one(found, "time_offset_uncertainty", method=METHODS[0]).limit == 2e-3
+    assert one(found, "time_offset_uncertainty", method=METHODS[1]).verdict == "none"
     assert found.missing == []
     assert english_left(found) == set()
     assert all("nan" not in picture.svg.lower() for picture in analysis_pictures(found.figures))
@@ -80,7 +80,7 @@ def test_clocks_of_any_epoch() -> None:
     found = analysed(first_tick=2**64 - 100_000_000, epoch_s=day_s)
     near = one(analysed(), "time_offset", method="augmented_tight")
     far = one(found, "time_offset", method="augmented_tight")
-    assert far["value"] - day_s == pytest.approx(near["value"], abs=1e-4)
+    assert far.value - day_s == pytest.approx(near.value, abs=1e-4)
     assert value(found, "time_offset_from_stamps") == pytest.approx(day_s + OFFSET_s, abs=2e-4)
     assert any("began" in note for note in found.notes)
 
@@ -92,24 +92,24 @@ def test_straight_flight_and_rest_are_no_result() -> None:
         against = weigh(found.evidence).against
         for method in METHODS:
             entry = one(found, "time_offset", method=method)
-            assert entry["conditions"]["observable"] is False
-            assert entry["std_uncertainty"] >= 0.03
+            assert entry.conditions["observable"] is False
+            assert entry.std_uncertainty >= 0.03
             assert value(found, "observability", method=method, of="variance of the offset") > 0.5
-            assert stated(entry, against)["value"] is None
-            assert [reason["code"] for reason in stated(entry, against)["reasons"]] == ["not_observable"]
-        assert one(found, "time_offset_uncertainty", method=METHODS[0])["verdict"] == "fail"
+            assert stated(entry, against).value is None
+            assert [reason.code for reason in stated(entry, against).reasons] == ["not_observable"]
+        assert one(found, "time_offset_uncertainty", method=METHODS[0]).verdict == "fail"
         assert every(found, "stamps_difference") == []
     wide = {"limits": {"time_offset_uncertainty": {"value": 1.0, "unit": "s"}}}
     found = analyse(Recording(1, path=STRAIGHT).material(**wide))
-    assert one(found, "time_offset_uncertainty", method=METHODS[0])["verdict"] == "none"  # it keeps no limit
+    assert one(found, "time_offset_uncertainty", method=METHODS[0]).verdict == "none"  # it keeps no limit
 
 
 def test_a_steady_turn_from_begin_to_end_is_no_confident_result() -> None:
     """A late solution in it looks like another heading at the begin: whoever is sure of that one is sure of zero."""
     found = analysed(path=Path(turn_s=(-1.0, 30.0)))
     for entry in every(found, "time_offset"):
-        assert abs(entry["value"] - OFFSET_s) < 2.0 * entry["std_uncertainty"]
-    assert one(found, "time_offset", method=METHODS[0])["conditions"]["observable"] is False
+        assert abs(entry.value - OFFSET_s) < 2.0 * entry.std_uncertainty
+    assert one(found, "time_offset", method=METHODS[0]).conditions["observable"] is False
 
 
 @pytest.mark.parametrize("beforehand_s", [0.0, 86_400.0])
@@ -141,7 +141,7 @@ def test_lost_increments_are_filled_and_told() -> None:
 def test_without_latencies_the_stamps_tell_the_drift_only() -> None:
     found = analyse(Recording(1).material(latency=None))
     assert every(found, "time_offset_from_stamps") == every(found, "stamps_difference") == []
-    assert one(found, "time_offset_drift")["n"] > 200
+    assert one(found, "time_offset_drift").n > 200
     assert any("No latencies are stated" in note for note in found.notes)
 
 

@@ -74,7 +74,7 @@ def material(samples: NDArray[np.complex128], antenna_m: Array) -> Material:
 
 def found(analysis: Analysis, quantity: str, **where: str) -> tuple[float, float]:
     entry = one(analysis, quantity, **where)
-    return entry["value"], entry["std_uncertainty"]
+    return entry.value, entry.std_uncertainty
 
 
 def test_points_of_a_formula_stand_where_they_are_as_sharp_as_they_may_be() -> None:
@@ -100,7 +100,7 @@ def test_intervals_hold_what_noise_does() -> None:
     def values(seed: int, noise: float = 1.0) -> list[tuple[float, float]]:
         pulses = compressed(echoes(antenna_m, place_m, noise, seed), antenna_m, *BAND_Hz)
         target = impulse_response(pulses, antenna_m, scene.targets_m[0], (1.0, 2.0))
-        return [(each["value"], each["std_uncertainty"]) for each in phase_history._estimates(scene, target, COUNT, 0)]
+        return [(each.value, each.std_uncertainty) for each in phase_history._estimates(scene, target, COUNT, 0)]
 
     scene = scene_of(compressed(echoes(antenna_m, place_m, 1.0), antenna_m, *BAND_Hz), antenna_m)
     truth = [value for value, _ in values(0, noise=0.0)]
@@ -132,7 +132,7 @@ def test_pulses_that_are_not_whole_are_left_out_and_counted() -> None:
     log = material(echoes(antenna_m), antenna_m)
     log.series["quadrature_5"][[4, 9]] = np.nan
     analysis = phase_history.analyse(log)
-    assert {(entry["n"], entry["dropped"]) for entry in analysis.estimates} == {(COUNT - 2, 2)}
+    assert {(entry.n, entry.dropped) for entry in analysis.estimates} == {(COUNT - 2, 2)}
 
 
 @pytest.mark.parametrize(

@@ -75,18 +75,18 @@ def streams(offset_s: float, noise: float = 0.2, epoch_s: float = 0.0, seed: int
 def test_the_offset_of_the_formula_is_found(offset_s: float, epoch_s: float) -> None:
     analysis = logs.analyse(streams(offset_s, epoch_s=epoch_s))
     entry = one(analysis, "time_offset")
-    assert entry["value"] - epoch_s == pytest.approx(offset_s, abs=3.0 * entry["std_uncertainty"] + 1e-6)
-    assert entry["std_uncertainty"] < 1e-3
+    assert entry.value - epoch_s == pytest.approx(offset_s, abs=3.0 * entry.std_uncertainty + 1e-6)
+    assert entry.std_uncertainty < 1e-3
     assert weigh(analysis.evidence).against == []
 
 
 def test_intervals_hold_the_offset_as_often_as_they_say() -> None:
     """Sixty logs of other noise: an interval of 95 % may miss in 8 of them at most, by the binomial law to 1 %."""
     entries = [logs.analyse(streams(0.0137, seed=seed)).estimates[0] for seed in range(60)]
-    errors = np.array([entry["value"] - 0.0137 for entry in entries])
-    expanded = np.array([entry["expanded_uncertainty"] for entry in entries])
+    errors = np.array([entry.value - 0.0137 for entry in entries])
+    expanded = np.array([entry.expanded_uncertainty for entry in entries])
     assert np.count_nonzero(np.abs(errors) > expanded) <= 8
-    assert 0.6 < np.std(errors) / np.mean([entry["std_uncertainty"] for entry in entries]) < 1.5
+    assert 0.6 < np.std(errors) / np.mean([entry.std_uncertainty for entry in entries]) < 1.5
 
 
 def test_intervals_of_the_halves_hold_it_too_and_their_difference_is_no_drift() -> None:
@@ -217,10 +217,10 @@ def test_the_offset_is_that_which_the_log_was_made_with() -> None:
     offsets = every(analysis, "time_offset")
     assert len(offsets) == 2
     for offset in offsets:
-        assert offset["value"] == pytest.approx(OFFSET_s, abs=1.5 * offset["expanded_uncertainty"])
-        assert offset["expanded_uncertainty"] < 5e-3
+        assert offset.value == pytest.approx(OFFSET_s, abs=1.5 * offset.expanded_uncertainty)
+        assert offset.expanded_uncertainty < 5e-3
     stamps = one(analysis, "time_offset_from_stamps")
-    assert stamps["value"] == pytest.approx(OFFSET_s, abs=1.5 * stamps["expanded_uncertainty"])
+    assert stamps.value == pytest.approx(OFFSET_s, abs=1.5 * stamps.expanded_uncertainty)
     assert weigh(analysis.evidence).against == []
 
 

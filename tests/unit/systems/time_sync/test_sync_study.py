@@ -97,8 +97,8 @@ def test_tasks_travel_and_cover_everything() -> None:
 )
 def test_tolerance(value: float, ends: dict[str, float], verdict: str, limit: float | None) -> None:
     found = published.measured("shift", "m", value, 0.01, {"offset_ms": 10.0}, n=50, **ends)
-    assert (found["verdict"], found["limit"]) == (verdict, limit)
-    assert found["conditions"] == {"offset_ms": 10.0, **ends}
+    assert (found.verdict, found.limit) == (verdict, limit)
+    assert found.conditions == {"offset_ms": 10.0, **ends}
 
 
 def test_predicted_shift_has_both_terms_with_their_signs() -> None:
