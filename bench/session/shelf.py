@@ -100,7 +100,7 @@ def _installed() -> Iterator[str]:
 
 
 class _Reader(pickle.Unpickler):
-    """Makes plain values, arrays, dataclasses and estimates of results: a file of somebody else's can do nothing here."""
+    """Makes plain values, arrays, dataclasses and estimates of results: a file of others can do nothing here."""
 
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) in _ARRAYS:
