@@ -11,11 +11,11 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 996_867,
-    "tokens a line": 10.56,
-    "files": 875,
+    "tokens": 996_094,
+    "tokens a line": 10.55,
+    "files": 871,
     "dict[str, Any]": 513,
-    "lines of tests": 99_059,
+    "lines of tests": 99_117,
     "tests of several deep modules": 160,
     "words of docs": 158_131,
 }
