@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from rehearsal import writable_copy
+from report_sample import unsound
 from shown_run import ShownRun, now_utc_s
 
 from bench.record import OPEN_MARKER
@@ -105,7 +106,7 @@ def stage_over(out: Path, recorded: Path) -> dict[str, str]:
         for estimate in results["estimates"]:
             estimate |= {"verdict": "fail" if what == "fail" else "pass", "limit": 1.0}
         if what == "doubtful":
-            results["estimates"][0] |= {"quality": "doubtful", "reasons": []}
+            results["estimates"][0] = unsound(results["estimates"][0])
         (folder / "results.json").write_text(json.dumps(results))
     last = sorted((out / names["damaged"]).glob("session.*.mcap"))[-1]
     os.truncate(last, last.stat().st_size // 2)
