@@ -34,6 +34,8 @@ while line := sys.stdin.buffer.readline():
 log.write(b"null\\n")
 """
 
+pytestmark = pytest.mark.limit(0.1)  # beats of a virtual clock against a process: it may get no core for longer
+
 
 class Run:
     """A run in virtual time with a guard that is a process of a few lines, which notes what it hears."""
