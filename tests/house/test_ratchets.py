@@ -15,7 +15,7 @@ CEILINGS = {
     "tokens a line": 10.56,
     "files": 875,
     "dict[str, Any]": 513,
-    "lines of tests": 98657,
+    "lines of tests": 98_736,
     "tests of several deep modules": 160,
     "words of docs": 158_131,
 }
