@@ -15,7 +15,7 @@ CEILINGS = {
     "tokens a line": 10.55,
     "files": 871,
     "dict[str, Any]": 513,
-    "lines of tests": 99_117,
+    "lines of tests": 98_736,
     "tests of several deep modules": 160,
     "words of docs": 158_131,
 }

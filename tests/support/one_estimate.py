@@ -5,16 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from bench.analysis.estimates import Estimate, estimates_of
 
-def every(found: Any, quantity: str, **conditions: Any) -> list[dict[str, Any]]:
+
+def every(found: Any, quantity: str, **conditions: Any) -> list[Estimate]:
     """Return all estimates of a quantity with these conditions; ``found``: estimates or what has them."""
-    estimates: Iterable[Any] = found["estimates"] if isinstance(found, Mapping) else getattr(found, "estimates", found)
+    estimates: Iterable[Estimate] = (
+        estimates_of(found) if isinstance(found, Mapping) else getattr(found, "estimates", found)
+    )
     return [
         entry for entry in estimates if entry.quantity == quantity and conditions.items() <= entry.conditions.items()
     ]
 
 
-def one(found: Any, quantity: str, **conditions: Any) -> dict[str, Any]:
+def one(found: Any, quantity: str, **conditions: Any) -> Estimate:
     """Return the only estimate of a quantity with these conditions. Raises: ValueError if there are none or several."""
     (entry,) = every(found, quantity, **conditions)
     return entry

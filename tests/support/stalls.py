@@ -20,16 +20,17 @@ STALLED = "stalled_s"
 METER = """
 import select, sys, time
 REST_S, WORK_S, USUAL_S = 0.02, 0.001, 0.002
-late_s, asked = 0.0, False
+late_s, asked, begun_s = 0.0, False, time.monotonic()
 while not asked or sys.stdin.readline():
     if asked:
         print(late_s, flush=True)
         late_s = 0.0
-    begun_s, spent_s = time.monotonic(), time.process_time()
+    spent_s = time.process_time()
     asked = select.select([sys.stdin], [], [], REST_S)[0]
     while time.process_time() - spent_s < WORK_S:
         pass
-    lost_s = time.monotonic() - begun_s - REST_S - WORK_S
+    ended_s = time.monotonic()
+    lost_s, begun_s = ended_s - begun_s - REST_S - WORK_S, ended_s
     late_s += lost_s if lost_s > USUAL_S else 0.0
 """  # a process of its own, that waits for no lock of this one; many short waits for a core are as late as a long one
 
