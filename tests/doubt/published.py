@@ -23,6 +23,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "support"))
 
 from block_rows import ROOT, add_row, read_rows, revision_of
 
+from bench.analysis import estimates_of
+
 ROWS = ROOT / "tests" / "doubt" / "published.csv"
 JUDGED = ("bench", "sim_instruments", "sequences", "stations", "frames")
 MOST = 4
@@ -80,9 +82,9 @@ def judged(sequence: str, seed: int, keep: Path, revision: str) -> Campaign:
     else:
         done = bench("run", sequence, "--clock", "virtual", "--seed", str(seed), "--out", str(folder), "--json")
         document = results_below(folder)
-    entries: list[dict[str, Any]] = document.get("estimates", [])
-    qualities = [entry["quality"] for entry in entries]
-    codes = sorted({reason["code"] for entry in entries for reason in entry["reasons"]})
+    entries = estimates_of(document)
+    qualities = [entry.quality for entry in entries]
+    codes = sorted({reason.code for entry in entries for reason in entry.reasons})
     return Campaign(
         sequence, seed, revision, done.returncode, len(entries), qualities.count("doubtful"),
         qualities.count("refused"), " ".join(codes), round(time.monotonic() - begun_s, 1),

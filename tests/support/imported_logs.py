@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from bench.analysis import Estimate, estimates
 from bench.commands.import_log import import_log
 from bench.model.yamlio import parse_yaml
 from bench.plan.language.mapping import mapping_model
@@ -44,10 +45,9 @@ def table(names: str, rows: Any, form: str = "%.17g") -> str:
     return "\n".join([names, *(",".join("" if np.isnan(value) else form % value for value in row) for row in rows)])
 
 
-def estimates_of(session: Path) -> list[dict[str, Any]]:
+def estimates_of(session: Path) -> list[Estimate]:
     """Return the estimates of a session."""
-    found: list[dict[str, Any]] = json.loads((session / "results.json").read_text(encoding="utf-8"))["estimates"]
-    return found
+    return estimates.estimates_of(json.loads((session / "results.json").read_text(encoding="utf-8")))
 
 
 def columns_of(session: Path) -> Mapping[str, Any]:

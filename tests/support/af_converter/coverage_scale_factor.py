@@ -5,14 +5,14 @@ A physics of its own (``fit_simulation``), which shares no line with the product
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 import fit_simulation as sim
 import numpy as np
 from trials import without_budgets
 
-from bench.analysis import Material, build_results, is_sound
+from bench.analysis import Estimate, Material, build_results, estimates, is_sound
 from bench.systems.af_converter.scale_factor.analysis import analyse
 
 SYSTEM = "scale_factor"
@@ -47,25 +47,24 @@ def inside(seed: int) -> dict[str, bool | None]:
     Of the places of a quantity each campaign gives the next one.
     """
     steady = sim.simulate(seed)
-    estimates = estimates_of(steady, steady.standards)
+    found = estimates_of(steady, steady.standards)
     seen = {}
     for quantity in _STEADY:
-        places = [entry for entry in estimates if entry["quantity"] == quantity]
+        places = [entry for entry in found if entry.quantity == quantity]
         seen[quantity] = _holds(places[seed % len(places)], steady.truth(places[seed % len(places)]))
     world = Drifting(float(np.random.default_rng([seed, 1]).normal(0.0, _DRIFT_ppm)))
     drifting = sim.simulate(seed, repeat_channel=1, world=world)
     entries = estimates_of(drifting, drifting.standards)
-    (drift,) = (entry for entry in entries if entry["quantity"] == "calibrator_drift")
+    (drift,) = (entry for entry in entries if entry.quantity == "calibrator_drift")
     return seen | {"calibrator_drift": _holds(drift, world.change_ppm)}
 
 
-def estimates_of(campaign: sim.SimulatedCampaign, standards: Mapping[str, Any]) -> Sequence[Any]:
+def estimates_of(campaign: sim.SimulatedCampaign, standards: Mapping[str, Any]) -> list[Estimate]:
     """Return the estimates as results.json states them, by a register of standards."""
     with without_budgets():
         analysis = analyse(Material(campaign.rows, campaign.campaign, standards))
-    estimates: Sequence[Any] = build_results("coverage", analysis, {}, _PROVENANCE)["estimates"]
-    return estimates
+    return estimates.estimates_of(build_results("coverage", analysis, {}, _PROVENANCE))
 
 
 def _holds(entry: Any, truth: float) -> bool | None:
-    return bool(abs(entry["value"] - truth) <= entry["expanded_uncertainty"]) if is_sound(entry) else None
+    return bool(abs(entry.value - truth) <= entry.expanded_uncertainty) if is_sound(entry) else None

@@ -61,11 +61,11 @@ def inside(seed: int) -> dict[str, bool | None]:
     first, second = (estimates_of(unit, register()) for unit in units)
     seen: dict[str, bool | None] = {}
     for quantity in ("dsf_n", "dsf_p", "dsf_asymmetry"):
-        places = [number for number, entry in enumerate(first) if entry["quantity"] == quantity]
+        places = [number for number, entry in enumerate(first) if entry.quantity == quantity]
         at = places[seed % len(places)]
         truth = units[0].truth(first[at])
-        seen[quantity] = _holds(first[at]["value"] - truth, first[at]["expanded_uncertainty"], first[at : at + 1])
-    places = [number for number, entry in enumerate(first) if entry["quantity"] == "dsf_n"]
+        seen[quantity] = _holds(first[at].value - truth, first[at].expanded_uncertainty, first[at : at + 1])
+    places = [number for number, entry in enumerate(first) if entry.quantity == "dsf_n"]
     gyro, accelerometer = places[2 * (seed % 5)], places[2 * (seed % 5) + 1]
     seen["dsf_n between channels"] = _difference(units[:1] * 2, (first[gyro], first[accelerometer]))
     seen["dsf_n between certificates"] = _difference(units, (first[gyro], second[gyro]))
@@ -73,8 +73,8 @@ def inside(seed: int) -> dict[str, bool | None]:
 
 
 def _difference(units: Sequence[sim.SimulatedCampaign], pair: Sequence[Any]) -> bool | None:
-    errors = [entry["value"] - unit.truth(entry) for unit, entry in zip(units, pair, strict=True)]
-    variance = math.fsum(entry["std_uncertainty"] ** 2 for entry in pair) - 2.0 * covariance_by_standards(*pair)
+    errors = [entry.value - unit.truth(entry) for unit, entry in zip(units, pair, strict=True)]
+    variance = math.fsum(entry.std_uncertainty**2 for entry in pair) - 2.0 * covariance_by_standards(*pair)
     return _holds(errors[1] - errors[0], coverage_factor() * math.sqrt(variance), pair)
 
 

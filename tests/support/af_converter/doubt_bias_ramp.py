@@ -13,7 +13,7 @@ import bias_simulation as sim
 import numpy as np
 from doubt_classes import Seen, Switch
 
-from bench.analysis import Material, Trace, build_results
+from bench.analysis import Material, Trace, build_results, estimates_of
 from bench.model.errors import FitError
 from bench.systems.af_converter.bias_ramp.analysis import analyse
 
@@ -160,7 +160,7 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     except FitError:
         return Seen([], [], np.inf, 1, _PROMISED)
     document = build_results("doubt", analysis, {"records": len(ramp.start_s)}, PROVENANCE)
-    pairs = [(entry, _truth(entry, ramp)) for entry in document["estimates"]]
+    pairs = [(entry, _truth(entry, ramp)) for entry in estimates_of(document)]
     known = [(entry, truth) for entry, truth in pairs if truth is not None]
     chi2 = sum(group["reduced_chi2"] * group["dof"] for group in analysis.groups)
     dof = sum(group["dof"] for group in analysis.groups)
@@ -176,7 +176,7 @@ def _ramp(seed: int, world: World, *, noise_free: bool) -> sim.Ramp:
 
 def _truth(entry: Any, ramp: sim.Ramp) -> float | None:
     """Truth of an estimate: the centre of the loop over the temperature of the unit, and its full width."""
-    about, quantity = entry["conditions"], entry["quantity"]
+    about, quantity = entry.conditions, entry.quantity
     if about.get("channel") != CHANNEL:
         return None
     truths = {f"bias_tc{order}": ramp.truth(order) for order in (1, 2, 3)}

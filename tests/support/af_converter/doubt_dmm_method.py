@@ -14,7 +14,7 @@ import numpy as np
 from doubt_classes import Seen, Switch
 from doubt_scale_factor import Clipped, EvenOrder, SoftSaturation, Wrong
 
-from bench.analysis import Reading, build_results
+from bench.analysis import Reading, build_results, estimates_of
 from bench.systems.af_converter.dmm_method.analysis import analyse
 
 SYSTEM = "dmm_method"
@@ -103,7 +103,7 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     world = Wrong() if switch is None else switch.world(size)
     analysis, campaign = analysed(seed, world, noise_free=noise_free)
     document = build_results("doubt", analysis, {"records": len(campaign.rows)}, PROVENANCE)
-    wanted = [entry for entry in document["estimates"] if entry["quantity"] in QUANTITIES]
+    wanted = [entry for entry in estimates_of(document) if entry.quantity in QUANTITIES]
     chi2 = sum(group["reduced_chi2"] * group["dof"] for group in analysis.groups)
     dof = sum(group["dof"] for group in analysis.groups)
     for entry in analysis.estimates:

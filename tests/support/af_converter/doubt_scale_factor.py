@@ -12,7 +12,7 @@ import fit_simulation as sim
 import numpy as np
 from doubt_classes import Seen, Switch
 
-from bench.analysis import Material, build_results
+from bench.analysis import Material, build_results, estimates_of
 from bench.systems.af_converter.scale_factor.analysis import analyse
 
 SYSTEM = "scale_factor"
@@ -145,9 +145,7 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
     document = build_results("doubt", analysis, {"records": len(campaign.rows)}, PROVENANCE)
     wanted = [
-        entry
-        for entry in document["estimates"]
-        if entry["quantity"] in QUANTITIES and "repeat" not in entry["conditions"]
+        entry for entry in estimates_of(document) if entry.quantity in QUANTITIES and "repeat" not in entry.conditions
     ]
     chi2 = sum(group["reduced_chi2"] * group["dof"] for group in analysis.groups)
     drifts = [entry for entry in analysis.estimates if entry.quantity in ("dsf_n_drift", "dsf_p_drift")]

@@ -16,7 +16,7 @@ import numpy as np
 from doubt_classes import Seen, Switch
 from scipy import linalg
 
-from bench.analysis import Material, build_results
+from bench.analysis import Material, build_results, estimates_of
 from bench.model.errors import FitError
 from bench.record import RecordRow
 from bench.systems.gnc.calibration.analysis import analyse as analyse_calibration
@@ -313,7 +313,7 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
             continue  # refused: promised and not there
         fitted |= {place_of(entry): entry.value for entry in analysis.estimates}
         document = build_results("doubt", analysis, {"records": len(bench.rows)}, PROVENANCE)
-        entries += [entry for entry in document["estimates"] if entry["quantity"] in quantities]
+        entries += [entry for entry in estimates_of(document) if entry.quantity in quantities]
     chi2, dof = trace(bench, fitted)
     promised = OF_TRIADS + OF_FIELD * form.magnetic
     return Seen(entries, [truth(bench.unit, entry) for entry in entries], chi2, dof, promised)
@@ -327,7 +327,7 @@ def place_of(entry: Any) -> tuple[Any, ...]:
 
 def truth(unit: imu.Unit, entry: Any) -> float:
     """Return the true value of an estimate."""
-    quantity, about = entry["quantity"], entry["conditions"]
+    quantity, about = entry.quantity, entry.conditions
     found = truths(unit)[quantity]
     if "row" in about:
         return float(found["xyz".index(about["row"]), "xyz".index(about["column"])])

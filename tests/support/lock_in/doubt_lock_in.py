@@ -17,7 +17,7 @@ from doubt_classes import Seen, Switch
 from laser_physics import KNOTS, Array, Cycles, World, blocks, crossings, half_cycles
 from rlg_rig import as_row, material
 
-from bench.analysis import build_results
+from bench.analysis import build_results, estimates_of
 from bench.systems.lock_in.analysis import analyse
 from bench.systems.lock_in.compensation import GLOBAL, RAW
 from bench.systems.lock_in.records import laser_records
@@ -207,15 +207,15 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     campaign = simulated(seed, world, quiet=noise_free)
     analysis = analyse(campaign.material)
     document = build_results("doubt", analysis, {"records": 1}, PROVENANCE)
-    pairs = [(entry, campaign.truths.get(_key(entry))) for entry in document["estimates"]]
-    pairs = [(entry, truth) for entry, truth in pairs if truth is not None and entry["quantity"] in QUANTITIES]
+    pairs = [(entry, campaign.truths.get(_key(entry))) for entry in estimates_of(document)]
+    pairs = [(entry, truth) for entry, truth in pairs if truth is not None and entry.quantity in QUANTITIES]
     chi2, dof = _trace(campaign) if noise_free else (0.0, 0)
     entries = [entry | {"conditions": {"method": _key(entry)[1]}} for entry, _ in pairs]  # one record: no other place
     return Seen(entries, [float(truth) for _, truth in pairs], chi2, dof, _PROMISED)
 
 
 def _key(entry: Any) -> tuple[str, str]:
-    return entry["quantity"], entry["conditions"].get("method", "")
+    return entry.quantity, entry.conditions.get("method", "")
 
 
 def _result(campaign: Simulated) -> LaserResult:

@@ -14,7 +14,7 @@ import numpy as np
 from doubt_classes import Seen, Switch
 from fog_material import record_row
 
-from bench.analysis import Material, Reading, build_results
+from bench.analysis import Material, Reading, build_results, estimates_of
 from bench.model.errors import FitError
 from bench.record import RecordRow
 from bench.systems.north.analysis import analyse
@@ -253,7 +253,7 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     except FitError:  # refused as a whole
         return Seen([], [], 0.0, 1, _promised())
     document = build_results("doubt", analysis, {"records": len(material.rows)}, PROVENANCE)
-    wanted = [entry for entry in document["estimates"] if entry["quantity"] in JUDGED and _by_a_sound_formula(entry)]
+    wanted = [entry for entry in estimates_of(document) if entry.quantity in JUDGED and _by_a_sound_formula(entry)]
     chi2, dof = _left(material)
     return Seen(wanted, [_truth(entry, world) for entry in wanted], chi2, dof, _promised())
 
@@ -313,12 +313,12 @@ def _reading(t_s: float, before: list[Reading], role: str, value: Any, condition
 
 def _truth(entry: Any, world: World) -> float:
     """True value of an estimate; an error is that of the indication without noise against the true heading."""
-    quantity, about = entry["quantity"], entry["conditions"]
+    quantity, about = entry.quantity, entry.conditions
     if quantity in ("azimuth", "azimuth_error"):
         own = [at for at in places() if (at.item, at.head_deg) == (about["item"], about["head_deg"]) and at.index == 1]
         true_deg = float(np.mean([world.heading_deg(at) for at in own]))
         if quantity == "azimuth":
-            return _near(true_deg, entry["value"])
+            return _near(true_deg, entry.value)
         indicated_deg = _bare(type(world), world.size)[about["item"], about["head_deg"], about["method"]]
         return _near(indicated_deg - true_deg, 0.0)
     if quantity == "index_placement":

@@ -66,8 +66,8 @@ def in_right_world(entries: Sequence[Any], truths: Sequence[float]) -> dict[str,
         name = (
             f"{entry['quantity']} {entry['conditions'].get('method') or entry['conditions'].get('link') or ''}".strip()
         )
-        sound = entry["quality"] == "sound"
-        found[name] = abs(entry["value"] - truth) <= entry["expanded_uncertainty"] if sound else None
+        sound = entry.quality == "sound"
+        found[name] = abs(entry.value - truth) <= entry.expanded_uncertainty if sound else None
     return found
 
 

@@ -110,7 +110,7 @@ def done_block(module: str, name: str, size: float, seeds: range, revision: str)
         right = _right(module, seed)
         wrong = right if switch is None else worlds.seen(seed, switch, size)
         counted += sorted_classes(wrong, right)
-        campaigns += any(entry["quality"] != "sound" for entry in wrong.entries)
+        campaigns += any(entry.quality != "sound" for entry in wrong.entries)
     trace, least, biases = 0.0, 0.0, {}
     if switch is not None:
         bare = worlds.seen(seeds[0], switch, size, noise_free=True)

@@ -68,23 +68,23 @@ def newly_believed(given: tuple[Seen, Seen], planned: tuple[Seen, Seen]) -> list
 
 def class_of(entry: Any, truth: float, before: Any, truth_before: float) -> str:
     """Return the class of one estimate; ``before``: of the right world, None if it had none."""
-    if entry["quality"] != "sound":
-        return DOUBTED if entry["quality"] == "doubtful" else REFUSED
+    if entry.quality != "sound":
+        return DOUBTED if entry.quality == "doubtful" else REFUSED
     off = off_by(entry, truth)
     if off > _WRONG:
         return MISSED if before is not None and off_by(before, truth_before) > _WRONG else WRONG
     if off > _MISSED:
         return MISSED
-    told = before is not None and entry["expanded_uncertainty"] > _WIDER * (before["expanded_uncertainty"] or math.inf)
+    told = before is not None and entry.expanded_uncertainty > _WIDER * (before.expanded_uncertainty or math.inf)
     return WIDE if told else RIGHT
 
 
 def off_by(entry: Any, truth: float) -> float:
     """Return the error of an estimate in its expanded uncertainty; 0 for one that is not sound."""
-    if entry["quality"] != "sound":
+    if entry.quality != "sound":
         return 0.0
-    expanded = entry["expanded_uncertainty"]
-    error = abs(entry["value"] - truth)
+    expanded = entry.expanded_uncertainty
+    error = abs(entry.value - truth)
     return error / expanded if expanded else math.inf if error else 0.0
 
 
@@ -108,18 +108,18 @@ def worst_bias(noise_free: Seen, right: Seen) -> dict[str, float]:
 
     An estimate that is refused has no value and is left out.
     """
-    expanded = {_name(entry): entry["expanded_uncertainty"] for entry in right.entries}
+    expanded = {_name(entry): entry.expanded_uncertainty for entry in right.entries}
     worst: dict[str, float] = {}
     for entry, truth in zip(noise_free.entries, noise_free.truths, strict=True):
         unit = expanded.get(_name(entry))
-        if entry["value"] is not None and unit:
-            off = abs(entry["value"] - truth) / unit
-            worst[entry["quantity"]] = max(off, worst.get(entry["quantity"], 0.0))
+        if entry.value is not None and unit:
+            off = abs(entry.value - truth) / unit
+            worst[entry.quantity] = max(off, worst.get(entry.quantity, 0.0))
     return worst
 
 
 def _name(entry: Any) -> tuple[Any, ...]:
-    return entry["quantity"], *sorted(entry["conditions"].items())
+    return entry.quantity, *sorted(entry.conditions.items())
 
 
 @cache
@@ -145,4 +145,4 @@ def is_hidden(worlds: Any, switch: Switch, size: float) -> bool:
 
 def codes_of(seen: Seen) -> set[str]:
     """Return the codes of all reasons against estimates."""
-    return {reason["code"] for entry in seen.entries for reason in entry["reasons"]}
+    return {reason.code for entry in seen.entries for reason in entry.reasons}

@@ -9,7 +9,7 @@ import numpy as np
 from doubt_classes import Seen, Switch
 from sync_physics import DRIFT, IMU_CLOCK, TURNING, LONG_s, OFFSET_s, Recording, Solutions, World, in_body
 
-from bench.analysis import build_results
+from bench.analysis import build_results, estimates_of
 from bench.systems.time_sync.analysis import analyse
 
 Array = Any
@@ -112,7 +112,7 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     world = World() if switch is None else switch.world(size)
     analysis = analyse(Recording(seed, world, not noise_free).material())
     document = build_results("doubt", analysis, {"records": 1}, PROVENANCE)
-    wanted = [entry for entry in document["estimates"] if entry["quantity"] in JUDGED]
+    wanted = [entry for entry in estimates_of(document) if entry.quantity in JUDGED]
     (fit,) = analysis.groups
     chi2, dof = fit["reduced_chi2"] * fit["dof"], fit["dof"]
     for entry in analysis.estimates:
@@ -123,8 +123,8 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
 
 def truth_of(entry: Any) -> float:
     """Return what an estimate should be: clock of the EGI minus that of the inertial unit, and rates of clocks."""
-    if entry["quantity"] == "time_offset_drift":
+    if entry.quantity == "time_offset_drift":
         return 1e6 * DRIFT / (1.0 - DRIFT)
-    if entry["quantity"] == "clock_rate":
-        return 1e6 * IMU_CLOCK if entry["conditions"]["link"] == "imu" else 1e6 * (IMU_CLOCK + DRIFT)
+    if entry.quantity == "clock_rate":
+        return 1e6 * IMU_CLOCK if entry.conditions["link"] == "imu" else 1e6 * (IMU_CLOCK + DRIFT)
     return OFFSET_s

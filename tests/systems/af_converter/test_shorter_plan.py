@@ -21,7 +21,7 @@ from rehearsal import ROOT
 from scipy import stats
 from trials import without_budgets
 
-from bench.analysis import Analysis, Material, build_results
+from bench.analysis import Analysis, Material, build_results, estimates_of
 from bench.cli import main
 from bench.commands.planning import plan as command
 from bench.commands.requests import PlanRequest
@@ -177,7 +177,7 @@ def seen(points: list[sim.Point], seed: int, world: Any) -> Seen:
     """Return what a campaign states in a world, and its truth."""
     campaign = simulate_plan(seed, points, world=world)
     document = build_results("doubt", analysed(campaign), {"records": len(campaign.rows)}, wrong.PROVENANCE)
-    entries = judged_entries(document["estimates"])
+    entries = judged_entries(estimates_of(document))
     return Seen(entries, [campaign.truth(entry) for entry in entries], 0.0, 1, wrong._promised(campaign))
 
 

@@ -168,7 +168,7 @@ def test_a_daily_rhythm_that_puts_a_result_off_is_told(candidate: Candidate, siz
     with simulated_as(written(candidate)):
         ramps = [wrong.seen(seed, rhythm, size) for seed in range(7)]
         off = worst_bias(wrong.seen(0, rhythm, size, noise_free=True), wrong.seen(0, None, 0.0))["bias_tc1"]
-    told = [any(entry["quality"] != "sound" for entry in ramp.entries) for ramp in ramps]
+    told = [any(entry.quality != "sound" for entry in ramp.entries) for ramp in ramps]
     power = problem().rhythm_powers(candidate, 100.0)["gyro", 10]
     print(
         f"{off:.2f} U off; power {power:.2f} where ten channels share the chance of a false doubt; of one told: {told}"

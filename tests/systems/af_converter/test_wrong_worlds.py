@@ -33,7 +33,7 @@ from doubt_classes import (
 )
 from scipy import special
 
-from bench.analysis import Material, Trace, build_results
+from bench.analysis import Material, Trace, build_results, estimates_of
 from bench.model.assumptions import assumptions_of
 from bench.session.coefficients import coefficients_of_session
 from bench.systems.af_converter.bias_ramp.analysis import analyse
@@ -86,7 +86,7 @@ def test_what_is_wrong_is_named(worlds: Any, name: str, size: float, left: str, 
 def test_a_right_world_is_not_doubted(worlds: Any, seeds: int) -> None:
     for seed in range(seeds):
         seen = right_world(worlds, seed)
-        assert [entry["reasons"] for entry in seen.entries if entry["quality"] != "sound"] == [], seed
+        assert [entry.reasons for entry in seen.entries if entry.quality != "sound"] == [], seed
 
 
 @pytest.mark.sweep
@@ -115,8 +115,8 @@ def test_counts_in_steps_are_named_where_chance_lets_them_fit_a_line(seed: int, 
     """Of all groups of ten campaigns these lay within 5 and 2,000 U of the truth with a chi-square like any other."""
     wrong = of_counts.seen(seed, Switch("stuck_bits", of_counts.StuckBits, (size,)), size)
     assert sorted_classes(wrong, right_world(of_counts, seed))[WRONG] == 0
-    named = [entry for entry in wrong.entries if "counts_in_steps" in {reason["code"] for reason in entry["reasons"]}]
-    assert {entry["conditions"]["channel"] for entry in named} == {of_counts.WRONG}
+    named = [entry for entry in wrong.entries if "counts_in_steps" in {reason.code for reason in entry.reasons}]
+    assert {entry.conditions["channel"] for entry in named} == {of_counts.WRONG}
     assert len(named) == 3 * len(sim.TEMPERATURES_degC) + 6
 
 
@@ -169,7 +169,7 @@ def test_one_level_that_is_wrong_is_left_out_and_named(name: str, size: float) -
     assert codes_of(wrong) == set()
     assert sorted_classes(wrong, before)[WRONG] == 0
     for entry, right in zip(wrong.entries, before.entries, strict=True):
-        assert name == "one_bad_reading" or abs(entry["value"] - right["value"]) < right["expanded_uncertainty"]
+        assert name == "one_bad_reading" or abs(entry.value - right.value) < right.expanded_uncertainty
 
 
 def test_a_range_that_is_off_is_told_from_a_converter_that_saturates() -> None:
@@ -193,7 +193,7 @@ def test_coefficients_hold_sound_channels_alone() -> None:
 @pytest.mark.parametrize("drift", [3e-5, -3e-5])
 def test_a_drift_that_the_repeat_found_is_in_every_number_it_bears_on(drift: float) -> None:
     seen = of_counts.seen(3, Switch("drift", of_counts.CalibratorDrift, (drift,)), drift)
-    assert sum(entry["quality"] == "sound" for entry in seen.entries) > 30
+    assert sum(entry.quality == "sound" for entry in seen.entries) > 30
     counted = sorted_classes(seen, right_world(of_counts, 3))
     assert counted[WRONG] == 0
     assert counted[RIGHT] < len(seen.entries)  # wider than without a drift
@@ -218,7 +218,7 @@ class StuckCounter(sim.World):
 def entries_without_a_wrong_one(campaign: sim.SimulatedCampaign) -> list[dict[str, Any]]:
     """Return the estimates of a campaign, of which none is confidently wrong."""
     document = build_results("doubt", sim.analysed(campaign), {"records": len(campaign.rows)}, of_counts.PROVENANCE)
-    entries = [entry for entry in document["estimates"] if entry["quantity"] in of_counts.QUANTITIES]
+    entries = [entry for entry in estimates_of(document) if entry.quantity in of_counts.QUANTITIES]
     assert entries
     assert WRONG not in [class_of(entry, campaign.truth(entry), None, 0.0) for entry in entries]
     return entries
@@ -228,9 +228,9 @@ def entries_without_a_wrong_one(campaign: sim.SimulatedCampaign) -> list[dict[st
 def test_a_counter_that_stands_at_seven_pulses_a_frame_is_refused(seed: int) -> None:
     found = entries_without_a_wrong_one(sim.simulate(seed, world=StuckCounter()))
     for entry in found:
-        of_it = entry["conditions"]["channel"] == of_counts.WRONG
-        assert entry["quality"] == "refused" if of_it else entry["quality"] == "sound"
-    assert any(entry["conditions"]["channel"] != of_counts.WRONG for entry in found)
+        of_it = entry.conditions["channel"] == of_counts.WRONG
+        assert entry.quality == "refused" if of_it else entry.quality == "sound"
+    assert any(entry.conditions["channel"] != of_counts.WRONG for entry in found)
 
 
 @pytest.mark.parametrize("repeat", [None, 1])
@@ -243,10 +243,10 @@ def test_a_calibrator_that_drifts_by_three_per_mille_leaves_no_small_interval(re
 
 def reasons_against(estimates: Sequence[Any], quantity: str) -> dict[str, str]:
     """Return sentences by code against a quantity of channel 1; it must not look sound."""
-    entries = [entry for entry in estimates if (entry["quantity"], entry["conditions"].get("channel")) == (quantity, 1)]
+    entries = [entry for entry in estimates if (entry.quantity, entry.conditions.get("channel")) == (quantity, 1)]
     assert entries
-    assert all(entry["quality"] != "sound" for entry in entries)
-    return {reason["code"]: reason["sentence"] for entry in entries for reason in entry["reasons"]}
+    assert all(entry.quality != "sound" for entry in entries)
+    return {reason.code: reason.sentence for entry in entries for reason in entry.reasons}
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -257,7 +257,7 @@ def test_hysteresis_of_three_plays_is_doubted_and_the_rival_has_the_width(seed: 
     assert {"lack_of_fit", "rival_several_play_operators"} <= reasons.keys()
     width_nA = float(reasons["rival_several_play_operators"].split("about ")[1].split(" nA")[0])
     (true_A,) = {
-        truth for entry, truth in zip(seen.entries, seen.truths, strict=True) if entry["quantity"] == "hysteresis_width"
+        truth for entry, truth in zip(seen.entries, seen.truths, strict=True) if entry.quantity == "hysteresis_width"
     }
     assert width_nA == pytest.approx(1e9 * true_A, abs=4.0)
     assert max(len(one) for one in reasons.values()) <= 200
@@ -269,7 +269,7 @@ def ramp_results(ramps: dict[int, bias_simulation.Ramp]) -> list[Any]:
     trace = Trace(world.trace_t_s, world.air_degC, world.sensor_degC)
     rows, campaign = bias_simulation.rows(ramps), bias_simulation.campaign(ramps)
     analysis = analyse(Material(rows, campaign, {"generator": {}}, trace))
-    return list(build_results("session", analysis, {}, of_ramp.PROVENANCE)["estimates"])
+    return estimates_of(build_results("session", analysis, {}, of_ramp.PROVENANCE))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -288,7 +288,7 @@ def test_a_step_of_the_bias_is_doubted_on_its_channel_alone() -> None:
     stepped = bias_simulation.ramp(1, added_A=1e-8 * (np.arange(t_s.size) > 0.6 * t_s.size))
     entries = ramp_results({1: stepped, 2: bias_simulation.ramp(2, "accelerometer")})
     assert "rival_step" in reasons_against(entries, "bias")
-    assert all(one["quality"] == "sound" for one in entries if one["conditions"].get("channel") == 2)
+    assert all(one.quality == "sound" for one in entries if one.conditions.get("channel") == 2)
 
 
 @pytest.mark.parametrize("hysteresis", [True, False])
@@ -297,4 +297,4 @@ def test_a_right_ramp_is_not_doubted(seed: int, hysteresis: bool) -> None:
     rng = np.random.default_rng(seed)
     units = [bias_simulation.draw(rng, kind, hysteresis=hysteresis) for kind in ("gyro", "accelerometer")]
     ramps = {k: bias_simulation.ramp(seed + 50 * k, unit.kind, unit) for k, unit in enumerate(units, 1)}
-    assert [one["reasons"] for one in ramp_results(ramps) if one["quality"] != "sound"] == []
+    assert [one.reasons for one in ramp_results(ramps) if one.quality != "sound"] == []

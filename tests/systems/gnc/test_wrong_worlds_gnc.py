@@ -59,7 +59,7 @@ def test_one_bad_sample_costs_nothing(name: str, size: float) -> None:
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_right_world_is_not_doubted(seed: int) -> None:
-    assert [entry["reasons"] for entry in right_world(gnc, seed).entries if entry["quality"] != "sound"] == []
+    assert [entry.reasons for entry in right_world(gnc, seed).entries if entry.quality != "sound"] == []
     assert len(right_world(gnc, seed).entries) == right_world(gnc, seed).promised
 
 

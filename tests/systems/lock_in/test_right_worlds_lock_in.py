@@ -12,7 +12,7 @@ from doubt_lock_in import Simulated, simulated
 from laser_physics import World
 from scipy import stats
 
-from bench.analysis import build_results
+from bench.analysis import build_results, estimates_of
 from bench.systems.lock_in.analysis import analyse
 
 FAST = 100_000_000
@@ -31,8 +31,8 @@ SIZES = ("angle_random_walk", "alignment_time", "random_walk_ratio", "alignment_
 def held(campaign: Simulated) -> dict[str, bool | None]:
     """Return of each quantity and method whether its interval holds the truth, None where it is not sound."""
     document = build_results("doubt", analyse(campaign.material), {"records": 1}, worlds.PROVENANCE)
-    pairs = [(entry, campaign.truths.get((entry["quantity"], entry["conditions"].get("method", ""))))
-             for entry in document["estimates"]]  # fmt: skip
+    pairs = [(entry, campaign.truths.get((entry.quantity, entry.conditions.get("method", ""))))
+             for entry in estimates_of(document)]  # fmt: skip
     known = [(entry, truth) for entry, truth in pairs if truth is not None]
     return in_right_world([entry for entry, _ in known], [truth for _, truth in known])
 

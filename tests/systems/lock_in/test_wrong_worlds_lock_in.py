@@ -87,7 +87,7 @@ def test_what_is_wrong_is_named(name: str, size: float, doubted: int, code: str)
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_right_world_is_not_doubted(seed: int) -> None:
-    assert [entry["reasons"] for entry in right_world(worlds, seed).entries if entry["quality"] != "sound"] == []
+    assert [entry.reasons for entry in right_world(worlds, seed).entries if entry.quality != "sound"] == []
 
 
 def test_a_lock_in_that_is_followed_makes_the_walk_before_another_one_all_the_same() -> None:
@@ -111,10 +111,10 @@ def test_a_turn_that_the_count_lost_and_a_block_that_came_twice_are_left_out() -
     analysis = analyse(worlds.simulated(0, switch_of("lost_pairs").world(1.0)).material)
     assert any("left out, as the count is unlike all others round it" in note for note in analysis.notes)
     wrong, twice = wrong_world("lost_pairs", 1.0), wrong_world("repeated_blocks", 1.0)
-    assert all(entry["quality"] == "sound" for entry in (*wrong.entries, *twice.entries))
+    assert all(entry.quality == "sound" for entry in (*wrong.entries, *twice.entries))
     assert sorted_classes(twice, right_world(worlds, 0))[WRONG] == 0
     for entry, before in zip(wrong.entries, right_world(worlds, 0).entries, strict=True):
-        assert abs(entry["value"] - before["value"]) < 0.3 * before["expanded_uncertainty"]
+        assert abs(entry.value - before.value) < 0.3 * before.expanded_uncertainty
 
 
 def test_jumps_that_are_no_longer_small_are_refused() -> None:

@@ -51,7 +51,7 @@ def test_what_is_wrong_is_named(name: str, size: float, left: str, codes: set[st
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_right_world_is_not_doubted(seed: int) -> None:
-    assert [entry["reasons"] for entry in right_world(worlds, seed).entries if entry["quality"] != "sound"] == []
+    assert [entry.reasons for entry in right_world(worlds, seed).entries if entry.quality != "sound"] == []
 
 
 def test_every_hidden_switch_is_named_by_an_assumption() -> None:

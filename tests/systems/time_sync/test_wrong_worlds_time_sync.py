@@ -61,13 +61,13 @@ def test_one_bad_reading_is_left_out_and_named(name: str, note: str) -> None:
     wrong = worlds.seen(0, BY_NAME[name], size)
     assert codes_of(wrong) == set()
     for entry, before in zip(wrong.entries, right_world(worlds, 0).entries, strict=True):
-        assert abs(entry["value"] - before["value"]) < 0.1 * before["expanded_uncertainty"]
+        assert abs(entry.value - before.value) < 0.1 * before.expanded_uncertainty
 
 
 @pytest.mark.parametrize("seed", range(5))
 def test_a_right_world_is_not_doubted_and_nothing_is_left_out(seed: int) -> None:
     seen = right_world(worlds, seed)
-    assert [entry["reasons"] for entry in seen.entries if entry["quality"] != "sound"] == []
+    assert [entry.reasons for entry in seen.entries if entry.quality != "sound"] == []
     assert all(entry["dropped"] == 0 for entry in seen.entries)
 
 

@@ -245,7 +245,7 @@ def test_a_real_sphere_against_a_fit_by_scipy(tmp_path: Path) -> None:
 
     start = np.concatenate((field.mean(axis=0), np.eye(3)[np.triu_indices(3)] / 170.0))
     centre = least_squares(off, start, x_scale="jac").x[:3]
-    hard = [entry["value"] for entry in every(found, "mag_hard_iron")]
+    hard = [entry.value for entry in every(found, "mag_hard_iron")]
     assert hard == pytest.approx(centre.tolist(), abs=1.0)
 
 

@@ -135,10 +135,7 @@ def rig() -> Rig:
 
 def qualities(made: Rig) -> dict[str, tuple[str, list[str]]]:
     found = build_results("one", analyse(made.material("imu_bias")), {}, PROVENANCE)["estimates"]
-    return {
-        f"{e['quantity']} {e['conditions']['axis']}": (e["quality"], [why["code"] for why in e["reasons"]])
-        for e in found
-    }
+    return {f"{e.quantity} {e.conditions['axis']}": (e.quality, [why.code for why in e.reasons]) for e in found}
 
 
 def test_a_pose_that_is_not_the_named_one_refuses_what_rests_on_it() -> None:

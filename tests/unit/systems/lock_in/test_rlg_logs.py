@@ -125,10 +125,10 @@ def test_rate_walk_and_quantisation_are_those_it_was_made_of(role: str, tmp_path
     stated = COUNTS + "laser: {path_length: 28 cm, latitude: 37 deg}\n"
     found = counted(tmp_path, stated.replace("role: count", f"role: {role}"), values)
     walk, rate, steps = (one(found, name) for name in ("angle_random_walk", "mean_rate", "quantisation_noise"))
-    assert walk["value"] == pytest.approx(WALK, abs=1.5 * walk["expanded_uncertainty"])
-    assert walk["expanded_uncertainty"] < 0.1 * WALK
-    assert rate["value"] == pytest.approx(RATE_deg_h, abs=1.5 * rate["expanded_uncertainty"])
-    assert steps["value"] == pytest.approx(SCALE_arcsec / np.sqrt(12.0), rel=0.05)  # a uniform error of one count
+    assert walk.value == pytest.approx(WALK, abs=1.5 * walk.expanded_uncertainty)
+    assert walk.expanded_uncertainty < 0.1 * WALK
+    assert rate.value == pytest.approx(RATE_deg_h, abs=1.5 * rate.expanded_uncertainty)
+    assert steps.value == pytest.approx(SCALE_arcsec / np.sqrt(12.0), rel=0.05)  # a uniform error of one count
     assert every(found, "bias_alignment_error") == []  # a random walk alone states no bias
 
 
@@ -150,11 +150,11 @@ def test_the_bias_leaves_an_alignment_error_where_the_log_shows_one(tmp_path: Pa
     stated = mapping + f"laser: {{path_length: 28 cm, latitude: {latitude_deg:g} deg}}\n"
     found = counted(tmp_path, stated, values)
     bias, error = one(found, "bias_instability"), one(found, "bias_alignment_error")
-    assert bias["value"] == pytest.approx(bias_deg_h, abs=1.5 * bias["expanded_uncertainty"])
+    assert bias.value == pytest.approx(bias_deg_h, abs=1.5 * bias.expanded_uncertainty)
     level_deg_h = 15.041 * np.cos(np.deg2rad(latitude_deg))
-    north, east = level_deg_h, bias["value"]  # of a unit that points north
-    assert error["value"] == pytest.approx(np.rad2deg(np.arctan2(east, north)), rel=2e-3)
-    assert error["std_uncertainty"] / error["value"] == pytest.approx(bias["std_uncertainty"] / bias["value"])
+    north, east = level_deg_h, bias.value  # of a unit that points north
+    assert error.value == pytest.approx(np.rad2deg(np.arctan2(east, north)), rel=2e-3)
+    assert error.std_uncertainty / error.value == pytest.approx(bias.std_uncertainty / bias.value)
 
 
 @pytest.mark.parametrize(

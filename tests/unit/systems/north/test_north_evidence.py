@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from fog_material import AZIMUTH_DEG, Gyro, NorthRig, campaign
 
-from bench.analysis import Evidence, build_results
+from bench.analysis import Evidence, build_results, estimates_of
 from bench.commands.import_log import import_log
 from bench.maths.tests import best_step
 from bench.model.errors import FitError, InputErrors
@@ -70,9 +70,9 @@ def refused_for(rig: NorthRig, code: str) -> set[str]:
     """Return the methods whose azimuth is refused for this reason in results.json."""
     document = build_results("one", analyse(rig.material(), "likelihood"), {}, PROVENANCE)
     return {
-        entry["conditions"]["method"]
-        for entry in document["estimates"]
-        if entry["quality"] == "refused" and code in {reason["code"] for reason in entry["reasons"]}
+        entry.conditions["method"]
+        for entry in estimates_of(document)
+        if entry.quality == "refused" and code in {reason.code for reason in entry.reasons}
     }
 
 
@@ -90,10 +90,10 @@ def test_a_rate_or_sense_that_is_stated_wrong_leaves_nothing_of_the_lock_ins(rat
             reading.value.pop("frequency_Hz", None)
         document = build_results("one", analyse(material, "least_squares"), {}, PROVENANCE)
         entry = next(
-            one for one in document["estimates"]
-            if (one["quantity"], one["conditions"].get("method")) == ("azimuth_error", "least_squares")
+            one for one in estimates_of(document)
+            if (one.quantity, one.conditions.get("method")) == ("azimuth_error", "least_squares")
         )  # fmt: skip
-        assert (entry["quality"], [one["code"] for one in entry["reasons"]]) == ("doubtful", ["rate_not_as_stated"])
+        assert (entry.quality, [one.code for one in entry.reasons]) == ("doubtful", ["rate_not_as_stated"])
 
 
 def test_a_signal_that_drowns_is_refused() -> None:
@@ -178,7 +178,7 @@ def found(folder: Path, mapping: str, header: str, table: np.ndarray, status: in
     np.savetxt(folder / "log.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
     assert import_log(folder / "m.yaml", folder / "log.csv", folder / "out") == status
     (results,) = (folder / "out").glob("*/results.json")
-    return list(json.loads(results.read_text(encoding="utf-8"))["estimates"])
+    return estimates_of(json.loads(results.read_text(encoding="utf-8")))
 
 
 def samples(heading_deg: float, sense: int, noise: float = 0.5) -> np.ndarray:
@@ -192,18 +192,18 @@ def samples(heading_deg: float, sense: int, noise: float = 0.5) -> np.ndarray:
 @pytest.mark.parametrize(("heading_deg", "sense"), [(63.4, 1), (181.0, -1), (359.0, 1)])
 def test_samples_give_the_heading_they_were_made_with(heading_deg: float, sense: int, tmp_path: Path) -> None:
     azimuth, amplitude = found(tmp_path, SAMPLES, "t,U,angle", samples(heading_deg, sense))
-    off = (azimuth["value"] - heading_deg + 180.0) % 360.0 - 180.0
-    assert abs(off) < 1.5 * azimuth["expanded_uncertainty"]
+    off = (azimuth.value - heading_deg + 180.0) % 360.0 - 180.0
+    assert abs(off) < 1.5 * azimuth.expanded_uncertainty
     bound_deg = np.degrees(0.5 * np.sqrt(2.0 / 30_000))  # Cramer-Rao: sqrt(2/N) of noise over amplitude
-    assert azimuth["std_uncertainty"] == pytest.approx(bound_deg, rel=0.05)
-    assert amplitude["value"] == pytest.approx(1.0, abs=0.02)
+    assert azimuth.std_uncertainty == pytest.approx(bound_deg, rel=0.05)
+    assert amplitude.value == pytest.approx(1.0, abs=0.02)
 
 
 def test_noise_alone_is_refused_and_ends_with_status_1(tmp_path: Path) -> None:
     noise = samples(63.4, 1)
     noise[:, 1] = np.random.default_rng(8).normal(0.0, 1e3, len(noise))
     azimuth, _ = found(tmp_path, SAMPLES, "t,U,angle", noise, status=1)
-    assert (azimuth["quality"], azimuth["value"]) == ("refused", None)
+    assert (azimuth.quality, azimuth.value) == ("refused", None)
 
 
 @pytest.mark.parametrize(("turntable", "sense"), [("counter_clockwise", 1), ("clockwise", -1)])
@@ -218,8 +218,8 @@ def test_readings_of_lock_ins_give_the_heading(turntable: str, sense: int, tmp_p
     ))  # fmt: skip
     mapping = READINGS.replace("counter_clockwise", turntable)
     (azimuth,) = found(tmp_path, mapping, "t,a,b,k", table)
-    assert azimuth["value"] == pytest.approx(heading_deg, abs=1.5 * azimuth["expanded_uncertainty"])
-    assert azimuth["std_uncertainty"] == pytest.approx(np.degrees(0.05 / np.sqrt(8 * sets / 2)), rel=0.2)
+    assert azimuth.value == pytest.approx(heading_deg, abs=1.5 * azimuth.expanded_uncertainty)
+    assert azimuth.std_uncertainty == pytest.approx(np.degrees(0.05 / np.sqrt(8 * sets / 2)), rel=0.2)
 
 
 def test_what_does_not_belong_together_is_refused(tmp_path: Path) -> None:

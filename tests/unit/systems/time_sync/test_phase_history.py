@@ -192,7 +192,7 @@ def test_a_phase_history_of_every_form(form: str, tmp_path: Path, capsys: pytest
         table = np.column_stack((antenna_m, samples.view(np.float64)))
         np.savetxt(log, table, delimiter=",", header=header, comments="", fmt="%.17g")
     entries = estimates_of(imported(tmp_path, MAPPING.replace("NAME", name), log.getvalue()))
-    assert entries[0]["value"] == pytest.approx(PLACES_m[0, 0], abs=0.02)
+    assert entries[0].value == pytest.approx(PLACES_m[0, 0], abs=0.02)
     capsys.readouterr()
     guess(tmp_path / "log")
     assert re.search(r"\[\{0\.\.\d+\}\]\.imag': \{role: quadrature\}", capsys.readouterr().out)
@@ -203,7 +203,7 @@ def test_the_gotcha_scene_is_as_sharp_as_its_band_and_aperture(tmp_path: Path) -
     """Its strongest reflector: 0.8859 c / 2B in range to 3 % (the band is not quite flat), in azimuth to 1 %."""
     capture = of_mirror("dm6718+RITSAR", "examples/data/AFRL/pass1/HH/data_3dsar_pass1_az001_HH.mat")
     entries = estimates_of(imported(tmp_path, MAPPINGS / "gotcha_phase_history.yaml", capture))
-    found = {(entry["quantity"], entry["conditions"].get("axis")): entry["value"] for entry in entries}
+    found = {(entry.quantity, entry.conditions.get("axis")): entry.value for entry in entries}
     log = loadmat(BytesIO(capture), squeeze_me=True, struct_as_record=False)["data"]
     antenna_m, frequency_Hz = np.column_stack((log.x, log.y, log.z)).astype(float), log.freq.astype(float)
     cosine = np.mean(np.hypot(log.x, log.y) / np.linalg.norm(antenna_m, axis=1))

@@ -129,7 +129,7 @@ def test_two_streams_in_one_file(tmp_path: Path) -> None:
         [1.7e9 + made["t_s"], *(made[f"{k}_{n}"] for k in ("one", "other") for n in ("stamp", "rate"))]
     )
     offset = one(estimates_of(imported(tmp_path, STREAMS, table("row,a_t,a_w,b_t,b_w", rows))), "time_offset")
-    assert offset["value"] == pytest.approx(0.0137, abs=offset["expanded_uncertainty"] + 1e-6)
+    assert offset.value == pytest.approx(0.0137, abs=offset.expanded_uncertainty + 1e-6)
 
 
 @pytest.mark.real
@@ -146,7 +146,7 @@ def test_a_telephone_beside_a_camera_system() -> None:
     ]
     series = {"t_s": t_s, "one": np.degrees(camera), "other": np.degrees(phone)}
     log = Material((), {"uut": {"model": "m", "serial": "1"}, "columns": columns}, {}, series=series)
-    assert logs.analyse(log).estimates[0]["value"] == pytest.approx(2.675, abs=0.01)
+    assert logs.analyse(log).estimates[0].value == pytest.approx(2.675, abs=0.01)
 
 
 UNITS = """\
