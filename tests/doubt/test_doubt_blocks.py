@@ -9,6 +9,8 @@ from doubt_blocks import Block, all_worlds, done_block, module_of
 from doubt_classes import Seen, worst_bias
 from doubt_page import faults_of
 
+from bench.analysis import Estimate
+
 WRONG = Block("north", "magnet", 0.1, 0, 9, "0123abc", 25.0, 11.6, 3.2, 7, 0, 1, 0, 0, 2, 0, 1.5)
 RIGHT = Block("north", "", 0.0, 0, 499, "0123abc", 0.0, 0.0, 0.0, 490, 0, 10, 0, 0, 0, 5, 60.0)
 
@@ -34,7 +36,8 @@ def test_right_worlds_are_doubted_once_in_a_hundred_at_most() -> None:
 
 def test_a_bias_is_in_the_uncertainty_of_the_right_world() -> None:
     def entry(value: float | None, expanded: float | None) -> Any:
-        return {"quantity": "dsf_n", "conditions": {"channel": 1}, "value": value, "expanded_uncertainty": expanded}
+        named = {"quantity": "dsf_n", "conditions": {"channel": 1}}
+        return Estimate.model_construct(**named, value=value, expanded_uncertainty=expanded)
 
     right = Seen([entry(10.0, 2.0)], [10.0], 0.0, 1, 1)
     assert worst_bias(Seen([entry(13.0, None)], [10.0], 0.0, 1, 1), right) == {"dsf_n": 1.5}

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from soak_campaign import SHORT, Soaked, campaign_of, weigh_estimates
 
+from bench.analysis import Estimate
 from bench.run import sequencer
 
 SEEDS = 15
@@ -62,7 +63,7 @@ def test_an_estimate_without_uncertainty_must_say_that_it_is_not_sound(
     quality: str, value: float | None, std: float | None, violated: bool, flagged: int
 ) -> None:
     named = {"quantity": "dsf_n", "conditions": {"channel": 1}}
-    estimate = {**named, "value": value, "std_uncertainty": std, "quality": quality, "dropped": 0}
+    estimate = Estimate.model_construct(**named, value=value, std_uncertainty=std, quality=quality, dropped=0)
     soaked = Soaked(0, ())
     weigh_estimates([estimate], [{**named, "value": 1.0}], soaked, suspect=False)
     assert (bool(soaked.violations), soaked.flagged) == (violated, flagged)

@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from bench.analysis.estimates import Estimate, estimates_of
+from bench.analysis.estimates import Estimate
 
 
 def every(found: Any, quantity: str, **conditions: Any) -> list[Estimate]:
-    """Return all estimates of a quantity with these conditions; ``found``: estimates or what has them."""
-    estimates: Iterable[Estimate] = (
-        estimates_of(found) if isinstance(found, Mapping) else getattr(found, "estimates", found)
-    )
+    """Return all estimates of a quantity with these conditions; ``found``: estimates, what has
+    them, or documents of them, such as truths.
+    """
+    given: Iterable[Any] = found["estimates"] if isinstance(found, Mapping) else getattr(found, "estimates", found)
+    estimates = [Estimate.model_construct(**entry) if isinstance(entry, Mapping) else entry for entry in given]
     return [
         entry for entry in estimates if entry.quantity == quantity and conditions.items() <= entry.conditions.items()
     ]

@@ -16,7 +16,7 @@ from unittest.mock import patch
 
 from fault_schedule import DRAWS, TimedFault, random_schedule, schedule
 
-from bench.analysis import Table, is_sound
+from bench.analysis import Estimate, Table, estimates_of, is_sound
 from bench.commands.run import view_of
 from bench.model.clock import NS, VirtualClock
 from bench.model.errors import BenchError, FitError
@@ -221,35 +221,36 @@ def _judge(plan: Plan, done: Conducted, soaked: Soaked) -> None:
         soaked.ended = f"done without results: {error.code}"
         return
     suspect = any(row.quality & ~Quality.GOOD for row in done.outcome.rows)
-    weigh_estimates(results["estimates"], done.truth, soaked, suspect=suspect)
+    weigh_estimates(estimates_of(results), done.truth, soaked, suspect=suspect)
 
 
 def weigh_estimates(
-    estimates: Sequence[Mapping[str, Any]], truth: Sequence[Mapping[str, Any]], soaked: Soaked, *, suspect: bool
+    estimates: Sequence[Estimate], truth: Sequence[Mapping[str, Any]], soaked: Soaked, *, suspect: bool
 ) -> None:
     """Hold estimates of results.json against the truth; one without value or uncertainty must be called unsound.
 
     ``suspect``: a record of the campaign is not as it should be, which flags what comes of it.
     """
-    true_values = {_key(entry): float(entry["value"]) for entry in truth}
+    true_values = {_key(entry["quantity"], entry["conditions"]): float(entry["value"]) for entry in truth}
     for entry in estimates:
-        true = true_values.get(_key(entry))
-        if entry["value"] is None or entry["std_uncertainty"] is None:
+        key = _key(entry.quantity, entry.conditions)
+        true = true_values.get(key)
+        if entry.value is None or entry.std_uncertainty is None:
             soaked.flagged += true is not None
             if is_sound(entry):
-                soaked.violations.append(f"{_key(entry)}: no value or no uncertainty, and called sound")
+                soaked.violations.append(f"{key}: no value or no uncertainty, and called sound")
             continue
         if true is None:
             continue
         soaked.estimates += 1
-        sigma = (float(entry["value"]) - true) / float(entry["std_uncertainty"])
+        sigma = (entry.value - true) / entry.std_uncertainty
         if not abs(sigma) <= MOST_SIGMA or math.isnan(sigma):
-            if entry["dropped"] or suspect:
+            if entry.dropped or suspect:
                 soaked.flagged += 1
             else:
-                soaked.violations.append(f"{_key(entry)}: {entry['value']:.6g} is {sigma:+.1f} sigma off {true:.6g}")
+                soaked.violations.append(f"{key}: {entry.value:.6g} is {sigma:+.1f} sigma off {true:.6g}")
 
 
-def _key(entry: Mapping[str, Any]) -> tuple[str, str]:
-    conditions = {name: value for name, value in entry["conditions"].items() if name in ("channel", "temperature_degC")}
-    return entry["quantity"], repr(sorted(conditions.items()))
+def _key(quantity: str, conditions: Mapping[str, Any]) -> tuple[str, str]:
+    where = {name: value for name, value in conditions.items() if name in ("channel", "temperature_degC")}
+    return quantity, repr(sorted(where.items()))

@@ -210,7 +210,8 @@ def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = Fa
     pairs = [(entry, campaign.truths.get(_key(entry))) for entry in estimates_of(document)]
     pairs = [(entry, truth) for entry, truth in pairs if truth is not None and entry.quantity in QUANTITIES]
     chi2, dof = _trace(campaign) if noise_free else (0.0, 0)
-    entries = [entry | {"conditions": {"method": _key(entry)[1]}} for entry, _ in pairs]  # one record: no other place
+    of_one = [{"conditions": {"method": _key(entry)[1]}} for entry, _ in pairs]  # one record: no other place
+    entries = [entry.model_copy(update=place) for (entry, _), place in zip(pairs, of_one, strict=True)]
     return Seen(entries, [float(truth) for _, truth in pairs], chi2, dof, _PROMISED)
 
 

@@ -63,9 +63,7 @@ def in_right_world(entries: Sequence[Any], truths: Sequence[float]) -> dict[str,
     """Return of each quantity and method whether its interval holds the truth; None if it is not sound."""
     found: dict[str, bool | None] = {}
     for entry, truth in zip(entries, truths, strict=True):
-        name = (
-            f"{entry['quantity']} {entry['conditions'].get('method') or entry['conditions'].get('link') or ''}".strip()
-        )
+        name = f"{entry.quantity} {entry.conditions.get('method') or entry.conditions.get('link') or ''}".strip()
         sound = entry.quality == "sound"
         found[name] = abs(entry.value - truth) <= entry.expanded_uncertainty if sound else None
     return found

@@ -13,6 +13,7 @@ import pytest
 from rehearsal import rehearsed
 from units_campaign import CUTS, OF_ONE, compiled_text, cut, single_plan, units_plan
 
+from bench.analysis import estimates_of
 from bench.commands.check import check
 from bench.commands.requests import CheckRequest
 from bench.maths.verdict import verdict
@@ -49,7 +50,7 @@ def test_what_is_predicted_is_what_the_campaign_states(tmp_path: Path) -> None:
     (untold,) = found.missing
     assert untold.startswith(f"drift of calibrator and unit by {REPEATED}")
     results, _ = analyse_view(read_view(rehearsed(tmp_path, plan, seed=1).run.folder))
-    before, after = places(found.estimates), places(results["estimates"])
+    before, after = places(found.estimates), places(estimates_of(results))
     print({place[0]: f"{before[place] / stated:.4f}" for place, stated in after.items()})
     assert before == pytest.approx(after, rel=TOLERANCE)
 
@@ -64,7 +65,7 @@ def test_each_of_several_units_is_predicted_by_itself(tmp_path: Path) -> None:
         with session_of_unit(folder, unit.serial) as home:
             results, _ = analyse_view(read_view(home))
         own = [entry for entry in found.estimates if entry.conditions["unit"] == unit.serial]
-        assert places(own) == pytest.approx(places(results["estimates"]), rel=TOLERANCE)
+        assert places(own) == pytest.approx(places(estimates_of(results)), rel=TOLERANCE)
 
 
 def test_what_a_plan_does_not_determine_is_named(tmp_path: Path) -> None:

@@ -26,7 +26,7 @@ from rehearsal import ROOT
 from scipy import stats
 from spread_study import PROBABILITY, judged
 
-from bench.analysis import Material, Planned, Reading
+from bench.analysis import Estimate, Material, Planned, Reading, estimates_of
 from bench.plan import compile_sequence
 from bench.session.predicted import planned_of, predicted, predicted_document, predicted_lines
 from bench.systems.af_converter.bias_ramp.predicted import predicted as of_ramp
@@ -127,8 +127,8 @@ def meter_place(entry: Mapping[str, Any]) -> Place:
     return (entry.quantity, *(str(where.get(key, "")) for key in ("kind", "current_A", "polarity")))
 
 
-def meter_truth(campaign: sim.SimulatedCampaign, entry: dict[str, Any]) -> float:
-    quantity, where = entry["quantity"], entry["conditions"]
+def meter_truth(campaign: sim.SimulatedCampaign, entry: Estimate) -> float:
+    quantity, where = entry.quantity, entry.conditions
     if quantity in ("switch_leakage", "repeat_shift"):
         return 0.0
     if quantity == "dsf_mean":
@@ -156,7 +156,7 @@ def meter_ratios(campaigns: int) -> dict[Place, float]:
             plan = metered_plan(campaign, readings)
             expected = {meter_place(entry): entry.std_uncertainty for entry in by_meter(plan).estimates}
         for entry in determine_by_meter(dmm_simulation.material(campaign, readings, both=False), "joint").estimates:
-            found.setdefault(meter_place(entry), []).append(entry.value - meter_truth(campaign, entry.document))
+            found.setdefault(meter_place(entry), []).append(entry.value - meter_truth(campaign, entry))
     assert found.keys() == expected.keys()
     return {where: float(np.sqrt(np.mean(np.square(errors)))) / expected[where] for where, errors in found.items()}
 
@@ -250,10 +250,10 @@ def as_found(plan: Planned, number: int, values: Mapping[tuple[str, float | None
 @pytest.mark.parametrize("number", [1, 7])
 def test_what_is_predicted_is_what_the_ramp_states(ramp: Path, number: int) -> None:
     """Of the recorded short ramp, for a unit as it was found; the chamber of the run lags its program by minutes."""
-    results = json.loads((ramp / "results.json").read_text(encoding="utf-8"))["estimates"]
-    of_channel = {place(entry)[::2]: entry for entry in results if entry["conditions"].get("channel") == number}
+    results = estimates_of(json.loads((ramp / "results.json").read_text(encoding="utf-8")))
+    of_channel = {place(entry)[::2]: entry for entry in results if entry.conditions.get("channel") == number}
     plan = ramp_plan("bias_ramp_short")
-    found = of_ramp(as_found(plan, number, {where: entry["value"] for where, entry in of_channel.items()})).estimates
+    found = of_ramp(as_found(plan, number, {where: entry.value for where, entry in of_channel.items()})).estimates
     shown = {place(entry)[::2]: entry for entry in found if entry.conditions.get("channel") == number}
     assert shown.keys() == of_channel.keys()
     ratio = {where: entry.std_uncertainty / of_channel[where].std_uncertainty for where, entry in shown.items()}

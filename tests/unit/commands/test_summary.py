@@ -8,7 +8,7 @@ from typing import Any
 
 from rich.console import Console
 
-from bench.analysis import Analysis, Table
+from bench.analysis import Analysis, Estimate, Table, documents, estimate
 from bench.commands.tables import print_results, print_summary
 
 UNITS = Table(
@@ -21,14 +21,12 @@ TABLE_3 = Table(
 )  # fmt: skip
 
 
-def one(
-    quantity: str, value: float, expanded: float, unit: str = "A", verdict: str = "none", **where: Any
-) -> dict[str, Any]:
-    entry = {"quantity": quantity, "unit": unit, "value": value, "expanded_uncertainty": expanded}
-    return entry | {"conditions": where, "verdict": verdict}
+def one(quantity: str, value: float, expanded: float, unit: str = "A", verdict: str = "none", **where: Any) -> Estimate:
+    entry = estimate(quantity, unit, value, expanded / 2.0, where, n=1)
+    return entry.model_copy(update={"expanded_uncertainty": expanded, "verdict": verdict})
 
 
-def summarised(estimates: list[dict[str, Any]]) -> str:
+def summarised(estimates: list[Estimate]) -> str:
     sheet = io.StringIO()
     print_summary(Console(file=sheet, width=110), "bias_ramp of NGU 7", estimates, 20.0)
     return " ".join(sheet.getvalue().split())
@@ -59,7 +57,7 @@ def printed(*tables: Table) -> str:
     estimates = [one(f"q{number}", 1.0, 0.1, "1", "pass", serial="GNC-01") for number in range(99)]
     uut = {"model": "GNC", "serial": "B-1"}
     results = {
-        "campaign": "gnc_unit_test", "uut": uut, "provenance": {"simulated": True}, "estimates": estimates,
+        "campaign": "gnc_unit_test", "uut": uut, "provenance": {"simulated": True}, "estimates": documents(estimates),
         "quality": {"records": 0, "frames": 291, "frames_bad": 0, "frames_lost": 0, "retaken": 0},
     }  # fmt: skip
     sheet = io.StringIO()

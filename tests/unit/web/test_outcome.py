@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from rehearsal import writable_copy
+from report_sample import unsound
 
 from bench.record import OPEN_MARKER, SessionWriter
 from bench.web.now import now_of, silent_row
@@ -36,7 +37,9 @@ def judged(folder: Path, *verdicts: str, quality: str = "sound") -> SessionOutco
     """The outcome with other verdicts in the results than they have."""
     results = results_of(folder)
     first = results["estimates"][0]
-    results["estimates"] = [{**first, "verdict": verdict, "quality": quality} for verdict in verdicts]
+    results["estimates"] = [
+        {**(first if quality == "sound" else unsound(first, quality)), "verdict": verdict} for verdict in verdicts
+    ]
     return outcome_of(folder, results)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from run_rig import HoldRig
 
-from bench.analysis import Analysis, link_checks
+from bench.analysis import Analysis, Estimate, link_checks
 from bench.model.clock import WallClock
 from bench.plan.language.sequence import Early
 from bench.run.context import RunContext
@@ -175,7 +175,7 @@ def test_neighbours_without_a_gap_are_judged_by_their_scatter() -> None:
 def test_residuals_and_drift_of_a_partial_fit() -> None:
     one = {"number": 3, "channel": 1, "temperature_degC": 20.0, "residual_ppm": -30.0, "std_ppm": 10.0}
     zero = {**one, "residual_ppm": float("nan"), "std_ppm": float("nan")}
-    drift = {"quantity": "dsf_n_drift", "value": 80.0, "std_uncertainty": 10.0, "unit": "ppm"}
+    drift = Estimate.model_construct(quantity="dsf_n_drift", value=80.0, std_uncertainty=10.0, unit="ppm")
     analysis = Analysis("scale_factor", "gls", {}, [drift], residuals=[one, zero])
     assert residual_check(analysis, 2.9).ok is False
     assert residual_check(analysis, 3.0).ok is True
