@@ -47,7 +47,7 @@ def table(names: str, rows: Any, form: str = "%.17g") -> str:
 
 def estimates_of(session: Path) -> list[Estimate]:
     """Return the estimates of a session."""
-    return estimates.estimates_of(json.loads((session / "results.json").read_text(encoding="utf-8")))
+    return estimates.estimates_of(json.loads((session / "results.json").read_bytes()))
 
 
 def columns_of(session: Path) -> Mapping[str, Any]:

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from bench.analysis.estimates import Estimate
+from bench.analysis import Analysis, Estimate, Table
 
 
-def every(found: Any, quantity: str, **conditions: Any) -> list[Estimate]:
-    """Return all estimates of a quantity with these conditions; ``found``: estimates, what has
+def every(found: Any, *quantities: str, **conditions: Any) -> list[Estimate]:
+    """Return all estimates of some quantities with these conditions; ``found``: estimates, what has
     them, or documents of them, such as truths.
     """
     given: Iterable[Any] = found["estimates"] if isinstance(found, Mapping) else getattr(found, "estimates", found)
     estimates = [Estimate.model_construct(**entry) if isinstance(entry, Mapping) else entry for entry in given]
     return [
-        entry for entry in estimates if entry.quantity == quantity and conditions.items() <= entry.conditions.items()
+        entry for entry in estimates if entry.quantity in quantities and conditions.items() <= entry.conditions.items()
     ]
 
 
@@ -28,3 +28,19 @@ def one(found: Any, quantity: str, **conditions: Any) -> Estimate:
 def value(found: Any, quantity: str, **conditions: Any) -> float:
     """Return the value of the only estimate of a quantity with these conditions."""
     return float(one(found, quantity, **conditions).value)
+
+
+def score(entry: Estimate, truth: float) -> float:
+    """Return the error of an estimate in its standard uncertainty."""
+    return float((entry.value - truth) / entry.std_uncertainty)
+
+
+def holds(entry: Estimate, truth: float) -> bool:
+    """Return whether the interval of an estimate holds the truth."""
+    return bool(abs(entry.value - truth) <= entry.expanded_uncertainty)
+
+
+def table_of(analysis: Analysis, title: str) -> Table:
+    """Return the only table with this in its title."""
+    (table,) = (table for table in analysis.tables if title in table.title)
+    return table

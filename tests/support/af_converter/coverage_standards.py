@@ -74,9 +74,8 @@ def inside(seed: int) -> dict[str, bool | None]:
 
 def _difference(units: Sequence[sim.SimulatedCampaign], pair: Sequence[Any]) -> bool | None:
     errors = [entry.value - unit.truth(entry) for unit, entry in zip(units, pair, strict=True)]
-    variance = math.fsum(entry.std_uncertainty**2 for entry in pair) - 2.0 * covariance_by_standards(
-        *(entry.common for entry in pair)
-    )
+    shared = covariance_by_standards(*(entry.common for entry in pair))
+    variance = math.fsum(entry.std_uncertainty**2 for entry in pair) - 2.0 * shared
     return _holds(errors[1] - errors[0], coverage_factor() * math.sqrt(variance), pair)
 
 

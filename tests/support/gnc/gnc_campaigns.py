@@ -145,10 +145,8 @@ def material_of(plan: Plan, module: Module) -> Material:
 def truth_of(module: Module, taken: list[Taken]) -> dict[Key, float]:
     """True values of some records, as the simulator states them."""
     windows = [row.window for row, one in zip(module.rows, module.taken, strict=True) if one in taken]
-    return {
-        name_of(entry["quantity"], entry["conditions"]): float(entry["value"])
-        for entry in estimates({"": module.imu}, windows)
-    }
+    truths = estimates({"": module.imu}, windows)
+    return {name_of(entry["quantity"], entry["conditions"]): float(entry["value"]) for entry in truths}
 
 
 def calibration_truth(module: Module) -> dict[Key, float]:

@@ -60,12 +60,7 @@ def estimate(quantity: str, unit: str, value: float, expanded: float, **conditio
 
 def unsound(entry: dict[str, Any], quality: str = "doubtful") -> dict[str, Any]:
     """Return an entry as a check leaves it that speaks against it."""
-    numbers = (
-        "std_uncertainty",
-        "coverage_factor",
-        "expanded_uncertainty",
-        *(["value"] if quality == "refused" else []),
-    )
+    numbers = "std_uncertainty", "coverage_factor", "expanded_uncertainty", *["value"] * (quality == "refused")
     reason = {"code": "odd", "sentence": "It is odd.", "figure": None}
     return {**entry, **dict.fromkeys(numbers), "quality": quality, "reasons": [reason], "verdict": "indeterminate"}
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from one_estimate import one as estimate_of
 from scipy import stats
 from sync_flights import wandering_egi
 
@@ -174,12 +175,7 @@ def ratios_by_stamps(straight_s: float, span_s: float, runs: int) -> dict[Any, f
 
 def std_of(quantity: str, straight_s: float, **where: str) -> float:
     """The predicted one of a turn."""
-    (std,) = [
-        entry.std_uncertainty
-        for entry in found("turn", straight_s).estimates
-        if entry.quantity == quantity and where.items() <= entry.conditions.items()
-    ]
-    return std
+    return estimate_of(found("turn", straight_s), quantity, **where).std_uncertainty
 
 
 def alike(stated_s: Any) -> float:

@@ -169,9 +169,8 @@ def test_a_coefficient_belongs_to_its_quantity(name: str) -> None:
 
 
 def test_a_doubtful_estimate_keeps_its_value_and_claims_nothing() -> None:
-    entry = stated(
-        doubted(), [seen(0.0, interval=EvidenceInterval(low=390.0, high=420.0, basis="leaving out one level"))]
-    )
+    interval = EvidenceInterval(low=390.0, high=420.0, basis="leaving out one level")
+    entry = stated(doubted(), [seen(0.0, interval=interval)])
     document = entry.document
     assert document["value"] == 400.0
     for name in ("std_uncertainty", "coverage_factor", "expanded_uncertainty", "dof", "conformance_probability"):

@@ -128,9 +128,6 @@ def test_a_session_is_read_once_until_its_folder_changes(tmp_path: Path, monkeyp
     assert read[-1] == newest.name
 
 
-REST = {"coverage_factor": 2.0, "n": 3, "dropped": 0, "limit": None}
-
-
 def row(value: float, channel: int = 1) -> dict[str, Any]:
     conditions = {"channel": channel, "temperature_degC": 20.0}
     return {"quantity": "dsf_n", "unit": "ppm", "conditions": conditions, "value": value, "std_uncertainty": 1.0,
@@ -155,11 +152,8 @@ def test_partial_fits_are_put_behind_each_other() -> None:
 
 
 def test_estimates_of_a_finished_session_are_its_results() -> None:
-    results = {
-        "campaign": "scale_factor",
-        "estimates": [{**row(3.0), **REST, "verdict": "pass"}],
-        "quality": {"records": 7},
-    }
+    stated = row(3.0) | {"coverage_factor": 2.0, "n": 3, "dropped": 0, "limit": None, "verdict": "pass"}
+    results = {"campaign": "scale_factor", "estimates": [stated], "quality": {"records": 7}}
     found = finished_estimates(results, 1.0)
     assert found is not None
     shown = {

@@ -19,6 +19,7 @@ from web_rig import RUN, Page, served
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import ClientConnection, connect
 
+from bench.analysis import estimate
 from bench.model.clock import WallClock
 from bench.record import OPEN_MARKER
 from bench.web.live import LiveRun
@@ -177,19 +178,7 @@ def test_results_that_come_after_the_end_take_the_place_of_those_so_far(tmp_path
 def test_a_replay_has_the_results_of_the_session(page: Page) -> None:
     folder = page.serving.out / "20000101T000000Z_sample_1"
     write_sample(folder)
-    row = {
-        "quantity": "dsf_n",
-        "unit": "ppm",
-        "conditions": {},
-        "value": 3.0,
-        "std_uncertainty": 1.0,
-        "coverage_factor": 2.0,
-        "expanded_uncertainty": 2.0,
-        "n": 3,
-        "dropped": 0,
-        "limit": None,
-        "verdict": "none",
-    }
+    row = estimate("dsf_n", "ppm", 3.0, 1.0, {}, n=3).document
     (folder / "results.json").write_text(json.dumps({"estimates": [row], "quality": {"records": 7}}))
     with watching(page, run=folder.name) as connection:
         state = until(connection, "snapshot")["state"]

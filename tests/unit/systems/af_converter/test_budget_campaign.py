@@ -7,8 +7,8 @@ from typing import Any
 import fit_simulation as sim
 import numpy as np
 import pytest
+from one_estimate import every
 from scipy import special
-from stated_estimates import entries_of
 
 from bench.analysis import Material, analyse
 from bench.maths.budget import combine_all
@@ -214,6 +214,6 @@ def test_tables_of_a_campaign_with_a_closing_repeat_have_its_totals(temperatures
     analysis = analyse(Material(campaign.rows, *sections(campaign)))
     for quantity in ("dsf_n", "dsf_p"):
         (table,) = [one for one in analysis.tables if one.title == f"Uncertainty of {quantity} by channel"]
-        stated = entries_of(analysis, quantity, temperature_degC=20.0)
+        stated = every(analysis, quantity, temperature_degC=20.0)
         shown = {str(one.conditions["channel"]): f"{one.expanded_uncertainty:.2g}" for one in stated}
         assert {row[0]: row[-1] for row in table.rows} == shown

@@ -6,7 +6,7 @@ from typing import Any
 
 import fit_simulation as sim
 import pytest
-from stated_estimates import entries_of
+from one_estimate import every
 
 from bench.analysis import Analysis, Material, Reading, analyse
 
@@ -46,10 +46,6 @@ def run(
     return analyse(Material(sim.repeated_off(campaign, repeat_ppm), campaign.campaign, standards, readings=readings))
 
 
-def drifts(analysis: Analysis, kind: str) -> list[dict[str, Any]]:
-    return entries_of(analysis, "calibrator_drift", check=kind)
-
-
 def component_ppm(analysis: Analysis) -> float:
     found = {one["std_uncertainty_ppm"] for one in analysis.components if one["component"] == COMPONENT}
     assert len(found) == 1
@@ -59,7 +55,7 @@ def component_ppm(analysis: Analysis) -> float:
 def test_two_ppm_are_seen_by_the_meter_and_become_the_component(campaign: sim.SimulatedCampaign) -> None:
     before_s, after_s = times_s(campaign)
     analysis = run(campaign, check(before_s, 0.0) + check(after_s, 2.0))
-    found = drifts(analysis, "check by the meter")
+    found = every(analysis, "calibrator_drift", check="check by the meter")
     assert [one.conditions["current_A"] for one in found] == [1e-3, 1e-2, 1e-1]
     for one in found:
         sys.stdout.write(f"{one.value:.4f} +- {one.expanded_uncertainty:.4f} ppm\n")
@@ -95,7 +91,7 @@ def test_a_check_that_tells_nothing_is_named(
     """On one side only; by a meter that is not in the loop, whose zeros would be a calibrator that stood still."""
     edges = zip(times_s(campaign), levels_ppm, strict=True)
     analysis = run(campaign, [one for at_s, ppm in edges if ppm is not None for one in check(at_s, ppm)])
-    assert drifts(analysis, "check by the meter") == []
+    assert every(analysis, "calibrator_drift", check="check by the meter") == []
     assert any(said in note for note in analysis.notes)
 
 
@@ -107,7 +103,7 @@ def carried_on(campaign: sim.SimulatedCampaign, repeat: dict[str, Any]) -> float
 
 def test_closing_repeat_that_shows_nothing_bounds_the_whole_campaign(campaign: sim.SimulatedCampaign) -> None:
     analysis = run(campaign, [])
-    (one,) = drifts(analysis, "closing repeat")
+    (one,) = every(analysis, "calibrator_drift", check="closing repeat")
     assert abs(one.value) < one.expanded_uncertainty < 1.5
     assert one.conditions["hours"] == pytest.approx(1.0, abs=0.01)  # two channels of 15 points here
     bound_ppm = carried_on(campaign, one) * (abs(one.value) + one.expanded_uncertainty)
@@ -125,7 +121,7 @@ def test_closing_repeat_that_shows_a_change_is_carried_on_to_the_whole_campaign(
 ) -> None:
     """A calibrator 3 ppm up: 3 ppm more pulses of both kinds, a scale-factor error 3 ppm lower."""
     analysis = run(campaign, [], repeat_ppm=3.0)
-    (one,) = drifts(analysis, "closing repeat")
+    (one,) = every(analysis, "calibrator_drift", check="closing repeat")
     record_property("obtained", f"{one.value:.3f} +- {one.expanded_uncertainty:.3f} ppm")
     assert one.value == pytest.approx(3.0, abs=3 * one.std_uncertainty)
     bound_ppm = carried_on(campaign, one) * (one.value + one.expanded_uncertainty)
@@ -140,7 +136,7 @@ def test_visits_are_compared_by_the_points_that_both_hold() -> None:
         if not (row.window.conditions["repeat"] and not row.window.conditions["current_A"]
                 and row.window.conditions["range_A"] > 1e-3)
     ]  # fmt: skip
-    (one,) = drifts(run(campaign, []), "closing repeat")
+    (one,) = every(run(campaign, []), "calibrator_drift", check="closing repeat")
     assert one.n == 14
     assert one.expanded_uncertainty < 1.0
 

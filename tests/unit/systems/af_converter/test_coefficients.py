@@ -14,7 +14,7 @@ import fit_simulation as sim
 import jsonschema
 import numpy as np
 import pytest
-from stated_estimates import entries_of
+from one_estimate import every
 
 from bench.analysis import Analysis, build_results, results_json
 from bench.model.errors import InputError
@@ -80,10 +80,10 @@ def test_scale_factor_campaign_gives_its_coefficients_and_no_bias(
 ) -> None:
     given = {(one["parameter"], one["channel"]): one for one in scale_factor.compensation}
     assert set(given) == {(name, channel) for name in ("dsf_n", "dsf_p") for channel in KINDS}
-    assert entries_of(scale_factor, "bias_tc0")
+    assert every(scale_factor, "bias_tc0")
     warmth = [row.context["unit_temperature_degC"] for row in campaign.rows]
     for (name, channel), one in given.items():
-        stated = [entries_of(scale_factor, f"{name}_tc{order}", channel=channel)[0] for order in range(3)]
+        stated = [every(scale_factor, f"{name}_tc{order}", channel=channel)[0] for order in range(3)]
         assert one["coefficients"] == [entry.value for entry in stated]
         assert min(warmth) <= one["valid_degC"][0] < -9.0
         assert 49.0 < one["valid_degC"][1] <= max(warmth)

@@ -25,8 +25,8 @@ from dmm_simulation import (
     simulate,
     standards,
 )
-from stated_estimates import entries_of as of
-from stated_estimates import holds
+from one_estimate import every as of
+from one_estimate import holds
 
 from bench.analysis import Material, Reading
 from bench.model.errors import FitError

@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from bias_simulation import MASTER_ppm, Ramp, Row, campaign, draw, ramp, rows
-from stated_estimates import entries_of as of
-from stated_estimates import entry_of, score
+from one_estimate import every as of
+from one_estimate import one as entry_of
+from one_estimate import score
 
 from bench.analysis import Analysis, Material, Trace, build_results, validate_coefficients, with_uncertainty
 from bench.model.errors import FitError

@@ -10,8 +10,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 from fit_simulation import analysed as run
-from stated_estimates import entries_of
-from stated_estimates import entries_of as of
+from one_estimate import every as of
 
 from bench.analysis import Analysis, Evidence, documents
 from bench.analysis.doubt import weigh
@@ -307,7 +306,7 @@ def test_zeros_determine_the_offset_of_their_range(record_property: Callable[[st
                 )
                 grows = "npp" if conditions["polarity"] > 0 else "ppp"
                 row.sums[grows][0] += more
-        found = entries_of(sim.analysed(campaign), "dsf_n", "dsf_p")
+        found = every(sim.analysed(campaign), "dsf_n", "dsf_p")
         return max(abs(one.value - campaign.truth(one)) for one in found)
 
     alone, every = worst_ppm(False), worst_ppm(True)

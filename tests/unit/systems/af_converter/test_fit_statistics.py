@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 import fit_simulation as sim
 import numpy as np
 import pytest
-from stated_estimates import holds, score
+from one_estimate import holds, score
 from trials import without_budgets
 
 from bench.analysis import Material, analyse

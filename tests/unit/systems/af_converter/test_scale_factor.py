@@ -7,7 +7,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 import scipy.optimize
-from stated_estimates import entries_of
+from one_estimate import every
 
 from bench.model.errors import FitError
 from bench.systems.af_converter import group_fit
@@ -249,7 +249,7 @@ def test_bias_sign_flipped(monkeypatch: pytest.MonkeyPatch) -> None:
     campaign = sim.simulate(13, sim.Switches(), {1: "gyro", 2: "accelerometer"})
 
     def worst_score() -> float:
-        biases = entries_of(sim.analysed(campaign), "bias")
+        biases = every(sim.analysed(campaign), "bias")
         assert len(biases) == 10
         return max(abs(one.value - campaign.truth(one)) / one.std_uncertainty for one in biases)
 

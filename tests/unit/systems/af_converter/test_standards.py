@@ -10,8 +10,8 @@ import dmm_simulation
 import fit_simulation as sim
 import numpy as np
 import pytest
+from one_estimate import every
 from scipy import special
-from stated_estimates import entries_of
 
 from bench.analysis import (
     Analysis,
@@ -57,7 +57,7 @@ def plain(campaign: sim.SimulatedCampaign) -> Analysis:
 
 
 def stds(analysis: Analysis, quantity: str) -> np.ndarray:
-    return np.array([entry.std_uncertainty for entry in entries_of(analysis, quantity)])
+    return np.array([entry.std_uncertainty for entry in every(analysis, quantity)])
 
 
 @pytest.mark.validates(

@@ -8,7 +8,7 @@ import fit_simulation as sim
 import numpy as np
 import pytest
 from fit_simulation import analysed as run
-from stated_estimates import entries_of as of
+from one_estimate import every as of
 from trials import without_budgets
 
 from bench.analysis import Analysis

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pytest
 from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
+from one_estimate import every as of
+from one_estimate import table_of
 from scipy import stats
-from stated_estimates import entries_of as of
-from stated_estimates import table_of
 
 from bench.analysis import Analysis, Series, with_uncertainty
 from bench.model.errors import FitError

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from fog_material import AZIMUTH_DEG, LATITUDE_DEG, Gyro, NorthRig, campaign
 from north_coverage import eight_of, rows_of, waveform_of
-from stated_estimates import entries_of as of
-from stated_estimates import table_of
+from one_estimate import every as of
+from one_estimate import table_of
 
 from bench.analysis import build_results
 from bench.model.clock import NS, VirtualClock

@@ -11,6 +11,7 @@ import doubt_north as worlds
 import numpy as np
 import pytest
 from fog_material import AZIMUTH_DEG, Gyro, NorthRig, campaign
+from one_estimate import every
 
 from bench.analysis import Evidence, build_results, estimates_of
 from bench.commands.import_log import import_log
@@ -68,12 +69,9 @@ def test_a_check_finds_what_is_large_and_nothing_where_it_is_small(
 
 def refused_for(rig: NorthRig, code: str) -> set[str]:
     """Return the methods whose azimuth is refused for this reason in results.json."""
-    document = build_results("one", analyse(rig.material(), "likelihood"), {}, PROVENANCE)
-    return {
-        entry.conditions["method"]
-        for entry in estimates_of(document)
-        if entry.quality == "refused" and code in {reason.code for reason in entry.reasons}
-    }
+    entries = estimates_of(build_results("one", analyse(rig.material(), "likelihood"), {}, PROVENANCE))
+    lost = [entry for entry in entries if entry.quality == "refused"]
+    return {entry.conditions["method"] for entry in lost if code in {reason.code for reason in entry.reasons}}
 
 
 @pytest.mark.parametrize("rate_deg_s", [-360.0, 330.0])
@@ -89,10 +87,7 @@ def test_a_rate_or_sense_that_is_stated_wrong_leaves_nothing_of_the_lock_ins(rat
         for reading in material.readings:
             reading.value.pop("frequency_Hz", None)
         document = build_results("one", analyse(material, "least_squares"), {}, PROVENANCE)
-        entry = next(
-            one for one in estimates_of(document)
-            if (one.quantity, one.conditions.get("method")) == ("azimuth_error", "least_squares")
-        )  # fmt: skip
+        entry = every(estimates_of(document), "azimuth_error", method="least_squares")[0]
         assert (entry.quality, [one.code for one in entry.reasons]) == ("doubtful", ["rate_not_as_stated"])
 
 
@@ -178,7 +173,7 @@ def found(folder: Path, mapping: str, header: str, table: np.ndarray, status: in
     np.savetxt(folder / "log.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
     assert import_log(folder / "m.yaml", folder / "log.csv", folder / "out") == status
     (results,) = (folder / "out").glob("*/results.json")
-    return estimates_of(json.loads(results.read_text(encoding="utf-8")))
+    return estimates_of(json.loads(results.read_bytes()))
 
 
 def samples(heading_deg: float, sense: int, noise: float = 0.5) -> np.ndarray:
