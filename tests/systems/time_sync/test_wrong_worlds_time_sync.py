@@ -68,7 +68,7 @@ def test_one_bad_reading_is_left_out_and_named(name: str, note: str) -> None:
 def test_a_right_world_is_not_doubted_and_nothing_is_left_out(seed: int) -> None:
     seen = right_world(worlds, seed)
     assert [entry.reasons for entry in seen.entries if entry.quality != "sound"] == []
-    assert all(entry["dropped"] == 0 for entry in seen.entries)
+    assert all(entry.dropped == 0 for entry in seen.entries)
 
 
 def taken_for_granted(**sections: object) -> dict[str, Assumption]:

@@ -292,27 +292,23 @@ def test_nothing_is_said_where_there_is_nothing_to_compare(method: str, every: b
 def test_zeros_determine_the_offset_of_their_range(record_property: Callable[[str, object], None]) -> None:
     """An offset 14 standard deviations off the specification of its range: only a zero on that range finds it."""
 
-    def worst_ppm(every: bool) -> float:
-        switches = sim.Switches(gain=False, calibrator_errors=False, noise=False, lag=False, zero_in_every_range=every)
+    def worst_ppm(in_every: bool) -> float:
+        switches = dataclasses.replace(sim.Switches(False, False, False, lag=False), zero_in_every_range=in_every)
         campaign = sim.simulate(3, switches, kinds={1: "gyro"}, temperatures=(20.0,))
         for row in campaign.rows:
             conditions = row.window.conditions
             if conditions["range_A"] == 0.22:  # 5 uA into the channel, in the direction of the switch
-                more = (
-                    5e-6
-                    * 100
-                    / 1.25e-6
-                    / (1 + 1e-6 * campaign.units[1].dsf(20.0)[0 if conditions["polarity"] > 0 else 1])
-                )
+                dsf_ppm = campaign.units[1].dsf(20.0)[0 if conditions["polarity"] > 0 else 1]
+                more = 5e-6 * 100 / 1.25e-6 / (1 + 1e-6 * dsf_ppm)
                 grows = "npp" if conditions["polarity"] > 0 else "ppp"
                 row.sums[grows][0] += more
-        found = every(sim.analysed(campaign), "dsf_n", "dsf_p")
+        found = of(sim.analysed(campaign), "dsf_n", "dsf_p")
         return max(abs(one.value - campaign.truth(one)) for one in found)
 
-    alone, every = worst_ppm(False), worst_ppm(True)
+    alone, in_every = worst_ppm(False), worst_ppm(True)
     sys.stdout.write(
-        f"5 uA in the 220 mA range: {alone:.1f} ppm with one zero pair, {every:.2f} ppm with zeros there\n"
+        f"5 uA in the 220 mA range: {alone:.1f} ppm with one zero pair, {in_every:.2f} ppm with zeros there\n"
     )
-    record_property("obtained", f"{every:.2f} ppm, limit 1; with one pair {alone:.1f} ppm")
+    record_property("obtained", f"{in_every:.2f} ppm, limit 1; with one pair {alone:.1f} ppm")
     assert alone > 5.0
-    assert every < 1.0
+    assert in_every < 1.0

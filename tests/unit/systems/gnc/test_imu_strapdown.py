@@ -381,7 +381,7 @@ def test_public_recordings_drift_within_the_class_of_their_sensor(
     analysis = imu_strapdown.analyse(real_log(name))
     assert analysis.missing == []
     assert f"{rests} rests were found" in analysis.notes[0]
-    rated = [entry["conditions"] for entry in analysis.estimates if "sensor_class" in entry["conditions"]]
+    rated = [entry.conditions for entry in analysis.estimates if "sensor_class" in entry.conditions]
     assert len(rated) == 3
     for conditions in rated:
         assert rest_drift.NAMES.index(conditions["sensor_class"]) <= rest_drift.NAMES.index(worst)

@@ -19,6 +19,7 @@ from one_estimate import every, one, value
 from spoken import english_left
 
 from bench.analysis import Analysis, Material, build_results, estimate
+from bench.analysis import estimates_of as stated_of
 from bench.analysis.doubt import weigh
 from bench.model.errors import FitError, InputErrors
 from bench.model.texts import ENGLISH
@@ -134,7 +135,7 @@ def rig() -> Rig:
 
 
 def qualities(made: Rig) -> dict[str, tuple[str, list[str]]]:
-    found = build_results("one", analyse(made.material("imu_bias")), {}, PROVENANCE)["estimates"]
+    found = stated_of(build_results("one", analyse(made.material("imu_bias")), {}, PROVENANCE))
     return {f"{e.quantity} {e.conditions['axis']}": (e.quality, [why.code for why in e.reasons]) for e in found}
 
 
