@@ -158,13 +158,18 @@ class SimulatedCampaign:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a campaign is: its share of time, channel, set temperature, repeat, step."""
+    """Where a campaign is: its share of time, channel, set temperature, repeat, step.
+
+    ``hours``: since its begin.   ``before_A``: signed current of the step before, 0 before the first of a visit.
+    """
 
     share: float
     channel: int
     nominal_degC: float
     repeat: int
     step: Step
+    hours: float = 0.0
+    before_A: float = 0.0
 
 
 class World:
@@ -177,6 +182,10 @@ class World:
     def input_A(self, current_A: float, at: Place) -> float:
         """Return what reaches the integrator of a current into the input."""
         return current_A
+
+    def unit(self, units: dict[int, Unit], at: Place) -> Unit:
+        """Return the unit whose counts arrive where those of a channel are expected."""
+        return units[at.channel]
 
     def counted(self, counts: dict[str, float], at: Place) -> dict[str, float]:
         """Return what the unit reports of its counts."""
@@ -304,10 +313,11 @@ def points_of(
     for nominal, number, repeat in visits:
         if slot != nominal:
             slot, now_s, arrived_s = nominal, now_s + 9000.0, now_s + 9000.0
+        before_A = 0.0
         for step in schedule(kinds[number], switches):
-            at = Place(now_s / length_s, number, nominal, repeat, step)
+            at = Place(now_s / length_s, number, nominal, repeat, step, now_s / 3600.0, before_A)
             points.append(Point(at, now_s, arrived_s, _conditions(kinds[number], at)))
-            now_s += 120.0
+            now_s, before_A = now_s + 120.0, step[1] * step[2]
     return points
 
 
@@ -339,7 +349,8 @@ def simulate_points(
     rows: list[Row] = []
     biases_A: dict[tuple[int, float], float] = {}
     for point in points:
-        at, unit = point.place, units[point.place.channel]
+        at = point.place
+        unit = world.unit(units, at)
         left = 0.43 * float(np.exp(-(point.at_s - point.arrived_s) / 1500.0)) if switches.lag else 0.0
         unit_degC = at.nominal_degC - left
         bias_A = unit.bias(unit_degC) + walk.at(point.at_s, at.channel)
