@@ -23,6 +23,7 @@ from bench.maths.verdict import INDETERMINATE
 SOUND, DOUBTFUL, REFUSED = "sound", "doubtful", "refused"
 FALSE_DOUBT = 0.002  # of right campaigns, over all their checks together
 LEAST_MOVE = 0.3  # of the expanded uncertainty of the fit
+DEPARTS = "departs"  # code of a departure, each of which is one thing and has a line of its own
 CERTAIN = 0.0  # probability that a value beyond what is plausible comes from a right world
 
 
@@ -34,6 +35,7 @@ class Evidence:
     belongs to its quantity. ``sentence``, ``figure``: what was seen. ``probability``: of data at least as odd in a
     right world. ``move``: of the estimate, in expanded uncertainties of its fit, were the check right; infinite where
     the number means nothing. ``refuses``: the value means nothing. ``interval``: where the value may lie all the same.
+    ``entries``: the very estimates that it bears on, where they are known one by one.
     """
 
     code: str
@@ -45,6 +47,7 @@ class Evidence:
     conditions: Document = field(default_factory=dict)
     refuses: bool = False
     interval: EvidenceInterval | None = None
+    entries: Collection[Estimate] = ()
 
     def bears_on(self, entry: Estimate) -> bool:
         """Return whether an estimate depends on what was checked.
@@ -53,6 +56,8 @@ class Evidence:
         temperature of it.
         """
         name = entry.quantity
+        if self.entries:
+            return any((one.quantity, one.conditions) == (name, entry.conditions) for one in self.entries)
         named = not self.quantities or name in self.quantities or base_quantity(name) in self.quantities
         of_it = entry.conditions
         return named and all(of_it.get(name, value) == value for name, value in self.conditions.items())
@@ -138,19 +143,19 @@ def doubt_lines(entries: Iterable[Estimate]) -> list[str]:
     """Return what is wrong in a line for each kind of reason, the worst first: its sentence with the largest figure, at
     how many places more, and how many estimates it takes in. Empty for sound estimates.
     """
-    by_kind: dict[tuple[str, str], dict[str, float]] = {}
-    taken_in: Counter[tuple[str, str]] = Counter()
+    by_kind: dict[tuple[str, str, str], dict[str, float]] = {}
+    taken_in: Counter[tuple[str, str, str]] = Counter()
     for entry in entries:
         for reason in entry.reasons:
-            kind = (entry.quality, reason.code)
+            kind = (entry.quality, reason.code, reason.sentence if reason.code == DEPARTS else "")
             taken_in[kind] += 1
             by_kind.setdefault(kind, {})[reason.sentence] = abs(reason.figure or 0.0)
     lines: list[str] = []
-    for quality, code in sorted(by_kind, key=lambda kind: kind[0] != REFUSED):
-        sentences = by_kind[quality, code]
+    for one in sorted(by_kind, key=lambda one: one[0] != REFUSED):
+        (quality, code, _), sentences = one, by_kind[one]
         others = len(sentences) - 1
         more = say("doubt.more", count=others) if others > 1 else say("doubt.more_one") if others else ""
-        count = taken_in[quality, code]
+        count = taken_in[one]
         worst = max(sentences, key=sentences.__getitem__)
         key = f"doubt.{quality}" if count > 1 else f"doubt.{quality}_one"
         lines.append(say(key, count=count, worst=worst, more=more, code=code))

@@ -11,16 +11,16 @@ from tree import TOP
 from ways import Walk
 
 CEILINGS = {
-    "tokens": 996_094,
-    "tokens a line": 10.55,
-    "files": 871,
+    "tokens": 1_002_035,
+    "tokens a line": 10.57,
+    "files": 872,
     "dict[str, Any]": 513,
-    "lines of tests": 98_736,
+    "lines of tests": 99_158,
     "tests of several deep modules": 160,
-    "words of docs": 158_131,
+    "words of docs": 158_127,
 }
 CEILINGS_OF_WAYS = {
-    "files of a frame": 81,
+    "files of a frame": 82,
     "files of a step": 125,
     "files of a check": 67,
     "changes in a decode": 21,

@@ -59,6 +59,12 @@ class _Grid:
     def columns(self) -> list[Any]:
         return _ordered([value for _, value in self.rows])
 
+    @property
+    def places(self) -> int | None:
+        """Decimals of a value without an uncertainty: no more than those with one have."""
+        known = [row.expanded_uncertainty * self.scale for row in self.rows.values() if row.expanded_uncertainty]
+        return decimals_for(max(known)) if known else None
+
     def thinned(self, most: int) -> _Grid:
         """Return it with at most so many columns: both ends, and others evenly between."""
         columns = self.columns
@@ -206,7 +212,7 @@ def _list(grids: Sequence[_Grid], words: Texts) -> Block:
         found = [grid.rows.get(((), value)) for value in columns]
         known = [row for row in found if row is not None]
         last = (_verdict(words, known),) if judged else ()
-        rows.append((grid.heading, *(_full(row, grid.scale) for row in found), _factors(known), *last))
+        rows.append((grid.heading, *(_full(row, grid) for row in found), _factors(known), *last))
     headers = (words("column.quantity"), *values, "k", *((words("first.results.verdict"),) if judged else ()))
     return Block(words("first.results.list"), (), headers, tuple(rows))
 
@@ -216,7 +222,7 @@ def _table(grids: Sequence[_Grid], words: Texts, text: Any) -> Block:
     keys = grids[0].down
     body, foot, headers = [], [], [_down(words, grids[0])]
     for key in keys[:MOST_ROWS]:
-        cells = [text(grid.rows.get((key, value)), grid.scale) for grid in grids for value in grid.columns]
+        cells = [text(grid.rows.get((key, value)), grid) for grid in grids for value in grid.columns]
         body.append((_label(words, grids[0], key), *cells))
     below = [[row for (_, at), row in grid.rows.items() if at == value] for grid in grids for value in grid.columns]
     headers += ["" if value is None else _across(words, grid, value) for grid in grids for value in grid.columns]
@@ -256,20 +262,24 @@ def _width_pt(block: Block) -> float:
     return total
 
 
-def _full(row: Row | None, scale: float) -> str:
-    if row is None or row.value is None:
-        return "–" if row is None else NOT_SOUND
+def _full(row: Row | None, grid: _Grid) -> str:
+    if row is None or not is_sound(row) or row.value is None:
+        return _unsound(row, grid)
     expanded = row.expanded_uncertainty
-    text = with_uncertainty(row.value * scale, None if expanded is None else expanded * scale)
-    return text if is_sound(row) else f"{text} {NOT_SOUND}"
+    return with_uncertainty(row.value * grid.scale, None if expanded is None else expanded * grid.scale)
 
 
-def _short(row: Row | None, scale: float) -> str:
+def _short(row: Row | None, grid: _Grid) -> str:
+    if row is None or not is_sound(row) or row.value is None:
+        return _unsound(row, grid)
+    expanded = row.expanded_uncertainty or 0.0
+    return number(row.value * grid.scale, decimals_for(expanded * grid.scale) if expanded else None)
+
+
+def _unsound(row: Row | None, grid: _Grid) -> str:
     if row is None or row.value is None:
         return "–" if row is None else NOT_SOUND
-    expanded = row.expanded_uncertainty or 0.0
-    text = number(row.value * scale, decimals_for(expanded * scale) if expanded else None)
-    return text if is_sound(row) else f"{text} {NOT_SOUND}"
+    return f"{number(row.value * grid.scale, grid.places)} {NOT_SOUND}"
 
 
 def _largest(rows: Sequence[Row], scale: float) -> str:

@@ -14,6 +14,8 @@ from bench.model.assumptions import Assumption, assumed
 from bench.systems.af_converter.wording import say
 
 CLOCK_STEADY = 5e-6  # relative, within a visit of half an hour: a bad oscillator moves less
+BETWEEN_VISITS_ppm = 1.0  # standard, at most: of a counter from visit to visit, its curve beyond a parabola included
+_SEEN = 8.0  # times that: what shows in one counter of one visit
 _SCALE_FACTORS = ("dsf_n", "dsf_p", "dsf_asymmetry")
 _BY_DMM = ("dsf_n", "dsf_p", "dsf_mean")
 _COEFFICIENTS = ("dsf_n_tc1", "dsf_n_tc2", "dsf_p_tc1", "dsf_p_tc2")
@@ -28,6 +30,10 @@ def of_levels(campaign: Mapping[str, Any]) -> list[Assumption]:
         _sensor(campaign),
         assumed(say, "converter_linearity", _SCALE_FACTORS),
         assumed(say, "clock_counts", _SCALE_FACTORS, ppm=_PPM * CLOCK_STEADY),
+        assumed(say, "own_curve", _SCALE_FACTORS, ppm=BETWEEN_VISITS_ppm, least=_SEEN * BETWEEN_VISITS_ppm),
+        assumed(say, "gradient_in_the_unit", (*_SCALE_FACTORS, *_COEFFICIENTS)),
+        assumed(say, "all_current_through_the_unit", ("dsf_n", "dsf_p"), key="shunt"),
+        assumed(say, "polarity_memory", ("dsf_asymmetry",)),
         *_bias(campaign),
     ]
 

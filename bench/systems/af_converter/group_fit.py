@@ -12,7 +12,7 @@ Source: docs/decisions/0025-doubt.md.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -55,15 +55,11 @@ _LIKELY = 1e-3  # of that of the others, if one row alone is wrong
 
 @dataclass(frozen=True)
 class GroupFit:
-    """A group with its fitted scale-factor errors and, where the input was measured open, its bias.
-
-    ``fits``: its rows lie on a straight line, as far as the temperature coefficients are known.
-    """
+    """A group with its fitted scale-factor errors and, where the input was measured open, its bias."""
 
     group: Group
     fit: ScaleFactor
     bias: Bias | None
-    fits: bool = True
 
 
 @dataclass(frozen=True)
@@ -143,10 +139,10 @@ def _fit_pass(
 
 
 def _refers(visit: GroupFit, campaign: Campaign) -> bool:
-    """Return whether other temperatures may be referred by a group: one that fits and is plausible."""
+    """Return whether other temperatures may be referred by a group: one that is plausible."""
     worst_ppm = float(np.abs(visit.fit.dsf_ppm).max())
     plausible = worst_ppm <= 1e6 * campaign.channel(visit.group.channel).plausible_error
-    return plausible and visit.fits and clock_spread(visit.group, campaign) <= CLOCK_STEADY
+    return plausible and clock_spread(visit.group, campaign) <= CLOCK_STEADY
 
 
 def clock_spread(group: Group, campaign: Campaign) -> float:
@@ -184,7 +180,7 @@ def _fit_one(group: Group, campaign: Campaign, standards: Standards, method: str
     bias = None
     if group.opened.gate_s.size:
         bias = open_input_bias(group.opened, converter, (float(fit.dsf_ppm[0]), float(fit.dsf_ppm[1])))
-    return GroupFit(group, fit, bias, fits or odd is not None)
+    return GroupFit(group, fit, bias)
 
 
 def _fits(
@@ -271,16 +267,19 @@ def standard_labels(visits: Iterable[GroupFit]) -> list[str]:
 
 
 def _scale_factor_polynomial(visits: list[GroupFit], index: int, reference_degC: float) -> TemperaturePolynomial | None:
-    temperature_degC = np.array([visit.fit.unit_temperature_degC for visit in visits])
-    labels, nothing = standard_labels(visits), np.zeros(2)
-    shared = [[visit.fit.standard_ppm.get(label, nothing)[index] for label in labels] for visit in visits]
     return fit_temperature(
-        temperature_degC,
+        np.array([visit.fit.unit_temperature_degC for visit in visits]),
         np.array([visit.fit.dsf_ppm[index] for visit in visits]),
         np.diag([visit.fit.noise_ppm2[index, index] for visit in visits]),
-        np.array(shared),
+        shared_ppm(visits, index),
         reference_degC,
     )
+
+
+def shared_ppm(visits: Sequence[GroupFit], index: int) -> Floats:
+    """Return what one sigma of each error of the calibrator makes of DSF_N or DSF_P, (k, j) by ``standard_labels``."""
+    labels, nothing = standard_labels(visits), np.zeros(2)
+    return np.array([[visit.fit.standard_ppm.get(label, nothing)[index] for label in labels] for visit in visits])
 
 
 def _bias_polynomial(visits: list[GroupFit], walk_A_rth: float, reference_degC: float) -> TemperaturePolynomial | None:

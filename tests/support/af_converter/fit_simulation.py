@@ -183,6 +183,10 @@ class World:
         """Return what reaches the integrator of a current into the input."""
         return current_A
 
+    def units(self, units: dict[int, Unit]) -> dict[int, Unit]:
+        """Return what the units really are."""
+        return units
+
     def unit(self, units: dict[int, Unit], at: Place) -> Unit:
         """Return the unit whose counts arrive where those of a channel are expected."""
         return units[at.channel]
@@ -341,7 +345,7 @@ def simulate_points(
     world = world or World()
     rng = np.random.default_rng(seed)
     bench = _Bench(rng, switches)
-    units = {number: _unit(rng, kind, switches) for number, kind in kinds.items()}
+    units = world.units({number: _unit(rng, kind, switches) for number, kind in kinds.items()})
     leak = rng.uniform(-1e-10, 1e-10, 2) * bench.on
     walk = _Walk(rng, switches.noise)
     sensor_degC = rng.normal(0, switches.sensor_sigma_degC) if switches.sensor_sigma_degC else 0.0

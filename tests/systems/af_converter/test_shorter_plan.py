@@ -31,6 +31,7 @@ from bench.model.errors import InputError
 from bench.plan import Plan, PlannedRecord, PlannedSoak, check_plan, compile_sequence
 from bench.session.designed import Asked, Proposal, problem_of, proposed
 from bench.session.predicted import predicted
+from bench.systems.af_converter.assumptions import CLOCK_STEADY
 from bench.systems.af_converter.scale_factor.analysis import analyse
 from bench.systems.af_converter.scale_factor.design.campaign import Campaigns, Candidate
 from bench.systems.af_converter.scale_factor.design.template import template_of
@@ -182,11 +183,10 @@ def seen(points: list[sim.Point], seed: int, world: Any) -> Seen:
 def test_a_step_of_the_calibrator_is_told_from_a_steady_drift(world: Any, told: bool) -> None:
     """Of 10 ppm, seed 0: the visits in the middle and at the end lie on a line, or they do not."""
     analysis = analysed(simulate_plan(0, planned_points(SHORTER), world=world))
-    (heard,) = (seen for seen in analysis.evidence if seen.code == "unsteady_drift")
-    print(heard.sentence, heard.probability)
-    assert (heard.probability < 1e-9) == told
-    assert (heard.move > 1.0) == told
-    assert "dsf_n_tc1" in heard.quantities
+    heard = [seen for seen in analysis.evidence if seen.code == "departs"]
+    print([seen.sentence for seen in heard])
+    assert bool(heard) == told
+    assert any(one.quantity == "dsf_n_tc1" for seen in heard for one in seen.entries) == told
 
 
 class FirstOfRange(wrong.DielectricTail):
@@ -210,6 +210,8 @@ def test_no_wrong_world_is_believed_that_the_given_plan_tells(monkeypatch: pytes
     """
     monkeypatch.setattr(wrong, "WRONG", 7)
     for size in switch.sizes:
+        if switch.name == "clock_misread" and size < CLOCK_STEADY:  # the assumption names it
+            continue
         counted = {}
         for name in (GIVEN, SHORTER):
             points = planned_points(name)

@@ -60,11 +60,10 @@ def test_nothing_that_can_be_seen_is_confidently_wrong(worlds: Any, switch: Swit
     [
         (of_counts, "swapped_leads", 1.0, REFUSED, "swapped_leads"),
         (of_counts, "swapped_leads", 0.5, REFUSED, "swapped_leads"),
-        (of_counts, "soft_saturation", 1e-3, DOUBTED, "lack_of_fit"),
+        (of_counts, "soft_saturation", 1e-3, DOUBTED, "departs"),
         (of_counts, "clipped", 0.1, REFUSED, "implausible_scale_factor"),
-        (of_counts, "calibrator_step", 1e-3, DOUBTED, "common_step"),
+        (of_counts, "calibrator_step", 1e-3, DOUBTED, "departs"),
         (of_counts, "clock_misread", 1e-3, DOUBTED, "clock_unsteady"),
-        (of_counts, "calibrator_drift", 3e-3, DOUBTED, "lack_of_fit"),
         (of_meter, "swapped_leads", 1.0, REFUSED, "swapped_leads"),
         (of_meter, "swapped_leads", 0.34, REFUSED, "stimulus_not_followed"),
         (of_meter, "soft_saturation", 1e-3, DOUBTED, "lack_of_fit"),

@@ -272,14 +272,21 @@ def test_coverage_factor_is_that_of_the_guides_table(dof: float, table: float) -
 
 
 def test_shared_errors_are_not_read_out_of_a_misfit() -> None:
-    """An error shared to the last digits but three, and a cubic of 80 ppm: the constant stays where it is."""
+    """An error shared to the last digits but three, and a cubic of 80 ppm: the constant stays where it is.
+
+    What the parabola leaves over widens it, with two degrees of freedom: the root of RSS / 2 times the leverage.
+    """
     at = np.array([-10.0, 5.0, 20.0, 35.0, 50.0])
     values = 0.01 * (at - 20.0) ** 3
     shared = (1.8 * (1 + 1e-6 * values))[:, None]
     fit = fit_temperature(at, values, 0.01 * np.eye(5), shared, 20.0)
     assert fit is not None
     np.testing.assert_allclose(fit.coefficients, np.polynomial.polynomial.polyfit(at - 20.0, values, 2), atol=1e-9)
-    assert fit.std_uncertainty(0) == pytest.approx(1.8, rel=0.01)
+    own = np.sqrt(
+        np.sum(fit.residual**2) / 2.0 * np.linalg.inv(np.vander(at - 20.0, 3).T @ np.vander(at - 20.0, 3))[2, 2]
+    )
+    assert fit.std_uncertainty(0) == pytest.approx(np.hypot(1.8, own), rel=0.01)
+    assert (fit.misfit[0], fit.misfit_dof) == (pytest.approx(own), 2)
 
 
 def test_two_temperatures_give_a_slope_one_gives_nothing_and_equal_ones_are_refused() -> None:

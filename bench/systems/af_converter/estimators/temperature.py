@@ -11,15 +11,19 @@ import numpy as np
 
 from bench.maths.arrays import Floats
 from bench.maths.least_squares import solve
+from bench.maths.tests import chi2_tail
+
+_CHANCE = 0.05  # of what a polynomial leaves over: less is no noise, and the unit's own
 
 
 @dataclass(frozen=True)
 class TemperaturePolynomial:
     """value(T) = c0 + c1 (T - T_ref) + c2 (T - T_ref)^2, as far as the temperatures determine it.
 
-    ``coefficients`` (d + 1,) in the unit of the values over degC^k; ``covariance`` (d + 1, d + 1) of the noise and of
-    what the values share, of which ``effects`` (d + 1, j) are one sigma each; ``operator`` (d + 1, k) makes the
-    coefficients of the values; ``residual`` (k,) value minus polynomial.
+    ``coefficients`` (d + 1,) in the unit of the values over degC^k; ``covariance`` (d + 1, d + 1) of the noise, or of
+    what the polynomial leaves over where that is more, and of what the values share, of which ``effects`` (d + 1, j)
+    are one sigma each. ``misfit`` (d + 1,): the first part, standard, with ``misfit_dof`` degrees of freedom; 0: noise.
+    ``operator`` (d + 1, k) makes the coefficients of the values; ``residual`` (k,) value minus polynomial.
     """
 
     reference_degC: float
@@ -28,6 +32,8 @@ class TemperaturePolynomial:
     operator: Floats
     effects: Floats
     residual: Floats
+    misfit: Floats
+    misfit_dof: float
 
     def slope(self, temperature_degC: float) -> float:
         """d value / dT at a temperature, unit of the values per degC."""
@@ -66,11 +72,15 @@ def fit_temperature(
     names = [f"temperature coefficient {order}" for order in range(degree + 1)]
     fit = solve(design, values, covariance, names)
     effects = fit.operator @ shared
+    fits = fit.dof == 0 or chi2_tail(fit.chi2, fit.dof) > _CHANCE
+    own = fit.covariance if fits else fit.covariance * (fit.chi2 / fit.dof)
     return TemperaturePolynomial(
         reference_degC=reference_degC,
         coefficients=fit.parameters,
-        covariance=fit.covariance + effects @ effects.T,
+        covariance=own + effects @ effects.T,
         operator=fit.operator,
         effects=effects,
         residual=fit.residual,
+        misfit=np.sqrt(np.diag(own)),
+        misfit_dof=0.0 if fits else float(fit.dof),
     )

@@ -30,8 +30,8 @@ from bench.systems.af_converter.group_fit import (
 )
 from bench.systems.af_converter.groups import Group, LONGEST_REACH_s, place_name
 from bench.systems.af_converter.scale_factor.budgets import budget_tables, components
+from bench.systems.af_converter.scale_factor.departures import evidence
 from bench.systems.af_converter.scale_factor.estimates import determine
-from bench.systems.af_converter.scale_factor.evidence import evidence
 from bench.systems.af_converter.wording import kind_name, say
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def analyse(material: Material, method: str = "gls") -> Analysis:
         method=method,
         uut=constants.uut,
         estimates=entries,
-        evidence=evidence(fitted, entries, constants, register, method, material),
+        evidence=evidence(fitted, entries, constants, register, material),
         residuals=residuals(fitted.groups, constants),
         components=components(fitted, constants, register),
         groups=_quality_of_fit(fitted, constants),

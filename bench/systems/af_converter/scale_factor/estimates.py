@@ -28,6 +28,7 @@ from bench.analysis import (
 )
 from bench.maths.arrays import Floats
 from bench.maths.budget import effective_dof
+from bench.maths.verdict import coverage_factor
 from bench.systems.af_converter.coefficients import UNITS
 from bench.systems.af_converter.constants import (
     CALIBRATOR,
@@ -48,6 +49,7 @@ from bench.systems.af_converter.group_fit import (
     GroupFit,
     conditions_of,
     fit_groups,
+    shared_ppm,
     standard_labels,
 )
 from bench.systems.af_converter.groups import campaign_rows, group_rows, unit_temperatures
@@ -162,27 +164,39 @@ def bias_estimates(visit: GroupFit, fitted: Fitted, campaign: Campaign) -> Estim
 def residual_estimates(fitted: Fitted, campaign: Campaign, standards: Standards) -> Estimates:
     """dsf_n_residual, dsf_p_residual: DSF(T) minus its own polynomial at the measured temperature, against the limit.
 
-    The polynomial is what the navigation computer compensates with. What it leaves over is known as well as DSF(T)
-    itself: the calibrator's gain counts in full, because the compensation takes it over; the error of the unit's
-    temperature sensor does not, because the compensation reads the same sensor. There is no such estimate for a channel
-    with as few temperatures as coefficients: the polynomial would pass through every point.
+    The polynomial is what the navigation computer compensates with. What all temperatures share, the gain of the
+    calibrator and the error of the unit's sensor, is in value and polynomial alike and leaves nothing. There is no such
+    estimate for a channel with as few temperatures as coefficients: the polynomial would pass through every point.
     """
     entries = []
     for (quantity, channel), polynomial in fitted.polynomials.items():
         visits = fitted.visits(channel)
         if quantity not in QUANTITIES or len(visits) <= polynomial.coefficients.size:
             continue
+        index, labels = QUANTITIES.index(quantity), standard_labels(visits)
+        warmth_degC = np.array([visit.fit.unit_temperature_degC for visit in visits]) - polynomial.reference_degC
+        design = np.vander(warmth_degC, polynomial.coefficients.size, increasing=True)
+        left = np.eye(len(visits)) - design @ polynomial.operator
+        shared = left @ shared_ppm(visits, index)
+        noise_ppm2 = left**2 @ np.array([visit.fit.noise_ppm2[index, index] for visit in visits])
+        time_s = np.array([visit.fit.time_s for visit in visits])
+        drift_ppm = left @ (time_s - time_s.mean()) * fitted.drift_ppm_s(standards)
         limit = campaign.channel(channel).stability_limit_ppm
-        for visit, value_ppm in zip(visits, polynomial.residual, strict=True):
-            index = QUANTITIES.index(quantity)
-            std_ppm = scale_factor_std_ppm(visit, standards, index)
-            parts = calibrator_parts(visit, _ONE[index])
-            dof = calibrator_dof(std_ppm, parts, standards, scatter_parts(visit, _ONE[index], campaign))
-            common = common_errors(standards.register, CALIBRATOR, parts, {_DRIFT: standards.drift_ppm})
+        for at, (visit, value_ppm) in enumerate(zip(visits, polynomial.residual.tolist(), strict=True)):
+            parts = dict(zip(labels, shared[at].tolist(), strict=True))
+            std_ppm = math.sqrt(noise_ppm2[at] + math.fsum(part**2 for part in parts.values()) + drift_ppm[at] ** 2)
+            scatter = [
+                part
+                for one, weight in zip(visits, left[at].tolist(), strict=True)
+                for part in scatter_parts(one, weight * _ONE[index], campaign)
+            ]
+            dof = calibrator_dof(std_ppm, parts, standards, scatter)
+            common = common_errors(standards.register, CALIBRATOR, parts, {_STEADY_DRIFT: float(drift_ppm[at])})
             conditions = conditions_of(visit.group, visit.fit.unit_temperature_degC, campaign)
             counted = {"n": visit.fit.n, "dropped": visit.group.dropped + visit.fit.dropped}
-            name, value = f"{quantity}_residual", float(value_ppm)
-            entry = estimate(name, "ppm", value, std_ppm, conditions, limit=limit, dof=dof, **counted)
+            entry = estimate(
+                f"{quantity}_residual", "ppm", value_ppm, std_ppm, conditions, limit=limit, dof=dof, **counted
+            )
             entries.append(sharing(entry, common))
     return entries
 
@@ -279,7 +293,7 @@ def coefficient_estimates(fitted: Fitted, campaign: Campaign, standards: Standar
         for order, value in enumerate(polynomial.coefficients):
             std = float(np.hypot(polynomial.std_uncertainty(order), _sensor_effect(polynomial, order, campaign)))
             parts: dict[str, float] = {}
-            scatter: list[tuple[float, float]] = []
+            scatter = [(float(polynomial.misfit[order]) ** 2, polynomial.misfit_dof)] if polynomial.misfit_dof else []
             of_campaign = {_SENSOR: _sensor_effect(polynomial, order, campaign)}
             if quantity in QUANTITIES:
                 contrast = _ONE[QUANTITIES.index(quantity)]
@@ -309,11 +323,15 @@ def _sensor_effect(polynomial: TemperaturePolynomial, order: int, campaign: Camp
 def _drift_ppm(
     order: int, polynomial: TemperaturePolynomial, visits: list[GroupFit], fitted: Fitted, standards: Standards
 ) -> float:
-    """Drift of the calibrator in a coefficient: a drift in time looks like one in temperature."""
+    """Drift of the calibrator in a coefficient: a drift in time looks like one in temperature, to second order."""
     if order == 0:
         return standards.drift_ppm
     time_s = np.array([visit.fit.time_s for visit in visits])
-    return float(polynomial.operator[order] @ (time_s - time_s.mean()) * fitted.drift_ppm_s(standards))
+    since_ppm = (time_s - time_s.mean()) * fitted.drift_ppm_s(standards)
+    first, second = polynomial.operator[order] @ np.column_stack(
+        [since_ppm, 1e-6 * (coverage_factor() * since_ppm) ** 2]
+    )
+    return math.hypot(first, second)
 
 
 if TYPE_CHECKING:

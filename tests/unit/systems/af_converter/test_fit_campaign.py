@@ -181,17 +181,17 @@ def test_change_against_a_previous_calibration_is_judged(campaign: sim.Simulated
         assert one.std_uncertainty == pytest.approx(np.sqrt(2.0) * then["std_uncertainty"])  # both in full
 
 
-def lack_of_fit(analysis: Analysis) -> list[Evidence]:
-    """Return which groups do not lie on a straight line."""
+def left_over(analysis: Analysis) -> list[Evidence]:
+    """Return what is said of more noise than is declared."""
     weighed = weigh(analysis.evidence)
-    return [check for check in (*weighed.against, *weighed.noted) if check.code == "lack_of_fit"]
+    return [check for check in (*weighed.against, *weighed.noted) if check.code == "unexplained"]
 
 
 def test_one_temperature_gives_no_coefficients() -> None:
     analysis = run(sim.simulate(SEED, sim.Switches(), temperatures=(20.0,)))
     assert not [one for one in analysis.estimates if "_tc" in one.quantity]
     assert any(note.startswith("One temperature only") for note in analysis.notes)
-    assert "common_step" not in {seen.code for seen in analysis.evidence}  # nothing tells a step in time
+    assert {seen.code for seen in analysis.evidence} == {"counts_in_steps"}  # nothing tells a step in time
 
 
 def test_other_orders_and_records_of_wiring_change_no_number(campaign: sim.SimulatedCampaign) -> None:
@@ -246,10 +246,10 @@ def test_more_noise_than_declared_shows_in_chi_square() -> None:
     assert 0.8 < chi2[2e-9] < 1.2
     assert chi2[20e-9] > 1.5
     noisy = sim.simulate(SEED, sim.Switches(white_A_rtHz=20e-9), kinds)
-    assert lack_of_fit(run(noisy))
+    assert left_over(run(noisy))
     for channel in noisy.campaign["channels"]:
         channel["noise"]["white_A_rtHz"] = 20e-9
-    assert not lack_of_fit(run(noisy))
+    assert not left_over(run(noisy))
 
 
 TITLE = "Zeros in every range of the calibrator"

@@ -69,10 +69,10 @@ def test_the_certificate_comes_on_top_of_a_relative_specification(
     k: float, std_ppm: float,
 ) -> None:  # fmt: skip
     found = run(campaign, traced(campaign, expanded, k=k))
-    for quantity in ("dsf_n", "dsf_p", "dsf_n_tc0", "dsf_n_residual"):
+    for quantity in ("dsf_n", "dsf_p", "dsf_n_tc0"):
         more_ppm = np.sqrt(stds(found, quantity) ** 2 - stds(plain, quantity) ** 2)
         np.testing.assert_allclose(more_ppm, std_ppm, rtol=2e-3)
-    for quantity in ("dsf_asymmetry", "dsf_n_tc1", "dsf_p_tc2"):
+    for quantity in ("dsf_asymmetry", "dsf_n_tc1", "dsf_p_tc2", "dsf_n_residual"):  # the gain leaves nothing
         np.testing.assert_allclose(stds(found, quantity), stds(plain, quantity), rtol=0.05)
     assert [entry.value for entry in found.estimates] == [entry.value for entry in plain.estimates]
     absolute = run(campaign, register(campaign, specification="absolute"))  # it holds the certificate already

@@ -16,7 +16,7 @@ import numpy as np
 from doubt_classes import Seen, Switch
 from trials import without_budgets
 
-from bench.analysis import Material, build_results, estimates_of
+from bench.analysis import Estimate, Material, build_results, estimates_of
 from bench.systems.af_converter.scale_factor.analysis import analyse
 
 SYSTEM = "departures"
@@ -27,7 +27,8 @@ QUANTITIES = ("dsf_n", "dsf_p", "dsf_asymmetry", "dsf_n_tc0", "dsf_n_tc1", "dsf_
 PROVENANCE = {"simulated": True, "plan_sha256": "", "frame_sha256": "", "session_sha256": "", "software": "doubt"}
 HOURS = 21.0
 SEEN = 7.5  # of |P d|: a threshold of about 4.5 and a power of 99.9 %
-_QUIET = sim.Switches(gain=False, calibrator_errors=False, noise=False, quantised=False)
+BETWEEN_ppm = 1.0  # standard, of a counter from visit to visit: what the plan declares, its curve beyond a parabola too
+QUIET = sim.Switches(gain=False, calibrator_errors=False, noise=False, quantised=False)
 
 Where = Callable[[sim.Place], float]
 
@@ -61,6 +62,14 @@ class Departed(sim.World):
         change = 1.0 + self.size * self.where(at)
         return counts | {name: counts[name] * change for name, of in factors.items() if self.what in of}
 
+    def units(self, units: dict[int, sim.Unit]) -> dict[int, sim.Unit]:
+        if self.what != "curve":
+            return units
+        at = {number: sim.Place(0.0, number, sim.REFERENCE_degC + 1.0, 0, ("closed", 0.0, 1, 0.0)) for number in units}
+        return {
+            number: replace(one, cubic_ppm_degC3=self.size * self.where(at[number])) for number, one in units.items()
+        }
+
     def unit(self, units: dict[int, sim.Unit], at: sim.Place) -> sim.Unit:
         if self.what != "exchange" or at.channel not in (3, 4) or not self.where(at):
             return units[at.channel]
@@ -88,8 +97,8 @@ TABLE: tuple[tuple[str, str, Where, tuple[float, ...]], ...] = (
     ("calibrator_warms_up", "gain", lambda at: np.exp(-at.hours / 3.0), (1e-6, 1e-5, 2e-4)),
     ("unit_warms_up", "unit", lambda at: np.exp(-at.hours / 3.0), (1e-6, 1e-5, 2e-4)),
     ("range_changes", "gain", _of_visit(1.0), (3e-7, 3e-6, 1e-4)),
-    ("cubic_of_all", "unit", lambda at: 1e-6 * _rest(at) ** 3, (3e-5, 3e-4, 3e-3)),
-    ("cubic_by_channel", "unit", lambda at: 1e-6 * (-1) ** at.channel * _rest(at) ** 3, (1e-5, 3e-4, 1e-3)),
+    ("cubic_of_all", "curve", _always, (3e-5, 3e-4, 3e-3)),
+    ("cubic_by_channel", "curve", lambda at: (-1.0) ** at.channel, (1e-5, 3e-4, 1e-3)),
     ("gradient_of_asymmetry", "n", lambda at: 1e-6 * (at.channel - 3), (0.3, 2.0, 20.0)),
     ("shunt", "part", lambda at: -1.0, (5e-7, 1e-5, 1e-4)),
     ("self_heating", "part", lambda at: (at.step[1] / sim.KIND[KINDS[at.channel]]["full_scale_A"]) ** 2,
@@ -97,44 +106,81 @@ TABLE: tuple[tuple[str, str, Where, tuple[float, ...]], ...] = (
     ("memory", "current", lambda at: 1e-6 * at.before_A, (1.0, 20.0, 500.0)),
 )  # fmt: skip
 
-_LABELS: dict[str, Callable[[np.random.Generator], Where]] = {
-    "all": lambda rng: _always,
-    "channel": lambda rng: (lambda n: lambda at: at.channel == n)(rng.choice(list(KINDS))),
-    "kind": lambda rng: (lambda k: lambda at: KINDS[at.channel] == k)(rng.choice(["gyro", "accelerometer"])),
-    "polarity": lambda rng: (lambda s: lambda at: at.step[2] == s)(rng.choice([1, -1])),
-    "range": lambda rng: (lambda r: lambda at: at.step[3] == r)(rng.choice([2.2e-3, 2.2e-2])),
-    "temperature": lambda rng: (lambda t: lambda at: at.nominal_degC == t)(rng.choice(sim.TEMPERATURES_degC)),
-    "level": lambda rng: (lambda n: lambda at: at.step[1] == sim.KIND[KINDS[at.channel]]["levels_A"][n])(
-        rng.integers(1, 6)
-    ),
-    "sign of the step": lambda rng: lambda at: np.sign(at.before_A),
+_LABELS: dict[str, tuple[Any, ...]] = {
+    "all": (0,),
+    "channel": tuple(KINDS),
+    "kind": ("gyro", "accelerometer"),
+    "polarity": (1, -1),
+    "range": (2.2e-3, 2.2e-2),
+    "temperature": sim.TEMPERATURES_degC,
+    "level": (1, 2, 3, 4, 5),
+    "sign of the step": (0,),
 }
-_SHAPES: dict[str, Callable[[np.random.Generator], Where]] = {
-    "constant": lambda rng: _always,
-    "step": lambda rng: (lambda s: lambda at: at.share > s)(rng.uniform(0.2, 0.8)),
-    "ramp": lambda rng: lambda at: at.share - 0.5,
-    "decay": lambda rng: (lambda h: lambda at: np.exp(-at.hours / h))(rng.uniform(1.0, 6.0)),
-    "cycle": lambda rng: (lambda h, p: lambda at: np.sin(2.0 * np.pi * at.hours / h + p))(
-        rng.uniform(4.0, 24.0), rng.uniform(0.0, 2.0 * np.pi)
-    ),
-    "telegraph": lambda rng: (lambda n: lambda at: np.random.default_rng([n, int(at.hours / 2.0)]).integers(2))(
-        rng.integers(2**31)
-    ),
-    "cubic in temperature": lambda rng: lambda at: (_rest(at) / 30.0) ** 3,
-    "absolute temperature": lambda rng: lambda at: abs(_rest(at)) / 30.0,
-    "in proportion to the level": lambda rng: lambda at: at.step[1] / sim.KIND[KINDS[at.channel]]["levels_A"][-1],
-}
+_SHAPES = ("constant", "step", "ramp", "decay", "cycle", "telegraph", "cubic in temperature", "absolute temperature",
+           "in proportion to the level")  # fmt: skip
+_OF_TEMPERATURE = ("cubic in temperature", "absolute temperature")
 _WHAT = {"gain": 1e-6, "unit": 1e-6, "n": 1e-6, "p": 1e-6, "part": 1e-6, "current": 3e-9}
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """Where a drawn world departs: at one value of a label, in a shape with two numbers from 0 to 1."""
+
+    what: str
+    label: str
+    value: Any
+    shape: str
+    one: float
+    two: float
+
+    def __call__(self, at: sim.Place) -> float:
+        """Return by what part of its size the world departs at a place."""
+        return float(self._here(at) * self._shape(at))
+
+    @property
+    def is_of_unit(self) -> bool:
+        """Whether it is as if the unit had other scale factors over temperature: those are true then."""
+        return (
+            self.what != "current" and self.shape in _OF_TEMPERATURE and self.label not in ("sign of the step", "level")
+        )
+
+    def _here(self, at: sim.Place) -> float:
+        levels_A = sim.KIND[KINDS[at.channel]]["levels_A"]
+        return {
+            "all": 1.0,
+            "channel": at.channel == self.value,
+            "kind": KINDS[at.channel] == self.value,
+            "polarity": at.step[2] == self.value,
+            "range": at.step[3] == self.value,
+            "temperature": at.nominal_degC == self.value,
+            "level": self.label == "level" and at.step[1] == levels_A[self.value],
+            "sign of the step": np.sign(at.before_A),
+        }[self.label]
+
+    def _shape(self, at: sim.Place) -> float:
+        largest_A = sim.KIND[KINDS[at.channel]]["levels_A"][-1]
+        coin = np.random.default_rng([int(1e9 * self.one), int(at.hours / 2.0)])
+        return {
+            "constant": 1.0,
+            "step": at.share > 0.2 + 0.6 * self.one,
+            "ramp": at.share - 0.5,
+            "decay": np.exp(-at.hours / (1.0 + 5.0 * self.one)),
+            "cycle": np.sin(2.0 * np.pi * (at.hours / (4.0 + 20.0 * self.one) + self.two)),
+            "telegraph": coin.integers(2),
+            "cubic in temperature": (_rest(at) / 30.0) ** 3,
+            "absolute temperature": abs(_rest(at)) / 30.0,
+            "in proportion to the level": at.step[1] / largest_A,
+        }[self.shape]
 
 
 def drawn_world(number: int) -> Switch:
     """Return the world that a seed draws, in sizes that are ten times apart."""
     rng = np.random.default_rng([46, number])
     what, label, shape = (str(rng.choice(list(names))) for names in (_WHAT, _LABELS, _SHAPES))
-    here, how = _LABELS[label](rng), _SHAPES[shape](rng)
+    value = _LABELS[label][rng.integers(len(_LABELS[label]))]
+    where = Drawn(what, label, value, shape, *rng.uniform(size=2))
     sizes = tuple(float(_WHAT[what] * 10.0**power) for power in (0, 1, 2))
-    name = f"{number}: {what}, {label}, {shape}"
-    return Switch(name, lambda size: Departed(size, what, lambda at: float(here(at) * how(at))), sizes)
+    return Switch(f"{number}: {what}, {label}, {shape}", lambda size: Departed(size, what, where), sizes)
 
 
 def _of_table(name: str, what: str, where: Where, sizes: tuple[float, ...]) -> Switch:
@@ -144,21 +190,43 @@ def _of_table(name: str, what: str, where: Where, sizes: tuple[float, ...]) -> S
 SWITCHES = (*(_of_table(*row) for row in TABLE), *map(drawn_world, range(30)))
 
 
-def simulated(seed: int, world: sim.World | None, switches: sim.Switches = sim.Switches()) -> sim.SimulatedCampaign:
+def simulated(seed: int, world: sim.World | None, switches: sim.Switches | None = None) -> sim.SimulatedCampaign:
     """Return the campaign of a seed in a world."""
-    return sim.simulate(seed, switches, KINDS, repeat_channel=REPEATED, world=world)
+    return sim.simulate(seed, switches or sim.Switches(), KINDS, repeat_channel=REPEATED, world=world)
+
+
+def truth_of(entry: Estimate, campaign: sim.SimulatedCampaign, world: sim.World | None) -> float:
+    """Return the truth of an estimate; a unit whose scale factors follow a shape of temperature really has those."""
+    true, where = campaign.truth(entry), getattr(world, "where", None)
+    if not isinstance(where, Drawn) or not where.is_of_unit or "_tc" in entry.quantity:
+        return true
+    number, at_degC = entry.conditions["channel"], entry.conditions["temperature_degC"]
+    level_A = sim.KIND[KINDS[number]]["levels_A"][-1]
+    more = {
+        side: where(sim.Place(0.0, number, at_degC, 0, ("closed", level_A, sign, sim.smallest_range(level_A))))
+        * (where.what not in ("n", "p") or where.what == side)
+        for side, sign in (("n", 1), ("p", -1))
+    }
+    more_ppm = {side: -1e6 * world.size * part for side, part in more.items()}
+    return true + (more_ppm["n"] - more_ppm["p"] if entry.quantity == "dsf_asymmetry" else more_ppm[entry.quantity[-1]])
 
 
 def seen(seed: int, switch: Switch | None, size: float, *, noise_free: bool = False) -> Seen:
     """Return what a campaign states in a world, and its truth; ``chi2`` of a noise-free one is the judge's."""
     world = None if switch is None else switch.world(size)
-    campaign = simulated(seed, world, _QUIET if noise_free else sim.Switches())
+    campaign = simulated(seed, world, QUIET if noise_free else None)
     with without_budgets():
         analysis = analyse(Material(campaign.rows, campaign.campaign, campaign.standards))
     document = build_results("doubt", analysis, {"records": len(campaign.rows)}, PROVENANCE)
     wanted = [entry for entry in estimates_of(document) if entry.quantity in QUANTITIES]
-    trace = left_over(campaign, simulated(seed, None, _QUIET)) if noise_free else 0.0
-    return Seen(wanted, [campaign.truth(entry) for entry in wanted], trace**2, 1, len(QUANTITIES[:3]) * 5 * len(KINDS))
+    trace = left_over(campaign, simulated(seed, None, QUIET)) if noise_free else 0.0
+    return Seen(
+        wanted,
+        [truth_of(entry, campaign, world) for entry in wanted],
+        trace**2,
+        1,
+        len(QUANTITIES[:3]) * 5 * len(KINDS),
+    )
 
 
 def left_over(wrong: sim.SimulatedCampaign, right: sim.SimulatedCampaign) -> float:
@@ -220,4 +288,8 @@ def _noise(rows: list[sim.Row]) -> np.ndarray:
     middle_h = np.array([row.window.t_start_ns for row in rows]) / 3.6e12
     walk = sim.NOISE["walk_A_rth"] ** 2 * np.minimum.outer(middle_h, middle_h)
     same = np.equal.outer(*(np.array([row.window.conditions["channel"] for row in rows]),) * 2)
-    return np.asarray(walk * same + np.diag((quantum_A**2 + clock**2) / 6.0 + white_A2))
+    places = ("channel", "temperature_degC", "repeat", "polarity")
+    visit = np.array([hash(tuple(row.window.conditions[name] for name in places)) for row in rows])
+    current_A = np.array([_reading(row) for row in rows])
+    between = (1e-6 * BETWEEN_ppm) ** 2 * np.outer(current_A, current_A) * np.equal.outer(visit, visit)
+    return np.asarray(walk * same + between + np.diag((quantum_A**2 + clock**2) / 6.0 + white_A2))

@@ -1,0 +1,349 @@
+"""What the data of a scale-factor campaign say against its model: all visits of all channels as rows of one fit.
+
+Readings are counted currents. Free are the coefficients of both counters, an offset of each polarity of each visit,
+and, as far as their priors go, errors of the calibrator and its drift. Beside them stands what no converter can be, and
+counts that go in steps of several pulses.
+Source: docs/decisions/0004 (model), 0025 (doubt), 0052 (departures).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from bench.analysis import (
+    Departure,
+    Estimate,
+    Estimates,
+    Evidence,
+    Labels,
+    Material,
+    Residuals,
+    Words,
+    departures_of,
+    evidence_of,
+    search,
+)
+from bench.maths.arrays import Floats, Integers
+from bench.maths.verdict import coverage_factor
+from bench.systems.af_converter.assumptions import BETWEEN_VISITS_ppm
+from bench.systems.af_converter.constants import CALIBRATOR, Campaign, Standards, expired
+from bench.systems.af_converter.estimators.pulses import count_step
+from bench.systems.af_converter.estimators.readings import (
+    QUANTISATION,
+    Readings,
+    calibrator_effects,
+    noise_parts,
+    pulse_currents_A,
+    relative_errors,
+)
+from bench.systems.af_converter.estimators.scale_factor import reference_current_A, usable_rows
+from bench.systems.af_converter.group_fit import (
+    QUANTITIES,
+    SCALE_FACTORS,
+    Fitted,
+    GroupFit,
+    UNKNOWN_SLOPE_ppm_degC,
+    about,
+    plausible,
+)
+from bench.systems.af_converter.groups import Place, place_name
+from bench.systems.af_converter.wording import kind_name, say
+
+_PPM, _nA = 1e-6, 1e-9
+_DEGREE = 2
+
+
+def evidence(
+    fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards, material: Material
+) -> list[Evidence]:
+    """Return what every check says of the estimates, those that found nothing included."""
+    rows, departures, stated = residuals_of(fitted, entries, campaign, standards)
+    return [
+        *(seen for visit in fitted.groups for seen in plausible(visit.group, visit.fit.dsf_ppm, campaign)),
+        *(_whole_counts(visit) for visit in fitted.groups),
+        *evidence_of(search(rows, departures), stated, words_of(fitted)),
+        *expired(material, CALIBRATOR, fitted.ranges_A, SCALE_FACTORS),
+    ]
+
+
+def _whole_counts(visit: GroupFit) -> Evidence:
+    """Return whether the counts of a visit are single pulses, or go in steps of several of them.
+
+    A step of g moves each reading by as much of a pulse as chance does by one: standard deviation g / sqrt(12).
+    """
+    fit, rows = visit.fit, visit.group.closed
+    counts, levels_A = np.concatenate([rows.n_count, rows.p_count]), np.unique([0.0, *rows.level_A])
+    step, probability = count_step(counts, counts.max() * np.diff(levels_A).min() / levels_A[-1])
+    contrast = np.array([1.0, -1.0])
+    std_ppm = np.sqrt([*np.diag(fit.covariance_ppm2), contrast @ fit.covariance_ppm2 @ contrast])
+    of_one_ppm = fit.parts_ppm[QUANTISATION] * np.sqrt(6.0 / 12.0)
+    move = step * float(np.max([*of_one_ppm, np.hypot(*of_one_ppm)] / std_ppm))
+    sentence = say("evidence.steps", place=place_name(visit.group.place), step=step, move=move)
+    return Evidence("counts_in_steps", sentence, float(step), probability, move, SCALE_FACTORS, about(visit.group))
+
+
+def words_of(fitted: Fitted) -> Words:
+    """Return how a person names the labels of a campaign."""
+    names = [place_name(visit.group.place) for visit in fitted.groups]
+
+    def words(label: str, value: Any) -> str:
+        if value is None:
+            return say(f"departs.of.{label}")
+        if label == "visit":
+            return names[int(value)]
+        if label == "kind":
+            return say("departs.kind", kind=kind_name(value))
+        if label == "polarity":
+            return say("departs.positive" if value > 0 else "departs.negative")
+        shown = {"level": 1e3 * value, "range": 1e3 * value, "place": value + 1}
+        return say(f"departs.{label}", value=shown.get(label, value))
+
+    return words
+
+
+def residuals_of(
+    fitted: Fitted, entries: Estimates, campaign: Campaign, standards: Standards
+) -> tuple[Residuals, list[Departure], list[Estimate]]:
+    """Return the rows of a campaign, what could be true instead, and the estimates that follow from the rows."""
+    rows = _Rows(fitted, campaign, standards)
+    held, noise_A2 = rows.held(), rows.noise_A2()
+    factor = np.linalg.inv(np.linalg.cholesky(noise_A2))
+
+    def whiten(columns: Floats) -> Floats:
+        return np.vstack([factor @ columns, np.zeros((len(held), columns.shape[1]))])
+
+    free = rows.free()
+    design = whiten(np.column_stack([*free, *held]))
+    design[len(factor) :, len(free) :] = np.eye(len(held))
+    operator, stated = rows.operators(entries)
+    noise = np.sqrt(np.einsum("ki,ij,kj->k", operator, noise_A2, operator))
+    residuals = Residuals(
+        readings=rows.counted_A,
+        white=whiten((rows.counted_A - rows.reference_A)[:, None])[:, 0],
+        design=design,
+        scatter=whiten(np.column_stack(list(rows.scatter()))),
+        whiten=whiten,
+        operator=operator,
+        expanded=np.array([_expanded(entry, fitted, one) for entry, one in zip(stated, noise, strict=True)]),
+        noise=coverage_factor() * noise,
+        on_curve=np.array(["_tc" in entry.quantity for entry in stated]),
+    )
+    return residuals, departures_of(rows.labels()), stated
+
+
+def _expanded(entry: Estimate, fitted: Fitted, noise: float) -> float:
+    """Return the expanded uncertainty of an estimate before what its curve leaves over widens it."""
+    quantity, _, order = entry.quantity.rpartition("_tc")
+    polynomial = fitted.polynomials.get((quantity, entry.conditions.get("channel", 0)))
+    if polynomial is None or not polynomial.misfit_dof:
+        return float(entry.expanded_uncertainty)
+    return float(coverage_factor() * np.sqrt(entry.std_uncertainty**2 - polynomial.misfit[int(order)] ** 2 + noise**2))
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """The usable closed records of all visits, (r,), one visit behind the other."""
+
+    fitted: Fitted
+    campaign: Campaign
+    standards: Standards
+
+    @cached_property
+    def of_visits(self) -> list[Readings]:
+        """The rows of each visit."""
+        return [visit.group.closed.take(usable_rows(visit.group.closed)) for visit in self.fitted.groups]
+
+    @cached_property
+    def slices(self) -> list[slice]:
+        """Where the rows of each visit stand."""
+        stop = np.cumsum([rows.level_A.size for rows in self.of_visits]).tolist()
+        return [slice(end - rows.level_A.size, end) for rows, end in zip(self.of_visits, stop, strict=True)]
+
+    @cached_property
+    def visit(self) -> Integers:
+        """Number of the visit of each row."""
+        return np.repeat(np.arange(len(self.slices)), [rows.level_A.size for rows in self.of_visits])
+
+    @cached_property
+    def channel(self) -> Integers:
+        """Channel of each row."""
+        return np.array([visit.group.channel for visit in self.fitted.groups])[self.visit]
+
+    @cached_property
+    def sides_A(self) -> tuple[Floats, Floats]:
+        """Current that each counter counts, the second one negative."""
+        pairs = [
+            pulse_currents_A(rows, self.campaign.converter(visit.group.channel))
+            for visit, rows in zip(self.fitted.groups, self.of_visits, strict=True)
+        ]
+        n_A, p_A = (np.concatenate(side) for side in zip(*pairs, strict=True))
+        return n_A, -p_A
+
+    @property
+    def counted_A(self) -> Floats:
+        """Current that is counted, signed."""
+        return self.sides_A[0] + self.sides_A[1]
+
+    @property
+    def current_A(self) -> Floats:
+        """Current by the curves of the counters: what changes by a part if a count is off by that part."""
+        current_A = self.counted_A
+        for (quantity, number), curve in self.fitted.polynomials.items():
+            if quantity in QUANTITIES:
+                side_A = self.sides_A[QUANTITIES.index(quantity)] * (self.channel == number)
+                current_A = current_A + _PPM * side_A * np.polynomial.polynomial.polyval(
+                    self.rest_degC, curve.coefficients
+                )
+        return current_A
+
+    @cached_property
+    def reference_A(self) -> Floats:
+        """Current that the calibrator is believed to deliver, signed."""
+        return np.concatenate([reference_current_A(rows, self.standards.ranges) for rows in self.of_visits])
+
+    def column(self, name: str) -> Floats:
+        """Return a column of the rows."""
+        return np.concatenate([getattr(rows, name) for rows in self.of_visits])
+
+    @property
+    def rest_degC(self) -> Floats:
+        """Temperature of the unit above that of reference."""
+        return self.column("unit_temperature_degC") - self.campaign.reference_temperature_degC
+
+    def noise_A2(self) -> Floats:
+        """Return the covariance of the readings, (r, r): that of each visit."""
+        covariance = np.zeros((self.visit.size,) * 2)
+        for visit, rows, part in zip(self.fitted.groups, self.of_visits, self.slices, strict=True):
+            parts = noise_parts(rows, self.campaign.converter(visit.group.channel))
+            covariance[part, part] = np.sum(list(parts.values()), axis=0)
+        return covariance
+
+    def free(self) -> list[Floats]:
+        """Return what nobody knows: coefficients of the counters, offsets of the polarities of each visit."""
+        polarity = self.column("polarity")
+        columns = [
+            counted_A * (self.channel == number) * (_PPM * self.rest_degC**order)
+            for number in dict.fromkeys(self.channel.tolist())
+            for counted_A in self.sides_A
+            for order in range(self._degree(number) + 1)
+        ]
+        visits = range(len(self.slices))
+        return columns + [1.0 * ((self.visit == at) & (polarity == sign)) for at in visits for sign in (1, -1)]
+
+    def _degree(self, number: int) -> int:
+        temperatures = {visit.group.temperature_degC for visit in self.fitted.visits(number)}
+        return min(_DEGREE, max(len(temperatures) - 1, 0))
+
+    def held(self) -> list[Floats]:
+        """Return one standard uncertainty of what is known as far as that: errors and drift of the calibrator, slopes
+        of counters at one temperature.
+        """
+        of_standard: dict[str, Floats] = {}
+        for rows, part in zip(self.of_visits, self.slices, strict=True):
+            effects = calibrator_effects(rows, self.standards.ranges)
+            for label, effect in zip(effects.labels, effects.matrix.T, strict=True):
+                of_standard.setdefault(label, np.zeros(self.visit.size))[part] = effect
+        columns = list(of_standard.values())
+        relative = relative_errors(self.column("range_A"), self.standards.ranges)
+        columns += [self.reference_A * part for part in relative.values()]
+        if self.standards.drift:
+            time_s = self.column("time_s")
+            since = (time_s - time_s.mean()) / max(float(np.ptp(time_s)), 1.0)
+            columns.append(self.reference_A * self.standards.drift * since)
+        for number in dict.fromkeys(self.channel.tolist()):
+            if not self._degree(number):
+                mine, slope = self.channel == number, _PPM * UNKNOWN_SLOPE_ppm_degC
+                away_degC = mine * (self.rest_degC - self.rest_degC[mine].mean())
+                columns += [slope * away_degC * counted_A for counted_A in self.sides_A]
+        return columns
+
+    def scatter(self) -> Iterator[Floats]:
+        """Yield what each counter may differ by in each visit."""
+        for at in range(len(self.slices)):
+            yield from (_PPM * BETWEEN_VISITS_ppm * counted_A * (self.visit == at) for counted_A in self.sides_A)
+
+    def labels(self) -> Labels:
+        """Return the labels of the readings."""
+        of_channel = {channel.number: channel for channel in self.campaign.channels}
+        channels = [of_channel[number] for number in self.channel.tolist()]
+        warmest_degC = max(float(np.abs(self.rest_degC).max()), 1.0)
+        before_mA = [1e3 * np.concatenate([[0.0], self.reference_A[part][:-1]]) for part in self.slices]
+        level_A = self.column("level_A")
+        return Labels(
+            kinds={
+                "channel": self.channel,
+                "kind": np.array([channel.kind for channel in channels]),
+                "polarity": self.column("polarity"),
+                "level": level_A,
+                "range": self.column("range_A"),
+                "place": np.concatenate([np.arange(rows.level_A.size) for rows in self.of_visits]),
+                "temperature": np.array([visit.group.temperature_degC for visit in self.fitted.groups])[self.visit],
+            },
+            hours=self.column("time_s") / 3600.0,
+            visit=self.visit,
+            scales={
+                "temperature": (self.rest_degC / warmest_degC, (3, 4)),
+                "level": (level_A / np.array([channel.full_scale_A for channel in channels]), (1, 2, 3)),
+                "before": (np.concatenate(before_mA), (1,)),
+            },
+            carriers={"gain": ("ppm", _PPM * self.current_A), "current": ("nA", np.full(self.visit.size, _nA))},
+            scopes=[(), ("kind",), ("channel",), ("polarity",), ("kind", "polarity"), ("channel", "polarity")],
+            corners=[("channel", "temperature")],
+            exchanged=("channel", "kind", "polarity", "gain"),
+            own=[("gain", "temperature ^3"), ("gain", "temperature ^4")],
+        )
+
+    def operators(self, entries: Estimates) -> tuple[Floats, list[Estimate]]:
+        """Return what each estimate gains per ampere that is counted, (k, r), and those that follow from the rows."""
+        alone: dict[Place, Floats] = {}
+        for visit, part in zip(self.fitted.groups, self.slices, strict=True):
+            whole = np.zeros((2, self.visit.size))
+            whole[:, part] = -visit.fit.operator_ppm[:, usable_rows(visit.group.closed)]
+            alone[visit.group.place] = whole
+        of_visit = {
+            visit.group.place: alone[visit.group.place] - self._referred(visit, alone) for visit in self.fitted.groups
+        }
+        known = [(self._operator(entry, of_visit), entry) for entry in entries if entry.expanded_uncertainty]
+        found = [(row, entry) for row, entry in known if row is not None]
+        return np.array([row for row, _ in found]), [entry for _, entry in found]
+
+    def _referred(self, visit: GroupFit, alone: Mapping[Place, Floats]) -> Floats:
+        """Return what a row changes in a visit, (2, r), by the slopes that refer its rows to one temperature."""
+        number, at_degC = visit.group.channel, visit.fit.unit_temperature_degC
+        if not self.fitted.knows_slopes(number):
+            return np.zeros_like(alone[visit.group.place])
+        slopes = []
+        for index, quantity in enumerate(QUANTITIES):
+            polynomial = self.fitted.polynomials[quantity, number]
+            order = np.arange(1, polynomial.coefficients.size)
+            values = np.array([alone[one.group.place][index] for one in self.fitted.visits(number)])
+            at = order * (at_degC - polynomial.reference_degC) ** (order - 1)
+            slopes.append(at @ polynomial.operator[1:] @ values)
+        return np.asarray(visit.fit.unreferred_degC @ np.array(slopes))
+
+    def _operator(self, entry: Estimate, of_visit: Mapping[Place, Floats]) -> Floats | None:
+        """Return what an estimate gains per ampere of each row, (r,); None of one that does not follow from rows."""
+        name, where = entry.quantity, entry.conditions
+        index = next((at for at, quantity in enumerate(QUANTITIES) if name.startswith(quantity)), None)
+        number, at_degC = where.get("channel", 0), where.get("temperature_degC", 0.0)
+        if name == "dsf_asymmetry":
+            return np.asarray(of_visit[number, at_degC, 0][0] - of_visit[number, at_degC, 0][1])
+        if index is None or (name != QUANTITIES[index] and name.endswith("_change")):
+            return None
+        if "_tc" not in name and not name.endswith("_residual"):
+            first, again = (of_visit[number, at_degC, repeat][index] for repeat in (0, where.get("repeat", 0)))
+            return np.asarray(again - first if name.endswith("_drift") else first)
+        polynomial, visits = self.fitted.polynomials[QUANTITIES[index], number], self.fitted.visits(number)
+        values = np.array([of_visit[visit.group.place][index] for visit in visits])
+        if "_tc" in name:
+            return np.asarray(polynomial.operator[int(name[-1])] @ values)
+        warmth_degC = np.array([visit.fit.unit_temperature_degC for visit in visits]) - polynomial.reference_degC
+        left = values - np.vander(warmth_degC, polynomial.coefficients.size, increasing=True) @ (
+            polynomial.operator @ values
+        )
+        return np.asarray(left[[visit.group.temperature_degC for visit in visits].index(at_degC)])

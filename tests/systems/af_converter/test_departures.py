@@ -1,0 +1,106 @@
+"""The engine of doubt on scale-factor campaigns: what departs is named with its size, what does not is left alone."""
+
+from __future__ import annotations
+
+import doubt_departures as worlds
+import fit_simulation as sim
+import numpy as np
+import pytest
+from doubt_classes import WRONG, right_world, sorted_classes
+
+from bench.analysis import Departure, Labels, Residuals, departures_of, search
+
+SWITCHES = {switch.name: switch for switch in worlds.SWITCHES}
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "words"),
+    [
+        ("one_channel_steps", 2e-4, ["What is counted, channel 4, step between", "+200 ppm"]),
+        ("exchanged", 1.0, ["hannels 3, 4 taken for each other"]),
+        ("calibrator_cycle", 1e-4, ["What is counted, cycle of about 24 h: +100 ppm"]),
+        ("calibrator_warms_up", 2e-4, ["settles in about"]),
+        ("self_heating", 5e-4, ["grows with the power 2 of the level"]),
+        ("memory", 20.0, ["the current of the step before"]),
+    ],
+)
+def test_what_departs_is_named_with_its_size(name: str, size: float, words: list[str]) -> None:
+    seen = worlds.seen(11, SWITCHES[name], size)
+    said = " ".join(reason.sentence for entry in seen.entries for reason in entry.reasons if reason.code == "departs")
+    assert all(word in said for word in words), said
+    assert sorted_classes(seen, right_world(worlds, 11))[WRONG] == 0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("switch", worlds.SWITCHES[12:], ids=lambda switch: switch.name)
+def test_no_drawn_world_that_could_be_seen_is_believed(switch: worlds.Switch) -> None:
+    size = switch.sizes[1]
+    wrong = sorted_classes(worlds.seen(12, switch, size), right_world(worlds, 12))[WRONG]
+    assert wrong == 0 or worlds.seen(0, switch, size, noise_free=True).chi2 < worlds.SEEN**2
+
+
+class Scattered(sim.World):
+    """Counters that differ from visit to visit, and curves that are no parabolas: of the unit's own, ppm."""
+
+    def __init__(self, seed: int, visits: float, curve: float) -> None:
+        self.seed, self.visits, self.curve = seed, visits, curve
+
+    def counted(self, counts: dict[str, float], at: sim.Place) -> dict[str, float]:
+        share = (at.nominal_degC - sim.REFERENCE_degC) / 30.0
+        rng = np.random.default_rng([self.seed, at.channel])
+        curves = rng.normal(0.0, self.curve, (2, 2)) @ [share**3, share**4]
+        place = np.random.default_rng([self.seed, at.channel, round(at.nominal_degC + 273.0), at.repeat])
+        off_ppm = curves + place.normal(0.0, self.visits, 2)
+        return counts | {name: counts[name] * (1.0 + 1e-6 * off) for name, off in zip("np", off_ppm, strict=True)}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("visits", "curve"), [(0.05, 0.0), (0.5, 0.0), (0.0, 1.0), (0.0, 3.0)])
+def test_a_unit_of_its_own_is_not_doubted(visits: float, curve: float) -> None:
+    for seed in range(2000, 2010):
+        campaign = worlds.simulated(seed, Scattered(seed, visits, curve))
+        assert not [seen for seen in sim.analysed(campaign).evidence if seen.code in ("departs", "unexplained")], seed
+
+
+def test_the_judge_sees_what_is_there_and_nothing_else() -> None:
+    """A common gain is hidden; a row alone has the length of its error over the noise, less what its visit fits."""
+    right = worlds.simulated(3, None, worlds.QUIET)
+    hidden = worlds.Departed(1e-4, "gain", lambda at: 1.0)
+    assert worlds.left_over(worlds.simulated(3, hidden, worlds.QUIET), right) < 0.05
+    place = (4, 20.0, (1e-3, 1))
+    one = worlds.Departed(1e-6, "current", lambda at: (at.channel, at.nominal_degC, at.step[1:3]) == place)
+    quantum_A = sim.KIND["gyro"]["k0_C"] / 100.0 / np.sqrt(6.0)
+    assert 0.85 < worlds.left_over(worlds.simulated(3, one, worlds.QUIET), right) * quantum_A / 1e-6 < 1.0
+
+
+def test_a_gain_is_that_of_the_fit_with_the_column_free() -> None:
+    """Against ordinary least squares with and without the column; no scatter but noise."""
+    rng = np.random.default_rng(46)
+    design, effect, readings = rng.normal(size=(60, 4)), rng.normal(size=(60, 1)), rng.normal(size=60)
+    readings += 4.0 * effect[:, 0]
+    operator = np.linalg.pinv(design)
+    rows = Residuals(
+        readings, readings, design, np.zeros((60, 1)), lambda columns: columns, operator, np.ones(4), np.ones(4),
+        np.zeros(4, bool),
+    )  # fmt: skip
+    (found,) = search(rows, [Departure("gain: drift", "ppm", effect)]).findings
+    both = np.hstack([design, effect])
+    chi2 = [float(np.linalg.lstsq(one, readings, rcond=None)[1][0]) for one in (design, both)]
+    assert found.gain == pytest.approx(chi2[0] - chi2[1])
+    assert found.size == pytest.approx(np.linalg.lstsq(both, readings, rcond=None)[0][-1])
+
+
+def test_labels_make_each_shape_once() -> None:
+    labels = Labels(
+        kinds={"channel": np.array([1, 1, 2, 2])},
+        hours=np.arange(4.0),
+        visit=np.array([0, 0, 1, 1]),
+        scales={},
+        carriers={"gain": ("ppm", np.ones(4))},
+        scopes=[(), ("channel",)],
+        corners=[],
+        exchanged=("channel", "channel", "channel", "gain"),
+        own=[],
+    )
+    effects = [one.effect.tobytes() for one in departures_of(labels) if one.family.startswith("gain: ")]
+    assert len(effects) == len(set(effects))
