@@ -37,6 +37,7 @@ class Departure:
 
     ``family``: names its sentence.   ``effect``: on the readings, (r, g), in their unit; several columns are one
     departure of which only the direction is unknown, such as a phase.   ``about``: label values that it is confined to.
+    ``whole`` (r,): the same in all visits, of what is in some of them: the data do not say which visits are right.
     ``is_own``: the item may be so, as a further order of its curve, which the uncertainty of coefficients carries.
     """
 
@@ -45,6 +46,7 @@ class Departure:
     effect: Floats
     about: Mapping[str, Any] = field(default_factory=dict)
     is_own: bool = False
+    whole: Floats | None = None
 
 
 @dataclass(frozen=True)
@@ -141,7 +143,12 @@ def search(rows: Residuals, departures: Sequence[Departure], share: float = 1.0)
         }
         equals = [departures[at] for at in alike if gains[best] - gains[at] < _ALIKE]
         size = float(np.linalg.norm(sizes[best])) if left.count[best] > 1 else float(sizes[best, 0])
-        moves = np.max([move[at] for at in within or alike], axis=0)
+        others = [
+            _moves(rows, departures[at].effect @ sizes[at, : left.count[at]] - sizes[at, 0] * whole)
+            for at in within or alike
+            if (whole := departures[at].whole) is not None
+        ]
+        moves = np.max([*others, *(move[at] for at in within or alike)], axis=0)
         findings.append(Finding(departures[best], size, float(gains[best]), equals, move[best], moves))
         behind = touched[(within or alike)[0]]
         if (behind & departing).any():
@@ -391,6 +398,7 @@ def departures_of(labels: Labels) -> list[Departure]:
     ]
     found += [Departure("exchanged", "ppm", effect, about) for about, effect in _exchanged(labels)]
     values, others = list(_values(labels)), list(_shapes(labels))
+    in_visits = {"step", "visit", *(name for name in labels.kinds if _is_of_visit(labels, name))}
     tried = [*((scope, values + others) for scope in labels.scopes), *((scope, values) for scope in labels.corners)]
     seen: set[bytes] = set()
     for scope, shapes in tried:
@@ -402,8 +410,14 @@ def departures_of(labels: Labels) -> list[Departure]:
                     if family not in where and key not in seen and effect.any():
                         seen.add(key)
                         own = (carrier, family) in labels.own
-                        found.append(Departure(f"{carrier}: {family}", unit, effect, {**where, **about}, own))
+                        whole = one * inside if family in in_visits else None
+                        found.append(Departure(f"{carrier}: {family}", unit, effect, {**where, **about}, own, whole))
     return found
+
+
+def _is_of_visit(labels: Labels, name: str) -> bool:
+    column = np.asarray(labels.kinds[name])
+    return all(np.unique(column[labels.visit == visit]).size == 1 for visit in labels.begins_h)
 
 
 def _places(kinds: Mapping[str, Any], scope: tuple[str, ...]) -> Iterable[tuple[dict[str, Any], Flags]]:
